@@ -97,7 +97,7 @@ class Settable(NamedTuple):
 
 
 def settable(belief: Belief) -> Settable | None:
-    """Return where a scenario's filter keeps its belief; None where it is not the paper's."""
+    """Return the place of a scenario's filter's belief; None if the filter is not the paper's."""
     if not isinstance(belief.estimator, IntermittentFilter):
         return None
     its = filtering_of(belief)

@@ -79,7 +79,7 @@ def add_rendered_camera(
 
 
 def seen_by_camera(wiring: Wiring) -> str:
-    """Return what says the state as the camera sees it, by its own clock."""
+    """Return the box of the state at the time of the camera's clock."""
     return "camera_clock" if "camera_clock" in wiring.boxes else "plant"
 
 

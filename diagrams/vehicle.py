@@ -100,7 +100,7 @@ def _control_of(system: System) -> InputPort:
 
 
 def _changes(scenario: Scenario) -> list[Box]:
-    """Return what changes the wrench on its way to the body, in its order."""
+    """Return the boxes that change the wrench on its way to the body, in order."""
     boxes, faults = list[Box](), wrench_table(scenario.faults, scenario.vehicle)
     if scenario.truth.vehicle != VehicleTruth():
         boxes.append(wrench_error_box())

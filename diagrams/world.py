@@ -165,7 +165,7 @@ class World(Diagram):
         self._set_beside(context, drawn)
 
     def Drawn(self, context: Context) -> dict[str, np.ndarray]:
-        """Return how the world of the context's seed differs from what is believed; the context is the root's."""
+        """Return the draws that make the true world of the context's seed; the context is the root's."""
         payloads = payloads_of(self._wiring, self._scenario, self._room)
         return draw_truth(self._scenario.truth, self._added.seed_in(context), self._room, payloads)
 

@@ -16,7 +16,7 @@ from ortilo_drake.sensors.messages import message_port
 
 
 def heard_boxes(settings: Robust | None, messages: dict[str, Box], samples: dict[str, int]) -> dict[str, Box]:
-    """Return what says each sensor's message as it is heard: where it may be stuck, behind a gate."""
+    """Return the box of each sensor's message as it is heard: behind a gate if it may be stuck."""
     if settings is None or settings.stuck is None:
         return messages
     gates = {name: stuck_box(name, said.size, settings.stuck, samples[name]) for name, said in messages.items()}
@@ -24,7 +24,7 @@ def heard_boxes(settings: Robust | None, messages: dict[str, Box], samples: dict
 
 
 def solver_boxes(belief: Belief, room: Room, heard: dict[str, Box]) -> dict[str, Box]:
-    """Return what makes fixes of messages, by sensor.
+    """Return the boxes that make fixes of messages, by sensor.
 
     An element reads a `belief` of [x; i] (240) besides; a System reads `<sensor>_prior`, whose parts are that belief's.
     A sensor whose message begins with its value has none.
@@ -34,7 +34,7 @@ def solver_boxes(belief: Belief, room: Room, heard: dict[str, Box]) -> dict[str,
 
 
 def solver_box(belief: Belief, room: Room, sensor: str, message: Box) -> Box | None:
-    """Return what makes a fix of a sensor's message, None where nothing need."""
+    """Return the box that makes a fix of a sensor's message; None where none is needed."""
     if belief.samples(sensor) > 1:
         make = flown(sensor, belief).make_onboard
         return None if make is None else system_solver_box(sensor, make(belief, room), message)
@@ -56,6 +56,6 @@ def system_solver_box(sensor: str, system: System, message: Box) -> Box:
 
 
 def mean_box(sensor: str, size: int, samples: int, message: Box) -> Box:
-    """Return what says the mean of the samples in a message, each of that size, as a message of one."""
+    """Return the box of the mean of the samples in a message, each of that size, as a message of one."""
     mean = SampleMean(sensor, size, samples)
     return system_box(f"{sensor}_mean", mean, ("mean",), {sensor: (message.name, message.size)})

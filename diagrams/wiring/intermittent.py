@@ -125,7 +125,7 @@ def intermittent_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages:
 
 
 def filtering_of(belief: Belief) -> Filtering:
-    """Return what a scenario's filter estimates."""
+    """Return the states and model of a scenario's filter."""
     settings = belief.estimator
     extras = extra_states(settings, belief.vehicle, belief.h, belief.flown_rows, belief.yaw)
     seen = augmented_rows(belief.measurement.rows, extras)
@@ -138,17 +138,17 @@ def learns_survey(belief: Belief) -> bool:
 
 
 def bank_of(belief: Belief, room: Room) -> Box:
-    """Return what learns how good the survey of a room's anchors is."""
+    """Return the box that learns how good the survey of a room's anchors is."""
     return bank_box(belief.multilateration, room.anchor_positions, belief.every(measuring("anchors")) * belief.h)
 
 
 def measured_by(box: Box) -> dict[str, str]:
-    """Return where what reads y, delta and V2 finds them in what a box says."""
+    """Return the parts of a box that hold y, delta and V2, by input."""
     return {name: f"{box.name}.{name}" for name in ("y", "delta", "V2")}
 
 
 def past_boxes(its: Filtering, messages: dict[str, Box], h: float) -> dict[str, Box]:
-    """Return what says the belief of the tick of each sensor's message."""
+    """Return the box of the belief at the tick of each sensor's message."""
     return {
         name: past_box(f"{name}_past", its.seen, its.n, h).reading(message=said.name, memory="filter")
         for name, said in messages.items()
@@ -165,7 +165,7 @@ def handler_of(belief: Belief, sizes: dict[str, int]) -> Box:
 
 
 def robust_box(belief: Belief, its: Filtering, late: list[str]) -> Box:
-    """Return what refuses and weighs values; those of late sensors are judged by the belief of their own tick."""
+    """Return the box that refuses and weighs values; late ones are judged by the belief of their own tick."""
     settings: Any = belief.estimator.robust
     sensors, opening = belief.measurement.sensors, opening_variances(settings.opening, names_of(its.extras))
     numbers = [late.index(name) if name in late else -1 for name in sensors]

@@ -9,7 +9,7 @@ from ortilo_drake.sensors.messages import message_size
 
 
 def message_boxes(belief: Belief, room: Room, detects: bool) -> dict[str, Box]:
-    """Return what stands for each sensor's messages: of a camera whose pictures are looked at here its shutter's."""
+    """Return the box of each sensor's messages; for a camera whose pictures are processed here, its shutter's."""
     boxes: dict[str, Box] = {}
     for name in belief.measurement.sensors:
         if name not in belief.sensors:

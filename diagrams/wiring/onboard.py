@@ -97,7 +97,7 @@ def onboard_boxes(
 
 
 def system_of(belief: Belief, role: str) -> Callable[..., System] | None:
-    """Return what makes the System of a part that a scenario names; None where it is built in or an element.
+    """Return the function that makes the System of a part that a scenario names; None if it is built in or an element.
 
     Of a planner it may make a path.
     """
@@ -108,12 +108,12 @@ def system_of(belief: Belief, role: str) -> Callable[..., System] | None:
 
 
 def shown_box(boxes: list[Box]) -> Box:
-    """Return what shows `estimate` (15) and `covariance` (225) of a belief apart, for Drake's ports."""
+    """Return the box that splits a belief into `estimate` (15) and `covariance` (225), for Drake's ports."""
     return parts_box("shown").reading(belief=belief_in(boxes))
 
 
 def belief_in(boxes: list[Box]) -> str:
-    """Return what says the belief of [x; i] (240) that was predicted for this tick."""
+    """Return the name of the belief of [x; i] (240) that was predicted for this tick."""
     named = {box.name: box for box in boxes}
     if "known" in named:
         return "known.belief"
@@ -121,7 +121,7 @@ def belief_in(boxes: list[Box]) -> str:
 
 
 def measured_in(boxes: list[Box]) -> dict[str, str]:
-    """Return what says y, delta and V2 as they reach the filter."""
+    """Return the names of y, delta and V2 as they reach the filter."""
     named = {box.name: box for box in boxes}
     told = "robust_gate" if "robust_gate" in named else "handler"
     own = named["estimator"].parts if "estimator" in named else {}
@@ -129,14 +129,14 @@ def measured_in(boxes: list[Box]) -> dict[str, str]:
 
 
 def force_in(boxes: list[Box]) -> str | None:
-    """Return what says the force that is believed to act; None where no estimator knows it."""
+    """Return the name of the force that is believed to act; None where no estimator knows it."""
     return next((f"{box.name}.force" for box in boxes if "force" in box.parts), None)
 
 
 def planner_box(
     plan: Trajectory | System, ticks: int, h: float, takes_paths: bool, signals: dict[str, tuple[str, int]]
 ) -> Box:
-    """Return what says the reference; arguments as of onboard_boxes and system_box."""
+    """Return the box of the reference; arguments as of onboard_boxes and system_box."""
     if not isinstance(plan, Trajectory):
         return system_box("reference", plan, ("reference",), signals)
     if takes_paths:

@@ -9,7 +9,7 @@ from ortilo_drake.scenario import Belief
 
 
 def make_detector(scenario: Belief, room: Room) -> Detector:
-    """Return what finds landmarks in the pictures of a rendered camera; InputError if its files are wrong."""
+    """Return the detector of a rendered camera's pictures; InputError if its files are wrong."""
     camera = room.camera.scaled_to(scenario.camera.width)
     size = camera.width, camera.height
     detect = load_detector(scenario.detector, room, size)

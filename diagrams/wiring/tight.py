@@ -46,7 +46,7 @@ def tight_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages: dict[s
 
 
 def fix_boxes(belief: Belief, room: Room, name: str, message: Box) -> list[Box]:
-    """Return what says the fix of a sensor of one's own, `<name>_fix`: solved about the filter's belief, or read."""
+    """Return the boxes of the fixes of one's own sensors, `<name>_fix`: solved about the filter's belief, or read."""
     solver = solver_box(belief, room, name, message)
     if solver is None:
         V = flown(name, belief).V(belief)

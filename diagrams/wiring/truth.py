@@ -19,7 +19,7 @@ from ortilo_drake.world.vehicle.wrench_error import wrench_matrix
 
 
 def drawn_of(wiring: Wiring, scenario: Scenario, room: Room, draw: AtStart) -> dict[str, Given]:
-    """Return what boxes are given in the flight in whose world that was drawn at the start, by their names.
+    """Return what each box is given in a flight whose world has these draws, by the boxes' names.
 
     Args:
         wiring: of the scenario, its world as it is believed to be.
@@ -42,7 +42,7 @@ def drawn_of(wiring: Wiring, scenario: Scenario, room: Room, draw: AtStart) -> d
 
 
 def normals_at_start(wiring: Wiring, scenario: Scenario, room: Room) -> dict[str, int]:
-    """Return how many normal numbers each stream gives to what is drawn at the start, by name; arguments as above."""
+    """Return the number of normal numbers that each stream draws at the start, by name; arguments as above."""
     asked: dict[str, int] = {}
 
     def ask(name: str, n: int) -> np.ndarray:
@@ -65,13 +65,13 @@ def payloads_of(wiring: Wiring, scenario: Scenario, room: Room) -> dict[str, int
 
 
 def of_any_world(wiring: Wiring, scenario: Scenario, drawn: Drawn, draw: AtStart) -> dict[str, Given]:
-    """Return what is drawn though nothing differs from what is believed: the imu's zero, detours of ranges, a drift."""
+    """Return the draws of every world, even one that is as believed: the imu's zero, detours of ranges, a drift."""
     found = zeroed(scenario, drawn, draw) | paths_drawn(wiring.boxes, draw) | ahrs_drawn(scenario, draw)
     return {name: given for name, given in found.items() if name in wiring.boxes}
 
 
 def of_vehicle(wiring: Wiring, scenario: Scenario, drawn: Drawn) -> dict[str, Given]:
-    """Return where the vehicle starts, what it weighs, and what its rotors make of a command."""
+    """Return the vehicle's true start, mass and inertia, and the wrench of its rotors."""
     start = np.zeros(12)
     start[0:3], start[5] = drawn["start.position"], drawn["start.yaw"]
     found = of_body(wiring, scenario, drawn)
@@ -90,7 +90,7 @@ def of_vehicle(wiring: Wiring, scenario: Scenario, drawn: Drawn) -> dict[str, Gi
 
 
 def of_body(wiring: Wiring, scenario: Scenario, drawn: Drawn) -> dict[str, Given]:
-    """Return what the vehicle weighs, and the mean force on it, of boxes that are told."""
+    """Return the true mass and inertia, and the mean force, for the boxes that take them."""
     vehicle, boxes = scenario.vehicle, wiring.boxes
     mass = float(drawn["vehicle.mass_factor"] * vehicle.mass)
     inertia = np.array([float(drawn["vehicle.inertia_factor"] * moment) for moment in vehicle.inertia])

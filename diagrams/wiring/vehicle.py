@@ -37,7 +37,7 @@ def vehicle_boxes(scenario: Scenario, r_0: np.ndarray, control: str, feels: bool
 
 
 def felt_boxes(scenario: Scenario, acts: str, pushes: str) -> list[Box]:
-    """Return what says which control, disturbance and acceleration there were up to this tick.
+    """Return the boxes of the control, disturbance and acceleration up to this tick.
 
     Args:
         scenario: the scenario.
@@ -50,12 +50,12 @@ def felt_boxes(scenario: Scenario, acts: str, pushes: str) -> list[Box]:
 
 
 def felt_control(scenario: Scenario) -> str:
-    """Return what says the control as it acted on the body up to this tick."""
+    """Return the name of the control as it acted on the body up to this tick."""
     return "rotors_felt" if scenario.world.rotors.kind == "first_order" else "felt.control"
 
 
 def disturbance_boxes(scenario: Scenario) -> list[Box]:
-    """Return what pushes the vehicle about; the last box says it, and may read the true state, `plant`."""
+    """Return the boxes of the disturbance; the last one gives it, and may read the true state, `plant`."""
     boxes = [disturbance_box(scenario.world.disturbance, scenario.h)]
     lasting, faults = scenario.truth.force, force_table(scenario.faults)
     if lasting != ForceTruth():
@@ -69,7 +69,7 @@ def disturbance_boxes(scenario: Scenario) -> list[Box]:
 
 
 def wrench_boxes(scenario: Scenario, control: str) -> list[Box]:
-    """Return what changes the control of rotors without dynamics; the last box, if any, says it as it acts.
+    """Return the boxes that change the control of rotors without dynamics; the last one, if any, gives it as it acts.
 
     Rotors with dynamics have these changes behind them: world/vehicle/continuous.py.
     """

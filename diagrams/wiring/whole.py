@@ -28,13 +28,13 @@ def boxes_of(scenario: Scenario, ticks: int, parts: Parts = NO_PARTS) -> list[Bo
 
 
 def signals_of(boxes: list[Box]) -> dict[str, str]:
-    """Return which box, or part of one, says each signal of a flight's log."""
+    """Return the box, or part of one, behind each signal of a flight's log."""
     signals = {"state": "plant", "control": "servo", "reference": "reference", "belief": belief_in(boxes)}
     return signals | measured_in(boxes)
 
 
 def why_not(scenario: Scenario) -> str | None:
-    """Return which part of a scenario is no element, naming the field; None where all are, and it flies compiled.
+    """Return the field of a part of a scenario that is no element; None where all are, and it flies compiled.
 
     Such a part is a System of Drake's: a renderer, OpenCV's solver, a part of one's own that is no element.
     """

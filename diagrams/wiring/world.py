@@ -71,7 +71,7 @@ def sensors_boxes(scenario: Scenario, room: Room, whole_imu: bool) -> tuple[list
 
 
 def command_boxes(scenario: Scenario) -> list[Box]:
-    """Return what carries the commands to the rotors; nothing where that is perfect."""
+    """Return the boxes that carry the commands to the rotors; none for a perfect link."""
     settings = scenario.command_link
     if settings == CommandLink():
         return []
@@ -79,7 +79,7 @@ def command_boxes(scenario: Scenario) -> list[Box]:
 
 
 def report_boxes(scenario: Scenario, control: str) -> list[Box]:
-    """Return what tells which commands acted, with its link; `acted_delivered` is the report as it lands."""
+    """Return the boxes that report which commands acted, with their link, which delivers `acted_delivered`."""
     h, perfect = scenario.h, control == "servo"
     stamp = "now" if perfect else "command_link.stamp"
     report = report_box(scenario.vehicle.hover_thrust, h).reading(control=control, stamp=stamp)
@@ -139,7 +139,7 @@ def link_settings(scenario: Scenario, name: str) -> Link:
 
 
 def source_box(scenario: Scenario, room: Room, name: str, seen: str, whole_imu: bool) -> Box:
-    """Return what says a sensor's message as it is sent: it reads `sent` and the state as the sensor sees it.
+    """Return the box of a sensor's message as it is sent; it reads `sent` and the state as the sensor sees it.
 
     A System of one's own says it in every tick.
     """
@@ -154,7 +154,7 @@ def source_box(scenario: Scenario, room: Room, name: str, seen: str, whole_imu: 
 
 
 def sensor_element(scenario: Scenario, room: Room, name: str, whole: bool) -> Box:
-    """Return what says the message of a sensor that is an element, all of it or what the estimator reads."""
+    """Return the box of the message of a sensor that is an element, all of it or the part that the estimator reads."""
     its = described(name)
     if its.compiled is not None:
         return own_sensor_box(name, its.compiled, scenario, room)
@@ -164,7 +164,7 @@ def sensor_element(scenario: Scenario, room: Room, name: str, whole: bool) -> Bo
 
 
 def sensor_system(scenario: Scenario, room: Room, name: str) -> System:
-    """Return what says a sensor's message as a System, at the times of the ticks of its own clock."""
+    """Return the System of a sensor's message, at the times of the ticks of its own clock."""
     if not is_element(name):
         make: Any = described(name).make_world
         made: System = make(scenario, room)

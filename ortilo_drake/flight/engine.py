@@ -171,7 +171,7 @@ class Engine:
         return found
 
     def _fly_away(self, seeds: np.ndarray, draw: AtStart) -> np.ndarray:
-        """Return how far one flight is from its reference at each tick [m], infinity once lost."""
+        """Return the distance of one flight to its reference at each tick [m], infinity once lost."""
         found = np.full(self.ticks, np.inf)
         trace, arrived = np.zeros((self.ticks, TRACE_SIZE)), np.zeros(len(self._sensors))
         last, cause = self._flights.fly(seeds, draw, trace, arrived, NO_LOG)
@@ -181,7 +181,7 @@ class Engine:
         return found
 
     def simulated_time(self, figures: np.ndarray) -> float:
-        """Return how long flights of these figures lasted together [s]."""
+        """Return the total time of flights of these figures [s]."""
         return float(np.sum(figures[:, FIGURES.index("ticks")])) * self._scenario.h
 
     def _counts(self, last: np.ndarray, arrived: np.ndarray) -> list[np.ndarray]:
@@ -193,5 +193,5 @@ class Engine:
 
 
 def _among(parts: dict[str, np.ndarray]) -> AtStart:
-    """Return what is drawn at the start where it is given."""
+    """Return the draws at the start, from given numbers where there are some."""
     return lambda name, n: parts[name]

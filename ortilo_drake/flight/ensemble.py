@@ -55,7 +55,7 @@ def _camera(scenario: Scenario) -> str:
 
 
 def flight_file(out: Path, scenario: Scenario, seed: int) -> Path:
-    """Return where the flight with that seed is kept."""
+    """Return the file of the flight with a seed."""
     return flight_folder(out, scenario) / f"seed_{seed:06d}.nc"
 
 

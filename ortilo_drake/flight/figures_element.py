@@ -28,5 +28,5 @@ FIGURES = Element("figures", out=figures_out)
 
 
 def figures_box(bounds: Bounds) -> Box:
-    """Return what says how a flight goes: it reads the true state (12), the belief (240) and the reference."""
+    """Return the box of a flight's figures; it reads the true state (12), the belief (240) and the reference."""
     return Box("figures", FIGURES, TRACE_SIZE + 1).taking(bounds=bounds)

@@ -65,7 +65,7 @@ def _disturbed(scenario: Scenario, field: str, disturbance: Disturbance) -> list
     while tilt_sd(scenario, Disturbance(**less)) > MOST_TILT:
         less = {name: density / 2.0 for name, density in less.items()}
     mend = " ".join(f"--set {field}.{name}={_number(its)}" for name, its in less.items() if its < now[name])
-    what = "would tilt" if field.startswith("world") else "is what the filter reckons with: as it would tilt"
+    what = "would tilt" if field.startswith("world") else "is what the filter assumes: it would tilt"
     return [
         f"{field}: a force of {force:.3g} N, {share:.0%} of the weight, and a torque of "
         f"{torque:.3g} N m in every tick {what} this vehicle by {np.degrees(tilt):.0f} degrees (sd), it "

@@ -15,7 +15,7 @@ LARGEST_LOG = 2048 * MIB  # of one flight: 8 hours at 30 Hz; a flight takes abou
 
 
 def flight_ticks(scenario: Scenario, plan: Planned | None = None) -> int:
-    """Return how many ticks a flight takes: its plan, or the one given, and the time to settle.
+    """Return the length of a flight in ticks: its plan, or the one given, and the time to settle.
 
     Raises:
         InputError: if there is no path, or the flight is too long to be logged.
@@ -32,7 +32,7 @@ def flight_ticks(scenario: Scenario, plan: Planned | None = None) -> int:
 
 
 def check_flyable(scenario: Scenario, plan: Planned | None = None) -> int:
-    """Return how many ticks a flight takes, once all that it needs has been found to be there.
+    """Return the length of a flight in ticks, after a check that all it needs is there.
 
     Raises:
         InputError: if there is no path or no servo gain, the flight needs too much memory, a registered sensor has

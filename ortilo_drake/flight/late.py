@@ -37,7 +37,7 @@ def late_messages(scenario: Scenario) -> list[str]:
 
 
 def _oldest(scenario: Scenario, sensor: str) -> tuple[int, str] | None:
-    """Return how late a sensor's messages may be [ticks] and what decides it; None where any age is used."""
+    """Return the greatest usable age of a sensor's messages [ticks] and the setting behind it; None if any."""
     settings: Any = scenario.estimator
     if settings.kind == "tight":
         if not _is_aid(sensor):
@@ -60,7 +60,7 @@ def _ticks(n: int) -> str:
 
 
 def _mend(scenario: Scenario, sensor: str, most: int) -> str:
-    """Return what to set so that all are used, as far as there is such a setting."""
+    """Return the setting that makes all of them used, if there is one."""
     settings: Any = scenario.estimator
     horizon = math.ceil(1e3 * most * scenario.h) / 1e3
     if settings.kind == "tight" and not _is_aid(sensor):

@@ -41,7 +41,7 @@ def _obstacles(room: Room) -> dict[bool, tuple[np.ndarray, np.ndarray, np.ndarra
 
 
 def touched(p_WB: np.ndarray, room: Room, vehicle: Vehicle) -> tuple[np.ndarray, np.ndarray]:
-    """Return which obstacles but walls the vehicle's outline touches at each position (n, obstacles), and their names.
+    """Return a mask of the obstacles, walls aside, that the outline touches (n, obstacles), and their names.
 
     The outline is a disc of vehicle.radius that reaches BODY_HALF_HEIGHT up and down.
     """

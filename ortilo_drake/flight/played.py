@@ -81,5 +81,5 @@ class Played:
         return last, int(rows[last, TRACE_SIZE])
 
     def normals_at_start(self) -> dict[str, int]:
-        """Return how many standard normal numbers each stream gives to what is drawn at the start, by its name."""
+        """Return the number of standard normal numbers that each stream draws at the start, by its name."""
         return normals_at_start(self.wiring, self._scenario, self._room)

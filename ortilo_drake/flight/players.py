@@ -17,7 +17,7 @@ CHOICES: Final = ("fastest", "engine", "drake", "drake-elements")
 
 
 def choose(scenario: Scenario, player: str = "fastest", parts: Parts = NO_PARTS) -> str:
-    """Return who flies a scenario: 'engine', 'drake' or 'drake-elements'.
+    """Return the player of a scenario: 'engine', 'drake' or 'drake-elements'.
 
     Of a single flight of a scenario never flown before, engine and 'drake' take about as long: both compile the same
     elements, which takes longer than the flight.
@@ -51,7 +51,7 @@ def why_not_engine(scenario: Scenario, parts: Parts = NO_PARTS) -> str | None:
 
 
 def player_of(scenario: Scenario, player: str = "fastest", parts: Parts = NO_PARTS) -> Engine | FlightSimulator:
-    """Return what flies a scenario; its own seed is not used. Arguments and errors as choose's, and as the player's."""
+    """Return the player of a scenario; its seed is not used. Arguments and errors as choose's, and as the player's."""
     chosen = choose(scenario, player, parts)
     if chosen == "engine":
         return Engine(scenario)
@@ -60,7 +60,7 @@ def player_of(scenario: Scenario, player: str = "fastest", parts: Parts = NO_PAR
 
 @lru_cache(maxsize=1)
 def kept_player(scenario_json: str, folder: str, player: str = "fastest") -> Engine | FlightSimulator:
-    """Return what flies a scenario. The last one is kept while the folder is the same: its name has the digest."""
+    """Return the player of a scenario. The last one is reused while the folder is the same: its name has the digest."""
     return player_of(Scenario.model_validate_json(scenario_json), player)
 
 

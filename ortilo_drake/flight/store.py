@@ -88,7 +88,7 @@ def keep(path: Path, data: bytes, of: str, sync: bool = True) -> None:
 
 
 def kept(path: Path, of: str, read: Callable[[bytes], T], then: str = "flown again") -> T | None:
-    """Return what a file keeps; None where there is none, and a warning of one line where it is damaged.
+    """Return the content of a file; None if there is none, and a warning of one line if it is damaged.
 
     Args:
         path: the file.
@@ -116,7 +116,7 @@ def kept_json(path: Path, kind: Any, of: str) -> Any:
 
 
 def reason_of(error: Exception) -> str:
-    """Return what an error says, in one line of at most 200 characters."""
+    """Return the text of an error in one line of at most 200 characters."""
     text = str(error)
     if isinstance(error, ValidationError):
         first = error.errors()[0]

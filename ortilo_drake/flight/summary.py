@@ -79,7 +79,7 @@ class Summary:
 
 
 def players_of(summaries: Iterable[Summary]) -> str:
-    """Return who flew flights, in words."""
+    """Return the players of flights, in words."""
     return ", ".join(sorted({summary.player or "unknown" for summary in summaries}))
 
 

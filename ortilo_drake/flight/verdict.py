@@ -27,7 +27,7 @@ def rms_error(flight: xr.Dataset) -> float:
 
 
 def verdict(flight: xr.Dataset) -> str:
-    """Return how a flight went, for a reader who knows nothing of it yet."""
+    """Return a verdict on a flight, for a reader who has seen nothing of it yet."""
     lost = json.loads(flight.attrs["lost"])
     end = f"lost at {lost['time']:.1f} s: {lost['cause']}" if lost else "reached its end"
     begin = "; until then the" if lost else f" in {float(flight['time'].values[-1]):.1f} s; the"

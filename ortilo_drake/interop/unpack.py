@@ -78,5 +78,5 @@ class Unpacker:
             raise InputError(f"{self.path}: {what} is damaged: {kind}: {line}") from None
 
     def unpack(self, kind: str, packed: bytes, what: str) -> bytes:
-        """Return what a part unpacks to, at most CHUNK_LIMIT; errors as pieces."""
+        """Return the unpacked bytes of a part, at most CHUNK_LIMIT; errors as pieces."""
         return b"".join(self.pieces(kind, BytesIO(packed), CHUNK_LIMIT, what))

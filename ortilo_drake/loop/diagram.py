@@ -220,13 +220,13 @@ def _constant_ports(builder: DiagramBuilder, box: Box) -> dict[str, OutputPort]:
 
 
 def _said(wiring: Wiring, said: str) -> str:
-    """Return what "bundle.part" is a part of, by its own name."""
+    """Return the name of the box that "bundle.part" is a part of."""
     name, _, part = said.partition(".")
     return part if wiring.boxes[name].holds and part else said
 
 
 def _reads(wiring: Wiring, box: Box) -> dict[str, str]:
-    """Return what each input of a box reads of other boxes, "box" or "box.part"."""
+    """Return the source of each input of a box, "box" or "box.part"."""
     said = {port: _said(wiring, box.reads.get(port, port)) for port in box.element.inputs}
     return {port: its for port, its in said.items() if its.partition(".")[0] != box.name}
 

@@ -75,7 +75,7 @@ def _of_code(code: CodeType) -> Iterator[str]:
 
 
 def _used(function: FunctionType) -> Iterator[tuple[str, Any]]:
-    """Return what a function reads of its module and of the function that it stands in, by name."""
+    """Return the globals and closure variables that a function reads, by name."""
     codes = [function.__code__]
     names: dict[str, None] = {}
     while codes:

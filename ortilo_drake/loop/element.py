@@ -96,7 +96,7 @@ class Group:
 
 
 def group_of(name: str, values: Any) -> Group:
-    """Return what a NamedTuple is made of.
+    """Return the fields of a NamedTuple class as a Group.
 
     Raises:
         ValueError: if a field is no number, array of numbers or such a tuple.
@@ -265,7 +265,7 @@ OUTSIDE = Element("outside")
 
 
 def outside(name: str, size: int) -> Box:
-    """Return what stands for a signal from outside a wiring: an input of its Drake system."""
+    """Return the box of a signal from outside a wiring: an input of its Drake system."""
     return Box(name, OUTSIDE, size)
 
 

@@ -13,7 +13,7 @@ LONGEST: Final = 30 * 86400.0  # that a file is kept unasked for [s]
 
 
 def generated_folder() -> Path:
-    """Return where generated files are kept: beside numba's cache, so that what is compiled of them is kept too."""
+    """Return the folder of generated files, beside numba's cache, so that their compiled code is kept too."""
     own = os.environ.get("NUMBA_CACHE_DIR")
     beside = Path(own) if own else Path(__file__).parent / "__pycache__"
     if not os.access(beside if beside.exists() else beside.parent, os.W_OK):

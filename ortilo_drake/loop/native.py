@@ -43,7 +43,7 @@ class Native:
 
 
 def parameters(element: Element, function: Callable[..., None]) -> list[tuple[str, int, str]]:
-    """Return what a function takes in C, in its order: name, number of dimensions (-1 of what is no array), kind.
+    """Return the parameters of a function in C, in order: name, number of dimensions (-1 of what is no array), kind.
 
     A group's arrays stand where the group does, and n where the group has numbers and n is not there.
     """
@@ -97,7 +97,7 @@ def {what}_c({", ".join(names)}):
 
 
 def _argument(element: Element, of: str | Number | Array | Group) -> str:
-    """Return how what a function takes is made of the arguments in C."""
+    """Return the expression that makes a parameter of the function from the arguments in C."""
     if isinstance(of, str):
         of = element.own.get(of) or (of if of == "n" or of in _WHOLE else Array(of))
     if isinstance(of, Group):
@@ -117,7 +117,7 @@ def _classes(groups: Iterable[Number | Array | Group]) -> dict[str, type]:
 
 
 def known_to(element: Element) -> dict[str, Any]:
-    """Return what the source of native_text calls, by name: the element's functions and the classes of its tuples."""
+    """Return the globals of native_text's source, by name: the element's functions and the classes of its tuples."""
     options = {} if element.allocates else {"_nrt": False}
     compiled = njit(error_model="numpy", forceinline=True, **options)  # descriptors of arrays then stay in registers
     jitted = {f"its_{what}": compiled(plain(f)) for what, f in element.functions.items()}

@@ -59,7 +59,7 @@ def box(
 
 
 def said_at_first(its: Box, sizes: dict[str, int]) -> np.ndarray:
-    """Return what a box says in tick 0 with zeros at its inputs, by the plain source of its function.
+    """Return the output of a box in tick 0 with zeros at its inputs, computed by its plain Python function.
 
     Args:
         its: the box.

@@ -48,7 +48,7 @@ class Places:
 
 
 def places_of(wiring: Wiring) -> Places:
-    """Return where everything of a wiring stands."""
+    """Return the layout of a wiring's states and outputs."""
     numbers, state, work, said, tables = {}, {}, {}, {}, {}
     at = [0, 0, 0, 0, 0]
     for box in wiring.boxes.values():
@@ -98,7 +98,7 @@ def address(wiring: Wiring, places: Places, wire: Wire) -> str:
 
 
 def place_of(wiring: Wiring, places: Places, wire: Wire) -> tuple[str, int]:
-    """Return where what a wire reads stands: among the states (S) or what is said (Y), and its index there."""
+    """Return the place of a wire's source: the array, states (S) or outputs (Y), and the index in it."""
     shows = wiring.boxes[wire.box].element.shows
     if shows:
         return "S", places.state[wire.box, shows][0] + wire.first

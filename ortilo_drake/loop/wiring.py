@@ -44,7 +44,7 @@ class Wiring:
         _ = self.out_order, self.step_order
 
     def wire(self, said: str, reader: str) -> Wire:
-        """Return what "box" or "box.part" stands for; the reader is named where that is not there (ValueError)."""
+        """Return the wire from "box" or "box.part"; ValueError names the reader if there is no such source."""
         name, _, part = said.partition(".")
         source = self.boxes.get(name)
         if source is None:

@@ -45,7 +45,7 @@ HIGHEST, LOWEST = 709.782712893383973096, -745.13321910194110842
 
 @register_jitable
 def reduced(x: float) -> tuple[int, float, float]:
-    """Return how many quarters of a turn x is beyond [-pi / 4, pi / 4], and the rest as a sum of two numbers [rad]."""
+    """Return the number of quarter turns in x, and the rest within [-pi / 4, pi / 4] as a sum of two numbers [rad]."""
     if not abs(x) <= LARGE:
         if not abs(x) <= SENSELESS:
             return 0, np.nan, np.nan

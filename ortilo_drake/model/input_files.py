@@ -80,5 +80,5 @@ def read_text(path: Path) -> str:
 
 
 def reason(error: Exception) -> str:
-    """Return what an error of the system says, without the file's name."""
+    """Return the text of an operating system's error without the file's name."""
     return getattr(error, "strerror", None) or str(error)

@@ -46,7 +46,7 @@ def rows_matrix(rows: Iterable[Row]) -> np.ndarray:
 
 
 def seen_earlier(own: Row, age: float, yaw: float = 0.0) -> Row:
-    """Return what a row tells of the state now if it was measured some time ago [s]: C (I - age A), to first order.
+    """Return the row of a value that is some time old [s], over the state of now: C (I - age A), to first order.
 
     A is the hover model's under that yaw [rad] (model/hover.py). Left out are the control and the disturbance that
     acted since: a constant angular acceleration alpha changes an angle by alpha age^2 / 2 beyond it.
@@ -135,12 +135,12 @@ class Measurement:
         return names.index([r.name for r in IMU])
 
     def rows_of(self, sensor: str) -> slice:
-        """Return where a sensor's rows stand in y."""
+        """Return the slice of a sensor's rows in y."""
         j = self.sensors.index(sensor)
         return slice(int(self.layout.first[j]), int(self.layout.first[j + 1]))
 
     def block_of(self, sensor: str) -> slice:
-        """Return where a sensor's covariance stands in V2."""
+        """Return the slice of a sensor's covariance in V2."""
         j = self.sensors.index(sensor)
         return slice(int(self.layout.block[j]), int(self.layout.block[j + 1]))
 

@@ -218,7 +218,7 @@ def _remember_caller() -> None:
 
 
 def registered() -> Hashable:
-    """Return what is registered: something that differs once a sensor or a part is added or replaced."""
+    """Return a key of the register: it differs once a sensor or a part is added or replaced."""
     return (_registrations, *map(id, (*_SENSORS.values(), *_PARTS.values())))
 
 

@@ -205,7 +205,7 @@ def point_pixels(
     R_WB: np.ndarray,
     camera: Camera,
 ) -> np.ndarray:
-    """Return where landmarks' positions in space are seen (n, 2), given their boxes' centres (n, 2).
+    """Return the pixels of landmarks' positions in space (n, 2), given their boxes' centres (n, 2).
 
     The difference of the two is taken at the pose p_WB, R_WB; NaN where a landmark has no projection there.
     """

@@ -141,7 +141,7 @@ def mixing_inverse(vehicle: Vehicle) -> np.ndarray:
 
 
 def _row_units(vehicle: Vehicle) -> np.ndarray:
-    """Return what the rows of M (4 x 1) are measured in, so that a rank does not depend on units or size."""
+    """Return the scale of each row of M (4 x 1), so that its rank does not depend on units or size."""
     lift, longest = vehicle.rotor_lift, np.hypot(*rotor_places(vehicle)[:2]).max()
     return np.array([[lift], [lift * longest], [lift * longest], [vehicle.rotor_drag]])
 

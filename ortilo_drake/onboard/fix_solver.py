@@ -101,7 +101,7 @@ FIX_READER = Element("fix_reader", out=read_out, tables=(Array("V"),))
 
 
 def fix_reader_box(name: str, rows: int, V: np.ndarray | None) -> Box:
-    """Return what says the fix of a message that begins with the value of m rows.
+    """Return the box of the fix of a message that begins with the value of m rows.
 
     Args:
         name: of the box.

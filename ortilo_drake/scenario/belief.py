@@ -110,12 +110,12 @@ class Belief(Frozen):
         return getattr(self, sensor) if sensor in SENSORS else self.settings_of(sensor)
 
     def every(self, sensor: str) -> int:
-        """Return how many ticks lie from one message of a sensor to the next."""
+        """Return the period of a sensor's messages [ticks]."""
         ticks: int = self.group_of(sensor).link.every(self.h)
         return ticks
 
     def samples(self, sensor: str) -> int:
-        """Return how many samples a message carries: more than one of a sensor that flies faster than the tick."""
+        """Return the number of samples in a message: more than one of a sensor that flies faster than the tick."""
         n: int = self.group_of(sensor).link.samples(self.h) if sensor in self.sensors else 1
         return n
 

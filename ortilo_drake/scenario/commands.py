@@ -8,7 +8,7 @@ from ortilo_drake.model.typed_yaml import Frozen
 
 
 class Commands(Frozen):
-    """How filter and servo reckon with the way of a command to the rotors.
+    """How filter and servo account for the way of a command to the rotors.
 
     Attributes:
         filter: 'sent' predicts with each command as if it acted at its tick, the paper's filter. 'acted' predicts with

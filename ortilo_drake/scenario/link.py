@@ -123,11 +123,11 @@ class LinkRate(Frozen):
     rate: Annotated[float, Field(ge=1e-3)] | None = None
 
     def every(self, h: float) -> int:
-        """Return how many ticks of h [s] lie from one message to the next."""
+        """Return the period of the messages in ticks of h [s]."""
         return 1 if self.rate is None else max(1, round(1.0 / (self.rate * h)))
 
     def samples(self, h: float) -> int:
-        """Return how many samples a message carries: more than one if the sensor is faster than the tick of h [s]."""
+        """Return the number of samples in a message: more than one if the sensor is faster than the tick of h [s]."""
         return 1 if self.rate is None else max(1, round(self.rate * h))
 
 

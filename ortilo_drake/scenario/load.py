@@ -211,7 +211,7 @@ _WAY = {"start", "goal"}
 
 
 def _set_of_way(settings: Sequence[Setting]) -> set[str]:
-    """Return which of start and goal settings give."""
+    """Return those of start and goal that settings give."""
     given: set[str] = set()
     for key, value, _ in map(parsed, settings):
         words = [key.removeprefix("planner.")] if key.startswith("planner.") else value if key == "planner" else ()

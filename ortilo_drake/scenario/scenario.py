@@ -79,7 +79,7 @@ class Scenario(Belief):
         return link
 
     def latency_of(self, sensor: str) -> int:
-        """Return how many ticks a sensor's messages are under way before its link takes them."""
+        """Return the latency of a sensor's messages before its link takes them [ticks]."""
         return self.camera.latency if sensor == "camera" else 0
 
     def sampled_for(self, sensor: str) -> "Scenario":
@@ -214,7 +214,7 @@ class Scenario(Belief):
 
 
 def _believed(data: dict[str, Any]) -> dict[str, Any]:
-    """Return what is left of a scenario's data for the onboard half; of a link, how often it sends."""
+    """Return the part of a scenario's data that the onboard half knows; of a link, its rate."""
     kept = {key: value for key, value in data.items() if key in Belief.model_fields or key not in Scenario.model_fields}
     for key, group in kept.items():
         if key in SENSORS:

@@ -36,7 +36,7 @@ class Key(NamedTuple):
 
 
 def meanings(model: type[BaseModel]) -> dict[str, str]:
-    """Return what the Attributes section of a model's docstring says of each of its fields, one line each."""
+    """Return the description of each field from the Attributes section of a model's docstring, one line each."""
     _, _, section = (inspect.getdoc(model) or "").partition(_SECTION)
     entries = re.split(r"^    (?=\w+: )", section, flags=re.MULTILINE)[1:]
     return {name: " ".join(text.split()) for name, _, text in (entry.partition(": ") for entry in entries)}
@@ -110,7 +110,7 @@ def _keys(schema: dict[str, Any], group: dict[str, Any], above: str, defaults: A
 
 
 def _group_in(field: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return what of a field's choices may hold settings, null and plain numbers aside, and of a list its entries."""
+    """Return the choices of a field that are groups of settings, and those of a list's entries."""
     parts = field.get("anyOf", [field])
     outer = next((part for part in parts if not part.keys().isdisjoint({"oneOf", "$ref", "items"})), field)
     inner = outer.get("items", outer)

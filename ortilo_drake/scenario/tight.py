@@ -127,9 +127,9 @@ class TightWatch(Frozen):
     Attributes:
         time: over which contradictions are averaged [s].
         leans: mean of the angles' normalized innovations from which on the body rates are doubted [1].
-        gyroscope_sd: step of the gyroscope's bias per axis that is reckoned with then [rad/s].
+        gyroscope_sd: step of the gyroscope's bias per axis that is assumed then [rad/s].
         sided: mean share of ranges refused on one side from which on their clock is doubted [1].
-        offset_sd: error of all ranges that is reckoned with then [m].
+        offset_sd: error of all ranges that is assumed then [m].
     """
 
     time: Positive = 0.5

@@ -152,7 +152,7 @@ RULES = (
 
 
 def why_unread(key: str, scenario: Scenario) -> str | None:
-    """Return what would read a setting that no part of a scenario's flights reads; None where one does."""
+    """Return the part that would read a setting which nothing in a scenario's flights reads; None if something does."""
     group, _, rest = key.partition(".")
     sensor = rest.split(".")[1] if key.startswith("truth.sensors.") and rest.count(".") else group
     if sensor in known_sensors() and sensor not in scenario.sensors:

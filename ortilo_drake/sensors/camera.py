@@ -126,7 +126,7 @@ def information(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndar
 
 
 def unknown(scenario: Scenario, room: Room) -> list[Error]:
-    """Return what is unknown of where camera and landmarks are."""
+    """Return the unknown errors of the camera's and the landmarks' places."""
     survey, camera, n = scenario.truth.survey, scenario.truth.camera, len(room.landmark_positions)
     turn = np.cross(np.eye(3), room.camera.position)  # of the camera's centre by each angle
 
@@ -150,7 +150,7 @@ def solver(scenario: Belief, room: Room) -> Box | None:
 
 
 def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) -> dict[str, Given]:
-    """Return where a projected camera and the landmarks are."""
+    """Return the true places of a projected camera and of the landmarks."""
     if scenario.is_rendered:
         return {}
     f = boxes["camera"].given.numbers["camera_f"] * float(its["camera.focal_factor"])

@@ -30,7 +30,7 @@ def port_of(name: str) -> str:
 
 
 def title_of(name: str) -> str:
-    """Return what texts and figures call a sensor."""
+    """Return a sensor's title in texts and figures."""
     return described(name).title or name
 
 

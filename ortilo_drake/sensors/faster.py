@@ -52,7 +52,7 @@ def with_samples(sensor: Sensor, n: int) -> Sensor:
 
 
 def make_mean_fix(sensor: Sensor, n: int, scenario: Belief, room: Room) -> Diagram:
-    """Return what makes a tick's value of a message of n samples.
+    """Return the Diagram that makes a tick's value from a message of n samples.
 
     Ports:
         <message> (2 + n (2 + p)): n samples.

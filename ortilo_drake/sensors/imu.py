@@ -93,7 +93,7 @@ def information(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndar
 
 
 def inertial_biases(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
-    """Return how large the biases of body rates and specific force are (3 each), or what zeroing leaves of them."""
+    """Return the sd of the biases of body rates and specific force (3 each), after zeroing where there is one."""
     if scenario.samples_at_rest:
         return left_at_rest(scenario)
     imu = scenario.truth.imu
@@ -101,7 +101,7 @@ def inertial_biases(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
 
 
 def unknown(scenario: Scenario, room: Room) -> list[Error]:
-    """Return what is unknown of angles and body rates; of the specific force see floor/unknown_errors.py."""
+    """Return the unknown errors of angles and body rates; of the specific force see floor/unknown_errors.py."""
     imu, h = scenario.truth.imu, scenario.h
     angles = np.array([*spread(imu.level, imu.level_sd, number=2), np.hypot(imu.yaw, imu.yaw_sd)])
     walks = np.array([imu.level_walk, imu.level_walk, imu.yaw_walk]) * np.sqrt(h)
@@ -117,12 +117,12 @@ def element(scenario: Scenario, room: Room, whole: bool) -> Box:
 
 
 def bias_of(its: Drawn) -> np.ndarray:
-    """Return what is added to the angles, rates and specific force (9)."""
+    """Return the bias of angles, rates and specific force (9)."""
     return np.array([*its["imu.level"], its["imu.yaw"], *its["imu.rates"], *its["imu.specific_force"]])
 
 
 def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) -> dict[str, Given]:
-    """Return how the imu's messages are off."""
+    """Return the true errors of the imu's messages."""
     return {"imu": Given(tables={"bias": bias_of(its)})}
 
 
@@ -141,7 +141,7 @@ def zeroed(scenario: Scenario, its: Drawn, draw: AtStart) -> dict[str, Given]:
 
 
 def ahrs_drawn(scenario: Scenario, draw: AtStart) -> dict[str, Given]:
-    """Return how the yaw of the imu's attitude filter drifts."""
+    """Return the drift of the attitude filter's yaw."""
     if scenario.imu.ahrs is None:
         return {}
     return {"imu_ahrs": Given({"drift": scenario.imu.ahrs.drift_sd * float(draw(AHRS_STREAM, 1)[0])})}
@@ -153,7 +153,7 @@ def attitude_filter(scenario: Scenario, room: Room, message: Box, samples: int) 
 
 
 def standstill_of(scenario: Scenario, room: Room) -> dict[str, Any]:
-    """Return how the vehicle of a scenario and its seed stood still: for how long, and what was measured; {} if not."""
+    """Return the standstill of a scenario and its seed: its length and what was measured; {} if there is none."""
     if scenario.samples_at_rest == 0:
         return {}
     draw = of_seed(scenario.seed)

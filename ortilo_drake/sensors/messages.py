@@ -35,7 +35,7 @@ def solver_system(port: str, size: int, solver: Box, h: float) -> System:
 
 
 def solver_of(sensor: Sensor, scenario: Belief, room: Room) -> System | None:
-    """Return what makes a fix of a sensor's message as a System; None where the message begins with the value."""
+    """Return the System that makes a fix of a sensor's message; None where the message begins with the value."""
     if sensor.compiled is None:
         made: System | None = None if sensor.make_onboard is None else sensor.make_onboard(scenario, room)
         return made

@@ -62,5 +62,5 @@ def moved(sign: float, number: int = 1, each: int = 1) -> Seen:
 
 
 def spread(*parts: tuple[float, ...] | float, number: int = 3) -> np.ndarray:
-    """Return how large an error may be, the root of the sum of its parts' squares, for each of its components."""
+    """Return the sd of each component of an error, the root of the sum of its parts' squares."""
     return np.sqrt(sum(np.broadcast_to(part, number).astype(float) ** 2 for part in parts))

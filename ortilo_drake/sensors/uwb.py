@@ -95,7 +95,7 @@ def information(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndar
 
 
 def unknown(scenario: Scenario, room: Room) -> list[Error]:
-    """Return what is unknown of the ranges and of where the anchors stand."""
+    """Return the unknown errors of the ranges and of the anchors' places."""
     uwb, survey, n = scenario.truth.uwb, scenario.truth.survey, len(room.anchor_positions)
     return [
         walk(spread(uwb.bias, number=1), 0.0, {"uwb": lambda rows: np.ones((len(rows), 1))}),
@@ -107,7 +107,7 @@ def unknown(scenario: Scenario, room: Room) -> list[Error]:
 
 
 def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) -> dict[str, Given]:
-    """Return where the anchors stand and how their ranges err, of the sensor and of whatever is a fault of them."""
+    """Return the true places of the anchors and the lasting errors of their ranges, for the sensor and its faults."""
     anchors = Given(tables={"anchors": room.anchor_positions + its["survey.anchors"]})
     found = {"uwb": anchors.with_(Given(tables={"bias": its["uwb.bias"]}))}
     return found | {name: anchors for name, box in boxes.items() if box.element.out in (fault_out, paths_out)}
@@ -127,7 +127,7 @@ def paths_drawn(boxes: Mapping[str, Box], draw: AtStart) -> dict[str, Given]:
 
 
 def paths(scenario: Scenario, room: Room, message: Box, samples: int) -> Box | None:
-    """Return what makes the ranges as long as their signals' paths, None where those are straight and at once."""
+    """Return the box that makes the ranges as long as their signals' paths; None if straight and instant."""
     box = paths_box(scenario.uwb, room, scenario.h)
     return None if box is None else box.reading(message=message.name)
 

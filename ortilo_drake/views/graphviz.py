@@ -16,7 +16,7 @@ def drake_svg(scenario: Scenario) -> str:
 
 
 def svg_of(graph: str) -> str:
-    """Return what Graphviz makes of a graph in its language, as SVG.
+    """Return Graphviz's SVG of a graph in the dot language.
 
     Raises:
         InputError: if Graphviz is not installed.

@@ -46,7 +46,7 @@ def graph_of(wiring: Wiring, depth: int) -> Iterator[str]:
 
 
 def label_of(wiring: Wiring, box: Box, depth: int) -> str:
-    """Return what stands in a box, as Graphviz's HTML."""
+    """Return the label of a box as Graphviz's HTML."""
     lines = [f"<b>{escape(box.name)}</b> ({box.size})"]
     if depth == 3:
         lines.append(escape(kind_of(box)))

@@ -89,13 +89,13 @@ def parts_of(wiring: Wiring, box: Box) -> Iterator[tuple[str, str]]:
 
 
 def kind_of(box: Box) -> str:
-    """Return what stands in a box: an element, or a Drake System."""
+    """Return the kind of a box: an element, or a Drake System."""
     system = system_of(box)
     return f"element {box.element.name}" if system is None else f"System {system} of Drake, no element"
 
 
 def held_by(wiring: Wiring, box: Box) -> str:
-    """Return what a box without functions says: what it holds, its values, or that a System says it."""
+    """Return a description of a box without functions: what it holds, its values, or that a System is behind it."""
     if box.holds:
         return ", ".join(f"{held} ({wiring.boxes[held].size})" for held in box.holds)
     if system_of(box) is not None:
@@ -104,18 +104,18 @@ def held_by(wiring: Wiring, box: Box) -> str:
 
 
 def reads_of(wiring: Wiring, box: Box, what: str) -> str:
-    """Return what one function of a box reads: each input, which box or part of one it reads, and the size."""
+    """Return the inputs of one function of a box: each with the box, or part of one, that it reads, and its size."""
     ports = box.element.inputs_of(box.element.functions[what])
     return ", ".join(f"{port} = {said_by(wiring, box, port)}" for port in ports)
 
 
 def all_reads(wiring: Wiring, box: Box) -> list[str]:
-    """Return what each input of a box reads."""
+    """Return a line for each input of a box, with its source."""
     return [f"{port} = {said_by(wiring, box, port)}" for name, port in wiring.wires if name == box.name]
 
 
 def said_by(wiring: Wiring, box: Box, port: str) -> str:
-    """Return what an input reads: "box (size)" or "box.part (size)"."""
+    """Return the source of an input: "box (size)" or "box.part (size)"."""
     return f"{box.reads.get(port, port)} ({wiring.wires[box.name, port].size})"
 
 

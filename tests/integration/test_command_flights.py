@@ -55,7 +55,7 @@ def test_the_covariance_at_hover_is_that_of_the_geometry() -> None:
 
 
 @pytest.mark.long
-def test_a_filter_that_reckons_with_what_is_not_there_hovers_as_predicted(tmp_path: Path) -> None:
+def test_a_filter_that_allows_for_what_is_not_there_hovers_as_predicted(tmp_path: Path) -> None:
     """Force and biases are estimated and are zero: the distance from r is that of the whole loop, not of P."""
     scenario = load_scenario("imu_uwb")
     (case,) = command_flights(scenario, command_cases((0.0,), ("hold",), ()), range(4), tmp_path, duration=40.0).cases

@@ -1,4 +1,4 @@
-"""What a servo that reckons with late commands bears: closed forms, flights, and the study's report."""
+"""What a servo that accounts for late commands bears: closed forms, flights, and the study's report."""
 
 import json
 from pathlib import Path
@@ -73,7 +73,7 @@ def test_the_force_is_countered_ahead_too() -> None:
 
 
 def test_a_delay_told_with_which_it_is_unstable_is_refused() -> None:
-    with pytest.raises(InputError, match="unstable with the delay reckoned with, 15 ticks"):
+    with pytest.raises(InputError, match="unstable with the assumed delay, 15 ticks"):
         stable_delays(scenario_of("{servo: predicted, delay: 0.5}"), V)
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 
 def check_verdict(report: Mapping[str, Any], h: float) -> str:
-    """Return what `ortilo hil check` found, for a reader who knows nothing of it yet.
+    """Return the verdict of `ortilo hil check`, for a reader who has seen nothing of it yet.
 
     Args:
         report: what the command writes as JSON; 'identical' is None of a flight in real time.

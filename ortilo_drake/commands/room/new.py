@@ -37,7 +37,7 @@ def check_new(file: Path, force: bool) -> None:
 
 
 def room_name(file: Path) -> str:
-    """Return what a room is called whose file that is."""
+    """Return the name of the room in a file."""
     return re.sub(r"[^\w .+-]", "_", file.stem)[:64].lstrip(" .+-") or "room"
 
 

@@ -70,5 +70,5 @@ class _NoAliases(yaml.SafeDumper):
     """A dumper without aliases: an object that occurs twice is written out twice."""
 
     def ignore_aliases(self, data: Any) -> bool:
-        """Return that nothing is an alias (PyYAML's hook)."""
+        """Return True: nothing is written as an alias (PyYAML's hook)."""
         return True

@@ -105,7 +105,7 @@ def tick_messages(
 
 
 def start_messages(scenario: Scenario, room: Room, messages: str = SENT) -> list[RosMessage]:
-    """Return what is sent once, before the first tick: scenario, fixed frames, planned path if there is one.
+    """Return the messages sent once, before the first tick: scenario, fixed frames, planned path if there is one.
 
     Args:
         scenario: the scenario.

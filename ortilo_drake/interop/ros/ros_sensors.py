@@ -116,7 +116,7 @@ def image_of(png: np.ndarray) -> np.ndarray:
 
 
 def fixed_frames_message(room: Room) -> RosMessage:
-    """Return where the anchors stand in the map and the camera sits on the body."""
+    """Return the fixed transforms: anchors in the map, the camera on the body."""
     upright = [0.0, 0.0, 0.0, 1.0]
     frames = [transform_fields(0.0, f"anchor_{i}", [*p_W, *upright]) for i, p_W in enumerate(room.anchors)]
     camera: Fields = transform_fields(0.0, "camera_optical", [*room.camera.position, *_Q_BC])

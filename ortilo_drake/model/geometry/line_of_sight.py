@@ -68,7 +68,7 @@ def crosses_cylinder(p: np.ndarray, q: np.ndarray, cylinder: np.ndarray) -> bool
 
 @njit(cache=True)
 def walls_crossed(p: np.ndarray, q: np.ndarray, boxes: np.ndarray) -> int:
-    """Return how many of the boxes (n, 7) the line from p to q (3, in W) goes through.
+    """Return the number of boxes (n, 7) that the line from p to q (3, in W) goes through.
 
     A box that holds p or q does not count.
     """

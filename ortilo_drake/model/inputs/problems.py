@@ -126,7 +126,7 @@ def _is_number(text: Any) -> bool:
 
 
 def problem_lines(error: ValidationError, model: type[BaseModel]) -> list[tuple[Place, str]]:
-    """Return where each thing is wrong that pydantic found, in its order, and the line of it."""
+    """Return the place of each of pydantic's errors, in its order, with a line that describes it."""
     return [(problem["loc"], line) for problem in error.errors() for line in _lines(problem, model)]
 
 

@@ -31,7 +31,7 @@ def timeline_size(ticks: int) -> int:
 
 
 def log_ticks(scenario: Belief) -> int:
-    """Return how many ticks to keep: what the filter may go back, what may be on its way, and some more."""
+    """Return the number of ticks to keep: the filter's horizon, a command's longest way, and some more."""
     longest = max(getattr(scenario.estimator, "horizon", 0.0), scenario.commands.delay or 0.0)
     return history_ticks(longest + MARGIN, scenario.h)
 

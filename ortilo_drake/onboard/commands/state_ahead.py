@@ -112,7 +112,7 @@ AHEAD = Element(
 
 
 def state_ahead_box(vehicle: Vehicle, h: float, yaw: float) -> Box:
-    """Return what the servo acts on: it reads the belief (15 or more), the reference, the timeline and the force (3).
+    """Return the box of the state that the servo acts on; it reads belief (15 or more), reference, timeline, force (3).
 
     It says `belief` (15) and `reference` (9), both at the time at which the servo's command will act.
     """

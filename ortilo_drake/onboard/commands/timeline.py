@@ -59,7 +59,7 @@ def expected_delay(acts: np.ndarray, given: float) -> float:
 
 @njit(cache=True)
 def timeline_of(acts: np.ndarray, heard: float, sent: np.ndarray, tau: float, slack: float) -> np.ndarray:
-    """Return what acted and what is expected to (n, 5), ascending.
+    """Return the commands that acted and those expected to (n, 5), ascending.
 
     Args:
         acts: what is known to have acted (A, 6), ascending.
@@ -122,7 +122,7 @@ def unpacked(vector: np.ndarray) -> np.ndarray:
 
 
 def first_acts(ticks: int, hover_thrust: float) -> np.ndarray:
-    """Return what acted before anything was heard (ticks, 6): hovering, always."""
+    """Return the commands that acted before anything was heard (ticks, 6): hover."""
     return np.tile([EVER, NONE, hover_thrust, 0.0, 0.0, 0.0], (ticks, 1))
 
 

@@ -39,7 +39,7 @@ class Rest(NamedTuple):
 
 
 def rest_of(belief: Belief) -> Rest | None:
-    """Return how the vehicle of a scenario stands still before take-off; None if it does not."""
+    """Return the standstill of a scenario before take-off; None if there is none."""
     samples = belief.samples_at_rest
     return Rest(samples, belief.imu.standstill, belief.imu_period) if samples else None
 

@@ -111,15 +111,15 @@ def filter_box(model: FilterModel, measurement: Measurement, hover_thrust: float
 
 
 def known_box(name: str) -> Box:
-    """Return what reads a belief of [x; e; i] and says that of [x; i], a part `belief`, and the `force`."""
+    """Return the box that splits a belief of [x; e; i] into that of [x; i], its part `belief`, and the `force`."""
     return Box(name, KNOWN_PART, KNOWN + 3, parts={"belief": (0, KNOWN), "force": (KNOWN, 3)})
 
 
 def parts_box(name: str) -> Box:
-    """Return what reads a belief that begins with that of [x; i] (240) and says its `estimate` and its `covariance`."""
+    """Return the box that splits a belief, which begins with that of [x; i] (240), into `estimate` and `covariance`."""
     return Box(name, PARTS, KNOWN, parts={"estimate": (0, N_XBAR), "covariance": (N_XBAR, N_XBAR * N_XBAR)})
 
 
 def extra_box(name: str, n: int) -> Box:
-    """Return what reads a belief of [x; e; i] of n states and says those between, e, and their standard deviations."""
+    """Return the box that reads a belief of [x; e; i], n states, and gives e and its standard deviations."""
     return Box(name, EXTRA, 2 * (n - N_XBAR))

@@ -133,7 +133,7 @@ def propagate(P: np.ndarray, W: np.ndarray, structure: Structure, rows: np.ndarr
 
 @register_jitable
 def to_work_in(n: int, p: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return what step_in_place works in: of n states, the integral among them, and p values."""
+    """Return the work arrays of step_in_place for n states, the integral among them, and p values."""
     return np.empty((max(n - N_I, p), n - N_I + 1)), np.empty((p, p))
 
 

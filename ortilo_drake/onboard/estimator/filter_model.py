@@ -60,7 +60,7 @@ def initial_covariance(
 def filter_model(
     settings: FilterSettings, vehicle: Vehicle, integrator: str, h: float, yaw: float = 0.0
 ) -> FilterModel:
-    """Return what the paper's filter believes of the vehicle.
+    """Return the paper's filter's model of the vehicle.
 
     Args:
         settings: of the filter.
@@ -82,7 +82,7 @@ def augmented_model(
     extras: tuple[Extra, ...],
     yaw: float = 0.0,
 ) -> FilterModel:
-    """Return what the filter believes of [x; e], see extra_states.py; without extra states that is filter_model."""
+    """Return the filter's model of [x; e], see extra_states.py; without extra states it is filter_model."""
     model = filter_model(settings, vehicle, integrator, h, yaw)
     if not extras:
         return model

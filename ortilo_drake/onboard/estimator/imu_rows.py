@@ -129,7 +129,7 @@ IMU_ROWS = Element("imu_rows", out=imu_rows_out, numbers=(Number("number", kind=
 
 
 def imu_rows_box(measurement: Measurement, variances: np.ndarray) -> Box:
-    """Return what adds the imu's rows: it reads the imu's message as it lands, y, delta, V2 and stamps.
+    """Return the box that adds the imu's rows; it reads the imu's message as it lands, y, delta, V2 and stamps.
 
     Args:
         measurement: without those rows.

@@ -72,7 +72,7 @@ class FilterModel(NamedTuple):
 
 @register_jitable
 def tilted_lift(xbar: np.ndarray, u: np.ndarray, mass: float, yaw: float) -> Triple:
-    """Return what the hover model leaves out of the lift's acceleration in W (3).
+    """Return the part of the lift's acceleration in W (3) that the hover model leaves out.
 
     The lift is l = (f_T + d_z) / m, d_z the vertical part of the disturbance force, in which a wrong mass or thrust
     shows. It acts along z_B; the hover model takes l z_B to be R_z(yaw) [g theta, -g phi, l].
@@ -92,7 +92,7 @@ def tilted_lift(xbar: np.ndarray, u: np.ndarray, mass: float, yaw: float) -> Tri
 
 @register_jitable
 def integrated_sensor(delta: np.ndarray, is_position: np.ndarray, integrator: int) -> int:
-    """Return which sensor E_k selects: the first of those that measure the position and arrived, -1 for none.
+    """Return the sensor that E_k selects: the first that measures the position and arrived, -1 for none.
 
     With the paper's sensors that is E_k = [Delta_1, not Delta_1 and Delta_2, 0].
     """
@@ -105,7 +105,7 @@ def integrated_sensor(delta: np.ndarray, is_position: np.ndarray, integrator: in
 
 @register_jitable
 def arrived_rows(delta: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """Return which rows of y arrived (m)."""
+    """Return the indices of the rows of y that arrived (m)."""
     rows = np.empty(first[-1], dtype=np.int64)
     m = 0
     for s in range(delta.shape[0]):

@@ -49,7 +49,7 @@ class Told(NamedTuple):
 
 
 def told_of(measurement: Measurement, uwb_sd: tuple[float, ...]) -> Told:
-    """Return which coefficients of a filter's measurement uwb fixes tell; uwb_sd is its setting [m] (3)."""
+    """Return the coefficients of a filter's measurement that uwb fixes set; uwb_sd is its setting [m] (3)."""
     rows, columns, states, axes = list[int](), list[int](), list[int](), list[int]()
     for axis, own in enumerate(UWB):
         bias = f"bias_{own.name}"

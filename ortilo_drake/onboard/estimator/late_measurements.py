@@ -121,12 +121,12 @@ def with_acted(
     """Return [xhat_{k|k-1}, P_k row by row] as if it had been known what acted in the past ticks; changes the history.
 
     In the place of a slot's u comes the mean over its tick of what acted. From the first tick in which that is another
-    than was reckoned with, the filter runs again. A tick that the timeline does not reach back to stays as it is.
+    than was assumed, the filter runs again. A tick that the timeline does not reach back to stays as it is.
 
     Args:
         history: the last ticks (N, slot.size), without tick k.
         slot: where everything is in a row of it.
-        belief: [xhat_{k|k-1}, P_k row by row] as it was reckoned (n + n^2).
+        belief: [xhat_{k|k-1}, P_k row by row] as it was computed (n + n^2).
         k: tick.
         rows: timeline (n, 5), see onboard/commands/timeline.py.
         hover: control at hover (4).

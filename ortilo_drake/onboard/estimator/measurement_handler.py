@@ -148,7 +148,7 @@ def incoming_of(
     gates: dict[str, float],
     oldest: int = MAX_AGE,
 ) -> Incoming:
-    """Return how messages stand in one vector.
+    """Return the layout of messages in one vector.
 
     Args:
         measurement: the layout of what the filter gets.

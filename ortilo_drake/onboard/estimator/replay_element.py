@@ -107,7 +107,7 @@ def replay_box(
 
 
 def past_box(name: str, measurement: Measurement, n: int, h: float) -> Box:
-    """Return what says the belief of the tick of a message's stamp: it reads the message and the filter's `memory`.
+    """Return the box of the belief at the tick of a message's stamp; it reads the message and the filter's `memory`.
 
     Args:
         name: of the box.

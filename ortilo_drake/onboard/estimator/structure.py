@@ -31,7 +31,7 @@ class Structure(NamedTuple):
 
 @register_jitable
 def structure_of(Phi: np.ndarray) -> Structure:
-    """Return where Phi (N, N) is not 0."""
+    """Return the nonzero entries of Phi (N, N)."""
     N = Phi.shape[0]
     columns, values, counts = np.zeros((N, N), np.int64), np.zeros((N, N)), np.zeros(N, np.int64)
     mixing, keeps, c = np.zeros(N, np.int64), np.ones(N), 0

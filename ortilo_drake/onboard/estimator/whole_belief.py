@@ -35,10 +35,10 @@ WIDENED = Element("belief_widened", out=widened_out, step=widened_step, state=(A
 
 
 def together_box(name: str = "filter") -> Box:
-    """Return what says the belief of an estimator of [x; i]."""
+    """Return the box of the belief of an estimator of [x; i]."""
     return Box(name, TOGETHER, SIZE)
 
 
 def widened_box() -> Box:
-    """Return what says the belief of an estimator of x: it reads the reference besides."""
+    """Return the box of the belief of an estimator of x; it also reads the reference."""
     return Box("filter", WIDENED, SIZE, Given(start={"i": np.zeros(N_I)}))

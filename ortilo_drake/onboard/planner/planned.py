@@ -22,7 +22,7 @@ _READ_AT_FIRST = {"estimate": N_XBAR, "covariance": N_XBAR**2, "belief": N_XBAR 
 
 
 def planned(scenario: Belief, make: Callable[[Belief], Planned] | None = None) -> Planned:
-    """Return what a scenario's planner plans, or the one given; a System is a new one at each call, an element a Box.
+    """Return the plan of a scenario's planner, or the one given; a System is made anew, an element is a Box.
 
     Raises:
         InputError: if there is no path, or the planner returns neither a path nor a System with a reference.
@@ -83,7 +83,7 @@ def start_of(plan: Planned) -> np.ndarray:
 
 
 def duration_of(scenario: Belief, plan: Planned) -> float:
-    """Return how long the flight follows its reference [s], before it settles.
+    """Return the time for which the flight follows its reference [s], before it settles.
 
     A System or a box does not tell. It flies for the duration in its settings in the scenario, or where those are a
     built-in planner's, for as long as that one's path.

@@ -49,7 +49,7 @@ ALL_SOURCES = FixSources()
 
 
 def fix_sources(belief: Belief) -> FixSources:
-    """Return what a vehicle with this belief has to find its position by."""
+    """Return the sources of position fixes that a vehicle with this belief has."""
     sds = belief.multilateration.noise.sds
     return FixSources(belief.measures_ranges, belief.sees_landmarks, sds, belief.yaw, belief.image_width)
 
@@ -119,7 +119,7 @@ def seen_at(points: np.ndarray, room: Room, sources: FixSources) -> np.ndarray:
 def seen_on_grid(
     x: np.ndarray, y: np.ndarray, height: float, room: Room, sources: FixSources
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return where a grid's points (x_i, y_j) are seen (n_x, n_y), and the places that are not (k, 2) [m].
+    """Return a mask of the grid points (x_i, y_j) that are seen (n_x, n_y), and the places that are not (k, 2) [m].
 
     Args:
         x: the grid's x, equally spaced (n_x) [m].

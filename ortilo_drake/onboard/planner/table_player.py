@@ -16,5 +16,5 @@ REFERENCE = Element("reference", out=reference_out, tables=(Array("path", 2),))
 
 
 def reference_box(path: np.ndarray) -> Box:
-    """Return what plays a path, r, r_dot and r_ddot at every tick (ticks, 9)."""
+    """Return the box that plays a path: r, r_dot and r_ddot at every tick (ticks, 9)."""
     return Box("reference", REFERENCE, REFERENCE_SIZE, Given(tables={"path": path}))

@@ -66,7 +66,7 @@ class Consistent(NamedTuple):
 
 
 def consistency_of(settings: Exclusion, anchors: int) -> Consistency:
-    """Return what ranges to so many anchors must fulfil."""
+    """Return the consistency test of ranges to a number of anchors."""
     quantiles = [squared_gate(settings.probability, m) for m in range(1, anchors + 1)]
     return Consistency(np.array([np.inf, *quantiles]), settings.least_ranges, settings.share, settings.clock)
 

@@ -44,7 +44,7 @@ SIGHTED = Element("sighted", out=sighted_out, tables=(Array("anchors", 2), Array
 
 
 def sighted_box(settings: UwbSetup, room: Room) -> Box | None:
-    """Return what makes of a uwb message, by the belief (240), the one to be solved; None where that is the same."""
+    """Return the box that keeps the ranges in sight of the believed place (belief, 240); None if all are kept."""
     n = len(room.anchors)
     if settings.round == 0.0 and settings.behind_walls != "left_out":
         return None

@@ -138,7 +138,7 @@ BANK = Element(
 
 
 def bank_box(settings: MultilaterationSettings, anchors: np.ndarray, period: float) -> Box:
-    """Return what learns how good the survey is: it reads the uwb message as it lands and the fix made of it.
+    """Return the box that learns how good the survey is; it reads the uwb message as it lands and the fix made of it.
 
     It says what is learned: [share, sds of what lasts of a fix as it last was (3) [m], how much of it is kept of the
     place that lasting_error.py keeps (3), the sensitivities there (6 n), weights of the models].

@@ -155,7 +155,7 @@ def critical_delay(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None 
 def stable_delays(
     scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None = None, longest: int = LONGEST
 ) -> StableDelays:
-    """Return the delays with which a loop is stable, from the one that it reckons with downwards and upwards.
+    """Return the delays with which a loop is stable, from the one that it assumes downwards and upwards.
 
     Without commands.delay that is no delay. Between whole ticks it is looked at each quarter.
 
@@ -166,7 +166,7 @@ def stable_delays(
         longest: ticks of delay to look at.
 
     Raises:
-        InputError: if it is unstable with the delay that it reckons with.
+        InputError: if it is unstable with the delay that it assumes.
     """
     loop = loop_at_once(scenario, V, deltas)
     start = (scenario.commands.delay or 0.0) / scenario.h
@@ -175,7 +175,7 @@ def stable_delays(
         return _growth_with(loop, scenario, delay) < 1.0
 
     if not is_stable(start):
-        raise InputError(f"command_link: unstable with the delay reckoned with, {start:g} ticks")
+        raise InputError(f"command_link: unstable with the assumed delay, {start:g} ticks")
     low, high = start, start
     while low > 0.0 and is_stable(max(low - 0.25, 0.0)):
         low = max(low - 0.25, 0.0)
@@ -187,7 +187,7 @@ def stable_delays(
 
 
 def _edge(is_stable: Callable[[float], bool], stable: float, unstable: float) -> float:
-    """Return where between two delays stability ends, to 1e-4 ticks, on its stable side."""
+    """Return the delay between two at which stability ends, to 1e-4 ticks, on the stable side."""
     while abs(unstable - stable) > 1e-4:
         middle = (stable + unstable) / 2.0
         stable, unstable = (middle, unstable) if is_stable(middle) else (stable, middle)

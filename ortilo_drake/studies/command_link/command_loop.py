@@ -10,7 +10,7 @@ a_k is u_{k-d} if that arrives, else a_{k-1} ('hold') or 0 ('zero'). The delay i
 and one lost at arrival have the same statistics.
 
 With commands.filter 'acted' xhat is what the filter makes of it once it knows a_k, by a report without loss or delay:
-its response to a_k is then in G. A servo that reckons with late commands answers u_k = -L z_k - sum_j L_j u_{k-j}, see
+its response to a_k is then in G. A servo that accounts for late commands answers u_k = -L z_k - sum_j L_j u_{k-j}, see
 late_servo.py.
 """
 
@@ -115,7 +115,7 @@ def commanded_loop(
         scenario: the scenario; its sensors' losses, delays and blackouts do not enter.
         V: covariance of the measurements (p x p).
         deltas: arrivals of the sensors at each tick of a period (T, s); by default what is due.
-        delay: after which commands act [ticks]; read where the servo reckons with it.
+        delay: after which commands act [ticks]; read where the servo accounts for it.
 
     Raises:
         InputError: naming the modes of the vehicle that the sensors leave unseen.

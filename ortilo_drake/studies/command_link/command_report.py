@@ -70,7 +70,7 @@ def _critical_delay(scenario: Scenario, V: np.ndarray) -> CriticalDelay | None:
 
 
 def command_report(scenario: Scenario, V: np.ndarray) -> CommandReport:
-    """Return what losing and delaying commands does to a scenario's loop at hover.
+    """Return the effect of lost and late commands on a scenario's loop at hover.
 
     Args:
         scenario: the scenario; its own command link enters under `own_link` alone.

@@ -1,4 +1,4 @@
-"""The ways to reckon with late commands: the delays that each is predicted to bear, and flights behind delays."""
+"""The ways to account for late commands: the delays that each is predicted to bear, and flights behind delays."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ LONGEST = 12  # ticks of delay to look at
 
 @dataclass(frozen=True)
 class WayReport:
-    """A way to reckon with late commands.
+    """A way to account for late commands.
 
     Attributes:
         way: its name.
@@ -34,7 +34,7 @@ class WayReport:
 
 
 def ways(delay: float) -> dict[str, dict[str, object]]:
-    """Return settings of `commands` by name; delay [s] is what the gain that is computed beforehand reckons with."""
+    """Return settings of `commands` by name; delay [s] is the one that the precomputed gain assumes."""
     acted: dict[str, object] = {"filter": "acted"}
     return {
         "as sent": {},

@@ -1,4 +1,4 @@
-"""How a servo that reckons with late commands answers at hover, as gains on the loop's state and its own commands.
+"""How a servo that accounts for late commands answers at hover, as gains on the loop's state and its own commands.
 
 It is u_k = -L z_k - sum_j L_j u_{k-j}. The gains are those of the functions that fly: timeline, prediction and servo of
 onboard/ are affine in estimate, force and commands, and are evaluated on unit vectors.
@@ -60,7 +60,7 @@ def _acts(sent: np.ndarray, scenario: Scenario, delay: float, before: float) -> 
     return np.array(rows).reshape(-1, ACT_SIZE)
 
 
-def reckoned_wrongly(us: np.ndarray, scenario: Scenario, delay: float) -> np.ndarray:
+def misjudged(us: np.ndarray, scenario: Scenario, delay: float) -> np.ndarray:
     """Return the control by which the last tick's prediction went, less what acted in it (4).
 
     Of the ticks before the filter knows by now what acted; of the last it learns in this one, and puts it right for the
@@ -73,12 +73,12 @@ def reckoned_wrongly(us: np.ndarray, scenario: Scenario, delay: float) -> np.nda
     """
     h, last = scenario.h, EARLY + len(us) - 1
     rows, tau = known_timeline(us[1:], last, scenario, delay)
-    reckoned = mean_control(with_command(rows, last * h + tau, us[0]), last * h, (last + 1) * h)
+    assumed = mean_control(with_command(rows, last * h + tau, us[0]), last * h, (last + 1) * h)
     sent = np.column_stack([(last - np.arange(len(us))) * h, us])[::-1]
     truth = _acts(sent, scenario, delay, before=(last + 1) * h)
     hovering = first_acts(1, scenario.vehicle.hover_thrust)
     acted = np.delete(np.vstack([hovering, truth]), 1, axis=1)
-    return np.asarray(reckoned - mean_control(acted, last * h, (last + 1) * h))
+    return np.asarray(assumed - mean_control(acted, last * h, (last + 1) * h))
 
 
 def flown_law(scenario: Scenario, delay: float) -> Law:
@@ -95,7 +95,7 @@ def flown_law(scenario: Scenario, delay: float) -> Law:
 
     def law(xbar: np.ndarray, force: np.ndarray, us: np.ndarray) -> np.ndarray:
         if scenario.commands.filter == "acted":
-            xbar = xbar + Gammabar @ reckoned_wrongly(us, scenario, delay)
+            xbar = xbar + Gammabar @ misjudged(us, scenario, delay)
         if kind == "predicted":
             rows, tau = known_timeline(us, EARLY + len(us), scenario, delay)
             b = B_d[:, :3] @ force - B[:, 0] * vehicle.hover_thrust

@@ -110,7 +110,7 @@ DOF: Final = {"position": 3, "x": 1, "y": 1, "z": 1, "state": N_X}
 
 
 def consistency_report(flights: Sequence[xr.Dataset]) -> ConsistencyReport:
-    """Return how consistent the filter was on flights of one scenario.
+    """Return the filter's consistency on flights of one scenario.
 
     Raises:
         InputError: if there is no flight or they are not of one scenario.

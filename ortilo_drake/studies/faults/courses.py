@@ -42,7 +42,7 @@ class Course:
 
 
 def course(flight: xr.Dataset) -> Course:
-    """Return what is kept of a flight."""
+    """Return the figures that are kept of a flight."""
     whole = np.isfinite(flight["truth"].values).all(axis=1) & np.isfinite(flight["estimate"].values).all(axis=1)
     if not whole.all():
         flight = flight.isel(tick=whole)  # all but the end of a flight that diverged
@@ -54,7 +54,7 @@ def course(flight: xr.Dataset) -> Course:
 
 
 def compiled_course(engine: Engine, seed: int) -> Course:
-    """Return what is kept of a flight of the engine."""
+    """Return the figures that are kept of a flight of the engine."""
     trace, loss = engine.trace(seed)
     trace = trace[np.isfinite(trace[:, :NEES]).all(axis=1)]
     e = trace[:, ESTIMATED] - trace[:, TRUE]

@@ -166,7 +166,7 @@ def _lost(courses: Sequence[Course]) -> int:
 
 
 def row_of(scenario: str, case: Case, courses: Sequence[Course], without: Sequence[Course]) -> Row:
-    """Return what flights with a fault and the same seeds without it give.
+    """Return the row of a fault: its flights beside flights of the same seeds without it.
 
     Args:
         scenario: its name.
@@ -216,7 +216,7 @@ def _phase(square: np.ndarray, calm: np.ndarray, nees: np.ndarray, lost: int) ->
 
 
 def recovery_time(square: np.ndarray, calm: np.ndarray, origin: int) -> float | None:
-    """Return how long after a bin the first WINDOW begins in which the error is at most PASSES times the calm one.
+    """Return the time from a bin to the first WINDOW in which the error is at most PASSES times the calm one.
 
     Args:
         square: mean squared errors with the fault (flights, bins) [m^2].

@@ -5,7 +5,7 @@ from ortilo_drake.views.numbers import count
 
 
 def in_short(found: FaultStudy) -> list[str]:
-    """Return what a study found in short, as Markdown's list: at most five lines."""
+    """Return a summary of a study, as Markdown's list: at most five lines."""
     lines = []
     for scenario, without in list(zip(found.scenarios, found.lost_without, strict=True))[:3]:
         its = [row for row in found.rows if row.scenario == scenario]

@@ -8,7 +8,7 @@ from ortilo_drake.scenario.tight import InertialNoise, TightFilter, TightRanges
 
 
 def believed(scenario: Belief) -> TightFilter:
-    """Return what is believed of the sensors, in the settings of the tight filter.
+    """Return the beliefs about the sensors as settings of the tight filter.
 
     Of a scenario that flies the paper's filter they are that filter's V, walks and biases and what its multilateration
     believes of ranges; of boxes it says nothing, and the defaults stand. So it is of an estimator of one's own, of

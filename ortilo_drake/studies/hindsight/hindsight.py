@@ -87,7 +87,7 @@ class Hindsight:
 
 
 def judged(x: np.ndarray, P: np.ndarray, truth: np.ndarray) -> Judged:
-    """Return how estimated positions (n, 3) of covariance P (n, 3, 3) compare with the true ones (n, 3)."""
+    """Return errors and NEES of estimated positions (n, 3) of covariance P (n, 3, 3) against true ones (n, 3)."""
     e = x - truth
     nees = np.einsum("ki,ki->k", e, np.linalg.solve(P, e[:, :, np.newaxis])[:, :, 0])
     a, b, c = np.mean(e**2, axis=0).tolist()
@@ -95,7 +95,7 @@ def judged(x: np.ndarray, P: np.ndarray, truth: np.ndarray) -> Judged:
 
 
 def in_hindsight(recorded: RecordedFlight) -> FlightInHindsight:
-    """Return what every way that can makes of a flight."""
+    """Return a flight as estimated by every smoother that can."""
     flight = recorded.flight
     truth = flight["truth"].values[:, :3]
     flown = flight["estimate"].values[:, :3], flight["covariance"].values[:, :3, :3]

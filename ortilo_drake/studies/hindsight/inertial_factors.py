@@ -87,7 +87,7 @@ def _integrate(motion: gtsam.PreintegratedImuMeasurements, w: np.ndarray, f: np.
 def inertial_ticks(
     samples: list[Sample], n: int, h: float, per_tick: int, sds: tuple[float, float], settings: InertialNoise
 ) -> list[InertialTick | None]:
-    """Return what the imu says of the steps that end at ticks 1 to n - 1; that of tick 0 is None.
+    """Return the imu's measurement of each step that ends at ticks 1 to n - 1; that of tick 0 is None.
 
     A step whose end no sample reaches goes on with the last one, and all of it is believed as little as coasting_sd
     says: as the tight filter does with what is left of a tick.

@@ -19,7 +19,7 @@ def sensor_subsets(sensors: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
 def arrived_rows(
     sensors: tuple[str, ...], V: np.ndarray, measurement: Measurement | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return which rows of y arrive (p, bool), and their covariance.
+    """Return a mask of the rows of y that arrive (p), and their covariance.
 
     Args:
         sensors: those that arrive.

@@ -52,7 +52,7 @@ def _explain(inner: InputLoop, silent: list[str]) -> str | None:
     text = (
         f"no sensor sees {', '.join(inner.lost)}: their modes have eigenvalue 1 and are"
         " left out; the margins are those of what is still seen (position lost: the attitude), with the filter"
-        " reckoning the rest from it"
+        " predicting the rest from it"
     )
     return text + (f"; nothing is fed back to {', '.join(silent)}" if silent else "")
 

@@ -26,7 +26,7 @@ def chunks_of(seed: int, flights: int) -> list[range]:
 
 
 def chunk_file(folder: Path, seeds: range) -> Path:
-    """Return where a chunk is kept."""
+    """Return the file of a chunk."""
     return folder / f"seeds_{seeds.start:08d}_{seeds.stop - 1:08d}.parquet"
 
 
@@ -69,7 +69,7 @@ def _figures(seeds: range, columns: tuple[str, ...], data: bytes) -> np.ndarray:
 
 
 def _may_be(name: str, values: np.ndarray, lost: np.ndarray) -> np.ndarray:
-    """Return which values (n) a figure may have, see flight/figures.py."""
+    """Return a mask of the values (n) that a figure may have, see flight/figures.py."""
     if name == "cause":
         return np.isin(values, range(NOT_LOST, len(CAUSES)))
     if name == "ticks" or name.startswith(("arrived_", "due_")):

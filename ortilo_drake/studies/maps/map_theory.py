@@ -59,7 +59,7 @@ def lost_in_bursts(share: np.ndarray, length: np.ndarray, duration: np.ndarray |
 
 
 def theory_of(found: Map) -> MapTheory:
-    """Return what theory says of a map."""
+    """Return the theory of a map."""
     nothing = np.full(len(found.rows), np.nan)
     other = [key for key in found.sweep.axes if not _KNOWN.fullmatch(key)]
     if other:

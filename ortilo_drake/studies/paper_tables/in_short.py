@@ -7,7 +7,7 @@ TITLES = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}
 
 
 def in_short(tables: Tables) -> list[str]:
-    """Return what the tables say in short, as Markdown's list: at most five lines, whatever stands beside the paper's.
+    """Return a summary of the tables, as Markdown's list: at most five lines, whatever stands beside the paper's.
 
     Args:
         tables: what make_tables returned.

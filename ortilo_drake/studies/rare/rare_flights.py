@@ -133,7 +133,7 @@ def rare_flights(
     progress: Callable[[int, int], None] = lambda done, total: None,
     least: float = LEAST,
 ) -> Rare:
-    """Return how often the vehicle is lost or strays; what has been found is kept and not flown again.
+    """Return the probability that the vehicle is lost or strays; finished repetitions are kept and not flown again.
 
     Where the climb that chooses the levels never comes to the event, nothing is repeated.
 

@@ -13,7 +13,7 @@ APART = 0.25  # of acceptances at one level, from which repetitions are said to 
 
 
 def verdict(scenario: Scenario, found: Rare) -> str:
-    """Return how often it happens, in one line."""
+    """Return the verdict in one line: how often it happens."""
     event = "loses its vehicle" if found.corridor is None else f"strays {found.corridor:g} m or more from its reference"
     if found.probability is not None:
         one_in, low, high = (_one_in(p) for p in (found.probability, found.high, found.low))
@@ -79,7 +79,7 @@ def _by_repetitions(found: Rare, probability: float) -> list[str]:
 
 
 def _by_counting(found: Rare) -> list[str]:
-    """Return what is known where no climb came to the event, or only one that was thrown away."""
+    """Return the text for a study in which no climb, or only a discarded one, reached the event."""
     if found.repetitions:
         came = sum(one.probability > 0.0 for one in found.repetitions) or "none"
         of = f"{came} of {len(found.repetitions)} repetitions of subset simulation"

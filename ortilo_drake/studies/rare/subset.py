@@ -181,12 +181,12 @@ def _chains(
 
 
 def most_levels(least: float) -> int:
-    """Return how many levels lead to a probability [1]."""
+    """Return the number of levels that lead to a probability [1]."""
     return math.ceil(math.log(least) / math.log(KEPT) - 1e-9)
 
 
 def flights_of(levels: int, paths: int) -> int:
-    """Return how many paths a climb over so many levels runs."""
+    """Return the number of paths that a climb over a number of levels runs."""
     return paths + levels * (paths - paths // CHAIN)
 
 

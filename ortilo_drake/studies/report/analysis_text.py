@@ -125,7 +125,7 @@ def commands_text(found: CommandReport, flown: CommandFlights | None) -> list[st
     lines += _acknowledged_text(found)
     late = found.delay
     if late is None:
-        lines += [f"Commands may come {LONGEST} ticks late and more: filter and servo reckon with it.", ""]
+        lines += [f"Commands may come {LONGEST} ticks late and more: filter and servo account for it.", ""]
     else:
         lines += [f"Commands may come {late.ticks:.2f} ticks ({1e3 * late.delay:.0f} ms) late. With", ""]
         lines[-2] += f" {late.whole_ticks} whole ticks these grow: {late.modes}."
@@ -137,7 +137,7 @@ def commands_text(found: CommandReport, flown: CommandFlights | None) -> list[st
 
 
 def _acknowledged_text(found: CommandReport) -> list[str]:
-    """Return what acknowledged commands and the gain that is best for their losses would bring."""
+    """Return the text on acknowledged commands and the gain that is best for their losses."""
     lines = [
         "If commands that arrive were acknowledged and lost ones zero, the LQG gain for the share lost"
         f" (Schenato et al., 2007) would bear every share below {found.acknowledged_loss:.2f}.",
@@ -167,7 +167,7 @@ def _case_row(case: CommandCase) -> list[str]:
 
 
 def analysis_text(found: Analysis) -> str:
-    """Return what studies.report.analyze found, as Markdown."""
+    """Return an analysis as Markdown."""
     lines = [f"# Analysis of {found.scenario}", "", *in_short(found)]
     if theory := found.theory:
         lines += linearization_text(theory.linearization) if theory.linearization else []

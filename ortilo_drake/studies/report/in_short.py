@@ -7,7 +7,7 @@ from ortilo_drake.studies.report.checked_text import least_rates
 
 
 def in_short(found: Analysis) -> list[str]:
-    """Return what an analysis found in short, a line each, as Markdown's list."""
+    """Return a summary of an analysis as a Markdown list."""
     lines = (
         _of_theory(found.theory) if found.theory else [f"No theory: {found.no_theory}. Its flights are judged alone."]
     )

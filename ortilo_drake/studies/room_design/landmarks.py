@@ -85,7 +85,7 @@ def angle_information(scenario: Scenario, imu_rows: np.ndarray, ticks: int) -> n
 def landmark_information(
     scenario: Scenario, truth: np.ndarray, room: Room, spots: Sequence[Landmark], Q_inverse: np.ndarray, m: int
 ) -> np.ndarray:
-    """Return what each landmark tells of p_WB in each step [1/m^2] (c, steps, 3, 3).
+    """Return each landmark's information on p_WB in each step [1/m^2] (c, steps, 3, 3).
 
     Args:
         scenario: the camera and its link.

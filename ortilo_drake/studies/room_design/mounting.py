@@ -90,7 +90,7 @@ def _wall_faces(room: Room, spacing: float) -> np.ndarray:
 
 
 def _is_free(places: np.ndarray, room: Room) -> np.ndarray:
-    """Return which places (n, 3) lie in the interior and in no wall, stand, piece of furniture or landmark (n)."""
+    """Return a mask (n) of the inner places (n, 3) that are in no wall, stand, piece of furniture or landmark."""
     low, high = _box(room)
     free = np.all((places >= low - 1e-9) & (places <= high + 1e-9), axis=1)
     for x, y, z, yaw, a, b, c in room.wall_boxes:

@@ -125,7 +125,7 @@ def longest_gap(scenario: Scenario, truth: np.ndarray) -> float:
 def range_information(
     scenario: Scenario, truth: np.ndarray, room: Room, places: np.ndarray, m: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return what an anchor at each place tells of p_WB in each step, and whether it is heard there.
+    """Return the information on p_WB of an anchor at each place in each step, and whether it is heard there.
 
     Args:
         scenario: noise, walls and link of the ranges.

@@ -14,7 +14,7 @@ GAIN = 1e-6  # by which the cost must fall, relative
 
 
 def plane_of(places: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return how far points (n, 3) lie from their best plane, RMS, their mean (3) and the plane's normal (3)."""
+    """Return the RMS distance of points (n, 3) to their best plane, their mean (3) and the plane's normal (3)."""
     center = places.mean(axis=0)
     _, size, axes = np.linalg.svd(places - center, full_matrices=False)
     return float(size[-1] / np.sqrt(len(places))), center, axes[-1]

@@ -173,7 +173,7 @@ def coverage(scenario: Scenario, progress: Callable[[float], None] = lambda shar
 def over_floor(
     scenario: Scenario, height: float, eyes: Eyes, progress: Callable[[float], None] = lambda share: None
 ) -> OverFloor:
-    """Return what there is over the floor at a height [m]."""
+    """Return the coverage over the floor at a height [m]."""
     room = scenario.load_room()
     low, high = np.array(room.interior.min[:2]), np.array(room.interior.max[:2])
     sides = high - low
@@ -198,7 +198,7 @@ def _cells(sides: np.ndarray, step: float) -> np.ndarray:
 
 
 def _answer(scenario: Scenario, worst: Stretch, cases: dict[str, Case], distance: np.ndarray, time: np.ndarray) -> str:
-    """Return where the room loses the vehicle, and on which sensor that hangs."""
+    """Return the place at which the room loses the vehicle, and the sensor that decides it."""
     metres = f"from {distance[worst.first]:.1f} to {distance[worst.last]:.1f} m of the way"
     seconds = f"{time[worst.first]:.1f} to {time[worst.last]:.1f} s"
     silent = (

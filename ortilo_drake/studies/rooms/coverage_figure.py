@@ -116,7 +116,7 @@ def _draw_way(axes: Axes, found: Coverage) -> None:
 
 
 def _in_worst(found: Coverage) -> np.ndarray:
-    """Return which of the places along the path lie in the worst stretch, the nearest one at least (n)."""
+    """Return a mask (n) of the places along the path in the worst stretch, at least the nearest one."""
     first, last = found.worst_times
     time = found.along.time
     inside = (time >= first) & (time <= last)

@@ -45,7 +45,7 @@ def anchor_spread(anchors: np.ndarray) -> np.ndarray:
 
 
 def look_into(file: Path) -> Findings:
-    """Return what the room in a file is like; InputError if it does not load."""
+    """Return the findings on the room in a file; InputError if it does not load."""
     scenario = room_scenario(file)
     room = scenario.load_room()
     size = np.subtract(room.interior.max, room.interior.min)
@@ -100,7 +100,7 @@ def _anchors(room: Room, off_plane: float) -> list[str]:
 
 
 def _places(room: Room) -> list[str]:
-    """Return what lies outside the room."""
+    """Return the names of things outside the room."""
     low, high = np.array(room.interior.min), np.array(room.interior.max)
     landmarks = [landmark.position for landmark in room.landmarks]
     given = {"anchors": room.anchors, "landmarks": landmarks, "stands": room.stands}
@@ -121,7 +121,7 @@ def _places(room: Room) -> list[str]:
 
 
 def _unseen(scenario: Scenario) -> list[str]:
-    """Return which landmarks no vehicle can see that flies in the free space and looks their way."""
+    """Return the landmarks that no vehicle in the free space can see, even if it looks their way."""
     room = scenario.load_room()
     if not room.landmarks:
         return ["landmarks: none: the camera tells nothing"]

@@ -25,7 +25,7 @@ _FLAT = 1e-9  # the least eigenvalue of G^T G, of which n / 3 is the mean, that 
 
 
 def anchors_in_sight(points: np.ndarray, room: Room, max_distance: float, walls_block: bool) -> np.ndarray:
-    """Return which anchors are in sight of each point (n, anchors).
+    """Return a mask of the anchors in sight of each point (n, anchors).
 
     Args:
         points: p_W (n, 3) [m].

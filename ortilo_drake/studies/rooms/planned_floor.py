@@ -58,7 +58,7 @@ def heading(scenario: Scenario) -> float:
 
 
 def free_room(scenario: Scenario, points: np.ndarray) -> np.ndarray:
-    """Return how far the vehicle's outline is from the walls, floor and ceiling at points p_WB (n, 3) [m] (n), or 0.
+    """Return the distance of the outline to walls, floor and ceiling at points p_WB (n, 3) [m] (n), at least 0.
 
     Those alone end a flight (flight/lost.py); furniture is flown around, but to touch it is not to be lost.
     """

@@ -63,7 +63,7 @@ def _rectangles(dark: np.ndarray) -> list[tuple[int, int, int, int]]:
 
 
 def thinnest(scale: float) -> int:
-    """Return how thick a wall must be [px], at so many pixels a metre."""
+    """Return the least thickness of a wall [px] at a number of pixels a metre."""
     pixels = THINNEST * scale
     return max(math.ceil(pixels), 1) if pixels <= 2.0 else 2 * max(int(pixels / 2.0), 1) + 1
 

@@ -7,7 +7,7 @@ from ortilo_drake.views.numbers import count
 
 
 def in_short(found: Sensitivity, careful: Mapping[str, float], together: str) -> list[str]:
-    """Return what a study found in short, as Markdown's list: at most five lines.
+    """Return a summary of a study, as Markdown's list: at most five lines.
 
     Args:
         found: the study; at least one limit was searched.

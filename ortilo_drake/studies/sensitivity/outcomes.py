@@ -42,7 +42,7 @@ class Outcome:
 
 
 def outcome(flight: xr.Dataset) -> Outcome:
-    """Return what is kept of a flight."""
+    """Return the figures that are kept of a flight."""
     whole = np.isfinite(flight["truth"].values).all(axis=1) & np.isfinite(flight["estimate"].values).all(axis=1)
     if not whole.all():
         flight = flight.isel(tick=whole)  # all but the end of a flight that diverged
@@ -51,7 +51,7 @@ def outcome(flight: xr.Dataset) -> Outcome:
 
 
 def compiled_outcome(engine: Engine, seed: int) -> Outcome:
-    """Return what is kept of a flight of the engine; of one that diverged, the errors may not be finite."""
+    """Return the figures that are kept of a flight of the engine; if it diverged, the errors may not be finite."""
     found = dict(zip(engine.columns, engine.figures([seed])[0].tolist(), strict=True))
     mse = {axis: found[f"mse_{axis}"] for axis in AXES}
     return Outcome(seed, found["cause"] != NOT_LOST, mse, found["nees"])

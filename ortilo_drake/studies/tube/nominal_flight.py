@@ -38,7 +38,7 @@ class NominalFlight(NamedTuple):
 
 
 def delay_of(scenario: Scenario, sensor: str) -> int:
-    """Return how many ticks late a sensor's messages are; InputError if that is random."""
+    """Return the delay of a sensor's messages [ticks]; InputError if that is random."""
     link = scenario.link_of(sensor)
     if link.random_delay and sensor in scenario.sensors:
         raise InputError(f"{sensor}.link.random_delay: {link.random_delay}: must be 0 where the tube is predicted")

@@ -121,7 +121,7 @@ def _breakdown(contained: float, expected: float, lost: int, least: float) -> st
 
 
 def flown(flight: xr.Dataset) -> Flown:
-    """Return what is kept of a flight."""
+    """Return the figures that are kept of a flight."""
     lost = json.loads(flight.attrs["lost"])
     deviation = flight["truth"].values[:, :3] - flight["reference"].values
     return Flown(int(flight.attrs["seed"]), deviation, None if lost is None else float(lost["time"]))
@@ -170,7 +170,7 @@ def fly_point(lossy: Scenario, seeds: Iterable[int], out: Path, workers: int = 1
 def judge_point(
     lossy: Scenario, at: Point, flights: Sequence[Flown], nominal: NominalFlight, others: Sequence[int] = OTHER_SEEDS
 ) -> PointResult:
-    """Return how the flights of a point compare with the tube that is predicted for it.
+    """Return the flights of a point beside the tube that is predicted for it.
 
     Args:
         lossy: the scenario that was flown.

@@ -118,7 +118,7 @@ def bursts(rate: float, burst_s: float, h: float) -> Loss | None:
 
 
 def guided_ticks(nominal: NominalFlight, column: int = CAMERA) -> int:
-    """Return how many ticks lie before a sensor's last measurement, the camera's by default; all if it has none."""
+    """Return the number of ticks before a sensor's last measurement, the camera's by default; all if it has none."""
     seen = np.flatnonzero(nominal.there[:, column])
     return int(seen[-1]) + 1 if len(seen) else len(nominal.time)
 

@@ -40,7 +40,7 @@ class Mixture(NamedTuple):
 
 
 def arrivals_of_seed(scenario: Scenario, nominal: NominalFlight, seed: int) -> np.ndarray:
-    """Return which messages arrive in each tick (n, s) with that seed's losses, on the planned path."""
+    """Return a mask of the messages that arrive in each tick (n, s) with a seed's losses, on the planned path."""
     sensors = scenario.measurement.sensors
     arrives = np.zeros((len(nominal.time), len(sensors)), dtype=np.bool_)
     for s, sensor in enumerate(sensors):
@@ -54,7 +54,7 @@ def arrivals_of_seed(scenario: Scenario, nominal: NominalFlight, seed: int) -> n
 
 @njit(cache=True, nogil=True)
 def _kept_by_link(there: np.ndarray, r: np.ndarray, loss: np.ndarray, seed: int, stream: np.uint64) -> np.ndarray:
-    """Return which of the messages that are there (n) a link does not lose, its blackouts aside (n)."""
+    """Return a mask (n) of the messages that a link does not lose, its blackouts aside."""
     kept, bad, no_blackouts = np.zeros_like(there), False, np.empty((0, 3))
     for k in range(there.shape[0]):
         if there[k]:

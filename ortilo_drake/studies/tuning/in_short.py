@@ -7,7 +7,7 @@ from ortilo_drake.studies.tuning.tuning_report import TuningReport
 
 
 def in_short(report: TuningReport, check: Check | None) -> list[str]:
-    """Return what a tuning changed and what it bought, a line each.
+    """Return a summary of a tuning: what changed and what it gained, a line each.
 
     Args:
         report: of the tuning.

@@ -165,7 +165,7 @@ def _candidate(settings: dict[str, Any], costs: np.ndarray) -> Candidate:
 
 
 def place_of(search: Search) -> np.ndarray:
-    """Return where in the unit cube the scenario itself lies (d), at the nearest place of a range that leaves it out.
+    """Return the scenario's own point in the unit cube (d), moved to the nearest end of a range that leaves it out.
 
     A setting that is several numbers lies at the factor 1; one that the scenario has not, in the middle.
     """

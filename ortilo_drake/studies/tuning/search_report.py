@@ -31,7 +31,7 @@ def search_lines(found: Found) -> list[str]:
 
 
 def found_text(found: Found, base: str) -> str:
-    """Return what was found as a scenario file over a base, the result in a comment before it."""
+    """Return the best candidate as a scenario file over a base, with the result in a comment before it."""
     data: dict[str, object] = {"base": base}
     for key, value in (*found.search.settings.items(), *found.best.settings.items()):
         *groups, last = key.split(".")

@@ -110,7 +110,7 @@ def mare_critical_rate(A: np.ndarray, C: np.ndarray) -> float:
 
 
 def critical_rate(A: np.ndarray, C: np.ndarray) -> CriticalRate:
-    """Return what is known of the critical arrival probability of (A, C), with the hypotheses checked.
+    """Return the bounds on the critical arrival probability of (A, C), with their hypotheses checked.
 
     Args:
         A: dynamics (n, n).

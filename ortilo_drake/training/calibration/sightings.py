@@ -125,7 +125,7 @@ def sightings(room: Room, width: int, flights: list[tuple[np.ndarray, list[Boxes
 
 
 def is_whole(view: np.ndarray) -> np.ndarray:
-    """Return which landmarks (n) the image's border does not cut."""
+    """Return a mask (n) of the landmarks that the image's border does not cut."""
     return view[:, INSIDE] > 1.0 - 1e-9
 
 

@@ -49,7 +49,7 @@ class Evaluation:
 
 
 def is_whole(boxes: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Return which boxes (n, 4) the image's border does not cut."""
+    """Return a mask (n) of the boxes (n, 4) that the image's border does not cut."""
     low, high = BORDER - 0.5, np.array([width, height]) - BORDER - 0.5
     return np.all(boxes[:, :2] > low, axis=1) & np.all(boxes[:, 2:] < high, axis=1)
 

@@ -91,7 +91,7 @@ def _views(
 
 
 def recognised(detect: Detect, scenario: Scenario, threshold: float) -> list[Recognised]:
-    """Return how a detector recognises each landmark of a scenario's room, by its number.
+    """Return a detector's scores on each landmark of a scenario's room, by its number.
 
     Args:
         detect: the detector, with a threshold far below that of flights.

@@ -28,7 +28,7 @@ class Frames:
 
 
 def is_to_be_found(labels: np.ndarray, least: tuple[float, float] = LEAST) -> np.ndarray:
-    """Return which labels (..., 8) a detector must find; the others do not count.
+    """Return a mask of the labels (..., 8) that a detector must find; the others do not count.
 
     Args:
         labels: labels.

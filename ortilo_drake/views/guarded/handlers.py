@@ -72,7 +72,7 @@ class Rules:
 
 
 def what_is_drawn(message: bytes) -> object:
-    """Return what a message of Drake's Meshcat sets; a later message of the same makes it needless.
+    """Return a key of the thing that a Meshcat message sets; a later message with the same key replaces it.
 
     Something that no other message equals, for messages that add and do not set.
     """
@@ -104,7 +104,7 @@ class _Guarded(RequestHandler):
             self.finish("refused\n")
 
     def file(self) -> str:
-        """Return which of Drake's files is asked for."""
+        """Return the name of the requested file of Drake's."""
         return self.request.path.removeprefix(f"/{self.rules.token}/")
 
 

@@ -47,11 +47,11 @@ class Panel:
         self._clicks[name] = 0
 
     def value(self, name: str) -> float:
-        """Return where a slider is."""
+        """Return the value of a slider."""
         return self._values[name]
 
     def clicks(self, name: str) -> int:
-        """Return how often a button was clicked so far."""
+        """Return the number of clicks on a button so far."""
         return self._clicks[name]
 
     def take(self, message: bytes | str) -> str | None:

@@ -113,7 +113,7 @@ def _figures(found: Summary) -> Rows:
 
 
 def _origin(flight: xr.Dataset, scenario: Scenario, no_pictures: str | None) -> Rows:
-    """Return what flew, with what, and how to repeat it."""
+    """Return the rows on the flight's origin: scenario, versions, and the command that repeats it."""
     command = repeat_command(scenario)
     rows = [
         ("scenario", scenario.name),

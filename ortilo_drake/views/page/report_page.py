@@ -116,7 +116,7 @@ def _unicode(name: str) -> str:
 
 
 def _depth(data: Any, depth: int = 0) -> int:
-    """Return how deep objects and lists lie within one another, no more than DEEPEST + 1."""
+    """Return the nesting depth of objects and lists, at most DEEPEST + 1."""
     parts = data.values() if isinstance(data, dict) else data if isinstance(data, list) else ()
     if depth > DEEPEST:
         return depth

@@ -59,7 +59,7 @@ def shades(data: dict[str, Any], only: str | None) -> str:
 
 
 def across(data: dict[str, Any], time: np.ndarray) -> np.ndarray:
-    """Return where times stand along a plot."""
+    """Return the abscissas of times in a plot."""
     start, end = data["time"][0], data["time"][-1]
     return WIDTH * (time - start) / max(end - start, 1e-9)
 

@@ -103,7 +103,7 @@ ALLOWED: Final = f"must be a flight's .nc, or the --out folder or --json file of
 
 
 def kind_of(data: Any) -> Kind | None:
-    """Return which command wrote a JSON file's data; None if none did."""
+    """Return the kind of a JSON file's data by the command that wrote it; None if none did."""
     if isinstance(data, list):
         data = data[0] if data and all(isinstance(row, dict) and row.keys() == data[0].keys() for row in data) else None
     return next((kind for kind in KINDS if isinstance(data, dict) and kind.keys <= data.keys()), None)
@@ -128,6 +128,6 @@ def subject_of(kind: Kind, data: Any) -> str:
 
 
 def kinds_of_report(text: str) -> list[tuple[Kind, str]]:
-    """Return which command wrote a Markdown report, and its scenario or preset; empty if none did."""
+    """Return the kind of a Markdown report, by its command, and its scenario or preset; empty if none wrote it."""
     found = [(kind, re.match(kind.heading, text)) for kind in KINDS if kind.heading]
     return [(kind, match[1]) for kind, match in found if match]

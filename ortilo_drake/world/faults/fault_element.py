@@ -153,7 +153,7 @@ def fault_boxes(
 
 
 def own_fault_box(part: Part, its: Numbered, message: Box, samples: int, h: float) -> Box:
-    """Return what says a message as a fault of one's own changes it; arguments and errors as fault_boxes'."""
+    """Return the box of a message that a fault of one's own changes; arguments and errors as fault_boxes'."""
     where = f"faults.{its.i}: {part.kind}"
     if samples > 1:
         raise InputError(f"{where}: {message.name}: sends {samples} samples in a tick, must send one for such a fault")
@@ -168,7 +168,7 @@ def own_fault_box(part: Part, its: Numbered, message: Box, samples: int, h: floa
 
 
 def asked_box(sensor: str, faults: list[Numbered], samples: int, h: float) -> Box | None:
-    """Return what says when a sensor that will be stuck is to measure; None where none will be.
+    """Return the box of the time at which a sensor that will be stuck measures; None where none will be.
 
     Args:
         sensor: its name; the delay of its link is read.

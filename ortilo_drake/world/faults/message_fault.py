@@ -39,7 +39,7 @@ def with_fault(message: np.ndarray, faults: FaultTable, i: int, moment: Moment) 
 
 @register_jitable
 def stuck_says(message: np.ndarray, held: np.ndarray, active: bool) -> np.ndarray:
-    """Return what a sensor that may be stuck says: while it is, its payload is the held one."""
+    """Return the message of a sensor that may be stuck: while it is, its payload is the held one."""
     said = message.copy()
     if active:
         said[PAYLOAD:] = held

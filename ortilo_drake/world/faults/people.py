@@ -6,7 +6,7 @@ from numba.extending import register_jitable
 
 @register_jitable
 def cylinders_at(values: np.ndarray, t: float) -> np.ndarray:
-    """Return where people are t [s] after they came, rows (x, y, radius, height) (n, 4) [m]; values of table.py.
+    """Return the cylinders of people t [s] after they came, rows (x, y, radius, height) (n, 4) [m]; values of table.py.
 
     Each walks from one end of its walk to the other and back at a steady speed, and is at the first end at the start.
     """

@@ -49,7 +49,7 @@ def distance_to(p: np.ndarray, q: np.ndarray) -> float:
 
 @register_jitable
 def behind_people(faults: FaultTable, i: int, moment: Moment) -> np.ndarray:
-    """Return which anchors the people of fault i stand before (n)."""
+    """Return a mask (n) of the anchors that are behind the people of fault i."""
     people = cylinders_at(settings_of(faults, i), moment.t - faults.starts[i])
     hidden = np.zeros(moment.anchors.shape[0], dtype=np.bool_)
     for j in range(hidden.size):
@@ -61,7 +61,7 @@ def behind_people(faults: FaultTable, i: int, moment: Moment) -> np.ndarray:
 
 @register_jitable
 def longer(faults: FaultTable, i: int, moment: Moment) -> np.ndarray:
-    """Return what fault i adds to each range (n) [m]."""
+    """Return the excess that fault i adds to each range (n) [m]."""
     kind, values, stream = faults.kinds[i], settings_of(faults, i), faults.streams[i]
     n, tick = moment.anchors.shape[0], tick_of(moment.t, moment.h)
     added = np.zeros(n)
@@ -88,7 +88,7 @@ def longer(faults: FaultTable, i: int, moment: Moment) -> np.ndarray:
 
 @register_jitable
 def silent(faults: FaultTable, i: int, moment: Moment) -> np.ndarray:
-    """Return which anchors fault i takes away (n)."""
+    """Return a mask (n) of the anchors that fault i takes away."""
     kind, values = faults.kinds[i], settings_of(faults, i)
     gone = np.zeros(moment.anchors.shape[0], dtype=np.bool_)
     if kind == ANCHORS_DYING:

@@ -94,10 +94,10 @@ FORCE = Element("force_faults", out=force_out, numbers=(Number("h"),), allocates
 
 
 def wrench_faults_box(faults: FaultTable, h: float) -> Box:
-    """Return what says u under the faults of wrench_table, where the rotors have no dynamics: it reads u_c (4)."""
+    """Return the box of u under the faults of wrench_table, for rotors without dynamics; it reads u_c (4)."""
     return Box("wrench_faults", WRENCH, N_U, Given({"h": h})).taking(faults=faults)
 
 
 def force_faults_box(faults: FaultTable, h: float) -> Box:
-    """Return what says the disturbance under the faults of force_table: it reads it as it is drawn (6)."""
+    """Return the box of the disturbance under the faults of force_table; it reads the drawn disturbance (6)."""
     return Box("force_faults", FORCE, 6, Given({"h": h})).taking(faults=faults)

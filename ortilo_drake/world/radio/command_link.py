@@ -143,7 +143,7 @@ def first_state(settings: CommandLinkSettings, hover_thrust: float) -> np.ndarra
 
 
 def command_link_box(settings: CommandLinkSettings, hover_thrust: float, h: float) -> Box:
-    """Return what carries the commands to the rotors: it reads them as they are sent, `control` (4).
+    """Return the box that carries the commands to the rotors; it reads them as they are sent, `control` (4).
 
     It says which control acts, `applied` (4), and when the command was sent that arrives now, `stamp` (1).
     """

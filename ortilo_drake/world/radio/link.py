@@ -205,7 +205,7 @@ SENT = Element("sent", out=sent_out)
 
 
 def link_box(sensor: str, settings: Link, every: int, h: float) -> Box:
-    """Return what decides which of a sensor's messages are sent, and how late: it reads the true state (12)."""
+    """Return the box that decides losses and delays of a sensor's messages; it reads the true state (12)."""
     given = Given(
         {
             "every": every,
@@ -227,7 +227,7 @@ def is_late(settings: Link) -> bool:
 
 
 def delivery_box(sensor: str, message: Box, settings: Link) -> Box:
-    """Return what delivers a sensor's messages as its link says.
+    """Return the box that delivers a sensor's messages as its link decides.
 
     Where none is late, and there is a message only where one is sent, nothing needs to.
     """

@@ -48,7 +48,7 @@ class SceneItem:
 
 
 def mesh_file(kind: str) -> Path:
-    """Return where the mesh of a landmark class or kind of furniture is, if there is one."""
+    """Return the mesh file of a landmark class or kind of furniture, if there is one."""
     return MESHES / f"{kind.lower().replace(' ', '_')}.obj"
 
 

@@ -65,7 +65,7 @@ ERRORS = Element(
 
 
 def errors_box(sensor: str, message: Box, errors: SensorErrors, samples: int, h: float) -> Box:
-    """Return what adds to a sensor's messages the errors that last: none, unless they are drawn.
+    """Return the box that adds lasting errors to a sensor's messages; they are zero unless drawn.
 
     Args:
         sensor: its name.

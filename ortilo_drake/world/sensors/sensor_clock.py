@@ -34,5 +34,5 @@ CLOCK = Element("sensor_clock", out=seen_out, numbers=(Number("offset"), Number(
 
 
 def clock_box(sensor: str, h: float) -> Box:
-    """Return what says the true state as a sensor sees it, whose clock is right unless it is drawn."""
+    """Return the box of the true state at the time of a sensor's clock, which is right unless its error is drawn."""
     return Box(f"{sensor}_clock", CLOCK, N_X, Given({"offset": 0.0, "drift": 0.0, "h": h}))

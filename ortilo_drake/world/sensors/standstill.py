@@ -35,7 +35,7 @@ def left_at_rest(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
 
 
 def zero_at_rest(scenario: Scenario, bias: np.ndarray, factor: np.ndarray, draw: AtStart) -> np.ndarray:
-    """Return what is taken off the body rates [rad/s] and the specific force [m/s^2] of a flight (6).
+    """Return the offsets that zeroing takes off the body rates [rad/s] and the specific force [m/s^2] (6).
 
     Args:
         scenario: one whose vehicle stands still.

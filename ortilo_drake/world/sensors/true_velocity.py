@@ -19,5 +19,5 @@ VELOCITY = Element("true_velocity", out=velocity_out, numbers=(Number("h"),))
 
 
 def velocity_box(h: float) -> Box:
-    """Return what sends the true velocities: it reads the true state (12)."""
+    """Return the box that sends the true velocities; it reads the true state (12)."""
     return Box("velocity", VELOCITY, VELOCITY_SIZE, Given({"h": h}))

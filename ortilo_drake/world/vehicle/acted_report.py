@@ -45,7 +45,7 @@ def acts_after(acts: np.ndarray, t: float, stamp: float, u: np.ndarray, h: float
 
 
 def first_acts(hover_thrust: float) -> np.ndarray:
-    """Return what acted before the first command (ACTS, 6): hover."""
+    """Return the commands that acted before the first one (ACTS, 6): hover."""
     return np.tile([-1.0, NO_COMMAND, hover_thrust, 0.0, 0.0, 0.0], (ACTS, 1))
 
 
@@ -75,12 +75,12 @@ NOW = Element("now", out=now_out, numbers=(Number("h"),))
 
 
 def report_box(hover_thrust: float, h: float) -> Box:
-    """Return what tells which commands acted: it reads the control that acts (4) and when it was sent, `stamp` (1)."""
+    """Return the box that reports which commands acted; it reads the acting control (4) and its `stamp` (1)."""
     return Box("acted", REPORT, ACTED_SIZE, Given({"h": h}, start={"acts": first_acts(hover_thrust)}))
 
 
 def now_box(h: float) -> Box:
-    """Return what says the time of the tick, at which a command is sent that acts at once."""
+    """Return the box of the tick's time, the stamp of a command that acts at once."""
     return Box("now", NOW, 1, Given({"h": h}))
 
 

@@ -70,7 +70,7 @@ LASTING = Element(
 
 
 def lasting_force_box(noise: SlowNoise, h: float) -> Box:
-    """Return what adds a force that lasts to the disturbance: none, unless it is drawn."""
+    """Return the box that adds a lasting force to the disturbance; it is zero unless drawn."""
     numbers, nothing = {"stream": stream_id("slow error/lasting_force"), "h": h}, np.zeros(len(noise.a))
     tables = {"bias": nothing, "a": noise.a, "q": noise.q}
     return Box("lasting_force", LASTING, len(nothing), Given(numbers, start={"x": nothing}, tables=tables))

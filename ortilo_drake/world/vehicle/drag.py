@@ -28,5 +28,5 @@ DRAG = Element("drag", out=drag_out, numbers=(Number("drag", (3,)),))
 
 
 def drag_box(drag: tuple[float, float, float]) -> Box:
-    """Return what adds the drag to the disturbance; it reads `disturbance` (6) and the true state (12)."""
+    """Return the box that adds the drag to the disturbance; it reads `disturbance` (6) and the true state (12)."""
     return Box("drag", DRAG, 6, Given({"drag": np.array(drag)}))

@@ -53,7 +53,7 @@ def plant_box(vehicle: Vehicle, kinematics: str, x_0: np.ndarray, h: float) -> B
 
 
 def felt_box(vehicle: Vehicle) -> Box:
-    """Return what a body without rotors' dynamics has felt since the last tick: u (4) and d (6), hovering at first."""
+    """Return the box of u (4) and d (6) that acted since the last tick, without rotor dynamics; hover at first."""
     values = np.zeros(N_U + 6)
     values[0] = vehicle.hover_thrust
     parts = {"control": (0, N_U), "disturbance": (N_U, 6)}
@@ -61,7 +61,7 @@ def felt_box(vehicle: Vehicle) -> Box:
 
 
 def acceleration_box(vehicle: Vehicle, kinematics: str) -> Box:
-    """Return what says v_dot of B's origin in W (3): it reads x (12), u as it acts on the body (4) and d (6)."""
+    """Return the box of v_dot of B's origin in W (3); it reads x (12), u as it acts on the body (4) and d (6)."""
     numbers = {"mass": vehicle.mass, "kinematics": KINEMATICS.index(kinematics)}
     return Box("acceleration", ACCELERATION, 3, Given(numbers))
 

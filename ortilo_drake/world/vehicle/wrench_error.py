@@ -32,5 +32,5 @@ WRENCH = Element("wrench_error", out=wrench_out, tables=(Array("wrench", 2),))
 
 
 def wrench_error_box() -> Box:
-    """Return what says the wrench that rotors without dynamics really make: T is the identity unless it is drawn."""
+    """Return the box of the true wrench of rotors without dynamics; T is the identity unless it is drawn."""
     return Box("wrench_error", WRENCH, N_U, Given(tables={"wrench": np.eye(N_U)}))

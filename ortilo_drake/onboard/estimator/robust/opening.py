@@ -8,7 +8,7 @@ from ortilo_drake.scenario.robust import Opening
 
 
 def opening_variances(opening: Opening, extra: tuple[str, ...]) -> np.ndarray:
-    """Return what is added to the diagonal of P of [x; e; i], by what of it is opened (3, n); e has those names."""
+    """Return the variances added to P's diagonal of [x; e; i] when each part is opened (3, n); e has those names."""
     none = np.zeros(3)
     angle, gyroscope = np.full(3, opening.angle), [opening.gyroscope if name in GYROSCOPE else 0.0 for name in extra]
     others = np.repeat([opening.velocity, opening.rate], 3)

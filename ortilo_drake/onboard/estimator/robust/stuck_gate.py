@@ -32,7 +32,7 @@ def put_said(message: np.ndarray, samples: int, said: np.ndarray) -> None:
 
 @njit(cache=True)
 def repeats(said: np.ndarray, last: np.ndarray) -> float:
-    """Return how many messages in a row have said the same, this one included.
+    """Return the number of equal messages in a row, this one included.
 
     Args:
         said: what this one says (n).

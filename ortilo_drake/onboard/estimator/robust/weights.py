@@ -78,7 +78,7 @@ class Weighing(NamedTuple):
 
 
 def weighing_of(settings: Robust, measurement: Measurement, sensors: int) -> Weighing:
-    """Return what decides on the first so many sensors of a measurement, whose rows are over [x; e]."""
+    """Return the settings that weigh the first so many sensors of a measurement, whose rows are over [x; e]."""
     layout, weight, adaptation = measurement.layout, settings.weight, settings.adaptation
     first, block = layout.first[: sensors + 1], layout.block[: sensors + 1]
     C = np.ascontiguousarray(layout.C[: first[-1]])

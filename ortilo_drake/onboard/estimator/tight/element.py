@@ -157,7 +157,7 @@ NO_ROWS: Mapping[str, np.ndarray] = {}
 
 
 def starts_of(own: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return where each sensor's rows begin among all of theirs, and where the last one's end."""
+    """Return the first row of each sensor among all rows, and the end of the last one's."""
     return np.cumsum([0, *map(len, own.values())], dtype=np.int64)
 
 
@@ -204,7 +204,7 @@ def heard_box(
     h: float,
     own: Mapping[str, np.ndarray] = NO_ROWS,
 ) -> Box:
-    """Return what says y, delta and V2 of a tick, `handler`: it reads the messages of imu, uwb and camera, and `fixes`.
+    """Return the box of y, delta and V2 of a tick, `handler`; it reads the messages of imu, uwb, camera, and `fixes`.
 
     Args:
         measurement: the layout of what it says.

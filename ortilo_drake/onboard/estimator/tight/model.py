@@ -31,7 +31,7 @@ from ortilo_drake.scenario.tight import TightFilter as Settings
 
 
 def layout_of(settings: Settings, room: Room, sensors: tuple[str, ...], h: float) -> Layout:
-    """Return which states there are: those whose error is not 0, of sensors that fly."""
+    """Return the layout of the states: those whose error is not 0, of sensors that fly."""
     imu, ranges, pixels = settings.imu, settings.ranges, settings.pixels
     anchors = len(room.anchors) if "uwb" in sensors else 0
     landmarks = len(room.landmarks) if "camera" in sensors else 0
@@ -56,7 +56,7 @@ def sample_sds(settings: Settings, samples: int, h: float) -> tuple[float, float
 
 
 def motion_of(settings: Settings, layout: Layout, scenario: Belief) -> Motion:
-    """Return what the filter believes of imu and vehicle."""
+    """Return the filter's model of imu and vehicle."""
     imu, ranges, pixels, h = settings.imu, settings.ranges, settings.pixels, scenario.h
     rate_sd, force_sd = sample_sds(settings, scenario.samples("imu"), h)
     keeps, steps = np.ones(layout.core - GYRO), np.zeros(layout.core - GYRO)
@@ -81,7 +81,7 @@ def motion_of(settings: Settings, layout: Layout, scenario: Belief) -> Motion:
 
 
 def watch_of(settings: Settings, h: float) -> Watch:
-    """Return what the watch goes by; zeros without one."""
+    """Return the settings of the watch; zeros without one."""
     watch = settings.watch
     if watch is None:
         return Watch(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -91,7 +91,7 @@ def watch_of(settings: Settings, h: float) -> Watch:
 
 
 def aids_of(settings: Settings, room: Room, scenario: Belief) -> Aids:
-    """Return what the filter believes of the sensors beside the imu."""
+    """Return the filter's model of the sensors beside the imu."""
     ranges, pixels, fix = settings.ranges, settings.pixels, scenario.landmark_fix
     known = room.model_copy(update={"landmark_outline": {}}) if fix.shapes == "boxes" else room
     gates = (settings.gate, 1), (settings.gate, 2), (fix.gate, 2)
@@ -115,7 +115,7 @@ def aids_of(settings: Settings, room: Room, scenario: Belief) -> Aids:
 
 
 def _counts(layout: Layout) -> tuple[int, int]:
-    """Return how many anchors and landmarks the layout is for, as far as it has states of them."""
+    """Return the numbers of anchors and landmarks that have states in the layout."""
     starts = [at for at in (*layout[: len(GROUPS)], layout.core) if at >= 0]
 
     def size(at: int) -> int:
