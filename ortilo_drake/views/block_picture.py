@@ -199,7 +199,7 @@ def past(
 
 
 def _end(net: Net, target: str, placed: dict[str, Placed], side: list[Net]) -> tuple[float, str]:
-    """Return the point at which a net leaves its lane for a target, and the path from there; `side`: nets of that side."""
+    """Return the point at which a net leaves its lane for a target, and its path on; `side`: the nets of that side."""
     its = placed[target]
     rows = [other.row for other in placed.values() if other.column == its.column]
     if its.row == (min if net.above else max)(rows):
