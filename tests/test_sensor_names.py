@@ -35,15 +35,11 @@ WHY = {
     "studies/sensitivity/mismatches.py": "a table of settings by their keys",
     "studies/rooms/room_scenario.py": "settings by their keys",
     "commands/options.py": "settings by their keys, of --camera and --detector",
-    "commands/faults.py": "settings by their keys",
-    "api/studies.py": "a setting in an example",
     "hil/wire/limits.py": "the least and the greatest that their messages may hold",
     "hil/wire/packets.py": "the channels of the protocol",
     "codegen/c_header.py": "the structs of their messages in C",
     "interop/ros/ros_sensors.py": "their ROS messages",
     "interop/recorded/recording.py": "columns of foreign recordings",
-    "interop/rerun/layout.py": "the title of a view",
-    "world/scenery/vehicle_mesh.py": "a part of the drawn vehicle",
 }
 
 

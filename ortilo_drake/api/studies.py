@@ -110,7 +110,7 @@ def map(
         >>> import ortilo_drake as od
         >>> hover = {"planner": {"kind": "hover", "duration": 0.5}, "settle": 0.0}
         >>> found = od.map({"scenario": "nominal_imu_uwb", "settings": hover, "flights": 2,
-        ...                 "axes": {"uwb.link.loss": [0.0, 0.5]}})
+        ...                 "axes": {"command_link.loss": [0.0, 0.5]}})
         >>> list(found.table["lost"])
         [0, 0]
 

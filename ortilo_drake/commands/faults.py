@@ -19,6 +19,7 @@ from ortilo_drake.commands.terminal import (
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
+from ortilo_drake.scenario.load import PROJECTED
 
 DEFAULT_SCENARIOS = ("nominal_imu_uwb_yolo", "imu_uwb_yolo", "robust_imu_uwb_yolo", "tight_imu_uwb_yolo")
 
@@ -59,7 +60,7 @@ def faults(
     from ortilo_drake.studies.faults.catalogue import chosen_names
 
     chosen = chosen_names(names)
-    laid_over = (*(settings or ()), ("camera.kind", "projected"))
+    laid_over = (*(settings or ()), PROJECTED)
 
     def varied(scenario: str) -> Any:
         def vary(under: tuple[tuple[str, Any], ...]) -> Scenario:

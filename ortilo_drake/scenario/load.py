@@ -14,6 +14,7 @@ from ortilo_drake.scenario.scenario import Scenario
 
 SCENARIO_FOLDER = Path(__file__).parents[1] / "diagrams" / "scenarios"
 Setting = str | tuple[str, Any]  # 'key.key=value' with the value in YAML, or 'key.key' and the value as plain data
+PROJECTED: Setting = ("camera.kind", "projected")  # boxes are computed, nothing is drawn
 Settings = str | Mapping[str, Any] | Iterable[Setting]
 
 

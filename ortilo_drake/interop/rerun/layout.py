@@ -27,7 +27,7 @@ def default_layout(room: Room, has_camera: bool) -> rrb.Blueprint:
     errors = rrb.Vertical(*(rrb.TimeSeriesView(origin=f"/errors/{axis}", name=f"{axis} error [m]") for axis in "xyz"))
     others = [rrb.TimeSeriesView(contents=contents, name=name) for name, contents in TABS.items()]
     tabs = rrb.Tabs(*others, name="signals")
-    picture = [rrb.Spatial2DView(origin=f"/{CAMERA}", name="camera")] if has_camera else []
+    picture = [rrb.Spatial2DView(origin=f"/{CAMERA}", name="picture")] if has_camera else []
     right = rrb.Vertical(*picture, errors, tabs, row_shares=[*([3] if has_camera else []), 4, 2])
     return rrb.Blueprint(
         rrb.Horizontal(view, right, column_shares=[3, 2]),

@@ -6,7 +6,7 @@ from ortilo_drake.model.input_files import exists, read_text
 from ortilo_drake.model.inputs.room_text import parse_room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
-from ortilo_drake.scenario.load import Setting
+from ortilo_drake.scenario.load import PROJECTED, Setting
 
 BASE = "imu_uwb_yolo"  # has every sensor of the paper
 OF_A_ROOM = "room"  # what the scenario is called
@@ -36,7 +36,7 @@ def room_scenario(room: Path, settings: tuple[str, ...] = ()) -> Scenario:
     of_room: tuple[Setting, ...] = (
         ("name", OF_A_ROOM),
         ("room", str(room.absolute())),
-        ("camera.kind", "projected"),
+        PROJECTED,
         ("uwb.link.blackouts", []),
         ("uwb.walls", {"kind": "block"}),
     )

@@ -69,7 +69,7 @@ def parts(arms: tuple[ArmPlace, ...], propeller: float) -> Iterator[tuple[str, s
     yield "shell", "shell", moved(box((0.16 * k, 0.11 * k, 0.025 * k)), 0.0, 0.0, 0.0375 * k)
     yield "battery", "battery", moved(box((0.12 * k, 0.07 * k, 0.04 * k)), -0.03 * k, 0.0, 0.07 * k)
     yield "nose", "nose", moved(box((0.025 * k, 0.10 * k, 0.035 * k)), 0.1125 * k, 0.0, 0.0)
-    yield "camera", "lens", moved(dome(0.03 * k, 20, 5), 0.125 * k, 0.0, 0.0, z_to_x)
+    yield "lens", "lens", moved(dome(0.03 * k, 20, 5), 0.125 * k, 0.0, 0.0, z_to_x)
     for name, azimuth, length in arms:
         c, s = math.cos(azimuth), math.sin(azimuth)
         along = np.array([[0.0, -s, c], [0.0, c, s], [-1.0, 0.0, 0.0]])  # z to the arm's direction
