@@ -28,7 +28,7 @@ Every approximation adds information, so it lowers the floor:
 - a specific force counts from the start of the step that it is measured in, and in ticks without an imu message too.
 Data that no filter here uses is left out: the sizes of boxes, boxes cut by the border, and the absence of a landmark or
 a message. So are body rates and specific force unless the scenario's filter reads them (estimator.rates, force). Phi
-is that of hover, also for a vehicle that flies nonlinearly.
+is that of hover, with the rotors' drag, also for a vehicle that flies nonlinearly.
 """
 
 import numpy as np
@@ -37,13 +37,14 @@ from scipy.linalg import block_diag
 from ortilo_drake.floor.information_arrivals import arrived
 from ortilo_drake.floor.information_filter import predicted_bound
 from ortilo_drake.floor.unknown_errors import start_covariance, unknown_errors
-from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B
+from ortilo_drake.model.hover import discretize, disturbance_W, drag_D, hover_A, hover_B_d
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import N_X
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import information_of
 from ortilo_drake.sensors.imu import reads_force, specific_force_sd
-from ortilo_drake.sensors.information_rows import GRADIENT, by_tick
+from ortilo_drake.sensors.information_rows import by_tick
+
+VELOCITY = slice(6, 9)  # in x
 
 
 def position_floor(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
@@ -87,16 +88,21 @@ def rows_by_kind(scenario: Scenario, truth: np.ndarray, room: Room) -> tuple[dic
 
 
 def information_rows(scenario: Scenario, truth: np.ndarray, room: Room) -> tuple[np.ndarray, int] | None:
-    """Return the rows of rows_by_kind that tell of x, by tick (l, 17), and the spacing; arguments likewise."""
+    """Return the rows of rows_by_kind by tick (l, 17) but for the specific force's, and the spacing.
+
+    The specific force tells of what lasts of the force, which these rows have not got. Arguments likewise.
+    """
     found = rows_by_kind(scenario, truth, room)
-    return None if found is None else (by_tick(*(its for its in found[0].values() if its[:, GRADIENT].any())), found[1])
+    return None if found is None else (by_tick(*(its for kind, its in found[0].items() if kind != "force")), found[1])
 
 
 def dynamics(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
-    """Return Phi and W (12 x 12) of a tick, W of what is not measured of the world's disturbance."""
-    Phi, _ = discretize(hover_A(scenario.yaw), hover_B(scenario.vehicle), scenario.h)
+    """Return Phi and W (12 x 12) of a tick: of what is not measured of the world's disturbance and of the drag."""
+    Phi, Gamma_d = discretize(hover_A(scenario.yaw), hover_B_d(scenario.vehicle), scenario.h)
+    unmeasured = 1.0 - measured_share(scenario)
+    Phi[:, VELOCITY] -= unmeasured * Gamma_d[:, :3] @ drag_D(scenario.world.drag, scenario.yaw)
     force_sd, torque_sd = scenario.world.disturbance.sds(scenario.h)
-    force_sd *= float(np.sqrt(1.0 - measured_share(scenario)))
+    force_sd *= float(np.sqrt(unmeasured))
     return Phi, disturbance_W(scenario.vehicle, scenario.h, force_sd, torque_sd, scenario.yaw)
 
 
@@ -117,7 +123,7 @@ def state_bound(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
         predicted_bound(
             by_tick(*(seen(kind, its) for kind, its in rows.items())),
             len(truth),
-            np.block([[Phi, errors.G], [np.zeros((e, N_X)), np.diag(errors.keeps)]]),
+            np.block([[Phi, errors.G], [errors.by_x.T, np.diag(errors.keeps)]]),
             block_diag(W, np.diag(errors.step_sd**2)),
             block_diag(start_covariance(scenario), np.diag(errors.sd**2)),
             spacing,

@@ -4,14 +4,14 @@ Each error of ``truth`` (scenario/truth.py) is an unknown of mean zero, whose va
 spread's: a team knows how large its errors may be, and neither their sign nor their size. Those that change are
 random walks or first-order Gauss-Markov noise, as the world draws them.
 
-    x_{k+1} = Phi x_k + G e_k + ...,   e_{k+1} = F e_k + w_e,   y = g^T x + c^T e + v
+    x_{k+1} = Phi x_k + G e_k + ...,   e_{k+1} = F e_k + B_x^T x_k + w_e,   y = g^T x + c^T e + v
 
 A wrong mass or lift is an unknown vertical force, a centre of gravity that is off an unknown torque, as at hover.
 
 **Force and accelerometer.** The specific force y_a = (d + w) / m + b + v of a step, d all that lasts of the force, w
 its white part of variance s_w^2 and v of s_v^2 / m^2 in force, says two independent things: with k = s_w^2 / (s_w^2 +
 s_v^2) the force of the step is k m (y_a - b) + (1 - k) d up to a variance k s_v^2, and m y_a = d + m b up to a variance
-s_w^2 + s_v^2. The first goes into the dynamics, the second is a row.
+s_w^2 + s_v^2. The first goes into the dynamics, the second is a row. Rotor drag -D v is part of d.
 
 A bias that was zeroed while the vehicle stood still is what that leaves of it: world/sensors/standstill.py.
 
@@ -72,7 +72,7 @@ def unknown_errors(scenario: Scenario, room: Room, k: float) -> Error:
     """
     sensors = dict.fromkeys((*SENSORS, *scenario.sensors, *dict(scenario.truth.sensors)))
     every = [*_forces(scenario, k), *(error for name in sensors for error in unknown_of(scenario, room, name))]
-    unsure = [(error.sd > 0.0) | (error.step_sd > 0.0) for error in every]
+    unsure = [(error.sd > 0.0) | (error.step_sd > 0.0) | error.by_x.any(axis=0) for error in every]
     some = [(error, there) for error, there in zip(every, unsure, strict=True) if there.any()]
 
     def coefficients(kind: str) -> Seen:
@@ -88,11 +88,11 @@ def unknown_errors(scenario: Scenario, room: Room, k: float) -> Error:
         return of_rows
 
     def all_of(name: str) -> np.ndarray:
-        nothing = np.zeros((N_X, 0)) if name == "G" else np.zeros(0)
+        nothing = np.zeros((N_X, 0)) if name in ("G", "by_x") else np.zeros(0)
         return np.concatenate([nothing, *(getattr(error, name)[..., there] for error, there in some)], axis=-1)
 
     sees = {kind: coefficients(kind) for error, _ in some for kind in error.sees}
-    return Error(all_of("sd"), all_of("step_sd"), all_of("keeps"), all_of("G"), sees)
+    return Error(all_of("sd"), all_of("step_sd"), all_of("keeps"), all_of("G"), all_of("by_x"), sees)
 
 
 def start_covariance(scenario: Scenario) -> np.ndarray:

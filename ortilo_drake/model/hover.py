@@ -50,6 +50,13 @@ def discretize(A: np.ndarray, B: np.ndarray, h: float) -> tuple[np.ndarray, np.n
     return np.asarray(Phi), np.asarray(Gamma)
 
 
+def drag_D(drag: tuple[float, float, float], yaw: float = 0.0) -> np.ndarray:
+    """Return D (3 x 3) of linear drag, force = -D v_WB at hover, of its coefficients along B's axes [N s/m]."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    R_z = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return R_z @ np.diag(drag) @ R_z.T
+
+
 def output_C() -> np.ndarray:
     """Return C (9 x 12): uwb and camera see the position, the imu the three angles."""
     C = np.zeros((N_Y, N_X))

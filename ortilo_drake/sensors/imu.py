@@ -10,16 +10,18 @@ from typing import Any
 import numpy as np
 
 from ortilo_drake.loop.element import Box, Given
+from ortilo_drake.model.hover import drag_D
 from ortilo_drake.model.measurement import IMU, row
 from ortilo_drake.model.parts import Sensor
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import IMU_SIZE, N_I, N_U, N_X, N_XBAR, PAYLOAD, STATE_NAMES
+from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.model.white_noise import white_variances
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.filter_model import filter_model, initial_covariance
 from ortilo_drake.scenario import Belief, Imu, Scenario, Truth
 from ortilo_drake.sensors.information_linear import linear_rows, own_rows
-from ortilo_drake.sensors.information_rows import Information, rows_of
+from ortilo_drake.sensors.information_rows import GRADIENT, SOURCE, TICK, Information, rows_of
 from ortilo_drake.sensors.unknown_error import Error, own, spread, walk
 from ortilo_drake.world.drawn_truth import AtStart, Drawn, draw_truth, of_seed
 from ortilo_drake.world.sensors.ahrs import STREAM as AHRS_STREAM
@@ -76,15 +78,32 @@ def rate_rows(scenario: Scenario, seen: np.ndarray) -> np.ndarray:
 
 
 def force_rows(scenario: Scenario, seen: np.ndarray) -> np.ndarray:
-    """Return the rows of what specific force tells of the force that lasts and of its own bias, and not of x."""
+    """Return the rows of what specific force tells of the force that lasts and of its own bias; of x the drag's."""
     ticks = np.repeat(np.flatnonzero(seen), 3)
+    axes, of_x = np.arange(len(ticks)) % 3, np.zeros((3, N_X))
+    of_x[:, 6:9] = -drag_D(scenario.world.drag, scenario.yaw)
     variance = scenario.world.disturbance.sds(scenario.h)[0] ** 2 + specific_force_sd(scenario) ** 2
-    return rows_of(ticks, np.zeros((len(ticks), N_X)), np.full(len(ticks), variance), np.arange(len(ticks)) % 3)
+    return rows_of(ticks, of_x[axes], np.full(len(ticks), variance), axes)
+
+
+def leaning(scenario: Scenario) -> np.ndarray:
+    """Return M (3 x 3) of an AHRS, whose error of the angles is e_{k+1} = a e_k + M (v_{k+1} - v_k); 0 without one.
+
+    At hover the specific force has the angles [phi + c_y / g, theta - c_x / g] under the acceleration c in axes of the
+    heading, see world/sensors/ahrs.py; c is the mean over the tick. So e = s + M v and s_{k+1} = a s_k - (1 - a) M v_k.
+    """
+    if scenario.imu.ahrs is None:
+        return np.zeros((3, 3))
+    c, s = np.cos(scenario.yaw), np.sin(scenario.yaw)
+    lags = -np.expm1(-scenario.h / scenario.imu.ahrs.time)
+    return lags / (GRAVITY * scenario.h) * np.array([[-s, c, 0.0], [-c, -s, 0.0], [0.0, 0.0, 0.0]])
 
 
 def information(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndarray) -> Information:
     """Return the information of the angles, and of the 'rates' and the specific 'force' that the filter reads."""
     rows = {"imu": own_rows(SENSOR, scenario, room, truth, seen)}
+    angles = rows["imu"]
+    angles[:, GRADIENT][:, 6:9] += leaning(scenario)[angles[:, SOURCE].astype(int)]
     if getattr(scenario.estimator, "rates", "none") == "measured":
         rows["rates"] = rate_rows(scenario, seen)
     if reads_force(scenario):
@@ -100,6 +119,19 @@ def inertial_biases(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
     return spread(imu.rates, imu.rates_sd), spread(imu.specific_force, imu.specific_force_sd)
 
 
+def of_ahrs(scenario: Scenario) -> list[Error]:
+    """Return s of `leaning`, whose yaw is 0, and the rate at which the yaw of an AHRS drifts."""
+    ahrs, h = scenario.imu.ahrs, scenario.h
+    if ahrs is None:
+        return []
+    keeps = np.full(3, np.exp(-h / ahrs.time))
+    by_x = np.zeros((N_X, 3))
+    by_x[6:9] = -((1.0 - keeps) * leaning(scenario).T)
+    leans = walk(np.zeros(3), 0.0, {"imu": own(3)})._replace(keeps=keeps, by_x=by_x)
+    drift = walk(np.array([ahrs.drift_sd]), 0.0, {"imu": lambda rows: h * rows[:, [TICK]] * (rows[:, [SOURCE]] == 2.0)})
+    return [leans, drift]
+
+
 def unknown(scenario: Scenario, room: Room) -> list[Error]:
     """Return the unknown errors of angles and body rates; of the specific force see floor/unknown_errors.py."""
     imu, h = scenario.truth.imu, scenario.h
@@ -108,6 +140,7 @@ def unknown(scenario: Scenario, room: Room) -> list[Error]:
     return [
         walk(angles, walks, {"imu": own(3)}),
         walk(inertial_biases(scenario)[0], imu.rates_walk * np.sqrt(h), {"rates": own(3)}),
+        *of_ahrs(scenario),
     ]
 
 

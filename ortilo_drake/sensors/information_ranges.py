@@ -4,6 +4,8 @@ A range r = d + s(d) v, v standard normal, has the log-likelihood -ln s - (r - d
 information about d is 1 / s^2 + 2 (s' / s)^2 (Kay, "Fundamentals of Statistical Signal Processing: Estimation Theory",
 1993, eq. 3.31): noise that grows with the distance holds information about it. With s = s_0 + s_1 d it is
 (1 + 2 s_1^2) / s^2.
+
+In a round of ranging range i is taken s_i before its message's stamp, where d = |p - s_i v - a_i|.
 """
 
 import numpy as np
@@ -39,4 +41,5 @@ def range_rows(settings: Uwb, room: Room, truth: np.ndarray, seen: np.ndarray) -
     k, i = np.nonzero(there)
     gradients = np.zeros((len(k), N_X))
     gradients[:, :3] = p_AB[k, i] / d[k, i, np.newaxis]
+    gradients[:, 6:9] = -settings.ages(len(room.anchors))[i, np.newaxis] * gradients[:, :3]
     return rows_of(ticks[k], gradients, (s_0 + s_1 * d[k, i]) ** 2 / (1.0 + 2.0 * s_1**2), i)

@@ -23,6 +23,7 @@ class Error(NamedTuple):
         step_sd: of what is added in a tick (e).
         keeps: share of the value that is left a tick later (e).
         G: how the components drive x (12, e).
+        by_x: how x drives the components (12, e).
         sees: by the kind of rows the coefficients of the components in them.
     """
 
@@ -30,13 +31,15 @@ class Error(NamedTuple):
     step_sd: np.ndarray
     keeps: np.ndarray
     G: np.ndarray
+    by_x: np.ndarray
     sees: dict[str, Seen]
 
 
 def walk(sd: np.ndarray, step_sd: np.ndarray | float, sees: dict[str, Seen], G: np.ndarray | None = None) -> Error:
     """Return a random walk; a constant where step_sd is 0."""
     e = len(sd)
-    return Error(sd, np.broadcast_to(step_sd, e), np.ones(e), np.zeros((N_X, e)) if G is None else G, sees)
+    nothing = np.zeros((N_X, e))
+    return Error(sd, np.broadcast_to(step_sd, e), np.ones(e), nothing if G is None else G, nothing, sees)
 
 
 def gauss_markov(sd: np.ndarray, time: float, h: float, sees: dict[str, Seen], G: np.ndarray | None = None) -> Error:

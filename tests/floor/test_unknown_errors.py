@@ -66,9 +66,21 @@ def dense(parts: list[list[tuple[int, float]]], count: int) -> np.ndarray:
     return found
 
 
-def test_it_equals_dense_algebra_in_which_every_error_and_every_force_is_an_unknown() -> None:
-    """No trick of the floor's: the specific force is a row of the step's force and its bias, all walks are summed."""
-    scenario, truth = load_scenario("imu_uwb", (*TRUTH, *NOISE, FLYING)), along(TICKS)
+DATASHEET = (
+    "world.drag=[0.5, 1.5, 0.2]",
+    "uwb.round=0.2",
+    "imu.ahrs={time: 0.4, drift_sd: 0.05}",
+)
+
+
+@pytest.mark.parametrize("more", [(), DATASHEET], ids=["", "as data sheets have it"])
+def test_it_equals_dense_algebra_in_which_every_error_and_every_force_is_an_unknown(more: tuple[str, ...]) -> None:
+    """No trick of the floor's: the specific force is a row of the step's force and its bias, all walks are summed.
+
+    Drag is part of that force, ranges of a round are of where the vehicle was, and an attitude filter is drawn to the
+    direction of the specific force.
+    """
+    scenario, truth = load_scenario("imu_uwb", (*TRUTH, *NOISE, FLYING, *more)), along(TICKS)
     bound = state_bound(scenario, truth)
     assert bound is not None
     room, h, m = scenario.load_room(), scenario.h, scenario.vehicle.mass
@@ -98,21 +110,25 @@ def test_it_equals_dense_algebra_in_which_every_error_and_every_force_is_an_unkn
     common, own = process([0.02]), process([0.05] * n)
     slow, shift, survey = process([0.035] * n, time=0.4), process([0.02, 0.0, 0.01]), process([0.03] * (3 * n))
     w = [unknown.new(*np.repeat(disturbance.sds(h), 3)) for _ in range(TICKS)]
+    ahrs, D = scenario.imu.ahrs, np.diag(scenario.world.drag)
+    drift = unknown.new(ahrs.drift_sd if ahrs else 0.0)
     size, there = unknown.count, arrived(scenario, "uwb", truth)
+    ages = scenario.uwb.round * (n - 1.0 - np.arange(n)) / n
     assert there.sum() > 5
 
     x, J = np.zeros((12, size)), np.eye(size)
-    x[:6] = dense([x_0], size)
+    x[:6], off = dense([x_0], size), np.zeros((3, size))
     for k in range(TICKS):
         expected = x @ np.linalg.solve(J, x.T)
         scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected))) + 1e-30
         np.testing.assert_allclose(bound[k] / scale, expected / scale, atol=1e-7)
-        force = dense([*d[k], *gust[k], w[k][:3]], size)
-        rows = [(x[3:6] + dense(b_angle[k], size), 0.01), (x[9:] + dense(b_rate[k], size), 0.002)]
+        force = dense([*d[k], *gust[k], w[k][:3]], size) - D @ x[6:9]
+        rows = [(x[3:6] + dense(b_angle[k], size) + off, 0.01), (x[9:] + dense(b_rate[k], size), 0.002)]
         rows.append((force / m + dense(b_a[k], size), 0.05))
         distance = np.linalg.norm(truth[k, :3] - anchors, axis=1)
         u = (truth[k, :3] - anchors) / distance[:, None]
-        ranges = u @ x[:3] + dense(common[k], size) + dense(own[k], size) + dense(slow[k], size)
+        ranges = u @ x[:3] - ages[:, None] * (u @ x[6:9])
+        ranges += dense(common[k], size) + dense(own[k], size) + dense(slow[k], size)
         ranges -= u @ dense(shift[k], size)
         ranges -= np.einsum("ai,ain->an", u, dense(survey[k], size).reshape(n, 3, size))
         fraction = scenario.uwb.noise.fraction
@@ -122,7 +138,12 @@ def test_it_equals_dense_algebra_in_which_every_error_and_every_force_is_an_unkn
             scaled = row / sd
             J += scaled.T @ scaled
         moment = dense([*torque[k]], size)
+        v = x[6:9]
         x = Phi @ x + Gamma_d[:, :3] @ force + Gamma_d[:, 3:] @ dense([w[k][3:]], size) + Gamma_d[:, 3:5] @ moment
+        if ahrs:  # roll and pitch go to those of g e_z + acceleration, the yaw turns
+            a, c = np.exp(-h / ahrs.time), (x[6:9] - v) / h
+            off = np.vstack([a * off[0] + (1.0 - a) * c[1] / GRAVITY, a * off[1] - (1.0 - a) * c[0] / GRAVITY, off[2]])
+            off[2] += h * dense([drift], size)[0]
 
 
 @settings(max_examples=15)

@@ -26,6 +26,8 @@ from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, hover_loop
         ("estimator.force=measured",),
         ("estimator.force=measured", "estimator.integrator=estimate", "servo.velocities=truth"),
         ("estimator.force=thrust", "servo.form=paper"),
+        ("world.drag=[0.5, 1.5, 0.2]",),
+        ("world.drag=[0.5, 1.5, 0.2]", "estimator.force=measured"),
     ],
     ids=[
         "hold",
@@ -37,6 +39,8 @@ from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, hover_loop
         "measured",
         "measured, truth",
         "thrust, paper",
+        "drag",
+        "drag, measured",
     ],
 )
 def test_the_matrices_are_those_of_the_diagram_that_flies(settings: tuple[str, ...], late: int) -> None:

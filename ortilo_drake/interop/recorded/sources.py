@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from ortilo_drake.interop.recorded.anchor_names import key_of
 from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive
@@ -196,6 +196,20 @@ class ImuSource(Source):
     )
     rate_unit: Literal["rad/s", "deg/s"] = "rad/s"
     force_unit: Literal["m/s2", "g", "mg", "ft/s2"] = "m/s2"
+    standstill: float = Field(
+        default=0.0,
+        ge=0.0,
+        le=3600.0,
+        description="The body stands still for the first so many seconds, at least 2, by which gyro and accelerometer "
+        "are known [s].",
+    )
+
+    @field_validator("standstill")
+    @classmethod
+    def _long_enough(cls, value: float) -> float:
+        if 0.0 < value < 2.0:
+            raise ValueError(f"{value:g}: must be 0 or at least 2")
+        return value
 
     @model_validator(mode="after")
     def _axes_turn(self) -> Self:

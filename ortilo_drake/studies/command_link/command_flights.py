@@ -17,7 +17,7 @@ from ortilo_drake.scenario import CommandLink, HoverPlanner, Scenario
 from ortilo_drake.scenario.loss_chain import loss_of
 from ortilo_drake.studies.command_link.command_loop import commanded_loop
 from ortilo_drake.studies.command_link.command_loss import lossy_loop
-from ortilo_drake.studies.loop.fix_covariance import fix_noise
+from ortilo_drake.studies.loop.fix_covariance import fix_noise, lasting_offset
 from ortilo_drake.theory.jump_linear.jump_linear import MARGIN, JumpLinear, mean_square_radius, steady_second_moment
 
 POINT = (8.0, 1.0, 1.5)  # out of the authors' blackouts and far from walls
@@ -32,7 +32,8 @@ class CommandCase:
         link: its settings.
         growth: of the second moment per tick.
         stable: whether that is below 1.
-        predicted_rms: distance from r [m], None if not stable.
+        predicted_rms: distance from r [m], None if not stable; with what survey and biases of the ranges make of it,
+            see fix_covariance.lasting_offset.
         flights: how many.
         lost: how many of them.
         lost_after: mean time of the losses [s].
@@ -67,15 +68,18 @@ class CommandFlights:
     agree: int
 
 
+def hovering(p_WB: tuple[float, float, float]) -> np.ndarray:
+    """Return x (12) of a vehicle that hovers at a point."""
+    return np.append(p_WB, np.zeros(N_X - 3))
+
+
 def hover_V(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> np.ndarray:
     """Return V (p x p) as the filter is told it at a point, hovering.
 
     Raises:
         InputError: if a sensor that flies would give no measurement there.
     """
-    x = np.zeros(N_X)
-    x[:3] = p_WB
-    noise = fix_noise(scenario, x)
+    noise = fix_noise(scenario, hovering(p_WB))
     silent = [s for s in scenario.sensors if not noise.there[s]]
     if silent:
         raise InputError(f"point: {p_WB}: no measurement of {', '.join(silent)} there")
@@ -117,7 +121,7 @@ def command_flights(
         progress: called with each case as it is done.
     """
     seeds = list(seeds)
-    V = hover_V(scenario, point)
+    V, offset = hover_V(scenario, point), float(np.trace(lasting_offset(scenario, hovering(point))))
     planner = HoverPlanner(kind="hover", point=point, duration=WARM_UP + duration)
     calm = scenario.model_copy(update={"planner": planner, "settle": 0.0})
     cases = []
@@ -125,7 +129,7 @@ def command_flights(
         flown = calm.model_copy(update={"command_link": link})
         fly_many(flown, seeds, out, workers)
         loop = commanded_loop(calm, V, delay=link.delay)
-        case = _case(link, lossy_loop(loop, link, scenario.h), flights_of(flown, seeds, out))
+        case = _case(link, lossy_loop(loop, link, scenario.h), offset, flights_of(flown, seeds, out))
         cases.append(case)
         if progress:
             progress(case)
@@ -133,10 +137,10 @@ def command_flights(
     return CommandFlights(scenario.name, point, duration, WARM_UP, seeds, cases, agree)
 
 
-def _case(link: CommandLink, system: JumpLinear, flights: list[xr.Dataset]) -> CommandCase:
+def _case(link: CommandLink, system: JumpLinear, offset: float, flights: list[xr.Dataset]) -> CommandCase:
     radius = mean_square_radius(system)
     stable = radius < 1.0 - MARGIN
-    rms = float(np.sqrt(np.trace(steady_second_moment(system).mean(axis=0)[:3, :3]))) if stable else None
+    rms = float(np.sqrt(np.trace(steady_second_moment(system).mean(axis=0)[:3, :3]) + offset)) if stable else None
     lost = [json.loads(flight.attrs["lost"]) for flight in flights]
     ends = [end for end in lost if end is not None]
     squares = [

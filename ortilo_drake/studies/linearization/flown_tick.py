@@ -49,6 +49,8 @@ def sensors_without_noise(scenario: Scenario) -> tuple[str, str]:
 def without_noise(scenario: Scenario) -> Scenario:
     """Return the scenario hovering on the linear vehicle as believed, with exact uwb and imu, no other sensor, no loss.
 
+    The rotors' drag stays.
+
     No message is late, so 'ignore' does what any estimator.delay would. A faster imu sends one sample a tick here: the
     mean of a tick's samples follows the closed form to first order only. No sensor counts as stuck: without noise
     all say the same again and again.
@@ -59,7 +61,11 @@ def without_noise(scenario: Scenario) -> Scenario:
     ranging, inertial = sensors_without_noise(scenario)
     changes: dict[str, Any] = {
         "sensors": (ranging, inertial),
-        "world": World(kinematics="linear", disturbance=Disturbance(force_density=0.0, torque_density=0.0)),
+        "world": World(
+            kinematics="linear",
+            disturbance=Disturbance(force_density=0.0, torque_density=0.0),
+            drag=scenario.world.drag,
+        ),
         ranging: Uwb(noise=ConstantNoise(kind="constant", sd=0.0), link=Link(rate=scenario.uwb.link.rate)),
         inertial: Imu(angle_density=0.0, rate_density=0.0, specific_force_density=0.0, link=Link(rate=imu_rate)),
         "command_link": type(scenario.command_link)(),

@@ -3,14 +3,17 @@
 All values are per tick of h, as deviations from hover. The state of the whole loop is [x; xhat; i] (27): the vehicle,
 the filter's prediction of it, and the integral of the position error. A filter that estimates more, [x; e] (N), makes
 it [x; f; xhat; ehat; i]: of the states e the world has those that control and gusts drive, which is the force f of the
-step just flown. The others, lasting force and biases, are zero in it: the filter allows for what is not there.
+step just flown. The others, lasting force and biases, are zero in it: the filter allows for what is not there. The world
+alone has the rotors' drag.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag, solve_discrete_are
 
+from ortilo_drake.model.hover import discretize, drag_D, hover_A, hover_B_d
 from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.parts import measurement_of
 from ortilo_drake.model.signals import INTEGRAL_NAMES, N_I, N_U, N_X, STATE_NAMES
@@ -20,7 +23,7 @@ from ortilo_drake.onboard.estimator.extra_states import IMU_ROWS, B, D, F, augme
 from ortilo_drake.onboard.estimator.filter_model import augmented_model
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances
 from ortilo_drake.onboard.servo.lq_gain import gain_of, why_no_servo_gain
-from ortilo_drake.scenario import IntermittentFilter, Scenario
+from ortilo_drake.scenario import IntermittentFilter, Scenario, Truth
 from ortilo_drake.theory.margins.loop_response import OpenLoop, closed
 from ortilo_drake.theory.modes.staircase import tick_scaling
 
@@ -43,6 +46,7 @@ class HoverLoop(NamedTuple):
         measurement: the sensors and their rows of C.
         names: of the filter's states (N).
         world: numbers of those that the world has (M).
+        Phi_world: how the world moves them (M x M): as Phi, and by drag.
     """
 
     Phi: np.ndarray
@@ -56,6 +60,7 @@ class HoverLoop(NamedTuple):
     measurement: Measurement
     names: tuple[str, ...]
     world: tuple[int, ...]
+    Phi_world: np.ndarray
 
     @property
     def state_names(self) -> tuple[str, ...]:
@@ -144,6 +149,19 @@ def why_no_loop(scenario: Scenario) -> str | None:
     return why_no_servo_gain(scenario)
 
 
+def left_out(scenario: Scenario) -> list[str]:
+    """Return the settings by which a scenario's world differs at hover from what a HoverLoop has of it."""
+    uwb, truth = scenario.uwb, scenario.truth
+    found = {
+        "imu.ahrs": "imu" in scenario.sensors and scenario.imu.ahrs is not None,
+        "uwb.round": "uwb" in scenario.sensors and uwb.round > 0.0,
+        "uwb.walls": "uwb" in scenario.sensors and uwb.walls.kind in ("bias", "excess"),
+        "multilateration.bias_bank": "uwb" in scenario.sensors and scenario.multilateration.bias_bank is not None,
+        **{f"truth.{name}": getattr(truth, name) != getattr(Truth(), name) for name in Truth.model_fields},
+    }
+    return [name for name, there in found.items() if there]
+
+
 def hover_loop(scenario: Scenario) -> HoverLoop:
     """Return the loop of a scenario; InputError if its estimator or servo has no matrices, or there is no gain."""
     if why := why_no_loop(scenario):
@@ -158,10 +176,24 @@ def hover_loop(scenario: Scenario) -> HoverLoop:
     true_states = VELOCITIES if scenario.lends_velocities else ()
     driven = names_of(tuple(e for e in extras if e.Gamma.any() or e.Gamma_d.any()))
     world = tuple(k for k, name in enumerate(names) if k < N_X or name in driven)
+    Phi_world = with_drag(model.Phi[np.ix_(world, world)], [names[k] for k in world], scenario)
     return HoverLoop(
         model.Phi, model.Gamma, measurement.layout.C, model.W, L, h, settings.integrator, true_states, measurement,
-        names, world,
+        names, world, Phi_world,
     )  # fmt: skip
+
+
+def with_drag(Phi: np.ndarray, names: Sequence[str], scenario: Scenario) -> np.ndarray:
+    """Return Phi (M x M) of the states of those names with the drag of a scenario's rotors, held over the tick."""
+    _, Gamma_d = discretize(hover_A(scenario.yaw), hover_B_d(scenario.vehicle), scenario.h)
+    drives = np.zeros((len(names), 3))
+    drives[:N_X] = Gamma_d[:, :3]
+    for axis, name in enumerate(F):
+        if name in names:
+            drives[names.index(name), axis] = 1.0
+    moved = Phi.copy()
+    moved[:, 6:9] -= drives @ drag_D(scenario.world.drag, scenario.yaw)
+    return moved
 
 
 def message_of(sensor: str, measurement: Measurement) -> str:
@@ -234,7 +266,7 @@ def open_loop(loop: HoverLoop, K: np.ndarray, delta: np.ndarray) -> OpenLoop:
         i_rows = [np.zeros((N_I, M)), -np.eye(N_I, N), eye]
     else:
         i_rows = [-EC, none, eye]
-    x_rows = [Phi[np.ix_(world, world)], np.zeros((M, N)), np.zeros((M, N_I))]
+    x_rows = [loop.Phi_world, np.zeros((M, N)), np.zeros((M, N_I))]
     A = np.block([x_rows, [KD @ C, Phi - KD @ loop.C, np.zeros((N, N_I))], i_rows])
     A[loop.hats] -= Gamma @ L
     B = np.vstack([Gamma[world], np.zeros((N + N_I, N_U))])

@@ -8,7 +8,9 @@ from scipy.spatial.transform import Rotation
 from ortilo_drake.interop.recorded.map_file import FilterSettings
 from ortilo_drake.interop.recorded.recording import GRAVITY, NO_LOOKS, Imu, Looks, Ranges
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Q
+from ortilo_drake.studies.recorded.at_rest import AtRest, tell
 from ortilo_drake.studies.recorded.filter_types import (
     BIASES,
     FINDER,
@@ -36,6 +38,7 @@ from ortilo_drake.studies.recorded.smoother import smooth
 TILT, BIAS = 0.05, 0.3  # standard deviations of a tilt [rad] and of the accelerometer's bias [m/s²]
 LEVEL, STANDS = 0.03, 0.1  # of a tilt on the floor [rad], and of a velocity where the vehicle is known to be [m/s]
 AT_REST = 1.0  # the first samples tell how the body is tilted [s]
+ANY_TILT = 1.0  # of a tilt of which nothing is known but by the force at rest [rad]
 HEADINGS = 8  # tried, where none is known
 TRIAL = 30.0  # how long each is tried [s]
 
@@ -64,7 +67,8 @@ class Known(NamedTuple):
     """What the filter is told.
 
     anchors (n, 3), biases (n) or None (online), lever (3), heading [rad] or None, what is known of the height, where
-    the vehicle starts, what looks down, the numbers of that and of drag, and the deviation of the flow's scale.
+    the vehicle starts, what looks down, the numbers of that and of drag, the deviation of the flow's scale, and what
+    the imu said while the body stood still, after which the filter begins.
     """
 
     anchors: np.ndarray
@@ -76,6 +80,7 @@ class Known(NamedTuple):
     looks: Looks = NO_LOOKS
     aids: Aids = NO_AIDS
     scale_sd: float = 0.0
+    rest: AtRest | None = None
 
 
 class Estimate(NamedTuple):
@@ -105,9 +110,12 @@ def noise_of(settings: FilterSettings, imu: bool) -> Noise:
     return Noise(s.baseline_acceleration, 0.0, 0.0, 0.0, s.baseline_range, 0.0, 1.0, 0.0, s.baseline_gate, *last)
 
 
-def first_tilt(imu: Imu) -> np.ndarray:
-    """Return the attitude with heading 0 (3, 3): the unit's own tilt if it computes one, else the specific force's."""
-    early = imu.t <= imu.t[0] + AT_REST
+def first_tilt(imu: Imu, rest: AtRest | None = None) -> np.ndarray:
+    """Return the attitude with heading 0 (3, 3): the unit's own tilt if it computes one, else the specific force's.
+
+    It is that of the first second, or of the time at rest.
+    """
+    early = imu.t <= (imu.t[0] + AT_REST if rest is None else rest.end)
     up_B = imu.force[early].mean(axis=0) if imu.attitude is None else imu.attitude[early][:, 2, :].mean(axis=0)
     up_B = up_B / np.linalg.norm(up_B)
     forward = np.array([1.0, 0.0, 0.0]) - up_B[0] * up_B
@@ -174,9 +182,11 @@ def _start(
     R = np.eye(3)
     if imu is not None:
         rest = known.start is not None and known.start.rests
-        R = Rotation.from_rotvec([0.0, 0.0, heading]).as_matrix() @ (np.eye(3) if rest else first_tilt(imu))
+        R = Rotation.from_rotvec([0.0, 0.0, heading]).as_matrix() @ (np.eye(3) if rest else first_tilt(imu, known.rest))
         up = known.start.heading_sd if known.start is not None else 0.1 if sure else 0.4
-        tilts = R.T @ np.diag([(LEVEL if rest else tilt_deviation(imu)) ** 2] * 2 + [up**2]) @ R  # theta is in B
+        by_force = known.rest is not None and imu.attitude is None
+        tilt = LEVEL if rest else ANY_TILT if by_force else tilt_deviation(imu)
+        tilts = R.T @ np.diag([tilt**2] * 2 + [up**2]) @ R  # theta is in B
         variances[6:9] = np.diag(tilts)
         variances[9:12], variances[12:15] = 0.01**2, BIAS**2
         variances[BIASES : BIASES + n] = settings.bias_start**2 if known.biases is None else 0.0
@@ -196,6 +206,9 @@ def _start(
     C = np.diag(variances)
     if imu is not None:
         C[6:9, 6:9] = tilts
+        if known.rest is not None:
+            tell(known.rest, x, C)
+            R = matrix_of(x[Q:ADDITIVE])
     at_rest = np.append(np.zeros(3), R.T @ [0.0, 0.0, GRAVITY])  # holds until the first sample, and without any
     rests = known.start is not None and known.start.rests and imu is not None
     return State(float(ranges.t[0]), x, C, at_rest, np.array([float(rests), 0.0, 0.0, 0.0, np.inf, np.inf, 0.0]))
@@ -217,6 +230,8 @@ def estimate(
 ) -> Estimate:
     """Run the filter and return its estimates at the stamps asked for, those at or after the first range.
 
+    With an IMU that stood still it begins with the first range after that.
+
     Args:
         ranges: single ranges.
         imu: its samples; None flies the constant-velocity filter.
@@ -229,6 +244,8 @@ def estimate(
     Raises:
         InputError: if fewer than three anchors are heard at the start.
     """
+    if imu is not None and known.rest is not None:
+        ranges = ranges.only(np.flatnonzero(ranges.t >= known.rest.end))
     if not len(ranges.t):
         raise InputError("ranges: none are left")
     begin = float(ranges.t[0])

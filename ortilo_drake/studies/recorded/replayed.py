@@ -9,10 +9,11 @@ from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import Ranges, Recording
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.aided import airborne, with_aids
+from ortilo_drake.studies.recorded.at_rest import AtRest, at_rest, level_by, said_at_rest, standstill_doubts
 from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate, uncalibrated
 from ortilo_drake.studies.recorded.doubted import doubts_of
 from ortilo_drake.studies.recorded.doubts import of_failed, range_noise
-from ortilo_drake.studies.recorded.filtered import Estimate, Known, estimate, tilt_disagreement
+from ortilo_drake.studies.recorded.filtered import Estimate, Known, estimate, first_tilt, tilt_disagreement
 from ortilo_drake.studies.recorded.first_look import first_look
 from ortilo_drake.studies.recorded.imposed import gap_ends, lose_gaps, lose_some
 from ortilo_drake.studies.recorded.level import calibrated_level, given_level
@@ -32,7 +33,8 @@ class Replayed:
     """A motion's rows and what was found on the way; `drawn` holds estimates and the truth at their stamps, by row.
 
     residual: RMS of the ranges' errors that the calibration leaves [m]; plain_residual: with one bias for all ranges;
-    range_noise: what the filter counts on [m]; doubts: what makes it doubtful, in sentences.
+    range_noise: what the filter counts on [m]; doubts: what makes it doubtful, in sentences; rest: what the imu said
+    while it stood still.
     """
 
     name: str
@@ -51,6 +53,7 @@ class Replayed:
     plain_residual: float | None = None
     range_noise: float = 0.0
     doubts: tuple[str, ...] = ()
+    rest: AtRest | None = None
 
 
 Drawn = dict[str, tuple[Estimate, np.ndarray | None]]
@@ -69,13 +72,17 @@ def known_of(calibration: Calibration, recording: Recording, map_: Map) -> Known
         R = calibration.F @ truth_path(truth).at(np.clip(at, 0.0, None))[1][0] @ calibration.mount  # type: ignore[index]
         heading = float(np.arctan2(R[1, 0], R[0, 0]))
     biases = {"calibrated": calibration.biases, "online": None, "none": np.zeros(len(calibration.biases))}
-    level = calibrated_level(map_, calibration, recording)
-    return Known(calibration.anchors, biases[map_.calibration.biases], calibration.lever, heading, level)
+    level, rest = calibrated_level(map_, calibration, recording), at_rest(recording, map_)
+    return Known(calibration.anchors, biases[map_.calibration.biases], calibration.lever, heading, level, rest=rest)
 
 
-def _notes(recording: Recording) -> list[str]:
-    notes = list(recording.told)
-    wrong = None if recording.imu is None else tilt_disagreement(recording.imu)
+def _notes(recording: Recording, map_: Map, rest: AtRest | None) -> list[str]:
+    notes, imu = list(recording.told), recording.imu
+    if imu is not None and rest is not None:
+        rests = map_.start is not None and map_.start.rests
+        R = np.eye(3) if rests else first_tilt(imu, rest)
+        notes.append(said_at_rest(rest, R, level_by(imu, rests)))
+    wrong = None if imu is None else tilt_disagreement(imu)
     if wrong is not None and wrong > TILTED:
         notes.append(
             f"imu: its attitude and its specific force disagree on up by {np.degrees(wrong):.0f}° at the start: "
@@ -95,7 +102,8 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
     Raises:
         InputError: if calibration or filter have too little to go by.
     """
-    notes, drawn, rows = _notes(recording), {}, {}
+    rest = at_rest(recording, map_)
+    notes, drawn, rows = _notes(recording, map_, rest), {}, {}
     left_out: dict[str, str] = {}
     ranges, imu, truth = recording.ranges, recording.imu, recording.truth
     calibration = own = None
@@ -142,7 +150,7 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
         rows[name], drawn[name] = score(found, (found.t > first) & judged(found.t), true, map_.available), (found, true)
 
     anchors = np.asarray(recording.anchors) if calibration is None else calibration.anchors
-    raw = Known(anchors, None, np.zeros(3), None, given)
+    raw = Known(anchors, None, np.zeros(3), None, given, rest=rest)
     if own is not None:
         plain = Known(own.anchors, own.biases, np.zeros(3), None, calibrated_level(map_, own, recording))
         row(CV, plain, own, False)
@@ -213,6 +221,7 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
         None if calibration is None else calibration.left,
         None if look.fit is None else look.fit.left,
         range_noise(map_.filter, imu is not None),
-        tuple(doubts),
+        (*doubts, *standstill_doubts(rest)),
+        rest,
     )
     return result, drawn

@@ -169,6 +169,8 @@ def _case_row(case: CommandCase) -> list[str]:
 def analysis_text(found: Analysis) -> str:
     """Return an analysis as Markdown."""
     lines = [f"# Analysis of {found.scenario}", "", *in_short(found)]
+    if found.left_out:
+        lines += [f"The theory is of the world that the filter believes; not in it: {', '.join(found.left_out)}.", ""]
     if theory := found.theory:
         lines += linearization_text(theory.linearization) if theory.linearization else []
         lines += riccati_text(theory.riccati) + margins_text(theory.margins)

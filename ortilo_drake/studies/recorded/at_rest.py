@@ -1,0 +1,139 @@
+"""What an IMU says while its body stands still before a recorded motion: the gyro's bias, and b + g x level error.
+
+On average over the samples of `imu.standstill` seconds it says, with R = R_0 exp([theta]x) and R_0 the believed level,
+
+    w_0 = b_g + nu_g,   f_0 - R_0^T g e_z = b_a + (R_0^T g e_z) x theta + nu_a
+
+to first order in theta. The first row is the gyro's bias. The second is the sum of the accelerometer's bias and of what
+a wrong level makes of gravity: neither is known by it, but the sum is, and that is what moves a body without ranges.
+nu has the variance s^2 / M + q^2 T / 3: s is the spread of M means over half a second, which noise that lasts for less
+widens as it should, and q the random walk of the bias, which at the end is sd q sqrt(T / 3) away from its mean.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.interop.recorded.recording import GRAVITY, Imu, Recording
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.estimator.tight.inertial import matrix_of, turn
+from ortilo_drake.onboard.estimator.tight.layout import ACCEL, GYRO, THETA, Q
+
+BLOCK = 0.5  # means over this time are compared [s]
+TURNS, SHAKES = 0.02, 0.2  # a mean that is farther from all is no rest's, of rates [rad/s] and force [m/s²]
+FAST = 0.2  # rates of a body that turns, as no gyro's bias is [rad/s]
+
+
+@dataclass(frozen=True)
+class AtRest:
+    """What was said at rest.
+
+    end: its end by the recording's clock [s]; samples: of the gyro; rates, force: means w_0 [rad/s] and f_0 [m/s²], and
+    their standard deviations (3 each); strays: the farthest that a mean over half a second is from these, of rates and
+    force.
+    """
+
+    end: float
+    samples: int
+    rates: tuple[float, ...]
+    rates_sd: tuple[float, ...]
+    force: tuple[float, ...]
+    force_sd: tuple[float, ...]
+    strays: tuple[float, float]
+
+
+def at_rest(recording: Recording, map_: Map) -> AtRest | None:
+    """Return what the imu says while it stands still; None where the map does not say that it does.
+
+    Raises:
+        InputError: if there are no samples for some of that time.
+    """
+    imu = recording.imu
+    if imu is None or map_.imu is None or map_.imu.standstill == 0.0:
+        return None
+    begin, lasts = float(imu.t[0]), map_.imu.standstill
+    rates, rates_sd, turns = _mean(imu.t, imu.rates, begin, lasts, map_.filter.rotation_bias)
+    t, f = imu.accelerometer or (imu.t, imu.force)
+    force, force_sd, shakes = _mean(t, f, begin, lasts, map_.filter.acceleration_bias)
+    samples = int(np.sum(imu.t < begin + lasts))
+    return AtRest(begin + lasts, samples, rates, rates_sd, force, force_sd, (turns, shakes))
+
+
+def _mean(
+    t: np.ndarray, its: np.ndarray, begin: float, lasts: float, walk: float
+) -> tuple[tuple[float, ...], tuple[float, ...], float]:
+    """Return the mean of samples (n, 3), its standard deviation, and how far a mean over half a second is from it."""
+    blocks = int(lasts / BLOCK)
+    block = np.floor((t - begin) / lasts * blocks)
+    inside = [its[block == i] for i in range(blocks)]
+    if not all(len(part) for part in inside):
+        raise InputError(
+            f"imu.standstill: {lasts:g}: there are no samples of the imu for some of its first {lasts:g} s"
+        )
+    means = np.array([part.mean(axis=0) for part in inside])
+    mean = means.mean(axis=0)
+    variance = means.var(axis=0, ddof=1) / blocks + walk**2 * lasts / 3.0
+    return tuple(mean.tolist()), tuple(np.sqrt(variance).tolist()), float(np.abs(means - mean).max())
+
+
+def unlevel(rest: AtRest, R: np.ndarray) -> np.ndarray:
+    """Return b + g x level error [m/s²] (3), body axes, where the attitude (3, 3) was believed."""
+    return np.asarray(rest.force) - GRAVITY * R[2]
+
+
+def tell(rest: AtRest, x: np.ndarray, C: np.ndarray) -> None:
+    """Tell a filter that starts what was said at rest: correct its first state and covariance, both changed.
+
+    Args:
+        rest: what was said.
+        x: the nominal state, with the believed level.
+        C: its covariance.
+    """
+    R = matrix_of(x[Q : Q + 4])
+    H = np.zeros((6, len(C)))
+    H[:3, GYRO : GYRO + 3] = H[3:, ACCEL : ACCEL + 3] = np.eye(3)
+    H[3:, THETA : THETA + 3] = np.cross(np.eye(3), GRAVITY * R[2])  # theta -> (R^T g e_z) x theta
+    e = np.concatenate([np.asarray(rest.rates) - x[Q + 4 : Q + 7], unlevel(rest, R) - x[Q + 7 : Q + 10]])
+    S = H @ C @ H.T + np.diag(np.square([*rest.rates_sd, *rest.force_sd]))
+    K = np.linalg.solve(S, H @ C).T
+    by = K @ e
+    x[Q + 4 : Q + 10] += by[GYRO : GYRO + 6]
+    turn(x[Q : Q + 4], *by[THETA : THETA + 3])
+    C -= K @ H @ C
+    C[:] = 0.5 * (C + C.T)
+
+
+def said_at_rest(rest: AtRest, R: np.ndarray, by: str) -> str:
+    """Return what was found, as a sentence.
+
+    Args:
+        rest: what was said.
+        R: the attitude that was believed (3, 3).
+        by: what it was believed by.
+    """
+    rates, off = (", ".join(f"{value:.5f}" for value in values) for values in (rest.rates, unlevel(rest, R)))
+    rates_sd, sd = (", ".join(f"{value:.2g}" for value in values) for values in (rest.rates_sd, rest.force_sd))
+    return (
+        f"Standing still, {rest.samples} samples: gyro bias ({rates}) rad/s, sd ({rates_sd}); accelerometer bias and "
+        f"what a wrong level makes of gravity, together ({off}) m/s², sd ({sd}), body axes, level by {by}"
+    )
+
+
+def standstill_doubts(rest: AtRest | None) -> list[str]:
+    """Return whether what stood still moves."""
+    if rest is None:
+        return []
+    turns, shakes = rest.strays
+    if turns <= TURNS and shakes <= SHAKES and max(map(abs, rest.rates)) <= FAST:
+        return []
+    return [
+        f"imu.standstill: it does not stand still until {rest.end:.1f} s: means over {BLOCK:g} s of the body rates "
+        f"differ by up to {turns:.2g} rad/s from ({', '.join(f'{rate:.2g}' for rate in rest.rates)}), of the force by "
+        f"{shakes:.2g} m/s²: a shorter time?"
+    ]
+
+
+def level_by(imu: Imu, rests: bool) -> str:
+    """Return by what the level is believed."""
+    return "the floor" if rests else "the force itself" if imu.attitude is None else "the unit's attitude"
