@@ -8,6 +8,7 @@ from typing import Any
 from ortilo_drake.model.input_files import exists, read_text
 from ortilo_drake.model.typed_yaml import DEEPEST, InputError, nearest, parse_yaml, validate
 from ortilo_drake.model.vehicle import load_vehicle
+from ortilo_drake.scenario.onboard import Detector
 from ortilo_drake.scenario.plain import plain_value
 from ortilo_drake.scenario.planner import GcsPlanner, WaypointPlanner, read_waypoints
 from ortilo_drake.scenario.scenario import Scenario
@@ -73,6 +74,7 @@ _FILES = {
     ("planner", "file"): None,
     ("detector", "cfg"): None,
     ("detector", "weights"): None,
+    ("detector", "onnx"): None,
     ("detector", "names"): None,
     ("camera", "errors", "file"): "rendered",
 }
@@ -241,9 +243,8 @@ def _relative_to(folder: Path, scenario: Scenario) -> Scenario:
         points = read_waypoints(Path(absolute(scenario.planner.file)))
         rows = tuple(tuple(row) for row in points.tolist())
         changes["planner"] = scenario.planner.model_copy(update={"file": None, "points": rows})
-    files = {key: path for key in ("cfg", "weights", "names") if (path := getattr(scenario.detector, key)) is not None}
-    if files:
-        files = {key: absolute(path) for key, path in files.items()}
+    if isinstance(scenario.detector, Detector) and scenario.detector.files:
+        files = {key: absolute(path) for key, path in scenario.detector.files.items()}
         changes["detector"] = scenario.detector.model_copy(update=files)
     errors = scenario.camera.errors
     if errors.kind == "measured" and errors.file != "rendered":
