@@ -3,13 +3,14 @@
 import numpy as np
 from pydrake.geometry import GeometryFrame
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
-from pydrake.systems.sensors import RgbdSensor
+from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I, ImageRgba8U, RgbdSensor
 
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.room import Room
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.world.drawn_truth import Drawn
 from ortilo_drake.world.radio.image_delay import ImageDelay, check_kept
+from ortilo_drake.world.scenery.bent_picture import BentPicture, straight_model
 from ortilo_drake.world.scenery.rendering import (
     camera_in_body,
     make_scene_graph,
@@ -19,6 +20,8 @@ from ortilo_drake.world.scenery.rendering import (
 )
 from ortilo_drake.world.scenery.scene import scene_items
 from ortilo_drake.world.scenery.vehicle_pose import VehiclePose
+
+NOTHING = 32766  # the label where there is nothing
 
 
 def make_rendered_camera(room: Room, width: int) -> Diagram:
@@ -38,7 +41,7 @@ def make_rendered_camera(room: Room, width: int) -> Diagram:
         width: image width [px].
 
     Raises:
-        InputError: if there is no EGL.
+        InputError: if there is no EGL, or the lens looks too far aside to be drawn.
     """
     builder = DiagramBuilder()
     scene_graph = builder.AddNamedSystem("scene_graph", make_scene_graph(scene_items(room)))
@@ -47,12 +50,20 @@ def make_rendered_camera(room: Room, width: int) -> Diagram:
     pose = builder.AddSystem(VehiclePose(frame))
     builder.Connect(pose.get_output_port(), scene_graph.get_source_pose_port(source))
     camera = room.camera.scaled_to(width)
-    sensor = builder.AddNamedSystem("rgbd_sensor", RgbdSensor(frame, camera_in_body(camera), *render_cameras(camera)))
+    drawn = straight_model(camera) if camera.coefficients else camera
+    sensor = builder.AddNamedSystem("rgbd_sensor", RgbdSensor(frame, camera_in_body(camera), *render_cameras(drawn)))
     builder.Connect(scene_graph.get_query_output_port(), sensor.query_object_input_port())
     builder.ExportInput(pose.get_input_port(), "state")
-    builder.ExportOutput(sensor.color_image_output_port(), "color_image")
-    builder.ExportOutput(sensor.depth_image_32F_output_port(), "depth_image")
-    builder.ExportOutput(sensor.label_image_output_port(), "label_image")
+    for name, port, kind, outside in (
+        ("color_image", sensor.color_image_output_port(), ImageRgba8U, 0),
+        ("depth_image", sensor.depth_image_32F_output_port(), ImageDepth32F, np.inf),
+        ("label_image", sensor.label_image_output_port(), ImageLabel16I, NOTHING),
+    ):
+        if camera.coefficients:
+            bent = builder.AddSystem(BentPicture(camera, kind, outside))
+            builder.Connect(port, bent.get_input_port())
+            port = bent.get_output_port()
+        builder.ExportOutput(port, name)
     diagram = builder.Build()
     diagram.set_name("rendered_camera")
     return diagram

@@ -16,7 +16,13 @@ command line's own form does as well: `od.fly("imu_uwb", "servo.yaw=0.3")`.
 
 from ortilo_drake.api.flight import Flight, fly
 from ortilo_drake.api.flights import Flights, compare, fly_many
-from ortilo_drake.api.parts import register_estimator, register_fault, register_planner, register_servo
+from ortilo_drake.api.parts import (
+    register_detector,
+    register_estimator,
+    register_fault,
+    register_planner,
+    register_servo,
+)
 from ortilo_drake.api.studies import Study, linearize, map, tables
 from ortilo_drake.codegen.export import export
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
@@ -61,6 +67,7 @@ __all__ = [
     "make_closed_loop",
     "make_imu",
     "map",
+    "register_detector",
     "register_estimator",
     "register_fault",
     "register_planner",

@@ -13,6 +13,8 @@ from ortilo_drake.onboard.planner.planned import Planned
 from ortilo_drake.scenario import Belief
 from ortilo_drake.scenario.faults import Fault
 
+Found = tuple[np.ndarray, np.ndarray, np.ndarray]
+
 
 def register_estimator(
     kind: str,
@@ -66,6 +68,27 @@ def register_planner(
     have a field `duration` [s].
     """
     register_part("planner", Part(kind, settings, make, box))
+
+
+def register_detector(
+    kind: str,
+    settings: type[Frozen],
+    make: Callable[[Any, tuple[str, ...], tuple[int, int]], Callable[[np.ndarray], Found]],
+) -> None:
+    """Let scenarios name a detector: `detector: {kind: mine, ...}`. It looks at the pictures of a rendered camera.
+
+    Args:
+        kind: its name there.
+        settings: its group of a scenario, a frozen model with the field `kind: Literal[...]`.
+        make: (its settings, the room's classes, width and height of the picture [px]) -> function from a picture (RGB,
+            (height, width, 3), uint8) to what it finds: labels (k), each the place of its class among the room's;
+            scores (k), above 0 and at most 1; and boxes (k, 4), u_min, v_min, u_max, v_max [px], where the centre of
+            the first pixel is (0, 0). Nothing else is done with them: it suppresses doubles itself.
+
+    Raises:
+        InputError: if the settings have no kind.
+    """
+    register_part("detector", Part(kind, settings, make))
 
 
 def register_fault(kind: str, settings: type[Fault], box: Callable[[Any, int, float], Box]) -> None:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.options import JsonOption, SetOption, WorkersOption, finite
+from ortilo_drake.commands.options import JsonOption, OnnxOption, SetOption, WorkersOption, finite
 from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_written, write_json
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.scenario import Detector, load_scenario
@@ -35,8 +35,9 @@ def _need_torch() -> None:
     check_installed("torch", "torch")
 
 
-def _settings(network: tuple[Path, Path] | None, backend: str = "auto") -> Detector:
+def _settings(network: tuple[Path, Path] | None, onnx: Path | None, backend: str = "auto") -> Detector:
     files = {} if network is None else {"cfg": str(network[0]), "weights": str(network[1])}
+    files |= {} if onnx is None else {"onnx": str(onnx)}
     return validate(Detector, {"backend": backend, **files}, "detector")
 
 
@@ -138,6 +139,7 @@ def evaluate(
     width: WidthOption = 320,
     backend: Annotated[str, typer.Option(help="auto, onnxruntime, opencv or torch.")] = "auto",
     network: NetworkOption = None,
+    onnx: OnnxOption = None,
     worst: Annotated[Path | None, typer.Option(help="Draw the worst pictures to this PNG.")] = None,
     workers: WorkersOption = None,
     json_file: JsonOption = None,
@@ -149,7 +151,7 @@ def evaluate(
     from ortilo_drake.onboard.detector.detector_network import load_detector
     from ortilo_drake.training.judging.judge import judge
 
-    settings = _settings(network, backend)
+    settings = _settings(network, onnx, backend)
     room = load_scenario("imu_uwb_yolo").load_room()
     load_detector(settings, room, (width, width))  # refuses bad files before minutes of rendering
     _render(pictures, ("test",), seed, scale, width, workers)
@@ -172,6 +174,7 @@ def evaluate(
 @detector_app.command()
 def recognise(
     network: NetworkOption = None,
+    onnx: OnnxOption = None,
     backend: Annotated[str, typer.Option(help="auto, onnxruntime, opencv or torch.")] = "auto",
     scenario: Annotated[str, typer.Option(help="Whose room, path and camera.")] = "imu_uwb_yolo",
     settings: SetOption = None,
@@ -183,7 +186,7 @@ def recognise(
     from ortilo_drake.onboard.detector.detector_network import load_detector
     from ortilo_drake.training.judging.recognised import recognised
 
-    look = _settings(network, backend)
+    look = _settings(network, onnx, backend)
     room = chosen.load_room()
     camera = room.camera.scaled_to(chosen.camera.width)
     all_boxes = validate(Detector, look.model_dump() | {"threshold": LOWEST}, "detector")
@@ -222,6 +225,7 @@ def calibrate(
     flights: Annotated[int, typer.Option(min=1, max=1000, help="Flights to measure on.")] = 4,
     first_seed: Annotated[int, typer.Option(min=0, help="Seed of the first; the tables fly from 0 on.")] = 100,
     network: NetworkOption = None,
+    onnx: OnnxOption = None,
     out_file: Annotated[Path, typer.Option("--out", help="The calibration file.")] = Path(
         "out/detector/camera_calibration.yaml"
     ),
@@ -231,7 +235,7 @@ def calibrate(
     Fly with the file by --set camera.errors.file=FILE.
     """
     check_writable(out_file)
-    settings = _settings(network)
+    settings = _settings(network, onnx)
     from ortilo_drake.training.calibration.calibrate import calibrate as measure
 
     with progress_bar() as progress:

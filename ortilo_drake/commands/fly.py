@@ -11,6 +11,7 @@ from ortilo_drake.commands.options import (
     CameraOption,
     DetectorOption,
     JsonOption,
+    OnnxOption,
     PlayerName,
     PlayerOption,
     ScenarioArgument,
@@ -81,6 +82,7 @@ def fly(
     settings: SetOption = None,
     camera: CameraOption = None,
     detector: DetectorOption = None,
+    onnx: OnnxOption = None,
     player: PlayerOption = PlayerName.fastest,
     meshcat: Annotated[bool, typer.Option("--meshcat", help="Show the flight live in the browser.")] = False,
     html: Annotated[Path | None, typer.Option(help="Write the flight as one self-contained page.")] = None,
@@ -99,9 +101,11 @@ def fly(
 
     Exit code 3 says that the flight was lost; everything asked for is written nevertheless.
     """
-    chosen = load_scenario(scenario, with_camera(settings, camera, detector), seed)
-    if detector is not None and not chosen.is_rendered:
-        raise InputError(f"--detector: {chosen.name} flies without a camera that it could look through")
+    chosen = load_scenario(scenario, with_camera(settings, camera, detector, onnx), seed)
+    if (detector or onnx) and not chosen.is_rendered:
+        raise InputError(
+            f"{'--onnx' if onnx else '--detector'}: {chosen.name} flies without a camera that it could look through"
+        )
     for option, path in (("--log", log), ("--rerun", rerun)):
         if meshcat and path:
             raise InputError(f"{option}: is written by a flight that is not shown live; leave --meshcat out")

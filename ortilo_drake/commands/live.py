@@ -9,6 +9,7 @@ from ortilo_drake.commands.options import (
     DEFAULT_SCENARIO,
     CameraOption,
     DetectorOption,
+    OnnxOption,
     ScenarioArgument,
     SeedOption,
     SetOption,
@@ -26,6 +27,7 @@ def live(
     settings: SetOption = None,
     camera: CameraOption = None,
     detector: DetectorOption = None,
+    onnx: OnnxOption = None,
     port: Annotated[int | None, typer.Option(min=1024, max=65535, help="Port of the page; a free one.")] = None,
     wait: Annotated[bool, typer.Option("--wait/--no-wait", help="Take off only when the page is open.")] = True,
 ) -> None:
@@ -34,7 +36,7 @@ def live(
     It takes off when the page is opened, and goes on until the page's button "stop", or Ctrl-C. The page can be opened
     on this machine only, and only by the address that is printed, which holds a new random token.
     """
-    chosen = load_scenario(scenario, with_camera(settings, camera, detector), seed)
+    chosen = load_scenario(scenario, with_camera(settings, camera, detector, onnx), seed)
     from pydrake.trajectories import Trajectory
     from rich.live import Live
     from rich.text import Text

@@ -73,18 +73,30 @@ DetectorOption = Annotated[
     tuple[Path, Path] | None,
     typer.Option("--detector", metavar="CFG WEIGHTS", help="A Darknet network to look with in place of ours."),
 ]
+OnnxOption = Annotated[
+    Path | None, typer.Option("--onnx", help="A YOLOv5, v8 or v11 network to look with in place of ours.")
+]
 
 
 def with_camera(
-    settings: list[str] | None, camera: Camera | None, detector: tuple[Path, Path] | None
+    settings: list[str] | None,
+    camera: Camera | None,
+    detector: tuple[Path, Path] | None,
+    onnx: Path | None = None,
 ) -> tuple[str, ...]:
     """Return the settings with the camera's laid over them; a detector of the user's needs the rendered camera."""
     chosen = list(settings or ())
     if camera is not None:
         chosen.append(f"camera.kind={camera.value}")
-    if detector is not None:
+    files = dict(zip(("cfg", "weights"), detector, strict=True)) if detector else {}
+    if onnx is not None:
+        if detector is not None:
+            raise InputError("--onnx, --detector: give one of them")
+        files = {"onnx": onnx}
+    if files:
+        option = "--onnx" if onnx else "--detector"
         if camera is Camera.projected:
-            raise InputError("--detector: looks at pictures, which --camera projected does not draw")
-        cfg, weights = (json.dumps(str(path.absolute())) for path in detector)
-        chosen += ["camera.kind=rendered", f"detector.cfg={cfg}", f"detector.weights={weights}"]
+            raise InputError(f"{option}: looks at pictures, which --camera projected does not draw")
+        chosen.append("camera.kind=rendered")
+        chosen += [f"detector.{key}={json.dumps(str(path.absolute()))}" for key, path in files.items()]
     return tuple(chosen)

@@ -11,6 +11,7 @@ from ortilo_drake.commands.options import (
     CameraOption,
     DetectorOption,
     JsonOption,
+    OnnxOption,
     PlayerName,
     PlayerOption,
     SetOption,
@@ -49,6 +50,7 @@ def tables(
     settings: SetOption = None,
     camera: CameraOption = None,
     detector: DetectorOption = None,
+    onnx: OnnxOption = None,
     player: PlayerOption = PlayerName.fastest,
     beside: Annotated[
         list[str] | None,
@@ -72,7 +74,7 @@ def tables(
     from ortilo_drake.studies.paper_tables.report import table_text
     from ortilo_drake.studies.paper_tables.tables import make_tables
 
-    of_cameras = with_camera(None, camera, detector)  # so that the flights without one stay the same
+    of_cameras = with_camera(None, camera, detector, onnx)  # so that the flights without one stay the same
     chosen = scenarios_of_tables(preset.value, settings or (), of_cameras, beside or ())
     check_writable(json_file, out_folder / f"tables_{preset.value}.md")
     say_if_compiling()

@@ -19,7 +19,7 @@ from ortilo_drake.flight.summary import Summary, summary_text
 from ortilo_drake.model.parts import plugin_files
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.detector.detector_network import own_backend
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario import Detector, Scenario
 
 
 def flight_folder(out: Path, scenario: Scenario) -> Path:
@@ -46,10 +46,13 @@ def _plugins() -> str:
 def _camera(scenario: Scenario) -> str:
     """Return a digest of the user's detector and calibration files, and of the backend that computes our network."""
     chosen, errors = scenario.detector, scenario.camera.errors
-    digest = hashlib.sha256(own_backend(chosen.backend).encode() if scenario.is_rendered else b"")
-    names = chosen.names or (chosen.cfg and str(Path(chosen.cfg).with_suffix(".names")))
-    for file in (chosen.cfg, chosen.weights, names, errors.file if errors.kind == "measured" else None):
-        if file is not None and Path(file).is_file():
+    files, backend = {"errors": errors.file} if errors.kind == "measured" else {}, ""
+    if isinstance(chosen, Detector):  # one of one's own is a plugin's
+        beside = {"names": str(Path(chosen.cfg).with_suffix(".names"))} if chosen.cfg else {}
+        files, backend = beside | chosen.files | files, own_backend(chosen.backend)
+    digest = hashlib.sha256(backend.encode() if scenario.is_rendered else b"")
+    for file in files.values():
+        if Path(file).is_file():
             digest.update(Path(file).read_bytes())
     return digest.hexdigest()
 

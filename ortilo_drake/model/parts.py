@@ -1,4 +1,6 @@
-"""The register of parts: sensors, estimators, servos, planners and faults that a scenario may name beside its own.
+"""The register of parts that a scenario may name beside its own.
+
+They are sensors, estimators, servos, planners, detectors and faults.
 
 A part comes from a package that has an entry point in the group ``ortilo_drake.plugins``, whose module registers it
 when it is imported; from a file given by ``--plugin FILE.py``; or from a call of register_* before the scenario is
@@ -24,7 +26,7 @@ from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import Frozen
 
 GROUP: Final = "ortilo_drake.plugins"
-KINDS: Final = ("estimator", "servo", "planner", "fault")
+KINDS: Final = ("estimator", "servo", "planner", "detector", "fault")
 
 
 @dataclass(frozen=True)
@@ -138,12 +140,13 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Part:
-    """An estimator, a servo, a planner or a fault that scenarios may name by its kind.
+    """An estimator, a servo, a planner, a detector or a fault that scenarios may name by its kind.
 
     Attributes:
         kind: what stands after ``kind:`` in a scenario.
         settings: its group in a scenario, a frozen model with a field ``kind: Literal[...]``.
         make: makes it as a System; see diagrams/onboard.py for what each takes and returns. None where `box` makes it.
+            A detector's makes a function from a picture to what it finds, see register_detector.
         box: makes it as a Box of an element (loop/own.py), which every player flies; None if Drake alone flies it. An
             estimator's takes the Belief and xbar_0 (15), a servo's and a planner's the Belief, a fault's its settings,
             the size of the message that it changes and the tick h [s]. What each may read: diagrams/wiring/own_part.py.
@@ -188,7 +191,7 @@ def register_sensor(sensor: Sensor) -> None:
 
 
 def register_part(role: str, part: Part) -> None:
-    """Let scenarios name an estimator, a servo, a planner or a fault; role is one of KINDS."""
+    """Let scenarios name an estimator, a servo, a planner, a detector or a fault; role is one of KINDS."""
     if role not in KINDS:
         raise InputError(f"part: {role!r}: must be one of {', '.join(KINDS)}")
     if "kind" not in part.settings.model_fields:
@@ -264,7 +267,7 @@ def find_sensor(name: str) -> Sensor | None:
 
 
 def find_part(role: str, kind: str) -> Part | None:
-    """Return the registered estimator, servo, planner or fault of a kind, None if there is none."""
+    """Return the registered estimator, servo, planner, detector or fault of a kind, None if there is none."""
     if (role, kind) not in _PARTS:
         _load_installed()
     return _PARTS.get((role, kind))

@@ -4,6 +4,8 @@ C is at p_BC and looks along B's x axis: its z is B's x, its x is -B's y, its y 
 
     p_BL_B = R_WB^T (p_WL - p_WB),  q = p_BL_B - p_BC,  u = c_u - f q_y / q_x,  v = c_v - f q_z / q_x
 
+of a straight lens with square pixels; for others see model/lens.py, whose x is -q_y / q_x and whose y is -q_z / q_x.
+
 and a small turn of the body e (in B, R_WB -> R_WB exp([e]x)) moves it by d p_BL_B = p_BL_B x e, where
 e = E(rpy) d(rpy) with the E of the Euler-angle rates (model/equations.py). A pixel's centre has integer
 coordinates, so the image reaches from -1/2 to its size - 1/2.
@@ -22,6 +24,7 @@ from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.model.elementary import cos, sin
+from ortilo_drake.model.lens import STRAIGHT, Lens, bent, straightened
 
 Point = tuple[float, float, float]
 Sines = tuple[float, float, float, float]
@@ -36,15 +39,17 @@ class Camera(NamedTuple):
 
     Attributes:
         p_BC: its origin in B [m] (3).
-        f: focal length [px].
+        f: focal length along u [px].
         c: principal point [px] (2).
         image: width and height [px] (2).
+        lens: how it bends, and its pixels' shape.
     """
 
     p_BC: np.ndarray
     f: float
     c: np.ndarray
     image: np.ndarray
+    lens: Lens = STRAIGHT
 
 
 @register_jitable
@@ -60,18 +65,27 @@ def in_body_frame(x: float, y: float, z: float, p_WB: np.ndarray, R_WB: np.ndarr
 
 @register_jitable
 def _pixel(p_BL: Point, camera: Camera) -> Point:
-    """Return u, v and the depth q_x; u and v NaN without a projection."""
+    """Return u, v and the depth q_x; u and v NaN without a projection, and the depth too where the lens turns back."""
     depth = p_BL[0] - camera.p_BC[0]
     if not depth >= NEAR:  # so that NaN has none either
         return np.nan, np.nan, depth
+    f_v = camera.f * camera.lens.aspect
+    if camera.lens.bend.size > 0:
+        x, y = (camera.p_BC[1] - p_BL[1]) / depth, (camera.p_BC[2] - p_BL[2]) / depth
+        if not x * x + y * y < camera.lens.farthest:
+            return np.nan, np.nan, np.nan
+        x, y, _, _, _ = bent(x, y, camera.lens.bend)
+        return camera.c[0] + camera.f * x, camera.c[1] + f_v * y, depth
     u = camera.c[0] - camera.f * (p_BL[1] - camera.p_BC[1]) / depth
-    v = camera.c[1] - camera.f * (p_BL[2] - camera.p_BC[2]) / depth
+    v = camera.c[1] - f_v * (p_BL[2] - camera.p_BC[2]) / depth
     return u, v, depth
 
 
 @njit(cache=True)
 def project(p_WL: np.ndarray, p_WB: np.ndarray, R_WB: np.ndarray, camera: Camera) -> Point:
     """Return u, v [px] and the depth q_x [m] of a point; u and v are NaN if it is nearer than NEAR.
+
+    All three are NaN where the lens turns back.
 
     Args:
         p_WL: the point in W (3).
@@ -120,6 +134,23 @@ def _gradient(p: Point, p_BC: Point, f: float, axis: int) -> tuple[float, float,
 
 
 @register_jitable
+def _bent_gradient(p: Point, p_BC: Point, camera: Camera, axis: int) -> tuple[float, float, float, float, float, float]:
+    """Return what _gradient does, through a lens that bends."""
+    depth = p[0] - p_BC[0]
+    _, _, d_xx, d_xy, d_yy = bent((p_BC[1] - p[1]) / depth, (p_BC[2] - p[2]) / depth, camera.lens.bend)
+    of_x, of_y = _gradient(p, p_BC, camera.f, 0), _gradient(p, p_BC, camera.f, 1)
+    along_x, along_y = (d_xx, d_xy) if axis == 0 else (camera.lens.aspect * d_xy, camera.lens.aspect * d_yy)
+    return (
+        along_x * of_x[0] + along_y * of_y[0],
+        along_x * of_x[1] + along_y * of_y[1],
+        along_x * of_x[2] + along_y * of_y[2],
+        along_x * of_x[3] + along_y * of_y[3],
+        along_x * of_x[4] + along_y * of_y[4],
+        along_x * of_x[5] + along_y * of_y[5],
+    )
+
+
+@register_jitable
 def sines(rpy: np.ndarray) -> Sines:
     """Return sin phi, cos phi, sin theta, cos theta of roll, pitch, yaw (3)."""
     return sin(rpy[0]), cos(rpy[0]), sin(rpy[1]), cos(rpy[1])
@@ -160,10 +191,14 @@ def box_and_jacobian(
     box[0], box[1], box[2], box[3] = u_low, v_low, u_high, v_high
     # d p_BL_B = -R_WB^T d p_WB + p_BL_B x E d rpy, and g . (p x e) = (g x p) . e; E(rpy) column by column.
     s_phi, c_phi, s_theta, c_theta = of_rpy
-    p_BC, f = (camera.p_BC[0], camera.p_BC[1], camera.p_BC[2]), camera.f
+    p_BC, is_bent = (camera.p_BC[0], camera.p_BC[1], camera.p_BC[2]), camera.lens.bend.size > 0
     for axis, low, high in ((0, left, right), (1, top, bottom)):
-        a = _gradient(_outline_point(low, p_WL, outline, p_WB, R_WB), p_BC, f, axis)
-        b = _gradient(_outline_point(high, p_WL, outline, p_WB, R_WB), p_BC, f, axis)
+        p, q = _outline_point(low, p_WL, outline, p_WB, R_WB), _outline_point(high, p_WL, outline, p_WB, R_WB)
+        if is_bent:
+            a, b = _bent_gradient(p, p_BC, camera, axis), _bent_gradient(q, p_BC, camera, axis)
+        else:
+            f = camera.f if axis == 0 else camera.f * camera.lens.aspect
+            a, b = _gradient(p, p_BC, f, axis), _gradient(q, p_BC, f, axis)
         g_x, g_y, g_z = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
         h_x, h_y, h_z = 0.5 * (a[3] + b[3]), 0.5 * (a[4] + b[4]), 0.5 * (a[5] + b[5])
         for j in range(3):
@@ -217,3 +252,17 @@ def point_pixels(
         pixels[i, 0] = centers[i, 0] - 0.5 * (box[0] + box[2]) + u
         pixels[i, 1] = centers[i, 1] - 0.5 * (box[1] + box[3]) + v
     return pixels
+
+
+@njit(cache=True)
+def straight_pixels(pixels: np.ndarray, camera: Camera) -> np.ndarray:
+    """Return where a straight lens with square pixels of focal length f has these pixels (n, 2); NaN where nowhere."""
+    lens = camera.lens
+    if lens.bend.size == 0 and lens.aspect == 1.0:
+        return pixels
+    found = np.empty_like(pixels)
+    for i in range(pixels.shape[0]):
+        x, y = (pixels[i, 0] - camera.c[0]) / camera.f, (pixels[i, 1] - camera.c[1]) / (camera.f * lens.aspect)
+        x, y = straightened(x, y, lens)
+        found[i, 0], found[i, 1] = camera.c[0] + camera.f * x, camera.c[1] + camera.f * y
+    return found

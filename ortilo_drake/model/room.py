@@ -15,10 +15,12 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, model_validator
 
+from ortilo_drake.model.distortion import Coefficients, Distortion, check_count
 from ortilo_drake.model.input_files import exists, read_text
 from ortilo_drake.model.inputs.known_classes import ORTILO_ROOM
 from ortilo_drake.model.inputs.problems import SeveralProblems
 from ortilo_drake.model.inputs.room_text import parse_room
+from ortilo_drake.model.lens import BROWN_CONRADY, Lens, make_lens
 from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.model.typed_yaml import SMALLEST, Frozen, InputError, Positive, validate
 
@@ -63,13 +65,38 @@ class Landmark(Frozen):
 
 
 class CameraModel(Frozen):
-    """A pinhole camera at p_BC, looking along B's x axis: C's z = B's x, C's x = -B's y, C's y = -B's z."""
+    """A camera at p_BC, looking along B's x axis: C's z = B's x, C's x = -B's y, C's y = -B's z.
+
+    Attributes:
+        width: of its pictures [px].
+        height: of them [px].
+        focal_length: along the picture's width [px].
+        center: principal point, where the first pixel's centre is (0, 0) [px].
+        position: p_BC [m].
+        aspect: focal length along the picture's height over that along its width [1].
+        distortion: how the lens bends straight lines, see model/lens.py.
+        coefficients: of brown_conrady k1, k2, p1, p2, or with k3, or with k3, k4, k5, k6; of fisheye k1, k2, k3, k4.
+    """
 
     width: Side
     height: Side
     focal_length: Positive
     center: Vec2
     position: Vec3
+    aspect: Positive = 1.0
+    distortion: Distortion = "none"
+    coefficients: Coefficients = ()
+
+    @model_validator(mode="after")
+    def _has_a_lens(self) -> "CameraModel":
+        self.check_lens()
+        return self
+
+    def check_lens(self) -> None:
+        """Refuse coefficients that are too few or too many, or that fold the picture; ValueError."""
+        check_count(self.distortion, self.coefficients)
+        if not self._lens[1]:
+            raise ValueError(f".coefficients: {list(self.coefficients)}: fold the picture near its middle")
 
     def scaled_to(self, width: int) -> "CameraModel":
         """Return the same camera at another resolution.
@@ -87,19 +114,21 @@ class CameraModel(Frozen):
                 f"{height} px: must be 1 to {MAX_HEIGHT} px high and have at most {MAX_PIXELS} px"
             )
         center = ((self.center[0] + 0.5) * s - 0.5, (self.center[1] + 0.5) * s - 0.5)
-        return CameraModel(
-            width=width,
-            height=height,
-            focal_length=self.focal_length * s,
-            center=center,
-            position=self.position,
+        return self.model_copy(
+            update={"width": width, "height": height, "focal_length": self.focal_length * s, "center": center}
         )
 
     @property
     def constants(self) -> Camera:
         """The camera as compiled functions take it."""
         image = np.array([self.width, self.height], dtype=float)
-        return Camera(np.array(self.position), self.focal_length, np.array(self.center), image)
+        return Camera(np.array(self.position), self.focal_length, np.array(self.center), image, self._lens[0])
+
+    @property
+    def _lens(self) -> tuple[Lens, bool]:
+        zeros = (0.0,) * (BROWN_CONRADY - len(self.coefficients)) if self.distortion == "brown_conrady" else ()
+        image = float(self.width), float(self.height)
+        return make_lens((*self.coefficients, *zeros), self.aspect, self.focal_length, self.center, image)
 
 
 Furniture = tuple[Label, float, float, float, float, float, float]

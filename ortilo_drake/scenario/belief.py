@@ -184,8 +184,12 @@ class Belief(Frozen):
         return measurement_of(self.sensors, self.landmark_fix.rows, ages, self.yaw)
 
     def load_room(self) -> Room:
-        """Return the room as it was surveyed; InputError if its file is wrong."""
-        return load_room(ORTILO_ROOM if self.room == "ortilo" else Path(self.room))
+        """Return the room as it was surveyed, with the camera as it was calibrated; InputError if its file is wrong."""
+        room, calibration = (
+            load_room(ORTILO_ROOM if self.room == "ortilo" else Path(self.room)),
+            self.camera.calibration,
+        )
+        return room if calibration is None else room.model_copy(update={"camera": calibration.on(room.camera)})
 
     @classmethod
     def model_for(cls, data: Any) -> type[Self]:

@@ -6,8 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from ortilo_drake.model.input_files import exists, read_text
+from ortilo_drake.model.inputs.calibration_file import read_calibration
 from ortilo_drake.model.typed_yaml import DEEPEST, InputError, nearest, parse_yaml, validate
 from ortilo_drake.model.vehicle import load_vehicle
+from ortilo_drake.scenario.onboard import Detector
 from ortilo_drake.scenario.plain import plain_value
 from ortilo_drake.scenario.planner import GcsPlanner, WaypointPlanner, read_waypoints
 from ortilo_drake.scenario.scenario import Scenario
@@ -74,15 +76,20 @@ _FILES = {
     ("planner", "file"): None,
     ("detector", "cfg"): None,
     ("detector", "weights"): None,
+    ("detector", "onnx"): None,
     ("detector", "names"): None,
     ("camera", "errors", "file"): "rendered",
 }
 
 
-def _with_vehicle(data: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the settings with the values of the vehicle's file, if they name one, in its place: all of them."""
-    name = data.get("vehicle")
-    return data | {"vehicle": load_vehicle(folder / name).model_dump(mode="json")} if isinstance(name, str) else data
+def _with_read_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Return the settings with the values of files of a vehicle and of a camera's calibration in their places."""
+    name, camera = data.get("vehicle"), data.get("camera")
+    if isinstance(name, str):
+        data = data | {"vehicle": load_vehicle(folder / name).model_dump(mode="json")}
+    if isinstance(camera, dict) and isinstance(file := camera.get("calibration"), str):
+        data = data | {"camera": camera | {"calibration": read_calibration(folder / file)}}
+    return data
 
 
 def _settings_in(path: Path, source: str, above: tuple[str, ...] = ()) -> dict[str, Any]:
@@ -92,7 +99,7 @@ def _settings_in(path: Path, source: str, above: tuple[str, ...] = ()) -> dict[s
         data = {}
     if not isinstance(data, dict):
         raise InputError(f"{source}: must hold settings by name, not {type(data).__name__}")
-    data = _with_vehicle(data, path.parent)
+    data = _with_read_files(data, path.parent)
     base = data.pop("base", None)
     if base is None:
         return data
@@ -193,7 +200,7 @@ def _laid_over(
     data = scenario.model_dump(mode="json")  # so that a setting finds the defaults of its neighbours
     for setting in settings:
         _set_field(data, setting)
-        data = _with_vehicle(data, folder)
+        data = _with_read_files(data, folder)
     if seed is not None:
         data["seed"] = seed
     return validate(Scenario, data, source)
@@ -242,9 +249,8 @@ def _relative_to(folder: Path, scenario: Scenario) -> Scenario:
         points = read_waypoints(Path(absolute(scenario.planner.file)))
         rows = tuple(tuple(row) for row in points.tolist())
         changes["planner"] = scenario.planner.model_copy(update={"file": None, "points": rows})
-    files = {key: path for key in ("cfg", "weights", "names") if (path := getattr(scenario.detector, key)) is not None}
-    if files:
-        files = {key: absolute(path) for key, path in files.items()}
+    if isinstance(scenario.detector, Detector) and scenario.detector.files:
+        files = {key: absolute(path) for key, path in scenario.detector.files.items()}
         changes["detector"] = scenario.detector.model_copy(update=files)
     errors = scenario.camera.errors
     if errors.kind == "measured" and errors.file != "rendered":

@@ -76,20 +76,25 @@ class Multilateration(Frozen):
 
 
 class Detector(Frozen):
-    """The network that finds landmarks in the rendered camera's pictures.
+    """The network that finds landmarks in the rendered camera's pictures: ours, or one of a file.
 
     Attributes:
+        kind: 'network'.
         cfg: a Darknet .cfg to use in place of our own network, with its weights; needs torch.
         weights: its .weights.
-        names: its class names, each line one; by default FILE.names beside FILE.cfg, or the 80 of MS COCO.
+        onnx: an ONNX file of YOLOv5, v8 or v11 to use in place of our own network; needs onnxruntime.
+        names: its class names, each line one; by default FILE.names beside FILE.cfg, those in the ONNX file, or the 80
+            of MS COCO.
         backend: what computes our own network: 'onnxruntime' is the fastest measured, 'opencv' is always there, 'torch'
             the one it was trained with; 'auto' takes the first of them that is installed.
         threshold: smallest score of a box [1].
         overlap: two boxes of a class that overlap by a larger IoU [1] are one object.
     """
 
+    kind: Literal["network"] = "network"
     cfg: FileName | None = None
     weights: FileName | None = None
+    onnx: FileName | None = None
     names: FileName | None = None
     backend: Literal["auto", "onnxruntime", "opencv", "torch"] = "auto"
     threshold: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.4
@@ -101,7 +106,17 @@ class Detector(Frozen):
             raise ValueError(f".cfg {self.cfg!r}, .weights {self.weights!r}: give both or neither")
         if self.cfg is not None and self.backend not in ("auto", "torch"):
             raise ValueError(f".backend {self.backend!r}: is for our own network, a .cfg takes 'auto' or 'torch'")
+        if self.onnx is not None and self.cfg is not None:
+            raise ValueError(f".onnx {self.onnx!r}, .cfg {self.cfg!r}: give one of them")
+        if self.onnx is not None and self.backend not in ("auto", "onnxruntime"):
+            raise ValueError(f".backend {self.backend!r}: a file of .onnx takes 'auto' or 'onnxruntime'")
         return self
+
+    @property
+    def files(self) -> dict[str, str]:
+        """The files of a network of the user's, by their keys; none of ours."""
+        named = {key: getattr(self, key) for key in ("cfg", "weights", "onnx", "names")}
+        return {key: file for key, file in named.items() if file is not None}
 
 
 class LandmarkFix(Frozen):

@@ -5,6 +5,8 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, NonNegativeFloat, model_validator
 
+from ortilo_drake.model.distortion import Coefficients, Distortion
+from ortilo_drake.model.room import OWN_CAMERA, CameraModel, Side
 from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive
 from ortilo_drake.model.white_noise import USUAL_ROOT, white_sd
 from ortilo_drake.scenario.link import Link, LinkRate, Probability
@@ -262,6 +264,38 @@ class ParametricErrors(Frozen):
 CameraErrors = Annotated[MeasuredErrors | ParametricErrors, Field(discriminator="kind")]
 
 
+class Calibration(Frozen):
+    """A camera as it was calibrated, in the place of the room's; a file of Kalibr, ROS or OpenCV may stand for it.
+
+    Attributes:
+        width: of the pictures that it was calibrated with [px]; camera.width scales it.
+        height: of them [px].
+        focal_length: along width and height [px].
+        center: principal point, where the first pixel's centre is (0, 0) [px].
+        distortion: how the lens bends straight lines: 'brown_conrady' is OpenCV's usual model (plumb_bob,
+            rational_polynomial, radtan), 'fisheye' its other (equidistant).
+        coefficients: of brown_conrady k1, k2, p1, p2, or with k3, or with k3, k4, k5, k6; of fisheye k1, k2, k3, k4.
+    """
+
+    width: Side
+    height: Side
+    focal_length: tuple[Positive, Positive]
+    center: tuple[float, float]
+    distortion: Distortion = "none"
+    coefficients: Coefficients = ()
+
+    @model_validator(mode="after")
+    def _is_a_camera(self) -> "Calibration":
+        self.on(OWN_CAMERA).check_lens()
+        return self
+
+    def on(self, camera: CameraModel) -> CameraModel:
+        """Return the calibrated camera where the room's is."""
+        f_u, f_v = self.focal_length
+        its = {"focal_length": f_u, "aspect": f_v / f_u, "position": camera.position}
+        return CameraModel.model_construct(**(self.model_dump() | its))
+
+
 class CameraSetup(SensorSetup):
     """What the onboard half knows of the landmark camera.
 
@@ -272,12 +306,15 @@ class CameraSetup(SensorSetup):
         width: image width [px], to which the room's camera is scaled; 16 to 8192, or 64 to 2048 where it is rendered.
         latency: time from picture to boxes [ticks]; a rendered camera's detector takes one at least (it needs about a
             third of a tick of 1/30 s).
+        calibration: the camera as it was calibrated; null takes the room's. A scenario file, or `--set`, may name a
+            file of Kalibr, ROS (camera_info) or OpenCV (FileStorage) instead, found as a room's is.
     """
 
     link: LinkRate = LinkRate(rate=10.0)
     kind: Literal["projected", "rendered"] = "projected"
     width: Annotated[int, Field(ge=16, le=8192)] = 320
     latency: Annotated[int, Field(ge=0, le=1000)] = 1
+    calibration: Calibration | None = None
 
     @model_validator(mode="after")
     def _can_be_rendered(self) -> "CameraSetup":
@@ -298,6 +335,8 @@ class Camera(CameraSetup):
         width: image width [px], to which the room's camera is scaled; 16 to 8192, or 64 to 2048 where it is rendered.
         latency: time from picture to boxes [ticks]; a rendered camera's detector takes one at least (it needs about a
             third of a tick of 1/30 s).
+        calibration: the camera as it was calibrated; null takes the room's. A scenario file, or `--set`, may name a
+            file of Kalibr, ROS (camera_info) or OpenCV (FileStorage) instead, found as a room's is.
         errors: which landmarks are missed, how boxes err, and false boxes; flown where the camera is projected, and
             what the theory goes by.
     """

@@ -37,6 +37,7 @@ from ortilo_drake.sensors.information_rows import GRADIENT, Information
 from ortilo_drake.sensors.unknown_error import Error, moved, spread, walk
 from ortilo_drake.world.drawn_truth import Drawn
 from ortilo_drake.world.radio.image_delay import check_kept
+from ortilo_drake.world.scenery.bent_picture import straight_model
 from ortilo_drake.world.scenery.rendering import check_egl
 from ortilo_drake.world.sensors.camera_calibration import load_calibration
 from ortilo_drake.world.sensors.camera_tables import Tables, look_up, measured_tables, parametric_tables
@@ -180,6 +181,11 @@ def check(scenario: Scenario, room: Room) -> None:
     except InputError as error:
         raise InputError(f"camera.{error}") from None
     if scenario.is_rendered:
+        if camera.coefficients:
+            straight_model(camera)
+            lens = scenario.truth.camera
+            if lens.focal_factor != 1.0 or lens.focal_factor_sd > 0.0:
+                raise InputError("truth.camera.focal_factor: must be 1 where a lens that bends is rendered")
         link = scenario.camera.link
         check_kept(scenario.every("camera"), link.delay + link.random_delay, camera.width, camera.height)
         check_egl()

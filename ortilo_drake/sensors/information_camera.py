@@ -28,7 +28,7 @@ from scipy.interpolate import PchipInterpolator
 from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.pinhole import Camera, box_center
 from ortilo_drake.model.room import Room
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario import Detector, Scenario
 from ortilo_drake.scenario.sensors import MeasuredErrors, ParametricErrors
 from ortilo_drake.sensors.information_rows import AMPLITUDE, GRADIENT, ROW_SIZE, SLOW, SOURCE, TICK, VARIANCE
 from ortilo_drake.world.sensors.camera_calibration import CameraCalibration, load_calibration
@@ -139,7 +139,7 @@ def camera_tables(scenario: Scenario, room: Room) -> Tables | None:
     """Return the tables of the camera that a scenario flies; None if its detector's errors have not been measured."""
     errors: MeasuredErrors | ParametricErrors = scenario.camera.errors
     if scenario.is_rendered:
-        if scenario.detector.cfg is not None:
+        if not isinstance(scenario.detector, Detector) or scenario.detector.files:
             return None
         errors = MeasuredErrors()
     if isinstance(errors, ParametricErrors):

@@ -2,7 +2,7 @@
 
 import importlib.util
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -10,13 +10,17 @@ import yaml
 from command_line import run
 from flight_tracks import digest
 
+import ortilo_drake as od
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.flight.ensemble import flight_file, fly_many
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.saved_flight import load_flight
 from ortilo_drake.flight.simulator import make_simulator
+from ortilo_drake.model import parts
 from ortilo_drake.model.room import ORTILO_ROOM, load_room
 from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, PAYLOAD, STAMP
+from ortilo_drake.model.typed_yaml import Frozen, InputError
+from ortilo_drake.onboard.detector.detector_network import load_detector
 from ortilo_drake.scenario import Scenario, load_scenario
 
 HOVER = ("planner={kind: hover, point: [8, 1, 1.5], duration: 0.6}", "settle=0.2")
@@ -154,6 +158,96 @@ def test_a_network_of_the_users_flies(capsys: pytest.CaptureFixture[str], bare: 
     assert scenario.detector.cfg == words[1]
     assert scenario.detector.weights == words[2]
     assert digest(flight) == digest(fly(scenario))
+
+
+@pytest.mark.egl
+def test_an_onnx_network_flies(capsys: pytest.CaptureFixture[str], bare: str, tmp_path: Path) -> None:
+    pytest.importorskip("onnx")
+    pytest.importorskip("onnxruntime")
+    from onnx_networks import Network
+
+    names = [*load_room().classes]
+    path = Network("v8", len(names), (96, 64)).write(tmp_path / "net.onnx", {"names": str(names)})
+    out = tmp_path / "flight.nc"
+    low = "detector.threshold=0.02"  # random weights: some boxes at any rate
+    assert run(*command("--onnx", str(path), "--set", low, "--set", bare, "--out", str(out))) == 0
+    assert capsys.readouterr().err == ""
+    flight = load_flight(out)
+    scenario = Scenario.model_validate_json(flight.attrs["scenario"])
+    assert scenario.detector.onnx == str(path)
+    assert digest(flight) == digest(fly(scenario))
+
+
+class Brightest(Frozen):
+    """A detector of one's own: it boxes the brightest pixel and calls it by its class."""
+
+    kind: Literal["brightest"] = "brightest"
+    label: str = "dog"
+    bad: str = ""
+
+
+def make_brightest(settings: Brightest, classes: tuple[str, ...], size: tuple[int, int]) -> Any:
+    label = classes.index(settings.label)
+
+    def find(image: np.ndarray) -> Any:
+        assert image.shape == (size[1], size[0], 3)
+        v, u = np.unravel_index(image.sum(axis=2).argmax(), (size[1], size[0]))
+        found = np.array([label]), np.array([0.9]), np.array([[u - 2.0, v - 2.0, u + 2.0, v + 2.0]])
+        wrong = {
+            "shape": (found[0], found[1], found[2][0]),
+            "label": (np.array([len(classes)]), *found[1:]),
+            "score": (found[0], np.array([2.0]), found[2]),
+            "nothing": None,
+        }
+        return wrong.get(settings.bad, found)
+
+    return find
+
+
+@pytest.fixture
+def registered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parts, "_PARTS", {**parts._PARTS})
+    od.register_detector("brightest", Brightest, make_brightest)
+
+
+@pytest.mark.egl
+@pytest.mark.usefixtures("registered")
+def test_a_registered_detector_looks_at_the_pictures(bare: str, tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text("base: nominal_imu_uwb_yolo\ndetector: {kind: brightest, label: cat}\n")
+    scenario = load_scenario(file, (*HOVER, *RENDERED, bare), 3)
+    flight = fly(scenario)
+    assert digest(flight) == digest(fly(Scenario.model_validate_json(scenario.model_dump_json())))
+    room, size = scenario.load_room(), (64, 48)
+    image = np.zeros((48, 64, 3), np.uint8)
+    image[1, 40] = 255
+    labels, scores, boxes = load_detector(scenario.detector, room, size)(image)
+    assert [room.classes[k] for k in labels] == ["cat"]
+    assert scores.tolist() == [0.9]
+    assert boxes.tolist() == [[38.0, -0.5, 42.0, 3.0]]  # cut at the border
+
+
+@pytest.mark.usefixtures("registered")
+@pytest.mark.parametrize(
+    ("bad", "why"),
+    [
+        ("shape", r"shapes \(1,\), \(1,\), \(4,\): must be"),
+        ("label", "must be 0 to 8, the classes"),
+        ("score", "scores above 0 and at most 1"),
+        ("nothing", "must return labels, scores and boxes, not NoneType"),
+    ],
+)
+def test_what_a_registered_detector_finds_is_checked(bad: str, why: str) -> None:
+    scenario = load_scenario("nominal_imu_uwb_yolo", (f"detector={{kind: brightest, bad: {bad}}}", *RENDERED))
+    detect = load_detector(scenario.detector, scenario.load_room(), (64, 48))
+    with pytest.raises(InputError, match=f"^detector.kind: brightest: .*{why}"):
+        detect(np.zeros((48, 64, 3), np.uint8))
+
+
+@pytest.mark.usefixtures("registered")
+def test_a_detector_that_nobody_registered_is_answered_with_those_that_are() -> None:
+    with pytest.raises(InputError, match=r"detector\.kind: 'brightst' is not one of 'brightest', 'network'"):
+        load_scenario("nominal_imu_uwb_yolo", "detector={kind: brightst}")
 
 
 # --- bad input ------------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from ortilo_drake.onboard.landmarks.landmark_fix import METHODS
 
 ROOM = load_room()
 CAMERA = ROOM.camera.scaled_to(320).constants
-P_BC, F, C, _ = CAMERA
+P_BC, F, C, *_ = CAMERA
 # Spread over the image and in depth, as seen from (0, 0, 1.5), and of the sizes that the room has.
 POINTS = np.array(
     [

@@ -18,11 +18,11 @@ def seen_from(p: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
 
 def test_a_ray_is_the_unit_vector_to_its_pixel_and_its_derivative_a_difference() -> None:
     pixels = np.array([[12.0, 200.0], [160.0, 119.0], [300.5, 3.0]])
-    b, db = rays(pixels, CAMERA.f, CAMERA.c)
+    b, db = rays(pixels, CAMERA)
     np.testing.assert_allclose(np.linalg.norm(b, axis=1), 1.0, rtol=1e-12)
     np.testing.assert_allclose(CAMERA.c - CAMERA.f * b[:, 1:] / b[:, :1], pixels, rtol=1e-12)
     for axis, step in enumerate(1e-4 * np.eye(2)):
-        change = rays(pixels + step, CAMERA.f, CAMERA.c)[0] - rays(pixels - step, CAMERA.f, CAMERA.c)[0]
+        change = rays(pixels + step, CAMERA)[0] - rays(pixels - step, CAMERA)[0]
         np.testing.assert_allclose(db[:, :, axis], change / 2e-4, rtol=1e-6, atol=1e-10)
 
 

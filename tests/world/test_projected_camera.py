@@ -26,7 +26,7 @@ from ortilo_drake.world.sensors.projected_camera_element import camera_box
 H = 1.0 / 30.0
 ROOM = load_room()
 CAMERA = ROOM.camera.scaled_to(320).constants
-P_BC, F, C, _ = CAMERA
+P_BC, F, C, *_ = CAMERA
 NO_ERRORS = ParametricErrors(kind="parametric", edge_sd=0.0, miss_base=0.0, miss_per_metre=0.0, false_boxes=0.0)
 POSES = [(0.0, 0.0), (3.5, 0.9), (6.0, 1.8), (9.0, 0.5), (13.0, -2.3), (17.0, -2.2)]
 

@@ -85,7 +85,7 @@ def pinhole(model: CameraModel) -> rr.Pinhole:
     """Return the camera with the pixels' corner as origin."""
     center = [model.center[0] + HALF_PIXEL, model.center[1] + HALF_PIXEL]
     return rr.Pinhole(
-        focal_length=model.focal_length,
+        focal_length=[model.focal_length, model.focal_length * model.aspect],
         principal_point=center,
         width=model.width,
         height=model.height,

@@ -9,12 +9,15 @@ import numpy as np
 
 from ortilo_drake.model.input_files import exists, read_text
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.detector.coco import COCO_CLASSES, COCO_NAME
+from ortilo_drake.model.typed_yaml import Frozen, InputError
+from ortilo_drake.onboard.detector.class_names import room_labels
+from ortilo_drake.onboard.detector.coco import COCO_CLASSES
 from ortilo_drake.onboard.detector.darknet_cfg import parse_cfg, read_cfg
 from ortilo_drake.onboard.detector.darknet_layers import DarknetCfg
 from ortilo_drake.onboard.detector.detector import Boxes
 from ortilo_drake.onboard.detector.network_backends import Compute, onnxruntime_network, opencv_network, torch_network
+from ortilo_drake.onboard.detector.onnx_detector import load_onnx
+from ortilo_drake.onboard.detector.own_detector import load_own
 from ortilo_drake.onboard.detector.yolo_boxes import decode, non_max_suppression
 from ortilo_drake.scenario import Detector
 
@@ -55,41 +58,23 @@ def class_names(settings: Detector, cfg: DarknetCfg) -> tuple[list[str], str]:
     return names, str(file)
 
 
-def room_labels(names: list[str], room: Room, source: str) -> np.ndarray:
-    """Return the room's label of each of the network's classes, -1 for one that is no landmark here.
-
-    A 'pottedplant' is a 'potted plant', whichever of the two calls it so.
-
-    Args:
-        names: the network's classes.
-        room: gives the landmarks' classes.
-        source: the file that the names are from, for errors.
-
-    Raises:
-        InputError: if the network does not know a class of the room's landmarks.
-    """
-    label_of = {COCO_NAME.get(name, name): label for label, name in enumerate(room.classes)}
-    label_of |= {name: label for label, name in enumerate(room.classes)}  # a room may have both words
-    labels = [label_of.get(name, label_of.get(COCO_NAME.get(name, name), -1)) for name in names]
-    unknown = [name for label, name in enumerate(room.classes) if label not in labels]
-    if unknown:
-        raise InputError(f"{source}: does not know the class '{unknown[0]}' of a landmark of room '{room.name}'")
-    return np.array(labels)
-
-
-def load_detector(settings: Detector, room: Room, size: tuple[int, int]) -> Callable[[np.ndarray], Boxes]:
+def load_detector(settings: Frozen, room: Room, size: tuple[int, int]) -> Callable[[np.ndarray], Boxes]:
     """Return the function from a picture to labels (k), scores (k) and boxes (k, 4) [px].
 
     A picture is RGB (height, width, 3), uint8. Labels count the room's classes. Boxes are cut at the image's border.
 
     Args:
-        settings: which network, and what of its boxes to keep.
+        settings: which network, and what of its boxes to keep; or the settings of a registered detector.
         room: the landmarks.
         size: width and height of the picture [px].
 
     Raises:
         InputError: if a file is wrong, or the network does not know a class of the room.
     """
+    if not isinstance(settings, Detector):
+        return load_own(settings, room, size)
+    if settings.onnx is not None:
+        return load_onnx(settings, room, size)
     compute: Compute
     if settings.cfg is not None:
         assert settings.weights is not None

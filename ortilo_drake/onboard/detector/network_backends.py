@@ -6,6 +6,7 @@ OpenCV and torch know but one number of threads, that of the process.
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,8 +19,8 @@ from ortilo_drake.onboard.detector.darknet_layers import DarknetCfg
 Compute = Callable[[np.ndarray], Sequence[np.ndarray]]
 
 
-def onnxruntime_network(path: Path) -> Compute:
-    """Return a network that onnxruntime computes; InputError if it is not installed or the file is damaged."""
+def onnxruntime_session(path: Path) -> Any:
+    """Return onnxruntime's session of a file; InputError if it is not installed or the file is damaged."""
     check_installed("onnxruntime", "onnx")
     import onnxruntime
 
@@ -27,9 +28,14 @@ def onnxruntime_network(path: Path) -> Compute:
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 3
     try:
-        session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+        return onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime has no base class for its errors
         raise InputError(f"{path}: not an ONNX network: {' '.join(str(error).split())[:120]}") from None
+
+
+def onnxruntime_network(path: Path) -> Compute:
+    """Return a network that onnxruntime computes; InputError as onnxruntime_session."""
+    session = onnxruntime_session(path)
     name = session.get_inputs()[0].name
     return lambda pixels: session.run(None, {name: pixels})
 

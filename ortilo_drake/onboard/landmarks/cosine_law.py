@@ -17,7 +17,8 @@ import numpy as np
 from numba import njit
 
 from ortilo_drake.model.equations import rotation_matrix
-from ortilo_drake.model.pinhole import Camera, point_pixels
+from ortilo_drake.model.lens import bent
+from ortilo_drake.model.pinhole import Camera, point_pixels, straight_pixels
 from ortilo_drake.onboard.landmarks.known_attitude import inverse_3x3
 
 _ITERATIONS = 30
@@ -25,10 +26,14 @@ _CONVERGED = 1e-9  # [m]
 
 
 @njit(cache=True)
-def rays(pixels: np.ndarray, f: float, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return unit vectors towards pixels (n, 2) in B's axes (n, 3) and their derivatives (n, 3, 2) [1/px]."""
-    n = pixels.shape[0]
+def rays(pixels: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Return unit vectors towards pixels (n, 2) in B's axes (n, 3) and their derivatives (n, 3, 2) [1/px].
+
+    A pixel that the lens gives no ray has NaN.
+    """
+    n, f, c, lens = pixels.shape[0], camera.f, camera.c, camera.lens
     b, db = np.empty((n, 3)), np.empty((n, 3, 2))
+    pixels = straight_pixels(pixels, camera)
     for i in range(n):
         y, z = -(pixels[i, 0] - c[0]) / f, -(pixels[i, 1] - c[1]) / f
         length = np.sqrt(1.0 + y**2 + z**2)
@@ -38,6 +43,16 @@ def rays(pixels: np.ndarray, f: float, c: np.ndarray) -> tuple[np.ndarray, np.nd
             for j in range(3):
                 unit = 1.0 if j == 1 + axis else 0.0
                 db[i, j, axis] = -(unit - b[i, j] * b[i, 1 + axis]) / (length * f)
+        if lens.bend.size > 0 or lens.aspect != 1.0:
+            # Above for the straight pixel; the one that is seen moves it by the inverse of the lens' derivative.
+            d_xx, d_xy, d_yy = 1.0, 0.0, 1.0
+            if lens.bend.size > 0:
+                _, _, d_xx, d_xy, d_yy = bent(-y, -z, lens.bend)
+            determinant = d_xx * d_yy - d_xy * d_xy
+            for j in range(3):
+                u, v = db[i, j, 0], db[i, j, 1]
+                db[i, j, 0] = (d_yy * u - d_xy * v) / determinant
+                db[i, j, 1] = (d_xx * v - d_xy * u) / (determinant * lens.aspect)
     return b, db
 
 
@@ -124,7 +139,9 @@ def cosine_law(
         pixels = point_pixels(centers, positions, outlines, p_WB, R_WB, camera)
         if not np.all(np.isfinite(pixels)):
             return nothing
-        b, db = rays(pixels, camera.f, camera.c)
+        b, db = rays(pixels, camera)
+        if not np.all(np.isfinite(b)):
+            return nothing
         p_WC = p_WB + R_WB @ p_BC
         d = np.sqrt(np.sum((positions - p_WC) ** 2, axis=1))
         solved, d, A = distances_from_cosines(b, positions, d)

@@ -127,7 +127,11 @@ def association_costs(
 
     Column m + i, at the cost of the gate, leaves landmark i without a box. Arguments as in associate.
     """
-    f, width, height = camera.f, camera.image[0], camera.image[1]
+    width, height = camera.image[0], camera.image[1]
+    # Half an image beside the image, as slopes of the line of sight.
+    f_u, f_v, aside, above = camera.f, camera.f * camera.lens.aspect, width, height
+    if camera.lens.bend.size > 0:
+        f_u, f_v, aside, above = 1.0, 1.0, 2.0 * camera.lens.reach[0], 2.0 * camera.lens.reach[1]
     box_labels, centers, spans = whole_boxes(detections, camera.image)
     m, n = box_labels.size, positions.shape[0]
     p_WB, rpy, P_pose = xhat[0:3], xhat[3:6], pose_covariance(P)
@@ -141,7 +145,7 @@ def association_costs(
             continue
         q = in_body_frame(positions[i, 0], positions[i, 1], positions[i, 2], p_WB, R_WB)
         depth = q[0] - camera.p_BC[0]
-        if depth < NEAR or f * abs(q[1]) > width * depth or f * abs(q[2]) > height * depth:
+        if depth < NEAR or f_u * abs(q[1]) > aside * depth or f_v * abs(q[2]) > above * depth:
             continue
         if not box_and_jacobian(positions[i], outlines[i], p_WB, of_rpy, R_WB, camera, box, J[k]):
             continue

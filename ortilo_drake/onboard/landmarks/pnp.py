@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from ortilo_drake.model.equations import rotation_matrix
-from ortilo_drake.model.pinhole import R_BC, Camera, box_center, point_pixels
+from ortilo_drake.model.pinhole import R_BC, Camera, box_center, point_pixels, straight_pixels
 
 _ITERATIONS = 30
 _CONVERGED = 1e-7  # [m], [rad]
@@ -80,6 +80,7 @@ def pnp(
     if len(centers) < 4:
         return nothing
     pixels = point_pixels(centers, positions, outlines, xhat[0:3], rotation_matrix(xhat[3:6]), camera)
+    pixels = straight_pixels(pixels, camera)
     if not np.all(np.isfinite(pixels)):
         return nothing
     K = np.array([[camera.f, 0.0, camera.c[0]], [0.0, camera.f, camera.c[1]], [0.0, 0.0, 1.0]])

@@ -97,7 +97,7 @@ def floors(scenario: Scenario, truth: np.ndarray) -> dict[str, np.ndarray]:
         bound = position_floor(case, truth)
         if bound is None:
             raise InputError(
-                f"detector.cfg: {scenario.detector.cfg}: its errors have not been measured; leave it out, or "
+                "detector: is not ours, so its errors have not been measured; leave it out, or "
                 "fly with camera.kind projected and camera.errors"
             )
         found[name] = np.sqrt(bound.sum(axis=1))

@@ -129,7 +129,8 @@ def calibrate(
         "seeds": seeds,
         "pictures": s.pictures,
         "landmarks_found": int(s.found.sum()),
-        "detector": "sha256 " + hashlib.sha256(Path(detector.weights or OWN_ONNX).read_bytes()).hexdigest()[:16],
+        "detector": "sha256 "
+        + hashlib.sha256(Path(detector.weights or detector.onnx or OWN_ONNX).read_bytes()).hexdigest()[:16],
         "width": width,
     }
     calibration = estimate(s, room.classes, size, every * scenario.h, source)

@@ -58,6 +58,8 @@ class Studio:
             recolored = Recolored(rng)
             items = [recolored.item(item) for item in items]
             light = {"lamps": random_lamps(rng), "background": random_background(rng)}
+        if camera.coefficients or camera.aspect != 1.0:
+            raise InputError("camera: pictures to train and judge by are drawn with a straight lens and square pixels")
         self._room, self._camera = room, camera
         self._classes = [float(classes.index(landmark.label)) for landmark in room.landmarks]
         self._meshes = landmark_meshes(room)

@@ -148,7 +148,8 @@ def render_cameras(camera: CameraModel) -> tuple[ColorRenderCamera, DepthRenderC
     """Return Drake's colour (and label) and depth cameras of a camera model; pixels count alike in both."""
     # VTK counts from the pixel's edge, we from its centre: half a pixel, as a test against OpenCV shows.
     center = [c + 0.5 for c in camera.center]
-    info = CameraInfo(camera.width, camera.height, camera.focal_length, camera.focal_length, *center)
+    f_u, f_v = camera.focal_length, camera.focal_length * camera.aspect
+    info = CameraInfo(camera.width, camera.height, f_u, f_v, *center)
     core = RenderCameraCore(RENDERER, info, ClippingRange(NEAREST, FARTHEST), RigidTransform())
     return ColorRenderCamera(core), DepthRenderCamera(core, DepthRange(NEAREST, FARTHEST))
 
@@ -176,8 +177,8 @@ def mount_camera(
         return
     color, depth = sensor.default_color_render_camera(), sensor.default_depth_render_camera()
     i = color.core().intrinsics()
-    f = focal_factor * i.focal_x()
-    info = CameraInfo(i.width(), i.height(), f, f, i.center_x(), i.center_y())
+    f_u, f_v = focal_factor * i.focal_x(), focal_factor * i.focal_y()
+    info = CameraInfo(i.width(), i.height(), f_u, f_v, i.center_x(), i.center_y())
     core = RenderCameraCore(RENDERER, info, ClippingRange(NEAREST, FARTHEST), RigidTransform())
     sensor.SetColorRenderCamera(context, ColorRenderCamera(core))
     sensor.SetDepthRenderCamera(context, DepthRenderCamera(core, depth.depth_range()))

@@ -124,7 +124,10 @@ def view_box(
         return distance, 0.0
     # Cheap first: the ball around its extent, as seen in plan, is aside of the image.
     radius = 0.5 * np.sqrt(room.sizes[i, 0] ** 2 + room.sizes[i, 1] ** 2 + room.sizes[i, 2] ** 2)
-    if camera.f * (abs(q_y) - radius) > (0.5 * camera.image[0] + 2.0) * (q_x + radius):
+    f, aside = camera.f, 0.5 * camera.image[0] + 2.0
+    if camera.lens.bend.size > 0:
+        f, aside = 1.0, camera.lens.reach[0]
+    if f * (abs(q_y) - radius) > aside * (q_x + radius):
         return distance, 0.0
     if not extent_box(room.positions[i], room.outlines[i], p_WB, R_WB, camera, box):
         return distance, 0.0

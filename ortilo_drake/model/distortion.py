@@ -1,0 +1,17 @@
+"""Settings of a lens that bends straight lines; what they mean stands in model/lens.py."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+Distortion = Literal["none", "brown_conrady", "fisheye"]
+Coefficients = Annotated[tuple[Annotated[float, Field(ge=-1e6, le=1e6)], ...], Field(max_length=8)]
+_COUNTS = {"none": (0,), "brown_conrady": (4, 5, 8), "fisheye": (4,)}
+
+
+def check_count(distortion: str, coefficients: tuple[float, ...]) -> None:
+    """Refuse another number of coefficients than a distortion has; ValueError, for a model's validator."""
+    allowed = _COUNTS[distortion]
+    if len(coefficients) not in allowed:
+        counts = " or ".join(map(str, allowed))
+        raise ValueError(f".coefficients: {len(coefficients)} of them: {distortion} has {counts}")

@@ -1,0 +1,146 @@
+"""A camera's calibration as other programs write it: Kalibr's camchain, ROS' camera_info, OpenCV's FileStorage.
+
+    Kalibr    cam0: {camera_model: pinhole, intrinsics: [fu, fv, pu, pv], resolution: [width, height],
+              distortion_model: radtan | equidistant | none, distortion_coeffs: [...]}
+    ROS       image_width, image_height, camera_matrix: {data: [9]}, distortion_coefficients: {data: [...]},
+              distortion_model: plumb_bob | rational_polynomial | equidistant; or a message's d, k, width, height
+    OpenCV    image_width, image_height, camera_matrix, distortion_coefficients as !!opencv-matrix; with
+              fisheye_model: 1 those of cv::fisheye
+
+All count pixels from the centre of the first one, as we do.
+"""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from ortilo_drake.model.input_files import exists, read_text
+from ortilo_drake.model.inputs.problems import shown
+from ortilo_drake.model.typed_yaml import InputError, parse_yaml
+
+_NAMES: Final = {
+    "camera_matrix": ("camera_matrix", "cameraMatrix", "camera_Matrix", "K", "k", "mtx"),
+    "distortion_coefficients": (
+        *("distortion_coefficients", "distortionCoefficients", "Distortion_Coefficients", "distCoeffs"),
+        *("dist_coeffs", "dist_coeff", "dist", "D", "d"),
+    ),
+    "image_width": ("image_width", "image_Width", "imageWidth", "width"),
+    "image_height": ("image_height", "image_Height", "imageHeight", "height"),
+}
+_MODELS: Final = {
+    "none": "none",
+    "radtan": "brown_conrady",
+    "plumb_bob": "brown_conrady",
+    "rational_polynomial": "brown_conrady",
+    "equidistant": "fisheye",
+    "fisheye": "fisheye",
+}
+_MOST: Final = 8  # coefficients; OpenCV's further ones are of a thin prism and a tilted sensor
+
+
+def _wrong(source: str, field: str, value: Any, must: str) -> InputError:
+    return InputError(f"{source}: {field}: {shown(value)}: must be {must}")
+
+
+def _numbers(source: str, field: str, value: Any, counts: tuple[int, ...] = ()) -> list[float]:
+    """Return a list of numbers, of a matrix its data, row by row."""
+    data = value.get("data") if isinstance(value, dict) else value
+    if isinstance(data, list) and data and all(isinstance(row, list) for row in data):
+        data = [number for row in data for number in row]
+    is_number = [isinstance(v, int | float) and not isinstance(v, bool) for v in data] if isinstance(data, list) else []
+    if not isinstance(data, list) or not all(is_number) or (counts and len(data) not in counts):
+        raise _wrong(source, field, value, f"{' or '.join(map(str, counts))} numbers".strip())
+    return [float(number) for number in data]
+
+
+def _whole(source: str, field: str, value: Any) -> int:
+    if not isinstance(value, int | float) or isinstance(value, bool) or value != int(value):
+        raise _wrong(source, field, value, "a whole number of pixels")
+    return int(value)
+
+
+def _lens(source: str, field: str, distortion: str, given: list[float]) -> dict[str, Any]:
+    """Return the distortion and its coefficients; zeros at the end that we do not have are left out."""
+    while len(given) > _MOST and given[-1] == 0.0:
+        given = given[:-1]
+    if len(given) > _MOST:
+        raise _wrong(source, field, given[_MOST:], "0: of a thin prism or a tilted sensor")
+    if not any(given) and distortion == "brown_conrady":
+        return {}
+    if distortion == "brown_conrady" and len(given) in (6, 7):
+        given += [0.0] * (_MOST - len(given))
+    return {"distortion": distortion, "coefficients": given}
+
+
+def _of_kalibr(source: str, data: Mapping[str, Any]) -> dict[str, Any]:
+    cameras = [name for name in data if re.fullmatch(r"cam\d+", name)]
+    if len(cameras) > 1:
+        raise InputError(f"{source}: {', '.join(cameras)}: must be one camera: leave the others out")
+    cam, its = cameras[0], data[cameras[0]]
+    if not isinstance(its, dict):
+        raise _wrong(source, cam, its, "a camera's group")
+    if its.get("camera_model") != "pinhole":
+        raise _wrong(source, f"{cam}.camera_model", its.get("camera_model"), "pinhole")
+    model, known = its.get("distortion_model"), ("radtan", "equidistant", "none")
+    if model not in known:
+        raise _wrong(source, f"{cam}.distortion_model", model, f"one of {', '.join(known)}")
+    f_u, f_v, *center = _numbers(source, f"{cam}.intrinsics", its.get("intrinsics"), (4,))
+    size = _numbers(source, f"{cam}.resolution", its.get("resolution"), (2,))
+    width, height = (_whole(source, f"{cam}.resolution", side) for side in size)
+    found = {"width": width, "height": height, "focal_length": [f_u, f_v], "center": center}
+    if model == "none":
+        return found
+    given = _numbers(source, f"{cam}.distortion_coeffs", its.get("distortion_coeffs"), (4,))
+    return found | _lens(source, f"{cam}.distortion_coeffs", _MODELS[model], given)
+
+
+def _of_ros_or_opencv(source: str, data: Mapping[str, Any]) -> dict[str, Any]:
+    def find(key: str) -> tuple[str, Any]:
+        name = next((name for name in _NAMES[key] if name in data), None)
+        if name is None:
+            raise InputError(f"{source}: {key}: is missing, must be there")
+        return name, data[name]
+
+    width, height = (_whole(source, *find(key)) for key in ("image_width", "image_height"))
+    name, matrix = find("camera_matrix")
+    K = _numbers(source, name, matrix, (9,))
+    if K[1] != 0.0 or K[3] != 0.0 or K[6:] != [0.0, 0.0, 1.0]:
+        raise _wrong(source, name, K, "[f_u, 0, c_u, 0, f_v, c_v, 0, 0, 1]")
+    model = data.get("distortion_model", "plumb_bob") or "plumb_bob"
+    if not isinstance(model, str) or model not in _MODELS:
+        raise _wrong(source, "distortion_model", model, f"one of {', '.join(_MODELS)}")
+    distortion = "fisheye" if data.get("fisheye_model") else _MODELS[model]
+    name, given = find("distortion_coefficients")
+    numbers = _numbers(source, name, given)
+    if distortion == "fisheye" and len(numbers) != 4:
+        raise _wrong(source, name, numbers, "4 numbers of a fisheye lens")
+    if distortion == "brown_conrady" and len(numbers) not in (0, 4, 5, 6, 7, 8, 12, 14):
+        raise _wrong(source, name, numbers, "4, 5, 8, 12 or 14 numbers")
+    found = {"width": width, "height": height, "focal_length": [K[0], K[4]], "center": [K[2], K[5]]}
+    return found if distortion == "none" else found | _lens(source, name, distortion, numbers)
+
+
+def read_calibration(path: Path) -> dict[str, Any]:
+    """Return what a scenario's `camera.calibration` has of a calibration file: size, focal lengths, centre and lens.
+
+    A file of those very keys is read as it is.
+
+    Raises:
+        InputError: naming the file, the field and what is allowed.
+    """
+    if not exists(path):
+        raise InputError(f"camera.calibration: {str(path)[:200]!r}: no such file")
+    source, text = str(path), read_text(path)
+    # OpenCV's first line is no YAML directive, and its matrices have a type of their own.
+    text = re.sub(r"\A%YAML:1\.0[^\n]*\n", "", text).replace("!!opencv-matrix", "")
+    data = parse_yaml(text, source)
+    if not isinstance(data, dict):
+        raise InputError(f"{source}: must hold a calibration of Kalibr, ROS or OpenCV, not {type(data).__name__}")
+    if any(re.fullmatch(r"cam\d+", name) for name in data):
+        return _of_kalibr(source, data)
+    if "focal_length" in data:
+        return data
+    if not any(name in data for key in ("camera_matrix", "distortion_coefficients") for name in _NAMES[key]):
+        raise InputError(f"{source}: no cam0 of Kalibr and no camera_matrix of ROS or OpenCV: no calibration of these")
+    return _of_ros_or_opencv(source, data)

@@ -1,0 +1,29 @@
+"""The words that a network and a room have for the same classes."""
+
+import numpy as np
+
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.detector.coco import COCO_NAME
+
+
+def room_labels(names: list[str], room: Room, source: str) -> np.ndarray:
+    """Return the room's label of each of the network's classes, -1 for one that is no landmark here.
+
+    A 'pottedplant' is a 'potted plant', whichever of the two calls it so.
+
+    Args:
+        names: the network's classes.
+        room: gives the landmarks' classes.
+        source: the file that the names are from, for errors.
+
+    Raises:
+        InputError: if the network does not know a class of the room's landmarks.
+    """
+    label_of = {COCO_NAME.get(name, name): label for label, name in enumerate(room.classes)}
+    label_of |= {name: label for label, name in enumerate(room.classes)}  # a room may have both words
+    labels = [label_of.get(name, label_of.get(COCO_NAME.get(name, name), -1)) for name in names]
+    unknown = [name for label, name in enumerate(room.classes) if label not in labels]
+    if unknown:
+        raise InputError(f"{source}: does not know the class '{unknown[0]}' of a landmark of room '{room.name}'")
+    return np.array(labels)
