@@ -39,6 +39,7 @@ from ortilo_drake.studies.recorded.filter_types import (
     FINDER,
     FLOW,
     FORCE,
+    LANDED,
     QUERY,
     RANGE,
     RATES,
@@ -53,12 +54,13 @@ from ortilo_drake.studies.recorded.filter_types import (
     Tape,
     Watch,
 )
-from ortilo_drake.studies.recorded.imu_watch import RESTS, doubt_force, watch_rest
+from ortilo_drake.studies.recorded.imu_watch import RESTS, doubt_force, rest_again, watch_rest
 from ortilo_drake.studies.recorded.passing import begin_anew, go_on, nothing_passed, pass_over
 from ortilo_drake.studies.recorded.run_tape import cut_to, room_for, write_query, write_range, write_row, write_step
 
 ROOM = 16  # rows that wait until the covariance is passed over
 LOW, UPRIGHT = 0.1, 0.5  # looking down needs this height [m] and R_33
+LANDED_SD = (0.02, 0.03)  # standard deviations of velocity and height where it has landed [m/s], [m]
 
 
 @register_jitable
@@ -131,8 +133,9 @@ def _own_row(
     aids: Aids,
     row: Row,
 ) -> tuple[float, float, int]:
-    """Write the row of event k, of a flow that along one axis; return innovation, noise and entries, 0 without a row.
+    """Write the row of event k; return innovation, noise and the number of entries, 0 without a row.
 
+    Of a flow that is the row along an axis, 0 or 1; of a landing those of the velocity, 0 to 2, and of the height, 3.
     What looks down says nothing near the floor or where the body is far from upright.
     """
     wipe(row)
@@ -140,6 +143,10 @@ def _own_row(
     if kind == RANGE:
         e, m = distance_row(x, R, lever, anchors, events.which[k], events.other[k], seen, row)
         return e, (noise.range_white * grown) ** 2, m
+    if kind == LANDED:
+        at = V + axis if axis < 3 else P + 2
+        state_row(at, row)
+        return (0.0 if axis < 3 else seen) - x[at], LANDED_SD[axis // 3] ** 2, 1
     if R[2, 2] < UPRIGHT or x[P + 2] - aids.floor < LOW:
         return 0.0, 0.0, 0
     if kind == FINDER:
@@ -245,7 +252,7 @@ def run_filter(
             settle(C, waiting)
             write_query(run, written, x, C)
             continue
-        rows = 0 if watched[RESTS] > 0.0 else 2 if kind == FLOW else 1
+        rows = 0 if watched[RESTS] > 0.0 else 2 if kind == FLOW else 4 if kind == LANDED else 1
         for axis in range(rows):
             e, r, m = _own_row(k, axis, events, heard_all, x, held, anchors, lever, grown, noise, aids, row)
             if m == 0:
@@ -261,6 +268,9 @@ def run_filter(
                 S = own + r * np.sqrt(squared) / noise.huber
             if taken:
                 _take(x, C, waiting, row, e, S, run.tape, written)
+        if kind == LANDED:
+            rest_again(watched)
+            trust.refused_from[:] = np.inf
         if kind == RANGE and rows == 0:
             write_range(run, written, 0.0, 1.0, False)
     settle(C, waiting)

@@ -1,7 +1,8 @@
 """What the filter on recorded events watches its IMU for: take-off, and an accelerometer that fails.
 
-Until take-off the vehicle may be known to rest: then no force is integrated and nothing else is taken in. Take-off is
-where the force upward, less gravity and SLACK, has added up to RISE (Page's cumulative sum, Biometrika 41, 1954).
+Until take-off, and after a landing (landing.py), the vehicle may be known to rest: then no force is integrated and
+nothing else is taken in. Take-off is where the force upward, less gravity and SLACK, has added up to RISE (Page's
+cumulative sum, Biometrika 41, 1954).
 
 An accelerometer is doubted axis by axis, where drag is given: a sample that is farther than `doubted` from what drag
 makes is not used, and an axis of which more than FAILS of the samples of a second are such is not used any more. Drag
@@ -37,6 +38,12 @@ def watch_rest(x: np.ndarray, C: np.ndarray, watched: np.ndarray, up: float, h: 
         for i in range(3):
             C[P + i, P + i] += OFF[0] ** 2
             C[V + i, V + i] += OFF[1] ** 2
+
+
+@register_jitable
+def rest_again(watched: np.ndarray) -> None:
+    """Let the vehicle rest until its force tells that it takes off."""
+    watched[RESTS], watched[ROSE], watched[LASTS] = 1.0, 0.0, 0.0
 
 
 @register_jitable

@@ -5,7 +5,18 @@ from numba.extending import register_jitable
 
 from ortilo_drake.onboard.estimator.tight.layout import GYRO, N_INERTIAL
 from ortilo_drake.studies.recorded.event_rows import Row
-from ortilo_drake.studies.recorded.filter_types import ENTRIES, FINDER, FLOW, FORCE, QUERY, RANGE, Events, Run, Tape
+from ortilo_drake.studies.recorded.filter_types import (
+    ENTRIES,
+    FINDER,
+    FLOW,
+    FORCE,
+    LANDED,
+    QUERY,
+    RANGE,
+    Events,
+    Run,
+    Tape,
+)
 from ortilo_drake.studies.recorded.passing import Passing
 
 STEP, ROW, ASKED = 0, 1, 2  # what stands on the tape
@@ -27,7 +38,7 @@ def room_for(events: Events, N: int, whole: bool) -> tuple[Run, np.ndarray]:
         kind = events.kind[k]
         ranges += kind == RANGE
         queries += kind == QUERY
-        rows += 2 * (kind == FLOW) + (kind in (RANGE, FINDER))
+        rows += 4 * (kind == LANDED) + 2 * (kind == FLOW) + (kind in (RANGE, FINDER))
         if kind > FORCE and events.t[k] > last:
             epochs, last = epochs + 1, events.t[k]
     steps = epochs if whole else 0
