@@ -60,7 +60,7 @@ anchors: {anchors}
 imu: {{file: {name}, topic: estGyroscope, rates: [gyro.x, gyro.y, gyro.z], rate_unit: deg/s, force_unit: g}}
 accelerometer: {{file: {name}, topic: estAcceleration, force: [acc.x, acc.y, acc.z]}}
 truth: {{file: {name}, topic: estPose, position: [locSrv.x, locSrv.y, locSrv.z], late: 0.004}}
-start: {{position: [1.5, 0.04, 0.03], heading: 0, rests: true}}
+start: {{position: [1.5, 0.04, 0.03], heading: 0, rests: true, lands: true}}
 calibration: {{share: 0, clock: 0, frame: same, biases: online, lever: [-0.01245, 0.00127, 0.0908]}}
 drag: {{k: 0.38}}
 airborne: 0.25

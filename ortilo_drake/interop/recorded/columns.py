@@ -121,6 +121,7 @@ def _read_file(
     from ortilo_drake.interop.recorded.bag_columns import read_bag
     from ortilo_drake.interop.recorded.csv_columns import read_csv
     from ortilo_drake.interop.recorded.lec_console import read_lec
+    from ortilo_drake.interop.recorded.ulg_columns import is_ulg, read_ulg
     from ortilo_drake.interop.recorded.usd_columns import is_usd, read_usd
 
     rejected = Rejections(named(path, what if topic is None else f"{what}, {topic}"))
@@ -131,6 +132,8 @@ def _read_file(
         table = read_csv(path, source, columns, rejected, names)
     elif is_usd(path):
         table = read_usd(path, topic, columns, rejected, names)
+    elif is_ulg(path):
+        table = read_ulg(path, topic, source.time, columns, rejected, names)
     else:
         table = read_bag(path, topic, source, columns, rejected, names)
     in_unit = source.time is not None or topic is None

@@ -96,6 +96,13 @@ class Start(Frozen):
     heading: float = Field(default=0.0, ge=-10.0, le=10.0, description="[rad].")
     heading_sd: Positive = Field(default=0.1, description="[rad].")
     rests: bool = Field(default=False, description="Whether it stands level on the floor until it takes off.")
+    lands: bool = Field(default=False, description="Whether it lands at the height of the start: noticed by its imu.")
+
+    @model_validator(mode="after")
+    def _lands_from_rest(self) -> Self:
+        if self.lands and not self.rests:
+            raise ValueError("lands: needs `rests: true`: the floor that it starts from is where it lands")
+        return self
 
 
 class Drag(Frozen):

@@ -11,6 +11,16 @@ Column = Annotated[str, Field(min_length=1, max_length=256)] | Annotated[int, Fi
 Three = tuple[Column, Column, Column]
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 MOST = 256  # anchors, and files of one stream
+IMUS: dict[str, dict[str, Any]] = {"euroc": {"time": 1, "unit": "ns", "rates": (2, 3, 4), "force": (5, 6, 7)}}
+TRUTHS: dict[str, dict[str, Any]] = {
+    "tum": {"time": 1, "position": (2, 3, 4), "rotation": {"columns": (5, 6, 7, 8)}},
+    "euroc": {
+        "time": 1,
+        "unit": "ns",
+        "position": (2, 3, 4),
+        "rotation": {"columns": (5, 6, 7, 8), "order": "wxyz"},
+    },
+}
 
 
 def _word(value: Any) -> Any:
@@ -39,6 +49,20 @@ def check_axes(axes: str | tuple[Axis, Axis, Axis]) -> None:
     """Refuse axes that do not name x, y and z once each."""
     if not isinstance(axes, str) and sorted(axis[-1] for axis in axes) != ["x", "y", "z"]:
         raise ValueError(f"axes: {list(axes)}: must name x, y and z once each")
+
+
+def _as_tuples(value: Any) -> Any:
+    """Return a value with tuples for its lists: what a validator hands on is strict about them."""
+    if isinstance(value, dict):
+        return {key: _as_tuples(part) for key, part in value.items()}
+    return tuple(_as_tuples(part) for part in value) if isinstance(value, list) else value
+
+
+def _laid_out(values: Any, layouts: dict[str, dict[str, Any]]) -> Any:
+    """Return a source's entries with those that its `layout` stands for; one that is given as well is kept."""
+    layout = values.get("layout") if isinstance(values, dict) else None
+    known = layouts.get(layout, {}) if isinstance(layout, str) else {}
+    return {**known, **_as_tuples(values)} if isinstance(values, dict) else values
 
 
 class Source(Frozen):
@@ -186,6 +210,7 @@ class Matrix(Frozen):
 class ImuSource(Source):
     """Body rates [rad/s] and specific force [m/s²], and the attitude if the unit computes one."""
 
+    layout: Literal["euroc"] | None = Field(default=None, description="EuRoC's table: ns, rates, force.")
     rates: Three = ("angular_velocity.x", "angular_velocity.y", "angular_velocity.z")
     force: Three = ("linear_acceleration.x", "linear_acceleration.y", "linear_acceleration.z")
     orientation: Quaternion | None = None
@@ -210,6 +235,11 @@ class ImuSource(Source):
         if 0.0 < value < 2.0:
             raise ValueError(f"{value:g}: must be 0 or at least 2")
         return value
+
+    @model_validator(mode="before")
+    @classmethod
+    def _has_a_layout(cls, values: Any) -> Any:
+        return _laid_out(values, IMUS)
 
     @model_validator(mode="after")
     def _axes_turn(self) -> Self:
@@ -253,6 +283,9 @@ class CommandSource(Source):
 class TruthSource(Source):
     """The true position [m] and, where it was recorded, attitude, in a frame and by a clock of their own."""
 
+    layout: Literal["tum", "euroc"] | None = Field(
+        default=None, description="TUM's table: s, position, quaternion xyzw; EuRoC's: ns, position, wxyz, and more."
+    )
     position: Three
     rotation: Matrix | Quaternion | None = None
     scale: Positive = Field(default=1.0, description="Metres in one of the file's units.")
@@ -265,6 +298,11 @@ class TruthSource(Source):
     drop_frozen: Positive | None = Field(
         default=None, description="Drop rows that repeat a position for longer than this: the body was lost [s]."
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _has_a_layout(cls, values: Any) -> Any:
+        return _laid_out(values, TRUTHS)
 
     @model_validator(mode="after")
     def _axes_turn(self) -> Self:

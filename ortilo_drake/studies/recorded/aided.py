@@ -24,7 +24,7 @@ def with_aids(known: Known, recording: Recording, map_: Map, looks: bool) -> Kno
         scale_sd = map_.flow.per_rad_sd
     if map_.start is not None:
         at = map_.start
-        start, heading = Start(np.array(at.position), at.position_sd, at.heading_sd, at.rests), at.heading
+        start, heading = Start(np.array(at.position), at.position_sd, at.heading_sd, at.rests, at.lands), at.heading
     return known._replace(
         aids=aids, start=start, heading=heading, scale_sd=scale_sd, looks=recording.looks if looks else NO_LOOKS
     )

@@ -1,7 +1,8 @@
 """The truth's clock less the sensors', where both saw the body turn: by the body rates.
 
 Over each interval of the truth its turn, as a rotation vector, is M times the integral of the body rates, with M the
-turn between the two bodies' axes; the offset is where the best M (Kabsch) leaves least.
+turn between the two bodies' axes; the offset is where the best M (Kabsch) leaves least. Intervals overlap: they are so
+long that a truth's turns over them stand out of its own noise, which the third differences of its attitude tell.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,6 +14,8 @@ from scipy.spatial.transform import Rotation
 from ortilo_drake.interop.recorded.recording import Imu, Truth
 
 COARSE, FINE = 0.02, 0.001  # steps of the search [s]
+SPANS = (0.05, 1.0)  # the shortest and about the longest interval [s]
+STANDS_OUT = 6.0  # of the turns' RMS beside the attitude's noise
 LONGEST = 3.0  # an interval of the truth longer than this many medians has no one turn
 TELLS = 0.1  # the body rates tell the clock if they leave less of the turns' mean square; transposed matrices leave 0.2
 
@@ -23,6 +26,25 @@ class ByRates(NamedTuple):
     offset: float
     mount: np.ndarray
     left: float
+
+
+def intervals_apart(t: np.ndarray, R: Rotation) -> int:
+    """Return how many stamps apart two attitudes are whose turn stands out of their noise.
+
+    Args:
+        t: stamps (n) [s].
+        R: attitudes (n).
+    """
+    step = float(np.median(np.diff(t)))
+    third = np.diff((R[:-1].inv() * R[1:]).as_rotvec(), 2, axis=0)  # of independent noise 20 times its variance
+    noise = float(np.sqrt(np.mean(np.sum(third**2, axis=1)) / 20.0))
+    apart = max(1, int(np.ceil(SPANS[0] / step - 1e-6)))
+    while 2 * apart * step < SPANS[1] and 4 * apart < len(t):
+        turns = (R[:-apart].inv() * R[apart:]).magnitude()
+        if np.sqrt(np.mean(turns**2)) > STANDS_OUT * noise:
+            break
+        apart *= 2
+    return min(apart, len(t) - 1)
 
 
 def offset_by_rates(
@@ -60,9 +82,10 @@ def best_by_rates(
     """Return the best offset, however much of the turns it leaves; arguments as above."""
     assert truth.R is not None
     R = Rotation.from_matrix(truth.R)
-    all_turns = (R[:-1].inv() * R[1:]).as_rotvec()
-    steps = np.diff(truth.t)
-    whole = steps < LONGEST * np.median(steps)
+    apart = intervals_apart(truth.t, R)
+    all_turns = (R[:-apart].inv() * R[apart:]).as_rotvec()
+    begins, ends = truth.t[:-apart], truth.t[apart:]
+    whole = ends - begins < LONGEST * np.median(ends - begins)
     swept = np.zeros((len(imu.t), 3))
     swept[1:] = np.cumsum((imu.rates[1:] + imu.rates[:-1]) / 2.0 * np.diff(imu.t)[:, None], axis=0)
 
@@ -71,17 +94,16 @@ def best_by_rates(
 
     def fit(offset: float) -> tuple[float, np.ndarray]:
         begin, end = part(offset)
-        usable = whole & (truth.t[:-1] >= begin) & (truth.t[1:] <= end)
-        turns, first, last = all_turns[usable], truth.t[:-1][usable], truth.t[1:][usable]
+        usable = whole & (begins >= begin) & (ends <= end)
+        turns, first, last = all_turns[usable], begins[usable], ends[usable]
         both = (first - offset >= imu.t[0]) & (last - offset <= imu.t[-1])
         if both.sum() < max(20, 0.3 * len(both)):
             return np.inf, np.eye(3)
         seen, swept_then = turns[both], at(last[both] - offset) - at(first[both] - offset)
+        seen, swept_then = seen - seen.mean(axis=0), swept_then - swept_then.mean(axis=0)  # without a gyro's bias
         U, _, Vt = np.linalg.svd(seen.T @ swept_then)
         M = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-        left = seen - swept_then @ M.T
-        left = left - left.mean(axis=0)  # a gyro's bias
-        return float(np.mean(left**2) / max(np.mean((seen - seen.mean(axis=0)) ** 2), 1e-12)), M
+        return float(np.mean((seen - swept_then @ M.T) ** 2) / max(np.mean(seen**2), 1e-12)), M
 
     best = known
     if best is None:

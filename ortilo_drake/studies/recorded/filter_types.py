@@ -10,7 +10,7 @@ import numpy as np
 
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, N_INERTIAL
 
-RATES, FORCE, RANGE, FINDER, FLOW, QUERY = range(6)  # kinds of events, in the order of those with one stamp
+RATES, FORCE, LANDED, RANGE, FINDER, FLOW, QUERY = range(7)  # kinds of events, in the order of those with one stamp
 BIASES = N_INERTIAL  # where the anchors' constant errors begin in the error state
 ENTRIES = 16  # of a row, at most
 
@@ -29,7 +29,7 @@ class Events(NamedTuple):
     """What happens in order of time.
 
     Stamp [s], kind, index (of sample, anchor or flow), the other anchor of a difference or -1, and the range,
-    difference or height [m] (n each).
+    difference, height or z of the place of landing [m] (n each).
     """
 
     t: np.ndarray

@@ -16,6 +16,7 @@ from ortilo_drake.studies.recorded.filter_types import (
     FINDER,
     FLOW,
     FORCE,
+    LANDED,
     NO_AIDS,
     QUERY,
     RANGE,
@@ -32,6 +33,7 @@ from ortilo_drake.studies.recorded.filter_types import (
     states,
 )
 from ortilo_drake.studies.recorded.first_fix import fix_of, ranges_for_a_fix
+from ortilo_drake.studies.recorded.landing import Landing, landings
 from ortilo_drake.studies.recorded.reacquired import NEVER, WATCH, Lost, run_on
 from ortilo_drake.studies.recorded.smoother import smooth
 
@@ -46,13 +48,14 @@ TRIAL = 30.0  # how long each is tried [s]
 class Start(NamedTuple):
     """Where the vehicle starts: position (3) and its deviation [m], heading's deviation [rad], whether it rests there.
 
-    If it rests, it stands level and on the floor until take-off.
+    If it rests, it stands level and on the floor until take-off; if it lands, it does so at the same height.
     """
 
     position: np.ndarray
     position_sd: float
     heading_sd: float
     rests: bool
+    lands: bool = False
 
 
 class Innovations(NamedTuple):
@@ -142,8 +145,11 @@ def tilt_disagreement(imu: Imu) -> float | None:
     return float(np.arccos(np.clip(first_tilt(imu)[2] @ force / np.linalg.norm(force), -1.0, 1.0)))
 
 
-def _events(ranges: Ranges, imu: Imu | None, looks: Looks, queries: np.ndarray, begin: float) -> tuple[Events, Heard]:
+def _events(
+    ranges: Ranges, imu: Imu | None, known: Known, landed: list[Landing], queries: np.ndarray, begin: float
+) -> tuple[Events, Heard]:
     """Return what happens from `begin` on, in order; of the imu the sample before it is held then."""
+    looks = known.looks
     rates = force = np.zeros((0, 3))
     parts = [
         (ranges.t, RANGE, ranges.anchor, ranges.other, ranges.r),
@@ -151,6 +157,9 @@ def _events(ranges: Ranges, imu: Imu | None, looks: Looks, queries: np.ndarray, 
         (looks.flow_t, FLOW, np.arange(len(looks.flow_t)), None, None),
         (queries, QUERY, None, None, None),
     ]
+    if known.start is not None:
+        rests = np.array([one.rests for one in landed])
+        parts.append((rests, LANDED, None, None, np.full(len(rests), known.start.position[2])))
     if imu is not None:
         rates, (t_force, force) = imu.rates, imu.accelerometer or (imu.t, imu.force)
         for kind, stamps in ((RATES, imu.t), (FORCE, t_force)):
@@ -250,12 +259,15 @@ def estimate(
         raise InputError("ranges: none are left")
     begin = float(ranges.t[0])
     queries = queries[queries >= begin]
+    landed = landings(imu) if imu is not None and known.start is not None and known.start.lands else []
+    for one in landed if smoothed else []:  # the filter cannot know yet that it is on the floor
+        ranges = ranges.only((ranges.t <= one.touched) | (ranges.t > one.rests))
     noise = noise_of(settings, imu is not None) if noise is None else noise
     if known.biases is not None:  # calibrated ones are held: what wanders is the correlated error
         noise = noise._replace(bias_walk=0.0)
 
     def run(heading: float, sure: bool, until: float, whole: bool) -> tuple[list[Run], list[Lost], State]:
-        events, heard = _events(ranges, imu, known.looks, queries, begin)
+        events, heard = _events(ranges, imu, known, landed, queries, begin)
         events = Events(*(part[events.t <= until] for part in events))
         start = _start(ranges, imu, known, settings, heading, sure)
         watch = WATCH if until == np.inf else NEVER  # a wrong heading must not be mended while it is tried

@@ -1,0 +1,107 @@
+"""Messages of PX4's log (`.ulg`), field by field, read by pyulog.
+
+A topic is a message's name, of several instances with its number behind: `sensor_accel[1]`; a column is a field, of an
+array with its place: `gyro_rad[0]`. Stamps are the messages' `timestamp` [us].
+"""
+
+import io
+from contextlib import redirect_stdout
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from ortilo_drake.interop.recorded.rejected import Rejections
+from ortilo_drake.interop.recorded.sources import Column
+from ortilo_drake.interop.recorded.tables import NUMBERS, Table
+from ortilo_drake.model.input_files import MIB, open_file
+from ortilo_drake.model.optional import check_installed
+from ortilo_drake.model.typed_yaml import InputError, nearest
+
+MAGIC: Final = b"ULog\x01\x12\x35"
+LIMIT: Final = 1024 * MIB
+HEAD: Final = 16  # bytes before the first message
+FEWEST: Final = 2
+MICROSECONDS: Final = 1e-6
+
+
+def is_ulg(path: Path) -> bool:
+    """Return whether a file begins as such a log, or is called so."""
+    if not path.is_file():
+        return False
+    with open_file(path) as file:
+        return file.read(len(MAGIC)) == MAGIC or path.suffix == ".ulg"
+
+
+def _is_whole(data: bytes) -> bool:
+    """Return whether a log ends where its last message does: each begins with its size (H) and kind (B)."""
+    at = HEAD
+    while at + 3 <= len(data):
+        at += 3 + data[at] + 256 * data[at + 1]
+    return at == len(data)
+
+
+@lru_cache(maxsize=1)  # each stream of a map asks for the same file
+def _log(path: Path, changed: int) -> tuple[Any, bool]:
+    """Return what pyulog read, and whether that was all."""
+    check_installed("pyulog", "recorded")
+    from pyulog import ULog
+
+    with open_file(path, LIMIT) as file:
+        data = file.read()
+    try:
+        with redirect_stdout(io.StringIO()):
+            log = ULog(io.BytesIO(data))
+        return log, _is_whole(data) and not log.file_corruption
+    except Exception as error:  # of many kinds, where the definitions are spoilt
+        raise InputError(f"{path}: no ULog that can be read: {type(error).__name__}: {error}") from None
+
+
+def read_ulg(
+    path: Path,
+    topic: str,
+    time: Column | None,
+    columns: tuple[Column, ...],
+    rejected: Rejections,
+    names: Column | None = None,
+) -> Table:
+    """Return the messages of a topic.
+
+    Args:
+        path: the log.
+        topic: the message's name, of a further instance with its number behind.
+        time: the field of the stamps, in its own unit; None takes `timestamp`, in s then.
+        columns: names of fields with numbers, or their places from 1.
+        rejected: where to count what could not be read.
+        names: the field that names each message's anchor.
+
+    Raises:
+        InputError: if pyulog is not installed, the file is no such log, or there is no such topic, field or hardly a
+            message.
+    """
+    log, whole = _log(path, path.stat().st_mtime_ns)
+    rejected.word = "message"
+    rejected.add("log that is cut short or spoilt: what could be read of it is used", "", int(not whole))
+    topics = {f"{one.name}[{one.multi_id}]" if one.multi_id else one.name: one.data for one in log.data_list}
+    data = topics.get(topic)
+    if data is None:
+        raise InputError(
+            f"{path}: no topic '{topic}'{nearest(topic, topics)}; has {', '.join(sorted(topics)) or 'none'}"
+        )
+    fields, many = list(data), len(next(iter(data.values())))
+    if many < FEWEST:
+        raise InputError(f"{path}: {topic}: {many} messages")
+    if many * (len(columns) + 2) > NUMBERS:
+        raise InputError(f"{path}: {topic}: more than {NUMBERS:,} numbers; cut the log into several recordings")
+
+    def column(wanted: Column) -> np.ndarray:
+        name = fields[wanted - 1] if isinstance(wanted, int) and wanted <= len(fields) else wanted
+        if name not in data:
+            raise InputError(f"{path}: {topic} has no field '{wanted}'; has {', '.join(fields)}")
+        return np.asarray(data[name])
+
+    t = column("timestamp") * MICROSECONDS if time is None else column(time).astype(float)
+    values = np.column_stack([column(wanted).astype(float) for wanted in columns])
+    called = None if names is None else np.array([str(name) for name in column(names).tolist()], dtype=object)
+    return Table(t, values, called, np.arange(1, many + 1))

@@ -1,0 +1,152 @@
+"""Rows of the filter on recorded events: each an innovation with its gradient.
+
+A function writes to a blank row and returns the innovation, and the number of entries where that is not always the
+same. x is the nominal state, R the body's attitude (3, 3), lever l the antenna in body axes (3).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba.extending import register_jitable
+
+from ortilo_drake.onboard.estimator.tight.floor_rows import finder_row, flow_row
+from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
+from ortilo_drake.onboard.estimator.tight.layout import THETA, P, Q, V
+from ortilo_drake.onboard.estimator.tight.ranges import range_row
+from ortilo_drake.studies.recorded.filter_types import BIASES, ENTRIES, Aids, Noise, nominal
+
+NEAREST, LARGEST = 0.02, 10.0  # no antenna is nearer to the floor than this [m], and no error grows by more
+nominal_at = register_jitable(nominal)
+
+
+class Row(NamedTuple):
+    """A row of H, given sparsely: where it is not 0 and what it is there (16 each); and C H^T (N)."""
+
+    where: np.ndarray
+    of: np.ndarray
+    PHt: np.ndarray
+
+
+@register_jitable
+def row_of(N: int) -> Row:
+    """Return a blank row for N error states."""
+    return Row(np.zeros(ENTRIES, np.int64), np.zeros(ENTRIES), np.empty(N))
+
+
+@register_jitable
+def wipe(row: Row) -> None:
+    """Make a row blank."""
+    row.where[:], row.of[:] = 0, 0.0
+
+
+@register_jitable
+def state_row(at: int, row: Row) -> None:
+    """Write the row of one error state."""
+    row.where[0], row.of[0] = at, 1.0
+
+
+@register_jitable
+def _anchor_entries(
+    x: np.ndarray,
+    R: np.ndarray,
+    lever: np.ndarray,
+    anchors: np.ndarray,
+    i: int,
+    sign: float,
+    m: int,
+    row: Row,
+) -> float:
+    """Add sign times the row of the range to anchor i, its own states from entry m on; return that times the range."""
+    gradient = np.empty(6)
+    d = range_row(x[P : P + 3], R, lever, anchors[i], gradient)
+    for k in range(6):
+        row.of[k] += sign * gradient[k]
+    for k, at in enumerate((BIASES + i, BIASES + len(anchors) + i)):
+        row.where[m + k], row.of[m + k] = at, sign
+        d += x[nominal_at(at)]
+    return sign * d
+
+
+@register_jitable
+def distance_row(
+    x: np.ndarray,
+    R: np.ndarray,
+    lever: np.ndarray,
+    anchors: np.ndarray,
+    b: int,
+    a: int,
+    measured: float,
+    row: Row,
+) -> tuple[float, int]:
+    """Write the row of a range to anchor b, or of its difference to that to a, and return innovation and entries."""
+    for i in range(3):
+        row.where[i], row.where[3 + i] = P + i, THETA + i
+    e = measured - _anchor_entries(x, R, lever, anchors, b, 1.0, 6, row)
+    if a < 0:
+        return e, 8
+    return e - _anchor_entries(x, R, lever, anchors, a, -1.0, 8, row), 10
+
+
+@register_jitable
+def height_row(x: np.ndarray, R: np.ndarray, lever: np.ndarray, height: float, row: Row) -> float:
+    """Write the row of the antenna's height, of four entries, and return its innovation."""
+    state_row(P + 2, row)
+    e = height - x[P + 2]
+    for i in range(3):
+        a, b = (i + 1) % 3, (i + 2) % 3
+        row.where[1 + i], row.of[1 + i] = THETA + i, lever[a] * R[2, b] - lever[b] * R[2, a]
+        e -= R[2, i] * lever[i]
+    return e
+
+
+@register_jitable
+def distance_down_row(x: np.ndarray, R: np.ndarray, measured: float, aids: Aids, row: Row) -> float:
+    """Write the row of the range finder, of four entries, and return its innovation."""
+    return measured - finder_row(x[P : P + 3], R, aids.finder, aids.floor, row.where, row.of)
+
+
+@register_jitable
+def pixels_row(
+    axis: int,
+    x: np.ndarray,
+    R: np.ndarray,
+    rates: np.ndarray,
+    measured: float,
+    scale_at: int,
+    aids: Aids,
+    row: Row,
+) -> float:
+    """Write the row of the flow along an axis, of nine entries, and return its innovation.
+
+    Args:
+        axis: 0 or 1.
+        x: nominal state.
+        R: attitude.
+        rates: body rates as measured (3).
+        measured: [px].
+        scale_at: where the error of the scale stands in the error state.
+        aids: numbers of the flow.
+        row: written to.
+    """
+    w = rates - x[Q + 4 : Q + 7]
+    p, v, scale = x[P : P + 3], x[V : V + 3], x[nominal_at(scale_at)]
+    return measured - flow_row(axis, p, v, R, w, aids.floor, aids.pixels, scale, scale_at, row.where, row.of)
+
+
+@register_jitable
+def held_back(S: float, deviation: float) -> float:
+    """Return the noise of a row that brings its variance S down to deviation², and no further.
+
+    What is known of a height is known once: taken at every epoch as if it were new, it would soon be believed to death.
+    """
+    return 1.0 / (1.0 / deviation**2 - 1.0 / S)
+
+
+@register_jitable
+def grown_at(x: np.ndarray, lever: np.ndarray, noise: Noise, aids: Aids) -> float:
+    """Return by what ranges err more near the floor, at most LARGEST: a filter that is lost must hear some."""
+    if noise.near_floor == 0.0:
+        return 1.0
+    down = matrix_of(x[Q : Q + 4])[2]
+    z = x[P + 2] + down[0] * lever[0] + down[1] * lever[1] + down[2] * lever[2] - aids.floor
+    return min(1.0 + (noise.near_floor / max(z, NEAREST)) ** 4, LARGEST)

@@ -1,0 +1,63 @@
+"""When a vehicle lands, by its IMU alone and looked at afterwards.
+
+It rests where over a window body rates and force upward deviate by no more than STILL and the force is gravity's, if
+it was jolted in the second before: a hover may be as still, but nothing jolts it. The force upward, less its mean at
+rest, integrated from there back is the speed downward, and that again the height: the vehicle touched the floor when it
+was last above TOUCHES.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ortilo_drake.interop.recorded.recording import GRAVITY, Imu
+
+WINDOW = 0.2  # [s]
+STILL = (0.075, 0.15)  # standard deviations over it: of the body rates [rad/s], of the force upward [m/s²]
+OFF = 0.5  # of the force's mean from gravity: an accelerometer's bias [m/s²]
+JOLT, SUDDEN, BEFORE = 4.0, 0.02, 1.0  # of the force [m/s²], within so short a time [s], so long before the window [s]
+TOUCHES = 0.1  # height above the place of rest [m]
+LONGEST = 5.0  # before the rest that the height is looked for [s]: it drifts
+
+
+class Landing(NamedTuple):
+    """When the vehicle touched the floor, and when its rest there is known [s]."""
+
+    touched: float
+    rests: float
+
+
+def landings(imu: Imu) -> list[Landing]:
+    """Return the landings in order; the vehicle flew before each."""
+    t, up = imu.t, imu.force[:, 2]
+    step = float(np.median(np.diff(t)))
+    n, before, sudden = max(3, round(WINDOW / step)), round(BEFORE / step), max(1, round(SUDDEN / step))
+    if len(t) <= n + before:
+        return []
+    of = np.lib.stride_tricks.sliding_window_view(np.column_stack([imu.rates, up]), n, axis=0)
+    rates_sd, up_sd = np.sqrt(of[:, :3].var(axis=2).sum(axis=1)), of[:, 3].std(axis=1)
+    still = (rates_sd < STILL[0]) & (up_sd < STILL[1]) & (np.abs(of[:, 3].mean(axis=1) - GRAVITY) < OFF)
+    found: list[Landing] = []
+    for first in np.flatnonzero(still[1:] & ~still[:-1]) + 1:  # windows that begin with it
+        rest = float(up[first : first + n].mean())
+        touched = _touched(t[: first + 1], up[: first + 1] - rest)
+        late = up[max(0, first - before) : first + 1]
+        jolted = len(late) > sudden and np.abs(late[sudden:] - late[:-sudden]).max() > JOLT
+        if jolted and touched is not None and (not found or touched > found[-1].rests):
+            found.append(Landing(touched, float(t[first + n - 1])))
+    return found
+
+
+def _touched(t: np.ndarray, force: np.ndarray) -> float | None:
+    """Return when the height was last above TOUCHES; None if it was not, for as long as that can be told.
+
+    Args:
+        t: stamps, up to the rest [s].
+        force: upward less that at rest [m/s²].
+    """
+    late = t >= t[-1] - LONGEST
+    back, force = t[late][::-1], force[late][::-1]
+    steps = -np.diff(back)
+    height = np.cumsum(np.cumsum(force[:-1] * steps) * steps)
+    above = np.flatnonzero(height > TOUCHES)
+    return float(back[above[0] + 1]) if len(above) else None

@@ -1,0 +1,106 @@
+"""Time that passes between two events: the nominal state at once, the covariance when a row needs it."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba.extending import register_jitable
+
+from ortilo_drake.model.vehicle import GRAVITY
+from ortilo_drake.onboard.estimator.tight.drag import along_body, drag_step
+from ortilo_drake.onboard.estimator.tight.inertial import inertial_step, matrix_of, propagate_covariance
+from ortilo_drake.onboard.estimator.tight.layout import GYRO, N_INERTIAL, THETA, Q, V
+from ortilo_drake.studies.recorded.event_rows import nominal_at
+from ortilo_drake.studies.recorded.filter_types import BIASES, Aids, Noise
+from ortilo_drake.studies.recorded.imu_watch import RESTS, SINCE
+
+STEP = 0.01  # longest step of the propagation [s]
+
+
+class Passing(NamedTuple):
+    """What has passed since the covariance was propagated, with N error states.
+
+    Attributes:
+        A: transition of the first nine errors by the first fifteen (9, 15).
+        W: covariance of the noise that entered them (9, 9).
+        keeps: factor by which each further error went on (N - 9).
+        walks: variance that each of them got (N - 9).
+        scratch: room (9, N).
+        time: [s] (1).
+    """
+
+    A: np.ndarray
+    W: np.ndarray
+    keeps: np.ndarray
+    walks: np.ndarray
+    scratch: np.ndarray
+    time: np.ndarray
+
+
+@register_jitable
+def nothing_passed(N: int) -> Passing:
+    """Return what has passed in no time."""
+    A, W = np.zeros((9, N_INERTIAL)), np.zeros((9, 9))
+    for i in range(9):
+        A[i, i] = 1.0
+    return Passing(A, W, np.ones(N - GYRO), np.zeros(N - GYRO), np.empty((9, N)), np.zeros(1))
+
+
+@register_jitable
+def go_on(
+    x: np.ndarray, passing: Passing, h: float, held: np.ndarray, watched: np.ndarray, t: float, noise: Noise, aids: Aids
+) -> None:
+    """Propagate the nominal state, transition and noise by h, in steps; the errors that fade wait for pass_over.
+
+    Args:
+        x: nominal state; changed.
+        passing: changed.
+        h: [s].
+        held: the samples of the imu (6).
+        watched: see State.
+        t: stamp before it [s].
+        noise: the noise.
+        aids: drag, which may take the accelerometer's place.
+    """
+    A, W = passing.A, passing.W
+    passing.time[0] += h
+    steps = int(np.ceil(h / STEP))
+    dt = h / steps
+    variances = np.array([noise.rotation**2 / dt, noise.acceleration**2 / dt])
+    for _ in range(steps):
+        f, R, v = held[3:].copy(), matrix_of(x[Q : Q + 4]), x[V : V + 3].copy()
+        if watched[RESTS] > 0.0:
+            f = R[2] * GRAVITY + x[Q + 7 : Q + 10]
+        for i in range(2):
+            if watched[RESTS] == 0.0 and watched[SINCE + i] <= t:
+                f[i] = x[Q + 7 + i] - aids.drag * along_body(R, v, i)
+        inertial_step(x, A, W, held[:3], f, dt, variances if watched[RESTS] == 0.0 else np.array([variances[0], 0.0]))
+        if watched[RESTS] > 0.0:  # position and velocity are as they were, whatever tilt and biases are
+            A[:THETA], W[:THETA], W[:, :THETA] = 0.0, 0.0, 0.0
+            for i in range(THETA):
+                A[i, i] = 1.0
+        for i in range(2):
+            if watched[RESTS] == 0.0 and watched[SINCE + i] <= t:
+                drag_step(A, W, R, v, i, aids.drag, dt, aids.drag_sd**2)
+
+
+@register_jitable
+def pass_over(C: np.ndarray, x: np.ndarray, passing: Passing, grown: float, n: int, noise: Noise) -> None:
+    """Propagate the covariance, and the errors of n anchors, over what has passed; begin_anew comes afterwards."""
+    keeps, walks, passed = passing.keeps, passing.walks, passing.time[0]
+    for i in range(n):
+        keeps[BIASES + n + i - GYRO] = np.exp(-passed / noise.correlation_time)
+        walks[BIASES + i - GYRO] = noise.bias_walk**2 * passed
+        lasts = noise.range_correlated * grown
+        walks[BIASES + n + i - GYRO] = lasts**2 * (1.0 - keeps[BIASES + n + i - GYRO] ** 2)
+        x[nominal_at(BIASES + n + i)] *= keeps[BIASES + n + i - GYRO]
+    for i in range(3):
+        walks[i], walks[3 + i] = noise.rotation_bias**2 * passed, noise.acceleration_bias**2 * passed
+    propagate_covariance(C, passing.A, passing.W, keeps, walks, passing.scratch)
+
+
+@register_jitable
+def begin_anew(passing: Passing) -> None:
+    """Let nothing have passed."""
+    passing.A[:], passing.W[:], passing.time[0] = 0.0, 0.0, 0.0
+    for i in range(9):
+        passing.A[i, i] = 1.0
