@@ -13,7 +13,7 @@ import numpy as np
 from ortilo_drake.diagrams.wiring.fixes import heard_boxes, mean_box, solver_boxes
 from ortilo_drake.loop.element import Box, bundle, constant
 from ortilo_drake.model.clock import history_ticks
-from ortilo_drake.model.measurement import Measurement
+from ortilo_drake.model.measurement import CAMERA, UWB, Measurement
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import IMU_SIZE, N_X, N_XBAR
 from ortilo_drake.onboard.estimator.acted_element import acted_box
@@ -22,7 +22,7 @@ from ortilo_drake.onboard.estimator.extra_states import Extra, augmented_rows, e
 from ortilo_drake.onboard.estimator.filter_element import filter_box, known_box, parts_box
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial_covariance
 from ortilo_drake.onboard.estimator.imu_rows import imu_rows_box, imu_variances
-from ortilo_drake.onboard.estimator.lasting_element import told_box
+from ortilo_drake.onboard.estimator.lasting_element import N_LASTING, Sort, Told, told_box, told_of
 from ortilo_drake.onboard.estimator.measurement_handler import handler_box, incoming_of, oldest_used
 from ortilo_drake.onboard.estimator.replay_element import past_box, replay_box
 from ortilo_drake.onboard.estimator.robust.gate_element import gate_box
@@ -32,6 +32,9 @@ from ortilo_drake.onboard.ranging.sighted import sighted_box
 from ortilo_drake.onboard.ranging.survey_bank import bank_box
 from ortilo_drake.scenario import Belief
 from ortilo_drake.sensors.described import flown, measuring
+
+SIGHTING = measuring("landmarks")
+SURVEY_TIME = 20.0  # of what a survey makes last of the camera's fixes, beside what their places say of it [s]
 
 
 class Filtering(NamedTuple):
@@ -105,8 +108,12 @@ def intermittent_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages:
     if learns_survey(belief):
         fix = fixes[ranging]
         banks.append(bank_of(belief, room).reading(message=fix.reads["message"], fix=fix.name))
-        if its.extras:
-            kalman = told_box(kalman, its.seen, settings.biases.uwb_sd).reading(lasting=f"{fix.name}.lasting")
+    if its.extras and (learns_survey(belief) or learns_landmarks(belief)):
+        banks.append(constant("nothing_lasting", np.zeros(N_LASTING)))
+        kalman = told_box(kalman, told_by_fixes(belief, its)).reading(
+            lasting=f"{fixes[ranging].name}.lasting" if learns_survey(belief) else "nothing_lasting",
+            camera_lasting=f"{fixes[SIGHTING].name}.lasting" if learns_landmarks(belief) else "nothing_lasting",
+        )
     kalman = kalman.reading(
         stamps="handler.stamps" if variances is None else "imu_rows.stamps",
         opening="no_opening" if settings.robust is None else "robust_gate.opening",
@@ -127,6 +134,9 @@ def intermittent_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages:
 def filtering_of(belief: Belief) -> Filtering:
     """Return the states and model of a scenario's filter."""
     settings = belief.estimator
+    if learns_landmarks(belief):
+        biases = settings.biases.model_copy(update={"camera_time": SURVEY_TIME})
+        settings = settings.model_copy(update={"biases": biases})
     extras = extra_states(settings, belief.vehicle, belief.h, belief.flown_rows, belief.yaw)
     seen = augmented_rows(belief.measurement.rows, extras)
     return Filtering(extras, seen, N_XBAR + len(names_of(extras)), settings.delay == "replay")
@@ -135,6 +145,19 @@ def filtering_of(belief: Belief) -> Filtering:
 def learns_survey(belief: Belief) -> bool:
     """Return whether fixes are made of ranges that tell how good the anchors' survey is."""
     return belief.measures_ranges and belief.multilateration.bias_bank is not None
+
+
+def told_by_fixes(belief: Belief, its: Filtering) -> Told:
+    """Return which coefficients of a filter's measurement are told by fixes that learn."""
+    biases = belief.estimator.biases
+    ranges = Sort(UWB, biases.uwb_sd) if learns_survey(belief) else None
+    boxes = Sort(CAMERA, biases.camera_sd, np.exp(-belief.h / biases.camera_time)) if learns_landmarks(belief) else None
+    return told_of(its.seen, ranges, boxes)
+
+
+def learns_landmarks(belief: Belief) -> bool:
+    """Return whether fixes are made of boxes that tell how good the landmarks' survey is."""
+    return SIGHTING in belief.sensors and belief.landmark_fix.survey_bank is not None
 
 
 def bank_of(belief: Belief, room: Room) -> Box:

@@ -139,6 +139,11 @@ class LandmarkFix(Frozen):
             this [px]; null goes by the box that is seen alone.
         prior_sd: error of the estimate's position [m] and angles [rad] to associate by; null takes them from the
             filter's covariance.
+        survey_sd: standard deviation of each coordinate of a landmark's surveyed position [m]. It counts in the errors
+            of boxes. What lasts of a fix's error is for estimator.biases.camera_sd, or for survey_bank.
+        survey_bank: shares of survey_sd [1] between which the boxes' residuals decide in flight, as
+            multilateration.bias_bank. Fixes then tell the filter how large what lasts of their error is by it, beside
+            estimator.biases.camera_sd. null believes survey_sd as it is. Only with method 'pose'.
         shapes: what is known of the landmarks' shapes: 'outlines' is all that the room's file has, 'boxes' their
             sizes alone.
     """
@@ -152,7 +157,15 @@ class LandmarkFix(Frozen):
     joint: Gate | None = None
     inside: NonNegativeFloat | None = None
     prior_sd: tuple[Positive, Positive] | None = None
+    survey_sd: NonNegativeFloat = 0.0
+    survey_bank: Annotated[tuple[Share, ...], Field(min_length=2, max_length=8)] | None = None
     shapes: Literal["outlines", "boxes"] = "outlines"
+
+    @model_validator(mode="after")
+    def _has_what_the_bank_shares(self) -> "LandmarkFix":
+        if self.survey_bank is not None and (self.method != "pose" or self.survey_sd == 0.0):
+            raise ValueError(".survey_bank: must be null without survey_sd, of which it has shares, and method 'pose'")
+        return self
 
     @property
     def rows(self) -> tuple[Row, ...]:

@@ -196,6 +196,15 @@ class Scenario(Belief):
             )
         return self
 
+    @model_validator(mode="after")
+    def _robust_knows_its_landmarks(self) -> "Scenario":
+        bank = self.landmark_fix.survey_bank
+        if bank is not None and getattr(self.estimator, "robust", None) is not None:
+            raise ValueError(
+                f"landmark_fix.survey_bank: {list(bank)}: must be null with estimator.robust, which weighs"
+            )
+        return self
+
     def __reduce__(self) -> tuple[Callable[[str], "Scenario"], tuple[str]]:
         """Pickle as JSON: a model with registered parts has no name to be found by."""
         return Scenario.model_validate_json, (self.model_dump_json(),)

@@ -147,7 +147,8 @@ def solver(scenario: Belief, room: Room) -> Box | None:
     """Return the landmark fix as an element; None where its method is OpenCV's."""
     if scenario.landmark_fix.method not in ELEMENTS:
         return None
-    return camera_fix_box(scenario.landmark_fix, as_known(scenario, room), scenario.image_width)
+    period = scenario.every("camera") * scenario.h
+    return camera_fix_box(scenario.landmark_fix, as_known(scenario, room), scenario.image_width, period)
 
 
 def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) -> dict[str, Given]:

@@ -1,4 +1,4 @@
-"""The filter whose uwb fixes say how large the part of their error is that lasts.
+"""The filter whose fixes say how large the part of their error is that lasts.
 
     y_uwb = p + diag(rho) s + v,   rho_i = sigma_i / estimator.biases.uwb_sd_i
 
@@ -8,8 +8,14 @@ survey, makes it larger or smaller, and not at all where nothing lasts; of it a 
 
     s_i <- r_i s_i + w_i,   w_i of variance (1 - r_i^2) uwb_sd_i^2.
 
-The coefficients are those where the vehicle is believed to be: at the fix itself they would be correlated with its
-noise. What is run again from a past tick has the present ones.
+Of a camera fix a part lasts besides, whatever the survey: of the boxes' own errors, a Gauss-Markov process of
+estimator.biases.camera_sd and camera_time. Both are one state s,
+
+    rho = sqrt(sigma^2 + c^2) / c,   r <- (r sigma^2 + exp(-h / camera_time) c^2) / (sigma^2 + c^2),   c = camera_sd
+
+with r applied in every tick. The coefficients are those where the vehicle is believed to be: at the fix itself they
+would be correlated with its noise. Those of a camera fix are where its boxes were seen from, which is known to
+centimetres. What is run again from a past tick has the present ones.
 """
 
 from collections.abc import Callable
@@ -20,7 +26,8 @@ import numpy as np
 from numba.extending import register_jitable
 
 from ortilo_drake.loop.element import Array, Box
-from ortilo_drake.model.measurement import UWB, Layout, Measurement
+from ortilo_drake.model.measurement import Layout, Measurement, Row
+from ortilo_drake.model.placing import put
 from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import N_I
 from ortilo_drake.onboard.estimator.acted_element import acted_filter_step
@@ -29,6 +36,8 @@ from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
 from ortilo_drake.onboard.estimator.late_measurements import Slot
 from ortilo_drake.onboard.estimator.replay_element import belief_in, history_in, replay_filter_step
 
+N_LASTING, N_KEPT = 6, 3  # of what a fix tells; where in it stands what is kept
+
 
 class Told(NamedTuple):
     """Which coefficients of the measurement's layout are told.
@@ -36,31 +45,50 @@ class Told(NamedTuple):
     Attributes:
         row: of y (m).
         column: of the layout's weights (m).
-        axis: of what lasts (m).
+        at: where what lasts of it stands in what the fixes tell; N_KEPT after it what is kept (m).
         state: which state it is the coefficient of (m).
         sd: that the filter believes of the state [m] (m).
+        own: of what the state stands for beside what is told [m] (m).
+        keeps: what is left of that after a tick [1] (m).
     """
 
     row: np.ndarray
     column: np.ndarray
-    axis: np.ndarray
+    at: np.ndarray
     state: np.ndarray
     sd: np.ndarray
+    own: np.ndarray
+    keeps: np.ndarray
 
 
-def told_of(measurement: Measurement, uwb_sd: tuple[float, ...]) -> Told:
-    """Return the coefficients of a filter's measurement that uwb fixes set; uwb_sd is its setting [m] (3)."""
-    rows, columns, states, axes = list[int](), list[int](), list[int](), list[int]()
-    for axis, own in enumerate(UWB):
-        bias = f"bias_{own.name}"
-        if bias in measurement.states:
-            row, state = measurement.outputs.index(own.name), measurement.states.index(bias)
-            rows.append(row)
-            columns.append(measurement.layout.states[row].tolist().index(state))
-            states.append(state)
-            axes.append(axis)
-    whole = [np.array(its, np.int64) for its in (rows, columns, axes, states)]
-    return Told(whole[0], whole[1], whole[2], whole[3], np.array([uwb_sd[axis] for axis in axes], float))
+class Sort(NamedTuple):
+    """Fixes of one sort that tell what lasts of their error.
+
+    Attributes:
+        rows: of a position.
+        sd: setting of estimator.biases [m] (3).
+        keeps: what is left after a tick of a part that is there whatever is told, of that sd; None where none is.
+    """
+
+    rows: tuple[Row, ...]
+    sd: tuple[float, float, float]
+    keeps: float | None = None
+
+
+def told_of(measurement: Measurement, ranges: Sort | None, boxes: Sort | None = None) -> Told:
+    """Return the coefficients of a filter's measurement that fixes set; None for fixes that set none."""
+    found = list[tuple[float, ...]]()
+    for first, its in ((0, ranges), (N_LASTING, boxes)):
+        for axis, row in enumerate(() if its is None else its.rows):
+            bias = f"bias_{row.name}"
+            if its is not None and bias in measurement.states:
+                y, state = measurement.outputs.index(row.name), measurement.states.index(bias)
+                column, sd = measurement.layout.states[y].tolist().index(state), its.sd[axis]
+                own = (0.0, 1.0) if its.keeps is None else (sd, its.keeps)
+                found.append((y, column, first + axis, state, sd, *own))
+    columns = np.array(found, float).reshape(-1, 7).T
+    indices = [column.astype(np.int64) for column in columns[:4]]
+    return Told(*indices, *(np.ascontiguousarray(column) for column in columns[4:]))
 
 
 @register_jitable
@@ -71,7 +99,8 @@ def told_layout(layout: Layout, told: Told, lasting: np.ndarray, weights: np.nda
             weights[i, j] = layout.weights[i, j]
     sds = values_of(lasting)
     for i in range(told.row.size):
-        weights[told.row[i], told.column[i]] = sds[told.axis[i]] / told.sd[i]
+        sd, own = sds[told.at[i]], told.own[i]
+        weights[told.row[i], told.column[i]] = (sd if own == 0.0 else np.sqrt(sd**2 + own**2)) / told.sd[i]
     return Layout(layout.C, layout.states, weights, layout.first, layout.block, layout.is_position)
 
 
@@ -80,7 +109,10 @@ def vary(belief: np.ndarray, n: int, told: Told, lasting: np.ndarray) -> None:
     """Change a belief (n + n^2) by what a fix elsewhere keeps of what lasts: s <- r s + w, w of (1 - r^2) sd^2."""
     kept = values_of(lasting)
     for i in range(told.row.size):
-        r, state = kept[3 + told.axis[i]], told.state[i]
+        r, state, own = kept[told.at[i] + N_KEPT], told.state[i], told.own[i]
+        if own != 0.0:
+            sd = kept[told.at[i]]
+            r = (r * sd**2 + told.keeps[i] * own**2) / (sd**2 + own**2)
         if r != 1.0:
             belief[state] *= r
             for j in range(n):
@@ -107,18 +139,22 @@ def told_filter_step(
     reference: np.ndarray,
     opening: np.ndarray,
     lasting: np.ndarray,
+    camera_lasting: np.ndarray,
     belief: np.ndarray,
     rows: np.ndarray,
     S: np.ndarray,
     less: np.ndarray,
     weights: np.ndarray,
+    both: np.ndarray,
     model: FilterModel,
     layout: Layout,
     told: Told,
 ) -> None:
     """Take filter_step with the coefficients that are told."""
-    its = told_layout(layout, told, lasting, weights)
-    vary(belief, layout.C.shape[1] + N_I, told, lasting)
+    put(values_of(lasting), both)
+    put(values_of(camera_lasting), both, N_LASTING)
+    its = told_layout(layout, told, both, weights)
+    vary(belief, layout.C.shape[1] + N_I, told, both)
     filter_step(n, y, delta, V2, control, reference, opening, belief, rows, S, less, model, its)
 
 
@@ -133,17 +169,21 @@ def told_replay_step(
     reference: np.ndarray,
     opening: np.ndarray,
     lasting: np.ndarray,
+    camera_lasting: np.ndarray,
     memory: np.ndarray,
     less: np.ndarray,
     weights: np.ndarray,
+    both: np.ndarray,
     model: FilterModel,
     layout: Layout,
     told: Told,
     slot: Slot,
 ) -> None:
     """Take replay_filter_step with the coefficients that are told."""
-    its = told_layout(layout, told, lasting, weights)
-    vary_all(memory, slot, layout.C.shape[1] + N_I, told, lasting)
+    put(values_of(lasting), both)
+    put(values_of(camera_lasting), both, N_LASTING)
+    its = told_layout(layout, told, both, weights)
+    vary_all(memory, slot, layout.C.shape[1] + N_I, told, both)
     replay_filter_step(n, k, y, delta, V2, stamps, control, reference, opening, memory, less, model, its, slot)
 
 
@@ -159,17 +199,21 @@ def told_acted_step(
     reference: np.ndarray,
     opening: np.ndarray,
     lasting: np.ndarray,
+    camera_lasting: np.ndarray,
     memory: np.ndarray,
     less: np.ndarray,
     weights: np.ndarray,
+    both: np.ndarray,
     model: FilterModel,
     layout: Layout,
     told: Told,
     slot: Slot,
 ) -> None:
     """Take acted_filter_step with the coefficients that are told."""
-    its = told_layout(layout, told, lasting, weights)
-    vary_all(memory, slot, layout.C.shape[1] + N_I, told, lasting)
+    put(values_of(lasting), both)
+    put(values_of(camera_lasting), both, N_LASTING)
+    its = told_layout(layout, told, both, weights)
+    vary_all(memory, slot, layout.C.shape[1] + N_I, told, both)
     acted_filter_step(n, k, y, delta, V2, stamps, control, timeline, reference, opening, memory, less, model, its, slot)
 
 
@@ -180,11 +224,11 @@ STEPS: dict[str, Callable[..., None]] = {
 }
 
 
-def told_box(filter_: Box, measurement: Measurement, uwb_sd: tuple[float, ...]) -> Box:
-    """Return one of the paper's filters that reads what is `lasting` (6) of uwb fixes as well."""
+def told_box(filter_: Box, told: Told) -> Box:
+    """Return one of the paper's filters that reads what is `lasting` and `camera_lasting` (6) of fixes as well."""
     element = filter_.element
-    work = (*element.work, Array("weights", 2))
+    work = (*element.work, Array("weights", 2), Array("both"))
     element = replace(element, name=f"told_{element.name}", step=STEPS[element.name], work=work)
-    shape = measurement.layout.weights.shape
-    box = replace(filter_, element=element, work=filter_.work | {"weights": shape})
-    return box.taking(told=told_of(measurement, uwb_sd))
+    shape = filter_.given.tables["layout_weights"].shape
+    box = replace(filter_, element=element, work=filter_.work | {"weights": shape, "both": (2 * N_LASTING,)})
+    return box.taking(told=told)

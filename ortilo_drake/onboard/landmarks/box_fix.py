@@ -35,6 +35,7 @@ class BoxBelief(NamedTuple):
         margin: of the association, see landmark_association.py.
         limits: of the joint test, see joint_compatibility.py; empty to leave it out.
         inside: how far from the border a landmark's predicted box must end [px].
+        survey_sd: of the landmarks' positions [m].
     """
 
     positions: np.ndarray
@@ -48,6 +49,7 @@ class BoxBelief(NamedTuple):
     margin: float
     limits: np.ndarray
     inside: float
+    survey_sd: float
 
 
 def box_belief(settings: LandmarkFixSettings, room: Room, width: int) -> BoxBelief:
@@ -65,6 +67,7 @@ def box_belief(settings: LandmarkFixSettings, room: Room, width: int) -> BoxBeli
         settings.margin,
         np.zeros(0) if joint is None else joint_limits(joint, MAX_DETECTIONS),
         -np.inf if settings.inside is None else settings.inside,
+        settings.survey_sd,
     )
 
 
@@ -91,8 +94,8 @@ def is_usable(xhat: np.ndarray, P: np.ndarray) -> bool:
 @njit(cache=True)
 def boxes_to_solve(
     detections: np.ndarray, xhat: np.ndarray, P: np.ndarray, believed: BoxBelief, widened: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the boxes whose landmarks are found: centres (k, 2), p_W (k, 3), outlines (k, m, 3), errors (k, 2).
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the boxes whose landmarks are found: centres (k, 2), p_W (k, 3), outlines (k, m, 3), errors (k, 2), which.
 
     Args:
         detections: the detections message; one that is there.
@@ -109,7 +112,7 @@ def boxes_to_solve(
         believed.growth,
     )
     if not is_usable(xhat, P):
-        return np.empty((0, 2)), positions[:0].copy(), outlines[:0].copy(), np.empty((0, 2))
+        return np.empty((0, 2)), positions[:0].copy(), outlines[:0].copy(), np.empty((0, 2)), np.empty(0, np.int64)
     chosen, centers, predicted = associate(
         detections,
         xhat,
@@ -123,13 +126,14 @@ def boxes_to_solve(
         growth,
         believed.margin,
         believed.inside,
+        believed.survey_sd,
     )
     sds = predicted.sd
     if believed.limits.size > 0:
         P_pose = widened**2 * pose_covariance(P)
         kept = jointly_compatible(centers - predicted.centers, predicted.J, P_pose, sds, believed.limits)
         chosen, centers, sds = chosen[kept], centers[kept], sds[kept]
-    return centers, positions[chosen], outlines[chosen], sds
+    return centers, positions[chosen], outlines[chosen], sds, chosen
 
 
 @njit(cache=True)

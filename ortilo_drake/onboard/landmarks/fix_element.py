@@ -20,6 +20,18 @@ from ortilo_drake.onboard.landmarks.box_fix import (
 )
 from ortilo_drake.onboard.landmarks.cosine_law import cosine_law
 from ortilo_drake.onboard.landmarks.known_attitude import pose_from_boxes
+from ortilo_drake.onboard.landmarks.landmark_bank import (
+    N_LASTING,
+    PER_LANDMARK,
+    Solved,
+    keep,
+    kept_from,
+    learn,
+    learned_first,
+    put_information,
+    put_lasting,
+)
+from ortilo_drake.onboard.ranging.lasting_error import KEPT, LASTING, SHARE
 from ortilo_drake.scenario import LandmarkFix as LandmarkFixSettings
 
 
@@ -69,6 +81,83 @@ def cosines_out(
     put(fix_of(*solution, xhat, message[STAMP], n.rows), out)
 
 
+def learning_out(
+    n: Any,
+    message: np.ndarray,
+    belief: np.ndarray,
+    believed: BoxBelief,
+    prior: np.ndarray,
+    refused: np.ndarray,
+    learned: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Say the fix message of boxes_out by what has been learned, what lasts of its error, and what it tells.
+
+    Without a fix all that lasts of the last one's error is kept.
+    """
+    fill(out, 0.0)
+    size, landmarks = PAYLOAD + 42, believed.positions.shape[0]
+    put(learned[LASTING:KEPT], out, size)
+    put((1.0, 1.0, 1.0), out, size + 3)
+    if message[ARRIVED] != 1.0:
+        return
+    now = with_share(believed, learned[SHARE])
+    xhat, P = belief[:N_XBAR], covariance_of(belief, prior)
+    boxes = boxes_to_solve(message, xhat, P, now, power_of_two(int(refused[0])))
+    solution = pose_from_boxes(*boxes[:3], xhat, P, now.camera, boxes[3], now.max_residual, 6)
+    fix = fix_of(*solution, xhat, message[STAMP], 6)
+    if fix[ARRIVED] != 1.0:
+        return
+    put(fix, out)
+    told = size + N_LASTING
+    here = out[told + PER_LANDMARK * landmarks :]
+    put_information(out[told : told + PER_LANDMARK * landmarks], here, Solved(boxes[0], boxes[4], solution[1]), now)
+    put_lasting(out[size : size + N_LASTING], now.survey_sd, here, learned)
+
+
+@register_jitable
+def with_share(believed: BoxBelief, share: float) -> BoxBelief:
+    """Return what is believed of boxes with a share of the survey's sd."""
+    return BoxBelief(
+        believed.positions,
+        believed.outlines,
+        believed.labels,
+        believed.camera,
+        believed.sd,
+        believed.gate,
+        believed.max_residual,
+        believed.growth,
+        believed.margin,
+        believed.limits,
+        believed.inside,
+        share * believed.survey_sd,
+    )
+
+
+def learning_step(
+    n: Any,
+    message: np.ndarray,
+    believed: BoxBelief,
+    bank: np.ndarray,
+    refused: np.ndarray,
+    learned: np.ndarray,
+    gathered: np.ndarray,
+    S: np.ndarray,
+    e: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Take refused_step, and learn what a fix that was made in this tick tells of the survey."""
+    if message[ARRIVED] != 1.0:
+        return
+    if believed.limits.size > 0:
+        refused[0] = refused_after(refused[0], out[ARRIVED] == 1.0, message, believed)
+    if out[ARRIVED] == 1.0:
+        at, n_told = PAYLOAD + 42, PER_LANDMARK * believed.positions.shape[0]
+        told = out[at + N_LASTING : at + N_LASTING + n_told]
+        learn(learned, gathered, told, n.keeps, bank, believed.survey_sd, S, e)
+        keep(learned, out[at : at + N_LASTING], out[at + N_LASTING + n_told :])
+
+
 def refused_step(
     message: np.ndarray,
     believed: BoxBelief,
@@ -92,6 +181,16 @@ FIX_OF_BOXES, FIX_OF_COSINES = (
     )
     for name, out in (("fix_of_boxes", boxes_out), ("fix_of_cosines", cosines_out))
 )
+LEARNING = Element(
+    "learning_fix_of_boxes",
+    allocates=True,
+    out=learning_out,
+    step=learning_step,
+    numbers=(Number("keeps"),),
+    tables=(Array("prior"), Array("bank")),
+    state=(Array("refused"), Array("learned"), Array("gathered", 2)),
+    work=(Array("S", 2), Array("e")),
+)
 ELEMENTS = {
     "known_attitude": FIX_OF_BOXES,
     "known_tilt": FIX_OF_BOXES,
@@ -100,13 +199,16 @@ ELEMENTS = {
 }
 
 
-def camera_fix_box(settings: LandmarkFixSettings, room: Room, width: int) -> Box:
+def camera_fix_box(settings: LandmarkFixSettings, room: Room, width: int, period: float = 0.1) -> Box:
     """Return what makes a fix of boxes: it reads the camera's message and a belief of [x; i] (240).
+
+    With a bank it says what is `lasting` (6) of a fix's error besides, see landmark_bank.py.
 
     Args:
         settings: method and what it believes of the boxes.
         room: landmarks, as they are known, and the camera.
         width: image width [px] that the boxes are in.
+        period: from one message to the next [s].
 
     Raises:
         ValueError: if the method is OpenCV's, which is no element.
@@ -116,5 +218,13 @@ def camera_fix_box(settings: LandmarkFixSettings, room: Room, width: int) -> Box
         raise ValueError(f"landmark_fix.method: {settings.method}: has no compiled form")
     prior = prior_covariance(settings)
     tables = {"prior": np.zeros(0) if prior is None else prior}
-    box = Box("camera_fix", element, PAYLOAD + m + m * m, Given({"rows": m}, {"refused": np.zeros(1)}, tables))
-    return box.taking(believed=box_belief(settings, room, width))
+    believed, start = box_belief(settings, room, width), {"refused": np.zeros(1)}
+    size = PAYLOAD + m + m * m
+    if settings.survey_bank is None:
+        return Box("camera_fix", element, size, Given({"rows": m}, start, tables)).taking(believed=believed)
+    bank, n = np.array(settings.survey_bank), len(room.landmark_positions)
+    start |= {"learned": learned_first(bank, n), "gathered": np.zeros((3 * n, 4))}
+    given, work = Given({"keeps": kept_from(period)}, start, tables | {"bank": bank}), {"S": (3, 3), "e": (3,)}
+    parts = {"fix": (0, size), "lasting": (size, N_LASTING)}
+    size += N_LASTING + (PER_LANDMARK + 9) * n
+    return Box("camera_fix", LEARNING, size, given, work, parts=parts).taking(believed=believed)

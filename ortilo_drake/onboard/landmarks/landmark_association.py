@@ -101,6 +101,20 @@ def center_sd(size: float, sd: float, growth: float) -> float:
 
 
 @register_jitable
+def with_survey(sd: float, J: np.ndarray, survey_sd: float) -> float:
+    """Return the error of a box's centre along an axis [px] together with what a landmark's survey makes of it.
+
+    Args:
+        sd: of the box itself [px].
+        J: d z / d(p_WB, rpy) of that axis (6); a landmark that is moved moves its box as p_WB does, the other way.
+        survey_sd: of the landmark's position, each axis [m].
+    """
+    if survey_sd == 0.0:
+        return sd
+    return float(np.sqrt(sd**2 + survey_sd**2 * (J[0] ** 2 + J[1] ** 2 + J[2] ** 2)))
+
+
+@register_jitable
 def is_among(labels: np.ndarray, label: float) -> bool:
     """Return whether a class is one of some (n)."""
     for j in range(labels.size):  # noqa: SIM110 - numba compiles no generator expression in any()
@@ -122,6 +136,7 @@ def association_costs(
     gate: float,
     growth: float = 0.0,
     inside: float = -np.inf,
+    survey_sd: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Predicted]:
     """Return candidate landmarks (k), whole boxes' centres (m, 2), costs of pairing (k, m + k) and what is predicted.
 
@@ -155,7 +170,7 @@ def association_costs(
         span = box[2] - box[0] + box[3] - box[1]
         for axis in range(2):
             z[k, axis] = 0.5 * (box[axis] + box[2 + axis])
-            sds[k, axis] = center_sd(box[2 + axis] - box[axis], sd, growth)
+            sds[k, axis] = with_survey(center_sd(box[2 + axis] - box[axis], sd, growth), J[k, axis], survey_sd)
         S_uu, S_uv, S_vv = innovation_covariance(J[k], P_pose, sds[k])
         for j in range(m):
             if box_labels[j] == labels[i] and span < MAX_SCALE * spans[j] and spans[j] < MAX_SCALE * span:
@@ -233,6 +248,7 @@ def associate(
     growth: float = 0.0,
     margin: float = 0.0,
     inside: float = -np.inf,
+    survey_sd: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray, Predicted]:
     """Return the landmarks found, in rising order (k), their boxes' centres (k, 2) and what is predicted of these.
 
@@ -252,9 +268,10 @@ def associate(
         margin: see ambiguous; 0 leaves nothing out.
         inside: how far from the border a landmark's predicted box must end [px]. A box that the border cuts seems
             whole where the detector errs, by tens of pixels if it is large, and its centre is then half of that off.
+        survey_sd: of the landmarks' positions, see with_survey [m].
     """
     candidates, centers, costs, predicted = association_costs(
-        detections, xhat, P, positions, outlines, labels, camera, sd, gate, growth, inside
+        detections, xhat, P, positions, outlines, labels, camera, sd, gate, growth, inside, survey_sd
     )
     column = assign(costs)
     paired = column < len(centers)

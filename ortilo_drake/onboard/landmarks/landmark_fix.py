@@ -51,7 +51,7 @@ def landmark_fix_message(
         rows: m, of the value.
         widened: see boxes_to_solve.
     """
-    centers, positions, outlines, sds = boxes_to_solve(detections, xhat, P, believed, widened)
+    centers, positions, outlines, sds, _ = boxes_to_solve(detections, xhat, P, believed, widened)
     solution = method(centers, positions, outlines, xhat, P, believed.camera, sds, believed.max_residual)
     return fix_of(*solution, xhat, detections[STAMP], rows)
 

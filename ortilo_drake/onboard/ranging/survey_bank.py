@@ -89,18 +89,25 @@ def weigh(
     learned: np.ndarray, gathered: np.ndarray, bank: np.ndarray, s_2: float, S: np.ndarray, e: np.ndarray
 ) -> None:
     """Write the share and the weights of the models to what is learned; S and e as log_likelihood."""
-    weights, best = learned[learned.size - bank.size :], -np.inf
+    weights = learned[learned.size - bank.size :]
     for j in range(bank.size):
         weights[j] = log_likelihood(gathered, bank[j] * s_2, S, e)
+    learned[SHARE] = share_of(weights, bank)
+
+
+@register_jitable
+def share_of(weights: np.ndarray, bank: np.ndarray) -> float:
+    """Return the share that is believed, of log likelihoods of the models (m); they become the models' weights."""
+    best, total, mean = -np.inf, 0.0, 0.0
+    for j in range(bank.size):
         best = max(best, weights[j])
-    total = mean = 0.0
     for j in range(bank.size):
         weights[j] = exp(weights[j] - best)
         total += weights[j]
     for j in range(bank.size):
         weights[j] /= total
         mean += weights[j] * bank[j] ** 2
-    learned[SHARE] = np.sqrt(mean)
+    return np.sqrt(mean)
 
 
 def bank_step(

@@ -3,8 +3,8 @@
 All values are per tick of h, as deviations from hover. The state of the whole loop is [x; xhat; i] (27): the vehicle,
 the filter's prediction of it, and the integral of the position error. A filter that estimates more, [x; e] (N), makes
 it [x; f; xhat; ehat; i]: of the states e the world has those that control and gusts drive, which is the force f of the
-step just flown. The others, lasting force and biases, are zero in it: the filter allows for what is not there. The world
-alone has the rotors' drag.
+step just flown. The others, lasting force and biases, are zero in it: the filter allows for what is not there. The
+world alone has the rotors' drag.
 """
 
 from collections.abc import Sequence

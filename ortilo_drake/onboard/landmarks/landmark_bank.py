@@ -1,0 +1,222 @@
+"""How good the survey of the landmarks is, learned from what their boxes disagree by.
+
+A landmark that is moved by lambda_i moves its box by A_i lambda_i, A_i = -d z_i / d p_WB. With J the Jacobian of all
+boxes by the pose and the weights W of the boxes' own errors alone, a fix gives the information of its residuals e on
+the landmarks, whatever the pose:
+
+    M = W - W J (J^T W J)^-1 J^T W,   Lambda_i = sum_k A_i^T M_ii A_i,   eta_i = sum_k A_i^T (M e)_i
+
+Each landmark is judged by what all others say of it (a composite likelihood: Varin, Reid and Firth, "An overview of
+composite likelihood methods", Statistica Sinica 21, 2011), so that what is kept grows with their number and not with
+its square: of a share c_j of the sd s of a survey as it is believed (landmark_fix.survey_sd),
+
+    log L_j = sum_i -1/2 log det(I + c_j^2 s^2 Lambda_i) + 1/2 c_j^2 s^2 eta_i^T (I + c_j^2 s^2 Lambda_i)^-1 eta_i
+
+What is believed follows as in ranging/survey_bank.py. Boxes err alike for a while: 0.44 of their variance lasts for a
+second (world/sensors/camera_calibration.yaml), so that an image counts as 1 / REPEATS of one.
+
+A fix errs by sum_i G_i A_i lambda_i, G = N^-1 J^T R^-1 with R of boxes and survey. What lasts of its position follows
+as in ranging/lasting_error.py, with g the rows of all G_i A_i.
+"""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numba.extending import register_jitable
+
+from ortilo_drake.model.cholesky import scaled_inverse
+from ortilo_drake.model.equations import rotation_matrix
+from ortilo_drake.model.pinhole import box_and_jacobian, sines
+from ortilo_drake.model.placing import fill, put
+from ortilo_drake.model.products import product, times
+from ortilo_drake.onboard.landmarks.box_fix import BoxBelief
+from ortilo_drake.onboard.landmarks.known_attitude import FREE_SD
+from ortilo_drake.onboard.landmarks.landmark_association import center_sd, with_survey
+from ortilo_drake.onboard.ranging.lasting_error import KEPT, KEY, LASTING, NEW_KEY, SHARE
+from ortilo_drake.onboard.ranging.survey_bank import MEMORY, log_likelihood, share_of
+
+LEAST = 4  # boxes that leave residuals of six unknowns
+REPEATS: Final = 5.0
+N_LASTING = 6
+PER_LANDMARK = 12  # of [Lambda_i, eta_i] (3 x 4); of sensitivities 9
+
+
+class Solved(NamedTuple):
+    """The boxes of which a fix was made.
+
+    Attributes:
+        centers: of the boxes [px] (k, 2).
+        chosen: which landmarks they are of (k).
+        pose: [p_WB, rpy] (6).
+    """
+
+    centers: np.ndarray
+    chosen: np.ndarray
+    pose: np.ndarray
+
+
+@register_jitable
+def put_information(out: np.ndarray, sensitivities: np.ndarray, solved: Solved, believed: BoxBelief) -> None:
+    """Write what the boxes of a fix tell of each landmark, and how the fix depends on it; zeros of one not seen.
+
+    Args:
+        out: to write [Lambda_i, eta_i] to, of Lambda_i the lower half (12 n).
+        sensitivities: to write the rows of G_i A_i to, x of all landmarks first, then y and z (9 n).
+        solved: the boxes.
+        believed: of them, with the survey's sd as it is believed now.
+    """
+    fill(out, 0.0)
+    fill(sensitivities, 0.0)
+    k, n = solved.chosen.size, believed.positions.shape[0]
+    p_WB, rpy = solved.pose[:3], solved.pose[3:]
+    R_WB, of_rpy, box = rotation_matrix(rpy), sines(rpy), np.empty(4)
+    J, e, W, R = np.empty((k, 2, 6)), np.empty((k, 2)), np.empty((k, 2)), np.empty((k, 2))
+    for i in range(k):
+        its = solved.chosen[i]
+        place, outline = believed.positions[its], believed.outlines[its]
+        if not box_and_jacobian(place, outline, p_WB, of_rpy, R_WB, believed.camera, box, J[i]):
+            return
+        for axis in range(2):
+            own = center_sd(box[2 + axis] - box[axis], believed.sd, believed.growth)
+            e[i, axis] = solved.centers[i, axis] - 0.5 * (box[axis] + box[2 + axis])
+            W[i, axis] = 1.0 / own**2
+            R[i, axis] = 1.0 / with_survey(own, J[i, axis], believed.survey_sd) ** 2
+    regular, C = scaled_inverse(normal(J, R, 1.0 / FREE_SD**2))
+    if regular:
+        for i in range(k):
+            for axis in range(2):
+                G = times(C, J[i, axis])
+                for a in range(3):
+                    for b in range(3):
+                        at = 3 * (n * a + solved.chosen[i]) + b
+                        sensitivities[at] -= R[i, axis] * G[a] * J[i, axis, b]
+    regular, C = scaled_inverse(normal(J, W, 0.0))
+    if k < LEAST or not regular:
+        return
+    g = np.zeros(6)
+    for i in range(k):
+        for axis in range(2):
+            for a in range(6):
+                g[a] += W[i, axis] * e[i, axis] * J[i, axis, a]
+    step = times(C, g)
+    for i in range(k):
+        its = out[PER_LANDMARK * solved.chosen[i] : PER_LANDMARK * (solved.chosen[i] + 1)].reshape((3, 4))
+        hat = product(product(J[i], C), J[i].T)
+        for v in range(2):
+            rest = e[i, v]
+            for a in range(6):
+                rest -= J[i, v, a] * step[a]
+            for a in range(3):
+                its[a, 3] -= W[i, v] * rest * J[i, v, a]
+                for w in range(2):
+                    M = W[i, v] * ((1.0 if v == w else 0.0) - hat[v, w] * W[i, w])
+                    for b in range(a + 1):
+                        its[a, b] += J[i, v, a] * M * J[i, w, b]
+
+
+@register_jitable
+def normal(J: np.ndarray, W: np.ndarray, free: float) -> np.ndarray:
+    """Return J^T W J (6 x 6) of J (k, 2, 6) and weights (k, 2), with `free` [1/rad^2] added to the angles' own."""
+    N = np.zeros((6, 6))
+    for i in range(W.shape[0]):
+        for axis in range(2):
+            for a in range(6):
+                for b in range(6):
+                    N[a, b] += W[i, axis] * J[i, axis, a] * J[i, axis, b]
+    for a in range(3, 6):
+        N[a, a] += free
+    return N
+
+
+@register_jitable
+def dot(one: np.ndarray, other: np.ndarray) -> float:
+    """Return the sum of products, in order."""
+    total = 0.0
+    for i in range(one.size):
+        total += one[i] * other[i]
+    return total
+
+
+@register_jitable
+def put_lasting(out: np.ndarray, s: float, here: np.ndarray, learned: np.ndarray) -> None:
+    """Write the sds of what lasts of a fix's error [m] and how it is correlated with that of the fix before (6).
+
+    Args:
+        out: to write to (6).
+        s: sd of a landmark's survey, as it is believed [m].
+        here: the fix's sensitivities (9 n).
+        learned: see learned_first.
+    """
+    m = here.size // 3
+    for axis in range(3):
+        g, key = here[m * axis : m * (axis + 1)], learned[KEY + m * axis : KEY + m * (axis + 1)]
+        now, both, before = dot(g, g), dot(g, key), dot(key, key)
+        out[axis], out[3 + axis] = s * np.sqrt(now), 1.0
+        if before > 0.0 and now > 0.0:
+            kept = max(both / np.sqrt(before * now), 0.0)
+            out[3 + axis] = min(kept / learned[KEPT + axis], 1.0)
+
+
+@register_jitable
+def keep(learned: np.ndarray, lasting: np.ndarray, here: np.ndarray) -> None:
+    """Keep what a fix says lasts (6), and its sensitivities (9 n) where little is kept of the last ones."""
+    put(lasting[:3], learned, LASTING)
+    least = 1.0
+    for axis in range(3):
+        learned[KEPT + axis] *= lasting[3 + axis]
+        least = min(least, learned[KEPT + axis])
+    key = learned[KEY : KEY + here.size]
+    if least < NEW_KEY or dot(key, key) == 0.0:
+        put(here, key)
+        for axis in range(3):
+            learned[KEPT + axis] = 1.0
+
+
+@register_jitable
+def learn(
+    learned: np.ndarray,
+    gathered: np.ndarray,
+    told: np.ndarray,
+    keeps: float,
+    bank: np.ndarray,
+    survey_sd: float,
+    S: np.ndarray,
+    e: np.ndarray,
+) -> None:
+    """Add what a fix told to what is gathered, and write the share and the weights of the models to what is learned.
+
+    Args:
+        learned: see learned_first.
+        gathered: [Lambda_i, eta_i], of Lambda_i the lower half (3 n, 4).
+        told: of put_information (12 n).
+        keeps: what is left of what was told before [1].
+        bank: c_j (m).
+        survey_sd: s [m].
+        S: to work in (3, 3).
+        e: to work in (3).
+    """
+    for i in range(gathered.shape[0]):
+        for j in range(4):
+            gathered[i, j] = keeps * gathered[i, j] + told[4 * i + j] / REPEATS
+    weights = learned[learned.size - bank.size :]
+    for j in range(bank.size):
+        weights[j] = 0.0
+        for i in range(0, gathered.shape[0], 3):
+            if gathered[i, 0] > 0.0:
+                weights[j] += log_likelihood(gathered[i : i + 3], bank[j] * survey_sd, S, e)
+    learned[SHARE] = share_of(weights, bank)
+
+
+def learned_first(bank: np.ndarray, n: int) -> np.ndarray:
+    """Return what is believed of n landmarks before the first fix.
+
+    It is [share, sds of what lasts of a fix as it last was (3) [m], how much of it is kept of the place that
+    lasting_error.py keeps (3), the sensitivities there (9 n), weights of the models].
+    """
+    weights = np.full(bank.size, 1.0 / bank.size)
+    return np.concatenate(([np.sqrt(weights @ bank**2)], np.zeros(3), np.ones(3), np.zeros(9 * n), weights))
+
+
+def kept_from(period: float) -> float:
+    """Return what is left of what was told a period [s] ago."""
+    return float(np.exp(-period / MEMORY))
