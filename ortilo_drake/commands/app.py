@@ -11,11 +11,13 @@ from ortilo_drake.commands.diagram import diagram
 from ortilo_drake.commands.doctor import doctor
 from ortilo_drake.commands.export import export
 from ortilo_drake.commands.faults import faults
+from ortilo_drake.commands.fit import fit
 from ortilo_drake.commands.fly import fly
 from ortilo_drake.commands.hil.app import hil_app
 from ortilo_drake.commands.hindsight import hindsight
 from ortilo_drake.commands.live import live
 from ortilo_drake.commands.map import map_
+from ortilo_drake.commands.predict import predict
 from ortilo_drake.commands.rare import rare
 from ortilo_drake.commands.replay import replay
 from ortilo_drake.commands.report import report
@@ -78,6 +80,8 @@ for command in (
     analyze,
     tune,
     replay,
+    fit,
+    predict,
     report,
     sensitivity,
     faults,

@@ -1,0 +1,65 @@
+"""The command `ortilo fit`: what a simulation should be told of sensors, from recordings with a truth."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ortilo_drake.commands.options import JsonOption
+from ortilo_drake.commands.terminal import (
+    check_writable,
+    out,
+    progress_bar,
+    say_heading,
+    say_if_compiling,
+    say_written,
+    write_json,
+)
+
+
+def fit(
+    recordings: Annotated[list[Path], typer.Argument(help="Folders of recordings that one map describes.")],
+    map_file: Annotated[
+        Path, typer.Option("--map", help="MAP.yaml: which column or topic is what (docs/how_to/recorded.md).")
+    ],
+    out_file: Annotated[Path, typer.Option("--out", help="NOISE.yaml, for `ortilo predict`.")] = Path("NOISE.yaml"),
+    places: Annotated[
+        bool, typer.Option("--places", help="Tell errors that belong to places from those that last; some minutes.")
+    ] = False,
+    scenario_file: Annotated[
+        Path | None, typer.Option("--scenario", help="A scenario to write, too, whose sensors err so.")
+    ] = None,
+    base: Annotated[str, typer.Option("--base", help="The scenario that it is laid over.")] = "tight_imu_uwb",
+    json_file: JsonOption = None,
+) -> None:
+    """Fit the errors of ranges and IMU to recordings with a truth, with 95 % intervals.
+
+    Fitted are each anchor's constant, an error that lasts (Gauss-Markov), white noise, outliers and their bursts, and
+    the IMU's noise in flight and at rest.
+    """
+    check_writable(out_file, scenario_file, json_file)
+    from ortilo_drake.flight.files import write_text
+    from ortilo_drake.interop.recorded.map_file import load_map
+    from ortilo_drake.interop.recorded.recording import read_recording
+    from ortilo_drake.scenario.load import resolve
+    from ortilo_drake.studies.fit.fit import fit_recordings
+    from ortilo_drake.studies.fit.fit_report import fit_lines
+    from ortilo_drake.studies.fit.noise_file import noise_text
+    from ortilo_drake.studies.fit.scenario_text import scenario_text
+
+    if scenario_file is not None:
+        resolve(base, "--base")
+    map_ = load_map(map_file)
+    read = [read_recording(path, map_) for path in recordings]  # refuses what is wrong before anything is fitted
+    say_if_compiling()
+    with progress_bar() as progress:
+        task = progress.add_task("fitting", total=None)
+        found = fit_recordings(read, map_, places, lambda part: progress.update(task, description=part, advance=1))
+    write_text(out_file, noise_text(found))
+    if scenario_file is not None:
+        write_text(scenario_file, scenario_text(found, base))
+    write_json(json_file, found)
+    say_heading(", ".join(found.recordings))
+    for line in fit_lines(found):
+        out.print(f"  {line}", markup=False, soft_wrap=True)
+    say_written(out_file, scenario_file, json_file)

@@ -1,0 +1,61 @@
+"""The command `ortilo predict`: recorded flights flown again in simulation, with fitted errors and white noise."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ortilo_drake.commands.options import JsonOption
+from ortilo_drake.commands.terminal import (
+    check_writable,
+    made_by,
+    progress_bar,
+    say_if_compiling,
+    say_written,
+    show_markdown,
+    write_json,
+)
+
+
+def predict(
+    recordings: Annotated[list[Path], typer.Argument(help="Folders of recordings that one map describes.")],
+    map_file: Annotated[
+        Path, typer.Option("--map", help="MAP.yaml: which column or topic is what (docs/how_to/recorded.md).")
+    ],
+    noise: Annotated[str, typer.Option("--noise", help="NOISE.yaml of `ortilo fit`, or util_2021 or iasl_2023.")],
+    runs: Annotated[int, typer.Option("--runs", min=2, max=1000, help="Simulations of each kind and flight.")] = 20,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the days that are drawn.")] = 0,
+    out_folder: Annotated[Path, typer.Option("--out", help="Folder of report and figure.")] = Path("out/predicted"),
+    json_file: JsonOption = None,
+) -> None:
+    """Say what a simulation would have said of recorded flights: error, NEES, NIS and refused ranges beside the real.
+
+    Each simulation follows the recorded path, at the recorded stamps, through the same filter.
+    """
+    report, picture = out_folder / "predicted.md", out_folder / "predicted.png"
+    check_writable(report, picture, json_file)
+    from ortilo_drake.flight.files import write_text
+    from ortilo_drake.interop.recorded.map_file import load_map
+    from ortilo_drake.interop.recorded.recording import read_recording
+    from ortilo_drake.studies.fit.noise_file import load_noise
+    from ortilo_drake.studies.predict.predicted import group_of
+    from ortilo_drake.studies.predict.predicted import predict as predict_recording
+    from ortilo_drake.studies.predict.predicted_figure import predicted_figure
+    from ortilo_drake.studies.predict.predicted_report import predicted_text
+
+    map_, errors = load_map(map_file), load_noise(noise)
+    read = [read_recording(path, map_) for path in recordings]  # refuses what is wrong before anything is flown
+    say_if_compiling()
+    with progress_bar() as progress:
+        task = progress.add_task("flights", total=len(read) * (1 + 2 * runs))
+
+        def say(part: str) -> None:
+            progress.update(task, description=part, advance=1)
+
+        flights = [predict_recording(one, map_, errors, runs, seed, say) for one in read]
+    text = predicted_text(flights, noise)
+    write_text(report, text + made_by())
+    predicted_figure(flights, picture)
+    write_json(json_file, {"noise": errors, "flights": flights, "group": group_of(flights)})
+    show_markdown(text)
+    say_written(report, picture, json_file)

@@ -1,0 +1,1 @@
+"""What recordings with a truth tell a simulation of its sensors' errors."""

@@ -1,0 +1,139 @@
+"""All that is fitted to recordings with a truth, as NOISE.yaml has it."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.interop.recorded.recording import Recording
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.studies.fit.body_path import body_path
+from ortilo_drake.studies.fit.fields import fit_fields
+from ortilo_drake.studies.fit.imu_errors import ImuErrors, imu_errors, mount_of
+from ortilo_drake.studies.fit.interval import Interval
+from ortilo_drake.studies.fit.lasting import Lasting, fit_lasting
+from ortilo_drake.studies.fit.noise_file import FieldNoise, ImuNoise, LastingNoise, NoiseFile, Outliers, UwbNoise
+from ortilo_drake.studies.fit.range_errors import RangeErrors, calibration_of, range_errors
+
+Figures = dict[str, Interval]
+DIGITS = 3
+
+
+def fit_recordings(
+    recordings: Sequence[Recording], map_: Map, places: bool, say: Callable[[str], None] = lambda _: None
+) -> NoiseFile:
+    """Return what a simulation should be told.
+
+    Args:
+        recordings: with a truth, and the same anchors.
+        map_: what is what in them.
+        places: whether to tell errors that belong to places from errors that last.
+        say: called with what is done.
+
+    Raises:
+        InputError: if a recording has no truth, too few ranges, or other anchors than the first.
+    """
+    errors, notes = [], []
+    imus: list[tuple[str, ImuErrors]] = []
+    for one in recordings:
+        if np.shape(one.anchors) != np.shape(recordings[0].anchors) or np.ndim(one.anchors) == 0:
+            raise InputError(f"{one.name}: anchors: must be surveyed, and as many as those of {recordings[0].name}")
+        say(one.name)
+        by = calibration_of(one, map_)
+        errors.append(range_errors(one, map_, by))
+        if one.imu is not None and one.truth is not None and one.truth.R is not None:
+            path = body_path(one.name, one.truth, by)
+            of_imu = imu_errors(one, path, mount_of(one, path, by, map_), by, map_)
+            imus += [] if of_imu is None else [(one.name, of_imu)]
+        elif one.imu is not None:
+            notes.append(f"{one.name}: the truth has no attitude: nothing is said of the imu")
+    n = len(np.asarray(recordings[0].anchors))
+    say("errors that last")
+    lasting = fit_lasting(errors, n)
+    figures: Figures = {"uwb.white": lasting.white, "uwb.lasting.time": lasting.time, "uwb.lasting.sd": lasting.sd}
+    field = None
+    if places:
+        say("errors of places")
+        found = fit_fields(errors, lasting.outlier, n, (lasting.time.value, lasting.sd.value, lasting.white.value))
+        figures |= {"uwb.field.length": found.length, "uwb.field.sd": found.sd}
+        figures |= {"uwb.lasting.time": found.time, "uwb.lasting.sd": found.lasting_sd, "uwb.white": found.white}
+        field = FieldNoise(length=_short(found.length.value), sd=_short(found.sd.value))
+    at = {name: _short(figure.value) for name, figure in figures.items()}
+    known = [None if c is None else c.value for c in lasting.constants]
+    figures |= {f"uwb.constants.{i}": c for i, c in enumerate(lasting.constants) if c is not None}
+    rate, missing = _rate([one.ranges.t for one in recordings])
+    uwb = UwbNoise(
+        white=at["uwb.white"],
+        lasting=LastingNoise(time=at["uwb.lasting.time"], sd=at["uwb.lasting.sd"]),
+        field=field,
+        outliers=_outliers(errors, lasting, figures),
+        constants_sd=_short(float(np.std([c for c in known if c is not None]))),
+        constants=None if None in known else tuple(_short(c) for c in known if c is not None),
+        rate=rate,
+        missing=missing,
+    )
+    imu = _imu(imus, recordings, notes, figures)
+    intervals = {name: (_short(figure.low), _short(figure.high)) for name, figure in figures.items()}
+    names = tuple(one.name for one in recordings)
+    return NoiseFile(uwb=uwb, imu=imu, intervals=intervals, recordings=names, notes=tuple(notes))
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")
+
+
+def _rate(stamps: Sequence[np.ndarray]) -> tuple[float, float]:
+    """Return how many come in a second, and which share is missing of what the usual interval makes."""
+    time = sum(float(t[-1] - t[0]) for t in stamps)
+    steps = np.concatenate([np.diff(t)[np.diff(t) > 0.0] for t in stamps])
+    came = sum(len(np.unique(t)) for t in stamps)
+    missing = min(0.5, max(0.0, 1.0 - came * float(np.median(steps)) / time))
+    return _short(sum(len(t) for t in stamps) / time), _short(missing)
+
+
+def _outliers(errors: Sequence[RangeErrors], lasting: Lasting, figures: Figures) -> Outliers:
+    """Return the outliers, and how many of an anchor come in a row."""
+    bursts = odds = 0
+    for one, p in zip(errors, lasting.outlier, strict=True):
+        for i in np.unique(one.anchor):
+            odd = p[one.anchor == i] > 0.5
+            odds += int(odd.sum())
+            bursts += int(odd[0]) + int((odd[1:] & ~odd[:-1]).sum())
+    figures |= {"uwb.outliers.share": lasting.outliers, "uwb.outliers.sd": lasting.outlier_sd}
+    burst = odds / bursts if bursts else 1.0
+    return Outliers(share=_short(lasting.outliers.value), sd=_short(lasting.outlier_sd.value), burst=_short(burst))
+
+
+def _imu(
+    named: Sequence[tuple[str, ImuErrors]], recordings: Sequence[Recording], notes: list[str], figures: Figures
+) -> ImuNoise | None:
+    """Return the IMU's noise: the median of the recordings, by axis."""
+    if not named:
+        return None
+    found = [one for _, one in named]
+    faulty = np.isnan([one.force for one in found])
+    for (name, _), axes in zip(named, faulty, strict=True):
+        called = " and ".join("xyz"[i] for i in np.flatnonzero(axes))
+        notes.extend([f"{name}: the accelerometer's {called} is faulty, and not counted"] * bool(called))
+    numbers: dict[str, Any] = {}
+    for name in ("rotation", "force", "rotation_rest", "force_rest"):
+        each = np.array([getattr(one, name) for one in found])
+        if np.isnan(each).all():
+            continue
+        none = np.isnan(each).all(axis=0)
+        middle = np.where(none, np.nanmedian(each), np.nanmedian(np.where(none, 0.0, each), axis=0))
+        numbers[name] = tuple(_short(v) for v in middle)
+        for i in np.flatnonzero(~none):
+            of_axis = each[:, i][~np.isnan(each[:, i])]
+            figures[f"imu.{name}.{'xyz'[i]}"] = Interval(middle[i], of_axis.min(), of_axis.max())
+    if "force" not in numbers:
+        notes.append("imu: all axes of all accelerometers are faulty: nothing is said of the imu")
+        return None
+    for name in ("rotation_bias", "force_bias"):
+        squares = np.array([getattr(one, name) for one in found]) ** 2
+        none = np.isnan(squares).all(axis=0)
+        spread = np.sqrt(np.where(none, np.nanmean(squares), np.nanmean(np.where(none, 0.0, squares), axis=0)))
+        numbers[name] = tuple(_short(v) for v in spread)
+    rate, missing = _rate([one.imu.t for one in recordings if one.imu is not None])
+    return ImuNoise(**numbers, rate=rate, missing=missing)

@@ -1,0 +1,86 @@
+"""What an IMU's samples err by in flight and at rest, by the truth."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.interop.recorded.recording import GRAVITY, Recording
+from ortilo_drake.studies.fit.body_path import BodyPath
+from ortilo_drake.studies.recorded.aided import airborne
+from ortilo_drake.studies.recorded.calibrate import Calibration
+
+OVER, REST_OVER, TURNS_OVER = 0.25, 0.05, 0.1  # means over this time in flight, at rest, and for the mount [s]
+FULL = 0.6  # a block counts with so large a share of the most samples
+FAULTY, BEYOND = 0.05, 3.0  # an axis with more than this share of samples off by more than this [m/s²] is faulty
+LEAVES = 0.05  # the vehicle rests until a second before it is so far above its first height [m]
+LEAST = 8  # blocks that tell a spread
+
+
+class ImuErrors(NamedTuple):
+    """By axis (3 each): densities in flight, at rest (NaN if unknown), and biases; NaN where an axis is faulty."""
+
+    rotation: np.ndarray
+    force: np.ndarray
+    rotation_rest: np.ndarray
+    force_rest: np.ndarray
+    rotation_bias: np.ndarray
+    force_bias: np.ndarray
+
+
+def block_means(t: np.ndarray, values: np.ndarray, over: float) -> np.ndarray:
+    """Return the means of values (m, k) over blocks of time that have most of their samples."""
+    if not len(t):
+        return np.zeros((0, values.shape[1]))
+    block = ((t - t[0]) / over).astype(int)
+    counts = np.bincount(block)
+    full = counts >= FULL * counts.max()
+    sums = np.column_stack([np.bincount(block, axis) for axis in values.T])
+    return np.asarray(sums[full] / counts[full, None])
+
+
+def _density(t: np.ndarray, e: np.ndarray, over: float) -> np.ndarray:
+    """Return robust densities by axis (3): the spread of means over a time, times its root; NaN if there are few."""
+    means = block_means(t, e, over)
+    if len(means) < LEAST:
+        return np.full(3, np.nan)
+    return np.asarray(1.4826 * np.median(np.abs(means - np.median(means, axis=0)), axis=0) * np.sqrt(over))
+
+
+def mount_of(recording: Recording, path: BodyPath, by: Calibration, map_: Map) -> Rotation:
+    """Return the turn from the IMU's axes to the truth's body that fits the body rates best (Kabsch)."""
+    imu = recording.imu
+    if imu is None:
+        return Rotation.identity()
+    if by.mount is not None:
+        return Rotation.from_matrix(by.mount)
+    up = airborne(imu.t, recording.truth, by, map_)(imu.t)
+    t, rates = imu.t[up], imu.rates[up]
+    found, _ = Rotation.align_vectors(block_means(t, path.rates(t), TURNS_OVER), block_means(t, rates, TURNS_OVER))
+    return found
+
+
+def imu_errors(recording: Recording, path: BodyPath, mount: Rotation, by: Calibration, map_: Map) -> ImuErrors | None:
+    """Return the IMU's errors; None without one."""
+    imu, truth = recording.imu, recording.truth
+    if imu is None or truth is None:
+        return None
+    t_force, force = imu.accelerometer or (imu.t, imu.force)
+    judged = airborne(imu.t, truth, by, map_)
+    up, up_force = judged(imu.t), judged(t_force)
+    back = mount.inv()
+    e = imu.rates[up] - back.apply(path.rates(imu.t[up]))
+    f = force[up_force] - back.apply(path.force(t_force[up_force]))
+    faulty = (np.abs(f) > BEYOND).mean(axis=0) > FAULTY
+    z = by.position(truth.p)[:, 2]
+    leaves = truth.t[np.argmax(z > z[0] + LEAVES)] - by.offset - 1.0
+    rest, rest_force = imu.t < leaves, t_force < leaves
+    return ImuErrors(
+        _density(imu.t[up], e, OVER),
+        np.where(faulty, np.nan, _density(t_force[up_force], f, OVER)),
+        _density(imu.t[rest], imu.rates[rest], REST_OVER),
+        np.where(faulty, np.nan, _density(t_force[rest_force], force[rest_force] - [0.0, 0.0, GRAVITY], REST_OVER)),
+        e.mean(axis=0),
+        np.where(faulty, np.nan, np.median(f, axis=0)),
+    )

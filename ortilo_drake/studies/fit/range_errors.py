@@ -1,0 +1,71 @@
+"""Errors of recorded ranges and differences by the truth, while the vehicle is airborne."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.interop.recorded.recording import Recording
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.studies.recorded.aided import airborne
+from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate, uncalibrated
+from ortilo_drake.studies.recorded.modelled import modelled
+from ortilo_drake.studies.recorded.truth_path import seen_by, truth_path
+
+FEWEST = 200  # ranges that a fit needs
+
+
+class RangeErrors(NamedTuple):
+    """Errors in the order of their stamps (n each).
+
+    Stamp [s], anchor b, the other anchor a of a difference or -1, error [m], and where the antenna was (n, 3).
+    """
+
+    t: np.ndarray
+    anchor: np.ndarray
+    other: np.ndarray
+    e: np.ndarray
+    place: np.ndarray
+
+    def only(self, which: np.ndarray) -> "RangeErrors":
+        """Return some of them."""
+        return RangeErrors(*(part[which] for part in self))
+
+
+def calibration_of(recording: Recording, map_: Map) -> Calibration:
+    """Return how truth and sensors go together, with no anchor's constant taken off.
+
+    Raises:
+        InputError: if the recording has no truth.
+    """
+    if recording.truth is None:
+        raise InputError(f"{recording.name}: truth: the map has none, and errors are counted from it")
+    if map_.calibration.share == 0.0:
+        return uncalibrated(recording, map_.calibration)
+    found = calibrate(recording, map_.calibration, lever=recording.imu is not None)
+    return found._replace(biases=np.zeros_like(found.biases))
+
+
+def range_errors(recording: Recording, map_: Map, by: Calibration) -> RangeErrors:
+    """Return the errors of a recording's ranges while it is airborne.
+
+    Args:
+        recording: with truth.
+        map_: says when it is airborne.
+        by: how truth and sensors go together.
+
+    Raises:
+        InputError: if fewer than 200 ranges fall within it.
+    """
+    truth, ranges = recording.truth, recording.ranges
+    assert truth is not None
+    path = truth_path(truth)
+    ranges = ranges.only(seen_by(ranges, by.offset, path))
+    ranges = ranges.only(airborne(ranges.t, truth, by, map_)(ranges.t))
+    if len(ranges.t) < FEWEST:
+        raise InputError(f"{recording.name}: {len(ranges.t)} ranges within the truth's time, {FEWEST} are needed")
+    p, R = path.at(ranges.t + by.offset)
+    lever = by.lever if by.mount is None else by.mount @ by.lever
+    place = by.position(p if R is None else p + R @ lever)
+    e = ranges.r - modelled(place, by.anchors, np.zeros(len(by.anchors)), ranges)
+    return RangeErrors(ranges.t, ranges.anchor, ranges.other, e, place)

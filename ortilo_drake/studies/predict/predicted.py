@@ -1,0 +1,166 @@
+"""A recorded flight beside simulations of it: the same path, stamps and filter, with errors drawn from a NOISE.yaml."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.interop.recorded.recording import Recording
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.studies.fit.body_path import body_path
+from ortilo_drake.studies.fit.imu_errors import mount_of
+from ortilo_drake.studies.fit.noise_file import NoiseFile, Outliers, UwbNoise
+from ortilo_drake.studies.predict.range_noise import Day, draw_day
+from ortilo_drake.studies.predict.simulated import simulated
+from ortilo_drake.studies.recorded.aided import airborne, with_aids
+from ortilo_drake.studies.recorded.calibrate import calibrate, uncalibrated
+from ortilo_drake.studies.recorded.filtered import Estimate, estimate
+from ortilo_drake.studies.recorded.replayed import known_of
+
+QUERY_RATE = 30.0  # of the judged stamps, at most [Hz]
+SHORTEST = 3.0  # a recording is judged on no less [s]
+SHARES = (2.5, 97.5)  # of the simulations, between which the interval lies [%]
+OF_ERROR, OF_NEES = 0.3, 1.5  # a group is predicted within this share of its error, and within this much of its NEES
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Total RMS error [m], mean of e' P^-1 e (3 if consistent), of the ranges' (about 1), and share of them refused."""
+
+    error: float
+    nees: float
+    nis: float
+    rejected: float
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """A flight's figures, those of its simulations, and those of its simulations with white noise alone."""
+
+    name: str
+    real: Figures
+    fitted: tuple[Figures, ...]
+    white: tuple[Figures, ...]
+
+
+def interval(runs: Sequence[Figures], of: str) -> tuple[float, float]:
+    """Return the ends between which 95 % of the simulations lie."""
+    low, high = np.percentile([getattr(run, of) for run in runs], SHARES)
+    return float(low), float(high)
+
+
+def mean_of(runs: Sequence[Figures], of: str) -> float:
+    """Return the mean of the simulations; the root of the mean square of errors."""
+    values = np.array([getattr(run, of) for run in runs])
+    return float(np.sqrt(np.mean(values**2)) if of == "error" else np.mean(values))
+
+
+def as_white(noise: NoiseFile, differences: bool) -> NoiseFile:
+    """Return noise whose rows err by as much, but independently of each other."""
+    uwb = noise.uwb
+    lasts = sum(part.sd**2 for part in (uwb.lasting, uwb.field) if part is not None)
+    white = np.sqrt(uwb.white**2 + (2.0 if differences else 1.0) * lasts)
+    outliers = Outliers(share=uwb.outliers.share, sd=uwb.outliers.sd)
+    plain = UwbNoise(white=float(white), outliers=outliers, near_floor=uwb.near_floor)
+    return noise.model_copy(
+        update={"uwb": plain.model_copy(update={"constants_sd": uwb.constants_sd, "constants": uwb.constants})}
+    )
+
+
+def figures_of(found: Estimate, true: np.ndarray) -> Figures:
+    """Return the figures of an estimate against true positions (m, 3)."""
+    e = found.p - true
+    nees = float(np.mean(np.einsum("ki,ki->k", e, np.linalg.solve(found.P, e[:, :, None])[:, :, 0])))
+    judged = (found.range_stamps >= found.t[0]) & (found.range_stamps <= found.t[-1])
+    taken = found.run.taken & judged
+    nis = float(np.mean(found.run.innovation[taken] ** 2 / found.run.variance[taken])) if taken.any() else np.nan
+    error = float(np.sqrt(np.mean(np.sum(e**2, axis=1))))
+    return Figures(error, nees, nis, float(1.0 - taken.sum() / max(1, judged.sum())))
+
+
+def predict(
+    recording: Recording, map_: Map, noise: NoiseFile, runs: int, seed: int, say: Callable[[str], None] = lambda _: None
+) -> Predicted:
+    """Return a flight's figures beside those of simulations along its path.
+
+    Args:
+        recording: with truth and attitude.
+        map_: what the filter is told.
+        noise: of the sensors.
+        runs: how many simulations, each on a day of its own; the same days for all recordings.
+        seed: of the days.
+        say: called before each.
+
+    Raises:
+        InputError: if it has no truth, or too little of it.
+    """
+    truth, imu = recording.truth, recording.imu
+    if truth is None:
+        raise InputError(f"{recording.name}: truth: the map has none, and a prediction flies along it")
+    if imu is not None and noise.imu is None:
+        raise InputError("noise.imu: is missing, and the recording has an imu")
+    if map_.calibration.share == 0.0:
+        by = uncalibrated(recording, map_.calibration)
+    else:
+        by = calibrate(recording, map_.calibration, lever=imu is not None)
+    path = body_path(recording.name, truth, by)
+    mount = mount_of(recording, path, by, map_)
+    known = with_aids(known_of(by, recording, map_), recording, map_, False)
+    stamps = truth.t - by.offset
+    stamps = stamps[(stamps >= recording.ranges.t[0]) & (stamps <= recording.ranges.t[-1])]
+    judged = airborne(stamps, truth, by, map_)
+    stamps = stamps[judged(stamps) & (stamps > by.end - by.offset)]
+    if len(stamps) < 2 or stamps[-1] - stamps[0] < SHORTEST:
+        raise InputError(f"{recording.name}: less than {SHORTEST:g} s of the recording is left to judge")
+    stamps = stamps[:: max(1, round(1.0 / (QUERY_RATE * float(np.median(np.diff(stamps))))))]
+    say(f"{recording.name}, as recorded")
+    found = estimate(recording.ranges, imu, known, map_.filter, stamps)
+    real, failed = figures_of(found, path.position(found.t)), found.failed
+
+    def flown(kind: NoiseFile, run: int) -> Figures:
+        of_day = np.random.Generator(np.random.Philox(np.random.SeedSequence([seed, run])))
+        of_flight = np.random.Generator(np.random.Philox(np.random.SeedSequence([seed, run, *recording.name.encode()])))
+        day = draw_day(kind.uwb, len(by.anchors), of_day)
+        if known.biases is not None:  # calibrated ones are what the simulated anchors have, too
+            day = Day(known.biases, day.fields)
+        made = simulated(recording, by, path, mount, map_.floor, kind, day, failed, of_flight)
+        then = estimate(made.ranges, made.imu, known, map_.filter, stamps)
+        return figures_of(then, path.position(then.t))
+
+    figures = []
+    for name, kind in (("fitted", noise), ("white", as_white(noise, bool((recording.ranges.other >= 0).any())))):
+        rows = []
+        for run in range(runs):
+            say(f"{recording.name}, {name}, {run + 1} of {runs}")
+            rows.append(flown(kind, run))
+        figures.append(tuple(rows))
+    return Predicted(recording.name, real, *figures)
+
+
+@dataclass(frozen=True)
+class Group:
+    """All flights together: error RMS [m] and NEES as recorded, and of the simulations of either kind."""
+
+    real_error: float
+    real_nees: float
+    error: float
+    nees: float
+    white_error: float
+    white_nees: float
+
+    @property
+    def holds(self) -> bool:
+        """Return whether the simulation predicts the group: error within 30 %, NEES within 1.5."""
+        return abs(self.error / self.real_error - 1.0) <= OF_ERROR and abs(self.nees - self.real_nees) <= OF_NEES
+
+
+def group_of(flights: Sequence[Predicted]) -> Group:
+    """Return the figures of several flights, each counted alike."""
+
+    def both(runs: Sequence[Sequence[Figures]]) -> tuple[float, float]:
+        errors, nees = ([mean_of(one, of) for one in runs] for of in ("error", "nees"))
+        return float(np.sqrt(np.mean(np.square(errors)))), float(np.mean(nees))
+
+    kinds = ([(one.real,) for one in flights], [one.fitted for one in flights], [one.white for one in flights])
+    return Group(*(figure for kind in kinds for figure in both(kind)))

@@ -1,0 +1,53 @@
+"""The report of predicted flights: as recorded, simulated with fitted errors, and with white noise."""
+
+from collections.abc import Sequence
+
+from ortilo_drake.studies.predict.predicted import Figures, Group, Predicted, group_of, interval, mean_of
+from ortilo_drake.views.markdown import table
+
+COLUMNS = {
+    "error": ("error [m]", ".3f"),
+    "nees": ("NEES", ".2f"),
+    "nis": ("NIS", ".2f"),
+    "rejected": ("refused", ".1%"),
+}
+LEGEND = (
+    "Error: RMS of the position. NEES is 3 and NIS about 1 if the filter is consistent. Refused: ranges that its gate "
+    "left out. Simulated: mean, and the ends between which 95 % of the simulations lie; in bold where the recorded "
+    "flight lies outside."
+)
+
+
+def _cell(real: Figures, runs: Sequence[Figures], of: str) -> str:
+    low, high = interval(runs, of)
+    form = COLUMNS[of][1]
+    text = f"{mean_of(runs, of):{form}} ({low:{form}} to {high:{form}})"
+    return text if low <= getattr(real, of) <= high else f"**{text}**"
+
+
+def in_short(group: Group) -> str:
+    """Return in a sentence whether the simulation predicts the group."""
+    ratio, of_white = group.error / group.real_error, group.white_error / group.real_error
+    return (
+        f"The simulation {'predicts' if group.holds else 'does not predict'} these flights: {ratio:.2f} of their error "
+        f"({group.error:.3f} m where {group.real_error:.3f} m is real), NEES {group.nees:.1f} where "
+        f"{group.real_nees:.1f} is real. White noise of the same size predicts {of_white:.2f} of the error and a NEES "
+        f"of {group.white_nees:.1f}."
+    )
+
+
+def predicted_text(flights: Sequence[Predicted], noise: str) -> str:
+    """Return the report in Markdown.
+
+    Args:
+        flights: what was found.
+        noise: the name of the file of the sensors' errors.
+    """
+    rows = []
+    for one in flights:
+        rows.append([one.name, "recorded", *(f"{getattr(one.real, of):{form}}" for of, (_, form) in COLUMNS.items())])
+        for kind, runs in (("fitted", one.fitted), ("white", one.white)):
+            rows.append(["", f"simulated, {kind}", *(_cell(one.real, runs, of) for of in COLUMNS)])
+    heads = ["flight", "", *(head for head, _ in COLUMNS.values())]
+    lines = ["# Predicted flights", "", in_short(group_of(flights)), "", f"Errors of the sensors: {noise}.", ""]
+    return "\n".join([*lines, *table(heads, rows), LEGEND, ""])

@@ -1,0 +1,110 @@
+"""A flight beside its simulations: without noise they fly the path, and a group is held to its bounds."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from command_line import run
+from made_up_motion import TABLE_MAP, made_up, write_tables
+from scipy.spatial.transform import Rotation
+from usd_logs import util_folder, util_map
+
+from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.interop.recorded.recording import read_recording
+from ortilo_drake.model.typed_yaml import parse_yaml, validate
+from ortilo_drake.studies.fit.body_path import body_path
+from ortilo_drake.studies.fit.fit import fit_recordings
+from ortilo_drake.studies.fit.imu_errors import mount_of
+from ortilo_drake.studies.fit.noise_file import ImuNoise, NoiseFile, UwbNoise
+from ortilo_drake.studies.predict.predicted import Figures, Predicted, group_of, interval, predict
+from ortilo_drake.studies.predict.predicted_figure import predicted_figure
+from ortilo_drake.studies.predict.predicted_report import predicted_text
+from ortilo_drake.studies.predict.range_noise import Day
+from ortilo_drake.studies.predict.simulated import simulated
+from ortilo_drake.studies.recorded.calibrate import calibrate
+
+SILENT = NoiseFile(uwb=UwbNoise(white=0.0), imu=ImuNoise(rotation=(0.0,) * 3, force=(0.0,) * 3))
+
+
+def as_map(text: str) -> Map:
+    return validate(Map, parse_yaml(text, "MAP.yaml"), "MAP.yaml")
+
+
+def flight(name: str, real: float, fitted: float, nees: tuple[float, float]) -> Predicted:
+    one = Figures(real, nees[0], 1.0, 0.0)
+    return Predicted(name, one, (replace(one, error=fitted, nees=nees[1]),) * 2, (replace(one, error=real / 2),) * 2)
+
+
+@pytest.mark.long
+def test_without_noise_a_simulation_says_what_the_exact_motion_does(tmp_path) -> None:
+    map_ = as_map(TABLE_MAP)
+    recording = read_recording(write_tables(tmp_path / "made_up", made_up(noise=0.0)), map_)
+    by = calibrate(recording, map_.calibration)
+    path = body_path("made_up", recording.truth, by)
+    mount = mount_of(recording, path, by, map_)
+    day = Day(by.biases, ())
+    rng = np.random.default_rng(0)
+    found = simulated(recording, by, path, mount, 0.0, SILENT, day, (30.0, np.inf), rng)
+    inside = (recording.ranges.t > 2.0) & (recording.ranges.t < 55.0)
+    assert np.abs(found.ranges.r - recording.ranges.r)[inside].max() < 0.02
+    t = recording.imu.t
+    inside = (t > 2.0) & (t < 29.0)  # the made-up imu has a bias of its own
+    np.testing.assert_allclose(
+        (found.imu.force - recording.imu.force)[inside].mean(axis=0), [-0.15, 0.1, -0.2], atol=0.05
+    )
+    assert np.isnan(found.imu.force[t >= 30.0, 0]).all()
+    assert np.isfinite(found.imu.force[:, 1:]).all()
+    assert mount.magnitude() < 0.01
+    assert Rotation.from_matrix(by.mount).magnitude() < 0.01
+
+
+def test_a_group_is_held_to_thirty_percent_and_one_and_a_half() -> None:
+    good = [flight("a", 0.2, 0.25, (2.0, 3.0)), flight("b", 0.2, 0.25, (2.0, 3.4))]
+    assert group_of(good).holds
+    assert group_of(good).error == pytest.approx(0.25)
+    assert group_of(good).white_error == pytest.approx(0.1)
+    assert not group_of([flight("a", 0.2, 0.27, (2.0, 3.0))]).holds
+    assert not group_of([flight("a", 0.2, 0.2, (2.0, 3.6))]).holds
+    runs = [Figures(e, 1.0, 1.0, 0.0) for e in np.linspace(0.0, 1.0, 41)]
+    assert interval(runs, "error") == pytest.approx((0.025, 0.975))
+    assert "does not predict" in predicted_text([flight("a", 0.2, 0.27, (2.0, 3.0))], "NOISE.yaml")
+
+
+def test_the_figure_is_drawn(tmp_path) -> None:
+    path = predicted_figure([flight("a", 0.2, 0.25, (2.0, 3.0))], tmp_path / "predicted.png")
+    assert path.read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.long
+def test_both_commands_on_a_made_up_motion(tmp_path, capsys) -> None:
+    folder = write_tables(tmp_path / "made_up", made_up())
+    (tmp_path / "MAP.yaml").write_text(TABLE_MAP)
+    words = (str(folder), "--map", str(tmp_path / "MAP.yaml"))
+    assert run("fit", *words, "--out", str(tmp_path / "NOISE.yaml"), "--scenario", str(tmp_path / "S.yaml")) == 0
+    assert "uwb.white" in capsys.readouterr().out
+    assert (tmp_path / "S.yaml").is_file()
+    out = tmp_path / "out"
+    assert run("predict", *words, "--noise", str(tmp_path / "NOISE.yaml"), "--runs", "3", "--out", str(out)) == 0
+    assert "made_up" in (out / "predicted.md").read_text()
+    assert (out / "predicted.png").is_file()
+    capsys.readouterr()
+    assert run("predict", *words, "--noise", "util") == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.long
+def test_flights_that_were_not_fitted_are_predicted() -> None:
+    """Group error within 30 %, NEES within 1.5, of two flights from two others of that day; white noise halves it."""
+    position = "position: [locSrv.x, locSrv.y, locSrv.z]"
+    turned = f"{position}, rotation: {{columns: [locSrv.qx, locSrv.qy, locSrv.qz, locSrv.qw]}}"
+
+    def read(name):
+        map_ = as_map(util_map(name).replace(position, turned))
+        return read_recording(util_folder() / name, map_)._replace(name=name), map_
+
+    fitted = [read(name) for name in ("0425-traj2", "0425-traj16")]
+    noise = fit_recordings([one for one, _ in fitted], fitted[0][1], places=False)
+    group = group_of([predict(*read(name), noise, 8, 0) for name in ("0425-traj4", "0425-traj20")])
+    assert group.holds
+    assert group.white_error < 0.75 * group.real_error
+    assert group.white_nees < group.real_nees - 1.0

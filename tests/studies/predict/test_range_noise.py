@@ -1,0 +1,43 @@
+"""Drawn errors of ranges have the deviations, times and bursts that a NOISE.yaml asks for."""
+
+import numpy as np
+import pytest
+
+from ortilo_drake.interop.recorded.range_rows import Ranges
+from ortilo_drake.studies.fit.noise_file import FieldNoise, LastingNoise, UwbNoise
+from ortilo_drake.studies.predict.range_noise import Day, draw_day, draw_errors, lasting_errors, outlier_rows
+
+
+def test_lasting_errors_are_gauss_markov() -> None:
+    t = np.cumsum(np.random.default_rng(0).exponential(0.02, 200_000))
+    g = lasting_errors(t, 1, 0.5, 0.2, np.random.default_rng(1))[:, 0]
+    assert g.std() == pytest.approx(0.2, rel=0.05)
+    even = np.interp(np.arange(0.0, t[-1], 0.5), t, g)
+    assert np.corrcoef(even[1:], even[:-1])[0, 1] == pytest.approx(np.exp(-1.0), abs=0.05)
+
+
+def test_outliers_come_in_their_share_and_bursts() -> None:
+    anchor = np.tile(np.arange(4), 50_000)
+    odd = outlier_rows(anchor, 0.05, 3.0, np.random.default_rng(2))[anchor == 2]
+    begins = (odd[1:] & ~odd[:-1]).sum()
+    assert odd.mean() == pytest.approx(0.05, abs=0.006)
+    assert odd.sum() / begins == pytest.approx(3.0, rel=0.06)
+    assert not outlier_rows(anchor, 0.0, 1.0, np.random.default_rng(2)).any()
+
+
+def test_a_difference_has_the_errors_of_two_anchors_and_a_day_keeps_its_own() -> None:
+    rows = 40_000
+    ranges = Ranges(np.arange(rows) * 100.0, np.zeros(rows, int), np.zeros(rows), np.ones(rows, int))
+    noise = UwbNoise(white=0.1, lasting=LastingNoise(time=1.0, sd=0.2))
+    day = Day(np.array([0.5, 0.2]), ())
+    place = np.tile([0.0, 0.0, 2.0], (rows, 1))
+    e = draw_errors(ranges, place, 0.0, noise, day, np.random.default_rng(3))
+    assert e.mean() == pytest.approx(0.3, abs=0.01)
+    assert e.std() == pytest.approx(np.sqrt(0.01 + 2 * 0.04), rel=0.02)
+    near = draw_errors(ranges, place, 0.0, noise.model_copy(update={"near_floor": 2.0}), day, np.random.default_rng(3))
+    np.testing.assert_allclose(near - 0.3, 2.0 * (e - 0.3))  # at that height the floor doubles errors
+    field = UwbNoise(white=0.1, field=FieldNoise(length=1.0, sd=0.2), constants_sd=0.1)
+    one, same, other = (draw_day(field, 2, np.random.default_rng(seed)) for seed in (7, 7, 8))
+    assert (one.fields[0].at(place[:1]) == same.fields[0].at(place[:1])).all()
+    assert (one.constants != other.constants).all()
+    assert one.fields[0].at(place[:1]) != one.fields[1].at(place[:1])
