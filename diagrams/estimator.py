@@ -12,6 +12,7 @@ from ortilo_drake.diagrams.wiring.pictures import detected
 from ortilo_drake.loop.diagram import Added, add_wiring
 from ortilo_drake.loop.element import Box, outside
 from ortilo_drake.loop.wiring import Wiring
+from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_U, REFERENCE_SIZE
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.belief import with_known_part
@@ -37,18 +38,19 @@ class Estimator(Diagram):
         scenario: the scenario, of which the belief is all that is taken.
         xbar_0: first estimate (15).
         detects: whether the pictures of a rendered camera come here; if not, detections do.
+        room: as it was surveyed; by default the scenario's.
 
     Raises:
         InputError: if the detector's files are wrong, or if the filter goes by commands that come from elsewhere.
     """
 
-    def __init__(self, scenario: Belief, xbar_0: np.ndarray, detects: bool = True):
+    def __init__(self, scenario: Belief, xbar_0: np.ndarray, detects: bool = True, room: Room | None = None):
         super().__init__()
         belief = scenario.belief
         self._settable, self._has_history = settable(belief), has_history(belief)
         if belief.commands.filter == "acted":
             raise InputError("commands: of an estimator by itself must be left as they are")
-        room, builder = belief.load_room(), DiagramBuilder()
+        room, builder = room or belief.load_room(), DiagramBuilder()
         messages = message_boxes(belief, room, detects)
         around = [*messages.values(), outside("servo", N_U), outside("reference", REFERENCE_SIZE)]
         seeing, messages = detected(belief, room, messages) if detects else ([], messages)

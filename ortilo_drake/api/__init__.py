@@ -28,12 +28,14 @@ from ortilo_drake.codegen.export import export
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.diagrams.imu import make_imu
 from ortilo_drake.diagrams.kalman_filter import IntermittentKalmanFilter
+from ortilo_drake.diagrams.single_parts import make_body_state, make_estimator, make_plant, make_sensor, make_servo
 from ortilo_drake.loop.element import Box
 from ortilo_drake.loop.own import box
 from ortilo_drake.model.measurement import row
 from ortilo_drake.model.parts import Compiled, Sensor, register_sensor
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import Frozen
+from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.onboard.fix_solver import FixSolver
 from ortilo_drake.scenario import Belief, InputError, Scenario, load_scenario
 from ortilo_drake.scenario.faults import Fault
@@ -57,6 +59,7 @@ __all__ = [
     "SensorSettings",
     "StateSensor",
     "Study",
+    "Vehicle",
     "box",
     "compare",
     "export",
@@ -64,8 +67,13 @@ __all__ = [
     "fly_many",
     "linearize",
     "load_scenario",
+    "make_body_state",
     "make_closed_loop",
+    "make_estimator",
     "make_imu",
+    "make_plant",
+    "make_sensor",
+    "make_servo",
     "map",
     "register_detector",
     "register_estimator",

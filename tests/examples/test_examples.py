@@ -40,7 +40,8 @@ def test_examples_are_a_page_each_and_reach_for_nothing_private() -> None:
     files = sorted(FOLDER.glob("*.py"))
     assert {file.stem for file in files} >= {
         "alpha_beta", "barometer", "cascade_servo", "circle_planner", "filter_elsewhere", "five_anchors",
-        "hexarotor", "hurrying_planner", "longer_ranges", "loss_study", "magnetometer", "mpc_servo", "range_follower",
+        "hexarotor", "hurrying_planner", "longer_ranges", "loss_study", "magnetometer", "mpc_servo", "multibody",
+        "range_follower",
     }  # fmt: skip
     for file in files:
         lines = file.read_text().splitlines()
@@ -183,6 +184,14 @@ def test_the_filter_by_itself_is_consistent_on_drakes_quadrotor() -> None:
     assert 2.0 < np.mean([its["nees"] for its in found]) < 4.5  # 3 expected; an outage's errors last for seconds
     assert max(its["rms"] for its in found) < 0.2
     assert max(its["hover_rms"] for its in found) < 0.3
+
+
+def test_a_body_of_a_multibody_plant_bumps_into_a_wall_and_lands() -> None:
+    found = example("multibody").main()
+    assert found["in the air"][0] < 0.06
+    assert 1.0 < found["in the air"][1] < 5.0  # 3 expected
+    assert found["on the floor"][0] < 0.06
+    assert found["at the wall"][0] < 0.15  # the filter does not know what holds it
 
 
 def test_a_room_of_ones_own_is_flown_through_and_its_shelves_are_not() -> None:
