@@ -89,7 +89,10 @@ RULES = (
     Rule(("detector",), lambda s: s.camera.kind == "rendered", "camera.kind rendered"),
     Rule(("camera.errors",), lambda s: s.camera.kind == "projected", "camera.kind projected"),
     Rule(
-        tuple(f"landmark_fix.{name}" for name in ("center_sd", "center_growth", "max_residual", "joint", "prior_sd")),
+        tuple(
+            f"landmark_fix.{name}"
+            for name in ("center_sd", "center_growth", "max_residual", "joint", "prior_sd", "survey_sd", "survey_bank")
+        ),
         _of("tight", lambda s: False),
         "estimator.kind intermittent",
     ),

@@ -1,7 +1,8 @@
 """The camera, boxes of the room's landmarks: what the theory knows of it.
 
 The camera finds landmarks at random. The covariance of its fix is that of the landmarks whose detection rate is at
-least one half, and the attitude's covariance, which the fix takes, is that of a filter long fed by the imu alone.
+least one half, and the attitude's covariance, which the fix takes, is that of a filter long fed by the imu alone. A
+survey that is learned counts as found exact.
 """
 
 from collections.abc import Mapping
@@ -82,7 +83,10 @@ def _camera_of(scenario: Scenario) -> tuple[Camera, Tables]:
 
 @lru_cache(maxsize=16)
 def _landmark_fix(scenario: Scenario) -> LandmarkFix:
-    return LandmarkFix(scenario.landmark_fix, scenario.load_room(), scenario.image_width, scenario.h)
+    settings = scenario.landmark_fix
+    if settings.survey_bank is not None:
+        settings = settings.model_copy(update={"survey_bank": None, "survey_sd": 0.0})
+    return LandmarkFix(settings, scenario.load_room(), scenario.image_width, scenario.h)
 
 
 def likely_detections(scenario: Scenario, room: Room, x: np.ndarray) -> np.ndarray:
