@@ -61,7 +61,7 @@ def test_kalibrs_camchain(tmp_path: Path) -> None:
     assert read(tmp_path, KALIBR) == expected | {"distortion": "brown_conrady", "coefficients": k}
     fish = read(tmp_path, KALIBR.replace("radtan", "equidistant"))
     assert fish == expected | {"distortion": "fisheye", "coefficients": k}
-    assert read(tmp_path, KALIBR.replace("radtan", "none")) == expected
+    assert read(tmp_path, KALIBR.replace("radtan", "none")) == expected | {"distortion": "none", "coefficients": []}
 
 
 def test_ros_camera_info_as_a_file_and_as_a_message(tmp_path: Path) -> None:
@@ -118,6 +118,7 @@ def test_opencvs_fisheye_model_is_one(tmp_path: Path) -> None:
         (KALIBR + KALIBR.replace("cam0", "cam1"), "cam0, cam1: must be one camera: leave the others out"),
         ("cam0: 7\n", "cam0: 7: must be a camera's group"),
         (ROS.replace("image_width: 640\n", ""), "image_width: is missing, must be there"),
+        (ROS.replace("image_width: 640", "image_width: .inf"), "image_width: inf: must be a whole number of pixels"),
         (ROS.replace("image_width: 640", "image_width: wide"), "image_width: 'wide': must be a whole number of pixels"),
         (ROS.replace("plumb_bob", "barrel"), "distortion_model: 'barrel': must be one of none, radtan, plumb_bob"),
         (ROS.replace("plumb_bob", "equidistant"), "distortion_coefficients: "),
@@ -144,6 +145,9 @@ def test_a_scenario_names_a_calibration_from_where_it_lies(tmp_path: Path) -> No
     (tmp_path / "camera.yaml").write_text(ROS)
     (tmp_path / "mine.yaml").write_text("base: nominal_imu_uwb_yolo\ncamera: {calibration: camera.yaml}\n")
     (tmp_path / "over.yaml").write_text("base: mine.yaml\nseed: 3\n")
+    (tmp_path / "straight.yaml").write_text(KALIBR.replace("radtan", "none"))
+    (tmp_path / "other.yaml").write_text("base: mine.yaml\ncamera: {calibration: straight.yaml}\n")
+    assert load_scenario(tmp_path / "other.yaml").camera.calibration.coefficients == ()
     for name in ("mine.yaml", "over.yaml"):
         chosen = load_scenario(tmp_path / name)
         assert chosen.camera.calibration.model_dump(mode="json") == FROM_ROS

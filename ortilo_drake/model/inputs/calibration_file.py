@@ -55,19 +55,22 @@ def _numbers(source: str, field: str, value: Any, counts: tuple[int, ...] = ()) 
 
 
 def _whole(source: str, field: str, value: Any) -> int:
-    if not isinstance(value, int | float) or isinstance(value, bool) or value != int(value):
+    if not isinstance(value, int | float) or isinstance(value, bool) or value % 1 != 0:  # nan and inf are not either
         raise _wrong(source, field, value, "a whole number of pixels")
     return int(value)
 
 
 def _lens(source: str, field: str, distortion: str, given: list[float]) -> dict[str, Any]:
-    """Return the distortion and its coefficients; zeros at the end that we do not have are left out."""
+    """Return the distortion and its coefficients, both always: a calibration below is then replaced as a whole.
+
+    Zeros at the end that we do not have are left out.
+    """
     while len(given) > _MOST and given[-1] == 0.0:
         given = given[:-1]
     if len(given) > _MOST:
         raise _wrong(source, field, given[_MOST:], "0: of a thin prism or a tilted sensor")
-    if not any(given) and distortion == "brown_conrady":
-        return {}
+    if distortion == "none" or (distortion == "brown_conrady" and not any(given)):
+        return {"distortion": "none", "coefficients": []}
     if distortion == "brown_conrady" and len(given) in (6, 7):
         given += [0.0] * (_MOST - len(given))
     return {"distortion": distortion, "coefficients": given}
@@ -89,9 +92,9 @@ def _of_kalibr(source: str, data: Mapping[str, Any]) -> dict[str, Any]:
     size = _numbers(source, f"{cam}.resolution", its.get("resolution"), (2,))
     width, height = (_whole(source, f"{cam}.resolution", side) for side in size)
     found = {"width": width, "height": height, "focal_length": [f_u, f_v], "center": center}
-    if model == "none":
-        return found
-    given = _numbers(source, f"{cam}.distortion_coeffs", its.get("distortion_coeffs"), (4,))
+    given = []
+    if model != "none":
+        given = _numbers(source, f"{cam}.distortion_coeffs", its.get("distortion_coeffs"), (4,))
     return found | _lens(source, f"{cam}.distortion_coeffs", _MODELS[model], given)
 
 
@@ -118,7 +121,7 @@ def _of_ros_or_opencv(source: str, data: Mapping[str, Any]) -> dict[str, Any]:
     if distortion == "brown_conrady" and len(numbers) not in (0, 4, 5, 6, 7, 8, 12, 14):
         raise _wrong(source, name, numbers, "4, 5, 8, 12 or 14 numbers")
     found = {"width": width, "height": height, "focal_length": [K[0], K[4]], "center": [K[2], K[5]]}
-    return found if distortion == "none" else found | _lens(source, name, distortion, numbers)
+    return found | _lens(source, name, distortion, numbers)
 
 
 def read_calibration(path: Path) -> dict[str, Any]:
