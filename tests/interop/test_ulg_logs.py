@@ -69,10 +69,10 @@ def test_what_is_spoilt_is_one_line_or_counted(tmp_path) -> None:
     assert list(cut.rejected.counts) == ["log that is cut short or spoilt: what could be read of it is used"]
     path.write_bytes(log)
     for line, topic, columns in (
-        (r"no topic 'sensor_gyr'.*sensor_gyro.*has once, sensor_gyro, sensor_gyro\[1\]", "sensor_gyr", (1,)),
+        (r"no topic 'sensor_gyr'.*sensor_gyro.*has .*sensor_gyro\[1\]", "sensor_gyr", (1,)),
         (r"has no field 'rad\[3\]'; has timestamp, rad\[0\]", "sensor_gyro", ("rad[3]",)),
         (r"has no field '9'", "sensor_gyro", (9,)),
-        (r"once: 1 messages", "once", (1,)),
+        (r"once: 1 rows", "once", (1,)),
     ):
         with pytest.raises(InputError, match=line):
             read(path, topic, columns)

@@ -50,7 +50,7 @@ def test_what_is_spoilt_is_one_line(tmp_path) -> None:
         with pytest.raises(InputError, match=line):
             read(path)
     path.write_bytes(log)
-    with pytest.raises(InputError, match=r"no event 'estTOF'.*has estTDOA, estFlow"):
+    with pytest.raises(InputError, match=r"no topic 'estTOF'.*has estTDOA, estFlow"):
         read(path, "estTOF")
     with pytest.raises(InputError, match=r"no field 'range'; has idA, idB, distanceDiff"):
         read(path, columns=("range",))

@@ -14,15 +14,15 @@ import numpy as np
 
 from ortilo_drake.interop.recorded.rejected import Rejections
 from ortilo_drake.interop.recorded.sources import Column
-from ortilo_drake.interop.recorded.tables import NUMBERS, Table
+from ortilo_drake.interop.recorded.tables import Table
+from ortilo_drake.interop.recorded.topic_table import check_size, place_of, table_of, topic_of
 from ortilo_drake.model.input_files import MIB, open_file
 from ortilo_drake.model.optional import check_installed
-from ortilo_drake.model.typed_yaml import InputError, nearest
+from ortilo_drake.model.typed_yaml import InputError
 
 MAGIC: Final = b"ULog\x01\x12\x35"
 LIMIT: Final = 1024 * MIB
 HEAD: Final = 16  # bytes before the first message
-FEWEST: Final = 2
 MICROSECONDS: Final = 1e-6
 
 
@@ -84,24 +84,12 @@ def read_ulg(
     rejected.word = "message"
     rejected.add("log that is cut short or spoilt: what could be read of it is used", "", int(not whole))
     topics = {f"{one.name}[{one.multi_id}]" if one.multi_id else one.name: one.data for one in log.data_list}
-    data = topics.get(topic)
-    if data is None:
-        raise InputError(
-            f"{path}: no topic '{topic}'{nearest(topic, topics)}; has {', '.join(sorted(topics)) or 'none'}"
-        )
-    fields, many = list(data), len(next(iter(data.values())))
-    if many < FEWEST:
-        raise InputError(f"{path}: {topic}: {many} messages")
-    if many * (len(columns) + 2) > NUMBERS:
-        raise InputError(f"{path}: {topic}: more than {NUMBERS:,} numbers; cut the log into several recordings")
+    data = topic_of(path, topic, topics)
+    fields = list(data)
+    check_size(path, topic, len(data[fields[0]]), len(columns))
 
     def column(wanted: Column) -> np.ndarray:
-        name = fields[wanted - 1] if isinstance(wanted, int) and wanted <= len(fields) else wanted
-        if name not in data:
-            raise InputError(f"{path}: {topic} has no field '{wanted}'; has {', '.join(fields)}")
-        return np.asarray(data[name])
+        return np.asarray(data[fields[place_of(path, topic, wanted, fields)]])
 
     t = column("timestamp") * MICROSECONDS if time is None else column(time).astype(float)
-    values = np.column_stack([column(wanted).astype(float) for wanted in columns])
-    called = None if names is None else np.array([str(name) for name in column(names).tolist()], dtype=object)
-    return Table(t, values, called, np.arange(1, many + 1))
+    return table_of(t, [column(one) for one in columns], None if names is None else column(names))

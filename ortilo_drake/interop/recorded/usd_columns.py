@@ -22,16 +22,16 @@ import numpy as np
 
 from ortilo_drake.interop.recorded.rejected import Rejections
 from ortilo_drake.interop.recorded.sources import Column
-from ortilo_drake.interop.recorded.tables import NUMBERS, Table
+from ortilo_drake.interop.recorded.tables import Table
+from ortilo_drake.interop.recorded.topic_table import check_size, place_of, table_of, topic_of
 from ortilo_drake.model.input_files import MIB, open_file
-from ortilo_drake.model.typed_yaml import InputError, nearest
+from ortilo_drake.model.typed_yaml import InputError
 
 MAGIC: Final = 0xBC
 LIMIT: Final = 1024 * MIB
 HEADS: Final = {1: (struct.Struct("<HI"), 1e-3), 2: (struct.Struct("<HQ"), 1e-6)}  # of an event; seconds in its stamp
 CODES: Final = "?bBhHiIlLqQefd"
 STANDARD: Final = {"l": "i", "L": "I"}  # of struct's codes those that NumPy makes longer
-FEWEST: Final = 2
 
 
 class _Kind(NamedTuple):
@@ -134,26 +134,15 @@ def read_usd(
     log = _index(path, path.stat().st_mtime_ns)
     rejected.word = "event"
     rejected.add(log.why, "", log.unread)
-    kind = next((kind for kind in log.kinds.values() if kind.name == topic), None)
-    known = [kind.name for kind in log.kinds.values()]
-    if kind is None:
-        raise InputError(f"{path}: no event '{topic}'{nearest(topic, known)}; has {', '.join(known) or 'none'}")
+    kind = topic_of(path, topic, {kind.name: kind for kind in log.kinds.values()})
     places = np.array(kind.places)
-    if len(places) < FEWEST:
-        raise InputError(f"{path}: {topic}: {len(places)} events")
-    if len(places) * (len(columns) + 2) > NUMBERS:
-        raise InputError(f"{path}: {topic}: more than {NUMBERS:,} numbers; cut the log into several recordings")
+    check_size(path, topic, len(places), len(columns))
     raw = np.frombuffer(log.data, np.uint8)
     bytes_of = raw[places[:, None] + np.arange(log.head.size + kind.layout.itemsize)]
     stamp = np.ascontiguousarray(bytes_of[:, 2 : log.head.size]).view("<u8" if log.head.size > 6 else "<u4")[:, 0]
     events = np.ascontiguousarray(bytes_of[:, log.head.size :]).view(kind.layout)[:, 0]
 
     def column(wanted: Column) -> np.ndarray:
-        at = wanted - 1 if isinstance(wanted, int) else kind.fields.index(wanted) if wanted in kind.fields else -1
-        if not 0 <= at < len(kind.fields):
-            raise InputError(f"{path}: {topic} has no field '{wanted}'; has {', '.join(kind.fields)}")
-        return np.asarray(events[str(at)])
+        return np.asarray(events[str(place_of(path, topic, wanted, kind.fields))])
 
-    values = np.column_stack([column(wanted).astype(float) for wanted in columns])
-    called = None if names is None else np.array([str(name) for name in column(names).tolist()], dtype=object)
-    return Table(stamp * log.unit, values, called, np.arange(1, len(places) + 1))
+    return table_of(stamp * log.unit, [column(one) for one in columns], None if names is None else column(names))

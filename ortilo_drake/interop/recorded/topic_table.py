@@ -1,0 +1,43 @@
+"""What logs of many topics have in common: the topic that is asked for, and its fields as a table."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from ortilo_drake.interop.recorded.sources import Column
+from ortilo_drake.interop.recorded.tables import NUMBERS, Table
+from ortilo_drake.model.typed_yaml import InputError, nearest
+
+FEWEST = 2  # rows
+Topic = TypeVar("Topic")
+
+
+def topic_of(path: Path, topic: str, topics: Mapping[str, Topic]) -> Topic:
+    """Return a log's topic; InputError if there is no such."""
+    if topic not in topics:
+        raise InputError(f"{path}: no topic '{topic}'{nearest(topic, topics)}; has {', '.join(topics) or 'none'}")
+    return topics[topic]
+
+
+def check_size(path: Path, topic: str, rows: int, columns: int) -> None:
+    """Raise InputError if a topic has hardly a row, or more numbers than are read."""
+    if rows < FEWEST:
+        raise InputError(f"{path}: {topic}: {rows} rows")
+    if rows * (columns + 2) > NUMBERS:
+        raise InputError(f"{path}: {topic}: more than {NUMBERS:,} numbers; cut the log into several recordings")
+
+
+def place_of(path: Path, topic: str, wanted: Column, fields: Sequence[str]) -> int:
+    """Return where a field stands that is named or counted from 1; InputError if there is no such."""
+    at = wanted - 1 if isinstance(wanted, int) else fields.index(wanted) if wanted in fields else -1
+    if not 0 <= at < len(fields):
+        raise InputError(f"{path}: {topic} has no field '{wanted}'; has {', '.join(fields)}")
+    return at
+
+
+def table_of(t: np.ndarray, values: Sequence[np.ndarray], names: np.ndarray | None) -> Table:
+    """Return stamps, the columns' values and the anchors' names as a table."""
+    called = None if names is None else np.array([str(name) for name in names.tolist()], dtype=object)
+    return Table(t, np.column_stack([of.astype(float) for of in values]), called, np.arange(1, len(t) + 1))
