@@ -57,6 +57,13 @@ def main() -> None:
             code = _say(one_line(f"{what}{error.strerror or error}"), 2)
         except MemoryError:
             code = _say("out of memory", 2)
+        except ModuleNotFoundError as error:
+            from ortilo_drake.model.optional import EXTRAS, missing
+
+            package = (error.name or "").partition(".")[0]
+            if package not in EXTRAS or interrupted:
+                raise
+            code = _say(str(missing(package, EXTRAS[package])), 2)
     except BaseException as error:
         # A module in C whose import is interrupted raises an ImportError, or something else.
         if isinstance(error, SystemExit) and error.code == _TERMINATED:  # keep_alive's, which handles it

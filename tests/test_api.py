@@ -22,7 +22,7 @@ import ortilo_drake as od
 from ortilo_drake.api import flights
 from ortilo_drake.flight.flight import fly as fly_dataset
 from ortilo_drake.flight.metrics import estimation_mse, summary
-from ortilo_drake.flight.processes import workers
+from ortilo_drake.flight.processes import cluster
 from ortilo_drake.interop.log.reader import read_log
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.room import ORTILO_ROOM
@@ -288,7 +288,7 @@ def test_a_comparison_starts_its_workers_once(monkeypatch: pytest.MonkeyPatch) -
         started.append(count)  # one worker in this process will do: test_workers.py has those of their own
         return LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None)
 
-    monkeypatch.setattr(workers, "start_cluster", start)
+    monkeypatch.setattr(cluster, "start_cluster", start)
     found = od.compare("nominal_imu_uwb", "paper_imu_uwb", seeds=range(2), workers=2, **HOVER)
     assert list(found["flights"]) == [2, 2]
     assert started == [2]

@@ -2,6 +2,7 @@
 
 import importlib.util
 import os
+import platform
 import shutil
 import subprocess
 import sys
@@ -55,6 +56,32 @@ def _installed(package: str) -> str:
         return ""
 
 
+def system() -> str:
+    """Return what this machine is: 'Linux', 'WSL2', 'macOS' or another system's name."""
+    name = platform.system()
+    if name == "Linux":
+        return "WSL2" if "microsoft" in platform.release().lower() else "Linux"
+    return {"Darwin": "macOS"}.get(name, name)
+
+
+def in_container() -> bool:
+    """Return whether this is a container of Docker's or Podman's."""
+    return any(Path(mark).exists() for mark in ("/.dockerenv", "/run/.containerenv"))
+
+
+def _install(package: str) -> str:
+    """Return the command that installs a system's package, by the name that Debian and Homebrew share."""
+    return f"brew install {package}" if system() == "macOS" else f"apt-get install {package}"
+
+
+def machine() -> Finding:
+    """Name the system, of which Windows by itself is none: Drake has no wheels for it."""
+    name = system()
+    found = f"{name} {platform.machine()}{', in a container' if in_container() else ''}"
+    mend = "use Linux, macOS on arm64, or WSL2: docs/how_to/machines.md"
+    return Finding("machine", name in ("Linux", "WSL2", "macOS"), NEEDED, found, mend)
+
+
 def python() -> Finding:
     """Look at Python's version."""
     found = ".".join(map(str, sys.version_info[:3]))
@@ -70,6 +97,8 @@ def drake() -> Finding:
 def pictures() -> Finding:
     """Draw a small picture in another process, whose crash would end that one alone."""
     mend = "apt-get install libegl1 libgl1 libgl1-mesa-dri; until then fly with --camera projected"
+    if system() == "macOS":
+        mend = "it needs a session with a screen; until then fly with --camera projected"
     try:
         done = subprocess.run([sys.executable, "-c", _PICTURE], capture_output=True, text=True, timeout=LIMIT)
     except subprocess.TimeoutExpired:
@@ -85,11 +114,15 @@ def opencv() -> Finding:
     names = ("opencv-python-headless", "opencv-python", "opencv-contrib-python", "opencv-contrib-python-headless")
     there = [f"{name} {_installed(name)}" for name in names if _installed(name)]
     mend = "keep one: pip uninstall the others, then pip install --force-reinstall it"
-    return Finding("OpenCV", len(there) == 1, WANTED if there else NEEDED, ", ".join(there) or "not installed", mend)
+    if not there:
+        mend = "pip install 'ortilo-drake[camera]': the detector, poses of landmarks, ortilo room trace"
+    return Finding("OpenCV", len(there) == 1, WANTED, ", ".join(there) or "not installed", mend)
 
 
 def shared_memory() -> Finding:
     """Look how much shared memory there is, which containers give little of."""
+    if system() == "macOS":
+        return Finding("shared memory", True, WANTED, "as much as there is memory", "")
     folder = Path("/dev/shm")
     size = shutil.disk_usage(folder).total / 1e6 if folder.is_dir() else 0.0
     mend = "docker run --shm-size 256m: browsers and ROS 2 pass their data through it"
@@ -122,6 +155,21 @@ def torch() -> Finding:
     return _package("torch", "torch", "torch", "trains the detector, and runs Darknet's networks")
 
 
+def logs() -> Finding:
+    """Look for what reads and writes logs and bags."""
+    return _package("logs and bags", "mcap", "log", "ortilo fly --log DIR, ortilo replay")
+
+
+def maps() -> Finding:
+    """Look for what keeps the figures of many flights."""
+    return _package("maps", "pyarrow", "map", "ortilo map, ortilo rare")
+
+
+def workers() -> Finding:
+    """Look for what starts worker processes."""
+    return _package("worker processes", "distributed", "workers", "many processes, clusters; else one process does all")
+
+
 def videos() -> Finding:
     """Look for what writes .mp4."""
     return _package("videos", "av", "video", "ortilo fly --video F.mp4")
@@ -142,7 +190,7 @@ def ros() -> Finding:
 def graphviz() -> Finding:
     """Look for Graphviz."""
     found = shutil.which("dot")
-    return Finding("Graphviz", bool(found), WANTED, found or "no dot", "apt-get install graphviz: ortilo diagram")
+    return Finding("Graphviz", bool(found), WANTED, found or "no dot", f"{_install('graphviz')}: ortilo diagram")
 
 
 def browser() -> Finding:
@@ -163,7 +211,8 @@ def multicast() -> Finding:
         with open_bus(DEFAULT_URL):
             pass
     except (InputError, OSError) as error:
-        return Finding("hardware in the loop", False, WANTED, str(error), "ip link set lo up")
+        mend = {"macOS": "sudo route add -net 239.255.0.0/16 -interface lo0"}.get(system(), "ip link set lo up")
+        return Finding("hardware in the loop", False, WANTED, str(error), mend)
     return Finding("hardware in the loop", True, WANTED, "multicast on this machine", "")
 
 
@@ -175,8 +224,8 @@ def cores() -> Finding:
 
 def memory() -> Finding:
     """Look how much memory is free."""
-    pages, size = os.sysconf("SC_AVPHYS_PAGES"), os.sysconf("SC_PAGE_SIZE")
-    free = pages * size / 1e9
+    known = "SC_AVPHYS_PAGES" if "SC_AVPHYS_PAGES" in os.sysconf_names else "SC_PHYS_PAGES"  # macOS knows only all
+    free = os.sysconf(known) * os.sysconf("SC_PAGE_SIZE") / 1e9
     return Finding(
         "memory",
         free > LEAST_MEMORY,
@@ -193,6 +242,6 @@ def disk() -> Finding:
 
 
 CHECKS: Final = (
-    *(python, drake, opencv, pictures, kernels, cores, memory, shared_memory, disk),
-    *(onnxruntime, videos, recordings, multicast, graphviz, browser, ros, torch),
+    *(machine, python, drake, opencv, pictures, kernels, cores, memory, shared_memory, disk),
+    *(onnxruntime, logs, maps, workers, videos, recordings, multicast, graphviz, browser, ros, torch),
 )

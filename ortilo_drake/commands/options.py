@@ -26,7 +26,20 @@ SetOption = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting; may be repeated.")
 ]
 SeedOption = Annotated[int | None, typer.Option(help="Seed of all noise, if not the scenario's own.")]
-WorkersOption = Annotated[int | None, typer.Option(min=1, max=1024, help="Worker processes; all cores.")]
+
+
+def _of_workers(number: int | None) -> int | None:
+    """Refuse several processes where what starts them is not installed."""
+    if number is not None and number > 1:
+        from ortilo_drake.model.optional import EXTRAS, check_installed
+
+        check_installed("distributed", EXTRAS["distributed"])
+    return number
+
+
+WorkersOption = Annotated[
+    int | None, typer.Option(min=1, max=1024, callback=_of_workers, help="Worker processes; all cores.")
+]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON to this file.")]
 
 

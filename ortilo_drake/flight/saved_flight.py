@@ -9,12 +9,13 @@ when the flight is copied.)
 
 import io
 import json
+import sys
 import warnings
+from contextlib import AbstractContextManager, nullcontext
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
-import dask
 import h5py
 import numpy as np
 import xarray as xr
@@ -37,10 +38,15 @@ def save_flight(flight: xr.Dataset, path: Path) -> None:
         InputError: if the file cannot be written.
     """
     encoding = {name: {"zlib": True, "complevel": 1} for name in flight.data_vars}
-    # In a worker of Dask xarray would ask the scheduler for a lock on the memory that it writes to.
-    with dask.config.set(scheduler="synchronous"):
+    with _no_lock_of_dask():
         data = bytes(flight.to_netcdf(engine="h5netcdf", encoding=encoding))
     keep(path, data, FLIGHT)
+
+
+def _no_lock_of_dask() -> AbstractContextManager[Any]:
+    """Keep xarray, in a worker of Dask, from asking the scheduler for a lock on the memory that it writes to."""
+    dask = sys.modules.get("dask")
+    return nullcontext() if dask is None else dask.config.set(scheduler="synchronous")
 
 
 def load_flight(path: Path) -> xr.Dataset:

@@ -9,10 +9,11 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
-import zstandard
-
 from ortilo_drake.model.input_files import DATA_LIMIT, MIB
+from ortilo_drake.model.optional import later
 from ortilo_drake.model.typed_yaml import InputError
+
+zstandard = later("zstandard")
 
 CHUNK_LIMIT: Final = 128 * MIB  # of one part; recorders write chunks of 1 to 8 MiB, a large point cloud takes 30
 FILE_LIMIT: Final = DATA_LIMIT  # of all parts of a file: as much as a file that is not compressed may hold

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 
-import cv2
 import matplotlib as mpl
 import numpy as np
 import xarray as xr
@@ -10,9 +9,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ortilo_drake.flight.flight import AXES, scenario_of
+from ortilo_drake.model.optional import later
 from ortilo_drake.scenario import PositionBlackout
 from ortilo_drake.views.figures import COLOR, draw_arrivals
 from ortilo_drake.views.scene_view import draw_boxes, make_camera_view, make_room_view
+
+cv2 = later("cv2")
 
 DPI = 100
 CURSOR = (30, 30, 30)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 
-import cv2
 import numpy as np
 from pydrake.geometry import (
     ClippingRange,
@@ -21,6 +20,7 @@ from pydrake.systems.sensors import CameraInfo
 from ortilo_drake.diagrams.rendered_camera import make_rendered_camera
 from ortilo_drake.diagrams.wiring.world import sensor_system
 from ortilo_drake.model.geometry.line_of_sight import is_hidden
+from ortilo_drake.model.optional import later
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import DETECTION_SIZE, PAYLOAD
 from ortilo_drake.model.vehicle import M100, Vehicle
@@ -33,6 +33,8 @@ from ortilo_drake.world.scenery.obj_normals import with_face_normals
 from ortilo_drake.world.scenery.rendering import FARTHEST, NEAREST, RENDERER, make_scene_graph
 from ortilo_drake.world.scenery.scene import scene_items
 from ortilo_drake.world.scenery.vehicle_mesh import M100_MESH, vehicle_obj
+
+cv2 = later("cv2")
 
 BEHIND = np.array(
     [-4.2, -1.0, 3.4]

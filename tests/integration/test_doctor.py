@@ -26,12 +26,12 @@ def nothing_installed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_what_is_not_installed_is_said_with_what_brings_it(nothing_installed: None) -> None:
     extras = {"onnxruntime": "onnx", "torch": "torch", "videos": "video", "recordings": "rerun"}
+    extras |= {"logs": "log", "maps": "map", "workers": "workers", "opencv": "camera"}
     for name, extra in extras.items():
         found = getattr(doctor_checks, name)()
         assert (found.is_there, found.found) == (False, "not installed")
         assert f"'ortilo-drake[{extra}]'" in found.mend
     assert not doctor_checks.drake().is_there
-    assert (doctor_checks.opencv().is_there, doctor_checks.opencv().weight) == (False, NEEDED)
     assert "apt-get install graphviz" in doctor_checks.graphviz().mend
     assert not doctor_checks.browser().is_there
 
@@ -44,6 +44,27 @@ def test_two_packages_of_opencv_are_told_of(monkeypatch: pytest.MonkeyPatch) -> 
     assert all(name in found.found for name in there)
     there.pop("opencv-python")
     assert doctor_checks.opencv().is_there
+
+
+@pytest.mark.parametrize(
+    ("name", "release", "said", "there"),
+    [
+        ("Linux", "6.1.0-13-amd64", "Linux", True),
+        ("Linux", "5.15.153.1-microsoft-standard-WSL2", "WSL2", True),
+        ("Darwin", "23.4.0", "macOS", True),
+        ("Windows", "10", "Windows", False),
+    ],
+)
+def test_the_machine_is_named_and_windows_by_itself_is_none(
+    name: str, release: str, said: str, there: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(doctor_checks.platform, "system", lambda: name)
+    monkeypatch.setattr(doctor_checks.platform, "release", lambda: release)
+    found = doctor_checks.machine()
+    assert (found.found.split()[0], found.is_there, found.weight) == (said, there, NEEDED)
+    installs = "brew install graphviz" if said == "macOS" else "apt-get install graphviz"
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    assert installs in doctor_checks.graphviz().mend
 
 
 @pytest.mark.parametrize(("size", "enough"), [(64e6, False), (256e6, True)])

@@ -13,19 +13,19 @@ from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from typing import Any, Final
 
-from distributed import Client
-from distributed.comm.core import CommClosedError
-
 from ortilo_drake.flight.processes.program import program_digest
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.inputs.numbers import is_port
+from ortilo_drake.model.optional import check_installed, later
+
+distributed = later("distributed")
 
 ANSWERS_WITHIN: Final = 10.0  # of a scheduler, and of its first worker [s]
 
-_remote: ContextVar[tuple[str, Client] | None] = ContextVar("scheduler", default=None)
+_remote: ContextVar[tuple[str, Any] | None] = ContextVar("scheduler", default=None)
 
 
-def remote_client() -> Client | None:
+def remote_client() -> Any:
     """Return the client of the scheduler that this context is in; None outside of on_scheduler."""
     found = _remote.get()
     return None if found is None else found[1]
@@ -42,9 +42,10 @@ def on_scheduler(address: str) -> Iterator[None]:
         InputError: if it is no such address, nobody answers, there is no worker, or one has another program.
     """
     check_address(address)
+    check_installed("distributed", "workers")
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it logs of a lost scheduler is told in a line
     try:
-        client = Client(address, timeout=ANSWERS_WITHIN)
+        client = distributed.Client(address, timeout=ANSWERS_WITHIN)
     except (OSError, ValueError, TypeError, RuntimeError) as error:
         raise InputError(f"--scheduler {address}: does not answer: {_line(error)}") from None
     try:
@@ -64,7 +65,7 @@ def gone() -> Iterator[None]:
     """Say in a line that the scheduler went away, where it does."""
     try:
         yield
-    except (CancelledError, asyncio.CancelledError, CommClosedError, TimeoutError) as error:
+    except (CancelledError, asyncio.CancelledError, distributed.comm.core.CommClosedError, TimeoutError) as error:
         address = found[0] if (found := _remote.get()) else ""
         raise InputError(
             f"--scheduler {address}: went away ({_line(error)}); what is finished is kept: run it again"
@@ -91,7 +92,7 @@ def _is_loopback(host: str) -> bool:
         return host == "localhost"
 
 
-def _check_workers(client: Client, address: str) -> None:
+def _check_workers(client: Any, address: str) -> None:
     try:
         client.wait_for_workers(1, timeout=ANSWERS_WITHIN)
     except TimeoutError:

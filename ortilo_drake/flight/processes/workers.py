@@ -1,27 +1,19 @@
-"""Work for worker processes on this machine, which nobody but the process that started them can reach.
+"""Work for worker processes on this machine; how they are started: cluster.py."""
 
-Dask runs whatever is sent to it, and any user of the machine can connect to a port on loopback. So every connection
-of a cluster is TLS in both directions, under a certificate that is made for it and known to its own processes alone,
-and no process serves HTTP.
-"""
-
-import logging
-import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from contextvars import ContextVar
-from multiprocessing import current_process, resource_tracker
+from multiprocessing import current_process
 from pathlib import Path
 from typing import Any
 
-from distributed import Client, KilledWorker, Nanny, Scheduler, Security, SpecCluster, Worker, as_completed
-
 from ortilo_drake.flight.processes.scheduler import gone, remote_client
 from ortilo_drake.model.input_error import InputError
+from ortilo_drake.model.optional import is_installed, later
 from ortilo_drake.model.parts import load_plugin, plugin_files
 
-LOOPBACK = "127.0.0.1"
+distributed = later("distributed")
 
 
 class _Shared:
@@ -29,7 +21,7 @@ class _Shared:
 
     def __init__(self, stack: ExitStack):
         self.stack = stack
-        self.client: Client | None = None
+        self.client: Any = None
 
 
 _shared: ContextVar[_Shared | None] = ContextVar("shared workers", default=None)
@@ -59,7 +51,7 @@ def run_all(
     Args:
         function: an importable function; arguments and result are plain data.
         jobs: its arguments.
-        workers: processes; 1 works in this one.
+        workers: processes; 1 works in this one, as any number does where Dask, the extra `workers`, is not installed.
         take: called here with each job's number and result as it comes in, in any order.
 
     Raises:
@@ -71,7 +63,7 @@ def run_all(
         with gone():
             _submit(remote, function, jobs, take)
         return
-    if workers == 1 or len(jobs) < 2:
+    if workers == 1 or len(jobs) < 2 or not is_installed("distributed"):
         for number, job in enumerate(jobs):
             take(number, function(*job))
         return
@@ -81,17 +73,17 @@ def run_all(
 
 
 def _submit(
-    client: Client, function: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], take: Callable[[int, Any], None]
+    client: Any, function: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], take: Callable[[int, Any], None]
 ) -> None:
     files = plugin_files()
     futures = {
         client.submit(_with_plugins, files, function, *job, pure=False, retries=2): number
         for number, job in enumerate(jobs)
     }
-    for future in as_completed(futures):
+    for future in distributed.as_completed(futures):
         try:
             result = future.result()
-        except KilledWorker:
+        except distributed.KilledWorker:
             raise InputError(
                 "workers: a process was killed at its work, and each that took it over was too (out of memory?): must "
                 "be fewer; what is finished is kept"
@@ -128,82 +120,14 @@ def _with_plugins(files: tuple[str, ...], function: Callable[..., Any], *job: An
     return function(*job)
 
 
-def _connect(workers: int, needed: int, stack: ExitStack) -> Client:
+def _connect(workers: int, needed: int, stack: ExitStack) -> Any:
     """Return a client of the workers kept, started here if there are none; else of new ones, ended with the stack."""
+    from ortilo_drake.flight.processes import cluster  # it imports Dask
+
     shared = _shared.get()
     if shared is None:
-        return stack.enter_context(Client(stack.enter_context(start_cluster(needed))))
+        return stack.enter_context(distributed.Client(stack.enter_context(cluster.start_cluster(needed))))
     if shared.client is None:
-        shared.client = shared.stack.enter_context(Client(shared.stack.enter_context(start_cluster(workers))))
+        started = shared.stack.enter_context(cluster.start_cluster(workers))
+        shared.client = shared.stack.enter_context(distributed.Client(started))
     return shared.client
-
-
-def start_cluster(workers: int) -> SpecCluster:
-    """Return a cluster of that many processes on this machine; its context manager ends them.
-
-    Raises:
-        InputError: if a process ends while it starts, and one does so at a second try, too.
-    """
-    try:
-        return _start_cluster(workers)
-    except RuntimeError:  # Dask's: a process was killed before it was a worker
-        pass
-    try:
-        return _start_cluster(workers)
-    except RuntimeError:
-        raise InputError(
-            f"workers={workers}: a process ended while it started, twice (out of memory?): must be fewer, or 1 to work "
-            "in this process; what is finished is kept"
-        ) from None
-
-
-def _start_cluster(workers: int) -> SpecCluster:
-    security = Security.temporary()
-    options = {"host": LOOPBACK, "protocol": "tls://", "security": security, "dashboard": False}
-    worker = {"cls": _Nanny, "options": options | {"nthreads": 1, "memory_limit": None, "silence_logs": _SILENT}}
-    with _without_ctrl_c():
-        return SpecCluster(
-            scheduler={"cls": _Scheduler, "options": options},
-            workers=dict.fromkeys(range(workers), worker),
-            security=security,
-            silence_logs=_SILENT,
-        )
-
-
-_SILENT = logging.CRITICAL  # a worker that dies is replaced, and the error of a job that fails for good is raised here
-
-
-@contextmanager
-def _without_ctrl_c() -> Iterator[None]:
-    """Block Ctrl-C while processes and threads start; they inherit that, so that none prints a traceback on Ctrl-C.
-
-    This thread alone handles Ctrl-C and ends them. One that comes meanwhile is handled at the end.
-    """
-    resource_tracker.ensure_running()  # started later, it would unblock Ctrl-C
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-class _WithoutHttp:
-    """Keeps a process of Dask's from serving HTTP: it would, even without a dashboard, and without TLS."""
-
-    def start_http_server(self, *_: Any, **__: Any) -> None:
-        """Start nothing."""
-
-
-class _Scheduler(_WithoutHttp, Scheduler):
-    pass
-
-
-class _Worker(_WithoutHttp, Worker):
-    pass
-
-
-class _Nanny(Nanny):
-    """Starts a worker process and replaces it when it dies."""
-
-    def __init__(self, *arguments: Any, **options: Any):
-        super().__init__(*arguments, worker_class=_Worker, **options)

@@ -2,11 +2,10 @@
 
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 import yaml
-from mcap.writer import CompressionType, Writer
 
 from ortilo_drake import __version__
 from ortilo_drake.flight.files import write_text
@@ -15,10 +14,13 @@ from ortilo_drake.interop.log.bag_metadata import bag_metadata, quality_of_servi
 from ortilo_drake.interop.ros.ros_fields import RosMessage, to_ns
 from ortilo_drake.interop.ros.ros_messages import TAKEN, start_messages, tick_messages
 from ortilo_drake.interop.ros.ros_types import definition, to_cdr
+from ortilo_drake.model.optional import EXTRAS, check_installed, later
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
+
+mcap = later("mcap.writer")
 
 KEEP_EVERY = 0.5  # what is older than this survives a kill [s of flight]
 _ONE_CHUNK = 2**40  # chunks end where write_tick ends them, at whole ticks, not by size
@@ -59,7 +61,7 @@ class LogWriter:
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._file: BinaryIO
-        self._writer: Writer
+        self._writer: Any
 
     @property
     def file(self) -> Path:
@@ -69,6 +71,8 @@ class LogWriter:
     def __enter__(self) -> "LogWriter":
         if self.path.suffix == ".mcap":
             raise InputError(f"{self.path}: a log is a folder: give its name without .mcap")
+        for package in ("mcap", "rosbags", "zstandard"):
+            check_installed(package, EXTRAS[package])
         first = start_messages(self._scenario, self._room, self._messages)
         _warm_up(self._scenario, self._room)
         try:
@@ -78,7 +82,7 @@ class LogWriter:
             raise InputError(f"{self.path}: exists, a log is never overwritten") from None
         except OSError as error:
             raise self._not_written(error) from None
-        self._writer = Writer(self._file, chunk_size=_ONE_CHUNK, compression=CompressionType.ZSTD)
+        self._writer = mcap.Writer(self._file, chunk_size=_ONE_CHUNK, compression=mcap.CompressionType.ZSTD)
         try:
             self._writer.start(profile="ros2", library=f"ortilo-drake {__version__}")
             for message in first:

@@ -8,17 +8,19 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 import xarray as xr
 
 from ortilo_drake.flight.flight import scenario_of
 from ortilo_drake.flight.signals import Signals
+from ortilo_drake.model.optional import later
 from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, PAYLOAD, STAMP
 from ortilo_drake.onboard.detector.detector import detections_message
 from ortilo_drake.onboard.detector.detector_network import load_detector
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import measuring
+
+cv2 = later("cv2")
 
 QUALITY = 85  # of the JPEG
 

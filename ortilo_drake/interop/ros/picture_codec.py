@@ -4,8 +4,11 @@ import struct
 import zlib
 from typing import Final
 
-import cv2
 import numpy as np
+
+from ortilo_drake.model.optional import later
+
+cv2 = later("cv2")
 
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _KINDS: Final = {3: (8, 2, 0, 0, 0), 4: (8, 6, 0, 0, 0)}  # channels: 8 bits, colour, deflate, filters, not interlaced

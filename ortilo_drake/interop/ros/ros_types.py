@@ -8,10 +8,11 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
 
 from ortilo_drake.interop.ros.ros_fields import Fields
+from ortilo_drake.model.optional import later
+
+typesys = later("rosbags.typesys")
 
 _VISION = {
     "Point2D": "float64 x\nfloat64 y\n",
@@ -30,11 +31,11 @@ _BASE, _NAME = 1, 2  # rosbags' kinds of a field: a number or text, another mess
 
 
 @cache
-def typestore() -> Typestore:
+def typestore() -> Any:
     """Return the store of every type that a log holds."""
-    store = get_typestore(Stores.ROS2_JAZZY)
+    store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
     for name, text in _VISION.items():
-        store.register(get_types_from_msg(text, f"vision_msgs/msg/{name}"))
+        store.register(typesys.get_types_from_msg(text, f"vision_msgs/msg/{name}"))
     return store
 
 

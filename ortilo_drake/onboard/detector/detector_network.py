@@ -4,10 +4,10 @@ import importlib.util
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from ortilo_drake.model.input_files import exists, read_text
+from ortilo_drake.model.optional import later
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import Frozen, InputError
 from ortilo_drake.onboard.detector.class_names import room_labels
@@ -20,6 +20,8 @@ from ortilo_drake.onboard.detector.onnx_detector import load_onnx
 from ortilo_drake.onboard.detector.own_detector import load_own
 from ortilo_drake.onboard.detector.yolo_boxes import decode, non_max_suppression
 from ortilo_drake.scenario import Detector
+
+cv2 = later("cv2")
 
 WEIGHTS = Path(__file__).with_name("weights")
 OWN_CFG, OWN_NETWORK, OWN_ONNX = (WEIGHTS / f"ortilo.{kind}" for kind in ("cfg", "safetensors", "onnx"))

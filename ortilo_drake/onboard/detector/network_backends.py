@@ -8,12 +8,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
-from ortilo_drake.model.optional import check_installed
+from ortilo_drake.model.optional import check_installed, later
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.detector.darknet_layers import DarknetCfg
+
+cv2 = later("cv2")
 
 # From RGB in [0, 1] (1, 3, height, width), float32, to the raw heads in the order of the .cfg.
 Compute = Callable[[np.ndarray], Sequence[np.ndarray]]

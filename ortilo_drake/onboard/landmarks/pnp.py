@@ -4,12 +4,14 @@ SQPNP: Terzakis and Lourakis, "A consistently fast and globally optimal solution
 problem", ECCV 2020. The attitude found is used for p_WB and then forgotten: the fix is a position.
 """
 
-import cv2
 import numpy as np
 from numba import njit
 
 from ortilo_drake.model.equations import rotation_matrix
+from ortilo_drake.model.optional import later
 from ortilo_drake.model.pinhole import R_BC, Camera, box_center, point_pixels, straight_pixels
+
+cv2 = later("cv2")
 
 _ITERATIONS = 30
 _CONVERGED = 1e-7  # [m], [rad]

@@ -7,14 +7,15 @@ counts twice or half.
 import io
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from ortilo_drake.flight.lost import CAUSES, NOT_LOST
 from ortilo_drake.flight.store import in_folder, keep, kept
+from ortilo_drake.model.optional import later
+
+pa, pq = later("pyarrow"), later("pyarrow.parquet")
 
 CHUNK: Final = 200
 SEED: Final = "seed"
@@ -45,7 +46,7 @@ def read_chunk(folder: Path, seeds: range, columns: tuple[str, ...]) -> np.ndarr
     return kept(file, in_folder(file), partial(_figures, seeds, columns))
 
 
-def _schema(columns: tuple[str, ...]) -> pa.Schema:
+def _schema(columns: tuple[str, ...]) -> Any:
     return pa.schema([(SEED, pa.int64()), *((name, pa.float64()) for name in columns)])
 
 

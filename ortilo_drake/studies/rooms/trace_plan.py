@@ -10,12 +10,14 @@ pixel is as wide as the thinnest wall, as the 5 cm cells of a robot's map are, n
 import math
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
+from ortilo_drake.model.optional import later
 from ortilo_drake.model.room import MAX_OBSTACLES
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.rooms.floor_plan import FloorPlan
+
+cv2 = later("cv2")
 
 SHORTEST = 0.3  # of a wall of the least thickness [m]; what covers less is a spot
 THINNEST = 0.04  # [m], in whole pixels; thinner lines are furniture, dimensions or letters

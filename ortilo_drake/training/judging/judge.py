@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from ortilo_drake.flight.files import write_bytes
+from ortilo_drake.model.optional import later
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.onboard.detector.detector_network import load_detector, own_backend
@@ -15,6 +15,8 @@ from ortilo_drake.training.judging.evaluate import Detect, Evaluation, evaluate,
 from ortilo_drake.training.pictures.labels import BOX, LEAST_CLEAR, Frames, is_to_be_found
 from ortilo_drake.training.pictures.sets import KINDS, set_folder
 from ortilo_drake.training.pictures.shards import load_frames
+
+cv2 = later("cv2")
 
 
 @dataclass(frozen=True)

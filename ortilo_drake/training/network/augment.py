@@ -1,7 +1,10 @@
 """Augmentation: other framings of a picture, and the motion blur, noise, exposure and tint of a real camera."""
 
-import cv2
 import numpy as np
+
+from ortilo_drake.model.optional import later
+
+cv2 = later("cv2")
 
 
 def blur_kernel(length: float, angle: float) -> np.ndarray:

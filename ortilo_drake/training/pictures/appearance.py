@@ -4,13 +4,15 @@ from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
-import cv2
 import numpy as np
 from pydrake.common import MemoryFile
 from pydrake.geometry import InMemoryMesh, LightParameter, Mesh
 
+from ortilo_drake.model.optional import later
 from ortilo_drake.world.scenery.rendering import lamp
 from ortilo_drake.world.scenery.scene import SceneItem
+
+cv2 = later("cv2")
 
 
 @lru_cache(maxsize=64)

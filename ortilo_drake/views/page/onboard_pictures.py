@@ -3,13 +3,15 @@
 import base64
 from typing import Any
 
-import cv2
 import numpy as np
 import xarray as xr
 
 from ortilo_drake.flight.flight import scenario_of
 from ortilo_drake.model.input_error import InputError
+from ortilo_drake.model.optional import later
 from ortilo_drake.views.scene_view import draw_boxes, make_camera_view
+
+cv2 = later("cv2")
 
 RATE = 2.0  # [Hz]
 WIDTH = 320  # [px]

@@ -17,7 +17,8 @@ from distributed.comm import CommClosedError
 from distributed.process import AsyncProcess
 
 from ortilo_drake.flight.processes import workers
-from ortilo_drake.flight.processes.workers import kept_workers, run_all, start_cluster
+from ortilo_drake.flight.processes.cluster import start_cluster
+from ortilo_drake.flight.processes.workers import kept_workers, run_all
 from ortilo_drake.model.input_error import InputError
 
 pytestmark = pytest.mark.processes
@@ -171,7 +172,7 @@ def test_a_job_that_kills_every_process_is_a_line(monkeypatch: pytest.MonkeyPatc
             raise KilledWorker("job", SimpleNamespace(address="tls://127.0.0.1:1"), 3)
 
     monkeypatch.setattr(workers, "remote_client", lambda: SimpleNamespace(submit=lambda *_, **__: Killed()))
-    monkeypatch.setattr(workers, "as_completed", list)
+    monkeypatch.setattr(workers.distributed, "as_completed", list)
     with pytest.raises(InputError, match="a process was killed at its work"):
         run_all(stay, [()], 1)
 

@@ -1,0 +1,90 @@
+"""Worker processes on this machine, which nobody but the process that started them can reach.
+
+Dask runs whatever is sent to it, and any user of the machine can connect to a port on loopback. So every connection
+of a cluster is TLS in both directions, under a certificate that is made for it and known to its own processes alone,
+and no process serves HTTP. It needs Dask: import it where processes are started.
+"""
+
+import logging
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
+from typing import Any
+
+from distributed import Nanny, Scheduler, Security, SpecCluster, Worker
+
+from ortilo_drake.model.input_error import InputError
+
+LOOPBACK = "127.0.0.1"
+
+
+def start_cluster(workers: int) -> SpecCluster:
+    """Return a cluster of that many processes on this machine; its context manager ends them.
+
+    Raises:
+        InputError: if a process ends while it starts, and one does so at a second try, too.
+    """
+    try:
+        return _start_cluster(workers)
+    except RuntimeError:  # Dask's: a process was killed before it was a worker
+        pass
+    try:
+        return _start_cluster(workers)
+    except RuntimeError:
+        raise InputError(
+            f"workers={workers}: a process ended while it started, twice (out of memory?): must be fewer, or 1 to work "
+            "in this process; what is finished is kept"
+        ) from None
+
+
+def _start_cluster(workers: int) -> SpecCluster:
+    security = Security.temporary()
+    options = {"host": LOOPBACK, "protocol": "tls://", "security": security, "dashboard": False}
+    worker = {"cls": _Nanny, "options": options | {"nthreads": 1, "memory_limit": None, "silence_logs": _SILENT}}
+    with _without_ctrl_c():
+        return SpecCluster(
+            scheduler={"cls": _Scheduler, "options": options},
+            workers=dict.fromkeys(range(workers), worker),
+            security=security,
+            silence_logs=_SILENT,
+        )
+
+
+_SILENT = logging.CRITICAL  # a worker that dies is replaced, and the error of a job that fails for good is raised here
+
+
+@contextmanager
+def _without_ctrl_c() -> Iterator[None]:
+    """Block Ctrl-C while processes and threads start; they inherit that, so that none prints a traceback on Ctrl-C.
+
+    This thread alone handles Ctrl-C and ends them. One that comes meanwhile is handled at the end.
+    """
+    resource_tracker.ensure_running()  # started later, it would unblock Ctrl-C
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+class _WithoutHttp:
+    """Keeps a process of Dask's from serving HTTP: it would, even without a dashboard, and without TLS."""
+
+    def start_http_server(self, *_: Any, **__: Any) -> None:
+        """Start nothing."""
+
+
+class _Scheduler(_WithoutHttp, Scheduler):
+    pass
+
+
+class _Worker(_WithoutHttp, Worker):
+    pass
+
+
+class _Nanny(Nanny):
+    """Starts a worker process and replaces it when it dies."""
+
+    def __init__(self, *arguments: Any, **options: Any):
+        super().__init__(*arguments, worker_class=_Worker, **options)
