@@ -1,6 +1,6 @@
 """What an exported onboard half costs on a flight controller: code, memory, stack, and instructions a tick under qemu.
 
-    python benchmarks/bench_export.py [--smoke] [--ticks 300]
+    python benchmarks/bench_export.py [--smoke] [--ticks 300] [SCENARIO ...]
 
 qemu counts one instruction as a nanosecond (-icount shift=0), and the boards' counters run at 25 MHz: a count is 40
 instructions. Real processors take about one to two cycles for an instruction of these. Needs what `make setup EXPORT=1`
@@ -9,6 +9,7 @@ installs.
 
 import argparse
 import subprocess
+from collections.abc import Iterable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
@@ -21,12 +22,13 @@ from ortilo_drake.scenario import Scenario, load_scenario, scenario_names
 
 COST: Final = Path(__file__).parents[1] / "tests" / "codegen" / "cortex_m" / "cost.c"
 PER_COUNT: Final = 40
+BUILT: Final = (("cortex-m7", "double"), ("cortex-m4", "double"), ("cortex-m4", "single"))
 
 
-def exportable() -> list[Scenario]:
-    """Return the ready-made scenarios that can be exported."""
+def exportable(names: Iterable[str]) -> list[Scenario]:
+    """Return those ready-made scenarios that can be exported."""
     found = []
-    for name in scenario_names():
+    for name in names:
         scenario = load_scenario(name, "camera.kind=projected")
         try:
             onboard_half(scenario)
@@ -36,10 +38,10 @@ def exportable() -> list[Scenario]:
     return found
 
 
-def cost(scenario: Scenario, target: str, ticks: int) -> list[str]:
-    """Return a row: scenario, target, code, RAM and stack [bytes], instructions of a tick, mean and most."""
+def cost(scenario: Scenario, target: str, precision: str, ticks: int) -> list[str]:
+    """Return a row: scenario, target, precision, code, RAM and stack [bytes], instructions of a tick, mean and most."""
     with TemporaryDirectory() as folder:
-        manifest = export(scenario, target, folder, ticks)
+        manifest = export(scenario, target, folder, ticks, precision)
         build(Path(folder), target, COST, Path(folder) / "cost", ["-Wno-error"])  # it looks below its own stack
         said = subprocess.run(["arm-none-eabi-size", "ortilo_elements.o"], cwd=folder, check=True, capture_output=True)
         code = said.stdout.split()[6].decode()
@@ -47,7 +49,15 @@ def cost(scenario: Scenario, target: str, ticks: int) -> list[str]:
         done = subprocess.run([*qemu, "-kernel", "cost"], cwd=folder, check=True, capture_output=True, text=True)
     mean, most, stack = map(int, done.stdout.split())
     counts = f"{PER_COUNT * mean:,}", f"{PER_COUNT * most:,}"
-    return [scenario.name, target, f"{int(code):,}", f"{manifest['ram_bytes']:,}", f"{stack:,}", *counts]
+    return [
+        f"`{scenario.name}`",
+        target,
+        precision,
+        f"{int(code):,}",
+        f"{manifest['ram_bytes']:,}",
+        f"{stack:,}",
+        *counts,
+    ]
 
 
 def main() -> None:
@@ -55,12 +65,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--smoke", action="store_true", help="one scenario, 20 ticks")
     parser.add_argument("--ticks", type=int, default=300)
+    parser.add_argument("scenarios", nargs="*")
     given = parser.parse_args()
-    scenarios = [load_scenario("nominal_imu_uwb")] if given.smoke else exportable()
-    print("| scenario | target | code | RAM | stack | instructions a tick | most |\n|---|---|---|---|---|---|---|")
-    for scenario in scenarios:
-        for target in BOARDS:
-            print(f"| {' | '.join(cost(scenario, target, 20 if given.smoke else given.ticks))} |", flush=True)
+    named = ["nominal_imu_uwb"] if given.smoke else given.scenarios or scenario_names()
+    head = ("scenario", "target", "precision", "code", "RAM", "stack", "instructions a tick", "most")
+    print(f"| {' | '.join(head)} |\n{'|---' * len(head)}|")
+    for scenario in exportable(named):
+        for target, precision in BUILT:
+            row = cost(scenario, target, precision, 20 if given.smoke else given.ticks)
+            print(f"| {' | '.join(row)} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ import numpy as np
 from ortilo_drake.codegen.c_header import c_name, constants_of, flown
 from ortilo_drake.codegen.half import Half
 from ortilo_drake.codegen.ir import symbol_of
+from ortilo_drake.codegen.single import NARROW, with_floats
 from ortilo_drake.loop.element import Box
 from ortilo_drake.loop.native import parameters
 from ortilo_drake.loop.source import Places, place_of, places_of
@@ -43,12 +44,16 @@ def values_text(values: np.ndarray) -> str:
     return "{" + ",\n     ".join(values_text(row) for row in values) + "}"
 
 
-def numbers_text(half: Half) -> str:
-    """Return the default numbers."""
+def numbers_text(half: Half, single: bool) -> str:
+    """Return the default numbers; in single precision rounded to floats."""
+    kinds = NARROW if single else {}
     lines = ["const ortilo_numbers ortilo_default_numbers = {"]
     for box in flown(half):
         if constants := constants_of(box):
-            given = [f"    .{name} = {values_text(np.asarray(values, kind))}," for name, kind, values in constants]
+            given = [
+                f"    .{name} = {values_text(np.asarray(values, kind).astype(kinds.get(kind, kind)))},"
+                for name, kind, values in constants
+            ]
             lines += [f"  .{box.name} = {{", *given, "  },"]
     return "\n".join([*lines, "};\n"])
 
@@ -66,7 +71,7 @@ def declaration(box: Box, what: str) -> str:
     said = ["void *"]
     for name, dimensions, _ in parameters(box.element, box.element.functions[what]):
         said += ["int64_t"] if name == "k" else ["const void *"] + ["int64_t"] * max(dimensions, 0)
-    return f"int32_t {symbol_of(box, what)}({', '.join(said)});"
+    return f"int32_t {symbol_of(box.name, what)}({', '.join(said)});"
 
 
 def address(half: Half, places: Places, wire: Wire) -> str:
@@ -93,14 +98,14 @@ def call(half: Half, places: Places, box: Box, what: str) -> str:
         else:
             wire = Wire(box.name, 0, box.size) if name == "out" else half.wiring.wires[box.name, name]
             said += [address(half, places, wire), str(wire.size)]
-    return f"    stopped += {symbol_of(box, what)}({', '.join(said)}) != 0;"
+    return f"    stopped += {symbol_of(box.name, what)}({', '.join(said)}) != 0;"
 
 
-def source_text(half: Half, makes_arrays: bool) -> tuple[str, dict[str, int]]:
-    """Return ortilo.c, and how many numbers states, room to work in and what is said take."""
+def source_text(half: Half, makes_arrays: bool, single: bool = False) -> tuple[str, dict[str, int]]:
+    """Return ortilo.c, with floats if single, and how many numbers states, room to work in and what is said take."""
     wiring, places = half.wiring, places_of(half.wiring)
     declared = [declaration(box, what) for box in flown(half) for what in box.element.functions]
-    first = first_state(half, places)
+    first = first_state(half, places).astype(np.float32 if single else float)
     came = [
         f"    memcpy({address(half, places, Wire(name, 0, size))}, &inputs->{c_name(name)}, {size} * sizeof(double));"
         for name, size in half.inputs.items()
@@ -118,7 +123,7 @@ def source_text(half: Half, makes_arrays: bool) -> tuple[str, dict[str, int]]:
         f"#define ROOM {'room_of(self)' if makes_arrays else 'NULL'}",
         *declared,
         "",
-        numbers_text(half),
+        numbers_text(half, single),
         f"static const double first_state[{len(first)}] =",
         f"    {values_text(first)};\n",
         "void ortilo_init(ortilo *self, const ortilo_numbers *numbers) {",
@@ -141,4 +146,5 @@ def source_text(half: Half, makes_arrays: bool) -> tuple[str, dict[str, int]]:
         "}\n",
     ]
     _, states, work, said, _ = places.sizes
-    return "\n".join(lines), {"state": states, "said": said, "work": work}
+    text = "\n".join(lines)
+    return with_floats(text) if single else text, {"state": states, "said": said, "work": work}

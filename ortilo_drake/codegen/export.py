@@ -17,13 +17,16 @@ from ortilo_drake.codegen.half import onboard_half
 from ortilo_drake.codegen.ir import makes_arrays, neutral_irs
 from ortilo_drake.codegen.object_code import object_code
 from ortilo_drake.codegen.readme import readme_text
+from ortilo_drake.codegen.single import check_near, with_floats
 from ortilo_drake.codegen.targets import target_of
 from ortilo_drake.flight.files import write_bytes, write_text
 from ortilo_drake.loop.digest import digest_of
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 
 TEMPLATES: Final = Path(__file__).with_name("templates")
 TICKS: Final = 300
+PRECISIONS: Final = ("double", "single")
 
 
 def export(
@@ -31,6 +34,7 @@ def export(
     target: str,
     folder: str | Path,
     ticks: int = TICKS,
+    precision: str = "double",
     says: Callable[[str], None] = lambda line: None,
 ) -> dict[str, Any]:
     """Write the onboard half of a scenario for a processor; return the manifest.
@@ -43,28 +47,34 @@ def export(
         folder: where to write ortilo_elements.o, ortilo.c, ortilo.h, golden.h, test_golden.c, CMakeLists.txt, README.md
             and manifest.json.
         ticks: of the golden vectors.
+        precision: "double", with the bits of Python, or "single", for processors without doubles: see single.py.
         says: called with a line for each step.
 
     Raises:
         InputError: if a part cannot be exported, or there is no such processor.
     """
-    scenario, to = load_scenario(scenario), target_of(target)
+    if precision not in PRECISIONS:
+        raise InputError(f"--precision: {precision!r}: must be one of {', '.join(PRECISIONS)}")
+    scenario, to, single = load_scenario(scenario), target_of(target), precision == "single"
     half = onboard_half(scenario)
+    if single:
+        check_near(half.wiring.boxes.values())
     says(f"compiling {sum(len(box.element.functions) for box in half.wiring.boxes.values())} functions")
-    irs = neutral_irs(scenario)
+    irs = neutral_irs(scenario, single)
     code = object_code(irs, to)
     makes = any(map(makes_arrays, irs.values()))
-    source, sizes = source_text(half, makes)
+    source, sizes = source_text(half, makes, single)
     says(f"flying {ticks} ticks for the golden vectors")
-    golden = golden_text(*flown_ticks(scenario, half, ticks))
+    golden = golden_text(*flown_ticks(scenario, half, ticks), single)
     header = header_text(half, scenario.name, sizes, makes)
+    width = 4 if single else 8
     manifest = {
         "scenario": json.loads(scenario.model_dump_json()),
-        "precision": "double",
+        "precision": precision,
         "target": {"name": target, "triple": to.triple, "cpu": to.cpu, "features": to.features},
         "digest": digest_of(*sorted(irs.items()), source),
-        "state_bytes": 8 * (sizes["state"] + 1),
-        "ram_bytes": 8 * (sizes["state"] + sizes["said"] + sizes["work"] + 2),
+        "state_bytes": width * sizes["state"] + 8,
+        "ram_bytes": width * (sizes["state"] + sizes["said"] + sizes["work"]) + 16,
         "room_bytes": ROOM_BYTES if makes else 0,
         "object_bytes": len(code),
         "versions": {
@@ -76,11 +86,12 @@ def export(
     write_bytes(there / "ortilo_elements.o", code)
     for name, text in {
         "ortilo.c": source,
-        "ortilo.h": header,
+        "ortilo.h": with_floats(header) if single else header,
         "golden.h": golden,
         "README.md": readme_text(half, scenario, target, manifest),
         "manifest.json": json.dumps(manifest, indent=2) + "\n",
-        **{name: (TEMPLATES / name).read_text() for name in ("test_golden.c", "CMakeLists.txt")},
+        "test_golden.c": (TEMPLATES / ("test_golden_single.c" if single else "test_golden.c")).read_text(),
+        "CMakeLists.txt": (TEMPLATES / "CMakeLists.txt").read_text(),
     }.items():
         write_text(there / name, text)
     return manifest

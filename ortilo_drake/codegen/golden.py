@@ -59,13 +59,25 @@ def flown_ticks(scenario: Scenario, half: Half, ticks: int) -> tuple[np.ndarray,
 
 def words_text(name: str, values: np.ndarray) -> str:
     """Return an array of C of floats' bits, a row a tick."""
-    rows = np.ascontiguousarray(values).view(np.uint64)
+    kind = np.dtype(f"u{values.itemsize}")
+    rows = np.ascontiguousarray(values).view(kind)
     text = ",\n".join("{" + ",".join(f"0x{word:x}u" for word in row) + "}" for row in rows)
-    return f"static const uint64_t {name}[{rows.shape[0]}][{rows.shape[1]}] = {{\n{text}}};\n"
+    return f"static const {kind}_t {name}[{rows.shape[0]}][{rows.shape[1]}] = {{\n{text}}};\n"
 
 
-def golden_text(came: np.ndarray, went: dict[str, np.ndarray]) -> str:
-    """Return golden.h: the inputs' bits, the control's and the estimate's, and a hash of the covariance."""
+def golden_text(came: np.ndarray, went: dict[str, np.ndarray], single: bool = False) -> str:
+    """Return golden.h: the inputs' bits, the control's and the estimate's, and a hash of the covariance.
+
+    In single precision, the bits of the doubles' nearest floats, and no hash.
+    """
+    if single:
+        return (
+            "/* What came in, and what doubles say, as the bits of floats. */\n#include <stdint.h>\n"
+            f"#define TICKS {len(came)}\n"
+            + words_text("golden_inputs", came.astype(np.float32))
+            + words_text("golden_control", went["control"].astype(np.float32))
+            + words_text("golden_estimate", went["estimate"].astype(np.float32))
+        )
     hashes = ",\n".join(f"0x{hash_of(row):x}u" for row in went["covariance"].view(np.uint64))
     return (
         "/* What came in and what must go out, as the bits of doubles. */\n#include <stdint.h>\n"

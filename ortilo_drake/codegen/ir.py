@@ -7,15 +7,20 @@ exceptions, and the tests run the same code with them.
 
 import json
 import os
+import pickle
 import re
 import subprocess
 import sys
 from functools import lru_cache
+from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import Final
 
+from numba import cloudpickle
+
 from ortilo_drake.codegen.half import onboard_half
-from ortilo_drake.loop.element import Box
+from ortilo_drake.codegen.single import compute_in_floats, narrow_record, with_whole_words
+from ortilo_drake.loop.element import Element
 from ortilo_drake.loop.native import known_to, native_text
 from ortilo_drake.model.parts import load_plugin, plugin_files
 from ortilo_drake.model.typed_yaml import InputError
@@ -98,28 +103,37 @@ done:
 """
 
 
-def symbol_of(box: Box, what: str) -> str:
+def symbol_of(box: str, what: str) -> str:
     """Return the name in C of a box's function."""
-    return f"ortilo_{box.name}_{what}"
+    return f"ortilo_{box}_{what}"
 
 
-def box_ir(box: Box) -> dict[str, str]:
+def box_ir(box: str, element: Element, single: bool) -> dict[str, str]:
     """Return the IR of a box's functions by their names in C, as numba makes it in this process.
+
+    Args:
+        box: its name.
+        element: what it does.
+        single: whether this process computes in floats.
 
     Raises:
         InputError: if a function calls what is not there without Python.
     """
-    element, module = box.element, ModuleType("ortilo_exported")
+    module = ModuleType("ortilo_exported")
     vars(module).update(known_to(element))
     text = native_text(element).replace("cache=True", "cache=False")
+    if single:
+        text = text.replace("from_dtype(", "narrow_record(")
+        vars(module)["narrow_record"] = narrow_record
     exec(compile(text, f"<{element.name}>", "exec"), vars(module))
     found = {}
     for what in element.functions:
         its = getattr(module, f"{what}_c")
         symbol = symbol_of(box, what)
-        found[symbol] = neutral(its._library.get_llvm_str(), what, symbol)
+        ir = its._library.get_llvm_str()
+        found[symbol] = neutral(with_whole_words(ir) if single else ir, what, symbol)
         if element.name == "own" and makes_arrays(found[symbol]):
-            raise InputError(f"export: {box.name}: {what} makes arrays while it flies; one of one's own must not")
+            raise InputError(f"export: {box}: {what} makes arrays while it flies; one of one's own must not")
     return found
 
 
@@ -141,10 +155,11 @@ def neutral(ir: str, what: str, symbol: str) -> str:
     """
     ir = re.sub(r"^target (?:datalayout|triple) = .*$", "", ir, flags=re.M)
     ir = re.sub(r'"(?:target-cpu|target-features|tune-cpu)"="[^"]*"', "", ir)
-    if "declare double @sqrt(double)" in ir:  # the processor's own, exact on all of them
-        ir = re.sub(r"call ((?:\w+ )*?)double @sqrt\(", r"call \1double @llvm.sqrt.f64(", ir)
-        ir = re.sub(r"declare double @(?:llvm\.sqrt\.f64|sqrt)\(double.*", "", ir)
-        ir += "\ndeclare double @llvm.sqrt.f64(double)\n"
+    for kind, name, own in (("double", "sqrt", "llvm.sqrt.f64"), ("float", "(?:sqrtf|sqrt)", "llvm.sqrt.f32")):
+        if re.search(rf"declare {kind} @{name}\({kind}", ir):  # the processor's own, exact on all of them
+            ir = re.sub(rf"call ((?:\w+ )*?){kind} @{name}\(", rf"call \1{kind} @{own}(", ir)
+            ir = re.sub(rf"declare {kind} @(?:{re.escape(own)}|{name})\({kind}.*", "", ir)
+            ir += f"\ndeclare {kind} @{own}({kind})\n"
     # Pointers have eight bytes in what is laid out, as the IR's offsets have them.
     ir = re.sub(r"alloca \{[^}]*\}", lambda found: re.sub(r"\bptr\b", "i64", found[0]), ir)
     lines, skipping, makes = list[str](), False, False
@@ -194,35 +209,42 @@ define i32 @{symbol}({ROOM}{said}) {{
 
 
 @lru_cache(maxsize=4)
-def neutral_irs(scenario: Scenario) -> dict[str, str]:
+def neutral_irs(scenario: Scenario, single: bool = False) -> dict[str, str]:
     """Return the IR of all functions of a scenario's onboard half, made in a process of its own.
+
+    Args:
+        scenario: whose belief is exported.
+        single: whether to compute in floats.
 
     Raises:
         InputError: as onboard_half and box_ir.
     """
-    told = json.dumps({"scenario": scenario.model_dump_json(), "plugins": plugin_files()})
-    command = (sys.executable, "-m", "ortilo_drake.codegen.ir")
-    done = subprocess.run(
-        command, input=told, capture_output=True, text=True, check=False, env=os.environ | GENERIC, encoding="utf-8"
-    )
+    elements = [(box.name, box.element) for box in onboard_half(scenario).wiring.boxes.values()]
+    told = pickle.dumps((single, plugin_files(), cloudpickle.dumps(elements)))
+    with TemporaryDirectory() as compiled:
+        around = os.environ | GENERIC | ({"NUMBA_CACHE_DIR": compiled} if single else {})
+        command = (sys.executable, "-m", "ortilo_drake.codegen.ir")
+        done = subprocess.run(command, input=told, capture_output=True, check=False, env=around)
+    said = done.stderr.decode(errors="replace").strip()
     if done.returncode == 2:
-        raise InputError(done.stderr.strip())
+        raise InputError(said)
     if done.returncode != 0:
-        raise RuntimeError(f"the process that compiles ended with code {done.returncode}:\n{done.stderr}")
+        raise RuntimeError(f"the process that compiles ended with code {done.returncode}:\n{said}")
     found: dict[str, str] = json.loads(done.stdout)
     return found
 
 
 def main() -> int:
-    """Read a scenario from standard input and write the IR of its onboard half to standard output."""
-    told = json.load(sys.stdin)
+    """Read boxes' names and elements from standard input and write the IR of their functions to standard output."""
+    single, plugins, elements = pickle.loads(sys.stdin.buffer.read())
     try:
-        for file in told["plugins"]:
+        if single:
+            compute_in_floats()
+        for file in plugins:
             load_plugin(file)
-        half = onboard_half(Scenario.model_validate_json(told["scenario"]))
         found: dict[str, str] = {}
-        for box in half.wiring.boxes.values():
-            found |= box_ir(box)
+        for name, element in cloudpickle.loads(elements):
+            found |= box_ir(name, element, single)
     except InputError as error:
         print(error, file=sys.stderr)
         return 2

@@ -8,13 +8,13 @@ from ortilo_drake.scenario import Scenario
 
 TEXT = """# The onboard half of {name} for {target}
 
-The estimator, servo and path of an ortilo-drake scenario, as they fly in simulation: the same bits. No heap, no global
+The estimator, servo and path of an ortilo-drake scenario, as they fly in simulation: {same}. No heap, no global
 state, no exceptions; two halves may run side by side.
 
     ortilo_elements.o   object code of {count} functions, {size} bytes
     ortilo.h, ortilo.c  inputs, outputs, numbers and a tick; compile ortilo.c with your own compiler
     golden.h            inputs and outputs of the first ticks of a simulated flight
-    test_golden.c       plays them and counts the ticks in which a bit differs
+    test_golden.c       plays them and counts the ticks that differ
     CMakeLists.txt      the library `ortilo` and the test
     manifest.json       the scenario, versions, digest and sizes
 
@@ -44,6 +44,7 @@ def readme_text(half: Half, scenario: Scenario, target: str, manifest: dict[str,
     """Return the text."""
     return TEXT.format(
         name=scenario.name,
+        same="the same bits" if manifest["precision"] == "double" else "in floats of 32 bits, without any double",
         target=target,
         count=sum(len(box.element.functions) for box in half.wiring.boxes.values()),
         size=manifest["object_bytes"],

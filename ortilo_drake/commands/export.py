@@ -15,12 +15,13 @@ def export(
     target: Annotated[str, typer.Option(help="cortex-m7, cortex-m4, aarch64 or x86-64.")] = "cortex-m7",
     out: Annotated[Path, typer.Option(help="The folder to write.")] = Path("out/export"),
     ticks: Annotated[int, typer.Option(min=1, max=100_000, help="Ticks of the golden vectors.")] = 300,
+    precision: Annotated[str, typer.Option(help="double, or single for processors without doubles.")] = "double",
     settings: SetOption = None,
 ) -> None:
     """Write a scenario's onboard half as object code with a C header, golden vectors and a test: onto the vehicle."""
     chosen = load_scenario(scenario, tuple(settings or ()))
     from ortilo_drake.codegen.export import export as write_export
 
-    manifest = write_export(chosen, target, out, ticks)
+    manifest = write_export(chosen, target, out, ticks, precision)
     say_heading(chosen.name, f" for {target}: {manifest['object_bytes']} bytes of object code")
     say_written(out)

@@ -23,12 +23,20 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("exported")
 
 
-@pytest.mark.parametrize("target", ["x86-64", "aarch64", "cortex-m7"])
-def test_a_flight_in_lockstep_has_the_bits_of_one_in_this_process(target: str, folders: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "target"),
+    [
+        ("nominal_imu_uwb", "x86-64"),
+        ("nominal_imu_uwb", "aarch64"),
+        ("nominal_imu_uwb", "cortex-m7"),
+        pytest.param("imu_uwb", "cortex-m7", marks=pytest.mark.long),
+    ],
+)
+def test_a_flight_in_lockstep_has_the_bits_of_one_in_this_process(name: str, target: str, folders: Path) -> None:
     needs(*programs_of(target))
-    scenario = load_scenario("nominal_imu_uwb", SHORT)
-    export(scenario, target, folders / target, ticks=1)
-    with ExportedHalf(scenario, folders / target) as half:
+    scenario, folder = load_scenario(name, SHORT), folders / f"{name}-{target}"
+    export(scenario, target, folder, ticks=1)
+    with ExportedHalf(scenario, folder) as half:
 
         def ask(tick: int, messages: Signals) -> Signals:
             half.take(messages)

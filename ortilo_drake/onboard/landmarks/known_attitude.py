@@ -121,7 +121,7 @@ def pose_from_boxes(
                 weight = (least / free_sd) ** 2
                 N[j, j] += weight
                 b[j] += weight * (xhat[order[j]] - pose[order[j]])
-            regular, N_inverse = inverse_3x3(N) if m == 3 else scaled_inverse(N)
+            regular, N_inverse = inverse_3x3(N) if m == 3 else scaled_inverse(N, _REGULAR)
             if not regular:
                 return nothing
             if converged:

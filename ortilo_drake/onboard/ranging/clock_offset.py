@@ -50,7 +50,7 @@ def offset_equations(
         if used[i] == 0.0:
             continue
         row[:3] = z[:3] - anchors[i]
-        d = np.sqrt(row[0] * row[0] + row[1] * row[1] + row[2] * row[2]) + 1e-300
+        d = np.sqrt(row[0] * row[0] + row[1] * row[1] + row[2] * row[2]) + 1e-30
         row[:3] /= d
         e = ranges[i] - d - z[3]
         variance = max(noise[0] + noise[1] * ranges[i], MIN_SD) ** 2

@@ -43,7 +43,7 @@ def put_sensitivities(
     for i in range(n):
         if there[i] != 0.0:
             x, y, z = p[0] - anchors[i, 0], p[1] - anchors[i, 1], p[2] - anchors[i, 2]
-            d = np.sqrt(x * x + y * y + z * z) + 1e-300
+            d = np.sqrt(x * x + y * y + z * z) + 1e-30
             w = 1.0 / (max(noise[0] + noise[1] * d, MIN_SD) ** 2 + noise[2] ** 2)
             x, y, z = x / d, y / d, z / d
             put((x, y, z, w * x, w * y, w * z), out, 6 * i)

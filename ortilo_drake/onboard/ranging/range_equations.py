@@ -19,6 +19,7 @@ from numba.extending import register_jitable
 from ortilo_drake.model.triples import Triple
 
 MAX_SD = 10.0  # a fix less certain than this, sqrt(tr C) [m], says nothing in a room
+REGULAR = 1e-15  # a symmetric matrix whose scaled determinant is smaller is singular to rounding
 MIN_SD = 1e-3  # no range is believed better than this [m]: r -> 0 would else get infinite weight
 
 Symmetric = tuple[float, float, float, float, float, float]  # xx, xy, xz, yy, yz, zz
@@ -39,7 +40,7 @@ def normal_equations(
         if there[i] == 0.0:
             continue
         x, y, z = p[0] - anchors[i, 0], p[1] - anchors[i, 1], p[2] - anchors[i, 2]
-        d = np.sqrt(x * x + y * y + z * z) + 1e-300  # at an anchor u = 0, not 0 / 0
+        d = np.sqrt(x * x + y * y + z * z) + 1e-30  # at an anchor u = 0, not 0 / 0
         w = 1.0 / (max(noise[0] + noise[1] * ranges[i], MIN_SD) ** 2 + lasts**2)
         e = ranges[i] - d
         x, y, z = x / d, y / d, z / d
@@ -56,7 +57,7 @@ def inverse(N: Symmetric) -> tuple[bool, Symmetric]:
     xx, xy, xz, yy, yz, zz = N
     a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
     determinant = xx * a + xy * b + xz * c
-    if not (zz > 0.0 and a > 0.0 and determinant > 1e-15 * xx * yy * zz):
+    if not (zz > 0.0 and a > 0.0 and determinant > REGULAR * xx * yy * zz):
         return False, N
     s = 1.0 / determinant
     return True, (
@@ -89,7 +90,7 @@ def covariance_of_the_new(
         if there[i] == 0.0:
             continue
         x, y, z = p[0] - anchors[i, 0], p[1] - anchors[i, 1], p[2] - anchors[i, 2]
-        d = np.sqrt(x * x + y * y + z * z) + 1e-300
+        d = np.sqrt(x * x + y * y + z * z) + 1e-30
         new = max(noise[0] + noise[1] * ranges[i], MIN_SD) ** 2
         w = new / ((new + noise[2] ** 2) * d) ** 2
         x, y, z = C[0] * x + C[1] * y + C[2] * z, C[1] * x + C[3] * y + C[4] * z, C[2] * x + C[4] * y + C[5] * z

@@ -59,7 +59,7 @@ def gather(
             fill(rows[i], 0.0)
             continue
         x, y, z = p[0] - anchors[i, 0], p[1] - anchors[i, 1], p[2] - anchors[i, 2]
-        d = np.sqrt(x * x + y * y + z * z) + 1e-300
+        d = np.sqrt(x * x + y * y + z * z) + 1e-30
         w = 1.0 / max(noise[0] + noise[1] * ranges[i], MIN_SD) ** 2
         rows[i, 0], rows[i, 1], rows[i, 2] = w * x / d, w * y / d, w * z / d
         x, y, z = product(C, rows[i])

@@ -15,6 +15,7 @@ from ortilo_drake.onboard.estimator.tight.silence import N_QUIET, end_silence, i
 # What is kept of the imu and the control, beside state and covariance; QUIET is for silence.py.
 RATES, FORCE, TIME, THRUST, TORQUE, QUIET = 0, 3, 6, 7, 8, 11
 N_KEPT = QUIET + N_QUIET
+ROUNDING = 1e-9  # of times [s]
 N_AHEAD = N_X + N_X * N_X  # the prediction for the next tick, estimate and covariance
 
 
@@ -77,14 +78,14 @@ def go_on(
     count = 0
     for k in range(samples.shape[0]):
         stamp = samples[k, 1]
-        if samples[k, 0] == 0.0 or stamp > now + 1e-9 or not np.isfinite(samples[k]).all():
+        if samples[k, 0] == 0.0 or stamp > now + ROUNDING or not np.isfinite(samples[k]).all():
             continue
         dt = stamp - kept[TIME]
-        if dt < -1e-9 or (motion.watches and is_repeated(samples[k, 5:11], kept[QUIET:])):
+        if dt < -ROUNDING or (motion.watches and is_repeated(samples[k, 5:11], kept[QUIET:])):
             continue
         end_silence(x, C, kept[RATES:TIME], kept[QUIET:], stamp)
         w, f = samples[k, 5:8], samples[k, 8:11]
-        if dt > 1e-9:
+        if dt > ROUNDING:
             inertial_step(x, A, N, 0.5 * (kept[RATES:FORCE] + w), f, dt, motion.variances)
         rpy = angles_of(x[Q : Q + 4])
         for i in range(3):
@@ -94,7 +95,7 @@ def go_on(
     if count > 0:
         residual /= count
     dt = now - kept[TIME]
-    if dt > 1e-9:  # what is left without a sample
+    if dt > ROUNDING:  # what is left without a sample
         w, f = kept[RATES:FORCE].copy(), kept[FORCE:TIME].copy()
         w += dt * kept[TORQUE : TORQUE + 3] / motion.inertia
         inertial_step(x, A, N, 0.5 * (kept[RATES:FORCE] + w), f, dt, motion.coasting)

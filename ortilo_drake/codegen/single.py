@@ -1,0 +1,106 @@
+"""Floats of 32 bits for processors without doubles: what numba takes for a double is computed and kept as a float.
+
+It is for a process of its own that compiles and ends (ir.py), and stands before anything is compiled there. All that
+the elements say, keep and make is then narrow; their types, and with them their source, stay what they are.
+"""
+
+import importlib
+import re
+from collections.abc import Iterable
+from typing import Any, Final
+
+import numpy as np
+from llvmlite import ir
+from numba import from_dtype, types
+from numba.core.datamodel import default_manager, models
+from numba.core.pythonapi import PythonAPI
+
+from ortilo_drake.loop.element import Box
+from ortilo_drake.model.typed_yaml import InputError
+
+# What has flown within 1 mm and 0.1 degree of doubles (scripts/export_single.py).
+NEAR: Final = {
+    "outside", "constant", "bundle", "multilateration", "learning_multilateration", "survey_bank", "handler",
+    "imu_rows", "filter", "told_filter", "known_part", "reference", "servo", "belief_parts", "extra_part",
+}  # fmt: skip
+NARROW: Final = {"f8": "f4"}  # how a kind is laid out
+# What the elements compare with is what rounding leaves of a double. Coarser rounding needs other numbers: pi / 2 and
+# ln 2 in parts whose products with a whole number are exact in 24 bits, what counts as singular, and what as equal.
+CHANGED: Final[dict[str, dict[str, float]]] = {
+    "ortilo_drake.model.elementary": {
+        "LARGE": 3.0e3, "SENSELESS": 1.0e6,
+        "Q_1": 201.0 / 128.0, "Q_2": 4.837512969970703125e-04, "Q_3": 7.549789948768648e-08,
+        "REST_3": np.pi / 2.0 - 201.0 / 128.0 - 4.837512969970703125e-04 - 7.549789948768648e-08,
+        "LN_2": 355.0 / 512.0, "LN_2_LOW": np.log(2.0) - 355.0 / 512.0, "HIGHEST": 88.72, "LOWEST": -103.0,
+        "FAR": 1.0e9,
+    },
+    "ortilo_drake.onboard.ranging.range_equations": {"REGULAR": 1e-6},
+    "ortilo_drake.onboard.ranging.range_least_squares": {"STEP": 2e-5},
+    "ortilo_drake.onboard.ranging.clock_offset": {"STEP": 2e-5, "REGULAR": 1e-5, "NO_RISE": 1.0 + 1e-5},
+    "ortilo_drake.onboard.landmarks.known_attitude": {"_CONVERGED": 1e-5, "_REGULAR": 1e-6},
+    "ortilo_drake.onboard.estimator.robust.weights": {"ROUNDING": 1e-4},
+    "ortilo_drake.onboard.estimator.tight.tick": {"ROUNDING": 1e-4},
+}  # fmt: skip
+
+
+def check_near(boxes: Iterable[Box]) -> None:
+    """Check that floats are known to do for all boxes.
+
+    Raises:
+        InputError: in one line, naming the first of which that is not known.
+    """
+    for box in boxes:
+        if box.element.name not in NEAR:
+            said = f"the element {box.element.name!r} has not been flown within 1 mm of doubles"
+            raise InputError(f"--precision: single: {box.name}: {said}")
+
+
+def narrow_record(wide: np.dtype) -> types.Record:
+    """Return the record of constants, laid out with floats and typed with doubles."""
+    fields = [(name, wide[name].base, wide[name].shape) for name in wide.names or ()]
+    narrow = [(name, np.dtype(NARROW.get(kind.str[1:], kind)), shape) for name, kind, shape in fields]
+    record = from_dtype(np.dtype(narrow, align=True))
+    for name, of in record.fields.items():
+        record.fields[name] = of._replace(type=_widely_typed(of.type))
+    return record
+
+
+def _widely_typed(kind: Any) -> Any:
+    if isinstance(kind, types.NestedArray):
+        return types.NestedArray(_widely_typed(kind.dtype), kind.shape)
+    return types.float64 if kind == types.float32 else kind
+
+
+def with_floats(text: str) -> str:
+    """Return C with floats for doubles."""
+    return re.sub(r"\bdouble\b", "float", text)
+
+
+def with_whole_words(ir: str) -> str:
+    """Return IR of floats that makes whole numbers of 32 bits of them: of 64, a processor's library may use doubles.
+
+    What is too large is the largest, and NaN is 0, on every processor.
+    """
+    made = re.compile(r"^( *)(%\S+) = fptosi float (\S+) to i64(.*)$", flags=re.M)
+    if not made.search(ir):
+        return ir
+    call = r"\1%ortilo_of\2 = call i32 @llvm.fptosi.sat.i32.f32(float \3)\n\1\2 = sext i32 %ortilo_of\2 to i64\4"
+    return made.sub(call, ir).replace("%ortilo_of%", "%ortilo_of.") + "\ndeclare i32 @llvm.fptosi.sat.i32.f32(float)\n"
+
+
+class _FloatModel(models.PrimitiveModel):
+    """A number as LLVM has it: a float."""
+
+    def __init__(self, manager: Any, kind: Any):
+        super().__init__(manager, kind, ir.FloatType())
+
+
+def compute_in_floats() -> None:
+    """Have everything that this process compiles from now on compute in floats and keep them."""
+    default_manager.register(types.Float, _FloatModel)
+    types.float64.bitwidth = 32  # of arrays within records
+    own, given = PythonAPI.float_from_double, PythonAPI.float_as_double
+    PythonAPI.float_from_double = lambda api, value: own(api, api.builder.fpext(value, ir.DoubleType()))
+    PythonAPI.float_as_double = lambda api, value: api.builder.fptrunc(given(api, value), ir.FloatType())
+    for module, changes in CHANGED.items():
+        vars(importlib.import_module(module)).update(changes)
