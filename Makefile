@@ -69,7 +69,7 @@ rest: extras kernels
 nightly: rest
 
 # Whatever reads ORTILO_FUZZ_CASES.
-FUZZ := tests/integration/test_schema_fuzz.py tests/interop/test_file_fuzz.py tests/hil/test_udpm.py \
+FUZZ := tests/integration/test_schema_fuzz.py tests/interop/test_file_fuzz.py \
 	tests/codegen/test_hostile_inputs.py
 
 fuzz: kernels

@@ -68,7 +68,7 @@ def fly_modes(flown: tuple[str, ...], seed: int, seconds: tuple[str, ...], out: 
         done = out / f"{mode}_{seed}.json"
         if done.exists():
             continue
-        world_bus, onboard_bus = (f"udpm://239.255.76.67:{port + 2 * i + side}?ttl=0" for side in (0, 1))
+        world_bus, onboard_bus = (f"tcp://127.0.0.1:{port + 2 * i + side}" for side in (0, 1))
         words = (*flown, "--seed", str(seed), "--set", f"estimator.delay={mode}")
         buses = ("--url-world", world_bus, "--url-onboard", onboard_bus)
         others.append(start("relay", way, FAULTS, "--seed", str(seed + 1), *buses))

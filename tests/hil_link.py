@@ -2,26 +2,26 @@
 
 import secrets
 import socket
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
-from waiting import HANGS
+from waiting import HANGS, wait_for
 
 from ortilo_drake.flight.stepped_halves import OnboardHalf
 from ortilo_drake.hil.lockstep_link import answer_over_link
-from ortilo_drake.hil.wire import bus as library
 from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.greeter import Greeter
 from ortilo_drake.hil.wire.handshake import draw, flight_of, meet_world
 from ortilo_drake.hil.wire.inbox import Inbox
 from ortilo_drake.hil.wire.packet_checks import Flight
-from ortilo_drake.hil.wire.packets import Goal, Hello, ports
+from ortilo_drake.hil.wire.packets import Goal, ports
 from ortilo_drake.hil.wire.wire import Outbox
 from ortilo_drake.scenario import Scenario, load_scenario
 
-KEY, FLIGHT_KEY = 32 * b"k", 32 * b"f"  # that the halves share, and of a flight
+KEY = 32 * b"k"  # that the halves share
 _OPEN: list[Bus] = []
 PORTS_TO_TRY = range(20_000, 32_000)  # below those that the kernel hands out by itself
 
@@ -30,30 +30,81 @@ PORTS_TO_TRY = range(20_000, 32_000)  # below those that the kernel hands out by
 def own_bus() -> Iterator[str]:
     """Yield the URL of a bus whose port is this test's until it ends, whatever else runs on this machine.
 
-    A datagram's port can be shared, and no process sees who else listens there. A TCP port of the same number cannot:
-    the one who holds it has the bus.
+    Whoever holds the UDP port of the same number has the bus; its TCP port stays free for the one who serves it.
     """
     while True:
-        port = PORTS_TO_TRY[secrets.randbelow(len(PORTS_TO_TRY))]  # anew each time: late packets reach no later test
-        with socket.socket() as held, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        port = PORTS_TO_TRY[secrets.randbelow(len(PORTS_TO_TRY))]
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as held, socket.socket() as free:
             try:
                 held.bind(("127.0.0.1", port))
-                listener.bind(("", port))
+                free.bind(("127.0.0.1", port))
             except OSError:
                 continue
-            listener.close()
+            free.close()
             try:
-                yield f"udpm://239.255.76.67:{port}?ttl=0"
+                yield f"tcp://127.0.0.1:{port}"
             finally:
                 while _OPEN:
                     _OPEN.pop().close()
             return
 
 
-def open_bus(url: str) -> Bus:
+def open_bus(url: str, serves: bool = False, key: bytes = KEY) -> Bus:
     """Open a bus, which is closed with the test's own."""
-    _OPEN.append(library.open_bus(url))
+    _OPEN.append(Bus(url, key, serves))
     return _OPEN[-1]
+
+
+class Loop:
+    """In place of a bus: what is published comes back here."""
+
+    def __init__(self) -> None:
+        self.refused = Counter[str]()
+        self._takers: dict[str, list[Callable[[bytes], None]]] = {}
+        self._queue: list[tuple[str, bytes]] = []
+
+    def publish(self, channel: str, data: bytes) -> None:
+        self._queue.append((channel, data))
+
+    def subscribe(self, channel: str, take: Callable[[bytes], None]) -> None:
+        self._takers.setdefault(channel, []).append(take)
+
+    def unsubscribe(self, channel: str, take: Callable[[bytes], None]) -> None:
+        self._takers[channel].remove(take)
+
+    def handle(self, timeout_ms: int = 0) -> int:
+        came, self._queue = self._queue, []
+        for channel, data in came:
+            for take in self._takers.get(channel, ()):
+                take(data)
+        return len(came)
+
+
+def settle(server: Bus, *others: Bus) -> None:
+    """Return once all who joined a bus are there: a message of each has come, and one of the server to each."""
+    came = [0] * (len(others) + 1)
+
+    def count(i: int) -> Callable[[bytes], None]:
+        def take(data: bytes) -> None:
+            came[i] += 1
+
+        return take
+
+    takers = [count(i) for i in range(len(came))]
+    for i, bus in enumerate((server, *others)):
+        bus.subscribe("SETTLE", takers[i])
+
+    def is_settled() -> bool:
+        for bus in (server, *others):
+            bus.publish("SETTLE", b"")
+            bus.handle(5)
+        return came[0] > len(others) and all(came)
+
+    wait_for(is_settled, "all have joined")
+    for i, bus in enumerate((server, *others)):
+        while bus.handle(50):
+            pass
+        bus.unsubscribe("SETTLE", takers[i])
 
 
 def key_file(folder: Path) -> Path:
@@ -65,40 +116,42 @@ def key_file(folder: Path) -> Path:
 
 
 def flight_for_packets(session: int = 77, shape: tuple[int, int] | None = None) -> Flight:
-    """Return a flight of nominal_imu_uwb_yolo, 30 Hz, under FLIGHT_KEY, whose pictures have a shape."""
+    """Return a flight of nominal_imu_uwb_yolo, 30 Hz, whose pictures have a shape."""
     scenario = load_scenario("nominal_imu_uwb_yolo", ("camera.kind=projected",))
-    return flight_of(scenario, session, FLIGHT_KEY)._replace(shape=shape)
+    return flight_of(scenario, session)._replace(shape=shape)
 
 
 class PlayedWorld:
     """A world under way, as far as those see it who join it or listen; it hears hello and goals."""
 
     def __init__(self, url: str, scenario: Scenario):
-        joined = open_bus(url)
-        self.inbox, self._greeter = Inbox(joined, ("hello", "goal"), KEY), Greeter(joined, KEY, scenario, False)
+        self.bus = open_bus(url, serves=True)
+        self.inbox, self._greeter = Inbox(self.bus, ("hello", "goal")), Greeter(self.bus, scenario, False)
         self.flight = self._greeter.meet(draw())
         self.inbox.begin(self.flight)
-        self.outbox = Outbox(joined, self.flight.session, self.flight.key)
+        self.outbox = Outbox(self.bus, self.flight.session)
 
     def turn(self, tick: int, state: str = "") -> list[Goal]:
         """Say hello at a tick; return the goals that users asked for since the last turn."""
         heard = [arrival.packet.value for arrival in self.inbox.poll()]
-        for hello in heard:
-            if isinstance(hello, Hello):
-                self._greeter.hear(hello)
         self._greeter.say(tick, state)
         return [goal for goal in heard if isinstance(goal, Goal) and goal.role == "user"]
+
+    def close(self) -> None:
+        """Serve the bus no longer."""
+        _OPEN.remove(self.bus)
+        self.bus.close()
 
 
 @contextmanager
 def answering(scenario: Scenario, bus: str) -> Iterator["Future[int]"]:
     """Be the onboard half of one flight in lockstep, beside the caller; yield how many ticks it will have answered."""
     joined = open_bus(bus)
-    inbox, onboard = Inbox(joined, ("hello", "goal", "tick", *ports()), KEY), OnboardHalf(scenario)
+    inbox, onboard = Inbox(joined, ("hello", "goal", "tick", *ports())), OnboardHalf(scenario)
 
     def answer() -> int:
-        flight = meet_world(joined, inbox, scenario, KEY, HANGS).flight
-        return answer_over_link(onboard, Outbox(joined, flight.session, flight.key), inbox)
+        flight = meet_world(joined, inbox, scenario, HANGS).flight
+        return answer_over_link(onboard, Outbox(joined, flight.session), inbox)
 
     with ThreadPoolExecutor(1) as pool:
         answered = pool.submit(answer)

@@ -201,19 +201,14 @@ def browser() -> Finding:
     return Finding("browser", bool(found), WANTED, found or "none", mend)
 
 
-def multicast() -> Finding:
-    """Join the default group of hardware in the loop."""
-    from ortilo_drake.hil.wire.bus import open_bus
-    from ortilo_drake.hil.wire.urls import DEFAULT_URL
-    from ortilo_drake.model.input_error import InputError
+def encrypted_link() -> Finding:
+    """Look whether the halves of hardware in the loop can talk, encrypted."""
+    import zmq
 
-    try:
-        with open_bus(DEFAULT_URL):
-            pass
-    except (InputError, OSError) as error:
-        mend = {"macOS": "sudo route add -net 239.255.0.0/16 -interface lo0"}.get(system(), "ip link set lo up")
-        return Finding("hardware in the loop", False, WANTED, str(error), mend)
-    return Finding("hardware in the loop", True, WANTED, "multicast on this machine", "")
+    there = f"ZeroMQ {zmq.zmq_version()}"
+    if not zmq.has("curve"):
+        return Finding("hardware in the loop", False, WANTED, f"{there} without CURVE", "pip install pyzmq, as a wheel")
+    return Finding("hardware in the loop", True, WANTED, f"{there} with CURVE", "")
 
 
 def cores() -> Finding:
@@ -243,5 +238,5 @@ def disk() -> Finding:
 
 CHECKS: Final = (
     *(machine, python, drake, opencv, pictures, kernels, cores, memory, shared_memory, disk),
-    *(onnxruntime, logs, maps, workers, videos, recordings, multicast, graphviz, browser, ros, torch),
+    *(onnxruntime, logs, maps, workers, videos, recordings, encrypted_link, graphviz, browser, ros, torch),
 )

@@ -1,1 +1,1 @@
-"""Hardware in the loop: the world and the onboard half in two processes, with LCM between them."""
+"""Hardware in the loop: the world and the onboard half in two processes, with ZeroMQ between them."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from ortilo_drake.flight.signals import Signals
 from ortilo_drake.hil.goals.goal_link import GoalLink, goal_text
-from ortilo_drake.hil.wire.bus import open_bus
+from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.handshake import PATIENCE, find_world
 from ortilo_drake.hil.wire.inbox import Inbox, PacketCounts
 from ortilo_drake.hil.wire.packets import ANSWER, FINISHED, Goal, ports
@@ -183,7 +183,7 @@ def run_bridge(
     """Hand every tick of one flight to targets, until the world says that it has finished.
 
     Args:
-        url: the bus, see bus.open_bus.
+        url: the bus, tcp://HOST:PORT.
         key: that the halves share, see key_file.py.
         scenario: what is flown, the same as the halves'.
         targets: what takes the ticks, by name. One that raises gets no more ticks, and a line says so.
@@ -196,14 +196,14 @@ def run_bridge(
         InputError: if the bus does not work, the world is not heard, flies another scenario or falls silent, or every
             target has failed.
     """
-    with open_bus(url) as bus:
-        inbox = Inbox(bus, ("hello", "tick", *ports(), "command", "telemetry", "goal"), key)
+    with Bus(url, key) as bus:
+        inbox = Inbox(bus, ("hello", "tick", *ports(), "command", "telemetry", "goal"))
         say(f"listening on {url}")
-        flight = find_world(bus, inbox, scenario, key, wait).flight
+        flight = find_world(bus, inbox, scenario, wait).flight
         ticks, alive, failed = TickCollector(), dict(targets), dict[str, str]()
         answers: deque[Goal] = deque(maxlen=_ANSWERS)
         if goals:
-            alive["goals"] = goals_target(goals, GoalLink(Outbox(bus, flight.session, flight.key), inbox), answers, say)
+            alive["goals"] = goals_target(goals, GoalLink(Outbox(bus, flight.session), inbox), answers, say)
         heard = time.monotonic()
         end = heard + seconds if seconds is not None else np.inf
         finished = False
@@ -211,7 +211,7 @@ def run_bridge(
             for _, packet in inbox.poll(_POLL_MS):
                 if packet.name == "goal":
                     answers.append(packet.value)
-                    continue  # no sign of life: this bridge may have sent it
+                    continue  # no sign of life: another user may have sent it
                 if packet.name != "hello":
                     ticks.put(packet)
                 elif packet.value.role == "world":

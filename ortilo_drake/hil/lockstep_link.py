@@ -50,7 +50,7 @@ def ask_over_link(outbox: Outbox, inbox: Inbox, greeter: Greeter) -> Ask:
         while not outputs.keys() >= ANSWER:
             arrivals = inbox.poll(POLL_MS)
             for packet in (arrival.packet for arrival in arrivals):
-                if packet.name == "hello" and greeter.hear(packet.value):
+                if packet.name == "hello" and greeter.is_answer(packet.value):
                     greeter.say(tick)
                 elif packet.tick == tick:
                     outputs |= {"control": packet.value} if packet.name == "command" else packet.value

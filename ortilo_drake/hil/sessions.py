@@ -20,7 +20,7 @@ from ortilo_drake.hil.real_time.real_time_world import COMMAND_PERIOD, Statistic
 from ortilo_drake.hil.real_time.warm_up import no_collecting, warm_up
 from ortilo_drake.hil.reports import OnboardFigures, OnboardReport, WorldReport
 from ortilo_drake.hil.restart.checkpoint import session_of
-from ortilo_drake.hil.wire.bus import open_bus
+from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.greeter import Greeter, meet_onboard
 from ortilo_drake.hil.wire.handshake import meet_world
 from ortilo_drake.hil.wire.inbox import Inbox
@@ -28,7 +28,7 @@ from ortilo_drake.hil.wire.packets import FINISHED, ports
 from ortilo_drake.hil.wire.wire import Outbox
 from ortilo_drake.scenario import InputError, Scenario
 
-FAREWELLS = 5  # how often the world says that it has finished; each may be lost
+FAREWELLS = 5  # how often the world says that it has finished; a relay may lose each
 FAREWELL_EVERY = 0.02  # [s]: apart, so that one burst of losses does not take them all
 
 
@@ -48,7 +48,7 @@ def run_world(
 
     Args:
         scenario: the scenario.
-        url: the bus, see bus.open_bus.
+        url: the bus, tcp://HOST:PORT, which this process serves.
         key: that the halves share, see key_file.py.
         lockstep: whether to wait for each answer.
         wait: how long to look for the onboard half [s].
@@ -65,9 +65,9 @@ def run_world(
         InputError: if the bus does not work or the onboard half is missing, silent or flies another scenario.
     """
     with contextlib.ExitStack() as stack:
-        bus = stack.enter_context(open_bus(url))
-        inbox, greeter = Inbox(bus, ("hello", "command", "telemetry"), key), Greeter(bus, key, scenario, lockstep)
-        camera = CameraProcess(scenario, url) if scenario.is_rendered and not lockstep else None
+        bus = stack.enter_context(Bus(url, key, serves=True))
+        inbox, greeter = Inbox(bus, ("hello", "command", "telemetry")), Greeter(bus, scenario, lockstep)
+        camera = CameraProcess(scenario, url, key) if scenario.is_rendered and not lockstep else None
         if camera:
             stack.enter_context(camera)
         if not lockstep:
@@ -76,8 +76,7 @@ def run_world(
         world = WorldHalf(scenario, None if lockstep else COMMAND_PERIOD, draws=lockstep)
         if camera:
             camera.wait_until_ready()
-        flight_met = meet_onboard(greeter, inbox, scenario, wait, check_alive)
-        outbox = Outbox(bus, flight_met.session, flight_met.key)
+        outbox = Outbox(bus, meet_onboard(greeter, inbox, scenario, wait, check_alive).session)
         stack.enter_context(_saying_farewell(greeter))
         if lockstep:
             flight = fly_lockstep(scenario, ask_over_link(outbox, inbox, greeter), progress, record, world)
@@ -124,13 +123,13 @@ def run_onboard(
     Arguments and errors as run_world, checkpoint and say as in real_time_onboard.py; without a planner goals are not
     answered. Exported is what flies in lockstep in place of the onboard half of this process. Call warm_up before.
     """
-    with no_collecting(), open_bus(url) as bus:
-        inbox = Inbox(bus, ("hello", "goal", "tick", *ports()), key)
+    with no_collecting(), Bus(url, key) as bus:
+        inbox = Inbox(bus, ("hello", "goal", "tick", *ports()))
         detector = DetectorThread(scenario) if scenario.is_rendered else None
         onboard = OnboardHalf(scenario, detects=detector is None)
         in_lockstep = OnboardHalf(scenario) if detector else onboard  # looks at pictures itself
-        met = meet_world(bus, inbox, scenario, key, wait, session_of(checkpoint) if checkpoint else 0)
-        outbox = Outbox(bus, met.flight.session, met.flight.key)
+        met = meet_world(bus, inbox, scenario, wait, session_of(checkpoint) if checkpoint else 0)
+        outbox = Outbox(bus, met.flight.session)
         if met.lockstep:
             ticks, real_time = answer_over_link(exported or in_lockstep, outbox, inbox, progress, record), None
         elif exported:

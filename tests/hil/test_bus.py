@@ -1,24 +1,29 @@
-"""A bus that is there or an error that mends it, of this machine alone, and understood by LCM's own library."""
+"""A bus on which those who have the key hear each other; whoever has not is kept out, whatever it tries."""
 
-import shutil
+import errno
+import hashlib
+import hmac
+import secrets
 import socket
 import struct
-import subprocess
-import sys
+import threading
 import time
-from pathlib import Path
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 
 import pytest
-from hil_link import open_bus
-from waiting import HANGS
+import zmq
+from curve25519 import public_key
+from hil_link import KEY, open_bus, own_bus, settle
+from waiting import HANGS, wait_for
+from zmq.utils import z85
 
-from ortilo_drake.hil.wire import bus as library
-from ortilo_drake.hil.wire.bus import MEMORY_URL, Bus
-from ortilo_drake.hil.wire.multicast import Multicast, address, is_local, leaves_machine
-from ortilo_drake.hil.wire.udpm import encode
+from ortilo_drake.hil.wire.bus import AT_ONCE, LARGEST, Bus, curve_keys
 from ortilo_drake.model.typed_yaml import InputError
 
-SIZES = (0, 1, 200, 65_496, 65_497, 65_498, 65_499, 150_000)  # on channel X the last but two are LCM's short ones
+STRANGER = 32 * b"s"
+SIZES = (0, 1, 200, 65_499, 150_000, 1_000_000)
+SECRET = b"thrust 14.7 N, and where the vehicle is"
 
 
 def heard(bus: Bus, channel: str) -> list[bytes]:
@@ -27,178 +32,399 @@ def heard(bus: Bus, channel: str) -> list[bytes]:
     return came
 
 
-def group_of(url: str) -> tuple[str, int]:
-    group, port, _ = address(url)
-    return group, port
+def until(done: Callable[[], bool], *buses: Bus) -> None:
+    """Handle what comes on the buses until something is so."""
+
+    def turn() -> bool:
+        for bus in buses:
+            bus.handle(5)
+        return done()
+
+    wait_for(turn, "messages")
 
 
-@pytest.mark.parametrize(
-    "url",
-    [
-        "", "lcm", "tcpq://127.0.0.1:7667", "udpm://", "udpm://nobody:7667", "udpm://10.0.0.1:7667", "udpm://239.255.76.67",
-        "udpm://239.255.76.67:0", "udpm://239.255.76.67:70000", "udpm://239.255.76.67:7667/x",
-        "udpm://239.255.76.67:7667?ttl=256", "udpm://239.255.76.67:7667?ttl=-1", "udpm://239.255.76.67:7667?ttl=x",
-        "udpm://239.255.76.67:7667?tll=0", "udpm://239.255.76.67:7667?recv_buf_size=0", "udpm://[::1]:7667", "udpm://[:7667",
-    ],
-)  # fmt: skip
-def test_a_bad_url_is_refused(url: str, capfd: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(InputError, match=r"^url: ") as caught:
-        library.open_bus(url)
-    assert repr(url) in str(caught.value)
-    assert "\n" not in str(caught.value)
-    assert capfd.readouterr() == ("", "")
+def port_of(url: str) -> int:
+    return int(url.rpartition(":")[2])
 
 
-def test_only_a_ttl_leaves_the_machine() -> None:
-    assert leaves_machine("udpm://239.255.76.67:7667?ttl=1")
-    assert not leaves_machine("udpm://239.255.76.67:7667?ttl=0")
-    assert not leaves_machine("udpm://239.255.76.67:7667")
-    assert not leaves_machine(MEMORY_URL)
+# --- who has the key -----------------------------------------------------------------------------------------------
 
 
-def test_a_port_that_nobody_shares_is_found_out(bus: str) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as another:
-        another.bind(group_of(bus))
-        with pytest.raises(InputError, match=r"^url: .*address already in use"):
-            library.open_bus(bus)
-
-
-def test_a_bus_that_hears_nothing_is_found_out(bus: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Multicast, "wait", lambda self, milliseconds: False)
-    monkeypatch.setattr(Multicast, "receive", lambda self: [])
-    with pytest.raises(InputError, match=r"^url: .*nothing sent there is heard"):
-        library.open_bus(bus)
-
-
-@pytest.mark.parametrize("url", ["of this test", MEMORY_URL])
-def test_what_is_published_is_heard_whole_and_in_order(bus: str, url: str) -> None:
-    a = open_bus(bus if url != MEMORY_URL else url)
-    b = open_bus(bus) if url != MEMORY_URL else a
-    came, other = heard(b, "X"), heard(b, "Y")
+def test_what_is_published_is_heard_by_all_others_whole_and_in_order(bus: str) -> None:
+    server, a, b = open_bus(bus, serves=True), open_bus(bus), open_bus(bus)
+    settle(server, a, b)
+    came = {end: heard(end, "X") for end in (server, a, b)}
+    other = [heard(end, "Y") for end in (server, a, b)]
     sent = [bytes([size % 251]) * size for size in SIZES]
-    for data in sent:
-        a.publish("X", data)
-    a.publish("Z", b"nobody listens")
-    until = time.monotonic() + HANGS
-    while len(came) < len(sent) and time.monotonic() < until:
-        b.handle(10)
-    assert came == sent
-    assert other == []
-    assert b.refused == {}
+    for source in (server, a):
+        for data in sent:
+            source.publish("X", data)
+        source.publish("Z", b"nobody listens")
+    until(lambda: len(came[b]) == 2 * len(sent) and len(came[a]) == len(came[server]) == len(sent), server, a, b)
+    assert came[a] == came[server] == sent  # each the other's, and none its own
+    assert sorted(came[b]) == sorted(2 * sent)
+    assert other == [[], [], []]
+    assert server.refused == a.refused == b.refused == {}
 
 
 def test_another_port_is_another_bus(bus: str, other_bus: str) -> None:
-    a, b, other = open_bus(bus), open_bus(bus), open_bus(other_bus)
-    came, silent = heard(b, "X"), heard(other, "X")
-    a.publish("X", b"here")
-    assert b.handle(round(1e3 * HANGS)) == 1
+    server, a, other = open_bus(bus, serves=True), open_bus(bus), open_bus(other_bus, serves=True)
+    settle(server, a)
+    came, silent = heard(a, "X"), heard(other, "X")
+    server.publish("X", b"here")
+    assert a.handle(round(1e3 * HANGS)) == 1
     assert other.handle(20) == 0
     assert (came, silent) == ([b"here"], [])
 
 
+def test_who_does_not_hear_is_sent_nothing_and_is_heard(bus: str) -> None:
+    server, a = open_bus(bus, serves=True), open_bus(bus)
+    settle(server, a)
+    came, there = heard(server, "X"), heard(a, "X")
+    with Bus(bus, KEY, hears=False) as deaf:
+        silent = heard(deaf, "X")
+
+        def speak() -> bool:
+            deaf.publish("X", b"data")
+            server.publish("X", b"of the server")
+            return b"data" in came and b"data" in there
+
+        until(speak, server, a)
+        assert deaf.handle(50) == 0
+        assert silent == []
+
+
 def test_handle_waits_no_longer_than_told_whatever_else_comes(bus: str) -> None:
-    a, b = open_bus(bus), open_bus(bus)
+    server, a = open_bus(bus, serves=True), open_bus(bus)
+    settle(server, a)
     for _ in range(100):
         a.publish("Y", b"for somebody else")
-    assert b.handle(1) == 0
-    assert b.handle() == 0
+    assert server.handle(1) == 0
+    assert server.handle() == 0
 
 
-class Quiet:
-    """A wire on which something comes at times, never for us."""
-
-    def __init__(self, wakes: int):
-        self.wakes, self.waited = wakes, list[int]()
-
-    def send(self, datagram: bytes) -> None: ...
-
-    def receive(self) -> list[tuple[tuple[str, int], bytes]]:
-        return [(("127.0.0.1", 1), encode("Y", 0, b"")[0])]
-
-    def wait(self, milliseconds: int) -> bool:
-        self.waited.append(milliseconds)
-        return len(self.waited) <= self.wakes
-
-    def close(self) -> None: ...
+def test_handle_takes_a_limited_number_at_once(bus: str) -> None:
+    server, a = open_bus(bus, serves=True), open_bus(bus)
+    settle(server, a)
+    came = heard(server, "X")
+    for _ in range(AT_ONCE + 10):
+        a.publish("X", b"")
+    time.sleep(0.2)
+    assert server.handle(round(1e3 * HANGS)) <= AT_ONCE
+    until(lambda: len(came) == AT_ONCE + 10, server)
 
 
-def test_handle_waits_all_it_is_told_and_not_in_a_busy_loop() -> None:
-    for wakes in (0, 3):
-        wire = Quiet(wakes)
-        assert Bus(wire, "").handle(10_000) == 0
-        assert wire.waited[0] == 10_000
-        assert len(wire.waited) == wakes + 1
-    wire = Quiet(0)
-    assert Bus(wire, "").handle(1) == 0
-    assert wire.waited == [1]
-    assert Bus(wire, "").handle() == 0
-    assert wire.waited == [1]
+def test_who_joins_finds_a_server_that_comes_later_and_one_that_comes_again(bus: str) -> None:
+    a = open_bus(bus)
+    came = heard(a, "X")
+    for turn in (b"1", b"2"):
+        a.publish("X", turn)
+        with Bus(bus, KEY, serves=True) as server:
+            its = heard(server, "X")
+            settle(server, a)
+            server.publish("X", b"here")
+            until(lambda: came == [b"here"], a)
+            assert its == [turn]
+        came.clear()
 
 
-def test_what_comes_from_elsewhere_is_not_heard(bus: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    joined = open_bus(bus)
-    came = heard(joined, "X")
-    datagram = encode("X", 0, b"data")[0]
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        sender.sendto(datagram, ("127.0.0.1", group_of(bus)[1]))  # to this machine, not to the group
-        assert joined.handle(50) == 0
-        sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
-        sender.sendto(datagram, group_of(bus))
-        assert joined.handle(round(1e3 * HANGS)) == 1
-        # A sender is on this machine only if its address is: one of a network of documentation's is not.
-        monkeypatch.setattr("ortilo_drake.hil.wire.multicast._LOOPBACK", "203.0.113.7")
-        monkeypatch.setattr("ortilo_drake.hil.wire.multicast.is_local", lambda host: host == "203.0.113.7")
-        sender.sendto(datagram, group_of(bus))
-        assert joined.handle(50) == 0
+def test_what_was_published_before_closing_arrives(bus: str) -> None:
+    a = open_bus(bus)
+    came = heard(a, "X")
+    with Bus(bus, KEY, serves=True) as server:
+        settle(server, a)
+        for i in range(50):
+            server.publish("X", bytes([i]))
+    until(lambda: len(came) == 50, a)
+    assert came == [bytes([i]) for i in range(50)]
+
+
+def test_who_is_gone_costs_the_others_nothing(bus: str) -> None:
+    server, a = open_bus(bus, serves=True), open_bus(bus)
+    with Bus(bus, KEY) as b:
+        settle(server, a, b)
+    came = heard(a, "X")
+    for _ in range(100):
+        server.publish("X", b"data")
+        server.handle(1)
+    until(lambda: len(came) == 100, a)
+    assert len(server._others) == 1
+
+
+def test_two_servers_are_one_too_many(bus: str) -> None:
+    open_bus(bus, serves=True)
+    with pytest.raises(InputError, match=r"^url: '.*': another process serves it; end that one, or give .* another --"):
+        Bus(bus, KEY, serves=True)
+
+
+def test_an_address_of_another_machine_is_not_served() -> None:
+    with pytest.raises(InputError, match=r"^url: .* no address of this machine"):
+        Bus("tcp://203.0.113.7:7667", KEY, serves=True)  # kept for documentation, RFC 5737
+
+
+def test_on_the_loopback_interface_no_other_interface_listens(bus: str) -> None:
+    open_bus(bus, serves=True)
+    with socket.socket() as probe:  # another address of this machine, on which nobody listens
+        assert probe.connect_ex(("127.0.0.2", port_of(bus))) == errno.ECONNREFUSED
+
+
+def test_the_keys_are_the_hmac_of_rfc_2104_and_curve25519() -> None:
+    """Against HMAC written out, and RFC 7748's ladder."""
+    padded = KEY + bytes(32)
+    inner, outer = bytes(k ^ 0x36 for k in padded), bytes(k ^ 0x5C for k in padded)
+    for whose in ("server", "joins"):
+        text = f"ortilo {whose}".encode()
+        secret = hashlib.sha256(outer + hashlib.sha256(inner + text).digest()).digest()
+        assert secret == hmac.digest(KEY, text, "sha256")
+        public, private = curve_keys(KEY, whose)
+        assert (z85.decode(private), z85.decode(public)) == (secret, public_key(secret))
+    assert curve_keys(KEY, "server") != curve_keys(KEY, "joins") != curve_keys(STRANGER, "joins")
+
+
+# --- who has not ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("key", [STRANGER, bytes(32), KEY[:-1] + b"x"])
+def test_with_another_key_nobody_says_or_hears_anything(bus: str, key: bytes) -> None:
+    server, a, stranger = open_bus(bus, serves=True), open_bus(bus), open_bus(bus, key=key)
+    settle(server, a)
+    came, there, stolen = heard(server, "X"), heard(a, "X"), heard(stranger, "X")
+
+    def speak() -> bool:
+        for end in (stranger, server):
+            end.publish("X", b"data of " + str(id(end)).encode())
+        return server.refused["key"] >= 3 and stranger.refused["key"] >= 3
+
+    until(speak, server, a, stranger)
+    until(lambda: bool(there), a)
+    assert came == stolen == []
+    assert {*there} == {b"data of " + str(id(server)).encode()}
+
+
+@contextmanager
+def raw(kind: int, url: str, **options: object) -> Iterator["zmq.Socket[bytes]"]:
+    """Connect a socket of ZeroMQ's own with some options."""
+    with zmq.Context() as context, context.socket(kind) as end:
+        end.linger = 0
+        for name, value in options.items():
+            setattr(end, name, value)
+        end.connect(url)
+        yield end
+
+
+def test_with_half_of_the_keys_nobody_comes_in(bus: str) -> None:
+    server, a = open_bus(bus, serves=True), open_bus(bus)
+    settle(server, a)
+    came = heard(server, "X")
+    ours, theirs = curve_keys(KEY, "server")[0], curve_keys(STRANGER, "joins")
+    any_server = dict(zip(("curve_publickey", "curve_secretkey"), curve_keys(KEY, "joins"), strict=True))
+    attempts = (
+        {"curve_serverkey": ours, "curve_publickey": theirs[0], "curve_secretkey": theirs[1]},  # who knows the server's
+        any_server | {"curve_serverkey": curve_keys(STRANGER, "server")[0]},  # and who knows the other pair
+        {},  # without encryption
+        {"plain_username": b"admin", "plain_password": b"admin"},
+    )
+    for options in attempts:
+        before = server.refused["key"]
+        with raw(zmq.DEALER, bus, probe_router=1, **options) as end:
+            end.send_multipart([b"X", b"data"])
+            until(lambda before=before: server.refused["key"] > before, server)
+            server.publish("X", SECRET)
+            server.handle(50)
+            assert not end.poll(50)
+    assert came == []
+
+
+def test_bytes_that_are_no_zeromq_are_refused(bus: str) -> None:
+    server, a = open_bus(bus, serves=True), open_bus(bus)
+    settle(server, a)
+    came, greeting = heard(server, "X"), b"\xff" + bytes(8) + b"\x7f\x03\x00"
+    garbage = [b"", b"GET / HTTP/1.1\r\n\r\n", secrets.token_bytes(3000), 100 * b"\xff", bytes(4096)]
+    garbage += [greeting + b"NULL" + bytes(16) + bytes(32), greeting + b"CURVE" + bytes(15) + secrets.token_bytes(500)]
+    garbage += [b"\x01\x00\x04\x00X\x01data", b"LC02" + struct.pack(">I", 1) + b"X\0data"]  # ZMTP 1.0; the wire before
+    for data in garbage:
+        with socket.create_connection(("127.0.0.1", port_of(bus))) as end:
+            end.sendall(data)
+            server.handle(20)
+    a.publish("X", b"data")
+    until(lambda: bool(came), server)
     assert came == [b"data"]
 
 
-def test_which_addresses_are_this_machines() -> None:
-    assert is_local("127.0.0.1")
-    assert is_local("127.1.2.3")
-    assert not is_local("203.0.113.7")  # of a network kept for documentation, RFC 5737
+def test_a_message_of_another_form_is_refused_and_one_too_large_ends_its_connection(bus: str) -> None:
+    server, a = open_bus(bus, serves=True), open_bus(bus)
+    settle(server, a)
+    came, there = heard(server, "X"), heard(a, "X")
+    for frames in ([b"X"], [b"X", b"a", b"b"], [b"", b"", b""], 40 * [b""]):
+        a._socket.send_multipart(frames)
+    a._socket.send_multipart([b"\xff\x00", b"a channel that is no text"])
+    until(lambda: server.refused["frames"] == 4, server)
+    a.publish("X", bytes(LARGEST + 1))
+    a.publish("X", b"data")
+    server.handle(50)
+    assert bytes(LARGEST + 1) not in came
+    settle(server, a)  # it is back
+    server.publish("X", b"again")
+    until(lambda: b"again" in there, server, a)
 
 
-# --- in a network of its own ---------------------------------------------------------------------------------------
-
-TWIN = Path(__file__).with_name("lcm_twin.py")
+# --- who stands between --------------------------------------------------------------------------------------------
 
 
-def in_a_network(wait: float, sizes: tuple[int, ...], *commands: str) -> str:
-    """Return what lcm_twin.py says in a network namespace with a loopback interface alone, after some commands."""
-    if not shutil.which("unshare") or subprocess.run(["unshare", "-rn", "true"], capture_output=True).returncode:
-        pytest.skip("`unshare -rn` is missing or not allowed: no network namespace to try in")
-    if not shutil.which("ip"):
-        pytest.skip("the command `ip` is missing (Debian: iproute2)")
-    script = "; ".join(("ip link set lo up", *commands, 'exec "$@"'))
-    command = ["unshare", "-rn", "sh", "-c", script, "sh", sys.executable, str(TWIN), *map(str, (wait, *sizes))]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=HANGS)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+class Between:
+    """A process between a server and those who join it: it hands on, records and changes what is sent."""
+
+    def __init__(self, target: int, change: Callable[[bytes, int], bytes] = lambda data, n: data):
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.url = f"tcp://127.0.0.1:{self._listener.getsockname()[1]}"
+        self._target, self._change = target, change
+        self.to_server: list[bytearray] = []  # of each connection
+        self.to_others = bytearray()
+        self._ends: list[socket.socket] = [self._listener]
+        self._start(self._accept)
+
+    def _start(self, work: Callable[..., None], *args: object) -> None:
+        threading.Thread(target=work, args=args, daemon=True).start()
+
+    def _accept(self) -> None:
+        while True:
+            try:
+                end, _ = self._listener.accept()
+                there = socket.create_connection(("127.0.0.1", self._target))
+            except OSError:
+                return
+            self._ends += [end, there]
+            self.to_server.append(bytearray())
+            self._start(self._pass, end, there, self.to_server[-1], True)
+            self._start(self._pass, there, end, self.to_others, False)
+
+    def _pass(self, source: socket.socket, target: socket.socket, tape: bytearray, changes: bool) -> None:
+        n = 0
+        try:
+            while data := source.recv(65536):
+                tape += data
+                target.sendall(self._change(data, n) if changes else data)
+                n += 1
+        except OSError:
+            pass
+        for end in (source, target):
+            end.close()
+
+    def close(self) -> None:
+        for end in self._ends:
+            end.close()
 
 
-@pytest.mark.processes
-def test_lcms_own_library_hears_us_and_is_heard() -> None:
-    said = in_a_network(60.0, SIZES, "ip route add 224.0.0.0/4 dev lo")
-    assert said == "ours to theirs: all\ntheirs to ours: all\n"
+def test_who_reads_what_is_sent_learns_nothing(bus: str) -> None:
+    server = open_bus(bus, serves=True)
+    with ExitStack() as stack:
+        between = Between(port_of(bus))
+        stack.callback(between.close)
+        a = stack.enter_context(Bus(between.url, KEY))
+        settle(server, a)
+        came, there = heard(server, "ORTILO_COMMAND"), heard(a, "ORTILO_IMU")
+        for _ in range(3):
+            a.publish("ORTILO_COMMAND", SECRET)
+            server.publish("ORTILO_IMU", SECRET)
+        until(lambda: len(came) == len(there) == 3, server, a)
+        sent = b"".join(between.to_server) + between.to_others
+    assert len(sent) > 6 * len(SECRET)
+    for word in (SECRET, b"thrust", b"ORTILO", b"SETTLE", KEY, *curve_keys(KEY, "server"), *curve_keys(KEY, "joins")):
+        assert word not in sent
 
 
-@pytest.mark.processes
-def test_what_comes_by_another_interface_is_not_heard() -> None:
-    # As on a machine whose multicast goes by its default route: there LCM listens to the whole network.
-    cable = ("link add cable type dummy", "address add 10.76.67.1/24 dev cable", "link set cable up")
-    said = in_a_network(2.0, (200,), *(f"ip {words}" for words in (*cable, "route add default dev cable")))
-    assert said == "ours to theirs: none\ntheirs to ours: none\n"
+def test_a_recorded_connection_is_not_taken_again(bus: str) -> None:
+    server = open_bus(bus, serves=True)
+    came = heard(server, "X")
+    with ExitStack() as stack:
+        between = Between(port_of(bus))
+        stack.callback(between.close)
+        a = stack.enter_context(Bus(between.url, KEY))
+        settle(server, a)
+        a.publish("X", b"once")
+        until(lambda: came == [b"once"], server)
+        (tape,) = between.to_server
+        for _ in range(3):  # all at once, and as it was sent
+            for cuts in ([bytes(tape)], [bytes(tape[i : i + 64]) for i in range(0, len(tape), 64)]):
+                with socket.create_connection(("127.0.0.1", port_of(bus))) as end:
+                    for data in cuts:
+                        try:
+                            end.sendall(data)
+                        except OSError:
+                            break  # the server has closed it
+                        server.handle(1)
+                    until(lambda: True, server)
+        server.handle(100)
+    assert came == [b"once"]
 
 
-@pytest.mark.processes
-def test_the_datagram_that_kills_lcms_own_library_does_not_kill_ours(bus: str) -> None:
-    joined, came = open_bus(bus), []
-    joined.subscribe("ORTILO_HELLO", came.append)
-    killing = struct.pack(">IIIIHH", 0x4C433033, 1, 2**16, 2**31, 0, 2) + b"ORTILO_HELLO\0" + 50 * b"A"
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
-        sender.sendto(killing, group_of(bus))
-        sender.sendto(encode("ORTILO_HELLO", 2, b"data")[0], group_of(bus))
-    assert joined.handle(round(1e3 * HANGS)) == 1
-    assert (came, joined.refused) == ([b"data"], {"fragment": 1})
+@pytest.mark.parametrize("attack", ["repeat", "flip"])
+def test_a_message_repeated_or_changed_on_its_way_is_not_taken(bus: str, attack: str) -> None:
+    server, attacks = open_bus(bus, serves=True), threading.Event()
+
+    def change(data: bytes, n: int) -> bytes:
+        if not attacks.is_set() or len(data) > 500:
+            return data
+        attacks.clear()
+        return data + data if attack == "repeat" else data[:-1] + bytes([data[-1] ^ 1])
+
+    came = heard(server, "X")
+    with ExitStack() as stack:
+        between = Between(port_of(bus), change)
+        stack.callback(between.close)
+        a = stack.enter_context(Bus(between.url, KEY))
+        settle(server, a)
+        before = len(between.to_server)
+        attacks.set()
+        a.publish("X", b"once")
+        wait_for(lambda: not attacks.is_set(), "the attack")
+
+        def joined_again() -> bool:  # the connection is ended, and made anew
+            return len(between.to_server) > before
+
+        until(joined_again, server, a)
+        assert came == ([b"once"] if attack == "repeat" else [])
+        settle(server, a)
+        came.clear()
+        a.publish("X", b"twice")
+        until(lambda: came == [b"twice"], server)
+
+
+def test_a_flood_of_strangers_keeps_nobody_from_talking(bus: str) -> None:
+    server, a, over = open_bus(bus, serves=True), open_bus(bus), threading.Event()
+    settle(server, a)
+    came, there, opened = heard(server, "X"), heard(a, "X"), [0]
+
+    def flood() -> None:
+        while not over.is_set():
+            with socket.socket() as end:
+                end.settimeout(1.0)
+                try:
+                    end.connect(("127.0.0.1", port_of(bus)))
+                    end.sendall(secrets.token_bytes(2000))
+                except OSError:
+                    continue
+                opened[0] += 1
+
+    thread = threading.Thread(target=flood, daemon=True)
+    thread.start()
+    try:
+        wait_for(lambda: opened[0] > 20, "a flood")
+        for k in range(300):
+            a.publish("X", b"up %d" % k)
+            server.publish("X", b"down %d" % k)
+            server.handle(1)
+            a.handle(1)
+        until(lambda: len(came) == len(there) == 300, server, a)
+    finally:
+        over.set()
+        thread.join(HANGS)
+    assert came == [b"up %d" % k for k in range(300)]
+    assert there == [b"down %d" % k for k in range(300)]
+
+
+def test_own_buses_are_the_tests_alone() -> None:
+    with own_bus() as a, own_bus() as b:
+        assert a != b
+        with Bus(a, KEY, serves=True), pytest.raises(InputError):
+            Bus(a, KEY, serves=True)

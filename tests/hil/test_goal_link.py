@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import xarray as xr
-from hil_link import FLIGHT_KEY, KEY, PlayedWorld, answering, flight_for_packets, key_file, open_bus
+from hil_link import KEY, Loop, PlayedWorld, answering, flight_for_packets, key_file, open_bus
 from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
@@ -19,7 +19,6 @@ from ortilo_drake.flight.flight import fly
 from ortilo_drake.hil.goals import goal_link
 from ortilo_drake.hil.goals.goal_link import LOCKSTEP_REFUSAL, GoalLink, answer_to, ask_goal
 from ortilo_drake.hil.sessions import run_world
-from ortilo_drake.hil.wire.bus import MEMORY_URL
 from ortilo_drake.hil.wire.handshake import find_world
 from ortilo_drake.hil.wire.inbox import Inbox
 from ortilo_drake.hil.wire.packets import Goal
@@ -44,16 +43,16 @@ def sent_by(inbox: Inbox) -> list[Goal]:
 
 
 def link_and_wire(wait: float = 5.0) -> tuple[GoalLink, Inbox]:
-    joined = open_bus(MEMORY_URL)
-    inbox = Inbox(joined, ["goal"], KEY, flight_for_packets(SESSION))
-    return GoalLink(Outbox(joined, SESSION, FLIGHT_KEY), inbox, wait), inbox
+    joined = Loop()
+    inbox = Inbox(joined, ["goal"], flight_for_packets(SESSION))
+    return GoalLink(Outbox(joined, SESSION), inbox, wait), inbox
 
 
 def test_who_joins_under_way_asks_for_a_tick_whose_answer_it_takes() -> None:
-    joined = open_bus(MEMORY_URL)
-    inbox = Inbox(joined, ["goal"], KEY)
+    joined = Loop()
+    inbox = Inbox(joined, ["goal"])
     inbox.begin(flight_for_packets(SESSION), 100)
-    link = GoalLink(Outbox(joined, SESSION, FLIGHT_KEY), inbox)
+    link = GoalLink(Outbox(joined, SESSION), inbox)
     link.ask(1.0, 2.0)
     link.turn([])
     assert [goal.tick for goal in sent_by(inbox)] == [100]
@@ -149,6 +148,7 @@ def flying(bus: str, reason_for: ReasonFor) -> Iterator[None]:
         finally:
             stop.set()
             flight.result(HANGS)
+            world.close()
 
 
 def ask(bus: str, reason_for: ReasonFor, wait: float = HANGS, settings: tuple[str, ...] = SETTINGS) -> None:
@@ -203,11 +203,11 @@ def test_the_command_takes_numbers_below_zero(bus: str, tmp_path: Path) -> None:
 
 def test_a_flight_in_lockstep_refuses_and_goes_on(bus: str) -> None:
     scenario, joined = load_scenario("nominal_imu_uwb", SETTINGS), open_bus(bus)
-    inbox, answers, refused = Inbox(joined, ["hello", "goal"], KEY), [], threading.Event()
+    inbox, answers, refused = Inbox(joined, ["hello", "goal"]), [], threading.Event()
     with answering(scenario, bus) as answered, ThreadPoolExecutor(1) as pool:
         world = pool.submit(run_world, scenario, bus, KEY, True, HANGS, record=lambda *tick: refused.wait(0.2))
-        flight = find_world(joined, inbox, scenario, KEY, HANGS).flight
-        link = GoalLink(Outbox(joined, flight.session, flight.key), inbox, HANGS)
+        flight = find_world(joined, inbox, scenario, HANGS).flight
+        link = GoalLink(Outbox(joined, flight.session), inbox, HANGS)
         link.ask(1.0, 2.0)
         while not answers:
             heard = [arrival.packet.value for arrival in inbox.poll(10) if arrival.packet.name == "goal"]

@@ -13,7 +13,7 @@ from ortilo_drake.hil.wire import key_file
 from ortilo_drake.hil.wire.key_file import NO_SECRET, choose_key, default_file, own_key, read_key, write_key
 from ortilo_drake.model.typed_yaml import InputError
 
-HERE, BEYOND = "udpm://239.255.76.67:7667?ttl=0", "udpm://239.255.76.67:7667?ttl=1"
+HERE, BEYOND = "tcp://127.0.0.1:7667", "tcp://0.0.0.0:7667"
 
 
 @pytest.fixture
@@ -123,8 +123,8 @@ def test_a_bus_of_this_machine_takes_ones_own_key(home: Path) -> None:
     assert choose_key(HERE) == choose_key(HERE) == read_key(default_file())
 
 
-def test_what_leaves_the_machine_needs_a_key_or_a_word(home: Path) -> None:
-    with pytest.raises(InputError, match=r"^url: .* leaves this machine: give both halves the same --key FILE"):
+def test_what_is_open_to_other_machines_needs_a_key_or_a_word(home: Path) -> None:
+    with pytest.raises(InputError, match=r"^url: .* is open to other machines: give both halves the same --key FILE"):
         choose_key(BEYOND)
     assert not default_file().exists()
     write_key(home / "key")

@@ -4,7 +4,6 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hil_link import FLIGHT_KEY
 
 from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
 from ortilo_drake.hil.wire.handshake import flight_of
@@ -18,7 +17,6 @@ from ortilo_drake.hil.wire.packets import (
     encode_telemetry,
     encode_vector,
 )
-from ortilo_drake.hil.wire.seal import seal
 from ortilo_drake.hil.wire.unpack import decode
 from ortilo_drake.hil.wire.wire import Outbox, publish_command, publish_messages, publish_telemetry
 from ortilo_drake.model.signals import PAYLOAD
@@ -28,14 +26,14 @@ from ortilo_drake.scenario import Scenario, load_scenario, scenario_names
 LATE = ("camera.link.delay=2", "camera.link.random_delay=1", "imu.link.delay=3")
 SETTINGS = ("camera.kind=projected", "servo.velocities=truth", *LATE)
 SCENARIO = load_scenario("nominal_imu_uwb_yolo", SETTINGS)
-FLIGHT = flight_of(SCENARIO, 7, FLIGHT_KEY)
+FLIGHT = flight_of(SCENARIO, 7)
 TICK = 300
 OUTPUTS = SCENARIO.measurement.sizes | TELEMETRY
 
 
 def verdict(name: str, body: bytes, flight: Flight = FLIGHT) -> str:
     try:
-        decode(name, seal(FLIGHT_KEY, name, body), b"", flight)
+        decode(name, body, flight)
     except BadPacket as problem:
         return problem.reason
     return "accepted"
@@ -135,16 +133,16 @@ class Reader:
     """In place of a bus: every packet of a flight must pass the other half's checks."""
 
     def __init__(self, scenario: Scenario):
-        self.flight, self.read = flight_of(scenario, 7, FLIGHT_KEY), 0
+        self.flight, self.read = flight_of(scenario, 7), 0
 
     def publish(self, channel: str, data: bytes) -> None:
-        decode(channel.removeprefix("ORTILO_").lower(), data, b"", self.flight)
+        decode(channel.removeprefix("ORTILO_").lower(), data, self.flight)
         self.read += 1
 
 
 def check_packets(scenario: Scenario):  # type: ignore[no-untyped-def]
     reader = Reader(scenario)
-    outbox = Outbox(reader, 7, FLIGHT_KEY)  # type: ignore[arg-type]
+    outbox = Outbox(reader, 7)  # type: ignore[arg-type]
 
     def record(k: int, x: np.ndarray, messages: dict[str, np.ndarray], outputs: dict[str, np.ndarray]) -> None:
         publish_messages(outbox, k, messages)

@@ -29,7 +29,7 @@ def test_a_bad_link_costs_time_but_not_a_bit(
     del alone.attrs["real_time_factor"]
     stop, relays = threading.Event(), threading.Event()
     with answering(scenario, other_bus) as answered, ThreadPoolExecutor(1) as pool:
-        relay = pool.submit(run_relay, bus, other_bus, BAD, BAD, 3, HANGS, stop, relays)
+        relay = pool.submit(run_relay, KEY, bus, other_bus, BAD, BAD, 3, HANGS, stop, relays)
         try:
             assert relays.wait(HANGS)
             flight, report = sessions.run_world(scenario, bus, KEY, True, HANGS)

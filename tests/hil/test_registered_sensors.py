@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
-from hil_link import FLIGHT_KEY, KEY, answering, flight_for_packets
+from hil_link import KEY, answering, flight_for_packets
 from waiting import HANGS
 
 from ortilo_drake.flight.flight import fly
@@ -12,7 +12,6 @@ from ortilo_drake.hil.wire.handshake import flight_of
 from ortilo_drake.hil.wire.limits import LARGEST, limits_of
 from ortilo_drake.hil.wire.packet_checks import BadPacket, Flight
 from ortilo_drake.hil.wire.packets import PORTS, TELEMETRY, encode_telemetry, encode_tick, encode_vector, ports
-from ortilo_drake.hil.wire.seal import seal
 from ortilo_drake.hil.wire.unpack import Packet, decode
 from ortilo_drake.model import parts
 from ortilo_drake.model.input_error import InputError
@@ -23,13 +22,13 @@ from ortilo_drake.scenario import load_scenario
 LATE = ("altimeter.link.delay=2", "flow.link={delay: 1, random_delay: 3}")
 SCENARIO = load_scenario("flow", LATE)
 SESSION, TICK = 77, 300
-FLIGHT = flight_of(SCENARIO, SESSION, FLIGHT_KEY)
+FLIGHT = flight_of(SCENARIO, SESSION)
 SIZES = {"y": 9 + 1 + 2, "delta": 3 + 1 + 1, "V2": 3 * 9 + 1 + 4}  # of the paper's sensors, altimeter and flow
 MESSAGES = {"altimeter": np.array([1.0, TICK * FLIGHT.h, 1.4]), "flow": np.array([1.0, TICK * FLIGHT.h, *5 * [0.5]])}
 
 
 def opened(name: str, body: bytes, flight: Flight = FLIGHT) -> Packet:
-    return decode(name, seal(FLIGHT_KEY, name, body), b"", flight)
+    return decode(name, body, flight)
 
 
 def verdict(name: str, body: bytes, flight: Flight = FLIGHT) -> str:

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from hil_link import KEY, PlayedWorld, open_bus
+from hil_link import PlayedWorld, open_bus
 from waiting import HANGS
 
 from ortilo_drake.hil.wire.handshake import MetFlight, meet_world
@@ -43,7 +43,7 @@ def a_flight(bus: str, is_commanded: bool) -> Iterator[int]:
 
 def join(bus: str, flew: int) -> MetFlight:
     joined = open_bus(bus)
-    return meet_world(joined, Inbox(joined, ("hello", "tick", *PORTS), KEY), SCENARIO, KEY, HANGS, flew)
+    return meet_world(joined, Inbox(joined, ("hello", "tick", *PORTS)), SCENARIO, HANGS, flew)
 
 
 def test_another_onboard_half_is_refused(bus: str, monkeypatch: pytest.MonkeyPatch) -> None:

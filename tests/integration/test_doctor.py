@@ -103,15 +103,12 @@ def test_little_room_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     assert doctor_checks.memory().found == "1.0 GB free"
 
 
-def test_a_group_that_cannot_be_joined_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    from ortilo_drake.hil.wire import bus
-
-    def refuses(url: str) -> None:
-        raise OSError("no such device")
-
-    monkeypatch.setattr(bus, "open_bus", refuses)
-    found = doctor_checks.multicast()
-    assert (found.is_there, found.found, found.mend) == (False, "no such device", "ip link set lo up")
+def test_a_zeromq_without_encryption_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert doctor_checks.encrypted_link().is_there
+    monkeypatch.setattr("zmq.has", lambda feature: feature != "curve")
+    found = doctor_checks.encrypted_link()
+    assert (found.is_there, found.mend) == (False, "pip install pyzmq, as a wheel")
+    assert found.found.endswith("without CURVE")
 
 
 def test_here_all_that_is_needed_is_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

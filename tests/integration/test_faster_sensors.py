@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
-from hil_link import FLIGHT_KEY, KEY, answering
+from hil_link import KEY, answering
 from scipy import stats
 from scipy.integrate import solve_ivp
 from waiting import HANGS
@@ -18,7 +18,6 @@ from ortilo_drake.hil import sessions
 from ortilo_drake.hil.wire.handshake import flight_of
 from ortilo_drake.hil.wire.packet_checks import BadPacket
 from ortilo_drake.hil.wire.packets import encode_vector
-from ortilo_drake.hil.wire.seal import seal
 from ortilo_drake.hil.wire.unpack import decode
 from ortilo_drake.interop.log.logged_flight import fly_logged
 from ortilo_drake.interop.log.mcap_records import read_logged
@@ -198,7 +197,7 @@ def test_over_a_link_the_flight_is_that_of_a_single_process(bus: str) -> None:
 
 def test_packets_hold_samples_of_this_tick_in_their_order() -> None:
     scenario = load_scenario("nominal_imu_uwb", (*FAST,))
-    flight, tick = flight_of(scenario, 77, FLIGHT_KEY), 300
+    flight, tick = flight_of(scenario, 77), 300
     samples = np.zeros((N, IMU_SIZE))
     samples[:, 0], samples[:, STAMP] = 1.0, (tick - 1 + np.arange(1, N + 1) / N) * H
 
@@ -208,7 +207,7 @@ def test_packets_hold_samples_of_this_tick_in_their_order() -> None:
             its[at] = value
         message = np.concatenate(([head.get("arrived", 1.0), head.get("stamp", tick * H)], its.ravel()))
         try:
-            decode("imu", seal(FLIGHT_KEY, "imu", encode_vector(77, tick, message)), b"", flight)
+            decode("imu", encode_vector(77, tick, message), flight)
         except BadPacket as problem:
             return problem.reason
         return "accepted"

@@ -17,15 +17,14 @@ from waiting import HANGS
 
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.saved_flight import load_flight
-from ortilo_drake.hil.wire.multicast import MEND, MEND_NETWORK
 from ortilo_drake.scenario import load_scenario
 
 pytestmark = pytest.mark.processes
 
 
-def beyond(bus: str) -> str:
-    """Return the URL of a bus whose packets leave their machine."""
-    return bus.replace("ttl=0", "ttl=1")
+def at(host: str, bus: str) -> str:
+    """Return the URL of a bus at another host."""
+    return bus.replace("127.0.0.1", host)
 
 
 def ip(*words: str) -> None:
@@ -61,17 +60,16 @@ def run_alone(*steps: tuple[str, tuple[str, ...]]) -> list[tuple[int, str]]:
     return [(code, errors) for code, errors in json.loads(done.stdout.splitlines()[-1])]
 
 
-def test_on_one_machine_no_route_is_needed_and_else_a_line_names_it(bus: str) -> None:
+def test_without_a_route_the_loopback_interface_is_enough_and_else_a_line_says_why(bus: str) -> None:
     if not shutil.which("unshare") or subprocess.run(["unshare", "-rn", "true"], capture_output=True).returncode:
         pytest.skip("`unshare -rn` is missing or not allowed: no network namespace to try in")
     if not shutil.which("ip"):
         pytest.skip("the command `ip` is missing (Debian: iproute2)")
     world = ("hil", "world", "nominal_imu_uwb", *HOVER, "--wait", "1")
     cases = (
-        ("", ("--url", bus), f"no multicast (no such device); as root: {MEND}\n"),
-        (MEND, ("--url", bus), "onboard half: not heard in 1 s; start it with: ortilo hil onboard\n"),
-        ("", ("--url", beyond(bus)), "which `ortilo hil key FILE` makes, or --insecure\n"),
-        ("", ("--url", beyond(bus), "--insecure"), f"no multicast (no such device); as root: {MEND_NETWORK}\n"),
+        ("ip link set lo up", ("--url", bus), "onboard half: not heard in 1 s; start it with: ortilo hil onboard\n"),
+        ("", ("--url", at("0.0.0.0", bus)), "which `ortilo hil key FILE` makes, or --insecure\n"),
+        ("", ("--url", at("10.76.67.1", bus), "--insecure"), "or tcp://0.0.0.0:PORT\n"),
     )
     ended = run_alone(*((command, (*world, *words)) for command, words, _ in cases))
     for (code, errors), (*_, said) in zip(ended, cases, strict=True):
@@ -102,7 +100,6 @@ def two_networks() -> Iterator[tuple[str, str]]:
             ip("-n", space, "link", "set", "lo", "up")
             ip("-n", space, "address", "add", f"10.76.67.{number}/24", "dev", "cable")
             ip("-n", space, "link", "set", "cable", "up")
-            ip("-n", space, "route", "add", "224.0.0.0/4", "dev", "cable")
         yield spaces
     finally:
         for space in made:
@@ -115,25 +112,26 @@ SETTINGS = tuple(word for word in (*PROJECTED, *HOVER) if word != "--set")
 @pytest.mark.real_time
 def test_each_half_in_a_network_of_its_own(tmp_path: Path, bus: str) -> None:
     assert run("hil", "key", str(tmp_path / "key")) == 0
-    here = ("--url", beyond(bus), "--key", str(tmp_path / "key"), *WAIT)
-    words = ("nominal_imu_uwb_yolo", *PROJECTED, *HOVER, *here)
+    words = ("nominal_imu_uwb_yolo", *PROJECTED, *HOVER, "--key", str(tmp_path / "key"), *WAIT)
+    serves, joins = (*words, "--url", at("0.0.0.0", bus)), (*words, "--url", at("10.76.67.1", bus))
     report = tmp_path / "world.json"
     with two_networks() as spaces:
-        lockstep = (*words, "--lockstep", "--out", str(tmp_path / "link.nc"), "--json", str(report))
-        for code, _, errors in run_both(lockstep, words, spaces):
+        lockstep = (*serves, "--lockstep", "--out", str(tmp_path / "link.nc"), "--json", str(report))
+        for code, _, errors in run_both(lockstep, joins, spaces):
             assert code == 0, errors
         alone, apart = fly(load_scenario("nominal_imu_uwb_yolo", SETTINGS)), load_flight(tmp_path / "link.nc")
         xr.testing.assert_equal(apart, alone)
-        real_time = (*words, "--seconds", "3", "--json", str(report))
-        for code, _, errors in run_both(real_time, words, spaces):
+        real_time = (*serves, "--seconds", "3", "--json", str(report))
+        for code, _, errors in run_both(real_time, joins, spaces):
             assert code == 0, errors
         check_in_time(json.loads(report.read_text()), 91)
     assert not any(space in subprocess.run(["ip", "netns"], capture_output=True, text=True).stdout for space in spaces)
 
 
-def test_beyond_its_machine_a_packet_with_ttl_0_does_not_go(bus: str) -> None:
-    words = ("nominal_imu_uwb", *HOVER, "--url", bus, "--wait", "2")
+def test_a_world_on_the_loopback_interface_is_not_reached_from_elsewhere(tmp_path: Path, bus: str) -> None:
+    assert run("hil", "key", str(tmp_path / "key")) == 0
+    words = ("nominal_imu_uwb", *HOVER, "--key", str(tmp_path / "key"), "--wait", "2")
     with two_networks() as spaces:
-        for code, _, errors in run_both(words, words, spaces):
+        for code, _, errors in run_both((*words, "--url", bus), (*words, "--url", at("10.76.67.1", bus)), spaces):
             assert code == 2
             assert "not heard in 2 s" in errors

@@ -186,9 +186,8 @@ def play_world(url: str, scenario: Scenario, stop: threading.Event) -> None:
         publish_telemetry(world.outbox, k, outputs_of(0))
         k += 1
         time.sleep(0.01)
-    for _ in range(5):
-        time.sleep(0.01)
-        world.turn(k, FINISHED)
+    world.turn(k, FINISHED)
+    world.close()
 
 
 def with_world(url: str, scenario: Scenario, bridge: Callable[[threading.Event], Any]) -> Any:

@@ -3,7 +3,7 @@
 import pytest
 
 from ortilo_drake.commands.room.survey import _numbers
-from ortilo_drake.hil.wire.multicast import address
+from ortilo_drake.hil.wire.address import address
 from ortilo_drake.interop.mavlink import udp_address
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.inputs.numbers import decimal, is_port, whole
@@ -23,8 +23,7 @@ def test_digits_of_other_scripts_are_no_numbers(text: str) -> None:
 @pytest.mark.parametrize("text", OTHERS[:-1])
 def test_no_address_and_no_option_takes_them(text: str) -> None:
     for read, line in (
-        (address, f"udpm://239.255.76.67:7667?ttl={text}"),
-        (address, f"udpm://239.255.76.67:{text}"),
+        (address, f"tcp://127.0.0.1:{text}"),
         (udp_address, f"udpout:127.0.0.1:{text}"),
         (_numbers, f"0,{text}"),
         (parse_size, f"8x{text}x3"),

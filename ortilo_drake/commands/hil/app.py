@@ -10,7 +10,9 @@ from ortilo_drake.commands.hil.onboard import onboard
 from ortilo_drake.commands.hil.relay import relay
 from ortilo_drake.commands.hil.world import world
 
-hil_app = typer.Typer(no_args_is_help=True, help="Hardware in the loop: the two halves in two processes, over LCM.")
+hil_app = typer.Typer(
+    no_args_is_help=True, help="Hardware in the loop: the two halves in two processes or on two machines."
+)
 for command in (world, onboard, check, relay, bridge, key):
     hil_app.command()(command)
 hil_app.command(context_settings={"ignore_unknown_options": True})(goal)  # -2 is a number, no option

@@ -32,7 +32,6 @@ from ortilo_drake.commands.terminal import (
     show_report,
     write_json,
 )
-from ortilo_drake.hil.wire.urls import DEFAULT_URL
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.scenario import InputError, Scenario, load_scenario
 
@@ -41,9 +40,9 @@ AFTERWARDS = 20.0  # how long the onboard half may take to end after the flight 
 
 def _bus_of_our_own() -> str:
     """Return the URL of a bus on this machine that no flight uses, so that two checks at once do not meet."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        free.bind(("", 0))
-        return DEFAULT_URL.replace(":7667", f":{free.getsockname()[1]}")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return f"tcp://127.0.0.1:{free.getsockname()[1]}"
 
 
 @contextlib.contextmanager
@@ -64,6 +63,7 @@ def _other_half(scenario: Scenario, url: str, key: bytes, wait: float) -> Iterat
             with contextlib.suppress(BrokenPipeError):  # it has ended already, see check_alive
                 process.stdin.write(f"{key.hex()}\n")
                 process.stdin.close()
+            process.stdin = None  # communicate would flush it
 
             def check_alive() -> None:
                 if process.poll():
@@ -87,7 +87,7 @@ def check(
     lockstep: LockstepOption = False,
     seconds: SecondsOption = None,
     url: Annotated[
-        str | None, typer.Option(help="The LCM bus; by default one of this machine alone, on a free port.")
+        str | None, typer.Option(help="The address, tcp://HOST:PORT; by default a free port of this machine alone.")
     ] = None,
     wait: WaitOption = 60.0,
     png: Annotated[Path | None, typer.Option(help="Draw the latencies' histogram to this file.")] = None,
@@ -133,4 +133,4 @@ def check(
     show_report(lines)
     say_written(png, json_file)
     if identical is False:
-        raise InputError(f"{chosen.name}: the flight over LCM differs from the one in a single process")
+        raise InputError(f"{chosen.name}: the flight of two processes differs from the one in a single process")

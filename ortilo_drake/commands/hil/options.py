@@ -9,7 +9,12 @@ import typer
 from ortilo_drake.commands.options import finite
 from ortilo_drake.commands.terminal import err, progress_bar
 
-UrlOption = Annotated[str, typer.Option(help="The LCM bus; by default of this machine alone (ttl=0).")]
+UrlOption = Annotated[
+    str, typer.Option(help="The world's address, tcp://HOST:PORT; by default one of this machine alone.")
+]
+ServesOption = Annotated[
+    str, typer.Option(help="Serve this address; tcp://0.0.0.0:PORT for other machines, by default this one alone.")
+]
 KeyOption = Annotated[
     str | None,
     typer.Option("--key", metavar="FILE", help="The secret of both halves, of `ortilo hil key`; by default your own."),

@@ -4,6 +4,7 @@ from typing import Annotated
 
 import typer
 
+from ortilo_drake.commands.hil.options import InsecureOption, KeyOption
 from ortilo_drake.commands.options import JsonOption, finite, quiet_drake
 from ortilo_drake.commands.terminal import check_writable, say_written, show_report, write_json
 from ortilo_drake.hil.wire.urls import DEFAULT_URL, ONBOARD_URL
@@ -16,17 +17,21 @@ def relay(
     to_onboard: Annotated[str | None, typer.Option(help="Faults on the way to the onboard half, if others.")] = None,
     to_world: Annotated[str | None, typer.Option(help="Faults on the way to the world, if others.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 1,
-    url_world: Annotated[str, typer.Option(help="The world's bus.")] = DEFAULT_URL,
-    url_onboard: Annotated[str, typer.Option(help="The onboard half's bus.")] = ONBOARD_URL,
+    url_world: Annotated[str, typer.Option(help="The world's address, which it joins.")] = DEFAULT_URL,
+    url_onboard: Annotated[str, typer.Option(help="The onboard half's, which it serves.")] = ONBOARD_URL,
+    key: KeyOption = None,
+    insecure: InsecureOption = False,
     seconds: Annotated[
         float, typer.Option(min=0.0, callback=finite, help="Stop after that long [s]; Ctrl-C stops it too.")
     ] = 86400.0,
     json_file: JsonOption = None,
 ) -> None:
-    """Pass packets on between the halves, each on a bus of its own, with faults."""
+    """Pass packets on between the halves, each at an address of its own, with faults."""
     check_writable(json_file)
     from ortilo_drake.hil.relay.faults import Faults
     from ortilo_drake.hil.relay.relay import run_relay
+    from ortilo_drake.hil.wire.address import leaves_machine
+    from ortilo_drake.hil.wire.key_file import choose_key
     from ortilo_drake.model.typed_yaml import parse_yaml, validate
 
     quiet_drake()
@@ -37,7 +42,8 @@ def relay(
             ("--faults" if to_world is None else "--to-world", faults if to_world is None else to_world),
         )
     )
-    counts = run_relay(url_world, url_onboard, there, back, seed, seconds)
+    secret = choose_key(url_onboard if leaves_machine(url_onboard) else url_world, key, insecure)
+    counts = run_relay(secret, url_world, url_onboard, there, back, seed, seconds)
     write_json(json_file, counts)
     show_report(counts)
     say_written(json_file)

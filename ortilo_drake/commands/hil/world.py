@@ -12,7 +12,7 @@ from ortilo_drake.commands.hil.options import (
     KeyOption,
     LockstepOption,
     SecondsOption,
-    UrlOption,
+    ServesOption,
     WaitOption,
     showing_flight,
 )
@@ -41,7 +41,7 @@ def world(
     seed: SeedOption = None,
     settings: SetOption = None,
     lockstep: LockstepOption = False,
-    url: UrlOption = DEFAULT_URL,
+    url: ServesOption = DEFAULT_URL,
     key: KeyOption = None,
     insecure: InsecureOption = False,
     wait: WaitOption = 60.0,

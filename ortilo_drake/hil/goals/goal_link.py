@@ -1,4 +1,4 @@
-"""A goal asked for over the bus: the request is repeated until the onboard half answers, as packets may be lost.
+"""A goal asked for over the bus: the request is repeated until the onboard half answers, as a relay may lose packets.
 
 The onboard half flies there at the height at which it comes to rest, or refuses with one line; see goals.py. A number
 in each request tells the answers apart, and lets the onboard half know a repeated request.
@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterable
 from typing import Final
 
-from ortilo_drake.hil.wire.bus import open_bus
+from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.handshake import draw, find_world
 from ortilo_drake.hil.wire.inbox import Inbox
 from ortilo_drake.hil.wire.limits import FARTHEST
@@ -59,7 +59,7 @@ class GoalLink:
         """Repeat the request if that is due; return its answer once, or a refusal if none came in time.
 
         Args:
-            heard: the goals of this flight that came since the last call, our own among them.
+            heard: the goals of this flight that came since the last call.
         """
         if self._request is None:
             return None
@@ -81,7 +81,7 @@ def ask_goal(url: str, key: bytes, scenario: Scenario, x: float, y: float, wait:
     """Have a flight in real time go to a goal; return once the onboard half is on its way.
 
     Args:
-        url: the bus, see bus.open_bus.
+        url: the bus, tcp://HOST:PORT.
         key: that the halves share, see key_file.py.
         scenario: what is flown, the same as the halves'.
         x: east [m], in W.
@@ -92,10 +92,10 @@ def ask_goal(url: str, key: bytes, scenario: Scenario, x: float, y: float, wait:
         InputError: if the bus does not work, the world is not heard or flies another scenario, or the goal is refused
             or not answered.
     """
-    with open_bus(url) as bus:
-        inbox = Inbox(bus, ("hello", "goal"), key)
-        flight = find_world(bus, inbox, scenario, key, wait).flight
-        link = GoalLink(Outbox(bus, flight.session, flight.key), inbox, wait)
+    with Bus(url, key) as bus:
+        inbox = Inbox(bus, ("hello", "goal"))
+        flight = find_world(bus, inbox, scenario, wait).flight
+        link = GoalLink(Outbox(bus, flight.session), inbox, wait)
         link.ask(x, y)
         answer = link.turn(())
         while answer is None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ortilo_drake.diagrams.rendered_camera import make_rendered_camera
-from ortilo_drake.hil.wire.bus import open_bus
+from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.packets import encode_picture
 from ortilo_drake.hil.wire.wire import Outbox
 from ortilo_drake.model.typed_yaml import InputError
@@ -23,14 +23,15 @@ class CameraProcess:
     Args:
         scenario: the scenario, whose camera renders.
         url: the bus.
+        key: of the bus.
     """
 
-    def __init__(self, scenario: Scenario, url: str):
+    def __init__(self, scenario: Scenario, url: str, key: bytes):
         spawn = multiprocessing.get_context("spawn")
         self._jobs, self._child_end = spawn.Pipe()
         self._skipped: Synchronized[int] = spawn.Value("q", 0)
         text = scenario.model_dump_json()
-        self._process = spawn.Process(target=_draw, args=(text, url, self._child_end, self._skipped), daemon=True)
+        self._process = spawn.Process(target=_draw, args=(text, url, key, self._child_end, self._skipped), daemon=True)
 
     def __enter__(self) -> "CameraProcess":
         self._process.start()
@@ -59,23 +60,23 @@ class CameraProcess:
         if error:
             raise InputError(f"camera: {error}")
 
-    def shoot(self, outbox: Outbox, tick: int, stamp: float, x: np.ndarray) -> None:
+    def shoot(self, session: int, tick: int, stamp: float, x: np.ndarray) -> None:
         """Have a picture drawn as seen from the state x (12) at a stamp [s], and sent as of a tick.
 
         The flight goes on without pictures if the process has ended.
         """
         try:
-            self._jobs.send((outbox.session, outbox.key, tick, stamp, x))
+            self._jobs.send((session, tick, stamp, x))
         except OSError:
             with self._skipped.get_lock():
                 self._skipped.value += 1
 
 
-def _draw(scenario_json: str, url: str, jobs: Connection, skipped: "Synchronized[int]") -> None:
+def _draw(scenario_json: str, url: str, key: bytes, jobs: Connection, skipped: "Synchronized[int]") -> None:
     try:
         scenario = Scenario.model_validate_json(scenario_json)
         diagram = make_rendered_camera(scenario.load_room(), scenario.camera.width)
-        context, bus = diagram.CreateDefaultContext(), open_bus(url)
+        context, bus = diagram.CreateDefaultContext(), Bus(url, key, hears=False)
     except InputError as error:
         jobs.send(str(error))
         return
@@ -93,9 +94,9 @@ def _draw(scenario_json: str, url: str, jobs: Connection, skipped: "Synchronized
                     job = newer
                     with skipped.get_lock():
                         skipped.value += 1
-                session, key, tick, stamp, x = job
+                session, tick, stamp, x = job
                 state.FixValue(context, x)
                 pixels = np.array(image.Eval(context).data)
-                Outbox(bus, session, key).send("image", encode_picture(session, tick, stamp, pixels))
+                Outbox(bus, session).send("image", encode_picture(session, tick, stamp, pixels))
     except (EOFError, KeyboardInterrupt, BrokenPipeError):
         return

@@ -88,8 +88,6 @@ def fly_in_real_time(
     def listen(until: float) -> None:
         """Take packets until a time of the flight."""
         for received, packet in _polled(inbox, start + until):
-            if packet.name == "hello":
-                greeter.hear(packet.value)
             if packet.name == "hello" or packet.tick > k + lag:
                 continue  # no onboard half is that far ahead, even of a world that was delayed
             flown.hear(packet)
@@ -104,7 +102,7 @@ def fly_in_real_time(
         flown.send(x, messages)
         shutter = messages.pop("shutter", None)
         if camera and shutter is not None:
-            camera.shoot(outbox, k, shutter[STAMP], flown.state(tick_of(shutter[STAMP], h)))
+            camera.shoot(outbox.session, k, shutter[STAMP], flown.state(tick_of(shutter[STAMP], h)))
         publish_messages(outbox, k, messages)
         timing.sent(start + k * h, time.perf_counter())
         if k % heartbeat == 0:

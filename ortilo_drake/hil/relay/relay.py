@@ -1,8 +1,7 @@
 """A process between the halves that passes their packets on, with faults.
 
-Each half has a bus of its own; the relay listens on both. The channel, or the role in a hello, tells which half a
-packet comes from. A packet heard on the other half's bus is the relay's own, and is not sent back. Listeners, and users
-who ask for a goal, are on the world's bus. The relay passes on bytes and needs no key.
+Each half has a bus of its own. The world serves its bus and the relay joins it; the relay serves the onboard half's,
+which joins that. Listeners, and users who ask for a goal, are on the world's bus. Both buses have the same key.
 """
 
 import heapq
@@ -13,16 +12,14 @@ from threading import Event
 from typing import Final
 
 from ortilo_drake.hil.relay.faults import FaultModel, Faults
-from ortilo_drake.hil.wire.bus import Bus, open_bus
-from ortilo_drake.hil.wire.multicast import address
+from ortilo_drake.hil.wire.address import address
+from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.packets import NO_TICK, channel_of, ports
-from ortilo_drake.hil.wire.unpack import role_of
 from ortilo_drake.hil.wire.urls import DEFAULT_URL, ONBOARD_URL
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.world.noise import stream_id, uniforms
 
 _FROM_ONBOARD: Final = ("command", "telemetry")
-_ROLES: Final = {"world": ("world", "user"), "onboard": ("onboard",)}  # that a packet without a tick states
 _WAIT = 1  # [ms]
 
 
@@ -30,15 +27,13 @@ class _Direction:
     """Packets on their way from one half's bus to the other's, the next due first."""
 
     def __init__(self, half: str, source: Bus, target: Bus, faults: FaultModel):
-        self._half, self._target, self.faults = half, target, faults
+        self._target, self.faults = target, faults
         self._due: list[tuple[float, int, str, bytes]] = []
         self._order = itertools.count()  # breaks ties, first come first served
         for name in (*_FROM_ONBOARD, *NO_TICK) if half == "onboard" else (*ports(), "tick", *NO_TICK):
             source.subscribe(channel_of(name), partial(self._take, name))
 
     def _take(self, name: str, data: bytes) -> None:
-        if name in NO_TICK and role_of(name, data) not in _ROLES[self._half]:
-            return
         for due in self.faults.take(name, time.monotonic()):
             heapq.heappush(self._due, (due, next(self._order), channel_of(name), data))
 
@@ -51,6 +46,7 @@ class _Direction:
 
 
 def run_relay(
+    key: bytes,
     url_world: str = DEFAULT_URL,
     url_onboard: str = ONBOARD_URL,
     to_onboard: Faults | None = None,
@@ -63,8 +59,9 @@ def run_relay(
     """Pass packets on until the time is over, an event is set or Ctrl-C is pressed; then return their counts.
 
     Args:
-        url_world: the bus of the world.
-        url_onboard: the bus of the onboard half.
+        key: of both buses, see key_file.py.
+        url_world: the bus that the world serves.
+        url_onboard: the bus that the relay serves for the onboard half.
         to_onboard: faults on the way to the onboard half; none by default.
         to_world: faults on the way to the world; none by default.
         seed: seed of all random numbers.
@@ -79,9 +76,9 @@ def run_relay(
     Raises:
         InputError: if a bus cannot be opened or both are the same.
     """
-    if address(url_world)[:2] == address(url_onboard)[:2]:
+    if address(url_world) == address(url_onboard):
         raise InputError(f"url: {url_world!r}: the relay needs two different buses, one for each half")
-    with open_bus(url_world) as world, open_bus(url_onboard) as onboard:
+    with Bus(url_world, key) as world, Bus(url_onboard, key, serves=True) as onboard:
         directions = {
             "to_onboard": _Direction("world", world, onboard, FaultModel(to_onboard or Faults(), seed, "to_onboard")),
             "to_world": _Direction("onboard", onboard, world, FaultModel(to_world or Faults(), seed, "to_world")),

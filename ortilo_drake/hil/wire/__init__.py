@@ -1,1 +1,1 @@
-"""Packets on the LCM bus: sealed, checked, put together again."""
+"""Packets between the halves: LCM messages over ZeroMQ, checked and put together again."""

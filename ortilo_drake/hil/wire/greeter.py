@@ -1,20 +1,15 @@
 """The world's side of the handshake (handshake.py): it says hello, and flies with the first half to answer."""
 
 import time
-from collections import deque
 from collections.abc import Callable
-from typing import Final
 
 from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.handshake import EVERY, draw, flight_of, refusal, say_hello, scenario_digest, unheard
 from ortilo_drake.hil.wire.inbox import Inbox
 from ortilo_drake.hil.wire.packet_checks import Flight
-from ortilo_drake.hil.wire.packets import FLYING, MAX_HEARD, Hello
-from ortilo_drake.hil.wire.seal import flight_key
+from ortilo_drake.hil.wire.packets import FLYING, Hello
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
-
-REFUSALS: Final = 6  # hellos to a half of another scenario before the world ends; each may be lost
 
 
 class Greeter:
@@ -22,40 +17,32 @@ class Greeter:
 
     Args:
         bus: the bus.
-        key: that the halves share.
         scenario: the world's scenario.
         lockstep: whether the world waits for every answer.
     """
 
-    def __init__(self, bus: Bus, key: bytes, scenario: Scenario, lockstep: bool):
-        self._bus, self._key, self._scenario = bus, key, scenario
+    def __init__(self, bus: Bus, scenario: Scenario, lockstep: bool):
+        self._bus, self._scenario = bus, scenario
         self._hello = Hello("world", scenario_digest(scenario), draw(), lockstep)
-        self._heard: deque[int] = deque(maxlen=MAX_HEARD)
 
     @property
     def session(self) -> int:
         """The flight's number."""
         return self._hello.session
 
-    def hear(self, hello: Hello) -> bool:
-        """Note the nonce of a hello that answers this world; return whether it does."""
-        answers = hello.role != "world" and hello.session == self.session
-        if answers and hello.nonce not in self._heard:
-            self._heard.append(hello.nonce)
-        return answers
+    def is_answer(self, hello: Hello) -> bool:
+        """Return whether a hello answers this world."""
+        return hello.role != "world" and hello.session == self.session
 
     def meet(self, nonce: int) -> Flight:
         """Fly with the onboard half of a nonce; return the flight, which every hello names from now on."""
         self._hello = self._hello._replace(state=FLYING, nonce=nonce)
-        key = flight_key(self._key, self.session, nonce, self._hello.scenario_digest)
-        return flight_of(self._scenario, self.session, key)
+        return flight_of(self._scenario, self.session)
 
     def say(self, tick: int = -1, state: str = "") -> None:
         """Say hello at a tick; a state, if given, replaces the present one."""
-        self._hello = self._hello._replace(
-            sequence=self._hello.sequence + 1, tick=tick, state=state or self._hello.state, heard=tuple(self._heard)
-        )
-        say_hello(self._bus, self._key, self._hello)
+        self._hello = self._hello._replace(tick=tick, state=state or self._hello.state)
+        say_hello(self._bus, self._hello)
 
 
 def meet_onboard(
@@ -80,18 +67,15 @@ def meet_onboard(
     digest = scenario_digest(scenario)
     until, last_sent = time.monotonic() + wait, -1.0
     while (now := time.monotonic()) < until:
-        if now > last_sent + EVERY:  # not at every packet heard: it hears its own
+        if now > last_sent + EVERY:
             check_alive()
             greeter.say()
             last_sent = now
         for arrival in inbox.poll(round(1e3 * EVERY)):
             hello = arrival.packet.value
-            if not greeter.hear(hello) or hello.role != "onboard":
+            if not greeter.is_answer(hello) or hello.role != "onboard":
                 continue
             if why := refusal(hello, digest):
-                for _ in range(REFUSALS):
-                    greeter.say()
-                    time.sleep(EVERY / 2.0)
                 raise InputError(f"onboard half: {why}")
             flight = greeter.meet(hello.nonce)
             inbox.begin(flight)

@@ -1,13 +1,12 @@
-"""The handshake: the two halves agree on protocol, scenario, session and key before a flight.
+"""The handshake: the two halves agree on protocol, scenario and session before a flight.
 
-The world says hello ten times a second. A process that hears it answers with a nonce that it drew. The world's hellos
-list the nonces that it heard; once its own is among them, the process knows that the world speaks now and is no
-recording. The world flies with the first onboard half that it hears. From then on its hellos hold that half's nonce;
-nonce and session make the flight's key (seal.py). In flight the world goes on saying hello, with its tick: an onboard
-half may join again, and listeners and users may join. They take nothing that was sent before that tick.
+The world says hello ten times a second. An onboard half that hears it answers with a number that it drew, its nonce.
+The world flies with the first half to answer; from then on its hellos hold that half's nonce. In flight the world goes
+on saying hello, with its tick: an onboard half may join again, and listeners and users may join. They take nothing that
+was sent before that tick.
 
-Hellos are sealed too. A half that speaks another version of the protocol, or flies another scenario, is refused by
-name; so is a second onboard half.
+A half that speaks another version of the protocol, or flies another scenario, is refused by name; so is a second
+onboard half. Who has not the key does not get this far (bus.py).
 """
 
 import hashlib
@@ -15,18 +14,18 @@ import secrets
 import time
 from typing import Final, NamedTuple
 
-from ortilo_drake.hil.wire.bus import Bus, open_bus
+from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.inbox import Inbox
 from ortilo_drake.hil.wire.limits import limits_of
 from ortilo_drake.hil.wire.packet_checks import Flight
-from ortilo_drake.hil.wire.packets import FINISHED, LOOKING, PROTOCOL, Hello, channel_of, encode_hello
-from ortilo_drake.hil.wire.seal import flight_key, hello_key, seal
+from ortilo_drake.hil.wire.packets import FINISHED, FLYING, PROTOCOL, Hello, channel_of, encode_hello
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
 PATIENCE: Final = 10.0  # after which a silent half is given up [s]
 OTHERS: Final = 1.0  # how long to listen whether another onboard half flies [s]
 EVERY: Final = 0.1  # between two hellos [s]
+REFUSALS: Final = 6  # hellos to a world of another scenario before the onboard half ends; a relay may lose some
 
 
 def scenario_digest(scenario: Scenario) -> str:
@@ -40,31 +39,24 @@ def draw() -> int:
     return secrets.randbelow(2**62) + 1
 
 
-def flight_of(scenario: Scenario, session: int, key: bytes) -> Flight:
+def flight_of(scenario: Scenario, session: int) -> Flight:
     """Return the description of a flight that its packets are checked against.
 
     Args:
         scenario: the scenario.
         session: the flight's number.
-        key: of the flight, see seal.flight_key.
     """
     room = scenario.load_room()
     shape = None
     if scenario.is_rendered:
         camera = room.camera.scaled_to(scenario.camera.width)
         shape = camera.height, camera.width
-    return Flight(session, key, scenario.h, len(room.anchors), shape, limits_of(scenario))
+    return Flight(session, scenario.h, len(room.anchors), shape, limits_of(scenario))
 
 
-def say_hello(bus: Bus, key: bytes, hello: Hello) -> None:
-    """Publish a hello.
-
-    Args:
-        bus: the bus.
-        key: that the halves share.
-        hello: what to say.
-    """
-    bus.publish(channel_of("hello"), seal(hello_key(key), "hello", encode_hello(hello)))
+def say_hello(bus: Bus, hello: Hello) -> None:
+    """Publish a hello."""
+    bus.publish(channel_of("hello"), encode_hello(hello))
 
 
 def refusal(hello: Hello, digest: str) -> str:
@@ -80,9 +72,9 @@ def refusal(hello: Hello, digest: str) -> str:
 
 
 def unheard(inbox: Inbox, wait: float, command: str) -> str:
-    """Return a line that nobody was heard, how to start the other half, and whether one with another key was heard."""
-    strangers = inbox.counts().refused.get("mac", 0)
-    other = f"; {strangers} packets came under another key: give both halves the same --key" if strangers else ""
+    """Return a line that nobody was heard, how to start the other half, and whether one with another key was there."""
+    strangers = inbox.counts().refused.get("key", 0)
+    other = f"; {strangers} connections were refused: give both halves the same --key" if strangers else ""
     return f"not heard in {wait:g} s; start it with: {command}{other}"
 
 
@@ -102,7 +94,7 @@ class MetFlight(NamedTuple):
     is_chosen: bool
 
 
-def find_world(bus: Bus, inbox: Inbox, scenario: Scenario, key: bytes, wait: float, role: str = "user") -> MetFlight:
+def find_world(bus: Bus, inbox: Inbox, scenario: Scenario, wait: float, role: str = "user") -> MetFlight:
     """Find a world and the flight it flies; from now on the inbox takes that flight's packets.
 
     A world that is still looking for its onboard half is waited for.
@@ -111,61 +103,58 @@ def find_world(bus: Bus, inbox: Inbox, scenario: Scenario, key: bytes, wait: flo
         bus: the bus.
         inbox: hears hello.
         scenario: the scenario of this process.
-        key: that the halves share.
         wait: how long to look for it [s].
         role: "user", or "onboard" to fly it.
 
     Raises:
         InputError: if the world is not heard, has no onboard half, or flies another scenario.
     """
-    digest, nonce, sequence = scenario_digest(scenario), draw(), 0
-    inbox.poll()  # dropped: packets that came earlier may be of a world that has gone
-    until, last_sent, world_hello, is_there = time.monotonic() + wait, -1.0, None, False
+    digest, nonce = scenario_digest(scenario), draw()
+    until, last_sent, answer = time.monotonic() + wait, -1.0, None
     while (now := time.monotonic()) < until:
         for arrival in inbox.poll(round(1e3 * EVERY)):
             hello = arrival.packet.value
             if hello.role != "world" or hello.state == FINISHED:
                 continue
-            world_hello = hello
-            if nonce not in hello.heard:
-                continue
+            answer = Hello(role, digest, hello.session, nonce=nonce)
             if why := refusal(hello, digest):
+                for _ in range(REFUSALS if role == "onboard" else 0):
+                    say_hello(bus, answer)
+                    time.sleep(EVERY / 2.0)
                 raise InputError(f"world: {why}")
-            is_there = True
-            if hello.state != LOOKING:
-                flight = flight_of(scenario, hello.session, flight_key(key, hello.session, hello.nonce, digest))
-                tick = max(hello.tick, 0)
+            if hello.state == FLYING:
+                flight, tick = flight_of(scenario, hello.session), max(hello.tick, 0)
                 inbox.begin(flight, tick)
                 return MetFlight(flight, hello.lockstep, tick, hello.nonce == nonce)
-        if world_hello and now > last_sent + EVERY / 2.0:
-            sequence += 1
-            say_hello(bus, key, Hello(role, digest, world_hello.session, nonce=nonce, sequence=sequence))
+        if answer and now > last_sent + EVERY / 2.0:
+            say_hello(bus, answer)
             last_sent = now
-    if is_there:
+    if answer:
         raise InputError(f"world: found no onboard half in {wait:g} s; start it with: ortilo hil onboard")
     raise InputError(f"world: {unheard(inbox, wait, 'ortilo hil world')}")
 
 
-def _is_commanded(bus: Bus, key: bytes, met: MetFlight) -> bool:
+def _is_commanded(bus: Bus, met: MetFlight) -> bool:
     """Return whether somebody commands a flight at the moment."""
-    with open_bus(bus.url) as another:
-        inbox = Inbox(another, ("command",), key)
-        inbox.begin(met.flight, met.tick)
+    commands = Inbox(bus, ("command",))
+    commands.begin(met.flight, met.tick)
+    try:
         until = time.monotonic() + OTHERS
         while time.monotonic() < until:
-            if inbox.poll(10):
+            if commands.poll(10):
                 return True
-    return False
+        return False
+    finally:
+        commands.leave()
 
 
-def meet_world(bus: Bus, inbox: Inbox, scenario: Scenario, key: bytes, wait: float, last_session: int = 0) -> MetFlight:
+def meet_world(bus: Bus, inbox: Inbox, scenario: Scenario, wait: float, last_session: int = 0) -> MetFlight:
     """Find a world to fly, as find_world, and fly it.
 
     Args:
         bus: the bus.
         inbox: hears hello; from now on it takes this flight's packets.
         scenario: the scenario of this half.
-        key: that the halves share.
         wait: how long to look for it [s].
         last_session: the session that this half flew when it was killed, which it joins again at once. Before it joins
             any other flight it listens whether another onboard half flies that.
@@ -173,7 +162,7 @@ def meet_world(bus: Bus, inbox: Inbox, scenario: Scenario, key: bytes, wait: flo
     Raises:
         InputError: as find_world, and if another does.
     """
-    met = find_world(bus, inbox, scenario, key, wait, "onboard")
-    if not met.is_chosen and met.flight.session != last_session and _is_commanded(bus, key, met):
+    met = find_world(bus, inbox, scenario, wait, "onboard")
+    if not met.is_chosen and met.flight.session != last_session and _is_commanded(bus, met):
         raise InputError("world: flies with another onboard half already")
     return met

@@ -10,12 +10,10 @@ from typing import Final, NamedTuple
 from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.packet_checks import BadPacket, Flight
 from ortilo_drake.hil.wire.packets import Goal, Hello, channel_of
-from ortilo_drake.hil.wire.seal import hello_key
 from ortilo_drake.hil.wire.unpack import Packet, decode
 from ortilo_drake.hil.wire.window import Window
 
 GOAL_AGE: Final = 10.0  # an older request is refused [s]
-_SENDERS: Final = 64  # whose last hello is remembered
 
 
 class Arrival(NamedTuple):
@@ -49,14 +47,13 @@ class PacketCounts:
 class Inbox:
     """Takes the packets of a flight from our channels; refuses and counts all others, and raises on none.
 
-    A packet is taken once: one for each tick of a channel, and of each sender only newer hellos. A packet from before
-    this half joined the flight is refused as "old". Refused are also those that fail packet_checks.py, and datagrams
-    that are not LCM's (udpm.Reassembly).
+    A packet is taken once: one for each tick of a channel. Hellos and goals are taken as often as they come. A packet
+    from before this half joined the flight is refused as "old". Refused are also those that fail packet_checks.py, and
+    what the bus refuses (bus.Bus).
 
     Args:
         bus: the bus; only poll handles its subscriptions.
         names: the channels to listen on, of packets.KINDS or a sensor.
-        key: that the halves share, see key_file.py.
         flight: the flight that packets are checked against; with None only hellos pass, until begin.
 
     Attributes:
@@ -64,20 +61,25 @@ class Inbox:
         tick: the newest tick heard of; -1 before any.
     """
 
-    def __init__(self, bus: Bus, names: Iterable[str], key: bytes, flight: Flight | None = None):
+    def __init__(self, bus: Bus, names: Iterable[str], flight: Flight | None = None):
         self.flight, self.tick = flight, -1
-        self._bus, self._hello_key = bus, hello_key(key)
+        self._bus = bus
         self._raw: deque[tuple[str, float, bytes]] = deque()
         self._newest = dict.fromkeys(names, -1)
         self._windows = {name: Window() for name in self._newest}
-        self._hellos: dict[tuple[str, int, int], int] = {}
         self._joined = 0
         self._distinct: Counter[str] = Counter()
         self._first: dict[str, int] = {}
         self._count: Counter[str] = Counter()
         self._refused: Counter[str] = Counter()
-        for name in self._newest:
-            bus.subscribe(channel_of(name), partial(self._keep, name))
+        self._takers = {channel_of(name): partial(self._keep, name) for name in self._newest}
+        for channel, take in self._takers.items():
+            bus.subscribe(channel, take)
+
+    def leave(self) -> None:
+        """Take nothing more from the bus."""
+        for channel, take in self._takers.items():
+            self._bus.unsubscribe(channel, take)
 
     def _keep(self, name: str, data: bytes) -> None:
         self._raw.append((name, time.perf_counter(), data))
@@ -100,7 +102,7 @@ class Inbox:
         while self._raw:
             name, received, data = self._raw.popleft()
             try:
-                packet = decode(name, data, self._hello_key, self.flight)
+                packet = decode(name, data, self.flight)
                 is_new = self._is_new(name, packet)
             except BadPacket as problem:
                 self._refused[problem.reason] += 1
@@ -113,7 +115,8 @@ class Inbox:
     def _is_new(self, name: str, packet: Packet) -> bool:
         """Note a packet; return whether it is new. BadPacket if it is older than what is remembered."""
         if isinstance(packet.value, Hello):
-            return self._is_new_hello(packet.value)
+            self._check_hello(packet.value)
+            return True
         if isinstance(packet.value, Goal):
             goal, age = packet.value, GOAL_AGE / self.flight.h if self.flight else 0.0
             if goal.tick < max(self._joined, self.tick - age):
@@ -132,19 +135,11 @@ class Inbox:
         self.tick = max(self.tick, tick)
         return True
 
-    def _is_new_hello(self, hello: Hello) -> bool:
+    def _check_hello(self, hello: Hello) -> None:
         if self.flight and hello.session != self.flight.session:
             raise BadPacket("foreign")
-        sender = hello.role, hello.session, hello.nonce if hello.role != "world" else 0
-        last = self._hellos.pop(sender, -1)
-        self._hellos[sender] = max(last, hello.sequence)  # the sender heard last stands last
-        if len(self._hellos) > _SENDERS:
-            del self._hellos[next(iter(self._hellos))]
-        if hello.sequence <= last:
-            return False
         if self.flight and hello.role == "world":
             self.tick = max(self.tick, hello.tick)
-        return True
 
     def counts(self, name: str = "") -> PacketCounts:
         """Return the counts so far.

@@ -12,10 +12,10 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from ortilo_drake.hil.wire.multicast import leaves_machine
-from ortilo_drake.hil.wire.seal import KEY_SIZE
+from ortilo_drake.hil.wire.address import leaves_machine
 from ortilo_drake.model.typed_yaml import InputError
 
+KEY_SIZE: Final = 32
 STDIN: Final = "-"
 NO_SECRET: Final = hashlib.sha256(b"ortilo: no secret").digest()  # known to all who have the program
 _TEXT: Final = 2 * KEY_SIZE
@@ -102,7 +102,7 @@ def choose_key(url: str, file: str | None = None, insecure: bool = False) -> byt
         insecure: take NO_SECRET instead, which keeps nobody out.
 
     Raises:
-        InputError: if the key cannot be had, or packets leave the machine and none was given.
+        InputError: if the key cannot be had, or others than this machine can take part and none was given.
     """
     if insecure:
         if file is not None:
@@ -114,7 +114,7 @@ def choose_key(url: str, file: str | None = None, insecure: bool = False) -> byt
         return read_key(Path(file))
     if leaves_machine(url):
         raise InputError(
-            f"url: {url!r}: leaves this machine: give both halves the same --key FILE, which `ortilo hil key FILE` "
-            "makes, or --insecure"
+            f"url: {url!r}: is open to other machines: give both halves the same --key FILE, which "
+            "`ortilo hil key FILE` makes, or --insecure"
         )
     return own_key()

@@ -4,7 +4,6 @@ channel      no channel of ours
 length       too short, too long, or not as long as its own sizes say
 fingerprint  another LCM type, or another version of it
 foreign      another session's
-mac          damaged, or sealed with another key
 tick         negative, or beyond the longest flight
 value        beyond what this flight's sensors, rotors and room can give, or an unknown label
 stamp        before the flight, after its tick, or older than its link holds back
@@ -19,7 +18,6 @@ import numpy as np
 
 from ortilo_drake.hil.wire.limits import Limits
 from ortilo_drake.hil.wire.packets import MAX_TEXT
-from ortilo_drake.hil.wire.seal import MAC_SIZE, is_sealed
 from ortilo_drake.model.signals import ARRIVED, STAMP, samples_in
 
 TOLERANCE: Final = 1e-6  # [s] by which a stamp may pass its tick: rounding
@@ -40,7 +38,6 @@ class Flight(NamedTuple):
 
     Attributes:
         session: the number of the flight, positive.
-        key: of its packets, see seal.flight_key.
         h: the ticks' period [s].
         anchors: number of UWB anchors.
         shape: height and width of a picture [px]; None where none is sent.
@@ -48,32 +45,27 @@ class Flight(NamedTuple):
     """
 
     session: int
-    key: bytes
     h: float
     anchors: int
     shape: tuple[int, int] | None
     limits: dict[str, Limits]
 
 
-def open_message(kind: Any, name: str, data: bytes, sizes: tuple[int, int], key: bytes, session: int | None) -> Any:
-    """Return the decoded LCM message after the checks of length, fingerprint, session and seal.
+def open_message(kind: Any, data: bytes, sizes: tuple[int, int], session: int | None) -> Any:
+    """Return the decoded LCM message after the checks of length, fingerprint and session.
 
     Args:
         kind: LCM's class.
-        name: of the channel.
         data: any bytes.
-        sizes: least and greatest number of bytes without the tag.
-        key: of the seal.
+        sizes: least and greatest number of bytes.
         session: of the flight; None for a type in which it is not the first field.
     """
-    if not sizes[0] <= len(data) - MAC_SIZE <= sizes[1]:
+    if not sizes[0] <= len(data) <= sizes[1]:
         raise BadPacket("length")
     if data[:8] != kind._get_packed_fingerprint():
         raise BadPacket("fingerprint")
     if session is not None and data[8:16] != session.to_bytes(8, "big"):
         raise BadPacket("foreign")
-    if not is_sealed(key, name, data):
-        raise BadPacket("mac")
     try:
         return kind.decode(data)
     except (struct.error, ValueError, IndexError):
@@ -83,7 +75,7 @@ def open_message(kind: Any, name: str, data: bytes, sizes: tuple[int, int], key:
 def check_size(data: bytes, at: int, unit: int) -> None:
     """Refuse data whose length is not what the size at an offset says, in units of that many bytes."""
     stated = int.from_bytes(data[at : at + COUNT_SIZE], "big", signed=True)
-    if stated < 0 or at + COUNT_SIZE + unit * stated + MAC_SIZE != len(data):
+    if stated < 0 or at + COUNT_SIZE + unit * stated != len(data):
         raise BadPacket("length")
 
 

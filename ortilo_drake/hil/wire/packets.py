@@ -1,4 +1,4 @@
-"""Packets between the halves as bytes: LCM types (lcmtypes/*.lcm), without the tag that seal.py puts at their end.
+"""Packets between the halves as bytes: LCM types (lcmtypes/*.lcm).
 
 unpack.py turns packets back, strictly. A packet of one tick belongs to a session, a number that the world draws for
 each flight; so packets of another flight on the same wire are recognised.
@@ -21,7 +21,7 @@ from ortilo_drake.interop.ros.picture_codec import encode_png
 from ortilo_drake.model.parts import known_sensors
 from ortilo_drake.model.signals import N_XBAR, REFERENCE_SIZE, SENSORS
 
-PROTOCOL: Final = 3
+PROTOCOL: Final = 4
 PORTS: Final = (
     "imu",
     "uwb",
@@ -42,7 +42,6 @@ ANSWER: Final = {"control", *MEASUREMENT, *TELEMETRY}  # what a whole answer of 
 NO_TICK: Final = ("hello", "goal")  # channels whose packets belong to no tick
 LOOKING, FLYING, FINISHED = STATES = ("looking", "flying", "finished")
 ROLES: Final = ("world", "onboard", "user")
-MAX_HEARD: Final = 8
 MAX_TEXT: Final = 500  # bytes of a text
 
 
@@ -65,10 +64,8 @@ class Hello(NamedTuple):
         session: the flight's number, which the world draws.
         lockstep: whether the world waits for every answer.
         state: one of STATES: looking for the other half, flying with one, or finished.
-        nonce: a number that the sender drew; in the world's hellos that of the onboard half it met, 0 before.
-        sequence: grows with each hello of a sender.
+        nonce: a number that an onboard half drew; in the world's hellos that of the half it met, 0 before.
         tick: the world's tick now; -1 before the first.
-        heard: nonces that the world has heard lately: so their senders know that it is no recording.
         protocol: version of the types and of the order in which they are sent.
     """
 
@@ -78,9 +75,7 @@ class Hello(NamedTuple):
     lockstep: bool = False
     state: str = LOOKING
     nonce: int = 0
-    sequence: int = 0
     tick: int = -1
-    heard: tuple[int, ...] = ()
     protocol: int = PROTOCOL
 
 
@@ -107,7 +102,7 @@ class Goal(NamedTuple):
 
 
 def _body(message: Any) -> bytes:
-    return bytes(message.encode())  # with an empty mac
+    return bytes(message.encode())
 
 
 def _cut(text: str) -> str:
@@ -161,7 +156,6 @@ def encode_hello(hello: Hello) -> bytes:
     message = lcmt_hello()
     for name, value in hello._asdict().items():
         setattr(message, name, value)
-    message.n = len(hello.heard)
     return _body(message)
 
 

@@ -5,7 +5,6 @@ are compared with the bytes that are there, and a picture's size with this fligh
 """
 
 import re
-import struct
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -33,7 +32,6 @@ from ortilo_drake.hil.wire.packet_checks import (
     open_message,
 )
 from ortilo_drake.hil.wire.packets import (
-    MAX_HEARD,
     MAX_TEXT,
     MEASUREMENT,
     ROLES,
@@ -44,14 +42,13 @@ from ortilo_drake.hil.wire.packets import (
     ports,
 )
 from ortilo_drake.hil.wire.plain_text import plain
-from ortilo_drake.hil.wire.seal import MAC_SIZE
 from ortilo_drake.interop.ros.picture_codec import decode_foreign_png
 from ortilo_drake.model.signals import N_U, STAMP
 
 _TURN: Final = 8 + 8 + 8  # fingerprint, session, tick
 _GOAL_SIZES: Final = (_TURN + 8 + 2 * (COUNT_SIZE + 1) + 8 * 2, _TURN + 8 + 2 * (COUNT_SIZE + 1) + 8 * 2 + 2 * MAX_TEXT)
-_HELLO_LEAST: Final = 8 + 4 + 3 * (COUNT_SIZE + 1) + 8 + 1 + 3 * 8 + COUNT_SIZE
-_HELLO_SIZES: Final = (_HELLO_LEAST, _HELLO_LEAST + 3 * MAX_TEXT + 8 * MAX_HEARD)
+_HELLO_LEAST: Final = 8 + 4 + 3 * (COUNT_SIZE + 1) + 8 + 1 + 2 * 8
+_HELLO_SIZES: Final = (_HELLO_LEAST, _HELLO_LEAST + 3 * MAX_TEXT)
 _DIGEST: Final = re.compile(r"[0-9a-f]{16}")
 _PNG_MARGIN: Final = 65_536  # bytes by which a PNG may be longer than its pixels: noise does not compress
 
@@ -77,7 +74,7 @@ def _decode_vector(name: str, data: bytes, flight: Flight) -> Packet:
     limits = flight.limits[name]
     check_size(data, _TURN, 8)
     length = _TURN + COUNT_SIZE + 8 * limits.low.size
-    message = open_message(lcmt_vector, name, data, (length, length), flight.key, flight.session)
+    message = open_message(lcmt_vector, data, (length, length), flight.session)
     check_tick(message.tick, flight)
     values = np.array(message.values)
     check_values(values, limits)
@@ -92,7 +89,7 @@ def _decode_picture(name: str, data: bytes, flight: Flight) -> Packet:
     start = _TURN + 8 + COUNT_SIZE
     check_size(data, _TURN + 8, 1)
     sizes = start, start + 8 * pixels + _PNG_MARGIN
-    message = open_message(lcmt_picture, name, data, sizes, flight.key, flight.session)
+    message = open_message(lcmt_picture, data, sizes, flight.session)
     check_tick(message.tick, flight)
     check_stamp(message.stamp, message.tick, flight.limits[name], flight)
     image = None if flight.shape is None else decode_foreign_png(message.data, flight.shape)
@@ -103,7 +100,7 @@ def _decode_picture(name: str, data: bytes, flight: Flight) -> Packet:
 
 def _decode_tick(name: str, data: bytes, flight: Flight) -> Packet:
     longest = _TURN + COUNT_SIZE + sum(COUNT_SIZE + len(port) + 1 for port in ports())
-    message = open_message(lcmt_tick, name, data, (_TURN + COUNT_SIZE, longest), flight.key, flight.session)
+    message = open_message(lcmt_tick, data, (_TURN + COUNT_SIZE, longest), flight.session)
     check_canonical(message, data)
     check_tick(message.tick, flight)
     if len(set(message.sent)) != len(message.sent) or not set(message.sent) <= set(ports()):
@@ -113,7 +110,7 @@ def _decode_tick(name: str, data: bytes, flight: Flight) -> Packet:
 
 def _decode_command(name: str, data: bytes, flight: Flight) -> Packet:
     length = _TURN + 8 * N_U
-    message = open_message(lcmt_command, name, data, (length, length), flight.key, flight.session)
+    message = open_message(lcmt_command, data, (length, length), flight.session)
     check_tick(message.tick, flight)
     u = np.array(message.u)
     check_values(u, flight.limits[name])
@@ -125,7 +122,7 @@ def _decode_telemetry(name: str, data: bytes, flight: Flight) -> Packet:
     start = _TURN + 8 * sum(TELEMETRY.values())
     check_size(data, start, 8)
     length = start + COUNT_SIZE + 8 * sum(sizes)
-    message = open_message(lcmt_telemetry, name, data, (length, length), flight.key, flight.session)
+    message = open_message(lcmt_telemetry, data, (length, length), flight.session)
     check_tick(message.tick, flight)
     outputs = {key: np.array(getattr(message, key)) for key in TELEMETRY}
     parts = np.split(np.array(message.measurement), np.cumsum(sizes)[:-1])
@@ -137,7 +134,7 @@ def _decode_telemetry(name: str, data: bytes, flight: Flight) -> Packet:
 
 
 def _decode_goal(name: str, data: bytes, flight: Flight) -> Packet:
-    message = open_message(lcmt_goal, name, data, _GOAL_SIZES, flight.key, flight.session)
+    message = open_message(lcmt_goal, data, _GOAL_SIZES, flight.session)
     check_tick(message.tick, flight)
     x, y = message.p_W
     check_values(np.array([x, y]), flight.limits[name])
@@ -149,18 +146,17 @@ def _decode_goal(name: str, data: bytes, flight: Flight) -> Packet:
     return Packet(name, -1, goal)
 
 
-def _decode_hello(data: bytes, key: bytes) -> Packet:
-    message = open_message(lcmt_hello, "hello", data, _HELLO_SIZES, key, None)
+def _decode_hello(data: bytes) -> Packet:
+    message = open_message(lcmt_hello, data, _HELLO_SIZES, None)
     check_canonical(message, data)
     check_texts(message.role, ROLES)
     if message.state not in STATES or not _DIGEST.fullmatch(message.scenario_digest):
         raise BadPacket("text")
     if message.session <= 0:
         raise BadPacket("foreign")
-    if message.n > MAX_HEARD or message.sequence < 0 or message.tick < -1:
+    if message.tick < -1:
         raise BadPacket("value")
-    fields = {field: getattr(message, field) for field in Hello._fields}
-    return Packet("hello", -1, Hello(**fields | {"heard": tuple(message.heard)}))
+    return Packet("hello", -1, Hello(**{field: getattr(message, field) for field in Hello._fields}))
 
 
 _OTHERS: Final = {
@@ -172,20 +168,19 @@ _OTHERS: Final = {
 }
 
 
-def decode(name: str, data: bytes, key: bytes, flight: Flight | None) -> Packet:
+def decode(name: str, data: bytes, flight: Flight | None) -> Packet:
     """Return the packet that bytes on a channel are.
 
     Args:
         name: of the channel, of packets.KINDS or a sensor.
         data: any bytes.
-        key: the key of hellos, see seal.hello_key.
         flight: the flight; without it only a hello can pass.
 
     Raises:
         BadPacket: if they are no packet of this flight.
     """
     if name == "hello":
-        return _decode_hello(data, key)
+        return _decode_hello(data)
     if name not in _OTHERS and name not in ports():
         raise BadPacket("channel")
     if flight is None:
@@ -193,15 +188,3 @@ def decode(name: str, data: bytes, key: bytes, flight: Flight | None) -> Packet:
     if name in ports() and name not in flight.limits:
         raise BadPacket("channel")
     return _OTHERS.get(name, _decode_vector)(name, data, flight)
-
-
-def role_of(name: str, data: bytes) -> str:
-    """Return the role stated by a hello or a goal, of any flight and key; empty for any other packet."""
-    kinds: dict[str, Any] = {"hello": lcmt_hello, "goal": lcmt_goal}
-    kind, sizes = kinds[name], {"hello": _HELLO_SIZES, "goal": _GOAL_SIZES}[name]
-    if not sizes[0] <= len(data) - MAC_SIZE <= sizes[1]:
-        return ""
-    try:
-        return str(kind.decode(data).role)
-    except (struct.error, ValueError, IndexError):
-        return ""

@@ -1,4 +1,4 @@
-"""The sending side of a flight: packets are sealed and put on the bus; tick_inbox.py receives them tick by tick."""
+"""The sending side of a flight: packets are put on the bus; tick_inbox.py receives them tick by tick."""
 
 from ortilo_drake.flight.stepped_halves import Signals
 from ortilo_drake.hil.wire.bus import Bus
@@ -12,7 +12,6 @@ from ortilo_drake.hil.wire.packets import (
     encode_tick,
     encode_vector,
 )
-from ortilo_drake.hil.wire.seal import seal
 from ortilo_drake.model.signals import STAMP
 
 
@@ -22,16 +21,15 @@ class Outbox:
     Args:
         bus: the bus.
         session: the flight's session.
-        key: the flight's key, see seal.flight_key.
     """
 
-    def __init__(self, bus: Bus, session: int, key: bytes):
-        self.session, self.key = session, key
+    def __init__(self, bus: Bus, session: int):
+        self.session = session
         self._bus = bus
 
     def send(self, name: str, body: bytes) -> None:
         """Send a body on a channel, a key of packets.ports or packets.KINDS."""
-        self._bus.publish(channel_of(name), seal(self.key, name, body))
+        self._bus.publish(channel_of(name), body)
 
 
 def publish_messages(outbox: Outbox, tick: int, messages: Signals) -> None:

@@ -10,11 +10,11 @@ import struct
 class lcmt_command(object):
     """ The command of one tick: thrust [N] and torques [N m]. """
 
-    __slots__ = ["session", "tick", "u", "mac"]
+    __slots__ = ["session", "tick", "u"]
 
-    __typenames__ = ["int64_t", "int64_t", "double", "byte"]
+    __typenames__ = ["int64_t", "int64_t", "double"]
 
-    __dimensions__ = [None, None, [4], [32]]
+    __dimensions__ = [None, None, [4]]
 
     def __init__(self):
         self.session = 0
@@ -23,8 +23,6 @@ class lcmt_command(object):
         """ LCM Type: int64_t """
         self.u = [ 0.0 for dim0 in range(4) ]
         """ LCM Type: double[4] """
-        self.mac = b""
-        """ LCM Type: byte[32] """
 
     def encode(self):
         buf = BytesIO()
@@ -35,7 +33,6 @@ class lcmt_command(object):
     def _encode_one(self, buf):
         buf.write(struct.pack(">qq", self.session, self.tick))
         buf.write(struct.pack('>4d', *self.u[:4]))
-        buf.write(bytearray(self.mac[:32]))
 
     @staticmethod
     def decode(data: bytes):
@@ -52,13 +49,12 @@ class lcmt_command(object):
         self = lcmt_command()
         self.session, self.tick = struct.unpack(">qq", buf.read(16))
         self.u = struct.unpack('>4d', buf.read(32))
-        self.mac = buf.read(32)
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if lcmt_command in parents: return 0
-        tmphash = (0xe13b3ebf174fa672) & 0xffffffffffffffff
+        tmphash = (0x1559153b34ff2d28) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

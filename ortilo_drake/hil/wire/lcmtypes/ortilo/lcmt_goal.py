@@ -10,11 +10,11 @@ import struct
 class lcmt_goal(object):
     """ A request to fly somewhere ("user"), and the answer to it ("onboard"). The asker repeats it until its number is answered. """
 
-    __slots__ = ["session", "tick", "number", "role", "p_W", "reason", "mac"]
+    __slots__ = ["session", "tick", "number", "role", "p_W", "reason"]
 
-    __typenames__ = ["int64_t", "int64_t", "int64_t", "string", "double", "string", "byte"]
+    __typenames__ = ["int64_t", "int64_t", "int64_t", "string", "double", "string"]
 
-    __dimensions__ = [None, None, None, None, [2], None, [32]]
+    __dimensions__ = [None, None, None, None, [2], None]
 
     def __init__(self):
         self.session = 0
@@ -49,8 +49,6 @@ class lcmt_goal(object):
         LCM Type: string
         """
 
-        self.mac = b""
-        """ LCM Type: byte[32] """
 
     def encode(self):
         buf = BytesIO()
@@ -69,7 +67,6 @@ class lcmt_goal(object):
         buf.write(struct.pack('>I', len(__reason_encoded)+1))
         buf.write(__reason_encoded)
         buf.write(b"\0")
-        buf.write(bytearray(self.mac[:32]))
 
     @staticmethod
     def decode(data: bytes):
@@ -90,13 +87,12 @@ class lcmt_goal(object):
         self.p_W = struct.unpack('>2d', buf.read(16))
         __reason_len = struct.unpack('>I', buf.read(4))[0]
         self.reason = buf.read(__reason_len)[:-1].decode('utf-8', 'replace')
-        self.mac = buf.read(32)
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if lcmt_goal in parents: return 0
-        tmphash = (0x51b5f7490c28e483) & 0xffffffffffffffff
+        tmphash = (0xd9c8b32783dce55f) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

@@ -8,13 +8,13 @@ from io import BytesIO
 import struct
 
 class lcmt_hello(object):
-    """ Handshake and heartbeat. The world chooses the session, who answers it a nonce, both at random. """
+    """ Handshake and heartbeat. The world draws the session, an onboard half its nonce. """
 
-    __slots__ = ["protocol", "role", "scenario_digest", "session", "lockstep", "state", "nonce", "sequence", "tick", "n", "heard", "mac"]
+    __slots__ = ["protocol", "role", "scenario_digest", "session", "lockstep", "state", "nonce", "tick"]
 
-    __typenames__ = ["int32_t", "string", "string", "int64_t", "boolean", "string", "int64_t", "int64_t", "int64_t", "int32_t", "int64_t", "byte"]
+    __typenames__ = ["int32_t", "string", "string", "int64_t", "boolean", "string", "int64_t", "int64_t"]
 
-    __dimensions__ = [None, None, None, None, None, None, None, None, None, None, ["n"], [32]]
+    __dimensions__ = [None, None, None, None, None, None, None, None]
 
     def __init__(self):
         self.protocol = 0
@@ -43,28 +43,12 @@ class lcmt_hello(object):
         LCM Type: int64_t
         """
 
-        self.sequence = 0
-        """
-        grows with each hello of its sender
-        LCM Type: int64_t
-        """
-
         self.tick = 0
         """
         of the world now, -1 before the first
         LCM Type: int64_t
         """
 
-        self.n = 0
-        """ LCM Type: int32_t """
-        self.heard = []
-        """
-        nonces that the world has heard lately
-        LCM Type: int64_t[n]
-        """
-
-        self.mac = b""
-        """ LCM Type: byte[32] """
 
     def encode(self):
         buf = BytesIO()
@@ -87,9 +71,7 @@ class lcmt_hello(object):
         buf.write(struct.pack('>I', len(__state_encoded)+1))
         buf.write(__state_encoded)
         buf.write(b"\0")
-        buf.write(struct.pack(">qqqi", self.nonce, self.sequence, self.tick, self.n))
-        buf.write(struct.pack('>%dq' % self.n, *self.heard[:self.n]))
-        buf.write(bytearray(self.mac[:32]))
+        buf.write(struct.pack(">qq", self.nonce, self.tick))
 
     @staticmethod
     def decode(data: bytes):
@@ -113,15 +95,13 @@ class lcmt_hello(object):
         self.lockstep = bool(struct.unpack('b', buf.read(1))[0])
         __state_len = struct.unpack('>I', buf.read(4))[0]
         self.state = buf.read(__state_len)[:-1].decode('utf-8', 'replace')
-        self.nonce, self.sequence, self.tick, self.n = struct.unpack(">qqqi", buf.read(28))
-        self.heard = struct.unpack('>%dq' % self.n, buf.read(self.n * 8))
-        self.mac = buf.read(32)
+        self.nonce, self.tick = struct.unpack(">qq", buf.read(16))
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if lcmt_hello in parents: return 0
-        tmphash = (0x4769ec662aac43f3) & 0xffffffffffffffff
+        tmphash = (0xe012afbfd4b2270a) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

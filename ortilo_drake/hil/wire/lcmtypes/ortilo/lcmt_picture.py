@@ -10,11 +10,11 @@ import struct
 class lcmt_picture(object):
     """ A picture of one tick as PNG (8 bits, RGBA), with the shutter's stamp [s]. """
 
-    __slots__ = ["session", "tick", "stamp", "size", "data", "mac"]
+    __slots__ = ["session", "tick", "stamp", "size", "data"]
 
-    __typenames__ = ["int64_t", "int64_t", "double", "int32_t", "byte", "byte"]
+    __typenames__ = ["int64_t", "int64_t", "double", "int32_t", "byte"]
 
-    __dimensions__ = [None, None, None, None, ["size"], [32]]
+    __dimensions__ = [None, None, None, None, ["size"]]
 
     def __init__(self):
         self.session = 0
@@ -27,8 +27,6 @@ class lcmt_picture(object):
         """ LCM Type: int32_t """
         self.data = b""
         """ LCM Type: byte[size] """
-        self.mac = b""
-        """ LCM Type: byte[32] """
 
     def encode(self):
         buf = BytesIO()
@@ -39,7 +37,6 @@ class lcmt_picture(object):
     def _encode_one(self, buf):
         buf.write(struct.pack(">qqdi", self.session, self.tick, self.stamp, self.size))
         buf.write(bytearray(self.data[:self.size]))
-        buf.write(bytearray(self.mac[:32]))
 
     @staticmethod
     def decode(data: bytes):
@@ -56,13 +53,12 @@ class lcmt_picture(object):
         self = lcmt_picture()
         self.session, self.tick, self.stamp, self.size = struct.unpack(">qqdi", buf.read(28))
         self.data = buf.read(self.size)
-        self.mac = buf.read(32)
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if lcmt_picture in parents: return 0
-        tmphash = (0x7e80acb29c36ec61) & 0xffffffffffffffff
+        tmphash = (0x8323765b85e57d06) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

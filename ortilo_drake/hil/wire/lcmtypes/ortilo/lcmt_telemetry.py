@@ -10,11 +10,11 @@ import struct
 class lcmt_telemetry(object):
     """ What the onboard half knew in one tick, for the log. """
 
-    __slots__ = ["session", "tick", "estimate", "covariance", "reference", "size", "measurement", "mac"]
+    __slots__ = ["session", "tick", "estimate", "covariance", "reference", "size", "measurement"]
 
-    __typenames__ = ["int64_t", "int64_t", "double", "double", "double", "int32_t", "double", "byte"]
+    __typenames__ = ["int64_t", "int64_t", "double", "double", "double", "int32_t", "double"]
 
-    __dimensions__ = [None, None, [15], [225], [9], None, ["size"], [32]]
+    __dimensions__ = [None, None, [15], [225], [9], None, ["size"]]
 
     def __init__(self):
         self.session = 0
@@ -34,8 +34,7 @@ class lcmt_telemetry(object):
         y, delta and V2, one after the other
         LCM Type: double[size]
         """
-        self.mac = b""
-        """ LCM Type: byte[32] """
+
 
     def encode(self):
         buf = BytesIO()
@@ -50,7 +49,6 @@ class lcmt_telemetry(object):
         buf.write(struct.pack('>9d', *self.reference[:9]))
         buf.write(struct.pack(">i", self.size))
         buf.write(struct.pack('>%dd' % self.size, *self.measurement[:self.size]))
-        buf.write(bytearray(self.mac[:32]))
 
     @staticmethod
     def decode(data: bytes):
@@ -71,13 +69,12 @@ class lcmt_telemetry(object):
         self.reference = struct.unpack('>9d', buf.read(72))
         self.size = struct.unpack(">i", buf.read(4))[0]
         self.measurement = struct.unpack('>%dd' % self.size, buf.read(self.size * 8))
-        self.mac = buf.read(32)
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if lcmt_telemetry in parents: return 0
-        tmphash = (0xc8e431108e99ff6d) & 0xffffffffffffffff
+        tmphash = (0x58854d68cb21df47) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

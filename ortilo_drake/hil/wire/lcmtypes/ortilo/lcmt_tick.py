@@ -10,11 +10,11 @@ import struct
 class lcmt_tick(object):
     """ The ports of the world that have a message in this tick: when they are all there, the tick is complete. """
 
-    __slots__ = ["session", "tick", "n", "sent", "mac"]
+    __slots__ = ["session", "tick", "n", "sent"]
 
-    __typenames__ = ["int64_t", "int64_t", "int32_t", "string", "byte"]
+    __typenames__ = ["int64_t", "int64_t", "int32_t", "string"]
 
-    __dimensions__ = [None, None, None, ["n"], [32]]
+    __dimensions__ = [None, None, None, ["n"]]
 
     def __init__(self):
         self.session = 0
@@ -25,8 +25,6 @@ class lcmt_tick(object):
         """ LCM Type: int32_t """
         self.sent = []
         """ LCM Type: string[n] """
-        self.mac = b""
-        """ LCM Type: byte[32] """
 
     def encode(self):
         buf = BytesIO()
@@ -41,7 +39,6 @@ class lcmt_tick(object):
             buf.write(struct.pack('>I', len(__sent_encoded)+1))
             buf.write(__sent_encoded)
             buf.write(b"\0")
-        buf.write(bytearray(self.mac[:32]))
 
     @staticmethod
     def decode(data: bytes):
@@ -61,13 +58,12 @@ class lcmt_tick(object):
         for i0 in range(self.n):
             __sent_len = struct.unpack('>I', buf.read(4))[0]
             self.sent.append(buf.read(__sent_len)[:-1].decode('utf-8', 'replace'))
-        self.mac = buf.read(32)
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if lcmt_tick in parents: return 0
-        tmphash = (0xf56a71169b33e33d) & 0xffffffffffffffff
+        tmphash = (0x1c389e555cc427b) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

@@ -10,11 +10,11 @@ import struct
 class lcmt_vector(object):
     """ A sensor's message [arrived, stamp, payload ...] of one tick; the channel says which sensor. """
 
-    __slots__ = ["session", "tick", "size", "values", "mac"]
+    __slots__ = ["session", "tick", "size", "values"]
 
-    __typenames__ = ["int64_t", "int64_t", "int32_t", "double", "byte"]
+    __typenames__ = ["int64_t", "int64_t", "int32_t", "double"]
 
-    __dimensions__ = [None, None, None, ["size"], [32]]
+    __dimensions__ = [None, None, None, ["size"]]
 
     def __init__(self):
         self.session = 0
@@ -25,12 +25,6 @@ class lcmt_vector(object):
         """ LCM Type: int32_t """
         self.values = []
         """ LCM Type: double[size] """
-        self.mac = b""
-        """
-        HMAC-SHA-256 of the channel and all bytes before it, as in every type here; see hil/wire/seal.py
-        LCM Type: byte[32]
-        """
-
 
     def encode(self):
         buf = BytesIO()
@@ -41,7 +35,6 @@ class lcmt_vector(object):
     def _encode_one(self, buf):
         buf.write(struct.pack(">qqi", self.session, self.tick, self.size))
         buf.write(struct.pack('>%dd' % self.size, *self.values[:self.size]))
-        buf.write(bytearray(self.mac[:32]))
 
     @staticmethod
     def decode(data: bytes):
@@ -58,13 +51,12 @@ class lcmt_vector(object):
         self = lcmt_vector()
         self.session, self.tick, self.size = struct.unpack(">qqi", buf.read(20))
         self.values = struct.unpack('>%dd' % self.size, buf.read(self.size * 8))
-        self.mac = buf.read(32)
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if lcmt_vector in parents: return 0
-        tmphash = (0xfef380d5f2c1ce55) & 0xffffffffffffffff
+        tmphash = (0xf82bd2e21ad83c4c) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

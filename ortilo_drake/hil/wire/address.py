@@ -1,0 +1,52 @@
+"""The address of a bus: tcp://HOST:PORT."""
+
+import ipaddress
+import socket
+from typing import NamedTuple
+from urllib.parse import urlsplit
+
+from ortilo_drake.model.typed_yaml import InputError
+
+IPAddress = ipaddress.IPv4Address | ipaddress.IPv6Address
+
+
+class Address(NamedTuple):
+    """A host's IP address, and a TCP port of it."""
+
+    host: IPAddress
+    port: int
+
+    def endpoint(self, serves: bool) -> str:
+        """Return ZeroMQ's name of it; who joins where all interfaces are served (0.0.0.0) joins on this machine."""
+        host = self.host
+        if host.is_unspecified and not serves:
+            host = ipaddress.ip_address("127.0.0.1" if host.version == 4 else "::1")
+        return f"tcp://[{host}]:{self.port}" if host.version == 6 else f"tcp://{host}:{self.port}"
+
+
+def address(url: str) -> Address:
+    """Return the address that a URL names.
+
+    Raises:
+        InputError: if it is not of the form tcp://HOST:PORT, or its host is not known.
+    """
+    allowed = f"url: {url!r} is not of the form tcp://HOST:PORT, with PORT from 1 to 65535"
+    try:
+        parts = urlsplit(url)
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        raise InputError(allowed) from None
+    if url != f"tcp://{parts.netloc}" or not host or not port or "@" in parts.netloc:
+        raise InputError(allowed)
+    if host == "*":  # a host that getaddrinfo takes for every interface
+        raise InputError(allowed)
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+    except (OSError, UnicodeError):
+        raise InputError(f"url: {url!r}: no host {host!r} is known") from None
+    return Address(ipaddress.ip_address(found[0][4][0]), port)
+
+
+def leaves_machine(url: str) -> bool:
+    """Return whether others than this machine can take part in a bus."""
+    return not address(url).host.is_loopback
