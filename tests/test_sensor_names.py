@@ -20,6 +20,8 @@ OWN = (
     "sensors/imu.py",
     "diagrams/imu.py",
     "diagrams/rendered_camera.py",
+    "model/inputs/calibration_file.py",  # of the camera
+    "world/scenery/bent_picture.py",  # likewise
     "training/calibration/calibrate.py",  # of the camera
     "world/faults/scene_faults.py",  # of what the camera looks at
     "world/radio/image_delay.py",  # of the camera's pictures
@@ -27,6 +29,14 @@ OWN = (
 
 # Every other file that names one, and why.
 WHY = {
+    "diagrams/single_parts.py": "the sensors that an estimator has by default, and examples",
+    "model/optional.py": "an extra of that name",
+    "studies/fit/fit.py": "figures by their keys in NOISE.yaml",
+    "studies/fit/scenario_text.py": "settings by their keys",
+    "studies/loop/fix_covariance.py": "what the survey of anchors makes of a fix by ranges",
+    "studies/loop/hover_loop.py": "settings by their keys, of what the theory leaves out",
+    "studies/predict/predicted.py": "keys of NOISE.yaml",
+    "studies/recorded/at_rest.py": "a key of a map file",
     "model/signals.py": "the list of the paper's sensors",
     "world/drawn_truth.py": "entries of `truth` that are drawn for each anchor",
     "onboard/estimator/tight/element.py": "the tight filter takes the raw messages of these three",
