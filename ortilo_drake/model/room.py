@@ -75,7 +75,8 @@ class CameraModel(Frozen):
         position: p_BC [m].
         aspect: focal length along the picture's height over that along its width [1].
         distortion: how the lens bends straight lines, see model/lens.py.
-        coefficients: of brown_conrady k1, k2, p1, p2, or with k3, or with k3, k4, k5, k6; of fisheye k1, k2, k3, k4.
+        coefficients: of brown_conrady k1, k2, p1, p2, or with k3, or with k3, k4, k5, k6; of fisheye k1, k2, k3, k4
+            [1].
     """
 
     width: Side

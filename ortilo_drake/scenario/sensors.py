@@ -274,7 +274,8 @@ class Calibration(Frozen):
         center: principal point, where the first pixel's centre is (0, 0) [px].
         distortion: how the lens bends straight lines: 'brown_conrady' is OpenCV's usual model (plumb_bob,
             rational_polynomial, radtan), 'fisheye' its other (equidistant).
-        coefficients: of brown_conrady k1, k2, p1, p2, or with k3, or with k3, k4, k5, k6; of fisheye k1, k2, k3, k4.
+        coefficients: of brown_conrady k1, k2, p1, p2, or with k3, or with k3, k4, k5, k6; of fisheye k1, k2, k3, k4
+            [1].
     """
 
     width: Side
