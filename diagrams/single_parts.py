@@ -27,6 +27,7 @@ from ortilo_drake.sensors.described import described, port_of
 from ortilo_drake.world.vehicle.body_state import BodyState_
 from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
 
+SHORTEST, LONGEST = 1e-3, 0.2  # ticks [s]
 _WHOLE = 1e-9  # how far a rate may be from a whole number that is meant, as a share
 
 
@@ -205,17 +206,24 @@ def make_body_state(body: int) -> System:
 
 def _scenario(base: str | Scenario, vehicle: Vehicle | None, h: float, settings: dict[str, Any]) -> Scenario:
     """Return a scenario for a vehicle and a tick, with settings laid over it."""
-    if not 0.0 < h < float("inf"):
-        raise InputError(f"h: {h}: must be positive")
+    if not SHORTEST <= h <= LONGEST:
+        raise InputError(f"h: {h}: must be {SHORTEST:g} to {LONGEST:g} s")
     rate = float(round(1.0 / h)) if abs(round(1.0 / h) * h - 1.0) < _WHOLE else 1.0 / h
     return load_scenario(base, {"control_rate": rate, "vehicle": vehicle or M100}, **settings)
+
+
+def _array(name: str, given: ArrayLike) -> np.ndarray:
+    try:
+        return np.array(given, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: must be numbers, in rows of one length") from None
 
 
 def _room(given: Room | ArrayLike | None) -> Room | None:
     """Return a room, one around anchors where only those are given."""
     if given is None or isinstance(given, Room):
         return given
-    anchors = np.asarray(given, dtype=float)
+    anchors = _array("room", given)
     if anchors.ndim != 2 or anchors.shape[1] != 3 or len(anchors) < 3 or not np.all(np.isfinite(anchors)):
         raise InputError(f"room: has the shape {anchors.shape}, must be a Room or at least 3 anchors (n, 3) [m]")
     low, high = anchors.min(axis=0) - 1.0, anchors.max(axis=0) + 1.0
@@ -224,7 +232,7 @@ def _room(given: Room | ArrayLike | None) -> Room | None:
 
 
 def _vector(name: str, given: ArrayLike | None, size: int) -> np.ndarray:
-    values = np.zeros(size) if given is None else np.array(given, dtype=float)
+    values = np.zeros(size) if given is None else _array(name, given)
     if values.shape != (size,) or not np.all(np.isfinite(values)):
         raise InputError(f"{name}: must be {size} finite numbers")
     return values

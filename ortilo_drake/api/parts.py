@@ -9,11 +9,10 @@ from pydrake.systems.framework import System
 from ortilo_drake.loop.element import Box
 from ortilo_drake.model.parts import Part, register_part
 from ortilo_drake.model.typed_yaml import Frozen
+from ortilo_drake.onboard.detector.detector import Boxes
 from ortilo_drake.onboard.planner.planned import Planned
 from ortilo_drake.scenario import Belief
 from ortilo_drake.scenario.faults import Fault
-
-Found = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def register_estimator(
@@ -50,8 +49,9 @@ def register_servo(
         settings: as register_estimator.
         make: Belief -> System.
         box: Belief -> Box.
-        gain: Belief -> L (4, 15) about hover at the heading that is held, u = -L [x - x_ref; i] + u_ff. With it the
-            linear theory (`ortilo analyze`, tube, maps, margins) knows the servo; without it they say that it does not.
+        gain: Belief -> L (4, 15) about hover at the heading that is held, u = -L [x - x_ref; i] + u_ff, of a servo
+            that does not read `force`. With it the linear theory (`ortilo analyze`, tube, maps, margins) knows the
+            servo; without it they say that it does not.
     """
     register_part("servo", Part(kind, settings, make, box, gain))
 
@@ -73,7 +73,7 @@ def register_planner(
 def register_detector(
     kind: str,
     settings: type[Frozen],
-    make: Callable[[Any, tuple[str, ...], tuple[int, int]], Callable[[np.ndarray], Found]],
+    make: Callable[[Any, tuple[str, ...], tuple[int, int]], Callable[[np.ndarray], Boxes]],
 ) -> None:
     """Let scenarios name a detector: `detector: {kind: mine, ...}`. It looks at the pictures of a rendered camera.
 

@@ -42,7 +42,7 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import information_of
 from ortilo_drake.sensors.imu import reads_force, specific_force_sd
-from ortilo_drake.sensors.information_rows import by_tick
+from ortilo_drake.sensors.information_rows import GRADIENT, by_tick
 
 VELOCITY = slice(6, 9)  # in x
 
@@ -90,10 +90,17 @@ def rows_by_kind(scenario: Scenario, truth: np.ndarray, room: Room) -> tuple[dic
 def information_rows(scenario: Scenario, truth: np.ndarray, room: Room) -> tuple[np.ndarray, int] | None:
     """Return the rows of rows_by_kind by tick (l, 17) but for the specific force's, and the spacing.
 
-    The specific force tells of what lasts of the force, which these rows have not got. Arguments likewise.
+    The specific force tells of what lasts of the force, and an attitude filter's lean by the acceleration goes with its
+    own errors: these rows have neither. Arguments likewise.
     """
     found = rows_by_kind(scenario, truth, room)
-    return None if found is None else (by_tick(*(its for kind, its in found[0].items() if kind != "force")), found[1])
+    if found is None:
+        return None
+    rows = {kind: its for kind, its in found[0].items() if kind != "force"}
+    if "imu" in rows:
+        rows["imu"] = rows["imu"].copy()
+        rows["imu"][:, GRADIENT][:, VELOCITY] = 0.0
+    return by_tick(*rows.values()), found[1]
 
 
 def dynamics(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:

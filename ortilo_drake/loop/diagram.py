@@ -220,7 +220,7 @@ def _constant_ports(builder: DiagramBuilder, box: Box) -> dict[str, OutputPort]:
 
 
 def _said(wiring: Wiring, said: str) -> str:
-    """Return the name of the box that "bundle.part" is a part of."""
+    """Return the name of what a bundle holds without the bundle's; any other as it is."""
     name, _, part = said.partition(".")
     return part if wiring.boxes[name].holds and part else said
 

@@ -48,7 +48,7 @@ class Places:
 
 
 def places_of(wiring: Wiring) -> Places:
-    """Return the layout of a wiring's states and outputs."""
+    """Return the places of all numbers, states, work arrays, outputs and tables of a wiring."""
     numbers, state, work, said, tables = {}, {}, {}, {}, {}
     at = [0, 0, 0, 0, 0]
     for box in wiring.boxes.values():

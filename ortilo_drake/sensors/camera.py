@@ -156,7 +156,7 @@ def solver(scenario: Belief, room: Room) -> Box | None:
 
 
 def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) -> dict[str, Given]:
-    """Return the true places of a projected camera and of the landmarks."""
+    """Return the true camera (place, angles, focal length) and the true places of the landmarks."""
     if scenario.is_rendered:
         return {}
     f = boxes["camera"].given.numbers["camera_f"] * float(its["camera.focal_factor"])
@@ -187,7 +187,11 @@ def check(scenario: Scenario, room: Room) -> None:
         raise InputError(f"camera.{error}") from None
     if scenario.is_rendered:
         if camera.coefficients:
-            straight_model(camera)
+            try:
+                straight_model(camera)
+            except InputError as error:
+                of = "room: camera" if scenario.camera.calibration is None else "camera.calibration"
+                raise InputError(f"{of}.{error}") from None
             lens = scenario.truth.camera
             if lens.focal_factor != 1.0 or lens.focal_factor_sd > 0.0:
                 raise InputError("truth.camera.focal_factor: must be 1 where a lens that bends is rendered")

@@ -90,7 +90,8 @@ def leaning(scenario: Scenario) -> np.ndarray:
     """Return M (3 x 3) of an AHRS, whose error of the angles is e_{k+1} = a e_k + M (v_{k+1} - v_k); 0 without one.
 
     At hover the specific force has the angles [phi + c_y / g, theta - c_x / g] under the acceleration c in axes of the
-    heading, see world/sensors/ahrs.py; c is the mean over the tick. So e = s + M v and s_{k+1} = a s_k - (1 - a) M v_k.
+    heading, see world/sensors/ahrs.py; c is taken as the mean over the tick; in the world
+    the force of a tick acts here one tick later. So e = s + M v and s_{k+1} = a s_k - (1 - a) M v_k.
     """
     if scenario.imu.ahrs is None:
         return np.zeros((3, 3))

@@ -137,7 +137,7 @@ def test_every_part_can_be_cloned_and_differentiated() -> None:
         (lambda: od.make_estimator(room=[[1.0, 2.0, 3.0]]), r"room: has the shape \(1, 3\)"),
         (lambda: od.make_estimator(x_0=[1.0]), "x_0: must be 12 finite numbers"),
         (lambda: od.make_estimator(sensors=("uwb", "sonar")), "sensors.1: 'sonar'"),
-        (lambda: od.make_servo(h=-1.0), "h: -1.0: must be positive"),
+        (lambda: od.make_servo(h=-1.0), "h: -1.0: must be 0.001 to 0.2 s"),
         (lambda: od.make_plant(kinematics="planar"), "kinematics: 'planar': must be one of"),
         (lambda: od.make_plant(time_step=-1.0), "time_step: -1.0: must be 0 or positive"),
     ],

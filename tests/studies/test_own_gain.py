@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import ortilo_drake as od
+from ortilo_drake.onboard.estimator.extra_states import D
 from ortilo_drake.onboard.servo.lq_gain import gain_of
 from ortilo_drake.scenario import LqServo, Scenario
 from ortilo_drake.studies.linearization.operating_point import frozen_gain
@@ -79,6 +80,12 @@ def test_without_an_integral_the_loop_settles_all_the_same() -> None:
     eigenvalues = np.linalg.eigvals(A)
     assert spectral_radius(A) < 1.0
     assert all(abs(eigenvalues - root).min() < 2e-3 for root in slow)
+
+
+def test_a_servo_that_reads_no_force_counters_none() -> None:
+    run_path(str(EXAMPLE))
+    loops = [hover_loop(od.load_scenario("imu_uwb", {"servo": {"kind": kind}})) for kind in ("cascade", "lq")]
+    assert [bool(loop.L[:, [loop.names.index(d) for d in D]].any()) for loop in loops] == [False, True]
 
 
 def test_what_is_no_gain_is_refused(own: Scenario) -> None:

@@ -12,7 +12,8 @@ static float largest(const float *values, const uint32_t *wanted, int from, int 
         float value;
         memcpy(&value, &wanted[i], sizeof value);
         value = fabsf(values[i] - value);
-        if (!(value <= found)) found = value; /* NaN as well */
+        if (!(value <= found)) found = value;
+        if (found != found) break; /* NaN stays */
     }
     return found;
 }

@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from ortilo_drake.model.input_files import exists, read_text
 from ortilo_drake.model.inputs.problems import shown
-from ortilo_drake.model.typed_yaml import InputError, parse_yaml
+from ortilo_drake.model.typed_yaml import LARGEST, InputError, parse_yaml
 
 _NAMES: Final = {
     "camera_matrix": ("camera_matrix", "cameraMatrix", "camera_Matrix", "K", "k", "mtx"),
@@ -43,12 +43,16 @@ def _wrong(source: str, field: str, value: Any, must: str) -> InputError:
     return InputError(f"{source}: {field}: {shown(value)}: must be {must}")
 
 
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and not abs(value) > LARGEST
+
+
 def _numbers(source: str, field: str, value: Any, counts: tuple[int, ...] = ()) -> list[float]:
     """Return a list of numbers, of a matrix its data, row by row."""
     data = value.get("data") if isinstance(value, dict) else value
     if isinstance(data, list) and data and all(isinstance(row, list) for row in data):
         data = [number for row in data for number in row]
-    is_number = [isinstance(v, int | float) and not isinstance(v, bool) for v in data] if isinstance(data, list) else []
+    is_number = [_is_number(v) for v in data] if isinstance(data, list) else []
     if not isinstance(data, list) or not all(is_number) or (counts and len(data) not in counts):
         raise _wrong(source, field, value, f"{' or '.join(map(str, counts))} numbers".strip())
     return [float(number) for number in data]

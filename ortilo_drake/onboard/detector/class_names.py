@@ -1,10 +1,19 @@
 """The words that a network and a room have for the same classes."""
 
+from pathlib import Path
+
 import numpy as np
 
+from ortilo_drake.model.input_files import read_text
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.detector.coco import COCO_NAME
+
+
+def names_in_file(file: Path) -> list[str]:
+    """Return the names in a file, one a line, a blank one too; blank lines at the end do not count."""
+    names = [line.strip() for line in read_text(file).removeprefix("\ufeff").rstrip().split("\n")]
+    return [] if names == [""] else names
 
 
 def room_labels(names: list[str], room: Room, source: str) -> np.ndarray:

@@ -10,7 +10,7 @@ from ortilo_drake.model.input_files import exists, read_text
 from ortilo_drake.model.optional import later
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import Frozen, InputError
-from ortilo_drake.onboard.detector.class_names import room_labels
+from ortilo_drake.onboard.detector.class_names import names_in_file, room_labels
 from ortilo_drake.onboard.detector.coco import COCO_CLASSES
 from ortilo_drake.onboard.detector.darknet_cfg import parse_cfg, read_cfg
 from ortilo_drake.onboard.detector.darknet_layers import DarknetCfg
@@ -50,9 +50,7 @@ def class_names(settings: Detector, cfg: DarknetCfg) -> tuple[list[str], str]:
         if count == len(COCO_CLASSES):
             return list(COCO_CLASSES), f"{settings.cfg}, of COCO's {count} classes"
         raise InputError(f"{file}: missing: {settings.cfg} has {count} classes, give their names, one a line")
-    names = [line.strip() for line in read_text(file).removeprefix("\ufeff").rstrip().split("\n")]
-    if names == [""]:
-        names = []
+    names = names_in_file(file)
     if len(names) != count:
         odd = [line for line, name in enumerate(names, start=1) if not name or name[0] == "#"]
         why = f"; line {odd[0]}, {names[odd[0] - 1][:40]!r}, counts as a name, as in Darknet" if odd else ""

@@ -6,8 +6,11 @@ r = min(W / w, H / h), rounded to whole pixels, and put in the middle of the inp
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
+
+from ortilo_drake.model.optional import later
+
+cv2 = later("cv2")
 
 GREY = 114  # of the borders
 

@@ -7,10 +7,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from ortilo_drake.model.input_files import read_text
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.detector.class_names import room_labels
+from ortilo_drake.onboard.detector.class_names import names_in_file, room_labels
 from ortilo_drake.onboard.detector.coco import COCO_CLASSES
 from ortilo_drake.onboard.detector.detector import Boxes
 from ortilo_drake.onboard.detector.foreign_file import check_onnx_file
@@ -38,7 +37,7 @@ def _input_size(shape: list[Any], metadata: dict[str, str], source: str) -> tupl
     try:
         said = ast.literal_eval(metadata.get("imgsz", f"[{_USUAL}, {_USUAL}]")[:100])
         open_height, open_width = (int(side) for side in said)
-    except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
+    except (ValueError, SyntaxError, TypeError, OverflowError, MemoryError, RecursionError):
         raise InputError(f"{source}: metadata 'imgsz': {metadata['imgsz'][:60]!r}: must be [height, width]") from None
     size = width if isinstance(width, int) else open_width, height if isinstance(height, int) else open_height
     if not all(32 <= side <= _LARGEST for side in size):
@@ -76,7 +75,7 @@ def load_onnx(settings: Detector, room: Room, size: tuple[int, int]) -> Callable
         raise InputError(f"{source}: cannot be computed: {' '.join(str(error).split())[:160]}") from None
     names, named_by = names_in(metadata, source), f"{source}: metadata 'names'"
     if settings.names is not None:
-        names, named_by = read_text(Path(settings.names)).removeprefix("\ufeff").rstrip().split("\n"), settings.names
+        names, named_by = names_in_file(Path(settings.names)), settings.names
     head = head_of([output.shape for output in outputs], whole, metadata, names, source)
     if names is None:
         if head.classes != len(COCO_CLASSES):
@@ -87,7 +86,7 @@ def load_onnx(settings: Detector, room: Room, size: tuple[int, int]) -> Callable
     _, scores, _ = boxes_in(outputs[0], head, -np.inf)
     if not np.all((scores >= -_PROBABLE) & (scores <= 1.0 + _PROBABLE)):
         raise InputError(f"{source}: scores from {scores.min():.3g} to {scores.max():.3g}: must be between 0 and 1")
-    labels_of = room_labels([name.strip() for name in names], room, named_by)
+    labels_of = room_labels(names, room, named_by)
     lies, border = letterbox(size, whole), np.tile(size, 2) - 0.5
 
     def detect(image: np.ndarray) -> Boxes:

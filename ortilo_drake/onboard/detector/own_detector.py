@@ -34,7 +34,10 @@ def load_own(settings: Any, room: Room, size: tuple[int, int]) -> Callable[[np.n
         found = own(image)
         if not isinstance(found, tuple) or len(found) != 3:
             raise InputError(f"detector.kind: {kind}: must return labels, scores and boxes, not {type(found).__name__}")
-        labels, scores, boxes = (np.asarray(part) for part in found)
+        try:
+            labels, scores, boxes = np.asarray(found[0]), np.asarray(found[1], float), np.asarray(found[2], float)
+        except (TypeError, ValueError):
+            raise InputError(f"detector.kind: {kind}: must return arrays of numbers") from None
         k = len(labels) if labels.ndim == 1 else -1
         boxes = boxes.reshape(0, 4) if boxes.size == 0 else boxes
         if scores.shape != (k,) or boxes.shape != (k, 4):
@@ -46,6 +49,6 @@ def load_own(settings: Any, room: Room, size: tuple[int, int]) -> Callable[[np.n
             )
         if not (np.isfinite(boxes).all() and np.all((scores > 0.0) & (scores <= 1.0))):
             raise InputError(f"detector.kind: {kind}: boxes must be finite, scores above 0 and at most 1")
-        return labels.astype(np.int64), scores.astype(float), np.clip(boxes.astype(float), -0.5, border)
+        return labels.astype(np.int64), scores, np.clip(boxes, -0.5, border)
 
     return detect

@@ -44,7 +44,7 @@ SIGHTED = Element("sighted", out=sighted_out, tables=(Array("anchors", 2), Array
 
 
 def sighted_box(settings: UwbSetup, room: Room) -> Box | None:
-    """Return the box that keeps the ranges in sight of the believed place (belief, 240); None if all are kept."""
+    """Return the box that takes ranges on to their stamp and leaves out those behind walls; None if it does neither."""
     n = len(room.anchors)
     if settings.round == 0.0 and settings.behind_walls != "left_out":
         return None

@@ -35,7 +35,7 @@ def acknowledged_loop(scenario: Scenario, V: np.ndarray, share: float) -> JumpLi
     pair = augmented_pair(scenario.vehicle, scenario.h, scenario.yaw)
     L, _ = acknowledged_gain(*pair, *weight_matrices(scenario.servo.weights), 1.0 - share)
     if len(hover.names) > N_X:
-        L = over_names(L, hover.names, scenario.vehicle, scenario.yaw)
+        L = over_names(L, hover.names, scenario.vehicle, scenario.yaw, counters=True)
     G_hat = np.zeros_like(loop.G)
     G_hat[hover.hats] = hover.Gamma
     acted = CommandedLoop(loop.F + G_hat @ loop.L, loop.G + G_hat, loop_gain(hover._replace(L=L)), loop.N)

@@ -24,7 +24,7 @@ from ortilo_drake.onboard.commands.timeline import (
 from ortilo_drake.onboard.servo.augmented_gain import delayed_gain, split_delay
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair, gain_of
 from ortilo_drake.onboard.servo.lq_servo import servo_control
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario import LqServo, Scenario
 
 Law = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]  # xbar (15), force (3), u_{k-1} ... (D, 4) -> u_k (4)
 EARLY = 10  # ticks after the start that the present one is
@@ -93,6 +93,8 @@ def flown_law(scenario: Scenario, delay: float) -> Law:
         L = gain_of(scenario)
     L_x, L_u = np.ascontiguousarray(L[:, :N_XBAR]), L[:, N_XBAR:]
 
+    counters = isinstance(scenario.servo, LqServo)
+
     def law(xbar: np.ndarray, force: np.ndarray, us: np.ndarray) -> np.ndarray:
         if scenario.commands.filter == "acted":
             xbar = xbar + Gammabar @ misjudged(us, scenario, delay)
@@ -100,9 +102,10 @@ def flown_law(scenario: Scenario, delay: float) -> Law:
             rows, tau = known_timeline(us, EARLY + len(us), scenario, delay)
             b = B_d[:, :3] @ force - B[:, 0] * vehicle.hover_thrust
             xbar = state_ahead(xbar, nothing, rows, (EARLY + len(us)) * h, tau, h, A, B, b)
-        resting = servo_control(np.zeros(N_XBAR), nothing, np.zeros_like(L_x), *tail, force)
+        against = force if counters else np.zeros(3)
+        resting = servo_control(np.zeros(N_XBAR), nothing, np.zeros_like(L_x), *tail, against)
         on_the_way = us[: L_u.shape[1] // N_U] - resting
-        return np.asarray(servo_control(xbar, nothing, L_x, *tail, force) - L_u @ on_the_way.ravel())
+        return np.asarray(servo_control(xbar, nothing, L_x, *tail, against) - L_u @ on_the_way.ravel())
 
     return law
 

@@ -23,7 +23,7 @@ from ortilo_drake.onboard.estimator.extra_states import IMU_ROWS, B, D, F, augme
 from ortilo_drake.onboard.estimator.filter_model import augmented_model
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances
 from ortilo_drake.onboard.servo.lq_gain import gain_of, why_no_servo_gain
-from ortilo_drake.scenario import IntermittentFilter, Scenario, Truth
+from ortilo_drake.scenario import IntermittentFilter, LqServo, Scenario, Truth
 from ortilo_drake.theory.margins.loop_response import OpenLoop, closed
 from ortilo_drake.theory.modes.staircase import tick_scaling
 
@@ -132,10 +132,19 @@ def force_gain(L: np.ndarray, vehicle: Vehicle, yaw: float = 0.0) -> np.ndarray:
     return L_d
 
 
-def over_names(L: np.ndarray, names: tuple[str, ...], vehicle: Vehicle, yaw: float) -> np.ndarray:
-    """Return the servo's gain on [x; i] (4 x 15) as one on the states of those names, with D among them, and i."""
+def over_names(L: np.ndarray, names: tuple[str, ...], vehicle: Vehicle, yaw: float, counters: bool) -> np.ndarray:
+    """Return the servo's gain on [x; i] (4 x 15) as one on the states of those names, with D among them, and i.
+
+    Args:
+        L: the gain on [x; i].
+        names: of the filter's states.
+        vehicle: the vehicle.
+        yaw: the heading that is held [rad].
+        counters: whether the servo counters the force D, as the LQ servo does.
+    """
     L_e = np.zeros((N_U, len(names) - N_X))
-    L_e[:, [names.index(d) - N_X for d in D]] = force_gain(L, vehicle, yaw)
+    if counters:
+        L_e[:, [names.index(d) - N_X for d in D]] = force_gain(L, vehicle, yaw)
     return np.hstack([L[:, :N_X], L_e, L[:, N_X:]])
 
 
@@ -157,6 +166,9 @@ def left_out(scenario: Scenario) -> list[str]:
         "uwb.round": "uwb" in scenario.sensors and uwb.round > 0.0,
         "uwb.walls": "uwb" in scenario.sensors and uwb.walls.kind in ("bias", "excess"),
         "multilateration.bias_bank": "uwb" in scenario.sensors and scenario.multilateration.bias_bank is not None,
+        "landmark_fix.survey_bank": "camera" in scenario.sensors and scenario.landmark_fix.survey_bank is not None,
+        "world.rotors": scenario.world.rotors.kind == "first_order",
+        "faults": bool(scenario.faults),
         **{f"truth.{name}": getattr(truth, name) != getattr(Truth(), name) for name in Truth.model_fields},
     }
     return [name for name, there in found.items() if there]
@@ -172,7 +184,7 @@ def hover_loop(scenario: Scenario) -> HoverLoop:
     measurement, names = filter_measurement(scenario), (*STATE_NAMES, *names_of(extras))
     L = gain_of(scenario)
     if extras:
-        L = over_names(L, names, vehicle, scenario.yaw)
+        L = over_names(L, names, vehicle, scenario.yaw, isinstance(scenario.servo, LqServo))
     true_states = VELOCITIES if scenario.lends_velocities else ()
     driven = names_of(tuple(e for e in extras if e.Gamma.any() or e.Gamma_d.any()))
     world = tuple(k for k, name in enumerate(names) if k < N_X or name in driven)

@@ -111,11 +111,11 @@ def loops_by_case(hover: HoverLoop, V: np.ndarray, sensors: tuple[str, ...]) -> 
 def margins_report(scenario: Scenario, V: np.ndarray) -> dict[str, LoopMargins]:
     """Return loop_margins of every case of a scenario, by name.
 
+    The joint margins of a servo of one's own are in the weights that an LQ servo has by default.
+
     Args:
         scenario: its sensors are the nominal ones.
         V: covariance of all measurements (p x p), positive definite.
-
-    The joint margins of a servo of one's own are in the weights that an LQ servo has by default.
 
     Returns:
         'nominal', 'without uwb', ..., 'true velocities' (the paper's: velocities and rates from the truth) and

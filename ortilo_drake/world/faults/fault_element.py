@@ -168,7 +168,7 @@ def own_fault_box(part: Part, its: Numbered, message: Box, samples: int, h: floa
 
 
 def asked_box(sensor: str, faults: list[Numbered], samples: int, h: float) -> Box | None:
-    """Return the box of the time at which a sensor that will be stuck measures; None where none will be.
+    """Return the box that tells when a sensor that will be stuck is to measure; None where none will be.
 
     Args:
         sensor: its name; the delay of its link is read.

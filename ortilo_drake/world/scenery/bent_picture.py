@@ -2,14 +2,16 @@
 
 from typing import Any
 
-import cv2
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import Context, LeafSystem
 
 from ortilo_drake.model.lens import straightened
+from ortilo_drake.model.optional import later
 from ortilo_drake.model.room import CameraModel
 from ortilo_drake.model.typed_yaml import InputError
+
+cv2 = later("cv2")
 
 LARGEST = 4096  # sides of a straight picture [px]
 
@@ -23,7 +25,7 @@ def straight_model(camera: CameraModel) -> CameraModel:
     reach = camera.constants.lens.reach
     if not np.all(2.0 * camera.focal_length * reach + 3.0 <= LARGEST):
         raise InputError(
-            f"camera.coefficients: {list(camera.coefficients)}: look so far aside that a straight picture is wider "
+            f"coefficients: {list(camera.coefficients)}: look so far aside that a straight picture is wider "
             f"than {LARGEST} px: fly with camera.kind projected, or a smaller camera.width"
         )
     half = np.ceil(camera.focal_length * reach).astype(int) + 1

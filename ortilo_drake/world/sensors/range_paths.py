@@ -74,7 +74,7 @@ PATHS = Element(
 
 
 def paths_box(settings: Uwb, room: Room, h: float) -> Box | None:
-    """Return the box that lengthens the ranges of a uwb message along their paths; None where nothing does.
+    """Return the box that makes the ranges of a uwb message as long as their paths; None where nothing does.
 
     It reads `message` and the true state (12); its noise starts at 0 unless it is drawn.
     """
