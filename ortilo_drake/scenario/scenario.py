@@ -199,10 +199,9 @@ class Scenario(Belief):
     @model_validator(mode="after")
     def _robust_knows_its_landmarks(self) -> "Scenario":
         bank = self.landmark_fix.survey_bank
-        if bank is not None and getattr(self.estimator, "robust", None) is not None:
-            raise ValueError(
-                f"landmark_fix.survey_bank: {list(bank)}: must be null with estimator.robust, which weighs"
-            )
+        robust = getattr(self.estimator, "robust", None) is not None
+        if bank is not None and robust and "camera" in self.sensors:
+            raise ValueError(f"landmark_fix.survey_bank: {list(bank)}: must be null with estimator.robust")
         return self
 
     def __reduce__(self) -> tuple[Callable[[str], "Scenario"], tuple[str]]:

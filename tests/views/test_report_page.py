@@ -25,8 +25,10 @@ from ortilo_drake.interop.log.replay import ReplayReport
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.faults.fault_flights import FaultStudy
+from ortilo_drake.studies.fit.noise_file import NoiseFile
 from ortilo_drake.studies.hindsight.hindsight import Hindsight
 from ortilo_drake.studies.maps.map_flights import Map
+from ortilo_drake.studies.predict.predicted import Group
 from ortilo_drake.studies.rare.rare_flights import Rare
 from ortilo_drake.studies.recorded.fit_noise import Fitted
 from ortilo_drake.studies.rooms.coverage import Coverage
@@ -66,6 +68,8 @@ WRITTEN: dict[str, Any] = {
     "faults": keys_of(FaultStudy),
     "rare": {"scenario": "own", "verdict": "fewer than 0.0076 (95 %), none in 500 flights"} | keys_of(Rare),
     "map": keys_of(Map) | {"sweep": {"scenario": "own"}},
+    "fit": {**dict.fromkeys(NoiseFile.model_fields), "recordings": ["one"]},
+    "predict": {"noise": {"source": "own"}, "flights": [{"name": "one"}], "group": keys_of(Group)},
     "replay --map": {"map": {"name": "x"}, "motions": [{"name": "one"}]},
     "replay": keys_of(ReplayReport),
     "hindsight": keys_of(Hindsight) | {"scenario": "own"},
@@ -168,13 +172,15 @@ FOLDERS = {
     "map": ("# A map of own over uwb.link.loss, seed", "ortilo map"),
     "recorded": ("# Recorded motions", "ortilo replay --map"),
     "faults": ("# Faults in flight: own other", "ortilo faults"),
+    "predicted": ("# Predicted flights", "ortilo predict"),
 }
 
 
 @pytest.mark.parametrize("name", list(FOLDERS))
 def test_the_folder_of_each_study_is_known_by_its_report(tmp_path: Path, name: str) -> None:
     heading, command = FOLDERS[name]
-    picture = {"map": "map.png", "recorded": "motion.png", "faults": "faults.png"}.get(name)
+    pictures = {"map": "map.png", "recorded": "motion.png", "faults": "faults.png", "predicted": "predicted.png"}
+    picture = pictures.get(name)
     (tmp_path / "study.md").write_text(f"{heading}\n\n| a | b |\n| --- | --- |\n| 1 | 2 |\n", encoding="utf-8")
     if picture:
         cv2.imwrite(str(tmp_path / picture), np.full((8, 8, 3), 77, np.uint8))

@@ -60,7 +60,7 @@ class Analysis:
         scenario: its name.
         no_theory: why there is no theory, None if there is one.
         theory: what needs no flight.
-        left_out: settings of the world that are not in it.
+        left_out: settings of the world that are not in it; None without a theory.
         flights: of the scenario and of each pair of arrival rates.
         command_flights: behind command links; None if none was flown.
         honesty: of the scenario's own flights; None if none was flown.
@@ -71,7 +71,7 @@ class Analysis:
     scenario: str
     no_theory: str | None
     theory: Theory | None
-    left_out: list[str]
+    left_out: list[str] | None
     flights: int
     command_flights: CommandFlights | None
     honesty: Honesty | None
@@ -178,5 +178,5 @@ def analyze(
     if no_tube is None:
         tube, drawn = tube_report(scenario, flights, out, workers, step)
         figures += drawn
-    missing = left_out(scenario) if found else []
+    missing = left_out(scenario) if found else None
     return Analysis(scenario.name, why, found, missing, flights, flown, honesty, no_tube, tube), figures

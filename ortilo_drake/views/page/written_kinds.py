@@ -74,6 +74,8 @@ KINDS: Final = (
         False,
     ),
     Kind("ortilo replay --map", frozenset({"map", "motions"}), None, r"# Recorded motions()", "*.png"),
+    Kind("ortilo fit", frozenset({"uwb", "imu", "intervals", "recordings"})),
+    Kind("ortilo predict", frozenset({"noise", "flights", "group"}), None, r"# Predicted flights()", "predicted.png"),
     Kind("ortilo replay", frozenset({"ticks", "identical", "first_difference"})),
     Kind("ortilo hindsight", frozenset({"scenario", "estimator", "rows", "flights"}), "scenario"),
     Kind(
