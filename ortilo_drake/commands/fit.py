@@ -41,14 +41,15 @@ def fit(
     from ortilo_drake.flight.files import write_text
     from ortilo_drake.interop.recorded.map_file import load_map
     from ortilo_drake.interop.recorded.recording import read_recording
-    from ortilo_drake.scenario.load import resolve
+    from ortilo_drake.scenario.load import load_scenario
     from ortilo_drake.studies.fit.fit import fit_recordings
     from ortilo_drake.studies.fit.fit_report import fit_lines
     from ortilo_drake.studies.fit.noise_file import noise_text
-    from ortilo_drake.studies.fit.scenario_text import scenario_text
+    from ortilo_drake.studies.fit.scenario_text import base_seen_from, scenario_text
 
     if scenario_file is not None:
-        resolve(base, "--base")
+        named = base_seen_from(scenario_file, base)
+        load_scenario(base)
     map_ = load_map(map_file)
     read = [read_recording(path, map_) for path in recordings]  # refuses what is wrong before anything is fitted
     say_if_compiling()
@@ -57,7 +58,7 @@ def fit(
         found = fit_recordings(read, map_, places, lambda part: progress.update(task, description=part, advance=1))
     write_text(out_file, noise_text(found))
     if scenario_file is not None:
-        write_text(scenario_file, scenario_text(found, base))
+        write_text(scenario_file, scenario_text(found, named))
     write_json(json_file, found)
     say_heading(", ".join(found.recordings))
     for line in fit_lines(found):

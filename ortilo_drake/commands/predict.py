@@ -15,6 +15,7 @@ from ortilo_drake.commands.terminal import (
     show_markdown,
     write_json,
 )
+from ortilo_drake.model.typed_yaml import InputError
 
 
 def predict(
@@ -45,6 +46,9 @@ def predict(
 
     map_, errors = load_map(map_file), load_noise(noise)
     read = [read_recording(path, map_) for path in recordings]  # refuses what is wrong before anything is flown
+    names = [recording.name for recording in read]
+    if len(set(names)) < len(names):
+        raise InputError(f"{', '.join(names)}: two folders of one name would be one flight; rename one")
     say_if_compiling()
     with progress_bar() as progress:
         task = progress.add_task("flights", total=len(read) * (1 + 2 * runs))

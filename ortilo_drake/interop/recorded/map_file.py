@@ -56,7 +56,7 @@ class Estimated(Frozen):
 
 
 class FilterSettings(Frozen):
-    """The noise that the filter counts on; one set for every motion, see `ortilo replay --fit`."""
+    """The noise that the filter counts on; one set for every motion, see `ortilo tune FOLDERS --map MAP.yaml`."""
 
     acceleration: Positive = Field(default=0.1, description="White noise of the specific force [m/s²/√Hz].")
     rotation: Positive = Field(default=0.001, description="White noise of the body rates [rad/s/√Hz].")

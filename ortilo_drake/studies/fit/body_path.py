@@ -20,7 +20,7 @@ TURNS = 1e-3  # body rates are differences over this time to either side [s]
 
 
 class BodyPath(NamedTuple):
-    """Position and quaternion by the sensors' clock; stamps beyond first and last are taken there [s]."""
+    """Position and quaternion by the sensors' clock; beyond first and last [s] it stands still."""
 
     p: CubicSpline
     q: CubicSpline
@@ -41,14 +41,18 @@ class BodyPath(NamedTuple):
 
     def rates(self, t: np.ndarray) -> np.ndarray:
         """Return the body rates (m, 3) [rad/s]."""
-        t = self.within(t)
+        moves, t = self._moves(t), self.within(t)
         before, behind = Rotation.from_quat(self.q(t - TURNS)), Rotation.from_quat(self.q(t + TURNS))
-        return np.asarray((before.inv() * behind).as_rotvec() / (2.0 * TURNS))
+        return np.asarray(moves * (before.inv() * behind).as_rotvec() / (2.0 * TURNS))
 
     def force(self, t: np.ndarray) -> np.ndarray:
         """Return the specific force in B (m, 3) [m/s²]."""
-        t = self.within(t)
-        return np.asarray(self.attitude(t).inv().apply(self.p(t, 2) + [0.0, 0.0, GRAVITY]))
+        moves, t = self._moves(t), self.within(t)
+        return np.asarray(self.attitude(t).inv().apply(moves * self.p(t, 2) + [0.0, 0.0, GRAVITY]))
+
+    def _moves(self, t: np.ndarray) -> np.ndarray:
+        """Return which stamps are not beyond the ends (m, 1)."""
+        return ((t >= self.first) & (t <= self.last))[:, None]
 
 
 def body_path(name: str, truth: Truth, by: Calibration) -> BodyPath:

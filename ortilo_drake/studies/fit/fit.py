@@ -34,11 +34,12 @@ def fit_recordings(
     Raises:
         InputError: if a recording has no truth, too few ranges, or other anchors than the first.
     """
+    for one in recordings:
+        if np.ndim(one.anchors) == 0 or not np.array_equal(one.anchors, recordings[0].anchors):
+            raise InputError(f"{one.name}: anchors: must be surveyed, and the same as those of {recordings[0].name}")
     errors, notes = [], []
     imus: list[tuple[str, ImuErrors]] = []
     for one in recordings:
-        if np.shape(one.anchors) != np.shape(recordings[0].anchors) or np.ndim(one.anchors) == 0:
-            raise InputError(f"{one.name}: anchors: must be surveyed, and as many as those of {recordings[0].name}")
         say(one.name)
         by = calibration_of(one, map_)
         errors.append(range_errors(one, map_, by))
@@ -68,8 +69,9 @@ def fit_recordings(
         lasting=LastingNoise(time=at["uwb.lasting.time"], sd=at["uwb.lasting.sd"]),
         field=field,
         outliers=_outliers(errors, lasting, figures),
-        constants_sd=_short(float(np.std([c for c in known if c is not None]))),
+        constants_sd=_short(float(np.sqrt(np.mean([c**2 for c in known if c is not None])))),
         constants=None if None in known else tuple(_short(c) for c in known if c is not None),
+        differences=all((one.ranges.other >= 0).all() for one in recordings),
         rate=rate,
         missing=missing,
     )

@@ -45,8 +45,9 @@ class UwbNoise(Frozen):
     lasting: LastingNoise | None = None
     field: FieldNoise | None = None
     outliers: Outliers = Outliers()
-    constants_sd: NonNegativeFloat = Field(default=0.0, description="Spread of the anchors' constants [m].")
+    constants_sd: NonNegativeFloat = Field(default=0.0, description="Root mean square of the anchors' constants [m].")
     constants: tuple[float, ...] | None = Field(default=None, description="Each anchor's constant [m], if known.")
+    differences: bool = Field(default=False, description="Whether the rows that it was fitted to are differences.")
     near_floor: NonNegativeFloat = Field(
         default=0.0, description="Height [m] at which the floor doubles errors: they grow by (this / height)^4."
     )

@@ -14,6 +14,7 @@ from ortilo_drake.studies.fit.noise_file import NoiseFile, Outliers, UwbNoise
 from ortilo_drake.studies.predict.range_noise import Day, draw_day
 from ortilo_drake.studies.predict.simulated import simulated
 from ortilo_drake.studies.recorded.aided import airborne, with_aids
+from ortilo_drake.studies.recorded.at_rest import at_rest
 from ortilo_drake.studies.recorded.calibrate import calibrate, uncalibrated
 from ortilo_drake.studies.recorded.filtered import Estimate, estimate
 from ortilo_drake.studies.recorded.replayed import known_of
@@ -93,7 +94,7 @@ def predict(
         say: called before each.
 
     Raises:
-        InputError: if it has no truth, or too little of it.
+        InputError: if it has no truth, or too little of it, or the noise is that of another number of anchors.
     """
     truth, imu = recording.truth, recording.imu
     if truth is None:
@@ -101,9 +102,12 @@ def predict(
     if imu is not None and noise.imu is None:
         raise InputError("noise.imu: is missing, and the recording has an imu")
     if map_.calibration.share == 0.0:
-        by = uncalibrated(recording, map_.calibration)
+        by = uncalibrated(recording, map_.calibration, lever=imu is not None)
     else:
         by = calibrate(recording, map_.calibration, lever=imu is not None)
+    constants, n = noise.uwb.constants, len(by.anchors)
+    if constants is not None and len(constants) != n:
+        raise InputError(f"noise.uwb.constants: {len(constants)} of them, but {recording.name} has {n} anchors")
     path = body_path(recording.name, truth, by)
     mount = mount_of(recording, path, by, map_)
     known = with_aids(known_of(by, recording, map_), recording, map_, False)
@@ -121,11 +125,12 @@ def predict(
     def flown(kind: NoiseFile, run: int) -> Figures:
         of_day = np.random.Generator(np.random.Philox(np.random.SeedSequence([seed, run])))
         of_flight = np.random.Generator(np.random.Philox(np.random.SeedSequence([seed, run, *recording.name.encode()])))
-        day = draw_day(kind.uwb, len(by.anchors), of_day)
+        day = draw_day(kind.uwb, n, of_day)
         if known.biases is not None:  # calibrated ones are what the simulated anchors have, too
             day = Day(known.biases, day.fields)
         made = simulated(recording, by, path, mount, map_.floor, kind, day, failed, of_flight)
-        then = estimate(made.ranges, made.imu, known, map_.filter, stamps)
+        told = known._replace(rest=at_rest(made, map_))  # by its own imu
+        then = estimate(made.ranges, made.imu, told, map_.filter, stamps)
         return figures_of(then, path.position(then.t))
 
     figures = []

@@ -19,9 +19,9 @@ class Day(NamedTuple):
 
 
 def draw_day(noise: UwbNoise, n: int, rng: np.random.Generator) -> Day:
-    """Return a day drawn; constants that the file has are these."""
+    """Return a day drawn; constants that the noise has, n then, are these."""
     drawn = noise.constants_sd * rng.standard_normal(n)
-    constants = drawn if noise.constants is None or len(noise.constants) != n else np.array(noise.constants)
+    constants = drawn if noise.constants is None else np.array(noise.constants)
     field = noise.field
     fields = () if field is None else tuple(draw_field(rng, field.length, field.sd) for _ in range(n))
     return Day(constants, fields)

@@ -34,9 +34,11 @@ def landings(imu: Imu) -> list[Landing]:
     n, before, sudden = max(3, round(WINDOW / step)), round(BEFORE / step), max(1, round(SUDDEN / step))
     if len(t) <= n + before:
         return []
-    of = np.lib.stride_tricks.sliding_window_view(np.column_stack([imu.rates, up]), n, axis=0)
-    rates_sd, up_sd = np.sqrt(of[:, :3].var(axis=2).sum(axis=1)), of[:, 3].std(axis=1)
-    still = (rates_sd < STILL[0]) & (up_sd < STILL[1]) & (np.abs(of[:, 3].mean(axis=1) - GRAVITY) < OFF)
+    seen = np.column_stack([imu.rates, up - GRAVITY])
+    mean = _means(seen, n)
+    variance = np.maximum(_means(seen**2, n) - mean**2, 0.0)
+    rates_sd, up_sd = np.sqrt(variance[:, :3].sum(axis=1)), np.sqrt(variance[:, 3])
+    still = (rates_sd < STILL[0]) & (up_sd < STILL[1]) & (np.abs(mean[:, 3]) < OFF)
     found: list[Landing] = []
     for first in np.flatnonzero(still[1:] & ~still[:-1]) + 1:  # windows that begin with it
         rest = float(up[first : first + n].mean())
@@ -46,6 +48,12 @@ def landings(imu: Imu) -> list[Landing]:
         if jolted and touched is not None and (not found or touched > found[-1].rests):
             found.append(Landing(touched, float(t[first + n - 1])))
     return found
+
+
+def _means(values: np.ndarray, n: int) -> np.ndarray:
+    """Return the means over each n values in a row (m - n + 1, k) of m rows (m, k)."""
+    sums = np.cumsum(np.vstack([np.zeros((1, values.shape[1])), values]), axis=0)
+    return np.asarray((sums[n:] - sums[:-n]) / n)
 
 
 def _touched(t: np.ndarray, force: np.ndarray) -> float | None:

@@ -73,8 +73,10 @@ def go_on(
         for i in range(2):
             if watched[RESTS] == 0.0 and watched[SINCE + i] <= t:
                 f[i] = x[Q + 7 + i] - aids.drag * along_body(R, v, i)
+        place = x[:THETA].copy()
         inertial_step(x, A, W, held[:3], f, dt, variances if watched[RESTS] == 0.0 else np.array([variances[0], 0.0]))
         if watched[RESTS] > 0.0:  # position and velocity are as they were, whatever tilt and biases are
+            x[:THETA] = place
             A[:THETA], W[:THETA], W[:, :THETA] = 0.0, 0.0, 0.0
             for i in range(THETA):
                 A[i, i] = 1.0

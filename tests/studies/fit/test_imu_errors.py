@@ -38,6 +38,13 @@ def test_a_path_rounded_to_a_millimetre_says_what_an_ideal_imu_does() -> None:
     assert np.abs(means).max() < 0.03
 
 
+def test_beyond_its_ends_a_path_stands_still_and_so_says_its_imu() -> None:
+    path, t = body_path("x", truth(), BY), np.array([-5.0, -0.1, 40.1, 50.0])
+    np.testing.assert_array_equal(path.rates(t), 0.0)
+    np.testing.assert_allclose(path.attitude(t).apply(path.force(t)), np.tile([0, 0, GRAVITY], (4, 1)), atol=1e-12)
+    assert (path.position(t)[2:] == path.position(t[3:])).all()
+
+
 def test_a_truth_without_attitude_is_refused_in_a_line() -> None:
     with pytest.raises(InputError, match=r"truth\.rotation"):
         body_path("x", truth()._replace(R=None), BY)

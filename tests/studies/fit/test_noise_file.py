@@ -1,11 +1,18 @@
 """NOISE.yaml: written and read again, those of the package, and what is refused."""
 
-import pytest
+from pathlib import Path
 
+import numpy as np
+import pytest
+from command_line import run
+
+from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.interop.recorded.recording import Recording
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
+from ortilo_drake.studies.fit.fit import fit_recordings
 from ortilo_drake.studies.fit.noise_file import load_noise, noise_text, preset_names
-from ortilo_drake.studies.fit.scenario_text import scenario_text
+from ortilo_drake.studies.fit.scenario_text import base_seen_from, scenario_text
 
 
 @pytest.mark.parametrize("name", ["iasl_2023", "util_2021"])
@@ -21,8 +28,36 @@ def test_a_scenario_flies_the_numbers(tmp_path) -> None:
     (tmp_path / "FITTED.yaml").write_text(scenario_text(noise, "tight_imu_uwb"))
     scenario = load_scenario(tmp_path / "FITTED.yaml")
     assert (scenario.truth.uwb.slow_sd, scenario.truth.uwb.slow_time) == (noise.uwb.lasting.sd, noise.uwb.lasting.time)
-    assert scenario.uwb.noise.sds == (noise.uwb.white, 0.0)
+    assert scenario.uwb.noise.sds == (pytest.approx(noise.uwb.white / 2**0.5, rel=0.01), 0.0)  # it was of differences
     assert min(noise.imu.rotation) < scenario.imu.rate_density < max(noise.imu.rotation)
+
+
+def test_white_noise_of_single_ranges_is_flown_as_it_is(tmp_path) -> None:
+    noise = load_noise("iasl_2023")
+    (tmp_path / "FITTED.yaml").write_text(scenario_text(noise, "tight_imu_uwb"))
+    assert load_scenario(tmp_path / "FITTED.yaml").uwb.noise.sds == (noise.uwb.white, 0.0)
+
+
+def test_a_base_in_the_working_folder_is_found_from_a_scenario_in_another(tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "MINE.yaml").write_text("base: tight_imu_uwb\nseed: 77")
+    file = tmp_path / "fitted" / "S.yaml"
+    file.parent.mkdir()
+    for base, seed in (("MINE.yaml", 77), (str(tmp_path / "MINE.yaml"), 77), ("tight_imu_uwb", None)):
+        file.write_text(scenario_text(load_noise("util_2021"), base_seen_from(Path("fitted/S.yaml"), base)))
+        assert seed in (None, load_scenario(file).seed)
+    (tmp_path / "WRONG.yaml").write_text("base: tight_imu_uwb\nseeed: 77")
+    for base in ("WRONG.yaml", "NONE.yaml", "none"):
+        assert run("fit", "none", "--map", "NONE", "--scenario", "S.yaml", "--base", base) == 2
+        assert base in capsys.readouterr().err
+
+
+def test_recordings_with_other_anchors_are_refused_before_anything_is_fitted() -> None:
+    one = Recording("one", None, None, None, np.zeros((4, 3)), 0.0, 0.0, [], {})
+    with pytest.raises(InputError, match=r"two: anchors: .* those of one"):
+        fit_recordings([one, one._replace(name="two", anchors=np.ones((4, 3)))], Map.model_construct(), False)
+    with pytest.raises(InputError, match=r"one: anchors: must be surveyed"):
+        fit_recordings([one._replace(anchors=4)], Map.model_construct(), False)
 
 
 def test_a_name_that_is_none_and_a_number_that_is_none_are_one_line(tmp_path) -> None:

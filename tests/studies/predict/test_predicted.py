@@ -5,17 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from command_line import run
-from made_up_motion import TABLE_MAP, made_up, write_tables
+from made_up_motion import ANCHORS, BIASES, GRAVITY, TABLE_MAP, attitude, made_up, place, write_tables
 from scipy.spatial.transform import Rotation
 from usd_logs import util_folder, util_map
 
 from ortilo_drake.interop.recorded.map_file import Map
-from ortilo_drake.interop.recorded.recording import read_recording
-from ortilo_drake.model.typed_yaml import parse_yaml, validate
+from ortilo_drake.interop.recorded.range_rows import single_ranges
+from ortilo_drake.interop.recorded.recording import Imu, Recording, Truth, read_recording
+from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
 from ortilo_drake.studies.fit.body_path import body_path
 from ortilo_drake.studies.fit.fit import fit_recordings
 from ortilo_drake.studies.fit.imu_errors import mount_of
-from ortilo_drake.studies.fit.noise_file import ImuNoise, NoiseFile, UwbNoise
+from ortilo_drake.studies.fit.noise_file import ImuNoise, NoiseFile, UwbNoise, load_noise
 from ortilo_drake.studies.predict.predicted import Figures, Predicted, group_of, interval, predict
 from ortilo_drake.studies.predict.predicted_figure import predicted_figure
 from ortilo_drake.studies.predict.predicted_report import predicted_text
@@ -75,6 +76,61 @@ def test_the_figure_is_drawn(tmp_path) -> None:
     assert path.read_bytes()[:4] == b"\x89PNG"
 
 
+def after_a_rest(gyro_bias: float) -> Recording:
+    """Return exact ranges from the body itself and an imu exact but for its gyro's bias; 4 s of rest come first."""
+    t, t_r, h = np.arange(0.0, 20.0, 0.01), np.arange(0.05, 19.5, 0.05), 1e-3
+
+    def eased(t):
+        s = np.clip((t - 5.0) / 4.0, 0.0, None)
+        return 4.0 * np.where(s < 1.0, s**3 * (1.0 - 0.5 * s), s - 0.5)
+
+    def p(t):
+        return place(eased(t))
+
+    def R(t):
+        return attitude(eased(t))
+
+    rates = (R(t - h).inv() * R(t + h)).as_rotvec() / (2.0 * h) + [gyro_bias, 0.0, 0.0]
+    force = R(t).inv().apply((p(t + h) - 2.0 * p(t) + p(t - h)) / h**2 + [0.0, 0.0, GRAVITY])
+    r, every = np.linalg.norm(p(t_r)[:, None] - ANCHORS, axis=2), np.arange(len(ANCHORS))
+    ranges = single_ranges(np.repeat(t_r, len(every)), np.tile(every, len(t_r)), r.ravel())
+    imu, truth = Imu(t, rates, force, R(t).as_matrix()), Truth(t, p(t), R(t).as_matrix())
+    return Recording("rested", ranges, imu, truth, ANCHORS, 0.0, 0.0, [], {})
+
+
+def map_of_a_rest(lever: float) -> Map:
+    text = TABLE_MAP.replace("force: [fx, fy, fz]}", "force: [fx, fy, fz], standstill: 4}")
+    settings = f"{{share: 0, clock: 0, frame: same, biases: none, lever: [{lever}, 0, 0]}}"
+    return as_map(text + f"calibration: {settings}\n")
+
+
+def test_a_simulated_imu_tells_its_own_rest() -> None:
+    """The simulated gyro has no bias: what the recorded one said at rest would turn it over."""
+    found = predict(after_a_rest(0.15), map_of_a_rest(0.0), SILENT, 1, 0)
+    assert found.real.error < 0.05
+    assert found.fitted[0].error < 0.05
+
+
+def test_without_an_imu_the_truth_is_taken_for_the_antenna() -> None:
+    found = predict(after_a_rest(0.0)._replace(imu=None), map_of_a_rest(0.5), SILENT, 1, 0)
+    assert found.real.error < 0.1
+    assert found.fitted[0].error < 0.1
+
+
+def test_constants_of_other_anchors_are_refused_in_a_line() -> None:
+    noise = SILENT.model_copy(update={"uwb": UwbNoise(white=0.0, constants=(0.1, -0.1))})
+    with pytest.raises(InputError, match=r"noise\.uwb\.constants: 2 of them, but rested has 6 anchors"):
+        predict(after_a_rest(0.0), map_of_a_rest(0.0), noise, 1, 0)
+
+
+def test_two_folders_of_one_name_are_refused(tmp_path, capsys) -> None:
+    folders = [str(write_tables(tmp_path / parent / "one", made_up(duration=3.0))) for parent in "ab"]
+    (tmp_path / "MAP.yaml").write_text(TABLE_MAP)
+    words = ("--map", str(tmp_path / "MAP.yaml"), "--noise", "iasl_2023", "--out", str(tmp_path / "out"))
+    assert run("predict", *folders, *words) == 2
+    assert "two folders of one name" in capsys.readouterr().err
+
+
 @pytest.mark.long
 def test_both_commands_on_a_made_up_motion(tmp_path, capsys) -> None:
     folder = write_tables(tmp_path / "made_up", made_up())
@@ -83,6 +139,8 @@ def test_both_commands_on_a_made_up_motion(tmp_path, capsys) -> None:
     assert run("fit", *words, "--out", str(tmp_path / "NOISE.yaml"), "--scenario", str(tmp_path / "S.yaml")) == 0
     assert "uwb.white" in capsys.readouterr().out
     assert (tmp_path / "S.yaml").is_file()
+    constants_sd = load_noise(str(tmp_path / "NOISE.yaml")).uwb.constants_sd
+    assert constants_sd == pytest.approx(np.sqrt(np.mean(BIASES**2)), rel=0.02)  # drawn about 0
     out = tmp_path / "out"
     assert run("predict", *words, "--noise", str(tmp_path / "NOISE.yaml"), "--runs", "3", "--out", str(out)) == 0
     assert "made_up" in (out / "predicted.md").read_text()

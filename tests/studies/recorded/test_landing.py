@@ -1,12 +1,19 @@
 """Landings are found by the IMU of made-up flights whose height is given, and not where there are none."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
-from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.interop.recorded.map_file import FilterSettings, Map
 from ortilo_drake.interop.recorded.recording import Imu
 from ortilo_drake.model.typed_yaml import InputError, validate
+from ortilo_drake.onboard.estimator.tight.layout import Q, V
+from ortilo_drake.studies.recorded.filter_types import NO_AIDS, nominal, states
+from ortilo_drake.studies.recorded.filtered import noise_of
+from ortilo_drake.studies.recorded.imu_watch import RESTS
 from ortilo_drake.studies.recorded.landing import TOUCHES, landings
+from ortilo_drake.studies.recorded.passing import go_on, nothing_passed
 
 STEP, FALLS = 1e-3, 2.5
 END = 9.0
@@ -62,3 +69,27 @@ def test_one_that_lands_must_have_rested() -> None:
     }
     with pytest.raises(InputError, match=r"lands: needs `rests: true`"):
         validate(Map, of, "MAP.yaml")
+
+
+def test_long_recordings_take_no_more_room_than_a_few_copies_of_them() -> None:
+    imu = flown(flights=4)
+    tracemalloc.start()
+    try:
+        landings(imu)
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert most < 10 * (imu.rates.nbytes + imu.force.nbytes)
+
+
+def test_what_rests_stays_where_it_is_whatever_speed_was_left_of_the_landing() -> None:
+    n = 4
+    x = np.zeros(nominal(states(n)))
+    x[:3], x[V : V + 3], x[Q] = [1.0, 2.0, 0.1], [0.02, -0.01, 0.03], 1.0
+    before, watched, passing = x.copy(), np.array([1.0, 0.0, 0.0, 0.0, np.inf, np.inf, 0.0]), nothing_passed(states(n))
+    held = np.array([0.0, 0.0, 0.0, 0.3, -0.2, 9.7])
+    go_on(x, passing, 10.0, held, watched, 0.0, noise_of(FilterSettings(), True), NO_AIDS)
+    np.testing.assert_array_equal(x[: V + 3], before[: V + 3])
+    watched[RESTS] = 0.0
+    go_on(x, passing, 10.0, held, watched, 10.0, noise_of(FilterSettings(), True), NO_AIDS)
+    assert np.abs(x[:3] - before[:3]).max() > 1.0
