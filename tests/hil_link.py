@@ -55,6 +55,11 @@ def open_bus(url: str, serves: bool = False, key: bytes = KEY) -> Bus:
     return _OPEN[-1]
 
 
+def greeting(mechanism: bytes) -> bytes:
+    """Return what a client of ZeroMQ says first (ZMTP 3.1), of a mechanism of security."""
+    return b"\xff" + bytes(8) + b"\x7f\x03\x01" + mechanism.ljust(20, b"\0") + bytes(32)
+
+
 class Loop:
     """In place of a bus: what is published comes back here."""
 

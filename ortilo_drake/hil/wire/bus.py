@@ -86,6 +86,7 @@ class Bus:
         self._others: dict[bytes, None] = {}  # who joined, for the server
         self._takers: dict[str, list[Callable[[bytes], None]]] = {}
         self._context = zmq.Context()
+        self._context.setsockopt(zmq.RCVHWM, 0)  # a full monitor would hold up ZeroMQ's thread
         self._socket = self._context.socket(zmq.ROUTER if serves else zmq.DEALER)
         self._gate = ThreadAuthenticator(self._context)
         for option, value in (
@@ -192,7 +193,9 @@ class Bus:
 
     def _watch(self) -> None:
         """Count connections that were refused; tell the server, at each connection to it, that we are here."""
-        while _has_some(self._monitor):
+        for _ in range(AT_ONCE):
+            if not _has_some(self._monitor):
+                break
             event = parse_monitor_message(self._monitor.recv_multipart())["event"]
             if event & _REFUSED:
                 self.refused["key"] += 1
