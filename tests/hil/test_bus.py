@@ -14,7 +14,7 @@ from contextlib import ExitStack, contextmanager, suppress
 import pytest
 import zmq
 from curve25519 import public_key
-from hil_link import KEY, greeting, open_bus, own_bus, settle
+from hil_link import KEY, greeting, open_bus, own_bus, refuses, settle
 from waiting import HANGS, wait_for
 from zmq.utils import z85
 
@@ -440,6 +440,31 @@ def test_strangers_who_are_refused_while_nobody_looks_hold_nobody_up(bus: str) -
     assert server.refused["key"] <= AT_ONCE  # a flood is not all looked at in one tick
     until(lambda: server.refused["key"] >= refused, server)
     assert refused == many
+
+
+def test_a_stranger_fills_no_more_memory_than_the_largest_message(bus: str) -> None:
+    with Bus(bus, KEY, serves=True, largest=2**16):
+        assert refuses(bus, 2**16 + 100)
+        assert not refuses(bus, 2**16)
+
+
+def test_the_largest_message_is_taken_and_none_larger(bus: str) -> None:
+    with Bus(bus, KEY, serves=True, largest=2000) as server:
+        a = open_bus(bus)
+        settle(server, a)
+        came = heard(server, "X")
+        a.publish("X", bytes(2000))
+        until(lambda: bool(came), server)
+        a.publish("X", bytes(2001))
+        settle(server, a)  # it is back
+    assert came == [bytes(2000)]
+
+
+def test_a_connection_that_says_nothing_is_closed_in_seconds(bus: str) -> None:
+    open_bus(bus, serves=True)
+    with socket.create_connection(("127.0.0.1", port_of(bus)), timeout=8.0) as end:
+        while end.recv(100):
+            pass
 
 
 def test_own_buses_are_the_tests_alone() -> None:
