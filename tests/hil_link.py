@@ -1,7 +1,9 @@
 """Buses that no other test on this machine has, and an onboard half that answers on one."""
 
 import secrets
+import select
 import socket
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -53,6 +55,35 @@ def open_bus(url: str, serves: bool = False, key: bytes = KEY) -> Bus:
     """Open a bus, which is closed with the test's own."""
     _OPEN.append(Bus(url, key, serves))
     return _OPEN[-1]
+
+
+def greeting(mechanism: bytes) -> bytes:
+    """Return what a client of ZeroMQ says first (ZMTP 3.1), of a mechanism of security."""
+    return b"\xff" + bytes(8) + b"\x7f\x03\x01" + mechanism.ljust(20, b"\0") + bytes(32)
+
+
+def refuses(url: str, size: int) -> bool:
+    """Return whether who serves a bus refuses a message of a size from one who has shown no key.
+
+    It is announced alone. Where it is not refused, its connection lasts as long as one that says nothing, and longer
+    than one of those that was there before.
+    """
+    at = "127.0.0.1", int(url.rpartition(":")[2])
+    with socket.create_connection(at) as silent, socket.socket() as stranger:
+        silent.recv(1)  # it is being waited for ...
+        time.sleep(0.2)  # ... and that ends so much sooner
+        stranger.connect(at)
+        stranger.sendall(greeting(b"CURVE") + b"\x06" + size.to_bytes(8, "big"))
+        while True:
+            ready, _, _ = select.select((silent, stranger), (), (), HANGS)
+            assert ready, f"no connection is closed in {HANGS:g} s"
+            for end in ready:
+                try:
+                    is_open = bool(end.recv(100))
+                except ConnectionError:
+                    is_open = False
+                if not is_open:
+                    return end is stranger
 
 
 class Loop:

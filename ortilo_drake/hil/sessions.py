@@ -22,9 +22,10 @@ from ortilo_drake.hil.reports import OnboardFigures, OnboardReport, WorldReport
 from ortilo_drake.hil.restart.checkpoint import session_of
 from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.greeter import Greeter, meet_onboard
-from ortilo_drake.hil.wire.handshake import meet_world
+from ortilo_drake.hil.wire.handshake import flight_of, meet_world
 from ortilo_drake.hil.wire.inbox import Inbox
 from ortilo_drake.hil.wire.packets import FINISHED, ports
+from ortilo_drake.hil.wire.unpack import largest_to_world
 from ortilo_drake.hil.wire.wire import Outbox
 from ortilo_drake.scenario import InputError, Scenario
 
@@ -65,7 +66,7 @@ def run_world(
         InputError: if the bus does not work or the onboard half is missing, silent or flies another scenario.
     """
     with contextlib.ExitStack() as stack:
-        bus = stack.enter_context(Bus(url, key, serves=True))
+        bus = stack.enter_context(Bus(url, key, serves=True, largest=largest_to_world(flight_of(scenario, 0))))
         inbox, greeter = Inbox(bus, ("hello", "command", "telemetry")), Greeter(bus, scenario, lockstep)
         camera = CameraProcess(scenario, url, key) if scenario.is_rendered and not lockstep else None
         if camera:

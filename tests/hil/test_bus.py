@@ -9,12 +9,12 @@ import struct
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 
 import pytest
 import zmq
 from curve25519 import public_key
-from hil_link import KEY, open_bus, own_bus, settle
+from hil_link import KEY, greeting, open_bus, own_bus, refuses, settle
 from waiting import HANGS, wait_for
 from zmq.utils import z85
 
@@ -238,9 +238,9 @@ def test_with_half_of_the_keys_nobody_comes_in(bus: str) -> None:
 def test_bytes_that_are_no_zeromq_are_refused(bus: str) -> None:
     server, a = open_bus(bus, serves=True), open_bus(bus)
     settle(server, a)
-    came, greeting = heard(server, "X"), b"\xff" + bytes(8) + b"\x7f\x03\x00"
+    came = heard(server, "X")
     garbage = [b"", b"GET / HTTP/1.1\r\n\r\n", secrets.token_bytes(3000), 100 * b"\xff", bytes(4096)]
-    garbage += [greeting + b"NULL" + bytes(16) + bytes(32), greeting + b"CURVE" + bytes(15) + secrets.token_bytes(500)]
+    garbage += [greeting(b"NULL"), greeting(b"CURVE")[:32] + secrets.token_bytes(500)]
     garbage += [b"\x01\x00\x04\x00X\x01data", b"LC02" + struct.pack(">I", 1) + b"X\0data"]  # ZMTP 1.0; the wire before
     for data in garbage:
         with socket.create_connection(("127.0.0.1", port_of(bus))) as end:
@@ -421,6 +421,50 @@ def test_a_flood_of_strangers_keeps_nobody_from_talking(bus: str) -> None:
         thread.join(HANGS)
     assert came == [b"up %d" % k for k in range(300)]
     assert there == [b"down %d" % k for k in range(300)]
+
+
+def test_strangers_who_are_refused_while_nobody_looks_hold_nobody_up(bus: str) -> None:
+    """A queue of ZeroMQ's holds 1000 at each end; one that is full holds up who fills it."""
+    server, many, refused = open_bus(bus, serves=True), 2500, 0
+    try:
+        while refused < many:
+            with socket.create_connection(("127.0.0.1", port_of(bus)), timeout=60.0) as end:
+                end.sendall(greeting(b"NULL"))
+                with suppress(ConnectionError):
+                    while end.recv(100):
+                        pass
+                refused += 1
+    except TimeoutError:
+        pass
+    server.handle()
+    assert server.refused["key"] <= AT_ONCE  # a flood is not all looked at in one tick
+    until(lambda: server.refused["key"] >= refused, server)
+    assert refused == many
+
+
+def test_a_stranger_fills_no_more_memory_than_the_largest_message(bus: str) -> None:
+    with Bus(bus, KEY, serves=True, largest=2**16):
+        assert refuses(bus, 2**16 + 100)
+        assert not refuses(bus, 2**16)
+
+
+def test_the_largest_message_is_taken_and_none_larger(bus: str) -> None:
+    with Bus(bus, KEY, serves=True, largest=2000) as server:
+        a = open_bus(bus)
+        settle(server, a)
+        came = heard(server, "X")
+        a.publish("X", bytes(2000))
+        until(lambda: bool(came), server)
+        a.publish("X", bytes(2001))
+        settle(server, a)  # it is back
+    assert came == [bytes(2000)]
+
+
+def test_a_connection_that_says_nothing_is_closed_in_seconds(bus: str) -> None:
+    open_bus(bus, serves=True)
+    with socket.create_connection(("127.0.0.1", port_of(bus)), timeout=8.0) as end:
+        while end.recv(100):
+            pass
 
 
 def test_own_buses_are_the_tests_alone() -> None:

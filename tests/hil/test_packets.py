@@ -10,6 +10,7 @@ from hil_link import flight_for_packets
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ortilo_drake.hil.wire.limits import Limits
 from ortilo_drake.hil.wire.packet_checks import BadPacket, Flight
 from ortilo_drake.hil.wire.packets import (
     FLYING,
@@ -28,7 +29,7 @@ from ortilo_drake.hil.wire.packets import (
     encode_vector,
 )
 from ortilo_drake.hil.wire.plain_text import plain
-from ortilo_drake.hil.wire.unpack import Packet, decode
+from ortilo_drake.hil.wire.unpack import Packet, decode, largest_to_world
 from ortilo_drake.model.measurement import make_measurement
 from ortilo_drake.model.signals import ACTED_SIZE, IMU_SIZE, MAX_DETECTIONS, VELOCITY_SIZE
 
@@ -264,6 +265,22 @@ def test_pictures_come_back_bit_for_bit(height: int, width: int, seed: int, alph
     packet = opened("image", encode_picture(SESSION, TICK, 1.0, image), FLIGHT._replace(shape=(height, width)))
     assert packet.stamp == 1.0
     np.testing.assert_array_equal(packet.value, image)
+
+
+@pytest.mark.parametrize("shape", [None, (1, 1), (240, 320)])
+def test_whatever_comes_to_the_world_fits_into_its_largest_message(shape: tuple[int, int] | None) -> None:
+    """Pictures of noise, which does not compress, and telemetry of a sensor with 200 rows."""
+    flight = FLIGHT._replace(shape=shape)
+    sent = dict(VALID)
+    if shape:
+        sent["image"] = encode_picture(SESSION, TICK, 1.0, RNG.integers(0, 256, (*shape, 4), dtype=np.uint8))
+        assert reason("image", sent["image"], flight) == "accepted"
+    assert max(map(len, sent.values())) <= largest_to_world(flight) < 2**20
+    rows = np.ones(200 * 200)
+    limits = FLIGHT.limits | {"V2": Limits(0.0 * rows, 2.0 * rows)}
+    telemetry = encode_telemetry(SESSION, TICK, OUTPUTS | {"V2": rows})
+    assert reason("telemetry", telemetry, FLIGHT._replace(limits=limits)) == "accepted"
+    assert len(telemetry) <= largest_to_world(flight._replace(limits=limits))
 
 
 @given(

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hil_link import KEY, flight_for_packets, open_bus
+from hil_link import KEY, flight_for_packets, open_bus, refuses
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
@@ -204,3 +204,18 @@ def test_a_relay_passes_both_ways_without_echo_and_with_its_faults(bus: str, oth
         ticks + 12 + 8,
         sum(bool(line.take("tick", 0.0)) for _ in range(ticks)) + len(passed) + sum(fate),
     )
+
+
+def test_a_stranger_at_the_onboard_halfs_bus_fills_no_memory(bus: str, other_bus: str) -> None:
+    stop, ready = threading.Event(), threading.Event()
+    relay = threading.Thread(
+        target=run_relay, args=(KEY, bus, other_bus, None, None, 1, HANGS, stop, ready), daemon=True
+    )
+    relay.start()
+    assert ready.wait(HANGS)
+    try:
+        assert refuses(other_bus, 2**19)
+    finally:
+        stop.set()
+        relay.join(HANGS)
+    assert not relay.is_alive()

@@ -20,6 +20,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.world.noise import stream_id, uniforms
 
 _FROM_ONBOARD: Final = ("command", "telemetry")
+_FROM_ONBOARD_LARGEST: Final = 2**18  # bytes: telemetry of a sensor with 170 rows; pictures only go the other way
 _WAIT = 1  # [ms]
 
 
@@ -78,7 +79,10 @@ def run_relay(
     """
     if address(url_world) == address(url_onboard):
         raise InputError(f"url: {url_world!r}: the relay needs two different buses, one for each half")
-    with Bus(url_world, key) as world, Bus(url_onboard, key, serves=True) as onboard:
+    with (
+        Bus(url_world, key) as world,
+        Bus(url_onboard, key, serves=True, largest=_FROM_ONBOARD_LARGEST) as onboard,
+    ):
         directions = {
             "to_onboard": _Direction("world", world, onboard, FaultModel(to_onboard or Faults(), seed, "to_onboard")),
             "to_world": _Direction("onboard", onboard, world, FaultModel(to_world or Faults(), seed, "to_world")),

@@ -25,7 +25,7 @@ class Address(NamedTuple):
 
 
 def address(url: str) -> Address:
-    """Return the address that a URL names.
+    """Return the address that a URL names: a name's first of IPv4, or its first if it has none.
 
     Raises:
         InputError: if it is not of the form tcp://HOST:PORT, or its host is not known.
@@ -38,13 +38,16 @@ def address(url: str) -> Address:
         raise InputError(allowed) from None
     if url != f"tcp://{parts.netloc}" or not host or not port or "@" in parts.netloc:
         raise InputError(allowed)
+    if "%" in host:
+        raise InputError(f"url: {url!r}: host {host!r} names an interface (%); give the host's name or another address")
     if host == "*":  # a host that getaddrinfo takes for every interface
         raise InputError(allowed)
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError):
         raise InputError(f"url: {url!r}: no host {host!r} is known") from None
-    return Address(ipaddress.ip_address(found[0][4][0]), port)
+    first = min(found, key=lambda each: each[0] != socket.AF_INET)  # who serves 0.0.0.0 does not serve IPv6
+    return Address(ipaddress.ip_address(first[4][0]), port)
 
 
 def leaves_machine(url: str) -> bool:

@@ -28,12 +28,13 @@ from zmq.utils.monitor import parse_monitor_message
 from ortilo_drake.hil.wire.address import address
 from ortilo_drake.model.typed_yaml import InputError
 
-LARGEST: Final = 2**24  # bytes of a message: a picture of the widest camera
+LARGEST: Final = 2**24  # bytes of a message that whoever joins takes: a picture of the widest camera
 QUEUE: Final = 1000  # messages that wait for one process; more are dropped
 AT_ONCE: Final = 256  # messages that one call of handle takes at most
 _FLUSH: Final = 1000  # how long a closed bus may take to send what was published [ms]
 _RETRY: Final = 50  # between two attempts to join [ms]
-_HANDSHAKE: Final = 10_000  # after which a connection that says nothing is closed [ms]
+_HANDSHAKE: Final = 2_000  # after which a connection that has not shown its key is closed [ms]
+_CURVE: Final = 33  # bytes by which encryption lengthens a message
 _ALIVE: Final = 1000, 5000  # between two signs of life, and how long to wait for one [ms]
 _HERE: Final = b""  # a message that tells the server to send us the others'
 _DOMAIN: Final = "ortilo"  # of the gate
@@ -70,6 +71,8 @@ class Bus:
         key: that all processes of the bus share (32 bytes).
         serves: whether this process serves it.
         hears: whether the others' messages come here, if it does not serve.
+        largest: bytes of a message that is taken; a longer one ends its connection. Whoever connects can have as much
+            memory taken up, before it has shown its key.
 
     Attributes:
         url: the same.
@@ -80,16 +83,17 @@ class Bus:
         InputError: if the URL is none, or it cannot be served.
     """
 
-    def __init__(self, url: str, key: bytes, serves: bool = False, hears: bool = True):
+    def __init__(self, url: str, key: bytes, serves: bool = False, hears: bool = True, largest: int = LARGEST):
         self.url, self.refused = url, Counter[str]()
         self._serves, self._hears, self._unsent = serves, hears, 0
         self._others: dict[bytes, None] = {}  # who joined, for the server
         self._takers: dict[str, list[Callable[[bytes], None]]] = {}
         self._context = zmq.Context()
+        self._context.setsockopt(zmq.RCVHWM, 0)  # a full monitor would hold up ZeroMQ's thread
         self._socket = self._context.socket(zmq.ROUTER if serves else zmq.DEALER)
         self._gate = ThreadAuthenticator(self._context)
         for option, value in (
-            *((zmq.SNDHWM, QUEUE), (zmq.RCVHWM, QUEUE), (zmq.MAXMSGSIZE, LARGEST), (zmq.LINGER, _FLUSH)),
+            *((zmq.SNDHWM, QUEUE), (zmq.RCVHWM, QUEUE), (zmq.MAXMSGSIZE, largest + _CURVE), (zmq.LINGER, _FLUSH)),
             *((zmq.HEARTBEAT_IVL, _ALIVE[0]), (zmq.HEARTBEAT_TIMEOUT, _ALIVE[1]), (zmq.HANDSHAKE_IVL, _HANDSHAKE)),
         ):
             self._socket.setsockopt(option, value)
@@ -192,7 +196,9 @@ class Bus:
 
     def _watch(self) -> None:
         """Count connections that were refused; tell the server, at each connection to it, that we are here."""
-        while _has_some(self._monitor):
+        for _ in range(AT_ONCE):
+            if not _has_some(self._monitor):
+                break
             event = parse_monitor_message(self._monitor.recv_multipart())["event"]
             if event & _REFUSED:
                 self.refused["key"] += 1

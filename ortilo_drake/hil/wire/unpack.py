@@ -50,6 +50,8 @@ _GOAL_SIZES: Final = (_TURN + 8 + 2 * (COUNT_SIZE + 1) + 8 * 2, _TURN + 8 + 2 * 
 _HELLO_LEAST: Final = 8 + 4 + 3 * (COUNT_SIZE + 1) + 8 + 1 + 2 * 8
 _HELLO_SIZES: Final = (_HELLO_LEAST, _HELLO_LEAST + 3 * MAX_TEXT)
 _DIGEST: Final = re.compile(r"[0-9a-f]{16}")
+_PICTURE_HEAD: Final = _TURN + 8 + COUNT_SIZE
+_TELEMETRY_HEAD: Final = _TURN + 8 * sum(TELEMETRY.values())
 _PNG_MARGIN: Final = 65_536  # bytes by which a PNG may be longer than its pixels: noise does not compress
 
 
@@ -70,6 +72,20 @@ class Packet(NamedTuple):
     stamp: float = 0.0
 
 
+def _longest_picture(flight: Flight) -> int:
+    pixels = 0 if flight.shape is None else flight.shape[0] * flight.shape[1]
+    return _PICTURE_HEAD + 8 * pixels + _PNG_MARGIN
+
+
+def _telemetry_length(flight: Flight) -> int:
+    return _TELEMETRY_HEAD + COUNT_SIZE + 8 * sum(flight.limits[key].low.size for key in MEASUREMENT)
+
+
+def largest_to_world(flight: Flight) -> int:
+    """Return the most bytes that a packet of a flight has of those that come to the world: a picture, or telemetry."""
+    return max(_longest_picture(flight), _telemetry_length(flight))
+
+
 def _decode_vector(name: str, data: bytes, flight: Flight) -> Packet:
     limits = flight.limits[name]
     check_size(data, _TURN, 8)
@@ -85,11 +101,8 @@ def _decode_vector(name: str, data: bytes, flight: Flight) -> Packet:
 
 
 def _decode_picture(name: str, data: bytes, flight: Flight) -> Packet:
-    pixels = 0 if flight.shape is None else flight.shape[0] * flight.shape[1]
-    start = _TURN + 8 + COUNT_SIZE
-    check_size(data, _TURN + 8, 1)
-    sizes = start, start + 8 * pixels + _PNG_MARGIN
-    message = open_message(lcmt_picture, data, sizes, flight.session)
+    check_size(data, _PICTURE_HEAD - COUNT_SIZE, 1)
+    message = open_message(lcmt_picture, data, (_PICTURE_HEAD, _longest_picture(flight)), flight.session)
     check_tick(message.tick, flight)
     check_stamp(message.stamp, message.tick, flight.limits[name], flight)
     image = None if flight.shape is None else decode_foreign_png(message.data, flight.shape)
@@ -119,9 +132,8 @@ def _decode_command(name: str, data: bytes, flight: Flight) -> Packet:
 
 def _decode_telemetry(name: str, data: bytes, flight: Flight) -> Packet:
     sizes = [flight.limits[key].low.size for key in MEASUREMENT]
-    start = _TURN + 8 * sum(TELEMETRY.values())
-    check_size(data, start, 8)
-    length = start + COUNT_SIZE + 8 * sum(sizes)
+    check_size(data, _TELEMETRY_HEAD, 8)
+    length = _telemetry_length(flight)
     message = open_message(lcmt_telemetry, data, (length, length), flight.session)
     check_tick(message.tick, flight)
     outputs = {key: np.array(getattr(message, key)) for key in TELEMETRY}
