@@ -59,7 +59,7 @@ def boxes_out(
     xhat, P = belief[:N_XBAR], covariance_of(belief, prior)
     boxes = boxes_to_solve(message, xhat, P, believed, power_of_two(int(refused[0])))
     solution = pose_from_boxes(*boxes[:3], xhat, P, believed.camera, boxes[3], believed.max_residual, n.rows)
-    put(fix_of(*solution, xhat, message[STAMP], n.rows), out)
+    put(fix_of(*solution[:3], xhat, message[STAMP], n.rows), out)
 
 
 def cosines_out(
@@ -105,13 +105,14 @@ def learning_out(
     xhat, P = belief[:N_XBAR], covariance_of(belief, prior)
     boxes = boxes_to_solve(message, xhat, P, now, power_of_two(int(refused[0])))
     solution = pose_from_boxes(*boxes[:3], xhat, P, now.camera, boxes[3], now.max_residual, 6)
-    fix = fix_of(*solution, xhat, message[STAMP], 6)
+    fix = fix_of(*solution[:3], xhat, message[STAMP], 6)
     if fix[ARRIVED] != 1.0:
         return
     put(fix, out)
     told = size + N_LASTING
     here = out[told + PER_LANDMARK * landmarks :]
-    put_information(out[told : told + PER_LANDMARK * landmarks], here, Solved(boxes[0], boxes[4], solution[1]), now)
+    solved = Solved(boxes[0][solution[3]], boxes[4][solution[3]], solution[1])
+    put_information(out[told : told + PER_LANDMARK * landmarks], here, solved, now)
     put_lasting(out[size : size + N_LASTING], now.survey_sd, here, learned)
 
 
