@@ -12,7 +12,7 @@ from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.pinhole import box_center
 from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, DETECTIONS_SIZE, PAYLOAD
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.estimator.lasting_element import N_LASTING, told_layout, vary
+from ortilo_drake.onboard.estimator.lasting_element import told_layout, vary
 from ortilo_drake.onboard.landmarks.box_fix import BoxBelief, box_belief, boxes_to_solve
 from ortilo_drake.onboard.landmarks.fix_element import camera_fix_box
 from ortilo_drake.onboard.landmarks.known_attitude import FREE_SD
@@ -20,13 +20,12 @@ from ortilo_drake.onboard.landmarks.landmark_bank import (
     PER_LANDMARK,
     REPEATS,
     Solved,
-    keep,
     learn,
     learned_first,
     put_information,
     put_lasting,
 )
-from ortilo_drake.onboard.ranging.lasting_error import KEPT, KEY, NEW_KEY, SHARE
+from ortilo_drake.onboard.ranging.lasting_error import KEPT, KEY, N_LASTING, NEW_KEY, SHARE, keep
 from ortilo_drake.scenario import LandmarkFix as Settings
 from ortilo_drake.scenario import load_scenario
 

@@ -21,17 +21,15 @@ from ortilo_drake.onboard.landmarks.box_fix import (
 from ortilo_drake.onboard.landmarks.cosine_law import cosine_law
 from ortilo_drake.onboard.landmarks.known_attitude import pose_from_boxes
 from ortilo_drake.onboard.landmarks.landmark_bank import (
-    N_LASTING,
     PER_LANDMARK,
     Solved,
-    keep,
     kept_from,
     learn,
     learned_first,
     put_information,
     put_lasting,
 )
-from ortilo_drake.onboard.ranging.lasting_error import KEPT, LASTING, SHARE
+from ortilo_drake.onboard.ranging.lasting_error import KEPT, LASTING, N_KEPT, N_LASTING, SHARE, keep
 from ortilo_drake.scenario import LandmarkFix as LandmarkFixSettings
 
 
@@ -98,7 +96,7 @@ def learning_out(
     fill(out, 0.0)
     size, landmarks = PAYLOAD + 42, believed.positions.shape[0]
     put(learned[LASTING:KEPT], out, size)
-    put((1.0, 1.0, 1.0), out, size + 3)
+    put((1.0, 1.0, 1.0), out, size + N_KEPT)
     if message[ARRIVED] != 1.0:
         return
     now = with_share(believed, learned[SHARE])
