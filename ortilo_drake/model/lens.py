@@ -110,8 +110,9 @@ def _straight_of_fisheye(x: float, y: float, lens: Lens) -> tuple[float, float]:
         theta = following
         if done:
             break
-    scale = sin(theta) / (cos(theta) * r)
-    if not (theta < most and scale > 0.0):
+    scale, t = sin(theta) / (cos(theta) * r), theta * theta
+    reached = theta * (1.0 + t * (bend[0] + t * (bend[1] + t * (bend[2] + t * bend[3]))))
+    if not (theta < most and scale > 0.0 and abs(reached - r) < 1e-9):
         return np.nan, np.nan
     return scale * x, scale * y
 

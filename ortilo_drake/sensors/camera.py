@@ -159,9 +159,11 @@ def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) 
     """Return the true camera (place, angles, focal length) and the true places of the landmarks."""
     if scenario.is_rendered:
         return {}
-    f = boxes["camera"].given.numbers["camera_f"] * float(its["camera.focal_factor"])
+    believed = room.camera.scaled_to(scenario.image_width)
+    f = believed.focal_length * float(its["camera.focal_factor"])
     tables = {
         "camera_p_BC": np.array(room.camera.position) + its["camera.position"],
+        "camera_lens_reach": believed.model_copy(update={"focal_length": f}).constants.lens.reach,
         "room_positions": room.landmark_positions + its["survey.landmarks"],
     }
     return {"camera": Given({"camera_f": f, "turned": its["camera.angles"]}, tables=tables)}

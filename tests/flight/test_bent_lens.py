@@ -9,6 +9,9 @@ from test_players import check_players
 from ortilo_drake.flight.metrics import summary
 from ortilo_drake.flight.players import fly
 from ortilo_drake.scenario import Scenario, load_scenario
+from ortilo_drake.sensors.camera import drawn
+from ortilo_drake.world.drawn_truth import draw_truth
+from ortilo_drake.world.sensors.landmark_view import landmark_views, surroundings
 
 HOVER = ("planner={kind: hover, point: [8, 1, 1.5], duration: 2}", "settle=0.0", "camera.kind=projected")
 LENSES = {
@@ -35,3 +38,23 @@ def test_fixes_of_bent_boxes_err_no_more_than_those_of_straight_ones(distortion:
     bent, straight = errors[distortion], errors["none"]
     assert np.isfinite([bent.median, straight.median]).all()
     assert bent.median < 2.0 * straight.median + 0.02
+
+
+@pytest.mark.parametrize("distortion", LENSES)
+def test_a_camera_of_another_focal_length_loses_no_landmark(distortion: str) -> None:
+    """It leaves out what lies aside of the image: of the image that it takes, not of the one that is believed."""
+    scenario = scenario_of(distortion, "truth.camera.focal_factor=0.8")
+    room = scenario.load_room()
+    true = drawn(scenario, room, draw_truth(scenario.truth, 0, room, {"uwb": 24, "camera": 0, "imu": 9}), {})["camera"]
+    believed = room.camera.scaled_to(scenario.image_width).constants
+    assert true.numbers["camera_f"] == pytest.approx(0.8 * believed.f)
+    limits, generator, seen = np.array([np.inf, 1.0, 1.0]), np.random.default_rng(0), 0
+    for _ in range(400):
+        x = np.array([*generator.uniform([0.0, -1.0, 1.0], [17.0, 1.0, 2.0]), *generator.normal(0.0, 0.3, 3)])
+        views = list[np.ndarray]()
+        for reach in (true.tables["camera_lens_reach"], np.full(2, np.inf)):
+            camera = believed._replace(f=true.numbers["camera_f"], lens=believed.lens._replace(reach=reach))
+            views.append(landmark_views(x, surroundings(room), camera, limits))
+        np.testing.assert_array_equal(views[0], views[1])
+        seen += len(views[0])
+    assert seen > 1000

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ortilo_drake.model import pinhole
-from ortilo_drake.model.lens import bent, straightened, turning_point
+from ortilo_drake.model.lens import bent, make_lens, straightened, turning_point
 from ortilo_drake.model.room import CameraModel
 from ortilo_drake.model.typed_yaml import InputError, validate
 
@@ -134,6 +134,27 @@ def test_what_lies_beyond_where_the_lens_turns_back_has_no_pixel() -> None:
         point = np.zeros((1, 3))
         assert pinhole.extent_box(q + camera.p_BC, point, np.zeros(3), np.eye(3), camera, np.empty(4)) == seen
     assert np.isnan(straightened(10.0, 0.0, camera.lens)).all()
+
+
+@pytest.mark.parametrize(
+    ("k", "reached", "beyond"),
+    [((-0.2, 0.0, 0.0, 0.0), 0.8606, (0.8608, 1.0, 3.0)), ((-0.1, 0.0, 0.0, 0.0), 1.18, (1.184, 1.4))],
+)
+def test_a_pixel_beyond_what_a_fisheye_reaches_has_no_ray(k: tuple[float, ...], reached: float, beyond: Any) -> None:
+    """With k1 < 0 alone theta (1 + k1 theta^2) is largest at theta^2 = -1 / (3 k1), or at the quarter turn."""
+    most = min(np.sqrt(-1.0 / (3.0 * k[0])), 0.5 * np.pi)
+    assert reached < most * (1.0 + k[0] * most**2) < beyond[0]
+    lens, _ = make_lens(k, 1.0, 100.0, (159.5, 119.5), (320.0, 240.0))
+    x, y = straightened(0.6 * reached, 0.8 * reached, lens)
+    np.testing.assert_allclose(bent(x, y, lens.bend)[:2], (0.6 * reached, 0.8 * reached), atol=1e-9)
+    for r in beyond:
+        assert np.isnan(straightened(r, 0.0, lens)).all(), r
+
+
+def test_a_fisheye_that_turns_back_within_half_of_the_way_to_a_side_is_no_good() -> None:
+    """Of k1 = -0.35 the greatest radius is 0.651; half of the way to the picture's side is 0.8, a quarter 0.4."""
+    for f, good in ((100.0, False), (200.0, True)):
+        assert make_lens((-0.35, 0.0, 0.0, 0.0), 1.0, f, (159.5, 119.5), (320.0, 240.0))[1] == good
 
 
 def test_the_turning_point_is_where_the_bent_radius_is_largest() -> None:

@@ -12,21 +12,20 @@ from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.pinhole import box_center
 from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, DETECTIONS_SIZE, PAYLOAD
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.estimator.lasting_element import N_LASTING, told_layout, vary
-from ortilo_drake.onboard.landmarks.box_fix import BoxBelief, box_belief
+from ortilo_drake.onboard.estimator.lasting_element import told_layout, vary
+from ortilo_drake.onboard.landmarks.box_fix import BoxBelief, box_belief, boxes_to_solve
 from ortilo_drake.onboard.landmarks.fix_element import camera_fix_box
 from ortilo_drake.onboard.landmarks.known_attitude import FREE_SD
 from ortilo_drake.onboard.landmarks.landmark_bank import (
     PER_LANDMARK,
     REPEATS,
     Solved,
-    keep,
     learn,
     learned_first,
     put_information,
     put_lasting,
 )
-from ortilo_drake.onboard.ranging.lasting_error import KEPT, KEY, NEW_KEY, SHARE
+from ortilo_drake.onboard.ranging.lasting_error import KEPT, KEY, N_LASTING, NEW_KEY, SHARE, keep
 from ortilo_drake.scenario import LandmarkFix as Settings
 from ortilo_drake.scenario import load_scenario
 
@@ -156,6 +155,28 @@ def test_an_image_without_a_fix_keeps_all_that_lasts() -> None:
     assert not nothing[:FIX_SIZE].any()
     np.testing.assert_array_equal(nothing[FIX_SIZE : FIX_SIZE + 3], fix[FIX_SIZE : FIX_SIZE + 3])
     np.testing.assert_array_equal(nothing[FIX_SIZE + 3 : FIX_SIZE + 6], 1.0)
+
+
+def test_a_box_that_the_fix_refuses_tells_nothing() -> None:
+    """Its message is that of a picture without the box."""
+    errors, belief = np.zeros((M, 2)), np.concatenate((state(), covariance(0.1)))
+    errors[1, 0] = 8.0
+    said = message(EXACT, np.zeros((M, 3)), errors)
+    fewer = said.copy()
+    rows = fewer[PAYLOAD:].reshape(-1, DETECTION_SIZE)
+    rows[1:-1] = rows[2:]
+    chosen = boxes_to_solve(said, *np.split(belief, [15]), BELIEVED, 1.0)[4]
+    assert SHOWN[1] in chosen  # so it is the solver that drops it
+    shares = list[float]()
+    for its_message in (said, fewer):
+        its = PlainBox(camera_fix_box(SETTINGS, ROOM, 320, 0.1))
+        found = its.say(message=its_message, belief=belief)
+        its.step(message=its_message, belief=belief)
+        told = found[FIX_SIZE + N_LASTING :][: PER_LANDMARK * N].reshape(N, 3, 4)
+        assert told[SHOWN[2]].any()
+        assert not told[SHOWN[1]].any()
+        shares.append(its.state["learned"][SHARE])
+    assert shares[0] == pytest.approx(shares[1], rel=1e-6)
 
 
 def test_a_surveys_part_and_the_boxes_own_are_one_state() -> None:

@@ -105,29 +105,32 @@ def test_before_the_first_fix_all_models_are_equally_likely() -> None:
     np.testing.assert_array_equal(learned[-3:], 1.0 / 3.0)
 
 
-def fix_errors(p: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    """Return the errors of weighted fits at p (m, 3), to first order, by errors of the anchors (m, n, 3)."""
-    J, d = units(p)
+def fix_errors(p: np.ndarray, errors: np.ndarray, heard: slice) -> np.ndarray:
+    """Return the errors of weighted fits at p (m, 3), to first order, by errors of the anchors heard (m, n, 3)."""
+    (J, d), errors = (part[heard] for part in units(p)), errors[:, heard]
     W = np.diag(1.0 / ((FRACTION * d) ** 2 + SD**2))
     along = -np.einsum("ij,mij->mi", J, errors)
     return np.linalg.solve(J.T @ W @ J, J.T @ W @ along.T).T
 
 
-def test_what_lasts_is_what_drawn_surveys_make_of_a_fix() -> None:
+@pytest.mark.parametrize("heard", [slice(None), slice(1, None)], ids=["all", "all_but_the_first"])
+def test_what_lasts_is_what_drawn_surveys_make_of_a_fix(heard: slice) -> None:
+    its = np.zeros(N)
+    its[heard] = 1.0
     errors = np.random.default_rng(3).normal(0.0, SD, (40_000, N, 3))
     here, there = np.array([4.0, 1.0, 1.5]), np.array([4.8, 1.2, 1.6])
     learned = bank_box(SETTINGS, ANCHORS, 0.1).given.start["learned"].copy()
     said = np.zeros(6 + 6 * N)
-    put_lasting(said[:6], here, np.ones(N), ANCHORS, NOISE, learned, said[6:])
-    drawn = fix_errors(here, errors), fix_errors(there, errors)
+    put_lasting(said[:6], here, its, ANCHORS, NOISE, learned, said[6:])
+    drawn = fix_errors(here, errors, heard), fix_errors(there, errors, heard)
     np.testing.assert_allclose(said[:3], drawn[0].std(axis=0), rtol=0.02)
     np.testing.assert_array_equal(said[3:6], 1.0)  # nothing was said before
-    keep(learned, said, N)
-    put_lasting(said[:6], there, np.ones(N), ANCHORS, NOISE, learned, said[6:])
+    keep(learned, said[:6], said[6:])
+    put_lasting(said[:6], there, its, ANCHORS, NOISE, learned, said[6:])
     together = [np.corrcoef(drawn[0][:, axis], drawn[1][:, axis])[0, 1] for axis in range(3)]
     np.testing.assert_allclose(said[:3], drawn[1].std(axis=0), rtol=0.02)
     np.testing.assert_allclose(said[3:6], together, atol=0.02)
-    keep(learned, said, N)
+    keep(learned, said[:6], said[6:])
     is_far = min(together) < 0.7
     assert (learned[KEPT : KEPT + 3] == 1.0).all() == is_far
     assert (learned[KEY : KEY + 6 * N] == said[6:]).all() == is_far

@@ -35,8 +35,7 @@ from ortilo_drake.onboard.estimator.filter_element import filter_step
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
 from ortilo_drake.onboard.estimator.late_measurements import Slot
 from ortilo_drake.onboard.estimator.replay_element import belief_in, history_in, replay_filter_step
-
-N_LASTING, N_KEPT = 6, 3  # of what a fix tells; where in it stands what is kept
+from ortilo_drake.onboard.ranging.lasting_error import N_KEPT, N_LASTING
 
 
 class Told(NamedTuple):

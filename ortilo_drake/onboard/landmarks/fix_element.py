@@ -21,17 +21,15 @@ from ortilo_drake.onboard.landmarks.box_fix import (
 from ortilo_drake.onboard.landmarks.cosine_law import cosine_law
 from ortilo_drake.onboard.landmarks.known_attitude import pose_from_boxes
 from ortilo_drake.onboard.landmarks.landmark_bank import (
-    N_LASTING,
     PER_LANDMARK,
     Solved,
-    keep,
     kept_from,
     learn,
     learned_first,
     put_information,
     put_lasting,
 )
-from ortilo_drake.onboard.ranging.lasting_error import KEPT, LASTING, SHARE
+from ortilo_drake.onboard.ranging.lasting_error import KEPT, LASTING, N_KEPT, N_LASTING, SHARE, keep
 from ortilo_drake.scenario import LandmarkFix as LandmarkFixSettings
 
 
@@ -59,7 +57,7 @@ def boxes_out(
     xhat, P = belief[:N_XBAR], covariance_of(belief, prior)
     boxes = boxes_to_solve(message, xhat, P, believed, power_of_two(int(refused[0])))
     solution = pose_from_boxes(*boxes[:3], xhat, P, believed.camera, boxes[3], believed.max_residual, n.rows)
-    put(fix_of(*solution, xhat, message[STAMP], n.rows), out)
+    put(fix_of(*solution[:3], xhat, message[STAMP], n.rows), out)
 
 
 def cosines_out(
@@ -98,20 +96,21 @@ def learning_out(
     fill(out, 0.0)
     size, landmarks = PAYLOAD + 42, believed.positions.shape[0]
     put(learned[LASTING:KEPT], out, size)
-    put((1.0, 1.0, 1.0), out, size + 3)
+    put((1.0, 1.0, 1.0), out, size + N_KEPT)
     if message[ARRIVED] != 1.0:
         return
     now = with_share(believed, learned[SHARE])
     xhat, P = belief[:N_XBAR], covariance_of(belief, prior)
     boxes = boxes_to_solve(message, xhat, P, now, power_of_two(int(refused[0])))
     solution = pose_from_boxes(*boxes[:3], xhat, P, now.camera, boxes[3], now.max_residual, 6)
-    fix = fix_of(*solution, xhat, message[STAMP], 6)
+    fix = fix_of(*solution[:3], xhat, message[STAMP], 6)
     if fix[ARRIVED] != 1.0:
         return
     put(fix, out)
     told = size + N_LASTING
     here = out[told + PER_LANDMARK * landmarks :]
-    put_information(out[told : told + PER_LANDMARK * landmarks], here, Solved(boxes[0], boxes[4], solution[1]), now)
+    solved = Solved(boxes[0][solution[3]], boxes[4][solution[3]], solution[1])
+    put_information(out[told : told + PER_LANDMARK * landmarks], here, solved, now)
     put_lasting(out[size : size + N_LASTING], now.survey_sd, here, learned)
 
 

@@ -71,8 +71,8 @@ def pose_from_boxes(
     sd: np.ndarray,
     max_residual: float,
     m: int,
-) -> tuple[bool, np.ndarray, np.ndarray]:
-    """Return whether there is a fix, the part of the pose that is sought (m), and its covariance (m x m).
+) -> tuple[bool, np.ndarray, np.ndarray, np.ndarray]:
+    """Return whether there is a fix, the part of the pose sought (m), its covariance (m x m), and the boxes kept (n).
 
     Sought are p_WB (m = 3), [p_WB, psi] (4) or [p_WB, rpy] (6). Only of the whole pose the filter's angles count, with
     the error FREE_SD.
@@ -92,7 +92,7 @@ def pose_from_boxes(
     box, J, J_of, r = np.empty(4), np.empty((2, 6)), np.empty((n, 2, 6)), np.empty((n, 2))
     N, B, b, Q = np.empty((m, m)), np.empty((m, h)), np.empty(m), np.empty((6, 6))
     p_WB, rpy = pose[0:3], pose[3:6]
-    nothing = (False, pose[order[:m]], np.zeros((m, m)))
+    nothing = (False, pose[order[:m]], np.zeros((m, m)), kept)
     while n_kept >= 2:
         converged, N_inverse = False, N
         for iteration in range(_ITERATIONS):
@@ -153,7 +153,7 @@ def pose_from_boxes(
                 if d2 > farthest:
                     worst, farthest = i, d2
         if worst < 0:
-            return True, pose[order[:m]], least**2 * N_inverse + G_P_a_G
+            return True, pose[order[:m]], least**2 * N_inverse + G_P_a_G, kept
         kept[worst] = False
         n_kept -= 1
     return nothing
@@ -185,7 +185,7 @@ def known_attitude(
         sd: error of each box centre [px] (n, 2).
         max_residual: in standard deviations.
     """
-    return pose_from_boxes(centers, positions, outlines, xhat, P, camera, sd, max_residual, 3)
+    return pose_from_boxes(centers, positions, outlines, xhat, P, camera, sd, max_residual, 3)[:3]
 
 
 @njit(cache=True)
@@ -204,7 +204,7 @@ def known_tilt(
     The yaw comes from the boxes alone, so that a compass that is off does not turn the position about the vehicle.
     Boxes are dropped and arguments are as in known_attitude.
     """
-    return pose_from_boxes(centers, positions, outlines, xhat, P, camera, sd, max_residual, 4)
+    return pose_from_boxes(centers, positions, outlines, xhat, P, camera, sd, max_residual, 4)[:3]
 
 
 @njit(cache=True)
@@ -222,4 +222,4 @@ def pose(
 
     Boxes are dropped and arguments are as in known_attitude; P is not used.
     """
-    return pose_from_boxes(centers, positions, outlines, xhat, P, camera, sd, max_residual, 6)
+    return pose_from_boxes(centers, positions, outlines, xhat, P, camera, sd, max_residual, 6)[:3]

@@ -27,17 +27,16 @@ from numba.extending import register_jitable
 from ortilo_drake.model.cholesky import scaled_inverse
 from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.pinhole import box_and_jacobian, sines
-from ortilo_drake.model.placing import fill, put
+from ortilo_drake.model.placing import fill
 from ortilo_drake.model.products import product, times
 from ortilo_drake.onboard.landmarks.box_fix import BoxBelief
 from ortilo_drake.onboard.landmarks.known_attitude import FREE_SD
 from ortilo_drake.onboard.landmarks.landmark_association import center_sd, with_survey
-from ortilo_drake.onboard.ranging.lasting_error import KEPT, KEY, LASTING, NEW_KEY, SHARE
+from ortilo_drake.onboard.ranging.lasting_error import KEY, SHARE, put_kept
 from ortilo_drake.onboard.ranging.survey_bank import MEMORY, log_likelihood, share_of
 
 LEAST = 4  # boxes that leave residuals of six unknowns
 REPEATS: Final = 5.0
-N_LASTING = 6
 PER_LANDMARK = 12  # of [Lambda_i, eta_i] (3 x 4); of sensitivities 9
 
 
@@ -150,26 +149,7 @@ def put_lasting(out: np.ndarray, s: float, here: np.ndarray, learned: np.ndarray
     m = here.size // 3
     for axis in range(3):
         g, key = here[m * axis : m * (axis + 1)], learned[KEY + m * axis : KEY + m * (axis + 1)]
-        now, both, before = dot(g, g), dot(g, key), dot(key, key)
-        out[axis], out[3 + axis] = s * np.sqrt(now), 1.0
-        if before > 0.0 and now > 0.0:
-            kept = max(both / np.sqrt(before * now), 0.0)
-            out[3 + axis] = min(kept / learned[KEPT + axis], 1.0)
-
-
-@register_jitable
-def keep(learned: np.ndarray, lasting: np.ndarray, here: np.ndarray) -> None:
-    """Keep what a fix says lasts (6), and its sensitivities (9 n) where little is kept of the last ones."""
-    put(lasting[:3], learned, LASTING)
-    least = 1.0
-    for axis in range(3):
-        learned[KEPT + axis] *= lasting[3 + axis]
-        least = min(least, learned[KEPT + axis])
-    key = learned[KEY : KEY + here.size]
-    if least < NEW_KEY or dot(key, key) == 0.0:
-        put(here, key)
-        for axis in range(3):
-            learned[KEPT + axis] = 1.0
+        put_kept(out, axis, s, (dot(g, g), dot(g, key), dot(key, key)), learned)
 
 
 @register_jitable

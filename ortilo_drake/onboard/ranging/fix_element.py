@@ -11,7 +11,7 @@ from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import ARRIVED, FIX_SIZE, N_XBAR, PAYLOAD
 from ortilo_drake.onboard.ranging.fault_exclusion import Consistency, consistency_of
-from ortilo_drake.onboard.ranging.lasting_error import KEPT, LASTING, SHARE, put_lasting
+from ortilo_drake.onboard.ranging.lasting_error import KEPT, LASTING, N_KEPT, N_LASTING, SHARE, put_lasting
 from ortilo_drake.onboard.ranging.multilateration import believed_noise, put_fix_message, tested_fix_message
 from ortilo_drake.scenario import Multilateration as MultilaterationSettings
 
@@ -53,13 +53,14 @@ def say_lasting(
 ) -> None:
     """Write what lasts of a fix's error and its sensitivities; without a fix, that all of the last one's is kept."""
     n = anchors.shape[0]
-    at, p = out.size - 6 * n - 6, values_of(belief[:3])
+    at, p = out.size - 6 * n - N_LASTING, values_of(belief[:3])
     if out[ARRIVED] == 0.0:
         put(learned[LASTING:KEPT], out, at)
-        put((1.0, 1.0, 1.0), out, at + 3)
+        put((1.0, 1.0, 1.0), out, at + N_KEPT)
     else:
         there = values_of(message[PAYLOAD + n :])
-        put_lasting(out[at : at + 6], p, there, anchors, noise, learned, out[at + 6 :])
+        here = out[at + N_LASTING :]
+        put_lasting(out[at : at + N_LASTING], p, there, anchors, noise, learned, here)
 
 
 def learning_out(
@@ -131,5 +132,6 @@ def fix_box(settings: MultilaterationSettings, anchors: np.ndarray) -> Box:
     given = Given(numbers | {"three": settings.method == "nearest_three"}, tables=tables)
     if settings.bias_bank is None:
         return Box("uwb_fix", FIX, FIX_SIZE, given, {"used": (n,)})
-    parts = {"fix": (0, FIX_SIZE), "lasting": (FIX_SIZE, 6), "sensitivities": (FIX_SIZE + 6, 6 * n)}
-    return Box("uwb_fix", LEARNING, FIX_SIZE + 6 + 6 * n, given, {"used": (n,), "noise": (3,)}, parts=parts)
+    told = FIX_SIZE + N_LASTING
+    parts = {"fix": (0, FIX_SIZE), "lasting": (FIX_SIZE, N_LASTING), "sensitivities": (told, 6 * n)}
+    return Box("uwb_fix", LEARNING, told + 6 * n, given, {"used": (n,), "noise": (3,)}, parts=parts)

@@ -19,6 +19,7 @@ from ortilo_drake.model.placing import fill, put
 from ortilo_drake.onboard.ranging.range_equations import MIN_SD, inverse, product
 
 SHARE, LASTING, KEPT, KEY = 0, 1, 4, 7  # of what is learned, where each begins, see survey_bank.py
+N_LASTING, N_KEPT = 6, 3  # of what a fix tells; where in it stands what is kept
 NEW_KEY: Final = 0.7  # a place is kept until less than this of an axis' error is
 
 
@@ -91,28 +92,46 @@ def put_lasting(
     put_sensitivities(here, p, there, anchors, noise)
     key = learned[KEY : KEY + here.size]
     for axis in range(3):
-        now, both, before = products(here, key, axis)
-        out[axis], out[3 + axis] = noise[2] * np.sqrt(now), 1.0
-        if before > 0.0 and now > 0.0:
-            kept = max(both / np.sqrt(before * now), 0.0)
-            out[3 + axis] = min(kept / learned[KEPT + axis], 1.0)
+        put_kept(out, axis, noise[2], products(here, key, axis), learned)
 
 
 @register_jitable
-def keep(learned: np.ndarray, lasting: np.ndarray, n: int) -> None:
+def put_kept(
+    out: np.ndarray, axis: int, s: float, its_products: tuple[float, float, float], learned: np.ndarray
+) -> None:
+    """Write the sd of what lasts of a fix's error along an axis [m] and how it is correlated with the fix before's.
+
+    Args:
+        out: to write to (6).
+        axis: 0, 1 or 2.
+        s: sd of the survey, as it is believed [m].
+        its_products: g . g, g . g' and g' . g' with g' of the place that is kept.
+        learned: see survey_bank.bank_box.
+    """
+    now, both, before = its_products
+    out[axis], out[N_KEPT + axis] = s * np.sqrt(now), 1.0
+    if before > 0.0 and now > 0.0:
+        kept = max(both / np.sqrt(before * now), 0.0)
+        out[N_KEPT + axis] = min(kept / learned[KEPT + axis], 1.0)
+
+
+@register_jitable
+def keep(learned: np.ndarray, lasting: np.ndarray, here: np.ndarray) -> None:
     """Keep what a fix says lasts, and its sensitivities where it is far from the place with which it was compared.
 
     Args:
         learned: see survey_bank.bank_box.
-        lasting: of put_lasting, and the sensitivities after it (6 + 6 n).
-        n: how many anchors there are.
+        lasting: what the fix says (6).
+        here: its sensitivities.
     """
-    put(lasting[:3], learned, LASTING)
-    least = 1.0
+    put(lasting[:N_KEPT], learned, LASTING)
+    least, is_first = 1.0, True
     for axis in range(3):
-        learned[KEPT + axis] *= lasting[3 + axis]
+        learned[KEPT + axis] *= lasting[N_KEPT + axis]
         least = min(least, learned[KEPT + axis])
-    if least < NEW_KEY or learned[KEY] == 0.0:
-        put(lasting[6:], learned, KEY)
+    for i in range(here.size):
+        is_first = is_first and learned[KEY + i] == 0.0
+    if least < NEW_KEY or is_first:
+        put(here, learned, KEY)
         for axis in range(3):
             learned[KEPT + axis] = 1.0

@@ -26,7 +26,7 @@ from ortilo_drake.model.elementary import exp, log
 from ortilo_drake.model.placing import fill
 from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import ARRIVED, PAYLOAD
-from ortilo_drake.onboard.ranging.lasting_error import SHARE, keep
+from ortilo_drake.onboard.ranging.lasting_error import N_LASTING, SHARE, keep
 from ortilo_drake.onboard.ranging.multilateration import believed_noise
 from ortilo_drake.onboard.ranging.range_equations import MIN_SD, inverse, normal_equations, product
 from ortilo_drake.scenario import Multilateration as MultilaterationSettings
@@ -130,7 +130,8 @@ def bank_step(
                 gathered[i, j] *= n.keeps
         gather(gathered, its[PAYLOAD : PAYLOAD + 3], uwb, anchors, n.noise, rows)
         weigh(learned, gathered, bank, n.noise[2], S, e)
-        keep(learned, its[its.size - 6 * e.size - 6 :], e.size)
+        sensitivities = its.size - 6 * e.size
+        keep(learned, its[sensitivities - N_LASTING : sensitivities], its[sensitivities:])
 
 
 BANK = Element(
