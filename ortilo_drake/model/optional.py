@@ -49,9 +49,7 @@ class _Later:
             raise AttributeError(attribute)
         package = self._name.partition(".")[0]
         check_installed(package, EXTRAS[package])
-        module = importlib.import_module(self._name)
-        self.__dict__.update(vars(module))
-        return getattr(module, attribute)
+        return getattr(importlib.import_module(self._name), attribute)
 
 
 def later(name: str) -> Any:

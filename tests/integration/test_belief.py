@@ -89,7 +89,7 @@ def test_another_world_leaves_the_belief_as_it_is() -> None:
     for sensor, more in (
         ("imu", {"standstill"}),
         ("uwb", {"round", "behind_walls"}),
-        ("camera", {"kind", "width", "latency"}),
+        ("camera", {"kind", "width", "latency", "calibration"}),
     ):
         assert kept[sensor].keys() == {"link", *more}
         assert kept[sensor]["link"].keys() == {"rate"}

@@ -19,7 +19,7 @@ from ortilo_drake.world.sensors.projected_camera_element import camera_box
 
 H = 1.0 / 30.0
 ROOM = load_room()
-P_BC, F, C, IMAGE = ROOM.camera.scaled_to(320).constants
+P_BC, F, C, IMAGE, _ = ROOM.camera.scaled_to(320).constants
 NO_ERRORS = ParametricErrors(kind="parametric", edge_sd=0.0, miss_base=0.0, miss_per_metre=0.0, false_boxes=0.0)
 X = np.array([0.0, 0.0, 1.5, 0.01, -0.02, 0.03, *np.zeros(6)])
 SENT, NOT_SENT = np.zeros(1), np.array([-1.0])
