@@ -30,6 +30,7 @@ OWN = (
 # Every other file that names one, and why.
 WHY = {
     "diagrams/single_parts.py": "the sensors that an estimator has by default, and examples",
+    "floor/cramer_rao.py": "what an attitude filter's lean tells of velocity",
     "model/optional.py": "an extra of that name",
     "studies/fit/fit.py": "figures by their keys in NOISE.yaml",
     "studies/fit/scenario_text.py": "settings by their keys",

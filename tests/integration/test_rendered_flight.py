@@ -16,7 +16,6 @@ from ortilo_drake.flight.ensemble import flight_file, fly_many
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.saved_flight import load_flight
 from ortilo_drake.flight.simulator import make_simulator
-from ortilo_drake.model import parts
 from ortilo_drake.model.room import ORTILO_ROOM, load_room
 from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, PAYLOAD, STAMP
 from ortilo_drake.model.typed_yaml import Frozen, InputError
@@ -205,8 +204,7 @@ def make_brightest(settings: Brightest, classes: tuple[str, ...], size: tuple[in
 
 
 @pytest.fixture
-def registered(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(parts, "_PARTS", {**parts._PARTS})
+def registered(own_register: None) -> None:
     od.register_detector("brightest", Brightest, make_brightest)
 
 

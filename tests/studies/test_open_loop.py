@@ -68,7 +68,7 @@ def test_open_loop_is_that_of_drakes_blocks(integrator: str, velocities: str, de
         ("uwb.walls={kind: block}", []),  # ranges that are not there tell nothing wrong
         ("truth.imu.level_sd=0.01", ["truth.imu"]),
         ("world.drag=[0.5, 0.5, 0.0]", []),
-        ("world.rotors.kind=first_order", ["world.rotors"]),
+        ("world={plant: continuous, rotors: {kind: first_order}}", ["world.rotors"]),
         ("faults=[{kind: gust, start: 1.0, end: 2.0, force: [0.0, 1.0, 0.0]}]", ["faults"]),
     ],
 )
