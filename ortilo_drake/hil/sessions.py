@@ -17,7 +17,7 @@ from ortilo_drake.hil.real_time.camera_process import CameraProcess
 from ortilo_drake.hil.real_time.detector_thread import DetectorThread
 from ortilo_drake.hil.real_time.real_time_onboard import answer_in_real_time
 from ortilo_drake.hil.real_time.real_time_world import COMMAND_PERIOD, Statistics, fly_in_real_time
-from ortilo_drake.hil.real_time.warm_up import no_collecting, warm_up
+from ortilo_drake.hil.real_time.warm_up import no_collecting
 from ortilo_drake.hil.reports import OnboardFigures, OnboardReport, WorldReport
 from ortilo_drake.hil.restart.checkpoint import session_of
 from ortilo_drake.hil.wire.bus import Bus
@@ -71,8 +71,6 @@ def run_world(
         camera = CameraProcess(scenario, url, key) if scenario.is_rendered and not lockstep else None
         if camera:
             stack.enter_context(camera)
-        if not lockstep:
-            warm_up(scenario)
         # Built before the halves meet, so that neither waits while the other builds.
         world = WorldHalf(scenario, None if lockstep else COMMAND_PERIOD, draws=lockstep)
         if camera:

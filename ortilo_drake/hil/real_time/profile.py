@@ -21,7 +21,7 @@ from pydrake.systems.framework import Context, OutputPort, System
 from ortilo_drake.flight.flyable import flight_ticks
 from ortilo_drake.flight.stepped_halves import OnboardHalf, Signals, WorldHalf
 from ortilo_drake.hil.real_time.dataflow import block_names, dataflow_order, updating_systems
-from ortilo_drake.hil.real_time.warm_up import TICKS, warm_up
+from ortilo_drake.hil.real_time.warm_up import TICKS
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
@@ -99,7 +99,6 @@ def profile_onboard(scenario: Scenario, ticks: int) -> list[Row]:
     last = min(ticks + TICKS, flight_ticks(scenario))
     if last <= TICKS:
         raise InputError(f"ticks: {ticks} of {flight_ticks(scenario)}: at least 1, in a flight of more than {TICKS}")
-    warm_up(scenario)
     world = WorldHalf(scenario)
     flying, timed = OnboardHalf(scenario, fused=False), OnboardHalf(scenario, fused=False)
     ports, updating = dataflow_order(timed.diagram), updating_systems(timed.diagram)

@@ -4,17 +4,31 @@ import contextlib
 import gc
 from collections.abc import Iterator
 
-from ortilo_drake.diagrams.closed_loop import make_closed_loop
-from ortilo_drake.flight.simulator import make_simulator
+from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
 from ortilo_drake.scenario import Scenario
 
 TICKS = 12  # enough for every sensor to send, and every message to enter the filter
 
 
 def warm_up(scenario: Scenario) -> None:
-    """Fly a moment of the scenario in this process, so that numba compiles or loads all that either half calls."""
+    """Fly a moment of the halves in this process, so that numba compiles or loads all that the onboard half calls.
+
+    The boxes of a rendered camera are projected for that moment: nothing is drawn.
+    """
     flown = scenario.projected()
-    make_simulator(make_closed_loop(flown), flown).AdvanceTo((TICKS + 0.5) * flown.h)
+    world, onboard = WorldHalf(flown), OnboardHalf(flown)
+    for _ in range(TICKS):
+        onboard.take(world.sample())
+        control = onboard.answer()
+        onboard.outputs()
+        onboard.advance()
+        world.advance(control)
+    if scenario.is_rendered:  # its half takes detections: another program
+        onboard = OnboardHalf(scenario, detects=False)
+        onboard.take({})
+        onboard.answer()
+        onboard.outputs()
+        onboard.advance()
 
 
 @contextlib.contextmanager
