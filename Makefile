@@ -24,7 +24,7 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 # a worker is one core's
 PYTEST := $(ONE_THREAD) $(BIN)/python -m pytest -n 2 --dist worksteal $(PYTEST_ARGS)
 PART ?= 0/1
 REST := notebook or training or real_time or processes or video or long
-REST_FILES = $(shell grep -rlE "mark\.($(subst $() or ,|,$(REST)))\b" tests --include='test_*.py') # the others are not imported
+REST_FILES = $(shell grep -rlE "mark\.(family|$(subst $() or ,|,$(REST)))\b" tests --include='test_*.py') # the others are not imported
 # Containers often forbid Python to keep its bytecode: then each process compiles 1,600 modules anew, for three seconds.
 unexport PYTHONDONTWRITEBYTECODE
 # What recorded flights the real-data test reads, where they lie beside the checkout.

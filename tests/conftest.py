@@ -33,13 +33,28 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--part", metavar="K/N", default="0/1", help="run every N-th of the nightly tests, from K (0 ...)")
 
 
-@pytest.hookimpl(trylast=True)  # once the order is random
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+def shorten_families(items: list[pytest.Item]) -> None:
+    """Mark `long` all cases but one of each test that is marked `family`: the one that it names, or else the first."""
+    families: dict[str, list[pytest.Function]] = {}
+    for item in items:
+        if isinstance(item, pytest.Function) and item.get_closest_marker("family"):
+            families.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    for cases in families.values():
+        named = [case for case in cases for mark in case.iter_markers("family") if case.callspec.id in mark.args]
+        for case in cases:
+            if case is not (named or cases)[0]:
+                case.add_marker("long")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> Iterator[None]:
     """Leave out the other parts' nightly tests, and put first what flies by the clock and the notebooks.
 
     Of two workers one begins with the first, one at a time, the other with the second: xdist gives each worker half of
     the list to begin with. Both take long: neither should be what is left at the end.
     """
+    shorten_families(items)
+    yield  # the order becomes random
     first_of, parts = map(int, config.getoption("part").split("/"))
     nightly = [item for item in items if any(map(item.get_closest_marker, NIGHTLY))]
     nightly.sort(key=lambda item: item.nodeid)

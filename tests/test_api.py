@@ -38,6 +38,7 @@ def flown() -> od.Flight:
     return od.fly("nominal_imu_uwb", seed=3, uwb__link__loss=0.3, **HOVER)
 
 
+@pytest.mark.long
 def test_importing_loads_neither_drake_nor_numpy_and_dir_shows_what_there_is() -> None:
     program = "import sys, ortilo_drake as od; print(*sys.modules); print(*dir(od))"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
@@ -152,11 +153,13 @@ def test_blackouts_and_availability_are_figures_of_that_flight(flown: od.Flight)
     assert [axes.get_ylabel() for axes in flown.plot_availability().axes] == ["error [m]", "fixes used"]
 
 
+@pytest.mark.long
 def test_netcdf_comes_back(flown: od.Flight, tmp_path: Path) -> None:
     again = od.Flight.load(flown.to_netcdf(tmp_path / "flight.nc"))
     xr.testing.assert_identical(again.data, flown.data)
 
 
+@pytest.mark.long
 def test_a_page_tells_of_its_flight(flown: od.Flight, tmp_path: Path) -> None:
     page = flown.to_html(tmp_path / "flight.html").read_text(encoding="utf-8")
     assert f"<h1>{flown.scenario.name}, seed {flown.seed}</h1>" in page
@@ -213,6 +216,7 @@ def test_a_log_gives_the_flight_back(flown: od.Flight, tmp_path: Path) -> None:
         np.testing.assert_array_equal(again[name].values, flown.data[name].values)
 
 
+@pytest.mark.long
 def test_many_flights_are_a_sequence_and_a_table(tmp_path: Path) -> None:
     flights = od.fly_many("nominal_imu_uwb", [4, 2], out=tmp_path, **HOVER)
     assert [flight.seed for flight in flights] == [4, 2]
@@ -225,6 +229,7 @@ def test_many_flights_are_a_sequence_and_a_table(tmp_path: Path) -> None:
     xr.testing.assert_equal(flights[0].data, od.fly("nominal_imu_uwb", seed=4, **HOVER).data)
 
 
+@pytest.mark.long
 def test_flights_without_a_folder_keep_theirs_while_they_live() -> None:
     flights = od.fly_many("nominal_imu_uwb", [1], **HOVER)
     folder = flights._out
@@ -234,6 +239,7 @@ def test_flights_without_a_folder_keep_theirs_while_they_live() -> None:
     assert not folder.exists()
 
 
+@pytest.mark.long
 def test_a_comparison_has_medians_of_the_same_seeds() -> None:
     found = od.compare("nominal_imu_uwb", "nominal_imu_uwb_yolo", seeds=range(3), camera__kind="projected", **HOVER)
     assert list(found.index) == ["nominal_imu_uwb", "nominal_imu_uwb_yolo"]
@@ -268,6 +274,7 @@ def test_a_comparison_counts_lost_flights_as_worst(monkeypatch: pytest.MonkeyPat
     assert "0.08 [0.05, lost]; kept 0.07 [0.04, 0.09]" in shown
 
 
+@pytest.mark.long
 def test_a_comparison_has_a_row_for_each_scenario_even_of_one_name() -> None:
     worse = od.load_scenario("nominal_imu_uwb", uwb__link__loss=0.5)
     found = od.compare("nominal_imu_uwb", worse, seeds=[1, 2], **HOVER)
@@ -306,6 +313,7 @@ def test_linearize_tells_what_drake_would_end_python_on() -> None:
     assert heavier.frame("B").loc["z_dot", "f_T"] == pytest.approx(1.0 / 5.0, rel=1e-12)
 
 
+@pytest.mark.long
 def test_tables_have_the_paper_beside_ours(tmp_path: Path) -> None:
     found = od.tables("altimeter", flights=1, out=tmp_path, camera__kind="projected", **HOVER)
     assert set(found.table.index.unique("scenario")) == {"imu_uwb", "imu_uwb_yolo", "altimeter"}

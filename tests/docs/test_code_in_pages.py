@@ -104,6 +104,7 @@ def test_python_of_the_pages_runs(code: str, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_commands_of_the_pages_exist_with_their_options(page: Path) -> None:
     for words in commands(page.read_text(encoding="utf-8")):

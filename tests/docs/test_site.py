@@ -91,6 +91,7 @@ def tick(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_the_tick_that_the_site_shows_is_the_one_that_flies(tick: Path) -> None:
     flying = Played(load_scenario("paper_imu_uwb"))._player._fly.py_func.__code__.co_filename
     assert (tick / "paper_imu_uwb.py").read_text(encoding="utf-8") == Path(flying).read_text(encoding="utf-8")

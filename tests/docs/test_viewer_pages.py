@@ -55,6 +55,7 @@ def test_topics_of_the_pages_are_in_a_log(folder: Path) -> None:
     assert set(LATCHED) <= named
 
 
+@pytest.mark.long
 @pytest.mark.skipif(find_spec("rerun") is None, reason="rerun-sdk missing: pip install 'ortilo-drake[rerun]'")
 def test_entities_of_the_page_are_in_a_recording(folder: Path) -> None:
     from rerun.chunk import RrdReader

@@ -100,6 +100,7 @@ def test_an_own_sensor_that_gives_a_compiled_step_joins_the_engine() -> None:
     assert flight["arrival"].sel(sensor="barometer").values.any()
 
 
+@pytest.mark.long
 def test_an_own_magnetometer_measures_the_field_that_the_body_turns_and_its_heading_is_the_bodys() -> None:
     """Against Drake's rotations: the field in B is R_WB^T m_W, and solved without noise it gives the yaw back."""
     module = example("magnetometer")
@@ -135,6 +136,7 @@ def test_an_own_magnetometer_flies_with_both_filters_by_both_players_and_tells_t
         assert np.abs(errors[0]).mean() < 0.2 * np.abs(errors[1]).mean()
 
 
+@pytest.mark.long
 def test_an_own_planner_hurries_while_unsure_and_its_rates_are_those_of_its_path() -> None:
     module = example("hurrying_planner")
     flight = module.main(seed=1)
@@ -158,6 +160,7 @@ def test_an_own_planner_hurries_while_unsure_and_its_rates_are_those_of_its_path
     assert flight.lost is None
 
 
+@pytest.mark.long
 def test_mpc_without_limits_in_its_way_is_the_lq_regulator_and_with_them_keeps_within() -> None:
     module = example("mpc_servo")
     scenario = od.load_scenario("nominal_imu_uwb_yolo", camera__kind="projected", **SHORT)
@@ -179,6 +182,7 @@ def test_mpc_without_limits_in_its_way_is_the_lq_regulator_and_with_them_keeps_w
     np.testing.assert_allclose(flight.data["truth"].values[-1, :3], [1.2, 0.6, 1.5], atol=0.15)
 
 
+@pytest.mark.long
 def test_the_filter_by_itself_is_consistent_on_drakes_quadrotor() -> None:
     found = [example("filter_elsewhere").main(seed) for seed in range(3)]
     assert 2.0 < np.mean([its["nees"] for its in found]) < 4.5  # 3 expected; an outage's errors last for seconds
@@ -186,6 +190,7 @@ def test_the_filter_by_itself_is_consistent_on_drakes_quadrotor() -> None:
     assert max(its["hover_rms"] for its in found) < 0.3
 
 
+@pytest.mark.long
 def test_a_body_of_a_multibody_plant_bumps_into_a_wall_and_lands() -> None:
     found = example("multibody").main()
     assert found["in the air"][0] < 0.06
@@ -194,6 +199,7 @@ def test_a_body_of_a_multibody_plant_bumps_into_a_wall_and_lands() -> None:
     assert found["at the wall"][0] < 0.15  # the filter does not know what holds it
 
 
+@pytest.mark.long
 def test_a_room_of_ones_own_is_flown_through_and_its_shelves_are_not() -> None:
     flight = example("five_anchors").main(seed=1, settle=1.0)
     assert flight.lost is None

@@ -40,6 +40,7 @@ def test_each_rotor_carries_a_sixth_at_hover() -> None:
     assert 1.5 < HEXAROTOR.largest_thrust / HEXAROTOR.hover_thrust < 3.0
 
 
+@pytest.mark.long
 @given(arrays(float, 6, elements=st.floats(0.0, 838.0)))
 def test_wrench_is_that_of_forces_and_drags_at_rotorss_places(speeds: np.ndarray) -> None:
     forces = np.outer(K * speeds**2, [0.0, 0.0, 1.0])
@@ -59,6 +60,7 @@ def test_mixing_is_the_closed_form_of_a_regular_hexagon() -> None:
     np.testing.assert_allclose(M @ mixing_inverse(HEXAROTOR), np.eye(4), rtol=0.0, atol=1e-12)
 
 
+@pytest.mark.long
 def test_a_rotor_that_stops_pulls_the_body_to_its_own_side() -> None:
     speeds = HEXAROTOR.hover_rotor_speeds
     speeds[1] = 0.0  # the left one
@@ -67,6 +69,7 @@ def test_a_rotor_that_stops_pulls_the_body_to_its_own_side() -> None:
     np.testing.assert_allclose([f_T, roll, pitch, yaw], [5 * sixth, -L * sixth, 0.0, -0.016 * sixth], atol=1e-12)
 
 
+@pytest.mark.long
 def test_a_hexarotor_that_loses_nothing_flies_to_its_goal(example: ModuleType) -> None:
     flight = example.fly(**SHORT, **LOSSLESS)
     assert flight.lost is None
@@ -76,6 +79,7 @@ def test_a_hexarotor_that_loses_nothing_flies_to_its_goal(example: ModuleType) -
     assert control[:, 0].mean() == pytest.approx(1.53 * 9.81, rel=0.02)
 
 
+@pytest.mark.long
 def test_the_example_says_how_the_flight_went(example: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
     example.main(**SHORT)
     says = capsys.readouterr().out.splitlines()

@@ -26,6 +26,7 @@ def scenario_of(distortion: str, *settings: str) -> Scenario:
     return load_scenario("imu_uwb_yolo", (*HOVER, f"camera.calibration={json.dumps(camera)}", *settings))
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("distortion", LENSES)
 def test_all_players_fly_the_same_bits(distortion: str) -> None:
     check_players(scenario_of(distortion), range(1))

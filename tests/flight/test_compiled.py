@@ -32,6 +32,7 @@ VARIANTS = (
 Flown = Callable[..., xr.Dataset]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("changes", VARIANTS)
 def test_flights_of_other_settings_are_drakes(changes: tuple[str, ...], flown: Flown) -> None:
     engine = Engine(load_scenario("nominal_imu_uwb", (SHORT, *changes)))
@@ -115,6 +116,7 @@ def test_the_ready_made_scenarios_of_the_papers_sensors_are_compiled() -> None:
     assert {*every, "outage", "bursty_link", "uwb_walls", "rotors", "realistic", "realistic_tight"} <= COMPILED
 
 
+@pytest.mark.long
 def test_a_lost_flight_ends_where_drakes_does(flown: Flown) -> None:
     changes = (SHORT, "world.disturbance.force_density=2.19", "settle=20")
     engine = Engine(load_scenario("nominal_imu_uwb", changes))
@@ -151,6 +153,7 @@ def test_a_flight_is_the_same_alone_and_in_any_batch() -> None:
     assert len(np.unique(alone[:, 2])) == len(seeds)
 
 
+@pytest.mark.family("nominal_imu_uwb")
 @pytest.mark.parametrize("name", ["nominal_imu_uwb", pytest.param("paper_imu_uwb", marks=pytest.mark.long)])
 def test_figures_are_those_of_the_summary(name: str, flown: Flown) -> None:
     engine = Engine(load_scenario(name))

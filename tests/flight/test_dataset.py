@@ -33,6 +33,7 @@ def flown_here(name: str, *settings: str) -> tuple[Scenario, xr.Dataset]:
     return scenario, fly(scenario)
 
 
+@pytest.mark.long
 def test_the_dimensions_are_ticks_by_states_sensors_and_axes(flight: xr.Dataset) -> None:
     n = flight.sizes["tick"]
     shapes = {
@@ -99,6 +100,7 @@ def test_no_uwb_arrives_in_a_blackout_and_every_one_outside(flight: xr.Dataset) 
     np.testing.assert_array_equal(used, due & ~dark)
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(
     ("name", "settings"),
     [
@@ -172,6 +174,7 @@ def test_a_file_is_plain_netcdf4_that_other_tools_read(flight: xr.Dataset, tmp_p
     assert units == "f_T in N; tau in N m"
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("damage", ["missing", "folder", "empty", "text", "truncated", "foreign"])
 def test_what_is_no_flight_is_refused_by_name(flight: xr.Dataset, tmp_path: Path, damage: str) -> None:
     path = tmp_path / "flight.nc"

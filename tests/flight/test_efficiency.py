@@ -56,6 +56,7 @@ def test_no_ensemble_beats_the_floor_and_the_tuned_filter_sits_on_it(tick_by_tic
     assert np.all(ratios.mean(axis=0) < 1.2 + 3.5 * se)
 
 
+@pytest.mark.long
 def test_the_papers_filter_is_well_above_the_floor() -> None:
     papers = (
         "estimator.W={kind: diagonal, position: 1.0, angle: 1.0, velocity: 1.0, rate: 1.0}",
@@ -76,6 +77,7 @@ def test_the_filters_own_covariance_meets_the_floor_where_it_knows_everything() 
     np.testing.assert_allclose(P, floor, rtol=0.03, atol=1e-8)
 
 
+@pytest.mark.family("{kind: bernoulli, probability: 0.4}")
 @pytest.mark.parametrize(
     "loss", ["{kind: gilbert_elliott, good_to_bad: 0.2, bad_to_good: 0.2}", "{kind: bernoulli, probability: 0.4}"]
 )

@@ -46,6 +46,7 @@ def flown(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return seeds
 
 
+@pytest.mark.long
 def test_each_seed_is_one_file_that_holds_its_flight_and_summary(tmp_path: Path) -> None:
     found = fly_many(SCENARIO, [4, 2], tmp_path)
     assert [s.seed for s in found] == [4, 2]
@@ -58,6 +59,7 @@ def test_each_seed_is_one_file_that_holds_its_flight_and_summary(tmp_path: Path)
         xr.testing.assert_equal(flight, alone)
 
 
+@pytest.mark.long
 def test_a_second_run_flies_nothing_and_gives_the_same(tmp_path: Path, flown: list[int]) -> None:
     first = fly_many(SCENARIO, range(3), tmp_path)
     before = written(tmp_path)
@@ -79,6 +81,7 @@ def flipped(data: bytes) -> bytes:
     return data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "damage", ["deleted", "truncated", "emptied", "one bit", "text", "without a summary", "another's"]
 )
@@ -118,6 +121,7 @@ def test_only_a_missing_or_damaged_flight_is_flown_again_and_told(
     assert (flown, caplog.records) == ([0, 1, 2, 1], [])
 
 
+@pytest.mark.long
 def test_an_interrupted_run_keeps_what_it_flew_and_goes_on_there(tmp_path: Path, flown: list[int]) -> None:
     def stop_after_two(one: Summary) -> None:
         if one.seed == 1:
@@ -166,6 +170,7 @@ def test_a_name_that_leads_out_of_the_folder_is_refused(name: str) -> None:
         load_scenario("nominal_imu_uwb", (f"name={json.dumps(name)}",))
 
 
+@pytest.mark.long
 def test_saved_flights_are_read_back_in_the_order_asked_for(tmp_path: Path) -> None:
     fly_many(SCENARIO, [0, 1], tmp_path)
     assert [f.attrs["seed"] for f in flights_of(SCENARIO, [1, 0], tmp_path)] == [1, 0]

@@ -30,6 +30,7 @@ def test_the_vehicles_that_come_with_us_fit_every_scenario(name: str, vehicle: t
     assert vehicle_fit(load_scenario(name, vehicle)) == []
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(
     ("name", "misfit", "fields"),
     [

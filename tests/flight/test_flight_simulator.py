@@ -28,6 +28,7 @@ KEEPING = {
 }
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("name", KEEPING)
 def test_flights_of_one_simulator_are_those_of_a_diagram_each_in_any_order(name: str) -> None:
     scenario = load_scenario(name, (*HOVER, "camera.kind=projected", *KEEPING[name]))
@@ -64,6 +65,7 @@ def test_a_flight_carries_its_own_seed_and_refuses_one_that_cannot_be() -> None:
         simulator.fly(-1)
 
 
+@pytest.mark.long
 def test_many_seeds_are_flown_with_one_diagram(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     built: list[Diagram] = []
 

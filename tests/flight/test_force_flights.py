@@ -26,6 +26,7 @@ def hovering(force: str, *settings: str) -> Scenario:
     return load_scenario("nominal_imu_uwb", (HOVER, "settle=0", f"estimator.force={force}", *settings))
 
 
+@pytest.mark.family("measured")
 @pytest.mark.parametrize(
     ("force", "settings"),
     [("thrust", ()), ("measured", ()), ("measured", ("imu.link.rate=240",))],
@@ -57,6 +58,7 @@ def test_a_heavier_vehicle_is_a_force_that_the_filter_learns_and_the_servo_count
     assert abs(state[2] - 1.5) < 0.15
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "settings",
     [(), ("estimator.delay=replay", "uwb.link.delay=3"), ("imu.link.rate=240",)],
@@ -72,6 +74,7 @@ def test_two_halves_fly_it_and_a_log_repeats_it_bit_for_bit(tmp_path: Path, sett
     assert np.any(other["truth"].values != whole["truth"].values)
 
 
+@pytest.mark.long
 def test_a_filter_that_replays_is_the_same_where_nothing_is_late() -> None:
     kept = [fly(hovering("measured", f"estimator.delay={delay}"))["estimate"].values for delay in ("ignore", "replay")]
     np.testing.assert_array_equal(*kept)
@@ -105,6 +108,7 @@ class Listening(LeafSystem):
         output.SetFromVector([26.487 - d[2], 0.0, 0.0, 0.0])
 
 
+@pytest.mark.family("measured")
 @pytest.mark.parametrize("force", ["thrust", "measured"])
 def test_a_centre_of_gravity_that_is_off_is_a_torque_that_the_filter_learns(force: str) -> None:
     """The lift of a body whose centre of gravity is at r turns it by [-r_y, r_x] f_T, and f_T is m g in hover."""
@@ -122,6 +126,7 @@ def test_a_centre_of_gravity_that_is_off_is_a_torque_that_the_filter_learns(forc
     assert np.all(sd[first : first + 3] < 0.01)
 
 
+@pytest.mark.long
 def test_of_an_unknown_torque_the_attitude_is_wrong_unless_it_is_a_state() -> None:
     def tilt_error(*settings: str) -> float:
         flight = fly(hovering("measured", "truth.vehicle.center_of_gravity=[0.002, 0.0]", *settings))
@@ -132,6 +137,7 @@ def test_of_an_unknown_torque_the_attitude_is_wrong_unless_it_is_a_state() -> No
     assert tilt_error("estimator.walks.torque_sd=0.3") < 0.005
 
 
+@pytest.mark.long
 def test_what_a_sensor_of_ones_own_errs_by_is_a_state() -> None:
     """An altimeter reads 20 cm too high: the fixes by uwb tell, and the height is right."""
     settings = ("sensors=[uwb, imu, altimeter]", "truth.sensors.altimeter.bias=[0.2]", "planner.duration=30")

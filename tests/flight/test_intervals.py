@@ -20,6 +20,7 @@ def test_a_shares_interval_is_wilsons(events: int, trials: int) -> None:
     assert share_interval(events, trials) == pytest.approx((found.low, found.high))
 
 
+@pytest.mark.long
 @given(st.lists(st.floats(0.0, 1e6), min_size=1, max_size=60), st.sampled_from([0.25, 0.5, 0.75]))
 def test_a_quantile_is_numpys_and_its_interval_scipys(values: list[float], q: float) -> None:
     assert quantile(values, q) == pytest.approx(np.quantile(values, q), rel=1e-12, abs=1e-12)
@@ -38,6 +39,7 @@ def test_the_median_of_twenty_lies_between_the_sixth_and_the_fifteenth() -> None
     assert [quantile_interval(range(n), 0.75) is None for n in (12, 13)] == [True, False]
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("q", [0.25, 0.5, 0.75])
 @pytest.mark.parametrize("n", [13, 20, 200])
 @pytest.mark.parametrize("share_lost", [0.0, 0.2])

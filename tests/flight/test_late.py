@@ -16,6 +16,7 @@ def flown(name: str, *settings: str) -> xr.Dataset:
     return fly(load_scenario(name, (*HOVER, *settings)))
 
 
+@pytest.mark.family("imu_uwb-settings2")
 @pytest.mark.parametrize(
     ("name", "settings"),
     [
@@ -35,6 +36,7 @@ def test_of_ranges_beyond_the_horizon_none_is_used(name: str, settings: tuple[st
     assert "not one message is used" in lines[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "delay"), [("tight_imu_uwb", ()), ("imu_uwb", ("estimator.delay=replay",))])
 def test_ranges_within_the_horizon_are_used(name: str, delay: tuple[str, ...]) -> None:
     settings = ("uwb.link.delay=4", "estimator.horizon=0.134", *delay)

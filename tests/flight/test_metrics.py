@@ -120,6 +120,7 @@ def test_position_nees_and_nis_equal_plain_loops() -> None:
             assert value == pytest.approx(e @ np.linalg.inv(H @ P[k] @ H.T + V[k, s]) @ e, rel=1e-9)
 
 
+@pytest.mark.long
 def test_nis_of_a_fix_that_gives_more_is_that_of_its_position(flown: Callable[..., xr.Dataset]) -> None:
     """`pose` fixes have six rows; chi-square with 3 degrees of freedom is what the position's are compared with."""
     changes = ("camera.kind=projected", "landmark_fix.method=pose", "settle=0", "planner={kind: hover, duration: 1.0}")

@@ -70,6 +70,7 @@ def lq_servo(belief: od.Belief) -> od.Box:
     return od.box(4, lq_out, numbers={"mass": belief.vehicle.mass}, tables={"L": L})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["nominal_imu_uwb", pytest.param("imu_uwb", marks=pytest.mark.long)])
 def test_an_lq_servo_of_ones_own_flies_the_built_in_ones_flight_bit_for_bit(name: str) -> None:
     """Its integral starts at 0, as the built-in servo's does in the error form; in imu_uwb a force is estimated."""
@@ -81,6 +82,7 @@ def test_an_lq_servo_of_ones_own_flies_the_built_in_ones_flight_bit_for_bit(name
             np.testing.assert_array_equal(one[signal].values, other[signal].values)
 
 
+@pytest.mark.long
 def test_a_servo_hears_its_last_control_and_the_messages_and_silence_of_what_does_not_fly() -> None:
     def out(heard: np.ndarray, out: np.ndarray) -> None:
         for i in range(4):
@@ -101,12 +103,14 @@ def test_a_servo_hears_its_last_control_and_the_messages_and_silence_of_what_doe
         np.testing.assert_allclose(u[k + 1], [0.9 * u[k, 0] + 2.6, 1e-6 * stamp, 0.0, 1e-9 * k], rtol=1e-14)
 
 
+@pytest.mark.long
 def test_a_cascade_flies_to_the_goal() -> None:
     flight = example("cascade_servo").main(**SHORT)
     assert flight.attrs["lost"] == "null"
     np.testing.assert_allclose(flight["truth"].values[-1, :3], [1.2, 0.6, 1.5], atol=0.3)
 
 
+@pytest.mark.long
 def test_a_planners_circle_is_its_closed_form_and_is_what_the_figures_measure_by() -> None:
     module = example("circle_planner")
     scenario = od.load_scenario("nominal_imu_uwb", planner={"kind": "circle", "duration": 4.0}, settle=1.0)
@@ -126,6 +130,7 @@ def test_a_planners_circle_is_its_closed_form_and_is_what_the_figures_measure_by
     assert module.main(planner={"kind": "circle", "duration": 1.0}).attrs["lost"] == "null"
 
 
+@pytest.mark.long
 def test_a_planner_may_follow_the_estimate_and_the_messages() -> None:
     def out(n: Any, k: int, center: np.ndarray, out: np.ndarray) -> None:
         out[:] = 0.0
@@ -149,6 +154,7 @@ def test_a_planner_may_follow_the_estimate_and_the_messages() -> None:
     np.testing.assert_allclose(flight["reference"].values[:, :2], center + [0.2, 0.0], atol=1e-14)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("link", ["uwb.link.delay=0", "uwb.link.random_delay=2"])
 def test_a_fault_that_adds_a_length_to_all_ranges_is_the_built_in_jump_of_the_clock(link: str) -> None:
     example("longer_ranges")
@@ -200,6 +206,7 @@ class FollowerSystem(LeafSystem):
         values.set_value(np.concatenate([x[:3] + self._h * x[6:9], imu[2:5], x[6:9] + self._h * a, rates]))
 
 
+@pytest.mark.long
 def test_an_estimator_that_is_an_element_flies_drakes_flight() -> None:
     module = example("range_follower")
     link = "uwb.link={rate: 10, random_delay: 1}"

@@ -51,6 +51,7 @@ CHANGES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(  # the robust filter's kept tracks are flown by two players in the quick tests
     "name", [pytest.param(name, marks=[pytest.mark.long] * (name == "robust_imu_uwb")) for name in CHANGES]
 )
@@ -112,6 +113,7 @@ def test_a_part_that_is_a_system_is_flown_by_drake() -> None:
         choose(scenario, "engine", parts)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("player", CHOICES)
 def test_flights_say_who_flew_them(player: str, tmp_path: Path) -> None:
     expected = "engine" if player == "fastest" else player
@@ -123,6 +125,7 @@ def test_flights_say_who_flew_them(player: str, tmp_path: Path) -> None:
     assert list(od.compare("nominal_imu_uwb", seeds=[3], settings=HOVER, player=player)["player"]) == [expected]
 
 
+@pytest.mark.long
 def test_the_command_says_who_flew_and_why_not_the_engine(capsys: pytest.CaptureFixture[str]) -> None:
     words = ("fly", "nominal_imu_uwb", *(word for change in HOVER for word in ("--set", change)))
     for player, said in (("fastest", "engine"), ("drake", "drake")):
@@ -153,6 +156,7 @@ OF_ONES_OWN = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "part",
     [pytest.param(part, marks=[pytest.mark.long] * (part not in ("estimator", "sensor"))) for part in OF_ONES_OWN],

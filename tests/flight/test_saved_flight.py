@@ -65,6 +65,7 @@ def refusal(path: Path) -> str:
     return line
 
 
+@pytest.mark.long
 def test_the_file_is_plain_netcdf_with_a_digest_behind_it(saved: Path, data: bytes) -> None:
     assert data[-TAIL:] == digest_line(data[:-TAIL])
     flight = made_up()
@@ -245,6 +246,7 @@ FOREIGN: dict[str, tuple[Callable[[xr.Dataset], xr.Dataset], str]] = {
 }  # fmt: skip
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("kind", FOREIGN)
 def test_a_foreign_dataset_is_refused_by_what_is_wrong(tmp_path: Path, kind: str) -> None:
     change, expected = FOREIGN[kind]
@@ -252,6 +254,7 @@ def test_a_foreign_dataset_is_refused_by_what_is_wrong(tmp_path: Path, kind: str
     assert expected in refusal(tmp_path / "foreign.nc")
 
 
+@pytest.mark.long
 def test_a_flight_with_registered_sensors_is_read_back(tmp_path: Path) -> None:
     flight = fly(load_scenario("flow", ("settle=0", "planner={kind: hover, duration: 0.5}"), 3))
     save_flight(flight, tmp_path / "flow.nc")
@@ -265,6 +268,7 @@ def test_a_flight_with_registered_sensors_is_read_back(tmp_path: Path) -> None:
     assert "measurement_covariance: is " in refusal(tmp_path / "fewer.nc")
 
 
+@pytest.mark.long
 def test_more_than_a_flight_needs_is_kept(tmp_path: Path) -> None:
     flight = made_up().assign(wind=("tick", np.zeros(TICKS))).assign_attrs(remark="windy")
     save_flight(flight, tmp_path / "more.nc")
@@ -320,6 +324,7 @@ def ragged_rows(file: h5py.File, folder: Path) -> None:
     file.create_dataset("rows", (2,), h5py.vlen_dtype(float))
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(
     ("change", "expected"),
     [

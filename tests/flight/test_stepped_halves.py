@@ -26,6 +26,7 @@ def same_flight(scenario: Scenario) -> xr.Dataset:
     return halves
 
 
+@pytest.mark.family("nominal_imu_uwb-settings0")
 @pytest.mark.parametrize(
     ("name", "settings"),
     [
@@ -74,6 +75,7 @@ def test_another_path_is_flown_from_the_tick_at_which_it_was_given() -> None:
     np.testing.assert_allclose(onboard.outputs()["reference"][:2], [0.1 / 30.0, 0.2 / 30.0], atol=1e-15)
 
 
+@pytest.mark.long
 def test_the_same_path_given_again_in_flight_changes_no_bit() -> None:
     scenario = load_scenario("nominal_imu_uwb", ("settle=0",))
     world, once, again = WorldHalf(scenario), OnboardHalf(scenario), OnboardHalf(scenario)

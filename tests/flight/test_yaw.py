@@ -15,6 +15,7 @@ from ortilo_drake.scenario.onboard import ServoWeights
 WAY = ("planner={kind: waypoints, points: [[0, 0, 1.5], [1, -0.5, 1.5]], speed: 0.7}", "uwb.link.blackouts=[]")
 
 
+@pytest.mark.family("1.57-nominal_imu_uwb")
 @pytest.mark.parametrize("name", ["imu_uwb", "nominal_imu_uwb"])
 @pytest.mark.parametrize("yaw", [1.57, np.pi, -2.2])
 def test_a_flight_holds_the_heading_that_it_is_told(name: str, yaw: float) -> None:

@@ -139,6 +139,7 @@ def test_more_measurements_never_raise_the_bound(seed: int, keep: float, slow: i
     assert np.linalg.eigvalsh(high - low).min() > -1e-9 * np.abs(high).max()
 
 
+@pytest.mark.long
 @given(seed=st.integers(0, 10**6), anchors=st.integers(1, 12), keep=st.floats(0.0, 1.0))
 def test_more_anchors_or_more_arrivals_never_raise_the_floor(seed: int, anchors: int, keep: float) -> None:
     rng = np.random.default_rng(seed)
@@ -220,6 +221,7 @@ def test_a_range_counts_where_the_world_gives_it(walls: dict[str, Any]) -> None:
     assert (len(rows) < seen.sum() * n) == (walls["kind"] == "block" or settings.max_distance < 20.0)
 
 
+@pytest.mark.long
 def test_a_filter_that_knows_everything_sits_on_the_floor() -> None:
     """An extended Kalman filter of the true noise, 600 flights of linear dynamics at once, true ranges."""
     rng, runs, ticks, f, sd = np.random.default_rng(8), 600, 90, 0.05, 0.01
@@ -284,6 +286,7 @@ def rows_seen(scenario: Scenario, truth: np.ndarray) -> np.ndarray:
     return camera_rows(tables, scenario.load_room(), 320, truth, np.ones(len(truth), dtype=bool))
 
 
+@pytest.mark.long
 def test_box_gradients_agree_with_differences_of_projections() -> None:
     rng, room = np.random.default_rng(6), ROOM
     truth = np.repeat(flown_along(rng, 2), 4, axis=0)
@@ -314,6 +317,7 @@ def test_a_box_of_given_noise_tells_by_its_edges_variance_and_its_rate() -> None
     np.testing.assert_allclose(J[1], J[0] / 4.0, rtol=1e-9)
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.8])
 @pytest.mark.parametrize("axis", [0, 1])
 def test_the_centers_information_is_the_expected_square_of_its_score(share: float, axis: int) -> None:
@@ -359,6 +363,7 @@ def measured_quantile(normal: np.ndarray, quantiles: np.ndarray) -> tuple[Any, A
     return q, inverse
 
 
+@pytest.mark.long
 def test_the_slow_error_is_correlated_as_the_projected_camera_draws_it() -> None:
     """What the recursion takes for granted: cov(z_t, z_t') = w (c c' over common nodes), c = (1 - a, a) / norm."""
     share, spacing, runs = 0.6, 10, 6000

@@ -73,6 +73,7 @@ DATASHEET = (
 )
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("more", [(), DATASHEET], ids=["", "as data sheets have it"])
 def test_it_equals_dense_algebra_in_which_every_error_and_every_force_is_an_unknown(more: tuple[str, ...]) -> None:
     """No trick of the floor's: the specific force is a row of the step's force and its bias, all walks are summed.
@@ -146,6 +147,7 @@ def test_it_equals_dense_algebra_in_which_every_error_and_every_force_is_an_unkn
             off[2] += h * dense([drift], size)[0]
 
 
+@pytest.mark.long
 @settings(max_examples=15)
 @given(entry=st.sampled_from(TRUTH), share=st.floats(0.1, 0.9))
 def test_one_error_more_never_lowers_the_floor(entry: str, share: float) -> None:

@@ -106,6 +106,7 @@ def test_without_an_answer_it_is_given_up_with_a_line(monkeypatch: pytest.Monkey
     assert link.turn([]) is None
 
 
+@pytest.mark.long
 @given(x=st.floats(allow_nan=True, allow_infinity=True), y=st.floats(allow_nan=True, allow_infinity=True))
 def test_what_is_asked_for_arrives_or_is_refused_at_once(x: float, y: float) -> None:
     link, wire = link_and_wire()

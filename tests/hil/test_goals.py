@@ -150,6 +150,7 @@ def test_the_onboard_halfs_own_answers_are_no_goals() -> None:
     assert goals.step(20.0, PATH) == Step(None, None, [])
 
 
+@pytest.mark.long
 def test_a_newer_goal_replaces_the_one_that_is_planned_and_the_vehicle_brakes_once() -> None:
     goals = Goals(SCENARIO, beside := Beside(SCENARIO))
     goals.hear(user(1, 8.0, -1.0))

@@ -82,6 +82,7 @@ def test_a_long_flight_takes_no_more_memory_and_its_counts_stay_right(monkeypatc
     assert counts.lost == 2**24 + 1 - 3034
 
 
+@pytest.mark.long
 def test_thousands_of_bad_packets_on_a_real_bus_are_counted_one_by_one(bus: str) -> None:
     server, joined = open_bus(bus, serves=True), open_bus(bus)
     inbox = Inbox(joined, KINDS, FLIGHT)

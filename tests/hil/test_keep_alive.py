@@ -101,6 +101,7 @@ def test_a_signal_that_another_thread_takes_ends_the_process_too(number: int, tm
     assert not slept.exists()
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 @pytest.mark.parametrize("hooks", [IN_FORK, AFTER_FORK], ids=["before the child is there", "after"])
 def test_a_signal_that_comes_inside_fork_is_not_lost(

@@ -107,6 +107,7 @@ def test_the_limits_are_what_they_say() -> None:
     np.testing.assert_array_equal(row, [classes - 1, 1, 319.5, 239.5, 319.5, 239.5])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name",
     [pytest.param(name, marks=[pytest.mark.long] * (name != "nominal_imu_uwb_yolo")) for name in scenario_names()],
@@ -117,6 +118,7 @@ def test_no_ready_made_flight_reaches_a_limit(name: str) -> None:
     check_packets(scenario)
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(
     "settings",
     [

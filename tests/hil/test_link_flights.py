@@ -18,6 +18,7 @@ BAD = Faults(loss=0.2, delay=0.004, spread=0.003, duplicate=0.2, held=0.1, hold=
 FAREWELLS = 20  # each may be lost: all of them with a probability of 1e-14
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("name", ["nominal_imu_uwb", "nominal_imu_uwb_yolo", "flow"])
 def test_a_bad_link_costs_time_but_not_a_bit(
     name: str, bus: str, other_bus: str, monkeypatch: pytest.MonkeyPatch

@@ -58,6 +58,7 @@ def test_left_alone_it_is_the_flight_that_is_flown_anyway() -> None:
     assert [s.time for s in seen] == pytest.approx(data["time"].values)
 
 
+@pytest.mark.long
 def test_arrivals_follow_the_loss_of_their_own_sensor() -> None:
     live = flight()
     for loss in (0.0, 0.7, 1.0):
@@ -69,6 +70,7 @@ def test_arrivals_follow_the_loss_of_their_own_sensor() -> None:
         assert np.mean(["camera" in s.arrived for s in pictures]) > 0.8
 
 
+@pytest.mark.long
 def test_a_push_is_the_force_that_the_filter_finds_and_the_vehicle_stays_where_it_is() -> None:
     live = flight()
     fly(live, 150)
@@ -89,6 +91,7 @@ def test_a_heavier_vehicle_first_sinks_as_gravity_says() -> None:
     assert flight().step(Wishes(heavier=0.1)).lost is None
 
 
+@pytest.mark.long
 def test_a_world_of_its_own_truth_keeps_it() -> None:
     scenario = load_scenario("realistic", HOVER)
     assert with_a_force(scenario) is scenario
@@ -99,6 +102,7 @@ def test_a_world_of_its_own_truth_keeps_it() -> None:
     np.testing.assert_array_equal(one.step(NOTHING).x, fly(other, 2)[-1].x)
 
 
+@pytest.mark.long
 def test_a_goal_is_flown_and_one_in_a_wall_is_refused() -> None:
     live = flight(load_scenario("nominal_imu_uwb_yolo", HOVER))
     fly(live, 30)
@@ -156,6 +160,7 @@ def test_it_is_as_fast_as_asked(speed: float) -> None:
     assert clock.now == pytest.approx(91 * HOVERING.h / speed)
 
 
+@pytest.mark.long
 def test_a_lost_flight_stands_still_until_it_is_flown_anew() -> None:
     fast = load_scenario("nominal_imu_uwb", HOVER[:1])
     dropped = [Wishes(heavier=0.3, push=(2.0, 2.0), lost={"uwb": 1.0})] * 1200
@@ -176,6 +181,7 @@ def test_it_waits_until_a_page_is_open() -> None:
     assert next(open_pages, None) is None
 
 
+@pytest.mark.long
 def test_the_command_takes_off_when_a_page_is_open_or_at_once(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -264,6 +270,7 @@ def test_no_message_wishes_more_than_the_sliders_ends_and_no_number_of_clicks_is
     assert its.wishes().steps == 0
 
 
+@pytest.mark.long
 def test_the_scene_shows_a_flight_and_its_lamps() -> None:
     meshcat = Meshcat()
     scene = Scene(meshcat, HOVERING.load_room(), HOVERING.vehicle, ("uwb", "camera"), HOVERING.h)

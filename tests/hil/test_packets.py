@@ -116,6 +116,7 @@ def malformed(name: str, n: int, rng: np.random.Generator) -> list[bytes]:
     return packets
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("name", KINDS)
 def test_ten_thousand_malformed_packets_on_each_channel_are_refused(name: str) -> None:
     assert reason(name, VALID[name]) == "accepted"
@@ -299,6 +300,7 @@ def test_hello_comes_back(role: str, digest: str, session: int, lockstep: bool, 
 printable = st.characters(exclude_categories=["C", "Z"], include_characters=" ")
 
 
+@pytest.mark.long
 @given(
     session=st.integers(1, 2**63 - 1),
     tick=st.integers(0, 2**24),
@@ -332,6 +334,7 @@ def test_a_reason_reaches_a_terminal_without_control_characters(control: str) ->
     assert reason.isprintable()
 
 
+@pytest.mark.long
 @given(text=st.text())
 def test_plain_text_is_printable_and_what_is_plain_stays(text: str) -> None:
     shown = plain(text)

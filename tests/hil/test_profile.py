@@ -88,6 +88,7 @@ def test_a_profile_finds_the_tick_in_its_blocks() -> None:
     assert all(row.median_us > 0.0 for name, row in rows.items() if name in blocks)
 
 
+@pytest.mark.long
 @pytest.mark.egl
 def test_a_rendered_camera_s_detector_is_a_block() -> None:
     rows = {row.block: row for row in profile_onboard(scenario_of(), 6)}

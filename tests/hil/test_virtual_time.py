@@ -21,6 +21,7 @@ def scenario_of(*settings: str) -> Scenario:
     return load_scenario("nominal_imu_uwb_yolo", (*SHORT, "uwb.link.blackouts=[]", *settings))
 
 
+@pytest.mark.long
 def test_without_faults_it_is_the_flight_but_for_the_commands_millisecond() -> None:
     # A command acts a millisecond after its tick here, and at its tick in `fly`.
     plain = fly(scenario_of("world.plant=continuous"))

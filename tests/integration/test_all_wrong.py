@@ -30,6 +30,7 @@ def test_with_the_camera_it_flies_as_well_as_the_paper_did() -> None:
         assert np.median([s.mse[axis] for s in flown]) < paper[axis]["median"], axis
 
 
+@pytest.mark.long
 def test_the_papers_filter_is_lost_there() -> None:
     flight = FlightSimulator(load_scenario("nominal_imu_uwb_yolo", ("camera.kind=projected", *WRONG))).fly(0)
     assert summary(flight).lost is not None

@@ -103,6 +103,7 @@ def test_flights_must_be_a_number_of_flights() -> None:
     assert run("analyze", "--flights", "-1") == 2
 
 
+@pytest.mark.long
 def test_without_linear_theory_flights_are_judged_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ("analyze", "tight_imu_uwb", "--out", str(tmp_path / "out"), "--workers", "1")
     assert run(*words, "--flights", "0") == 2

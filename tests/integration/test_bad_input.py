@@ -46,6 +46,7 @@ def room_file(folder: Path, **changes: Any) -> str:
 # --- settings -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(
     ("setting", "named"),
     [
@@ -167,6 +168,7 @@ def test_a_folder_for_a_scenario_file(refused: Any, tmp_path: Path) -> None:
     assert "folder.yaml: cannot be read" in refused("fly", str(tmp_path / "folder.yaml"))
 
 
+@pytest.mark.family("changes2-named2")
 @pytest.mark.parametrize(
     ("changes", "named"),
     [
@@ -214,6 +216,7 @@ def test_a_path_that_cannot_be_flown(refused: Any, command: list[str], planner: 
     assert [word for word in named if word not in line] == [], line
 
 
+@pytest.mark.long
 def test_no_free_path_through_a_wall_across_the_room(refused: Any, tmp_path: Path) -> None:
     walls = yaml.safe_load(ORTILO_ROOM.read_text(encoding="utf-8"))["walls"]
     across = [[10.0, -4.0 + k, 0.0] for k in range(9)]
@@ -268,6 +271,7 @@ def test_a_picture_of_no_height_names_the_camera_that_takes_it(refused: Any, tmp
     assert "camera.width: 640" in refusals(refused, "camera.kind=projected", "camera.width=640", setting)
 
 
+@pytest.mark.long
 @pytest.mark.egl
 def test_a_class_that_the_detector_does_not_know(refused: Any, tmp_path: Path) -> None:
     room = yaml.safe_load(ORTILO_ROOM.read_text(encoding="utf-8"))
@@ -298,6 +302,7 @@ def test_without_a_renderer(refused: Any, monkeypatch: pytest.MonkeyPatch) -> No
 # --- more than memory holds -------------------------------------------------------------------------------------
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(
     ("settings", "named"),
     [
@@ -322,6 +327,7 @@ def test_a_room_of_a_kilometre(refused: Any, tmp_path: Path) -> None:
     assert run("scenario", "check", "nominal_imu_uwb", "--set", large, "--set", HOVER) == 0
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("camera", ["rendered", "projected"])
 @pytest.mark.parametrize(("width", "height"), [(1, 100_000), (100_000, 1)])
 def test_pictures_without_pixels_or_with_too_many(
@@ -367,6 +373,7 @@ def test_tables_and_diagrams_that_cannot_be_written(refused: Any, tmp_path: Path
     assert "file/x.svg" in refused("diagram", "--svg", "file/x.svg")
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("where", ["x.frog", "x"])
 def test_a_picture_of_an_unknown_kind(refused: Any, where: str) -> None:
     assert where in refused("fly", "nominal_imu_uwb", "--set", HOVER, "--png", where)
@@ -397,6 +404,7 @@ def test_a_wrong_option(refused: Any, words: list[str], named: list[str]) -> Non
 # --- extremes that pass the checks of range -------------------------------------------------------------------
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(
     "setting",
     [

@@ -116,6 +116,7 @@ def parameters_of(half: OnboardHalf) -> list[Any]:
     return [half.diagram.GetGraphvizString().replace(hex(id(half)), ""), groups, states]
 
 
+@pytest.mark.long
 def test_another_world_leaves_the_onboard_half_and_its_answers_as_they_are() -> None:
     one, other = scenarios()
     halves = [OnboardHalf(scenario) for scenario in (one, other, one.belief)]
@@ -180,6 +181,7 @@ class Curious(LeafSystem):
         self.DeclareVectorOutputPort("control", 4, lambda context, output: None)
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("name", ["nominal_imu_uwb", "nominal_imu_uwb_yolo", "flow"])
 def test_no_scenario_can_be_reached_from_the_onboard_half(name: str) -> None:
     scenario = load_scenario(name, ("truth.imu.yaw=0.1", "camera.kind=projected", SHORT))

@@ -293,6 +293,7 @@ def test_without_graphviz_a_picture_of_boxes_is_refused_in_one_line(
 # --- help and errors ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(
     "words", [[], ["fly"], ["tables"], ["diagram"], ["scenario"], ["scenario", "check"], ["scenario", "show"]]
 )

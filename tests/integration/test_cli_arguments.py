@@ -78,6 +78,7 @@ def test_there_are_options_of_every_type_to_spoil() -> None:
     assert {("fly", "--seed=1.5"), ("hil", "goal", "--", "nan", "1"), ("tables", "--flights=0")} <= set(calls)
 
 
+@pytest.mark.family("hil key")
 @pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
 def test_a_wrong_word_ends_with_code_two_and_one_line(
     words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path

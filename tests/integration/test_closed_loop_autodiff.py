@@ -58,6 +58,7 @@ def directions_at(states: list[np.ndarray], count: int) -> np.ndarray:
     return np.concatenate(moved, axis=1).T
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("tick", [60, 61])  # with and without a fix
 @pytest.mark.parametrize("settings", SETTINGS, ids=["plain", "force", "three ranges, true velocities"])
 def test_a_tick_of_all_states_has_the_slopes_of_differences(settings: tuple[str, ...], tick: int) -> None:
@@ -76,6 +77,7 @@ def test_a_tick_of_all_states_has_the_slopes_of_differences(settings: tuple[str,
     assert np.linalg.matrix_rank(numbers) == D.shape[1]
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("tick", [60, 61])
 def test_the_robust_loop_has_the_slopes_of_the_plain_one(tick: int) -> None:
     """What is used of the sensors, and with what weight, is a constant: all that is at hover without noise, in full."""
@@ -108,6 +110,7 @@ def _of(diagram: Any, *names: str) -> Any:
     return diagram
 
 
+@pytest.mark.long
 def test_the_loop_that_flies_obeys_the_separation_principle() -> None:
     tick = differentiate_closed_loop(load_scenario("nominal_imu_uwb"), 900)
     loop = hover_loop(without_noise(load_scenario("nominal_imu_uwb")))

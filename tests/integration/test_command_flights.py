@@ -21,6 +21,7 @@ SHORT = "planner={kind: hover, point: [8, 1, 1.5], duration: 2}"
 NOTHING_LOST = "command_link.loss={kind: bernoulli, probability: 0.0}"
 
 
+@pytest.mark.family("nominal_imu_uwb")
 @pytest.mark.parametrize("name", ["nominal_imu_uwb", "rotors"])
 def test_a_link_that_loses_nothing_flies_the_same_bits(name: str) -> None:
     def bits(*settings: str) -> xr.Dataset:

@@ -14,6 +14,7 @@ HOVER = "planner={kind: hover, point: [3.0, 1.0, 1.5], duration: 3.0}"
 SHORT = ("nominal_imu_uwb", (HOVER,))
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("fused", [False, True])
 @pytest.mark.parametrize(
     ("name", "settings"), [SHORT, ("imu_uwb", (HOVER,)), ("nominal_imu_uwb", (HOVER, "world.plant=continuous"))]

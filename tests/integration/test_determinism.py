@@ -27,6 +27,7 @@ def flown(name: str) -> xr.Dataset:
     return fly(load_scenario(name, (SHORT, PROJECTED), 7))
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_the_same_seed_flies_the_same_bits_twice(name: str) -> None:
     one, two = flown(name), fly(load_scenario(name, (SHORT, PROJECTED), 7))
@@ -44,6 +45,7 @@ def test_other_flights_in_between_change_nothing() -> None:
     assert digest(fly(load_scenario("nominal_imu_uwb_yolo", (SHORT, PROJECTED), 7))) == first
 
 
+@pytest.mark.long
 def test_a_seeds_truths_do_not_depend_on_what_the_simulator_flew_before() -> None:
     scenario = load_scenario("realistic_flow", (SHORT, PROJECTED), 3)
     simulator = FlightSimulator(scenario)
@@ -69,6 +71,7 @@ def test_another_process_flies_the_same_bits() -> None:
     assert done.stdout.strip() == str(here)
 
 
+@pytest.mark.long
 def test_different_seeds_differ_in_every_noise() -> None:
     flights = [fly(load_scenario("nominal_imu_uwb_yolo", (SHORT, PROJECTED), seed)) for seed in range(4)]
     assert len({digest(flight) for flight in flights}) == 4

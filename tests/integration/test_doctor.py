@@ -111,6 +111,7 @@ def test_a_zeromq_without_encryption_is_named(monkeypatch: pytest.MonkeyPatch) -
     assert found.found.endswith("without CURVE")
 
 
+@pytest.mark.long
 def test_here_all_that_is_needed_is_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "doctor.json"
     assert run("doctor", "--json", str(file)) == 0
@@ -133,6 +134,7 @@ def test_without_drake_the_command_says_so_and_fails(
     assert "pip install drake" in said
 
 
+@pytest.mark.long
 def test_the_picture_that_is_drawn_is_one() -> None:
     done = subprocess.run(
         [sys.executable, "-c", doctor_checks._PICTURE + "print(image.data.shape)"], capture_output=True

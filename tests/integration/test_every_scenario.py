@@ -192,6 +192,7 @@ def test_every_one_ends_with_an_answer_or_with_one_line(
     check(command, scenario, tmp_path, bus, capsys)
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(("command", "scenario"), CHOSEN, ids=map(" of ".join, CHOSEN))
 def test_some_of_each_kind_end_so_in_every_run(
     command: str, scenario: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], bus: str

@@ -53,6 +53,7 @@ def imu_messages(scenario: Scenario, ticks: int, u: np.ndarray) -> tuple[np.ndar
     return np.array(states), np.array(samples)
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("rate", [240, 300])
 def test_samples_are_the_state_between_the_ticks_as_scipy_integrates_it(rate: int) -> None:
     n = rate // 30
@@ -97,6 +98,7 @@ def flight() -> xr.Dataset:
     return fly(load_scenario("nominal_imu_uwb", (*FAST, "seed=3")))
 
 
+@pytest.mark.long
 def test_the_filter_gets_the_mean_of_a_tick_with_an_eighth_of_the_variance(flight: xr.Dataset) -> None:
     x = flight["truth"].values[1:]
     y = flight["measurement"].sel(output=["phi_imu", "theta_imu", "psi_imu"]).values
@@ -156,6 +158,7 @@ REGISTERED = ("altimeter.link.rate=60", "flow.link={rate: 90, loss: 0.2}")
 LATE = ("imu.link={rate: 240, delay: 1, random_delay: 2}", "estimator.delay=replay", "altimeter.link.rate=60")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "settings"),
     [("nominal_imu_uwb", (*FAST,)), ("flow", REGISTERED), ("altimeter", LATE)],
@@ -184,6 +187,7 @@ def test_a_log_has_every_sample_as_an_imu_message_with_its_stamp(tmp_path: Path)
     assert sizes == {PAYLOAD + N * IMU_SIZE}
 
 
+@pytest.mark.long
 def test_over_a_link_the_flight_is_that_of_a_single_process(bus: str) -> None:
     scenario = load_scenario("flow", (*SHORT, *FAST, *REGISTERED))
     alone = fly(scenario)

@@ -61,6 +61,7 @@ def test_the_halves_fly_it_bit_for_bit() -> None:
         np.testing.assert_array_equal(flight[name], halves[name], err_msg=str(name))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "changes",
     [

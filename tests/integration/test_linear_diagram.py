@@ -183,6 +183,7 @@ def recursion(form: str, integrator: str, delta: np.ndarray) -> dict[str, np.nda
     return dict(zip(LOGGED, np.split(np.array(rows), np.cumsum(list(LOGGED.values()))[:-1], axis=1), strict=True))
 
 
+@pytest.mark.family("error-hold-all_on")
 @pytest.mark.parametrize("pattern", [all_on, intermittent])
 @pytest.mark.parametrize(("form", "integrator"), SETTINGS)
 def test_the_diagram_is_the_matrix_recursion(form: str, integrator: str, pattern: Callable[[], np.ndarray]) -> None:

@@ -59,6 +59,7 @@ def test_literal_integrates_the_reference_itself_and_throws_the_vehicle(seed: in
     assert flight.attrs["lost"] != "null" or thrown
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_in_the_outage_the_integral_does_what_theory_says(seed: int) -> None:
     for integrator in ("literal", "hold", "estimate"):

@@ -40,6 +40,7 @@ def own_register(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(parts, "_FILES", list(parts._FILES))
 
 
+@pytest.mark.long
 def test_the_scenarios_own_parts_given_by_hand_fly_the_same_flight() -> None:
     plain = od.fly("nominal_imu_uwb", seed=4, **HOVER)
     given = od.fly(
@@ -54,6 +55,7 @@ def test_the_scenarios_own_parts_given_by_hand_fly_the_same_flight() -> None:
         np.testing.assert_array_equal(given.data[name].values, plain.data[name].values)
 
 
+@pytest.mark.long
 def test_registered_parts_are_named_in_a_scenario_file_and_travel_with_the_flight(tmp_path: Path) -> None:
     class Mine(od.Frozen):
         """An estimator's settings."""
@@ -150,6 +152,7 @@ def test_a_planner_may_be_a_system_that_sees_the_estimate_and_messages() -> None
     np.testing.assert_allclose(data["reference_acceleration"].values[:, :2], -around, atol=1e-15)
 
 
+@pytest.mark.long
 def test_a_registered_planner_that_is_a_system_flies_in_halves_logs_and_replays(tmp_path: Path) -> None:
     od.register_planner("circle", CirclePlanner, Circle)
     scenario = od.load_scenario("nominal_imu_uwb", planner={"kind": "circle"}, settle=0.0)

@@ -18,6 +18,7 @@ from ortilo_drake.studies.room_design.room_file import room_text
 PATH = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.6, 0.6, 1.8]]}"
 
 
+@pytest.mark.long
 def test_place_writes_a_room_that_flies(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     room, report = tmp_path / "placed.yaml", tmp_path / "placed.json"
     settings = ("--set", "uwb.walls.kind=block", "--set", PATH)
@@ -38,6 +39,7 @@ def test_place_writes_a_room_that_flies(capsys: pytest.CaptureFixture[str], tmp_
     assert json.loads(flight.read_text(encoding="utf-8"))["lost"] is None
 
 
+@pytest.mark.long
 def test_survey_finds_anchors_that_a_flight_was_wrong_about(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     scenario = load_scenario("nominal_imu_uwb", (PATH, "truth.survey.anchors_sd=0.3", "uwb.link.blackouts=[]"), 3)
     save_flight(fly(scenario), tmp_path / "flight.nc")

@@ -76,6 +76,7 @@ def test_the_same_bits_on_one_worker_and_on_two(bare: str, tmp_path: Path) -> No
 # --- what crosses from world to onboard -----------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.egl
 @pytest.mark.parametrize(
     ("link", "delays"),
@@ -111,6 +112,7 @@ def test_pictures_come_with_their_stamps_and_boxes_a_latency_later(bare: str, li
     assert len({image.tobytes() for image in drawn.values()}) == len(drawn)  # the vehicle moves
 
 
+@pytest.mark.long
 @pytest.mark.egl
 def test_a_flight_with_late_pictures_flies_to_its_end(bare: str) -> None:
     flight = fly(scenario_of(bare, "camera.link={rate: 10.0, delay: 1, random_delay: 2}"))
@@ -144,6 +146,7 @@ def command(*more: str, camera: str | None = None) -> list[str]:
     return [*words, *(() if camera is None else ("--camera", camera)), *more]
 
 
+@pytest.mark.long
 @pytest.mark.egl
 @needs_torch
 def test_a_network_of_the_users_flies(capsys: pytest.CaptureFixture[str], bare: str, tmp_path: Path) -> None:
@@ -159,6 +162,7 @@ def test_a_network_of_the_users_flies(capsys: pytest.CaptureFixture[str], bare: 
     assert digest(flight) == digest(fly(scenario))
 
 
+@pytest.mark.long
 @pytest.mark.egl
 def test_an_onnx_network_flies(capsys: pytest.CaptureFixture[str], bare: str, tmp_path: Path) -> None:
     pytest.importorskip("onnx")
@@ -208,6 +212,7 @@ def registered(own_register: None) -> None:
     od.register_detector("brightest", Brightest, make_brightest)
 
 
+@pytest.mark.long
 @pytest.mark.egl
 @pytest.mark.usefixtures("registered")
 def test_a_registered_detector_looks_at_the_pictures(bare: str, tmp_path: Path) -> None:
@@ -283,6 +288,7 @@ def test_a_missing_file(refused: Any, bare: str, tmp_path: Path, file: str) -> N
     assert f"{file}: cannot be read" in refused(*fails_in_flight(words, bare))
 
 
+@pytest.mark.family
 @pytest.mark.egl
 @needs_torch
 @pytest.mark.parametrize(

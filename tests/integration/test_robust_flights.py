@@ -21,6 +21,7 @@ ALL_USED = (
 )
 
 
+@pytest.mark.family("nominal_imu_uwb")
 @pytest.mark.parametrize("name", ["nominal_imu_uwb", "imu_uwb", "imu_uwb_yolo"])
 def test_where_nothing_is_refused_it_is_the_plain_flight_bit_for_bit(name: str) -> None:
     settings = (SHORT, PROJECTED, "multilateration.bias_bank=null", "landmark_fix.survey_bank=null")
@@ -47,6 +48,7 @@ def calm_error() -> float:
     return error_of(flown("robust_imu_uwb_yolo", None))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("fault", "plain_fails"),
     [
@@ -67,12 +69,14 @@ def test_a_fault_costs_little(fault: dict[str, Any], plain_fails: bool) -> None:
         assert loss_of(plain) is not None or error_of(plain) > 3.0 * calm
 
 
+@pytest.mark.long
 def test_without_a_camera_ranges_are_still_judged() -> None:
     for fault in ({"kind": "outlier_bursts", "start": 6.0, "end": 10.0}, {"kind": "clock_jump", "start": 6.0}):
         calm = error_of(flown("robust_imu_uwb", None))
         assert error_of(flown("robust_imu_uwb", fault)) < 2.0 * calm
 
 
+@pytest.mark.long
 def test_an_estimate_that_has_gone_astray_is_found_again() -> None:
     """Nothing but ranges that are all off is heard for a while; then right values are far from the estimate."""
     jump = {"kind": "clock_jump", "start": 3.0, "end": 5.5, "by": -0.6}
@@ -86,6 +90,7 @@ def test_an_estimate_that_has_gone_astray_is_found_again() -> None:
     assert e[t > 7.5].mean() < 0.05
 
 
+@pytest.mark.long
 def test_a_flight_repeats_bit_for_bit() -> None:
     fault = ("faults", [{"kind": "stuck", "sensor": "uwb", "start": 2.0, "end": 4.0}])
     simulator = FlightSimulator(load_scenario("robust_imu_uwb_yolo", (SHORT, PROJECTED, OPEN, fault)))

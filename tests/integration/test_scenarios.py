@@ -44,11 +44,13 @@ def test_a_ready_made_scenario_is_named_as_its_file_and_says_what_it_is(name: st
     assert first.endswith(".")
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("name", scenario_names())
 def test_a_ready_made_scenario_has_a_path(name: str) -> None:
     assert 5 * 30 < flight_ticks(load_scenario(name)) < 120 * 30
 
 
+@pytest.mark.family("nominal_imu_uwb")
 @pytest.mark.parametrize(  # the others fly in test_flight_tracks.py
     "name", [pytest.param(name, marks=[pytest.mark.long] * (name in QUICK)) for name in scenario_names()]
 )
@@ -59,6 +61,7 @@ def test_a_ready_made_scenario_flies(name: str) -> None:
     assert all(math.isfinite(value) for value in found.mse.values())
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("name", [*scenario_names(), "default"])
 def test_what_show_prints_loads_again_as_the_same_scenario(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -75,6 +78,7 @@ def test_what_show_prints_loads_again_as_the_same_scenario(
     assert set(yaml.safe_load(printed.out)) == {*Scenario.model_fields, *again.own_sensors}  # every default filled in
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("name", scenario_names())
 def test_check_says_that_a_ready_made_scenario_is_valid(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("scenario", "check", name) == 0

@@ -113,6 +113,7 @@ def run_case(number: int, folder: Path) -> str:
     return "flown"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("block", [pytest.param(k, marks=[pytest.mark.long] * (k >= FEW)) for k in range(BLOCKS)])
 def test_a_spoilt_file_flies_or_is_refused_in_one_line(block: int, tmp_path: Path) -> None:
     became: dict[str, int] = {}

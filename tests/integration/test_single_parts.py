@@ -103,6 +103,7 @@ def hover(seconds: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return x, xhat, P.reshape(-1, 15, 15)
 
 
+@pytest.mark.long
 def test_the_parts_together_hold_a_small_vehicle_and_know_how_well() -> None:
     x, xhat, P = hover(20.0)
     error = x - xhat[:, :12]

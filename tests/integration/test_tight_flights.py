@@ -52,11 +52,13 @@ def test_it_flies_through_gaps_of_the_imu_and_of_ranges() -> None:
     assert error < 0.02
 
 
+@pytest.mark.long
 def test_ranges_with_a_clock_of_their_own_are_flown_by_differences() -> None:
     error, _, _ = mse("tight_imu_uwb", OPEN, "estimator.ranges.differences=true", "truth.uwb.bias=3.0", seeds=range(1))
     assert error < 0.02
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("delay", [0, 2])
 def test_pictures_count_at_their_own_time(delay: int) -> None:
     """A box two ticks late is as good as one in time, up to what the vehicle has not learnt meanwhile."""
@@ -66,6 +68,7 @@ def test_pictures_count_at_their_own_time(delay: int) -> None:
     assert nees < 8.0
 
 
+@pytest.mark.long
 def test_a_message_older_than_the_horizon_is_not_used() -> None:
     """With every picture too late it flies as without a camera: bit for bit in what it estimates of the position."""
     late = (PROJECTED, OPEN, "camera.link.delay=8", "estimator.horizon=0.07", SHORT)
@@ -92,6 +95,7 @@ def test_a_flow_sensor_is_taken_too() -> None:
     assert with_flow < 0.5 * without
 
 
+@pytest.mark.long
 def test_the_servo_sees_what_it_sees_where_the_halves_fly_in_lockstep(tmp_path: Path) -> None:
     """At t_k the estimate is that from before its measurements; an update ahead of all others lets it see them."""
     hover = "planner={kind: hover, point: [8, 1, 1.5], duration: 2}"

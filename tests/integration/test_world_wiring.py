@@ -80,6 +80,7 @@ def flown(scenario: Scenario) -> list[dict[str, np.ndarray]]:
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "settings",
     [

@@ -1,6 +1,7 @@
 """Quaternions and body velocities against SciPy's rotations, for any attitude."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -12,6 +13,7 @@ from ortilo_drake.interop.ros.body_motion import pose_and_twist, twist_covarianc
 values = arrays(np.float64, 12, elements=st.floats(-3.0, 3.0))
 
 
+@pytest.mark.long
 @given(values)
 def test_motion(x):
     motion = pose_and_twist(x)
@@ -22,6 +24,7 @@ def test_motion(x):
     np.testing.assert_allclose(motion[10:13], body_rates(x[3:6], x[9:12]), atol=1e-8)
 
 
+@pytest.mark.long
 @given(values, arrays(np.float64, (12, 12), elements=st.floats(-1.0, 1.0)))
 def test_twist_covariance_is_that_of_turned_samples(x, root):
     P = root @ root.T

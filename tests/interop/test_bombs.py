@@ -234,6 +234,7 @@ def test_packed_messages_and_files_of_ros2_are_unpacked_to_the_limit(tmp_path, s
             read(tmp_path / storage)
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
 @pytest.mark.parametrize("mode", ["file", "message"])
 def test_packed_bags_of_ros2_are_read(tmp_path, storage, mode) -> None:
@@ -436,6 +437,7 @@ def test_a_stamp_of_another_age_is_left_out_and_counted(tmp_path, stamp) -> None
     assert len(found.imu.t) == len(motion.t_imu) - 1
 
 
+@pytest.mark.long
 def test_a_table_of_many_rows_is_read_in_pieces(tmp_path) -> None:
     """100,000 rows take 32 bytes of numbers each; as lists of numbers they took 200, beside the whole text."""
     t = np.arange(100_000) * 1e-3

@@ -168,6 +168,7 @@ def run_case(number: int, place: Path) -> str:
         target.write_bytes(whole(name))
 
 
+@pytest.mark.long
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("block", [pytest.param(k, marks=[pytest.mark.long] * (k >= 2)) for k in range(BLOCKS)])
 def test_a_spoilt_file_is_read_or_refused_in_one_line(block: int, tmp_path: Path) -> None:
@@ -185,6 +186,7 @@ def test_a_spoilt_file_is_read_or_refused_in_one_line(block: int, tmp_path: Path
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 - before < MEMORY
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_whole_file_is_read(kind: str, tmp_path: Path) -> None:
     shutil.copytree(FOLDER[0], tmp_path / "files")

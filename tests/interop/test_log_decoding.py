@@ -170,6 +170,7 @@ def test_ranges(decoded):
         )
 
 
+@pytest.mark.family
 def test_boxes(decoded):
     classes, sent = scenario().load_room().classes, []
     for tick in ticks():
@@ -205,6 +206,7 @@ def test_pictures(decoded):
         np.testing.assert_array_equal(bgr[..., 2::-1], image[..., :3])
 
 
+@pytest.mark.family
 def test_folder_is_a_rosbag2(folder, decoded):
     about = yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     assert (about["storage_identifier"], about["relative_file_paths"]) == ("mcap", ["flight.mcap"])

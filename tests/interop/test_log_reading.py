@@ -136,6 +136,7 @@ def test_killed_writer_loses_no_more_than_it_says(tmp_path):
     assert read_log(path).sizes["tick"] >= 1
 
 
+@pytest.mark.long
 def test_cut_anywhere_a_log_is_a_shorter_one_or_refused(folder, tmp_path):
     whole, full = (folder / "flight.mcap").read_bytes(), without_speed(flight())
     lengths: list[int] = []
@@ -279,6 +280,7 @@ def test_a_scenario_of_another_format_is_refused(version, tmp_path):
         log_scenario(path)
 
 
+@pytest.mark.long
 def test_the_log_of_registered_sensors_is_their_flight(tmp_path):
     flown = fly_logged(load_scenario("flow", ("settle=0", "planner={kind: hover, duration: 1}")), tmp_path / "log")
     xr.testing.assert_identical(read_log(tmp_path / "log"), without_speed(flown))

@@ -116,6 +116,7 @@ def test_pose_and_twist_are_scipy_s(xbar: np.ndarray) -> None:
 # --- covariances -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @settings(max_examples=25)
 @given(estimates(), st.integers(0, 99))
 def test_odometry_s_covariances_follow_the_numerical_jacobian(xbar: np.ndarray, seed: int) -> None:

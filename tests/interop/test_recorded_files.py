@@ -207,6 +207,7 @@ def test_anchors_are_named_by_text(folder, motion, names, written) -> None:
     check_ranges(recording, motion)
 
 
+@pytest.mark.long
 @given(st.lists(st.integers(0, 2**32 - 1), min_size=1, max_size=12, unique=True), st.data())
 def test_an_address_is_the_same_in_any_spelling(addresses, data) -> None:
     spellings = ["{:x}", "{:X}", "0x{:04x}", "{:04X}", "0X{:08X}"]

@@ -56,6 +56,7 @@ def test_tables_are_read(folder, motion) -> None:
     np.testing.assert_allclose(recording.truth.R, motion.R, atol=1e-6)
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap", "file"])
 def test_bags_are_read(tmp_path, motion, kind) -> None:
     path = write_bag(tmp_path / ("all.bag" if kind == "ros1" else "all"), motion, "mcap" if kind == "file" else kind)

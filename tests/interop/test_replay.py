@@ -56,6 +56,7 @@ def fly(log: Path, goal_ticks: dict[int, tuple[float, float]]) -> None:
             world.advance(outputs["control"])
 
 
+@pytest.mark.long
 def test_from_the_goal_on_the_reference_is_the_log_s_and_all_else_is_identical(tmp_path: Path) -> None:
     fly(tmp_path / "log", {BRAKES: GOAL})
     assert replay_log(tmp_path / "log") == ReplayReport(
@@ -68,6 +69,7 @@ def test_from_the_goal_on_the_reference_is_the_log_s_and_all_else_is_identical(t
     )
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(("goal_ticks", "given"), [({}, 0), ({BRAKES + 5: GOAL}, TICKS - BRAKES - 5)])
 def test_a_way_that_no_goal_explains_is_found_out(
     tmp_path: Path, goal_ticks: dict[int, tuple[float, float]], given: int
@@ -121,6 +123,7 @@ def log_joined(log: Path, settings: tuple[str, ...] = (), away: int = 6, moves: 
             world.advance(outputs["control"])
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(("moves", "references"), [(False, 0), (True, 40)])
 def test_the_log_of_a_half_that_joined_from_a_checkpoint_says_itself_what_it_knew(
     tmp_path: Path, moves: bool, references: int
@@ -136,6 +139,7 @@ def test_the_log_of_a_half_that_joined_from_a_checkpoint_says_itself_what_it_kne
     )
 
 
+@pytest.mark.long
 def test_a_past_that_is_in_no_log_is_refused(tmp_path: Path) -> None:
     log_joined(tmp_path / "log", ("estimator.delay=replay",))
     with pytest.raises(InputError, match=r"joined its flight at tick 66 .*; replay the log of a half that"):
@@ -181,6 +185,7 @@ def test_the_log_of_a_flight_in_which_the_world_waited_is_replayed(
     assert (result.ticks, result.identical, result.largest_difference) == (61, True, 0.0)
 
 
+@pytest.mark.long
 def test_an_output_that_was_not_recorded_is_not_compared(tmp_path: Path) -> None:
     fly_logged(SCENARIO, tmp_path / "whole")
     with LogWriter(tmp_path / "log", SCENARIO) as writer:
@@ -191,6 +196,7 @@ def test_an_output_that_was_not_recorded_is_not_compared(tmp_path: Path) -> None
     assert (result.ticks, result.identical, result.largest_difference) == (30, True, 0.0)
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("lockstep", [True, False])
 def test_only_the_log_of_a_world_that_did_not_wait_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lockstep: bool

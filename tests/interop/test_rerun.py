@@ -79,6 +79,7 @@ def test_a_recording_holds_one_flight_and_one_layout(projected: Recorded) -> Non
     assert projected.scenario.model_dump_json(indent=2) in about[0]
 
 
+@pytest.mark.family("estimate")
 @pytest.mark.parametrize("name", ["truth", "estimate"])
 def test_poses_are_the_flights_at_every_tick(projected: Recorded, name: str) -> None:
     states, entities = projected.flight[name].values, projected.entities
@@ -218,6 +219,7 @@ def test_pictures_are_those_of_the_log(rendered: Recorded) -> None:
     assert sum(map(len, boxes)) > 10
 
 
+@pytest.mark.long
 @pytest.mark.egl
 def test_a_saved_flights_pictures_are_drawn_again(rendered: Recorded, tmp_path: Path) -> None:
     save_flight(rendered.flight, tmp_path / "flight.nc")
@@ -234,6 +236,7 @@ def test_a_saved_flights_pictures_are_drawn_again(rendered: Recorded, tmp_path: 
         assert np.abs(was - now).mean() < 1.0  # of 255: VTK does not draw every pixel of a first picture alike
 
 
+@pytest.mark.long
 def test_the_command_writes_what_python_writes(projected: Recorded, tmp_path: Path) -> None:
     words = [word for setting in (*WAYPOINTS, *PROJECTED) for word in ("--set", setting)]
     assert run("fly", "nominal_imu_uwb_yolo", *words, "--rerun", str(tmp_path / "flight.rrd")) == 0
@@ -289,6 +292,7 @@ def test_what_cannot_be_written_is_refused_in_one_line_before_anything_flies(
     assert [file.name for file in tmp_path.iterdir()] == ["file"]
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("there_before", [False, True])
 @pytest.mark.parametrize("what", ["full disk", "Ctrl-C"])
 def test_nothing_half_written_stays(

@@ -45,6 +45,7 @@ def played(box: Box, drawn: dict[str, Given] | None = None) -> np.ndarray:
     return trace
 
 
+@pytest.mark.long
 def test_a_tuple_taken_apart_is_put_together_again() -> None:
     np.testing.assert_array_equal(played(BOX.taking(settings=SETTINGS)), SAID)
 

@@ -29,6 +29,7 @@ def test_a_flight_is_the_recursion(player: Player) -> None:
     assert fly(player, 80, 7) == pytest.approx(flown(80, 7), rel=1e-13, abs=1e-13)
 
 
+@pytest.mark.long
 def test_flights_do_not_know_of_each_other(player: Player) -> None:
     first, _, again = fly(player, 50, 1), fly(player, 50, 2), fly(player, 50, 1)
     assert np.array_equal(first, again)
@@ -80,6 +81,7 @@ def test_a_table_may_have_any_length() -> None:
     assert fly(player, 20, 0) == pytest.approx(flown(20, 0), rel=1e-13, abs=1e-13)
 
 
+@pytest.mark.long
 def test_a_bundle_is_what_its_boxes_say() -> None:
     def sum_out(both: np.ndarray, out: np.ndarray) -> None:
         out[0] = both[0] + 10.0 * both[1] + 100.0 * both[2]
@@ -98,6 +100,7 @@ def test_a_constant_says_the_same_in_every_tick() -> None:
     assert fly(player, 25, 1) == pytest.approx(flown(25, 1, K * [[1.0, 0.0]]), rel=1e-13, abs=1e-13)
 
 
+@pytest.mark.long
 def test_who_reads_a_shown_state_reads_it_before_it_steps() -> None:
     """A second mass that is pulled by the first one's position of this tick, not of the next."""
 

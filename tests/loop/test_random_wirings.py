@@ -43,6 +43,7 @@ def wirings(draw: st.DrawFn) -> list[Box]:
     return [boxes[i] for i in order]
 
 
+@pytest.mark.long
 @given(wirings())
 def test_who_computes_comes_after_whom_it_reads_and_who_reads_a_state_before_whose_it_is(boxes: list[Box]) -> None:
     wiring = Wiring(boxes)
@@ -57,6 +58,7 @@ def test_who_computes_comes_after_whom_it_reads_and_who_reads_a_state_before_who
                 assert steps.index(box.name) < steps.index(read)
 
 
+@pytest.mark.long
 @given(wirings(), st.randoms(use_true_random=False))
 def test_the_order_of_a_tick_does_not_depend_on_the_order_of_the_boxes(boxes: list[Box], random: object) -> None:
     again = list(boxes)
@@ -71,6 +73,7 @@ def refused(boxes: list[Box], said: str) -> None:
         Wiring(boxes)
 
 
+@pytest.mark.long
 @given(wirings(), st.data())
 def test_what_is_read_must_be_there(boxes: list[Box], data: st.DataObject) -> None:
     gone = data.draw(st.sampled_from(boxes))
@@ -84,6 +87,7 @@ def test_what_is_read_must_be_there(boxes: list[Box], data: st.DataObject) -> No
     refused(left, f"{name}: {port}: reads '{gone.name}', must be one of {among}")
 
 
+@pytest.mark.long
 @given(wirings(), st.data())
 def test_a_part_that_is_read_must_be_one(boxes: list[Box], data: st.DataObject) -> None:
     i = data.draw(st.integers(0, len(boxes) - 1))
@@ -121,6 +125,7 @@ def test_states_in_a_circle_step_one_after_the_other_only_if_that_is_possible(le
         Wiring(circle)
 
 
+@pytest.mark.long
 @given(st.lists(st.integers(1, 5), min_size=1, max_size=5), st.data())
 def test_a_bundle_says_one_box_after_the_other(sizes: list[int], data: st.DataObject) -> None:
     def ones_out(out: np.ndarray) -> None:

@@ -38,6 +38,7 @@ def two_imus(names: tuple[str, str], streams: tuple[str, str] = ("imu", "imu"), 
     return builder.Build()
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("streams", [("imu", "imu"), ("imu", "second")])
 def test_two_imus_of_one_seed_in_one_diagram_are_not_correlated(streams: tuple[str, str]) -> None:
     names = ("imu", "other")
@@ -46,6 +47,7 @@ def test_two_imus_of_one_seed_in_one_diagram_are_not_correlated(streams: tuple[s
     assert np.std(other) == pytest.approx(1.0, abs=5.0 / np.sqrt(2 * one.size))
 
 
+@pytest.mark.long
 def test_streams_alone_tell_two_imus_apart_and_without_them_their_noise_is_the_same() -> None:
     def noise(stream: str) -> np.ndarray:
         builder = DiagramBuilder()
@@ -74,6 +76,7 @@ def test_a_place_keeps_its_noise_whatever_else_is_in_the_diagram_and_on_other_sc
     assert said.value() / 0.01 == found[0]
 
 
+@pytest.mark.long
 def test_drakes_generator_draws_the_seed_and_a_default_context_has_its_own() -> None:
     builder = DiagramBuilder()
     imu = builder.AddSystem(make_imu(seed=3))

@@ -166,6 +166,7 @@ def context_of(system: Any, seed: int) -> Any:
     return context
 
 
+@pytest.mark.family
 def test_a_clone_says_and_does_the_same(flight: Flight) -> None:
     for name, system in flight.systems.items():
         other = system.Clone()
@@ -180,6 +181,7 @@ def test_a_clone_says_and_does_the_same(flight: Flight) -> None:
                 np.testing.assert_array_equal(mine, its, err_msg=name)
 
 
+@pytest.mark.family
 def test_two_contexts_do_not_disturb_each_other(flight: Flight) -> None:
     """Each goes its way from the state of a moment, under its seed and its inputs."""
     for name, system in flight.systems.items():
@@ -213,6 +215,7 @@ def test_an_output_depends_within_a_tick_on_what_out_reads(flight: Flight) -> No
         assert found == {(port, o) for port in reads for o in shown}, name
 
 
+@pytest.mark.family
 def test_on_autodiff_it_says_the_values_of_floats(flight: Flight) -> None:
     for name, system in flight.systems.items():
         kind = kind_of(flight.wiring.boxes[name])
@@ -229,6 +232,7 @@ def test_on_autodiff_it_says_the_values_of_floats(flight: Flight) -> None:
                 np.testing.assert_allclose(values, mine, rtol=off, atol=off, err_msg=name)
 
 
+@pytest.mark.long
 def test_what_floats_alone_can_do_is_listed_no_longer_than_it_must_be() -> None:
     """Each element of the list is refused by Drake's scalar, so that the list does not outlive its reasons."""
     left = set(FLOATS_ALONE)

@@ -71,6 +71,7 @@ def test_the_angle_of_what_lies_on_an_axis_or_at_infinity_is_numpys(y: float, x:
     assert np.isnan(its) or np.signbit(found) == np.signbit(its)
 
 
+@pytest.mark.long
 @given(st.floats(-700.0, 700.0) | st.floats(-2.0, 2.0))
 def test_the_exponential_is_right_to_an_ulp_and_the_same_compiled(x: float) -> None:
     with mpmath.workdps(60):

@@ -101,6 +101,7 @@ def test_a_step_is_scipys_flight_to_the_fifth_order(kinematics: str) -> None:
     assert errors[1] < errors[0] / 20.0 or errors[0] < 1e-13  # of fifth order in h, so 32 times
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("kinematics", DYNAMICS)
 @given(STATES, CONTROLS, DISTURBANCES)
 def test_compiled_and_plain_form_agree(kinematics: str, x: np.ndarray, u: np.ndarray, d: np.ndarray) -> None:

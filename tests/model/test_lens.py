@@ -63,6 +63,7 @@ def test_projection_is_opencvs(name: str) -> None:
     assert worst < 1e-9
 
 
+@pytest.mark.family
 @each_lens
 def test_a_boxs_centre_and_its_jacobian_are_opencvs(name: str) -> None:
     """An outline's box by OpenCV's pixels, and its centre's derivative by their central differences."""

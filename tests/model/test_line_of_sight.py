@@ -31,6 +31,7 @@ def in_cylinder(points: np.ndarray, cylinder: np.ndarray, grown: float = 0.0) ->
 points = st.tuples(st.floats(-2, 6), st.floats(-5, 3), st.floats(-0.5, 4)).map(np.array)
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(
     ("crosses", "inside", "obstacle"),
     [(crosses_box, in_box, WALL), (crosses_cylinder, in_cylinder, STAND)],

@@ -30,6 +30,7 @@ def test_packed_arrays_are_refused() -> None:
         pass
 
 
+@pytest.mark.long
 def test_a_shard_that_unpacks_to_much_more_is_refused_in_one_line(tmp_path) -> None:
     images = np.zeros((1, 4000, 4000, 3), np.uint8)
     (tmp_path / "0.npz").write_bytes(packed(np.savez_compressed, images=images, labels=images).getvalue())

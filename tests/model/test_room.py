@@ -70,6 +70,7 @@ def test_a_landmarks_footprint_is_round_and_as_high_as_its_outline() -> None:
     assert hydrant.top == pytest.approx(0.169462 + 0.169, rel=0.02)
 
 
+@pytest.mark.long
 @given(st.floats(-np.pi, np.pi))
 def test_a_wall_at_any_angle_is_within_its_footprint(yaw: float) -> None:
     room = room_with(walls=[[3.0, 1.0, yaw]])
@@ -110,6 +111,7 @@ outlines = st.lists(st.tuples(shares, shares, shares), min_size=4, max_size=9)
 sizes3 = st.tuples(*[st.floats(0.05, 2.0)] * 3)
 
 
+@pytest.mark.long
 @given(outlines, st.none() | sizes3, st.floats(-10.0, 10.0))
 def test_an_outline_is_scaled_and_turned_and_filled_up(
     points: list[tuple[float, float, float]], size: tuple[float, float, float] | None, yaw: float

@@ -56,6 +56,7 @@ def test_a_pairing_is_ambiguous_where_another_in_its_place_is_nearly_as_good(see
     np.testing.assert_array_equal(ambiguous(costs, column, m, margin), expected)
 
 
+@pytest.mark.long
 def test_of_two_alike_side_by_side_one_box_between_them_is_left_out() -> None:
     x = state((0.0, 0.0, 1.5, 0.0, 0.0, 0.0))
     positions = np.array([[5.0, 0.15, 1.5], [5.0, -0.15, 1.5], [5.0, 2.0, 1.5]])
@@ -85,6 +86,7 @@ def test_the_joint_distance_of_right_pairings_is_chi_square() -> None:
     assert np.mean(np.array(draws) > chi2.ppf(0.99, n)) == pytest.approx(0.01, abs=4.0 * np.sqrt(0.01 / 4000.0))
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("bad", range(len(POINTS)))
 def test_the_pairing_that_contradicts_the_others_goes(bad: int) -> None:
     """A box within its own gate, by an error that the estimate can have only if all boxes have it."""
@@ -141,6 +143,7 @@ def test_an_estimate_that_is_worse_than_it_believes_is_found_again(joint: float 
         np.testing.assert_allclose(system.GetOutputPort("fix").Eval(context)[2:5], EXACT[:3], atol=1e-3)
 
 
+@pytest.mark.long
 def test_a_box_that_the_border_must_cut_is_left_out_though_it_seems_whole() -> None:
     """A bicycle 2.4 m ahead and below: the detector's box ends 4 px above the border, where the true one goes on."""
     x, size = state((0.0, 0.0, 1.5, 0.0, 0.0, 0.0)), np.array([0.5, 1.0, 1.2])
@@ -162,6 +165,7 @@ def test_a_box_that_the_border_must_cut_is_left_out_though_it_seems_whole() -> N
     assert found[0].tolist() == [0]
 
 
+@pytest.mark.long
 def test_nothing_is_compatible_with_what_is_no_covariance() -> None:
     of_all, sds = jacobian(np.array(EXACT)).reshape(-1, 2, 6), np.ones((len(POINTS), 2))
     assert jointly_compatible(np.zeros((len(POINTS), 2)), of_all, -np.eye(6), sds, LIMITS).size == 0

@@ -190,6 +190,7 @@ def test_refuses_own_files(content: bytes, message: str, tmp_path: Path) -> None
 GOOD = own_file()
 
 
+@pytest.mark.long
 @settings(max_examples=300)
 @given(place=st.integers(0, len(GOOD) - 1), byte=st.integers(0, 255), cut=st.booleans())
 def test_a_damaged_file_is_a_network_or_an_input_error(

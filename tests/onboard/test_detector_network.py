@@ -293,6 +293,7 @@ def heads_with_one_box(pixels: np.ndarray) -> list[np.ndarray]:
     return heads
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("size", [(320, 240), (640, 480), (160, 120), (200, 333)])
 def test_boxes_are_in_the_pictures_pixels_whatever_its_size(
     size: tuple[int, int], monkeypatch: pytest.MonkeyPatch
@@ -346,6 +347,7 @@ def test_our_network_tells_boxes_inside_the_picture_best_first_and_twice_the_sam
 # --- a network of the user's ----------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @needs_torch
 def test_a_darknet_network_of_the_users_is_computed_and_its_other_classes_dropped(tmp_path: Path) -> None:
     settings = darknet(tmp_path, 80)

@@ -61,6 +61,7 @@ def test_ranges_that_fit_make_the_fix_of_all_bit_for_bit(seed: int) -> None:
     np.testing.assert_array_equal(fix.C, C)
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("wrong", [(0,), (5,), (3, 8), (1, 6, 10)])
 def test_the_ranges_left_out_are_those_of_brute_force(wrong: tuple[int, ...]) -> None:
     """Of all subsets of the largest size that passes chi-square's test, the one of least cost by SciPy."""
@@ -152,6 +153,7 @@ def fix_at(settings: Multilateration, uwb: np.ndarray, clock: np.ndarray) -> np.
     return its.say(message=uwb, belief=np.append(P_WB + 0.1, np.zeros(237)))[:FIX_SIZE]
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("bias_sd", [0.0, 0.05])
 @pytest.mark.parametrize("case", ["one wrong", "offset", "known offset"])
 def test_fixes_have_the_slopes_of_differences(case: str, bias_sd: float) -> None:

@@ -77,6 +77,7 @@ def test_a_step_of_drag_is_the_derivative_of_the_velocity_it_leaves(axis) -> Non
     assert not np.allclose(base, V)
 
 
+@pytest.mark.long
 def test_drag_alone_slows_as_its_differential_equation_and_its_noise_grows_as_that() -> None:
     """With dv/dt = -k v + w along x the velocity's variance goes to q / 2 k (1 - exp(-2 k t)); A to exp(F t)."""
     k, dt, n, q = 0.5, 1e-3, 4000, 0.3

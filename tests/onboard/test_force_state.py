@@ -234,12 +234,14 @@ def offset(force: str, integrator: str, integral: bool, told: bool = True) -> np
     return x[:3]
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("force", FORCES)
 @pytest.mark.parametrize(("integrator", "integral"), [("estimate", True), ("estimate", False), ("hold", True)])
 def test_a_constant_force_leaves_no_offset(force: str, integrator: str, integral: bool) -> None:
     np.testing.assert_allclose(offset(force, integrator, integral), 0.0, atol=1e-6)
 
 
+@pytest.mark.long
 def test_a_constant_force_leaves_an_offset_where_it_is_not_known_or_not_countered() -> None:
     # Without a force state the estimate is off, and an integral of the estimate's error does not see that.
     assert np.all(np.abs(offset("none", "estimate", True)) > 5e-3)
@@ -278,6 +280,7 @@ def twin_step(
     return step, (P_next + P_next.T) / 2.0
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(
     ("steps", "integrator", "force"),
     [

@@ -87,6 +87,7 @@ def test_who_is_at_rest_has_nothing_to_brake() -> None:
     np.testing.assert_array_equal(samples(stop, 0), np.repeat(FLIGHT.value(END), 2001, axis=1))
 
 
+@pytest.mark.long
 @settings(max_examples=30, deadline=None)
 @given(ANY_TIME, st.floats(0.0, 8.0))
 def test_the_way_on_begins_at_rest_where_braking_ended(t: float, wait: float) -> None:

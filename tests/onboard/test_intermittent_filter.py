@@ -130,6 +130,7 @@ def test_the_printed_formula_over_thousands_of_random_arrivals(steps: int, integ
             assert np.linalg.eigvalsh(P_mine)[0] > -1e-15 * np.max(P_mine), k
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("integrator", ["literal", "hold"])
 @pytest.mark.parametrize("seed", range(4))
 def test_one_step_from_an_integral_that_is_not_known_is_the_printed_formula_too(seed: int, integrator: str) -> None:
@@ -146,6 +147,7 @@ def test_one_step_from_an_integral_that_is_not_known_is_the_printed_formula_too(
         np.testing.assert_allclose(P_lines, P_next, rtol=1e-9, atol=1e-9 * np.abs(P_next).max())
 
 
+@pytest.mark.long
 def test_missing_rows_carry_nothing_into_the_filter() -> None:
     rng = np.random.default_rng(12)
     for delta in np.array(np.meshgrid(*[[0.0, 1.0]] * 3)).reshape(3, -1).T:
@@ -162,6 +164,7 @@ def test_missing_rows_carry_nothing_into_the_filter() -> None:
         np.testing.assert_array_equal(*steps)
 
 
+@pytest.mark.long
 @settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1))
 def test_the_integrator_is_known_so_its_gain_is_minus_E(seed: int) -> None:
@@ -272,6 +275,7 @@ OWN = (
 )
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 @pytest.mark.parametrize("rows", [PAPER, (*PAPER, *OWN), (PAPER[2], OWN[0]), OWN], ids=["paper", "all", "two", "own"])
 def test_the_loops_are_the_equations_line_by_line_for_any_list_of_sensors(rows: tuple, integrator: str) -> None:

@@ -129,6 +129,7 @@ def message(pose: tuple[float, ...], moved: np.ndarray, errors: np.ndarray) -> n
     return said
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("sd", "right", "wrong"), [(0.0, 0, 2), (0.05, 2, 0)])
 def test_within_three_seconds_it_tells_five_centimetres_from_none(sd: float, right: int, wrong: int) -> None:
     for seed in range(6):

@@ -37,6 +37,7 @@ offsets = st.tuples(*[st.floats(-0.3, 0.3)] * 3)
 angles = st.tuples(*[st.floats(-0.1, 0.1)] * 3)
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("method", METHODS)
 def test_noise_free_boxes_give_the_position(method):
     @settings(deadline=None, max_examples=40)
@@ -53,6 +54,7 @@ def test_noise_free_boxes_give_the_position(method):
     check()
 
 
+@pytest.mark.long
 def test_pnp_needs_no_attitude():
     xhat = state()
     xhat[3:6] += [0.02, -0.02, 0.05]
@@ -95,6 +97,7 @@ def runs(method: str, count: int, attitude_sd: float, sd: float = 1.0):
     return np.array(errors), np.array(nees)
 
 
+@pytest.mark.long
 def test_known_attitude_reaches_the_cramer_rao_bound():
     errors, _ = runs("known_attitude", 2000, attitude_sd=0.0)
     J = jacobian(np.array(EXACT))[:, :3]
@@ -104,6 +107,7 @@ def test_known_attitude_reaches_the_cramer_rao_bound():
     assert np.all(np.abs(errors.mean(axis=0)) < 4.0 * np.sqrt(np.diag(bound) / 2000.0))
 
 
+@pytest.mark.family("pnp")
 @pytest.mark.parametrize("method", ["cosine_law", "pnp"])
 def test_methods_without_attitude_against_their_cramer_rao_bound(method):
     """The bound for an unknown attitude; least squares on the pixels reaches it, the law of cosines comes near."""
@@ -115,6 +119,7 @@ def test_methods_without_attitude_against_their_cramer_rao_bound(method):
     assert np.all(ratio < (1.0 + 4.0 * np.sqrt(2.0 / 500.0) if method == "pnp" else 4.0)), ratio
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("method", METHODS)
 def test_covariance_is_honest(method):
     """Mean squared Mahalanobis distance of the error, its chi-square band of 99.9 %."""
@@ -219,6 +224,7 @@ def fix(message, xhat, P, chosen: Settings) -> np.ndarray:
 SHOWN = [0, 2, 4, 6, 8, 9]  # in the image, whole, from EXACT
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("method", METHODS)
 def test_system_turns_boxes_into_a_stamped_fix(method):
     xhat = state()

@@ -96,6 +96,7 @@ def replayed(data: Data, arrivals: Given, history: np.ndarray, integrator: int) 
     return states
 
 
+@pytest.mark.long
 @given(
     delays=st.lists(st.sampled_from([0, 0, 1, 2, 3, 5, 9, LOST]), min_size=3 * TICKS, max_size=3 * TICKS),
     integrator=st.sampled_from(sorted(INTEGRATORS.values())),
@@ -204,6 +205,7 @@ def test_the_history_is_as_long_as_the_horizon() -> None:
     assert history_ticks(0.5, 0.01) == 51
 
 
+@pytest.mark.long
 def test_flying_straight_with_late_measurements_only_replay_is_consistent() -> None:
     """The linear plant at 1 m/s, every message 1 to 3 ticks late: NEES of the position over independent flights."""
     runs, rng = 150, np.random.default_rng(8)
@@ -236,6 +238,7 @@ def test_flying_straight_with_late_measurements_only_replay_is_consistent() -> N
     assert nees["ignore"].mean() > 1.5 * high
 
 
+@pytest.mark.long
 def test_without_delay_a_flight_in_replay_is_the_flight_in_ignore() -> None:
     flights = [
         fly(load_scenario("nominal_imu_uwb", (*SHORT, f"estimator.delay={mode}"), 3))
@@ -246,6 +249,7 @@ def test_without_delay_a_flight_in_replay_is_the_flight_in_ignore() -> None:
             np.testing.assert_array_equal(flights[0][name].values, other[name].values)
 
 
+@pytest.mark.long
 def test_replay_knows_exactly_where_a_calm_linear_vehicle_is() -> None:
     """Everything two ticks late, nothing noisy: fixes and estimate are exact if all was put into its own tick."""
     calm = (
@@ -301,6 +305,7 @@ def test_the_row_of_a_tick_is_its_own_or_the_oldest_before_it_and_none_after() -
     assert row_of_past(history, 3) == 0
 
 
+@pytest.mark.long
 @given(
     delays=st.lists(st.sampled_from([0, 1, 2, 5, LOST]), min_size=3 * TICKS, max_size=3 * TICKS),
     late=st.integers(0, 4),

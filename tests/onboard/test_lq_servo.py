@@ -56,6 +56,7 @@ def test_feed_forward_tilts_and_lifts_to_the_planned_acceleration(
     np.testing.assert_allclose(x_dot[6:9], a, rtol=0.0, atol=2.0 * second_order + 1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("form", ["paper", "error"])
 @pytest.mark.parametrize("yaw", [0.0, 0.3])
 def test_holding_still_at_the_reference_needs_the_weight_and_no_torque(form: str, yaw: float) -> None:

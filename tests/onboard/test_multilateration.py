@@ -113,6 +113,7 @@ def test_finds_the_position_from_metres_away() -> None:
 # --- with noise ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @given(p=points, seed=st.integers(0, 10**6))
 def test_scipy_finds_the_same_minimum(p, seed) -> None:
     rng = np.random.default_rng(seed)
@@ -187,6 +188,7 @@ def test_fewer_than_three_ranges_are_no_fix(solve, count) -> None:
     np.testing.assert_array_equal(covariance, np.zeros((3, 3)))
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("solve", [least_squares, nearest_three])
 @given(p=points, offset=offsets, noise=st.sampled_from([0.0, 0.01]), seed=st.integers(0, 100))
 def test_anchors_on_one_line_are_no_fix(solve, p, offset, noise, seed) -> None:
@@ -198,6 +200,7 @@ def test_anchors_on_one_line_are_no_fix(solve, p, offset, noise, seed) -> None:
     np.testing.assert_array_equal(covariance, np.zeros((3, 3)))
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("solve", [least_squares, nearest_three])
 def test_spheres_that_do_not_meet_are_no_fix(solve) -> None:
     ranges, p_last = np.array([1.0, 1.0, 1.0]), np.array([3.0, 3.0, 1.0])
@@ -304,6 +307,7 @@ def error_after_alignment(t, p, t_truth, p_truth, offset: float) -> np.ndarray:
 
 # Horizontal and vertical RMSE [m]. The data's own notes give 0.076 to 0.094 and 0.138 to 0.166 for unweighted
 # Gauss-Newton; the vertical error of flight1 comes out smaller here, with SciPy's solver as with ours.
+@pytest.mark.family("flight2-0.082-0.162")
 @pytest.mark.parametrize(("name", "rmse_xy", "rmse_z"), [("flight1", 0.091, 0.115), ("flight2", 0.082, 0.162)])
 def test_real_ranges_give_the_motion_captured_path(name, rmse_xy, rmse_z) -> None:
     t, ranges, t_truth, p_truth = read_flight(flight_folder(name))

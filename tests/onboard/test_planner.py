@@ -176,6 +176,7 @@ def test_bad_settings_are_refused_with_one_line(settings: GcsPlanner, message: s
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.long
 def test_a_goal_walled_in_is_refused() -> None:
     around = tuple((10.0 + dx, -1.0 + dy, yaw) for dx, dy, yaw in ((2, 0, 1.57), (-2, 0, 1.57), (0, 2, 0), (0, -2, 0)))
     room = Room.model_validate(ROOM.model_dump() | {"walls": ROOM.walls + around})

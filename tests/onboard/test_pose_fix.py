@@ -44,6 +44,7 @@ def test_a_compass_that_is_off_moves_neither_the_yaw_nor_the_position_of_a_fix_w
     assert np.linalg.norm(held[1] - EXACT[:3]) > 0.2  # what it does to one without
 
 
+@pytest.mark.long
 def test_the_covariance_of_position_and_yaw_is_that_of_its_boxes_and_of_the_tilt() -> None:
     sd, J = spread(0), jacobian()
     weighted, P = J / sd.reshape(-1, 1), covariance(angle_sd=1e-7)
@@ -107,6 +108,7 @@ def test_the_scaled_inverse_is_numpys_and_none_of_a_singular_matrix() -> None:
     assert not scaled_inverse(np.diag([1.0, 0.0, 1.0, 1.0]))[0]
 
 
+@pytest.mark.long
 def test_the_error_of_a_centre_grows_with_the_box() -> None:
     assert center_sd(0.0, 0.6, 0.025) == 0.6
     assert center_sd(40.0, 0.6, 0.025) == pytest.approx(0.6 * np.sqrt(2.0))

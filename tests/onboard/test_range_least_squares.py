@@ -56,6 +56,7 @@ def test_what_cannot_converge_says_so() -> None:
     np.testing.assert_array_equal(q, [1.0, 2.0, 3.0])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("there", [ALL, 0.0 * ALL])
 def test_without_a_fit_there_is_no_fix_and_its_covariance_is_of_the_same_shape(there: np.ndarray) -> None:
     last = np.array([1.0, 2.0, 3.0])

@@ -99,6 +99,7 @@ def test_a_gap_widens_the_covariance_and_keeps_the_estimate() -> None:
     np.testing.assert_allclose(wider - P, np.diag(added), rtol=1e-12, atol=1e-15)
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("delay", ["ignore", "replay"])
 def test_but_for_what_a_gap_adds_a_new_half_goes_on_where_the_old_one_stopped(
     delay: str, monkeypatch: pytest.MonkeyPatch
@@ -134,6 +135,7 @@ def test_a_half_that_was_away_finds_the_vehicle_again(scenario: Scenario, rememb
     assert np.linalg.norm(world.state[:3] - new.outputs()["reference"][:3]) < 0.3
 
 
+@pytest.mark.long
 def test_a_path_comes_back_for_its_own_session_only(tmp_path: Path) -> None:
     scenario = load_scenario("nominal_imu_uwb")
     path = plan(scenario.planner, scenario.load_room(), scenario.vehicle)
@@ -156,6 +158,7 @@ def test_a_path_that_cannot_be_flown_is_none(tmp_path: Path, knots: np.ndarray) 
     assert load_path(tmp_path / "c.npz", 7) is None
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("keeps", [True, False])
 def test_a_half_that_is_killed_on_its_way_to_a_goal_goes_on_to_it(tmp_path: Path, keeps: bool) -> None:
     scenario = load_scenario("nominal_imu_uwb", ("planner={kind: hover, point: [7.5, 1.0, 1.5], duration: 20.0}",))
@@ -181,6 +184,7 @@ def test_a_half_that_is_killed_on_its_way_to_a_goal_goes_on_to_it(tmp_path: Path
     assert np.linalg.norm(world.state[:3] - goal) < 0.3
 
 
+@pytest.mark.long
 def test_a_killed_process_is_started_again(tmp_path: Path) -> None:
     said: list[str] = []
 

@@ -45,6 +45,7 @@ def path_of(room: Room, prefer: str, **changes: object) -> np.ndarray:
     return np.asarray(path.vector_values(np.linspace(0.0, path.end_time(), 200)).T)
 
 
+@pytest.mark.long
 def test_the_way_that_is_seen_is_taken_from_end_to_end() -> None:
     short, seen = path_of(TWO_WAYS, "none"), path_of(TWO_WAYS, "seen")
     assert short[:, 1].max() < -1.0
@@ -54,6 +55,7 @@ def test_the_way_that_is_seen_is_taken_from_end_to_end() -> None:
     np.testing.assert_allclose(seen[[0, -1], :2], [ENDS["start"], ENDS["goal"]], atol=1e-6)
 
 
+@pytest.mark.long
 def test_in_the_open_the_path_goes_around_a_shadow() -> None:
     # A wall that hides the north from the path's middle: no obstacle stands in the way itself.
     room = hall(walls=((10.0, 1.5, 0.0),), wall_size=(8.0, 0.4, 3.0))
@@ -71,6 +73,7 @@ def test_where_nothing_is_seen_the_goal_is_reached_all_the_same() -> None:
     np.testing.assert_allclose(path_of(dark, "seen")[-1, :2], ENDS["goal"], atol=1e-6)
 
 
+@pytest.mark.long
 def test_a_fix_is_one_that_the_ranges_make_certain_enough() -> None:
     rng = np.random.default_rng(0)
     points = rng.uniform([0.3, -4.7, 0.3], [19.7, 4.7, 2.7], (300, 3))
@@ -90,6 +93,7 @@ def test_a_fix_is_one_that_the_ranges_make_certain_enough() -> None:
     assert 0.2 < found.mean() < 0.9
 
 
+@pytest.mark.long
 def test_two_landmarks_in_view_make_a_fix() -> None:
     ahead = (
         Landmark(label="person", position=(8.0, 1.0, 1.0)),
@@ -105,6 +109,7 @@ def test_two_landmarks_in_view_make_a_fix() -> None:
     assert not seen_at(far, hall(landmarks=ahead), CAMERA).any()
 
 
+@pytest.mark.long
 def test_a_grid_is_seen_where_its_places_and_their_neighbours_are() -> None:
     x, y = np.arange(0.0, 20.0, 0.05), np.arange(-5.0, 5.0, 0.05)
     seen, hidden = seen_on_grid(x, y, 1.5, TWO_WAYS, UWB)
@@ -136,6 +141,7 @@ def test_within_is_the_meeting_of_cell_and_square() -> None:
     np.testing.assert_array_equal(within(square, np.array([1.5, 0.0]), 1.0).contains(points), expected)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, 1])
 def test_flown_the_longest_stretch_without_a_fix_is_less_than_half(
     tmp_path_factory: pytest.TempPathFactory, seed: int

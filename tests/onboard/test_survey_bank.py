@@ -91,6 +91,7 @@ def flown(sd: float, seed: int, seconds: float) -> np.ndarray:
     return bank.state["learned"].copy()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("sd", "right", "wrong"), [(0.0, 0, 2), (0.05, 2, 0)])
 def test_within_six_seconds_it_tells_five_centimetres_from_none(sd: float, right: int, wrong: int) -> None:
     for seed in range(20):

@@ -64,6 +64,7 @@ def test_what_a_report_says_of_later_than_itself_is_not_believed() -> None:
     np.testing.assert_array_equal(with_report(known, np.zeros(ACTED_SIZE)), known)
 
 
+@pytest.mark.long
 def test_commands_on_the_way_follow_what_acted() -> None:
     known = with_report(first_acts(6, HOVER), report(1.0, [(0.62, 0.4), (0.70, 0.5)]))
     tau = expected_delay(known, NONE)
@@ -93,6 +94,7 @@ def test_a_further_command_acts_after_the_last() -> None:
     assert with_command(rows, 0.7, np.array(u(3)))[-1, 0] == 0.7
 
 
+@pytest.mark.long
 def test_the_log_of_an_onboard_half_without_reports_goes_by_the_delay_that_it_is_told() -> None:
     scenario = load_scenario("imu_uwb", ("commands={servo: predicted, delay: 0.25}",))
     h, kept = scenario.h, log_ticks(scenario)

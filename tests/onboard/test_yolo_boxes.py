@@ -53,6 +53,7 @@ def plain_suppression(labels: np.ndarray, scores: np.ndarray, boxes: np.ndarray,
     return kept
 
 
+@pytest.mark.long
 @given(
     seed=st.integers(0, 2**32 - 1),
     grids=st.lists(st.tuples(st.integers(1, 4), st.integers(1, 7), st.integers(1, 6)), min_size=2, max_size=2),
@@ -127,11 +128,13 @@ def detections(draw: st.DrawFn) -> Detections:
 IOU = st.floats(0.05, 0.9).map(lambda x: round(x, 2) + np.pi * 1e-4)
 
 
+@pytest.mark.long
 @given(detections(), IOU)
 def test_suppression_is_the_plain_form(found: Detections, iou: float) -> None:
     assert non_max_suppression(*found, iou).tolist() == plain_suppression(*found, iou)
 
 
+@pytest.mark.long
 @given(detections(), IOU)
 def test_suppression_is_opencvs(found: Detections, iou: float) -> None:
     labels, scores, boxes = found
@@ -142,6 +145,7 @@ def test_suppression_is_opencvs(found: Detections, iou: float) -> None:
     assert non_max_suppression(labels, scores, boxes, iou).tolist() == list(expected)
 
 
+@pytest.mark.long
 @given(detections(), IOU)
 def test_suppression_keeps_what_it_kept(found: Detections, iou: float) -> None:
     kept = [values[non_max_suppression(*found, iou)] for values in found]

@@ -46,6 +46,7 @@ KEYS = keys_of(scenario_schema())
 SETTABLE = sorted({key.words for key in KEYS if len(key.words) > 2 and key.words[-1] != "kind"})
 
 
+@pytest.mark.long
 @settings(max_examples=40)
 @given(st.sampled_from(SETTABLE))
 def test_a_key_without_the_group_it_is_in_is_answered_in_full(words: tuple[str, ...]) -> None:

@@ -178,6 +178,7 @@ def test_a_scenario_that_is_no_mapping_is_refused(tmp_path: Path, text: str) -> 
         load_scenario(path)
 
 
+@pytest.mark.long
 @given(st.integers(0, 2**63 - 1))
 def test_another_seed_changes_nothing_else(seed: int) -> None:
     scenario = load_scenario("nominal_imu_uwb")

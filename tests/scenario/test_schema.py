@@ -72,6 +72,7 @@ def test_every_setting_says_what_it_allows_and_no_group_hides_its_own() -> None:
     assert allowed["multilateration.exclude.least_ranges"] == "integer >= 5, <= 1000"
 
 
+@pytest.mark.long
 def test_the_keys_are_those_of_the_default_scenario() -> None:
     def leaves(data: Any, name: str = "") -> set[str]:
         if not isinstance(data, dict) or not data:
@@ -87,6 +88,7 @@ def test_the_keys_are_those_of_the_default_scenario() -> None:
     assert [key.unit for key in scenario_keys("servo.weights.control")] == ["1/N^2, 1/(N m)^2"]
 
 
+@pytest.mark.long
 def test_the_stored_schema_is_what_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("scenario", "schema") == 0
     printed = capsys.readouterr().out
@@ -95,6 +97,7 @@ def test_the_stored_schema_is_what_is_printed(capsys: pytest.CaptureFixture[str]
     assert json.loads(printed) == scenario_schema()
 
 
+@pytest.mark.long
 def test_registered_parts_are_in_it_also_where_two_models_have_one_name(monkeypatch: pytest.MonkeyPatch) -> None:
     class Imu(SensorSettings):
         """A second one.
@@ -148,6 +151,7 @@ def matches(schema: dict[str, Any], place: dict[str, Any], data: Any) -> bool:
     return True
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("name", scenario_names())
 def test_ready_made_scenarios_name_the_schema_and_match_it(name: str) -> None:
     text = (SCENARIO_FOLDER / f"{name}.yaml").read_text(encoding="utf-8")
@@ -157,6 +161,7 @@ def test_ready_made_scenarios_name_the_schema_and_match_it(name: str) -> None:
     assert matches(schema, schema, load_scenario(name).model_dump(mode="json"))
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(
     "data", [{"uwb": {"link": {"loss": 1.3}}}, {"seeds": 3}, {"camera": {"kind": "drawn"}}, {"seed": -1}]
 )

@@ -49,6 +49,7 @@ def another(value: Any) -> Any:
     return value + 1 if isinstance(value, int) else 0.73 * value if value else 0.01
 
 
+@pytest.mark.family("nominal_imu_uwb")
 @pytest.mark.parametrize("name", ["nominal_imu_uwb", "tight_imu_uwb", "imu_uwb", "imu_uwb_yolo"])
 def test_all_that_is_told_to_have_no_effect_has_none_all_together(name: str) -> None:
     scenario, changes = load_scenario(name, HOVER), []
@@ -63,6 +64,7 @@ def test_all_that_is_told_to_have_no_effect_has_none_all_together(name: str) -> 
     assert is_same(flown(name), flown(name, *changes))
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(
     ("key", "value", "unread", "read"),
     [
@@ -86,6 +88,7 @@ def test_a_setting_is_told_where_nothing_reads_it_and_not_where_it_changes_the_f
     assert not is_same(flown(read), flown(read, (key, value)))
 
 
+@pytest.mark.long
 def test_of_a_file_what_it_sets_is_told_and_not_what_it_repeats(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -73,6 +73,7 @@ def test_bursts_of_the_shortest_independent_kind_and_longer_ones() -> None:
     assert np.all(found.lower <= found.upper * (1.0 + 1e-8))
 
 
+@pytest.mark.long
 def test_neighbours_that_are_alike_settle_although_only_rounding_moves() -> None:
     """At rate 1 the length of bursts changes nothing, so each point starts at its answer."""
     found = burst_map(
@@ -98,6 +99,7 @@ def test_the_report_is_plain() -> None:
     assert report.without_position_sensors == ["eigenvalue 1 (6 times) in x, y, z, x_dot, y_dot, z_dot"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["imu_uwb", "imu_uwb_yolo"])
 def test_a_filter_with_more_states_is_bounded_too(name: str) -> None:
     """Always everything is SciPy's DARE; at a rate between, the mean of P over random arrivals lies between."""

@@ -76,6 +76,7 @@ def test_the_critical_delay_is_where_growth_crosses_one() -> None:
         assert delay_growth(SCENARIO, V, d + 1e-9) == pytest.approx(delay_growth(SCENARIO, V, d), abs=1e-6)
 
 
+@pytest.mark.long
 def test_the_delay_margin_is_that_of_the_frequency_response() -> None:
     # With the sensors every tick the loop at hover splits by axis. Height and yaw are looped through one input each:
     # at the crossover |G(e^jw)| = 1 the delay that turns the phase to -180 degrees is phase margin / w.

@@ -97,6 +97,7 @@ def test_a_scalar_chain_has_the_two_by_two_matrix_of_costa() -> None:
     assert mean_square_radius(system) == pytest.approx((trace + math.sqrt(trace**2 - 4 * determinant)) / 2, rel=1e-12)
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(("modes", "period"), [(1, 1), (2, 1), (2, 3)])
 def test_the_steady_moment_solves_the_linear_equations(modes: int, period: int) -> None:
     system = random_system(4, 2, modes, period, 7)
@@ -228,6 +229,7 @@ CALM = (
 )
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(("when_lost", "delay"), [("hold", 0), ("zero", 0), ("hold", 2), ("zero", 1)])
 def test_the_matrices_are_the_diagram_that_flies(when_lost: str, delay: int) -> None:
     link = ("command_link.loss={kind: bernoulli, probability: 0.4}", f"command_link.when_lost={when_lost}")
@@ -266,6 +268,7 @@ def test_the_matrices_are_the_diagram_that_flies(when_lost: str, delay: int) -> 
     assert np.linalg.norm(states[-1] - r) > 1e-3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("when_lost", ["hold", "zero"])
 def test_the_largest_loss_is_where_the_radius_crosses_one(when_lost: str) -> None:
     loop = commanded_loop(SCENARIO, V, EVERY_TICK)
@@ -342,6 +345,7 @@ def test_without_losses_acknowledgement_changes_nothing() -> None:
     assert largest_acknowledged_loss(SCENARIO) == 1.0
 
 
+@pytest.mark.long
 def test_the_report_is_plain_data(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "BURSTS", ())
     monkeypatch.setattr(module, "LOSSES", (0.0, 0.9))

@@ -21,6 +21,7 @@ def flight(flown: Any) -> xr.Dataset:
     return flown("nominal_imu_uwb", (SHORT,), 1)
 
 
+@pytest.mark.long
 def test_regions_divide_the_flight(flight: xr.Dataset) -> None:
     masks = region_masks(flight)
     parts = np.array([masks[name] for name in ("start", "blackout", "after", "clear")])

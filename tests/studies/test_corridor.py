@@ -1,6 +1,7 @@
 """The corridor about a path ends where a flight would be lost."""
 
 import numpy as np
+import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
@@ -19,6 +20,7 @@ def is_lost(p_WB: np.ndarray) -> bool:
     return find_loss(states, 0.1, ROOM, VEHICLE) is not None
 
 
+@pytest.mark.long
 @given(st.floats(-0.5, 22.0), st.floats(-4.0, 3.0), st.floats(0.0, 2.0 * np.pi), st.floats(0.0, 0.999))
 def test_nothing_within_the_corridor_is_lost(x: float, y: float, direction: float, share: float) -> None:
     p = np.array([x, y, 1.5])
@@ -28,6 +30,7 @@ def test_nothing_within_the_corridor_is_lost(x: float, y: float, direction: floa
     assert not is_lost(p + away)
 
 
+@pytest.mark.long
 @given(st.floats(0.0, 21.0), st.floats(-3.5, 2.5))
 def test_a_step_beyond_the_corridor_is_lost_in_some_direction(x: float, y: float) -> None:
     p = np.array([x, y, 1.5])

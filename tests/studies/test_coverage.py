@@ -94,6 +94,7 @@ def test_a_flight_is_lost_where_three_sigma_first_reach_a_wall() -> None:
     assert first_lost(np.array([0.1, 0.2, 0.17, 0.5]), free) == 2
 
 
+@pytest.mark.long
 def test_behind_a_wall_no_anchor_is_in_sight_and_the_way_is_worst_there(of_halved: Scenario) -> None:
     found = coverage(of_halved)
     over = found.over_floor
@@ -127,6 +128,7 @@ def test_in_the_blackouts_of_uwb_the_first_scenario_gets_lost() -> None:
     assert found.cases["all"].lost_at is not None
 
 
+@pytest.mark.long
 def test_the_figure_holds_three_maps_and_two_strips_wide_or_not(halved: Path, of_halved: Scenario) -> None:
     found = coverage(of_halved)
     figure = draw_coverage(found, load_room(halved))

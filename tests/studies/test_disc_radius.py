@@ -33,6 +33,7 @@ def test_no_spread_is_the_mean() -> None:
     assert radius((0.3, -0.4), [[0.0, 0.0], [0.0, 0.0]]) == pytest.approx(0.5)
 
 
+@pytest.mark.long
 @given(st.floats(0.0, 10.0), st.floats(0.0, 2.0 * np.pi))
 def test_round_covariance_off_centre_is_noncentral_chi_square(distance: float, direction: float) -> None:
     m = (distance * math.cos(direction), distance * math.sin(direction))

@@ -116,6 +116,7 @@ def test_recovery_is_the_first_five_seconds_that_are_good() -> None:
     assert recovery_time(flown, calm, 20) is None
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("name", ["nominal_imu_uwb_yolo", "imu_uwb_yolo", "robust_imu_uwb_yolo", "tight_imu_uwb_yolo"])
 def test_the_catalogue_can_be_flown(name: str) -> None:
     plain = load_scenario(name, ("camera.kind=projected",))

@@ -64,6 +64,7 @@ def test_a_mistake_is_warned_of_and_nothing_else(tmp_path: Path, changes: dict[s
     assert [line[: len(part)] for line, part in zip(found, expected, strict=True)] == expected, found
 
 
+@pytest.mark.long
 def test_the_authors_room_is_as_it_was_published() -> None:
     found = look_into(ORTILO_ROOM)
     assert found.warnings == []
@@ -82,6 +83,7 @@ def test_the_spread_is_the_standard_deviation_along_the_main_axes(seed: int, n: 
     np.testing.assert_allclose(anchor_spread(points @ Q.T + 7.0), expected, atol=1e-6)
 
 
+@pytest.mark.long
 @settings(max_examples=10)
 @given(x=st.floats(4.0, 20.0), y=st.floats(4.0, 20.0), z=st.floats(2.2, 6.0), anchors=st.integers(4, 12))
 def test_new_rooms_have_nothing_against_them(
@@ -121,6 +123,7 @@ def in_unit(unit: str, *fields: str) -> dict[str, Any]:
     return {name: value for name, value in scaled.items() if name in fields or not fields}
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("unit", UNITS)
 def test_a_room_that_is_not_in_metres_is_doubted_and_told_its_unit(tmp_path: Path, unit: str) -> None:
     found = warnings(tmp_path, **in_unit(unit))

@@ -156,6 +156,7 @@ def test_a_flight_that_is_never_near_hover_is_refused() -> None:
         fit_noise(TRUE, [record], 60)
 
 
+@pytest.mark.long
 def test_a_sensor_that_never_arrived_keeps_its_noise() -> None:
     records = [simulate(np.random.default_rng(4), 400) for _ in range(2)]
     fit = fit_noise(Scenario(), records, 0)

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
+import pytest
 import xarray as xr
 
 from ortilo_drake.flight.efficiency import floor_at_ticks
@@ -11,6 +12,7 @@ from ortilo_drake.studies.consistency.floor_figure import draw_floor
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [2.2, 0.9, 1.5]]}"
 
 
+@pytest.mark.long
 def test_errors_sd_and_floor_are_those_of_the_flights(flown: Callable[..., xr.Dataset]) -> None:
     flights = [flown("nominal_imu_uwb", (SHORT,), seed) for seed in range(2)]
     floors = [floor_at_ticks(flight) for flight in flights]

@@ -13,6 +13,7 @@ from ortilo_drake.studies.linearization.linearization_report import linearizatio
 from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, hover_loop
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("late", [0, 1])  # UWB is there on every third tick
 @pytest.mark.parametrize(
     "settings",
@@ -65,6 +66,7 @@ def test_so_they_are_with_torque_and_biases_as_states(name: str) -> None:
     assert tick.largest_difference < 1e-12
 
 
+@pytest.mark.family("measured")
 @pytest.mark.parametrize("force", ["thrust", "measured"])
 def test_the_flown_tick_tells_a_wrong_force(force: str) -> None:
     scenario = load_scenario("nominal_imu_uwb", (f"estimator.force={force}",))
@@ -74,6 +76,7 @@ def test_the_flown_tick_tells_a_wrong_force(force: str) -> None:
     assert np.max(np.abs(closed_loop_matrix(loop._replace(L=without), tick.K, tick.delta) - tick.A)) > 1e-3
 
 
+@pytest.mark.long
 def test_the_flown_tick_tells_a_wrong_model() -> None:
     scenario = load_scenario("nominal_imu_uwb")
     tick = differentiate_closed_loop(scenario, 300)
@@ -89,6 +92,7 @@ def test_a_tick_before_a_period_of_the_sensors_is_refused() -> None:
         differentiate_closed_loop(load_scenario("nominal_imu_uwb"), 2)
 
 
+@pytest.mark.long
 def test_a_report_is_json_and_holds_the_must_shows() -> None:
     report = linearization_report(load_scenario("nominal_imu_uwb"))
     json.dumps(as_data(report), allow_nan=False)

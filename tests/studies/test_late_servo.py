@@ -33,6 +33,7 @@ def scenario_of(commands: str = "{}", *more: str) -> Scenario:
 PREDICTED = "{filter: acted, servo: predicted}"
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("d", [1, 2, 4, 7])
 def test_a_measured_delay_leaves_the_eigenvalues_and_adds_zeros(d: int) -> None:
     # Servo and filter separate: those of the servo without delay, those of the filter, and a zero for each number of
@@ -45,6 +46,7 @@ def test_a_measured_delay_leaves_the_eigenvalues_and_adds_zeros(d: int) -> None:
     assert np.all(np.abs(found[27:]) < 0.05)
 
 
+@pytest.mark.long
 def test_no_delay_that_is_measured_destabilises(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "LONGEST", 8)
     with pytest.raises(NoLimitError, match="stable with 8 ticks"):
@@ -58,6 +60,7 @@ def test_as_sent_the_delays_end_at_the_critical_one() -> None:
     assert found.high == pytest.approx(critical_delay(scenario_of(), V).ticks, abs=1e-3)
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("servo", ["predicted", "augmented"])
 def test_told_the_delay_both_ways_are_one(servo: str) -> None:
     told = scenario_of(f"{{filter: acted, servo: {servo}, delay: {TOLD}}}")

@@ -180,6 +180,7 @@ def test_closed_loop_on_the_way_has_the_slopes_of_its_tick() -> None:
     np.testing.assert_allclose(np.hstack([loop.A, loop.B]), slopes, rtol=0.0, atol=1e-8)
 
 
+@pytest.mark.long
 def test_reference_comes_from_the_planned_path() -> None:
     scenario = load_scenario("nominal_imu_uwb")
     path = plan(scenario.planner, scenario.load_room(), M100)

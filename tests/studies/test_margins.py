@@ -69,6 +69,7 @@ def test_closed_loop_is_the_one_of_hover_loop():
     assert np.allclose(closed(LOOPS["nominal"].loop), closed_loop_matrix(HOVER, K, np.ones(3)), rtol=0, atol=1e-8)
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("sensors", [ALL, ("camera", "imu"), ("uwb", "imu")])
 @pytest.mark.parametrize("channel", CONTROL_NAMES)
 def test_gain_margins_are_where_eigenvalues_cross(report, sensors, channel):
@@ -105,6 +106,7 @@ def test_loop_bears_the_whole_ticks_of_its_delay_margin_and_no_more(report, chan
     assert radius[0] < 1 < radius[1]
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("channel", ["f_T", "tau_x"])
 def test_delay_margin_of_exactly_two_ticks_puts_an_eigenvalue_on_the_circle(channel):
     k = CONTROL_NAMES.index(channel)
@@ -119,6 +121,7 @@ def test_delay_margin_of_exactly_two_ticks_puts_an_eigenvalue_on_the_circle(chan
     assert radius == pytest.approx(1, abs=1e-7)
 
 
+@pytest.mark.long
 def test_disk_margin_is_reached_and_not_exceeded(report):
     for name in ("nominal", "without imu", "full state"):
         inner = LOOPS[name]
@@ -152,6 +155,7 @@ def test_peaks_from_the_closed_loops_own_realisation(report):
         assert joint.complementary == pytest.approx(T_peak, rel=1e-5)
 
 
+@pytest.mark.long
 def test_joint_margins_do_not_depend_on_the_units_of_the_controls():
     """With a V that couples the axes; torques in 0.1 N m and their weight to match."""
     rng = np.random.default_rng(3)
@@ -279,6 +283,7 @@ def test_lost_position_leaves_the_attitude_loops(report):
         assert spectral_radius(closed(loop, factor)) == pytest.approx(1, abs=1e-7)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", ["literal", "hold", "estimate"])
 def test_report_is_json_for_every_integrator(integrator):
     scenario = Scenario(estimator=IntermittentFilter(integrator=integrator), sensors=("uwb", "imu"))

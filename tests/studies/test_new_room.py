@@ -81,6 +81,7 @@ def test_a_flight_takes_start_and_goal_of_the_room_unless_it_has_its_own(folder:
     assert (elsewhere.start, elsewhere.goal) == (room.start, room.goal)
 
 
+@pytest.mark.long
 def test_a_new_room_is_flown_to_its_goal(folder: Path) -> None:
     room, file = made(folder, (8.0, 6.0, 3.0), 5)
     flight = fly(load_scenario("imu_uwb", (f"room={file}", OPEN)))

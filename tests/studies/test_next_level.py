@@ -45,6 +45,7 @@ def test_without_flights_it_begins_by_bisection() -> None:
     assert next_level(NONE_LOST, [Flown(level, 4, 0)], LEVELS, SHARE) > level
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("threshold", [0.3, 3.0, 20.0])
 def test_a_threshold_is_found_by_few_flights(threshold: float) -> None:
     found, flown = searched(lambda v: float(v > threshold), 0)

@@ -21,6 +21,7 @@ def test_an_outcome_is_part_of_the_summary() -> None:
     assert (found.seed, found.lost, found.mse, found.nees) == (whole.seed, False, whole.mse, whole.nees)
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("scenario", [CALM, HEAVY], ids=["calm", "heavy"])
 def test_the_engines_outcomes_are_drakes(scenario: Scenario, tmp_path: Path) -> None:
     ((found,),) = fly_outcomes([(scenario, [2])], tmp_path)

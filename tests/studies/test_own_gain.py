@@ -45,6 +45,7 @@ def own() -> Scenario:
     return scenario({"kind": "lent"})
 
 
+@pytest.mark.long
 def test_with_the_lq_servos_gain_it_has_its_loop_and_its_tube(own: Scenario) -> None:
     lq = scenario({"kind": "lq", "form": "error"})
     assert not isinstance(own.servo, LqServo)

@@ -47,6 +47,7 @@ def test_each_column_of_both_tables_has_a_line() -> None:
     assert "\n".join(lines) in table_text(make_tables("paper", rows))
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(("lost", "word"), [(0, "reproduced"), (6, "reproduced"), (20, "not reproduced")])
 def test_lost_flights_count_against_it(lost: int, word: str) -> None:
     rows = {"imu_uwb": flights((0.1, 0.005, 0.02), 0.008, lost), "imu_uwb_yolo": flights((0.005,) * 3, 0.005)}
@@ -55,6 +56,7 @@ def test_lost_flights_count_against_it(lost: int, word: str) -> None:
     assert ("lost m² beside" in line) == (lost == 20)
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("preset", PRESETS)
 def test_every_preset_says_why(preset: str) -> None:
     rows = {name: flights((9.0,) * 3, 9.0) for name in ("imu_uwb", "imu_uwb_yolo")}

@@ -92,6 +92,7 @@ def test_placed_landmarks_lower_the_worst_floor(hall: Room, tmp_path: Path) -> N
     assert found == place_anchors(scenario, 3, 2.0, 5)
 
 
+@pytest.mark.long
 def test_landmarks_that_cannot_be_placed_are_refused(hall: Room, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="must have camera, whose landmarks are placed"):
         place_anchors(in_hall(hall, tmp_path, "sensors=[uwb, imu]"), 3, 2.0, 5)

@@ -121,6 +121,7 @@ def test_over_200_draws_95_in_100_anchors_are_within_5_cm_and_the_uncertainty_is
     assert freedom == 10 * 6 + 8 * 15 - 9 - 30
 
 
+@pytest.mark.long
 def test_known_places_and_no_ranges_between_anchors_are_honest_too() -> None:
     rng = np.random.default_rng(5)
     squares = [nees(survey(draw(rng, 15, 0, p_sd=0.02), believed(rng), KNOWN, NOISE)) for _ in range(60)]
@@ -128,6 +129,7 @@ def test_known_places_and_no_ranges_between_anchors_are_honest_too() -> None:
     assert low < sum(squares) < high
 
 
+@pytest.mark.long
 def test_a_robust_loss_bears_outliers() -> None:
     rng = np.random.default_rng(6)
     ranges = draw(rng, 30, 3)

@@ -58,6 +58,7 @@ def test_a_lost_flight_costs_more_than_any_other() -> None:
     assert costs_of(figures, columns).tolist() == [2.0, LOST, LOST, LOST]
 
 
+@pytest.mark.long
 def test_weights_that_are_far_too_small_are_found_to_be(tmp_path: Path) -> None:
     found = search_by_flights(SEARCH, "search", tmp_path / "one", 1)
     assert len(found.history) >= SEARCH.evaluations
@@ -69,6 +70,7 @@ def test_weights_that_are_far_too_small_are_found_to_be(tmp_path: Path) -> None:
     assert "better" in "".join(search_lines(found))
 
 
+@pytest.mark.long
 def test_what_was_found_flies(tmp_path: Path) -> None:
     found = search_by_flights(SEARCH.model_copy(update={"evaluations": 1}), "search", tmp_path, 1)
     file = tmp_path / "found.yaml"
@@ -100,6 +102,7 @@ def test_it_begins_at_the_scenarios_own_settings() -> None:
     assert settings_at(search, values, "search")["servo.weights.velocity"] == pytest.approx([1.0, 1.0, 1.0])
 
 
+@pytest.mark.long
 def test_the_command_searches_judges_and_goes_on_where_it_stopped(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

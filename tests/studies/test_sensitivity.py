@@ -41,6 +41,7 @@ def made_up(
     return fly
 
 
+@pytest.mark.long
 def test_all_searches_share_rounds_and_fly_each_seed_at_one_level() -> None:
     mismatches = [m for m in MISMATCHES if m.name.startswith(("gusts", "range biases"))]
     thresholds = {"truth.force.gust_sd": 0.4, "truth.uwb.bias_sd": 0.1}
@@ -61,6 +62,7 @@ def test_all_searches_share_rounds_and_fly_each_seed_at_one_level() -> None:
     assert len(asked) <= 8
 
 
+@pytest.mark.long
 def test_what_is_searched_depends_on_what_was_lost_alone() -> None:
     mismatches = [MISMATCHES[0]]
     asked: list[list[list[tuple[Settings, list[int]]]]] = [[], []]

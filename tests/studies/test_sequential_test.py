@@ -22,6 +22,7 @@ def decided(p: float, most: int = 600) -> tuple[float, float]:
     return more, less
 
 
+@pytest.mark.long
 def test_its_errors_are_as_stated() -> None:
     most = ERROR / (1.0 - ERROR)
     more, less = decided(SHARE / APART)

@@ -86,6 +86,7 @@ def test_a_means_interval_is_the_percentile_bootstraps() -> None:
     assert mean_interval(values.tolist()) == found  # nothing drawn afresh
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("share_lost", [0.0, 0.3])
 def test_the_drops_interval_holds_the_true_drop(share_lost: float) -> None:
     """Flights of a seed are alike with and without the camera; lost ones are the worst of those without it."""
@@ -145,6 +146,7 @@ def test_lost_flights_are_counted_and_left_out_of_what_is_of_the_kept() -> None:
     assert found.drop_in_x.kept_interval == expected.drop_in_x.kept_interval
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("lost", [1, 4, 12, 13, 25])
 def test_a_lost_flight_is_worse_than_any_other(lost: int) -> None:
     """Medians and quartiles are those of NumPy where a lost flight's error is larger than any."""
@@ -270,6 +272,7 @@ def test_intervals_are_shown_where_there_are_flights_enough_for_them(flights: in
             assert ("[?]" in row) == (names[title] not in known), row
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("flights", [20, 60])
 def test_a_means_interval_that_is_too_narrow_is_marked(flights: int) -> None:
     text = table_text(make_tables("tuned", {name: random_summaries(seed, flights) for seed, name in enumerate(NAMES)}))
@@ -287,6 +290,7 @@ def in_short(text: str) -> list[str]:
     return list(itertools.takewhile(lambda line: line.startswith("- "), rest))
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("beside", [0, 3])
 def test_the_text_begins_with_five_lines_of_what_it_says(beside: int) -> None:
     rows = {name: random_summaries(seed) for seed, name in enumerate((*NAMES, "a", "b", "c")[: 2 + beside])}

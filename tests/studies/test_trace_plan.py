@@ -68,6 +68,7 @@ def test_letters_thin_lines_and_grey_carpets_are_no_walls() -> None:
     np.testing.assert_allclose(sorted(found.walls.tolist()), expected(DOOR), atol=1e-9)
 
 
+@pytest.mark.long
 @settings(max_examples=20)
 @given(
     x=st.integers(60, 250), door=st.integers(10, 150), thick=st.integers(4, 14), noise=st.integers(0, 60),
@@ -170,6 +171,7 @@ def grid(folder: Path, name: str = "map", ending: str = ".pgm", gap: int = 0, **
     return folder / f"{name}.yaml"
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("fields", [{"name": "ascii"}, {"negate": 1}, {"ending": ".png", "mode": "scale"}, {"gap": 8}])
 def test_a_robots_map_of_walls_one_cell_thick_is_traced_in_its_own_frame(
     tmp_path: Path, fields: dict[str, Any]
@@ -213,6 +215,7 @@ def test_a_wrong_grid_is_told_in_a_line(tmp_path: Path, text: str, line: str) ->
         read_plan(tmp_path / "map.pgm", None, 128)
 
 
+@pytest.mark.long
 @given(st.floats(5.0, 200.0))
 def test_the_thinnest_wall_is_as_thick_as_the_message_says(scale: float) -> None:
     """A wall of so many pixels is found where it is drawn, one of a pixel less is not, and the refusal says both."""

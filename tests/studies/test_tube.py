@@ -177,6 +177,7 @@ def riccati_gains(
     return gains, mu
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", ["hold", "literal", "estimate"])
 def test_recursion_agrees_with_a_monte_carlo_of_the_linear_loop(integrator: str) -> None:
     # uwb in bursts, camera lost independently and due every other tick, an imu; x, xhat and i flown by the equations.
@@ -250,6 +251,7 @@ def test_aim_is_what_the_servo_aims_at() -> None:
     np.testing.assert_allclose(u_ff[0], [scenario.vehicle.mass * 0.4, 0.0, 0.0, 0.0], atol=1e-12)
 
 
+@pytest.mark.long
 def test_course_is_due_late_and_blacked_out() -> None:
     scenario = load_scenario(
         "nominal_imu_uwb_yolo",

@@ -93,6 +93,7 @@ def test_flights_are_those_of_the_diagram_and_their_arrivals_the_expected_ones(t
     np.testing.assert_array_equal(arrivals_of_seed(lossy, nominal, 7), flight["arrival"].values)
 
 
+@pytest.mark.long
 def test_what_the_engine_does_not_fly_drake_does_and_keeps(tmp_path: Path) -> None:
     scenario, _ = short()
     lossy = load_scenario(at_burst(scenario, (0.5, 0.3)), ("imu.link.rate=60",))
@@ -104,6 +105,7 @@ def test_what_the_engine_does_not_fly_drake_does_and_keeps(tmp_path: Path) -> No
     np.testing.assert_array_equal(flights[0].deviation, again.deviation)
 
 
+@pytest.mark.long
 def test_flown_deviations_are_of_the_predicted_size() -> None:
     # Over six flights the mean squared deviation differs from the predicted one by chance alone: a factor of two.
     scenario, nominal = short()
@@ -132,6 +134,7 @@ def test_worst_stretch_of_lost_flights_is_what_they_flew() -> None:
     assert worst_stretch([whole, lost], 80) == pytest.approx(10.0 / 15.0)
 
 
+@pytest.mark.long
 def test_the_tube_on_a_plan_is_orange_where_it_leaves_the_corridor() -> None:
     scenario, nominal = short()
     tube = predict_tube(with_rates(scenario, *PAIR), nominal)
@@ -172,6 +175,7 @@ def test_margins_are_filled_over_their_axes_and_0_is_drawn_for_both_paths() -> N
         np.testing.assert_allclose(np.vstack([path.vertices for path in line.get_paths()])[:, 0], at)
 
 
+@pytest.mark.long
 def test_figures_are_drawn(tmp_path: Path) -> None:
     scenario, nominal = short()
     a = np.geomspace(0.01, 1.0, 5)

@@ -59,6 +59,7 @@ def test_there_are_no_bursts_shorter_than_the_chain_can_make() -> None:
     np.testing.assert_array_equal(np.isnan(margins.whole), [[True, False], [False, False]])
 
 
+@pytest.mark.long
 def test_more_arrivals_leave_more_room() -> None:
     scenario, _ = short()
     rates = tube_map(scenario, np.array([0.02, 0.2, 1.0]), np.array([0.02, 1.0])).whole
@@ -80,6 +81,7 @@ def test_margins_of_a_map_are_those_of_each_tube() -> None:
             assert found.guided[i, j] == pytest.approx(least[:n].min(), rel=1e-9)
 
 
+@pytest.mark.long
 def test_longer_bursts_widen_the_tube() -> None:
     # Standing still for 50 s, for the chain starts good: on a short flight long bursts are few.
     scenario, nominal = short()
@@ -125,6 +127,7 @@ def test_maps_are_over_the_sensors_that_fly() -> None:
     assert why_no_tube(ready_made["altimeter"]) is None
 
 
+@pytest.mark.long
 def test_a_sensor_that_never_arrives_is_one_that_does_not_fly() -> None:
     with_it, without = (
         without_blackouts(load_scenario(n, ("settle=0.5", PATH))) for n in ("altimeter", "nominal_imu_uwb")
@@ -178,6 +181,7 @@ def test_chance_outside_by_sampling() -> None:
     assert chance_outside(np.array([4.0]), of)[0] == pytest.approx(sampled, abs=4.0 * np.sqrt(sampled / 400_000))
 
 
+@pytest.mark.long
 def test_chance_map_is_the_chance_of_leaving_the_corridor() -> None:
     scenario, nominal = short()
     cases = rate_cases(scenario, np.array([0.01, 1.0]), np.array([0.0]))

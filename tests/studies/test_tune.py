@@ -49,6 +49,7 @@ def test_the_sensors_noise_is_found(tuning: Tuning) -> None:
         assert tuning.fit.values[f"estimator.V.imu.{i}"] == pytest.approx(1e-4, rel=0.25)
 
 
+@pytest.mark.long
 def test_before_is_what_flew(tuning: Tuning, flights: list[xr.Dataset]) -> None:
     expected = np.mean([np.mean(position_nees(flight)) for flight in flights])
     assert tuning.before.nees["all"].mean == pytest.approx(expected, rel=1e-6)
@@ -70,6 +71,7 @@ def test_the_data_is_plain(tuning: Tuning) -> None:
     assert len(data["flights"]) == 2
 
 
+@pytest.mark.long
 def test_a_lost_flight_is_used_up_to_its_loss_or_left_out(flights: list[xr.Dataset], tmp_path: Path) -> None:
     ticks = flights[0].sizes["tick"]
     for k, cut in enumerate((ticks - 30, 60)):
@@ -82,6 +84,7 @@ def test_a_lost_flight_is_used_up_to_its_loss_or_left_out(flights: list[xr.Datas
     assert "left out" in found.notes[1]
 
 
+@pytest.mark.long
 def test_bad_input_is_refused(flights: list[xr.Dataset], tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no flights"):
         find_flights([tmp_path])
@@ -95,6 +98,7 @@ def test_bad_input_is_refused(flights: list[xr.Dataset], tmp_path: Path) -> None
         tune(find_flights([tmp_path]))
 
 
+@pytest.mark.long
 def test_the_figures_are_drawn(tuning: Tuning, flights: list[xr.Dataset], tmp_path: Path) -> None:
     report = consistency_report(flights)
     paths = [
@@ -145,6 +149,7 @@ def test_the_command_writes_what_it_is_asked_for(
     assert figure.stat().st_size > 10_000
 
 
+@pytest.mark.family("words3---check")
 @pytest.mark.parametrize(
     ("words", "said"),
     [

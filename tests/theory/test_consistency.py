@@ -57,6 +57,7 @@ def test_the_interval_of_the_mean_is_students() -> None:
     assert mean_interval(samples[:1]) is None
 
 
+@pytest.mark.long
 def test_the_time_average_covers_the_truth_where_ticks_are_dependent() -> None:
     # One chi-square number a flight, held over all its ticks: a band over ticks would be far too narrow.
     rng, covered = np.random.default_rng(3), 0

@@ -49,6 +49,7 @@ def test_invertible_output() -> None:
     assert found.hypotheses["C has full column rank on the unstable subspace"]
 
 
+@pytest.mark.long
 def test_two_outputs_that_share_three_modes() -> None:
     """Decoupled: 1.3 and 1.2 by one output, 1.1 by another; the fixed point needs the worse of the two."""
     C = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
@@ -58,6 +59,7 @@ def test_two_outputs_that_share_three_modes() -> None:
     assert critical_rate(np.diag([1.3, 1.2, 1.1]), np.vstack([C, C[0]])).upper == pytest.approx(found.upper, abs=2e-6)
 
 
+@pytest.mark.long
 @settings(max_examples=8)
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(2, 4))
 def test_one_output_and_any_state_basis(seed: int, n: int) -> None:

@@ -191,6 +191,7 @@ ERRORS = {
 }
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(("name", "solver"), [pair for pair in product(CASES, SOLVERS) if pair not in REASONS])
 def test_residual_and_closed_form(name, solver):
     A, B, Q, R, N, X_exact = CASES[name]

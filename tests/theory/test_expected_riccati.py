@@ -95,6 +95,7 @@ def test_settled_to_the_stated_tolerance(model: Model, rates: tuple[float, float
     assert np.max(np.abs(X - from_above[0]) / scale) < 2e-9
 
 
+@pytest.mark.long
 def test_scalar_example_of_the_literature() -> None:
     """a = 1.25, c = 1, q = 1, r = 2.5, rate 0.7; upper: the positive root of the scalar equation."""
     a2, r, rate = 1.25**2, 2.5, 0.7
@@ -116,6 +117,7 @@ def two_states(A: list) -> Model:
     return check_model(Model(np.array(A), np.ones((1, 2)), 20.0 * np.eye(2), np.array([[2.5]]), ALL_OR_NOTHING))
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("A", TWO_STATES)
 @pytest.mark.parametrize("rate", [0.3, 0.5, 0.8])
 def test_the_exact_mean_of_two_states_lies_between_the_recursions(A: list, rate: float) -> None:
@@ -137,6 +139,7 @@ def test_the_exact_mean_of_two_states_lies_between_the_recursions(A: list, rate:
     assert np.all(np.diag(lower) < np.diag(mean) - 1e-3)
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("A", TWO_STATES)
 def test_two_states_of_the_literature(A: list) -> None:
     """Above 1 - 1 / (1.25 1.1)^2 = 0.4711 there is a fixed point; 10^4 drawn sequences lie between the bounds."""
@@ -167,6 +170,7 @@ def test_monte_carlo_lies_between_the_bounds(rates: tuple[float, float], runs: i
     np.testing.assert_allclose(np.diag(mean)[[5, 11]], lower[[5, 11]], rtol=1e-8)
 
 
+@pytest.mark.long
 @given(rate=st.floats(0.0, 1.0), other=st.floats(0.05, 1.0))
 def test_more_arrivals_never_raise_the_bounds(rate: float, other: float) -> None:
     few, many = (min(rate, other), other), (max(rate, other), other)

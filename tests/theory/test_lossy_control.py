@@ -75,6 +75,7 @@ def test_the_least_acknowledged_arrivals_of_one_control() -> None:
     assert np.max(np.abs(np.linalg.eigvals(step))) < 1.0
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(("nu", "gamma"), [(0.8, 1.0), (0.7, 0.6), (0.9, 0.75)])
 def test_the_unacknowledged_cost_is_that_of_a_simulation(nu: float, gamma: float) -> None:
     """4000 paths of 400 ticks, the first 100 left out: the cost by what the estimator does, no formula of its error."""
@@ -103,6 +104,7 @@ def test_where_the_state_always_arrives_acknowledgement_changes_nothing() -> Non
     np.testing.assert_allclose(with_none[1], S, rtol=1e-6)
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("gamma", [0.5, 0.8, 1.0])
 @pytest.mark.parametrize("n", [1, 3])
 def test_the_least_unacknowledged_arrivals(n: int, gamma: float) -> None:

@@ -84,6 +84,7 @@ def exact_unobservable(Phi: Matrix, C: Matrix) -> list[list[Q]]:
     return kernel(rows)
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("rate", [5.0, 30.0, 1000.0])
 def test_unobservable_states_of_every_subset_are_the_exact_ones(rate: float) -> None:
     each = Link()  # every tick
@@ -98,6 +99,7 @@ def test_unobservable_states_of_every_subset_are_the_exact_ones(rate: float) -> 
     assert table["uwb+imu"] == table["camera+imu"] == []
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("rate", [5.0, 30.0, 1000.0])
 def test_hidden_modes_have_the_exact_dimensions_and_deficiencies(rate: float) -> None:
     h = Q(1, int(rate))
@@ -111,6 +113,7 @@ def test_hidden_modes_have_the_exact_dimensions_and_deficiencies(rate: float) ->
             assert mode.deficiency == len(kernel(less_one(exact_phi(h)) + exact_C(some)))
 
 
+@pytest.mark.long
 def test_a_sensor_on_every_third_tick_sees_the_same_states() -> None:
     Phi = exact_phi()
     cubed = product(Phi, product(Phi, Phi))
@@ -151,6 +154,7 @@ def test_scaling_takes_tick_and_gravity_out() -> None:
         assert values == {0.0, 1.0, 0.5, round(1 / 6, 9)}
 
 
+@pytest.mark.long
 @settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([1.0, 1.2, 0.5]))
 def test_a_built_in_hidden_part_is_found_with_its_eigenvalues(seed: int, size: float) -> None:

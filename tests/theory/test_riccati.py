@@ -41,6 +41,7 @@ def random_problem(seed, cross=False):
     return A, B, weights[:n, :n], weights[n:, n:], weights[:n, n:] if cross else None
 
 
+@pytest.mark.long
 @settings(max_examples=25, deadline=None)
 @given(seeds, st.booleans())
 def test_four_solvers_agree_on_random_problems(seed, cross):
@@ -243,6 +244,7 @@ def test_servo_and_filter_by_all_four():
     assert np.allclose(gain(A, B, R, solve(A, B, Q, R)), L, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.long
 def test_report_is_json_and_names_what_no_sensor_sees():
     report = riccati_report(Scenario(), V)
     json.dumps(as_data(report), allow_nan=False)
@@ -271,6 +273,7 @@ def test_a_filter_with_errors_that_last_for_minutes():
     np.testing.assert_allclose(solutions[0], solutions[1], rtol=1e-9, atol=1e-11 * abs(solutions[0]).max())
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(
     ("sensors", "V", "words"),
     [

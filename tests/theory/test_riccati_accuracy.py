@@ -58,6 +58,7 @@ def family() -> Iterator[Problem]:
                 yield UNITS[:, None] * A / UNITS, UNITS[:, None] * B, Q / UNITS / UNITS[:, None], 1e-6 * R
 
 
+@pytest.mark.long
 def test_every_solver_is_right_to_eight_digits_or_refuses() -> None:
     right = dict.fromkeys(SOLVERS, 0)
     with workdps(120):

@@ -31,6 +31,7 @@ def test_one_series_gives_ljung_and_boxs_statistic() -> None:
     assert found.p_value == pytest.approx(stats.chi2.sf(expected, 5))
 
 
+@pytest.mark.long
 def test_the_p_values_of_white_noise_are_uniform() -> None:
     rng, p = np.random.default_rng(3), []
     for _ in range(400):

@@ -53,6 +53,7 @@ rectangles = st.tuples(st.integers(24, 40), st.integers(20, 30), st.integers(8, 
 )
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("decided", [(z, f, b) for z in (YES, NO) for f in (YES, NO) for b in (YES, NO)])
 @given(rectangles, st.integers(0, 2**32 - 1))
 def test_a_rectangle_stays_in_its_box_under_every_transformation(

@@ -114,6 +114,7 @@ def pixels(box: tuple[float, ...]) -> set[tuple[int, int]]:
     return {(u, v) for u in range(int(box[0]), int(box[2])) for v in range(int(box[1]), int(box[3]))}
 
 
+@pytest.mark.long
 @given(
     st.lists(st.tuples(st.integers(0, 1), boxes, st.sampled_from([0.2, 1.0])), max_size=6),
     st.lists(st.tuples(st.integers(0, 1), boxes), max_size=8),

@@ -30,6 +30,7 @@ def from_wall(x: float, y: float, room: Room) -> float:
     return min(distances)
 
 
+@pytest.mark.long
 @given(seeds)
 def test_a_room_is_valid_and_of_the_bases_classes_and_camera(seed: int) -> None:
     room = room_of(seed)
@@ -44,6 +45,7 @@ def test_a_room_is_valid_and_of_the_bases_classes_and_camera(seed: int) -> None:
         assert 0.54 < ratio.mean() < 1.61
 
 
+@pytest.mark.long
 @given(seeds)
 def test_landmarks_stand_within_the_walls_and_apart(seed: int) -> None:
     room = room_of(seed)
@@ -71,6 +73,7 @@ def test_the_walls_leave_no_gap_around_the_room(seed: int) -> None:
             assert from_wall(*edge, room) == 0.0
 
 
+@pytest.mark.long
 @given(seeds, st.booleans())
 @settings(max_examples=40)
 def test_poses_are_clear_of_obstacles_and_level_but_for_a_tilt(seed: int, on_a_path: bool) -> None:
@@ -111,6 +114,7 @@ def test_everything_in_a_random_room_has_a_mesh() -> None:
     }
 
 
+@pytest.mark.long
 def test_a_room_without_a_free_place_says_so() -> None:
     low, high = BASE.interior.min, BASE.interior.max
     walls = [[x, y, 0.0] for x in np.arange(low[0], high[0] + 3, 3.0) for y in np.arange(low[1], high[1] + 1, 1.0)]

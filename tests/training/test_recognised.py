@@ -23,6 +23,7 @@ def test_a_view_from_near_looks_at_the_landmark_from_that_far() -> None:
         assert X_WC.rotation().matrix()[2, 1] == pytest.approx(-1.0)  # the picture's down is down
 
 
+@pytest.mark.long
 def test_the_way_is_seen_in_steps_of_equal_length_and_forward() -> None:
     poses = way_poses(SCENARIO, ROOM)
     points = np.array([X.translation() for X in poses])

@@ -105,12 +105,14 @@ def test_availability_has_the_fixes_errors_above_and_the_shares_below(flight: xr
     assert labels(below) == ["camera", "UWB"]
 
 
+@pytest.mark.long
 def test_availability_of_a_flight_without_camera_has_uwb_alone(blind: xr.Dataset) -> None:
     above, below = draw_availability(blind).axes
     assert above.get_lines() == []
     assert labels(below) == ["UWB"]
 
 
+@pytest.mark.long
 def test_errors_along_x_have_a_colour_by_scenario(flight: xr.Dataset, blind: xr.Dataset) -> None:
     (axes,) = draw_errors_along_x({"blind": blind, "seeing": flight}).axes
     for line, flown, color in zip(axes.get_lines(), (blind, flight), ("imu_uwb", "imu_uwb_yolo"), strict=True):

@@ -46,6 +46,7 @@ def test_trajectories(flights: dict[str, list[xr.Dataset]], tmp_path: Path) -> N
     assert [p.name for p in path.parent.iterdir()] == ["trajectories.png"]
 
 
+@pytest.mark.long
 def test_errors(flights: dict[str, list[xr.Dataset]], tmp_path: Path) -> None:
     summaries = {name: [summary(flight) for flight in rows] for name, rows in flights.items()}
     drawn = read_picture(error_figure(summaries, tmp_path / "errors.png"), 1300, 468)
@@ -63,6 +64,7 @@ def test_errors_of_lost_flights_are_left_out(flights: dict[str, list[xr.Dataset]
     read_picture(error_figure(summaries, tmp_path / "errors.png"), 1300, 468)
 
 
+@pytest.mark.long
 def test_errors_of_flights_without_the_authors_path_error(flights: dict[str, list[xr.Dataset]], tmp_path: Path) -> None:
     summaries = {name: [replace(summary(f), path_mse=None) for f in rows] for name, rows in flights.items()}
     read_picture(error_figure(summaries, tmp_path / "errors.png"), 1300, 468)
@@ -73,6 +75,7 @@ def test_arrivals(flights: dict[str, list[xr.Dataset]], tmp_path: Path) -> None:
     read_picture(path, 1300, 442)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("suffix", ["png", "jpg"])
 def test_one_flight(flights: dict[str, list[xr.Dataset]], tmp_path: Path, suffix: str) -> None:
     read_picture(flight_figure(flights["imu_uwb"][0], tmp_path / f"flight.{suffix}"), 1430, 1066)
@@ -87,18 +90,21 @@ def test_a_flight_lost_at_once_can_be_drawn(tmp_path: Path) -> None:
     assert "<html" in flight_page(flight)
 
 
+@pytest.mark.long
 def test_an_unknown_kind_of_picture_is_refused(flights: dict[str, list[xr.Dataset]], tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"flight\.frog"):
         flight_figure(flights["imu_uwb"][0], tmp_path / "flight.frog")
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.long
 def test_a_picture_that_cannot_be_written_is_refused(flights: dict[str, list[xr.Dataset]], tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(InputError, match="cannot be written"):
         flight_figure(flights["imu_uwb"][0], tmp_path / "file" / "flight.png")
 
 
+@pytest.mark.long
 def test_the_page_of_a_flight_is_one_self_contained_html_file(flights: dict[str, list[xr.Dataset]]) -> None:
     page = flight_page(flights["imu_uwb_yolo"][0])
     assert page.lstrip().lower().startswith("<!doctype html>")

@@ -312,6 +312,7 @@ def test_a_page_that_does_not_read_is_closed_and_the_others_stay() -> None:
         assert line.startswith("a page that left 0.")
 
 
+@pytest.mark.long
 def test_a_page_that_draws_slower_than_the_flight_gets_how_things_are_and_not_how_they_were() -> None:
     with guarded(most_waiting=300_000) as it:
 

@@ -52,6 +52,7 @@ def test_pictures_of_a_rendered_camera_are_taken_twice_a_second(flown: Any) -> N
         assert picture.std() > 20  # shows something
 
 
+@pytest.mark.long
 def test_there_are_no_pictures_of_a_projected_camera(flown: Any) -> None:
     settings = ("planner={kind: waypoints, points: [[0, 0, 1.5], [2.2, 0.9, 1.5]]}", "camera.kind=projected")
     found = onboard_pictures(flown("imu_uwb_yolo", settings, 0))

@@ -33,6 +33,7 @@ def plan_of(file: Path) -> tuple[Room, Figure]:
     return load_room(file), draw_plan(load_room(file), path_of(room_scenario(file)))
 
 
+@pytest.mark.family("8x6")
 def test_every_anchor_and_landmark_has_a_label_and_no_two_of_them_overlap(room_file: Path) -> None:
     room, figure = plan_of(room_file)
     renderer = FigureCanvasAgg(figure).get_renderer()
@@ -52,6 +53,7 @@ def test_every_anchor_and_landmark_has_a_label_and_no_two_of_them_overlap(room_f
             assert not box.contains(*axes.transData.transform(p[:2])), labels[i].get_text()
 
 
+@pytest.mark.family("3x20")
 def test_the_plan_is_to_scale_and_says_its_units(room_file: Path) -> None:
     room, figure = plan_of(room_file)
     (axes,) = figure.axes
@@ -89,6 +91,7 @@ def test_characters_stand_where_things_are(tmp_path: Path) -> None:
     assert {j for _, j in wall} == set(range(46, 56))
 
 
+@pytest.mark.long
 def test_the_command_writes_a_picture_or_prints_a_plan(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file, png = tmp_path / "room.yaml", tmp_path / "plan.png"
     file.write_text(new_room("hall", (8.0, 6.0, 3.0), 5))

@@ -44,6 +44,7 @@ def joined(text: str) -> list[list[str]]:
     return rows
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("depth", [1, 2, 3])
 def test_every_line_fits_into_a_hundred_columns(wiring: Wiring, depth: int) -> None:
     lines = wiring_text(wiring, depth).splitlines()

@@ -26,6 +26,7 @@ def test_without_the_setting_nothing_is_reported() -> None:
     assert not make_world(load_scenario("nominal_imu_uwb")).HasOutputPort("acted")
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("link", ["{}", "{delay: 3}", "{delay: 2, loss: 0.4}", "{loss: 0.4}"])
 def test_it_tells_what_the_link_applied(link: str) -> None:
     world = WorldHalf(load_scenario("nominal_imu_uwb", (*ACTED, f"command_link={link}")))
@@ -49,6 +50,7 @@ def test_it_tells_what_the_link_applied(link: str) -> None:
         np.testing.assert_array_equal(u, command(k - late))
 
 
+@pytest.mark.long
 def test_in_real_time_it_tells_the_millisecond_and_who_flies() -> None:
     world = WorldHalf(load_scenario("nominal_imu_uwb", ACTED), 1e-3)
     u = np.array([26.5, 0.0, 0.0, 0.0])

@@ -52,6 +52,7 @@ def test_at_rest_nothing_errs_however_it_leans(rpy: list[float]) -> None:
     np.testing.assert_allclose(errors([0.0, 0.0, 0.0], rpy, 300), 0.0, atol=1e-12)
 
 
+@pytest.mark.long
 def test_thrust_along_its_axis_looks_level() -> None:
     """Where rotors alone act, the specific force is along B's z: the filter comes to believe that it flies level."""
     rpy = np.array([0.1, -0.2, 0.7])

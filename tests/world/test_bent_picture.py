@@ -22,6 +22,7 @@ def camera_of(distortion: str, **changes: object) -> CameraModel:
     return validate(CameraModel, load_room().camera.scaled_to(320).model_dump() | its | changes, "camera")
 
 
+@pytest.mark.long
 @pytest.mark.egl
 @pytest.mark.parametrize("distortion", LENSES)
 def test_a_block_is_seen_where_opencv_projects_its_edges(distortion: str) -> None:

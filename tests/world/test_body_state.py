@@ -1,6 +1,7 @@
 """A body of a MultibodyPlant in our layout of a state, beside differences of its motion."""
 
 import numpy as np
+import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import MultibodyPlant
@@ -11,6 +12,7 @@ from pydrake.systems.framework import DiagramBuilder
 import ortilo_drake as od
 
 
+@pytest.mark.long
 def test_the_state_of_a_tumbling_body_is_what_its_motion_says() -> None:
     builder = DiagramBuilder()
     plant = builder.AddSystem(MultibodyPlant(0.0))

@@ -77,6 +77,7 @@ def test_a_delay_shifts_the_commands_and_hovers_before_the_first(delay: int) -> 
         np.testing.assert_array_equal(fly(60, delay=delay, when_lost=when_lost), expected)
 
 
+@pytest.mark.family("1.0")
 @pytest.mark.parametrize("probability", [0.0, 0.1, 0.5, 0.9, 1.0])
 def test_loses_its_share_independently(probability: float) -> None:
     n = 6_000
@@ -106,6 +107,7 @@ def test_a_packet_is_lost_at_sending() -> None:
     np.testing.assert_array_equal(at_once[at_once < 496] + 4, late)
 
 
+@pytest.mark.long
 def test_bursts_have_the_chain_s_mean_length() -> None:
     n, b = 9_000, 0.25
     loss = GilbertElliottLoss(kind="gilbert_elliott", good_to_bad=0.1, bad_to_good=b)

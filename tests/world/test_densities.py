@@ -32,6 +32,7 @@ def imu_noise_at(rate: float) -> np.ndarray:
     return np.array([box.say(k)[2:] for k in range(int(DURATION * rate))]) / IMU_DENSITIES
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize("noise_at", [disturbance_at, imu_noise_at])
 def test_the_two_sided_spectrum_is_the_density_squared_at_every_control_rate(noise_at: object, rate: float) -> None:
@@ -46,6 +47,7 @@ def test_the_two_sided_spectrum_is_the_density_squared_at_every_control_rate(noi
     assert ((low < mean) & (mean < high)).all(), mean
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("rate", RATES)
 def test_the_momentum_given_in_a_tenth_of_a_second_is_as_large_at_every_control_rate(rate: float) -> None:
     """Means over T have the variance D^2 / T."""

@@ -47,6 +47,7 @@ def test_a_body_that_slides_slows_down_by_the_share_of_each_tick(settings: tuple
     )
 
 
+@pytest.mark.long
 def test_more_thrust_than_weight_comes_to_the_terminal_velocity() -> None:
     """(f_T - m g) / c."""
     assert velocity(1.02, [0.0, 0.0, 0.0], 3000)[2] == pytest.approx(0.02 * 2.7 * 9.81 / 0.9, rel=1e-9)

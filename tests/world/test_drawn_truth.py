@@ -50,6 +50,7 @@ def drawn(scenario: Scenario, seed: int) -> Drawn:
     return draw_truth(scenario.truth, seed, ROOM, PAYLOADS)
 
 
+@pytest.mark.long
 def test_what_is_drawn_has_the_mean_and_the_spread_that_are_given() -> None:
     scenario, seeds = scenario_with(*SPREADS), 1500
     found = [drawn(scenario, seed) for seed in range(seeds)]
@@ -87,6 +88,7 @@ def test_without_a_spread_the_values_are_the_numbers_themselves() -> None:
     assert not np.any(found["uwb.bias"])
 
 
+@pytest.mark.long
 def test_no_factor_is_drawn_below_the_least() -> None:
     scenario = scenario_with("truth.vehicle={mass_factor: 0.5, mass_factor_sd: 0.2}")
     masses = np.array([drawn(scenario, seed)["vehicle.mass_factor"] for seed in range(1000)])

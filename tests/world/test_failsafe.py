@@ -65,6 +65,7 @@ def test_braking_is_the_critically_damped_third_order_response(axis: int, other:
     np.testing.assert_allclose(x[:, other], 0.0, atol=1e-12)
 
 
+@pytest.mark.long
 def test_braking_leaves_the_altitude_alone() -> None:
     x = state(z=1.5, vx=1.2, vy=-0.7, psi=0.4)
     for _ in range(2000):
@@ -98,6 +99,7 @@ def test_tilt_and_thrust_asked_for_are_limited_and_oppose_the_velocity(x: np.nda
     np.testing.assert_allclose(push[0] * x[7], push[1] * x[6], atol=1e-9)  # straight against it
 
 
+@pytest.mark.long
 @settings(max_examples=40)
 @given(
     tilt=st.floats(0.0, np.radians(25.0)),
@@ -141,6 +143,7 @@ def test_a_command_young_enough_passes_bit_for_bit_and_ends_a_hold(u, x, age, s)
     assert failsafe.GetOutputPort("mode").Eval(context) == [0.0]
 
 
+@pytest.mark.long
 def test_modes_follow_the_age_of_the_command() -> None:
     x, s, modes = state(z=1.2, psi=0.4), np.zeros(4), {}
     for k in range(9000):

@@ -72,6 +72,7 @@ ALL: list[tuple[Fault, tuple[str, ...]]] = [  # each with the messages that it c
 KINDS = [fault["kind"] for fault, _ in ALL]
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(("fault", "ports"), ALL, ids=KINDS)
 def test_a_fault_changes_what_it_concerns_and_no_other_noise(fault: Fault, ports: tuple[str, ...]) -> None:
     for port in ("uwb", "imu", "detections"):
@@ -79,6 +80,7 @@ def test_a_fault_changes_what_it_concerns_and_no_other_noise(fault: Fault, ports
             np.testing.assert_array_equal(message(port, fault), message(port))
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("fault", [fault for fault, _ in ALL], ids=KINDS)
 def test_nothing_is_changed_before_the_start_and_after_the_end(fault: Fault) -> None:
     late, past = fault | {"start": START + 0.2}, fault | {"start": 1.0, "end": START}
@@ -111,6 +113,7 @@ def test_a_clock_jump_adds_the_same_to_every_range_that_is_there() -> None:
     np.testing.assert_array_equal(said[FLAGS], plain[FLAGS])
 
 
+@pytest.mark.long
 def test_a_storm_adds_an_exponential_length_to_a_share_of_the_ranges() -> None:
     storm = {"kind": "nlos_storm", "share": 0.3, "mean": 0.7}
     added = []
@@ -129,6 +132,7 @@ def test_a_storm_adds_an_exponential_length_to_a_share_of_the_ranges() -> None:
     assert np.mean(hit > 0.7) == pytest.approx(np.exp(-1.0), abs=0.05)
 
 
+@pytest.mark.long
 def test_bursts_come_and_go() -> None:
     bursts = {"kind": "outlier_bursts", "every": 1.0, "length": 0.4, "sd": 2.0}
     hit = [not np.array_equal(message("uwb", bursts, tick=t), message("uwb", tick=t)) for t in range(660, 720, 3)]
@@ -167,6 +171,7 @@ def test_a_blinded_camera_sends_a_message_without_a_box() -> None:
     assert len(boxes(message("detections", {"kind": "camera_blinded"}))) == 0
 
 
+@pytest.mark.long
 def test_landmarks_that_are_gone_or_hidden_take_their_own_boxes_alone() -> None:
     plain = boxes(message("detections", tick=660))
     count = len(Scenario().load_room().landmarks)
@@ -215,6 +220,7 @@ def test_people_walk_to_and_fro() -> None:
         np.testing.assert_allclose(cylinders_at(values, t - 1.0), [[0.6 * way, 0.8 * way, 0.25, 1.75]], atol=1e-12)
 
 
+@pytest.mark.long
 def test_a_stuck_sensor_says_what_it_said_last() -> None:
     stuck = {"kind": "stuck", "sensor": "imu", "start": 1.0, "end": 1.5}
     plain, flown = (fly(scenario_with(*faults, settings=HOVERS)) for faults in ((), (stuck,)))
@@ -224,6 +230,7 @@ def test_a_stuck_sensor_says_what_it_said_last() -> None:
     assert np.all(y[46] != y[29])
 
 
+@pytest.mark.long
 def test_after_the_load_is_dropped_it_hovers_on_less_thrust() -> None:
     dropped = {"kind": "load_dropped", "start": 5.0, "mass_factor": 0.9}
     long = ("planner={kind: hover, point: [9.0, 0.5, 1.5], duration: 40.0}", "settle=0.0")
@@ -242,6 +249,7 @@ def test_after_the_load_is_dropped_it_hovers_on_less_thrust() -> None:
     assert dv == pytest.approx(push * (1.0 / 0.9 - 1.0), rel=1e-2)
 
 
+@pytest.mark.long
 def test_a_gust_pushes_by_its_force_over_the_mass() -> None:
     gust = {"kind": "gust", "start": 1.0, "end": 2.0, "force": [0.0, 2.0, 0.0]}
     plain, flown = (fly(scenario_with(*faults, settings=HOVERS)) for faults in ((), (gust,)))

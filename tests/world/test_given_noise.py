@@ -35,6 +35,7 @@ def later(name: str) -> dict[int, int]:
     return {int(stream_id(name).astype(np.int64)): 1}
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(
     ("name", "settings", "tick_at"),
     [
@@ -90,6 +91,7 @@ def test_a_row_has_every_number_once_and_each_call_gets_its_own() -> None:
         np.testing.assert_allclose(np.sort(as_normal[k]), its, atol=1e-6)
 
 
+@pytest.mark.long
 def test_what_was_not_learned_is_drawn_and_has_its_law() -> None:
     noise, _ = given()
     rows = np.random.default_rng(2).standard_normal((400, noise.width), dtype=np.float32)

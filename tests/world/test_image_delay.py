@@ -101,6 +101,7 @@ def test_the_picture_of_the_stamp_comes_with_it(every: int, delay: int) -> None:
     np.testing.assert_array_equal(rows[:, 0], expected + delay)
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("link", [
     Link(rate=10.0, random_delay=5),
     Link(random_delay=4),

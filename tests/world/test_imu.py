@@ -54,6 +54,7 @@ def test_in_free_fall_it_feels_nothing() -> None:
     np.testing.assert_array_equal(exact(np.zeros(12), np.array([0.0, 0.0, -GRAVITY]))[8:], np.zeros(3))
 
 
+@pytest.mark.long
 @given(
     arrays(float, 12, elements=st.floats(-1.2, 1.2)),
     arrays(float, 4, elements=st.floats(-40.0, 40.0)),
@@ -143,6 +144,7 @@ def test_on_the_floor_with_its_rotors_off_it_feels_the_floor_as_drakes_accelerom
     np.testing.assert_allclose(said, [0.0, 0.0, 0.0, 0.0, 0.0, GRAVITY], rtol=0.0, atol=1e-3)
 
 
+@pytest.mark.long
 def test_noise_is_white_gaussian_of_the_given_deviations() -> None:
     n = 6000
     settings = Settings(angle_density=0.01 * ROOT, rate_density=0.02 * ROOT, specific_force_density=0.05 * ROOT)

@@ -283,6 +283,7 @@ def test_a_slower_rate_leaves_the_losses_of_its_ticks() -> None:
 # --- blackouts ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(
     ("axis", "start", "end", "dark"),
     [
@@ -351,6 +352,7 @@ def numpy_decisions(seed: int, sensor: str, k: int) -> np.ndarray:
     return (np.random.Philox(key=key, counter=counter).random_raw(4) >> np.uint64(11)) * 2.0**-53
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("delay", [0, 1, 3])
 @pytest.mark.parametrize("every", [1, 2])
 def test_of_several_that_arrive_together_the_newest_is_delivered(delay: int, every: int) -> None:

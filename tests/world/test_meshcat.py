@@ -81,6 +81,7 @@ def parts_of(obj: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     return {name: (np.array(points), np.array(f)) for name, f in faces.items()}
 
 
+@pytest.mark.long
 def test_the_script_writes_the_shipped_mesh(tmp_path):
     runpy.run_path(str(SCRIPT))["main"](tmp_path)
     for name in ("m100.obj", "m100.mtl"):
@@ -145,6 +146,7 @@ def test_meshcat_listens_on_the_loopback_only(meshcat):
     assert meshcat.web_url() == f"http://localhost:{meshcat.port()}"
 
 
+@pytest.mark.long
 def test_room_has_every_element_where_it_was_surveyed(meshcat):
     draw_room(meshcat, ROOM)
     for i, p_W in enumerate(ROOM.anchors):
@@ -175,6 +177,7 @@ def test_the_three_blocks_across_the_room_are_its_inner_walls(meshcat):
     assert inner == {8, 9, 16, 17, 18, 19, 26, 27}
 
 
+@pytest.mark.long
 def test_things_are_shown_as_the_renderer_shows_them(meshcat):
     draw_room(meshcat, ROOM)
     counts = Counter()
@@ -213,6 +216,7 @@ def test_a_landmarks_frame_tells_its_class(meshcat):
 numbers = st.floats(-1.0, 1.0)
 
 
+@pytest.mark.long
 @given(arrays(float, (3, 3), elements=numbers), arrays(float, 3, elements=numbers))
 def test_ellipsoid_is_the_covariances(L, rpy):
     P = L @ L.T + 1e-4 * np.eye(3)
@@ -245,6 +249,7 @@ def test_ellipsoid_of_no_uncertainty_has_an_extent():
     assert np.all(s > 0)
 
 
+@pytest.mark.long
 @given(arrays(float, (5, 3), elements=st.floats(-10, 10).map(lambda v: round(v, 3))), st.floats(0.01, 0.1))
 def test_tube_lies_at_its_radius_about_every_segment(points, radius):
     corners, faces = tube(points, radius)
@@ -408,6 +413,7 @@ def test_page_explains_its_colours(page):
         assert f"</span>{name}</div>" in legend
 
 
+@pytest.mark.long
 def test_page_plays_the_log(page):
     times, states, estimates, covariances = flight_log()
     (animation,) = [command for command in commands(page) if command["type"] == "set_animation"]
@@ -430,6 +436,7 @@ def test_page_plays_the_log(page):
     np.testing.assert_allclose(np.sort(value["/flight/ellipsoid", ".scale"], axis=1), sizes)
 
 
+@pytest.mark.long
 def test_a_faster_log_plays_at_about_fifteen_frames_a_second(meshcat):
     times, states, estimates, covariances = flight_log()
     page = html_replay(ROOM, PATH, times * 0.3, states, estimates, covariances, meshcat)  # 100 Hz

@@ -148,6 +148,7 @@ def test_an_outline_is_24_points_of_the_mesh(label):
     assert away.max() < 0.0005 * np.linalg.norm(ROOM.landmark_size[label])  # rounded to thousandths
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("label", ROOM.classes)
 @given(seed=st.integers(0, 2**32 - 1), distance=st.floats(1.5, 8.0))
 def test_the_outline_is_seen_as_large_as_the_mesh(label, seed, distance):

@@ -60,6 +60,7 @@ class Flown:
         return np.array(self.world.GetOutputPort(port).Eval(self.context))
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("settings", [(), CONTINUOUS, ROTORS], ids=["sampled", "continuous", "rotors"])
 def test_a_heavy_or_weak_vehicle_sinks_under_its_hover_thrust(settings: tuple[str, ...]) -> None:
     t = TICKS * H

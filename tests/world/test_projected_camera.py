@@ -123,6 +123,7 @@ def turned(shape, size, yaw) -> np.ndarray:
     return Rotation.from_euler("z", yaw).apply(0.5 * size * shape)
 
 
+@pytest.mark.long
 @settings(deadline=None)  # the first call compiles
 @given(shapes, sizes3, st.floats(-np.pi, np.pi), attitudes, ahead)
 def test_a_turned_outlines_box_agrees_with_opencv(shape, size, yaw, rpy, p_BL):
@@ -146,6 +147,7 @@ def has_a_kink(values) -> bool:
     return len(values) > 1 and bool(min(ordered[1] - ordered[0], ordered[-1] - ordered[-2]) < 1e-2)
 
 
+@pytest.mark.long
 @settings(deadline=None)  # the first call compiles
 @given(shapes, sizes3, st.floats(-np.pi, np.pi), attitudes, ahead)
 def test_a_box_centers_jacobian_agrees_with_finite_differences(shape, size, yaw, rpy, p_BL):
@@ -304,6 +306,7 @@ def measured(folder, **changes) -> Settings:
     return Settings(errors=MeasuredErrors(file=str(file)))
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("distance", [2.5, 6.0, 9.3])
 def test_landmarks_are_found_at_the_measured_rates(tmp_path, distance):
     distances, rates = [1.0, 4.0, 8.0, 20.0], [0.95, 0.8, 0.5, 0.1]
@@ -321,6 +324,7 @@ def test_landmarks_are_found_at_the_measured_rates(tmp_path, distance):
     assert stats.binomtest(sum(map(len, found)), 2000, expected).pvalue > 1e-3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("width", "quantity"), [(320, 0), (320, 1), (320, 2), (320, 3), (640, 0)])
 def test_boxes_err_by_the_measured_quantiles(tmp_path, width, quantity):
     """Errors against the file's own table, by SciPy's distribution of a normal number mapped through it."""
@@ -348,6 +352,7 @@ def test_boxes_err_by_the_measured_quantiles(tmp_path, width, quantity):
     assert stats.kstest(errors[inside], lambda e: (cdf(e) - edges[0]) / (edges[1] - edges[0])).pvalue > 1e-3
 
 
+@pytest.mark.long
 def test_what_is_partly_hidden_is_found_less_often_and_errs_more(tmp_path):
     """A wall whose edge passes between the person's middle and its left side: 4 of 9 points hidden.
 
@@ -370,6 +375,7 @@ def test_what_is_partly_hidden_is_found_less_often_and_errs_more(tmp_path):
     assert spread[0] / spread[1] == pytest.approx(5.0 - 4.0 * 5.0 / 9.0, rel=0.08)
 
 
+@pytest.mark.long
 def test_errors_persist_as_the_file_says(tmp_path):
     """Correlation over time of one landmark's errors, against the triangle-like one of interpolated nodes."""
     changes = {"false_boxes.mean": 0.0, "slow_errors.share": 0.6, "slow_errors.period": 0.5}
@@ -387,6 +393,7 @@ def test_errors_persist_as_the_file_says(tmp_path):
         assert np.std(e[tick::15]) == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.long
 def test_misses_persist_as_the_file_says(tmp_path):
     distances = load_calibration(MeasuredErrors()).found.distance
     changes = {"false_boxes.mean": 0.0, "slow_misses.share": 1.0, "slow_misses.period": 1.0}

@@ -62,6 +62,7 @@ def test_a_wall_adds_an_exponential_length() -> None:
     assert stats.skew(found) > 1.3  # 2 of an exponential, 0 of a Gaussian
 
 
+@pytest.mark.long
 def test_what_a_wall_adds_lasts_for_the_time_of_its_setting() -> None:
     """The squares of Gauss-Markov noise of correlation time T are correlated by exp(-2 t / T)."""
     found = excesses(6000, seed=3)

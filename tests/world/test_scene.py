@@ -143,6 +143,7 @@ def test_furniture_that_is_a_landmark_is_not_shown_twice():
 # --- the renderer ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_boxes_of_labels_agree_with_projected_outlines():
     """In pixels of the picture that flies; drawn finer, so that a pointed ear is not missed."""
     fine, differences = 4, []
@@ -251,6 +252,7 @@ def test_a_mesh_without_normals_has_the_same_faces_and_is_smaller():
     assert set(mesh.supporting_files) == {"dog.mtl", "dog.png"}
 
 
+@pytest.mark.long
 def test_face_normals_are_those_of_the_faces():
     path = mesh_file("m100")
     text = with_face_normals(path.read_text(), path).mesh_file.contents().decode()

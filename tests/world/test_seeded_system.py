@@ -62,6 +62,7 @@ def assert_same(one: list[np.ndarray], other: list[np.ndarray]) -> None:
     assert [a.tobytes() for a in one] == [a.tobytes() for a in other]
 
 
+@pytest.mark.long
 @given(before=SEEDS, flown=SEEDS)
 @settings(max_examples=10)
 def test_a_world_whose_seed_is_set_anew_is_one_that_never_had_another(before: int, flown: int) -> None:

@@ -61,6 +61,7 @@ def test_what_is_left_spreads_as_least_squares_has_it(rate: int) -> None:
     assert np.abs(correlation).max() < 5.0 / np.sqrt(n)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("settings", [(), DRAWN], ids=["nothing differs", "biases are drawn"])
 def test_every_player_stands_still_alike_and_the_log_says_how(settings: tuple[str, ...]) -> None:
     scenario = load_scenario("imu_uwb", (*HOVER, *settings))

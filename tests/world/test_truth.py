@@ -51,6 +51,7 @@ def built_as(scenario: Scenario) -> dict[str, Given]:
     return {box.name: box.given for box in of_vehicle}
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(
     "settings", [(), ("world.plant=continuous", "world.rotors={kind: first_order}"), ("world.plant=continuous",)]
 )

@@ -44,6 +44,7 @@ def ranging(settings: Uwb, p_WB, tick: int = 0, seed: int = 1) -> tuple[np.ndarr
 positions = st.tuples(st.floats(-1, 28), st.floats(-4, 4), st.floats(0.1, 2.9))
 
 
+@pytest.mark.long
 @given(p=positions)
 def test_without_noise_a_range_is_the_distance(p) -> None:
     ranges, there = ranging(Uwb(noise=SILENT), p)
@@ -51,6 +52,7 @@ def test_without_noise_a_range_is_the_distance(p) -> None:
     assert np.all(there == 1.0)
 
 
+@pytest.mark.long
 @given(p=positions)
 def test_walls_lengthen_or_block_exactly_the_ranges_they_cross(p) -> None:
     clear, _ = ranging(Uwb(noise=SILENT), p)
@@ -63,6 +65,7 @@ def test_walls_lengthen_or_block_exactly_the_ranges_they_cross(p) -> None:
     np.testing.assert_array_equal(blocked, np.where(walls == 0, clear, 0.0))
 
 
+@pytest.mark.long
 @given(p=positions, limit=st.floats(0.5, 20))
 def test_far_anchors_are_out_of_reach(p, limit) -> None:
     ranges, there = ranging(Uwb(noise=SILENT, max_distance=limit), p)
@@ -71,6 +74,7 @@ def test_far_anchors_are_out_of_reach(p, limit) -> None:
     assert np.all(ranges[there == 0.0] == 0.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("noise", "sd"),
     [

@@ -152,6 +152,7 @@ def test_an_error_that_all_ranges_have_in_common_is_found_once_it_is_opened() ->
     assert found == [(0, len(anchors), len(anchors)), (len(anchors), 0, 0)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "fault",
     [

@@ -52,6 +52,7 @@ def test_a_row_that_is_far_off_is_an_outlier_and_moves_nothing() -> None:
     assert abs(x[0]) < 0.02
 
 
+@pytest.mark.long
 def test_what_made_the_errors_is_found() -> None:
     constants, errors = made(2)
     found = fit_lasting([errors], ANCHORS)

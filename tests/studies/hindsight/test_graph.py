@@ -93,6 +93,7 @@ def error_of(x: np.ndarray, recorded: RecordedFlight) -> float:
     return float(np.mean((x[:, :3] - recorded.flight["truth"].values[:, :3]) ** 2))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "settings",
     [

@@ -67,6 +67,7 @@ def test_without_the_extra_it_says_what_to_install(capsys: pytest.CaptureFixture
     assert len(found["missing"]) == 1
 
 
+@pytest.mark.family
 @pytest.mark.usefixtures("no_gtsam")
 @pytest.mark.parametrize(
     ("name", "why"),
@@ -78,6 +79,7 @@ def test_why_there_is_no_smoother_of_a_filter(name: str, why: str, capsys: pytes
     assert f"No row: RTS: the filter that flew {why}" in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.long
 def test_tight_stands_beside_the_graph() -> None:
     pytest.importorskip("gtsam", reason="needs the extra 'smoother'")
     found = study.fly_in_hindsight(load_scenario("tight_imu_uwb", SHORT), [0, 1])
@@ -86,6 +88,7 @@ def test_tight_stands_beside_the_graph() -> None:
     assert "| tight, as it flew |" in hindsight_text(found)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("no_gtsam")
 def test_a_log_gives_what_its_flight_gives(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scenario = load_scenario("nominal_imu_uwb", SHORT, seed=0)

@@ -29,6 +29,7 @@ def same(a: RecordedFlight, b: RecordedFlight) -> None:
         np.testing.assert_array_equal(a.flight[name], b.flight[name])
 
 
+@pytest.mark.long
 def test_it_is_the_flight_and_its_log(tmp_path: Path) -> None:
     scenario = load_scenario("nominal_imu_uwb", (*SHORT, "imu.link.rate=240"), seed=3)
     recorded = fly_recorded(scenario, 3)

@@ -114,6 +114,7 @@ def test_forward_is_the_filter_that_flew(flights: list[RecordedFlight]) -> None:
         np.testing.assert_allclose(found.prior.P[:, :12, :12], P[:, :12, :12], rtol=0.0, atol=1e-9)
 
 
+@pytest.mark.family("nominal_imu_uwb")
 def test_hindsight_errs_less(flights: list[RecordedFlight]) -> None:
     before = after = 0.0
     for recorded in flights:

@@ -140,6 +140,7 @@ def made_map(values: np.ndarray, of: Sweep) -> Map:
     return Map(of, rows, None)
 
 
+@pytest.mark.long
 def test_sobols_indices_are_those_of_ishigamis_function() -> None:
     """Of sin x1 + 7 sin^2 x2 + 0.1 x3^4 sin x1: 0.314, 0.442, 0 alone, 0.558, 0.442, 0.244 in all (closed form)."""
     axes = {f"uwb.x{i}": {"start": -math.pi, "stop": math.pi} for i in range(3)}
@@ -166,6 +167,7 @@ def test_a_row_says_what_was_lost_and_counts_it_as_worst() -> None:
     assert list(table["rms_interval_high"]) == [0.2, np.inf, np.inf]
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(
     "axes", [{"uwb.link.loss": [0.0, 0.5, 0.9]}, {"uwb.link.rate": [1.0, 2.0], "room": ["a", "b"]}]
 )

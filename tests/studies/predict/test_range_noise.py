@@ -8,6 +8,7 @@ from ortilo_drake.studies.fit.noise_file import FieldNoise, LastingNoise, UwbNoi
 from ortilo_drake.studies.predict.range_noise import Day, draw_day, draw_errors, lasting_errors, outlier_rows
 
 
+@pytest.mark.long
 def test_lasting_errors_are_gauss_markov() -> None:
     t = np.cumsum(np.random.default_rng(0).exponential(0.02, 200_000))
     g = lasting_errors(t, 1, 0.5, 0.2, np.random.default_rng(1))[:, 0]

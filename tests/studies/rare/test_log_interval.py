@@ -7,6 +7,7 @@ from scipy.stats import binom, norm, t
 from ortilo_drake.studies.rare.log_interval import log_interval
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("spread", [0.3, 1.0, 1.5])
 @pytest.mark.parametrize("n", [10, 30])
 def test_of_lognormal_numbers_it_holds_the_mean_as_often_as_it_says(spread: float, n: int) -> None:

@@ -23,6 +23,7 @@ SHORT = ("world.disturbance.force_density=0.0365",)
 SCENARIO = load_scenario("nominal_imu_uwb", SHORT)
 
 
+@pytest.mark.long
 def test_distances_are_those_of_drakes_flight() -> None:
     engine, flight = Engine(SCENARIO), fly(with_seed(SCENARIO, 5))
     found = engine.distances(np.full((1, engine.ticks), 5))[0]
@@ -69,6 +70,7 @@ def test_subsets_agree_with_counting_and_goes_on_where_it_stopped(tmp_path: Path
     assert counted.stat().st_mtime_ns == before
 
 
+@pytest.mark.long
 def test_what_is_drawn_at_the_start_decides_a_flight() -> None:
     """That the numbers of a seed make its flight is in tests/world/test_given_noise.py."""
     spread = ("truth.vehicle.mass_factor_sd=0.1", "truth.survey.anchors_sd=0.05", "truth.uwb.slow_sd=0.05")
@@ -113,6 +115,7 @@ def test_what_is_not_compiled_is_refused_before_anything_is_kept(tmp_path: Path)
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.long
 def test_the_command_says_how_often(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out, file = tmp_path / "out", tmp_path / "rare.json"
     options = ("--corridor", "0.8", "--paths", "20", "--repetitions", "2", "--count", "20", "--workers", "1")
@@ -165,6 +168,7 @@ def test_what_counting_alone_found_is_said_as_a_count() -> None:
     assert text.startswith("# nominal_imu_uwb: about one flight in 250 loses its vehicle, by counting: 2 of 500\n")
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(
     ("options", "flown"),
     [(("--paths", "50"), 50), (("--paths", "20", "--count", "40", "--corridor", "5", "--least", "1e-4"), 60)],

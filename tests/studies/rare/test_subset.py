@@ -71,6 +71,7 @@ def check(found: np.ndarray, exact: float, width: float) -> None:
     assert abs(found.mean() - exact) < half < width * exact
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(("goal", "magnitude"), [(15.0, 1e-2), (24.0, 1e-4), (30.0, 1e-6)])
 def test_the_law_of_a_random_walk(goal: float, magnitude: float) -> None:
     exact = law_of_walk(goal)
@@ -78,6 +79,7 @@ def test_the_law_of_a_random_walk(goal: float, magnitude: float) -> None:
     check(estimates(walk, TICKS, goal, 800), exact, 0.8)
 
 
+@pytest.mark.long
 def test_the_law_of_the_longest_burst_whose_heights_are_whole_numbers() -> None:
     exact = law_of_bursts(18)
     assert 5e-5 < exact < 5e-4
@@ -130,6 +132,7 @@ def held_of(toy: str, exact: float, paths: int, intervals: int) -> int:
     return held
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("toy", TOYS)
 @pytest.mark.parametrize("exact", [1e-4, 1e-6])
 def test_however_few_ticks_decide_the_interval_holds_what_is_exact(toy: str, exact: float) -> None:
@@ -146,6 +149,7 @@ def test_the_interval_covers_what_is_exact_in_93_to_97_of_100() -> None:
     assert 0.93 <= sum(held) / (100 * len(cases)) <= 0.97
 
 
+@pytest.mark.long
 def test_every_repetition_comes_to_the_goal() -> None:
     """Of 24 repetitions of 1,000 paths, whichever ticks decide."""
     for toy in TOYS:

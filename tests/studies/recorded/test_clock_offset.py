@@ -25,6 +25,7 @@ def seen(step: float, rounded: float, duration=20.0) -> Truth:
     return Truth(t + LATE, place(t), Rotation.from_quat(q).as_matrix())
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(("step", "rounded", "within"), [(1 / 300, 0.0014, 1.0), (1 / 300, 0.0, 0.2), (0.05, 0.0, 0.2)])
 def test_offset_and_mount_are_found(step, rounded, within) -> None:
     found = offset_by_rates(heard(), seen(step, rounded), lambda _: (-np.inf, np.inf), 0.5, None)

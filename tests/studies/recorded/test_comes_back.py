@@ -70,6 +70,7 @@ def test_the_smoother_goes_through_an_outage() -> None:
     assert smoothed[~inside].max() < 0.1
 
 
+@pytest.mark.long
 @settings(max_examples=12, deadline=None)
 @given(st.floats(5.0, 30.0), st.floats(2.0, 20.0), st.sampled_from([1, 2, 10]))
 def test_it_is_found_wherever_and_however_long_the_outage_is(begin, long, every) -> None:
@@ -90,6 +91,7 @@ def test_an_offset_of_all_ranges_loses_it_until_it_is_gone() -> None:
     assert errors[found.t > 40.0].max() < 0.4
 
 
+@pytest.mark.family("anchors1-2.0-4.0")
 @pytest.mark.parametrize(("anchors", "size", "tau"), [((1, 4), 3.0, 2.0), ((0, 2, 4), 2.0, 4.0)])
 def test_errors_that_fade_do_not_pull_the_filter_along(anchors, size, tau) -> None:
     """Ranges metres too long, right after seconds; heard as soon as they passed the gate, they pulled by 0.2 m."""
@@ -133,6 +135,7 @@ def as_map(more="", anchors=ANCHORS):
     return validate(Map, parse_yaml(MAP.replace(str(ANCHORS.tolist()), str(anchors.tolist())) + more, "m"), "MAP.yaml")
 
 
+@pytest.mark.long
 def test_a_row_that_cannot_be_made_is_left_out_and_the_rest_stands() -> None:
     walk = recording(rows(MOTION.t_r, MOTION.r))
     found, _ = replay(walk, as_map("imposed: {lost: 1.0}\n"), lambda _: None)
@@ -183,6 +186,7 @@ def test_a_known_height_holds_the_filter_and_is_not_believed_to_death() -> None:
     assert sd.max() < 0.06
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("more", ["planar: true\n", "height: 0.2\n", "planar: true\nheight: 0.2\nheight_sd: 0.02\n"])
 def test_of_two_mirror_images_the_one_at_the_known_height_is_taken(more) -> None:
     """Four anchors at 2.1 m and a rover at 0.2 m: the ranges are as well explained at 4.0 m."""

@@ -74,6 +74,7 @@ def test_constants_are_found_but_for_their_sum_and_the_filter_follows(folder) ->
         assert at.run.taken.mean() > 0.98
 
 
+@pytest.mark.long
 def test_a_reversed_sign_is_doubted_with_the_key_that_mends_it(folder) -> None:
     right = read_recording(folder, as_map(OWN + REST))
     wrong = read_recording(folder, as_map(OWN.replace("b: b,", "b: b, sign: -1,") + REST))

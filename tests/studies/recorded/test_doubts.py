@@ -46,10 +46,12 @@ def doubted(recording: Recording, map_: Map) -> list[str]:
     return doubts_of(recording, map_, look, calibration, {}, (p, p))
 
 
+@pytest.mark.long
 def test_a_recording_read_rightly_gives_no_doubt(recording) -> None:
     assert doubted(recording, as_map()) == []
 
 
+@pytest.mark.family
 @pytest.mark.parametrize(("unit", "metres"), [("mm", 0.001), ("cm", 0.01), ("in", 0.0254)])
 def test_lengths_that_are_no_metres_end_in_one_line_with_the_scale(recording, unit, metres) -> None:
     small = recording._replace(ranges=recording.ranges._replace(r=recording.ranges.r / metres))
@@ -96,6 +98,7 @@ KEYS = (
 )
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("key", KEYS)
 def test_the_key_that_mends_it_is_named_with_how_much_better_the_fit_is(recording, key) -> None:
     guess = first_look(read_otherwise(recording)[key], as_map()).guess
@@ -104,6 +107,7 @@ def test_the_key_that_mends_it_is_named_with_how_much_better_the_fit_is(recordin
     assert doubts.of_guess(guess)[0].startswith(f"{key} would fit better: range errors ")
 
 
+@pytest.mark.family("anchors: in metres, those of the map times 0.01 (cm)")
 @pytest.mark.parametrize(
     "key",
     ["truth: {axes: [x, -z, y], scale: 0.001} (y is up, mm)", "anchors: in metres, those of the map times 0.01 (cm)"],
@@ -113,6 +117,7 @@ def test_what_cannot_be_calibrated_ends_in_a_line_that_names_the_key(recording, 
         first_look(read_otherwise(recording)[key], as_map())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("later", [-20.0, 12.0])
 def test_one_clock_is_tried_where_the_files_begin_far_apart(recording, later) -> None:
     """The truth began 20 s before the ranges, or 12 s after them; both files have one clock but for 0.73 s."""
@@ -162,6 +167,7 @@ def test_a_force_in_another_unit_is_told_by_gravity(recording, text, metres, uni
     assert "gravity was taken out" in gone[0]
 
 
+@pytest.mark.long
 def test_rates_in_degrees_are_told_with_and_without_the_truths_attitude(recording) -> None:
     imu = recording.imu._replace(rates=np.degrees(recording.imu.rates))
     offset = calibrate(recording, as_map().calibration).offset
@@ -176,6 +182,7 @@ def test_rates_in_degrees_are_told_with_and_without_the_truths_attitude(recordin
     assert ": imu: {rate_unit: rad/s} leaves" in attitude_doubts(slow, radians, offset, UP)[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("level", [False, True])
 def test_the_quaternions_order_and_sense_are_found(recording, level) -> None:
     """Also for a body that turns about z only: its inverse attitude is by the rates alone that of one upside down."""
@@ -200,6 +207,7 @@ def test_the_quaternions_order_and_sense_are_found(recording, level) -> None:
     assert attitude_doubts(with_truth(recording, R=R.as_matrix()), as_map(), offset, UP) == []
 
 
+@pytest.mark.long
 def test_poses_that_freeze_are_told_and_a_body_at_rest_is_not(recording) -> None:
     truth, offset = recording.truth, calibrate(recording, as_map().calibration).offset
     p = truth.p.copy()
@@ -250,6 +258,7 @@ def test_numbers_of_calibration_and_rows_are_doubted_beyond_their_limits() -> No
     ]
 
 
+@pytest.mark.long
 def test_a_body_that_stands_still_is_scored_and_one_whose_truth_was_lost_refused(recording) -> None:
     """No one turn aligns a single point: evo refuses that with an exception of its own."""
     t, still = np.arange(0.0, 10.0, 0.1), np.tile([1.0, 2.0, 0.5], (100, 1))
@@ -258,6 +267,7 @@ def test_a_body_that_stands_still_is_scored_and_one_whose_truth_was_lost_refused
         first_look(with_truth(recording, p=np.tile(recording.truth.p[0], (len(recording.truth.t), 1))), as_map())
 
 
+@pytest.mark.long
 def test_attitudes_that_froze_with_the_positions_are_no_doubt_of_their_own(recording) -> None:
     right = calibrate(recording, as_map().calibration)
     p, R = recording.truth.p.copy(), recording.truth.R.copy()

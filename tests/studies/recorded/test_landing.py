@@ -42,6 +42,7 @@ def flown(flights=1, lands=True, jolt=True, shaking=0.05) -> Imu:
     return Imu(times, np.tile(rates, (flights, 1)), np.tile(force, (flights, 1)), None)
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("flights", [1, 2])
 def test_each_landing_is_found_when_the_floor_is_touched(flights) -> None:
     found = landings(flown(flights))

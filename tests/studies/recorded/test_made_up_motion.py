@@ -40,6 +40,7 @@ def offset_found(recording, calibration) -> float:
     return calibration.offset + recording.truth_origin - recording.origin
 
 
+@pytest.mark.long
 def test_clock_frame_biases_and_lever_are_found_from_the_first_part(recording) -> None:
     found = calibrate(recording, as_map(TABLE_MAP).calibration)
     assert found.told_by == "rates"
@@ -61,6 +62,7 @@ def test_ranges_alone_tell_clock_and_frame(recording) -> None:
     assert np.arctan2(found.F[1, 0], found.F[0, 0]) == pytest.approx(YAW, abs=np.radians(3.0))
 
 
+@pytest.mark.long
 def test_a_tilted_frame_is_found(recording) -> None:
     tilt = Rotation.from_rotvec([0.2, -0.1, 0.3])
     truth = recording.truth
@@ -80,6 +82,7 @@ def test_a_known_clock_is_taken_as_it_is(recording) -> None:
     np.testing.assert_allclose(found.lever, LEVER, atol=0.02)
 
 
+@pytest.mark.long
 def test_anchors_that_nobody_surveyed_are_found_in_the_truths_frame(recording) -> None:
     unknown = recording._replace(anchors=6)
     found = calibrate(unknown, as_map(TABLE_MAP).calibration.model_copy(update={"share": 0.6}))
@@ -89,6 +92,7 @@ def test_anchors_that_nobody_surveyed_are_found_in_the_truths_frame(recording) -
     assert np.sqrt(np.mean((found.anchors - expected) ** 2)) < 0.12
 
 
+@pytest.mark.long
 def test_the_filter_is_consistent_and_better_than_constant_velocity(replayed) -> None:
     found, _ = replayed
     rows = found.rows
@@ -180,6 +184,7 @@ def test_an_imu_that_was_on_long_before_starts_the_filter_where_the_ranges_do(re
     assert max(found.rows[WITH_IMU].rmse) < 0.06
 
 
+@pytest.mark.long
 def test_a_truth_with_a_gap_calibrates_by_the_rest(recording) -> None:
     t = recording.truth.t
     kept = (t < 6.0) | (t > 11.0)
@@ -191,6 +196,7 @@ def test_a_truth_with_a_gap_calibrates_by_the_rest(recording) -> None:
     assert found.left == pytest.approx(0.03, rel=0.15)
 
 
+@pytest.mark.long
 def test_nothing_left_to_judge_is_said(recording) -> None:
     settings = as_map(TABLE_MAP + "calibration: {share: 0.99}\n")
     with pytest.raises(InputError, match="less than 3 s of the recording is left to judge"):

@@ -50,6 +50,7 @@ def test_the_notes_constant_velocity_filter_is_reproduced(name, replayed) -> Non
     np.testing.assert_allclose(rows[CV_SMOOTH].rmse, smoothed, rtol=0.07 if name == "flight1" else 0.02)
 
 
+@pytest.mark.family("flight2")
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_with_imu_the_errors_are_below_what_was_asked(name, replayed) -> None:
     rows = replayed[name].rows
@@ -110,6 +111,7 @@ def test_the_frames_and_clocks_are_those_of_the_notes(replayed) -> None:
         assert max(found.biases) < -0.03
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_the_csv_file_has_the_ranges_of_the_bag(name) -> None:
     """A header after an empty line or not, tabs, milliseconds; the filter without IMU flies on it."""
@@ -138,6 +140,7 @@ def test_the_maps_noise_makes_the_innovations_of_the_first_parts_most_likely() -
     assert fitted.before == pytest.approx(60965.0, abs=20.0)
 
 
+@pytest.mark.long
 def test_the_data_is_not_in_the_project() -> None:
     root = Path(__file__).parents[3]
     assert not [p for p in root.rglob("gt.csv") if ".venv" not in p.parts]
