@@ -36,7 +36,8 @@ def _seconds(stamp: Any) -> float:
     return float(stamp.sec + 1e-9 * (stamp.nanosec if hasattr(stamp, "nanosec") else stamp.nsec))
 
 
-def _stamp(message: Any, received: int, time: Column | None) -> float:
+def stamp_of(message: Any, received: int, time: Column | None) -> float:
+    """Return a message's stamp: the field `time`, else its header's [s], else when it was received [s, of ns]."""
     if time is not None:
         value = field_of(message, str(time))
         return _seconds(value) if hasattr(value, "sec") else float(value)
@@ -45,7 +46,8 @@ def _stamp(message: Any, received: int, time: Column | None) -> float:
     return found if found != 0.0 else received * 1e-9
 
 
-def _numbers(message: Any, columns: tuple[Column, ...]) -> list[float]:
+def numbers_of(message: Any, columns: tuple[Column, ...]) -> list[float]:
+    """Return the numbers of a message's fields, all of a field that is a list; LookupError if there is none."""
     found: list[float] = []
     for column in columns:
         value = np.asarray(field_of(message, str(column)), dtype=float)
@@ -53,7 +55,7 @@ def _numbers(message: Any, columns: tuple[Column, ...]) -> list[float]:
     return found
 
 
-def _messages(path: Path, topic: str, topics: set[str]) -> Iterator[tuple[str, int, Callable[[], Any]]]:
+def messages_of(path: Path, topic: str, topics: set[str]) -> Iterator[tuple[str, int, Callable[[], Any]]]:
     """Yield type, time of receipt [ns] and what decodes it of each message; `topics` gets the names of all topics."""
     if path.suffix == ".mcap":
         yield from mcap_messages(path, topic, topics)
@@ -107,7 +109,7 @@ def read_bag(
     rejected.word = "message"
     rows, topics, k = Rows(path), set[str](), 0
     try:
-        for type_name, received, decode in _messages(path, topic, topics):
+        for type_name, received, decode in messages_of(path, topic, topics):
             k += 1
             try:
                 message = decode()
@@ -115,7 +117,7 @@ def read_bag(
                 rejected.add("messages that cannot be decoded", f"in message {k}")
                 continue
             try:
-                numbers, stamp = _numbers(message, columns), _stamp(message, received, source.time)
+                numbers, stamp = numbers_of(message, columns), stamp_of(message, received, source.time)
                 anchor = "" if names is None else str(field_of(message, str(names)))
             except LookupError as error:
                 if not rows.width:  # of the first message: a wrong map, not a wrong message
