@@ -86,6 +86,7 @@ def run_live_bridge(
     if map_.truth is not None:
         _say("truth: is not heard live, and nothing is calibrated by it")
     say_if_compiling()
+    bridge.warm_up()
     with contextlib.ExitStack() as stack:
         if mavlink is not None:
             sender = stack.enter_context(contextlib.closing(MavlinkBridge(mavlink)))

@@ -99,8 +99,9 @@ class LiveRows:
 
     @property
     def newest(self) -> float:
-        """The newest stamp of all [s], -inf before the first message."""
-        return max(stream.newest - stream.source.late for stream in self._streams)
+        """The newest stamp of all topics whose stamps are believed [s], -inf before that."""
+        believed = [stream.newest - stream.source.late for stream in self._streams if stream.settled]
+        return max(believed, default=-np.inf)
 
     def take(self, topic: str, received: int, message: Any) -> list[str]:
         """Take a message, and return lines about what is wrong, each once.
@@ -151,8 +152,8 @@ class LiveRows:
         return {stream.topic: stream.messages for stream in self._streams}
 
     def _horizon(self) -> float:
-        newest = [stream.newest - stream.source.late for stream in self._streams]
-        return max(min(newest), max(newest) - self._lag)
+        shown = min(stream.newest - stream.source.late for stream in self._streams)
+        return max(shown, self.newest - self._lag)
 
     def _silences(self) -> list[str]:
         """Return a line for each topic that fell silent or speaks again."""

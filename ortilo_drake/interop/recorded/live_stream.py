@@ -13,6 +13,8 @@ from ortilo_drake.interop.recorded.rejected import HOUR, Rejections
 from ortilo_drake.interop.recorded.sources import Column, Source
 
 MOST: Final = 1_000_000  # rows that wait; the oldest go
+YOUNG, BELIEVED = 10, 3  # a stream's clock may still be set, and its stamps are believed, after so many rows
+FAR: Final = "rows with a stamp more than an hour from the others"
 INCOMPLETE: Final = "rows with NaN, infinity or an empty cell"
 
 Row = tuple[float, ...]
@@ -33,6 +35,7 @@ class LiveStream:
         rows: those that wait, a stamp [s] before each.
         newest: largest stamp that was accepted [s], -inf before the first.
         messages: how many came.
+        used: how many of them had a stamp that was accepted.
     """
 
     topic: str
@@ -45,6 +48,12 @@ class LiveStream:
     rows: list[Row] = field(default_factory=list)
     newest: float = -np.inf
     messages: int = 0
+    used: int = 0
+
+    @property
+    def settled(self) -> bool:
+        """Whether enough has come that its stamps are believed where other topics' differ."""
+        return self.used >= BELIEVED
 
     def drop(self, reason: str) -> None:
         """Count a row that is not used."""
@@ -78,7 +87,7 @@ class LiveStream:
         if reason:
             self.drop(reason)
             return ""
-        self.newest = max(self.newest, t)
+        self.newest, self.used = max(self.newest, t), self.used + 1
         for row in self.rows_of(numbers, names):
             if isinstance(row, str):
                 self.drop(row)
@@ -96,7 +105,10 @@ class LiveStream:
         if not np.isfinite(t):
             return "rows without a stamp"
         if np.isfinite(self.newest) and abs(t - self.newest) > HOUR:
-            return "rows with a stamp more than an hour from the others"
+            if self.used >= YOUNG:
+                return FAR
+            self.rejected.add(FAR, "in message 1", self.used)  # a clock that was not set yet: the new stamp counts
+            self.rows, self.newest, self.used = [], -np.inf, 0
         if not self.names and t == self.newest:
             return "duplicate stamps"
         if not self.names and t < self.newest:

@@ -4,8 +4,8 @@ A topic is subscribed to when its publisher is seen, with its type and as reliab
 """
 
 import time
-from collections import deque
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -16,6 +16,7 @@ from ortilo_drake.interop.ros.ros_motion import estimate_messages, setpoint_mess
 _DEPTH: Final = 1000  # messages of a topic that may wait: two seconds of an imu at 500 Hz
 _LOOK: Final = 0.5  # between two looks for topics [s]
 _WAIT: Final = 0.05  # for a message [s]
+_SPINS: Final = 3  # of the executor that bring no message: then none waits
 
 
 class Ros2Live(Ros2Node):
@@ -32,7 +33,7 @@ class Ros2Live(Ros2Node):
     def __init__(self, topics: tuple[str, ...], say: Callable[[str], None]):
         super().__init__()
         self._missing, self._say = list(topics), say
-        self._heard: deque[tuple[str, int, Any]] = deque()
+        self._heard: list[tuple[int, tuple[str, int, Any]]] = []  # each after the time at which it was sent [ns]
 
     def messages(self) -> Iterator[tuple[str, int, Any] | None]:
         """Yield topic, time of receipt [ns] and message without end; None where none comes for a while."""
@@ -45,8 +46,19 @@ class Ros2Live(Ros2Node):
             self._executor.spin_once(timeout_sec=_WAIT)
             if not self._heard:
                 yield None
-            while self._heard:
-                yield self._heard.popleft()
+                continue
+            self._drain()
+            heard, self._heard = sorted(self._heard, key=lambda one: one[0]), []
+            for _, message in heard:
+                yield message
+
+    def _drain(self) -> None:
+        """Take all messages that wait: the executor takes turns, and a topic of many would fall behind the others."""
+        empty = 0
+        while empty < _SPINS and len(self._heard) < _DEPTH:
+            before = len(self._heard)
+            self._executor.spin_once(timeout_sec=0.0)
+            empty = empty + 1 if len(self._heard) == before else 0
 
     def send_estimate(self, t: float, estimate: np.ndarray, covariance: np.ndarray) -> None:
         """Publish an estimate (15) and its covariance (15, 15), stamped by the sensors' clock [s]."""
@@ -72,10 +84,9 @@ class Ros2Live(Ros2Node):
                 self._say(f"{topic}: left out: its type {offered.topic_type} is not installed")
                 continue
             quality = self._qos.QoSProfile(depth=_DEPTH, reliability=offered.qos_profile.reliability)
-            self._node.create_subscription(
-                kind, topic, lambda message, topic=topic: self._take(topic, message), quality
-            )
+            self._node.create_subscription(kind, topic, partial(self._take, topic), quality)
             self._say(f"{topic}: {offered.topic_type}")
 
-    def _take(self, topic: str, message: Any) -> None:
-        self._heard.append((topic, time.time_ns(), message))
+    def _take(self, topic: str, message: Any, info: Any) -> None:
+        now = time.time_ns()
+        self._heard.append((info.get("source_timestamp") or now, (topic, now, message)))

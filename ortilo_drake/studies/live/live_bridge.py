@@ -15,6 +15,7 @@ from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.studies.live.live_filter import RATE, LiveFilter
 from ortilo_drake.studies.live.setpoints import Holding, Setpoint
 from ortilo_drake.studies.live.told import Told, told
+from ortilo_drake.studies.live.warm_up import warm_up
 
 Target = Callable[[Told, Setpoint | None, int], None]  # the estimate, what is asked for, how often it was lost
 Say = Callable[[str], None]
@@ -72,7 +73,7 @@ class LiveBridge:
         lag: float = LAG,
         holding: Holding | None = None,
     ):
-        self._rows = LiveRows(map_, lag)
+        self._map, self._rows = map_, LiveRows(map_, lag)
         self._filter = LiveFilter(map_, self._rows.anchors, rate)
         self._targets: dict[str, Target] = {}
         self._say, self._imu, self._holding = say, map_.imu is not None, holding
@@ -84,6 +85,10 @@ class LiveBridge:
     def topics(self) -> tuple[str, ...]:
         """The topics to listen to."""
         return self._rows.topics
+
+    def warm_up(self) -> None:
+        """Compile or load all that the filter needs, which takes seconds, before messages come."""
+        warm_up(self._map, self._rows.anchors)
 
     def add_target(self, name: str, target: Target) -> None:
         """Give the estimates to a target from now on. One that raises gets no more, and a line says so."""
