@@ -1,14 +1,12 @@
 """Messages of a topic of a ROS 1 bag, a ROS 2 bag or an MCAP file, field by field, by rosbags."""
 
-import re
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ortilo_drake.interop.recorded.mcap_columns import mcap_messages
+from ortilo_drake.interop.recorded.message_fields import field_of, numbers_of, stamp_of
 from ortilo_drake.interop.recorded.rejected import Rejections
 from ortilo_drake.interop.recorded.ros2_folder import check_database, files_of_bag
 from ortilo_drake.interop.recorded.sources import Column, Source
@@ -16,43 +14,6 @@ from ortilo_drake.interop.recorded.tables import Rows, Table
 from ortilo_drake.interop.unpack import Unpacker
 from ortilo_drake.model.input_files import check_file, exists
 from ortilo_drake.model.typed_yaml import InputError, nearest
-
-_PART = re.compile(r"([^\[\].]+)|\[(\d+)\]")
-
-
-def field_of(message: Any, path: str) -> Any:
-    """Return a field by its path, such as `pose.position.x` or `ranges[2]`; LookupError if there is none."""
-    value = message
-    for name, index in _PART.findall(path):
-        try:
-            value = value[int(index)] if index else getattr(value, name)
-        except (AttributeError, IndexError, TypeError):
-            raise LookupError(path) from None
-    return value
-
-
-def _seconds(stamp: Any) -> float:
-    """Return a stamp's seconds; its nanoseconds are called nanosec in ROS 2, nsec elsewhere."""
-    return float(stamp.sec + 1e-9 * (stamp.nanosec if hasattr(stamp, "nanosec") else stamp.nsec))
-
-
-def stamp_of(message: Any, received: int, time: Column | None) -> float:
-    """Return a message's stamp: the field `time`, else its header's [s], else when it was received [s, of ns]."""
-    if time is not None:
-        value = field_of(message, str(time))
-        return _seconds(value) if hasattr(value, "sec") else float(value)
-    stamp = getattr(getattr(message, "header", None), "stamp", None)
-    found = _seconds(stamp) if hasattr(stamp, "sec") else 0.0
-    return found if found != 0.0 else received * 1e-9
-
-
-def numbers_of(message: Any, columns: tuple[Column, ...]) -> list[float]:
-    """Return the numbers of a message's fields, all of a field that is a list; LookupError if there is none."""
-    found: list[float] = []
-    for column in columns:
-        value = np.asarray(field_of(message, str(column)), dtype=float)
-        found.extend(value.ravel().tolist())
-    return found
 
 
 def messages_of(path: Path, topic: str, topics: set[str]) -> Iterator[tuple[str, int, Callable[[], Any]]]:

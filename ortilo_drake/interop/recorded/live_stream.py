@@ -6,8 +6,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from ortilo_drake.interop.recorded.bag_columns import field_of, numbers_of, stamp_of
 from ortilo_drake.interop.recorded.columns import UNITS
+from ortilo_drake.interop.recorded.message_fields import field_of, numbers_of, stamp_of
 from ortilo_drake.interop.recorded.recording import LARGEST
 from ortilo_drake.interop.recorded.rejected import HOUR, Rejections
 from ortilo_drake.interop.recorded.sources import Column, Source

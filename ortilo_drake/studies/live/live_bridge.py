@@ -13,6 +13,7 @@ import numpy as np
 from ortilo_drake.interop.recorded.live_rows import LAG, LiveRows
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.studies.live.live_filter import RATE, LiveFilter
+from ortilo_drake.studies.live.sensor_clock import SensorClock
 from ortilo_drake.studies.live.setpoints import Holding, Setpoint
 from ortilo_drake.studies.live.told import Told, told
 from ortilo_drake.studies.live.warm_up import warm_up
@@ -76,6 +77,7 @@ class LiveBridge:
         self._map, self._rows = map_, LiveRows(map_, lag)
         self._filter = LiveFilter(map_, self._rows.anchors, rate)
         self._targets: dict[str, Target] = {}
+        self._clock = SensorClock(time.monotonic)
         self._say, self._imu, self._holding = say, map_.imu is not None, holding
         self._failed: dict[str, str] = {}
         self._ages: list[float] = []
@@ -108,6 +110,8 @@ class LiveBridge:
         due = self._rows.before(self._filter.due, ended)
         if due is None:
             return []
+        if self._rows.newest > -np.inf:
+            self._clock.now(self._rows.newest)
         begun, lost = self._filter.begun, self._filter.lost
         found = self._filter.go_on(*due, ended=ended)
         origin, newest = self._rows.origin or 0.0, self._rows.newest
@@ -122,7 +126,7 @@ class LiveBridge:
         return made
 
     def _hand_on(self, one: Told, newest: float) -> None:
-        wanted = None if self._holding is None else self._holding.setpoint(one, newest)
+        wanted = None if self._holding is None else self._holding.setpoint(one, self._clock.now(newest))
         if wanted is not None:
             self._refused += bool(wanted.refused)
             if wanted.refused != self._why:
@@ -145,7 +149,7 @@ class LiveBridge:
             self._filter.taken,
             len(ages),
             self._filter.lost,
-            (float(np.median(ages)), float(ages.max())) if len(ages) else None,
+            (round(float(np.median(ages)), 1), round(float(ages.max()), 1)) if len(ages) else None,
             None if self._holding is None else self._refused,
             self._rows.counts(),
             self._failed,

@@ -49,7 +49,7 @@ class Holding:
 
         Args:
             told: the estimate.
-            now: the newest stamp of any sensor [s], by which its age is known.
+            now: what the sensors' clock says now [s], by which its age is known.
         """
         x, age = told.estimate, now - told.t
         refused = ""
