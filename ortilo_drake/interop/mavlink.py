@@ -10,6 +10,8 @@ ODOMETRY (#331) carries the pose in MAV_FRAME_LOCAL_NED and the twist in MAV_FRA
 VehicleOdometry.msg) takes that for external vision if the estimator's type is VISION or VIO; it uses the variances and
 not the correlations, the orientation's as those of a rotation vector in the body. VISION_POSITION_ESTIMATE (#102)
 carries the pose with Euler angles and their covariance. Covariances are propagated to first order.
+SET_ATTITUDE_TARGET (#82) asks for an attitude of F in N and a thrust, 0 to 1 of the largest; PX4 follows it in its
+offboard mode, and does what it is set to do (COM_OBL_RC_ACT) when the messages stop.
 
 The functions return the messages' fields by MAVLink's names and need no package.
 """
@@ -32,6 +34,8 @@ DEFAULT_URL = "udpout:127.0.0.1:14580"  # a simulated PX4 listens there for a co
 MAV_FRAME_LOCAL_NED = 1
 MAV_FRAME_BODY_FRD = 12
 MAV_ESTIMATOR_TYPE_VIO = 3
+ATTITUDE_ALONE = 7  # type_mask: body rates are to be ignored
+MOST_THRUST = 0.9  # of the largest that is ever asked for
 COMPONENT = 197  # MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
 
 T = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -128,6 +132,28 @@ def vision_fields(t: float, estimate: np.ndarray, covariance: np.ndarray, reset_
     }
 
 
+def attitude_target_fields(t: float, rpy: np.ndarray, thrust: float, target: int = 1) -> dict[str, Any]:
+    """Return the fields of SET_ATTITUDE_TARGET.
+
+    Args:
+        t: since the start [s].
+        rpy: roll, pitch, yaw of B in W that are asked for (3) [rad].
+        thrust: share of the largest; sent within 0 and MOST_THRUST.
+        target: the autopilot's system id.
+    """
+    return {
+        "time_boot_ms": round(t * 1e3) % 2**32,
+        "target_system": target,
+        "target_component": 1,
+        "type_mask": ATTITUDE_ALONE,
+        "q": [float(value) for value in quaternion_ned(euler_ned(rpy))],
+        "body_roll_rate": 0.0,
+        "body_pitch_rate": 0.0,
+        "body_yaw_rate": 0.0,
+        "thrust": float(min(max(thrust, 0.0), MOST_THRUST)),
+    }
+
+
 def udp_address(url: str) -> tuple[str, int]:
     """Return host and port of 'udpout:HOST:PORT'; InputError if it is anything else."""
     kind, _, rest = url.partition(":")
@@ -152,7 +178,7 @@ class MavlinkBridge:
     """
 
     def __init__(self, url: str = DEFAULT_URL, system: int = 1):
-        self._address = udp_address(url)
+        self._address, self._system = udp_address(url), system
         check_installed("pymavlink", "mavlink")
         common = import_module("pymavlink.dialects.v20.common")
         self._mavlink = common.MAVLink(None, srcSystem=system, srcComponent=COMPONENT)
@@ -169,6 +195,10 @@ class MavlinkBridge:
         """Send VISION_POSITION_ESTIMATE, for a controller that takes no ODOMETRY. Arguments as odometry_fields."""
         fields = vision_fields(t, estimate, covariance, reset_counter)
         self._send(self._mavlink.vision_position_estimate_encode(**fields))
+
+    def send_attitude(self, t: float, rpy: np.ndarray, thrust: float) -> None:
+        """Send SET_ATTITUDE_TARGET. Arguments as attitude_target_fields."""
+        self._send(self._mavlink.set_attitude_target_encode(**attitude_target_fields(t, rpy, thrust, self._system)))
 
     def send_heartbeat(self) -> None:
         """Send HEARTBEAT, as every MAVLink component does once a second."""

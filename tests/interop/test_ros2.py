@@ -32,7 +32,8 @@ from ortilo_drake.hil.sessions import run_world
 from ortilo_drake.hil.wire.packets import FINISHED, TELEMETRY
 from ortilo_drake.hil.wire.unpack import Packet
 from ortilo_drake.hil.wire.wire import publish_command, publish_goal, publish_messages, publish_telemetry
-from ortilo_drake.interop.ros.ros2 import Ros2Bridge, fill
+from ortilo_drake.interop.ros.ros2 import Ros2Bridge
+from ortilo_drake.interop.ros.ros2_node import fill
 from ortilo_drake.model.measurement import make_measurement
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario

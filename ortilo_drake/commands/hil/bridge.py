@@ -1,10 +1,12 @@
-"""The command `ortilo hil bridge`: a flight passed on to ROS 2 and MAVLink."""
+"""The command `ortilo hil bridge`: a simulated flight, or real sensors, passed on to ROS 2 and MAVLink."""
 
 import contextlib
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from ortilo_drake.commands.hil.live_bridge import LiveOptions, run_live_bridge
 from ortilo_drake.commands.hil.options import InsecureOption, KeyOption, UrlOption, WaitOption
 from ortilo_drake.commands.options import (
     DEFAULT_SCENARIO,
@@ -31,6 +33,39 @@ def bridge(
     vision: Annotated[
         bool, typer.Option("--vision", help="With --mavlink, send VISION_POSITION_ESTIMATE in place of ODOMETRY.")
     ] = False,
+    source: Annotated[
+        str | None,
+        typer.Option(
+            "--from",
+            metavar="ros2|BAG",
+            help="Filter real sensors: live topics of ROS 2, or a bag played at its own pace. Needs --map.",
+        ),
+    ] = None,
+    map_file: Annotated[
+        Path | None,
+        typer.Option("--map", help="With --from, MAP.yaml as of `ortilo replay`: which topic is what."),
+    ] = None,
+    rate: Annotated[
+        float, typer.Option(min=0.1, max=1000.0, callback=finite, help="With --from, estimates a second.")
+    ] = 10.0,
+    lag: Annotated[
+        float,
+        typer.Option(min=0.0, max=10.0, callback=finite, help="With --from, how long to wait for a late topic [s]."),
+    ] = 0.1,
+    speed: Annotated[
+        float, typer.Option(min=0.01, help="With --from BAG, times its own pace; inf: without waiting.")
+    ] = 1.0,
+    hold: Annotated[
+        str | None,
+        typer.Option(metavar="x,y,z", help="With --from, ask for attitude and thrust that hold this place [m]."),
+    ] = None,
+    arm: Annotated[
+        bool,
+        typer.Option("--arm", help="With --hold and --mavlink, send these setpoints to the autopilot. Off by default."),
+    ] = False,
+    hover_thrust: Annotated[
+        float | None, typer.Option(min=0.05, max=0.9, help="With --arm, share of the thrust at which it hovers.")
+    ] = None,
     url: UrlOption = DEFAULT_URL,
     key: KeyOption = None,
     insecure: InsecureOption = False,
@@ -41,8 +76,26 @@ def bridge(
     """Listen to a flight of a world and an onboard half, and pass it on to ROS 2 or a MAVLink autopilot.
 
     With --ros2 a goal on /goal_pose is flown to, in real time: its x and y, at the height that is flown.
+
+    With --from ros2 there is no simulated flight: the topics of real sensors go through the filter of `ortilo replay`,
+    and its estimate goes out as topics, and with --mavlink as ODOMETRY. Setpoints for the autopilot are sent only with
+    --arm, and not while the estimate is too old or too uncertain.
     """
     chosen = load_scenario(scenario, tuple(settings or ()), seed)
+    if source is not None:
+        options = LiveOptions(source, map_file, rate, lag, speed, hold, arm, hover_thrust)
+        if vision and mavlink is None:
+            raise InputError("--vision: is how the estimate is sent to --mavlink, which is not given")
+        run_live_bridge(options, chosen, mavlink, vision, seconds, json_file, ros2)
+        return
+    for name, value in (
+        ("--map", map_file),
+        ("--hold", hold),
+        ("--arm", arm or None),
+        ("--hover-thrust", hover_thrust),
+    ):
+        if value is not None:
+            raise InputError(f"{name}: belongs to --from, which is not given")
     if not ros2 and mavlink is None:
         raise InputError("--ros2, --mavlink: give one of them or both")
     if vision and mavlink is None:

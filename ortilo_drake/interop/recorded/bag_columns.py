@@ -1,14 +1,12 @@
 """Messages of a topic of a ROS 1 bag, a ROS 2 bag or an MCAP file, field by field, by rosbags."""
 
-import re
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ortilo_drake.interop.recorded.mcap_columns import mcap_messages
+from ortilo_drake.interop.recorded.message_fields import field_of, numbers_of, stamp_of
 from ortilo_drake.interop.recorded.rejected import Rejections
 from ortilo_drake.interop.recorded.ros2_folder import check_database, files_of_bag
 from ortilo_drake.interop.recorded.sources import Column, Source
@@ -17,43 +15,8 @@ from ortilo_drake.interop.unpack import Unpacker
 from ortilo_drake.model.input_files import check_file, exists
 from ortilo_drake.model.typed_yaml import InputError, nearest
 
-_PART = re.compile(r"([^\[\].]+)|\[(\d+)\]")
 
-
-def field_of(message: Any, path: str) -> Any:
-    """Return a field by its path, such as `pose.position.x` or `ranges[2]`; LookupError if there is none."""
-    value = message
-    for name, index in _PART.findall(path):
-        try:
-            value = value[int(index)] if index else getattr(value, name)
-        except (AttributeError, IndexError, TypeError):
-            raise LookupError(path) from None
-    return value
-
-
-def _seconds(stamp: Any) -> float:
-    """Return a stamp's seconds; its nanoseconds are called nanosec in ROS 2, nsec elsewhere."""
-    return float(stamp.sec + 1e-9 * (stamp.nanosec if hasattr(stamp, "nanosec") else stamp.nsec))
-
-
-def _stamp(message: Any, received: int, time: Column | None) -> float:
-    if time is not None:
-        value = field_of(message, str(time))
-        return _seconds(value) if hasattr(value, "sec") else float(value)
-    stamp = getattr(getattr(message, "header", None), "stamp", None)
-    found = _seconds(stamp) if hasattr(stamp, "sec") else 0.0
-    return found if found != 0.0 else received * 1e-9
-
-
-def _numbers(message: Any, columns: tuple[Column, ...]) -> list[float]:
-    found: list[float] = []
-    for column in columns:
-        value = np.asarray(field_of(message, str(column)), dtype=float)
-        found.extend(value.ravel().tolist())
-    return found
-
-
-def _messages(path: Path, topic: str, topics: set[str]) -> Iterator[tuple[str, int, Callable[[], Any]]]:
+def messages_of(path: Path, topic: str, topics: set[str]) -> Iterator[tuple[str, int, Callable[[], Any]]]:
     """Yield type, time of receipt [ns] and what decodes it of each message; `topics` gets the names of all topics."""
     if path.suffix == ".mcap":
         yield from mcap_messages(path, topic, topics)
@@ -107,7 +70,7 @@ def read_bag(
     rejected.word = "message"
     rows, topics, k = Rows(path), set[str](), 0
     try:
-        for type_name, received, decode in _messages(path, topic, topics):
+        for type_name, received, decode in messages_of(path, topic, topics):
             k += 1
             try:
                 message = decode()
@@ -115,7 +78,7 @@ def read_bag(
                 rejected.add("messages that cannot be decoded", f"in message {k}")
                 continue
             try:
-                numbers, stamp = _numbers(message, columns), _stamp(message, received, source.time)
+                numbers, stamp = numbers_of(message, columns), stamp_of(message, received, source.time)
                 anchor = "" if names is None else str(field_of(message, str(names)))
             except LookupError as error:
                 if not rows.width:  # of the first message: a wrong map, not a wrong message

@@ -10,7 +10,7 @@ from ortilo_drake.interop.recorded.columns import Stream, files_of, read_stream
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import Ranges, read_range_rows
 from ortilo_drake.interop.recorded.rejected import Rejections
-from ortilo_drake.interop.recorded.sources import Column, Matrix, Quaternion, Source
+from ortilo_drake.interop.recorded.sources import Column, ImuSource, Matrix, Quaternion, Source
 from ortilo_drake.model.input_files import exists
 from ortilo_drake.model.typed_yaml import InputError
 
@@ -118,34 +118,61 @@ def _read(
     return _complete(stream, vectors)
 
 
-def _read_imu(folder: Path, map_: Map, origin: float, told: list[Rejections]) -> Imu:
+def imu_columns(map_: Map) -> tuple[Column, ...]:
+    """Return what is read of the imu's stream: rates, force and, where it has one, the attitude.
+
+    An accelerometer with a stream of its own has the force; the rates then stand in its place, too.
+    """
     source = map_.imu
     assert source is not None
     turned = () if source.orientation is None else source.orientation.columns
-    forces = source.force if map_.accelerometer is None else source.rates  # of another stream, below
-    stream = _read(folder, source, (*source.rates, *forces, *turned), "imu", told, 6)
-    stream = _with_attitude(stream, source.orientation, 6)
-    t, values = stream.t, stream.values
+    return (*source.rates, *(source.force if map_.accelerometer is None else source.rates), *turned)
+
+
+def force_of(values: np.ndarray, source: ImuSource) -> np.ndarray:
+    """Return the specific force [m/s²] (n, 3), body FLU, of what the accelerometer says."""
+    return np.asarray(values @ axes_matrix(source.axes).T * FORCE_UNITS[source.force_unit])
+
+
+def imu_motion(values: np.ndarray, source: ImuSource, what: str) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Return body rates [rad/s], specific force [m/s²] (n, 3) and attitude (n, 3, 3) or None, body FLU.
+
+    Args:
+        values: rows of imu_columns.
+        source: the map's entry.
+        what: what the stream is called in an error.
+    """
     M = axes_matrix(source.axes)
     rates = values[:, :3] @ M.T * (np.pi / 180.0 if source.rate_unit == "deg/s" else 1.0)
-    force = values[:, 3:6] @ M.T * FORCE_UNITS[source.force_unit]
-    attitude = None
-    if source.orientation is not None:
-        # The unit's world is as its body: z down with axes frd. A half turn about x leaves the heading to be found.
-        attitude = M @ rotations(values[:, 6:], source.orientation, stream.rejected.source) @ M.T
-    t = _counted(t, source, origin)
+    force = force_of(values[:, 3:6], source)
+    if source.orientation is None:
+        return rates, force, None
+    # The unit's world is as its body: z down with axes frd. A half turn about x leaves the heading to be found.
+    return rates, force, M @ rotations(values[:, 6:], source.orientation, what) @ M.T
+
+
+def held_at(t: np.ndarray, stamps: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return which of the values (m, ...), at rising stamps (m), hold at t (n): the last, before all the first."""
+    return np.asarray(values[np.clip(np.searchsorted(stamps, t, side="right") - 1, 0, len(stamps) - 1)])
+
+
+def _read_imu(folder: Path, map_: Map, origin: float, told: list[Rejections]) -> Imu:
+    source = map_.imu
+    assert source is not None
+    stream = _read(folder, source, imu_columns(map_), "imu", told, 6)
+    stream = _with_attitude(stream, source.orientation, 6)
+    rates, force, attitude = imu_motion(stream.values, source, stream.rejected.source)
+    t = _counted(stream.t, source, origin)
     if map_.command is not None:
         commanded = _read(folder, map_.command, (map_.command.thrust,), "command", told, 1)
         t_u, thrust = commanded.t, commanded.values
         t_u = _counted(t_u, map_.command, origin)
-        held = np.clip(np.searchsorted(t_u, t, side="right") - 1, 0, len(t_u) - 1)
-        force = np.column_stack([np.zeros((len(t), 2)), thrust[held, 0] * map_.command.scale])
+        force = np.column_stack([np.zeros((len(t), 2)), held_at(t, t_u, thrust[:, 0] * map_.command.scale)])
     own = None
     if map_.accelerometer is not None:
         stream = _read(folder, map_.accelerometer, map_.accelerometer.force, "accelerometer", told, 3)
-        t_a, of = _counted(stream.t, map_.accelerometer, origin), FORCE_UNITS[source.force_unit]
-        own = t_a, stream.values @ M.T * of
-        force = own[1][np.clip(np.searchsorted(t_a, t, side="right") - 1, 0, len(t_a) - 1)]
+        own = _counted(stream.t, map_.accelerometer, origin), force_of(stream.values, source)
+        force = held_at(t, *own)
     return Imu(t, rates, force, attitude, own)
 
 

@@ -1,77 +1,21 @@
-"""A bridge to a running ROS 2: it publishes a flight as a log holds it (interop/ros/ros_messages.py) and takes goals.
+"""A bridge to a running ROS 2: it publishes a flight as a log holds it (ros_messages.py) and takes goals."""
 
-rclpy is imported only when a bridge is opened. ROS speaks to this machine alone unless ROS_AUTOMATIC_DISCOVERY_RANGE
-says otherwise (SUBNET is ROS's own default).
-"""
-
-import os
-from array import array
-from functools import cache
-from importlib import import_module
-from types import TracebackType
-from typing import Any, Final
+from typing import Any, Final, Self
 
 import numpy as np
 
-from ortilo_drake.interop.ros.ros_fields import Fields, RosMessage
-from ortilo_drake.interop.ros.ros_messages import LATCHED, start_messages, tick_messages
+from ortilo_drake.interop.ros.ros2_node import Ros2Node, message_class
+from ortilo_drake.interop.ros.ros_messages import start_messages, tick_messages
 from ortilo_drake.interop.ros.ros_motion import GOAL_TOPIC, GOAL_TYPE
-from ortilo_drake.interop.ros.ros_sensors import IMAGE_TOPIC
-from ortilo_drake.model.optional import check_installed
 from ortilo_drake.model.signals import N_U, N_XBAR, REFERENCE_SIZE
-from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
-NODE: Final = "ortilo"
 FRAME: Final = "map"
-_DEPTH: Final = 10
 _SPINS: Final = 4  # of the executor at a time: one takes the newest goal, the rest are for ROS's own events
 
 
-@cache
-def message_class(type_name: str) -> Any:
-    """Return rclpy's class of a type, package/msg/Name or package/Name; ImportError if it is not there."""
-    package, *_, name = type_name.split("/")
-    return getattr(import_module(f"{package}.msg"), name)
-
-
-def fill(message: Any, fields: Fields) -> Any:
-    """Write plain nested fields into an rclpy message and return it; what is absent stays as it is.
-
-    The message's own values decide the types: a message within it is filled, an array keeps its element type.
-
-    Args:
-        message: an rclpy message, or anything with get_fields_and_field_types().
-        fields: nested dicts, lists, arrays, numbers and texts by the message's field names.
-
-    Raises:
-        AttributeError: if there is no such field.
-    """
-    for name, value in fields.items():
-        setattr(message, name, _value(message, name, value))
-    return message
-
-
-def _value(message: Any, name: str, value: Any) -> Any:
-    there = getattr(message, name)
-    if isinstance(value, dict):
-        return fill(there, value)
-    if isinstance(there, array):
-        return array(there.typecode, np.ascontiguousarray(value, there.typecode).tobytes())
-    if isinstance(there, np.ndarray):
-        return np.asarray(value, there.dtype)
-    if isinstance(there, list):
-        kind = message.get_fields_and_field_types()[name]  # sequence<package/Name>
-        item = message_class(kind.removeprefix("sequence<").removesuffix(">"))
-        return [fill(item(), fields) for fields in value]
-    return type(there)(value)  # ROS refuses a NumPy number where it wants an integer
-
-
-class Ros2Bridge:
+class Ros2Bridge(Ros2Node):
     """A ROS 2 node: `with Ros2Bridge(scenario) as bridge: bridge.send_tick(...)`.
-
-    What is sent once is kept for later subscribers (transient local); pictures go as sensor data (best effort), the
-    rest reliably. A topic whose type's package is missing is left out, with one line in ROS's log.
 
     Args:
         scenario: what is flown.
@@ -81,30 +25,20 @@ class Ros2Bridge:
     """
 
     def __init__(self, scenario: Scenario):
-        check_installed("rclpy", "ros2")
+        super().__init__()
         self._scenario, self._room = scenario, scenario.load_room()
-        self._publishers: dict[str, Any] = {}
         self._goal: np.ndarray | None = None
 
-    def __enter__(self) -> "Ros2Bridge":
+    def __enter__(self) -> Self:
         first = start_messages(self._scenario, self._room)
-        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        try:
-            rclpy = import_module("rclpy")
-            self._qos = import_module("rclpy.qos")
-            executors = import_module("rclpy.executors")
-            self._context = rclpy.Context()
-            self._context.init(args=[])  # unlike rclpy.init it leaves Ctrl-C to us
-            self._node = rclpy.create_node(NODE, context=self._context, start_parameter_services=False)
-            self._executor = executors.SingleThreadedExecutor(context=self._context)
-            self._executor.add_node(self._node)
-            self._node.create_subscription(message_class(GOAL_TYPE), GOAL_TOPIC, self._take_goal, 1)
-        except (ImportError, RuntimeError) as error:
-            raise InputError(f"rclpy: does not work here: {' '.join(str(error).split())}") from None
+        super().__enter__()
         for message in first:
-            self._send(message)
+            self.send(message)
         self._open_topics()
         return self
+
+    def _subscribe(self) -> None:
+        self._node.create_subscription(message_class(GOAL_TYPE), GOAL_TOPIC, self._take_goal, 1)
 
     def _open_topics(self) -> None:
         """Make the publishers of every tick's topics, and have numba compile all that makes their messages."""
@@ -118,7 +52,7 @@ class Ros2Bridge:
     ) -> None:
         """Publish one tick. Arguments as ros_messages.tick_messages."""
         for message in tick_messages(t, state, messages, outputs, self._scenario, self._room):
-            self._send(message)
+            self.send(message)
 
     def goal(self) -> np.ndarray | None:
         """Return p_W (3) [m] of the newest goal since the last call, None if there is none."""
@@ -136,35 +70,3 @@ class Ros2Bridge:
             self._node.get_logger().warning(f"{GOAL_TOPIC}: refused: not finite")
         else:
             self._goal = p_W
-
-    def _send(self, message: RosMessage) -> None:
-        topic, type_name, fields = message
-        publisher = self._publisher(topic, type_name)
-        if publisher is not None:
-            publisher.publish(fill(message_class(type_name)(), fields))
-
-    def _publisher(self, topic: str, type_name: str) -> Any:
-        if topic not in self._publishers:
-            try:
-                kind = message_class(type_name)
-                self._publishers[topic] = self._node.create_publisher(kind, topic, self._quality(topic))
-            except ImportError:
-                package = type_name.partition("/")[0]
-                self._node.get_logger().warning(f"{topic}: left out: {package} is not installed")
-                self._publishers[topic] = None
-        return self._publishers[topic]
-
-    def _quality(self, topic: str) -> Any:
-        if topic == IMAGE_TOPIC:
-            return self._qos.qos_profile_sensor_data
-        if topic in LATCHED:
-            return self._qos.QoSProfile(depth=1, durability=self._qos.DurabilityPolicy.TRANSIENT_LOCAL)
-        return self._qos.QoSProfile(depth=_DEPTH)
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Leave ROS."""
-        self._executor.shutdown()
-        self._node.destroy_node()
-        self._context.try_shutdown()

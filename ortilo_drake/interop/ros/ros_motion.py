@@ -1,10 +1,18 @@
-"""ROS 2 messages of true state, estimate, reference, path and goal."""
+"""ROS 2 messages of true state, estimate, reference, path, goal and setpoint."""
 
 import numpy as np
 from pydrake.trajectories import Trajectory
 
 from ortilo_drake.interop.ros.body_motion import pose_and_twist, quaternion, twist_covariance
-from ortilo_drake.interop.ros.ros_fields import RosMessage, header_fields, pose_fields, transform_fields, twist_fields
+from ortilo_drake.interop.ros.ros_fields import (
+    RosMessage,
+    header_fields,
+    pose_fields,
+    quaternion_fields,
+    transform_fields,
+    twist_fields,
+    vector_fields,
+)
 from ortilo_drake.model.signals import N_XBAR
 
 GOAL_TYPE = "geometry_msgs/msg/PoseStamped"
@@ -79,6 +87,16 @@ def path_message(trajectory: Trajectory, yaw: float) -> RosMessage:
     times = np.linspace(start, end, max(2, 1 + round((end - start) / PATH_STEP))).tolist()
     poses = [reference_message(t, trajectory.value(t)[:, 0], yaw)[2] for t in times]
     return "/reference/path", "nav_msgs/msg/Path", {"header": header_fields(0.0, "map"), "poses": poses}
+
+
+def setpoint_messages(t: float, rpy: np.ndarray, thrust: float) -> list[RosMessage]:
+    """Return the attitude that is asked for (3) [rad], and the thrust over the mass [m/s²] along the body's z."""
+    attitude = {"header": header_fields(t, "map"), "quaternion": quaternion_fields(quaternion(rpy).tolist())}
+    force = {"header": header_fields(t, "base_link"), "vector": vector_fields([0.0, 0.0, thrust])}
+    return [
+        ("/control/attitude", "geometry_msgs/msg/QuaternionStamped", attitude),
+        ("/control/thrust", "geometry_msgs/msg/Vector3Stamped", force),
+    ]
 
 
 def goal_message(t: float, goal: np.ndarray) -> RosMessage:

@@ -6,9 +6,25 @@ import numpy as np
 
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import NO_LOOKS, Recording, Truth
+from ortilo_drake.studies.recorded.at_rest import AtRest
 from ortilo_drake.studies.recorded.calibrate import Calibration
 from ortilo_drake.studies.recorded.filter_types import NO_AIDS
 from ortilo_drake.studies.recorded.filtered import Known, Start
+from ortilo_drake.studies.recorded.level import given_level
+
+
+def not_calibrated(recording: Recording, map_: Map, rest: AtRest | None) -> Known:
+    """Return what the filter is told where there is no truth: what the map gives, and biases to be found online.
+
+    Args:
+        recording: with surveyed anchors.
+        map_: settings; a lever that it gives is believed.
+        rest: what the imu said while it stood still.
+    """
+    given = map_.calibration.lever
+    lever = np.zeros(3) if given == "estimate" else np.array(given)
+    known = Known(np.asarray(recording.anchors), None, lever, None, given_level(map_), rest=rest)
+    return with_aids(known, recording, map_, True)
 
 
 def with_aids(known: Known, recording: Recording, map_: Map, looks: bool) -> Known:

@@ -21,8 +21,9 @@ from numba.extending import register_jitable
 
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import P, Q, V
-from ortilo_drake.onboard.estimator.tight.update import Taken, correct, innovation_variance, none_taken, settle
-from ortilo_drake.studies.recorded.anchors_heard import is_lost, judged, none_heard
+from ortilo_drake.onboard.estimator.tight.update import Taken, correct, innovation_variance, settle
+from ortilo_drake.studies.recorded.anchors_heard import is_lost, judged
+from ortilo_drake.studies.recorded.carried import BEGUN, EPOCH, FORCE_AT, GROWN, LOW, ROOM, Carried, nothing_carried
 from ortilo_drake.studies.recorded.event_rows import (
     Row,
     distance_down_row,
@@ -31,7 +32,6 @@ from ortilo_drake.studies.recorded.event_rows import (
     height_row,
     held_back,
     pixels_row,
-    row_of,
     state_row,
     wipe,
 )
@@ -55,11 +55,10 @@ from ortilo_drake.studies.recorded.filter_types import (
     Watch,
 )
 from ortilo_drake.studies.recorded.imu_watch import RESTS, doubt_force, rest_again, watch_rest
-from ortilo_drake.studies.recorded.passing import begin_anew, go_on, nothing_passed, pass_over
+from ortilo_drake.studies.recorded.passing import begin_anew, go_on, pass_over
 from ortilo_drake.studies.recorded.run_tape import cut_to, room_for, write_query, write_range, write_row, write_step
 
-ROOM = 16  # rows that wait until the covariance is passed over
-LOW, UPRIGHT = 0.1, 0.5  # looking down needs this height [m] and R_33
+NEAR, UPRIGHT = 0.1, 0.5  # looking down needs this height [m] and R_33
 LANDED_SD = (0.02, 0.03)  # standard deviations of velocity and height where it has landed [m/s], [m]
 
 
@@ -147,7 +146,7 @@ def _own_row(
         at = V + axis if axis < 3 else P + 2
         state_row(at, row)
         return (0.0 if axis < 3 else seen) - x[at], LANDED_SD[axis // 3] ** 2, 1
-    if R[2, 2] < UPRIGHT or x[P + 2] - aids.floor < LOW:
+    if R[2, 2] < UPRIGHT or x[P + 2] - aids.floor < NEAR:
         return 0.0, 0.0, 0
     if kind == FINDER:
         return distance_down_row(x, R, seen, aids, row), aids.finder_sd**2, 4
@@ -205,12 +204,47 @@ def run_filter(
         watch: when it is lost.
         whole: whether to keep what a smoother needs.
     """
+    carried = nothing_carried(len(anchors), start.C.shape[0], start.t)
+    return run_further(events, heard_all, anchors, lever, start, carried, anew, level, noise, aids, watch, whole)
+
+
+@njit(cache=True)
+def run_further(
+    events: Events,
+    heard_all: Heard,
+    anchors: np.ndarray,
+    lever: np.ndarray,
+    start: State,
+    carried: Carried,
+    anew: Anew,
+    level: Level,
+    noise: Noise,
+    aids: Aids,
+    watch: Watch,
+    whole: bool,
+) -> tuple[Run, State, int]:
+    """Go on with a run over further events, all of them later than those before; see run_filter.
+
+    Args:
+        events: in order of time.
+        heard_all: the numbers that they point to.
+        anchors: positions (n, 3).
+        lever: from the estimated point to the antenna, body axes (3).
+        start: the state that the last part ended with.
+        carried: what it left; changed.
+        anew: as at the start of the run.
+        level: what is known of the height.
+        noise: the noise.
+        aids: range finder, flow and drag.
+        watch: when it is lost.
+        whole: whether to keep what a smoother needs.
+    """
     n, total, N = len(anchors), len(events.t), start.C.shape[0]
     t, x, C, held, watched = start.t, start.x.copy(), start.C.copy(), start.held.copy(), start.watched.copy()
     run, written = room_for(events, N, whole)
-    trust, passing, waiting, row = none_heard(n), nothing_passed(N), none_taken(ROOM, N), row_of(N)
-    epoch, done, force_at = -np.inf, total, t
-    begun, low, grown = False, False, 1.0
+    trust, passing, waiting, row, marks = carried.trust, carried.passing, carried.waiting, carried.row, carried.marks
+    epoch, force_at, grown = marks[EPOCH], marks[FORCE_AT], marks[GROWN]
+    low, begun, done = marks[LOW] > 0.0, marks[BEGUN] > 0.0, total
     for k in range(total):
         h, kind = events.t[k] - t, events.kind[k]
         if h > 0.0:
@@ -274,4 +308,5 @@ def run_filter(
         if kind == RANGE and rows == 0:
             write_range(run, written, 0.0, 1.0, False)
     settle(C, waiting)
+    marks[EPOCH], marks[FORCE_AT], marks[GROWN], marks[LOW], marks[BEGUN] = epoch, force_at, grown, low, begun
     return cut_to(run, written), State(t, x, C, held, watched), done

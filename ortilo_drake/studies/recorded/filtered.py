@@ -1,5 +1,6 @@
 """A recorded motion through the filter: the start, the events in order, and the estimate at the stamps asked for."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -145,8 +146,8 @@ def tilt_disagreement(imu: Imu) -> float | None:
     return float(np.arccos(np.clip(first_tilt(imu)[2] @ force / np.linalg.norm(force), -1.0, 1.0)))
 
 
-def _events(
-    ranges: Ranges, imu: Imu | None, known: Known, landed: list[Landing], queries: np.ndarray, begin: float
+def events_of(
+    ranges: Ranges, imu: Imu | None, known: Known, landed: Sequence[Landing], queries: np.ndarray, begin: float
 ) -> tuple[Events, Heard]:
     """Return what happens from `begin` on, in order; of the imu the sample before it is held then."""
     looks = known.looks
@@ -182,9 +183,14 @@ def _filled(part: tuple) -> tuple[np.ndarray, ...]:
     )
 
 
-def _start(
+def start_of(
     ranges: Ranges, imu: Imu | None, known: Known, settings: FilterSettings, heading: float, sure: bool
 ) -> State:
+    """Return the state at the first range, whose heading is `sure` where it was given and not tried.
+
+    Raises:
+        InputError: if no start is known, and fewer than three anchors are heard.
+    """
     n = len(known.anchors)
     variances = np.zeros(states(n))
     c = np.zeros(n) if known.biases is None else known.biases.copy()
@@ -228,6 +234,33 @@ def innovation_score(run: Innovations, gate: float) -> float:
     return float(-0.5 * np.sum(np.log(run.variance) + np.minimum(run.innovation**2 / run.variance, gate**2)))
 
 
+def heading_of(
+    ranges: Ranges,
+    imu: Imu | None,
+    known: Known,
+    settings: FilterSettings,
+    noise: Noise,
+    queries: np.ndarray,
+    landed: Sequence[Landing] = (),
+) -> float:
+    """Return the heading at the first range [rad]: the known one, else that of eight with the likeliest innovations.
+
+    Each is tried on the first TRIAL seconds. Without an IMU it is 0. Arguments as estimate; queries from the first
+    range on, and the landings.
+    """
+    if known.heading is not None or imu is None:
+        return known.heading or 0.0
+    begin = float(ranges.t[0])
+    events, heard = events_of(ranges, imu, known, landed, queries, begin)
+    events = Events(*(part[events.t <= begin + TRIAL] for part in events))
+    tried, scores = np.arange(HEADINGS) * 2.0 * np.pi / HEADINGS, []
+    for heading in tried:  # a wrong one must not be mended while it is tried
+        start = start_of(ranges, imu, known, settings, heading, False)
+        runs = run_on(events, heard, known.anchors, known.lever, start, known.level, noise, known.aids, NEVER, False)[0]
+        scores.append(innovation_score(_joined(runs), noise.gate))
+    return float(tried[int(np.argmax(scores))])
+
+
 def estimate(
     ranges: Ranges,
     imu: Imu | None,
@@ -266,20 +299,13 @@ def estimate(
     if known.biases is not None:  # calibrated ones are held: what wanders is the correlated error
         noise = noise._replace(bias_walk=0.0)
 
-    def run(heading: float, sure: bool, until: float, whole: bool) -> tuple[list[Run], list[Lost], State]:
-        events, heard = _events(ranges, imu, known, landed, queries, begin)
-        events = Events(*(part[events.t <= until] for part in events))
-        start = _start(ranges, imu, known, settings, heading, sure)
-        watch = WATCH if until == np.inf else NEVER  # a wrong heading must not be mended while it is tried
-        aids = known.aids if imu is not None else NO_AIDS
-        return run_on(events, heard, known.anchors, known.lever, start, known.level, noise, aids, watch, whole)
-
-    heading = known.heading
-    if heading is None:
-        tried = np.arange(HEADINGS) * 2.0 * np.pi / HEADINGS if imu is not None else np.zeros(1)
-        scores = [innovation_score(_joined(run(h, False, begin + TRIAL, False)[0]), noise.gate) for h in tried]
-        heading = float(tried[int(np.argmax(scores))])
-    runs, lost, end = run(heading, known.heading is not None, np.inf, smoothed)
+    heading = heading_of(ranges, imu, known, settings, noise, queries, landed)
+    events, heard = events_of(ranges, imu, known, landed, queries, begin)
+    start = start_of(ranges, imu, known, settings, heading, known.heading is not None)
+    aids = known.aids if imu is not None else NO_AIDS
+    runs, lost, end = run_on(
+        events, heard, known.anchors, known.lever, start, known.level, noise, aids, WATCH, smoothed
+    )
     x, P = (
         smooth(runs)
         if smoothed

@@ -56,6 +56,16 @@ def ranges_for_a_fix(ranges: Ranges, first: int = 0) -> Ranges:
     return Ranges(*(part[first:last] for part in ranges))
 
 
+def fix_known_at(ranges: Ranges) -> float:
+    """Return the stamp [s] after which no range belongs to those of ranges_for_a_fix, by the ranges heard so far."""
+    first = float(ranges.t[0])
+    near = ranges.t <= first + LONGEST
+    _, at = np.unique(ranges.anchor[near], return_index=True)
+    if len(at) < ENOUGH:
+        return first + LONGEST
+    return max(first + FIRST_RANGES, float(ranges.t[np.sort(at)[ENOUGH - 1]]))
+
+
 def agreeing(ranges: Ranges, anchors: np.ndarray, c: np.ndarray, x: np.ndarray) -> float:
     """Return the share of ranges that agree with position and velocity x (6) at the first stamp."""
     return float(np.mean(np.abs(_errors(ranges, anchors, c, x)) < FITS))

@@ -61,6 +61,16 @@ def opening_of(state: State, x: np.ndarray, variances: np.ndarray) -> np.ndarray
     return opening
 
 
+def nothing_anew(N: int) -> Anew:
+    """Return that there is nothing to start anew from, for N error states."""
+    return Anew(np.zeros(6), np.full(6, np.inf), np.zeros(N))
+
+
+def is_astray(state: State) -> bool:
+    """Return whether the position's deviation is so large that ranges no longer correct it."""
+    return bool(np.trace(state.C[:3, :3]) > ASTRAY**2)
+
+
 def run_on(
     events: Events,
     heard_all: Heard,
@@ -90,7 +100,7 @@ def run_on(
     heard = events.kind == RANGE
     ranges = Ranges(events.t[heard], events.which[heard], events.r[heard], events.other[heard])
     before = np.concatenate([[0], np.cumsum(heard)])  # ranges before each event
-    nothing = Anew(np.zeros(6), np.full(6, np.inf), np.zeros(len(start.C)))
+    nothing = nothing_anew(len(start.C))
     parts: list[Run] = []
     lost: list[Lost] = []
     state, anew, done, since = start, nothing, 0, None
@@ -110,9 +120,10 @@ def run_on(
         if done == len(events.t):
             break
         t = float(events.t[done])
-        astray = np.trace(state.C[:3, :3]) > ASTRAY**2
+        astray = is_astray(state)
         since = since if since is not None else last if astray else min(last, t - REFUSED)
-        anew = _anew(ranges, int(before[done]), anchors, lever, state, level, astray) or nothing
+        window = ranges.only(np.arange(before[done], len(ranges.t)))
+        anew = anew_from(window, anchors, lever, state, level, astray) or nothing
         watch = watch._replace(wait=t + AGAIN)
         if anew is not nothing:
             lost.append(Lost(since, t))
@@ -122,13 +133,23 @@ def run_on(
     return parts, lost, state
 
 
-def _anew(
-    ranges: Ranges, first: int, anchors: np.ndarray, lever: np.ndarray, state: State, level: Level, astray: bool
+def anew_from(
+    ranges: Ranges, anchors: np.ndarray, lever: np.ndarray, state: State, level: Level, astray: bool
 ) -> Anew | None:
+    """Return where to start anew by the ranges that follow; None if they do not say it better than the filter.
+
+    Args:
+        ranges: from the one on at which it was lost, for LONGEST or to their end.
+        anchors: positions (n, 3).
+        lever: from the estimated point to the antenna, body axes (3).
+        state: the filter's then.
+        level: what is known of the height.
+        astray: whether its deviation is too large for its own opinion to count.
+    """
     arm, c = matrix_of(state.x[Q : Q + 4]) @ lever, state.x[nominal(BIASES) : nominal(BIASES) + len(anchors)]
     p, v = state.x[:3], state.x[3:6]
     try:
-        window = ranges_for_a_fix(ranges, first)
+        window = ranges_for_a_fix(ranges)
     except InputError:
         return None
     x = np.concatenate((p + arm, v))

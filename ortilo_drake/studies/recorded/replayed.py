@@ -8,7 +8,7 @@ import numpy as np
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import Ranges, Recording
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.recorded.aided import airborne, with_aids
+from ortilo_drake.studies.recorded.aided import airborne, not_calibrated, with_aids
 from ortilo_drake.studies.recorded.at_rest import AtRest, at_rest, level_by, said_at_rest, standstill_doubts
 from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate, uncalibrated
 from ortilo_drake.studies.recorded.doubted import doubts_of
@@ -168,7 +168,7 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
             row(AIDED, aided, calibration, True)
             row(AIDED_SMOOTH, aided, calibration, True, smoothed=True)
     else:
-        known = raw = with_aids(raw, recording, map_, True)
+        known = raw = not_calibrated(recording, map_, rest)
         main = RAW if imu is not None else CV_RAW
     if imu is not None and (map_.calibration.share > 0.0 or truth is None):
         row(RAW, raw, calibration, True)

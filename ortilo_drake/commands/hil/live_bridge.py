@@ -1,0 +1,156 @@
+"""What `ortilo hil bridge --from` does: real sensors, or a bag of theirs, through the filter of `ortilo replay`."""
+
+import contextlib
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ortilo_drake.commands.terminal import check_writable, say_if_compiling, say_written, show_report, write_json
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario
+
+ROS2 = "ros2"
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """What `--from` needs beside it.
+
+    Attributes:
+        source: 'ros2', or a bag.
+        map_file: MAP.yaml.
+        rate: of the estimates [Hz].
+        lag: how long a silent topic holds the others back [s].
+        speed: a bag is played so many times as fast as it was recorded; inf without waiting.
+        hold: place that is held, 'x,y,z' [m].
+        arm: whether setpoints go to the autopilot.
+        hover_thrust: share of the largest thrust that hovers.
+    """
+
+    source: str
+    map_file: Path | None
+    rate: float
+    lag: float
+    speed: float
+    hold: str | None
+    arm: bool
+    hover_thrust: float | None
+
+
+def check_live(options: LiveOptions, mavlink: str | None, ros2: bool) -> tuple[float, ...] | None:
+    """Return the place that is to be held (3), None if none is.
+
+    Raises:
+        InputError: if an option is missing, or does not fit another.
+    """
+    if options.map_file is None:
+        raise InputError("--map: is missing: MAP.yaml says which topic is what (docs/how_to/recorded.md)")
+    if options.arm and (options.hold is None or mavlink is None or options.hover_thrust is None):
+        raise InputError("--arm: needs --mavlink, --hold x,y,z and --hover-thrust: the share of the thrust that hovers")
+    if ros2 and options.source != ROS2:
+        raise InputError("--ros2: a bag's estimates are not published; play it with `ros2 bag play` and --from ros2")
+    if options.hold is None:
+        return None
+    try:
+        place = tuple(float(part) for part in options.hold.split(","))
+    except ValueError:
+        place = ()
+    if len(place) != 3 or not all(map(math.isfinite, place)):
+        raise InputError(f"--hold: {options.hold!r}: must be three numbers, x,y,z in the anchors' frame [m]")
+    return place
+
+
+def run_live_bridge(
+    options: LiveOptions,
+    scenario: Scenario,
+    mavlink: str | None,
+    vision: bool,
+    seconds: float | None,
+    json_file: Path | None,
+    ros2: bool,
+) -> None:
+    """Run the bridge until its source ends, the time is over, or Ctrl-C; then print what it heard."""
+    place = check_live(options, mavlink, ros2)
+    check_writable(json_file)
+    from ortilo_drake.interop.mavlink import MavlinkBridge
+    from ortilo_drake.interop.recorded.map_file import load_map
+    from ortilo_drake.studies.live.live_bridge import LiveBridge, run_live
+    from ortilo_drake.studies.live.setpoints import Holding
+
+    assert options.map_file is not None
+    map_ = load_map(options.map_file)
+    holding = None if place is None else Holding(scenario, place)
+    bridge = LiveBridge(map_, _say, options.rate, options.lag, holding)
+    if map_.truth is not None:
+        _say("truth: is not heard live, and nothing is calibrated by it")
+    say_if_compiling()
+    bridge.warm_up()
+    with contextlib.ExitStack() as stack:
+        if mavlink is not None:
+            sender = stack.enter_context(contextlib.closing(MavlinkBridge(mavlink)))
+            bridge.add_target("mavlink", _to_mavlink(sender, vision, options))
+            _say(_armed(options, scenario, mavlink))
+        if options.source == ROS2:
+            from ortilo_drake.interop.ros.ros2_live import Ros2Live
+
+            node = stack.enter_context(Ros2Live(bridge.topics, _say))
+            bridge.add_target("ros2", _to_ros2(node))
+            _say(f"waiting for {', '.join(bridge.topics)}")
+            messages: Iterator[tuple[str, int, Any] | None] = node.messages()
+        else:
+            from ortilo_drake.interop.recorded.bag_player import at_pace, bag_messages
+
+            played = bag_messages(Path(options.source), bridge.topics)
+            messages = played if math.isinf(options.speed) else at_pace(played, options.speed)
+        report = run_live(bridge, messages, _say, seconds)
+    write_json(json_file, report)
+    show_report(report)
+    say_written(json_file)
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
+
+
+def _armed(options: LiveOptions, scenario: Scenario, mavlink: str) -> str:
+    """Return the line that says whether setpoints are sent, and when not."""
+    if not options.arm:
+        return f"{mavlink}: the estimate alone; setpoints are off (--arm sends them)"
+    return (
+        f"{mavlink}: ARMED: attitude and thrust are sent to hold {options.hold}, but not while the estimate is older "
+        f"than {scenario.failsafe.timeout:g} s or too uncertain: then the autopilot's own failsafe flies"
+    )
+
+
+def _to_mavlink(sender: Any, vision: bool, options: LiveOptions) -> Callable[..., None]:
+    """Return a target that sends every estimate, a heartbeat a second, and if armed what is asked for."""
+    from ortilo_drake.model.vehicle import GRAVITY
+
+    first, beat = math.nan, -math.inf
+    send_estimate = sender.send_vision if vision else sender.send
+
+    def send(told: Any, wanted: Any, lost: int) -> None:
+        nonlocal first, beat
+        first = told.t if math.isnan(first) else first
+        if told.t >= beat:
+            sender.send_heartbeat()
+            beat = told.t + 1.0
+        send_estimate(told.t, told.estimate, told.covariance, lost)
+        if options.arm and wanted is not None and not wanted.refused:
+            assert options.hover_thrust is not None
+            sender.send_attitude(told.t - first, wanted.rpy, options.hover_thrust * wanted.thrust / GRAVITY)
+
+    return send
+
+
+def _to_ros2(node: Any) -> Callable[..., None]:
+    """Return a target that publishes every estimate, and what is asked for."""
+
+    def send(told: Any, wanted: Any, lost: int) -> None:
+        node.send_estimate(told.t, told.estimate, told.covariance)
+        if wanted is not None and not wanted.refused:
+            node.send_setpoint(told.t, wanted.rpy, wanted.thrust)
+
+    return send

@@ -1,0 +1,45 @@
+"""Fields of a message as a map names them, whoever decoded it: rosbags, mcap or ROS itself."""
+
+import re
+from typing import Any
+
+import numpy as np
+
+from ortilo_drake.interop.recorded.sources import Column
+
+_PART = re.compile(r"([^\[\].]+)|\[(\d+)\]")
+
+
+def field_of(message: Any, path: str) -> Any:
+    """Return a field by its path, such as `pose.position.x` or `ranges[2]`; LookupError if there is none."""
+    value = message
+    for name, index in _PART.findall(path):
+        try:
+            value = value[int(index)] if index else getattr(value, name)
+        except (AttributeError, IndexError, TypeError):
+            raise LookupError(path) from None
+    return value
+
+
+def _seconds(stamp: Any) -> float:
+    """Return a stamp's seconds; its nanoseconds are called nanosec in ROS 2, nsec elsewhere."""
+    return float(stamp.sec + 1e-9 * (stamp.nanosec if hasattr(stamp, "nanosec") else stamp.nsec))
+
+
+def stamp_of(message: Any, received: int, time: Column | None) -> float:
+    """Return a message's stamp: the field `time`, else its header's [s], else when it was received [s, of ns]."""
+    if time is not None:
+        value = field_of(message, str(time))
+        return _seconds(value) if hasattr(value, "sec") else float(value)
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    found = _seconds(stamp) if hasattr(stamp, "sec") else 0.0
+    return found if found != 0.0 else received * 1e-9
+
+
+def numbers_of(message: Any, columns: tuple[Column, ...]) -> list[float]:
+    """Return the numbers of a message's fields, all of a field that is a list; LookupError if there is none."""
+    found: list[float] = []
+    for column in columns:
+        value = np.asarray(field_of(message, str(column)), dtype=float)
+        found.extend(value.ravel().tolist())
+    return found

@@ -1,0 +1,1 @@
+"""Real sensors' messages through the filter of `ortilo replay`, while they come."""

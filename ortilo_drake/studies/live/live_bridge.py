@@ -1,0 +1,187 @@
+"""Messages in, estimates and setpoints out: what stands between live sensors and whoever wants to know.
+
+It knows neither ROS nor MAVLink. A source of messages feeds it, and targets take what it says.
+"""
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ortilo_drake.interop.recorded.live_rows import LAG, LiveRows
+from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.studies.live.live_filter import RATE, LiveFilter
+from ortilo_drake.studies.live.sensor_clock import SensorClock
+from ortilo_drake.studies.live.setpoints import Holding, Setpoint
+from ortilo_drake.studies.live.told import Told, told
+from ortilo_drake.studies.live.warm_up import warm_up
+
+Target = Callable[[Told, Setpoint | None, int], None]  # the estimate, what is asked for, how often it was lost
+Say = Callable[[str], None]
+QUIET = 5.0  # without any message, that is said [s]
+
+
+@dataclass(frozen=True)
+class LiveReport:
+    """What a bridge heard and said.
+
+    Attributes:
+        messages: how many came of each topic.
+        ranges: how many the filter saw.
+        taken: how many of them passed its gate.
+        estimates: how many were made.
+        lost: how often the filter was lost and started anew.
+        late_ms: median and largest age of an estimate against the newest stamp of a sensor [ms].
+        refused: estimates for which the failsafe let no setpoint through; None where no place is held.
+        rejected: rows that were not used, by topic and reason.
+        failed: why targets failed.
+        not_begun: why there is no estimate; empty if there is.
+    """
+
+    messages: dict[str, int]
+    ranges: int
+    taken: int
+    estimates: int
+    lost: int
+    late_ms: tuple[float, float] | None
+    refused: int | None
+    rejected: dict[str, int]
+    failed: dict[str, str]
+    not_begun: str
+
+
+class LiveBridge:
+    """The filter between topics and targets.
+
+    Args:
+        map_: what is what.
+        say: takes a line about what is wrong, or has changed.
+        rate: of the estimates [Hz].
+        lag: how long a silent topic holds the others back [s].
+        holding: what asks for setpoints; none by default.
+
+    Raises:
+        InputError: if the map cannot be heard live.
+    """
+
+    def __init__(
+        self,
+        map_: Map,
+        say: Say,
+        rate: float = RATE,
+        lag: float = LAG,
+        holding: Holding | None = None,
+    ):
+        self._map, self._rows = map_, LiveRows(map_, lag)
+        self._filter = LiveFilter(map_, self._rows.anchors, rate)
+        self._targets: dict[str, Target] = {}
+        self._clock = SensorClock(time.monotonic)
+        self._say, self._imu, self._holding = say, map_.imu is not None, holding
+        self._failed: dict[str, str] = {}
+        self._ages: list[float] = []
+        self._refused, self._why = 0, ""
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """The topics to listen to."""
+        return self._rows.topics
+
+    def warm_up(self) -> None:
+        """Compile or load all that the filter needs, which takes seconds, before messages come."""
+        warm_up(self._map, self._rows.anchors)
+
+    def add_target(self, name: str, target: Target) -> None:
+        """Give the estimates to a target from now on. One that raises gets no more, and a line says so."""
+        self._targets[name] = target
+
+    def take(self, topic: str, received: int, message: Any) -> list[Told]:
+        """Take a message, received at so many ns, and return the estimates that it made due."""
+        for line in self._rows.take(topic, received, message):
+            self._say(line)
+        return self._go_on(False)
+
+    def end(self) -> list[Told]:
+        """Take what still waits, as nothing more comes, and return the last estimates."""
+        return self._go_on(True)
+
+    def _go_on(self, ended: bool) -> list[Told]:
+        due = self._rows.before(self._filter.due, ended)
+        if due is None:
+            return []
+        if self._rows.newest > -np.inf:
+            self._clock.now(self._rows.newest)
+        begun, lost = self._filter.begun, self._filter.lost
+        found = self._filter.go_on(*due, ended=ended)
+        origin, newest = self._rows.origin or 0.0, self._rows.newest
+        if self._filter.begun and not begun:
+            self._say(f"the filter begins {self._filter.begins_at:.1f} s after the first range")
+        if self._filter.lost > lost:
+            self._say("the filter was lost, and starts anew from the ranges")
+        made = [told(origin + one.t, one.state, self._imu) for one in found]
+        for one in made:
+            self._ages.append(newest - one.t)
+            self._hand_on(one, newest)
+        return made
+
+    def _hand_on(self, one: Told, newest: float) -> None:
+        wanted = None if self._holding is None else self._holding.setpoint(one, self._clock.now(newest))
+        if wanted is not None:
+            self._refused += bool(wanted.refused)
+            if wanted.refused != self._why:
+                self._why = wanted.refused
+                self._say(f"failsafe: no setpoints: {self._why}" if self._why else "failsafe: setpoints again")
+        for name, target in list(self._targets.items()):
+            try:
+                target(one, wanted, self._filter.lost)
+            except Exception as error:  # whatever a library raises, the other targets go on
+                del self._targets[name]
+                self._failed[name] = " ".join(str(error).split()) or type(error).__name__
+                self._say(f"{name}: failed and gets no more: {self._failed[name]}")
+
+    def report(self) -> LiveReport:
+        """Return what was heard and said so far."""
+        ages = 1e3 * np.array(self._ages)
+        return LiveReport(
+            self._rows.heard(),
+            self._filter.ranges,
+            self._filter.taken,
+            len(ages),
+            self._filter.lost,
+            (round(float(np.median(ages)), 1), round(float(ages.max()), 1)) if len(ages) else None,
+            None if self._holding is None else self._refused,
+            self._rows.counts(),
+            self._failed,
+            "" if self._filter.begun else self._filter.why_not_begun,
+        )
+
+
+def run_live(
+    bridge: LiveBridge, messages: Iterable[tuple[str, int, Any] | None], say: Say, seconds: float | None = None
+) -> LiveReport:
+    """Feed a bridge until its messages end, so many seconds have passed, or Ctrl-C.
+
+    Args:
+        bridge: the bridge.
+        messages: topic, when it was received [ns], message; None from time to time where none comes.
+        say: takes a line.
+        seconds: by the wall clock; without end by default.
+    """
+    began = heard = time.monotonic()
+    quiet = False
+    try:
+        for message in messages:
+            now = time.monotonic()
+            if message is not None:
+                bridge.take(*message)
+                heard, quiet = now, False
+            elif now - heard > QUIET and not quiet:
+                quiet = True
+                say(f"nothing heard for {QUIET:g} s on {', '.join(bridge.topics)}")
+            if seconds is not None and now - began > seconds:
+                break
+        bridge.end()
+    except KeyboardInterrupt:
+        say("stopped")
+    return bridge.report()

@@ -1,0 +1,253 @@
+"""The filter of `ortilo replay`, fed while the sensors speak.
+
+It is the row that is not calibrated: no truth is used, the anchors' biases are states. An estimate is made at each
+multiple of its period, counted from the first range, once nothing before that stamp can come any more. The events are
+those of the replay in the same order, so the estimates are, too, bit for bit, if replay is asked at the same stamps and
+all rows came in time. What replay looks ahead for is waited for:
+
+    the start       the ranges of one to three seconds unless the map gives a `start`; the first second of the imu, or
+                    its time at rest; and TRIAL seconds where no heading is given, as eight are tried
+    a lost filter   the ranges of one to three seconds that it starts anew from
+
+Meanwhile no estimate is made; those left out follow at once when it goes on.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ortilo_drake.interop.recorded.live_rows import Block
+from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.interop.recorded.range_rows import Ranges
+from ortilo_drake.interop.recorded.recording import NO_LOOKS, Imu, Recording, held_at
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.studies.recorded.aided import not_calibrated
+from ortilo_drake.studies.recorded.at_rest import at_rest
+from ortilo_drake.studies.recorded.carried import Carried, nothing_carried
+from ortilo_drake.studies.recorded.event_filter import run_further
+from ortilo_drake.studies.recorded.filter_types import NO_AIDS, RANGE, Anew, Events, Heard, State
+from ortilo_drake.studies.recorded.filtered import AT_REST, TRIAL, Known, events_of, heading_of, noise_of, start_of
+from ortilo_drake.studies.recorded.first_fix import LONGEST, fix_known_at
+from ortilo_drake.studies.recorded.reacquired import AGAIN, WATCH, anew_from, is_astray, nothing_anew
+
+RATE = 10.0  # of the estimates by default, as replay's without a truth [Hz]
+
+
+class LiveEstimate(NamedTuple):
+    """An estimate: its stamp [s] from the first range, and the filter's state there."""
+
+    t: float
+    state: State
+
+    @property
+    def p(self) -> np.ndarray:
+        """Position p_WB [m] (3)."""
+        return self.state.x[:3]
+
+    @property
+    def P(self) -> np.ndarray:
+        """The position's covariance [m²] (3, 3)."""
+        return self.state.C[:3, :3]
+
+
+class LiveFilter:
+    """The filter, and what waits for it.
+
+    Args:
+        map_: as replay's; its truth is not heard, and its calibration not made.
+        anchors: positions (n, 3).
+        rate: of the estimates [Hz].
+
+    Attributes:
+        ranges: how many ranges the filter has seen.
+        taken: how many of them passed its gate.
+        lost: how often it was lost and started anew.
+        begins_at: stamp of the range that it begins with [s].
+        why_not_begun: what it waits for.
+
+    Raises:
+        InputError: if the map asks for what only a whole recording tells.
+    """
+
+    def __init__(self, map_: Map, anchors: np.ndarray, rate: float = RATE):
+        if map_.start is not None and map_.start.lands:
+            raise InputError("start.lands: a landing is looked for afterwards: leave it out of a live map")
+        self._map, self._anchors, self._period = map_, anchors, 1.0 / rate
+        self._noise = noise_of(map_.filter, map_.imu is not None)
+        self._kept: Block | None = None  # rows that the filter has not taken in
+        self._known: Known | None = None
+        self._next = 0  # number of the next estimate
+        self._events: tuple[Events, Heard] | None = None  # those that a lost filter left
+        self._waits = False  # for the ranges to start anew from
+        self.ranges = self.taken = self.lost = 0
+        self.begins_at, self.why_not_begun = 0.0, "no range was heard"
+
+    @property
+    def due(self) -> float:
+        """The stamp beyond which there is something to do [s]."""
+        return self._next * self._period
+
+    @property
+    def begun(self) -> bool:
+        """Whether the filter has started."""
+        return self._known is not None
+
+    def go_on(self, horizon: float, block: Block, ended: bool = False) -> list[LiveEstimate]:
+        """Take rows in, and return the estimates that are due.
+
+        Args:
+            horizon: nothing before it is still to come [s].
+            block: the rows since the last call.
+            ended: whether there are no more.
+
+        Raises:
+            InputError: if the imu is silent while it should say how it stands still.
+        """
+        self._kept = block if self._kept is None else _joined(self._kept, block)
+        if ended:
+            horizon = float(self._kept.ranges.t[-1]) if len(self._kept.ranges.t) else -np.inf
+        if not self.begun and not self._begin(horizon, ended):
+            self._next = int(horizon / self._period) + 1 if np.isfinite(horizon) else 0  # tried again then
+            return []
+        found: list[LiveEstimate] = []
+        while (t := self._next * self._period) < horizon and self._reach(t, horizon, ended):
+            found.append(LiveEstimate(t, self._state))
+            self._next += 1
+        return found
+
+    def _begin(self, horizon: float, ended: bool) -> bool:
+        """Start the filter if what it starts by is here; return whether it was."""
+        assert self._kept is not None
+        map_, (ranges, imu, looks) = self._map, self._kept
+        if imu is not None:
+            standstill = 0.0 if map_.imu is None else map_.imu.standstill
+            if not len(imu.t) or (not ended and horizon <= imu.t[0] + max(AT_REST, standstill)):
+                self.why_not_begun = "the imu has said too little to level it by"
+                return False
+            if imu.accelerometer is not None:
+                if not len(imu.accelerometer[0]):
+                    self.why_not_begun = "the accelerometer is silent"
+                    return False
+                imu = imu._replace(force=held_at(imu.t, *imu.accelerometer))
+        origin = Recording("live", ranges, imu, None, self._anchors, 0.0, 0.0, [], {}, looks)
+        rest = at_rest(origin, map_)
+        if imu is not None and rest is not None:
+            ranges = ranges.only(np.flatnonzero(ranges.t >= rest.end))
+        if not len(ranges.t):
+            self.why_not_begun = "no range has come since the imu stood still"
+            return False
+        begin, known = float(ranges.t[0]), not_calibrated(origin, map_, rest)
+        if not ended:
+            tries = known.heading is None and imu is not None
+            whole = max(fix_known_at(ranges) if known.start is None else begin, begin + TRIAL if tries else begin)
+            if horizon <= whole:
+                self.why_not_begun = f"it needs ranges until {whole:.1f} s after the first"
+                return False
+        first = int(np.ceil(begin / self._period - 1e-6))
+        first += first * self._period < begin
+        queries = np.arange(first, int(horizon / self._period) + 2) * self._period
+        queries = queries[queries < horizon]
+        try:
+            heading = heading_of(ranges, imu, known, map_.filter, self._noise, queries)
+            self._state = start_of(ranges, imu, known, map_.filter, heading, known.heading is not None)
+        except InputError as error:
+            self.why_not_begun = str(error)
+            late = self._kept.ranges
+            self._kept = self._kept._replace(ranges=late.only(np.flatnonzero(late.t > begin + LONGEST)))
+            return False
+        self._known = known._replace(looks=NO_LOOKS)
+        self._begin_at, self._next, self.begins_at = begin, first, begin
+        self._carried = self._fresh()
+        self._anew: Anew = nothing_anew(len(self._state.C))
+        self._watch = WATCH
+        return True
+
+    def _fresh(self) -> Carried:
+        return nothing_carried(len(self._anchors), len(self._state.C), self._state.t)
+
+    def _reach(self, t: float, horizon: float, ended: bool) -> bool:
+        """Bring the filter to a stamp [s], and return whether it got there: one that is lost may have to wait."""
+        known = self._known
+        assert known is not None
+        events, heard = self._events_until(t) if self._events is None else self._events
+        aids = known.aids if self._map.imu is not None else NO_AIDS
+        while True:
+            if self._waits:
+                window = self._ranges_from(events)
+                if not ended and horizon <= fix_known_at(window):
+                    self._events = events, heard
+                    return False
+                self._start_anew(window)
+            run, self._state, done = run_further(
+                events, heard, known.anchors, known.lever, self._state, self._carried, self._anew, known.level,
+                self._noise, aids, self._watch, False,
+            )  # fmt: skip
+            self.ranges, self.taken = self.ranges + len(run.taken), self.taken + int(run.taken.sum())
+            if done == len(events.t):
+                self._events = None
+                return True
+            events, self._waits = Events(*(part[done:] for part in events)), True
+
+    def _events_until(self, t: float) -> tuple[Events, Heard]:
+        """Return what happens up to a stamp [s], a query there last, and keep the rest."""
+        assert self._kept is not None
+        assert self._known is not None
+        now, self._kept = _parted(self._kept, t)
+        begin, self._begin_at = self._begin_at, -np.inf
+        return events_of(now.ranges, now.imu, self._known._replace(looks=now.looks), (), np.array([t]), begin)
+
+    def _ranges_from(self, events: Events) -> Ranges:
+        """Return the ranges among events, and those that follow."""
+        assert self._kept is not None
+        of = events.kind == RANGE
+        left = Ranges(events.t[of], events.which[of], events.r[of], events.other[of])
+        return _end_to_end(left, self._kept.ranges)
+
+    def _start_anew(self, window: Ranges) -> None:
+        known = self._known
+        assert known is not None
+        found = anew_from(window, known.anchors, known.lever, self._state, known.level, is_astray(self._state))
+        self.lost += found is not None
+        self._anew = found or nothing_anew(len(self._state.C))
+        self._watch = WATCH._replace(wait=float(window.t[0]) + AGAIN)
+        self._carried, self._waits = self._fresh(), False
+
+
+def _end_to_end(first: Ranges, second: Ranges) -> Ranges:
+    return Ranges(*(np.concatenate(parts) for parts in zip(first, second, strict=True)))
+
+
+def _joined(a: Block, b: Block) -> Block:
+    """Return the rows of two blocks, the second of which follows the first."""
+    looks = type(a.looks)(*(np.concatenate(parts) for parts in zip(a.looks, b.looks, strict=True)))
+    imu = a.imu
+    if a.imu is not None and b.imu is not None:
+        turned, own = None, None
+        if a.imu.attitude is not None and b.imu.attitude is not None:
+            turned = np.concatenate((a.imu.attitude, b.imu.attitude))
+        if a.imu.accelerometer is not None and b.imu.accelerometer is not None:
+            (t_a, f_a), (t_b, f_b) = a.imu.accelerometer, b.imu.accelerometer
+            own = np.concatenate((t_a, t_b)), np.concatenate((f_a, f_b))
+        t, rates, force = (np.concatenate(parts) for parts in zip(a.imu[:3], b.imu[:3], strict=True))
+        imu = Imu(t, rates, force, turned, own)
+    return Block(_end_to_end(a.ranges, b.ranges), imu, looks)
+
+
+def _parted(block: Block, t: float) -> tuple[Block, Block]:
+    """Return the rows up to a stamp [s], that one included, and those behind it."""
+    ranges, imu, looks = block
+    k = int(np.searchsorted(ranges.t, t, side="right"))
+    f, m = (int(np.searchsorted(stamps, t, side="right")) for stamps in (looks.finder_t, looks.flow_t))
+    parts = []
+    for cut in (lambda values, at: values[:at], lambda values, at: values[at:]):
+        of_imu = imu
+        if imu is not None:
+            i, own = int(np.searchsorted(imu.t, t, side="right")), imu.accelerometer
+            if own is not None:
+                j = int(np.searchsorted(own[0], t, side="right"))
+                own = cut(own[0], j), cut(own[1], j)
+            turned = None if imu.attitude is None else cut(imu.attitude, i)
+            of_imu = Imu(cut(imu.t, i), cut(imu.rates, i), cut(imu.force, i), turned, own)
+        seen = (cut(looks.finder_t, f), cut(looks.distance, f), cut(looks.flow_t, m), cut(looks.flow, m))
+        parts.append(Block(Ranges(*(cut(part, k) for part in ranges)), of_imu, type(looks)(*seen)))
+    return parts[0], parts[1]

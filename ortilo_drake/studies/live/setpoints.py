@@ -1,0 +1,70 @@
+"""Attitude and thrust to hold a place, by the scenario's servo, and when none may be sent: the failsafe.
+
+The failsafe lets no setpoint through while the estimate is too old or too uncertain. It does not fly: an autopilot
+whose setpoints stop does what it is set to do then, and the pilot has it.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ortilo_drake.onboard.servo.lq_gain import gain_of
+from ortilo_drake.onboard.servo.outer_loop import attitude_along, wanted_force
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.live.told import Told
+
+MOST_DEVIATION = 0.5  # of a position that is flown by [m]
+WINDUP = 1.0  # of the integral of the position's error, at most [m s]
+
+
+class Setpoint(NamedTuple):
+    """Stamp [s], roll, pitch and yaw wanted (3) [rad], thrust over the mass [m/s²], and why it may not be flown."""
+
+    t: float
+    rpy: np.ndarray
+    thrust: float
+    refused: str
+
+
+class Holding:
+    """Holds a place.
+
+    Args:
+        scenario: whose servo, mass, heading and failsafe's limits.
+        place: r (3) in the anchors' frame [m].
+
+    Raises:
+        InputError: if the servo has no gain.
+    """
+
+    def __init__(self, scenario: Scenario, place: Sequence[float]):
+        self._L, self._mass, self._yaw = gain_of(scenario), scenario.vehicle.mass, scenario.yaw
+        self._h, self._place = scenario.h, np.array(place)
+        self._timeout, self._max_tilt = scenario.failsafe.timeout, scenario.failsafe.max_tilt
+        self._i, self._last = np.zeros(3), -np.inf
+
+    def setpoint(self, told: Told, now: float) -> Setpoint:
+        """Return what an estimate asks for.
+
+        Args:
+            told: the estimate.
+            now: what the sensors' clock says now [s], by which its age is known.
+        """
+        x, age = told.estimate, now - told.t
+        refused = ""
+        if age > self._timeout:
+            refused = f"the estimate is older than {self._timeout:g} s"
+        elif not told.deviation <= MOST_DEVIATION:
+            refused = f"its standard deviation is above {MOST_DEVIATION:g} m"
+        e = x[0:3] - self._place
+        if refused:
+            self._i[:] = 0.0
+        else:  # the servo's integral goes on by r - p in each of its ticks
+            ticks = min(told.t - self._last, self._timeout) / self._h if self._last > -np.inf else 0.0
+            most = WINDUP / self._h
+            self._i = np.clip(self._i - e * ticks, -most, most)
+            self._last = told.t
+        f_W = wanted_force(self._L, self._mass, self._yaw, e, x[6:9], self._i)
+        rpy, thrust = attitude_along(f_W, self._yaw, self._max_tilt)
+        return Setpoint(told.t, rpy, thrust, refused)

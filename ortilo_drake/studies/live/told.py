@@ -1,0 +1,47 @@
+"""An estimate of the live filter as the rest of the package has it: the paper's state and its covariance."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ortilo_drake.model.signals import N_X, N_XBAR
+from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matrix
+from ortilo_drake.onboard.estimator.tight.inertial import angles_of
+from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, THETA, P, Q, V
+from ortilo_drake.studies.recorded.filter_types import State
+
+NOT_ESTIMATED = np.pi**2, 100.0  # variances of angles and of their rates without an imu [rad²], [rad²/s²]
+
+
+class Told(NamedTuple):
+    """Stamp by the sensors' clock [s], estimate [p, rpy, v, rpy rates, 0] (15), covariance (15, 15)."""
+
+    t: float
+    estimate: np.ndarray
+    covariance: np.ndarray
+
+    @property
+    def deviation(self) -> float:
+        """The position's standard deviation, all three axes together [m]."""
+        return float(np.sqrt(np.trace(self.covariance[:3, :3])))
+
+
+def told(t: float, state: State, imu: bool) -> Told:
+    """Return what a state says at a stamp [s].
+
+    A small turn theta of the body is d rpy = E^-1 theta, and the rates err by what the gyro's bias does; noise of the
+    latest sample is not in their covariance. Without an imu attitude and rates are not estimated, and 0.
+    """
+    x, estimate, J = state.x, np.zeros(N_XBAR), np.zeros((N_X, GYRO + 3))
+    estimate[0:3], estimate[6:9] = x[P : P + 3], x[V : V + 3]
+    J[0:3, P : P + 3], J[6:9, V : V + 3] = np.eye(3), np.eye(3)
+    C = np.zeros((N_XBAR, N_XBAR))
+    if imu:
+        rpy = angles_of(x[Q : Q + 4])
+        E = inverse_rate_matrix(rpy)
+        estimate[3:6], estimate[9:12] = rpy, E @ (state.held[:3] - x[ADDITIVE : ADDITIVE + 3])
+        J[3:6, THETA : THETA + 3], J[9:12, GYRO : GYRO + 3] = E, -E
+    C[:N_X, :N_X] = J @ state.C[: GYRO + 3, : GYRO + 3] @ J.T
+    if not imu:
+        C[3:6, 3:6], C[9:12, 9:12] = (variance * np.eye(3) for variance in NOT_ESTIMATED)
+    return Told(t, estimate, C)

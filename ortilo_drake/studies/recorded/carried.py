@@ -1,0 +1,39 @@
+"""What the filter on recorded events carries from one event to the next, beside its state.
+
+A run that goes on with it gives the same numbers, bit for bit, as one run over all events, if all events of one stamp
+are taken in by the same run.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from ortilo_drake.onboard.estimator.tight.update import Taken, none_taken
+from ortilo_drake.studies.recorded.anchors_heard import Trust, none_heard
+from ortilo_drake.studies.recorded.event_rows import Row, row_of
+from ortilo_drake.studies.recorded.passing import Passing, nothing_passed
+
+ROOM = 16  # rows that wait until the covariance is passed over
+EPOCH, FORCE_AT, GROWN, LOW, BEGUN = range(5)  # what stands where in `marks`
+
+
+class Carried(NamedTuple):
+    """What is known of the anchors, what has passed, rows that wait, a blank row, and marks (5).
+
+    The marks: stamp of the last epoch and of the last sample of force [s], by what ranges err more near the floor,
+    whether that is by so much that none counts, and whether the first epoch is past.
+    """
+
+    trust: Trust
+    passing: Passing
+    waiting: Taken
+    row: Row
+    marks: np.ndarray
+
+
+@njit(cache=True)
+def nothing_carried(anchors: int, N: int, t: float) -> Carried:
+    """Return what is carried at the start of a run at t [s], with N error states."""
+    marks = np.array([-np.inf, t, 1.0, 0.0, 0.0])
+    return Carried(none_heard(anchors), nothing_passed(N), none_taken(ROOM, N), row_of(N), marks)

@@ -1,0 +1,85 @@
+"""`ortilo hil bridge --from`: a bag through the command, and what reaches an autopilot when it is armed and not."""
+
+import json
+import socket
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+from live_messages import START
+from made_up_motion import BAG_MAP, made_up, write_bag
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from ortilo_drake.commands.hil.app import hil_app
+from ortilo_drake.interop.mavlink import MOST_THRUST, attitude_target_fields
+from ortilo_drake.model.typed_yaml import InputError
+
+
+@pytest.fixture
+def recorded(tmp_path: Path) -> list[str]:
+    write_bag(tmp_path / "bag", made_up(4.0), "sqlite3")
+    (tmp_path / "MAP.yaml").write_text(BAG_MAP[: BAG_MAP.index("truth:")].replace("BAG", "bag") + START)
+    return ["bridge", "--from", str(tmp_path / "bag"), "--map", str(tmp_path / "MAP.yaml"), "--speed", "inf"]
+
+
+def heard(sock: socket.socket) -> Counter[str]:
+    from pymavlink.dialects.v20 import common
+
+    parser, found = common.MAVLink(None), Counter[str]()
+    sock.setblocking(False)
+    while True:
+        try:
+            found.update(message.get_type() for message in parser.parse_buffer(sock.recv(2000)) or [])
+        except BlockingIOError:
+            return found
+
+
+@pytest.mark.parametrize("armed", [False, True])
+def test_setpoints_reach_the_autopilot_only_when_armed(recorded: list[str], tmp_path: Path, armed: bool) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind(("127.0.0.1", 0))
+        url, report = f"udpout:127.0.0.1:{sock.getsockname()[1]}", tmp_path / "report.json"
+        options = ["--mavlink", url, "--hold", "3,6,1.4", "--json", str(report)]
+        options += ["--arm", "--hover-thrust", "0.5"] if armed else []
+        result = CliRunner().invoke(hil_app, [*recorded, *options])
+        assert result.exit_code == 0, result.output
+        messages, found = heard(sock), json.loads(report.read_text())
+    assert messages["ODOMETRY"] == found["estimates"] > 30
+    assert 3 <= messages["HEARTBEAT"] <= 5
+    assert messages["SET_ATTITUDE_TARGET"] == (found["estimates"] - found["refused"] if armed else 0)
+    assert ("ARMED" in result.output) == armed
+    assert ("setpoints are off" in result.output) != armed
+    assert "failsafe: no setpoints: the estimate is older" in result.output  # of the first second, which came at once
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--from", "bag"], "--map"),
+        (["--from", "bag", "--map", "m", "--arm"], "--arm"),
+        (["--from", "bag", "--map", "m", "--hold", "1,2"], "--hold"),
+        (["--from", "bag", "--map", "m", "--hold", "1,2,inf"], "--hold"),
+        (["--from", "bag", "--map", "m", "--ros2"], "ros2 bag play"),
+        (["--map", "m", "--ros2"], "--from"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(options: list[str], said: str) -> None:
+    result = CliRunner().invoke(hil_app, ["bridge", *options])
+    assert isinstance(result.exception, InputError)
+    assert said in str(result.exception)
+
+
+def test_an_attitude_is_asked_for_in_the_autopilot_s_frames() -> None:
+    """Its body's axes in north, east, down, by SciPy's rotations."""
+    rpy = np.array([0.2, -0.1, 0.7])
+    fields = attitude_target_fields(1.5, rpy, 0.6)
+    R = Rotation.from_euler("ZYX", rpy[::-1]).as_matrix()
+    T, F = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]]), np.diag([1, -1, -1])
+    w, *xyz = fields["q"]
+    np.testing.assert_allclose(Rotation.from_quat([*xyz, w]).as_matrix(), T @ R @ F, atol=1e-12)
+    assert fields["type_mask"] == 7
+    assert fields["time_boot_ms"] == 1500
+    assert fields["thrust"] == 0.6
+    assert [attitude_target_fields(0.0, rpy, thrust)["thrust"] for thrust in (-1.0, 2.0)] == [0.0, MOST_THRUST]

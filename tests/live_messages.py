@@ -1,0 +1,40 @@
+"""Messages of made-up topics, as a bag's reader or rclpy makes them, and the map that names them."""
+
+from types import SimpleNamespace
+
+import numpy as np
+from made_up_motion import ANCHORS
+
+from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.model.typed_yaml import parse_yaml, validate
+
+TOPICS = "[/r0, /r1, /r2, /r3, /r4, /r5]"
+RANGES = f"ranges: {{file: bag, topics: {TOPICS}, values: [range]}}\nanchors: {ANCHORS.tolist()}\n"
+IMU = "imu: {file: bag, topic: /imu}\n"
+START = "start: {position: [3, 6.1, 1.4], position_sd: 0.5, heading: 0.5}\n"
+
+
+def as_map(text):
+    return validate(Map, parse_yaml(text, "MAP.yaml"), "MAP.yaml")
+
+
+def header(t):
+    seconds = int(t)
+    return SimpleNamespace(stamp=SimpleNamespace(sec=seconds, nanosec=round((t - seconds) * 1e9)))
+
+
+def range_message(t, r):
+    return SimpleNamespace(header=header(t), range=r)
+
+
+def imu_message(t, rates=(0.0, 0.0, 0.0), force=(0.0, 0.0, 9.81)):
+    w, f = (SimpleNamespace(x=v[0], y=v[1], z=v[2]) for v in (rates, force))
+    return SimpleNamespace(header=header(t), angular_velocity=w, linear_acceleration=f)
+
+
+def messages_of(motion):
+    """Return (topic, time of receipt [ns], message) of a motion in the order of their stamps."""
+    found = [(t, "/imu", imu_message(t, row[:3], row[3:])) for t, row in zip(motion.t_imu, motion.imu, strict=True)]
+    for t, row in zip(motion.t_r, motion.r, strict=True):
+        found += [(t, f"/r{i}", range_message(t, float(r))) for i, r in enumerate(row) if np.isfinite(r)]
+    return [(topic, round(t * 1e9), message) for t, topic, message in sorted(found, key=lambda one: one[0])]

@@ -1,0 +1,158 @@
+"""The live filter beside the replayed one, which is given the whole recording at once: the same bits."""
+
+import numpy as np
+import pytest
+from live_messages import IMU, RANGES, START, as_map, messages_of
+from made_up_motion import BAG_MAP, made_up, write_bag
+
+from ortilo_drake.interop.recorded.bag_player import at_pace, bag_messages
+from ortilo_drake.interop.recorded.range_rows import single_ranges
+from ortilo_drake.interop.recorded.recording import Imu, Recording, read_recording
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.studies.live.live_bridge import LiveBridge, run_live
+from ortilo_drake.studies.live.live_filter import LiveFilter
+from ortilo_drake.studies.recorded.aided import not_calibrated
+from ortilo_drake.studies.recorded.at_rest import at_rest
+from ortilo_drake.studies.recorded.filtered import estimate
+from ortilo_drake.studies.recorded.replayed import RAW, replay
+
+
+def without(motion, begin, end):
+    """Return a motion without the ranges of a time."""
+    keep = (motion.t_r < begin) | (motion.t_r > end)
+    return motion._replace(t_r=motion.t_r[keep], r=motion.r[keep])
+
+
+def live(map_, messages, **options):
+    lines = []
+    bridge = LiveBridge(map_, lines.append, **options)
+    found = [one for message in messages for one in bridge.take(*message)]
+    return bridge, found + bridge.end(), lines
+
+
+def replayed(motion, map_, rate=10.0):
+    """Return what `estimate` makes of the whole motion, so many times a second."""
+    n, origin = motion.r.shape[1], motion.t_r[0]
+    t = np.repeat(motion.t_r, n) - origin
+    ranges = single_ranges(t, np.tile(np.arange(n), len(motion.t_r)), motion.r.ravel())
+    imu = Imu(motion.t_imu - origin, motion.imu[:, :3], motion.imu[:, 3:], None) if map_.imu is not None else None
+    anchors = np.array(map_.anchors)
+    recording = Recording("made up", ranges, imu, None, anchors, origin, 0.0, [], {})
+    known = not_calibrated(recording, map_, at_rest(recording, map_))
+    return estimate(ranges, imu, known, map_.filter, np.arange(0, int(t[-1] * rate)) * (1.0 / rate))
+
+
+def as_stamped(motion):
+    """Return a motion whose stamps are as a header's seconds and nanoseconds make them."""
+
+    def stamps(t):
+        return np.array([int(one) + 1e-9 * round((one - int(one)) * 1e9) for one in t])
+
+    return motion._replace(t_r=stamps(motion.t_r), t_imu=stamps(motion.t_imu))
+
+
+def assert_same(found, expected):
+    k = len(expected.t)
+    assert len(found) >= k  # the imu may go on after the last range
+    np.testing.assert_array_equal([one.estimate[:3] for one in found[:k]], expected.p)
+    np.testing.assert_array_equal([one.covariance[:3, :3] for one in found[:k]], expected.P)
+
+
+def test_with_an_imu_each_estimate_is_the_replayed_one_bit_for_bit() -> None:
+    motion, map_ = as_stamped(made_up(6.0, outliers=0.05)), as_map(RANGES + IMU + START)
+    bridge, found, lines = live(map_, messages_of(motion))
+    expected = replayed(motion, map_)
+    assert len(expected.t) > 50
+    assert_same(found, expected)
+    report = bridge.report()
+    assert motion.r.size - 12 <= report.ranges  # those after the last estimate are not needed
+    assert report.taken == expected.run.taken[: report.ranges].sum() < report.ranges
+    assert report.rejected == report.failed == {}
+    assert lines == ["the filter begins 0.0 s after the first range"]
+
+
+def test_topics_that_come_late_and_in_turns_make_no_difference() -> None:
+    motion, map_ = as_stamped(made_up(4.0)), as_map(RANGES + IMU + START)
+    behind = {f"/r{i}": 7_000_000 * i for i in range(6)} | {"/imu": 20_000_000}  # [ns]
+    messages = sorted(messages_of(motion), key=lambda one: one[1] + behind[one[0]])
+    _, found, _ = live(map_, messages)
+    assert_same(found, replayed(motion, map_))
+
+
+def test_a_filter_that_is_lost_waits_for_the_ranges_that_replay_starts_anew_from() -> None:
+    motion, map_ = as_stamped(without(made_up(14.0), 3.0, 10.0)), as_map(RANGES)
+    bridge, found, lines = live(map_, messages_of(motion))
+    expected = replayed(motion, map_)
+    assert len(expected.lost) == bridge.report().lost == 1
+    assert lines[-1].startswith(("the filter was lost", "/r"))
+    assert_same(found, expected)
+
+
+def test_at_rest_the_filter_begins_when_replay_does() -> None:
+    motion, map_ = as_stamped(made_up(5.0)), as_map(RANGES + IMU.replace("/imu}", "/imu, standstill: 2}") + START)
+    _, found, lines = live(map_, messages_of(motion))
+    expected = replayed(motion, map_)
+    assert lines == ["the filter begins 2.0 s after the first range"] or "begins 1.9" in lines[0]
+    assert_same(found, expected)
+
+
+def test_at_another_rate_the_bits_are_those_of_a_replay_asked_as_often() -> None:
+    motion, map_ = as_stamped(made_up(3.0)), as_map(RANGES + IMU + START)
+    _, found, _ = live(map_, messages_of(motion), rate=50.0)
+    expected = replayed(motion, map_, 50.0)
+    assert len(expected.t) > 100
+    assert_same(found, expected)
+
+
+def test_what_is_missing_is_said_where_nothing_begins() -> None:
+    motion, map_ = made_up(3.0), as_map(RANGES + IMU + START)
+    bridge, found, _ = live(map_, [one for one in messages_of(motion) if one[0] != "/imu"])
+    assert found == []
+    assert "imu" in bridge.report().not_begun
+    bridge, found, _ = live(as_map(RANGES), [one for one in messages_of(motion) if one[0] in ("/r0", "/r1")])
+    assert found == []
+    assert "at least 3 are needed" in bridge.report().not_begun
+
+
+def test_a_landing_is_refused() -> None:
+    lands = START.replace("heading: 0.5", "heading: 0.5, rests: true, lands: true")
+    map_ = as_map(RANGES + IMU + lands)
+    with pytest.raises(InputError, match="lands"):
+        LiveFilter(map_, np.array(map_.anchors))
+
+
+def test_a_target_that_fails_gets_no_more_and_ctrl_c_ends_with_a_report() -> None:
+    motion, map_, given = made_up(3.0), as_map(RANGES), []
+
+    def fails(*_):
+        raise OSError("no route\nto host")
+
+    bridge = LiveBridge(map_, lambda _: None)
+    bridge.add_target("mavlink", fails)
+    bridge.add_target("mine", lambda *parts: given.append(parts))
+
+    def interrupted():
+        yield from messages_of(motion)
+        yield None
+        raise KeyboardInterrupt
+
+    report = run_live(bridge, interrupted(), lambda _: None)
+    assert report.failed == {"mavlink": "no route to host"}
+    assert report.estimates == len(given) > 10
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", ["sqlite3", "mcap", "ros1"])
+def test_a_recorded_bag_at_its_own_pace_gives_what_ortilo_replay_gives(tmp_path, kind: str) -> None:
+    """Without a heading, so that eight are tried; ten times as fast."""
+    motion = made_up(36.0, outliers=0.03)
+    name = "bag.bag" if kind == "ros1" else "bag"
+    write_bag(tmp_path / name, motion, kind)
+    map_ = as_map(BAG_MAP[: BAG_MAP.index("truth:")].replace("BAG", name))
+    expected = replay(read_recording(tmp_path, map_), map_, lambda _: None)[1][RAW][0]
+    found = []
+    bridge = LiveBridge(map_, lambda _: None)
+    bridge.warm_up()
+    bridge.add_target("kept", lambda told, wanted, lost: found.append(told))
+    run_live(bridge, at_pace(bag_messages(tmp_path / name, bridge.topics), 10.0), lambda _: None)
+    assert_same(found, expected)
