@@ -11,6 +11,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from ortilo_drake.interop.recorded.anchors import Vector, as_anchors, names_in_map, read_anchors
 from ortilo_drake.interop.recorded.sources import (
+    MOST,
     AccelerometerSource,
     CommandSource,
     DifferenceSource,
@@ -51,7 +52,9 @@ class Estimated(Frozen):
         default="calibrated", description="Of each anchor's ranges: from the truth, as states of the filter, or none."
     )
     lever: Literal["estimate"] | Vector = Field(
-        default="estimate", description="From the truth's point to the antenna, body axes (forward left up) [m]."
+        default="estimate",
+        description="From the truth's point to the antenna, or to the point that `tags` count from, body axes (forward "
+        "left up) [m].",
     )
 
 
@@ -152,6 +155,11 @@ class Map(Frozen):
         description="[m]: in the order of the ranges, by name, `{find: n}`, or a file with them: cfclient's YAML, a "
         "table `id, x, y, z`, a DWM1001's console."
     )
+    tags: Annotated[dict[str, Vector], Field(min_length=1, max_length=MOST)] | None = Field(
+        default=None,
+        description="Several tags on one body: by name, where each is, from the point that `calibration.lever` leads "
+        "to, body axes (forward left up) [m].",
+    )
     imu: ImuSource | None = None
     accelerometer: AccelerometerSource | None = None
     command: CommandSource | None = None
@@ -202,6 +210,15 @@ class Map(Frozen):
             raise ValueError("height_sd: belongs to `height`, which is not given")
         if self.differences is not None and isinstance(self.anchors, Find):
             raise ValueError("anchors: find: from single ranges only; differences need surveyed anchors")
+        for key in ("ranges", "differences"):
+            source = getattr(self, key)
+            says = source is not None and bool(source.tag is not None or source.tags_of_files)
+            if source is not None and says != (self.tags is not None):
+                raise ValueError(
+                    f"{key}: name tags, but `tags`, where they are, is missing"
+                    if says
+                    else f"tags: are given, but {key} name none: give {key}.tag, or the tag of each file"
+                )
         for key in ("accelerometer", "range_finder", "flow", "drag"):
             if getattr(self, key) is not None and self.imu is None:
                 raise ValueError(f"{key}: needs `imu`")

@@ -53,10 +53,14 @@ class Looks(NamedTuple):
 NO_LOOKS = Looks(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros((0, 2)))
 
 
+ONE_TAG = np.zeros((1, 3))  # at that point itself
+
+
 class Recording(NamedTuple):
     """A motion; stamps count from the first range, the truth's from its own first.
 
-    `origin` and `truth_origin` [s] are what was taken off, `anchors` (n, 3) or their number if they are to be found.
+    `origin` and `truth_origin` [s] are what was taken off, `anchors` (n, 3) or their number if they are to be found,
+    `tags` (m, 3) where the tags are from the point that the lever leads to, body axes.
     """
 
     name: str
@@ -69,6 +73,7 @@ class Recording(NamedTuple):
     told: list[str]
     rejected: dict[str, int]
     looks: Looks = NO_LOOKS
+    tags: np.ndarray = ONE_TAG
 
 
 def axes_matrix(axes: str | tuple[str, ...], what: str = "imu.axes") -> np.ndarray:
@@ -234,4 +239,5 @@ def read_recording(path: Path, map_: Map) -> Recording:
         for reason, n in part.counts.items():
             counts[f"{part.source}: {reason}"] = counts.get(f"{part.source}: {reason}", 0) + n
     name = path.name if path.is_dir() else path.parent.name
-    return Recording(name, ranges, imu, truth, anchors, origin, truth_origin, lines, counts, looks)
+    tags = ONE_TAG if map_.tags is None else np.array(list(map_.tags.values()))
+    return Recording(name, ranges, imu, truth, anchors, origin, truth_origin, lines, counts, looks, tags)

@@ -5,7 +5,7 @@ is estimated, attitude R (body to world), biases b_g of the gyro and b_a of the 
 c_i [m] that wanders slowly and an error g_i [m] that lasts for tau (first-order Gauss-Markov); and the flow's error of
 scale s. The latest samples of gyro and accelerometer hold until the next ones.
 
-A range to anchor i, and a difference of the ranges to b and a, with the antenna at the lever l from p in body axes:
+A range to anchor i, and a difference of the ranges to b and a, of a tag at the lever l from p in body axes:
 
     r_i = |p + R l - a_i| + c_i + g_i + white,   r_ab = r_b - r_a
 
@@ -127,7 +127,7 @@ def _own_row(
     x: np.ndarray,
     held: np.ndarray,
     anchors: np.ndarray,
-    lever: np.ndarray,
+    levers: np.ndarray,
     grown: float,
     noise: Noise,
     aids: Aids,
@@ -141,6 +141,7 @@ def _own_row(
     wipe(row)
     R, kind, seen = matrix_of(x[Q : Q + 4]), events.kind[k], events.r[k]
     if kind == RANGE:
+        lever = levers[1 + events.tag[k]]
         e, m = distance_row(x, R, lever, anchors, events.which[k], events.other[k], seen, row)
         return e, (noise.range_white * grown) ** 2, m
     if kind == LANDED:
@@ -179,7 +180,7 @@ def run_filter(
     events: Events,
     heard_all: Heard,
     anchors: np.ndarray,
-    lever: np.ndarray,
+    levers: np.ndarray,
     start: State,
     anew: Anew,
     level: Level,
@@ -196,7 +197,7 @@ def run_filter(
         events: in order of time.
         heard_all: the numbers that they point to.
         anchors: positions (n, 3).
-        lever: from the estimated point to the antenna, body axes (3).
+        levers: from the estimated point to the point that the tags count from, and to each tag, body axes (1 + m, 3).
         start: the state before the first event; the attitude's variance is 0 without an IMU.
         anew: position and velocity to start anew from.
         level: what is known of the height.
@@ -233,7 +234,7 @@ def run_filter(
         if new:
             settle(C, waiting)
             astray = C[0, 0] + C[1, 1] + C[2, 2] > watch.astray**2
-            grown = grown_at(x, lever, noise, aids)
+            grown = grown_at(x, levers[0], noise, aids)
             low = grown > 2.0  # all ranges are wrong there, and none says that the filter is lost
             lost = astray or (not low and is_lost(t, trust, watch))
             if lost and kind == RANGE and t >= watch.wait and watched[RESTS] == 0.0:
@@ -247,14 +248,14 @@ def run_filter(
                 _take_start(x, C, waiting, row, anew, run.tape, written)
         begun = True
         if new and watched[RESTS] == 0.0:
-            _take_level(x, C, waiting, row, lever, level, run.tape, written)
+            _take_level(x, C, waiting, row, levers[0], level, run.tape, written)
         if kind == QUERY:
             settle(C, waiting)
             write_query(run, written, x, C)
             continue
         rows = 0 if watched[RESTS] > 0.0 else 2 if kind == FLOW else 4 if kind == LANDED else 1
         for axis in range(rows):
-            e, r, m = _own_row(k, axis, events, heard_all, x, held, anchors, lever, grown, noise, aids, row)
+            e, r, m = _own_row(k, axis, events, heard_all, x, held, anchors, levers, grown, noise, aids, row)
             if m == 0:
                 continue
             own = _variance(C, waiting, row, m)

@@ -28,8 +28,8 @@ def nominal(i: int) -> int:
 class Events(NamedTuple):
     """What happens in order of time.
 
-    Stamp [s], kind, index (of sample, anchor or flow), the other anchor of a difference or -1, and the range,
-    difference, height or z of the place of landing [m] (n each).
+    Stamp [s], kind, index (of sample, anchor or flow), the other anchor of a difference or -1, the range, difference,
+    height or z of the place of landing [m], and the tag of a range (n each).
     """
 
     t: np.ndarray
@@ -37,6 +37,7 @@ class Events(NamedTuple):
     which: np.ndarray
     other: np.ndarray
     r: np.ndarray
+    tag: np.ndarray
 
 
 class Heard(NamedTuple):

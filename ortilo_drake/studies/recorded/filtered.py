@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.map_file import FilterSettings
-from ortilo_drake.interop.recorded.recording import GRAVITY, NO_LOOKS, Imu, Looks, Ranges
+from ortilo_drake.interop.recorded.recording import GRAVITY, NO_LOOKS, ONE_TAG, Imu, Looks, Ranges
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Q
@@ -70,8 +70,9 @@ class Known(NamedTuple):
     """What the filter is told.
 
     anchors (n, 3), biases (n) or None (online), lever (3), heading [rad] or None, what is known of the height, where
-    the vehicle starts, what looks down, the numbers of that and of drag, the deviation of the flow's scale, and what
-    the imu said while the body stood still, after which the filter begins.
+    the vehicle starts, what looks down, the numbers of that and of drag, the deviation of the flow's scale, what the
+    imu said while the body stood still, after which the filter begins, and where the tags are (m, 3); without an imu
+    all of them are where the lever leads.
     """
 
     anchors: np.ndarray
@@ -84,6 +85,7 @@ class Known(NamedTuple):
     aids: Aids = NO_AIDS
     scale_sd: float = 0.0
     rest: AtRest | None = None
+    tags: np.ndarray = ONE_TAG
 
 
 class Estimate(NamedTuple):
@@ -152,31 +154,32 @@ def _events(
     looks = known.looks
     rates = force = np.zeros((0, 3))
     parts = [
-        (ranges.t, RANGE, ranges.anchor, ranges.other, ranges.r),
-        (looks.finder_t, FINDER, None, None, looks.distance),
-        (looks.flow_t, FLOW, np.arange(len(looks.flow_t)), None, None),
-        (queries, QUERY, None, None, None),
+        (ranges.t, RANGE, ranges.anchor, ranges.other, ranges.r, ranges.tag),
+        (looks.finder_t, FINDER, None, None, looks.distance, None),
+        (looks.flow_t, FLOW, np.arange(len(looks.flow_t)), None, None, None),
+        (queries, QUERY, None, None, None, None),
     ]
     if known.start is not None:
         rests = np.array([one.rests for one in landed])
-        parts.append((rests, LANDED, None, None, np.full(len(rests), known.start.position[2])))
+        parts.append((rests, LANDED, None, None, np.full(len(rests), known.start.position[2]), None))
     if imu is not None:
         rates, (t_force, force) = imu.rates, imu.accelerometer or (imu.t, imu.force)
         for kind, stamps in ((RATES, imu.t), (FORCE, t_force)):
             first = max(0, int(np.searchsorted(stamps, begin, side="right")) - 1)
-            parts.append((np.maximum(stamps[first:], begin), kind, np.arange(first, len(stamps)), None, None))
+            parts.append((np.maximum(stamps[first:], begin), kind, np.arange(first, len(stamps)), None, None, None))
     columns = zip(*([one[0], *_filled(one)] for one in parts), strict=True)
-    t, kinds, which, other, r = (np.concatenate(column) for column in columns)
+    t, kinds, which, other, r, tag = (np.concatenate(column) for column in columns)
     order = np.lexsort((which, kinds, t))
     order = order[t[order] >= begin]
-    events = Events(t[order], kinds[order], which[order].astype(np.int64), other[order].astype(np.int64), r[order])
+    which, other, tag = (part.astype(np.int64) for part in (which, other, tag))
+    events = Events(*(part[order] for part in (t, kinds, which, other, r, tag)))
     return events, Heard(rates, force, looks.flow)
 
 
 def _filled(part: tuple) -> tuple[np.ndarray, ...]:
-    """Return kind, index, other anchor and number of a part's events, with 0, -1 and 0 where it has none."""
+    """Return kind, index, other anchor, number and tag of a part's events, with 0, -1, 0 and 0 where it has none."""
     t, kind, *columns = part
-    fill = (0, -1, 0.0)
+    fill = (0, -1, 0.0, 0)
     return np.full(len(t), kind), *(
         np.full(len(t), of) if c is None else c for c, of in zip(columns, fill, strict=True)
     )
@@ -202,7 +205,9 @@ def _start(
         variances[BIASES + n : -1] = settings.range_correlated**2
     variances[-1] = known.scale_sd**2
     if known.start is None:
-        fix = fix_of(ranges_for_a_fix(ranges), known.anchors, c, known.level)
+        window = ranges_for_a_fix(ranges)
+        arms = known.tags[window.tag] @ R.T if imu is not None else 0.0
+        fix = fix_of(window, known.anchors, c, known.level, arms=arms)
         place, variances[:6] = fix.x, fix.variances
         place[:3] -= R @ known.lever
     else:
@@ -262,6 +267,8 @@ def estimate(
     landed = landings(imu) if imu is not None and known.start is not None and known.start.lands else []
     for one in landed if smoothed else []:  # the filter cannot know yet that it is on the floor
         ranges = ranges.only((ranges.t <= one.touched) | (ranges.t > one.rests))
+    tags = known.tags if imu is not None else np.zeros((int(ranges.tag.max()) + 1, 3))
+    levers = known.lever + np.vstack([np.zeros(3), tags])
     noise = noise_of(settings, imu is not None) if noise is None else noise
     if known.biases is not None:  # calibrated ones are held: what wanders is the correlated error
         noise = noise._replace(bias_walk=0.0)
@@ -272,7 +279,7 @@ def estimate(
         start = _start(ranges, imu, known, settings, heading, sure)
         watch = WATCH if until == np.inf else NEVER  # a wrong heading must not be mended while it is tried
         aids = known.aids if imu is not None else NO_AIDS
-        return run_on(events, heard, known.anchors, known.lever, start, known.level, noise, aids, watch, whole)
+        return run_on(events, heard, known.anchors, levers, start, known.level, noise, aids, watch, whole)
 
     heading = known.heading
     if heading is None:

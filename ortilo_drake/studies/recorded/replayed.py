@@ -73,7 +73,8 @@ def known_of(calibration: Calibration, recording: Recording, map_: Map) -> Known
         heading = float(np.arctan2(R[1, 0], R[0, 0]))
     biases = {"calibrated": calibration.biases, "online": None, "none": np.zeros(len(calibration.biases))}
     level, rest = calibrated_level(map_, calibration, recording), at_rest(recording, map_)
-    return Known(calibration.anchors, biases[map_.calibration.biases], calibration.lever, heading, level, rest=rest)
+    own, anchors = biases[map_.calibration.biases], calibration.anchors
+    return Known(anchors, own, calibration.lever, heading, level, rest=rest, tags=recording.tags)
 
 
 def _notes(recording: Recording, map_: Map, rest: AtRest | None) -> list[str]:
@@ -150,7 +151,7 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
         rows[name], drawn[name] = score(found, (found.t > first) & judged(found.t), true, map_.available), (found, true)
 
     anchors = np.asarray(recording.anchors) if calibration is None else calibration.anchors
-    raw = Known(anchors, None, np.zeros(3), None, given, rest=rest)
+    raw = Known(anchors, None, np.zeros(3), None, given, rest=rest, tags=recording.tags)
     if own is not None:
         plain = Known(own.anchors, own.biases, np.zeros(3), None, calibrated_level(map_, own, recording))
         row(CV, plain, own, False)
