@@ -13,6 +13,7 @@ from ortilo_drake.interop.recorded.anchors import Vector, as_anchors, names_in_m
 from ortilo_drake.interop.recorded.sources import (
     MOST,
     AccelerometerSource,
+    BoxSource,
     CommandSource,
     DifferenceSource,
     FinderSource,
@@ -112,6 +113,9 @@ class Drag(Frozen):
     """A rotor's drag along x and y of the body, -k v: by which a failing accelerometer is noticed, and replaced."""
 
     k: float = Field(default=0.38, ge=0.0, le=10.0, description="[1/s].")
+    k_sd: float = Field(
+        default=0.0, ge=0.0, le=10.0, description="Standard deviation of k, a state then; 0: it is as given [1/s]."
+    )
     noise: Positive = Field(default=0.5, description="White noise of the force so found [m/s²/√Hz].")
     doubted: Positive = Field(
         default=3.0,
@@ -165,6 +169,7 @@ class Map(Frozen):
     command: CommandSource | None = None
     range_finder: FinderSource | None = None
     flow: FlowSource | None = None
+    boxes: BoxSource | None = None
     drag: Drag | None = None
     start: Start | None = None
     floor: float = Field(default=0.0, ge=-1e4, le=1e4, description="Its z in the anchors' frame [m].")
@@ -219,7 +224,7 @@ class Map(Frozen):
                     if says
                     else f"tags: are given, but {key} name none: give {key}.tag, or the tag of each file"
                 )
-        for key in ("accelerometer", "range_finder", "flow", "drag"):
+        for key in ("accelerometer", "range_finder", "flow", "boxes", "drag"):
             if getattr(self, key) is not None and self.imu is None:
                 raise ValueError(f"{key}: needs `imu`")
         now = self.calibration
@@ -234,8 +239,12 @@ class Map(Frozen):
 
 
 def load_map(path: Path) -> Map:
-    """Read MAP.yaml, and the file of its anchors if that stands beside it; InputError if anything is wrong."""
+    """Read MAP.yaml, and the files of anchors, room and camera beside it; InputError if anything is wrong."""
     map_ = validate(Map, parse_yaml(read_text(path), str(path), names_in_map), str(path))
+    if map_.boxes is not None:
+        files = {key: path.parent / name for key in ("room", "camera") if (name := getattr(map_.boxes, key))}
+        beside = {key: str(file.resolve()) for key, file in files.items() if exists(file)}
+        map_ = map_.model_copy(update={"boxes": map_.boxes.model_copy(update=beside)})
     if isinstance(map_.anchors, str) and exists(path.parent / map_.anchors):
         return map_.model_copy(update={"anchors": read_anchors(path.parent / map_.anchors)})
     return map_

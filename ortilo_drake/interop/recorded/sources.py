@@ -300,6 +300,25 @@ class FlowSource(Source):
     sd: Positive = Field(default=2.0, description="Standard deviation [px].")
 
 
+class BoxSource(Source):
+    """Boxes of a detector [px], one a row, by which the filter sees the landmarks of a room; those of a stamp together.
+
+    A pixel's centre has integer coordinates, the first one's (0, 0). The room's frame is the anchors'.
+    """
+
+    label: Column = Field(description="The column that names the class of each box, as the room does.")
+    box: tuple[Column, Column, Column, Column] = Field(description="u_min, v_min, u_max, v_max [px].")
+    room: FileName = Field(description="The room file with the landmarks, beside the map or among the files.")
+    camera: FileName | None = Field(
+        default=None, description="A calibration file of Kalibr, ROS or OpenCV in the place of the room's camera."
+    )
+    at: tuple[float, float, float] | None = Field(
+        default=None, description="From the estimated point to the camera, body axes [m]; the room's if not given."
+    )
+    sd: Positive = Field(default=1.0, description="Standard deviation of a small box's centre [px].")
+    growth: float = Field(default=0.02, ge=0.0, le=1.0, description="Share of its size by which it grows, over sd.")
+
+
 class CommandSource(Source):
     """The flown command: thrust over mass [m/s²] along the body's z, in the place of the accelerometer's reading."""
 

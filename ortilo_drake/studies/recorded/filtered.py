@@ -13,6 +13,7 @@ from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Q
 from ortilo_drake.studies.recorded.at_rest import AtRest, tell
 from ortilo_drake.studies.recorded.filter_types import (
     BIASES,
+    BOXES,
     FINDER,
     FLOW,
     FORCE,
@@ -70,9 +71,9 @@ class Known(NamedTuple):
     """What the filter is told.
 
     anchors (n, 3), biases (n) or None (online), lever (3), heading [rad] or None, what is known of the height, where
-    the vehicle starts, what looks down, the numbers of that and of drag, the deviation of the flow's scale, what the
-    imu said while the body stood still, after which the filter begins, and where the tags are (m, 3); without an imu
-    all of them are where the lever leads.
+    the vehicle starts, what looks, the numbers of that and of drag, the deviations of the flow's scale and of drag's k,
+    what the imu said while the body stood still, after which the filter begins, and where the tags are (m, 3); without
+    an imu all of them are where the lever leads.
     """
 
     anchors: np.ndarray
@@ -84,6 +85,7 @@ class Known(NamedTuple):
     looks: Looks = NO_LOOKS
     aids: Aids = NO_AIDS
     scale_sd: float = 0.0
+    k_sd: float = 0.0
     rest: AtRest | None = None
     tags: np.ndarray = ONE_TAG
 
@@ -92,7 +94,7 @@ class Estimate(NamedTuple):
     """At the stamps asked for: position (m, 3), covariance (m, 3, 3), attitude (m, 3, 3).
 
     Then the innovations of the ranges, and their stamps; when the filter was lost; since when the accelerometer's x and
-    y are not used [s], inf if they are.
+    y are not used [s], inf if they are; and drag's k at the end, and its deviation [1/s].
     """
 
     t: np.ndarray
@@ -103,6 +105,7 @@ class Estimate(NamedTuple):
     range_stamps: np.ndarray
     lost: list[Lost]
     failed: tuple[float, float] = (np.inf, np.inf)
+    drag: tuple[float, float] = (0.0, 0.0)
 
 
 def noise_of(settings: FilterSettings, imu: bool) -> Noise:
@@ -157,6 +160,7 @@ def _events(
         (ranges.t, RANGE, ranges.anchor, ranges.other, ranges.r, ranges.tag),
         (looks.finder_t, FINDER, None, None, looks.distance, None),
         (looks.flow_t, FLOW, np.arange(len(looks.flow_t)), None, None, None),
+        (looks.boxes_t, BOXES, np.arange(len(looks.boxes_t)), None, None, None),
         (queries, QUERY, None, None, None, None),
     ]
     if known.start is not None:
@@ -173,7 +177,8 @@ def _events(
     order = order[t[order] >= begin]
     which, other, tag = (part.astype(np.int64) for part in (which, other, tag))
     events = Events(*(part[order] for part in (t, kinds, which, other, r, tag)))
-    return events, Heard(rates, force, looks.flow)
+    heard = (np.ascontiguousarray(part) for part in (rates, force, looks.flow, looks.boxes))  # compiled once for all
+    return events, Heard(*heard)
 
 
 def _filled(part: tuple) -> tuple[np.ndarray, ...]:
@@ -202,8 +207,8 @@ def _start(
         variances[6:9] = np.diag(tilts)
         variances[9:12], variances[12:15] = 0.01**2, BIAS**2
         variances[BIASES : BIASES + n] = settings.bias_start**2 if known.biases is None else 0.0
-        variances[BIASES + n : -1] = settings.range_correlated**2
-    variances[-1] = known.scale_sd**2
+        variances[BIASES + n : -2] = settings.range_correlated**2
+    variances[-2:] = known.scale_sd**2, known.k_sd**2 if imu is not None else 0.0
     if known.start is None:
         window = ranges_for_a_fix(ranges)
         arms = known.tags[window.tag] @ R.T if imu is not None else 0.0
@@ -216,7 +221,7 @@ def _start(
     x = np.zeros(len(variances) + 1)
     x[:6] = place
     x[Q:ADDITIVE] = Rotation.from_matrix(R).as_quat(scalar_first=True)
-    x[nominal(BIASES) : nominal(BIASES) + n] = c
+    x[nominal(BIASES) : nominal(BIASES) + n], x[-1] = c, known.aids.drag
     C = np.diag(variances)
     if imu is not None:
         C[6:9, 6:9] = tilts
@@ -294,7 +299,8 @@ def estimate(
     )
     R = Rotation.from_quat(x[:, Q:ADDITIVE], scalar_first=True).as_matrix() if len(x) else np.zeros((0, 3, 3))
     failed = (float(end.watched[4]), float(end.watched[5]))
-    return Estimate(queries, x[:, :3], P, R, _joined(runs), ranges.t, lost, failed)
+    drag = (float(end.x[-1]), float(np.sqrt(end.C[-1, -1])))
+    return Estimate(queries, x[:, :3], P, R, _joined(runs), ranges.t, lost, failed, drag)
 
 
 def _joined(runs: list[Run]) -> Innovations:
