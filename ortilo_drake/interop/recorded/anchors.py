@@ -79,14 +79,14 @@ def _keys(node: yaml.Node) -> Iterator[yaml.Node]:
     elif isinstance(node, yaml.SequenceNode):
         for entry in node.value:
             for key, value in entry.value if isinstance(entry, yaml.MappingNode) else ():
-                if key.value in NAMED_BY:
+                if key.value in (*NAMED_BY, "tag"):
                     yield value
 
 
 def names_in_map(document: yaml.Node) -> Iterator[yaml.Node]:
-    """Yield the scalars of MAP.yaml that name anchors: they are text as they stand there."""
+    """Yield the scalars of MAP.yaml that name anchors or tags: they are text as they stand there."""
     for key, value in document.value if isinstance(document, yaml.MappingNode) else ():
-        if key.value == "anchors":
+        if key.value in ("anchors", "tags"):
             yield from _keys(value)
         for entry, inner in value.value if key.value == "ranges" and isinstance(value, yaml.MappingNode) else ():
             if entry.value == "names" and isinstance(inner, yaml.SequenceNode):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ortilo_drake.interop.recorded.rejected import Rejections, kept_in_order, named
-from ortilo_drake.interop.recorded.sources import MOST, Column, OfAnchor, RangeSource, Source
+from ortilo_drake.interop.recorded.sources import MOST, Column, OfOne, RangeSource, Source
 from ortilo_drake.interop.recorded.tables import Table
 from ortilo_drake.model.input_files import exists
 from ortilo_drake.model.typed_yaml import InputError
@@ -39,7 +39,7 @@ class Stream(NamedTuple):
         return self._replace(t=self.t[which], values=self.values[which], names=names, rows=self.rows[which])
 
 
-def files_of(folder: Path, names: str | Sequence[str | OfAnchor]) -> list[Path]:
+def files_of(folder: Path, names: str | Sequence[str | OfOne]) -> list[Path]:
     """Return the files that a map names; those of a pattern in order, anchor2 before anchor10.
 
     Args:

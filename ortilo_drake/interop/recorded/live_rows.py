@@ -260,7 +260,8 @@ class LiveRows:
                 rows = rows[np.sort(first)]
             parts.append(rows)
         t, anchor, r, other = np.concatenate(parts).T
-        ranges = Ranges(t - self.origin, anchor.astype(np.int64), r, other.astype(np.int64))
+        anchor, other, tag = (part.astype(np.int64) for part in (anchor, other, np.zeros(len(t))))
+        ranges = Ranges(t - self.origin, anchor, r, other, tag)
         return ranges.only(np.lexsort((ranges.anchor, ranges.t)))
 
     def _samples(self, horizon: float) -> Imu | None:

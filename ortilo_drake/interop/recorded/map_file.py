@@ -11,7 +11,9 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from ortilo_drake.interop.recorded.anchors import Vector, as_anchors, names_in_map, read_anchors
 from ortilo_drake.interop.recorded.sources import (
+    MOST,
     AccelerometerSource,
+    BoxSource,
     CommandSource,
     DifferenceSource,
     FinderSource,
@@ -51,7 +53,9 @@ class Estimated(Frozen):
         default="calibrated", description="Of each anchor's ranges: from the truth, as states of the filter, or none."
     )
     lever: Literal["estimate"] | Vector = Field(
-        default="estimate", description="From the truth's point to the antenna, body axes (forward left up) [m]."
+        default="estimate",
+        description="From the truth's point to the antenna, or to the point that `tags` count from, body axes (forward "
+        "left up) [m].",
     )
 
 
@@ -109,6 +113,9 @@ class Drag(Frozen):
     """A rotor's drag along x and y of the body, -k v: by which a failing accelerometer is noticed, and replaced."""
 
     k: float = Field(default=0.38, ge=0.0, le=10.0, description="[1/s].")
+    k_sd: float = Field(
+        default=0.0, ge=0.0, le=10.0, description="Standard deviation of k, a state then; 0: it is as given [1/s]."
+    )
     noise: Positive = Field(default=0.5, description="White noise of the force so found [m/s²/√Hz].")
     doubted: Positive = Field(
         default=3.0,
@@ -152,11 +159,17 @@ class Map(Frozen):
         description="[m]: in the order of the ranges, by name, `{find: n}`, or a file with them: cfclient's YAML, a "
         "table `id, x, y, z`, a DWM1001's console."
     )
+    tags: Annotated[dict[str, Vector], Field(min_length=1, max_length=MOST)] | None = Field(
+        default=None,
+        description="Several tags on one body: by name, where each is, from the point that `calibration.lever` leads "
+        "to, body axes (forward left up) [m].",
+    )
     imu: ImuSource | None = None
     accelerometer: AccelerometerSource | None = None
     command: CommandSource | None = None
     range_finder: FinderSource | None = None
     flow: FlowSource | None = None
+    boxes: BoxSource | None = None
     drag: Drag | None = None
     start: Start | None = None
     floor: float = Field(default=0.0, ge=-1e4, le=1e4, description="Its z in the anchors' frame [m].")
@@ -202,7 +215,16 @@ class Map(Frozen):
             raise ValueError("height_sd: belongs to `height`, which is not given")
         if self.differences is not None and isinstance(self.anchors, Find):
             raise ValueError("anchors: find: from single ranges only; differences need surveyed anchors")
-        for key in ("accelerometer", "range_finder", "flow", "drag"):
+        for key in ("ranges", "differences"):
+            source = getattr(self, key)
+            says = source is not None and bool(source.tag is not None or source.tags_of_files)
+            if source is not None and says != (self.tags is not None):
+                raise ValueError(
+                    f"{key}: name tags, but `tags`, where they are, is missing"
+                    if says
+                    else f"tags: are given, but {key} name none: give {key}.tag, or the tag of each file"
+                )
+        for key in ("accelerometer", "range_finder", "flow", "boxes", "drag"):
             if getattr(self, key) is not None and self.imu is None:
                 raise ValueError(f"{key}: needs `imu`")
         now = self.calibration
@@ -217,8 +239,12 @@ class Map(Frozen):
 
 
 def load_map(path: Path) -> Map:
-    """Read MAP.yaml, and the file of its anchors if that stands beside it; InputError if anything is wrong."""
+    """Read MAP.yaml, and the files of anchors, room and camera beside it; InputError if anything is wrong."""
     map_ = validate(Map, parse_yaml(read_text(path), str(path), names_in_map), str(path))
+    if map_.boxes is not None:
+        files = {key: path.parent / name for key in ("room", "camera") if (name := getattr(map_.boxes, key))}
+        beside = {key: str(file.resolve()) for key, file in files.items() if exists(file)}
+        map_ = map_.model_copy(update={"boxes": map_.boxes.model_copy(update=beside)})
     if isinstance(map_.anchors, str) and exists(path.parent / map_.anchors):
         return map_.model_copy(update={"anchors": read_anchors(path.parent / map_.anchors)})
     return map_

@@ -1,6 +1,6 @@
 """Recorded ranges, one a row: of tables with a column for each anchor, of rows, files or topics of one anchor."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ from ortilo_drake.interop.recorded.anchors import in_order, read_anchors
 from ortilo_drake.interop.recorded.columns import Stream, files_of, read_stream
 from ortilo_drake.interop.recorded.map_file import Find, Map
 from ortilo_drake.interop.recorded.rejected import Rejections
-from ortilo_drake.interop.recorded.sources import DifferenceSource, RangeSource
+from ortilo_drake.interop.recorded.sources import DifferenceSource, OfOne, RangeSource
 from ortilo_drake.model.typed_yaml import InputError
 
 FARTHEST = 1e5  # [m]; what a ranging radio reports beyond is no range, and its square overflows
@@ -19,19 +19,21 @@ FEWEST = 10  # ranges that make a recording
 LONGER = 1.0  # a difference is no longer than its anchors lie apart, but for its error [m]
 SHOWN = 8  # names of anchors in an error
 
-Rows = tuple[np.ndarray, np.ndarray, np.ndarray]  # stamps [s], anchors, ranges (n each)
+Names = tuple[str, ...]
 
 
 class Ranges(NamedTuple):
     """Ranges and differences in the order of their stamps (n each).
 
-    Stamp [s], anchor b, range r_b or difference r_b - r_a [m], and the other anchor a, -1 of a single range.
+    Stamp [s], anchor b, range r_b or difference r_b - r_a [m], the other anchor a, -1 of a single range, and the tag
+    that heard them, 0 where there is one.
     """
 
     t: np.ndarray
     anchor: np.ndarray
     r: np.ndarray
     other: np.ndarray
+    tag: np.ndarray
 
     def only(self, which: np.ndarray) -> "Ranges":
         """Return some of them."""
@@ -39,14 +41,14 @@ class Ranges(NamedTuple):
 
 
 def single_ranges(t: np.ndarray, anchor: np.ndarray, r: np.ndarray) -> Ranges:
-    """Return ranges that are no differences."""
-    return Ranges(t, anchor, r, np.full(len(t), -1))
+    """Return ranges of one tag that are no differences."""
+    return Ranges(t, anchor, r, np.full(len(t), -1), np.zeros(len(t), np.int64))
 
 
 class Surveyed(NamedTuple):
     """What the rows call the anchors, empty if nothing says it, and positions (n, 3) or the number to be found."""
 
-    names: tuple[str, ...]
+    names: Names
     positions: np.ndarray | int
 
     @property
@@ -67,8 +69,30 @@ def surveyed(folder: Path, map_: Map) -> Surveyed:
     return Surveyed(*in_order(anchors, names, "ranges.names"))
 
 
-def _of_rows(stream: Stream, names: tuple[str, ...]) -> Rows:
-    """Return the rows whose anchor is one of these; others and repetitions are counted."""
+def _tags_of(paths: Sequence[Path], source: RangeSource | DifferenceSource, stream: Stream, tags: Names) -> np.ndarray:
+    """Return which tag each row of a stream names (n), -1 for none of the map's; 0 where rows name none."""
+    if source.tag is None:
+        return np.zeros(len(stream.t), np.int64)
+    said, values = [], (source.value,) if isinstance(source, DifferenceSource) else source.values
+    for column in source.tag if isinstance(source.tag, tuple) else (source.tag,):
+        of_column = read_stream(paths, source, values, "tags", source.topic, column)
+        if of_column.names is None or not np.array_equal(of_column.rows, stream.rows):
+            raise InputError(f"{stream.rejected.source}: rows that name an anchor and no tag")
+        said.append(of_column.names.tolist())
+    called = [".".join(row) for row in zip(*said, strict=True)]
+    found = anchors_of(called, tags)
+    if (found < 0).all():
+        shown = ", ".join(np.unique(called)[:SHOWN])
+        raise InputError(f"{stream.rejected.source}: no row names a tag of the map: {shown}, not {', '.join(tags)}")
+    unknown = found < 0
+    place = f"{stream.place(unknown)} ('{called[int(np.argmax(unknown))]}')"
+    stream.rejected.add("rows of tags that the map does not name", place, int(unknown.sum()))
+    return found
+
+
+def _of_rows(stream: Stream, names: Names, tag: np.ndarray) -> tuple[Stream, Ranges]:
+    """Return the rows whose anchor is one of these, and that have a tag; others and repetitions are counted."""
+    stream, tag = stream.only(tag >= 0), tag[tag >= 0]
     assert stream.names is not None
     anchor = anchors_of(stream.names.tolist(), names)
     unknown = anchor < 0
@@ -78,17 +102,18 @@ def _of_rows(stream: Stream, names: tuple[str, ...]) -> Rows:
     called = f" ('{stream.names[np.argmax(unknown)]}')"
     reason = "ranges to anchors that the map does not name"
     stream.rejected.add(reason, stream.place(unknown) + called, int(unknown.sum()))
-    stream, anchor = stream.only(~unknown), anchor[~unknown]
-    _, first = np.unique(np.column_stack([stream.t, anchor]), axis=0, return_index=True)
+    stream, anchor, tag = stream.only(~unknown), anchor[~unknown], tag[~unknown]
+    _, first = np.unique(np.column_stack([stream.t, anchor, tag]), axis=0, return_index=True)
     again = np.ones(len(anchor), dtype=bool)
     again[first] = False
     stream.rejected.add("duplicate stamps of one anchor", stream.place(again), int(again.sum()))
-    return stream.t[~again], anchor[~again], stream.values[~again, 0]
+    stream = stream.only(~again)
+    return stream, single_ranges(stream.t, anchor[~again], stream.values[:, 0])._replace(tag=tag[~again])
 
 
-def _usable(stream: Stream, rows: Rows, in_a_row: int, scale: float, others: str = "") -> Rows:
+def _usable(stream: Stream, ranges: Ranges, in_a_row: int, scale: float, others: str = "") -> Ranges:
     """Return the ranges [m] that are some; the others are counted."""
-    t, anchor, r = rows
+    t, r = ranges.t, ranges.r
     none, low = ~np.isfinite(r), np.isfinite(r) & (r <= 0.0)
     far = np.isfinite(r) & (r > FARTHEST / scale)
     reasons = ("ranges that are NaN or empty", "ranges of 0 or less", f"ranges of more than {FARTHEST / 1000:g} km")
@@ -99,19 +124,17 @@ def _usable(stream: Stream, rows: Rows, in_a_row: int, scale: float, others: str
         )
         stream.rejected.add(reason + others, place, int(bad.sum()))
     good = ~(none | low | far)
-    return t[good], anchor[good], scale * r[good]
+    return ranges._replace(r=scale * r).only(good)
 
 
-def _of_one_anchor(stream: Stream, i: int, scale: float) -> Rows:
+def _of_one_anchor(stream: Stream, i: int, scale: float) -> Ranges:
     width = stream.values.shape[1]
     if width != 1:
         raise InputError(f"{stream.rejected.source}: {width} values in a row or message, one anchor")
-    return _usable(stream, (stream.t, np.full(len(stream.t), i), stream.values[:, 0]), 1, scale)
+    return _usable(stream, single_ranges(stream.t, np.full(len(stream.t), i), stream.values[:, 0]), 1, scale)
 
 
-def _each_of_one_anchor(
-    folder: Path, source: RangeSource, count: int, names: tuple[str, ...]
-) -> Iterator[tuple[int, Stream]]:
+def _each_of_one_anchor(folder: Path, source: RangeSource, count: int, names: Names) -> Iterator[tuple[int, Stream]]:
     """Yield anchor and stream of each file or topic that has the ranges to one anchor; none if the map has no such."""
     of_files = source.anchors_of_files
     paths = files_of(folder, source.file)
@@ -130,9 +153,25 @@ def _each_of_one_anchor(
         yield anchor, read_stream([path], source, source.values, "ranges", source.topic)
 
 
+def _each_tag(source: RangeSource, tags: Names) -> Iterator[tuple[int, RangeSource]]:
+    """Yield each tag that has files of its own, and the source with these alone; 0 and all of it if none has."""
+    of_files = source.tags_of_files
+    if not of_files:
+        yield 0, source
+        return
+    found = anchors_of(of_files, tags)
+    if (found < 0).any():
+        raise InputError(f"ranges.file: '{of_files[int(np.argmin(found))]}' is none of the tags: {', '.join(tags)}")
+    for i in np.unique(found):
+        its = [one for one, tag in zip(source.file, found, strict=True) if tag == i and isinstance(one, OfOne)]
+        files = tuple(one.file if one.anchor is None else one.model_copy(update={"tag": None}) for one in its)
+        alone = len(files) == 1 and its[0].anchor is None
+        yield int(i), source.model_copy(update={"file": files[0] if alone else files})
+
+
 def _of_ranges(
-    folder: Path, source: RangeSource, names: tuple[str, ...], count: int, told: list[Rejections]
-) -> list[Rows]:
+    folder: Path, source: RangeSource, names: Names, count: int, told: list[Rejections], tags: Names
+) -> list[Ranges]:
     parts = []
     for i, stream in _each_of_one_anchor(folder, source, count, names):
         told += stream.told
@@ -140,25 +179,29 @@ def _of_ranges(
     if parts:
         return parts
     paths = files_of(folder, source.file)
-    stream = read_stream(paths, source, source.values, "ranges", source.topic, source.anchor)
+    of_tag = source.tag[0] if isinstance(source.tag, tuple) else source.tag
+    stream = read_stream(paths, source, source.values, "ranges", source.topic, source.anchor or of_tag)
     told += stream.told
+    tag = _tags_of(paths, source, stream, tags)
     width = stream.values.shape[1]
     if source.rows_name_anchors:
         if not names:
             raise InputError("ranges.names: are missing: what the rows call the anchors; or give `anchors` by name")
         if width != 1:
             raise InputError(f"{stream.rejected.source}: {width} values in a row that names one anchor")
-        return [_usable(stream, _of_rows(stream, names), 1, source.scale)]
+        return [_usable(*_of_rows(stream, names, tag), 1, source.scale)]
     if width != count:
         raise InputError(f"{stream.rejected.source}: {width} ranges in a row, but {count} anchors in the map")
-    rows = np.repeat(stream.t, count), np.tile(np.arange(count), len(stream.t)), stream.values.ravel()
+    stream, tag = stream.only(tag >= 0), tag[tag >= 0]
+    rows = single_ranges(np.repeat(stream.t, count), np.tile(np.arange(count), len(stream.t)), stream.values.ravel())
+    rows = rows._replace(tag=np.repeat(tag, count))
     return [_usable(stream, rows, count, source.scale, " (the others of their row are kept)")]
 
 
 def _of_differences(
-    folder: Path, source: DifferenceSource, found: Surveyed, told: list[Rejections]
-) -> tuple[np.ndarray, ...]:
-    """Return stamps [s], anchors b, differences r_b - r_a [m] and anchors a; what is no difference is counted."""
+    folder: Path, source: DifferenceSource, found: Surveyed, told: list[Rejections], tags: Names
+) -> Ranges:
+    """Return the differences r_b - r_a; what is no difference is counted."""
     paths = files_of(folder, source.file)
     stream, of_a = (
         read_stream(paths, source, (source.value,), "differences", source.topic, names)
@@ -174,6 +217,7 @@ def _of_differences(
         anchors_of(of_a.names.tolist(), found.names),
         stream.values[:, 0],
     )
+    tag = _tags_of(paths, source, stream, tags)
     unknown = (a < 0) | (b < 0)
     if unknown.all():
         said = ", ".join(np.unique(stream.names)[:SHOWN])
@@ -193,8 +237,8 @@ def _of_differences(
     ):
         called = f" ('{who[np.argmax(bad)]}')" if bad is unknown else ""
         stream.rejected.add(reason, stream.place(bad) + called, int(bad.sum()))
-    good = ~(unknown | none | same | long)
-    return stream.t[good], b[good], source.sign * source.scale * value[good], a[good]
+    good = ~(unknown | none | same | long | (tag < 0))
+    return Ranges(stream.t, b, source.sign * source.scale * value, a, tag).only(good)
 
 
 def read_range_rows(folder: Path, map_: Map, told: list[Rejections]) -> tuple[Ranges, np.ndarray | int]:
@@ -208,13 +252,14 @@ def read_range_rows(folder: Path, map_: Map, told: list[Rejections]) -> tuple[Ra
     Raises:
         InputError: if a file cannot be read, or its ranges are not those to the map's anchors.
     """
-    found, parts = surveyed(folder, map_), []
-    if map_.ranges is not None:
-        rows = _of_ranges(folder, map_.ranges, found.names, found.number, told)
-        parts += [single_ranges(*row) for row in rows]
+    found, tags = surveyed(folder, map_), tuple(map_.tags or ())
+    parts: list[Ranges] = []
+    for i, source in () if map_.ranges is None else _each_tag(map_.ranges, tags):
+        rows = _of_ranges(folder, source, found.names, found.number, told, tags)
+        parts += [one._replace(tag=one.tag + i) for one in rows]
     if map_.differences is not None:
-        parts.append(Ranges(*_of_differences(folder, map_.differences, found, told)))
+        parts.append(_of_differences(folder, map_.differences, found, told, tags))
     ranges = Ranges(*(np.concatenate(part) for part in zip(*parts, strict=True)))
     if len(ranges.t) < FEWEST:
         raise InputError(f"{told[-1].source}: {len(ranges.t)} ranges")
-    return ranges.only(np.lexsort((ranges.anchor, ranges.t))), found.positions
+    return ranges.only(np.lexsort((ranges.tag, ranges.anchor, ranges.t))), found.positions

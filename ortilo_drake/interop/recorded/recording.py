@@ -6,12 +6,14 @@ from typing import NamedTuple
 import numpy as np
 
 from ortilo_drake.interop.recorded.attitudes import are_attitudes, rotations
+from ortilo_drake.interop.recorded.boxes import Scene, read_boxes
 from ortilo_drake.interop.recorded.columns import Stream, files_of, read_stream
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import Ranges, read_range_rows
 from ortilo_drake.interop.recorded.rejected import Rejections
 from ortilo_drake.interop.recorded.sources import Column, ImuSource, Matrix, Quaternion, Source
 from ortilo_drake.model.input_files import exists
+from ortilo_drake.model.signals import DETECTIONS_SIZE
 from ortilo_drake.model.typed_yaml import InputError
 
 GRAVITY = 9.81  # [m/s²]; the accelerometer's bias takes up what differs from place to place
@@ -42,21 +44,30 @@ class Truth(NamedTuple):
 
 
 class Looks(NamedTuple):
-    """What looks down: stamps of range finder and flow [s] (k), (m), distances [m] (k) and flow [px] (m, 2)."""
+    """What looks down and ahead: stamps of range finder, flow and pictures [s] (k), (m), (l).
+
+    Distances [m] (k), flow [px] (m, 2), and a detections message of each picture (l, DETECTIONS_SIZE).
+    """
 
     finder_t: np.ndarray
     distance: np.ndarray
     flow_t: np.ndarray
     flow: np.ndarray
+    boxes_t: np.ndarray
+    boxes: np.ndarray
 
 
-NO_LOOKS = Looks(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros((0, 2)))
+NO_LOOKS = Looks(*(np.zeros(0),) * 3, np.zeros((0, 2)), np.zeros(0), np.zeros((0, DETECTIONS_SIZE)))
+
+
+ONE_TAG = np.zeros((1, 3))  # at that point itself
 
 
 class Recording(NamedTuple):
     """A motion; stamps count from the first range, the truth's from its own first.
 
-    `origin` and `truth_origin` [s] are what was taken off, `anchors` (n, 3) or their number if they are to be found.
+    `origin` and `truth_origin` [s] are what was taken off, `anchors` (n, 3) or their number if they are to be found,
+    `tags` (m, 3) where the tags are from the point that the lever leads to, body axes, `scene` what the boxes show.
     """
 
     name: str
@@ -69,6 +80,8 @@ class Recording(NamedTuple):
     told: list[str]
     rejected: dict[str, int]
     looks: Looks = NO_LOOKS
+    tags: np.ndarray = ONE_TAG
+    scene: Scene | None = None
 
 
 def axes_matrix(axes: str | tuple[str, ...], what: str = "imu.axes") -> np.ndarray:
@@ -181,8 +194,8 @@ def _counted(t: np.ndarray, source: Source, origin: float) -> np.ndarray:
     return t - (float(t[0]) if source.zero == "first" else origin)
 
 
-def _read_looks(folder: Path, map_: Map, origin: float, told: list[Rejections]) -> Looks:
-    looks = NO_LOOKS
+def _read_looks(folder: Path, map_: Map, origin: float, told: list[Rejections]) -> tuple[Looks, Scene | None]:
+    looks, scene = NO_LOOKS, None
     if map_.range_finder is not None:
         stream = _read(folder, map_.range_finder, (map_.range_finder.distance,), "range_finder", told, 1)
         distance = stream.values[:, 0] * map_.range_finder.scale
@@ -193,7 +206,10 @@ def _read_looks(folder: Path, map_: Map, origin: float, told: list[Rejections]) 
     if map_.flow is not None:
         stream = _read(folder, map_.flow, map_.flow.pixels, "flow", told, 2)
         looks = looks._replace(flow_t=_counted(stream.t, map_.flow, origin), flow=stream.values)
-    return looks
+    if map_.boxes is not None:
+        t, boxes, scene = read_boxes(folder, map_.boxes, told)
+        looks = looks._replace(boxes_t=_counted(t, map_.boxes, origin), boxes=boxes)
+    return looks, scene
 
 
 def frozen_rows(t: np.ndarray, p: np.ndarray, longest: float) -> np.ndarray:
@@ -249,7 +265,7 @@ def read_recording(path: Path, map_: Map) -> Recording:
     ranges, anchors = read_range_rows(path, map_, told)
     origin = float(ranges.t[0])
     ranges = ranges._replace(t=ranges.t - origin)
-    looks = _read_looks(path, map_, origin, told)
+    looks, scene = _read_looks(path, map_, origin, told)
     imu = None if map_.imu is None else _read_imu(path, map_, origin, told)
     truth, truth_origin = (None, 0.0) if map_.truth is None else _read_truth(path, map_, told)
     if imu is not None and (imu.t[-1] < 0.0 or imu.t[0] > ranges.t[-1]):
@@ -261,4 +277,5 @@ def read_recording(path: Path, map_: Map) -> Recording:
         for reason, n in part.counts.items():
             counts[f"{part.source}: {reason}"] = counts.get(f"{part.source}: {reason}", 0) + n
     name = path.name if path.is_dir() else path.parent.name
-    return Recording(name, ranges, imu, truth, anchors, origin, truth_origin, lines, counts, looks)
+    tags = ONE_TAG if map_.tags is None else np.array(list(map_.tags.values()))
+    return Recording(name, ranges, imu, truth, anchors, origin, truth_origin, lines, counts, looks, tags, scene)

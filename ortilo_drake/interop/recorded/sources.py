@@ -38,11 +38,18 @@ def _text(value: Any) -> Any:
 Name = Annotated[str, BeforeValidator(_text), Field(min_length=1, max_length=256)]
 
 
-class OfAnchor(Frozen):
-    """A file with the ranges to one anchor, whose rows need not name it."""
+class OfOne(Frozen):
+    """A file with the ranges to one anchor or of one tag, whose rows need not name it."""
 
     file: FileName
-    anchor: Name
+    anchor: Name | None = None
+    tag: Name | None = None
+
+    @model_validator(mode="after")
+    def _says_of_what(self) -> Self:
+        if self.anchor is None and self.tag is None:
+            raise ValueError(f"file: {self.file}: of which `anchor`, or which `tag`?")
+        return self
 
 
 def check_axes(axes: str | tuple[Axis, Axis, Axis]) -> None:
@@ -72,10 +79,10 @@ class Source(Frozen):
     field of its messages, such as `linear_acceleration.x` or `ranges[2]`.
     """
 
-    file: FileName | Annotated[tuple[FileName | OfAnchor, ...], Field(min_length=1, max_length=MOST)] = Field(
+    file: FileName | Annotated[tuple[FileName | OfOne, ...], Field(min_length=1, max_length=MOST)] = Field(
         description="A file, a pattern such as `imu_*.csv`, or a list: several are merged by their stamps. "
         "Of ranges, tables of one range a row that do not name the anchor are one for each anchor, in order; "
-        "`{file: a.csv, anchor: 0E15}` says of which."
+        "`{file: a.csv, anchor: 0E15}` says of which, `{file: a.csv, tag: left}` which tag heard it."
     )
     topic: str | None = Field(default=None, description="A bag's or MCAP file's topic; none for a table.")
     time: Column | None = Field(
@@ -95,16 +102,28 @@ class Source(Frozen):
     @property
     def anchors_of_files(self) -> tuple[str, ...]:
         """Return the anchor that each file is of, if the map says so."""
-        files = () if isinstance(self.file, str) else self.file
-        return tuple(file.anchor for file in files if isinstance(file, OfAnchor))
+        return tuple(one.anchor for one in self._of_one if one.anchor is not None)
+
+    @property
+    def tags_of_files(self) -> tuple[str, ...]:
+        """Return the tag that each file is of, if the map says so."""
+        return tuple(one.tag for one in self._of_one if one.tag is not None)
+
+    @property
+    def _of_one(self) -> tuple[OfOne, ...]:
+        return () if isinstance(self.file, str) else tuple(file for file in self.file if isinstance(file, OfOne))
 
     @model_validator(mode="after")
     def _table_has_stamps(self) -> Self:
-        if self.anchors_of_files:
-            raise ValueError("file: its files are of no anchor; only those of `ranges` are")
+        if self._of_one:
+            raise ValueError("file: its files are of no anchor and no tag; only those of `ranges` are")
         if self.topic is None and self.time is None:
             raise ValueError("time: a table needs the column of its stamps (a bag needs `topic`)")
         return self
+
+
+TagColumns = Column | tuple[Column, Column]
+TAG = "The column that names the tag of each row, or two that do so together, as `200.1`; see `tags`."
 
 
 class RangeSource(Source):
@@ -117,6 +136,7 @@ class RangeSource(Source):
         default=(), max_length=MOST, description="A column for each anchor; or one field that is a list."
     )
     anchor: Column | None = Field(default=None, description="Rows of one range: the column that names the anchor.")
+    tag: TagColumns | None = Field(default=None, description=TAG)
     names: tuple[Name, ...] = Field(
         default=(), max_length=MOST, description="What the rows call the anchors, in the order of `anchors`; as text."
     )
@@ -148,8 +168,9 @@ class RangeSource(Source):
     @model_validator(mode="after")
     def _a_row_says_what_it_is_of(self) -> Self:
         of_files = self.anchors_of_files
-        if self.format == "lec" and (self.values or self.anchor is not None or self.topic is not None or self.topics):
-            raise ValueError("format: lec: its lines say what is what; leave `values`, `anchor` and topics out")
+        no_lec = (self.values, self.anchor, self.tag, self.topic, self.topics)
+        if self.format == "lec" and any(key not in (None, ()) for key in no_lec):
+            raise ValueError("format: lec: its lines say what is what; leave `values`, `anchor`, `tag` and topics out")
         if self.format == "columns" and not self.values:
             raise ValueError("values: is missing: the column of each anchor's range, or of the one range of a row")
         if self.names and not (self.rows_name_anchors or of_files):
@@ -160,6 +181,11 @@ class RangeSource(Source):
             raise ValueError("topics: stand in place of `topic` and `anchor`; leave those out")
         if of_files and (len(of_files) < len(self.file) or self.rows_name_anchors or self.topics):
             raise ValueError("file: either every file names its anchor, or none does and the rows or topics say it")
+        of_tags = self.tags_of_files
+        if of_tags and (len(of_tags) < len(self.file) or self.tag is not None):
+            raise ValueError("file: either every file names its tag, or none does and `tag` is the rows' column")
+        if self.tag is not None and (self.topics or self.a_file_each or of_files):
+            raise ValueError("tag: rows name it beside their anchor, or have a range to each")
         for called in (self.names, of_files):
             keys = [key_of(name) for name in called]
             for i, key in enumerate(keys):
@@ -180,6 +206,7 @@ class DifferenceSource(Source):
     value: Column
     a: Column = Field(description="The column that names anchor a.")
     b: Column = Field(description="The column that names anchor b.")
+    tag: TagColumns | None = Field(default=None, description=TAG)
     names: tuple[Name, ...] = Field(
         default=(), max_length=MOST, description="What the rows call the anchors, in the order of `anchors`; as text."
     )
@@ -271,6 +298,25 @@ class FlowSource(Source):
     per_rad: Positive = Field(default=4.4, description="Pixels in an interval for one rad/s.")
     per_rad_sd: float = Field(default=0.1, ge=0.0, le=1.0, description="Standard deviation of that, as a share.")
     sd: Positive = Field(default=2.0, description="Standard deviation [px].")
+
+
+class BoxSource(Source):
+    """Boxes of a detector [px], one a row, by which the filter sees the landmarks of a room; those of a stamp together.
+
+    A pixel's centre has integer coordinates, the first one's (0, 0). The room's frame is the anchors'.
+    """
+
+    label: Column = Field(description="The column that names the class of each box, as the room does.")
+    box: tuple[Column, Column, Column, Column] = Field(description="u_min, v_min, u_max, v_max [px].")
+    room: FileName = Field(description="The room file with the landmarks, beside the map or among the files.")
+    camera: FileName | None = Field(
+        default=None, description="A calibration file of Kalibr, ROS or OpenCV in the place of the room's camera."
+    )
+    at: tuple[float, float, float] | None = Field(
+        default=None, description="From the estimated point to the camera, body axes [m]; the room's if not given."
+    )
+    sd: Positive = Field(default=1.0, description="Standard deviation of a small box's centre [px].")
+    growth: float = Field(default=0.02, ge=0.0, le=1.0, description="Share of its size by which it grows, over sd.")
 
 
 class CommandSource(Source):

@@ -9,7 +9,7 @@ from ortilo_drake.interop.recorded.recording import Recording
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.aided import airborne
 from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate, uncalibrated
-from ortilo_drake.studies.recorded.modelled import modelled
+from ortilo_drake.studies.recorded.modelled import antennas, modelled
 from ortilo_drake.studies.recorded.truth_path import seen_by, truth_path
 
 FEWEST = 200  # ranges that a fit needs
@@ -65,7 +65,7 @@ def range_errors(recording: Recording, map_: Map, by: Calibration) -> RangeError
     if len(ranges.t) < FEWEST:
         raise InputError(f"{recording.name}: {len(ranges.t)} ranges within the truth's time, {FEWEST} are needed")
     p, R = path.at(ranges.t + by.offset)
-    lever = by.lever if by.mount is None else by.mount @ by.lever
-    place = by.position(p if R is None else p + R @ lever)
+    mount = np.eye(3) if by.mount is None else by.mount
+    place = by.position(antennas(p, R, mount @ by.lever, recording.tags @ mount.T, ranges.tag))
     e = ranges.r - modelled(place, by.anchors, np.zeros(len(by.anchors)), ranges)
     return RangeErrors(ranges.t, ranges.anchor, ranges.other, e, place)

@@ -26,7 +26,16 @@ from ortilo_drake.studies.recorded.at_rest import at_rest
 from ortilo_drake.studies.recorded.carried import Carried, nothing_carried
 from ortilo_drake.studies.recorded.event_filter import run_further
 from ortilo_drake.studies.recorded.filter_types import NO_AIDS, RANGE, Anew, Events, Heard, State
-from ortilo_drake.studies.recorded.filtered import AT_REST, TRIAL, Known, events_of, heading_of, noise_of, start_of
+from ortilo_drake.studies.recorded.filtered import (
+    AT_REST,
+    TRIAL,
+    Known,
+    events_of,
+    heading_of,
+    levers_of,
+    noise_of,
+    start_of,
+)
 from ortilo_drake.studies.recorded.first_fix import LONGEST, fix_known_at
 from ortilo_drake.studies.recorded.reacquired import AGAIN, WATCH, anew_from, is_astray, nothing_anew
 
@@ -72,6 +81,9 @@ class LiveFilter:
     def __init__(self, map_: Map, anchors: np.ndarray, rate: float = RATE):
         if map_.start is not None and map_.start.lands:
             raise InputError("start.lands: a landing is looked for afterwards: leave it out of a live map")
+        for key in ("tags", "boxes"):
+            if getattr(map_, key) is not None:
+                raise InputError(f"{key}: are not heard live yet: leave them out of a live map")
         self._map, self._anchors, self._period = map_, anchors, 1.0 / rate
         self._noise = noise_of(map_.filter, map_.imu is not None)
         self._kept: Block | None = None  # rows that the filter has not taken in
@@ -155,7 +167,7 @@ class LiveFilter:
             late = self._kept.ranges
             self._kept = self._kept._replace(ranges=late.only(np.flatnonzero(late.t > begin + LONGEST)))
             return False
-        self._known = known._replace(looks=NO_LOOKS)
+        self._known, self._levers = known._replace(looks=NO_LOOKS), levers_of(known, ranges, imu)
         self._begin_at, self._next, self.begins_at = begin, first, begin
         self._carried = self._fresh()
         self._anew: Anew = nothing_anew(len(self._state.C))
@@ -179,7 +191,7 @@ class LiveFilter:
                     return False
                 self._start_anew(window)
             run, self._state, done = run_further(
-                events, heard, known.anchors, known.lever, self._state, self._carried, self._anew, known.level,
+                events, heard, known.anchors, self._levers, self._state, self._carried, self._anew, known.level,
                 self._noise, aids, self._watch, False,
             )  # fmt: skip
             self.ranges, self.taken = self.ranges + len(run.taken), self.taken + int(run.taken.sum())
@@ -200,13 +212,13 @@ class LiveFilter:
         """Return the ranges among events, and those that follow."""
         assert self._kept is not None
         of = events.kind == RANGE
-        left = Ranges(events.t[of], events.which[of], events.r[of], events.other[of])
+        left = Ranges(*(part[of] for part in (events.t, events.which, events.r, events.other, events.tag)))
         return _end_to_end(left, self._kept.ranges)
 
     def _start_anew(self, window: Ranges) -> None:
         known = self._known
         assert known is not None
-        found = anew_from(window, known.anchors, known.lever, self._state, known.level, is_astray(self._state))
+        found = anew_from(window, known.anchors, self._levers, self._state, known.level, is_astray(self._state))
         self.lost += found is not None
         self._anew = found or nothing_anew(len(self._state.C))
         self._watch = WATCH._replace(wait=float(window.t[0]) + AGAIN)
@@ -248,6 +260,7 @@ def _parted(block: Block, t: float) -> tuple[Block, Block]:
                 own = cut(own[0], j), cut(own[1], j)
             turned = None if imu.attitude is None else cut(imu.attitude, i)
             of_imu = Imu(cut(imu.t, i), cut(imu.rates, i), cut(imu.force, i), turned, own)
-        seen = (cut(looks.finder_t, f), cut(looks.distance, f), cut(looks.flow_t, m), cut(looks.flow, m))
-        parts.append(Block(Ranges(*(cut(part, k) for part in ranges)), of_imu, type(looks)(*seen)))
+        finder = {"finder_t": cut(looks.finder_t, f), "distance": cut(looks.distance, f)}
+        flow = {"flow_t": cut(looks.flow_t, m), "flow": cut(looks.flow, m)}
+        parts.append(Block(Ranges(*(cut(part, k) for part in ranges)), of_imu, looks._replace(**finder, **flow)))
     return parts[0], parts[1]

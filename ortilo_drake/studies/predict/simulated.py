@@ -78,7 +78,7 @@ def simulated(
         rng: draws the rest.
     """
     ranges = recording.ranges
-    place = path.position(ranges.t) + (path.attitude(ranges.t) * mount).apply(by.lever)
+    place = path.position(ranges.t) + (path.attitude(ranges.t) * mount).apply(by.lever + recording.tags[ranges.tag])
     r = modelled(place, by.anchors, np.zeros(len(by.anchors)), ranges)
     r = r + draw_errors(ranges, place, floor, noise.uwb, day, rng)
     imu = recording.imu

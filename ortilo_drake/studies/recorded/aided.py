@@ -3,12 +3,13 @@
 from collections.abc import Callable
 
 import numpy as np
+from scipy.stats import chi2
 
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import NO_LOOKS, Recording, Truth
 from ortilo_drake.studies.recorded.at_rest import AtRest
 from ortilo_drake.studies.recorded.calibrate import Calibration
-from ortilo_drake.studies.recorded.filter_types import NO_AIDS
+from ortilo_drake.studies.recorded.filter_types import NO_AIDS, Sight
 from ortilo_drake.studies.recorded.filtered import Known, Start
 from ortilo_drake.studies.recorded.level import given_level
 
@@ -28,12 +29,17 @@ def not_calibrated(recording: Recording, map_: Map, rest: AtRest | None) -> Know
 
 
 def with_aids(known: Known, recording: Recording, map_: Map, looks: bool) -> Known:
-    """Return what the filter is told with the map's start and drag, and with what looks down if that is asked for."""
-    aids, start, heading = NO_AIDS._replace(floor=map_.floor), None, known.heading
+    """Return what the filter is told with the map's start and drag, and with what looks if that is asked for."""
+    aids, start, heading, k_sd = NO_AIDS._replace(floor=map_.floor), None, known.heading, 0.0
     if map_.drag is not None:
-        aids = aids._replace(drag=map_.drag.k, drag_sd=map_.drag.noise, doubted=map_.drag.doubted)
+        drag = map_.drag
+        aids, k_sd = aids._replace(drag=drag.k, drag_sd=drag.noise, doubted=drag.doubted), drag.k_sd
     if map_.range_finder is not None:
         aids = aids._replace(finder=np.array(map_.range_finder.at), finder_sd=map_.range_finder.sd)
+    if map_.boxes is not None and recording.scene is not None:
+        noise, inside = np.array([map_.boxes.sd, map_.boxes.growth, 0.0]), chi2.cdf(map_.filter.gate**2, 1)
+        gates = np.full(2, chi2.ppf(inside, 2))  # of two numbers what the gate is of one
+        aids = aids._replace(sight=Sight(*recording.scene, noise, gates))
     scale_sd = 0.0
     if map_.flow is not None:
         aids = aids._replace(pixels=map_.flow.per_rad, flow_sd=map_.flow.sd)
@@ -41,9 +47,8 @@ def with_aids(known: Known, recording: Recording, map_: Map, looks: bool) -> Kno
     if map_.start is not None:
         at = map_.start
         start, heading = Start(np.array(at.position), at.position_sd, at.heading_sd, at.rests, at.lands), at.heading
-    return known._replace(
-        aids=aids, start=start, heading=heading, scale_sd=scale_sd, looks=recording.looks if looks else NO_LOOKS
-    )
+    looked = recording.looks if looks else NO_LOOKS
+    return known._replace(aids=aids, start=start, heading=heading, scale_sd=scale_sd, k_sd=k_sd, looks=looked)
 
 
 def airborne(

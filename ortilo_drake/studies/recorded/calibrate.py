@@ -16,11 +16,11 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.map_file import Estimated
-from ortilo_drake.interop.recorded.recording import Ranges, Recording
+from ortilo_drake.interop.recorded.recording import ONE_TAG, Ranges, Recording
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.clock_offset import offset_by_rates
 from ortilo_drake.studies.recorded.filter_types import UNKNOWN_LEVEL, Level
-from ortilo_drake.studies.recorded.modelled import modelled
+from ortilo_drake.studies.recorded.modelled import antennas, modelled
 from ortilo_drake.studies.recorded.truth_path import LEAST, TruthPath, first_part, seen_by, some_of, truth_path
 
 SPREAD, LEVER, BIAS = 0.06, 0.1, 0.2  # of a range, a lever and a bias [m]
@@ -58,7 +58,7 @@ class Calibration(NamedTuple):
 
 
 class _Fit(NamedTuple):
-    """Which of the unknowns are free, and where their numbers stand in the vector of unknowns."""
+    """Which of the unknowns are free, and where their numbers stand in the vector of unknowns; tags in truth's axes."""
 
     kind: str
     offset: bool
@@ -66,6 +66,7 @@ class _Fit(NamedTuple):
     find: bool
     n: int
     level: Level = UNKNOWN_LEVEL
+    tags: np.ndarray = ONE_TAG
 
     def parts(self, x: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return offset, F, shift, biases, lever and found anchors of a vector of unknowns."""
@@ -92,8 +93,7 @@ def _solve(x: np.ndarray, fit: _Fit, ranges: Ranges, chosen: np.ndarray, path: T
         full[free] = y
         offset, F, shift, biases, lever, found = fit.parts(full)
         p, R = path.at(t + offset) if fixed is None else fixed
-        if R is not None:
-            p = p + R @ lever
+        p = antennas(p, R, lever, fit.tags, seen.tag)
         place = found if fit.find else anchors
         p = p @ F.T + shift
         return modelled(p, place, biases, seen) - seen.r, float(p[:, 2].mean())
@@ -155,7 +155,8 @@ def uncalibrated(recording: Recording, settings: Estimated, lever: bool = True) 
     seen = ranges.only(seen_by(ranges, offset, path))
     p, R = path.at(seen.t + offset)
     c = np.zeros(len(anchors))
-    errors = np.sort(np.abs(modelled(p if R is None else p + R @ arm, anchors, c, seen) - seen.r))
+    p = antennas(p, R, arm, recording.tags * lever, seen.tag)
+    errors = np.sort(np.abs(modelled(p, anchors, c, seen) - seen.r))
     left = float(np.sqrt(np.mean(errors[: max(1, int(0.99 * len(errors)))] ** 2)))
     return Calibration(offset, "map", np.eye(3), np.zeros(3), None, arm, c, anchors, float(truth.t[0]), left)
 
@@ -205,7 +206,7 @@ def calibrate(
         offset, told_by = rates.offset, "rates"
     else:
         offset, told_by = 0.0, "ranges"
-    fit = _Fit(kind, told_by == "ranges", frees_lever, find, n, level)
+    fit = _Fit(kind, told_by == "ranges", frees_lever, find, n, level, recording.tags @ mount.T * lever)
     centre = np.zeros(3) if find else np.asarray(recording.anchors).mean(axis=0)
     flat = not find and float(np.ptp(np.asarray(recording.anchors)[:, 2])) < FLAT
 

@@ -80,5 +80,7 @@ def _left(recording: Recording, map_: Map, calibration: Calibration) -> float | 
     if recording.truth is None or isinstance(recording.anchors, int) or (recording.ranges.other >= 0).any():
         return None
     path, offset = truth_path(recording.truth), np.array([calibration.offset])
-    fit = plain_fit(recording.ranges, recording.anchors, path, offset, frame=map_.calibration.frame)
+    fit = plain_fit(
+        recording.ranges, recording.anchors, path, offset, frame=map_.calibration.frame, tags=recording.tags
+    )
     return None if fit is None else fit.left

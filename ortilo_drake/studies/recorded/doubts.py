@@ -90,9 +90,11 @@ def of_sign(ranges: Ranges, anchors: np.ndarray, sign: int, p: np.ndarray | None
     ]
 
 
-def of_failed(failed: tuple[float, ...]) -> list[str]:
-    """Return which axes of the accelerometer were not used, and since when [s]."""
-    return [
+def of_failed(failed: tuple[float, ...], drag: tuple[float, float]) -> list[str]:
+    """Return which axes of the accelerometer were not used, and since when [s], and drag's k if that was estimated."""
+    k, sd = drag
+    found = [f"drag: its k at the end is {k:.3f} 1/s, standard deviation {sd:.3f}"] if sd > 0.0 else []
+    return found + [
         f"imu: the accelerometer's {axis} contradicts drag and is not used from {since:.1f} s on: drag takes its place"
         for axis, since in zip("xy", failed, strict=True)
         if np.isfinite(since)

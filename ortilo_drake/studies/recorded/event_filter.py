@@ -2,17 +2,18 @@
 
 States, propagation and scalar updates are those of onboard/estimator/tight: position p and velocity v of the point that
 is estimated, attitude R (body to world), biases b_g of the gyro and b_a of the accelerometer; for each anchor a bias
-c_i [m] that wanders slowly and an error g_i [m] that lasts for tau (first-order Gauss-Markov); and the flow's error of
-scale s. The latest samples of gyro and accelerometer hold until the next ones.
+c_i [m] that wanders slowly and an error g_i [m] that lasts for tau (first-order Gauss-Markov); the flow's error of
+scale s; and drag's k. The latest samples of gyro and accelerometer hold until the next ones.
 
-A range to anchor i, and a difference of the ranges to b and a, with the antenna at the lever l from p in body axes:
+A range to anchor i, and a difference of the ranges to b and a, of a tag at the lever l from p in body axes:
 
     r_i = |p + R l - a_i| + c_i + g_i + white,   r_ab = r_b - r_a
 
 taken one at a time, and left out if its innovation exceeds the gate times its standard deviation, or if its anchor has
-yet to come back (anchors_heard.py). Where the height is known or constant, a row of z or v_z comes first at each epoch.
-Without an IMU, no samples and no variance of R, b_g and b_a, this is the constant-velocity filter, driven by white
-acceleration. A vehicle that rests, and an accelerometer that fails, are in imu_watch.py.
+yet to come back (anchors_heard.py). Boxes are given to landmarks and taken as in tight/pixels.py. Where the height is
+known or constant, a row of z or v_z comes first at each epoch. Without an IMU, no samples and no variance of R, b_g and
+b_a, this is the constant-velocity filter, driven by white acceleration. A vehicle that rests, and an accelerometer that
+fails, are in imu_watch.py.
 """
 
 import numpy as np
@@ -20,8 +21,10 @@ from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
-from ortilo_drake.onboard.estimator.tight.layout import P, Q, V
+from ortilo_drake.onboard.estimator.tight.layout import Layout, P, Q, V
+from ortilo_drake.onboard.estimator.tight.pixels import box_misfit, box_rows, pose_belief
 from ortilo_drake.onboard.estimator.tight.update import Taken, correct, innovation_variance, settle
+from ortilo_drake.onboard.landmarks.landmark_association import associate
 from ortilo_drake.studies.recorded.anchors_heard import is_lost, judged
 from ortilo_drake.studies.recorded.carried import BEGUN, EPOCH, FORCE_AT, GROWN, LOW, ROOM, Carried, nothing_carried
 from ortilo_drake.studies.recorded.event_rows import (
@@ -36,6 +39,8 @@ from ortilo_drake.studies.recorded.event_rows import (
     wipe,
 )
 from ortilo_drake.studies.recorded.filter_types import (
+    BOXES,
+    ENTRIES,
     FINDER,
     FLOW,
     FORCE,
@@ -50,6 +55,7 @@ from ortilo_drake.studies.recorded.filter_types import (
     Level,
     Noise,
     Run,
+    Sight,
     State,
     Tape,
     Watch,
@@ -126,7 +132,7 @@ def _own_row(
     x: np.ndarray,
     held: np.ndarray,
     anchors: np.ndarray,
-    lever: np.ndarray,
+    levers: np.ndarray,
     grown: float,
     noise: Noise,
     aids: Aids,
@@ -140,6 +146,7 @@ def _own_row(
     wipe(row)
     R, kind, seen = matrix_of(x[Q : Q + 4]), events.kind[k], events.r[k]
     if kind == RANGE:
+        lever = levers[1 + events.tag[k]]
         e, m = distance_row(x, R, lever, anchors, events.which[k], events.other[k], seen, row)
         return e, (noise.range_white * grown) ** 2, m
     if kind == LANDED:
@@ -150,8 +157,47 @@ def _own_row(
         return 0.0, 0.0, 0
     if kind == FINDER:
         return distance_down_row(x, R, seen, aids, row), aids.finder_sd**2, 4
-    seen, scale_at = heard_all.flow[events.which[k], axis], len(row.PHt) - 1
+    seen, scale_at = heard_all.flow[events.which[k], axis], len(row.PHt) - 2
     return pixels_row(axis, x, R, held[:3], seen, scale_at, aids, row), aids.flow_sd**2, 9
+
+
+@register_jitable
+def _take_boxes(
+    message: np.ndarray,
+    x: np.ndarray,
+    C: np.ndarray,
+    waiting: Taken,
+    rates: np.ndarray,
+    noise: Noise,
+    sight: Sight,
+    tape: Tape,
+    written: np.ndarray,
+) -> None:
+    """Give the boxes of a detections message to landmarks, and take their centres."""
+    N, sd = C.shape[0], sight.noise
+    layout = Layout(-1, -1, -1, -1, -1, -1, -1, N, 0, N)
+    settle(C, waiting)
+    xhat, P_pose = pose_belief(x, C, layout, -1)
+    chosen, centers, _ = associate(
+        message, xhat, P_pose, sight.positions, sight.outlines, sight.labels, sight.camera, sd[0], sight.gates[1], sd[1]
+    )
+    where, rows = np.zeros((2, ENTRIES), np.int64), np.zeros((2, ENTRIES))
+    u, v = Row(where[0], rows[0], np.empty(N)), Row(where[1], rows[1], np.empty(N))
+    for b in range(chosen.size):
+        i, e, of_center = chosen[b], np.empty(2), np.zeros(2)
+        at, outline, camera, seen = sight.positions[i], sight.outlines[i], sight.camera, centers[b]
+        m = box_rows(x, layout, i, seen, at, outline, camera, sd, rates, -1, where, rows, e, of_center)
+        if m == 0:
+            continue
+        r_u, r_v = of_center[0] ** 2, of_center[1] ** 2
+        squared, S_u = box_misfit(C, waiting, where, rows, m, e, r_u, r_v, u.PHt, v.PHt)
+        if not squared <= sight.gates[0]:
+            continue
+        weight = max(1.0, np.sqrt(squared) / noise.huber)
+        _take(x, C, waiting, u, e[0], S_u + (weight - 1.0) * r_u, tape, written)
+        m = box_rows(x, layout, i, seen, at, outline, camera, sd, rates, -1, where, rows, e, of_center)
+        if m > 0:
+            _take(x, C, waiting, v, e[1], _variance(C, waiting, v, m) + weight * r_v, tape, written)
 
 
 @register_jitable
@@ -178,7 +224,7 @@ def run_filter(
     events: Events,
     heard_all: Heard,
     anchors: np.ndarray,
-    lever: np.ndarray,
+    levers: np.ndarray,
     start: State,
     anew: Anew,
     level: Level,
@@ -195,17 +241,17 @@ def run_filter(
         events: in order of time.
         heard_all: the numbers that they point to.
         anchors: positions (n, 3).
-        lever: from the estimated point to the antenna, body axes (3).
+        levers: from the estimated point to the point that the tags count from, and to each tag, body axes (1 + m, 3).
         start: the state before the first event; the attitude's variance is 0 without an IMU.
         anew: position and velocity to start anew from.
         level: what is known of the height.
         noise: the noise.
-        aids: range finder, flow and drag.
+        aids: range finder, flow, drag and boxes.
         watch: when it is lost.
         whole: whether to keep what a smoother needs.
     """
     carried = nothing_carried(len(anchors), start.C.shape[0], start.t)
-    return run_further(events, heard_all, anchors, lever, start, carried, anew, level, noise, aids, watch, whole)
+    return run_further(events, heard_all, anchors, levers, start, carried, anew, level, noise, aids, watch, whole)
 
 
 @njit(cache=True)
@@ -213,7 +259,7 @@ def run_further(
     events: Events,
     heard_all: Heard,
     anchors: np.ndarray,
-    lever: np.ndarray,
+    levers: np.ndarray,
     start: State,
     carried: Carried,
     anew: Anew,
@@ -229,13 +275,13 @@ def run_further(
         events: in order of time.
         heard_all: the numbers that they point to.
         anchors: positions (n, 3).
-        lever: from the estimated point to the antenna, body axes (3).
+        levers: as run_filter's.
         start: the state that the last part ended with.
         carried: what it left; changed.
         anew: as at the start of the run.
         level: what is known of the height.
         noise: the noise.
-        aids: range finder, flow and drag.
+        aids: range finder, flow, drag and boxes.
         watch: when it is lost.
         whole: whether to keep what a smoother needs.
     """
@@ -267,7 +313,7 @@ def run_further(
         if new:
             settle(C, waiting)
             astray = C[0, 0] + C[1, 1] + C[2, 2] > watch.astray**2
-            grown = grown_at(x, lever, noise, aids)
+            grown = grown_at(x, levers[0], noise, aids)
             low = grown > 2.0  # all ranges are wrong there, and none says that the filter is lost
             lost = astray or (not low and is_lost(t, trust, watch))
             if lost and kind == RANGE and t >= watch.wait and watched[RESTS] == 0.0:
@@ -281,14 +327,19 @@ def run_further(
                 _take_start(x, C, waiting, row, anew, run.tape, written)
         begun = True
         if new and watched[RESTS] == 0.0:
-            _take_level(x, C, waiting, row, lever, level, run.tape, written)
+            _take_level(x, C, waiting, row, levers[0], level, run.tape, written)
         if kind == QUERY:
             settle(C, waiting)
             write_query(run, written, x, C)
             continue
+        if kind == BOXES:
+            if watched[RESTS] == 0.0:
+                message = heard_all.boxes[events.which[k]]
+                _take_boxes(message, x, C, waiting, held[:3], noise, aids.sight, run.tape, written)
+            continue
         rows = 0 if watched[RESTS] > 0.0 else 2 if kind == FLOW else 4 if kind == LANDED else 1
         for axis in range(rows):
-            e, r, m = _own_row(k, axis, events, heard_all, x, held, anchors, lever, grown, noise, aids, row)
+            e, r, m = _own_row(k, axis, events, heard_all, x, held, anchors, levers, grown, noise, aids, row)
             if m == 0:
                 continue
             own = _variance(C, waiting, row, m)

@@ -1,6 +1,6 @@
 """What goes into the filter on recorded events, what it holds between two of them, and what comes out.
 
-Shapes: n anchors, N = 16 + 2 n error states [dp, dv, theta, db_g, db_a, dc, dg, ds] and a nominal state of N + 1
+Shapes: n anchors, N = 17 + 2 n error states [dp, dv, theta, db_g, db_a, dc, dg, ds, dk] and a nominal state of N + 1
 numbers, as onboard/estimator/tight/layout.py has them; see event_filter.py.
 """
 
@@ -8,16 +8,20 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, N_INERTIAL
 
-RATES, FORCE, LANDED, RANGE, FINDER, FLOW, QUERY = range(7)  # kinds of events, in the order of those with one stamp
+RATES, FORCE, LANDED, RANGE, FINDER, FLOW, BOXES, QUERY = range(
+    8
+)  # kinds of events, in the order of those with one stamp
 BIASES = N_INERTIAL  # where the anchors' constant errors begin in the error state
 ENTRIES = 16  # of a row, at most
+TRANSITION = N_INERTIAL + 1  # columns of a step's transition: by the inertial errors and by that of drag's k
 
 
 def states(anchors: int) -> int:
     """Return the number of error states."""
-    return BIASES + 2 * anchors + 1
+    return BIASES + 2 * anchors + 2
 
 
 def nominal(i: int) -> int:
@@ -28,8 +32,8 @@ def nominal(i: int) -> int:
 class Events(NamedTuple):
     """What happens in order of time.
 
-    Stamp [s], kind, index (of sample, anchor or flow), the other anchor of a difference or -1, and the range,
-    difference, height or z of the place of landing [m] (n each).
+    Stamp [s], kind, index (of sample, anchor, flow or picture), the other anchor of a difference or -1, the range,
+    difference, height or z of the place of landing [m], and the tag of a range (n each).
     """
 
     t: np.ndarray
@@ -37,14 +41,16 @@ class Events(NamedTuple):
     which: np.ndarray
     other: np.ndarray
     r: np.ndarray
+    tag: np.ndarray
 
 
 class Heard(NamedTuple):
-    """What the events point to: body rates [rad/s] (k, 3), specific force [m/s²] (l, 3), flow [px] (m, 2)."""
+    """What the events point to: body rates [rad/s] (k, 3), force [m/s²] (l, 3), flow [px] (m, 2), boxes (q, ...)."""
 
     rates: np.ndarray
     force: np.ndarray
     flow: np.ndarray
+    boxes: np.ndarray
 
 
 class Noise(NamedTuple):
@@ -77,8 +83,33 @@ class Level(NamedTuple):
 UNKNOWN_LEVEL = Level(0.0, np.inf, np.inf)
 
 
+class Sight(NamedTuple):
+    """Landmarks and camera: positions (n, 3), outlines (n, m, 3) and classes (n) in W, and the camera.
+
+    Then the noise of take_boxes (3), and the largest squared innovations: of a box, and of one that may be a landmark's
+    (2).
+    """
+
+    positions: np.ndarray
+    outlines: np.ndarray
+    labels: np.ndarray
+    camera: Camera
+    noise: np.ndarray
+    gates: np.ndarray
+
+
+NO_SIGHT = Sight(
+    np.zeros((0, 3)),
+    np.zeros((0, 1, 3)),
+    np.zeros(0),
+    Camera(np.zeros(3), 1.0, np.zeros(2), np.zeros(2)),
+    np.zeros(3),
+    np.zeros(2),
+)
+
+
 class Aids(NamedTuple):
-    """Range finder, flow and drag.
+    """Range finder, flow, drag and boxes.
 
     Attributes:
         floor: z of the floor [m].
@@ -86,9 +117,11 @@ class Aids(NamedTuple):
         finder_sd: its noise [m].
         pixels: of the flow in an interval for one rad/s [px s/rad].
         flow_sd: its noise [px].
-        drag: k of the specific force -k v_B along x and y [1/s]; negative where the accelerometer is not doubted.
+        drag: k of the specific force -k v_B along x and y, at first [1/s]; negative where the accelerometer is not
+            doubted.
         drag_sd: white noise of that [m/s²/√Hz].
         doubted: an accelerometer's sample farther from it is not used [m/s²].
+        sight: landmarks and camera.
     """
 
     floor: float
@@ -99,6 +132,7 @@ class Aids(NamedTuple):
     drag: float
     drag_sd: float
     doubted: float
+    sight: Sight = NO_SIGHT
 
 
 NO_AIDS = Aids(0.0, np.zeros(3), np.inf, 0.0, np.inf, -1.0, 0.0, np.inf)
@@ -147,7 +181,7 @@ class Tape(NamedTuple):
 
     Attributes:
         what: of each 0, 1 or 2 (k).
-        A: transition of the first nine errors by the first fifteen, of each step (s, 9, 15).
+        A: transition of the first nine errors by the first fifteen and by dk, of each step (s, 9, 16).
         keeps: factor by which each further error went on (s, N - 9).
         where: indices of a row's entries (r, 16).
         row: the entries, 0 where there is none (r, 16).

@@ -7,13 +7,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.map_file import FilterSettings
-from ortilo_drake.interop.recorded.recording import GRAVITY, NO_LOOKS, Imu, Looks, Ranges
+from ortilo_drake.interop.recorded.recording import GRAVITY, NO_LOOKS, ONE_TAG, Imu, Looks, Ranges
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Q
 from ortilo_drake.studies.recorded.at_rest import AtRest, tell
 from ortilo_drake.studies.recorded.filter_types import (
     BIASES,
+    BOXES,
     FINDER,
     FLOW,
     FORCE,
@@ -71,8 +72,9 @@ class Known(NamedTuple):
     """What the filter is told.
 
     anchors (n, 3), biases (n) or None (online), lever (3), heading [rad] or None, what is known of the height, where
-    the vehicle starts, what looks down, the numbers of that and of drag, the deviation of the flow's scale, and what
-    the imu said while the body stood still, after which the filter begins.
+    the vehicle starts, what looks, the numbers of that and of drag, the deviations of the flow's scale and of drag's k,
+    what the imu said while the body stood still, after which the filter begins, and where the tags are (m, 3); without
+    an imu all of them are where the lever leads.
     """
 
     anchors: np.ndarray
@@ -84,14 +86,16 @@ class Known(NamedTuple):
     looks: Looks = NO_LOOKS
     aids: Aids = NO_AIDS
     scale_sd: float = 0.0
+    k_sd: float = 0.0
     rest: AtRest | None = None
+    tags: np.ndarray = ONE_TAG
 
 
 class Estimate(NamedTuple):
     """At the stamps asked for: position (m, 3), covariance (m, 3, 3), attitude (m, 3, 3).
 
     Then the innovations of the ranges, and their stamps; when the filter was lost; since when the accelerometer's x and
-    y are not used [s], inf if they are.
+    y are not used [s], inf if they are; and drag's k at the end, and its deviation [1/s].
     """
 
     t: np.ndarray
@@ -102,6 +106,7 @@ class Estimate(NamedTuple):
     range_stamps: np.ndarray
     lost: list[Lost]
     failed: tuple[float, float] = (np.inf, np.inf)
+    drag: tuple[float, float] = (0.0, 0.0)
 
 
 def noise_of(settings: FilterSettings, imu: bool) -> Noise:
@@ -153,31 +158,34 @@ def events_of(
     looks = known.looks
     rates = force = np.zeros((0, 3))
     parts = [
-        (ranges.t, RANGE, ranges.anchor, ranges.other, ranges.r),
-        (looks.finder_t, FINDER, None, None, looks.distance),
-        (looks.flow_t, FLOW, np.arange(len(looks.flow_t)), None, None),
-        (queries, QUERY, None, None, None),
+        (ranges.t, RANGE, ranges.anchor, ranges.other, ranges.r, ranges.tag),
+        (looks.finder_t, FINDER, None, None, looks.distance, None),
+        (looks.flow_t, FLOW, np.arange(len(looks.flow_t)), None, None, None),
+        (looks.boxes_t, BOXES, np.arange(len(looks.boxes_t)), None, None, None),
+        (queries, QUERY, None, None, None, None),
     ]
     if known.start is not None:
         rests = np.array([one.rests for one in landed])
-        parts.append((rests, LANDED, None, None, np.full(len(rests), known.start.position[2])))
+        parts.append((rests, LANDED, None, None, np.full(len(rests), known.start.position[2]), None))
     if imu is not None:
         rates, (t_force, force) = imu.rates, imu.accelerometer or (imu.t, imu.force)
         for kind, stamps in ((RATES, imu.t), (FORCE, t_force)):
             first = max(0, int(np.searchsorted(stamps, begin, side="right")) - 1)
-            parts.append((np.maximum(stamps[first:], begin), kind, np.arange(first, len(stamps)), None, None))
+            parts.append((np.maximum(stamps[first:], begin), kind, np.arange(first, len(stamps)), None, None, None))
     columns = zip(*([one[0], *_filled(one)] for one in parts), strict=True)
-    t, kinds, which, other, r = (np.concatenate(column) for column in columns)
+    t, kinds, which, other, r, tag = (np.concatenate(column) for column in columns)
     order = np.lexsort((which, kinds, t))
     order = order[t[order] >= begin]
-    events = Events(t[order], kinds[order], which[order].astype(np.int64), other[order].astype(np.int64), r[order])
-    return events, Heard(rates, force, looks.flow)
+    which, other, tag = (part.astype(np.int64) for part in (which, other, tag))
+    events = Events(*(part[order] for part in (t, kinds, which, other, r, tag)))
+    heard = (np.ascontiguousarray(part) for part in (rates, force, looks.flow, looks.boxes))  # compiled once for all
+    return events, Heard(*heard)
 
 
 def _filled(part: tuple) -> tuple[np.ndarray, ...]:
-    """Return kind, index, other anchor and number of a part's events, with 0, -1 and 0 where it has none."""
+    """Return kind, index, other anchor, number and tag of a part's events, with 0, -1, 0 and 0 where it has none."""
     t, kind, *columns = part
-    fill = (0, -1, 0.0)
+    fill = (0, -1, 0.0, 0)
     return np.full(len(t), kind), *(
         np.full(len(t), of) if c is None else c for c, of in zip(columns, fill, strict=True)
     )
@@ -205,10 +213,12 @@ def start_of(
         variances[6:9] = np.diag(tilts)
         variances[9:12], variances[12:15] = 0.01**2, BIAS**2
         variances[BIASES : BIASES + n] = settings.bias_start**2 if known.biases is None else 0.0
-        variances[BIASES + n : -1] = settings.range_correlated**2
-    variances[-1] = known.scale_sd**2
+        variances[BIASES + n : -2] = settings.range_correlated**2
+    variances[-2:] = known.scale_sd**2, known.k_sd**2 if imu is not None else 0.0
     if known.start is None:
-        fix = fix_of(ranges_for_a_fix(ranges), known.anchors, c, known.level)
+        window = ranges_for_a_fix(ranges)
+        arms = known.tags[window.tag] @ R.T if imu is not None else 0.0
+        fix = fix_of(window, known.anchors, c, known.level, arms=arms)
         place, variances[:6] = fix.x, fix.variances
         place[:3] -= R @ known.lever
     else:
@@ -217,7 +227,7 @@ def start_of(
     x = np.zeros(len(variances) + 1)
     x[:6] = place
     x[Q:ADDITIVE] = Rotation.from_matrix(R).as_quat(scalar_first=True)
-    x[nominal(BIASES) : nominal(BIASES) + n] = c
+    x[nominal(BIASES) : nominal(BIASES) + n], x[-1] = c, known.aids.drag
     C = np.diag(variances)
     if imu is not None:
         C[6:9, 6:9] = tilts
@@ -227,6 +237,15 @@ def start_of(
     at_rest = np.append(np.zeros(3), R.T @ [0.0, 0.0, GRAVITY])  # holds until the first sample, and without any
     rests = known.start is not None and known.start.rests and imu is not None
     return State(float(ranges.t[0]), x, C, at_rest, np.array([float(rests), 0.0, 0.0, 0.0, np.inf, np.inf, 0.0]))
+
+
+def levers_of(known: Known, ranges: Ranges, imu: Imu | None) -> np.ndarray:
+    """Return where the point that the tags count from, and each tag, are in the body (1 + m, 3) [m].
+
+    Without an imu the attitude is not known, and all are that point.
+    """
+    tags = known.tags if imu is not None else np.zeros((int(ranges.tag.max()) + 1, 3))
+    return known.lever + np.vstack([np.zeros(3), tags])
 
 
 def innovation_score(run: Innovations, gate: float) -> float:
@@ -253,10 +272,11 @@ def heading_of(
     begin = float(ranges.t[0])
     events, heard = events_of(ranges, imu, known, landed, queries, begin)
     events = Events(*(part[events.t <= begin + TRIAL] for part in events))
+    levers = levers_of(known, ranges, imu)
     tried, scores = np.arange(HEADINGS) * 2.0 * np.pi / HEADINGS, []
     for heading in tried:  # a wrong one must not be mended while it is tried
         start = start_of(ranges, imu, known, settings, heading, False)
-        runs = run_on(events, heard, known.anchors, known.lever, start, known.level, noise, known.aids, NEVER, False)[0]
+        runs = run_on(events, heard, known.anchors, levers, start, known.level, noise, known.aids, NEVER, False)[0]
         scores.append(innovation_score(_joined(runs), noise.gate))
     return float(tried[int(np.argmax(scores))])
 
@@ -302,10 +322,8 @@ def estimate(
     heading = heading_of(ranges, imu, known, settings, noise, queries, landed)
     events, heard = events_of(ranges, imu, known, landed, queries, begin)
     start = start_of(ranges, imu, known, settings, heading, known.heading is not None)
-    aids = known.aids if imu is not None else NO_AIDS
-    runs, lost, end = run_on(
-        events, heard, known.anchors, known.lever, start, known.level, noise, aids, WATCH, smoothed
-    )
+    levers, aids = levers_of(known, ranges, imu), known.aids if imu is not None else NO_AIDS
+    runs, lost, end = run_on(events, heard, known.anchors, levers, start, known.level, noise, aids, WATCH, smoothed)
     x, P = (
         smooth(runs)
         if smoothed
@@ -313,7 +331,8 @@ def estimate(
     )
     R = Rotation.from_quat(x[:, Q:ADDITIVE], scalar_first=True).as_matrix() if len(x) else np.zeros((0, 3, 3))
     failed = (float(end.watched[4]), float(end.watched[5]))
-    return Estimate(queries, x[:, :3], P, R, _joined(runs), ranges.t, lost, failed)
+    drag = (float(end.x[-1]), float(np.sqrt(end.C[-1, -1])))
+    return Estimate(queries, x[:, :3], P, R, _joined(runs), ranges.t, lost, failed, drag)
 
 
 def _joined(runs: list[Run]) -> Innovations:

@@ -30,6 +30,8 @@ FITS = 0.3  # a range agrees that is this near [m]
 FLOOR = 0.5  # of two mirror images the one near this height is taken at the start [m]
 MIRROR = 3.0  # costs that differ by less do not tell one position from another
 
+Arms = np.ndarray | float
+
 
 class Fix(NamedTuple):
     """Position and velocity of the antenna (6), variances (6), and the share of ranges that agree."""
@@ -66,17 +68,22 @@ def fix_known_at(ranges: Ranges) -> float:
     return max(first + FIRST_RANGES, float(ranges.t[np.sort(at)[ENOUGH - 1]]))
 
 
-def agreeing(ranges: Ranges, anchors: np.ndarray, c: np.ndarray, x: np.ndarray) -> float:
+def agreeing(ranges: Ranges, anchors: np.ndarray, c: np.ndarray, x: np.ndarray, arms: Arms = 0.0) -> float:
     """Return the share of ranges that agree with position and velocity x (6) at the first stamp."""
-    return float(np.mean(np.abs(_errors(ranges, anchors, c, x)) < FITS))
+    return float(np.mean(np.abs(_errors(ranges, anchors, c, x, arms)) < FITS))
 
 
-def _errors(ranges: Ranges, anchors: np.ndarray, c: np.ndarray, x: np.ndarray) -> np.ndarray:
-    return modelled(x[:3] + (ranges.t - ranges.t[0])[:, None] * x[3:], anchors, c, ranges) - ranges.r
+def _errors(ranges: Ranges, anchors: np.ndarray, c: np.ndarray, x: np.ndarray, arms: Arms) -> np.ndarray:
+    return modelled(x[:3] + (ranges.t - ranges.t[0])[:, None] * x[3:] + arms, anchors, c, ranges) - ranges.r
 
 
 def fix_of(
-    ranges: Ranges, anchors: np.ndarray, c: np.ndarray, level: Level = UNKNOWN_LEVEL, near: np.ndarray | None = None
+    ranges: Ranges,
+    anchors: np.ndarray,
+    c: np.ndarray,
+    level: Level = UNKNOWN_LEVEL,
+    near: np.ndarray | None = None,
+    arms: Arms = 0.0,
 ) -> Fix:
     """Return position and velocity of the antenna at the first stamp.
 
@@ -86,11 +93,12 @@ def fix_of(
         c: biases of the ranges (n) [m].
         level: what is known of the height.
         near: the last position that was known (3); none at the start.
+        arms: from there to the tag of each range, in W (n, 3); 0 where there is one.
     """
 
     def residuals(x: np.ndarray) -> np.ndarray:
         known = [(x[2] - level.height) / level.deviation, x[5] / level.climb]
-        return np.concatenate([_errors(ranges, anchors, c, x) / SPREAD, x[3:] / SPEED, known])
+        return np.concatenate([_errors(ranges, anchors, c, x, arms) / SPREAD, x[3:] / SPEED, known])
 
     def solved(start: np.ndarray, loss: str) -> tuple[float, np.ndarray, np.ndarray]:
         found = least_squares(residuals, start, loss=loss)
@@ -107,4 +115,4 @@ def fix_of(
     span = ranges.t[-1] - ranges.t[0]
     variances = np.minimum(np.diag(np.linalg.pinv(jacobian.T @ jacobian)), UNSEEN**2) + SURE**2
     variances[3:] += (CHANGE * span / 2.0) ** 2
-    return Fix(x, variances, agreeing(ranges, anchors, c, x))
+    return Fix(x, variances, agreeing(ranges, anchors, c, x, arms))

@@ -47,9 +47,8 @@ def first_look(recording: Recording, map_: Map) -> Look:
             raise InputError(f"{said}: {_unit(float(np.median(r)), room, map_)}")
         return Look(None, None)
     offsets, moves = _offsets(recording, map_)
-    fit = plain_fit(
-        recording.ranges, anchors, truth_path(recording.truth), offsets, frame=map_.calibration.frame, moves=moves
-    )
+    path, frame = truth_path(recording.truth), map_.calibration.frame
+    fit = plain_fit(recording.ranges, anchors, path, offsets, frame=frame, moves=moves, tags=recording.tags)
     if fit is None:
         if far:
             raise InputError(f"{said}: {_unit(float(np.median(r)), room, map_)}")

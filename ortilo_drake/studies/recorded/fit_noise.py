@@ -57,7 +57,7 @@ class Fitted(NamedTuple):
 def _part(recording: Recording, map_: Map) -> _Part:
     calibration, end = None, map_.calibration.share * recording.ranges.t[-1]
     anchors = np.asarray(recording.anchors)
-    known = Known(anchors, None, np.zeros(3), None, given_level(map_))
+    known = Known(anchors, None, np.zeros(3), None, given_level(map_), tags=recording.tags)
     queries = np.zeros(0)
     if recording.truth is not None:
         calibration = calibrate(recording, map_.calibration, lever=recording.imu is not None, level=given_level(map_))

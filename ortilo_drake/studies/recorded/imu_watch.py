@@ -53,7 +53,7 @@ def doubt_force(
     """Put what drag makes in the place of a doubted sample's axis (3), and count it; an axis may fail."""
     R = matrix_of(x[Q : Q + 4])
     for i in range(2):
-        made = x[Q + 7 + i] - aids.drag * along_body(R, x[V : V + 3], i)
+        made = x[Q + 7 + i] - x[-1] * along_body(R, x[V : V + 3], i)
         doubted = not abs(f[i] - made) <= aids.doubted
         if watched[SINCE + i] == np.inf:
             watched[SHARE + i] += min(1.0, h / SPAN) * (doubted - watched[SHARE + i])

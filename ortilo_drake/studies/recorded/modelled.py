@@ -1,4 +1,4 @@
-"""What ranges and differences of ranges should be, from the antenna's places, anchors and constants."""
+"""What ranges and differences of ranges should be, from the antennas' places, anchors and constants."""
 
 import numpy as np
 
@@ -20,3 +20,16 @@ def modelled(p: np.ndarray, anchors: np.ndarray, c: np.ndarray, ranges: Ranges) 
         of = ranges.other[two]
         found[two] -= np.linalg.norm(p[two] - anchors[of], axis=1) + c[of]
     return found
+
+
+def antennas(p: np.ndarray, R: np.ndarray | None, lever: np.ndarray, tags: np.ndarray, tag: np.ndarray) -> np.ndarray:
+    """Return where the tags are, p + R (l + t) (n, 3); p where no attitude is known.
+
+    Args:
+        p: of the body's point (n, 3).
+        R: attitudes (n, 3, 3).
+        lever: l, from there to the point that the tags count from, body axes (3).
+        tags: t of each tag (m, 3).
+        tag: which one (n).
+    """
+    return p if R is None else p + R @ lever + np.einsum("kij,kj->ki", R, tags[tag])

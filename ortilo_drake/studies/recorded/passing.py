@@ -10,7 +10,7 @@ from ortilo_drake.onboard.estimator.tight.drag import along_body, drag_step
 from ortilo_drake.onboard.estimator.tight.inertial import inertial_step, matrix_of, propagate_covariance
 from ortilo_drake.onboard.estimator.tight.layout import GYRO, N_INERTIAL, THETA, Q, V
 from ortilo_drake.studies.recorded.event_rows import nominal_at
-from ortilo_drake.studies.recorded.filter_types import BIASES, Aids, Noise
+from ortilo_drake.studies.recorded.filter_types import BIASES, TRANSITION, Aids, Noise
 from ortilo_drake.studies.recorded.imu_watch import RESTS, SINCE
 
 STEP = 0.01  # longest step of the propagation [s]
@@ -20,7 +20,7 @@ class Passing(NamedTuple):
     """What has passed since the covariance was propagated, with N error states.
 
     Attributes:
-        A: transition of the first nine errors by the first fifteen (9, 15).
+        A: transition of the first nine errors by the first fifteen, and by that of drag's k (9, 16).
         W: covariance of the noise that entered them (9, 9).
         keeps: factor by which each further error went on (N - 9).
         walks: variance that each of them got (N - 9).
@@ -39,7 +39,7 @@ class Passing(NamedTuple):
 @register_jitable
 def nothing_passed(N: int) -> Passing:
     """Return what has passed in no time."""
-    A, W = np.zeros((9, N_INERTIAL)), np.zeros((9, 9))
+    A, W = np.zeros((9, TRANSITION)), np.zeros((9, 9))
     for i in range(9):
         A[i, i] = 1.0
     return Passing(A, W, np.ones(N - GYRO), np.zeros(N - GYRO), np.empty((9, N)), np.zeros(1))
@@ -59,7 +59,7 @@ def go_on(
         watched: see State.
         t: stamp before it [s].
         noise: the noise.
-        aids: drag, which may take the accelerometer's place.
+        aids: drag, which may take the accelerometer's place; its k is the last state.
     """
     A, W = passing.A, passing.W
     passing.time[0] += h
@@ -72,7 +72,7 @@ def go_on(
             f = R[2] * GRAVITY + x[Q + 7 : Q + 10]
         for i in range(2):
             if watched[RESTS] == 0.0 and watched[SINCE + i] <= t:
-                f[i] = x[Q + 7 + i] - aids.drag * along_body(R, v, i)
+                f[i] = x[Q + 7 + i] - x[-1] * along_body(R, v, i)
         place = x[:THETA].copy()
         inertial_step(x, A, W, held[:3], f, dt, variances if watched[RESTS] == 0.0 else np.array([variances[0], 0.0]))
         if watched[RESTS] > 0.0:  # position and velocity are as they were, whatever tilt and biases are
@@ -82,7 +82,9 @@ def go_on(
                 A[i, i] = 1.0
         for i in range(2):
             if watched[RESTS] == 0.0 and watched[SINCE + i] <= t:
-                drag_step(A, W, R, v, i, aids.drag, dt, aids.drag_sd**2)
+                drag_step(A, W, R, v, i, x[-1], dt, aids.drag_sd**2)
+                for j in range(3):
+                    A[V + j, N_INERTIAL] -= dt * R[j, i] * along_body(R, v, i)
 
 
 @register_jitable
@@ -98,6 +100,12 @@ def pass_over(C: np.ndarray, x: np.ndarray, passing: Passing, grown: float, n: i
     for i in range(3):
         walks[i], walks[3 + i] = noise.rotation_bias**2 * passed, noise.acceleration_bias**2 * passed
     propagate_covariance(C, passing.A, passing.W, keeps, walks, passing.scratch)
+    if C[-1, -1] > 0.0:
+        by_k = passing.A[:, N_INERTIAL]
+        for i in range(9):
+            C[i] += by_k[i] * C[-1]
+        for i in range(9):
+            C[:, i] += by_k[i] * C[:, -1]
 
 
 @register_jitable

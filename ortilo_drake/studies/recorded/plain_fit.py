@@ -15,7 +15,8 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from ortilo_drake.interop.recorded.recording import Ranges
+from ortilo_drake.interop.recorded.recording import ONE_TAG, Ranges
+from ortilo_drake.studies.recorded.modelled import antennas
 from ortilo_drake.studies.recorded.truth_path import LEAST, TruthPath, seen_by, some_of
 
 SPREAD, LEVER = 0.06, 0.1  # of a range and of the lever [m]
@@ -57,6 +58,7 @@ def plain_fit(
     frame: str = "yaw",
     moves: bool = False,
     near: PlainFit | None = None,
+    tags: np.ndarray = ONE_TAG,
 ) -> PlainFit | None:
     """Return the best fit from several starts, or None if truth and ranges hardly meet.
 
@@ -68,6 +70,7 @@ def plain_fit(
         frame: between truth and anchors: `yaw`, `se3` or `same`.
         moves: whether the offset is fitted, too.
         near: a fit whose frame to start from, in place of four headings.
+        tags: where the tags are, truth's body axes (m, 3).
     """
     starts = []
     flat = float(np.linalg.svd(anchors - anchors.mean(axis=0))[1][-1]) < FLAT * np.sqrt(len(anchors))
@@ -77,6 +80,7 @@ def plain_fit(
             continue
         t = np.clip(ranges.t[chosen] + offset, path.first, path.last)
         p, R = path.at(t)
+        p = antennas(p, R, np.zeros(3), tags, ranges.tag[chosen])
         seen = _Seen(float(offset), p, path.p(t, 1), R, anchors[ranges.anchor[chosen]], ranges.r[chosen])
         if near is not None:
             starts.append((seen, near.F, near.shift))

@@ -75,7 +75,7 @@ def run_on(
     events: Events,
     heard_all: Heard,
     anchors: np.ndarray,
-    lever: np.ndarray,
+    levers: np.ndarray,
     start: State,
     level: Level,
     noise: Noise,
@@ -89,7 +89,7 @@ def run_on(
         events: in order of time.
         heard_all: the numbers that they point to.
         anchors: positions (n, 3).
-        lever: from the estimated point to the antenna, body axes (3).
+        levers: from the estimated point to the point that the tags count from, and to each tag, body axes (1 + m, 3).
         start: the state before the first event.
         level: what is known of the height.
         noise: the noise.
@@ -98,7 +98,7 @@ def run_on(
         whole: whether to keep what a smoother needs.
     """
     heard = events.kind == RANGE
-    ranges = Ranges(events.t[heard], events.which[heard], events.r[heard], events.other[heard])
+    ranges = Ranges(*(part[heard] for part in (events.t, events.which, events.r, events.other, events.tag)))
     before = np.concatenate([[0], np.cumsum(heard)])  # ranges before each event
     nothing = nothing_anew(len(start.C))
     parts: list[Run] = []
@@ -109,7 +109,7 @@ def run_on(
         rest = Events(*(part[done:] for part in events))
         first = before[done]
         run, state, taken_in = run_filter(
-            rest, heard_all, anchors, lever, state, anew, level, noise, aids, watch, whole
+            rest, heard_all, anchors, levers, state, anew, level, noise, aids, watch, whole
         )
         parts.append(run)
         done += taken_in
@@ -123,7 +123,7 @@ def run_on(
         astray = is_astray(state)
         since = since if since is not None else last if astray else min(last, t - REFUSED)
         window = ranges.only(np.arange(before[done], len(ranges.t)))
-        anew = anew_from(window, anchors, lever, state, level, astray) or nothing
+        anew = anew_from(window, anchors, levers, state, level, astray) or nothing
         watch = watch._replace(wait=t + AGAIN)
         if anew is not nothing:
             lost.append(Lost(since, t))
@@ -134,27 +134,28 @@ def run_on(
 
 
 def anew_from(
-    ranges: Ranges, anchors: np.ndarray, lever: np.ndarray, state: State, level: Level, astray: bool
+    ranges: Ranges, anchors: np.ndarray, levers: np.ndarray, state: State, level: Level, astray: bool
 ) -> Anew | None:
     """Return where to start anew by the ranges that follow; None if they do not say it better than the filter.
 
     Args:
         ranges: from the one on at which it was lost, for LONGEST or to their end.
         anchors: positions (n, 3).
-        lever: from the estimated point to the antenna, body axes (3).
+        levers: as run_filter's.
         state: the filter's then.
         level: what is known of the height.
         astray: whether its deviation is too large for its own opinion to count.
     """
-    arm, c = matrix_of(state.x[Q : Q + 4]) @ lever, state.x[nominal(BIASES) : nominal(BIASES) + len(anchors)]
+    R, c = matrix_of(state.x[Q : Q + 4]), state.x[nominal(BIASES) : nominal(BIASES) + len(anchors)]
+    arm = R @ levers[0]
     p, v = state.x[:3], state.x[3:6]
     try:
         window = ranges_for_a_fix(ranges)
     except InputError:
         return None
-    x = np.concatenate((p + arm, v))
-    fix = fix_of(window, anchors, c, level, p + arm)
-    if fix.agreeing < 0.5 or (not astray and fix.agreeing <= agreeing(window, anchors, c, x)):
+    x, arms = np.concatenate((p + arm, v)), (levers[1:] - levers[0])[window.tag] @ R.T
+    fix = fix_of(window, anchors, c, level, p + arm, arms)
+    if fix.agreeing < 0.5 or (not astray and fix.agreeing <= agreeing(window, anchors, c, x, arms)):
         return None
     found = fix.x - np.append(arm, np.zeros(3))
     return Anew(found, fix.variances, opening_of(state, found, fix.variances))

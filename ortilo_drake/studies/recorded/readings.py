@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ortilo_drake.interop.recorded.map_file import Map
-from ortilo_drake.interop.recorded.recording import Ranges, Recording, Truth, axes_matrix
+from ortilo_drake.interop.recorded.recording import ONE_TAG, Ranges, Recording, Truth, axes_matrix
 from ortilo_drake.studies.recorded.plain_fit import PlainFit, plain_fit
 from ortilo_drake.studies.recorded.truth_path import TruthPath, truth_path
 
@@ -44,6 +44,7 @@ class Reading(NamedTuple):
     frame: str
     offsets: np.ndarray | None = None
     near: bool = False
+    tags: np.ndarray = ONE_TAG
 
 
 class Guess(NamedTuple):
@@ -61,7 +62,7 @@ def readings(recording: Recording, map_: Map) -> Iterator[Reading]:
     assert map_.truth is not None
     assert map_.ranges is not None
     assert not isinstance(anchors, int)
-    now = Reading("", ranges, anchors, truth, map_.calibration.frame)
+    now = Reading("", ranges, anchors, truth, map_.calibration.frame, tags=recording.tags)
     for unit, by in {**UNITS, **BACK}.items():
         of_ranges = now._replace(ranges=ranges._replace(r=ranges.r * by))
         of_truth = now._replace(truth=truth._replace(p=truth.p * by))
@@ -108,7 +109,7 @@ def clocks(recording: Recording, map_: Map) -> Iterator[Reading]:
     wide = np.arange(-longest, longest + 1.0)
     meet = np.minimum(truth.t[-1], ranges.t[-1] + wide) - np.maximum(0.0, wide)
     wide = wide[meet > max(LEAST_TIME, MEET * min(truth.t[-1], ranges.t[-1]))]
-    now = Reading("", ranges, np.asarray(recording.anchors), truth, map_.calibration.frame, wide)
+    now = Reading("", ranges, np.asarray(recording.anchors), truth, map_.calibration.frame, wide, tags=recording.tags)
     few = wide[np.abs(wide) <= map_.calibration.search]
     if map_.calibration.clock != "estimate":
         yield now._replace(key="calibration: {clock: estimate}", offsets=few)
@@ -140,7 +141,9 @@ def fit_of(
     at = offsets if reading.offsets is None else reading.offsets
     moves = moves or reading.offsets is not None
     near = near if reading.near else None
-    return plain_fit(reading.ranges, reading.anchors, path, at, frame=reading.frame, moves=moves, near=near)
+    return plain_fit(
+        reading.ranges, reading.anchors, path, at, frame=reading.frame, moves=moves, near=near, tags=reading.tags
+    )
 
 
 def guess(

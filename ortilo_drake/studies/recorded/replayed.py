@@ -25,6 +25,7 @@ SHORTEST = 3.0  # a recording is judged on no less [s]
 TILTED = np.radians(5.0)  # the unit's attitude and its specific force should agree better than this at rest
 CV, CV_SMOOTH, CV_RAW = "constant velocity", "constant velocity, smoothed", "constant velocity, not calibrated"
 AIDED, AIDED_SMOOTH = "with IMU, range finder and flow", "with IMU, range finder and flow, smoothed"
+BOXED = "with IMU and boxes"
 WITH_IMU, SMOOTH, RAW = "with IMU", "with IMU, smoothed", "with IMU, not calibrated (biases online)"
 
 
@@ -73,7 +74,16 @@ def known_of(calibration: Calibration, recording: Recording, map_: Map) -> Known
         heading = float(np.arctan2(R[1, 0], R[0, 0]))
     biases = {"calibrated": calibration.biases, "online": None, "none": np.zeros(len(calibration.biases))}
     level, rest = calibrated_level(map_, calibration, recording), at_rest(recording, map_)
-    return Known(calibration.anchors, biases[map_.calibration.biases], calibration.lever, heading, level, rest=rest)
+    own, anchors = biases[map_.calibration.biases], calibration.anchors
+    return Known(anchors, own, calibration.lever, heading, level, rest=rest, tags=recording.tags)
+
+
+def aided_name(map_: Map) -> str | None:
+    """Return what the row is called that goes by all that looks; None if nothing does."""
+    down = map_.range_finder is not None or map_.flow is not None
+    if map_.boxes is None:
+        return AIDED if down else None
+    return f"{AIDED}, and boxes" if down else BOXED
 
 
 def _notes(recording: Recording, map_: Map, rest: AtRest | None) -> list[str]:
@@ -150,7 +160,7 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
         rows[name], drawn[name] = score(found, (found.t > first) & judged(found.t), true, map_.available), (found, true)
 
     anchors = np.asarray(recording.anchors) if calibration is None else calibration.anchors
-    raw = Known(anchors, None, np.zeros(3), None, given, rest=rest)
+    raw = Known(anchors, None, np.zeros(3), None, given, rest=rest, tags=recording.tags)
     if own is not None:
         plain = Known(own.anchors, own.biases, np.zeros(3), None, calibrated_level(map_, own, recording))
         row(CV, plain, own, False)
@@ -163,10 +173,10 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
         if imu is not None:
             row(WITH_IMU, known, calibration, True)
             row(SMOOTH, known, calibration, True, smoothed=True)
-        if map_.range_finder is not None or map_.flow is not None:
+        if (name := aided_name(map_)) is not None:
             aided = with_aids(known, recording, map_, True)
-            row(AIDED, aided, calibration, True)
-            row(AIDED_SMOOTH, aided, calibration, True, smoothed=True)
+            row(name, aided, calibration, True)
+            row(f"{name}, smoothed", aided, calibration, True, smoothed=True)
     else:
         known = raw = not_calibrated(recording, map_, rest)
         main = RAW if imu is not None else CV_RAW
@@ -196,7 +206,7 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
     best = next((name for name in (WITH_IMU, CV, RAW, CV_RAW) if name in rows), None)
     if best is None:
         raise InputError(f"{recording.name}: {next(iter(left_out.values()))}")
-    notes += of_failed(drawn[best][0].failed)
+    notes += of_failed(drawn[best][0].failed, drawn[best][0].drag)
     notes += [f"{name}: this row is left out: {why}" for name, why in left_out.items()]
     heading = shift = lever = biases = None
     if calibration is not None:

@@ -3,9 +3,11 @@
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.onboard.estimator.tight.layout import GYRO, N_INERTIAL
+from ortilo_drake.model.signals import MAX_DETECTIONS
+from ortilo_drake.onboard.estimator.tight.layout import GYRO
 from ortilo_drake.studies.recorded.event_rows import Row
 from ortilo_drake.studies.recorded.filter_types import (
+    BOXES,
     ENTRIES,
     FINDER,
     FLOW,
@@ -13,6 +15,7 @@ from ortilo_drake.studies.recorded.filter_types import (
     LANDED,
     QUERY,
     RANGE,
+    TRANSITION,
     Events,
     Run,
     Tape,
@@ -39,6 +42,7 @@ def room_for(events: Events, N: int, whole: bool) -> tuple[Run, np.ndarray]:
         ranges += kind == RANGE
         queries += kind == QUERY
         rows += 4 * (kind == LANDED) + 2 * (kind == FLOW) + (kind in (RANGE, FINDER))
+        rows += 2 * MAX_DETECTIONS * (kind == BOXES)
         if kind > FORCE and events.t[k] > last:
             epochs, last = epochs + 1, events.t[k]
     steps = epochs if whole else 0
@@ -46,7 +50,7 @@ def room_for(events: Events, N: int, whole: bool) -> tuple[Run, np.ndarray]:
     asked = queries if whole else 0
     tape = Tape(
         np.empty(steps + rows + asked, np.int8),
-        np.empty((steps, 9, N_INERTIAL)),
+        np.empty((steps, 9, TRANSITION)),
         np.empty((steps, N - GYRO)),
         np.zeros((rows, ENTRIES), np.int64),
         np.zeros((rows, ENTRIES)),

@@ -20,23 +20,23 @@ from numba.extending import register_jitable
 
 from ortilo_drake.onboard.estimator.tight.inertial import turn
 from ortilo_drake.onboard.estimator.tight.layout import GYRO, N_INERTIAL, THETA, Q
-from ortilo_drake.studies.recorded.filter_types import Run, Tape
+from ortilo_drake.studies.recorded.filter_types import TRANSITION, Run, Tape
 
 
 @register_jitable
 def _through(M: np.ndarray, A: np.ndarray, keeps: np.ndarray) -> None:
     """Replace M by F' M; on M and then on its transpose this is F' M F."""
     N = len(M)
-    top = np.zeros((N_INERTIAL, N))
+    top = np.zeros((TRANSITION, N))
     for i in range(GYRO):
-        for j in range(N_INERTIAL):
+        for j in range(TRANSITION):
             if A[i, j] != 0.0:
                 for c in range(N):
                     top[j, c] += A[i, j] * M[i, c]
     for j in range(N):
         for c in range(N):
             kept = keeps[j - GYRO] * M[j, c] if j >= GYRO else 0.0
-            M[j, c] = kept + (top[j, c] if j < N_INERTIAL else 0.0)
+            M[j, c] = kept + (top[j, c] if j < N_INERTIAL else top[N_INERTIAL, c] if j == N - 1 else 0.0)
 
 
 @njit(cache=True)
@@ -77,6 +77,7 @@ def _back(tape: Tape, x: np.ndarray, P: np.ndarray, adjoint: np.ndarray, informa
             for i in range(GYRO):
                 for j in range(N_INERTIAL):
                     new[j] += A[i, j] * adjoint[i]
+                new[N - 1] += A[i, N_INERTIAL] * adjoint[i]
             adjoint[:] = new
             _through(information, A, keeps)
             _through(information.T, A, keeps)

@@ -22,7 +22,7 @@ def made(seed: int, rows: int = 6000, seconds: float = 40.0) -> tuple[np.ndarray
     """Return constants less their mean, and errors of differences of neighbours."""
     rng = np.random.default_rng(seed)
     t, b, place = np.sort(rng.uniform(0.0, seconds, rows)), rng.integers(0, ANCHORS, rows), np.ones((rows, 3))
-    ranges, day = Ranges(t, b, np.zeros(rows), (b + 1) % ANCHORS), draw_day(NOISE, ANCHORS, rng)
+    ranges, day = Ranges(t, b, np.zeros(rows), (b + 1) % ANCHORS, 0 * b), draw_day(NOISE, ANCHORS, rng)
     e = draw_errors(ranges, place, 0.0, NOISE, day, rng)
     return day.constants - day.constants.mean(), RangeErrors(t, b, ranges.other, e, place)
 

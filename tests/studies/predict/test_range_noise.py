@@ -28,7 +28,9 @@ def test_outliers_come_in_their_share_and_bursts() -> None:
 
 def test_a_difference_has_the_errors_of_two_anchors_and_a_day_keeps_its_own() -> None:
     rows = 40_000
-    ranges = Ranges(np.arange(rows) * 100.0, np.zeros(rows, int), np.zeros(rows), np.ones(rows, int))
+    ranges = Ranges(
+        np.arange(rows) * 100.0, np.zeros(rows, int), np.zeros(rows), np.ones(rows, int), np.zeros(rows, int)
+    )
     noise = UwbNoise(white=0.1, lasting=LastingNoise(time=1.0, sd=0.2))
     day = Day(np.array([0.5, 0.2]), ())
     place = np.tile([0.0, 0.0, 2.0], (rows, 1))

@@ -11,7 +11,7 @@ N, STEPS, ROWS = 18, 6, 3
 
 def test_states_and_covariances_are_those_of_all_rows_at_once() -> None:
     rng = np.random.default_rng(1)
-    As = np.tile(np.eye(9, 15), (STEPS, 1, 1)) + 0.05 * rng.normal(size=(STEPS, 9, 15))
+    As = np.tile(np.eye(9, 16), (STEPS, 1, 1)) + 0.05 * rng.normal(size=(STEPS, 9, 16))  # the last column is by dk
     keeps = rng.uniform(0.8, 1.0, size=(STEPS, N - 9))
     Q, C = np.diag(rng.uniform(0.01, 0.1, N)), np.diag(rng.uniform(0.5, 1.0, N))
     C[6:9] = C[:, 6:9] = Q[6:9] = 0.0  # a known attitude, so that the error state is the state
@@ -23,7 +23,7 @@ def test_states_and_covariances_are_those_of_all_rows_at_once() -> None:
     states, covariances, rows_of_all = [], [], []
     for k in range(STEPS):
         F = np.zeros((N, N))
-        F[:9, :15] = As[k]
+        F[:9, :15], F[:9, -1] = As[k, :, :15], As[k, :, 15]
         F[9:, 9:] += np.diag(keeps[k])
         cross = F @ joint[-N:]
         joint = np.block([[joint, cross.T], [cross, F @ joint[-N:, -N:] @ F.T + Q]])

@@ -10,12 +10,14 @@ association, the covariance being that of the pose at the stamp.
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 
 from ortilo_drake.model.pinhole import Camera, box_and_jacobian, sines
 from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matrix
 from ortilo_drake.onboard.estimator.tight.inertial import angles_of, matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, THETA, Layout, P, Q, V
 from ortilo_drake.onboard.estimator.tight.update import (
+    Taken,
     correct,
     innovation_variance,
     none_taken,
@@ -59,6 +61,111 @@ def pose_belief(x: np.ndarray, C: np.ndarray, layout: Layout, clone: int) -> tup
     return xhat, whole.ravel()
 
 
+@register_jitable
+def box_rows(
+    x: np.ndarray,
+    layout: Layout,
+    i: int,
+    center: np.ndarray,
+    position: np.ndarray,
+    outline: np.ndarray,
+    camera: Camera,
+    noise: np.ndarray,
+    rates: np.ndarray,
+    clone: int,
+    where: np.ndarray,
+    rows: np.ndarray,
+    e: np.ndarray,
+    sd: np.ndarray,
+) -> int:
+    """Write the two rows of a box at a state; return the number of entries, 0 if the landmark has no projection.
+
+    Args:
+        x: nominal state.
+        layout: of it.
+        i: the landmark.
+        center: of its box (2) [px].
+        position: where it is believed to be, p_WL (3).
+        outline: its outline (m, 3).
+        camera: the camera.
+        noise: see take_boxes, and so are the two that follow.
+        rates: of the body.
+        clone: whose pose counts.
+        where: indices of the rows' entries (2, 11 at least); written to.
+        rows: the entries, likewise.
+        e: innovations (2) [px]; written to.
+        sd: errors of the centre (2) [px]; written to if they are 0.
+    """
+    J, box = np.empty((2, 6)), np.empty(4)
+    p_WB, q_WB = pose_of(x, layout, clone)
+    rpy, R = angles_of(q_WB), matrix_of(q_WB)
+    if not box_and_jacobian(position, outline, p_WB, sines(rpy), R, camera, box, J):
+        return 0
+    E, m = inverse_rate_matrix(rpy), 0
+    for axis in range(2):
+        if sd[axis] == 0.0:
+            sd[axis] = center_sd(box[2 + axis] - box[axis], noise[0], noise[1])
+        m, e[axis] = 6, center[axis] - 0.5 * (box[axis] + box[2 + axis])
+        for k in range(3):
+            where[axis, k] = P + k if clone < 0 else layout.core + 6 * clone + k
+            where[axis, 3 + k] = THETA + k if clone < 0 else layout.core + 6 * clone + 3 + k
+            rows[axis, k] = J[axis, k]
+            rows[axis, 3 + k] = J[axis, 3] * E[0, k] + J[axis, 4] * E[1, k] + J[axis, 5] * E[2, k]
+        if layout.survey >= 0:  # a landmark moved is the vehicle moved the other way
+            for k in range(3):
+                where[axis, m], rows[axis, m] = layout.survey + 3 * i + k, -J[axis, k]
+                m += 1
+        if layout.pixel_slow >= 0:
+            at = layout.pixel_slow + 2 * i + axis
+            where[axis, m], rows[axis, m] = at, sd[axis] * np.sqrt(noise[2])
+            e[axis] -= rows[axis, m] * x[ADDITIVE + at - GYRO]
+            m += 1
+        if layout.clock >= 0:
+            moved = 0.0
+            for k in range(3):
+                moved += rows[axis, k] * x[V + k] + rows[axis, 3 + k] * rates[k]
+            where[axis, m], rows[axis, m] = layout.clock + 1, -moved
+            e[axis] += moved * x[ADDITIVE + layout.clock + 1 - GYRO]
+            m += 1
+    return m
+
+
+@register_jitable
+def box_misfit(
+    C: np.ndarray,
+    taken: Taken,
+    where: np.ndarray,
+    rows: np.ndarray,
+    m: int,
+    e: np.ndarray,
+    r_u: float,
+    r_v: float,
+    first: np.ndarray,
+    second: np.ndarray,
+) -> tuple[float, float]:
+    """Return e^T S^-1 e of a box's two rows and S_u, and write their C H^T to first and second (n).
+
+    Args:
+        C: covariance (n, n).
+        taken: rows that are not yet settled.
+        where: indices of the rows' entries (2, m at least).
+        rows: the entries, likewise.
+        m: how many of them count.
+        e: innovations (2).
+        r_u: variance of the first one's noise.
+        r_v: of the second's.
+        first: written to.
+        second: written to.
+    """
+    S_u = innovation_variance(C, taken, where[0], rows[0], m, first) + r_u
+    S_v = innovation_variance(C, taken, where[1], rows[1], m, second) + r_v
+    S_uv = 0.0
+    for k in range(m):
+        S_uv += rows[1, k] * first[where[1, k]]
+    squared = (S_v * e[0] ** 2 - 2.0 * S_uv * e[0] * e[1] + S_u * e[1] ** 2) / (S_u * S_v - S_uv**2)
+    return squared, S_u
+
+
 @njit(cache=True)
 def take_boxes(
     x: np.ndarray,
@@ -94,65 +201,31 @@ def take_boxes(
     """
     PHt, first = np.empty(C.shape[0]), np.empty(C.shape[0])
     where, rows = np.zeros((2, 11), np.int64), np.zeros((2, 11))
-    J, box = np.empty((2, 6)), np.empty(4)
     taken = none_taken(2 * chosen.size, C.shape[0])
     used = refused = 0
     total = 0.0
     for b in range(chosen.size):
-        i = chosen[b]
+        i, e, sd = chosen[b], np.empty(2), np.zeros(2)
         position = positions[i].copy()
         if layout.survey >= 0:
             for k in range(3):
                 position[k] += x[ADDITIVE + layout.survey + 3 * i + k - GYRO]
-        sd, m, e = np.empty(2), 0, np.empty(2)
-        for pass_ in range(2):  # the second time after the first row has corrected the state
-            p_WB, q_WB = pose_of(x, layout, clone)
-            rpy, R = angles_of(q_WB), matrix_of(q_WB)
-            if not box_and_jacobian(position, outlines[i], p_WB, sines(rpy), R, camera, box, J):
-                break
-            if pass_ == 0:
-                for axis in range(2):
-                    sd[axis] = center_sd(box[2 + axis] - box[axis], noise[0], noise[1])
-            E = inverse_rate_matrix(rpy)
-            for axis in range(2):
-                m, e[axis] = 6, centers[b, axis] - 0.5 * (box[axis] + box[2 + axis])
-                for k in range(3):
-                    where[axis, k] = P + k if clone < 0 else layout.core + 6 * clone + k
-                    where[axis, 3 + k] = THETA + k if clone < 0 else layout.core + 6 * clone + 3 + k
-                    rows[axis, k] = J[axis, k]
-                    rows[axis, 3 + k] = J[axis, 3] * E[0, k] + J[axis, 4] * E[1, k] + J[axis, 5] * E[2, k]
-                if layout.survey >= 0:  # a landmark moved is the vehicle moved the other way
-                    for k in range(3):
-                        where[axis, m], rows[axis, m] = layout.survey + 3 * i + k, -J[axis, k]
-                        m += 1
-                if layout.pixel_slow >= 0:
-                    at = layout.pixel_slow + 2 * i + axis
-                    where[axis, m], rows[axis, m] = at, sd[axis] * np.sqrt(noise[2])
-                    e[axis] -= rows[axis, m] * x[ADDITIVE + at - GYRO]
-                    m += 1
-                if layout.clock >= 0:
-                    moved = 0.0
-                    for k in range(3):
-                        moved += rows[axis, k] * x[V + k] + rows[axis, 3 + k] * rates[k]
-                    where[axis, m], rows[axis, m] = layout.clock + 1, -moved
-                    e[axis] += moved * x[ADDITIVE + layout.clock + 1 - GYRO]
-                    m += 1
-            r_u, r_v = (1.0 - noise[2]) * sd[0] ** 2, (1.0 - noise[2]) * sd[1] ** 2
-            if pass_ == 0:
-                S_u = innovation_variance(C, taken, where[0], rows[0], m, first) + r_u
-                S_v = innovation_variance(C, taken, where[1], rows[1], m, PHt) + r_v
-                S_uv = 0.0
-                for k in range(m):
-                    S_uv += rows[1, k] * first[where[1, k]]
-                squared = (S_v * e[0] ** 2 - 2.0 * S_uv * e[0] * e[1] + S_u * e[1] ** 2) / (S_u * S_v - S_uv**2)
-                if not squared <= gate:
-                    refused += 1
-                    break
-                used += 1
-                total += squared
-                weight = max(1.0, np.sqrt(squared) / huber)
-                correct(x, taken, first, S_u + (weight - 1.0) * r_u, e[0], layout.core)
-            else:
-                update(x, C, taken, where[1], rows[1], m, e[1], weight * r_v, np.inf, np.inf, layout.core, PHt)
+        m = box_rows(x, layout, i, centers[b], position, outlines[i], camera, noise, rates, clone, where, rows, e, sd)
+        if m == 0:
+            continue
+        r_u, r_v = (1.0 - noise[2]) * sd[0] ** 2, (1.0 - noise[2]) * sd[1] ** 2
+        squared, S_u = box_misfit(C, taken, where, rows, m, e, r_u, r_v, first, PHt)
+        if not squared <= gate:
+            refused += 1
+            continue
+        used += 1
+        total += squared
+        weight = max(1.0, np.sqrt(squared) / huber)
+        correct(x, taken, first, S_u + (weight - 1.0) * r_u, e[0], layout.core)
+        m = box_rows(
+            x, layout, i, centers[b], position, outlines[i], camera, noise, rates, clone, where, rows, e, sd
+        )  # once more: the first row has corrected the state
+        if m > 0:
+            update(x, C, taken, where[1], rows[1], m, e[1], weight * r_v, np.inf, np.inf, layout.core, PHt)
     settle(C, taken)
     return used, refused, total / max(used, 1)

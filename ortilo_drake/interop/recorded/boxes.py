@@ -1,0 +1,87 @@
+"""Recorded detections: boxes with a label, one a row, and the landmarks and the camera that they are seen by.
+
+A pixel's centre has integer coordinates, the first one's (0, 0). The camera looks along the body's x axis, see
+model/pinhole.py.
+"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ortilo_drake.interop.recorded.columns import files_of, read_stream
+from ortilo_drake.interop.recorded.rejected import Rejections
+from ortilo_drake.interop.recorded.sources import BoxSource
+from ortilo_drake.model.inputs.calibration_file import read_calibration
+from ortilo_drake.model.pinhole import Camera
+from ortilo_drake.model.room import Room, load_room
+from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, MAX_DETECTIONS, PAYLOAD, STAMP
+from ortilo_drake.model.typed_yaml import InputError, validate
+from ortilo_drake.scenario.sensors import Calibration
+
+
+class Scene(NamedTuple):
+    """Landmarks: p_WL (n, 3), outlines (n, m, 3), classes (n), see model/room.py; and the camera."""
+
+    positions: np.ndarray
+    outlines: np.ndarray
+    labels: np.ndarray
+    camera: Camera
+
+
+def _scene(folder: Path, source: BoxSource) -> tuple[Room, Scene]:
+    room = load_room(files_of(folder, source.room)[0])
+    camera = room.camera
+    if source.camera is not None:
+        path = files_of(folder, source.camera)[0]
+        camera = validate(Calibration, read_calibration(path), str(path)).on(camera)
+    if source.at is not None:
+        camera = camera.model_copy(update={"position": source.at})
+    if not room.landmarks:
+        raise InputError(f"boxes.room: {source.room}: has no landmarks")
+    return room, Scene(room.landmark_positions, room.landmark_outlines, room.landmark_labels, camera.constants)
+
+
+def read_boxes(folder: Path, source: BoxSource, told: list[Rejections]) -> tuple[np.ndarray, np.ndarray, Scene]:
+    """Return the pictures' stamps [s] (k), a detections message of each (k, DETECTIONS_SIZE), and what they show.
+
+    Rows with one stamp are of one picture.
+
+    Args:
+        folder: where the map's files are.
+        source: the map's entry.
+        told: gets what was rejected.
+
+    Raises:
+        InputError: if a file cannot be read, or no box is of a class that the room has.
+    """
+    room, scene = _scene(folder, source)
+    stream = read_stream(files_of(folder, source.file), source, source.box, "boxes", source.topic, source.label)
+    told += stream.told
+    assert stream.names is not None
+    of_class = {name.casefold(): k for k, name in enumerate(room.classes)}
+    label = np.array([of_class.get(name.strip().casefold(), -1) for name in stream.names])
+    unknown = ~np.isin(label, scene.labels)
+    if unknown.all():
+        said, has = ", ".join(np.unique(stream.names)[:8]), ", ".join(sorted({one.label for one in room.landmarks}))
+        raise InputError(f"{stream.rejected.source}: no box is of a class that the room has: {said}, not {has}")
+    none = ~np.isfinite(stream.values).all(axis=1)
+    empty = ~none & ~(stream.values[:, 2:] > stream.values[:, :2]).all(axis=1)
+    called = f" ('{stream.names[np.argmax(unknown)]}')"
+    reason = "boxes of classes that the room has no landmark of"
+    stream.rejected.add(reason, stream.place(unknown) + called, int(unknown.sum()))
+    stream.rejected.add("boxes with NaN or an empty cell", stream.place(none & ~unknown), int((none & ~unknown).sum()))
+    stream.rejected.add("boxes without a size", stream.place(empty & ~unknown), int((empty & ~unknown).sum()))
+    good = ~(unknown | none | empty)
+    stream, label = stream.only(good), label[good]
+    stamps, picture = np.unique(stream.t, return_inverse=True)
+    place = np.arange(len(stream.t)) - np.searchsorted(stream.t, stamps)[picture]
+    fits = place < MAX_DETECTIONS
+    reason = f"boxes beyond the first {MAX_DETECTIONS} of a picture"
+    stream.rejected.add(reason, stream.place(~fits), int((~fits).sum()))
+    rows = np.full((len(stamps), MAX_DETECTIONS, DETECTION_SIZE), -1.0)
+    seen = np.column_stack([label, np.ones(len(label)), stream.values])
+    rows[picture[fits], place[fits]] = seen[fits]
+    head = np.zeros((len(stamps), PAYLOAD))
+    head[:, ARRIVED], head[:, STAMP] = 1.0, stamps
+    return stamps, np.hstack([head, rows.reshape(len(stamps), -1)]), scene
