@@ -11,7 +11,7 @@ from ortilo_drake.scenario.truth import ForceTruth, VehicleTruth
 from ortilo_drake.sensors.described import described
 from ortilo_drake.sensors.imu import ahrs_drawn, zeroed
 from ortilo_drake.sensors.messages import message_size
-from ortilo_drake.sensors.uwb import paths_drawn
+from ortilo_drake.sensors.uwb import errors_drawn, paths_drawn
 from ortilo_drake.world.drawn_truth import AtStart, Drawn, draw_truth
 from ortilo_drake.world.sensors.sensor_errors import bias_of, errors_of, factor_of
 from ortilo_drake.world.slow_error import SlowNoise, gauss_markov
@@ -28,12 +28,12 @@ def drawn_of(wiring: Wiring, scenario: Scenario, room: Room, draw: AtStart) -> d
         draw: what was drawn.
     """
     if scenario.truth == Truth():
-        return of_any_world(wiring, scenario, {}, draw)
+        return of_any_world(wiring, scenario, room, {}, draw)
     payloads = payloads_of(wiring, scenario, room)
     drawn = draw_truth(scenario.truth, draw, room, payloads)
     parts = [of_vehicle(wiring, scenario, drawn), of_force(scenario, drawn, draw)]
     parts += [of_sensor(wiring, scenario, room, sensor, n, drawn, draw) for sensor, n in payloads.items()]
-    parts.append(of_any_world(wiring, scenario, drawn, draw))
+    parts.append(of_any_world(wiring, scenario, room, drawn, draw))
     found: dict[str, Given] = {}
     for name, given in (item for part in parts for item in part.items()):
         if name in wiring.boxes:
@@ -64,9 +64,10 @@ def payloads_of(wiring: Wiring, scenario: Scenario, room: Room) -> dict[str, int
     return {name: size(name) - PAYLOAD for name in flying}
 
 
-def of_any_world(wiring: Wiring, scenario: Scenario, drawn: Drawn, draw: AtStart) -> dict[str, Given]:
-    """Return the draws of every world, even one that is as believed: the imu's zero, detours of ranges, a drift."""
+def of_any_world(wiring: Wiring, scenario: Scenario, room: Room, drawn: Drawn, draw: AtStart) -> dict[str, Given]:
+    """Return the draws of every world, even one as believed: the imu's zero and drift, ranges' detours and errors."""
     found = zeroed(scenario, drawn, draw) | paths_drawn(wiring.boxes, draw) | ahrs_drawn(scenario, draw)
+    found |= errors_drawn(scenario, room, draw)
     return {name: given for name, given in found.items() if name in wiring.boxes}
 
 

@@ -1,5 +1,7 @@
 """The command `ortilo fit`: what a simulation should be told of sensors, from recordings with a truth."""
 
+import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +17,7 @@ from ortilo_drake.commands.terminal import (
     say_written,
     write_json,
 )
+from ortilo_drake.model.typed_yaml import InputError
 
 
 def fit(
@@ -41,15 +44,19 @@ def fit(
     from ortilo_drake.flight.files import write_text
     from ortilo_drake.interop.recorded.map_file import load_map
     from ortilo_drake.interop.recorded.recording import read_recording
-    from ortilo_drake.scenario.load import load_scenario
+    from ortilo_drake.scenario.load import files_of, load_scenario
+    from ortilo_drake.scenario.noise_file import noise_text
     from ortilo_drake.studies.fit.fit import fit_recordings
     from ortilo_drake.studies.fit.fit_report import fit_lines
-    from ortilo_drake.studies.fit.noise_file import noise_text
-    from ortilo_drake.studies.fit.scenario_text import base_seen_from, scenario_text
+    from ortilo_drake.studies.fit.scenario_text import base_seen_from, scenario_text, seen_from
 
+    read_files = {"--map": [map_file]}
     if scenario_file is not None:
-        named = base_seen_from(scenario_file, base)
-        load_scenario(base)
+        named, below = base_seen_from(scenario_file, base), load_scenario(base)
+        read_files["--base"] = files_of(base, "--base")
+    check_apart(read_files, {"--out": out_file, "--scenario": scenario_file, "--json": json_file})
+    if scenario_file is not None and out_file.suffix not in (".yaml", ".yml"):
+        raise InputError(f"--out: {out_file}: must end in .yaml, for the scenario names it")
     map_ = load_map(map_file)
     read = [read_recording(path, map_) for path in recordings]  # refuses what is wrong before anything is fitted
     say_if_compiling()
@@ -58,9 +65,20 @@ def fit(
         found = fit_recordings(read, map_, places, lambda part: progress.update(task, description=part, advance=1))
     write_text(out_file, noise_text(found))
     if scenario_file is not None:
-        write_text(scenario_file, scenario_text(found, named))
+        write_text(scenario_file, scenario_text(found, seen_from(scenario_file, out_file), named, below))
     write_json(json_file, found)
     say_heading(", ".join(found.recordings))
     for line in fit_lines(found):
         out.print(f"  {line}", markup=False, soft_wrap=True)
     say_written(out_file, scenario_file, json_file)
+
+
+def check_apart(read: Mapping[str, Sequence[Path]], written: Mapping[str, Path | None]) -> None:
+    """Raise InputError if a file that is written, by its option, is one that is read, or that another option writes."""
+    taken = {os.path.realpath(file): option for option, files in read.items() for file in files}
+    for option, file in written.items():
+        if file is not None:
+            at = os.path.realpath(file)
+            if at in taken:
+                raise InputError(f"{option}: {file}: is a file of {taken[at]}, and would be overwritten: give another")
+            taken[at] = option

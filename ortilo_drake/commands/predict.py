@@ -38,7 +38,7 @@ def predict(
     from ortilo_drake.flight.files import write_text
     from ortilo_drake.interop.recorded.map_file import load_map
     from ortilo_drake.interop.recorded.recording import read_recording
-    from ortilo_drake.studies.fit.noise_file import load_noise
+    from ortilo_drake.scenario.noise_file import load_noise
     from ortilo_drake.studies.predict.predicted import group_of
     from ortilo_drake.studies.predict.predicted import predict as predict_recording
     from ortilo_drake.studies.predict.predicted_figure import predicted_figure

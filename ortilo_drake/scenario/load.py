@@ -9,6 +9,7 @@ from ortilo_drake.model.input_files import exists, read_text
 from ortilo_drake.model.inputs.calibration_file import read_calibration
 from ortilo_drake.model.typed_yaml import DEEPEST, InputError, nearest, parse_yaml, validate
 from ortilo_drake.model.vehicle import load_vehicle
+from ortilo_drake.scenario.noise_file import load_noise
 from ortilo_drake.scenario.onboard import Detector
 from ortilo_drake.scenario.plain import plain_value
 from ortilo_drake.scenario.planner import GcsPlanner, WaypointPlanner, read_waypoints
@@ -83,12 +84,15 @@ _FILES = {
 
 
 def _with_read_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the settings with the values of files of a vehicle and of a camera's calibration in their places."""
-    name, camera = data.get("vehicle"), data.get("camera")
+    """Return the settings with what files of a vehicle, a calibration and ranges' errors say in their places."""
+    name, camera, uwb = data.get("vehicle"), data.get("camera"), data.get("uwb")
     if isinstance(name, str):
         data = data | {"vehicle": load_vehicle(folder / name).model_dump(mode="json")}
     if isinstance(camera, dict) and isinstance(file := camera.get("calibration"), str):
         data = data | {"camera": camera | {"calibration": read_calibration(folder / file)}}
+    if isinstance(uwb, dict) and isinstance(file := uwb.get("file"), str):
+        fitted = load_noise(file, "uwb.file", folder).uwb.model_dump(mode="json")
+        data = data | {"uwb": uwb | {"file": None, "fitted": fitted}}
     return data
 
 
@@ -122,6 +126,18 @@ def _settings_in(path: Path, source: str, above: tuple[str, ...] = ()) -> dict[s
         if isinstance(group, dict) and isinstance(group.get(last), str) and group[last] != _FILES[(*groups, last)]:
             group[last] = os.path.realpath(file.parent / group[last])
     return _merged(below, data)
+
+
+def files_of(name_or_file: str | Path, field: str) -> list[Path]:
+    """Return the file of a scenario and those that it is laid over, one after the other."""
+    found = [resolve(name_or_file, field)]
+    while len(found) <= _MOST_BASES:
+        data = parse_yaml(read_text(found[-1]), str(found[-1]))
+        base = data.get("base") if isinstance(data, dict) else None
+        if not isinstance(base, str):
+            break
+        found.append(found[-1].parent / resolve(base, f"{found[-1]}: base"))
+    return found
 
 
 def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from ortilo_drake.model.room import OWN_CAMERA, CameraModel, Side
 from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive
 from ortilo_drake.model.white_noise import USUAL_ROOT, white_sd
 from ortilo_drake.scenario.link import Link, LinkRate, Probability
+from ortilo_drake.scenario.range_errors import UwbNoise
 
 
 class SensorSetup(Frozen):
@@ -213,15 +214,39 @@ class Uwb(UwbSetup):
         behind_walls: what is made of ranges that, by the map and the estimate, pass a wall: they are 'used' as any
             other, or 'left_out'. null leaves them out where the scenario's walls lengthen ranges: that they do is known
             to who flies there, by how much is not.
-        noise: noise of each range.
+        noise: noise of each range, where errors are white.
+        errors: 'white' draws `noise` anew for each range; 'fitted' draws what recordings told of: each anchor's
+            constant, errors that last, white noise, outliers and their bursts, missing ranges.
+        file: NOISE.yaml of `ortilo fit`, or the name of one that comes with the package, iasl_2023 or util_2021: what
+            it has of the ranges is read to `fitted`. A scenario file, or `--set`, may name it; it is found as a room's
+            file is.
+        fitted: the errors where they are fitted.
         walls: what walls in the line of sight do to a range.
         max_distance: farther anchors give no range [m].
     """
 
     link: Link = Link(rate=10.0)
     noise: RangeNoise = ProportionalNoise()
+    errors: Literal["white", "fitted"] = "white"
+    file: FileName | None = None
+    fitted: UwbNoise | None = None
     walls: WallEffect = WallsIgnored()
     max_distance: Positive = 100.0
+
+    @property
+    def sds(self) -> tuple[float, float]:
+        """The numbers s_0 [m] and s_1 of the standard deviation s_0 + s_1 d of a range's white noise."""
+        if self.errors == "fitted" and self.fitted is not None:
+            return self.fitted.of_single_ranges.white, 0.0
+        return self.noise.sds
+
+    @model_validator(mode="after")
+    def _knows_its_errors(self) -> "Uwb":
+        if self.file is not None:
+            raise ValueError(f".file: {self.file}: is read by load_scenario alone")
+        if self.errors == "fitted" and self.fitted is None:
+            raise ValueError(".file: null: must name a NOISE.yaml, iasl_2023 or util_2021 with errors 'fitted'")
+        return self
 
 
 class MeasuredErrors(Frozen):

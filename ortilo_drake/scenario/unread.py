@@ -80,6 +80,8 @@ RULES = (
     ),
     Rule(("truth.imu",), _flies("imu"), "an imu that flies"),
     Rule(("multilateration", "truth.uwb", "truth.survey.anchors", "truth.survey.anchors_sd"), _flies("uwb"), "uwb"),
+    Rule(("uwb.noise",), lambda s: s.uwb.errors == "white", "uwb.errors white"),
+    Rule(("uwb.file", "uwb.fitted"), lambda s: s.uwb.errors == "fitted", "uwb.errors fitted"),
     Rule(("multilateration",), _of("tight", lambda s: False), "estimator.kind intermittent; tight has its own ranges"),
     Rule(
         ("detector", "landmark_fix", "truth.camera", "truth.survey.landmarks", "truth.survey.landmarks_sd"),

@@ -22,6 +22,7 @@ from ortilo_drake.sensors.unknown_error import Error, gauss_markov, moved, own, 
 from ortilo_drake.world.drawn_truth import AtStart, Drawn, draw_truth
 from ortilo_drake.world.faults.fault_element import fault_out
 from ortilo_drake.world.noise import stream_id
+from ortilo_drake.world.sensors.fitted_uwb import fitted_box, fitted_drawn, noise_of
 from ortilo_drake.world.sensors.range_paths import STREAM as PATHS_STREAM
 from ortilo_drake.world.sensors.range_paths import paths_box, paths_out
 from ortilo_drake.world.sensors.uwb import ranging_settings, uwb_box, uwb_message
@@ -66,8 +67,10 @@ def messages_again(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.n
         seen: in which ticks a message reached the vehicle (n).
 
     Raises:
-        InputError: if the sensor is faster than the tick.
+        InputError: if the sensor is faster than the tick, or its errors are fitted.
     """
+    if scenario.uwb.errors == "fitted":
+        raise InputError("uwb.errors: fitted: what lasts of these errors cannot be repeated: give the flight's log")
     if scenario.samples("uwb") > 1:
         raise InputError("uwb.link.rate: of a sensor faster than the tick no ranges can be repeated: give its log")
     size = uwb_size(len(room.anchors))
@@ -98,12 +101,27 @@ def unknown(scenario: Scenario, room: Room) -> list[Error]:
     """Return the unknown errors of the ranges and of the anchors' places."""
     uwb, survey, n = scenario.truth.uwb, scenario.truth.survey, len(room.anchor_positions)
     return [
+        *_unknown_fitted(scenario, n),
         walk(spread(uwb.bias, number=1), 0.0, {"uwb": lambda rows: np.ones((len(rows), 1))}),
         walk(spread(uwb.bias_sd, number=n), 0.0, {"uwb": own(n)}),
         gauss_markov(spread(uwb.slow_sd, number=n), uwb.slow_time, scenario.h, {"uwb": own(n)}),
         walk(spread(survey.anchors), 0.0, {"uwb": moved(-1.0)}),
         walk(spread(survey.anchors_sd, number=3 * n), 0.0, {"uwb": moved(-1.0, n)}),
     ]
+
+
+def _unknown_fitted(scenario: Scenario, n: int) -> list[Error]:
+    """Return the unknown errors that were fitted; a field counts as constant, which is the best that can be known."""
+    if scenario.uwb.errors != "fitted":
+        return []
+    noise = noise_of(scenario.uwb)
+    constant = 0.0 if noise.field is None else noise.field.sd
+    if noise.constants is None:
+        constant = float(np.hypot(constant, noise.constants_sd))
+    found = [walk(spread(constant, number=n), 0.0, {"uwb": own(n)})]
+    if noise.lasting is not None:
+        found.append(gauss_markov(spread(noise.lasting.sd, number=n), noise.lasting.time, scenario.h, {"uwb": own(n)}))
+    return found
 
 
 def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) -> dict[str, Given]:
@@ -119,6 +137,13 @@ def solver(scenario: Belief, room: Room) -> Box:
     return box if scenario.multilateration.bias_bank is None else box.reading(learned="uwb_bank")
 
 
+def errors_drawn(scenario: Scenario, room: Room, draw: AtStart) -> dict[str, Given]:
+    """Return what a seed draws of errors that were fitted."""
+    if "uwb" not in scenario.sensors or scenario.uwb.errors != "fitted":
+        return {}
+    return {"uwb": fitted_drawn(scenario.uwb, len(room.anchors), scenario.h, draw)}
+
+
 def paths_drawn(boxes: Mapping[str, Box], draw: AtStart) -> dict[str, Given]:
     """Return the first of what walls lengthen ranges by."""
     if "uwb_paths" not in boxes:
@@ -130,6 +155,21 @@ def paths(scenario: Scenario, room: Room, message: Box, samples: int) -> Box | N
     """Return the box that makes the ranges as long as their signals' paths; None if straight and instant."""
     box = paths_box(scenario.uwb, room, scenario.h)
     return None if box is None else box.reading(message=message.name)
+
+
+def source(scenario: Scenario, room: Room, whole: bool) -> Box:
+    """Return the receiver, with white or with fitted errors."""
+    box = fitted_box if scenario.uwb.errors == "fitted" else uwb_box
+    return box(scenario.uwb, room, scenario.h)
+
+
+def check(scenario: Scenario, room: Room) -> None:
+    """Raise InputError if errors that were fitted are of other anchors than the room's."""
+    if scenario.uwb.errors != "fitted":
+        return
+    constants, n = noise_of(scenario.uwb).constants, len(room.anchors)
+    if constants is not None and len(constants) != n:
+        raise InputError(f"uwb.fitted.constants: {len(constants)} of them, but the room has {n} anchors")
 
 
 def noise_numbers(scenario: Belief) -> dict[str, float]:
@@ -150,7 +190,8 @@ SENSOR = Sensor(
     information=information,
     unknown=unknown,
     payload=lambda scenario, room: 2 * len(room.anchors),
-    element=lambda scenario, room, whole: uwb_box(scenario.uwb, room, scenario.h),
+    element=source,
+    check=check,
     behind=paths,
     solver=solver,
     drawn=drawn,

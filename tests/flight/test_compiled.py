@@ -17,6 +17,8 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario, scenario_names
 
 COMPILED = {name for name in scenario_names() if why_not(load_scenario(name, ("camera.kind=projected",))) is None}
+FITTED = "uwb.fitted={white: 0.05, lasting: {time: 0.7, sd: 0.1}, field: {length: 1.0, sd: 0.05}, near_floor: 0.3, "
+FITTED += "outliers: {share: 0.05, sd: 0.6, burst: 3.0}, constants_sd: 0.05, missing: 0.1}"
 BURSTS = "uwb.link.loss={kind: bursts, loss: 0.4, mean_length: 0.5}"
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"
 VARIANTS = (
@@ -27,6 +29,7 @@ VARIANTS = (
     ("estimator.force=thrust", "uwb.link.random_delay=2", "imu.link.rate=15"),
     ("sensors=[imu]", "servo.form=paper", "world.kinematics=linear"),
     ("control_rate=60", "uwb.link.rate=20", "sensors=[imu, uwb]"),
+    ("uwb.errors=fitted", FITTED, "sensors=[imu, uwb]"),
 )
 
 Flown = Callable[..., xr.Dataset]

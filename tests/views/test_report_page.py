@@ -24,8 +24,8 @@ from ortilo_drake.hil.wire.inbox import PacketCounts
 from ortilo_drake.interop.log.replay import ReplayReport
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.scenario import load_scenario
+from ortilo_drake.scenario.noise_file import NoiseFile
 from ortilo_drake.studies.faults.fault_flights import FaultStudy
-from ortilo_drake.studies.fit.noise_file import NoiseFile
 from ortilo_drake.studies.hindsight.hindsight import Hindsight
 from ortilo_drake.studies.maps.map_flights import Map
 from ortilo_drake.studies.predict.predicted import Group

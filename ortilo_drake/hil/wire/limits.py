@@ -33,6 +33,8 @@ from ortilo_drake.model.vehicle import GRAVITY, Vehicle, mixing_matrix
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import described
 from ortilo_drake.sensors.messages import message_size
+from ortilo_drake.world.sensors.fitted_errors import largest_sd
+from ortilo_drake.world.sensors.fitted_uwb import noise_of
 
 ASKED: Final = 8.0  # a servo may ask for this many times what the rotors give; ideal rotors give it
 SIGMAS: Final = 10.0
@@ -91,8 +93,10 @@ def largest_ranges(scenario: Scenario, room: Room, reach: float) -> np.ndarray:
     low, high = np.array(room.interior.min) - reach, np.array(room.interior.max) + reach
     corners = np.array(list(product(*zip(low, high, strict=True))))
     distances = np.linalg.norm(corners[:, np.newaxis] - room.anchor_positions, axis=2).max(axis=0)
-    (s_0, s_1), walls = scenario.uwb.noise.sds, scenario.uwb.walls
+    (s_0, s_1), walls = scenario.uwb.sds, scenario.uwb.walls
     sd = s_0 + s_1 * distances
+    if scenario.uwb.errors == "fitted":
+        sd = np.full(len(distances), largest_sd(noise_of(scenario.uwb)))
     wall = walls.per_wall if walls.kind == "bias" else MEANS * walls.mean if walls.kind == "excess" else 0.0
     bias = wall * len(room.wall_boxes)
     return distances + bias + SIGMAS * sd

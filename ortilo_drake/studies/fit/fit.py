@@ -8,12 +8,13 @@ import numpy as np
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import Recording
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario.noise_file import ImuNoise, NoiseFile
+from ortilo_drake.scenario.range_errors import FieldNoise, LastingNoise, Outliers, UwbNoise
 from ortilo_drake.studies.fit.body_path import body_path
 from ortilo_drake.studies.fit.fields import fit_fields
 from ortilo_drake.studies.fit.imu_errors import ImuErrors, imu_errors, mount_of
 from ortilo_drake.studies.fit.interval import Interval
 from ortilo_drake.studies.fit.lasting import Lasting, fit_lasting
-from ortilo_drake.studies.fit.noise_file import FieldNoise, ImuNoise, LastingNoise, NoiseFile, Outliers, UwbNoise
 from ortilo_drake.studies.fit.range_errors import RangeErrors, calibration_of, range_errors
 
 Figures = dict[str, Interval]

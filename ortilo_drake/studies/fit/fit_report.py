@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from ortilo_drake.studies.fit.noise_file import NoiseFile
+from ortilo_drake.scenario.noise_file import NoiseFile
 
 UNITS = {
     "white": "m",

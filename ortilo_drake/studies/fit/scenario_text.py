@@ -1,8 +1,4 @@
-"""A scenario whose ranges and IMU err as a NOISE.yaml describes, as far as a scenario's settings say it.
-
-Outliers, near-floor growth and fields are left out; a field's variance counts as that of errors that last. A scenario
-has single ranges: of a difference's white variance each has a half.
-"""
+"""A scenario whose ranges and IMU err as a NOISE.yaml describes them."""
 
 import os
 from pathlib import Path
@@ -11,30 +7,41 @@ from typing import Any
 import numpy as np
 import yaml
 
+from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.load import resolve
-from ortilo_drake.studies.fit.noise_file import NoiseFile
+from ortilo_drake.scenario.noise_file import NoiseFile
+from ortilo_drake.scenario.truth import UwbTruth
 
 
 def base_seen_from(file: Path, base: str) -> str:
     """Return a base, a ready-made scenario's name or a file, as the scenario in `file` must name it."""
     at = resolve(base, "--base")
-    return base if at.stem == base else os.path.relpath(os.path.realpath(at), os.path.realpath(file.parent))
+    return base if at.stem == base else seen_from(file, at)
 
 
-def scenario_text(noise: NoiseFile, base: str) -> str:
-    """Return a scenario file's text, laid over another scenario."""
-    uwb, imu = noise.uwb, noise.imu
-    lasts = [part.sd for part in (uwb.lasting, uwb.field) if part is not None]
-    white = float(f"{uwb.white / np.sqrt(2.0 if uwb.differences else 1.0):.3g}")
-    truth: dict[str, Any] = {"uwb": {"bias_sd": uwb.constants_sd}}
-    if lasts:
-        time = uwb.lasting.time if uwb.lasting is not None else 1.0
-        truth["uwb"] |= {"slow_sd": float(f"{np.linalg.norm(lasts):.3g}"), "slow_time": time}
-    data: dict[str, Any] = {"base": base, "uwb": {"noise": {"kind": "constant", "sd": white}}}
+def seen_from(file: Path, other: Path) -> str:
+    """Return another file's name as one in `file`'s folder must say it."""
+    return os.path.relpath(os.path.realpath(other), os.path.realpath(file.parent))
+
+
+def scenario_text(noise: NoiseFile, noise_file: str, base: str, below: Scenario) -> str:
+    """Return a scenario file's text, laid over another scenario, whose own errors of ranges and IMU it replaces.
+
+    Args:
+        noise: what was fitted.
+        noise_file: its file, as the scenario must name it, or the name of one of the package.
+        base: the other scenario, likewise.
+        below: what that is.
+    """
+    imu, unfitted = noise.imu, UwbTruth()
+    data: dict[str, Any] = {"base": base, "uwb": {"errors": "fitted", "file": noise_file}}
+    truth: dict[str, Any] = {}
+    if own := {name: getattr(unfitted, name) for name, value in below.truth.uwb if value != getattr(unfitted, name)}:
+        truth["uwb"] = own
     if imu is not None:
         data["imu"] = {"rate_density": _rms(imu.rotation), "specific_force_density": _rms(imu.force)}
         truth["imu"] = {"rates_sd": _rms(imu.rotation_bias), "specific_force_sd": _rms(imu.force_bias)}
-    return yaml.safe_dump(data | {"truth": truth}, sort_keys=False)
+    return yaml.safe_dump(data | ({"truth": truth} if truth else {}), sort_keys=False)
 
 
 def _rms(axes: tuple[float, float, float]) -> float:

@@ -164,6 +164,7 @@ def left_out(scenario: Scenario) -> list[str]:
     found = {
         "imu.ahrs": "imu" in scenario.sensors and scenario.imu.ahrs is not None,
         "uwb.round": "uwb" in scenario.sensors and uwb.round > 0.0,
+        "uwb.errors": "uwb" in scenario.sensors and uwb.errors == "fitted",
         "uwb.walls": "uwb" in scenario.sensors and uwb.walls.kind in ("bias", "excess"),
         "multilateration.bias_bank": "uwb" in scenario.sensors and scenario.multilateration.bias_bank is not None,
         "landmark_fix.survey_bank": "camera" in scenario.sensors and scenario.landmark_fix.survey_bank is not None,

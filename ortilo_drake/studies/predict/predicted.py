@@ -8,16 +8,18 @@ import numpy as np
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import Recording
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario.noise_file import NoiseFile
+from ortilo_drake.scenario.range_errors import Outliers
 from ortilo_drake.studies.fit.body_path import body_path
 from ortilo_drake.studies.fit.imu_errors import mount_of
-from ortilo_drake.studies.fit.noise_file import NoiseFile, Outliers, UwbNoise
-from ortilo_drake.studies.predict.range_noise import Day, draw_day
+from ortilo_drake.studies.predict.range_noise import numbers_of
 from ortilo_drake.studies.predict.simulated import simulated
 from ortilo_drake.studies.recorded.aided import airborne, with_aids
 from ortilo_drake.studies.recorded.at_rest import at_rest
 from ortilo_drake.studies.recorded.calibrate import calibrate, uncalibrated
 from ortilo_drake.studies.recorded.filtered import Estimate, estimate
 from ortilo_drake.studies.recorded.replayed import known_of
+from ortilo_drake.world.sensors.fitted_errors import Day, draw_day
 
 QUERY_RATE = 30.0  # of the judged stamps, at most [Hz]
 SHORTEST = 3.0  # a recording is judged on no less [s]
@@ -57,16 +59,14 @@ def mean_of(runs: Sequence[Figures], of: str) -> float:
     return float(np.sqrt(np.mean(values**2)) if of == "error" else np.mean(values))
 
 
-def as_white(noise: NoiseFile, differences: bool) -> NoiseFile:
+def as_white(noise: NoiseFile) -> NoiseFile:
     """Return noise whose rows err by as much, but independently of each other."""
     uwb = noise.uwb
     lasts = sum(part.sd**2 for part in (uwb.lasting, uwb.field) if part is not None)
-    white = np.sqrt(uwb.white**2 + (2.0 if differences else 1.0) * lasts)
+    white = float(np.sqrt(uwb.white**2 + (2.0 if uwb.differences else 1.0) * lasts))
     outliers = Outliers(share=uwb.outliers.share, sd=uwb.outliers.sd)
-    plain = UwbNoise(white=float(white), outliers=outliers, near_floor=uwb.near_floor)
-    return noise.model_copy(
-        update={"uwb": plain.model_copy(update={"constants_sd": uwb.constants_sd, "constants": uwb.constants})}
-    )
+    plain = uwb.model_copy(update={"white": white, "lasting": None, "field": None, "outliers": outliers})
+    return noise.model_copy(update={"uwb": plain})
 
 
 def figures_of(found: Estimate, true: np.ndarray) -> Figures:
@@ -125,7 +125,7 @@ def predict(
     def flown(kind: NoiseFile, run: int) -> Figures:
         of_day = np.random.Generator(np.random.Philox(np.random.SeedSequence([seed, run])))
         of_flight = np.random.Generator(np.random.Philox(np.random.SeedSequence([seed, run, *recording.name.encode()])))
-        day = draw_day(kind.uwb, n, of_day)
+        day = draw_day(kind.uwb, n, numbers_of(of_day))
         if known.biases is not None:  # calibrated ones are what the simulated anchors have, too
             day = Day(known.biases, day.fields)
         made = simulated(recording, by, path, mount, map_.floor, kind, day, failed, of_flight)
@@ -134,7 +134,7 @@ def predict(
         return figures_of(then, path.position(then.t))
 
     figures = []
-    for name, kind in (("fitted", noise), ("white", as_white(noise, bool((recording.ranges.other >= 0).any())))):
+    for name, kind in (("fitted", noise), ("white", as_white(noise))):
         rows = []
         for run in range(runs):
             say(f"{recording.name}, {name}, {run + 1} of {runs}")

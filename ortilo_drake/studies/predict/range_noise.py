@@ -1,30 +1,20 @@
-"""Errors of ranges and differences, drawn as a NOISE.yaml describes them."""
+"""Errors of recorded ranges and differences, drawn anew as world/sensors/fitted_errors.py has them.
 
-from typing import NamedTuple
+A difference of the ranges to b and a errs by e_b - e_a. Its row has the white noise of two ranges, drawn once, and is
+an outlier where one of them is: with probability 1 - (1 - q)².
+"""
 
 import numpy as np
 
 from ortilo_drake.interop.recorded.range_rows import Ranges
-from ortilo_drake.studies.fit.noise_file import UwbNoise
-from ortilo_drake.studies.predict.matern_field import MaternField, draw_field
-
-NEAREST, LARGEST = 0.02, 10.0  # no antenna is nearer to the floor than this [m], and no error grows by more
-
-
-class Day(NamedTuple):
-    """What is the same in all flights of a day: each anchor's constant (n) [m], and its field in space, if any."""
-
-    constants: np.ndarray
-    fields: tuple[MaternField, ...]
+from ortilo_drake.scenario.range_errors import UwbNoise
+from ortilo_drake.world.drawn_truth import AtStart
+from ortilo_drake.world.sensors.fitted_errors import Day, growth, outlier_chain, outlier_rows, row_error
 
 
-def draw_day(noise: UwbNoise, n: int, rng: np.random.Generator) -> Day:
-    """Return a day drawn; constants that the noise has, n then, are these."""
-    drawn = noise.constants_sd * rng.standard_normal(n)
-    constants = drawn if noise.constants is None else np.array(noise.constants)
-    field = noise.field
-    fields = () if field is None else tuple(draw_field(rng, field.length, field.sd) for _ in range(n))
-    return Day(constants, fields)
+def numbers_of(rng: np.random.Generator) -> AtStart:
+    """Return the standard normal numbers that a generator draws, whatever the name of their stream."""
+    return lambda name, n: rng.standard_normal(n)
 
 
 def lasting_errors(t: np.ndarray, n: int, time: float, sd: float, rng: np.random.Generator) -> np.ndarray:
@@ -36,16 +26,15 @@ def lasting_errors(t: np.ndarray, n: int, time: float, sd: float, rng: np.random
     return g
 
 
-def outlier_rows(anchor: np.ndarray, share: float, burst: float, rng: np.random.Generator) -> np.ndarray:
-    """Return which rows are outliers (m): a two-state chain along each anchor's rows."""
-    if share == 0.0:
-        return np.zeros(len(anchor), dtype=bool)
-    begins, draws = share / ((1.0 - share) * burst), rng.random(len(anchor))
-    state = rng.random(int(anchor.max()) + 1) < share
-    found = np.empty(len(anchor), dtype=bool)
-    for k, i in enumerate(anchor):
-        state[i] = draws[k] >= 1.0 / burst if state[i] else draws[k] < begins
-        found[k] = state[i]
+def draw_outliers(ranges: Ranges, noise: UwbNoise, rng: np.random.Generator) -> np.ndarray:
+    """Return which rows are outliers (m), of the noise of single ranges."""
+    share, found = noise.outliers.share, np.zeros(len(ranges.t), dtype=bool)
+    for are, its in ((ranges.other < 0, share), (ranges.other >= 0, 1.0 - (1.0 - share) ** 2)):
+        if its == 0.0 or not are.any():
+            continue
+        anchor = ranges.anchor[are]
+        u, before = rng.random(len(anchor)), rng.random(int(anchor.max()) + 1) < its
+        found[are] = outlier_rows(anchor, before, u, *outlier_chain(its, noise.outliers.burst))
     return found
 
 
@@ -58,20 +47,20 @@ def draw_errors(
         ranges: their stamps and anchors.
         place: of the antenna (m, 3).
         floor: its z [m].
-        noise: how large.
+        noise: how large; of differences or of single ranges, whatever the rows are.
         day: what is the same all day.
         rng: draws the rest.
     """
-    n, rows = len(day.constants), np.arange(len(ranges.t))
-    g = np.tile(day.constants, (len(ranges.t), 1))
-    own = np.zeros_like(g)
+    noise, n, rows = noise.of_single_ranges, len(day.constants), np.arange(len(ranges.t))
+    own = np.zeros((len(rows), n))
     if noise.lasting is not None:
         own += lasting_errors(ranges.t, n, noise.lasting.time, noise.lasting.sd, rng)
     for i, field in enumerate(day.fields):
         own[:, i] += field.at(place)
-    grown = np.minimum(1.0 + (noise.near_floor / np.maximum(place[:, 2] - floor, NEAREST)) ** 4, LARGEST)
-    g += own * grown[:, None]
-    e = g[rows, ranges.anchor] - np.where(ranges.other >= 0, g[rows, np.maximum(ranges.other, 0)], 0.0)
-    odd = outlier_rows(ranges.anchor, noise.outliers.share, noise.outliers.burst, rng)
-    deviation = np.where(odd, np.hypot(noise.white, noise.outliers.sd), noise.white)
-    return np.asarray(e + grown * deviation * rng.standard_normal(len(rows)))
+    s = np.array([growth(height, noise.near_floor) for height in place[:, 2] - floor])
+    far = np.where(draw_outliers(ranges, noise, rng), noise.outliers.sd, 0.0)
+    is_difference, a = ranges.other >= 0, np.maximum(ranges.other, 0)
+    white = noise.white * np.where(is_difference, np.sqrt(2.0), 1.0)
+    constant = day.constants[ranges.anchor] - np.where(is_difference, day.constants[a], 0.0)
+    lasts = own[rows, ranges.anchor] - np.where(is_difference, own[rows, a], 0.0)
+    return np.asarray(row_error(constant, lasts, s, white, far, rng.standard_normal(len(rows))))

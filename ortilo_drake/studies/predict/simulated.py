@@ -10,11 +10,12 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.recording import Imu, Recording
+from ortilo_drake.scenario.noise_file import ImuNoise, NoiseFile
 from ortilo_drake.studies.fit.body_path import BodyPath
-from ortilo_drake.studies.fit.noise_file import ImuNoise, NoiseFile
-from ortilo_drake.studies.predict.range_noise import Day, draw_errors
+from ortilo_drake.studies.predict.range_noise import draw_errors
 from ortilo_drake.studies.recorded.calibrate import Calibration
 from ortilo_drake.studies.recorded.modelled import modelled
+from ortilo_drake.world.sensors.fitted_errors import Day
 
 
 def low_passed(t: np.ndarray, density: np.ndarray, bandwidth: float, rng: np.random.Generator) -> np.ndarray:

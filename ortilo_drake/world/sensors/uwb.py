@@ -95,7 +95,7 @@ def ranging_settings(settings: Uwb) -> np.ndarray:
     walls = settings.walls
     bias = walls.per_wall if walls.kind == "bias" else 0.0
     most_walls = 0.0 if walls.kind == "block" else np.inf
-    return np.array([*settings.noise.sds, bias, most_walls, settings.max_distance])
+    return np.array([*settings.sds, bias, most_walls, settings.max_distance])
 
 
 def walls_between(settings: Uwb, room: Room) -> np.ndarray:

@@ -5,15 +5,20 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from ortilo_drake.interop.recorded.range_rows import Ranges
+from ortilo_drake.scenario.range_errors import LastingNoise, Outliers, UwbNoise
 from ortilo_drake.studies.fit.lasting import fit_lasting
 from ortilo_drake.studies.fit.lasting_filter import PRIOR, lasting_filter
-from ortilo_drake.studies.fit.noise_file import LastingNoise, Outliers, UwbNoise
 from ortilo_drake.studies.fit.range_errors import RangeErrors
-from ortilo_drake.studies.predict.range_noise import draw_day, draw_errors
+from ortilo_drake.studies.predict.range_noise import draw_errors, numbers_of
+from ortilo_drake.world.sensors.fitted_errors import draw_day
 
 ANCHORS = 6
 NOISE = UwbNoise(
-    white=0.05, lasting=LastingNoise(time=0.5, sd=0.15), outliers=Outliers(share=0.05, sd=0.8), constants_sd=0.1
+    white=0.05,
+    lasting=LastingNoise(time=0.5, sd=0.15),
+    outliers=Outliers(share=0.05, sd=0.8),
+    constants_sd=0.1,
+    differences=True,
 )
 MADE_BY = (0.5, 0.15, 0.05, 0.05, 0.8)
 
@@ -22,7 +27,7 @@ def made(seed: int, rows: int = 6000, seconds: float = 40.0) -> tuple[np.ndarray
     """Return constants less their mean, and errors of differences of neighbours."""
     rng = np.random.default_rng(seed)
     t, b, place = np.sort(rng.uniform(0.0, seconds, rows)), rng.integers(0, ANCHORS, rows), np.ones((rows, 3))
-    ranges, day = Ranges(t, b, np.zeros(rows), (b + 1) % ANCHORS, 0 * b), draw_day(NOISE, ANCHORS, rng)
+    ranges, day = Ranges(t, b, np.zeros(rows), (b + 1) % ANCHORS, 0 * b), draw_day(NOISE, ANCHORS, numbers_of(rng))
     e = draw_errors(ranges, place, 0.0, NOISE, day, rng)
     return day.constants - day.constants.mean(), RangeErrors(t, b, ranges.other, e, place)
 

@@ -13,16 +13,17 @@ from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import Imu, Recording, Truth, read_recording
 from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
+from ortilo_drake.scenario.noise_file import ImuNoise, NoiseFile, load_noise
+from ortilo_drake.scenario.range_errors import UwbNoise
 from ortilo_drake.studies.fit.body_path import body_path
 from ortilo_drake.studies.fit.fit import fit_recordings
 from ortilo_drake.studies.fit.imu_errors import mount_of
-from ortilo_drake.studies.fit.noise_file import ImuNoise, NoiseFile, UwbNoise, load_noise
 from ortilo_drake.studies.predict.predicted import Figures, Predicted, group_of, interval, predict
 from ortilo_drake.studies.predict.predicted_figure import predicted_figure
 from ortilo_drake.studies.predict.predicted_report import predicted_text
-from ortilo_drake.studies.predict.range_noise import Day
 from ortilo_drake.studies.predict.simulated import simulated
 from ortilo_drake.studies.recorded.calibrate import calibrate
+from ortilo_drake.world.sensors.fitted_errors import Day
 
 SILENT = NoiseFile(uwb=UwbNoise(white=0.0), imu=ImuNoise(rotation=(0.0,) * 3, force=(0.0,) * 3))
 

@@ -1,58 +1,16 @@
 """NOISE.yaml: what recordings tell a simulation of its sensors' errors."""
 
 from pathlib import Path
-from typing import Annotated
 
 import yaml
 from pydantic import Field, NonNegativeFloat
 
 from ortilo_drake.model.input_files import read_text
 from ortilo_drake.model.typed_yaml import Frozen, InputError, Positive, nearest, parse_yaml, validate
+from ortilo_drake.scenario.range_errors import Share, UwbNoise
 
 PRESETS = Path(__file__).parent / "presets"
 Three = tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat]
-Share = Annotated[float, Field(ge=0.0, le=0.5)]
-
-
-class LastingNoise(Frozen):
-    """A first-order Gauss-Markov error of each anchor."""
-
-    time: Positive = Field(description="How long it lasts [s].")
-    sd: NonNegativeFloat = Field(description="Standard deviation [m].")
-
-
-class FieldNoise(Frozen):
-    """An error of each anchor that is a field in space, Matérn 3/2, the same for all flights of a day."""
-
-    length: Positive = Field(description="Length over which it changes [m].")
-    sd: NonNegativeFloat = Field(description="Standard deviation [m].")
-
-
-class Outliers(Frozen):
-    """Rows that err by more."""
-
-    share: Share = Field(default=0.0, description="Of all rows.")
-    sd: NonNegativeFloat = Field(default=0.0, description="Standard deviation of what is added [m].")
-    burst: Annotated[float, Field(ge=1.0, le=1e4)] = Field(
-        default=1.0, description="How many rows of an anchor in a row are outliers, on average."
-    )
-
-
-class UwbNoise(Frozen):
-    """Errors of ranges, or of each anchor in a difference of ranges."""
-
-    white: NonNegativeFloat = Field(description="Standard deviation of a row's white error [m].")
-    lasting: LastingNoise | None = None
-    field: FieldNoise | None = None
-    outliers: Outliers = Outliers()
-    constants_sd: NonNegativeFloat = Field(default=0.0, description="Root mean square of the anchors' constants [m].")
-    constants: tuple[float, ...] | None = Field(default=None, description="Each anchor's constant [m], if known.")
-    differences: bool = Field(default=False, description="Whether the rows that it was fitted to are differences.")
-    near_floor: NonNegativeFloat = Field(
-        default=0.0, description="Height [m] at which the floor doubles errors: they grow by (this / height)^4."
-    )
-    rate: NonNegativeFloat = Field(default=0.0, description="Rows in a second, of all anchors; a figure.")
-    missing: Share = Field(default=0.0, description="Share of the rows that do not come; a figure.")
 
 
 class ImuNoise(Frozen):
@@ -87,15 +45,21 @@ def preset_names() -> list[str]:
     return sorted(path.stem for path in PRESETS.glob("*.yaml"))
 
 
-def load_noise(name_or_file: str) -> NoiseFile:
-    """Read NOISE.yaml or one that comes with the package; InputError if anything is wrong."""
-    path = Path(name_or_file)
+def load_noise(name_or_file: str, field: str = "noise", folder: Path = Path()) -> NoiseFile:
+    """Read NOISE.yaml or one that comes with the package; InputError if anything is wrong.
+
+    Args:
+        name_or_file: the name of one of the package, or a file.
+        field: what an error begins with.
+        folder: from where the file is meant.
+    """
+    path = folder / name_or_file
     if path.suffix not in (".yaml", ".yml"):
         names = preset_names()
         if name_or_file not in names:
-            known = " ".join(names)
+            known, shown = " ".join(names), name_or_file[:100]
             raise InputError(
-                f"noise: '{name_or_file}' is unknown{nearest(name_or_file, names)}: give a .yaml file or one of {known}"
+                f"{field}: {shown!r} is unknown{nearest(shown, names)}: give a .yaml file or one of {known}"
             )
         path = PRESETS / f"{name_or_file}.yaml"
     return validate(NoiseFile, parse_yaml(read_text(path), str(path)), str(path))

@@ -1,0 +1,163 @@
+"""UWB ranging with the errors that recordings told of: the element of fitted_errors.py's equations.
+
+g_i goes on in every tick. In a tick in which a message is sent, each range is missing with the same probability, and
+the outliers' chain of its anchor goes on if it is not.
+"""
+
+from typing import Any
+
+import numpy as np
+from scipy.special import ndtr
+
+from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.model.placing import fill, put
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.signals import PAYLOAD, uwb_size
+from ortilo_drake.scenario import Uwb
+from ortilo_drake.scenario.range_errors import UwbNoise
+from ortilo_drake.world.drawn_truth import AtStart
+from ortilo_drake.world.noise import put_normals, stream_id, uniforms
+from ortilo_drake.world.sensors.fitted_errors import Day, draw_day, growth, odd_after, outlier_chain, row_error
+from ortilo_drake.world.sensors.matern_field import FEATURES, field_at
+from ortilo_drake.world.sensors.uwb import put_uwb_message, ranging_settings, walls_between
+from ortilo_drake.world.slow_error import SlowNoise, gauss_markov, slow_noise_after
+
+LASTING, CHANCES, ODD = "fitted/lasting", "fitted/chances", "fitted/outliers"  # streams
+
+
+def fitted_out(
+    n: Any,
+    k: int,
+    seed: int,
+    sent: np.ndarray,
+    state: np.ndarray,
+    anchors: np.ndarray,
+    bias: np.ndarray,
+    walls: np.ndarray,
+    constants: np.ndarray,
+    frequencies: np.ndarray,
+    phases: np.ndarray,
+    amplitudes: np.ndarray,
+    g: np.ndarray,
+    odd: np.ndarray,
+    v: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Say the uwb message in a tick in which it is sent, else zeros; none of its ranges is below 0."""
+    fill(out, 0.0)
+    if sent[0] < 0.0:
+        return
+    count = constants.size
+    fill(v, 0.0)
+    put_uwb_message(out, v, state, anchors, bias, walls, n.settings, k * n.h)
+    put_normals(v, seed, n.stream, k)
+    chance = uniforms(seed, n.chances, k, 2 * count)
+    s = growth(state[2] - n.floor, n.near_floor)
+    for i in range(count):
+        if out[PAYLOAD + count + i] == 0.0:
+            continue
+        if chance[i] < n.missing:
+            out[PAYLOAD + i] = 0.0
+            out[PAYLOAD + count + i] = 0.0
+            continue
+        far = n.far if odd[i] != 0.0 else 0.0
+        own = g[i] + field_at(frequencies[i], phases[i], amplitudes[i], state)
+        out[PAYLOAD + i] = max(out[PAYLOAD + i] + row_error(constants[i], own, s, n.white, far, v[i]), 0.0)
+
+
+def fitted_step(
+    n: Any, k: int, seed: int, sent: np.ndarray, a: np.ndarray, q: np.ndarray, g: np.ndarray, odd: np.ndarray
+) -> None:
+    """Go on to what lasts of the errors in the next tick, and to the outliers of the next message."""
+    put(slow_noise_after(g, a, q, seed, n.lasting, k * n.h, n.h), g)
+    if sent[0] < 0.0:
+        return
+    chance = uniforms(seed, n.chances, k, 2 * odd.size)
+    for i in range(odd.size):
+        if chance[i] >= n.missing:
+            odd[i] = 1.0 if odd_after(odd[i] != 0.0, chance[odd.size + i], n.begins, n.ends) else 0.0
+
+
+FITTED = Element(
+    "fitted_uwb",
+    out=fitted_out,
+    step=fitted_step,
+    numbers=(
+        Number("settings", (5,)),
+        Number("white"),
+        Number("far"),
+        Number("begins"),
+        Number("ends"),
+        Number("missing"),
+        Number("near_floor"),
+        Number("floor"),
+        Number("stream", kind="u8"),
+        Number("chances", kind="u8"),
+        Number("lasting", kind="u8"),
+        Number("h"),
+    ),
+    tables=(
+        *(Array("anchors", 2), Array("bias"), Array("walls", 2), Array("constants")),
+        *(Array("frequencies", 3), Array("phases", 2), Array("amplitudes", 2), Array("a"), Array("q")),
+    ),
+    state=(Array("g"), Array("odd")),
+    work=(Array("v"),),
+    allocates=True,
+)
+
+
+def fitted_box(settings: Uwb, room: Room, h: float) -> Box:
+    """Return the receiver; as uwb_box, it reads `sent` (1) and the true state (12).
+
+    What a seed draws, constants, fields and the first of what lasts, is zero until it is drawn.
+    """
+    noise, n = noise_of(settings), len(room.anchors)
+    begins, ends = outlier_chain(noise.outliers.share, noise.outliers.burst)
+    lasting = _lasting(noise, n, h)
+    numbers = {
+        "settings": ranging_settings(settings),
+        "white": noise.white,
+        "far": noise.outliers.sd,
+        "begins": begins,
+        "ends": ends,
+        "missing": noise.missing,
+        "near_floor": noise.near_floor,
+        "floor": float(room.interior.min[2]),
+        "stream": stream_id("uwb"),
+        "chances": stream_id(CHANCES),
+        "lasting": stream_id(LASTING),
+        "h": h,
+    }
+    tables = {"anchors": room.anchor_positions, "bias": np.zeros(n), "walls": walls_between(settings, room)}
+    tables |= {"a": lasting.a, "q": lasting.q}
+    fields = np.zeros((n, 0 if noise.field is None else FEATURES, 3))
+    tables |= {"constants": np.zeros(n), "frequencies": fields, "phases": fields[..., 0], "amplitudes": fields[..., 0]}
+    given = Given(numbers, {"g": np.zeros(n), "odd": np.zeros(n)}, tables)
+    return Box("uwb", FITTED, uwb_size(n), given, {"v": (n,)})
+
+
+def fitted_drawn(settings: Uwb, n: int, h: float, draw: AtStart) -> Given:
+    """Return what the box of n anchors is given in a flight of these draws."""
+    noise = noise_of(settings)
+    day = draw_day(noise, n, draw)
+    start = {"g": _lasting(noise, n, h).start * draw(LASTING, n)}
+    start["odd"] = (ndtr(draw(ODD, n)) < noise.outliers.share).astype(float)
+    return Given(start=start, tables={"constants": day.constants} | _fields(day))
+
+
+def noise_of(settings: Uwb) -> UwbNoise:
+    """Return the errors of single ranges that a scenario's uwb has, of those that were fitted."""
+    assert settings.fitted is not None
+    return settings.fitted.of_single_ranges
+
+
+def _lasting(noise: UwbNoise, n: int, h: float) -> SlowNoise:
+    time, sd = (1.0, 0.0) if noise.lasting is None else (noise.lasting.time, noise.lasting.sd)
+    return gauss_markov(np.full(n, sd), time, h)
+
+
+def _fields(day: Day) -> dict[str, np.ndarray]:
+    if not day.fields:
+        return {}
+    w, u, amplitude = (np.array(part) for part in zip(*day.fields, strict=True))
+    return {"frequencies": w, "phases": u, "amplitudes": amplitude}
