@@ -97,7 +97,7 @@ docs: $(STAMP)-docs
 ifneq ($(NOTEBOOKS),)
 	@$(ONE_THREAD) $(BIN)/python scripts/run_notebooks.py
 endif
-	@$(ONE_THREAD) $(BIN)/python -m sphinx -q -W --keep-going -b html -d out/doctrees docs out/docs
+	@$(ONE_THREAD) $(BIN)/python -m sphinx -W --keep-going -b html -d out/doctrees docs out/docs
 	@echo "documentation: out/docs/index.html"
 
 linkcheck: $(STAMP)-docs

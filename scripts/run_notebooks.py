@@ -64,10 +64,11 @@ def keep(path: Path, notebook: nbformat.NotebookNode, folder: Path = KEPT) -> Pa
 
 def main(paths: list[Path]) -> None:
     """Run each notebook that has no run of its present cells."""
-    for path in paths:
+    for number, path in enumerate(paths, start=1):
         if kept_file(path).exists():
             print(f"{path.name}: there already")
             continue
+        print(f"{path.name}: running, {number} of {len(paths)}", flush=True)
         started = time.perf_counter()
         keep(path, run(path))
         print(f"{path.name}: {time.perf_counter() - started:.0f} s", flush=True)

@@ -25,6 +25,7 @@ _SIGNALS = {
     "plant": "x", "servo": "u", "command_link.applied": "u", "reference": "r", "filter": "x̂, P", "known": "x̂, P",
     "belief": "x̂, P", "delta": "Δ", "V2": "V₂", "rotors_felt": "felt", "felt.control": "felt",
     "felt.disturbance": "felt", "vehicle.passed": "felt", "acceleration": "v̇",
+    "velocity": "v",
 }  # fmt: skip
 
 
@@ -98,6 +99,8 @@ def _place(wiring: Wiring, name: str) -> tuple[str, str]:
     """Return a box's block and its column."""
     if name in _COLUMN_OF:
         return _COLUMN_OF[name], _COLUMN_OF[name]
+    if name == "detector":  # it looks at what the camera sent
+        name = "camera_fix"
     sensors = [box.removesuffix("_link") for box in wiring.boxes if box.endswith("_link") and box != "command_link"]
     its = [sensor for sensor in sensors if name == sensor or name.startswith(f"{sensor}_")]
     if name == "now":  # the time of a report of the commands that acted

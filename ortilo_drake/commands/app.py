@@ -29,6 +29,7 @@ from ortilo_drake.commands.terminal import out
 from ortilo_drake.commands.tune import tune
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.parts import load_plugin
+from ortilo_drake.views.themes import Theme, themed
 
 app = typer.Typer(
     help="A laboratory for indoor navigation with sensors that come and go, built on Drake.",
@@ -58,11 +59,13 @@ def set_up(
         str | None,
         typer.Option(metavar="ADDRESS", help="A Dask scheduler whose workers fly: tcp:// or tls:// (docs/cluster.md)."),
     ] = None,
+    theme: Annotated[Theme, typer.Option(help="The looks of the figures that a command draws.")] = Theme.light,
     version: Annotated[
         bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Print the versions and end.")
     ] = False,
 ) -> None:
     """Run the files that register parts, before the command reads a scenario that names them; join a cluster."""
+    context.with_resource(themed(theme))
     for file in plugin or ():
         load_plugin(file)
     if scheduler is not None:

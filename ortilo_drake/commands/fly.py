@@ -17,6 +17,7 @@ from ortilo_drake.commands.options import (
     ScenarioArgument,
     SeedOption,
     SetOption,
+    picture_option,
     quiet_drake,
     with_camera,
 )
@@ -86,7 +87,7 @@ def fly(
     player: PlayerOption = PlayerName.fastest,
     meshcat: Annotated[bool, typer.Option("--meshcat", help="Show the flight live in the browser.")] = False,
     html: Annotated[Path | None, typer.Option(help="Write the flight as one self-contained page.")] = None,
-    png: Annotated[Path | None, typer.Option(help="Draw path, errors and arrivals to this file.")] = None,
+    png: Annotated[Path | None, picture_option("Draw path, errors and arrivals to this file")] = None,
     video: Annotated[
         Path | None, typer.Option(help="Draw camera, room and errors as a video, .mp4 or .gif, three times as fast.")
     ] = None,

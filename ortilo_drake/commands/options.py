@@ -5,12 +5,13 @@ import logging
 import math
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import scenario_names
+from ortilo_drake.views.pictures import check_picture
 
 
 def scenarios_from(begun: str) -> list[str]:
@@ -40,6 +41,20 @@ def _of_workers(number: int | None) -> int | None:
 WorkersOption = Annotated[
     int | None, typer.Option(min=1, max=1024, callback=_of_workers, help="Worker processes; all cores.")
 ]
+
+
+def picture_option(said: str) -> Any:
+    """An option that names a file to draw a figure to; its help begins with what is drawn."""
+    return typer.Option(help=f"{said}, .png, .svg or .pdf.", callback=_of_picture)
+
+
+def _of_picture(file: Path | None) -> Path | None:
+    """Refuse a file of an ending that no figure has, before any work is done."""
+    if file is not None:
+        check_picture(file)
+    return file
+
+
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON to this file.")]
 
 

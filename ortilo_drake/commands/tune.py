@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from ortilo_drake.commands.options import JsonOption, WorkersOption, quiet_drake
+from ortilo_drake.commands.options import JsonOption, WorkersOption, picture_option, quiet_drake
 from ortilo_drake.commands.terminal import (
     check_writable,
     out,
@@ -148,7 +148,7 @@ def tune(
     ],
     out_file: Annotated[Path | None, typer.Option("--out", help="Write the tuned scenario to this .yaml.")] = None,
     json_file: JsonOption = None,
-    figure: Annotated[Path | None, typer.Option(help="Draw numbers, NEES and NIS before and after.")] = None,
+    figure: Annotated[Path | None, picture_option("Draw numbers, NEES and NIS before and after")] = None,
     check: Annotated[int, typer.Option(min=0, max=1000, help="Fly before and after on this many new seeds.")] = 0,
     map_file: Annotated[
         Path | None, typer.Option("--map", help="FLIGHTS are folders of others' recordings, read by this MAP.yaml.")
@@ -186,12 +186,9 @@ def tune(
     from ortilo_drake.studies.tuning.tune import check_flights, find_flights, overlay_text
     from ortilo_drake.studies.tuning.tune import tune as tune_flights
     from ortilo_drake.studies.tuning.tuning_report import tuning_report
-    from ortilo_drake.views.pictures import check_picture
 
     quiet_drake()
     say_if_compiling()
-    if figure is not None:
-        check_picture(figure)
     files = find_flights(flights)
     with progress_bar() as progress:
         task = progress.add_task("fitting", total=None)

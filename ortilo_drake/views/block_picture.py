@@ -9,6 +9,7 @@ from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.views.palette import BLUE, ORANGE
 
 WIDE, HIGH, GAP, ROW, LANE, MARGIN = 96, 46, 88, 78, 26, 34  # of blocks, between them, and around all of them [px]
+SLIDE = 1920  # width of the picture where a file shows it as it is [px]
 LABEL = 11  # characters of a line beside an arrow between neighbours
 STACKED = ("sensor", "fix")  # columns with a row for each sensor; all others have one block
 STYLE = """
@@ -18,7 +19,8 @@ STYLE = """
 .blocks .signal { font: italic 14px Georgia, "Times New Roman", serif }
 .blocks .half { font-size: 11.5px; fill: #5a6675; text-anchor: start }
 """
-HEAD = """<svg class="blocks" xmlns="http://www.w3.org/2000/svg" width="{w:g}" height="{h:g}" viewBox="0 0 {w:g} {h:g}">
+HEAD = """<svg class="blocks" xmlns="http://www.w3.org/2000/svg" width="{wide}" height="{high}"
+ viewBox="0 0 {w:g} {h:g}">
 <style>{style}</style>
 <defs><marker id="head" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="8" markerHeight="8" orient="auto">
 <path d="M0 0.5 L8 4 L0 7.5 z" style="fill: #1f2733; stroke: none"/></marker></defs>
@@ -70,7 +72,8 @@ def block_picture(wiring: Wiring) -> str:
 
     width = max(its.right for its in placed.values()) + MARGIN + 14
     bottom = top + ROW * max(len(rows) - 1, 0) + HIGH
-    drawn = [HEAD.format(w=width, h=bottom + 30 + LANE * (len(nets) - lanes_above), style=STYLE)]
+    height = bottom + 30 + LANE * (len(nets) - lanes_above)
+    drawn = [HEAD.format(wide=SLIDE, high=round(SLIDE * height / width), w=width, h=height, style=STYLE)]
     drawn += halves(columns, top, bottom)
     drawn += [between(pair, names, placed) for pair, names in straight.items()]
     drawn += past(nets, placed, straight, top, bottom)
@@ -129,7 +132,7 @@ def halves(columns: list[str], top: float, bottom: float) -> list[str]:
         color, said = (ORANGE, "world") if world else (BLUE, "onboard")
         size = f'x="{left - 20}" y="{top - 24}" width="{right - left + WIDE + 40}" height="{bottom - top + 40}"'
         drawn.append(f'<rect {size} rx="8" style="fill: {color}; opacity: 0.1"/>')
-        drawn.append(f'<text class="half" x="{left - 15}" y="{top - 11}">{said}</text>')
+        drawn.append(f'<text class="half" x="{left - 8}" y="{top - 11}">{said}</text>')
     return drawn
 
 
@@ -193,7 +196,7 @@ def past(
                 drawn.append(arrow((net.source, target), net.names, path))
             dots = [(x_end, lane) for x_end, _ in ends if x_end != far] + ([(x, y)] if leaves else [])
             drawn += [f'<circle cx="{x}" cy="{y}" r="2.6" style="fill: #1f2733"/>' for x, y in dots]
-            said = ", ".join(net.names)
+            said = net.source if net.names == ["fix"] else ", ".join(net.names)
             drawn.append(_signal(said, x + (1 if above else -1) * (12 + 4 * len(said)), lane - 5))
     return drawn
 

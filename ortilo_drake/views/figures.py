@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 from matplotlib.patches import Circle, Polygon, Rectangle
 
 from ortilo_drake.flight.flight import AXES, scenario_of
@@ -42,6 +43,12 @@ def draw_room(axes: Axes, room: Room, scenario: Scenario) -> None:
     axes.set_ylabel("y (north) [m]")
 
 
+def thicken(legend: Legend) -> None:
+    """Draw a legend's lines thick enough that their colours can be told apart."""
+    for line in legend.get_lines():
+        line.set_linewidth(max(line.get_linewidth(), 2.0))
+
+
 def trajectory_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
     """Draw the true paths of many flights in the room, with the planned path (the paper's figure).
 
@@ -65,7 +72,7 @@ def trajectory_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
                     label=TITLE.get(name, name) if strong else None,
                 )
         axes.plot(*first["reference"].values[:, :2].T, "k--", lw=1.0, label="desired")
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=5, fontsize=8)
+        thicken(axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=5, fontsize=8))
         return save_picture(figure, path)
 
 
@@ -83,7 +90,7 @@ def draw_flight(flight: xr.Dataset) -> Figure:
         room_axes = figure.add_subplot(grid[0])
         draw_room(room_axes, scenario.load_room(), scenario)
         draw_paths(room_axes, flight)
-        room_axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=5, fontsize=8)
+        thicken(room_axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=5, fontsize=8))
         room_axes.set_title(f"{scenario.name}, seed {scenario.seed}")
         time = flight["time"].values
         error = flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]

@@ -2,24 +2,35 @@
 
 import io
 from pathlib import Path
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any, Final
 
 from ortilo_drake.flight.files import write_bytes
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.views.themes import apply_theme
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+ENDINGS: Final = ("png", "svg", "pdf", "eps", "jpg", "jpeg", "tif", "tiff", "webp")
+# A figure drawn twice gives the same bytes: no date, no names drawn at random.
+_UNDATED: Final = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
+_KEPT: Any = {"svg.hashsalt": "ortilo", "pdf.fonttype": 42}  # 42: letters stay letters in a PDF
 
 
 def check_picture(path: Path) -> None:
-    """Check that matplotlib can write a file of that suffix; InputError names the suffixes that it can."""
-    allowed = Figure().canvas.get_supported_filetypes()
-    if path.suffix[1:] not in allowed:
-        raise InputError(f"{path}: unknown kind of picture '{path.suffix}', give one of {', '.join(sorted(allowed))}")
+    """Check that a figure can be written to a file of that ending; InputError names the endings."""
+    if path.suffix[1:].lower() not in ENDINGS:
+        allowed = ", ".join(f".{ending}" for ending in ENDINGS)
+        raise InputError(f"{path}: unknown kind of picture '{path.suffix}', give one of {allowed}")
 
 
-def save_picture(figure: Figure, path: Path) -> Path:
-    """Write a figure and return its path. Errors as check_picture and write_bytes."""
+def save_picture(figure: "Figure", path: Path) -> Path:
+    """Write a figure in the chosen theme and return its path. Errors as check_picture and write_bytes."""
+    import matplotlib as mpl
+
     check_picture(path)
-    drawn = io.BytesIO()
-    figure.savefig(drawn, format=path.suffix[1:])
+    ending, drawn = path.suffix[1:].lower(), io.BytesIO()
+    with mpl.rc_context(_KEPT):
+        figure.savefig(drawn, format=ending, metadata=_UNDATED.get(ending), **apply_theme(figure))
     write_bytes(path, drawn.getvalue())
     return path

@@ -12,7 +12,7 @@ from ortilo_drake.views.palette import BLUE, ORANGE
 from ortilo_drake.views.wiring_text import kind_of, parts_of, row
 
 HEAD = """digraph {
-rankdir=LR; nodesep=0.15; ranksep=0.6; fontname="Helvetica"; fontsize=11; style="rounded,filled"; color="transparent";
+rankdir=TB; nodesep=0.15; ranksep=0.35; fontname="Helvetica"; fontsize=11; style="rounded,filled"; color="transparent";
 node [shape=box, fontname="Helvetica", fontsize=11, height=0.3, style=filled, fillcolor=white];
 edge [fontname="Times-Italic", fontsize=10, arrowsize=0.6];
 """

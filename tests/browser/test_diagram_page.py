@@ -64,7 +64,18 @@ def test_the_wheel_zooms_about_the_pointer_and_the_whole_comes_back(page: Page) 
     assert page.run(under) == pytest.approx(at, rel=1e-3, abs=0.5)
     assert box(page)[3] / box(page)[2] == pytest.approx(before[3] / before[2])
     page.run("document.getElementById('whole').click()")
-    assert box(page) == pytest.approx(before)
+    assert box(page) == page.run("views[shown].whole")
+    page.run("document.querySelectorAll('button[data-depth]')[shown].click()")
+    assert box(page) == page.run("views[shown].whole")
+
+
+def test_each_depth_begins_with_letters_that_can_be_read(page: Page) -> None:
+    for i in range(len(DEPTHS)):
+        page.run(f"document.querySelectorAll('button[data-depth]')[{i}].click()")
+        letters = (
+            "[...pictures[shown].querySelectorAll('.node text')].map((t) => parseFloat(getComputedStyle(t).fontSize))"
+        )
+        assert page.run(f"Math.min(...{letters}) * pictures[shown].getScreenCTM().a") > 9.0
 
 
 def test_dragging_moves_the_picture_with_the_pointer(page: Page) -> None:

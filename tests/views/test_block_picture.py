@@ -52,7 +52,7 @@ def test_blocks_and_arrows_are_the_wirings_and_keep_clear_of_each_other(case: st
         assert a[0] >= b[2] or b[0] >= a[2] or a[1] >= b[3] or b[1] >= a[3]
 
     pairs = []
-    width, height = (float(root.get(name) or 0) for name in ("width", "height"))
+    width, height = (float(side) for side in (root.get("viewBox") or "").split()[2:])
     for group in root.iter(f"{SVG}g"):
         if group.get("class") == "edge":
             said, path = group.find(f"{SVG}title").text, group.find(f"{SVG}path").get("d")  # type: ignore[union-attr]

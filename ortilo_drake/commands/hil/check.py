@@ -21,6 +21,7 @@ from ortilo_drake.commands.options import (
     ScenarioArgument,
     SeedOption,
     SetOption,
+    picture_option,
     quiet_drake,
 )
 from ortilo_drake.commands.terminal import (
@@ -90,7 +91,7 @@ def check(
         str | None, typer.Option(help="The address, tcp://HOST:PORT; by default a free port of this machine alone.")
     ] = None,
     wait: WaitOption = 60.0,
-    png: Annotated[Path | None, typer.Option(help="Draw the latencies' histogram to this file.")] = None,
+    png: Annotated[Path | None, picture_option("Draw the latencies' histogram to this file")] = None,
     json_file: JsonOption = None,
 ) -> None:
     """Run both halves on this machine, in two processes, and report what time and link did to the flight."""

@@ -36,11 +36,8 @@ def coverage(
     check_writable(png, json_file)
     from ortilo_drake.studies.rooms.coverage import coverage as cover
     from ortilo_drake.studies.rooms.coverage_figure import coverage_figure
-    from ortilo_drake.views.pictures import check_picture
 
     quiet_drake()
-    if png is not None:
-        check_picture(png)
     with progress_bar() as bar:
         task = bar.add_task("looking around", total=100)
         found = cover(scenario, lambda share: bar.update(task, completed=round(100 * share)))

@@ -3,13 +3,11 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from ortilo_drake.commands.options import quiet_drake
+from ortilo_drake.commands.options import picture_option, quiet_drake
 from ortilo_drake.commands.room.check import RoomArgument
 from ortilo_drake.commands.terminal import check_writable, out, say_written
 
-PngOption = Annotated[Path | None, typer.Option(help="Draw it to this file.")]
+PngOption = Annotated[Path | None, picture_option("Draw it to this file")]
 
 
 def show(room: RoomArgument, png: PngOption = None) -> None:

@@ -12,6 +12,8 @@ from ortilo_drake.studies.paper_tables.tables import PAPER
 from ortilo_drake.views.figures import COLOR, OTHER, STYLE, TITLE
 from ortilo_drake.views.pictures import save_picture
 
+BOXED = 5  # flights from which on they have a box: quartiles of fewer are the flights themselves
+
 
 def _label(name: str, rows: list[Summary]) -> str:
     lost = sum(row.lost is not None for row in rows)
@@ -19,7 +21,10 @@ def _label(name: str, rows: list[Summary]) -> str:
 
 
 def error_figure(summaries: dict[str, list[Summary]], path: Path) -> Path:
-    """Draw each table column's distribution over the flights that were kept, with the paper's median and quartiles."""
+    """Draw each table column's distribution over the flights that were kept, with the paper's median and quartiles.
+
+    Few flights are drawn as points about their median, BOXED or more with a box.
+    """
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(10, 3.6), layout="constrained")
         for k, column in enumerate((*AXES, "path")):
@@ -28,9 +33,14 @@ def error_figure(summaries: dict[str, list[Summary]], path: Path) -> Path:
                 kept = [row for row in rows if row.lost is None]
                 found = [row.path_mse if column == "path" else row.mse[column] for row in kept]
                 values = [value for value in found if value is not None]
-                axes.boxplot(values, positions=[i - 0.15], widths=0.22, showfliers=False, medianprops={"color": "k"})
+                if len(values) < BOXED:
+                    axes.plot([i - 0.26, i - 0.04], 2 * [np.median(values or [np.nan])], color="k", lw=1.0)
+                else:
+                    axes.boxplot(
+                        values, positions=[i - 0.15], widths=0.22, showfliers=False, medianprops={"color": "k"}
+                    )
                 spread = np.linspace(-0.06, 0.06, len(values))
-                axes.plot(i - 0.15 + spread, values, ".", color=COLOR.get(name, OTHER), ms=4, alpha=0.7)
+                axes.plot(i - 0.15 + spread, values, ".", color=COLOR.get(name, OTHER), ms=6, alpha=0.7)
                 paper = PAPER.path.get(name) if column == "path" else PAPER.estimation.get(name, {}).get(column)
                 if paper is None:  # a scenario beside the paper's
                     continue

@@ -7,6 +7,9 @@ const views = pictures.map((svg) => {
   const box = svg.viewBox.baseVal;
   return { svg, whole: [box.x, box.y, box.width, box.height], now: [box.x, box.y, box.width, box.height] };
 });
+const frame = document.getElementById("frame");
+const LEAST = 10; // height of the smallest letters that a reader is shown at first [px]
+const LETTERS = 11; // the same in a picture's own units
 let shown = 0;
 
 function draw(view) {
@@ -17,6 +20,20 @@ function show(number) {
   shown = number;
   document.querySelectorAll(".depth").forEach((part, i) => { part.hidden = i !== number; });
   document.querySelectorAll("button[data-depth]").forEach((button, i) => { button.ariaPressed = String(i === number); });
+  const view = views[number];
+  if (!view.seen) legible(view);
+  view.seen = true;
+}
+
+// Begin in the middle of the top where the whole picture would be too small to read.
+function legible(view) {
+  const [x, y, width, height] = view.whole;
+  const [wide, high] = [frame.clientWidth, frame.clientHeight];
+  const scale = Math.min(wide / width, high / height);
+  if (scale * LETTERS >= LEAST) return;
+  const units = LETTERS / LEAST;
+  view.now = [x + (width - wide * units) / 2, y, wide * units, high * units];
+  draw(view);
 }
 
 function zoom(factor, clientX, clientY) {
@@ -27,7 +44,6 @@ function zoom(factor, clientX, clientY) {
   draw(view);
 }
 
-const frame = document.getElementById("frame");
 const fingers = new Map();
 
 function spread() {

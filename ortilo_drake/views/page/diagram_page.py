@@ -26,6 +26,7 @@ def diagram_page(scenario: str, wiring: Wiring) -> str:
         f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{name}</title>\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n<link rel="icon" href="data:,">\n'
         f"<style>\n{asset('diagram.css')}</style>\n</head>\n<body>\n<header><h1>{name}</h1>{buttons}"
-        '<button type="button" id="whole">whole picture</button></header>\n'
+        '<button type="button" id="whole">whole picture</button>'
+        "<span>drag to move, wheel or pinch to zoom</span></header>\n"
         f'<main id="frame">{parts}</main>\n<script>\n{asset("diagram.js")}</script>\n</body>\n</html>\n'
     )

@@ -1,0 +1,115 @@
+"""The looks of a figure that is written to a file: light, dark, for slides or for print. One place for all figures.
+
+A look is laid over the finished figure, so that what draws a figure need not know it.
+"""
+
+import colorsys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SLIDE: Final = 1920  # width of a slide [px]
+LARGER: Final = 1.25  # how much larger letters and lines are on a slide, beside the figure's width
+PRINTED: Final = 300  # of print [dpi]
+_NEUTRAL: Final = 0.15  # greatest less least of red, green and blue of what counts as a grey
+_DARKEST: Final = 0.5  # least lightness of a colour on a dark ground
+_GROUND: Final = 0.07  # lightness of the dark ground
+
+
+class Theme(StrEnum):
+    """Looks of figures."""
+
+    light = "light"
+    dark = "dark"
+    slides = "slides"
+    print = "print"
+
+
+_chosen: ContextVar[Theme] = ContextVar("theme", default=Theme.light)
+
+
+@contextmanager
+def themed(theme: Theme) -> Iterator[None]:
+    """Write every figure in a look until the block ends."""
+    before = _chosen.set(theme)
+    try:
+        yield
+    finally:
+        _chosen.reset(before)
+
+
+def apply_theme(figure: "Figure") -> dict[str, Any]:
+    """Give a figure the chosen look; the result is what savefig takes with it."""
+    theme = _chosen.get()
+    if theme is Theme.dark:
+        _darken(figure)
+    elif theme is Theme.slides:
+        # Labels that were placed one by one would meet on a smaller figure.
+        width, height = figure.get_size_inches() / (LARGER if figure.get_layout_engine() else 1.0)
+        figure.set_size_inches(width, height)
+        return {"dpi": SLIDE / width}
+    elif theme is Theme.print:
+        return {"dpi": PRINTED}
+    return {"dpi": "figure"}
+
+
+def dark(color: Any) -> Any:
+    """A colour as it is on a dark ground: greys change places with their opposites, dark colours become lighter."""
+    from matplotlib.colors import to_rgba
+
+    *rgb, alpha = to_rgba(color)
+    hue, light, strength = colorsys.rgb_to_hls(*rgb)
+    if max(rgb) - min(rgb) < _NEUTRAL:
+        return (*3 * [_GROUND + (1.0 - _GROUND) * (1.0 - light)], alpha)
+    return (*colorsys.hls_to_rgb(hue, max(light, _DARKEST), strength), alpha)
+
+
+def _darken(figure: "Figure") -> None:
+    """Give every line, face and word of a figure its colour on a dark ground.
+
+    Maps and pictures stay as they are, and so do words that stand on them.
+    """
+    from matplotlib.axes import Axes
+    from matplotlib.collections import Collection, QuadMesh
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+    from matplotlib.text import Text
+
+    on_maps = {
+        id(text)
+        for axes in figure.findobj(Axes)
+        if axes.images or any(isinstance(item, QuadMesh) for item in axes.collections)
+        for text in axes.texts
+    }
+    for artist in figure.findobj():
+        if isinstance(artist, Text) and id(artist) not in on_maps:
+            _darken_words(artist)
+        elif isinstance(artist, Line2D):
+            for name in ("color", "markeredgecolor", "markerfacecolor", "markerfacecoloralt"):
+                color = getattr(artist, f"get_{name}")()
+                if not (isinstance(color, str) and color == "none"):
+                    artist.set(**{name: dark(color)})
+        elif isinstance(artist, Patch):
+            artist.set(facecolor=dark(artist.get_facecolor()), edgecolor=dark(artist.get_edgecolor()))
+        elif isinstance(artist, Collection) and artist.get_array() is None:
+            faces, edges = artist.get_facecolor(), artist.get_edgecolor()
+            artist.set(facecolor=[dark(color) for color in faces], edgecolor=[dark(color) for color in edges])
+    for axes in figure.findobj(Axes):  # of ticks that are made when it is drawn, too
+        axes.tick_params(which="both", colors=dark("black"))
+
+
+def _darken_words(text: Any) -> None:
+    """Give a text, its box, its arrow and its halo their colours on a dark ground."""
+    from matplotlib.patheffects import withStroke
+
+    text.set_color(dark(text.get_color()))
+    for patch in (text.get_bbox_patch(), getattr(text, "arrow_patch", None)):
+        if patch is not None:
+            patch.set(facecolor=dark(patch.get_facecolor()), edgecolor=dark(patch.get_edgecolor()))
+    if text.get_path_effects():
+        text.set_path_effects([withStroke(linewidth=2.2, foreground=dark("white"), alpha=0.85)])

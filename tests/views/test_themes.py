@@ -1,0 +1,78 @@
+"""Looks and endings of the files of figures; the contrast is WCAG's, the files are read by others' readers."""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from command_line import run
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from PIL import Image
+
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.views.palette import BLUE, GREEN, ORANGE, PURPLE, SKY
+from ortilo_drake.views.pictures import save_picture
+from ortilo_drake.views.themes import Theme, dark, themed
+
+
+def drawn() -> Figure:
+    figure = Figure(figsize=(4.0, 2.0), dpi=100, layout="constrained")
+    left, right = figure.subplots(1, 2)
+    left.plot([0.0, 1.0], [0.0, 1.0], "k", label="truth")
+    left.fill_between([0.0, 1.0], 0.0, 1.0, color=SKY, alpha=0.3)
+    left.set_xlabel("x [m]")
+    left.legend()
+    right.pcolormesh(np.eye(2))
+    right.text(1.0, 1.0, "0.5", color="k")
+    return figure
+
+
+def luminance(color: object) -> float:
+    """The relative luminance of WCAG 2."""
+    parts = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(color)]  # type: ignore[arg-type]
+    return float(np.dot([0.2126, 0.7152, 0.0722], parts))
+
+
+@pytest.mark.parametrize("color", ["k", "0.3", "#333333", BLUE, ORANGE, GREEN, PURPLE, "#0B3C6F", "#882255"])
+def test_each_colour_of_ours_stands_out_on_the_dark_ground(color: str) -> None:
+    line, ground = luminance(dark(color)[:3]), luminance(dark("white")[:3])
+    assert (line + 0.05) / (ground + 0.05) > 3.0  # WCAG's least of graphics
+
+
+def test_a_dark_figure_is_dark_but_for_its_map(tmp_path: Path) -> None:
+    figure = drawn()
+    left, right = figure.axes
+    with themed(Theme.dark):
+        pixels = np.asarray(Image.open(save_picture(figure, tmp_path / "dark.png")).convert("L"))
+    assert np.median(pixels[:, :200]) < 40 < 200 < pixels[:, :200].max()
+    assert right.texts[0].get_color() == "k"
+    assert left.xaxis.label.get_color()[:3] == dark("k")[:3]
+    assert left.lines[0].get_color()[:3] == dark("k")[:3]
+    light = np.asarray(Image.open(save_picture(drawn(), tmp_path / "light.png")).convert("L"))
+    assert np.median(light[:, :200]) > 240
+
+
+def test_slides_and_print_have_their_sizes(tmp_path: Path) -> None:
+    for theme, width in ((Theme.light, 400), (Theme.dark, 400), (Theme.slides, 1920), (Theme.print, 1200)):
+        with themed(theme), Image.open(save_picture(drawn(), tmp_path / f"{theme}.png")) as picture:
+            assert picture.width == width, theme
+
+
+def test_svg_and_pdf_are_read_and_are_the_same_each_time(tmp_path: Path) -> None:
+    svg, pdf = (save_picture(drawn(), tmp_path / name).read_bytes() for name in ("a.svg", "a.PDF"))
+    assert ElementTree.fromstring(svg).tag == "{http://www.w3.org/2000/svg}svg"
+    assert pdf.startswith(b"%PDF-")
+    assert pdf.rstrip().endswith(b"%%EOF")
+    assert svg == save_picture(drawn(), tmp_path / "b.svg").read_bytes()
+    assert pdf == save_picture(drawn(), tmp_path / "b.pdf").read_bytes()
+
+
+def test_an_unknown_ending_is_refused_before_anything_is_done(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(InputError, match=r"map\.frog: .*\.png, \.svg, \.pdf"):
+        save_picture(drawn(), Path("map.frog"))
+    for words in (("fly", "--png"), ("hil", "check", "--png"), ("room", "show", "none.yaml", "--png")):
+        assert run(*words, "map.frog") == 2
+        said = capsys.readouterr().err
+        assert said.count("\n") == 1, said
+        assert "map.frog" in said
