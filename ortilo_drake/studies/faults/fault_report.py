@@ -96,7 +96,6 @@ def fault_figure(found: FaultStudy, path: Path) -> Path:
     with mpl.rc_context(STYLE):
         width = 3.2 + 1.7 * len(found.scenarios)
         figure = Figure(figsize=(width + 2.0, 0.32 * len(faults) + 1.9), layout="constrained")
-        figure.get_layout_engine().set(wspace=0.01)
         panels = figure.subplots(1, 2, sharey=True)
         colors = mpl.colormaps["YlOrRd"].with_extremes(over=_LOST)
         for axes, part in zip(panels, ("during", "after"), strict=True):

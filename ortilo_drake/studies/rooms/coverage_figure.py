@@ -139,7 +139,7 @@ def _draw_floor(axes: Axes, found: Coverage) -> None:
         along.distance, along.free / 3.0, color="#8C7B6B", lw=1.0, ls=":", label="a third of the room to the walls"
     )
     at = np.flatnonzero(_in_worst(found))
-    stretch = {"color": _worst_color(found), "alpha": 0.15, "lw": 0, "label": "worst stretch"}
+    stretch: Any = {"color": _worst_color(found), "alpha": 0.15, "lw": 0, "label": "worst stretch"}
     axes.axvspan(along.distance[at[0]], along.distance[at[-1]], **stretch)
     axes.set_yscale("log")
     axes.yaxis.set_major_formatter("{x:g}")
