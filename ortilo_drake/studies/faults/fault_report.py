@@ -11,7 +11,7 @@ from ortilo_drake.flight.intervals import Interval, Middle
 from ortilo_drake.studies.faults.fault_flights import PASSES, WITHIN_3_SIGMA, FaultStudy, Phase, Row
 from ortilo_drake.studies.faults.in_short import in_short
 from ortilo_drake.views.markdown import table
-from ortilo_drake.views.numbers import count, of_all_and_kept, with_interval
+from ortilo_drake.views.numbers import count, number, of_all_and_kept, with_interval
 from ortilo_drake.views.palette import STYLE
 from ortilo_drake.views.pictures import save_picture
 
@@ -21,6 +21,8 @@ _HEADER = [
 ]
 _MEDIANS = ["fault", "scenario", "during [mm]", "after [mm]", "during, times", "after, times"]
 _WORST = 10.0  # times; more is drawn in the same colour
+_TICKS = (1.0, 2.0, 3.0, 5.0, 10.0)  # of the colour bar
+_LOST = "#404040"  # where all flights are lost
 
 
 def fault_text(found: FaultStudy) -> str:
@@ -95,21 +97,24 @@ def fault_figure(found: FaultStudy, path: Path) -> Path:
         width = 3.2 + 1.7 * len(found.scenarios)
         figure = Figure(figsize=(width + 2.0, 0.32 * len(faults) + 1.9), layout="constrained")
         panels = figure.subplots(1, 2, sharey=True)
+        colors = mpl.colormaps["YlOrRd"].with_extremes(over=_LOST)
         for axes, part in zip(panels, ("during", "after"), strict=True):
             values = np.full((len(faults), len(found.scenarios)), np.nan)
             for row in found.rows:
                 i, j = faults.index(row.fault), found.scenarios.index(row.scenario)
                 phase: Phase | None = getattr(row, part)
-                values[i, j] = _WORST if phase is None else phase.ratio
-                text = "all lost" if phase is None else f"{phase.ratio:.3g}"
+                values[i, j] = 2.0 * _WORST if phase is None else min(phase.ratio, _WORST)
+                text = "all lost" if phase is None else number(phase.ratio)
                 text += f", {row.lost} lost" if phase is not None and row.lost else ""
-                dark = np.log(max(values[i, j], 1e-9)) > 0.6 * np.log(_WORST)
+                dark = values[i, j] > _WORST**0.6
                 axes.text(j, i, text, ha="center", va="center", color="w" if dark else "k", fontsize=8)
-            drawn = axes.imshow(values, aspect="auto", cmap="YlOrRd", norm=LogNorm(1.0, _WORST, clip=True))
+            drawn = axes.imshow(values, aspect="auto", cmap=colors, norm=LogNorm(1.0, _WORST))
             axes.set_xticks(range(len(found.scenarios)), found.scenarios, rotation=20, ha="right")
             axes.set_yticks(range(len(faults)), faults)
             axes.set_title(f"{part} the fault")
             axes.tick_params(length=0)
             axes.spines[:].set_visible(False)
-        figure.colorbar(drawn, ax=panels, label="error with the fault / error without it [1]", extend="max")
+        bar = figure.colorbar(drawn, ax=panels, label="error with the fault / error without it [1]")
+        bar.set_ticks(_TICKS, labels=[f"{tick:g}" for tick in _TICKS[:-1]] + [f"{_WORST:g} or more"])
+        bar.minorticks_off()
         return save_picture(figure, path)

@@ -1,24 +1,29 @@
 """The picture of a map: heat maps over two axes, curves over one."""
 
-from pathlib import Path
+import math
+from pathlib import Path as File
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.path import Path
 
+from ortilo_drake.scenario.schema import scenario_keys
 from ortilo_drake.studies.maps.map_flights import Map, Row
 from ortilo_drake.studies.maps.map_theory import MapTheory
 from ortilo_drake.studies.maps.sweep import Grid, Range
 from ortilo_drake.views.palette import BLUE, ORANGE, STYLE
 from ortilo_drake.views.pictures import save_picture
 
-FLOWN, BOUND = "flown", "theory: bound on the mean error"
+FLOWN, BOUND = "flown", "theory: bound on the mean error, hovering"
 THEORY = "magenta"  # stands out of both maps' colours
+_SHORTEST = 2.0  # a line that crosses fewer cells is not drawn
+_ROUND = (1.0, 2.0, 5.0)  # times powers of ten
 
 
-def map_figure(found: Map, path: Path, theory: MapTheory | None = None) -> Path | None:
+def map_figure(found: Map, path: File, theory: MapTheory | None = None) -> File | None:
     """Draw the share of lost flights and the median RMS error of the kept; None for what is no grid of one or two axes.
 
     Args:
@@ -43,6 +48,12 @@ def _values(found: Map, key: str) -> list[Any]:
     return list(dict.fromkeys(row.point[key] for row in found.rows))
 
 
+def _title(key: str) -> str:
+    """Return a setting's name with its unit, as on an axis."""
+    unit = next((its.unit for its in scenario_keys(key) if its.key == key), "1" if key.endswith(".loss") else "")
+    return key.replace(".", " ").replace("_", " ") + (f" [{unit}]" if unit else "")
+
+
 def _curves(figure: Figure, panels: Any, found: Map, theory: MapTheory | None) -> None:
     (key,) = found.sweep.axes
     values, rows = _values(found, key), found.rows
@@ -53,7 +64,7 @@ def _curves(figure: Figure, panels: Any, found: Map, theory: MapTheory | None) -
     panels[0].plot(x, [row.lost / row.flights for row in rows], "o-", color=ORANGE)
     if theory is not None and theory.lost is not None:
         panels[0].plot(x, theory.lost, "--", color="k", lw=1.0, label=_law(theory))
-    panels[0].set(ylabel="flights lost [1]", ylim=(0.0, 1.0))
+    panels[0].set(ylabel="flights lost [1]", ylim=(0.0, min(1.0, 1.1 * max(high.max(), 0.05))))
     panels[0].legend()
     rms = np.array([[np.nan if v is None else v for v in (row.rms_low, row.kept_rms, row.rms_high)] for row in rows])
     panels[1].fill_between(x, rms[:, 0], rms[:, 2], color=BLUE, alpha=0.2, lw=0, label="middle half of the flights")
@@ -64,7 +75,7 @@ def _curves(figure: Figure, panels: Any, found: Map, theory: MapTheory | None) -
     panels[1].legend()
     axis = found.sweep.axes[key]
     for panel in panels:
-        panel.set_xlabel(key)
+        panel.set_xlabel(_title(key))
         if not numbers:
             panel.set_xticks(x, [str(v) for v in values])
         elif isinstance(axis, Range) and axis.scale == "log":
@@ -74,36 +85,44 @@ def _curves(figure: Figure, panels: Any, found: Map, theory: MapTheory | None) -
 
 def _heat(figure: Figure, panels: Any, found: Map, theory: MapTheory | None) -> None:
     first, second = found.sweep.axes
-    rows, columns = _values(found, first), _values(found, second)
+    (rows, row_order), (columns, column_order) = (_rising(_values(found, key)) for key in (first, second))
+
+    def in_order(values: Any) -> np.ndarray:
+        cells = np.asarray(values, dtype=float).reshape(len(rows), len(columns))
+        return np.asarray(cells[np.ix_(row_order, column_order)])
 
     def cells(figure_of: Any) -> np.ndarray:
-        return np.array([figure_of(row) for row in found.rows], dtype=float).reshape(len(rows), len(columns))
+        return in_order([figure_of(row) for row in found.rows])
 
     lost = cells(lambda row: row.lost / row.flights)
     rms = cells(lambda row: np.nan if row.kept_rms is None else row.kept_rms)
     finite = rms[np.isfinite(rms)]
     spread = LogNorm(finite.min(), max(finite.max(), 1.01 * finite.min())) if finite.size else Normalize()
     drawn = (
-        (panels[0], lost, Normalize(0.0, 1.0), "YlOrRd", "flights lost [1]"),
+        (panels[0], lost, Normalize(0.0, max(lost.max(), 0.05)), "YlOrRd", "flights lost [1]"),
         (panels[1], rms, spread, "viridis", "median RMS error of the kept [m]; white: all lost"),
     )
     for panel, values, norm, colors, label in drawn:
         image = panel.imshow(values, origin="lower", aspect="auto", cmap=colors, norm=norm)
-        panel.set(xlabel=second, ylabel=first)
+        panel.set(xlabel=_title(second), ylabel=_title(first))
         panel.set_xticks(*_ticks(columns))
         panel.set_yticks(*_ticks(rows))
         panel.tick_params(length=0)
         panel.spines[:].set_visible(False)
-        figure.colorbar(image, ax=panel, label=label)
+        bar = figure.colorbar(image, ax=panel, label=label)
+        if isinstance(norm, LogNorm):
+            round_ticks = _round_levels(finite.min(), finite.max(), (1.0, 2.0, 3.0, 5.0))
+            if len(round_ticks) > 1:
+                bar.set_ticks(round_ticks, labels=[f"{tick:g}" for tick in round_ticks])
+                bar.minorticks_off()
     percent, metres = {0.05: "5 %", 0.5: "50 %"}, {}
     if finite.size:
-        levels = np.geomspace(finite.min(), max(finite.max(), 1.01 * finite.min()), 5)[1:-1]
-        metres = {level: f"{level:.2g} m" for level in levels.tolist()}
+        metres = {level: f"{level:g} m" for level in _round_levels(finite.min(), finite.max(), _ROUND)}
     lines = [(panels[0], lost, percent, FLOWN), (panels[1], rms, metres, FLOWN)]
     if theory is not None:
-        lines.append((panels[1], theory.rms.reshape(lost.shape), metres, BOUND))
+        lines.append((panels[1], in_order(theory.rms), metres, BOUND))
         if theory.lost is not None:
-            lines.append((panels[0], theory.lost.reshape(lost.shape), percent, _law(theory)))
+            lines.append((panels[0], in_order(theory.lost), percent, _law(theory)))
     for panel, values, names, whose in lines:
         _contours(panel, values, names, whose)
 
@@ -111,12 +130,17 @@ def _heat(figure: Figure, panels: Any, found: Map, theory: MapTheory | None) -> 
 def _contours(panel: Any, values: np.ndarray, names: dict[float, str], whose: str) -> None:
     """Draw the lines of those levels, and whose they are; nothing where there are none."""
     shown = np.ma.masked_invalid(values)
-    levels = [level for level in names if shown.count() and shown.min() < level < shown.max()]
+    levels = sorted(level for level in names if shown.count() and shown.min() < level < shown.max())
     if not levels or min(values.shape) < 2:
         return
     flown = whose == FLOWN
     style = {"colors": "k", "linewidths": 0.8} if flown else {"colors": THEORY, "linewidths": 1.6, "linestyles": "--"}
     lines = panel.contour(shown, levels=levels, **style)
+    long = [[Path(line) for line in at if _length(line) >= _SHORTEST] for at in lines.allsegs]
+    if not any(long):
+        lines.remove()
+        return
+    lines.set_paths([Path.make_compound_path(*paths) for paths in long])
     panel.clabel(lines, fmt=names, fontsize=7)
     panel.plot([], [], "-" if flown else "--", color="k" if flown else THEORY, lw=0.8 if flown else 1.6, label=whose)
     panel.legend(loc="upper center", bbox_to_anchor=(0.5, 1.16), ncols=2, fontsize=7, frameon=False)
@@ -126,8 +150,25 @@ def _law(theory: MapTheory) -> str:
     return f"theory: a burst longer than {theory.longest:.3g} s (fitted)"
 
 
+def _rising(values: list[Any]) -> tuple[list[Any], list[int]]:
+    """Return numbers from the least to the greatest and where each stood; other values as they are."""
+    numbers = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+    order = sorted(range(len(values)), key=values.__getitem__) if numbers else list(range(len(values)))
+    return [values[k] for k in order], order
+
+
+def _round_levels(low: float, high: float, digits: tuple[float, ...]) -> list[float]:
+    """Return the numbers between two that have one of these first digits and no other."""
+    powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    return [float(f"{d:g}e{k}") for k in powers for d in digits if low < float(f"{d:g}e{k}") < high]
+
+
+def _length(line: np.ndarray) -> float:
+    return float(np.hypot(*np.diff(line, axis=0).T).sum())
+
+
 def _ticks(values: list[Any]) -> tuple[list[int], list[str]]:
-    at = list(range(0, len(values), max(1, len(values) // 6)))
+    at = list(range(len(values) - 1, -1, -max(1, len(values) // 6)))[::-1]
     return at, [f"{v:.3g}" if isinstance(v, float) else str(v) for v in (values[i] for i in at)]
 
 

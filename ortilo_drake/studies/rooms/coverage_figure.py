@@ -18,7 +18,7 @@ from ortilo_drake.views.palette import COLOR
 from ortilo_drake.views.pictures import save_picture
 from ortilo_drake.views.room_plan import STYLE, draw_fabric
 
-_WORST = "#D00000"
+_LOST, _WORST = "#D00000", "#E69F00"  # the worst stretch where the room loses the vehicle, and where it does not
 _WITHOUT = COLOR | {"altimeter": "#E69F00"}
 _NOTHING = "#D9D9D9"  # where the ranges give no position, or nothing is in sight
 _PDOP = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0)
@@ -106,13 +106,17 @@ def _draw_maps(figure: Any, maps: np.ndarray, found: Coverage, room: Room, wide:
 
 
 def _draw_way(axes: Axes, found: Coverage) -> None:
-    """Draw the path in white and black, its worst stretch in red."""
-    p, at = found.along.position, _in_worst(found)
+    """Draw the path in white and black, its worst stretch in colour."""
+    p, at, color = found.along.position, _in_worst(found), _worst_color(found)
     axes.plot(p[:, 0], p[:, 1], color="white", lw=3.2, zorder=4.5)
     axes.plot(p[:, 0], p[:, 1], color="k", lw=1.4, zorder=4.6)
-    axes.plot(p[at, 0], p[at, 1], color=_WORST, lw=3.0, zorder=4.7, solid_capstyle="round")
+    axes.plot(p[at, 0], p[at, 1], color=color, lw=3.0, zorder=4.7, solid_capstyle="round")
     axes.plot(*p[0, :2], "o", ms=6, mfc="white", mec="k", mew=1.3, zorder=4.8)
     axes.plot(*p[-1, :2], "o", ms=6, color="k", zorder=4.8)
+
+
+def _worst_color(found: Coverage) -> str:
+    return _WORST if found.cases[ALL].lost_at is None else _LOST
 
 
 def _in_worst(found: Coverage) -> np.ndarray:
@@ -135,8 +139,10 @@ def _draw_floor(axes: Axes, found: Coverage) -> None:
         along.distance, along.free / 3.0, color="#8C7B6B", lw=1.0, ls=":", label="a third of the room to the walls"
     )
     at = np.flatnonzero(_in_worst(found))
-    axes.axvspan(along.distance[at[0]], along.distance[at[-1]], color=_WORST, alpha=0.15, lw=0, label="worst stretch")
+    stretch: Any = {"color": _worst_color(found), "alpha": 0.15, "lw": 0, "label": "worst stretch"}
+    axes.axvspan(along.distance[at[0]], along.distance[at[-1]], **stretch)
     axes.set_yscale("log")
+    axes.yaxis.set_major_formatter("{x:g}")
     axes.set_ylim(bottom=0.5 * max(min(np.percentile(rows, 5) for rows in along.floor.values()), 1e-6))
     axes.set_ylabel("least error [m]")
     axes.grid(alpha=0.25, which="both", lw=0.4)

@@ -5,6 +5,7 @@ from textwrap import fill
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator
 
 from ortilo_drake.flight.flight import AXES
 from ortilo_drake.studies.sensitivity.in_short import in_short
@@ -79,8 +80,12 @@ def _value(limit: Limit) -> str:
 
 
 def _interval(limit: Limit) -> str:
-    low, high = ("?" if end is None else f"{end:.3g}" for end in limit.interval)
-    return f"{low} to {high}"
+    low, high = limit.interval
+    if low is None and high is None:
+        return "not known"
+    if high is None:
+        return f"above {low:.3g}"
+    return f"below {high:.3g}" if not low else f"{low:.3g} to {high:.3g}"
 
 
 def sensitivity_figure(found: Sensitivity, path: Path) -> Path:
@@ -99,15 +104,17 @@ def sensitivity_figure(found: Sensitivity, path: Path) -> Path:
             known = limit.value is not None
             axes.barh(i, limit.value / careful if limit.value is not None else low, color=_BAR if known else _UNKNOWN)
             axes.plot([low, high], [i, i], color="k", lw=1.2)
-            text = f"{limit.value:.3g}" if limit.value is not None else "beyond"
-            text = "below" if limit.value == 0.0 else text
-            axes.text(1.01, i, f"{text}  ({_interval(limit)})", va="center", transform=axes.get_yaxis_transform())
+            text = f"{limit.value:.3g}  ({_interval(limit)})" if limit.value else _interval(limit)
+            axes.text(1.01, i, text, va="center", transform=axes.get_yaxis_transform())
         axes.axvline(1.0, color=ORANGE, lw=1.2)
         axes.text(
             1.0, 1.0, "a careful team", color=ORANGE, ha="center", va="bottom", transform=axes.get_xaxis_transform()
         )
         axes.set_xscale("log")
         axes.set_xlim(least, most)
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_locator(NullLocator())
         axes.set_yticks(range(len(limits)), [limit.mismatch for limit in limits])
         axes.set_xlabel(f"value at which {LOST_SHARE:.0%} of the flights are lost, over a careful team's")
         if is_lost_without(found):

@@ -1,5 +1,6 @@
 """Theory's lines over maps: against SciPy's Riccati equation, losses of a known law, and axes it cannot judge."""
 
+import dataclasses
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -94,6 +95,20 @@ def test_what_is_drawn_by_theory_is_in_report_and_figure(tmp_path: Path) -> None
     assert plain is not None
     assert with_lines is not None
     assert plain.read_bytes() != with_lines.read_bytes()
+
+
+def test_a_heat_map_rises_along_named_axes_with_round_lines_and_no_fragment(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Errors of 0.3 m Hz / rate along one axis, and one corner where most is lost, which gives no line."""
+    monkeypatch.setattr("ortilo_drake.studies.maps.map_figure.save_picture", lambda figure, path: figure)
+    axes = {"uwb.link.rate": [5.0, 4.0, 2.0, 1.0], "uwb.link.delay": [0, 1, 2]}
+    found = made(axes, lambda p: 900 * (p["uwb.link.rate"] == 1.0 and p["uwb.link.delay"] == 0))
+    rows = [dataclasses.replace(row, kept_rms=0.3 / row.point["uwb.link.rate"]) for row in found.rows]
+    lost, errors = map_figure(dataclasses.replace(found, rows=rows), Path()).axes[:2]
+    assert (errors.get_xlabel(), errors.get_ylabel()) == ("uwb link delay [ticks]", "uwb link rate [Hz]")
+    assert [text.get_text() for text in errors.get_yticklabels()] == ["1", "2", "4", "5"]
+    np.testing.assert_allclose(errors.images[0].get_array()[:, 0], [0.3, 0.15, 0.075, 0.06])
+    assert {text.get_text() for text in errors.texts} == {"0.1 m", "0.2 m"}
+    assert not lost.texts
 
 
 @pytest.mark.parametrize(
