@@ -32,6 +32,13 @@ def programs_of(target: str) -> list[str]:
     return [COMPILER[target], *([EMULATOR[target]] if target in EMULATOR else [])]
 
 
+def emulated(target: str, program: str | Path, *options: str) -> list[str]:
+    """Return the command that runs a program of a target here, with options for a board's emulator."""
+    if target in BOARDS:
+        return [EMULATOR[target], "-M", BOARDS[target], "-semihosting", *options, "-kernel", str(program)]
+    return [*([EMULATOR[target]] if target in EMULATOR else []), str(program)]
+
+
 def build(folder: Path, target: str, source: Path, made: Path, flags: Sequence[str] = ()) -> None:
     """Build a program with a main of its own for an exported half.
 
@@ -79,9 +86,7 @@ class ExportedHalf:
         self._room = TemporaryDirectory()
         made = Path(self._room.name) / "serve"
         build(Path(folder).resolve(), self.target, TEMPLATES / "serve.c", made, flags)
-        board = f"-M {BOARDS.get(self.target)} -display none -monitor none -semihosting -serial stdio".split()
-        run = {"qemu-system-arm": [*board, "-kernel"]}.get(EMULATOR.get(self.target, ""), [])
-        command = [*([EMULATOR[self.target]] if self.target in EMULATOR else []), *run, str(made)]
+        command = emulated(self.target, made, "-display", "none", "-monitor", "none", "-serial", "stdio")
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         self._inputs, self._anew, self._said, self.stopped = np.zeros(0), True, dict[str, np.ndarray](), 0
 
