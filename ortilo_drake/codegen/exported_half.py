@@ -20,6 +20,7 @@ from ortilo_drake.scenario import Scenario
 TEMPLATES: Final = Path(__file__).with_name("templates")
 STRICT: Final = ("-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wconversion", "-Werror")
 BOARDS: Final = {"cortex-m7": "mps2-an500", "cortex-m4": "mps2-an386"}
+MORE: Final = {"cortex-m7": "0x60000000", "cortex-m4": "0x21000000"}  # where these boards have 16 MB, for golden ticks
 COMPILER: Final = {
     "cortex-m7": "arm-none-eabi-gcc", "cortex-m4": "arm-none-eabi-gcc", "aarch64": "aarch64-linux-gnu-gcc",
     "x86-64": "gcc",
@@ -54,7 +55,10 @@ def build(folder: Path, target: str, source: Path, made: Path, flags: Sequence[s
     """
     if missing := [program for program in programs_of(target) if shutil.which(program) is None]:
         raise InputError(f"--exported: {target}: needs {', '.join(missing)} (make setup EXPORT=1)")
-    board = ["--specs=rdimon.specs", "-T", TEMPLATES / "link.ld", TEMPLATES / "start.c"] if target in BOARDS else []
+    board: list[str | Path] = []
+    if target in BOARDS:
+        memory = ["-T", TEMPLATES / "link.ld", "-fdata-sections", f"-Wl,--defsym=MORE={MORE[target]}"]
+        board = ["--specs=rdimon.specs", *memory, TEMPLATES / "start.c"]
     files = [source, folder / "ortilo.c", folder / "ortilo_elements.o"]
     link = ["-static"] if target == "aarch64" else []
     command = [COMPILER[target], *STRICT, *TARGETS[target].flags.split(), *link, *flags, "-I", folder, *board, *files]

@@ -70,7 +70,7 @@ def test_a_half_that_is_sent_nonsense_does_what_python_does(
         all_said = np.hstack([said[name] for name in ("control", "estimate", "covariance", "delta")])
         np.testing.assert_array_equal(all_said, its, err_msg=f"tick {first} and on")
         taken = its[:, N_U + N_XBAR + N_XBAR**2 :]
-        counted += Counter(
+        counted.update(
             ticks=len(its), values_refused=int(np.sum(taken == 0.0)), values_taken=int(np.sum(taken == 1.0)),
             ticks_with_nan=int(np.isnan(its).any(axis=1).sum()), ticks_stopped=int(np.sum(said["stopped"] != 0)),
         )  # fmt: skip

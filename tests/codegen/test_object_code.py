@@ -5,10 +5,12 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 from command_line import run
 from exports import Exported, do, golden, needs
 
+from ortilo_drake.codegen.c_source import values_text
 from ortilo_drake.codegen.exported_half import STRICT, programs_of
 from ortilo_drake.codegen.half import onboard_half
 from ortilo_drake.codegen.targets import TARGETS
@@ -114,3 +116,8 @@ def test_the_manifest_says_what_was_exported(short: Scenario, exported: Exported
     told = json.loads((exported(short) / "manifest.json").read_text())
     assert told["scenario"] == json.loads(short.model_dump_json())
     assert told["object_bytes"] == (exported(short) / "ortilo_elements.o").stat().st_size
+
+
+def test_what_is_empty_has_a_brace_for_each_dimension() -> None:
+    assert [values_text(np.zeros(shape)) for shape in ((0,), (0, 3), (2, 0, 1))] == ["{0}", "{{0}}", "{{{0}}}"]
+    assert values_text(np.array([[1.0], [np.inf]])) == "{{0x1p+0},\n     {INFINITY}}"
