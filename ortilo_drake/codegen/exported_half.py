@@ -57,14 +57,15 @@ def build(folder: Path, target: str, source: Path, made: Path, flags: Sequence[s
         raise InputError(f"--exported: {target}: needs {', '.join(missing)} (make setup EXPORT=1)")
     board: list[str | Path] = []
     if target in BOARDS:
-        memory = ["-T", TEMPLATES / "link.ld", "-fdata-sections", f"-Wl,--defsym=MORE={MORE[target]}"]
-        board = ["--specs=rdimon.specs", *memory, TEMPLATES / "start.c"]
+        board = ["--specs=rdimon.specs", "-T", TEMPLATES / "link.ld", TEMPLATES / "start.c"]
+        board += ["-fdata-sections", f"-Wl,--defsym=MORE={MORE[target]}"]
     files = [source, folder / "ortilo.c", folder / "ortilo_elements.o"]
     link = ["-static"] if target == "aarch64" else []
     command = [COMPILER[target], *STRICT, *TARGETS[target].flags.split(), *link, *flags, "-I", folder, *board, *files]
     done = subprocess.run([*map(str, command), "-lm", "-o", str(made)], capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        raise InputError(f"--exported: {folder}: {COMPILER[target]}: {done.stderr.strip().splitlines()[0]}")
+        said = [line for line in done.stderr.splitlines() if "warning: " not in line and "NOTE: " not in line]
+        raise InputError(f"--exported: {folder}: {COMPILER[target]}: {next(iter(said), 'failed')}")
 
 
 class ExportedHalf:
