@@ -74,6 +74,7 @@ def main() -> int:
                 wrong += not kept[key].startswith("0 of ")
         except InputError as error:
             print(f"{name}: {error}", flush=True)
+            wrong += not str(error).startswith("export: ")  # refused
     return wrong > 0
 
 
