@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 from typing import Final
 
 from ortilo_drake.codegen.export import export
-from ortilo_drake.codegen.exported_half import BOARDS, build
+from ortilo_drake.codegen.exported_half import build, emulated
 from ortilo_drake.codegen.half import onboard_half
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario, scenario_names
@@ -45,8 +45,8 @@ def cost(scenario: Scenario, target: str, precision: str, ticks: int) -> list[st
         build(Path(folder), target, COST, Path(folder) / "cost", ["-Wno-error"])  # it looks below its own stack
         said = subprocess.run(["arm-none-eabi-size", "ortilo_elements.o"], cwd=folder, check=True, capture_output=True)
         code = said.stdout.split()[6].decode()
-        qemu = ("qemu-system-arm", "-M", BOARDS[target], "-nographic", "-semihosting", "-icount", "shift=0")
-        done = subprocess.run([*qemu, "-kernel", "cost"], cwd=folder, check=True, capture_output=True, text=True)
+        command = emulated(target, Path(folder) / "cost", "-nographic", "-icount", "shift=0")
+        done = subprocess.run(command, check=True, capture_output=True, text=True)
     mean, most, stack = map(int, done.stdout.split())
     counts = f"{PER_COUNT * mean:,}", f"{PER_COUNT * most:,}"
     return [

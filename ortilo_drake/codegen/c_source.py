@@ -35,7 +35,7 @@ def number_text(value: float) -> str:
 def values_text(values: np.ndarray) -> str:
     """Return an initializer in C; of what is empty, of the one number that nobody reads."""
     if values.size == 0:
-        return "{0}"
+        return f"{'{' * values.ndim}0{'}' * values.ndim}"
     if values.ndim == 0:
         return number_text(values.item())
     if values.ndim == 1:

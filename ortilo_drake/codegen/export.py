@@ -65,7 +65,7 @@ def export(
     makes = any(map(makes_arrays, irs.values()))
     source, sizes = source_text(half, makes, single)
     says(f"flying {ticks} ticks for the golden vectors")
-    golden = golden_text(*flown_ticks(scenario, half, ticks), single)
+    golden = golden_text(*flown_ticks(scenario, ticks), single)
     header = header_text(half, scenario.name, sizes, makes)
     width = 4 if single else 8
     manifest = {

@@ -20,6 +20,7 @@ from ortilo_drake.scenario import Scenario
 TEMPLATES: Final = Path(__file__).with_name("templates")
 STRICT: Final = ("-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wconversion", "-Werror")
 BOARDS: Final = {"cortex-m7": "mps2-an500", "cortex-m4": "mps2-an386"}
+MORE: Final = {"cortex-m7": "0x60000000", "cortex-m4": "0x21000000"}  # where these boards have 16 MB, for golden ticks
 COMPILER: Final = {
     "cortex-m7": "arm-none-eabi-gcc", "cortex-m4": "arm-none-eabi-gcc", "aarch64": "aarch64-linux-gnu-gcc",
     "x86-64": "gcc",
@@ -30,6 +31,13 @@ EMULATOR: Final = {"cortex-m7": "qemu-system-arm", "cortex-m4": "qemu-system-arm
 def programs_of(target: str) -> list[str]:
     """Return the programs that build and fly an export for a target."""
     return [COMPILER[target], *([EMULATOR[target]] if target in EMULATOR else [])]
+
+
+def emulated(target: str, program: str | Path, *options: str) -> list[str]:
+    """Return the command that runs a program of a target here, with options for a board's emulator."""
+    if target in BOARDS:
+        return [EMULATOR[target], "-M", BOARDS[target], "-semihosting", *options, "-kernel", str(program)]
+    return [*([EMULATOR[target]] if target in EMULATOR else []), str(program)]
 
 
 def build(folder: Path, target: str, source: Path, made: Path, flags: Sequence[str] = ()) -> None:
@@ -47,13 +55,17 @@ def build(folder: Path, target: str, source: Path, made: Path, flags: Sequence[s
     """
     if missing := [program for program in programs_of(target) if shutil.which(program) is None]:
         raise InputError(f"--exported: {target}: needs {', '.join(missing)} (make setup EXPORT=1)")
-    board = ["--specs=rdimon.specs", "-T", TEMPLATES / "link.ld", TEMPLATES / "start.c"] if target in BOARDS else []
+    board: list[str | Path] = []
+    if target in BOARDS:
+        board = ["--specs=rdimon.specs", "-T", TEMPLATES / "link.ld", TEMPLATES / "start.c"]
+        board += ["-fdata-sections", f"-Wl,--defsym=MORE={MORE[target]}"]
     files = [source, folder / "ortilo.c", folder / "ortilo_elements.o"]
     link = ["-static"] if target == "aarch64" else []
     command = [COMPILER[target], *STRICT, *TARGETS[target].flags.split(), *link, *flags, "-I", folder, *board, *files]
     done = subprocess.run([*map(str, command), "-lm", "-o", str(made)], capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        raise InputError(f"--exported: {folder}: {COMPILER[target]}: {done.stderr.strip().splitlines()[0]}")
+        said = [line for line in done.stderr.splitlines() if "warning: " not in line and "NOTE: " not in line]
+        raise InputError(f"--exported: {folder}: {COMPILER[target]}: {next(iter(said), 'failed')}")
 
 
 class ExportedHalf:
@@ -79,9 +91,7 @@ class ExportedHalf:
         self._room = TemporaryDirectory()
         made = Path(self._room.name) / "serve"
         build(Path(folder).resolve(), self.target, TEMPLATES / "serve.c", made, flags)
-        board = f"-M {BOARDS.get(self.target)} -display none -monitor none -semihosting -serial stdio".split()
-        run = {"qemu-system-arm": [*board, "-kernel"]}.get(EMULATOR.get(self.target, ""), [])
-        command = [*([EMULATOR[self.target]] if self.target in EMULATOR else []), *run, str(made)]
+        command = emulated(self.target, made, "-display", "none", "-monitor", "none", "-serial", "stdio")
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         self._inputs, self._anew, self._said, self.stopped = np.zeros(0), True, dict[str, np.ndarray](), 0
 

@@ -1,11 +1,12 @@
 """Golden vectors: what came in and what went out in the first ticks of a flight, to the last bit, as a C header."""
 
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
 
 from ortilo_drake.codegen.c_header import c_name
-from ortilo_drake.codegen.half import Half
+from ortilo_drake.codegen.half import Half, onboard_half
 from ortilo_drake.flight.signals import Signals
 from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
 from ortilo_drake.scenario import Scenario
@@ -34,15 +35,20 @@ def inputs_of(half: Half, messages: Signals) -> np.ndarray:
     return found
 
 
-def flown_ticks(scenario: Scenario, half: Half, ticks: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+@lru_cache(maxsize=1)
+def flown_ticks(scenario: Scenario, ticks: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Return the inputs of each tick, one after the other (ticks, i), and each output (ticks, n), as Drake flies it.
+
+    The last flight is kept: it is that of all processors.
 
     Args:
         scenario: what is flown, with its seed.
-        half: what is exported of it.
         ticks: how many.
+
+    Raises:
+        InputError: as onboard_half.
     """
-    world, onboard = WorldHalf(scenario), OnboardHalf(scenario)
+    half, world, onboard = onboard_half(scenario), WorldHalf(scenario), OnboardHalf(scenario)
     came = np.zeros((ticks, sum(half.inputs.values())))
     went = {name: np.zeros((ticks, half.outputs[name].size)) for name in COMPARED}
     for k in range(ticks):

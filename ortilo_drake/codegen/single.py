@@ -32,7 +32,7 @@ CHANGED: Final[dict[str, dict[str, float]]] = {
         "Q_1": 201.0 / 128.0, "Q_2": 4.837512969970703125e-04, "Q_3": 7.549789948768648e-08,
         "REST_3": np.pi / 2.0 - 201.0 / 128.0 - 4.837512969970703125e-04 - 7.549789948768648e-08,
         "LN_2": 355.0 / 512.0, "LN_2_LOW": np.log(2.0) - 355.0 / 512.0, "HIGHEST": 88.72, "LOWEST": -103.0,
-        "FAR": 1.0e9,
+        "FLAT": 2.0**-13, "SPLIT": 4097.0, "HUGE": 2.0**60, "SCALE": 2.0**80,
     },
     "ortilo_drake.onboard.ranging.range_equations": {"REGULAR": 1e-6},
     "ortilo_drake.onboard.ranging.range_least_squares": {"STEP": 2e-5},

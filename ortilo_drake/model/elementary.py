@@ -6,7 +6,7 @@ Mathematical libraries differ in the last bit. What flies here and what is expor
 The argument is reduced by pi / 2 in three parts (Cody and Waite, "Software Manual for the Elementary Functions", 1980);
 the polynomials are those of Sun's fdlibm. Errors are below 1 ulp for |x| < LARGE. Beyond, whole turns are taken off
 with the rounding of x itself, and beyond SENSELESS, where two neighbouring numbers are 0.1 rad apart, both are NaN.
-Arctangent and exponential are fdlibm's as well, with errors below 1.5 ulp and 1 ulp.
+The exponential and the polynomial of the arctangent are fdlibm's as well; all errors are below 1 ulp.
 """
 
 from collections.abc import Callable
@@ -26,16 +26,17 @@ S_1, S_2, S_3 = -1.66666666666666324348e-01, 8.33333333332248946124e-03, -1.9841
 S_4, S_5, S_6 = 2.75573137070700676789e-06, -2.50507602534068634195e-08, 1.58969099521155010221e-10
 C_1, C_2, C_3 = 4.16666666666666019037e-02, -1.38888888888741095749e-03, 2.48015872894767294178e-05
 C_4, C_5, C_6 = -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.13596475577881948265e-11
-# atan(1/2), atan(1), atan(3/2), atan(inf): high and low parts; coefficients of its polynomial, and pi's low part.
-AT_1, AT_2, AT_3, AT_4 = 4.63647609000806093515e-01, np.pi / 4.0, 9.82793723247329054082e-01, np.pi / 2.0
-LO_1, LO_2 = 2.26987774529616870924e-17, 3.06161699786838301793e-17
-LO_3, LO_4 = 1.39033110312309984516e-17, 6.12323399573676603587e-17
+# atan(1/2), atan(1), a quarter turn and half of one: high and low parts; coefficients of the arctangent's polynomial.
+AT_1, AT_2, QUARTER = 4.63647609000806093515e-01, np.pi / 4.0, np.pi / 2.0
+LO_1, LO_2, QUARTER_LOW = 2.26987774529616870924e-17, 3.06161699786838301793e-17, 6.12323399573676603587e-17
+PI_LOW = 1.2246467991473531772e-16
 A_0, A_1, A_2 = 3.33333333333329318027e-01, -1.99999999998764832476e-01, 1.42857142725034663711e-01
 A_3, A_4, A_5 = -1.11111104054623557880e-01, 9.09088713343650656196e-02, -7.69187620504482999495e-02
 A_6, A_7, A_8 = 6.66107313738753120669e-02, -5.83357013379057348645e-02, 4.97687799461593236017e-02
 A_9, A_10 = -3.65315727442169155270e-02, 1.62858201153657823623e-02
-FAR = 1.0e18  # a point so much farther from one axis than from the other lies on it
-PI_LOW = 1.2246467991473531772e-16
+FLAT = 2.0**-28  # an angle that is its own tangent
+SPLIT = 2.0**27 + 1.0  # halves a number
+HUGE, SCALE = 2.0**700, 2.0**200  # beyond HUGE and below its inverse, coordinates are scaled
 # ln 2 in two parts, whole multiples of the first of which are exact; 1 / ln 2; the exponential's polynomial and range.
 LN_2, LN_2_LOW, PER_LN_2 = 6.93147180369123816490e-01, 1.90821492927058770002e-10, 1.44269504088896338700e00
 E_1, E_2, E_3 = 1.66666666666666019037e-01, -2.77777777770155933842e-03, 6.61375632143793436117e-05
@@ -89,39 +90,49 @@ def sine(x: float, ahead: int) -> float:
 
 
 @register_jitable
-def arctangent(x: float) -> float:
-    """Return the arctangent of x >= 0."""
-    if x < 0.4375:
-        u, high, low = x, 0.0, 0.0
-    elif x < 0.6875:
-        u, high, low = (2.0 * x - 1.0) / (2.0 + x), AT_1, LO_1
-    elif x < 1.1875:
-        u, high, low = (x - 1.0) / (x + 1.0), AT_2, LO_2
-    elif x < 2.4375:
-        u, high, low = (x - 1.5) / (1.0 + 1.5 * x), AT_3, LO_3
-    else:
-        u, high, low = -1.0 / x, AT_4, LO_4
-    z = u * u
-    w = z * z
-    even = z * (A_0 + w * (A_2 + w * (A_4 + w * (A_6 + w * (A_8 + w * A_10)))))
-    odd = w * (A_1 + w * (A_3 + w * (A_5 + w * (A_7 + w * A_9))))
-    return high - ((u * (even + odd) - low) - u)
+def left_of_quotient(above: float, below: float, quotient: float) -> float:
+    """Return what the rounding of above / below has lost: the product is made exact in halves (Dekker, 1971)."""
+    q, b = SPLIT * quotient, SPLIT * below
+    q_high, b_high = q - (q - quotient), b - (b - below)
+    q_low, b_low = quotient - q_high, below - b_high
+    return (((above - q_high * b_high) - q_high * b_low - q_low * b_high) - q_low * b_low) / below
 
 
 @register_jitable
 def angle_of(y: float, x: float) -> float:
-    """Return the angle of the point (x, y) [rad]; infinite numbers are taken for equal ones."""
+    """Return the angle of the point (x, y) [rad]; infinite numbers are taken for equal ones.
+
+    It is quarter turns +- atan(c) +- atan(u), u = (small - c large) / (large + c small) and |u| < 7 / 16.
+    """
     if not (x == x and y == y):
         return np.nan
     a, b = abs(x), abs(y)
     if a == np.inf and b == np.inf:
         a, b = 1.0, 1.0
-    if b > a * FAR:
-        return np.copysign(AT_4, y)
-    angle = arctangent(b / a) if b > 0.0 else 0.0
-    if np.copysign(1.0, x) < 0.0:
-        angle = np.pi - (angle - PI_LOW)
-    return np.copysign(angle, y)
+    small, large = (a, b) if b > a else (b, a)
+    if large > HUGE:
+        small, large = small / SCALE, large / SCALE
+    elif large < 1.0 / HUGE:
+        small, large = small * SCALE, large * SCALE
+    u, lost, at, at_low = small / large if large > 0.0 else 0.0, 0.0, 0.0, 0.0
+    if u > 0.71875:
+        u, at, at_low = (small - large) / (large + small), AT_2, LO_2
+    elif u > 0.4375:
+        u, at, at_low = (small - 0.5 * large) / (large + 0.5 * small), AT_1, LO_1
+    elif u > FLAT:
+        lost = left_of_quotient(small, large, u)
+    z = u * u
+    w = z * z
+    even = z * (A_0 + w * (A_2 + w * (A_4 + w * (A_6 + w * (A_8 + w * A_10)))))
+    odd = w * (A_1 + w * (A_3 + w * (A_5 + w * (A_7 + w * A_9))))
+    bent = u * (even + odd) - lost * (1.0 - z)
+    turned = np.copysign(1.0, x) < 0.0
+    turn, turn_low = (QUARTER, QUARTER_LOW) if b > a else (np.pi, PI_LOW) if turned else (0.0, 0.0)
+    if (b > a) != turned:
+        u, bent, at, at_low = -u, -bent, -at, -at_low
+    whole = turn + at
+    low = ((turn - whole) + at) + (turn_low + at_low)
+    return np.copysign(whole + (u - (bent - low)), y)
 
 
 @register_jitable

@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_object_code import STRICT, do, needs
+from exports import do, needs
 
 from ortilo_drake.codegen.c_header import ROOM
 from ortilo_drake.codegen.c_source import ROOM_TEXT
+from ortilo_drake.codegen.exported_half import STRICT
 from ortilo_drake.codegen.ir import box_ir
 from ortilo_drake.loop.own import box
 from ortilo_drake.model.typed_yaml import InputError

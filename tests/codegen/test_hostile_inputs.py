@@ -5,22 +5,24 @@ neither. `ORTILO_FUZZ_CASES=1000000 make fuzz` flies a million ticks.
 """
 
 import os
+import subprocess
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
-from test_object_code import needs
+import pytest
+from exports import SHORT, Exported, needs
+from played_half import PlayedHalf
 
-from ortilo_drake.codegen.c_header import c_name
-from ortilo_drake.codegen.export import export
-from ortilo_drake.codegen.exported_half import ExportedHalf
-from ortilo_drake.codegen.golden import COMPARED, flown_ticks
-from ortilo_drake.codegen.half import onboard_half
-from ortilo_drake.flight.stepped_halves import OnboardHalf
-from ortilo_drake.model.signals import STAMP
+from ortilo_drake.codegen.exported_half import TEMPLATES, build
+from ortilo_drake.codegen.golden import flown_ticks
+from ortilo_drake.codegen.half import Half, onboard_half
+from ortilo_drake.model.signals import N_U, N_XBAR, STAMP
 from ortilo_drake.scenario import load_scenario
 
 TICKS = int(os.environ.get("ORTILO_FUZZ_CASES", "400"))
 EPISODE = 40  # ticks; then both begin anew, as what is NaN stays so
+BLOCK = 100 * EPISODE  # ticks that the program is sent at once
 SANITIZED = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer", "-g")
 HOSTILE = np.array([np.nan, np.inf, -np.inf, 1.7e308, -1.7e308, 5e-324, -5e-324, 0.0, -0.0, -1.0, 1e9, 2.0**63])
 
@@ -37,26 +39,41 @@ def spoiled(rng: np.random.Generator, inputs: np.ndarray, sizes: list[int]) -> n
     return found
 
 
-def test_a_half_that_is_sent_nonsense_does_what_python_does(tmp_path: Path) -> None:
+def sent_to(program: Path, half: Half, inputs: np.ndarray) -> np.ndarray:
+    """Return a program's answers, stopped and the outputs by their names, to inputs; it begins anew each EPISODE."""
+    asked = np.zeros(len(inputs), np.dtype([("anew", "i4"), ("inputs", "f8", inputs.shape[1])]))
+    asked["anew"][::EPISODE], asked["inputs"] = 1, inputs
+    done = subprocess.run([program], input=asked.tobytes(), capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr.decode()
+    answer = [("stopped", "i4"), *((name, "f8", wire.size) for name, wire in half.outputs.items())]
+    return np.frombuffer(done.stdout, np.dtype(answer))
+
+
+@pytest.mark.timeout(0)  # a million takes minutes
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [("nominal_imu_uwb", ()), pytest.param("robust_imu_uwb_yolo", ("camera.kind=projected",), marks=pytest.mark.long)],
+)
+def test_a_half_that_is_sent_nonsense_does_what_python_does(
+    name: str, changes: tuple[str, ...], exported: Exported, tmp_path: Path
+) -> None:
     needs("gcc")
-    scenario = load_scenario("nominal_imu_uwb")
-    export(scenario, "x86-64", tmp_path, ticks=1)
-    half, onboard, rng = onboard_half(scenario), OnboardHalf(scenario), np.random.default_rng(39)
-    sizes, refused = [*half.inputs.values()], {"exported": 0, "python": 0}
-    came = flown_ticks(scenario, half, EPISODE)[0]
-    with ExportedHalf(scenario, tmp_path, SANITIZED) as flown:
-        for k in range(TICKS):
-            if k % EPISODE == 0:
-                onboard.restart()
-                flown.restart()
-            inputs = spoiled(rng, came[k % EPISODE], sizes)
-            flown.take_inputs(inputs)
-            parts = np.split(inputs, np.cumsum(sizes)[:-1])
-            onboard.take({c_name(name): part for name, part in zip(half.inputs, parts, strict=True)})
-            said, its = flown.outputs(), onboard.outputs()
-            for name in COMPARED:
-                np.testing.assert_array_equal(said[name], its[name].ravel(), err_msg=f"{name} of tick {k}")
-            refused["exported"] += int(np.sum(said["delta"] == 0.0))
-            refused["python"] += int(np.sum(its["delta"] == 0.0))
-            onboard.advance()
-    assert refused["exported"] == refused["python"] > 0
+    scenario = load_scenario(name, (SHORT, *changes))
+    build(exported(scenario), "x86-64", TEMPLATES / "serve.c", tmp_path / "serve", SANITIZED)
+    half, rng, counted = onboard_half(scenario), np.random.default_rng(39), Counter[str]()
+    python, sizes = PlayedHalf(half), [*half.inputs.values()]
+    came = flown_ticks(scenario, EPISODE)[0]
+    for first in range(0, TICKS, BLOCK):
+        inputs = np.array([spoiled(rng, came[k % EPISODE], sizes) for k in range(min(BLOCK, TICKS - first))])
+        its = np.vstack([python.play(inputs[k : k + EPISODE]) for k in range(0, len(inputs), EPISODE)])
+        said = sent_to(tmp_path / "serve", half, inputs)
+        all_said = np.hstack([said[name] for name in ("control", "estimate", "covariance", "delta")])
+        np.testing.assert_array_equal(all_said, its, err_msg=f"tick {first} and on")
+        taken = its[:, N_U + N_XBAR + N_XBAR**2 :]
+        counted.update(
+            ticks=len(its), values_refused=int(np.sum(taken == 0.0)), values_taken=int(np.sum(taken == 1.0)),
+            ticks_with_nan=int(np.isnan(its).any(axis=1).sum()), ticks_stopped=int(np.sum(said["stopped"] != 0)),
+        )  # fmt: skip
+    print(dict(counted))
+    assert counted["values_refused"] > 0 < counted["values_taken"]
+    assert counted["ticks"] == TICKS

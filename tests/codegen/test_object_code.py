@@ -5,78 +5,90 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 from command_line import run
+from exports import Exported, do, golden, needs
 
-from ortilo_drake.codegen.export import export
-from ortilo_drake.codegen.exported_half import BOARDS, STRICT, build, programs_of
+from ortilo_drake.codegen.c_source import values_text
+from ortilo_drake.codegen.exported_half import STRICT, programs_of
 from ortilo_drake.codegen.half import onboard_half
 from ortilo_drake.codegen.targets import TARGETS
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.scenario import load_scenario
+from ortilo_drake.scenario import Scenario, load_scenario
 
 
-def needs(*programs: str) -> None:
-    missing = [program for program in programs if shutil.which(program) is None]
-    if missing:
-        pytest.skip(f"{', '.join(missing)}: not installed (make setup EXPORT=1 YES=1)")
+def test_every_bit_is_pythons(short: Scenario, exported: Exported, tmp_path: Path) -> None:
+    assert do(*golden(exported(short), "x86-64", tmp_path), folder=tmp_path) == "0 of 60 ticks differ\n"
 
 
-def do(*command: object, folder: Path) -> str:
-    done = subprocess.run([*map(str, command)], cwd=folder, capture_output=True, text=True, check=False, timeout=300)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
-
-
-def compiled(folder: Path, target: str) -> list[str]:
-    """Build test_golden of an export for its target; return the command that runs it."""
-    needs(*programs_of(target))
-    build(folder, target, folder / "test_golden.c", folder / "golden")
-    if target in BOARDS:
-        return ["qemu-system-arm", "-M", BOARDS[target], "-nographic", "-semihosting", "-kernel", "golden"]
-    return ["qemu-aarch64", "./golden"] if target == "aarch64" else ["./golden"]
-
-
-@pytest.mark.parametrize("name", ["nominal_imu_uwb", pytest.param("imu_uwb", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["nominal_imu_uwb", "imu_uwb"])
 @pytest.mark.parametrize("target", TARGETS)
-def test_every_bit_is_pythons(name: str, target: str, tmp_path: Path) -> None:
-    export(load_scenario(name), target, tmp_path)
-    assert do(*compiled(tmp_path, target), folder=tmp_path) == "0 of 300 ticks differ\n"
+def test_every_bit_is_pythons_on_each_processor(name: str, target: str, exported: Exported, tmp_path: Path) -> None:
+    needs(*programs_of(target))
+    folder = exported(load_scenario(name), target, ticks=300)
+    assert do(*golden(folder, target, tmp_path), folder=tmp_path) == "0 of 300 ticks differ\n"
 
 
-def test_the_golden_test_notices_a_bit(tmp_path: Path) -> None:
-    export(load_scenario("nominal_imu_uwb"), "x86-64", tmp_path, ticks=20)
-    source = (tmp_path / "ortilo.c").read_text()
-    mass = load_scenario("nominal_imu_uwb").vehicle.mass
+def test_the_golden_test_notices_a_bit(short: Scenario, exported: Exported, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(exported(short), tmp_path / "half"))
+    source, mass = (folder / "ortilo.c").read_text(), short.vehicle.mass
     said = f".mass = {mass.hex()}"
     assert said in source
-    (tmp_path / "ortilo.c").write_text(source.replace(said, f".mass = {(mass * (1.0 + 2**-52)).hex()}", 1))
-    command = compiled(tmp_path, "x86-64")
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    (folder / "ortilo.c").write_text(source.replace(said, f".mass = {(mass * (1.0 + 2**-52)).hex()}", 1))
+    done = subprocess.run(golden(folder, "x86-64", tmp_path), capture_output=True, text=True, check=False)
     assert done.returncode == 1
     assert int(done.stdout.split()[0]) > 0
 
 
 @pytest.mark.parametrize("compiler", [("gcc", "-std=c99"), ("clang", "-std=c11"), ("g++", "-std=c++17")])
-def test_compilers_find_nothing_to_say_of_the_header(compiler: tuple[str, str], tmp_path: Path) -> None:
+def test_compilers_find_nothing_to_say_of_the_header(
+    compiler: tuple[str, str], short: Scenario, exported: Exported, tmp_path: Path
+) -> None:
     needs(compiler[0])
-    export(load_scenario("nominal_imu_uwb"), "x86-64", tmp_path, ticks=1)
     name = "use.cpp" if compiler[0] == "g++" else "use.c"
     (tmp_path / name).write_text(
         '#include "ortilo.h"\nint use(ortilo *o);\nint use(ortilo *o) { return o->state.tick > 0; }\n'
     )
-    do(*compiler, *STRICT, "-pedantic", "-c", name, folder=tmp_path)
+    do(*compiler, *STRICT, "-pedantic", "-I", exported(short), "-c", name, folder=tmp_path)
 
 
-def test_a_strangers_project_links_the_folder(tmp_path: Path) -> None:
-    needs("gcc", "cmake")
-    export(load_scenario("nominal_imu_uwb"), "x86-64", tmp_path / "half", ticks=20)
-    (tmp_path / "CMakeLists.txt").write_text(
-        "cmake_minimum_required(VERSION 3.16)\nproject(stranger C)\nenable_testing()\nadd_subdirectory(half)\n"
-    )
-    do("cmake", "-S", ".", "-B", "build", folder=tmp_path)
+STRANGER = """
+cmake_minimum_required(VERSION 3.16)
+project(stranger C)
+enable_testing()
+add_subdirectory(half)
+add_executable(stranger stranger.c)
+target_compile_options(stranger PRIVATE -Wall -Wextra -Wconversion -Werror)
+target_link_libraries(stranger PRIVATE ortilo)
+add_test(NAME stranger COMMAND stranger)
+"""
+ITS_MAIN = """
+#include "ortilo.h"
+int main(void) {
+    static ortilo half;
+    static ortilo_inputs inputs;
+    static ortilo_outputs outputs;
+    ortilo_init(&half, 0);
+    const int stopped = ortilo_tick(&half, &inputs, &outputs);
+    return stopped != 0 || !(outputs.control[0] > 0.0) || half.state.tick != 1;
+}
+"""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_a_strangers_project_links_the_folder(compiler: str, exported: Exported, tmp_path: Path) -> None:
+    needs(compiler, "cmake")
+    shutil.copytree(exported(load_scenario("nominal_imu_uwb"), ticks=300), tmp_path / "half")
+    (tmp_path / "CMakeLists.txt").write_text(STRANGER)
+    (tmp_path / "stranger.c").write_text(ITS_MAIN)
+    do("cmake", "-S", ".", "-B", "build", f"-DCMAKE_C_COMPILER={compiler}", folder=tmp_path)
     do("cmake", "--build", "build", folder=tmp_path)
-    assert "100% tests passed" in do("ctest", "--test-dir", "build", folder=tmp_path)
+    said = do("ctest", "--test-dir", "build", "--verbose", folder=tmp_path)
+    assert "0 of 300 ticks differ" in said
+    assert "100% tests passed, 0 tests failed out of 2" in said
 
 
 @pytest.mark.parametrize(
@@ -100,9 +112,12 @@ def test_a_processor_that_is_not_there_is_refused_before_anything_is_written(
     assert not (tmp_path / "half").exists()
 
 
-def test_the_manifest_says_what_was_exported(tmp_path: Path) -> None:
-    scenario = load_scenario("nominal_imu_uwb")
-    export(scenario, "cortex-m7", tmp_path, ticks=1)
-    told = json.loads((tmp_path / "manifest.json").read_text())
-    assert told["scenario"] == json.loads(scenario.model_dump_json())
-    assert told["object_bytes"] == (tmp_path / "ortilo_elements.o").stat().st_size
+def test_the_manifest_says_what_was_exported(short: Scenario, exported: Exported) -> None:
+    told = json.loads((exported(short) / "manifest.json").read_text())
+    assert told["scenario"] == json.loads(short.model_dump_json())
+    assert told["object_bytes"] == (exported(short) / "ortilo_elements.o").stat().st_size
+
+
+def test_what_is_empty_has_a_brace_for_each_dimension() -> None:
+    assert [values_text(np.zeros(shape)) for shape in ((0,), (0, 3), (2, 0, 1))] == ["{0}", "{{0}}", "{{{0}}}"]
+    assert values_text(np.array([[1.0], [np.inf]])) == "{{0x1p+0},\n     {INFINITY}}"

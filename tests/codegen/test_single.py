@@ -5,23 +5,21 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import mpmath
 import numpy as np
 import pytest
 from command_line import run
-from test_object_code import compiled, do, needs
+from exports import Exported, do, golden, needs
+from test_exported_half import flown_by
 
 from ortilo_drake.codegen.export import export
-from ortilo_drake.codegen.exported_half import ExportedHalf, programs_of
+from ortilo_drake.codegen.exported_half import programs_of
 from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
-from ortilo_drake.flight.signals import Signals
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.scenario import load_scenario
+from ortilo_drake.scenario import Scenario, load_scenario
 
-SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [0.3, 0.2, 1.5]]}"
 FUNCTIONS = """
 import json, sys
 from ortilo_drake.codegen.single import compute_in_floats
@@ -35,19 +33,7 @@ print(json.dumps([of(x, y) for x, y in json.load(sys.stdin)]))
 """
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
-    made = dict[str, Path]()
-
-    def of(target: str) -> Path:
-        if target not in made:
-            made[target] = tmp_path_factory.mktemp(target)
-            export(load_scenario("nominal_imu_uwb", SHORT), target, made[target], precision="single", ticks=60)
-        return made[target]
-
-    return of
-
-
+@pytest.mark.long
 def test_functions_in_floats_are_right_to_two_ulps(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     arguments = np.concatenate([rng.uniform(-s, s, (500, 2)) for s in (0.1, 2.0, 50.0)]).astype(np.float32)
@@ -63,9 +49,10 @@ def test_functions_in_floats_are_right_to_two_ulps(tmp_path: Path) -> None:
                 assert abs(mpmath.mpf(value) - its) <= 2.0 * float(np.spacing(np.float32(abs(float(its))))), (x, y)
 
 
-def test_the_code_for_a_processor_without_doubles_has_none(folder: Callable[[str], Path]) -> None:
+@pytest.mark.long
+def test_the_code_for_a_processor_without_doubles_has_none(short: Scenario, exported: Exported) -> None:
     needs("arm-none-eabi-objdump", "arm-none-eabi-nm")
-    there = folder("cortex-m4")
+    there = exported(short, "cortex-m4", precision="single")
     code = do("arm-none-eabi-objdump", "-d", "ortilo_elements.o", folder=there)
     assert "vmul.f32" in code
     assert not re.findall(r"\S*\.f64\S*", code)
@@ -75,25 +62,21 @@ def test_the_code_for_a_processor_without_doubles_has_none(folder: Callable[[str
         assert not re.search(r"\bdouble\b", (there / name).read_text())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("target", ["x86-64", "cortex-m4"])
-def test_the_golden_test_is_passed(target: str, folder: Callable[[str], Path]) -> None:
-    said = do(*compiled(folder(target), target), folder=folder(target))
+def test_the_golden_test_is_passed(target: str, short: Scenario, exported: Exported, tmp_path: Path) -> None:
+    said = do(*golden(exported(short, target, precision="single"), target, tmp_path), folder=tmp_path)
     assert re.fullmatch(r"0 of 60 ticks differ; at most \d+ um, \d+ urad\n", said)
 
 
-@pytest.mark.parametrize("target", ["x86-64", pytest.param("cortex-m4", marks=pytest.mark.long)])
-def test_a_flight_stays_within_a_millimetre_and_a_tenth_of_a_degree(target: str, folder: Callable[[str], Path]) -> None:
+@pytest.mark.long
+@pytest.mark.parametrize("target", ["x86-64", "cortex-m4"])
+def test_a_flight_stays_within_a_millimetre_and_a_tenth_of_a_degree(
+    target: str, short: Scenario, exported: Exported
+) -> None:
     needs(*programs_of(target))
-    scenario = load_scenario("nominal_imu_uwb", SHORT)
-    with ExportedHalf(scenario, folder(target)) as half:
-
-        def ask(tick: int, messages: Signals) -> Signals:
-            half.take(messages)
-            assert half.stopped == 0
-            return half.outputs()
-
-        flown = fly_lockstep(scenario, ask)
-    its = fly_lockstep(scenario, in_this_process(scenario))
+    flown = flown_by(exported(short, target, precision="single"), short)
+    its = fly_lockstep(short, in_this_process(short))
     for name in ("truth", "estimate"):
         apart = np.abs(flown[name].values - its[name].values)
         assert 0.0 < apart[:, :3].max() < 1e-3

@@ -4,10 +4,11 @@ import re
 import shutil
 from pathlib import Path
 
-from test_object_code import STRICT, do, needs
+from exports import do, needs
 
 from ortilo_drake.codegen.c_header import header_text
 from ortilo_drake.codegen.c_source import source_text
+from ortilo_drake.codegen.exported_half import STRICT
 from ortilo_drake.codegen.half import onboard_half
 from ortilo_drake.scenario import load_scenario
 

@@ -5,7 +5,7 @@ import math
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import example, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from numba import njit
 
@@ -54,13 +54,38 @@ def more_compiled(y: float, x: float) -> tuple[float, float]:
     return arctan2(y, x), exp(x)
 
 
-@given(st.floats(-1e150, 1e150) | st.floats(-2.0, 2.0), st.floats(-1e150, 1e150) | st.floats(-2.0, 2.0))
-@example(1.0, 5e-324)
-def test_the_angle_is_right_to_an_ulp_and_a_half_and_the_same_compiled(y: float, x: float) -> None:
+def ulps_of_angle(y: float, x: float) -> float:
+    """Return how far our angle is from mpmath's, which knows no -0."""
     with mpmath.workdps(60):
-        its = mpmath.atan2(y, x)
-        assert abs(mpmath.mpf(arctan2(y, x)) - its) <= 1.5 * math.ulp(float(its)) + 5e-324
+        its = mpmath.atan2(abs(y), x)
+        return float(abs(mpmath.mpf(abs(arctan2(y, x))) - its) / math.ulp(float(its)))
+
+
+@given(
+    st.floats(allow_nan=False, allow_infinity=False) | st.floats(-2.0, 2.0), st.floats(-2.0, 2.0) | st.floats(-1e150)
+)
+@example(1.0, 5e-324)
+@example(5e-324, -1.0)
+@example(5e-324, 1.5e-323)
+@example(1.7e308, -1.7e308)
+@example(1.7e308, 1e-308)
+@example(2.0**-28, 1.0)
+@example(0.4375, 1.0)
+@example(0.6958420966801261, 0.9681281344)  # a ratio of 23 / 32
+def test_the_angle_is_right_to_an_ulp_and_the_same_compiled(y: float, x: float) -> None:
+    assume(x < np.inf and (x, y) != (0.0, 0.0))
+    assert ulps_of_angle(y, x) <= 1.0
     assert more_compiled(y, x)[0] == arctan2(y, x)
+
+
+def test_the_angle_is_right_to_an_ulp_where_rounding_is_worst() -> None:
+    rng = np.random.default_rng(39)
+    ratios = np.concatenate(
+        [rng.uniform(0.4, 0.76, 500), [c + k * 2.0**-52 for c in (0.4375, 0.71875) for k in (-1, 1)]]
+    )
+    for ratio, x in zip(ratios.tolist(), rng.uniform(0.5, 1.0, ratios.size).tolist(), strict=True):
+        for scale in (1.0, 2.0**701, 2.0**-701, 2.0**-1040):
+            assert ulps_of_angle(ratio * x * scale, x * scale) <= 1.0, (ratio, x, scale)
 
 
 @pytest.mark.parametrize("y", SIGNED)
