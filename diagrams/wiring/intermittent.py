@@ -28,6 +28,7 @@ from ortilo_drake.onboard.estimator.replay_element import past_box, replay_box
 from ortilo_drake.onboard.estimator.robust.gate_element import gate_box
 from ortilo_drake.onboard.estimator.robust.opening import opening_variances
 from ortilo_drake.onboard.estimator.robust.weights import weighing_of
+from ortilo_drake.onboard.ranging.noise_scale import scaled_bank_box
 from ortilo_drake.onboard.ranging.sighted import sighted_box
 from ortilo_drake.onboard.ranging.survey_bank import bank_box
 from ortilo_drake.scenario import Belief
@@ -105,7 +106,7 @@ def intermittent_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages:
         chain.append(rows.reading(**measured_by(chain[-1])))
     kalman = kalman_box(belief, its, xbar_0).reading(**measured_by(chain[-1]), control="servo")
     banks = list[Box]()
-    if learns_survey(belief):
+    if learns_of_ranges(belief):
         fix = fixes[ranging]
         banks.append(bank_of(belief, room).reading(message=fix.reads["message"], fix=fix.name))
     if its.extras and (learns_survey(belief) or learns_landmarks(belief)):
@@ -147,6 +148,11 @@ def learns_survey(belief: Belief) -> bool:
     return belief.measures_ranges and belief.multilateration.bias_bank is not None
 
 
+def learns_of_ranges(belief: Belief) -> bool:
+    """Return whether fixes are made of ranges that tell how good the survey is, or how large their noise."""
+    return learns_survey(belief) or (belief.measures_ranges and belief.multilateration.noise_scale is not None)
+
+
 def told_by_fixes(belief: Belief, its: Filtering) -> Told:
     """Return which coefficients of a filter's measurement are told by fixes that learn."""
     biases = belief.estimator.biases
@@ -161,8 +167,9 @@ def learns_landmarks(belief: Belief) -> bool:
 
 
 def bank_of(belief: Belief, room: Room) -> Box:
-    """Return the box that learns how good the survey of a room's anchors is."""
-    return bank_box(belief.multilateration, room.anchor_positions, belief.every(measuring("anchors")) * belief.h)
+    """Return the box that learns how good the survey of a room's anchors is, and how large the noise of ranges."""
+    make = bank_box if belief.multilateration.noise_scale is None else scaled_bank_box
+    return make(belief.multilateration, room.anchor_positions, belief.every(measuring("anchors")) * belief.h)
 
 
 def measured_by(box: Box) -> dict[str, str]:

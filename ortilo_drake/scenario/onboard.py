@@ -12,6 +12,7 @@ from ortilo_drake.scenario.sensors import ProportionalNoise, RangeNoise
 PositiveVec3 = tuple[Positive, Positive, Positive]
 Gate = Annotated[float, Field(gt=0.0, lt=1.0)]
 Share = Annotated[float, Field(ge=0.0, le=10.0)]
+Worth = Annotated[float, Field(ge=1.0, le=1.0e6)]
 
 
 class Exclusion(Frozen):
@@ -43,6 +44,9 @@ class Multilateration(Frozen):
         bias_bank: shares of bias_sd [1] between which the ranges' residuals decide in flight, such as [0, 0.4, 1] of
             a survey that may be exact. Fixes then tell the filter how large what lasts of their error is, in the place
             of estimator.biases.uwb_sd. null believes bias_sd as it is. Only with 'least_squares', and without exclude.
+        noise_scale: how many residuals [1] that noise is worth which is told, where its scale is learned in flight of
+            the ranges' residuals, together with bias_bank; 10 is about one fix of twelve ranges. null believes the
+            noise as it is. Only with 'least_squares', and without exclude.
         exclude: which ranges are left out because they do not fit the others; null leaves none out. Only with
             'least_squares'.
     """
@@ -51,6 +55,7 @@ class Multilateration(Frozen):
     noise: RangeNoise = ProportionalNoise()
     bias_sd: NonNegativeFloat = 0.0
     bias_bank: Annotated[tuple[Share, ...], Field(min_length=2, max_length=8)] | None = None
+    noise_scale: Worth | None = None
     exclude: Exclusion | None = None
 
     @model_validator(mode="after")
@@ -65,6 +70,12 @@ class Multilateration(Frozen):
             raise ValueError(".bias_bank: must be null without bias_sd, of which it has shares, and 'least_squares'")
         if self.bias_bank is not None and self.exclude is not None:
             raise ValueError(".bias_bank: must be null with exclude: it learns of ranges that are left out, too")
+        return self
+
+    @model_validator(mode="after")
+    def _learns_its_scale_of_all_ranges(self) -> "Multilateration":
+        if self.noise_scale is not None and (self.method != "least_squares" or self.exclude is not None):
+            raise ValueError(".noise_scale: must be null without 'least_squares', and with exclude: all ranges count")
         return self
 
     @model_validator(mode="after")
@@ -144,6 +155,8 @@ class LandmarkFix(Frozen):
         survey_bank: shares of survey_sd [1] between which the boxes' residuals decide in flight, as
             multilateration.bias_bank. Fixes then tell the filter how large what lasts of their error is by it, beside
             estimator.biases.camera_sd. null believes survey_sd as it is. Only with method 'pose'.
+        noise_scale: how many residuals [1] center_sd is worth, where its scale is learned in flight of the boxes'
+            residuals, as multilateration.noise_scale. null believes center_sd as it is. Only with method 'pose'.
         shapes: what is known of the landmarks' shapes: 'outlines' is all that the room's file has, 'boxes' their
             sizes alone.
     """
@@ -159,12 +172,15 @@ class LandmarkFix(Frozen):
     prior_sd: tuple[Positive, Positive] | None = None
     survey_sd: NonNegativeFloat = 0.0
     survey_bank: Annotated[tuple[Share, ...], Field(min_length=2, max_length=8)] | None = None
+    noise_scale: Worth | None = None
     shapes: Literal["outlines", "boxes"] = "outlines"
 
     @model_validator(mode="after")
     def _has_what_the_bank_shares(self) -> "LandmarkFix":
         if self.survey_bank is not None and (self.method != "pose" or self.survey_sd == 0.0):
             raise ValueError(".survey_bank: must be null without survey_sd, of which it has shares, and method 'pose'")
+        if self.noise_scale is not None and self.method != "pose":
+            raise ValueError(f".noise_scale: must be null with method {self.method!r}, it is for the method 'pose'")
         return self
 
     @property

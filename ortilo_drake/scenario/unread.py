@@ -94,6 +94,7 @@ RULES = (
         tuple(
             f"landmark_fix.{name}"
             for name in ("center_sd", "center_growth", "max_residual", "joint", "prior_sd", "survey_sd", "survey_bank")
+            + ("noise_scale",)
         ),
         _of("tight", lambda s: False),
         "estimator.kind intermittent",

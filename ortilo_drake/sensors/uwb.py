@@ -132,9 +132,12 @@ def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) 
 
 
 def solver(scenario: Belief, room: Room) -> Box:
-    """Return the multilateration; where the survey is learned it reads what was."""
-    box = fix_box(scenario.multilateration, room.anchor_positions)
-    return box if scenario.multilateration.bias_bank is None else box.reading(learned="uwb_bank")
+    """Return the multilateration; where the survey or the noise's scale is learned it reads what was."""
+    settings, box = scenario.multilateration, fix_box(scenario.multilateration, room.anchor_positions)
+    if settings.noise_scale is None:
+        return box if settings.bias_bank is None else box.reading(learned="uwb_bank")
+    box = box.reading(noise="uwb_bank.noise")
+    return box if settings.bias_bank is None else box.reading(learned="uwb_bank.learned")
 
 
 def errors_drawn(scenario: Scenario, room: Room, draw: AtStart) -> dict[str, Given]:

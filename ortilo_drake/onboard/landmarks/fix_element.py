@@ -1,5 +1,6 @@
 """The landmark fix as an element of the loop."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,11 +26,13 @@ from ortilo_drake.onboard.landmarks.landmark_bank import (
     Solved,
     kept_from,
     learn,
+    learn_scale,
     learned_first,
     put_information,
     put_lasting,
 )
 from ortilo_drake.onboard.ranging.lasting_error import KEPT, LASTING, N_KEPT, N_LASTING, SHARE, keep
+from ortilo_drake.onboard.ranging.noise_scale import NOTHING_YET, SCALE
 from ortilo_drake.scenario import LandmarkFix as LandmarkFixSettings
 
 
@@ -93,36 +96,75 @@ def learning_out(
 
     Without a fix all that lasts of the last one's error is kept.
     """
+    say_learning(out, message, belief, with_share(believed, learned[SHARE]), prior, refused, learned)
+
+
+def scaled_out(
+    n: Any,
+    message: np.ndarray,
+    belief: np.ndarray,
+    believed: BoxBelief,
+    prior: np.ndarray,
+    refused: np.ndarray,
+    learned: np.ndarray,
+    scale: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Say what learning_out does, by the boxes' noise as it is believed, and after it how many residuals are left (2).
+
+    What the boxes tell, and the sum of the residuals' squares, are by the noise that is told.
+    """
+    end = out.size - 2
+    now = with_share(believed, learned[SHARE], np.sqrt(scale[SCALE]))
     fill(out, 0.0)
-    size, landmarks = PAYLOAD + 42, believed.positions.shape[0]
+    residuals, squares = say_learning(out[:end], message, belief, now, prior, refused, learned)
+    first = PAYLOAD + 42 + N_LASTING
+    for i in range(first, first + PER_LANDMARK * believed.positions.shape[0]):
+        out[i] *= scale[SCALE]
+    out[end], out[end + 1] = residuals, squares * scale[SCALE]
+
+
+@register_jitable
+def say_learning(
+    out: np.ndarray,
+    message: np.ndarray,
+    belief: np.ndarray,
+    now: BoxBelief,
+    prior: np.ndarray,
+    refused: np.ndarray,
+    learned: np.ndarray,
+) -> tuple[float, float]:
+    """Say what learning_out does, by what is believed of boxes now, and return what put_information does."""
+    fill(out, 0.0)
+    size, landmarks = PAYLOAD + 42, now.positions.shape[0]
     put(learned[LASTING:KEPT], out, size)
     put((1.0, 1.0, 1.0), out, size + N_KEPT)
     if message[ARRIVED] != 1.0:
-        return
-    now = with_share(believed, learned[SHARE])
+        return 0.0, 0.0
     xhat, P = belief[:N_XBAR], covariance_of(belief, prior)
     boxes = boxes_to_solve(message, xhat, P, now, power_of_two(int(refused[0])))
     solution = pose_from_boxes(*boxes[:3], xhat, P, now.camera, boxes[3], now.max_residual, 6)
     fix = fix_of(*solution[:3], xhat, message[STAMP], 6)
     if fix[ARRIVED] != 1.0:
-        return
+        return 0.0, 0.0
     put(fix, out)
     told = size + N_LASTING
     here = out[told + PER_LANDMARK * landmarks :]
     solved = Solved(boxes[0][solution[3]], boxes[4][solution[3]], solution[1])
-    put_information(out[told : told + PER_LANDMARK * landmarks], here, solved, now)
+    left = put_information(out[told : told + PER_LANDMARK * landmarks], here, solved, now)
     put_lasting(out[size : size + N_LASTING], now.survey_sd, here, learned)
+    return left
 
 
 @register_jitable
-def with_share(believed: BoxBelief, share: float) -> BoxBelief:
-    """Return what is believed of boxes with a share of the survey's sd."""
+def with_share(believed: BoxBelief, share: float, scale: float = 1.0) -> BoxBelief:
+    """Return what is believed of boxes with a share of the survey's sd, and with noise so many times as large."""
     return BoxBelief(
         believed.positions,
         believed.outlines,
         believed.labels,
         believed.camera,
-        believed.sd,
+        scale * believed.sd,
         believed.gate,
         believed.max_residual,
         believed.growth,
@@ -155,6 +197,32 @@ def learning_step(
         told = out[at + N_LASTING : at + N_LASTING + n_told]
         learn(learned, gathered, told, n.keeps, bank, believed.survey_sd, S, e)
         keep(learned, out[at : at + N_LASTING], out[at + N_LASTING + n_told :])
+
+
+def scaled_step(
+    n: Any,
+    message: np.ndarray,
+    believed: BoxBelief,
+    bank: np.ndarray,
+    refused: np.ndarray,
+    learned: np.ndarray,
+    gathered: np.ndarray,
+    scale: np.ndarray,
+    Q: np.ndarray,
+    S: np.ndarray,
+    e: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Take learning_step, and learn how large the boxes' noise is."""
+    if message[ARRIVED] != 1.0:
+        return
+    if believed.limits.size > 0:
+        refused[0] = refused_after(refused[0], out[ARRIVED] == 1.0, message, believed)
+    if out[ARRIVED] == 1.0:
+        at, n_told, end = PAYLOAD + 42, PER_LANDMARK * believed.positions.shape[0], out.size - 2
+        told = out[at + N_LASTING : at + N_LASTING + n_told]
+        learn_scale(learned, gathered, scale, told, out[end:], n.keeps, n.worth, bank, believed.survey_sd, Q, S, e)
+        keep(learned, out[at : at + N_LASTING], out[at + N_LASTING + n_told : end])
 
 
 def refused_step(
@@ -190,6 +258,15 @@ LEARNING = Element(
     state=(Array("refused"), Array("learned"), Array("gathered", 2)),
     work=(Array("S", 2), Array("e")),
 )
+SCALED = replace(
+    LEARNING,
+    name="scaled_fix_of_boxes",
+    out=scaled_out,
+    step=scaled_step,
+    numbers=(*LEARNING.numbers, Number("worth")),
+    state=(*LEARNING.state, Array("scale")),
+    work=(*LEARNING.work, Array("Q")),
+)
 ELEMENTS = {
     "known_attitude": FIX_OF_BOXES,
     "known_tilt": FIX_OF_BOXES,
@@ -201,7 +278,8 @@ ELEMENTS = {
 def camera_fix_box(settings: LandmarkFixSettings, room: Room, width: int, period: float = 0.1) -> Box:
     """Return what makes a fix of boxes: it reads the camera's message and a belief of [x; i] (240).
 
-    With a bank it says what is `lasting` (6) of a fix's error besides, see landmark_bank.py.
+    With a bank, and where the noise's scale is learned, it says what is `lasting` (6) of a fix's error besides, see
+    landmark_bank.py.
 
     Args:
         settings: method and what it believes of the boxes.
@@ -219,11 +297,16 @@ def camera_fix_box(settings: LandmarkFixSettings, room: Room, width: int, period
     tables = {"prior": np.zeros(0) if prior is None else prior}
     believed, start = box_belief(settings, room, width), {"refused": np.zeros(1)}
     size = PAYLOAD + m + m * m
-    if settings.survey_bank is None:
+    if settings.survey_bank is None and settings.noise_scale is None:
         return Box("camera_fix", element, size, Given({"rows": m}, start, tables)).taking(believed=believed)
-    bank, n = np.array(settings.survey_bank), len(room.landmark_positions)
+    bank, n = np.array(settings.survey_bank or (1.0,)), len(room.landmark_positions)
     start |= {"learned": learned_first(bank, n), "gathered": np.zeros((3 * n, 4))}
     given, work = Given({"keeps": kept_from(period)}, start, tables | {"bank": bank}), {"S": (3, 3), "e": (3,)}
     parts = {"fix": (0, size), "lasting": (size, N_LASTING)}
     size += N_LASTING + (PER_LANDMARK + 9) * n
+    if settings.noise_scale is not None:
+        scale = Given({"worth": settings.noise_scale}, {"scale": np.array(NOTHING_YET)})
+        work = work | {"Q": (len(bank),)}
+        box = Box("camera_fix", SCALED, size + 2, given.with_(scale), work, parts=parts)
+        return box.taking(believed=believed)
     return Box("camera_fix", LEARNING, size, given, work, parts=parts).taking(believed=believed)

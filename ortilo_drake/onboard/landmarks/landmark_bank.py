@@ -15,6 +15,11 @@ its square: of a share c_j of the sd s of a survey as it is believed (landmark_f
 What is believed follows as in ranging/survey_bank.py. Boxes err alike for a while: 0.44 of their variance lasts for a
 second (world/sensors/camera_calibration.yaml), so that an image counts as 1 / REPEATS of one.
 
+Where the scale of the boxes' noise is learned too (landmark_fix.noise_scale), nu and q of ranging/noise_scale.py are of
+what each box is away from where all others have it, which M_ii^-1 (M e)_i is and of covariance M_ii^-1,
+
+    nu = sum_k 2 k_k / REPEATS,   q = sum_k sum_i (M e)_i^T M_ii^-1 (M e)_i / REPEATS
+
 A fix errs by sum_i G_i A_i lambda_i, G = N^-1 J^T R^-1 with R of boxes and survey. What lasts of its position follows
 as in ranging/lasting_error.py, with g the rows of all G_i A_i.
 """
@@ -33,10 +38,12 @@ from ortilo_drake.onboard.landmarks.box_fix import BoxBelief
 from ortilo_drake.onboard.landmarks.known_attitude import FREE_SD
 from ortilo_drake.onboard.landmarks.landmark_association import center_sd, with_survey
 from ortilo_drake.onboard.ranging.lasting_error import KEY, SHARE, put_kept
+from ortilo_drake.onboard.ranging.noise_scale import RESIDUALS, SQUARES, judge
 from ortilo_drake.onboard.ranging.survey_bank import MEMORY, log_likelihood, share_of
 
 LEAST = 4  # boxes that leave residuals of six unknowns
 REPEATS: Final = 5.0
+REGULAR = 1e-6  # of M_ii: a box without which the others tell no pose says nothing of the boxes' errors
 PER_LANDMARK = 12  # of [Lambda_i, eta_i] (3 x 4); of sensitivities 9
 
 
@@ -55,8 +62,13 @@ class Solved(NamedTuple):
 
 
 @register_jitable
-def put_information(out: np.ndarray, sensitivities: np.ndarray, solved: Solved, believed: BoxBelief) -> None:
+def put_information(
+    out: np.ndarray, sensitivities: np.ndarray, solved: Solved, believed: BoxBelief
+) -> tuple[float, float]:
     """Write what the boxes of a fix tell of each landmark, and how the fix depends on it; zeros of one not seen.
+
+    Returns how far each box is from where all others have it: how many residuals these are, and their sum of squares
+    sum_i (M e)_i^T M_ii^-1 (M e)_i.
 
     Args:
         out: to write [Lambda_i, eta_i] to, of Lambda_i the lower half (12 n).
@@ -74,7 +86,7 @@ def put_information(out: np.ndarray, sensitivities: np.ndarray, solved: Solved, 
         its = solved.chosen[i]
         place, outline = believed.positions[its], believed.outlines[its]
         if not box_and_jacobian(place, outline, p_WB, of_rpy, R_WB, believed.camera, box, J[i]):
-            return
+            return 0.0, 0.0
         for axis in range(2):
             own = center_sd(box[2 + axis] - box[axis], believed.sd, believed.growth)
             e[i, axis] = solved.centers[i, axis] - 0.5 * (box[axis] + box[2 + axis])
@@ -91,8 +103,9 @@ def put_information(out: np.ndarray, sensitivities: np.ndarray, solved: Solved, 
                         sensitivities[at] -= R[i, axis] * G[a] * J[i, axis, b]
     regular, C = scaled_inverse(normal(J, W, 0.0))
     if k < LEAST or not regular:
-        return
-    g = np.zeros(6)
+        return 0.0, 0.0
+    residuals, squares = 0.0, 0.0
+    g, M_ii, Me = np.zeros(6), np.empty((2, 2)), np.empty(2)
     for i in range(k):
         for axis in range(2):
             for a in range(6):
@@ -105,12 +118,20 @@ def put_information(out: np.ndarray, sensitivities: np.ndarray, solved: Solved, 
             rest = e[i, v]
             for a in range(6):
                 rest -= J[i, v, a] * step[a]
+            Me[v] = W[i, v] * rest
             for a in range(3):
                 its[a, 3] -= W[i, v] * rest * J[i, v, a]
                 for w in range(2):
                     M = W[i, v] * ((1.0 if v == w else 0.0) - hat[v, w] * W[i, w])
+                    M_ii[v, w] = M
                     for b in range(a + 1):
                         its[a, b] += J[i, v, a] * M * J[i, w, b]
+        uu, uv, vv = M_ii[0, 0], M_ii[0, 1], M_ii[1, 1]
+        determinant = uu * vv - uv * uv
+        if determinant > REGULAR * W[i, 0] * W[i, 1]:
+            residuals += 2.0
+            squares += (vv * Me[0] ** 2 - 2.0 * uv * Me[0] * Me[1] + uu * Me[1] ** 2) / determinant
+    return residuals, squares
 
 
 @register_jitable
@@ -185,6 +206,46 @@ def learn(
             if gathered[i, 0] > 0.0:
                 weights[j] += log_likelihood(gathered[i : i + 3], bank[j] * survey_sd, S, e)
     learned[SHARE] = share_of(weights, bank)
+
+
+@register_jitable
+def learn_scale(
+    learned: np.ndarray,
+    gathered: np.ndarray,
+    scale: np.ndarray,
+    told: np.ndarray,
+    left: np.ndarray,
+    keeps: float,
+    worth: float,
+    bank: np.ndarray,
+    survey_sd: float,
+    Q: np.ndarray,
+    S: np.ndarray,
+    e: np.ndarray,
+) -> None:
+    """Take learn, of the boxes' noise as well.
+
+    Args:
+        learned: see learned_first.
+        gathered: [Lambda_i, eta_i], of Lambda_i the lower half (3 n, 4).
+        scale: q, nu and c^2 (3).
+        told: of put_information, by the noise that is told (12 n).
+        left: residuals and their sum of squares, of put_information, by the noise that is told (2).
+        keeps: what is left of what was told before [1].
+        worth: nu_0.
+        bank: c_j (m).
+        survey_sd: s [m].
+        Q: to work in (m).
+        S: to work in (3, 3).
+        e: to work in (3).
+    """
+    for i in range(gathered.shape[0]):
+        for j in range(4):
+            gathered[i, j] = keeps * gathered[i, j] + told[4 * i + j] / REPEATS
+    scale[RESIDUALS] = keeps * scale[RESIDUALS] + left[0] / REPEATS
+    scale[SQUARES] = keeps * scale[SQUARES] + left[1] / REPEATS
+    weights = learned[learned.size - bank.size :]
+    learned[SHARE] = judge(gathered, scale, bank, survey_sd, worth, weights, Q, S, e)
 
 
 def learned_first(bank: np.ndarray, n: int) -> np.ndarray:

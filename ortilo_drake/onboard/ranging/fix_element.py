@@ -84,6 +84,43 @@ def learning_out(
 LEARNING = replace(FIX, name="learning_multilateration", out=learning_out, work=(Array("used"), Array("noise")))
 
 
+def scaled_out(
+    n: Any,
+    message: np.ndarray,
+    belief: np.ndarray,
+    noise: np.ndarray,
+    anchors: np.ndarray,
+    used: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Say the fix message (14) of the ranges that landed, by the noise that is believed now; zeros if there is none."""
+    fill(out, 0.0)
+    if message[ARRIVED] != 0.0:
+        put_fix_message(message, anchors, values_of(noise), belief, n.three != 0, used, out)
+
+
+def scaled_learning_out(
+    n: Any,
+    message: np.ndarray,
+    belief: np.ndarray,
+    learned: np.ndarray,
+    noise: np.ndarray,
+    anchors: np.ndarray,
+    used: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Say what learning_out does, by the noise that is believed now."""
+    fill(out, 0.0)
+    if message[ARRIVED] != 0.0:
+        put_fix_message(message, anchors, values_of(noise), belief, n.three != 0, used, out)
+    say_lasting(out, message, belief, anchors, values_of(noise), learned)
+
+
+THREE = (Number("three", kind="i8"),)
+SCALED = replace(FIX, name="scaled_multilateration", out=scaled_out, numbers=THREE)
+SCALED_LEARNING = replace(SCALED, name="scaled_learning_multilateration", out=scaled_learning_out)
+
+
 def tested_out(
     n: Any,
     message: np.ndarray,
@@ -122,16 +159,19 @@ TESTED = Element(
 def fix_box(settings: MultilaterationSettings, anchors: np.ndarray) -> Box:
     """Return the solver: it reads the uwb message as it lands and the belief about which it is solved (240).
 
-    With a bank it reads what is `learned` of the survey too, see survey_bank.py, and says what is `lasting` (6).
+    With a bank it reads what is `learned` of the survey too, see survey_bank.py, and says what is `lasting` (6). Where
+    the noise's scale is learned it reads the `noise` (3) that is believed, see noise_scale.py.
     """
     numbers, tables, n = {"noise": believed_noise(settings)}, {"anchors": anchors}, len(anchors)
     if settings.exclude is not None:
         demands = consistency_of(settings.exclude, n)._asdict()
         tables["quantiles"] = demands.pop("quantiles")
         return Box("uwb_fix", TESTED, FIX_SIZE + 3, Given(numbers | demands, {"clock": np.zeros(3)}, tables))
-    given = Given(numbers | {"three": settings.method == "nearest_three"}, tables=tables)
+    scaled = settings.noise_scale is not None
+    numbers = ({} if scaled else numbers) | {"three": settings.method == "nearest_three"}
+    given, work = Given(numbers, tables=tables), {"used": (n,)} | ({} if scaled else {"noise": (3,)})
     if settings.bias_bank is None:
-        return Box("uwb_fix", FIX, FIX_SIZE, given, {"used": (n,)})
+        return Box("uwb_fix", SCALED if scaled else FIX, FIX_SIZE, given, {"used": (n,)})
     told = FIX_SIZE + N_LASTING
     parts = {"fix": (0, FIX_SIZE), "lasting": (FIX_SIZE, N_LASTING), "sensitivities": (told, 6 * n)}
-    return Box("uwb_fix", LEARNING, told + 6 * n, given, {"used": (n,), "noise": (3,)}, parts=parts)
+    return Box("uwb_fix", SCALED_LEARNING if scaled else LEARNING, told + 6 * n, given, work, parts=parts)

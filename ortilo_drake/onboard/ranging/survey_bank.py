@@ -37,8 +37,10 @@ MEMORY: Final = 10.0  # [s]
 @register_jitable
 def gather(
     gathered: np.ndarray, p: np.ndarray, uwb: np.ndarray, anchors: np.ndarray, noise: np.ndarray, rows: np.ndarray
-) -> None:
-    """Add a fix's M and M e to [Lambda, eta]; nothing where the ranges do not make a position.
+) -> tuple[float, float]:
+    """Add a fix's M and M e to [Lambda, eta], and return how many residuals it leaves and e^T M e.
+
+    Nothing and zeros where the ranges do not make a position.
 
     Args:
         gathered: [Lambda, eta] (n, n + 1), of Lambda the lower half.
@@ -50,14 +52,16 @@ def gather(
     """
     n = anchors.shape[0]
     ranges, there = uwb[PAYLOAD : PAYLOAD + n], uwb[PAYLOAD + n :]
-    _, N, g = normal_equations(p, ranges, there, anchors, noise[:2])
+    cost, N, g = normal_equations(p, ranges, there, anchors, noise[:2])
     definite, C = inverse(N)
     if not definite:
-        return
+        return 0.0, 0.0
+    residuals = -3.0
     for i in range(n):
         if there[i] == 0.0:
             fill(rows[i], 0.0)
             continue
+        residuals += 1.0
         x, y, z = p[0] - anchors[i, 0], p[1] - anchors[i, 1], p[2] - anchors[i, 2]
         d = np.sqrt(x * x + y * y + z * z) + 1e-30
         w = 1.0 / max(noise[0] + noise[1] * ranges[i], MIN_SD) ** 2
@@ -67,6 +71,8 @@ def gather(
         gathered[i, i] += w
         for j in range(i + 1):
             gathered[i, j] -= x * rows[j, 0] + y * rows[j, 1] + z * rows[j, 2]
+    x, y, z = product(C, g)
+    return residuals, max(cost - (x * g[0] + y * g[1] + z * g[2]), 0.0)
 
 
 @register_jitable

@@ -167,6 +167,8 @@ def left_out(scenario: Scenario) -> list[str]:
         "uwb.errors": "uwb" in scenario.sensors and uwb.errors == "fitted",
         "uwb.walls": "uwb" in scenario.sensors and uwb.walls.kind in ("bias", "excess"),
         "multilateration.bias_bank": "uwb" in scenario.sensors and scenario.multilateration.bias_bank is not None,
+        "multilateration.noise_scale": "uwb" in scenario.sensors and scenario.multilateration.noise_scale is not None,
+        "landmark_fix.noise_scale": "camera" in scenario.sensors and scenario.landmark_fix.noise_scale is not None,
         "landmark_fix.survey_bank": "camera" in scenario.sensors and scenario.landmark_fix.survey_bank is not None,
         "world.rotors": scenario.world.rotors.kind == "first_order",
         "faults": bool(scenario.faults),

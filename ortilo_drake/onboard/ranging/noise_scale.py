@@ -1,0 +1,177 @@
+"""How large the noise of ranges or boxes is, learned together with how much of the survey's error lasts.
+
+The noise is c times as large as it is told, and c^2 ~ IG(nu_0 / 2, nu_0 / 2) before the first fix (inverse gamma): what
+is told counts as nu_0 residuals. Beside Lambda and eta (survey_bank.py) fixes give the number of their residuals and
+what those come to, by the weights that are told,
+
+    nu = sum_k nu_k,   q = sum_k e_k^T M_k e_k
+
+An error that lasts, of sd sigma in units of the noise, is conjugate to that (Gelman et al., "Bayesian Data Analysis",
+2013, chapter 14): with
+
+    Q = q - sigma^2 eta^T (I + sigma^2 Lambda)^-1 eta
+
+a model's likelihood is that of Student's t, and the scale's distribution is an inverse gamma again,
+
+    log L = -1/2 log det(I + sigma^2 Lambda) - 1/2 (nu_0 + nu) log(nu_0 + Q)
+    c^2 ~ IG((nu_0 + nu) / 2, (nu_0 + Q) / 2)
+
+Models are of a survey's sd in metres: sigma_j = c_j s_2 / c by the scale c of the fix before. What is white goes into
+c, and what lasts into the share of s_2. The scale that is believed is the mean of 1 / E[c^-2] over the models.
+
+One fix counts at most as LIMIT times what was expected of it, c^2 nu_k + s^2 tr M_k: a range that a wall lengthens is
+no noise. A scale that is truly larger is still found, by a few fixes one after the other.
+"""
+
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+from numba.extending import register_jitable
+
+from ortilo_drake.loop.element import Array, Box, Number
+from ortilo_drake.model.elementary import log
+from ortilo_drake.model.placing import fill
+from ortilo_drake.model.scalars import values_of
+from ortilo_drake.model.signals import ARRIVED, FIX_SIZE, PAYLOAD
+from ortilo_drake.onboard.ranging.lasting_error import N_LASTING, SHARE, keep
+from ortilo_drake.onboard.ranging.multilateration import believed_noise
+from ortilo_drake.onboard.ranging.survey_bank import BANK, bank_box, gather, log_likelihood, share_of
+from ortilo_drake.scenario import Multilateration as MultilaterationSettings
+
+SQUARES, RESIDUALS, SCALE = 0, 1, 2  # of what is gathered of the scale: q, nu and c^2
+NOTHING_YET: Final = (0.0, 0.0, 1.0)
+LIMIT: Final = 4.0
+N_NOISE = 3  # s_0, s_1 and s_2 of range_equations.py
+
+
+@register_jitable
+def judge(
+    gathered: np.ndarray,
+    scale: np.ndarray,
+    bank: np.ndarray,
+    s_2: float,
+    worth: float,
+    weights: np.ndarray,
+    Q: np.ndarray,
+    S: np.ndarray,
+    e: np.ndarray,
+) -> float:
+    """Return the share of s_2 that is believed; write the models' weights (m), and c^2 to what is gathered of it.
+
+    Args:
+        gathered: [Lambda, eta] of each part that errs by itself (k n, n + 1), of Lambda the lower half.
+        scale: q, nu and c^2 (3).
+        bank: c_j (m).
+        s_2: sd that lasts as it is told [m].
+        worth: nu_0.
+        weights: to write to (m).
+        Q: to work in (m).
+        S: to work in (n, n).
+        e: to work in (n).
+    """
+    c, n = np.sqrt(scale[SCALE]), e.size
+    nu = worth + scale[RESIDUALS]
+    for j in range(bank.size):
+        weights[j], Q[j], sigma = 0.0, scale[SQUARES], bank[j] * s_2 / c
+        for i in range(0, gathered.shape[0] if sigma > 0.0 else 0, n):
+            weights[j] += log_likelihood(gathered[i : i + n], sigma, S, e)
+            gain = 0.0
+            for row in range(n):
+                gain += e[row] * e[row]
+            weights[j] -= 0.5 * gain
+            Q[j] -= gain
+        Q[j] = worth + max(Q[j], 0.0)
+        weights[j] -= 0.5 * nu * log(Q[j])
+    share = share_of(weights, bank)
+    scale[SCALE] = 0.0
+    for j in range(bank.size):
+        scale[SCALE] += weights[j] * Q[j] / nu
+    return share
+
+
+@register_jitable
+def counted(squares: float, expected: float) -> float:
+    """Return the share of a fix's residuals that counts: the root of what LIMIT leaves of e^T M e."""
+    if squares <= LIMIT * expected:
+        return 1.0
+    return float(np.sqrt(LIMIT * expected / squares))
+
+
+@register_jitable
+def put_noise(noise: np.ndarray, told: np.ndarray, scale: np.ndarray, share: float) -> None:
+    """Write the ranges' noise (3) as it is believed, of that which is told."""
+    c = np.sqrt(scale[SCALE])
+    noise[0], noise[1], noise[2] = c * told[0], c * told[1], share * told[2]
+
+
+def scaled_bank_step(
+    n: Any,
+    message: np.ndarray,
+    fix: np.ndarray,
+    anchors: np.ndarray,
+    bank: np.ndarray,
+    learned: np.ndarray,
+    gathered: np.ndarray,
+    scale: np.ndarray,
+    S: np.ndarray,
+    e: np.ndarray,
+    rows: np.ndarray,
+    told: np.ndarray,
+    Q: np.ndarray,
+) -> None:
+    """Learn from the residuals of a fix that was made in this tick."""
+    its, uwb = values_of(fix), values_of(message)
+    if its[ARRIVED] != 0.0:
+        survey, noise = learned[: learned.size - N_NOISE], learned[learned.size - N_NOISE :]
+        for i in range(e.size):
+            fill(told[i], 0.0)
+        residuals, squares = gather(told, its[PAYLOAD : PAYLOAD + 3], uwb, anchors, n.noise, rows)
+        expected = scale[SCALE] * residuals
+        for i in range(e.size):
+            expected += noise[2] ** 2 * told[i, i]
+        part = counted(squares, expected)
+        for i in range(e.size):
+            for j in range(e.size):
+                gathered[i, j] = n.keeps * gathered[i, j] + told[i, j]
+            gathered[i, e.size] = n.keeps * gathered[i, e.size] + part * told[i, e.size]
+        scale[SQUARES] = n.keeps * scale[SQUARES] + part**2 * squares
+        scale[RESIDUALS] = n.keeps * scale[RESIDUALS] + residuals
+        weights = survey[survey.size - bank.size :]
+        survey[SHARE] = judge(gathered, scale, bank, n.noise[2], n.worth, weights, Q, S, e)
+        put_noise(noise, n.noise, scale, survey[SHARE])
+        if its.size > FIX_SIZE:
+            sensitivities = its.size - 6 * e.size
+            keep(survey, its[sensitivities - N_LASTING : sensitivities], its[sensitivities:])
+
+
+SCALED_BANK = replace(
+    BANK,
+    name="scaled_survey_bank",
+    step=scaled_bank_step,
+    numbers=(*BANK.numbers, Number("worth")),
+    state=(*BANK.state, Array("scale")),
+    work=(*BANK.work, Array("told", 2), Array("Q")),
+)
+
+
+def scaled_bank_box(settings: MultilaterationSettings, anchors: np.ndarray, period: float) -> Box:
+    """Return the box of survey_bank.bank_box that learns the noise's scale too, and the survey where it has a bank.
+
+    It says what is `learned` as that does, and after it the ranges' `noise` as it is believed (3).
+
+    Args:
+        settings: with noise_scale.
+        anchors: a_i in W (n, 3).
+        period: from one message to the next [s].
+    """
+    bank = settings.bias_bank or (1.0,)
+    box = bank_box(settings.model_copy(update={"bias_bank": bank}), anchors, period)
+    learned, noise, n, size = box.given.start["learned"], believed_noise(settings), len(anchors), box.size
+    noise[2] *= learned[SHARE]
+    start = {"learned": np.concatenate((learned, noise)), "scale": np.array(NOTHING_YET)}
+    given = replace(box.given, numbers=box.given.numbers | {"worth": settings.noise_scale})
+    given = replace(given, start=given.start | start)
+    work = box.work | {"told": (n, n + 1), "Q": (len(bank),)}
+    parts = {"learned": (0, size), "noise": (size, N_NOISE)}
+    return replace(box, element=SCALED_BANK, size=size + N_NOISE, given=given, work=work, parts=parts)
