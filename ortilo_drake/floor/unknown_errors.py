@@ -33,7 +33,8 @@ from ortilo_drake.sensors.imu import inertial_biases
 from ortilo_drake.sensors.unknown_error import Error, Seen, gauss_markov, own, spread, walk
 
 
-def _forces(scenario: Scenario, k: float) -> list[Error]:
+def force_errors(scenario: Scenario, k: float) -> list[Error]:
+    """Return the unknown errors of the force, the accelerometer and the torque; k as unknown_errors."""
     vehicle, force, imu = scenario.truth.vehicle, scenario.truth.force, scenario.truth.imu
     m, h = scenario.vehicle.mass, scenario.h
     _, Gamma_d = discretize(hover_A(scenario.yaw), hover_B_d(scenario.vehicle), h)
@@ -71,7 +72,7 @@ def unknown_errors(scenario: Scenario, room: Room, k: float) -> Error:
         k: the share of the specific force in what is known of a step's force, see above; 0 where it is not read.
     """
     sensors = dict.fromkeys((*SENSORS, *scenario.sensors, *dict(scenario.truth.sensors)))
-    every = [*_forces(scenario, k), *(error for name in sensors for error in unknown_of(scenario, room, name))]
+    every = [*force_errors(scenario, k), *(error for name in sensors for error in unknown_of(scenario, room, name))]
     unsure = [(error.sd > 0.0) | (error.step_sd > 0.0) | error.by_x.any(axis=0) for error in every]
     some = [(error, there) for error, there in zip(every, unsure, strict=True) if there.any()]
 

@@ -89,36 +89,55 @@ def _landmark_fix(scenario: Scenario) -> LandmarkFix:
     return LandmarkFix(settings, scenario.load_room(), scenario.image_width, scenario.h)
 
 
-def likely_detections(scenario: Scenario, room: Room, x: np.ndarray) -> np.ndarray:
-    """Return the detections message at state x (12) of the landmarks found more often than not, boxes without error."""
+def likely_views(scenario: Scenario, room: Room, x: np.ndarray) -> list[tuple[int, int, list[float]]]:
+    """Return the landmarks found more often than not at state x (12): number, class, and the box without error."""
     camera, tables = _camera_of(scenario)
+    found = list[tuple[int, int, list[float]]]()
+    for view in landmark_views(x, surroundings(room), camera, tables.limits):
+        landmark = int(view[LANDMARK])
+        label = int(room.landmark_labels[landmark])
+        rate = look_up(tables.found, 1 + label, view[DISTANCE])
+        rate *= look_up(tables.inside, 1, view[INSIDE]) * look_up(tables.visible, 1, view[VISIBLE])
+        if rate < 0.5 or view[VISIBLE] < tables.limits[2] or len(found) == MAX_DETECTIONS:
+            continue
+        box = [cut(edge, size) for edge, size in zip(view[BOX], np.tile(camera.image, 2), strict=True)]
+        found.append((landmark, label, box))
+    return found
+
+
+def likely_detections(scenario: Scenario, room: Room, x: np.ndarray) -> np.ndarray:
+    """Return the detections message of likely_views."""
     message = np.zeros(DETECTIONS_SIZE)
     message[0] = 1.0
     message[PAYLOAD::DETECTION_SIZE] = -1.0
-    row = 0
-    for view in landmark_views(x, surroundings(room), camera, tables.limits):
-        label = room.landmark_labels[int(view[LANDMARK])]
-        rate = look_up(tables.found, 1 + int(label), view[DISTANCE])
-        rate *= look_up(tables.inside, 1, view[INSIDE]) * look_up(tables.visible, 1, view[VISIBLE])
-        if rate < 0.5 or view[VISIBLE] < tables.limits[2] or row == MAX_DETECTIONS:
-            continue
-        box = [cut(edge, size) for edge, size in zip(view[BOX], np.tile(camera.image, 2), strict=True)]
+    for row, (_, label, box) in enumerate(likely_views(scenario, room, x)):
         start = PAYLOAD + row * DETECTION_SIZE
         message[start : start + DETECTION_SIZE] = [label, 1.0, *box]
-        row += 1
     return message
+
+
+def fix_of_boxes(scenario: Scenario, x: np.ndarray, message: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return the value (m) of the fix of a detections message, and its covariance (m, m); None if there is no fix.
+
+    Args:
+        scenario: the scenario.
+        x: where the filter believes to be (12).
+        message: the detections.
+    """
+    landmark_fix, m = _landmark_fix(scenario), len(scenario.landmark_fix.rows)
+    context = landmark_fix.CreateDefaultContext()
+    P = block_diag(np.zeros((3, 3)), attitude_covariance(scenario), np.zeros((N_XBAR - 6, N_XBAR - 6)))
+    landmark_fix.GetInputPort("detections").FixValue(context, message)
+    landmark_fix.GetInputPort("estimate").FixValue(context, np.concatenate([x, np.zeros(N_XBAR - N_X)]))
+    landmark_fix.GetInputPort("covariance").FixValue(context, P.ravel())
+    fix = landmark_fix.get_output_port().Eval(context)
+    value, covariance = fix[PAYLOAD : PAYLOAD + m], fix[PAYLOAD + m : PAYLOAD + m + m * m].reshape(m, m)
+    return np.array(value), np.array(covariance) if fix[ARRIVED] else None
 
 
 def covariance(scenario: Scenario, room: Room, x: np.ndarray) -> np.ndarray | None:
     """Return the covariance of the fix where the filter believes x (12) to be, by the solver that flies."""
-    landmark_fix, m = _landmark_fix(scenario), len(scenario.landmark_fix.rows)
-    context = landmark_fix.CreateDefaultContext()
-    P = block_diag(np.zeros((3, 3)), attitude_covariance(scenario), np.zeros((N_XBAR - 6, N_XBAR - 6)))
-    landmark_fix.GetInputPort("detections").FixValue(context, likely_detections(scenario, room, x))
-    landmark_fix.GetInputPort("estimate").FixValue(context, np.concatenate([x, np.zeros(N_XBAR - N_X)]))
-    landmark_fix.GetInputPort("covariance").FixValue(context, P.ravel())
-    fix = landmark_fix.get_output_port().Eval(context)
-    return np.array(fix[PAYLOAD + m : PAYLOAD + m + m * m].reshape(m, m)) if fix[ARRIVED] else None
+    return fix_of_boxes(scenario, x, likely_detections(scenario, room, x))[1]
 
 
 def information(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndarray) -> Information | None:

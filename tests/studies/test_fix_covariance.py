@@ -7,7 +7,7 @@ from ortilo_drake.flight.flight import fly
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.sensors.imu import attitude_covariance
-from ortilo_drake.studies.loop.fix_covariance import fix_noise, lasting_offset
+from ortilo_drake.studies.loop.fix_covariance import fix_noise
 from ortilo_drake.studies.loop.hover_loop import steady_predictor
 
 STILL = (
@@ -100,20 +100,3 @@ def test_attitude_covariance_is_that_of_the_steady_filter() -> None:
     part = np.ix_([3, 4, 5, 9, 10, 11], [3, 4, 5, 9, 10, 11])
     _, P = steady_predictor(Phi[part], np.eye(3, 6), W[part], 1e-4 * np.eye(3))
     np.testing.assert_allclose(attitude_covariance(scenario), P[:3, :3], rtol=1e-5, atol=1e-12)
-
-
-def test_what_lasts_of_the_ranges_errors_moves_the_vehicle_as_least_squares_says() -> None:
-    settings = ("truth.uwb={bias: 0.02, bias_sd: 0.05}", "truth.survey={anchors: [0.02, 0.0, 0.01], anchors_sd: 0.03}")
-    scenario = load_scenario("nominal_imu_uwb", settings)
-    to_anchors = AT[:3] - scenario.load_room().anchor_positions
-    distance = np.linalg.norm(to_anchors, axis=1)
-    J = to_anchors / distance[:, None]
-    weights = np.diag((0.0075 * distance) ** -2.0)
-    G = np.linalg.solve(J.T @ weights @ J, J.T @ weights)
-    every, moved = np.ones(len(distance)), np.array([0.02, 0.0, 0.01])
-    c = np.outer(every, every) * 0.02**2 + np.eye(len(distance)) * (0.05**2 + 0.03**2)
-    expected = G @ c @ G.T + np.diag(moved**2)  # anchors that are moved move the fix
-    np.testing.assert_allclose(lasting_offset(scenario, AT), expected, rtol=0.02, atol=1e-8)
-    beside = scenario.model_copy(update={"sensors": ("uwb", "camera", "imu")})
-    assert not lasting_offset(beside, AT).any()
-    assert not lasting_offset(load_scenario("nominal_imu_uwb"), AT).any()

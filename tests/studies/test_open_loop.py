@@ -6,9 +6,9 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer, LinearSystem, MatrixGain, Multiplexer
 
 from ortilo_drake.diagrams.linear_loop import make_frozen_filter
-from ortilo_drake.scenario import IntermittentFilter, LqServo, Scenario, load_scenario
+from ortilo_drake.scenario import IntermittentFilter, LqServo, Scenario
 from ortilo_drake.studies.linearization.linearize import differentiate_tick
-from ortilo_drake.studies.loop.hover_loop import VELOCITIES, hover_loop, left_out, open_loop
+from ortilo_drake.studies.loop.hover_loop import VELOCITIES, hover_loop, open_loop
 
 K = np.random.default_rng(1).normal(size=(12, 9))
 
@@ -57,21 +57,3 @@ def test_open_loop_is_that_of_drakes_blocks(integrator: str, velocities: str, de
     for ours, drakes in zip(open_loop(loop, K, np.array(delta)), (A, B, C), strict=True):
         np.testing.assert_allclose(ours, drakes, rtol=1e-12, atol=1e-13)
     assert not D.any()
-
-
-@pytest.mark.parametrize(
-    ("setting", "named"),
-    [
-        ("imu.ahrs={time: 5.0}", ["imu.ahrs"]),
-        ("uwb.round=0.04", ["uwb.round"]),
-        ("uwb.walls={kind: bias, per_wall: 0.3}", ["uwb.walls"]),
-        ("uwb.walls={kind: block}", []),  # ranges that are not there tell nothing wrong
-        ("truth.imu.level_sd=0.01", ["truth.imu"]),
-        ("world.drag=[0.5, 0.5, 0.0]", []),
-        ("world={plant: continuous, rotors: {kind: first_order}}", ["world.rotors"]),
-        ("faults=[{kind: gust, start: 1.0, end: 2.0, force: [0.0, 1.0, 0.0]}]", ["faults"]),
-    ],
-)
-def test_what_a_world_has_beside_the_loop_is_named(setting: str, named: list[str]) -> None:
-    assert left_out(load_scenario("nominal_imu_uwb")) == []
-    assert left_out(load_scenario("nominal_imu_uwb", (setting,))) == named

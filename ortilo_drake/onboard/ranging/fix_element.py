@@ -168,8 +168,9 @@ def fix_box(settings: MultilaterationSettings, anchors: np.ndarray) -> Box:
         tables["quantiles"] = demands.pop("quantiles")
         return Box("uwb_fix", TESTED, FIX_SIZE + 3, Given(numbers | demands, {"clock": np.zeros(3)}, tables))
     scaled = settings.noise_scale is not None
-    numbers = ({} if scaled else numbers) | {"three": settings.method == "nearest_three"}
-    given, work = Given(numbers, tables=tables), {"used": (n,)} | ({} if scaled else {"noise": (3,)})
+    three = {"three": settings.method == "nearest_three"}
+    given = Given(three if scaled else numbers | three, tables=tables)
+    work: dict[str, tuple[int, ...]] = {"used": (n,)} if scaled else {"used": (n,), "noise": (3,)}
     if settings.bias_bank is None:
         return Box("uwb_fix", SCALED if scaled else FIX, FIX_SIZE, given, {"used": (n,)})
     told = FIX_SIZE + N_LASTING

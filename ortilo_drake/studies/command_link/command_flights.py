@@ -17,7 +17,9 @@ from ortilo_drake.scenario import CommandLink, HoverPlanner, Scenario
 from ortilo_drake.scenario.loss_chain import loss_of
 from ortilo_drake.studies.command_link.command_loop import commanded_loop
 from ortilo_drake.studies.command_link.command_loss import lossy_loop
-from ortilo_drake.studies.loop.fix_covariance import fix_noise, lasting_offset
+from ortilo_drake.studies.loop.error_moments import drives, moved_by
+from ortilo_drake.studies.loop.fix_covariance import fix_noise
+from ortilo_drake.studies.loop.learned_survey import as_learned
 from ortilo_drake.theory.jump_linear.jump_linear import MARGIN, JumpLinear, mean_square_radius, steady_second_moment
 
 POINT = (8.0, 1.0, 1.5)  # out of the authors' blackouts and far from walls
@@ -32,8 +34,8 @@ class CommandCase:
         link: its settings.
         growth: of the second moment per tick.
         stable: whether that is below 1.
-        predicted_rms: distance from r [m], None if not stable; with what survey and biases of the ranges make of it,
-            see fix_covariance.lasting_offset.
+        predicted_rms: distance from r [m], None if not stable; with what is wrong in the world, as behind a perfect
+            link, see loop/error_moments.py.
         flights: how many.
         lost: how many of them.
         lost_after: mean time of the losses [s].
@@ -86,6 +88,19 @@ def hover_V(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> np.
     return np.asarray(block_diag(*noise.V.values()))
 
 
+def errors_moment(scenario: Scenario, point: tuple[float, float, float], duration: float) -> float:
+    """Return the mean squared distance from r that what is wrong in the world makes [m^2], over what counts.
+
+    Args:
+        scenario: the scenario, its filter told what it learns (learned_survey.py).
+        point: where it hovers.
+        duration: of the hovering that counts [s], after WARM_UP.
+    """
+    first, ticks = (round(time / scenario.h) for time in (WARM_UP, WARM_UP + duration))
+    moments = moved_by(scenario, hover_V(scenario, point), drives(scenario, hovering(point)), ticks + 1)
+    return float(np.mean(np.trace(moments[first:], axis1=1, axis2=2)))
+
+
 def command_cases(
     losses: Sequence[float], strategies: Sequence[str], delays: Sequence[int], burst: float | None = None
 ) -> list[CommandLink]:
@@ -121,15 +136,16 @@ def command_flights(
         progress: called with each case as it is done.
     """
     seeds = list(seeds)
-    V, offset = hover_V(scenario, point), float(np.trace(lasting_offset(scenario, hovering(point))))
+    told = as_learned(scenario, hovering(point))
+    V, errors = hover_V(told, point), errors_moment(told, point, duration)
     planner = HoverPlanner(kind="hover", point=point, duration=WARM_UP + duration)
     calm = scenario.model_copy(update={"planner": planner, "settle": 0.0})
     cases = []
     for link in links:
         flown = calm.model_copy(update={"command_link": link})
         fly_many(flown, seeds, out, workers)
-        loop = commanded_loop(calm, V, delay=link.delay)
-        case = _case(link, lossy_loop(loop, link, scenario.h), offset, flights_of(flown, seeds, out))
+        loop = commanded_loop(told, V, delay=link.delay)
+        case = _case(link, lossy_loop(loop, link, scenario.h), errors, flights_of(flown, seeds, out))
         cases.append(case)
         if progress:
             progress(case)
@@ -137,10 +153,10 @@ def command_flights(
     return CommandFlights(scenario.name, point, duration, WARM_UP, seeds, cases, agree)
 
 
-def _case(link: CommandLink, system: JumpLinear, offset: float, flights: list[xr.Dataset]) -> CommandCase:
+def _case(link: CommandLink, system: JumpLinear, errors: float, flights: list[xr.Dataset]) -> CommandCase:
     radius = mean_square_radius(system)
     stable = radius < 1.0 - MARGIN
-    rms = float(np.sqrt(np.trace(steady_second_moment(system).mean(axis=0)[:3, :3]) + offset)) if stable else None
+    rms = float(np.sqrt(np.trace(steady_second_moment(system).mean(axis=0)[:3, :3]) + errors)) if stable else None
     lost = [json.loads(flight.attrs["lost"]) for flight in flights]
     ends = [end for end in lost if end is not None]
     squares = [

@@ -50,6 +50,7 @@ class CommandedLoop(NamedTuple):
         N: covariance of n_k (T, n, n).
         L_u: of u_{k-1}, u_{k-2}, ... (D, m, m); (0, 0, 0) where the servo takes its commands to act at once.
         G_hat: how u_k enters through a filter that takes it to act at once (n, m); read where there is L_u.
+        by_v: how the measurements' noise and errors enter in each tick (T, n, p); empty where it is not asked for.
     """
 
     F: np.ndarray
@@ -58,6 +59,7 @@ class CommandedLoop(NamedTuple):
     N: np.ndarray
     L_u: np.ndarray = np.zeros((0, 0, 0))
     G_hat: np.ndarray = np.zeros((0, 0))
+    by_v: np.ndarray = np.zeros((0, 0, 0))
 
 
 def schedule(scenario: Scenario) -> np.ndarray:
@@ -140,8 +142,8 @@ def answered(loop: CommandedLoop, scenario: Scenario, delay: float) -> Commanded
     if set(D) <= set(hover.names):
         L[:, [hover.hats.start + hover.names.index(name) for name in D]] = of_force
     if filter_acts == "acted":
-        return CommandedLoop(F, loop.G + G_hat, L, loop.N, L_u, np.zeros((n, m)))
-    return CommandedLoop(F - G_hat @ L, loop.G, L, loop.N, L_u, G_hat)
+        return CommandedLoop(F, loop.G + G_hat, L, loop.N, L_u, np.zeros((n, m)), loop.by_v)
+    return CommandedLoop(F - G_hat @ L, loop.G, L, loop.N, L_u, G_hat, loop.by_v)
 
 
 def loop_at_once(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None = None) -> CommandedLoop:
@@ -155,20 +157,21 @@ def loop_at_once(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None = 
     Ks, _ = periodic_predictor(loop.Phi, loop.C, loop.W, V, loop.measurement.by_row(deltas))
     ticks = [open_loop(loop, K, delta) for K, delta in zip(Ks, deltas, strict=True)]
     F = np.array([tick.A for tick in ticks])
-    N = np.array([_noise(loop, K, delta, V) for K, delta in zip(Ks, deltas, strict=True)])
-    return CommandedLoop(F, ticks[0].B, ticks[0].C, N)
+    by_v = np.array([_by_v(loop, K, delta) for K, delta in zip(Ks, deltas, strict=True)])
+    N = by_v @ V @ by_v.transpose(0, 2, 1)
+    world = list(loop.world)
+    N[:, : len(world), : len(world)] += loop.W[np.ix_(world, world)]
+    return CommandedLoop(F, ticks[0].B, ticks[0].C, N, by_v=by_v)
 
 
-def _noise(loop: HoverLoop, K: np.ndarray, delta: np.ndarray, V: np.ndarray) -> np.ndarray:
-    """Return the covariance (27 x 27) of n = [w; K Delta v; -E v], without the last with the integrator 'estimate'."""
-    world, hats = list(loop.world), loop.hats
-    from_v = np.zeros((hats.stop + N_I, len(V)))
+def _by_v(loop: HoverLoop, K: np.ndarray, delta: np.ndarray) -> np.ndarray:
+    """Return how v enters z in a tick (27 x p): [0; K Delta; -E], without the last with the integrator 'estimate'."""
+    hats = loop.hats
+    from_v = np.zeros((hats.stop + N_I, len(loop.C)))
     from_v[hats] = K @ loop.measurement.arrival_matrix(delta)
     if loop.integrator != "estimate":
         from_v[hats.stop :] = -loop.measurement.selection_matrix(delta)
-    N = from_v @ V @ from_v.T
-    N[: len(world), : len(world)] += loop.W[np.ix_(world, world)]
-    return N
+    return from_v
 
 
 def delay_line(loop: CommandedLoop, delay: int, holds: bool) -> tuple[np.ndarray, np.ndarray]:

@@ -23,7 +23,7 @@ from ortilo_drake.onboard.estimator.extra_states import IMU_ROWS, B, D, F, augme
 from ortilo_drake.onboard.estimator.filter_model import augmented_model
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances
 from ortilo_drake.onboard.servo.lq_gain import gain_of, why_no_servo_gain
-from ortilo_drake.scenario import IntermittentFilter, LqServo, Scenario, Truth
+from ortilo_drake.scenario import IntermittentFilter, LqServo, Scenario
 from ortilo_drake.theory.margins.loop_response import OpenLoop, closed
 from ortilo_drake.theory.modes.staircase import tick_scaling
 
@@ -156,25 +156,6 @@ def why_no_loop(scenario: Scenario) -> str | None:
     if not isinstance(scenario.estimator, IntermittentFilter):
         return f"estimator.kind: {scenario.estimator.kind}: must be intermittent: the linear theory is of its filter"
     return why_no_servo_gain(scenario)
-
-
-def left_out(scenario: Scenario) -> list[str]:
-    """Return the settings by which a scenario's world differs at hover from what a HoverLoop has of it."""
-    uwb, truth = scenario.uwb, scenario.truth
-    found = {
-        "imu.ahrs": "imu" in scenario.sensors and scenario.imu.ahrs is not None,
-        "uwb.round": "uwb" in scenario.sensors and uwb.round > 0.0,
-        "uwb.errors": "uwb" in scenario.sensors and uwb.errors == "fitted",
-        "uwb.walls": "uwb" in scenario.sensors and uwb.walls.kind in ("bias", "excess"),
-        "multilateration.bias_bank": "uwb" in scenario.sensors and scenario.multilateration.bias_bank is not None,
-        "multilateration.noise_scale": "uwb" in scenario.sensors and scenario.multilateration.noise_scale is not None,
-        "landmark_fix.noise_scale": "camera" in scenario.sensors and scenario.landmark_fix.noise_scale is not None,
-        "landmark_fix.survey_bank": "camera" in scenario.sensors and scenario.landmark_fix.survey_bank is not None,
-        "world.rotors": scenario.world.rotors.kind == "first_order",
-        "faults": bool(scenario.faults),
-        **{f"truth.{name}": getattr(truth, name) != getattr(Truth(), name) for name in Truth.model_fields},
-    }
-    return [name for name, there in found.items() if there]
 
 
 def hover_loop(scenario: Scenario) -> HoverLoop:

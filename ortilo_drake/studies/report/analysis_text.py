@@ -166,11 +166,21 @@ def _case_row(case: CommandCase) -> list[str]:
     )
 
 
+def _world_text(found: Analysis) -> str:
+    """Return in a line what of the world is in the theory."""
+    text = "The theory is of the world that the filter believes"
+    if found.in_rms_alone:
+        text += f"; the rms predicted at hover has besides: {', '.join(found.in_rms_alone)}"
+    if found.left_out:
+        text += f"; not in it: {', '.join(found.left_out)}"
+    return text + "."
+
+
 def analysis_text(found: Analysis) -> str:
     """Return an analysis as Markdown."""
     lines = [f"# Analysis of {found.scenario}", "", *in_short(found)]
-    if found.left_out:
-        lines += [f"The theory is of the world that the filter believes; not in it: {', '.join(found.left_out)}.", ""]
+    if found.left_out or found.in_rms_alone:
+        lines += [_world_text(found), ""]
     if theory := found.theory:
         lines += linearization_text(theory.linearization) if theory.linearization else []
         lines += riccati_text(theory.riccati) + margins_text(theory.margins)

@@ -19,7 +19,8 @@ from ortilo_drake.studies.consistency.consistency_figures import nees_figure, wh
 from ortilo_drake.studies.consistency.consistency_flights import ConsistencyReport, consistency_report
 from ortilo_drake.studies.linearization.linearization_report import LinearizationReport, linearization_report
 from ortilo_drake.studies.linearization.observability import check_sensors
-from ortilo_drake.studies.loop.hover_loop import filter_V, hover_loop, left_out, why_no_gain, why_no_loop
+from ortilo_drake.studies.loop.hover_loop import filter_V, hover_loop, why_no_gain, why_no_loop
+from ortilo_drake.studies.loop.left_out import in_the_rms_alone, left_out
 from ortilo_drake.studies.loop.margins import LoopMargins, margins_report
 from ortilo_drake.studies.loop.riccati_report import RiccatiReport, riccati_report
 from ortilo_drake.studies.paper_tables.tables import AxisEfficiency, efficiency_table
@@ -61,6 +62,7 @@ class Analysis:
         no_theory: why there is no theory, None if there is one.
         theory: what needs no flight.
         left_out: settings of the world that are not in it; None without a theory.
+        in_rms_alone: settings that the rms predicted at hover has, and no other figure; None likewise.
         flights: of the scenario and of each pair of arrival rates.
         command_flights: behind command links; None if none was flown.
         honesty: of the scenario's own flights; None if none was flown.
@@ -72,6 +74,7 @@ class Analysis:
     no_theory: str | None
     theory: Theory | None
     left_out: list[str] | None
+    in_rms_alone: list[str] | None
     flights: int
     command_flights: CommandFlights | None
     honesty: Honesty | None
@@ -178,5 +181,5 @@ def analyze(
     if no_tube is None:
         tube, drawn = tube_report(scenario, flights, out, workers, step)
         figures += drawn
-    missing = left_out(scenario) if found else None
-    return Analysis(scenario.name, why, found, missing, flights, flown, honesty, no_tube, tube), figures
+    missing, alone = (left_out(scenario), in_the_rms_alone(scenario)) if found else (None, None)
+    return Analysis(scenario.name, why, found, missing, alone, flights, flown, honesty, no_tube, tube), figures

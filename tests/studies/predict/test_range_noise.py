@@ -24,7 +24,7 @@ def test_outliers_come_in_their_share_and_bursts() -> None:
     anchor = np.tile(np.arange(4), 50_000)
     noise = UwbNoise(white=0.0, outliers=Outliers(share=0.05, sd=1.0, burst=3.0))
     for other, share in ((-1, 0.05), (7, 1.0 - 0.95**2)):  # one of a difference's two ranges is enough
-        ranges = Ranges(np.arange(200_000.0), anchor, np.zeros(200_000), np.full(200_000, other))
+        ranges = Ranges(np.arange(200_000.0), anchor, np.zeros(200_000), np.full(200_000, other), 0 * anchor)
         odd = draw_outliers(ranges, noise, np.random.default_rng(2))[anchor == 2]
         begins = (odd[1:] & ~odd[:-1]).sum()
         assert odd.mean() == pytest.approx(share, rel=0.1)
@@ -37,7 +37,7 @@ def test_noise_of_differences_is_scaled_to_ranges_and_back(fitted_on) -> None:
     rows = 40_000
     is_difference = np.arange(rows) % 2 == 1
     other = np.where(is_difference, 1, -1)
-    ranges = Ranges(np.arange(rows) * 100.0, np.zeros(rows, int), np.zeros(rows), other)
+    ranges = Ranges(np.arange(rows) * 100.0, np.zeros(rows, int), np.zeros(rows), other, np.zeros(rows, int))
     noise = UwbNoise(white=0.1, differences=fitted_on)
     e = draw_errors(ranges, np.ones((rows, 3)), 0.0, noise, Day(np.zeros(2), ()), np.random.default_rng(4))
     single = 0.1 / np.sqrt(2.0) if fitted_on else 0.1
