@@ -8,17 +8,20 @@ import io
 import tempfile
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from command_line import run
 from made_up_motion import TABLE_MAP, made_up, write_tables
 
+from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.flight.engine import Engine
+from ortilo_drake.flight.simulator import make_simulator
 from ortilo_drake.hil.real_time.warm_up import warm_up
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.filter_model import filter_model
-from ortilo_drake.scenario import load_scenario, scenario_names
+from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.tube.tube import predict_tube
 from ortilo_drake.theory.arrivals.arrival_simulation import draw_independent, simulate
 from ortilo_drake.theory.arrivals.arrivals import Model, check_model
@@ -35,19 +38,28 @@ VARIANTS = (
 )
 
 
-def fly_all() -> None:
-    """Fly each kind of scenario for a moment."""
-    for name in scenario_names():
-        warm_up(load_scenario(name, (PROJECTED,)))
+def fly_moment(name: str, changes: tuple[str, ...] = ()) -> None:
+    """Fly a scenario for a moment in Drake, so that all its elements are compiled."""
+    scenario = load_scenario(name, (PROJECTED, *changes))
+    make_simulator(make_closed_loop(scenario), scenario).AdvanceTo(12.5 * scenario.h)
+
+
+def fly_variants() -> None:
+    """Fly other forms of the filter and of the world for a moment."""
     for changes in VARIANTS:
-        warm_up(load_scenario("nominal_imu_uwb", changes))
+        fly_moment("nominal_imu_uwb", changes)
+    fly_moment("nominal_imu_uwb_yolo", ("estimator.force=measured", "estimator.delay=replay"))
+
+
+def run_commands() -> None:
+    """Fly, replay and tune by the commands, and warm up the halves of a flight."""
+    warm_up(load_scenario("nominal_imu_uwb"))
     with tempfile.TemporaryDirectory() as folder:
         flight, log = f"{folder}/flight.nc", f"{folder}/log"
         assert run("fly", "nominal_imu_uwb", *SHORT, "--log", log, "--out", flight) == 0
         assert run("replay", log) == 0
         assert run("tune", flight, "--out", f"{folder}/tuned.yaml") == 0
         assert run("fly", "nominal_imu_uwb_yolo", "--camera", "projected", *SHORT) == 0  # its floor reads the camera
-    warm_up(load_scenario("nominal_imu_uwb_yolo", (PROJECTED, "estimator.force=measured", "estimator.delay=replay")))
 
 
 def compile_flight() -> None:
@@ -97,6 +109,8 @@ def _call(function: Callable[[], None]) -> None:
 
 
 if __name__ == "__main__":
-    warm_up(load_scenario("bursty_link", (PROJECTED,)))  # what both have in common
+    fly_moment("nominal_imu_uwb")  # what all have in common
+    scenarios = ("nominal_imu_uwb_yolo", "imu_uwb", "tight_imu_uwb", "imu_uwb_yolo")  # what the quick tests fly most
+    jobs = [partial(fly_moment, name) for name in scenarios]
     with ProcessPoolExecutor(2) as pool:
-        list(pool.map(_call, (fly_all, compile_flight, analyze_all)))
+        list(pool.map(_call, (*jobs, compile_flight, fly_variants, analyze_all, run_commands)))
