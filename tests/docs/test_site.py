@@ -97,6 +97,7 @@ def test_the_tick_that_the_site_shows_is_the_one_that_flies(tick: Path) -> None:
     assert (tick / "paper_imu_uwb.py").read_text(encoding="utf-8") == Path(flying).read_text(encoding="utf-8")
 
 
+@pytest.mark.long
 def test_the_page_explains_every_line_of_a_tick_in_its_order(tick: Path) -> None:
     lines = (tick / "paper_imu_uwb.py").read_text(encoding="utf-8").partition("def fly")[2].splitlines()
     flown = [re.match(r" +(\w+_(?:out|step)(?=\()|trace(?=\[)|return k$)", line) for line in lines]

@@ -146,6 +146,7 @@ def test_a_past_that_is_in_no_log_is_refused(tmp_path: Path) -> None:
         replay_log(tmp_path / "log")
 
 
+@pytest.mark.long
 def test_boxes_that_came_beside_the_ticks_are_taken_in_place_of_pictures(tmp_path: Path) -> None:
     planner = "planner={kind: hover, duration: 9.0}"
     rendered = load_scenario("nominal_imu_uwb_yolo", (planner,))

@@ -81,7 +81,7 @@ SMALL = """[net]\nwidth=64\nheight=32\nchannels=3
 """
 
 
-@pytest.mark.family
+@pytest.mark.long
 @pytest.mark.parametrize("n", [1, 3])
 def test_computes_several_images_at_once(n: int) -> None:
     network = DarknetNetwork(parse_cfg(SMALL, "small.cfg")).eval()

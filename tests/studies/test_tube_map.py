@@ -67,6 +67,7 @@ def test_more_arrivals_leave_more_room() -> None:
     assert np.all(np.diff(rates, axis=1) > 0.0)
 
 
+@pytest.mark.long
 def test_margins_of_a_map_are_those_of_each_tube() -> None:
     # Every radius at every tick, where the map finds only those that may be the least.
     scenario, nominal = short()

@@ -117,7 +117,7 @@ def two_states(A: list) -> Model:
     return check_model(Model(np.array(A), np.ones((1, 2)), 20.0 * np.eye(2), np.array([[2.5]]), ALL_OR_NOTHING))
 
 
-@pytest.mark.family
+@pytest.mark.long
 @pytest.mark.parametrize("A", TWO_STATES)
 @pytest.mark.parametrize("rate", [0.3, 0.5, 0.8])
 def test_the_exact_mean_of_two_states_lies_between_the_recursions(A: list, rate: float) -> None:
@@ -139,7 +139,7 @@ def test_the_exact_mean_of_two_states_lies_between_the_recursions(A: list, rate:
     assert np.all(np.diag(lower) < np.diag(mean) - 1e-3)
 
 
-@pytest.mark.family
+@pytest.mark.long
 @pytest.mark.parametrize("A", TWO_STATES)
 def test_two_states_of_the_literature(A: list) -> None:
     """Above 1 - 1 / (1.25 1.1)^2 = 0.4711 there is a fixed point; 10^4 drawn sequences lie between the bounds."""

@@ -80,6 +80,7 @@ def given(ticks: int = 400) -> tuple[GivenNoise, np.ndarray]:
     return GivenNoise(ticks, lambda seeds: draws(seeds, found), 2), found
 
 
+@pytest.mark.long
 def test_a_row_has_every_number_once_and_each_call_gets_its_own() -> None:
     noise, found = given()
     assert noise.width == 4 + 6 + 2 + 4 + 2  # the first tick draws two of the last stream, all others one

@@ -75,7 +75,7 @@ def test_a_range_is_the_antenna_s_distance_and_its_errors() -> None:
     np.testing.assert_allclose(factor.unwhitenedError(values), [expected], rtol=0.0, atol=1e-12)
 
 
-@pytest.mark.family
+@pytest.mark.long
 @pytest.mark.parametrize("clock", [False, True])
 def test_derivatives_of_a_box(clock: bool) -> None:
     """With a clock at 0, where what is left out of them is 0 as well."""

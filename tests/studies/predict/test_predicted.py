@@ -105,6 +105,7 @@ def map_of_a_rest(lever: float) -> Map:
     return as_map(text + f"calibration: {settings}\n")
 
 
+@pytest.mark.long
 def test_a_simulated_imu_tells_its_own_rest() -> None:
     """The simulated gyro has no bias: what the recorded one said at rest would turn it over."""
     found = predict(after_a_rest(0.15), map_of_a_rest(0.0), SILENT, 1, 0)

@@ -50,7 +50,7 @@ def test_the_notes_constant_velocity_filter_is_reproduced(name, replayed) -> Non
     np.testing.assert_allclose(rows[CV_SMOOTH].rmse, smoothed, rtol=0.07 if name == "flight1" else 0.02)
 
 
-@pytest.mark.family("flight2")
+@pytest.mark.long
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_with_imu_the_errors_are_below_what_was_asked(name, replayed) -> None:
     rows = replayed[name].rows
