@@ -45,10 +45,16 @@ def write_pages(folder: Path) -> None:
     for copy in (folder / "notebooks").glob("*.ipynb"):
         if not (ROOT / "notebooks" / copy.name).exists():
             copy.unlink()
-    for page in (folder / "reference/modules").glob("*.rst"):  # autosummary's, which keeps those of modules of before
-        module = ROOT.joinpath(*page.stem.split("."))
+    drop_gone(folder / "reference/modules", ROOT)
+
+
+def drop_gone(pages: Path, root: Path) -> None:
+    """Drop autosummary's pages of modules that are gone, and of their packages, whose pages name them."""
+    for page in sorted(pages.glob("*.rst")):
+        module = root.joinpath(*page.stem.split("."))
         if not (module.is_dir() or module.with_name(f"{module.name}.py").exists()):
-            page.unlink()
+            page.unlink(missing_ok=True)
+            page.with_name(f"{page.stem.rpartition('.')[0]}.rst").unlink(missing_ok=True)
 
 
 def write_tick(folder: Path) -> None:

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 import typer
@@ -79,16 +80,32 @@ def test_functions_have_pages_and_equations_are_drawn_by_the_browser_alone(site:
 
 
 @pytest.fixture(scope="module")
-def tick(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the page How a tick goes shows, as a build of the site makes it."""
-    folder = tmp_path_factory.mktemp("tick")
+def site_pages() -> ModuleType:
     spec = importlib.util.spec_from_file_location("site_pages", ROOT / "docs/site_pages.py")
     assert spec is not None
     assert spec.loader is not None
     pages = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(pages)
-    pages.write_tick(folder)
+    return pages
+
+
+@pytest.fixture(scope="module")
+def tick(site_pages: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the page How a tick goes shows, as a build of the site makes it."""
+    folder = tmp_path_factory.mktemp("tick")
+    site_pages.write_tick(folder)
     return folder
+
+
+def test_the_page_of_a_module_that_is_gone_goes_with_those_that_name_it(site_pages: ModuleType, tmp_path: Path) -> None:
+    (tmp_path / "a/b").mkdir(parents=True)
+    (tmp_path / "a/b/here.py").touch()
+    pages = tmp_path / "pages"
+    pages.mkdir()
+    for name in ("a", "a.b", "a.b.here", "a.b.gone", "a.c", "a.c.gone"):
+        (pages / f"{name}.rst").touch()
+    site_pages.drop_gone(pages, tmp_path)
+    assert [page.stem for page in pages.iterdir()] == ["a.b.here"]
 
 
 @pytest.mark.long

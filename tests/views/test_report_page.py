@@ -27,6 +27,7 @@ from ortilo_drake.scenario import load_scenario
 from ortilo_drake.scenario.noise_file import NoiseFile
 from ortilo_drake.studies.faults.fault_flights import FaultStudy
 from ortilo_drake.studies.hindsight.hindsight import Hindsight
+from ortilo_drake.studies.live.live_bridge import LiveReport
 from ortilo_drake.studies.maps.map_flights import Map
 from ortilo_drake.studies.predict.predicted import Group
 from ortilo_drake.studies.rare.rare_flights import Rare
@@ -84,6 +85,7 @@ WRITTEN: dict[str, Any] = {
     "doctor": [keys_of(Finding)],
     "hil check": {"identical": True, "latency_ms": {"p50": 1.25}, "missed_deadlines": None, "lost": None},
     "hil bridge": keys_of(BridgeReport),
+    "hil bridge --from": keys_of(LiveReport),
     "hil world": WorldReport(3, PacketCounts(3, 0, 0, 0, 0, {})).lines() | {"lost": None},
     "hil onboard": OnboardReport(3, PacketCounts(3, 0, 0, 0, 0, {})).lines(),
     "hil onboard --profile": [keys_of(BlockRow), keys_of(BlockRow)],

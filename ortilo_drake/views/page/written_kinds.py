@@ -94,6 +94,7 @@ KINDS: Final = (
     Kind("ortilo detector recognise", frozenset({"number", "label", "way", "near"})),
     Kind("ortilo doctor", frozenset({"name", "is_there", "weight", "mend"})),
     Kind("ortilo hil check", frozenset({"identical", "latency_ms", "missed_deadlines", "lost"})),
+    Kind("ortilo hil bridge --from", frozenset({"messages", "taken", "estimates", "not_begun"})),
     Kind("ortilo hil bridge", frozenset({"ticks", "without_world", "without_answer"})),
     Kind("ortilo hil world", frozenset({"ticks", "packets", "rejected", "lost"})),
     Kind("ortilo hil onboard", frozenset({"ticks", "packets", "rejected"})),
