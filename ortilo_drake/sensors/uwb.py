@@ -101,7 +101,7 @@ def unknown(scenario: Scenario, room: Room) -> list[Error]:
     """Return the unknown errors of the ranges and of the anchors' places."""
     uwb, survey, n = scenario.truth.uwb, scenario.truth.survey, len(room.anchor_positions)
     return [
-        *_unknown_fitted(scenario, n),
+        *unknown_fitted(scenario, n),
         walk(spread(uwb.bias, number=1), 0.0, {"uwb": lambda rows: np.ones((len(rows), 1))}),
         walk(spread(uwb.bias_sd, number=n), 0.0, {"uwb": own(n)}),
         gauss_markov(spread(uwb.slow_sd, number=n), uwb.slow_time, scenario.h, {"uwb": own(n)}),
@@ -110,7 +110,7 @@ def unknown(scenario: Scenario, room: Room) -> list[Error]:
     ]
 
 
-def _unknown_fitted(scenario: Scenario, n: int) -> list[Error]:
+def unknown_fitted(scenario: Scenario, n: int) -> list[Error]:
     """Return the unknown errors that were fitted; a field counts as constant, which is the best that can be known."""
     if scenario.uwb.errors != "fitted":
         return []

@@ -53,9 +53,7 @@ CHANGES = {
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(  # the robust filter's kept tracks are flown by two players in the quick tests
-    "name", [pytest.param(name, marks=[pytest.mark.long] * (name == "robust_imu_uwb")) for name in CHANGES]
-)
+@pytest.mark.parametrize("name", CHANGES)
 def test_all_players_fly_the_same_bits(name: str) -> None:
     check_players(load_scenario(name, (PROJECTED, *CHANGES[name])), range(2))
 

@@ -55,6 +55,12 @@ def test_the_covariance_at_hover_is_that_of_the_geometry() -> None:
         hover_V(load_scenario("nominal_imu_uwb_yolo", ("camera.kind=projected",)), (20.5, -3.2, 1.5))
 
 
+def test_a_place_without_a_measurement_is_refused_before_anything_is_learned_there(tmp_path: Path) -> None:
+    scenario = load_scenario("imu_uwb_yolo", ("camera.kind=projected",))
+    with pytest.raises(InputError, match="no measurement of camera there"):
+        command_flights(scenario, command_cases((0.0,), ("hold",), ()), range(1), tmp_path, point=(20.5, -3.2, 1.5))
+
+
 @pytest.mark.long
 def test_a_filter_that_allows_for_what_is_not_there_hovers_as_predicted(tmp_path: Path) -> None:
     """Force and biases are estimated and are zero: the distance from r is that of the whole loop, not of P."""

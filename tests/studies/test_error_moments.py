@@ -8,8 +8,9 @@ import pytest
 from ortilo_drake.model.hover import discretize, hover_A, hover_B_d
 from ortilo_drake.onboard.ranging.survey_bank import log_likelihood
 from ortilo_drake.scenario import load_scenario
+from ortilo_drake.sensors.unknown_error import walk
 from ortilo_drake.studies.command_link.command_flights import command_cases, command_flights, hover_V
-from ortilo_drake.studies.loop.error_moments import Drive, drives, fewer, moved_by
+from ortilo_drake.studies.loop.error_moments import Drive, drive_of, drives, fewer, moved_by
 from ortilo_drake.studies.loop.fix_errors import errors_of_rows
 from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, filter_measurement, hover_loop, steady_predictor
 from ortilo_drake.studies.loop.learned_survey import as_learned, mean_log_likelihood, share_learned
@@ -17,13 +18,19 @@ from ortilo_drake.studies.loop.learned_survey import as_learned, mean_log_likeli
 PLACE = (3.0, 1.0, 1.5)
 AT = np.array([*PLACE, *[0.0] * 9])  # hovering
 LONG = 6000  # ticks, after which the integral has done its work
-LASTING = ("truth.uwb={bias: 0.02, bias_sd: 0.05}", "truth.survey={anchors: [0.02, 0.0, 0.01], anchors_sd: 0.03}")
+SURVEY = "truth.survey={anchors: [0.02, 0.0, 0.01], anchors_sd: 0.03}"
+LASTING = ("truth.uwb={bias: 0.02, bias_sd: 0.05}", SURVEY)
+FITTED = ("truth.uwb.bias=0.02", SURVEY, "uwb.errors=fitted", "uwb.fitted={white: 0.1, constants_sd: 0.05}")
 
 
+@pytest.mark.family("nominal_imu_uwb_yolo-lasting0")
+@pytest.mark.parametrize("lasting", [LASTING, FITTED])
 @pytest.mark.parametrize("name", ["nominal_imu_uwb", "nominal_imu_uwb_yolo"])
-def test_what_lasts_of_the_ranges_errors_moves_the_vehicle_as_least_squares_says(name: str) -> None:
+def test_what_lasts_of_the_ranges_errors_moves_the_vehicle_as_least_squares_says(
+    name: str, lasting: tuple[str, ...]
+) -> None:
     # The integral takes the ranges' fix where there is one: what a camera says beside it changes nothing in the end.
-    scenario = load_scenario(name, (*LASTING, "camera.kind=projected"))
+    scenario = load_scenario(name, (*lasting, "camera.kind=projected"))
     to_anchors = AT[:3] - scenario.load_room().anchor_positions
     distance = np.linalg.norm(to_anchors, axis=1)
     J = to_anchors / distance[:, None]
@@ -81,11 +88,18 @@ def test_fewer_errors_have_the_same_covariance() -> None:
     np.testing.assert_allclose(found.step_sd, 0.5 * found.sd)
 
 
+def test_walks_that_begin_at_nothing_are_not_dropped() -> None:
+    scenario = load_scenario("nominal_imu_uwb")
+    error = walk(np.zeros(4), 0.1, {}, np.eye(12, 4))
+    found = drive_of(error, np.zeros((9, 4)), hover_loop(scenario))
+    np.testing.assert_array_equal(found.step_sd, np.full(4, 0.1))
+
+
 def test_the_mean_likelihood_is_that_of_drawn_errors() -> None:
     rng, s, world_sd = np.random.default_rng(3), np.array([0.0, 0.02, 0.05]), 0.03
     root = rng.normal(size=(5, 5))
     Lambda = 2000.0 * root @ root.T
-    likely = np.zeros((2000, 3))
+    likely = np.zeros((500, 3))
     for k in range(len(likely)):
         eta = Lambda @ (world_sd * rng.normal(size=5)) + np.linalg.cholesky(Lambda) @ rng.normal(size=5)
         gathered = np.column_stack([Lambda, eta])
@@ -99,6 +113,14 @@ def test_the_mean_likelihood_is_that_of_drawn_errors() -> None:
 def test_a_bank_settles_on_what_the_world_has(world_sd: float, share: float) -> None:
     found = share_learned(np.array([0.0, 0.4, 1.0]), 0.05, np.full(30, 1e5), world_sd)
     assert found == pytest.approx(share, abs=0.01)
+
+
+def test_constants_that_were_fitted_are_learned_as_a_survey_is() -> None:
+    fitted = load_scenario("imu_uwb", ("uwb.errors=fitted", "uwb.fitted={white: 0.05, constants_sd: 0.05}"))
+    surveyed = load_scenario("imu_uwb", ("truth.survey.anchors_sd=0.05", "uwb.noise={kind: constant, sd: 0.05}"))
+    learned = as_learned(fitted, AT)
+    assert learned.multilateration.bias_sd == as_learned(surveyed, AT).multilateration.bias_sd > 0.0
+    assert as_learned(load_scenario("imu_uwb"), AT).multilateration.bias_sd < 0.2 * learned.multilateration.bias_sd
 
 
 def test_a_filter_without_banks_learns_nothing() -> None:

@@ -134,8 +134,12 @@ def command_flights(
         point: where to hover.
         workers: processes.
         progress: called with each case as it is done.
+
+    Raises:
+        InputError: as hover_V.
     """
     seeds = list(seeds)
+    hover_V(scenario, point)  # nothing is learned where a sensor gives no measurement
     told = as_learned(scenario, hovering(point))
     V, errors = hover_V(told, point), errors_moment(told, point, duration)
     planner = HoverPlanner(kind="hover", point=point, duration=WARM_UP + duration)

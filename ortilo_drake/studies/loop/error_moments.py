@@ -53,16 +53,19 @@ def drive_of(error: Error, C: np.ndarray, loop: HoverLoop) -> Drive:
     drive = Drive(error.sd, error.step_sd, error.keeps, G, C)
     alike = error.keeps == error.keeps[0]
     steps = error.step_sd * error.sd[0] == error.step_sd[0] * error.sd
-    return fewer(drive) if len(error.sd) > 3 and alike.all() and steps.all() else drive
+    return fewer(drive) if len(error.sd) > 3 and error.sd.any() and alike.all() and steps.all() else drive
 
 
 def fewer(drive: Drive) -> Drive:
-    """Return errors that vary alike in as few components as act differently: those of the covariance of their sum."""
+    """Return errors that vary alike in as few components as act differently: those of the covariance of their sum.
+
+    Some sd is not 0.
+    """
     first = int(np.argmax(drive.sd))
     U, s, _ = np.linalg.svd(np.vstack([drive.G, drive.C]) * drive.sd, full_matrices=False)
     there = s**2 > SMALL * max(s[0] ** 2, np.finfo(float).tiny)
     acts, n, split = (U * s)[:, there], int(there.sum()), len(drive.G)
-    step = 0.0 if drive.sd[first] == 0.0 else drive.step_sd[first] / drive.sd[first]
+    step = drive.step_sd[first] / drive.sd[first]
     return Drive(np.ones(n), np.full(n, step), np.full(n, drive.keeps[first]), acts[:split], acts[split:])
 
 

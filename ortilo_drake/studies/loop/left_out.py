@@ -7,6 +7,7 @@ rms at hover has what is wrong besides (error_moments.py), and what is learned o
 from typing import Any
 
 from ortilo_drake.scenario import Scenario, Truth
+from ortilo_drake.scenario.range_errors import UwbNoise
 
 # Entries of truth that no linear error stands for: they scale what changes little at hover, or pass before it counts.
 FACTORS = {
@@ -20,11 +21,16 @@ OTHERS = ("clock", "start")
 
 def left_out(scenario: Scenario) -> list[str]:
     """Return the settings by which a scenario's world differs at hover from what the predicted rms has of it."""
-    uwb = scenario.uwb
+    uwb, noise = scenario.uwb, _fitted(scenario)
     found = {
         "imu.ahrs": "imu" in scenario.sensors and scenario.imu.ahrs is not None,
         "uwb.round": "uwb" in scenario.sensors and uwb.round > 0.0,
-        "uwb.errors": "uwb" in scenario.sensors and uwb.errors == "fitted",
+        f"uwb.{'noise' if noise is None else 'fitted.white'}": "uwb" in scenario.sensors
+        and uwb.sds != scenario.multilateration.noise.sds,
+        "uwb.fitted.outliers": noise is not None and noise.outliers.share > 0.0 and noise.outliers.sd > 0.0,
+        "uwb.fitted.constants": noise is not None and any(noise.constants or ()),
+        "uwb.fitted.near_floor": noise is not None and noise.near_floor > 0.0,
+        "uwb.fitted.missing": noise is not None and noise.missing > 0.0,
         "uwb.walls": "uwb" in scenario.sensors and uwb.walls.kind in ("bias", "excess"),
         "multilateration.noise_scale": "uwb" in scenario.sensors and scenario.multilateration.noise_scale is not None,
         "landmark_fix.noise_scale": "camera" in scenario.sensors and scenario.landmark_fix.noise_scale is not None,
@@ -40,7 +46,11 @@ def left_out(scenario: Scenario) -> list[str]:
 
 def in_the_rms_alone(scenario: Scenario) -> list[str]:
     """Return the settings that the predicted rms has, and the other figures have not."""
+    noise = _fitted(scenario)
     found = {
+        "uwb.fitted.lasting": noise is not None and noise.lasting is not None and noise.lasting.sd > 0.0,
+        "uwb.fitted.field": noise is not None and noise.field is not None and noise.field.sd > 0.0,
+        "uwb.fitted.constants_sd": noise is not None and noise.constants is None and noise.constants_sd > 0.0,
         "multilateration.bias_bank": "uwb" in scenario.sensors and scenario.multilateration.bias_bank is not None,
         "landmark_fix.survey_bank": "camera" in scenario.sensors and scenario.landmark_fix.survey_bank is not None,
     }
@@ -53,6 +63,11 @@ def in_the_rms_alone(scenario: Scenario) -> list[str]:
         names = [n for n in type(its).model_fields if n.removesuffix("_sd") not in factors and not n.endswith("_time")]
         found[group] = any(getattr(its, name) != getattr(usual, name) for name in names)
     return [name for name, there in found.items() if there]
+
+
+def _fitted(scenario: Scenario) -> UwbNoise | None:
+    """Return the fitted errors of the ranges that fly; None if there are none."""
+    return scenario.uwb.fitted if "uwb" in scenario.sensors and scenario.uwb.errors == "fitted" else None
 
 
 def _flown(scenario: Scenario, groups: dict[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
