@@ -167,7 +167,7 @@ class LiveFilter:
             late = self._kept.ranges
             self._kept = self._kept._replace(ranges=late.only(np.flatnonzero(late.t > begin + LONGEST)))
             return False
-        self._known, self._levers = known._replace(looks=NO_LOOKS), levers_of(known, ranges, imu)
+        self._known, self._levers = known._replace(looks=NO_LOOKS), levers_of(known, imu)
         self._begin_at, self._next, self.begins_at = begin, first, begin
         self._carried = self._fresh()
         self._anew: Anew = nothing_anew(len(self._state.C))

@@ -24,7 +24,8 @@ def not_calibrated(recording: Recording, map_: Map, rest: AtRest | None) -> Know
     """
     given = map_.calibration.lever
     lever = np.zeros(3) if given == "estimate" else np.array(given)
-    known = Known(np.asarray(recording.anchors), None, lever, None, given_level(map_), rest=rest)
+    anchors, level = np.asarray(recording.anchors), given_level(map_)
+    known = Known(anchors, None, lever, None, level, rest=rest, tags=recording.tags)
     return with_aids(known, recording, map_, True)
 
 

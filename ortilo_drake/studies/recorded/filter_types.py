@@ -11,9 +11,8 @@ import numpy as np
 from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, N_INERTIAL
 
-RATES, FORCE, LANDED, RANGE, FINDER, FLOW, BOXES, QUERY = range(
-    8
-)  # kinds of events, in the order of those with one stamp
+# Kinds of events, in the order of those with one stamp.
+RATES, FORCE, LANDED, RANGE, FINDER, FLOW, BOXES, QUERY = range(8)
 BIASES = N_INERTIAL  # where the anchors' constant errors begin in the error state
 ENTRIES = 16  # of a row, at most
 TRANSITION = N_INERTIAL + 1  # columns of a step's transition: by the inertial errors and by that of drag's k

@@ -239,13 +239,12 @@ def start_of(
     return State(float(ranges.t[0]), x, C, at_rest, np.array([float(rests), 0.0, 0.0, 0.0, np.inf, np.inf, 0.0]))
 
 
-def levers_of(known: Known, ranges: Ranges, imu: Imu | None) -> np.ndarray:
+def levers_of(known: Known, imu: Imu | None) -> np.ndarray:
     """Return where the point that the tags count from, and each tag, are in the body (1 + m, 3) [m].
 
     Without an imu the attitude is not known, and all are that point.
     """
-    tags = known.tags if imu is not None else np.zeros((int(ranges.tag.max()) + 1, 3))
-    return known.lever + np.vstack([np.zeros(3), tags])
+    return known.lever + np.vstack([np.zeros(3), known.tags * (imu is not None)])
 
 
 def innovation_score(run: Innovations, gate: float) -> float:
@@ -272,7 +271,7 @@ def heading_of(
     begin = float(ranges.t[0])
     events, heard = events_of(ranges, imu, known, landed, queries, begin)
     events = Events(*(part[events.t <= begin + TRIAL] for part in events))
-    levers = levers_of(known, ranges, imu)
+    levers = levers_of(known, imu)
     tried, scores = np.arange(HEADINGS) * 2.0 * np.pi / HEADINGS, []
     for heading in tried:  # a wrong one must not be mended while it is tried
         start = start_of(ranges, imu, known, settings, heading, False)
@@ -322,7 +321,7 @@ def estimate(
     heading = heading_of(ranges, imu, known, settings, noise, queries, landed)
     events, heard = events_of(ranges, imu, known, landed, queries, begin)
     start = start_of(ranges, imu, known, settings, heading, known.heading is not None)
-    levers, aids = levers_of(known, ranges, imu), known.aids if imu is not None else NO_AIDS
+    levers, aids = levers_of(known, imu), known.aids if imu is not None else NO_AIDS
     runs, lost, end = run_on(events, heard, known.anchors, levers, start, known.level, noise, aids, WATCH, smoothed)
     x, P = (
         smooth(runs)

@@ -93,7 +93,7 @@ def run_on(
         start: the state before the first event.
         level: what is known of the height.
         noise: the noise.
-        aids: range finder, flow and drag.
+        aids: range finder, flow, drag and boxes.
         watch: when it is lost; NEVER keeps it from starting anew.
         whole: whether to keep what a smoother needs.
     """

@@ -162,7 +162,8 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
     anchors = np.asarray(recording.anchors) if calibration is None else calibration.anchors
     raw = Known(anchors, None, np.zeros(3), None, given, rest=rest, tags=recording.tags)
     if own is not None:
-        plain = Known(own.anchors, own.biases, np.zeros(3), None, calibrated_level(map_, own, recording))
+        level = calibrated_level(map_, own, recording)
+        plain = Known(own.anchors, own.biases, np.zeros(3), None, level, tags=recording.tags)
         row(CV, plain, own, False)
         row(CV_SMOOTH, plain, own, False, smoothed=True)
     if map_.calibration.share > 0.0 or truth is None:

@@ -10,7 +10,6 @@ from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import Imu, Recording, read_recording
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.live.live_bridge import LiveBridge, run_live
-from ortilo_drake.studies.live.live_filter import LiveFilter
 from ortilo_drake.studies.recorded.aided import not_calibrated
 from ortilo_drake.studies.recorded.at_rest import at_rest
 from ortilo_drake.studies.recorded.filtered import estimate
@@ -114,11 +113,22 @@ def test_what_is_missing_is_said_where_nothing_begins() -> None:
     assert "at least 3 are needed" in bridge.report().not_begun
 
 
-def test_a_landing_is_refused() -> None:
-    lands = START.replace("heading: 0.5", "heading: 0.5, rests: true, lands: true")
-    map_ = as_map(RANGES + IMU + lands)
-    with pytest.raises(InputError, match="lands"):
-        LiveFilter(map_, np.array(map_.anchors))
+LANDS = START.replace("heading: 0.5", "heading: 0.5, rests: true, lands: true")
+TAGGED = """
+ranges: {file: bag, topic: /uwb, anchor: to, tag: from, values: [range]}
+anchors: {A: [0, 0, 0], B: [6, 0, 2], C: [6, 8, 0]}
+tags: {L: [0, 0.3, 0], R: [0, -0.3, 0]}
+"""
+BOXES = "boxes: {file: bag, topic: /boxes, label: class, box: [left, top, right, bottom], room: room.yaml}\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"), [(RANGES + IMU + LANDS, "start.lands"), (TAGGED, "tags"), (RANGES + IMU + BOXES, "boxes")]
+)
+def test_what_is_not_heard_live_is_one_line(text, said) -> None:
+    map_ = as_map(text)
+    with pytest.raises(InputError, match=f"^{said}: [^\n]*$"):
+        LiveBridge(map_, lambda _: None)
 
 
 def test_a_target_that_fails_gets_no_more_and_ctrl_c_ends_with_a_report() -> None:

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 from made_up_motion import ANCHORS, LEVER, TABLE_MAP, attitude, made_up, place, write_tables
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 from ortilo_drake.interop.recorded.map_file import FilterSettings, load_map
 from ortilo_drake.interop.recorded.range_rows import single_ranges
-from ortilo_drake.interop.recorded.recording import Imu, read_recording
+from ortilo_drake.interop.recorded.recording import Imu, Recording, read_recording
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.filtered import Known, estimate
-from ortilo_drake.studies.recorded.replayed import known_of
+from ortilo_drake.studies.recorded.replayed import RAW, known_of, replay
 
 TAGS = np.array([[0.0, 0.3, 0.05], [0.1, -0.3, 0.0]])
 HEADING, HOVERS = 1.0, np.array([2.0, 5.0, 1.2])
@@ -72,6 +73,15 @@ def test_without_a_heading_the_tags_find_it() -> None:
     found = estimate(*hover((0, 1)), known, SETTINGS, AT)
     assert off_by(found) < 0.03
     assert np.linalg.norm(found.p[-1] - HOVERS) < 0.03
+
+
+def test_without_a_truth_each_tag_is_where_the_map_says(tmp_path) -> None:
+    map_ = map_file(tmp_path / "a", ROWS + TABLE_MAP[TABLE_MAP.index("imu:") : TABLE_MAP.index("truth:")])
+    recording = Recording("hovers", *hover((0, 1)), None, ANCHORS, 0.0, 0.0, [], {}, tags=TAGS)
+    found = replay(recording, map_, lambda _: None)[1][RAW][0]
+    assert off_by(found) < 0.03
+    e = found.p[-1] - HOVERS  # who hovers does not learn the anchors' biases
+    assert e @ np.linalg.solve(found.P[-1], e) < chi2.ppf(0.999, 3)
 
 
 @pytest.mark.long
