@@ -17,7 +17,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "hall.yaml").write_text(new_room("hall", (8.0, 6.0, 3.0), 5))
     (tmp_path / "text.yaml").write_text("interior: [")
     (tmp_path / "bytes.yaml").write_bytes(b"\xff\xfe\x00")
-    (tmp_path / "folder.yaml").mkdir()
+    for folder in ("folder.yaml", "folder.png"):
+        (tmp_path / folder).mkdir()
     (tmp_path / "no_way.yaml").write_text(
         new_room("hall", (8.0, 6.0, 3.0), 5).replace("walls: []", "walls: [[3.5, 3.0, 1.5708, 6, 0.1, 3]]")
     )
@@ -37,7 +38,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("coverage hall.yaml --set uwb.max=3", "uwb.max"),
         ("coverage hall.yaml --png map.frog", "map.frog"),
         ("coverage hall.yaml --json folder.yaml", "folder.yaml: cannot be written"),
-        ("show hall.yaml --png folder.yaml", "folder.yaml: cannot be written"),
+        ("show hall.yaml --png folder.png", "folder.png: cannot be written"),
         ("new hall.yaml", "hall.yaml: is there already"),
         ("new own.yaml --size 8x6", "--size: '8x6'"),
         ("new own.yaml --anchors 2", "--anchors: 2"),
