@@ -39,10 +39,10 @@ def analyze(
     ),
     json_file: JsonOption = None,
 ) -> None:
-    """Linearise a scenario and check its Riccati equations, margins, arrival rates, delays, tube and honesty.
+    """Linearise a scenario and check its Riccati equations, margins, arrival rates, delays, tube and consistency.
 
     The camera is the projected one here: rendering hundreds of flights takes hours. Flights that are already in the
-    folder are kept, so an interrupted run goes on where it stopped; --flights 0 flies none.
+    folder are kept, so an interrupted run continues where it stopped; --flights 0 flies none.
     """
     chosen = load_scenario(scenario, tuple(settings or ()))
     report = out_folder / f"{chosen.name}.md"

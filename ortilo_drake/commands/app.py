@@ -32,7 +32,7 @@ from ortilo_drake.model.parts import load_plugin
 from ortilo_drake.views.themes import Theme, themed
 
 app = typer.Typer(
-    help="A laboratory for indoor navigation with sensors that come and go, built on Drake.",
+    help="A laboratory for indoor navigation with intermittent sensors, built on Drake.",
     no_args_is_help=True,
     rich_markup_mode="markdown",  # Rich would take a unit such as [s] for a style and leave it out
     pretty_exceptions_enable=False,
@@ -53,13 +53,15 @@ def set_up(
     context: typer.Context,
     plugin: Annotated[
         list[Path] | None,
-        typer.Option(help="A Python file that registers parts of your own (examples/); it is run. May be repeated."),
+        typer.Option(help="Run this Python file, which registers parts of your own (examples/). May be repeated."),
     ] = None,
     scheduler: Annotated[
         str | None,
-        typer.Option(metavar="ADDRESS", help="A Dask scheduler whose workers fly: tcp:// or tls:// (docs/cluster.md)."),
+        typer.Option(
+            metavar="ADDRESS", help="Use the workers of this Dask scheduler: tcp:// or tls:// (docs/cluster.md)."
+        ),
     ] = None,
-    theme: Annotated[Theme, typer.Option(help="The looks of the figures that a command draws.")] = Theme.light,
+    theme: Annotated[Theme, typer.Option(help="The style of all figures.")] = Theme.light,
     version: Annotated[
         bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Print the versions and end.")
     ] = False,

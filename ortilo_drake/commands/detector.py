@@ -20,7 +20,9 @@ PicturesOption = Annotated[Path, typer.Option("--pictures", help="Folder of the 
 SeedOption = Annotated[int, typer.Option(min=0, max=999, help="Seed of everything random.")]
 NetworkOption = Annotated[
     tuple[Path, Path] | None,
-    typer.Option("--detector", metavar="CFG WEIGHTS", help="Another network than ours; .weights or .safetensors."),
+    typer.Option(
+        "--detector", metavar="CFG WEIGHTS", help="Use this network instead of ours; .weights or .safetensors."
+    ),
 ]
 WidthOption = Annotated[int, typer.Option(min=64, max=2048, help="Image width [px].")]
 PICTURES = Path("out/detector/pictures")
@@ -70,9 +72,9 @@ def render(
     width: WidthOption = 320,
     workers: WorkersOption = None,
 ) -> None:
-    """Render labelled pictures of the paper's room and of random rooms, to train with and to test by.
+    """Render labelled pictures of the paper's room and of random rooms, for training and tests.
 
-    Scenes already there are kept, so an interrupted run goes on where it stopped.
+    Scenes already there are kept, so an interrupted run continues where it stopped.
     """
     check_writable(pictures / "test" / "x.npz")
     _render(pictures, ("test", "train"), seed, scale, width, workers)
@@ -87,7 +89,7 @@ def train(
     seed: SeedOption = 0,
     threads: Annotated[int | None, typer.Option(min=1, max=256, help="Processor threads; all cores.")] = None,
 ) -> None:
-    """Train the detector on the rendered pictures; an interrupted training goes on from its last finished epoch."""
+    """Train the detector on the rendered pictures; an interrupted training continues from its last finished epoch."""
     _need_torch()
     check_writable(out_folder / NETWORK.name)
     import torch
@@ -144,7 +146,7 @@ def evaluate(
     workers: WorkersOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Judge the detector on pictures it has never seen; they are rendered first if they are not there."""
+    """Test the detector on pictures it has never seen; missing pictures are rendered first."""
     check_writable(json_file, worst, pictures / "test" / "x.npz")
     if worst is not None and worst.suffix != ".png":
         raise InputError(f"--worst {worst}: must end in .png")
@@ -176,7 +178,7 @@ def recognise(
     network: NetworkOption = None,
     onnx: OnnxOption = None,
     backend: Annotated[str, typer.Option(help="auto, onnxruntime, opencv or torch.")] = "auto",
-    scenario: Annotated[str, typer.Option(help="Whose room, path and camera.")] = "imu_uwb_yolo",
+    scenario: Annotated[str, typer.Option(help="Use this scenario's room, path and camera.")] = "imu_uwb_yolo",
     settings: SetOption = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -230,9 +232,9 @@ def calibrate(
         "out/detector/camera_calibration.yaml"
     ),
 ) -> None:
-    """Measure on rendered flights how the detector errs and what it misses, for the projected camera.
+    """Measure the detector's errors and misses on rendered flights, for the projected camera.
 
-    Fly with the file by --set camera.errors.file=FILE.
+    Use the file with --set camera.errors.file=FILE.
     """
     check_writable(out_file)
     settings = _settings(network, onnx)

@@ -18,7 +18,7 @@ def export(
     precision: Annotated[str, typer.Option(help="double, or single for processors without doubles.")] = "double",
     settings: SetOption = None,
 ) -> None:
-    """Write a scenario's onboard half as object code with a C header, golden vectors and a test: onto the vehicle."""
+    """Write a scenario's onboard half for a vehicle: object code with a C header, golden vectors and a test."""
     chosen = load_scenario(scenario, tuple(settings or ()))
     from ortilo_drake.codegen.export import export as write_export
 

@@ -50,11 +50,11 @@ def faults(
     ),
     json_file: JsonOption = None,
 ) -> None:
-    """Fly scenarios in which something goes wrong in flight, one fault at a time, beside the same seeds without.
+    """Fly scenarios with one fault at a time, and the same seeds without.
 
     It shows the estimate's error during and after each fault, flights lost, the time to recover and whether the filter
     stays consistent. The ensemble engine flies what it can, Drake the rest. Cameras are projected. Faults of the
-    scenarios themselves are left out. Flights already in the folder are kept, so an interrupted run goes on where it
+    scenarios themselves are left out. Flights already in the folder are kept, so an interrupted run continues where it
     stopped.
     """
     from ortilo_drake.studies.faults.catalogue import chosen_names

@@ -27,12 +27,15 @@ def fit(
     ],
     out_file: Annotated[Path, typer.Option("--out", help="NOISE.yaml, for `ortilo predict`.")] = Path("NOISE.yaml"),
     places: Annotated[
-        bool, typer.Option("--places", help="Tell errors that belong to places from those that last; some minutes.")
+        bool,
+        typer.Option(
+            "--places", help="Separate errors that belong to places from those that last; takes some minutes."
+        ),
     ] = False,
     scenario_file: Annotated[
-        Path | None, typer.Option("--scenario", help="A scenario to write, too, whose sensors err so.")
+        Path | None, typer.Option("--scenario", help="Also write a scenario with these errors.")
     ] = None,
-    base: Annotated[str, typer.Option("--base", help="The scenario that it is laid over.")] = "tight_imu_uwb",
+    base: Annotated[str, typer.Option("--base", help="With --scenario: its base.")] = "tight_imu_uwb",
     json_file: JsonOption = None,
 ) -> None:
     """Fit the errors of ranges and IMU to recordings with a truth, with 95 % intervals.

@@ -46,7 +46,7 @@ def hindsight(
     settings: SetOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Estimate flights again by all that was measured in them, before and after each moment.
+    """Estimate flights again from all their measurements, before and after each moment.
 
     It shows the filter that flew, the smoother of a linear filter, the batch factor graph of ranges, boxes and imu
     (needs the extra `smoother`), and the Cramer-Rao floor of a filter.

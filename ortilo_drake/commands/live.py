@@ -31,9 +31,9 @@ def live(
     port: Annotated[int | None, typer.Option(min=1024, max=65535, help="Port of the page; a free one.")] = None,
     wait: Annotated[bool, typer.Option("--wait/--no-wait", help="Take off only when the page is open.")] = True,
 ) -> None:
-    """Fly in the browser and change the world meanwhile: losses, a push, the mass, goals; pause, tick by tick, speed.
+    """Fly in the browser and change the world meanwhile: losses, a push, the mass, goals, pause, single ticks, speed.
 
-    It takes off when the page is opened, and goes on until the page's button "stop", or Ctrl-C. The page can be opened
+    It takes off when the page is opened, and ends with the page's button "stop", or Ctrl-C. The page can be opened
     on this machine only, and only by the address that is printed, which holds a new random token.
     """
     chosen = load_scenario(scenario, with_camera(settings, camera, detector, onnx), seed)

@@ -26,7 +26,7 @@ ScenarioArgument = Annotated[
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting; may be repeated.")
 ]
-SeedOption = Annotated[int | None, typer.Option(help="Seed of all noise, if not the scenario's own.")]
+SeedOption = Annotated[int | None, typer.Option(help="Seed of all noise; by default the scenario's.")]
 
 
 def _of_workers(number: int | None) -> int | None:
@@ -95,15 +95,14 @@ PlayerOption = Annotated[
     ),
 ]
 CameraOption = Annotated[
-    Camera | None, typer.Option(help="Draw pictures, or only the boxes; if not as the scenario has it.")
+    Camera | None,
+    typer.Option(help="Render pictures, or compute only the boxes (projected); by default as in the scenario."),
 ]
 DetectorOption = Annotated[
     tuple[Path, Path] | None,
-    typer.Option("--detector", metavar="CFG WEIGHTS", help="A Darknet network to look with in place of ours."),
+    typer.Option("--detector", metavar="CFG WEIGHTS", help="Use this Darknet network instead of ours."),
 ]
-OnnxOption = Annotated[
-    Path | None, typer.Option("--onnx", help="A YOLOv5, v8 or v11 network to look with in place of ours.")
-]
+OnnxOption = Annotated[Path | None, typer.Option("--onnx", help="Use this YOLOv5, v8 or v11 network instead of ours.")]
 
 
 def with_camera(

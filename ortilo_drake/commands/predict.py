@@ -25,11 +25,11 @@ def predict(
     ],
     noise: Annotated[str, typer.Option("--noise", help="NOISE.yaml of `ortilo fit`, or util_2021 or iasl_2023.")],
     runs: Annotated[int, typer.Option("--runs", min=2, max=1000, help="Simulations of each kind and flight.")] = 20,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the days that are drawn.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the simulated errors.")] = 0,
     out_folder: Annotated[Path, typer.Option("--out", help="Folder of report and figure.")] = Path("out/predicted"),
     json_file: JsonOption = None,
 ) -> None:
-    """Say what a simulation would have said of recorded flights: error, NEES, NIS and refused ranges beside the real.
+    """Simulate recorded flights and compare error, NEES, NIS and rejected ranges with the real ones.
 
     Each simulation follows the recorded path, at the recorded stamps, through the same filter.
     """

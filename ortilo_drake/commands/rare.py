@@ -38,24 +38,26 @@ def rare(
             min=0.001, max=1000.0, help="Distance from the reference that counts, in m; without it the vehicle's loss."
         ),
     ] = None,
-    paths: Annotated[int, typer.Option(min=20, help="Flights of a level, a multiple of 10.")] = 1000,
-    repetitions: Annotated[int, typer.Option(min=2, help="Independent estimates, of which the interval comes.")] = 10,
-    count: Annotated[int, typer.Option(min=0, help="Flights to be counted beside it, to check by.")] = 0,
+    paths: Annotated[int, typer.Option(min=20, help="Flights of each level, a multiple of 10.")] = 1000,
+    repetitions: Annotated[
+        int, typer.Option(min=2, help="Independent estimates; their spread gives the interval.")
+    ] = 10,
+    count: Annotated[int, typer.Option(min=0, help="Flights to count as well, as a check.")] = 0,
     least: Annotated[
-        float, typer.Option(min=1e-30, max=0.1, help="Smallest probability that is sought; it stops there.")
+        float, typer.Option(min=1e-30, max=0.1, help="Smallest probability of interest; the search stops there.")
     ] = 1e-9,
     seed: Annotated[int, typer.Option(min=0, help="Of all noise.")] = 0,
     camera: CameraOption = None,
     settings: SetOption = None,
     workers: WorkersOption = None,
-    out_folder: Annotated[Path, typer.Option("--out", help="Folder of what is found.")] = Path("out/rare"),
+    out_folder: Annotated[Path, typer.Option("--out", help="Folder of the results.")] = Path("out/rare"),
     json_file: JsonOption = None,
 ) -> None:
-    """Estimate how often the vehicle is lost, or strays from its reference, when that is rare.
+    """Estimate how often the vehicle is lost, or strays from its reference, if that is rare.
 
-    By subset simulation over the noise of all sensors, links and the disturbance in every tick, and over what the
-    scenario's truth draws at the start, in the compiled engine. It stops early where nothing is found, and then says
-    how rare it is at most. What is there already is not flown again, so an interrupted or killed run goes on where it
+    It uses subset simulation over the noise of all sensors, links and the disturbance in every tick, and over what the
+    scenario's truth draws at the start, in the compiled engine. If nothing is found it stops early and says
+    an upper limit. Finished flights are kept, so an interrupted or killed run continues where it
     stopped.
     """
     from ortilo_drake.flight.cautions import cautions

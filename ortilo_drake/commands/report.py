@@ -22,10 +22,10 @@ def report(
     ] = None,
     rerun: Annotated[
         Path | None,
-        typer.Option(help="Of a flight's .nc: write a recording for Rerun, .rrd, in place of a page."),
+        typer.Option(help="For a flight's .nc: write a recording for Rerun, .rrd, instead of a page."),
     ] = None,
 ) -> None:
-    """Make one self-contained HTML page, text, tables and figures in it, of what another command wrote.
+    """Make one self-contained HTML page, with text, tables and figures, of another command's results.
 
     With --rerun a page is made only if --out asks for it.
     """

@@ -35,7 +35,7 @@ def show_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetOp
 
 @scenario_app.command("check")
 def check_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetOption = None) -> None:
-    """Check a scenario: all that `ortilo fly` would refuse is refused here, and warned of what it would warn of."""
+    """Check a scenario: print the errors and warnings that `ortilo fly` would give."""
     chosen = load_scenario(scenario, tuple(settings or ()))
     from ortilo_drake.flight.cautions import cautions
     from ortilo_drake.flight.flyable import check_flyable
@@ -71,5 +71,5 @@ def list_keys(
 
 @scenario_app.command("schema")
 def print_schema() -> None:
-    """Print the JSON schema of a scenario, by which editors complete and check its YAML."""
+    """Print the JSON schema of a scenario, with which editors complete and check its YAML."""
     typer.echo(json.dumps(scenario_schema(), indent=1))

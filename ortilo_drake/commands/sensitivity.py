@@ -41,7 +41,7 @@ def sensitivity(
     """Fly a scenario in worlds that differ from what its filter believes, one mismatch at a time and all together.
 
     It shows errors and losses at given values, and the value at which 5 % of the flights are lost. A camera is
-    projected. Flights already in the folder are kept, so an interrupted run goes on where it stopped.
+    projected. Flights already in the folder are kept, so an interrupted run continues where it stopped.
     """
     laid_over = tuple(settings or ())
     name = load_scenario(scenario, laid_over).name  # refuses wrong settings before anything is flown

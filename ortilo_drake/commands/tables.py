@@ -45,7 +45,9 @@ def tables(
     workers: WorkersOption = None,
     preset: Annotated[
         Preset,
-        typer.Option(help="A filter that does not know everything; the paper's in our tuning, or by code, or by text."),
+        typer.Option(
+            help="tuned: the default filter; nominal: the paper's in our tuning; paper: its code; printed: its text."
+        ),
     ] = Preset.tuned,
     settings: SetOption = None,
     camera: CameraOption = None,
@@ -67,8 +69,8 @@ def tables(
 ) -> None:
     """Fly both of the paper's scenarios many times and print its tables I and II beside ours.
 
-    Further scenarios, such as altimeter and flow, stand in the same tables by --beside. Flights already in the folder
-    are kept, so an interrupted run goes on where it stopped.
+    --beside adds further scenarios, such as altimeter and flow, to the tables. Flights already in the folder
+    are kept, so an interrupted run continues where it stopped.
     """
     from ortilo_drake.studies.paper_tables.flown_tables import fly_tables, scenarios_of_tables
     from ortilo_drake.studies.paper_tables.report import table_text

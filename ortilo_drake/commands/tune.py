@@ -149,18 +149,23 @@ def tune(
     out_file: Annotated[Path | None, typer.Option("--out", help="Write the tuned scenario to this .yaml.")] = None,
     json_file: JsonOption = None,
     figure: Annotated[Path | None, picture_option("Draw numbers, NEES and NIS before and after")] = None,
-    check: Annotated[int, typer.Option(min=0, max=1000, help="Fly before and after on this many new seeds.")] = 0,
+    check: Annotated[
+        int, typer.Option(min=0, max=1000, help="Fly both settings, before and after, on this many new seeds.")
+    ] = 0,
     map_file: Annotated[
         Path | None, typer.Option("--map", help="FLIGHTS are folders of others' recordings, read by this MAP.yaml.")
     ] = None,
-    by: Annotated[FitBy, typer.Option(help="With --map: what the noise is to make likely.")] = FitBy.innovations,
+    by: Annotated[
+        FitBy,
+        typer.Option(help="With --map: what to maximise, the likelihood of innovations or of the errors to the truth."),
+    ] = FitBy.innovations,
     fly: Annotated[bool, typer.Option("--fly", help="Search settings by flying them: docs/how_to/tune.md.")] = False,
     kept: Annotated[Path, typer.Option(help="With --fly: folder of the flights' figures.")] = Path("out/tune"),
     workers: WorkersOption = None,
 ) -> None:
     """Fit the filter's W and V to recorded flights by maximum likelihood, and show NEES and NIS before and after.
 
-    The tuned scenario flies by `ortilo fly FILE.yaml`. With --map, the noise of the filter for others' recordings is
+    Fly the tuned scenario with `ortilo fly FILE.yaml`. With --map, the noise of the filter for others' recordings is
     fitted to their first parts, and the tuned map goes to `ortilo replay FOLDERS --map FILE.yaml`. With --fly, CMA-ES
     searches any settings (servo weights, gates, noise) for the least distance from the path in flights, and what it
     finds is judged on flights with other seeds.

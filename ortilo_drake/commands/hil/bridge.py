@@ -28,10 +28,10 @@ def bridge(
     settings: SetOption = None,
     ros2: Annotated[bool, typer.Option("--ros2", help="Publish as a ROS 2 node, on this machine.")] = False,
     mavlink: Annotated[
-        str | None, typer.Option(metavar="udpout:HOST:PORT", help="Send the estimate as MAVLink 2 there.")
+        str | None, typer.Option(metavar="udpout:HOST:PORT", help="Send the estimate as MAVLink 2 to this address.")
     ] = None,
     vision: Annotated[
-        bool, typer.Option("--vision", help="With --mavlink, send VISION_POSITION_ESTIMATE in place of ODOMETRY.")
+        bool, typer.Option("--vision", help="With --mavlink, send VISION_POSITION_ESTIMATE instead of ODOMETRY.")
     ] = False,
     source: Annotated[
         str | None,
@@ -53,29 +53,30 @@ def bridge(
         typer.Option(min=0.0, max=10.0, callback=finite, help="With --from, how long to wait for a late topic [s]."),
     ] = 0.1,
     speed: Annotated[
-        float, typer.Option(min=0.01, help="With --from BAG, times its own pace; inf: without waiting.")
+        float, typer.Option(min=0.01, help="With --from BAG, how many times as fast; inf: without waiting.")
     ] = 1.0,
     hold: Annotated[
         str | None,
-        typer.Option(metavar="x,y,z", help="With --from, ask for attitude and thrust that hold this place [m]."),
+        typer.Option(metavar="x,y,z", help="With --from, compute attitude and thrust that hold this place [m]."),
     ] = None,
     arm: Annotated[
         bool,
         typer.Option("--arm", help="With --hold and --mavlink, send these setpoints to the autopilot. Off by default."),
     ] = False,
     hover_thrust: Annotated[
-        float | None, typer.Option(min=0.05, max=0.9, help="With --arm, share of the thrust at which it hovers.")
+        float | None,
+        typer.Option(min=0.05, max=0.9, help="With --arm, the share of full thrust at which the vehicle hovers."),
     ] = None,
     url: UrlOption = DEFAULT_URL,
     key: KeyOption = None,
     insecure: InsecureOption = False,
     wait: WaitOption = 60.0,
-    seconds: Annotated[float | None, typer.Option(min=0.1, callback=finite, help="End after that long [s].")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.1, callback=finite, help="End after this time [s].")] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Listen to a flight of a world and an onboard half, and pass it on to ROS 2 or a MAVLink autopilot.
+    """Publish a flight of a world and an onboard half to ROS 2 or a MAVLink autopilot.
 
-    With --ros2 a goal on /goal_pose is flown to, in real time: its x and y, at the height that is flown.
+    With --ros2 the vehicle flies to goals on /goal_pose, in real time: to their x and y, at its present height.
 
     With --from ros2 there is no simulated flight: the topics of real sensors go through the filter of `ortilo replay`,
     and its estimate goes out as topics, and with --mavlink as ODOMETRY. Setpoints for the autopilot are sent only with

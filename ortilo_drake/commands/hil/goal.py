@@ -25,7 +25,7 @@ def goal(
         typer.Option(min=0.1, callback=finite, help="How long to look for the world, and then for an answer [s]."),
     ] = 5.0,
 ) -> None:
-    """Have a flight in real time go to another goal: it brakes, plans a way from there and flies it.
+    """Send a flight in real time to another goal: it brakes, plans a path from there and flies it.
 
     The height stays the one at which it comes to rest, the yaw the servo's. A newer goal replaces an older one; one
     that cannot be flown to is refused with a line. The flight ends when it would have ended, see --seconds of

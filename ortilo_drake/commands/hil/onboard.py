@@ -50,24 +50,24 @@ def onboard(
     key: KeyOption = None,
     insecure: InsecureOption = False,
     wait: WaitOption = 60.0,
-    log: Annotated[Path | None, typer.Option(help="Write what it took and made of it as MCAP to this folder.")] = None,
+    log: Annotated[Path | None, typer.Option(help="Write its inputs and outputs as MCAP to this folder.")] = None,
     checkpoint: Annotated[
         Path | None,
-        typer.Option(help="In real time, keep the state in this file, a goal's path beside it, to join after a kill."),
+        typer.Option(help="In real time, keep the state in this file, to continue after a kill."),
     ] = None,
     keep: Annotated[
-        bool, typer.Option("--keep-alive", help="Start again at once whenever the process that flies is killed.")
+        bool, typer.Option("--keep-alive", help="Restart at once whenever the flying process is killed.")
     ] = False,
     exported: Annotated[
         Path | None,
-        typer.Option(help="In lockstep, fly what `ortilo export` wrote to this folder; emulated if need be."),
+        typer.Option(help="In lockstep, fly what `ortilo export` wrote to this folder; emulated if necessary."),
     ] = None,
     profile: Annotated[
         bool, typer.Option("--profile", help="Time each block on this machine, without a world, and end.")
     ] = False,
     json_file: JsonOption = None,
 ) -> None:
-    """Run perception, filter, servo and planner for one flight of a world; real time or lockstep as the world says."""
+    """Run perception, filter, servo and planner for one flight of a world, in real time or lockstep like the world."""
     chosen = load_scenario(scenario, tuple(settings or ()), seed)
     if profile and (keep or log or checkpoint):
         raise InputError("--profile: flies with no world; leave --keep-alive, --log and --checkpoint out")

@@ -17,16 +17,20 @@ ServesOption = Annotated[
 ]
 KeyOption = Annotated[
     str | None,
-    typer.Option("--key", metavar="FILE", help="The secret of both halves, of `ortilo hil key`; by default your own."),
+    typer.Option(
+        "--key", metavar="FILE", help="File with the key of both halves, from `ortilo hil key`; by default your own."
+    ),
 ]
 InsecureOption = Annotated[
-    bool, typer.Option("--insecure", help="No secret: whoever is on the network may command the vehicle.")
+    bool, typer.Option("--insecure", help="Use no key: whoever is on the network may command the vehicle.")
 ]
 WaitOption = Annotated[float, typer.Option(min=1.0, callback=finite, help="How long to look for the other half [s].")]
-LockstepOption = Annotated[bool, typer.Option("--lockstep", help="Wait for each answer: bit for bit `ortilo fly`.")]
+LockstepOption = Annotated[
+    bool, typer.Option("--lockstep", help="Wait for each answer: the same flight as `ortilo fly`, bit for bit.")
+]
 SecondsOption = Annotated[
     float | None,
-    typer.Option(min=0.1, callback=finite, help="In real time, end after that long [s]; else with the path."),
+    typer.Option(min=0.1, callback=finite, help="In real time, end after this time [s]; by default with the path."),
 ]
 
 

@@ -14,19 +14,19 @@ def relay(
     faults: Annotated[
         str, typer.Option(help="Of both directions, in SI units: '{loss: 0.2, delay: 0.04, spread: 0.02, ...}'.")
     ] = "{}",
-    to_onboard: Annotated[str | None, typer.Option(help="Faults on the way to the onboard half, if others.")] = None,
-    to_world: Annotated[str | None, typer.Option(help="Faults on the way to the world, if others.")] = None,
+    to_onboard: Annotated[str | None, typer.Option(help="Other faults on the way to the onboard half.")] = None,
+    to_world: Annotated[str | None, typer.Option(help="Other faults on the way to the world.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 1,
-    url_world: Annotated[str, typer.Option(help="The world's address, which it joins.")] = DEFAULT_URL,
-    url_onboard: Annotated[str, typer.Option(help="The onboard half's, which it serves.")] = ONBOARD_URL,
+    url_world: Annotated[str, typer.Option(help="The world's address, which the relay joins.")] = DEFAULT_URL,
+    url_onboard: Annotated[str, typer.Option(help="The onboard half's address, which the relay serves.")] = ONBOARD_URL,
     key: KeyOption = None,
     insecure: InsecureOption = False,
     seconds: Annotated[
-        float, typer.Option(min=0.0, callback=finite, help="Stop after that long [s]; Ctrl-C stops it too.")
+        float, typer.Option(min=0.0, callback=finite, help="Stop after this time [s]; Ctrl-C stops it too.")
     ] = 86400.0,
     json_file: JsonOption = None,
 ) -> None:
-    """Pass packets on between the halves, each at an address of its own, with faults."""
+    """Forward packets between the halves, each at an address of its own, with faults."""
     check_writable(json_file)
     from ortilo_drake.hil.relay.faults import Faults
     from ortilo_drake.hil.relay.relay import run_relay

@@ -10,7 +10,7 @@ from ortilo_drake.commands.terminal import check_writable, out, say_written
 from ortilo_drake.model.input_files import exists
 from ortilo_drake.model.typed_yaml import InputError
 
-ForceOption = Annotated[bool, typer.Option("--force", help="Write over a file that is there.")]
+ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")]
 AnchorsOption = Annotated[int, typer.Option(help="How many UWB anchors.")]
 
 
@@ -20,7 +20,7 @@ def new(
     anchors: AnchorsOption = 5,
     force: ForceOption = False,
 ) -> None:
-    """Write the file of a new room, with anchors, landmarks, a start and a goal, to be changed by hand."""
+    """Write the file of a new room, with anchors, landmarks, a start and a goal, for you to edit."""
     check_new(file, force)
     from ortilo_drake.flight.files import write_text
     from ortilo_drake.studies.rooms.new_room import new_room, parse_size

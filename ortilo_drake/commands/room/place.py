@@ -19,19 +19,17 @@ if TYPE_CHECKING:
 def place(
     scenario: ScenarioArgument,
     n: Annotated[int, typer.Argument(metavar="N", help="Number of anchors.")],
-    landmarks: Annotated[
-        int, typer.Option(help="Number of landmarks to place as well, in place of those that the room has.")
-    ] = 0,
+    landmarks: Annotated[int, typer.Option(help="Number of landmarks to place as well, instead of the room's.")] = 0,
     spacing: Annotated[
-        float, typer.Option(min=0.25, max=100.0, callback=finite, help="Of the grid of mounting places, in m.")
+        float, typer.Option(min=0.25, max=100.0, callback=finite, help="Spacing of the grid of mounting places, in m.")
     ] = 1.5,
     settings: SetOption = None,
     out_file: Annotated[Path | None, typer.Option("--out", help="Write the room to this .yaml.")] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Place N anchors on walls and ceiling so that the position is known best where it is known least on the path.
+    """Place N anchors on walls and ceiling to minimise the largest position error along the path.
 
-    The measure is the Cramér-Rao floor along the planned path. The room that is written flies by `ortilo fly SCENARIO
+    The error is the Cramér-Rao floor along the planned path. Fly in the written room with `ortilo fly SCENARIO
     --set room=ROOM.yaml`.
     """
     if not FIX <= n <= MAX_ANCHORS:

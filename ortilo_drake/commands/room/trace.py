@@ -18,14 +18,14 @@ def trace(
     ],
     file: Annotated[Path, typer.Option("--out", metavar="ROOM", help="The .yaml file to write.")],
     scale: Annotated[
-        float | None, typer.Option(min=1.0, callback=finite, help="Pixels of a picture that are a metre.")
+        float | None, typer.Option(min=1.0, callback=finite, help="Pixels of the picture in a metre.")
     ] = None,
     height: Annotated[float, typer.Option(min=2.0, max=20.0, callback=finite, help="Of the room [m].")] = 2.5,
     dark: Annotated[int, typer.Option(min=1, max=255, help="Pixels darker than this are walls.")] = 128,
     anchors: AnchorsOption = 5,
     force: ForceOption = False,
 ) -> None:
-    """Trace the walls of a floor plan, and write a room of them with anchors, landmarks, a start and a goal.
+    """Trace the walls of a floor plan, and write a room with them, anchors, landmarks, a start and a goal.
 
     A grid has its own scale and origin: the room is in its frame. Walls along the picture's sides are found, as
     rectangles; those at an angle are not.
