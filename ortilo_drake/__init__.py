@@ -1,4 +1,4 @@
-"""A laboratory for indoor navigation with intermittent sensors, built on Drake.
+"""A laboratory for indoor navigation with sensors that come and go, built on Drake.
 
     >>> import ortilo_drake as od
     >>> scenario = od.load_scenario("imu_uwb_yolo", seed=3, camera__kind="projected", uwb__link__loss=0.3)
