@@ -21,8 +21,8 @@ class Arm(Frozen):
     Attributes:
         angle: from B's x axis (ahead), counter-clockwise seen from above [rad].
         length: distance of the rotor's axis from the centre of mass [m].
-        spin: the way in which the rotor's drag turns the body about B's z: +1 of a rotor that turns clockwise seen
-            from above, -1 of one that turns counter-clockwise.
+        spin: sign of the rotor's drag torque about B's z: +1 for a rotor that turns clockwise seen from above, -1 for
+            counter-clockwise.
     """
 
     angle: Annotated[float, Field(ge=-2.0 * math.pi, le=2.0 * math.pi)]
@@ -39,8 +39,8 @@ class Vehicle(Frozen):
     Attributes:
         mass: m [kg].
         inertia: principal moments I_x, I_y, I_z [kg m^2] in B.
-        arm_length: distance of each rotor axis from the centre of mass [m] of a quadrotor in X configuration; another
-            one than the default is refused beside `arms`.
+        arm_length: distance of each rotor axis from the centre of mass [m], for a quadrotor in X configuration; give
+            either this or `arms`.
         arms: the rotors' places, at least four; by default that X: front left, front right, rear right, rear left,
             of spin +1, -1, +1, -1.
         rotor_lift: thrust per squared rotor speed [N s^2/rad^2].

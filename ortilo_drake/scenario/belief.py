@@ -41,9 +41,9 @@ class Belief(Frozen):
     """What the onboard half knows of a flight.
 
     Attributes:
-        name: what tables and files call it.
+        name: its name in tables and files.
         control_rate: ticks a second, 1 / h [Hz].
-        room: 'ortilo' or the path of a room file, relative to the scenario's own folder: the map as it was surveyed.
+        room: the surveyed map: 'ortilo' or the path of a room file, relative to the scenario's own folder.
         vehicle: mass, inertia and rotors as they are believed to be; a scenario file may name a file of them instead,
             found as a room's is.
         sensors: which of uwb, camera and imu fly; the others never arrive.
@@ -53,7 +53,7 @@ class Belief(Frozen):
         detector: the network that looks at a rendered camera's pictures.
         multilateration: position from ranges.
         landmark_fix: position from boxes.
-        estimator: what makes a state of the fixes and the imu's angles.
+        estimator: the filter.
         servo: what makes a control of state and reference.
         planner: the path to fly.
         commands: what is made of commands that act late.

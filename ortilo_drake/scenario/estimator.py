@@ -86,8 +86,8 @@ class Walks(Frozen):
     Attributes:
         force_sd: standard deviation of the disturbance force per axis at first [N].
         force_rate: of its change, times the square root of the time that it takes [N/s^(1/2)].
-        torque_sd: of the disturbance torque in B at first [N m], such as of a centre of gravity that is off; 0 has the
-            filter estimate none.
+        torque_sd: of the disturbance torque in B at first [N m], for example from a wrong centre of gravity; with 0 the
+            filter estimates none.
         torque_rate: of its change, likewise [N m/s^(1/2)].
         accelerometer_sd: of the bias of the specific force per axis at first [m/s^2]; not read after a standstill.
         accelerometer_rate: of its change, likewise [m/s^(5/2)].
@@ -116,7 +116,8 @@ class Biases(Frozen):
         camera_sd: of camera fixes per axis [m]: survey of the landmarks, attitude of the camera.
         level_sd: of the imu's roll and pitch [rad]; only a fix with method 'pose' tells it from a force.
         yaw_sd: of the imu's yaw [rad]; seen by fixes with method 'known_tilt' or 'pose'.
-        row_sd: of any other row of y by its name, such as {z_alt: 0.02} [its unit]: what a sensor of one's own errs by.
+        row_sd: lasting error of any other row of y by its name, such as {z_alt: 0.02} [its unit], for sensors of your
+            own.
         uwb_time: correlation time of the uwb fixes' bias [s], about as long as the same anchors are near.
         camera_time: of the camera fixes' [s]: that of the filter's attitude error, or of the same landmarks in view.
         imu_time: of the imu's biases [s].
@@ -143,27 +144,25 @@ class IntermittentFilter(Frozen):
         V: measurement noise.
         initial_sd: what the filter believes of its initial error in position [m], angles [rad], velocity [m/s] and
             Euler rates [rad/s]; flights start without one, so NEES starts at 0.
-        delay: what becomes of a measurement that comes late. 'ignore' lets it enter as if it were current; 'drop'
-            uses none older than one tick, which a detector itself takes, and lets the others enter as current;
-            'replay' puts it into the tick of its stamp and runs the filter again from there.
-        horizon: how far back 'replay' goes [s]; what is older is not used.
+        delay: how late measurements are used. 'ignore' uses them as if they were current; 'drop' does too, but none
+            older than one tick, which a detector itself takes; 'replay' uses them at their stamp and runs the filter
+            again from there.
+        horizon: how far back 'replay' goes [s]; older measurements are not used.
         integrator: 'literal' and 'hold' integrate r less the measured position, as printed, and are part of the
             filter's model; where no fix arrived 'literal' integrates r itself, 'hold' keeps still. 'estimate'
             integrates r - xhat, as in the authors' code.
-        force: how the filter learns of the disturbance force, in which a wrong mass and a tilted imu show as well.
-            'none' is the paper: it does not. 'thrust' takes for force what thrust and attitude do not explain of the
-            fixes; 'measured' takes the imu's specific force as well, whose bias it estimates. The servo counters the
-            force.
-        rates: 'measured' takes the imu's body rates as well, whose bias it estimates; only with force 'measured'.
-            'none' is the paper: the angles alone.
+        force: how the filter estimates the disturbance force, which includes the effects of a wrong mass and a tilted
+            imu. 'none', as in the paper: not at all. 'thrust': from fixes, thrust and attitude. 'measured': from the
+            imu's specific force as well, whose bias it estimates. The servo counters the force.
+        rates: 'measured' uses the imu's body rates as well, whose bias it estimates; only with force 'measured'.
+            'none', as in the paper, uses the angles alone.
         walks: how force and the biases of accelerometer and gyroscope vary.
         biases: errors of fixes and yaw that the filter estimates as well; only with force 'thrust' or 'measured'. The
             gates do not know of them.
         gates: probability [1] by sensor, such as {uwb: 0.99}. A fix is ignored if its squared Mahalanobis distance
             from the filter's prediction exceeds the chi-square quantile of its sensor's gate; no gate, no such test.
-        robust: what the filter makes of values that are not what it believes of them, such as of faults: gates,
-            weights, re-acquisition, noise that follows the innovations, stuck sensors. {} is all of them; null is the
-            paper.
+        robust: protection against wrong measurements: gates, weights, re-acquisition, noise that follows the
+            innovations, stuck sensors. {} has all of them; null, as in the paper, none.
     """
 
     kind: Literal["intermittent"] = "intermittent"

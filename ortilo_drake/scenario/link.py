@@ -206,8 +206,8 @@ class CommandLink(Frozen):
 
     Attributes:
         loss: what is lost at random; a number is the probability of independent losses.
-        when_lost: what the rotors do in a tick in which nothing arrives: 'hold' repeats the last command that arrived,
-            'zero' makes no deviation from hover, f_T = m g and no torques.
+        when_lost: the command in a tick in which none arrives: 'hold' repeats the last one, 'zero' is hover, f_T = m g
+            and no torques.
         delay: fixed delay [ticks].
     """
 

@@ -22,7 +22,7 @@ class Exclusion(Frozen):
         probability: with which right ranges pass the chi-square test of their residuals [1].
         least_ranges: fewest ranges of which one may be left out [1].
         share: of the ranges that may be left out at most [1]; if more do not fit there is no fix.
-        clock: whether an offset that is common to all ranges is looked for as well, such as a clock's.
+        clock: whether to estimate an offset common to all ranges as well, such as a clock's.
     """
 
     probability: Gate = 0.9999
@@ -38,16 +38,16 @@ class Multilateration(Frozen):
         method: 'nearest_three' intersects the spheres of the three nearest anchors, as the authors do;
             'least_squares' is weighted nonlinear least squares over all ranges.
         noise: what the solver believes of the ranges.
-        bias_sd: standard deviation of what lasts of a range's error [m]: its bias, the survey of its anchor. It counts
-            in the weights of 'least_squares' and in whether ranges fit a position, and not in the fix's covariance:
-            what lasts of a fix's error is for estimator.biases.uwb_sd.
-        bias_bank: shares of bias_sd [1] between which the ranges' residuals decide in flight, such as [0, 0.4, 1] of
-            a survey that may be exact. Fixes then tell the filter how large what lasts of their error is, in the place
-            of estimator.biases.uwb_sd. null believes bias_sd as it is. Only with 'least_squares', and without exclude.
-        noise_scale: how many residuals [1] that noise is worth which is told, where its scale is learned in flight of
-            the ranges' residuals, together with bias_bank; 10 is about one fix of twelve ranges. null believes the
-            noise as it is. Only with 'least_squares', and without exclude.
-        exclude: which ranges are left out because they do not fit the others; null leaves none out. Only with
+        bias_sd: standard deviation of the lasting part of a range's error [m]: its bias, the survey of its anchor. It
+            counts in the weights of 'least_squares' and in whether ranges fit a position, but not in the fix's
+            covariance: estimator.biases.uwb_sd is the lasting part of a fix's error.
+        bias_bank: shares of bias_sd [1] that the ranges' residuals choose from in flight, such as [0, 0.4, 1] for a
+            survey that may be exact. The result replaces estimator.biases.uwb_sd. null uses bias_sd as it is. Only with
+            'least_squares', and without exclude.
+        noise_scale: learns the noise's scale in flight from the ranges' residuals, together with bias_bank; the number
+            is how many residuals [1] the configured noise counts as (10 is about one fix of twelve ranges). null uses
+            the noise as it is. Only with 'least_squares', and without exclude.
+        exclude: the test that excludes ranges that do not fit the others; null excludes none. Only with
             'least_squares'.
     """
 
@@ -91,13 +91,13 @@ class Detector(Frozen):
 
     Attributes:
         kind: 'network'.
-        cfg: a Darknet .cfg to use in place of our own network, with its weights; needs torch.
+        cfg: a Darknet .cfg to use instead of our network, with its weights; needs torch.
         weights: its .weights.
-        onnx: an ONNX file of YOLOv5, v8 or v11 to use in place of our own network; needs onnxruntime.
+        onnx: an ONNX file of YOLOv5, v8 or v11 to use instead of our network; needs onnxruntime.
         names: its class names, each line one; by default FILE.names beside FILE.cfg, those in the ONNX file, or the 80
             of MS COCO.
-        backend: what computes our own network: 'onnxruntime' is the fastest measured, 'opencv' is always there, 'torch'
-            the one it was trained with; 'auto' takes the first of them that is installed.
+        backend: what computes our network: 'onnxruntime' is the fastest, 'opencv' is always installed, 'torch' trained
+            it; 'auto' uses the first that is installed.
         threshold: smallest score of a box [1].
         overlap: two boxes of a class that overlap by a larger IoU [1] are one object.
     """
@@ -137,26 +137,27 @@ class LandmarkFix(Frozen):
         method: 'known_attitude' (two landmarks or more, attitude from the filter), 'known_tilt' (two or more, roll and
             pitch from the filter: position and yaw), 'pose' (two or more: position and attitude), 'cosine_law' (three
             or more, the paper's) or 'pnp' (four or more, OpenCV's SQPNP in RANSAC).
-        center_sd: what the solver believes of the error of a small box's centre [px].
+        center_sd: the solver's standard deviation of a small box's centre [px].
         center_growth: g [1/px]: along an axis in which the box is b px long the error is center_sd sqrt(1 + (g b)^2).
         gate: an association is refused beyond this probability [1] of the predicted projection's error.
         max_residual: the first three methods drop boxes that disagree with the rest by more than so many standard
             deviations [1].
-        margin: a box is left out where the boxes can be given to the landmarks in another way, with it given to another
-            one, and a sum of squared distances larger by less than this [1]; 0 leaves none out.
-        joint: boxes are left out until the rest agree with the estimate within this probability [1], all together.
-            While that leaves no fix the estimate is believed less and less. null leaves the test out.
-        inside: a landmark is left out whose box, as the estimate predicts it, ends nearer to the image's border than
-            this [px]; null goes by the box that is seen alone.
-        prior_sd: error of the estimate's position [m] and angles [rad] to associate by; null takes them from the
+        margin: a box is ignored if assigning it to another landmark increases the sum of squared distances by less than
+            this [1]; 0 ignores none.
+        joint: boxes are ignored until the rest agree with the estimate within this probability [1], all together. While
+            no fix is left the estimate is trusted less and less. null for no test.
+        inside: a landmark is ignored if its predicted box ends nearer to the image's border than this [px]; null uses
+            the detected box alone.
+        prior_sd: assumed error of the estimate's position [m] and angles [rad] for the association; null uses the
             filter's covariance.
         survey_sd: standard deviation of each coordinate of a landmark's surveyed position [m]. It counts in the errors
-            of boxes. What lasts of a fix's error is for estimator.biases.camera_sd, or for survey_bank.
-        survey_bank: shares of survey_sd [1] between which the boxes' residuals decide in flight, as
-            multilateration.bias_bank. Fixes then tell the filter how large what lasts of their error is by it, beside
-            estimator.biases.camera_sd. null believes survey_sd as it is. Only with method 'pose'.
-        noise_scale: how many residuals [1] center_sd is worth, where its scale is learned in flight of the boxes'
-            residuals, as multilateration.noise_scale. null believes center_sd as it is. Only with method 'pose'.
+            of boxes. The lasting part of a fix's error is estimator.biases.camera_sd, or survey_bank's.
+        survey_bank: shares of survey_sd [1] that the boxes' residuals choose from in flight, as
+            multilateration.bias_bank. The result is added to estimator.biases.camera_sd. null uses survey_sd as it is.
+            Only with method 'pose'.
+        noise_scale: learns the scale of center_sd in flight from the boxes' residuals, as multilateration.noise_scale;
+            the number is how many residuals [1] center_sd counts as. null uses center_sd as it is. Only with method
+            'pose'.
         shapes: what is known of the landmarks' shapes: 'outlines' is all that the room's file has, 'boxes' their
             sizes alone.
     """
@@ -217,7 +218,7 @@ class LqServo(Frozen):
         kind: 'lq'.
         form: 'paper' is u = -L [xhat; i]; 'error' is u = -L [xhat - x_ref; i] with the planner's acceleration fed
             forward, as in the authors' code.
-        velocities: 'truth' lends the servo the true velocities and Euler rates, as the authors did.
+        velocities: 'truth' gives the servo the true velocities and Euler rates, as the authors did.
         yaw: psi_r, the heading that is held [rad]; filter and servo are linear about hover under it. Only in the error
             form.
         weights: Q and R.

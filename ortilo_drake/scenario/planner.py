@@ -27,8 +27,8 @@ class GcsPlanner(Frozen):
         clearance: horizontal distance kept between the vehicle's outline and every obstacle where there is room
             for it [m]; less in a narrow place.
         vertical_clearance: obstacles that end lower than this below the flying height are flown over [m].
-        prefer: 'seen' goes out of the way to stay where the surveyed room gives fixes, and counts a metre without one
-            for six; 'none' takes the shortest way.
+        prefer: 'seen' prefers places where the surveyed room gives fixes: a metre without one costs six; 'none' takes
+            the shortest path.
     """
 
     kind: Literal["gcs"] = "gcs"

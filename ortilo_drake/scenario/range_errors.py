@@ -54,8 +54,8 @@ class UwbNoise(Frozen):
 
     Attributes:
         white: standard deviation of a row's white error [m].
-        lasting: what lasts of each anchor's error; null for nothing.
-        field: what of it belongs to places; null for nothing.
+        lasting: the lasting part of each anchor's error; null for none.
+        field: the part that belongs to places; null for none.
         outliers: rows that err by more.
         constants_sd: root mean square of the anchors' constants [m].
         constants: each anchor's constant [m], if they are known; null has them drawn by constants_sd.

@@ -70,17 +70,17 @@ class Robust(Frozen):
     """What the filter makes of values that are not what it believes of them; nothing where all are.
 
     Attributes:
-        gate: probability with which a right value is used [1]: it is refused if its squared Mahalanobis distance from
+        gate: probability that a correct value is used [1]: a value is rejected if its squared Mahalanobis distance from
             the filter's prediction exceeds the chi-square quantile.
         weight: how much values within the gate count.
         adaptation: how the believed noise of each sensor follows its innovations; null keeps it.
-        reacquire_after: a sensor that was refused for so long while no other that sees the same was used is believed
-            more than the estimate [s]: the estimate's covariance is opened.
+        reacquire_after: if a sensor was rejected for so long [s], and no other that measures the same was used, it is
+            trusted more than the estimate: the estimate's covariance is increased.
         opening: by how much.
-        drift: time over which innovations of the imu's angles are averaged; if they are not 0 on average, by the gate's
-            probability, the gyroscope's bias is found anew [s]. Read with rates 'measured'; null leaves it out.
-        stuck: so many messages [1] in a row with the same content say that a sensor is stuck; it is not heard until it
-            says something else. null hears it.
+        drift: time over which innovations of the imu's angles are averaged [s]; if their mean is not 0, by the gate's
+            probability, the gyroscope's bias is estimated anew. Only with rates 'measured'; null for no such test.
+        stuck: after so many messages [1] in a row with the same content a sensor counts as stuck; it is ignored until
+            its values change. null for no such test.
     """
 
     gate: Gate = 0.999999

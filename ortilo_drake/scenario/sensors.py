@@ -28,8 +28,8 @@ class ImuSetup(SensorSetup):
 
     Attributes:
         link: rate of its messages.
-        standstill: for how long the vehicle rests on the floor before take-off [s], after which gyroscope and
-            accelerometer are zeroed; 0 for not at all. A filter's first covariance of their biases follows from it.
+        standstill: how long the vehicle rests on the floor before take-off [s], which calibrates gyroscope and
+            accelerometer; 0 for not at all. A filter's first covariance of their biases follows from it.
     """
 
     standstill: Annotated[float, Field(ge=0.0, le=3600.0)] = 0.0
@@ -55,12 +55,12 @@ class Imu(ImuSetup):
 
     Attributes:
         link: rate and delivery of its messages.
-        standstill: for how long the vehicle rests on the floor before take-off [s], after which gyroscope and
-            accelerometer are zeroed; 0 for not at all. A filter's first covariance of their biases follows from it.
+        standstill: how long the vehicle rests on the floor before take-off [s], which calibrates gyroscope and
+            accelerometer; 0 for not at all. A filter's first covariance of their biases follows from it.
         angle_density: of roll, pitch and yaw [rad/sqrt(Hz)]; the default is 0.01 rad at 30 Hz.
         rate_density: of the body rates per axis [rad/s/sqrt(Hz)]; the default is 0.01 rad/s at 30 Hz.
         specific_force_density: of the specific force per axis [m/s^2/sqrt(Hz)]; the default is 0.05 m/s^2 at 30 Hz.
-        ahrs: what its attitude filter makes of acceleration; null has it not err.
+        ahrs: error of its attitude filter under acceleration; null for none.
     """
 
     link: Link = Link()
@@ -186,12 +186,12 @@ class UwbSetup(SensorSetup):
 
     Attributes:
         link: rate of its messages.
-        round: how long a round of ranging takes [s]: the anchors are ranged one after the other in n even slots, the
-            last one at the message's stamp, so that range i of 0 to n - 1 is (1 - (i + 1) / n) of it older. The onboard
-            half knows that and takes each range on to the stamp by the velocity that it believes.
-        behind_walls: what is made of ranges that, by the map and the estimate, pass a wall: they are 'used' as any
-            other, or 'left_out'. null leaves them out where the scenario's walls lengthen ranges: that they do is known
-            to who flies there, by how much is not.
+        round: duration of a round of ranging [s]: the anchors are ranged one after the other in n even slots, the last
+            one at the message's stamp, so range i of 0 to n - 1 is (1 - (i + 1) / n) of it older. The onboard half
+            knows that and extrapolates each range to the stamp with the estimated velocity.
+        behind_walls: whether ranges that pass a wall, by the map and the estimate, are 'used' or 'left_out'. null
+            leaves them out where the scenario's walls lengthen ranges: the onboard half knows that they do, not by how
+            much.
     """
 
     link: LinkRate = LinkRate(rate=10.0)
@@ -208,19 +208,18 @@ class Uwb(UwbSetup):
 
     Attributes:
         link: rate and delivery of its messages.
-        round: how long a round of ranging takes [s]: the anchors are ranged one after the other in n even slots, the
-            last one at the message's stamp, so that range i of 0 to n - 1 is (1 - (i + 1) / n) of it older. The onboard
-            half knows that and takes each range on to the stamp by the velocity that it believes.
-        behind_walls: what is made of ranges that, by the map and the estimate, pass a wall: they are 'used' as any
-            other, or 'left_out'. null leaves them out where the scenario's walls lengthen ranges: that they do is known
-            to who flies there, by how much is not.
+        round: duration of a round of ranging [s]: the anchors are ranged one after the other in n even slots, the last
+            one at the message's stamp, so range i of 0 to n - 1 is (1 - (i + 1) / n) of it older. The onboard half
+            knows that and extrapolates each range to the stamp with the estimated velocity.
+        behind_walls: whether ranges that pass a wall, by the map and the estimate, are 'used' or 'left_out'. null
+            leaves them out where the scenario's walls lengthen ranges: the onboard half knows that they do, not by how
+            much.
         noise: noise of each range, where errors are white.
-        errors: 'white' draws `noise` anew for each range; 'fitted' draws what recordings told of: each anchor's
-            constant, errors that last, white noise, outliers and their bursts, missing ranges.
-        file: NOISE.yaml of `ortilo fit`, or the name of one that comes with the package, iasl_2023 or util_2021: what
-            it has of the ranges is read to `fitted`. A scenario file, or `--set`, may name it; it is found as a room's
-            file is.
-        fitted: the errors where they are fitted.
+        errors: 'white' draws `noise` anew for each range; 'fitted' draws the errors fitted to recordings: each anchor's
+            constant, lasting errors, white noise, outliers and their bursts, missing ranges.
+        file: NOISE.yaml of `ortilo fit`, or one that comes with the package, iasl_2023 or util_2021; its errors of the
+            ranges become `fitted`. A path is relative as a room's is.
+        fitted: the values of errors 'fitted'.
         walls: what walls in the line of sight do to a range.
         max_distance: farther anchors give no range [m].
     """
@@ -327,13 +326,13 @@ class CameraSetup(SensorSetup):
 
     Attributes:
         link: rate of the pictures or boxes.
-        kind: 'rendered' draws pictures for a detector to look at; 'projected' draws the boxes that a detector would
-            have found, by what was measured of it, eighty times as fast.
+        kind: 'rendered' draws pictures for a detector; 'projected' computes the boxes of a detector with our detector's
+            measured errors, eighty times as fast.
         width: image width [px], to which the room's camera is scaled; 16 to 8192, or 64 to 2048 where it is rendered.
         latency: time from picture to boxes [ticks]; a rendered camera's detector takes one at least (it needs about a
             third of a tick of 1/30 s).
-        calibration: the camera as it was calibrated; null takes the room's. A scenario file, or `--set`, may name a
-            file of Kalibr, ROS (camera_info) or OpenCV (FileStorage) instead, found as a room's is.
+        calibration: the calibrated camera; null uses the room's. A scenario file, or `--set`, may name a file of
+            Kalibr, ROS (camera_info) or OpenCV (FileStorage) instead; a path is relative as a room's is.
     """
 
     link: LinkRate = LinkRate(rate=10.0)
@@ -356,15 +355,14 @@ class Camera(CameraSetup):
 
     Attributes:
         link: rate and delivery of the pictures or boxes.
-        kind: 'rendered' draws pictures for a detector to look at; 'projected' draws the boxes that a detector would
-            have found, by what was measured of it, eighty times as fast.
+        kind: 'rendered' draws pictures for a detector; 'projected' computes the boxes of a detector with our detector's
+            measured errors, eighty times as fast.
         width: image width [px], to which the room's camera is scaled; 16 to 8192, or 64 to 2048 where it is rendered.
         latency: time from picture to boxes [ticks]; a rendered camera's detector takes one at least (it needs about a
             third of a tick of 1/30 s).
-        calibration: the camera as it was calibrated; null takes the room's. A scenario file, or `--set`, may name a
-            file of Kalibr, ROS (camera_info) or OpenCV (FileStorage) instead, found as a room's is.
-        errors: which landmarks are missed, how boxes err, and false boxes; flown where the camera is projected, and
-            what the theory goes by.
+        calibration: the calibrated camera; null uses the room's. A scenario file, or `--set`, may name a file of
+            Kalibr, ROS (camera_info) or OpenCV (FileStorage) instead; a path is relative as a room's is.
+        errors: missed landmarks, errors of boxes, and false boxes, for a projected camera and for the theory.
     """
 
     link: Link = Link(rate=10.0)

@@ -53,8 +53,8 @@ class InertialNoise(Frozen):
         yaw_sd: error of the yaw, which lasts [rad].
         angles_rate: random walk of both, likewise [rad].
         coasting_sd: what a tick without samples may change of body rates [rad/s] and specific force [m/s^2].
-        silent_rate: random walk of what body rates [rad/s] and specific force [m/s^2] are wrong by after a second in
-            which the imu says nothing new.
+        silent_rate: random walk of the errors of body rates [rad/s] and specific force [m/s^2] after a second in which
+            the imu sends nothing new.
     """
 
     datasheet: Literal["none", "icm_42688_p", "bmi088"] = "none"
@@ -78,10 +78,10 @@ class TightRanges(Frozen):
     Attributes:
         noise: what is new in every range.
         bias_sd: error of each anchor's ranges that lasts [m]: bias, survey; 0 has none estimated.
-        bias_rate: its random walk, a standard deviation after 1 s [m]: a survey's error is another one from elsewhere.
+        bias_rate: its random walk, a standard deviation after 1 s [m]: a survey's error changes with the place.
         slow_sd: error of each anchor's ranges that changes slowly [m]; 0 has none estimated.
         slow_time: its correlation time [s].
-        clock_sd: by how much a message may be older than its stamp [s]; 0 has it not estimated.
+        clock_sd: by how much a message may be older than its stamp [s]; 0 for not estimated.
         lever: where the antenna is in B [m].
         differences: whether only differences of ranges count, as where the vehicle's clock is not that of the anchors
             (TDoA).
@@ -108,7 +108,7 @@ class TightPixels(Frozen):
         slow_share: share of the variance that lasts from picture to picture [1].
         slow_time: for how long [s].
         survey_sd: error of each landmark's surveyed position per axis [m]; 0 has none estimated.
-        clock_sd: by how much a message may be older than its stamp [s]; 0 has it not estimated.
+        clock_sd: by how much a message may be older than its stamp [s]; 0 for not estimated.
     """
 
     sd: Positive = 0.5
@@ -126,9 +126,9 @@ class TightWatch(Frozen):
 
     Attributes:
         time: over which contradictions are averaged [s].
-        leans: mean of the angles' normalized innovations from which on the body rates are doubted [1].
+        leans: mean of the angles' normalized innovations above which the gyroscope's bias is estimated anew [1].
         gyroscope_sd: step of the gyroscope's bias per axis that is assumed then [rad/s].
-        sided: mean share of ranges refused on one side from which on their clock is doubted [1].
+        sided: mean share of ranges rejected with one sign above which an error common to all is estimated [1].
         offset_sd: error of all ranges that is assumed then [m].
     """
 
@@ -152,7 +152,7 @@ class TightFilter(Frozen):
         initial_sd: what it believes of its initial error in position [m], angles [rad] and velocity [m/s].
         gate: probability [1] beyond which a range or a box is refused.
         huber: standard deviations of an innovation from which on it weighs less [1].
-        watch: how it notices a sensor that goes wrong; null has it trust the sensors as they are.
+        watch: how the filter detects failing sensors; null for not at all.
         horizon: how late a message may be [s]: poses of so many past ticks are kept.
     """
 
