@@ -8,7 +8,7 @@ from ortilo_drake.commands.terminal import check_writable, out, write_json
 
 
 def doctor(json_file: JsonOption = None) -> None:
-    """Check that this machine has what flights need, and optional parts; exit code 1 if something needed is missing."""
+    """Look whether this machine has what flights need, and what they may want; exit code 1 if a need is missing."""
     check_writable(json_file)
     from ortilo_drake.commands.doctor_checks import CHECKS, NEEDED, Finding
 

@@ -50,7 +50,7 @@ def faults(
     ),
     json_file: JsonOption = None,
 ) -> None:
-    """Fly scenarios with one fault at a time, and the same seeds without.
+    """Fly scenarios in which something goes wrong in flight, one fault at a time, beside the same seeds without.
 
     It shows the estimate's error during and after each fault, flights lost, the time to recover and whether the filter
     stays consistent. The ensemble engine flies what it can, Drake the rest. Cameras are projected. Faults of the

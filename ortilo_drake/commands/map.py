@@ -29,10 +29,10 @@ def map_(
     ),
     json_file: JsonOption = None,
 ) -> None:
-    """Fly a map: many flights at each point of a design over any settings.
+    """Fly a map: at each point of a design over any settings as many flights as asked for.
 
     The compiled engine flies them where it can, Drake where it cannot. Figures of each flight are kept as Parquet; what
-    is there already is not flown again, so an interrupted or killed run continues where it stopped.
+    is there already is not flown again, so an interrupted or killed run goes on where it stopped.
     """
     from ortilo_drake.studies.maps.sweep import load_sweep, points_of, scenario_at
 

@@ -53,11 +53,11 @@ def rare(
     out_folder: Annotated[Path, typer.Option("--out", help="Folder of the results.")] = Path("out/rare"),
     json_file: JsonOption = None,
 ) -> None:
-    """Estimate how often the vehicle is lost, or strays from its reference, if that is rare.
+    """Estimate how often the vehicle is lost, or strays from its reference, when that is rare.
 
-    It uses subset simulation over the noise of all sensors, links and the disturbance in every tick, and over what the
-    scenario's truth draws at the start, in the compiled engine. If nothing is found it stops early and says
-    an upper limit. Finished flights are kept, so an interrupted or killed run continues where it
+    By subset simulation over the noise of all sensors, links and the disturbance in every tick, and over what the
+    scenario's truth draws at the start, in the compiled engine. It stops early where nothing is found, and then says
+    how rare it is at most. What is there already is not flown again, so an interrupted or killed run goes on where it
     stopped.
     """
     from ortilo_drake.flight.cautions import cautions

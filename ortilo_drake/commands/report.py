@@ -25,7 +25,7 @@ def report(
         typer.Option(help="For a flight's .nc: write a recording for Rerun, .rrd, instead of a page."),
     ] = None,
 ) -> None:
-    """Make one self-contained HTML page, with text, tables and figures, of another command's results.
+    """Make one self-contained HTML page, text, tables and figures in it, of what another command wrote.
 
     With --rerun a page is made only if --out asks for it.
     """

@@ -35,7 +35,7 @@ def show_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetOp
 
 @scenario_app.command("check")
 def check_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetOption = None) -> None:
-    """Check a scenario: print the errors and warnings that `ortilo fly` would give."""
+    """Check a scenario: all that `ortilo fly` would refuse is refused here, and warned of what it would warn of."""
     chosen = load_scenario(scenario, tuple(settings or ()))
     from ortilo_drake.flight.cautions import cautions
     from ortilo_drake.flight.flyable import check_flyable

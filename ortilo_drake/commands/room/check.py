@@ -13,9 +13,9 @@ RoomArgument = Annotated[Path, typer.Argument(metavar="ROOM", help="A room's .ya
 
 
 def check(room: RoomArgument) -> None:
-    """Print all mistakes of a room file, a line each, with exit code 2; or its contents.
+    """Say all that is wrong with a room file at once, a line each, and end with exit code 2; or what is in it.
 
-    A valid room may still be a bad one: lines that begin with `warning` say what looks like a mistake.
+    A room that loads may still be a bad one: lines that begin with `warning` say what looks like a mistake.
     """
     from ortilo_drake.studies.rooms.room_file import room_problems
 

@@ -20,7 +20,7 @@ def coverage(
     png: PngOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Find where a vehicle would be lost in a room, and map what it can measure there.
+    """Say where a room loses a vehicle, and map what can be seen and measured in it.
 
     Of a room it flies imu, UWB that walls block and the projected camera, from start to goal. The floor is the least
     error that any estimator of the position can have there (the Cramér-Rao bound). The JSON file holds: scenario; room;
