@@ -186,12 +186,12 @@ class UwbSetup(SensorSetup):
 
     Attributes:
         link: rate of its messages.
-        round: duration of a round of ranging [s]: the anchors are ranged one after the other in n even slots, the last
-            one at the message's stamp, so range i of 0 to n - 1 is (1 - (i + 1) / n) of it older. The onboard half
-            knows that and extrapolates each range to the stamp with the estimated velocity.
-        behind_walls: whether ranges that pass a wall, by the map and the estimate, are 'used' or 'left_out'. null
-            leaves them out where the scenario's walls lengthen ranges: the onboard half knows that they do, not by how
-            much.
+        round: how long a round of ranging takes [s]: the anchors are ranged one after the other in n even slots, the
+            last one at the message's stamp, so that range i of 0 to n - 1 is (1 - (i + 1) / n) of it older. The onboard
+            half knows that and takes each range on to the stamp by the velocity that it believes.
+        behind_walls: what is made of ranges that, by the map and the estimate, pass a wall: they are 'used' as any
+            other, or 'left_out'. null leaves them out where the scenario's walls lengthen ranges: that they do is known
+            to who flies there, by how much is not.
     """
 
     link: LinkRate = LinkRate(rate=10.0)
@@ -208,12 +208,12 @@ class Uwb(UwbSetup):
 
     Attributes:
         link: rate and delivery of its messages.
-        round: duration of a round of ranging [s]: the anchors are ranged one after the other in n even slots, the last
-            one at the message's stamp, so range i of 0 to n - 1 is (1 - (i + 1) / n) of it older. The onboard half
-            knows that and extrapolates each range to the stamp with the estimated velocity.
-        behind_walls: whether ranges that pass a wall, by the map and the estimate, are 'used' or 'left_out'. null
-            leaves them out where the scenario's walls lengthen ranges: the onboard half knows that they do, not by how
-            much.
+        round: how long a round of ranging takes [s]: the anchors are ranged one after the other in n even slots, the
+            last one at the message's stamp, so that range i of 0 to n - 1 is (1 - (i + 1) / n) of it older. The onboard
+            half knows that and takes each range on to the stamp by the velocity that it believes.
+        behind_walls: what is made of ranges that, by the map and the estimate, pass a wall: they are 'used' as any
+            other, or 'left_out'. null leaves them out where the scenario's walls lengthen ranges: that they do is known
+            to who flies there, by how much is not.
         noise: noise of each range, where errors are white.
         errors: 'white' draws `noise` anew for each range; 'fitted' draws the errors fitted to recordings: each anchor's
             constant, lasting errors, white noise, outliers and their bursts, missing ranges.
