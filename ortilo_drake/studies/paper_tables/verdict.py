@@ -12,15 +12,15 @@ from ortilo_drake.studies.paper_tables.in_short import TITLES
 from ortilo_drake.studies.paper_tables.tables import SCENARIOS, Tables
 from ortilo_drake.views.numbers import with_interval
 
-# By which settings they were found out stands in docs/results.md, with figures.
+# docs/results.md has the settings that showed it, with figures.
 _NEAREST: Final = (
-    "fixes by the three nearest anchors stand badly before a blackout, and W = I takes their noise for motion; of our "
-    "disturbance the paper says nothing"
+    "before a blackout the three nearest anchors have a poor geometry, and with W = I the filter follows the noise of "
+    "their fixes; the paper says nothing about a disturbance"
 )
 _WHY: Final[dict[str, dict[tuple[str, str], str]]] = {
     "paper": {
         **dict.fromkeys((("imu_uwb", "y"), ("imu_uwb", "z"), ("imu_uwb", "path")), _NEAREST),
-        ("imu_uwb_yolo", "path"): "why was not found: neither noise, disturbance, speed nor lent velocities explain it",
+        ("imu_uwb_yolo", "path"): "the cause is unknown: not noise, disturbance, speed or the true velocities",
     }
 }
 OF_THE_PAPER: Final = ("paper", "printed")
