@@ -124,7 +124,7 @@ def test_in_the_blackouts_of_uwb_the_first_scenario_gets_lost() -> None:
     first, last = found.worst_times
     (at,) = np.nonzero((found.along.time >= first) & (found.along.time < last))
     assert np.all((found.along.position[at, 0] > 1.5) & (found.along.position[at, 0] < 5.6))
-    assert "uwb tells nothing there" in found.answer
+    assert "uwb measures nothing there" in found.answer
     assert found.cases["all"].lost_at is not None
 
 

@@ -199,23 +199,25 @@ def _cells(sides: np.ndarray, step: float) -> np.ndarray:
 
 def _answer(scenario: Scenario, worst: Stretch, cases: dict[str, Case], distance: np.ndarray, time: np.ndarray) -> str:
     """Return the place at which the room loses the vehicle, and the sensor that decides it."""
-    metres = f"from {distance[worst.first]:.1f} to {distance[worst.last]:.1f} m of the way"
+    metres = f"{distance[worst.first]:.1f} to {distance[worst.last]:.1f} m of the way"
     seconds = f"{time[worst.first]:.1f} to {time[worst.last]:.1f} s"
     silent = (
-        f"{' and '.join(worst.silent)} {'tells' if len(worst.silent) == 1 else 'tell'} nothing there; "
+        f"{' and '.join(worst.silent)} {'measures' if len(worst.silent) == 1 else 'measure'} nothing there; "
         if worst.silent
         else ""
     )
     if worst.hangs_on is None:
-        hangs = "it hangs on no sensor alone"
+        hangs = "no single sensor decides it"
     else:
-        hangs = f"it hangs on {worst.hangs_on}, without which that is {worst.floor_without:.2g} m"
+        hangs = f"{worst.hangs_on} matters most, without it the error is {worst.floor_without:.2g} m"
     worst_is = f"{metres} ({seconds}), where even the best estimator errs by {worst.floor:.2g} m; {silent}{hangs}."
     lost = cases["all"].lost_at
     if lost is None:
         sensors = ", ".join(scenario.sensors)
-        return f"Nowhere with {sensors}: three sigma of the floor stay off the walls. It is worst {worst_is}"
-    return f"It does {worst_is} From {lost:.1f} s on three sigma of the floor reach a wall."
+        return (
+            f"Nowhere with {sensors}: three sigma of the floor stay off the walls. The worst stretch is from {worst_is}"
+        )
+    return f"From {worst_is} From {lost:.1f} s on three sigma of the floor reach a wall."
 
 
 def _tells(scenario: Scenario, flight: PlannedFlight, along: Along) -> dict[str, np.ndarray]:
