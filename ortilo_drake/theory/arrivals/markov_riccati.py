@@ -20,7 +20,6 @@ from ortilo_drake.theory.arrivals.expected_riccati import (
     ROTATION,
     TRANSLATION,
     coupled_lower_bound,
-    solve_coupled,
     translation_noise,
 )
 
@@ -69,20 +68,6 @@ def arrival_chain(T: np.ndarray, probabilities: np.ndarray, start: int = 0) -> A
     return ArrivalChain(T, np.asarray(probabilities)[kept], pi, backward)
 
 
-def markov_upper_bound(model: Model, chain: ArrivalChain, start: np.ndarray | None = None) -> np.ndarray:
-    """Return X (M, n, n), each mode's bound on the mean of P; average_over_modes gives the bound on E[P].
-
-    Args:
-        model: from expected_riccati.vehicle_model or arrivals.check_model.
-        chain: see arrival_chain.
-        start: where to start the iteration (M, n, n), or None for W.
-
-    Raises:
-        InputError: if there is no fixed point; the modes of A concerned are named.
-    """
-    return solve_coupled(model, chain.probabilities, chain.backward, start, "coupled Riccati equations")
-
-
 def average_over_modes(chain: ArrivalChain, X: np.ndarray) -> np.ndarray:
     """Return sum_j pi_j X_j (n, n) of X (M, n, n)."""
     return np.einsum("m,mij->ij", chain.stationary, X)
@@ -91,7 +76,7 @@ def average_over_modes(chain: ArrivalChain, X: np.ndarray) -> np.ndarray:
 def markov_translation_lower_bound(model: Model, chain: ArrivalChain) -> np.ndarray:
     """Return each mode's bound from below on the mean of P of position and velocity (M, 6, 6).
 
-    As expected_riccati.translation_lower_bound, mode by mode: an arrival can at best bring the error back to W_t.
+    An arrival can at best bring the error of a filter that knows attitude and rates as well back to W_t.
 
     Args:
         model: of the vehicle, from expected_riccati.vehicle_model.
