@@ -30,6 +30,7 @@ from ortilo_drake.studies.recorded.filter_types import (
     Level,
     Noise,
     Run,
+    Setup,
     State,
     nominal,
     states,
@@ -271,11 +272,11 @@ def heading_of(
     begin = float(ranges.t[0])
     events, heard = events_of(ranges, imu, known, landed, queries, begin)
     events = Events(*(part[events.t <= begin + TRIAL] for part in events))
-    levers = levers_of(known, imu)
+    setup = Setup(known.anchors, levers_of(known, imu), known.level, noise, known.aids)
     tried, scores = np.arange(HEADINGS) * 2.0 * np.pi / HEADINGS, []
     for heading in tried:  # a wrong one must not be mended while it is tried
         start = start_of(ranges, imu, known, settings, heading, False)
-        runs = run_on(events, heard, known.anchors, levers, start, known.level, noise, known.aids, NEVER, False)[0]
+        runs = run_on(events, heard, start, setup, NEVER, False)[0]
         scores.append(innovation_score(_joined(runs), noise.gate))
     return float(tried[int(np.argmax(scores))])
 
@@ -321,8 +322,9 @@ def estimate(
     heading = heading_of(ranges, imu, known, settings, noise, queries, landed)
     events, heard = events_of(ranges, imu, known, landed, queries, begin)
     start = start_of(ranges, imu, known, settings, heading, known.heading is not None)
-    levers, aids = levers_of(known, imu), known.aids if imu is not None else NO_AIDS
-    runs, lost, end = run_on(events, heard, known.anchors, levers, start, known.level, noise, aids, WATCH, smoothed)
+    aids = known.aids if imu is not None else NO_AIDS
+    setup = Setup(known.anchors, levers_of(known, imu), known.level, noise, aids)
+    runs, lost, end = run_on(events, heard, start, setup, WATCH, smoothed)
     x, P = (
         smooth(runs)
         if smoothed
