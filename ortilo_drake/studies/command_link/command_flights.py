@@ -101,15 +101,13 @@ def errors_moment(scenario: Scenario, point: tuple[float, float, float], duratio
     return float(np.mean(np.trace(moments[first:], axis1=1, axis2=2)))
 
 
-def command_cases(
-    losses: Sequence[float], strategies: Sequence[str], delays: Sequence[int], burst: float | None = None
-) -> list[CommandLink]:
+def command_cases(losses: Sequence[float], strategies: Sequence[str], delays: Sequence[int]) -> list[CommandLink]:
     """Return command links to fly: every loss with every strategy without delay, then every delay without loss.
 
     Raises:
         InputError: naming the share, strategy or delay that cannot be, and what can.
     """
-    lossy = [{"loss": loss_of(p, burst).model_dump(), "when_lost": s} for s in strategies for p in losses]
+    lossy = [{"loss": loss_of(p).model_dump(), "when_lost": s} for s in strategies for p in losses]
     return [validate(CommandLink, data, "command_link") for data in lossy + [{"delay": d} for d in delays]]
 
 

@@ -288,7 +288,6 @@ def estimate(
     settings: FilterSettings,
     queries: np.ndarray,
     smoothed: bool = False,
-    noise: Noise | None = None,
 ) -> Estimate:
     """Run the filter and return its estimates at the stamps asked for, those at or after the first range.
 
@@ -301,7 +300,6 @@ def estimate(
         settings: noise and gate.
         queries: stamps, rising [s].
         smoothed: whether to smooth.
-        noise: in place of the settings' noise.
 
     Raises:
         InputError: if fewer than three anchors are heard at the start.
@@ -315,7 +313,7 @@ def estimate(
     landed = landings(imu) if imu is not None and known.start is not None and known.start.lands else []
     for one in landed if smoothed else []:  # the filter cannot know yet that it is on the floor
         ranges = ranges.only((ranges.t <= one.touched) | (ranges.t > one.rests))
-    noise = noise_of(settings, imu is not None) if noise is None else noise
+    noise = noise_of(settings, imu is not None)
     if known.biases is not None:  # calibrated ones are held: what wanders is the correlated error
         noise = noise._replace(bias_walk=0.0)
 

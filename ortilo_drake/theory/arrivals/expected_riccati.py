@@ -74,19 +74,17 @@ def solve_coupled(
     return X
 
 
-def upper_bound(model: Model, probabilities: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
+def upper_bound(model: Model, probabilities: np.ndarray) -> np.ndarray:
     """Return X = g(X) (n, n), which bounds the limit of E[P_k] from above, to 1e-9 relative.
 
     Args:
         model: from vehicle_model or check_model.
         probabilities: of the model's patterns (P).
-        start: where to start the iteration (n, n), or None for W.
 
     Raises:
         InputError: if the probabilities are none, or X does not exist; the modes concerned are named.
     """
-    first = None if start is None else start[None]
-    return solve_coupled(model, np.atleast_2d(probabilities), np.ones((1, 1)), first, "expected Riccati equation")[0]
+    return solve_coupled(model, np.atleast_2d(probabilities), np.ones((1, 1)), None, "expected Riccati equation")[0]
 
 
 def lower_bound(A: np.ndarray, W: np.ndarray, arrival_rate: float) -> np.ndarray:
