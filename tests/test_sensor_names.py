@@ -15,8 +15,8 @@ OWN = (
     "onboard/landmarks/",
     "onboard/ranging/",
     "world/sensors/",
-    "sensors/uwb.py",
-    "sensors/camera.py",
+    "sensors/uwb",  # and uwb_theory
+    "sensors/camera",  # and camera_theory
     "sensors/imu.py",
     "diagrams/imu.py",
     "diagrams/rendered_camera.py",
@@ -37,9 +37,6 @@ WHY = {
     "interop/recorded/live_rows.py": "keys of a map file",
     "interop/recorded/map_file.py": "likewise",
     "studies/live/warm_up.py": "likewise",
-    "studies/loop/fix_errors.py": "what errors of a world make of fixes by ranges and by landmarks",
-    "studies/loop/learned_survey.py": "what fixes by ranges and by landmarks tell of their surveys",
-    "studies/loop/left_out.py": "settings by their keys, of what the theory leaves out",
     "studies/predict/predicted.py": "keys of NOISE.yaml",
     "studies/recorded/at_rest.py": "a key of a map file",
     "model/signals.py": "the list of the paper's sensors",
@@ -47,7 +44,6 @@ WHY = {
     "onboard/estimator/tight/element.py": "the tight filter takes the raw messages of these three",
     "onboard/estimator/tight/model.py": "likewise",
     "diagrams/wiring/tight.py": "likewise",
-    "studies/sensitivity/mismatches.py": "a table of settings by their keys",
     "studies/rooms/room_scenario.py": "settings by their keys",
     "commands/options.py": "settings by their keys, of --camera and --detector",
     "hil/wire/limits.py": "the least and the greatest that their messages may hold",

@@ -80,6 +80,12 @@ class Sensor:
             default of rows of that sd.
         unknown: (scenario, room) -> the errors that the scenario's truth leaves unknown, sensors.unknown_errors.Error.
             By default those that its filter believes in (estimator.biases.row_sd).
+        made: (scenario, room, true state (12)) -> (D (m, l), rows (l, 17)): what errors e of what its value is made of
+            there, of those rows of `information`, make of it, D e; None where not known. By default its own rows.
+        learned: (scenario, room, true state (12)) -> the scenario whose filter is told what it learns of the survey.
+        left_out: scenario -> (settings that the predicted rms at hover has not, settings that it alone has of all
+            theory), each with whether the world differs by it.
+        mismatches: ways in which its world may differ from what is believed, sensors.mismatch.Mismatch.
         element: (scenario, room, whole) -> Box that says its message as it is sent, of a sensor that is built in; whole
             where all of the message is asked for. Other sensors have `compiled` or make_world.
         behind: (scenario, room, the Box that says its message, samples a tick) -> Box that changes the message before
@@ -119,6 +125,10 @@ class Sensor:
     covariance: Callable[[Any, Any, np.ndarray], np.ndarray | None] | None = None
     information: Callable[[Any, Any, np.ndarray, np.ndarray], Any] | None = None
     unknown: Callable[[Any, Any], Any] | None = None
+    made: Callable[[Any, Any, np.ndarray], tuple[np.ndarray, np.ndarray] | None] | None = None
+    learned: Callable[[Any, Any, np.ndarray], Any] = lambda scenario, room, x: scenario
+    left_out: Callable[[Any], tuple[dict[str, bool], dict[str, bool]]] = lambda scenario: ({}, {})
+    mismatches: tuple[Any, ...] = ()
     element: Callable[[Any, Any, bool], Any] | None = None
     behind: Callable[[Any, Any, Any, int], Any] | None = None
     solver: Callable[[Any, Any], Any] | None = None

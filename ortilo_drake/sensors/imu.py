@@ -5,6 +5,7 @@ The filter reads body rates and specific force only where its settings say so; t
 
 from collections.abc import Mapping
 from functools import lru_cache
+from math import radians
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from ortilo_drake.onboard.estimator.filter_model import filter_model, initial_co
 from ortilo_drake.scenario import Belief, Imu, Scenario, Truth
 from ortilo_drake.sensors.information_linear import linear_rows, own_rows
 from ortilo_drake.sensors.information_rows import GRADIENT, SOURCE, TICK, Information, rows_of
+from ortilo_drake.sensors.mismatch import Mismatch, of_truth
 from ortilo_drake.sensors.unknown_error import Error, own, spread, walk
 from ortilo_drake.world.drawn_truth import AtStart, Drawn, draw_truth, of_seed
 from ortilo_drake.world.sensors.ahrs import STREAM as AHRS_STREAM
@@ -30,6 +32,24 @@ from ortilo_drake.world.sensors.imu import imu_box
 from ortilo_drake.world.sensors.sensor_errors import factor_of
 from ortilo_drake.world.sensors.standstill import left_at_rest, zero_at_rest
 
+MISMATCHES = (
+    Mismatch(
+        "level of the IMU in roll [deg]",
+        lambda value: (("truth.imu.level", (radians(value), 0.0)),),
+        0.3,
+        (0.1, 0.5),
+        10.0,
+    ),
+    Mismatch("yaw of the IMU [deg]", of_truth("imu.yaw", radians(1.0)), 1.0, (2.0,), 64.0),
+    Mismatch(
+        "gyroscope biased by [mrad/s] about each axis",
+        lambda value: (("truth.imu.rates", (1e-3 * value,) * 3),),
+        0.3,
+        (1.0,),
+        100.0,
+        of_rates=True,
+    ),
+)
 SETTLED = 300  # ticks after which the attitude's covariance no longer changes
 _RATES = tuple(row(name, **{name: 1.0}) for name in STATE_NAMES[9:])
 
@@ -206,6 +226,8 @@ SENSOR = Sensor(
     V=believed_V,
     information=information,
     unknown=unknown,
+    left_out=lambda scenario: ({"imu.ahrs": scenario.imu.ahrs is not None}, {}),
+    mismatches=MISMATCHES,
     element=element,
     behind=attitude_filter,
     drawn=drawn,
