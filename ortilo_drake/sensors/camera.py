@@ -9,7 +9,7 @@ from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.measurement import CAMERA
 from ortilo_drake.model.parts import Sensor
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import DETECTIONS_SIZE, PAYLOAD
+from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, MAX_DETECTIONS, PAYLOAD
 from ortilo_drake.onboard.detector.detector_network import load_detector
 from ortilo_drake.onboard.landmarks.fix_element import ELEMENTS, camera_fix_box
 from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
@@ -103,6 +103,14 @@ def check(scenario: Scenario, room: Room) -> None:
         load_calibration(scenario.camera.errors)
 
 
+def limits(scenario: Scenario, room: Room) -> tuple[np.ndarray, np.ndarray]:
+    """Return the least and the greatest rows of a box."""
+    camera = room.camera.scaled_to(scenario.image_width)
+    width, height = camera.width - 0.5, camera.height - 0.5  # of a pixel's centre at whole numbers
+    low, high = [-1.0, 0.0, *[-0.5] * 4], [len(room.classes) - 1.0, 1.0, width, height, width, height]
+    return np.tile(low, MAX_DETECTIONS), np.tile(high, MAX_DETECTIONS)
+
+
 SENSOR = Sensor(
     "camera",
     CameraSettings,
@@ -117,6 +125,14 @@ SENSOR = Sensor(
     left_out=camera_theory.left_out,
     mismatches=camera_theory.MISMATCHES,
     payload=DETECTIONS_SIZE - PAYLOAD,
+    members=lambda payload: (
+        (
+            f"double boxes[{MAX_DETECTIONS}][{DETECTION_SIZE}];",
+            "label (-1: unused), score, u_min, v_min, u_max, v_max [px]",
+        ),
+    ),
+    limits=limits,
+    whole=lambda payload: list(range(0, payload, DETECTION_SIZE)),
     element=lambda scenario, room, whole: camera_box(scenario.camera, room, scenario.faults, scenario.h),
     solver=solver,
     drawn=drawn,

@@ -21,6 +21,7 @@ from ortilo_drake.model.white_noise import white_variances
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.filter_model import filter_model, initial_covariance
 from ortilo_drake.scenario import Belief, Imu, Scenario, Truth
+from ortilo_drake.sensors.envelope import SIGMAS, envelope_of
 from ortilo_drake.sensors.information_linear import linear_rows, own_rows
 from ortilo_drake.sensors.information_rows import GRADIENT, SOURCE, TICK, Information, rows_of
 from ortilo_drake.sensors.mismatch import Mismatch, of_truth
@@ -121,15 +122,19 @@ def leaning(scenario: Scenario) -> np.ndarray:
 
 
 def information(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndarray) -> Information:
-    """Return the information of the angles, and of the 'rates' and the specific 'force' that the filter reads."""
+    """Return the information of the angles, and of the 'rates' and the specific 'force' that the filter reads.
+
+    An attitude filter's lean by the acceleration goes with its own errors, the force with what of it lasts.
+    """
     rows = {"imu": own_rows(SENSOR, scenario, room, truth, seen)}
-    angles = rows["imu"]
+    angles = rows["imu"].copy()
     angles[:, GRADIENT][:, 6:9] += leaning(scenario)[angles[:, SOURCE].astype(int)]
+    with_errors = {"imu": angles}
     if getattr(scenario.estimator, "rates", "none") == "measured":
         rows["rates"] = rate_rows(scenario, seen)
     if reads_force(scenario):
-        rows["force"] = force_rows(scenario, seen)
-    return Information(rows)
+        with_errors["force"] = force_rows(scenario, seen)
+    return Information(rows, with_errors=with_errors)
 
 
 def inertial_biases(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
@@ -217,12 +222,34 @@ def standstill_of(scenario: Scenario, room: Room) -> dict[str, Any]:
     return how | {"rates": zero[:3], "specific_force": zero[3:]}
 
 
+def members(payload: int) -> tuple[tuple[str, str], ...]:
+    """Return the payload's members in C; none of several samples."""
+    if payload != IMU_SIZE - PAYLOAD:
+        return ()
+    return (
+        ("double angles[3];", "roll, pitch, yaw [rad]: R_WB = R_z R_y R_x, W east, north, up, B forward, left, up"),
+        ("double rates[3];", "w_WB_B [rad/s]"),
+        ("double force[3];", "specific force f_B [m/s^2]: [0, 0, 9.81] at rest"),
+    )
+
+
+def limits(scenario: Scenario, room: Room) -> tuple[np.ndarray, np.ndarray]:
+    """Return the least and the greatest angles, rates and specific force."""
+    its, turned = envelope_of(scenario, room), 0.0 if scenario.imu.ahrs is None else np.pi
+    angle_sd, rate_sd, force_sd = scenario.imu.sds(scenario.imu_period)
+    rates, force = 2.0 * its.rate + SIGMAS * rate_sd, its.force + SIGMAS * force_sd
+    most = np.concatenate((its.angles + SIGMAS * angle_sd + turned, rates * np.ones(3), force * np.ones(3)))
+    return -most, most
+
+
 SENSOR = Sensor(
     "imu",
     Imu,
     IMU,
     sd=angles_sd,
     payload=IMU_SIZE - PAYLOAD,
+    members=members,
+    limits=limits,
     V=believed_V,
     information=information,
     unknown=unknown,

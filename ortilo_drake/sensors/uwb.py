@@ -1,6 +1,7 @@
 """The uwb sensor, ranges to the room's anchors: everything that the laboratory knows of it."""
 
 from collections.abc import Mapping
+from itertools import product
 
 import numpy as np
 from pydrake.systems.framework import System
@@ -15,16 +16,20 @@ from ortilo_drake.onboard.ranging.fix_element import fix_box
 from ortilo_drake.onboard.ranging.multilateration import fix_of
 from ortilo_drake.scenario import Belief, Scenario, Uwb
 from ortilo_drake.sensors import uwb_theory
+from ortilo_drake.sensors.envelope import SIGMAS, envelope_of
 from ortilo_drake.sensors.information_ranges import range_rows
 from ortilo_drake.sensors.information_rows import Information
 from ortilo_drake.sensors.messages import solver_system
 from ortilo_drake.world.drawn_truth import AtStart, Drawn, draw_truth
 from ortilo_drake.world.faults.fault_element import fault_out
 from ortilo_drake.world.noise import stream_id
+from ortilo_drake.world.sensors.fitted_errors import largest_sd
 from ortilo_drake.world.sensors.fitted_uwb import fitted_box, fitted_drawn, noise_of
 from ortilo_drake.world.sensors.range_paths import STREAM as PATHS_STREAM
 from ortilo_drake.world.sensors.range_paths import paths_box, paths_out
 from ortilo_drake.world.sensors.uwb import ranging_settings, uwb_box, uwb_message
+
+MEANS = 50.0  # of an exponential length: as rare as 10 standard deviations
 
 
 def make_solver(scenario: Belief, room: Room) -> System:
@@ -138,6 +143,33 @@ def noise_numbers(scenario: Belief) -> dict[str, float]:
     }
 
 
+def members(payload: int) -> tuple[tuple[str, str], ...]:
+    """Return the payload's members in C."""
+    n = payload // 2
+    ranges = (f"double ranges[{n}];", "to each anchor, in the order of the room [m]")
+    return (ranges, (f"double there[{n}];", "1 where its range is there, else 0"))
+
+
+def largest_ranges(scenario: Scenario, room: Room, reach: float) -> np.ndarray:
+    """Return the largest range to each anchor (n) [m], of a vehicle in the room or up to `reach` outside."""
+    low, high = np.array(room.interior.min) - reach, np.array(room.interior.max) + reach
+    corners = np.array(list(product(*zip(low, high, strict=True))))
+    distances = np.linalg.norm(corners[:, np.newaxis] - room.anchor_positions, axis=2).max(axis=0)
+    (s_0, s_1), walls = scenario.uwb.sds, scenario.uwb.walls
+    sd = s_0 + s_1 * distances
+    if scenario.uwb.errors == "fitted":
+        sd = np.full(len(distances), largest_sd(noise_of(scenario.uwb)))
+    wall = walls.per_wall if walls.kind == "bias" else MEANS * walls.mean if walls.kind == "excess" else 0.0
+    bias = wall * len(room.wall_boxes)
+    return distances + bias + SIGMAS * sd
+
+
+def limits(scenario: Scenario, room: Room) -> tuple[np.ndarray, np.ndarray]:
+    """Return the least and the greatest ranges and flags."""
+    ranges = largest_ranges(scenario, room, envelope_of(scenario, room).speed * (scenario.h + scenario.uwb.round))
+    return np.zeros(2 * ranges.size), np.concatenate((ranges, np.ones(ranges.size)))
+
+
 SENSOR = Sensor(
     "uwb",
     Uwb,
@@ -152,6 +184,9 @@ SENSOR = Sensor(
     left_out=uwb_theory.left_out,
     mismatches=uwb_theory.MISMATCHES,
     payload=lambda scenario, room: 2 * len(room.anchors),
+    members=members,
+    limits=limits,
+    whole=lambda payload: list(range(payload // 2, payload)),
     element=source,
     check=check,
     behind=paths,
