@@ -165,6 +165,7 @@ class Part:
             estimator's takes the Belief and xbar_0 (15), a servo's and a planner's the Belief, a fault's its settings,
             the size of the message that it changes and the tick h [s]. What each may read: diagrams/wiring/own_part.py.
         gain: of a servo, Belief -> L (4, 15) about hover, u = -L [x - x_ref; i] + u_ff. None if it has none.
+        linear: of an estimator, Belief -> the paper's filter (its settings) that it is about hover. None if it is none.
     """
 
     kind: str
@@ -172,6 +173,7 @@ class Part:
     make: Callable[..., Any] | None = None
     box: Callable[..., Any] | None = None
     gain: Callable[[Any], np.ndarray] | None = None
+    linear: Callable[[Any], Any] | None = None
 
 
 # Names of signals, of logs' topics and of packets, whose channels are in capitals: a sensor's message would be theirs.

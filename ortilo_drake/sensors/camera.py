@@ -36,8 +36,8 @@ def make_solver(scenario: Belief, room: Room) -> LandmarkFix:
 
 def believed_V(scenario: Belief) -> np.ndarray | None:
     """Return the covariance of a fix as the filter believes it, None where it comes with each."""
-    V = getattr(scenario.estimator, "V", None)  # of the paper's filter
-    return None if V is None or V.camera is None else np.diag(V.camera)
+    its = scenario.linear_filter
+    return None if its is None or its.V.camera is None else np.diag(its.V.camera)
 
 
 def covariance(scenario: Scenario, room: Room, x: np.ndarray) -> np.ndarray | None:

@@ -13,6 +13,7 @@ from scipy.linalg import block_diag
 from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, DETECTIONS_SIZE, MAX_DETECTIONS, N_X, N_XBAR, PAYLOAD
+from ortilo_drake.onboard.estimator.filter_model import filter_of
 from ortilo_drake.onboard.landmarks.landmark_bank import REPEATS
 from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
 from ortilo_drake.onboard.ranging.survey_bank import MEMORY
@@ -171,7 +172,7 @@ def learned(scenario: Scenario, room: Room, x: np.ndarray) -> Scenario:
     found = None if settings.survey_bank is None else made(scenario, room, x)
     if found is None:
         return scenario
-    biases, rows, n = scenario.estimator.biases, found[1], len(room.landmark_positions)
+    biases, rows, n = filter_of(scenario).biases, found[1], len(room.landmark_positions)
     M = residual_information(rows[:, GRADIENT][:, :6], rows[:, VARIANCE])
     A = moved(-1.0, n, 2)(rows)
     seen = sorted({int(source) // 2 for source in rows[:, SOURCE]})

@@ -19,7 +19,7 @@ from ortilo_drake.model.signals import IMU_SIZE, N_I, N_U, N_X, N_XBAR, PAYLOAD,
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.model.white_noise import white_variances
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
-from ortilo_drake.onboard.estimator.filter_model import filter_model, initial_covariance
+from ortilo_drake.onboard.estimator.filter_model import filter_model, filter_of, initial_covariance
 from ortilo_drake.scenario import Belief, Imu, Scenario, Truth
 from ortilo_drake.sensors.envelope import SIGMAS, envelope_of
 from ortilo_drake.sensors.information_linear import linear_rows, own_rows
@@ -57,8 +57,8 @@ _RATES = tuple(row(name, **{name: 1.0}) for name in STATE_NAMES[9:])
 
 def believed_V(scenario: Belief) -> np.ndarray | None:
     """Return the covariance of the angles as the filter believes it, None of a filter that says none."""
-    V = getattr(scenario.estimator, "V", None)
-    return None if V is None else np.diag(white_variances(V.imu, scenario.imu_period))
+    its = scenario.linear_filter
+    return None if its is None else np.diag(white_variances(its.V.imu, scenario.imu_period))
 
 
 def angles_sd(scenario: Scenario, room: Room, states: np.ndarray) -> np.ndarray:
@@ -69,11 +69,12 @@ def angles_sd(scenario: Scenario, room: Room, states: np.ndarray) -> np.ndarray:
 @lru_cache(maxsize=16)
 def attitude_covariance(scenario: Scenario) -> np.ndarray:
     """Return the filter's covariance of roll, pitch and yaw (3 x 3) [rad^2] with the imu alone, after settling."""
-    model = filter_model(scenario.estimator, scenario.vehicle, "estimate", scenario.h, scenario.yaw)
+    settings = filter_of(scenario)
+    model = filter_model(settings, scenario.vehicle, "estimate", scenario.h, scenario.yaw)
     measurement, every = scenario.measurement, scenario.every("imu")
-    belief = np.concatenate((np.zeros(N_XBAR), initial_covariance(scenario.estimator).ravel()))
+    belief = np.concatenate((np.zeros(N_XBAR), initial_covariance(settings).ravel()))
     y, delta, V2 = (np.zeros(size) for size in measurement.sizes.values())
-    V2[measurement.block_of("imu")] = np.diag(white_variances(scenario.estimator.V.imu, scenario.h)).ravel()
+    V2[measurement.block_of("imu")] = np.diag(white_variances(settings.V.imu, scenario.h)).ravel()
     u, r, imu = np.zeros(N_U), np.zeros(N_I), measurement.inertial
     for k in range(SETTLED):
         delta[imu] = float("imu" in scenario.sensors and k % every == 0)
@@ -88,7 +89,7 @@ def specific_force_sd(scenario: Scenario) -> float:
 
 def reads_force(scenario: Scenario) -> bool:
     """Return whether the scenario's filter reads the specific force."""
-    return getattr(scenario.estimator, "force", "none") == "measured"
+    return scenario.linear_filter is not None and scenario.linear_filter.force == "measured"
 
 
 def rate_rows(scenario: Scenario, seen: np.ndarray) -> np.ndarray:
@@ -130,7 +131,7 @@ def information(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndar
     angles = rows["imu"].copy()
     angles[:, GRADIENT][:, 6:9] += leaning(scenario)[angles[:, SOURCE].astype(int)]
     with_errors = {"imu": angles}
-    if getattr(scenario.estimator, "rates", "none") == "measured":
+    if scenario.linear_filter is not None and scenario.linear_filter.rates == "measured":
         rows["rates"] = rate_rows(scenario, seen)
     if reads_force(scenario):
         with_errors["force"] = force_rows(scenario, seen)

@@ -12,6 +12,7 @@ the fixes that are remembered, of eigenvalues l, has E[eta eta^T] = s_w^2 Lambda
 
 import numpy as np
 
+from ortilo_drake.onboard.estimator.filter_model import filter_of
 from ortilo_drake.onboard.ranging.survey_bank import share_of
 from ortilo_drake.scenario import Scenario
 
@@ -42,5 +43,6 @@ def residual_information(J: np.ndarray, variances: np.ndarray) -> np.ndarray:
 
 def with_biases(scenario: Scenario, **settings: object) -> Scenario:
     """Return a scenario whose filter believes in other biases of its fixes (estimator.biases)."""
-    biases = scenario.estimator.biases.model_copy(update=settings)
-    return scenario.model_copy(update={"estimator": scenario.estimator.model_copy(update={"biases": biases})})
+    its = filter_of(scenario)
+    biases = its.biases.model_copy(update=settings)
+    return scenario.model_copy(update={"estimator": its.model_copy(update={"biases": biases})})

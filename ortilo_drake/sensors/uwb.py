@@ -40,8 +40,8 @@ def make_solver(scenario: Belief, room: Room) -> System:
 
 def believed_V(scenario: Belief) -> np.ndarray | None:
     """Return the covariance of a fix as the filter believes it, None where it comes with each."""
-    V = getattr(scenario.estimator, "V", None)  # of the paper's filter
-    return None if V is None or V.uwb is None else np.diag(V.uwb)
+    its = scenario.linear_filter
+    return None if its is None or its.V.uwb is None else np.diag(its.V.uwb)
 
 
 def messages_again(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndarray) -> np.ndarray:

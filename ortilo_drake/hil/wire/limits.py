@@ -70,7 +70,9 @@ def limits_of(scenario: Scenario) -> dict[str, Limits]:
     def of_sensor(name: str) -> Limits:
         sensor = described(name)
         payload = message_size(sensor, scenario, room) - PAYLOAD
-        bounds = sensor.limits(scenario, room) if sensor.limits else (np.full(payload, e) for e in (-LARGEST, LARGEST))
+        bounds = (
+            sensor.limits(scenario, room) if sensor.limits else (np.full(payload, -LARGEST), np.full(payload, LARGEST))
+        )
         late, samples = oldest(name) + scenario.latency_of(name), scenario.samples(name)
         return _message(*bounds, late, sensor.whole(payload), samples)
 

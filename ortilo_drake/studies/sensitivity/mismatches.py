@@ -35,7 +35,8 @@ def known_mismatches() -> tuple[Mismatch, ...]:
 
 def mismatches_of(scenario: Scenario) -> tuple[Mismatch, ...]:
     """Return the mismatches that change anything with the sensors of a scenario."""
-    reads_rates = getattr(scenario.estimator, "rates", "none") == "measured"
+    its = scenario.linear_filter
+    reads_rates = its is not None and its.rates == "measured"
     flown = (m for name in scenario.sensors for m in described(name).mismatches)
     return (*OF_ALL, *(m for m in flown if reads_rates or not m.of_rates))
 
