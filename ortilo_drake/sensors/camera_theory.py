@@ -1,8 +1,7 @@
 """What the theory knows of the boxes: which are likely, their information and errors, what a fix makes of them.
 
 The camera finds landmarks at random: those count whose detection rate is at least one half. The attitude's covariance,
-which the fix takes, is that of a filter long fed by the imu alone. Hovering, a filter with a bank
-(onboard/landmarks/landmark_bank.py) is the one without that is told what was learned: see learned_survey.py.
+which the fix takes, is that of a filter long fed by the imu alone.
 """
 
 from functools import lru_cache

@@ -1,8 +1,4 @@
-"""What the theory knows of the ranges: their unknown errors, and what they make of a fix by them.
-
-Hovering, a filter with a bank (onboard/ranging/survey_bank.py) is the one whose state is rho s, of the sd that the fix
-says, with the survey's sd as it was learned and no bank: see learned_survey.py.
-"""
+"""What the theory knows of the ranges: their unknown errors, what they make of a fix, what a fix tells of anchors."""
 
 import numpy as np
 
@@ -106,23 +102,19 @@ def left_out(scenario: Scenario) -> tuple[dict[str, bool], dict[str, bool]]:
     """Return which settings the predicted rms has not, and which it alone has; see model/parts.py."""
     uwb, fix = scenario.uwb, scenario.multilateration
     noise = uwb.fitted if uwb.errors == "fitted" else None
-    white = "uwb.noise" if noise is None else "uwb.fitted.white"
-    out = {"uwb.round": uwb.round > 0.0, white: uwb.sds != fix.noise.sds}
-    alone = {}
-    if noise is not None:
-        out |= {
-            "uwb.fitted.outliers": noise.outliers.share > 0.0 and noise.outliers.sd > 0.0,
-            "uwb.fitted.constants": any(noise.constants or ()),
-            "uwb.fitted.near_floor": noise.near_floor > 0.0,
-            "uwb.fitted.missing": noise.missing > 0.0,
-        }
-        alone = {
-            "uwb.fitted.lasting": noise.lasting is not None and noise.lasting.sd > 0.0,
-            "uwb.fitted.field": noise.field is not None and noise.field.sd > 0.0,
-            "uwb.fitted.constants_sd": noise.constants is None and noise.constants_sd > 0.0,
-        }
-    out |= {
-        "uwb.walls": uwb.walls.kind in ("bias", "excess"),
-        "multilateration.noise_scale": fix.noise_scale is not None,
+    out = {"uwb.round": uwb.round > 0.0, "uwb.walls": uwb.walls.kind in ("bias", "excess")}
+    out["multilateration.noise_scale"] = fix.noise_scale is not None
+    out["uwb.noise" if noise is None else "uwb.fitted.white"] = uwb.sds != fix.noise.sds
+    alone = {"multilateration.bias_bank": fix.bias_bank is not None}
+    if noise is None:
+        return out, alone
+    return out | {
+        "uwb.fitted.outliers": noise.outliers.share > 0.0 and noise.outliers.sd > 0.0,
+        "uwb.fitted.constants": any(noise.constants or ()),
+        "uwb.fitted.near_floor": noise.near_floor > 0.0,
+        "uwb.fitted.missing": noise.missing > 0.0,
+    }, alone | {
+        "uwb.fitted.lasting": noise.lasting is not None and noise.lasting.sd > 0.0,
+        "uwb.fitted.field": noise.field is not None and noise.field.sd > 0.0,
+        "uwb.fitted.constants_sd": noise.constants is None and noise.constants_sd > 0.0,
     }
-    return out, alone | {"multilateration.bias_bank": fix.bias_bank is not None}
