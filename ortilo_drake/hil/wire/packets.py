@@ -12,17 +12,11 @@ from ortilo_drake.hil.wire.lcm_type import LcmType
 from ortilo_drake.interop.ros.picture_codec import encode_png
 from ortilo_drake.model.parts import known_sensors
 from ortilo_drake.model.signals import N_XBAR, REFERENCE_SIZE, SENSORS
+from ortilo_drake.sensors.described import port_of
 
 PROTOCOL: Final = 4
-PORTS: Final = (
-    "imu",
-    "uwb",
-    "detections",
-    "shutter",
-    "velocity",
-    "acted",
-    "image",
-)  # of the world; registered sensors come to them
+# Of the world; registered sensors come to them.
+PORTS: Final = (*map(port_of, SENSORS), "shutter", "velocity", "acted", "image")
 KINDS: Final = (*PORTS, "tick", "command", "telemetry", "hello", "goal")  # of packets
 MEASUREMENT: Final = ("y", "delta", "V2")  # one after the other in telemetry
 TELEMETRY: Final = {

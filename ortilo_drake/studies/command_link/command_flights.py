@@ -15,11 +15,11 @@ from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.scenario import CommandLink, HoverPlanner, Scenario
 from ortilo_drake.scenario.loss_chain import loss_of
+from ortilo_drake.sensors.described import as_learned
 from ortilo_drake.studies.command_link.command_loop import commanded_loop
 from ortilo_drake.studies.command_link.command_loss import lossy_loop
 from ortilo_drake.studies.loop.error_moments import drives, moved_by
 from ortilo_drake.studies.loop.fix_covariance import fix_noise
-from ortilo_drake.studies.loop.learned_survey import as_learned
 from ortilo_drake.theory.jump_linear.jump_linear import MARGIN, JumpLinear, mean_square_radius, steady_second_moment
 
 POINT = (8.0, 1.0, 1.5)  # out of the authors' blackouts and far from walls
@@ -92,7 +92,7 @@ def errors_moment(scenario: Scenario, point: tuple[float, float, float], duratio
     """Return the mean squared distance from r that what is wrong in the world makes [m^2], over what counts.
 
     Args:
-        scenario: the scenario, its filter told what it learns (learned_survey.py).
+        scenario: the scenario, its filter told what it learns (sensors/learned_survey.py).
         point: where it hovers.
         duration: of the hovering that counts [s], after WARM_UP.
     """

@@ -36,7 +36,8 @@ COMMAND_SEEDS = range(4)
 class Theory:
     """What needs no flight: linearisation, Riccati equations, margins, arrival rates, commands.
 
-    The linearisation holds Drake's derivatives to closed forms; it is None with a servo of one's own, which has none.
+    The linearisation holds Drake's derivatives to closed forms; it is None with a servo or an estimator of one's own,
+    which has none.
     """
 
     linearization: LinearizationReport | None
@@ -82,6 +83,11 @@ class Analysis:
     tube: TubeReport | None
 
 
+def is_built_in(scenario: Scenario) -> bool:
+    """Return whether servo and filter are the paper's, which Drake differentiates."""
+    return isinstance(scenario.servo, LqServo) and scenario.linear_filter is scenario.estimator
+
+
 def analysis_data(analysis: Analysis) -> dict[str, Any]:
     """Return an analysis as plain data for JSON, the theory's parts beside the others, without those there are not."""
     data: dict[str, Any] = as_data(analysis)
@@ -109,7 +115,7 @@ def theory(scenario: Scenario, step: Step = lambda what, done, total: None) -> T
     rates = RATES if len(loop.names) == N_X else RATES[::4]  # a filter of twice the states takes eight times as long
     uwb, camera = (rates.tolist() if sensor in scenario.sensors else [0.0] for sensor in loop.measurement.positions[:2])
     begin("linearization")
-    linearization = linearization_report(scenario, V=V) if isinstance(scenario.servo, LqServo) else None
+    linearization = linearization_report(scenario, V=V) if is_built_in(scenario) else None
     begin("riccati")
     riccati = riccati_report(scenario, V)
     begin("margins")
