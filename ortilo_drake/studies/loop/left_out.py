@@ -1,7 +1,8 @@
 """What of a scenario's world the theory at hover does not have.
 
-Margins, arrival rates and lost commands are of the world that the filter believes, with the rotors' drag. The predicted
-rms at hover has what is wrong besides (error_moments.py), and what is learned of the survey (learned_survey.py).
+Margins, arrival rates and lost commands are of the world that the filter believes, once it has learned what its banks
+learn of the survey (learned_survey.py), with the rotors' drag. The predicted rms at hover has what is wrong besides
+(error_moments.py).
 """
 
 from typing import Any
@@ -51,8 +52,6 @@ def in_the_rms_alone(scenario: Scenario) -> list[str]:
         "uwb.fitted.lasting": noise is not None and noise.lasting is not None and noise.lasting.sd > 0.0,
         "uwb.fitted.field": noise is not None and noise.field is not None and noise.field.sd > 0.0,
         "uwb.fitted.constants_sd": noise is not None and noise.constants is None and noise.constants_sd > 0.0,
-        "multilateration.bias_bank": "uwb" in scenario.sensors and scenario.multilateration.bias_bank is not None,
-        "landmark_fix.survey_bank": "camera" in scenario.sensors and scenario.landmark_fix.survey_bank is not None,
     }
     groups = {f"truth.{name}": FACTORS.get(f"truth.{name}", ()) for name in Truth.model_fields if name not in OTHERS}
     for group, factors in _flown(scenario, groups).items():
