@@ -201,7 +201,4 @@ def _of(rows: np.ndarray, landmark: int) -> np.ndarray:
 
 def left_out(scenario: Scenario) -> tuple[dict[str, bool], dict[str, bool]]:
     """Return which settings the predicted rms has not, and which it alone has; see model/parts.py."""
-    fix = scenario.landmark_fix
-    return {"landmark_fix.noise_scale": fix.noise_scale is not None}, {
-        "landmark_fix.survey_bank": fix.survey_bank is not None
-    }
+    return {"landmark_fix.noise_scale": scenario.landmark_fix.noise_scale is not None}, {}

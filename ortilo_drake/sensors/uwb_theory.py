@@ -105,15 +105,14 @@ def left_out(scenario: Scenario) -> tuple[dict[str, bool], dict[str, bool]]:
     out = {"uwb.round": uwb.round > 0.0, "uwb.walls": uwb.walls.kind in ("bias", "excess")}
     out["multilateration.noise_scale"] = fix.noise_scale is not None
     out["uwb.noise" if noise is None else "uwb.fitted.white"] = uwb.sds != fix.noise.sds
-    alone = {"multilateration.bias_bank": fix.bias_bank is not None}
     if noise is None:
-        return out, alone
+        return out, {}
     return out | {
         "uwb.fitted.outliers": noise.outliers.share > 0.0 and noise.outliers.sd > 0.0,
         "uwb.fitted.constants": any(noise.constants or ()),
         "uwb.fitted.near_floor": noise.near_floor > 0.0,
         "uwb.fitted.missing": noise.missing > 0.0,
-    }, alone | {
+    }, {
         "uwb.fitted.lasting": noise.lasting is not None and noise.lasting.sd > 0.0,
         "uwb.fitted.field": noise.field is not None and noise.field.sd > 0.0,
         "uwb.fitted.constants_sd": noise.constants is None and noise.constants_sd > 0.0,

@@ -88,6 +88,12 @@ def hover_V(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> np.
     return np.asarray(block_diag(*noise.V.values()))
 
 
+def told_at(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> Scenario:
+    """Return the scenario whose filter is told what its banks learn at a point, hovering; errors as hover_V."""
+    hover_V(scenario, p_WB)  # nothing is learned where a sensor gives no measurement
+    return as_learned(scenario, hovering(p_WB))
+
+
 def errors_moment(scenario: Scenario, point: tuple[float, float, float], duration: float) -> float:
     """Return the mean squared distance from r that what is wrong in the world makes [m^2], over what counts.
 
@@ -137,8 +143,7 @@ def command_flights(
         InputError: as hover_V.
     """
     seeds = list(seeds)
-    hover_V(scenario, point)  # nothing is learned where a sensor gives no measurement
-    told = as_learned(scenario, hovering(point))
+    told = told_at(scenario, point)
     V, errors = hover_V(told, point), errors_moment(told, point, duration)
     planner = HoverPlanner(kind="hover", point=point, duration=WARM_UP + duration)
     calm = scenario.model_copy(update={"planner": planner, "settle": 0.0})

@@ -1,7 +1,8 @@
 """What of a scenario's world the theory at hover does not have.
 
-Margins, arrival rates and lost commands are of the world that the filter believes, with the rotors' drag. The predicted
-rms at hover has what is wrong besides (error_moments.py), and what is learned of the survey (sensors/described.py).
+Margins, arrival rates and lost commands are of the world that the filter believes, once it has learned what its banks
+learn of the survey (sensors/learned_survey.py), with the rotors' drag. The predicted rms at hover has what is wrong
+besides (error_moments.py).
 """
 
 from typing import Any
