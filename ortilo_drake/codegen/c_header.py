@@ -85,7 +85,6 @@ ROOM: Final = f"""#ifndef ORTILO_ROOM
 #define ORTILO_ROOM {ROOM_BYTES} /* bytes; define it where ortilo.c is compiled and where ortilo.h is read */
 #endif
 typedef struct {{
-    int64_t raised[6];               /* of a function that had to stop; nobody reads it */
     int64_t top, last;               /* of a call */
     int64_t most;                    /* bytes that any call has taken so far: ORTILO_ROOM should be twice that */
     int64_t bytes[ORTILO_ROOM / 8];  /* arrays that are made within a call */
