@@ -1,1 +1,1 @@
-"""LQG control through a link that loses commands and acknowledges those that arrive."""
+"""LQG control through a link that loses commands, with and without acknowledgement."""
