@@ -18,6 +18,7 @@ from ortilo_drake.onboard.estimator.tight.model import initial_covariance, layou
 from ortilo_drake.onboard.estimator.tight.ranges import take_ranges
 from ortilo_drake.onboard.estimator.tight.tick import N_KEPT, QUIET, go_on, keep_pose
 from ortilo_drake.scenario import load_scenario
+from ortilo_drake.sensors.described import described
 
 
 def least_us(call: Callable[[], object], rounds: int, calls: int) -> float:
@@ -36,7 +37,7 @@ def timed(name: str, rounds: int, calls: int) -> str:
     """Return the line of a scenario."""
     scenario = load_scenario(name)
     settings, room = scenario.estimator, scenario.load_room()
-    layout = layout_of(settings, room, scenario.sensors, scenario.h)
+    layout = layout_of(settings, room, [described(name).measures for name in scenario.sensors], scenario.h)
     motion = motion_of(settings, layout, scenario)
     C_0, anchors = initial_covariance(settings, layout), np.ascontiguousarray(room.anchor_positions)
     x, C, kept = np.zeros(nominal_size(layout)), C_0.copy(), np.zeros(N_KEPT)

@@ -13,7 +13,7 @@ from ortilo_drake.diagrams.servo import make_lq_servo
 from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR, PAYLOAD, REFERENCE_SIZE, STATE_NAMES, VELOCITY_SIZE
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.onboard.estimator.extra_states import D, F, augmented_rows, extra_states, names_of
-from ortilo_drake.onboard.estimator.filter_model import augmented_model
+from ortilo_drake.onboard.estimator.filter_model import augmented_model, filter_of
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
 from ortilo_drake.world.vehicle.rotors import Rotors_
@@ -63,7 +63,7 @@ def make_servo(scenario: Scenario) -> Diagram:
 
 
 def _servo_of(scenario: Scenario) -> System:
-    return make_lq_servo(scenario, scenario.estimator.force != "none")
+    return make_lq_servo(scenario, filter_of(scenario).force != "none")
 
 
 def make_frozen_filter(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> AffineSystem:
@@ -76,13 +76,12 @@ def make_frozen_filter(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> 
     first order. Ports: input [y (p); u (4); reference (9)], output [xhat; i] (N + 3).
     """
     vehicle = scenario.vehicle
-    extras = extra_states(scenario.estimator, vehicle, scenario.h, scenario.flown_rows, scenario.yaw)
-    model = augmented_model(
-        scenario.estimator, vehicle, scenario.estimator.integrator, scenario.h, extras, scenario.yaw
-    )
+    settings = filter_of(scenario)
+    extras = extra_states(settings, vehicle, scenario.h, scenario.flown_rows, scenario.yaw)
+    model = augmented_model(settings, vehicle, settings.integrator, scenario.h, extras, scenario.yaw)
     measurement = augmented_rows(scenario.measurement.rows, extras)
     Delta, E, p = measurement.arrival_matrix(delta), measurement.selection_matrix(delta), measurement.sizes["y"]
-    integrator, N = scenario.estimator.integrator, len(model.Phi)
+    integrator, N = settings.integrator, len(model.Phi)
     A, B = np.eye(N + N_I), np.zeros((N + N_I, p + N_U + REFERENCE_SIZE))
     A[:N, :N] = model.Phi - K @ Delta @ measurement.layout.C
     B[:N, :p], B[:N, p : p + N_U] = K @ Delta, model.Gamma
@@ -118,7 +117,7 @@ def make_linear_loop(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> Di
         K: predictor gain (N x p) at full size; columns of sensors that did not arrive are ignored.
         delta: arrivals (s).
     """
-    extras = extra_states(scenario.estimator, scenario.vehicle, scenario.h, scenario.flown_rows, scenario.yaw)
+    extras = extra_states(filter_of(scenario), scenario.vehicle, scenario.h, scenario.flown_rows, scenario.yaw)
     measurement, names = augmented_rows(scenario.measurement.rows, extras), (*STATE_NAMES, *names_of(extras))
     N, rows = len(names), measurement.arrival_matrix(delta) @ measurement.layout.C
     builder = DiagramBuilder()

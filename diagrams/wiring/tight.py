@@ -24,7 +24,7 @@ def tight_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages: dict[s
     """Return the tight filter, `filter`, and what it hears, `handler`; arguments as of intermittent_boxes."""
     settings: Any = belief.estimator
     sensors, samples = tuple(messages), belief.samples("imu") if "imu" in messages else 1
-    layout = layout_of(settings, room, sensors, belief.h)
+    layout = layout_of(settings, room, [described(name).measures for name in sensors], belief.h)
     motion, aids = motion_of(settings, layout, belief), aids_of(settings, room, belief)
     payloads = {"uwb": uwb_size(len(room.anchors)) - PAYLOAD, "camera": DETECTIONS_SIZE - PAYLOAD}
     C_0 = initial_covariance(settings, layout, rest_of(belief), sample_sds(settings, samples, belief.h))
@@ -33,7 +33,9 @@ def tight_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages: dict[s
     solving = [box for name in own for box in fix_boxes(belief, room, name, messages[name])]
     rows = {name: belief.measurement.C_of(name) for name in own}
     kalman = tight_box(layout, motion, aids, samples, size, C_0, xbar_0, rows)
-    heard = heard_box(belief.measurement, sensors, samples, layout.clones, aids.angle_sd, belief.h, rows)
+    known = belief.measurement.sensors
+    numbers = [known.index(name) if name in messages else -1 for name in ("uwb", "imu", "camera")]
+    heard = heard_box(belief.measurement, numbers, samples, layout.clones, aids.angle_sd, belief.h, rows)
     silent = [constant(f"no_{name}", np.zeros(size)) for name, size in _NOTHING.items() if name not in messages]
     said = {name: messages[name].name if name in messages else f"no_{name}" for name in _NOTHING}
     sighted = sighted_box(belief.uwb, room) if "uwb" in messages else None

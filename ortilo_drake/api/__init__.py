@@ -37,7 +37,7 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import Frozen
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.onboard.fix_solver import FixSolver
-from ortilo_drake.scenario import Belief, InputError, Scenario, load_scenario
+from ortilo_drake.scenario import Belief, InputError, IntermittentFilter, Scenario, load_scenario
 from ortilo_drake.scenario.faults import Fault
 from ortilo_drake.scenario.own_parts import SensorSettings
 from ortilo_drake.world.sensors.state_sensor import StateSensor
@@ -52,6 +52,7 @@ __all__ = [
     "Flights",
     "Frozen",
     "InputError",
+    "IntermittentFilter",
     "IntermittentKalmanFilter",
     "Room",
     "Scenario",

@@ -11,7 +11,7 @@ from ortilo_drake.model.parts import Part, register_part
 from ortilo_drake.model.typed_yaml import Frozen
 from ortilo_drake.onboard.detector.detector import Boxes
 from ortilo_drake.onboard.planner.planned import Planned
-from ortilo_drake.scenario import Belief
+from ortilo_drake.scenario import Belief, IntermittentFilter
 from ortilo_drake.scenario.faults import Fault
 
 
@@ -20,6 +20,7 @@ def register_estimator(
     settings: type[Frozen],
     make: Callable[[Belief, np.ndarray], System] | None = None,
     box: Callable[[Belief, np.ndarray], Box] | None = None,
+    linear: Callable[[Belief], IntermittentFilter] | None = None,
 ) -> None:
     """Let scenarios name an estimator: `estimator: {kind: mine, ...}`.
 
@@ -28,11 +29,13 @@ def register_estimator(
         settings: its group of a scenario, a frozen model with the field `kind: Literal[...]`.
         make: (scenario, first estimate xbar_0 (15)) -> System, see diagrams/onboard.py.
         box: the same as an element, see diagrams/wiring/own_part.py.
+        linear: Belief -> the paper's filter that it is about hover: W, V, and what it reads of the imu. With it the
+            linear theory (`ortilo analyze`, tube, maps, margins, floor) knows it; without it they say that they do not.
 
     Raises:
         InputError: if the settings have no kind, or neither make nor box is given.
     """
-    register_part("estimator", Part(kind, settings, make, box))
+    register_part("estimator", Part(kind, settings, make, box, linear=linear))
 
 
 def register_servo(

@@ -6,33 +6,16 @@ import numpy as np
 
 from ortilo_drake.codegen.half import NAMED, Half
 from ortilo_drake.loop.element import Box
-from ortilo_drake.model.signals import (
-    ACT_SIZE,
-    ACTS,
-    CONTROL_NAMES,
-    DETECTION_SIZE,
-    IMU_SIZE,
-    MAX_DETECTIONS,
-    PAYLOAD,
-    XBAR_NAMES,
-)
+from ortilo_drake.model.parts import known_sensors
+from ortilo_drake.model.signals import ACT_SIZE, ACTS, CONTROL_NAMES, PAYLOAD, XBAR_NAMES
+from ortilo_drake.sensors.described import described, port_of
 
 KINDS: Final = {"f8": "double", "i8": "int64_t", "u8": "uint64_t", "b1": "uint8_t"}
 HEAD: Final = (
     ("double arrived;", "1 in the tick in which the message is there, else 0"),
     ("double stamp;", "when its content was true [s], tick 0 at 0 s"),
 )
-IMU: Final = (
-    ("double angles[3];", "roll, pitch, yaw [rad]: R_WB = R_z R_y R_x, W east, north, up, B forward, left, up"),
-    ("double rates[3];", "w_WB_B [rad/s]"),
-    ("double force[3];", "specific force f_B [m/s^2]: [0, 0, 9.81] at rest"),
-)
 PAYLOADS: Final = {
-    "imu": IMU,
-    "detections": (
-        (f"double boxes[{MAX_DETECTIONS}][{DETECTION_SIZE}];",
-         "label (-1: unused), score, u_min, v_min, u_max, v_max [px]"),
-    ),
     "velocity": (("double v_WB[3];", "[m/s]"), ("double angle_rates[3];", "of roll, pitch, yaw [rad/s]")),
     "acted": (
         (f"double acts[{ACTS}][{ACT_SIZE}];",
@@ -59,16 +42,10 @@ def c_name(name: str) -> str:
 def fields_of(name: str, size: int) -> tuple[tuple[str, str], ...]:
     """Return the members of an input's struct, each with what it is."""
     name = c_name(name)
-    if name == "uwb":
-        n = (size - PAYLOAD) // 2
-        ranges = (f"double ranges[{n}];", "to each anchor, in the order of the room [m]")
-        return (*HEAD, ranges, (f"double there[{n}];", "1 where its range is there, else 0"))
-    if name in PAYLOADS and not (name == "imu" and size != IMU_SIZE):
-        return (*HEAD, *PAYLOADS[name])
-    return (
-        *HEAD,
-        (f"double payload[{size - PAYLOAD}];", "samples, or what a sensor of one's own says"),
-    )
+    sensor = next((its for its in map(described, known_sensors()) if port_of(its.name) == name), None)
+    members = PAYLOADS.get(name) or (sensor.members(size - PAYLOAD) if sensor else ())
+    plain = (f"double payload[{size - PAYLOAD}];", "samples, or what a sensor of one's own says")
+    return (*HEAD, *(members or (plain,)))
 
 
 def aligned(members: list[tuple[str, str]]) -> list[str]:
@@ -108,7 +85,6 @@ ROOM: Final = f"""#ifndef ORTILO_ROOM
 #define ORTILO_ROOM {ROOM_BYTES} /* bytes; define it where ortilo.c is compiled and where ortilo.h is read */
 #endif
 typedef struct {{
-    int64_t raised[6];               /* of a function that had to stop; nobody reads it */
     int64_t top, last;               /* of a call */
     int64_t most;                    /* bytes that any call has taken so far: ORTILO_ROOM should be twice that */
     int64_t bytes[ORTILO_ROOM / 8];  /* arrays that are made within a call */

@@ -32,12 +32,15 @@ GENERIC: Final = {
     "NUMBA_LOOP_VECTORIZE": "0",
     "NUMBA_SLP_VECTORIZE": "0",
 }
-RAISES: Final = re.compile(r"^(?:NRT_Free|Py\w+|_Py\w+|numba_(?:unpickle|runtime_build_excinfo_struct|fatal_error))$")
-COUNTED: Final = {"NRT_incref", "NRT_decref", "NRT_MemInfo_alloc_aligned", "NRT_MemInfo_alloc", "NRT_Allocate"}
+RAISES: Final = re.compile(r"^(?:Py\w+|_Py\w+|numba_(?:unpickle|runtime_build_excinfo_struct|fatal_error))$")
+COUNTED: Final = {
+    "NRT_incref", "NRT_decref", "NRT_MemInfo_alloc_aligned", "NRT_MemInfo_alloc", "NRT_Allocate", "NRT_Free",
+}  # fmt: skip
 ROOM: Final = "ptr %ortilo_room"
 # An array that a function makes stands in the room that its caller lends, see templates/room.c. It is counted who holds
 # it; numba writes that for processors of x86. Text is made only where Python would raise: there is none, so that the
-# function stops. What it would raise has 48 bytes at the room's beginning, and nobody reads it.
+# function stops. Memory that is not counted holds what it would raise, and the copy of a part of an array that is put
+# into another part of the same (x[:3] /= 2.0): a block's 32 bytes stand before it.
 COUNTING: Final = f"""
 declare ptr @ortilo_take(ptr, i64)
 declare void @ortilo_give(ptr, ptr)
@@ -49,7 +52,16 @@ define internal ptr @NRT_MemInfo_alloc({ROOM}, i64 %size) alwaysinline {{
   ret ptr null
 }}
 define internal ptr @NRT_Allocate({ROOM}, i64 %size) alwaysinline {{
-  ret ptr %ortilo_room
+  %made = call ptr @ortilo_take({ROOM}, i64 %size)
+  %none = icmp eq ptr %made, null
+  %data = getelementptr i8, ptr %made, i64 32
+  %said = select i1 %none, ptr null, ptr %data
+  ret ptr %said
+}}
+define internal void @NRT_Free({ROOM}, ptr %given) alwaysinline {{
+  %made = getelementptr i8, ptr %given, i64 -32
+  call void @ortilo_give({ROOM}, ptr %made)
+  ret void
 }}
 define internal void @NRT_incref({ROOM}, ptr %held) {{
   %none = icmp eq ptr %held, null

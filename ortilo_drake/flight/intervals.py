@@ -15,9 +15,9 @@ LEVEL = 0.95
 Interval = tuple[float, float]
 
 
-def share_interval(events: int, trials: int, level: float = LEVEL) -> Interval:
+def share_interval(events: int, trials: int) -> Interval:
     """Return Wilson's interval of a share [1]."""
-    found = scipy.stats.binomtest(events, trials).proportion_ci(level, method="wilson")
+    found = scipy.stats.binomtest(events, trials).proportion_ci(LEVEL, method="wilson")
     return float(found.low), float(found.high)
 
 

@@ -9,9 +9,8 @@ from numba import njit
 
 from ortilo_drake.model.footprints import footprints
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.vehicle import Vehicle
+from ortilo_drake.model.vehicle import MAX_TILT, Vehicle
 
-MAX_TILT = np.pi / 3  # beyond this the vehicle counts as tumbling
 LEAST_UPRIGHT = np.cos(MAX_TILT)
 CAUSES = ("diverged", "tumbled", "left the room", "hit a wall")
 NOT_LOST, DIVERGED, TUMBLED, LEFT_THE_ROOM, HIT_A_WALL = range(-1, len(CAUSES))

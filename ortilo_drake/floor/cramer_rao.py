@@ -42,7 +42,7 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import information_of
 from ortilo_drake.sensors.imu import reads_force, specific_force_sd
-from ortilo_drake.sensors.information_rows import GRADIENT, by_tick
+from ortilo_drake.sensors.information_rows import by_tick
 
 VELOCITY = slice(6, 9)  # in x
 
@@ -68,11 +68,18 @@ def measured_share(scenario: Scenario) -> float:
     return sigma**2 / (sigma**2 + specific_force_sd(scenario) ** 2)
 
 
-def rows_by_kind(scenario: Scenario, truth: np.ndarray, room: Room) -> tuple[dict[str, np.ndarray], int] | None:
+def rows_by_kind(
+    scenario: Scenario, truth: np.ndarray, room: Room, with_errors: bool
+) -> tuple[dict[str, np.ndarray], int] | None:
     """Return a flight's information as rows (l, 17) by what gave it, and the spacing of slow errors' nodes.
 
-    None where the errors of the camera's detector have not been measured. Arguments as position_floor, and the room,
-    which may be another than the scenario's.
+    None where the errors of the camera's detector have not been measured.
+
+    Args:
+        scenario: as position_floor.
+        truth: as position_floor.
+        room: which may be another than the scenario's.
+        with_errors: whether the rows stand beside those of unknown errors, see Information.
     """
     rows: dict[str, np.ndarray] = {}
     spacing = 1
@@ -83,24 +90,15 @@ def rows_by_kind(scenario: Scenario, truth: np.ndarray, room: Room) -> tuple[dic
         if found is None:
             return None
         rows |= found.rows
+        rows |= found.with_errors if with_errors else {}
         spacing = max(spacing, found.spacing)
     return rows, spacing
 
 
 def information_rows(scenario: Scenario, truth: np.ndarray, room: Room) -> tuple[np.ndarray, int] | None:
-    """Return the rows of rows_by_kind by tick (l, 17) but for the specific force's, and the spacing.
-
-    The specific force tells of what lasts of the force, and an attitude filter's lean by the acceleration goes with its
-    own errors: these rows have neither. Arguments likewise.
-    """
-    found = rows_by_kind(scenario, truth, room)
-    if found is None:
-        return None
-    rows = {kind: its for kind, its in found[0].items() if kind != "force"}
-    if "imu" in rows:
-        rows["imu"] = rows["imu"].copy()
-        rows["imu"][:, GRADIENT][:, VELOCITY] = 0.0
-    return by_tick(*rows.values()), found[1]
+    """Return the rows of rows_by_kind by tick (l, 17) without those of errors, and the spacing; arguments likewise."""
+    found = rows_by_kind(scenario, truth, room, with_errors=False)
+    return None if found is None else (by_tick(*found[0].values()), found[1])
 
 
 def dynamics(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
@@ -116,7 +114,7 @@ def dynamics(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
 def state_bound(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
     """Return the bound on the covariance of x_{k|k-1} at every tick (n, 12, 12). Arguments as position_floor."""
     room = scenario.load_room()
-    found = rows_by_kind(scenario, truth, room)
+    found = rows_by_kind(scenario, truth, room, with_errors=True)
     if found is None:
         return None
     rows, spacing = found

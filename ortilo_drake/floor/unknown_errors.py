@@ -56,9 +56,10 @@ def unknown_of(scenario: Scenario, room: Room, name: str) -> list[Error]:
     unknown = described(name).unknown
     if unknown is not None:
         return list(unknown(scenario, room))
-    biases = getattr(scenario.estimator, "biases", None)
-    if biases is None or name not in dict(scenario.truth.sensors):
+    its = scenario.linear_filter
+    if its is None or name not in dict(scenario.truth.sensors):
         return []
+    biases = its.biases
     sd = np.array([dict(biases.row_sd).get(row.name, 0.0) for row in described(name).rows])
     return [gauss_markov(sd, biases.row_time, scenario.h, {name: own(len(sd))})]
 

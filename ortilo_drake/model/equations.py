@@ -209,14 +209,6 @@ def accelerations(
 
 
 @register_jitable
-def derivative(
-    x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray, kinematics: int
-) -> np.ndarray:
-    """Return x_dot (12) of the dynamics with that index in KINEMATICS."""
-    return rates_of(x, accelerations(x, u, d, mass, inertia, kinematics))
-
-
-@register_jitable
 def moved(x: Twelve, t: float, v: Six, a: Six) -> Twelve:
     """Return x + t x_dot, x_dot = [v, a]."""
     return (

@@ -80,6 +80,12 @@ class Sensor:
             default of rows of that sd.
         unknown: (scenario, room) -> the errors that the scenario's truth leaves unknown, sensors.unknown_errors.Error.
             By default those that its filter believes in (estimator.biases.row_sd).
+        made: (scenario, room, true state (12)) -> (D (m, l), rows (l, 17)): what errors e of what its value is made of
+            there, of those rows of `information`, make of it, D e; None where not known. By default its own rows.
+        learned: (scenario, room, true state (12)) -> the scenario whose filter is told what it learns of the survey.
+        left_out: scenario -> (settings that the predicted rms at hover has not, settings that it alone has of all
+            theory), each with whether the world differs by it.
+        mismatches: ways in which its world may differ from what is believed, sensors.mismatch.Mismatch.
         element: (scenario, room, whole) -> Box that says its message as it is sent, of a sensor that is built in; whole
             where all of the message is asked for. Other sensors have `compiled` or make_world.
         behind: (scenario, room, the Box that says its message, samples a tick) -> Box that changes the message before
@@ -103,6 +109,8 @@ class Sensor:
             default the noise in the middle of the room.
         limits: (scenario, room) -> least and greatest values of the payload; other packets are refused in
             hardware-in-the-loop. None takes LARGEST in size.
+        whole: size of the payload -> which of its numbers are whole, by their places in it.
+        members: size of the payload -> its members in a struct in C, each with what it is; () of plain numbers.
         compiled: its share in compiled flights; None if Drake alone flies it.
     """
 
@@ -119,6 +127,12 @@ class Sensor:
     covariance: Callable[[Any, Any, np.ndarray], np.ndarray | None] | None = None
     information: Callable[[Any, Any, np.ndarray, np.ndarray], Any] | None = None
     unknown: Callable[[Any, Any], Any] | None = None
+    made: Callable[[Any, Any, np.ndarray], tuple[np.ndarray, np.ndarray] | None] | None = None
+    learned: Callable[[Any, Any, np.ndarray], Any] = lambda scenario, room, x: scenario
+    left_out: Callable[[Any], tuple[dict[str, bool], dict[str, bool]]] = lambda scenario: ({}, {})
+    mismatches: tuple[Any, ...] = ()
+    whole: Callable[[int], list[int]] = lambda payload: []
+    members: Callable[[int], tuple[tuple[str, str], ...]] = lambda payload: ()
     element: Callable[[Any, Any, bool], Any] | None = None
     behind: Callable[[Any, Any, Any, int], Any] | None = None
     solver: Callable[[Any, Any], Any] | None = None
@@ -151,6 +165,7 @@ class Part:
             estimator's takes the Belief and xbar_0 (15), a servo's and a planner's the Belief, a fault's its settings,
             the size of the message that it changes and the tick h [s]. What each may read: diagrams/wiring/own_part.py.
         gain: of a servo, Belief -> L (4, 15) about hover, u = -L [x - x_ref; i] + u_ff. None if it has none.
+        linear: of an estimator, Belief -> the paper's filter (its settings) that it is about hover. None if it is none.
     """
 
     kind: str
@@ -158,6 +173,7 @@ class Part:
     make: Callable[..., Any] | None = None
     box: Callable[..., Any] | None = None
     gain: Callable[[Any], np.ndarray] | None = None
+    linear: Callable[[Any], Any] | None = None
 
 
 # Names of signals, of logs' topics and of packets, whose channels are in capitals: a sensor's message would be theirs.

@@ -11,6 +11,7 @@ from ortilo_drake.model.input_files import exists
 from ortilo_drake.model.typed_yaml import Frozen, InputError, Positive, load_yaml
 
 GRAVITY = 9.81  # m/s^2
+MAX_TILT = np.pi / 3  # beyond this a vehicle counts as tumbling [rad]
 MAX_ROTORS = 64
 STEERABLE = 1e-6  # least singular value of a layout of arms, as a share of the largest: weaker is none
 

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, Field
 
 from ortilo_drake.model.measurement import Measurement
-from ortilo_drake.model.parts import find_sensor, measurement_of
+from ortilo_drake.model.parts import find_part, find_sensor, measurement_of
 from ortilo_drake.model.room import ORTILO_ROOM, Room, load_room
 from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import FileName, Frozen
@@ -94,6 +94,14 @@ class Belief(Frozen):
     def lends_velocities(self) -> bool:
         """Whether the servo is given the true velocities."""
         return getattr(self.servo, "velocities", "estimate") == "truth"
+
+    @property
+    def linear_filter(self) -> IntermittentFilter | None:
+        """The paper's filter that the estimator is about hover: itself, or what one of one's own declares."""
+        if isinstance(self.estimator, IntermittentFilter):
+            return self.estimator
+        part = find_part("estimator", self.estimator.kind)
+        return None if part is None or part.linear is None else part.linear(self.belief)
 
     @property
     def is_rendered(self) -> bool:

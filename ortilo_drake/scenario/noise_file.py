@@ -1,13 +1,17 @@
 """NOISE.yaml: what recordings tell a simulation of its sensors' errors."""
 
+import math
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import yaml
 from pydantic import Field, NonNegativeFloat
 
 from ortilo_drake.model.input_files import read_text
 from ortilo_drake.model.typed_yaml import Frozen, InputError, Positive, nearest, parse_yaml, validate
-from ortilo_drake.scenario.range_errors import Share, UwbNoise
+from ortilo_drake.scenario.range_errors import Outliers, Share, UwbNoise
+from ortilo_drake.scenario.truth import Truth, UwbTruth
 
 PRESETS = Path(__file__).parent / "presets"
 Three = tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat]
@@ -68,3 +72,36 @@ def load_noise(name_or_file: str, field: str = "noise", folder: Path = Path()) -
 def noise_text(noise: NoiseFile) -> str:
     """Return the file's text, without what is as by default."""
     return yaml.safe_dump(noise.model_dump(mode="json", exclude_defaults=True), sort_keys=False, allow_unicode=True)
+
+
+def as_white(noise: NoiseFile) -> NoiseFile:
+    """Return noise whose rows err by as much, but independently of each other."""
+    uwb = noise.uwb
+    lasts = sum(part.sd**2 for part in (uwb.lasting, uwb.field) if part is not None)
+    white = math.sqrt(uwb.white**2 + (2.0 if uwb.differences else 1.0) * lasts)
+    outliers = Outliers(share=uwb.outliers.share, sd=uwb.outliers.sd)
+    plain = uwb.model_copy(update={"white": white, "lasting": None, "field": None, "outliers": outliers})
+    return noise.model_copy(update={"uwb": plain})
+
+
+def settings_of(noise: NoiseFile, file: str, below: Truth) -> dict[str, Any]:
+    """Return the settings of a scenario whose ranges and IMU err as a NOISE.yaml says.
+
+    Args:
+        noise: what was fitted.
+        file: where it is, as the scenario names it.
+        below: what the scenario lies over, whose own errors of the ranges go.
+    """
+    imu, unfitted = noise.imu, UwbTruth()
+    found: dict[str, Any] = {"uwb": {"errors": "fitted", "file": file}}
+    truth: dict[str, Any] = {}
+    if own := {name: getattr(unfitted, name) for name, value in below.uwb if value != getattr(unfitted, name)}:
+        truth["uwb"] = own
+    if imu is not None:
+        found["imu"] = {"rate_density": _rms(imu.rotation), "specific_force_density": _rms(imu.force)}
+        truth["imu"] = {"rates_sd": _rms(imu.rotation_bias), "specific_force_sd": _rms(imu.force_bias)}
+    return found | ({"truth": truth} if truth else {})
+
+
+def _rms(axes: tuple[float, float, float]) -> float:
+    return float(f"{np.sqrt(np.mean(np.square(axes))):.3g}")

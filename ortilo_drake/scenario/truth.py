@@ -6,7 +6,7 @@ stands the standard deviation of what is drawn by seed and added to it. By defau
 sees nothing of all this, see belief.py; docs/truths.md has the equations.
 """
 
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 from pydantic import AfterValidator, Field, PlainSerializer
 
@@ -18,6 +18,12 @@ Factor = Annotated[float, Field(ge=0.5, le=2.0)]
 FactorSd = Annotated[float, Field(ge=0.0, le=0.2)]
 Pair = tuple[Number, Number]
 Triple = tuple[Number, Number, Number]
+
+
+class Each(NamedTuple):
+    """A field's mark: it is drawn for each of the room's `things`, its 'anchors' or 'landmarks'."""
+
+    things: str
 
 
 class VehicleTruth(Frozen):
@@ -116,7 +122,7 @@ class UwbTruth(Frozen):
         slow_time: correlation time of that [s].
     """
 
-    bias: Number = 0.0
+    bias: Annotated[Number, Each("anchors")] = 0.0
     bias_sd: Sd = 0.0
     factor: Factor = 1.0
     factor_sd: FactorSd = 0.0
@@ -156,9 +162,9 @@ class SurveyTruth(Frozen):
         landmarks_sd: spread of that, drawn for each landmark and axis [m].
     """
 
-    anchors: Triple = (0.0, 0.0, 0.0)
+    anchors: Annotated[Triple, Each("anchors")] = (0.0, 0.0, 0.0)
     anchors_sd: Sd = 0.0
-    landmarks: Triple = (0.0, 0.0, 0.0)
+    landmarks: Annotated[Triple, Each("landmarks")] = (0.0, 0.0, 0.0)
     landmarks_sd: Sd = 0.0
 
 

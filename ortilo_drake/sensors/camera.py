@@ -1,57 +1,26 @@
-"""The camera, boxes of the room's landmarks: what the theory knows of it.
-
-The camera finds landmarks at random. The covariance of its fix is that of the landmarks whose detection rate is at
-least one half, and the attitude's covariance, which the fix takes, is that of a filter long fed by the imu alone. A
-survey that is learned counts as found exact.
-"""
+"""The camera, boxes of the room's landmarks: everything that the laboratory knows of it."""
 
 from collections.abc import Mapping
-from functools import lru_cache
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from ortilo_drake.loop.element import Box, Given
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.measurement import CAMERA
 from ortilo_drake.model.parts import Sensor
-from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import (
-    ARRIVED,
-    DETECTION_SIZE,
-    DETECTIONS_SIZE,
-    MAX_DETECTIONS,
-    N_X,
-    N_XBAR,
-    PAYLOAD,
-)
+from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, MAX_DETECTIONS, PAYLOAD
 from ortilo_drake.onboard.detector.detector_network import load_detector
 from ortilo_drake.onboard.landmarks.fix_element import ELEMENTS, camera_fix_box
 from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
 from ortilo_drake.scenario import Belief, Scenario
 from ortilo_drake.scenario import Camera as CameraSettings
-from ortilo_drake.scenario.sensors import ParametricErrors
-from ortilo_drake.sensors.imu import attitude_covariance
-from ortilo_drake.sensors.information_camera import camera_rows, camera_tables
-from ortilo_drake.sensors.information_rows import GRADIENT, Information
-from ortilo_drake.sensors.unknown_error import Error, moved, spread, walk
+from ortilo_drake.sensors import camera_theory
 from ortilo_drake.world.drawn_truth import Drawn
 from ortilo_drake.world.radio.image_delay import check_kept
 from ortilo_drake.world.scenery.bent_picture import straight_model
 from ortilo_drake.world.scenery.rendering import check_egl
 from ortilo_drake.world.sensors.camera_calibration import load_calibration
-from ortilo_drake.world.sensors.camera_tables import Tables, look_up, measured_tables, parametric_tables
-from ortilo_drake.world.sensors.landmark_view import (
-    BOX,
-    DISTANCE,
-    INSIDE,
-    LANDMARK,
-    VISIBLE,
-    cut,
-    landmark_views,
-    surroundings,
-)
 from ortilo_drake.world.sensors.projected_camera_element import camera_box
 
 
@@ -67,103 +36,13 @@ def make_solver(scenario: Belief, room: Room) -> LandmarkFix:
 
 def believed_V(scenario: Belief) -> np.ndarray | None:
     """Return the covariance of a fix as the filter believes it, None where it comes with each."""
-    V = getattr(scenario.estimator, "V", None)  # of the paper's filter
-    return None if V is None or V.camera is None else np.diag(V.camera)
-
-
-@lru_cache(maxsize=16)
-def _camera_of(scenario: Scenario) -> tuple[Camera, Tables]:
-    """Return the camera and the rates at which it finds landmarks."""
-    room, errors = scenario.load_room(), scenario.camera.errors
-    camera = room.camera.scaled_to(scenario.image_width).constants
-    if isinstance(errors, ParametricErrors):
-        return camera, parametric_tables(errors, room.classes, camera.image)
-    return camera, measured_tables(load_calibration(errors), room.classes, scenario.image_width, scenario.h)
-
-
-@lru_cache(maxsize=16)
-def _landmark_fix(scenario: Scenario) -> LandmarkFix:
-    settings = scenario.landmark_fix
-    if settings.survey_bank is not None:
-        settings = settings.model_copy(update={"survey_bank": None, "survey_sd": 0.0})
-    return LandmarkFix(settings, scenario.load_room(), scenario.image_width, scenario.h)
-
-
-def likely_views(scenario: Scenario, room: Room, x: np.ndarray) -> list[tuple[int, int, list[float]]]:
-    """Return the landmarks found more often than not at state x (12): number, class, and the box without error."""
-    camera, tables = _camera_of(scenario)
-    found = list[tuple[int, int, list[float]]]()
-    for view in landmark_views(x, surroundings(room), camera, tables.limits):
-        landmark = int(view[LANDMARK])
-        label = int(room.landmark_labels[landmark])
-        rate = look_up(tables.found, 1 + label, view[DISTANCE])
-        rate *= look_up(tables.inside, 1, view[INSIDE]) * look_up(tables.visible, 1, view[VISIBLE])
-        if rate < 0.5 or view[VISIBLE] < tables.limits[2] or len(found) == MAX_DETECTIONS:
-            continue
-        box = [cut(edge, size) for edge, size in zip(view[BOX], np.tile(camera.image, 2), strict=True)]
-        found.append((landmark, label, box))
-    return found
-
-
-def likely_detections(scenario: Scenario, room: Room, x: np.ndarray) -> np.ndarray:
-    """Return the detections message of likely_views."""
-    message = np.zeros(DETECTIONS_SIZE)
-    message[0] = 1.0
-    message[PAYLOAD::DETECTION_SIZE] = -1.0
-    for row, (_, label, box) in enumerate(likely_views(scenario, room, x)):
-        start = PAYLOAD + row * DETECTION_SIZE
-        message[start : start + DETECTION_SIZE] = [label, 1.0, *box]
-    return message
-
-
-def fix_of_boxes(scenario: Scenario, x: np.ndarray, message: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return the value (m) of the fix of a detections message, and its covariance (m, m); None if there is no fix.
-
-    Args:
-        scenario: the scenario.
-        x: where the filter believes to be (12).
-        message: the detections.
-    """
-    landmark_fix, m = _landmark_fix(scenario), len(scenario.landmark_fix.rows)
-    context = landmark_fix.CreateDefaultContext()
-    P = block_diag(np.zeros((3, 3)), attitude_covariance(scenario), np.zeros((N_XBAR - 6, N_XBAR - 6)))
-    landmark_fix.GetInputPort("detections").FixValue(context, message)
-    landmark_fix.GetInputPort("estimate").FixValue(context, np.concatenate([x, np.zeros(N_XBAR - N_X)]))
-    landmark_fix.GetInputPort("covariance").FixValue(context, P.ravel())
-    fix = landmark_fix.get_output_port().Eval(context)
-    value, covariance = fix[PAYLOAD : PAYLOAD + m], fix[PAYLOAD + m : PAYLOAD + m + m * m].reshape(m, m)
-    return np.array(value), np.array(covariance) if fix[ARRIVED] else None
+    its = scenario.linear_filter
+    return None if its is None or its.V.camera is None else np.diag(its.V.camera)
 
 
 def covariance(scenario: Scenario, room: Room, x: np.ndarray) -> np.ndarray | None:
     """Return the covariance of the fix where the filter believes x (12) to be, by the solver that flies."""
-    return fix_of_boxes(scenario, x, likely_detections(scenario, room, x))[1]
-
-
-def information(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndarray) -> Information | None:
-    """Return the information of the boxes, see information_camera.py; None of a detector that was not measured."""
-    tables = camera_tables(scenario, room)
-    if tables is None:
-        return None
-    rows = camera_rows(tables, room, scenario.image_width, truth, seen)
-    return Information({"camera": rows}, max(int(tables.slow[0, 1]), 1))
-
-
-def unknown(scenario: Scenario, room: Room) -> list[Error]:
-    """Return the unknown errors of the camera's and the landmarks' places."""
-    survey, camera, n = scenario.truth.survey, scenario.truth.camera, len(room.landmark_positions)
-    turn = np.cross(np.eye(3), room.camera.position)  # of the camera's centre by each angle
-
-    def turned(rows: np.ndarray) -> np.ndarray:
-        g = rows[:, GRADIENT]
-        return np.asarray(g[:, 3:6] - g[:, :3] @ turn.T)
-
-    return [
-        walk(spread(survey.landmarks), 0.0, {"camera": moved(-1.0)}),
-        walk(spread(survey.landmarks_sd, number=3 * n), 0.0, {"camera": moved(-1.0, n, 2)}),
-        walk(spread(camera.position, camera.position_sd), 0.0, {"camera": moved(1.0)}),
-        walk(spread(camera.angles, camera.angles_sd), 0.0, {"camera": turned}),
-    ]
+    return camera_theory.fix_of_boxes(scenario, x, camera_theory.likely_detections(scenario, room, x))[1]
 
 
 def solver(scenario: Belief, room: Room) -> Box | None:
@@ -224,6 +103,14 @@ def check(scenario: Scenario, room: Room) -> None:
         load_calibration(scenario.camera.errors)
 
 
+def limits(scenario: Scenario, room: Room) -> tuple[np.ndarray, np.ndarray]:
+    """Return the least and the greatest rows of a box."""
+    camera = room.camera.scaled_to(scenario.image_width)
+    width, height = camera.width - 0.5, camera.height - 0.5  # of a pixel's centre at whole numbers
+    low, high = [-1.0, 0.0, *[-0.5] * 4], [len(room.classes) - 1.0, 1.0, width, height, width, height]
+    return np.tile(low, MAX_DETECTIONS), np.tile(high, MAX_DETECTIONS)
+
+
 SENSOR = Sensor(
     "camera",
     CameraSettings,
@@ -231,9 +118,21 @@ SENSOR = Sensor(
     make_onboard=make_solver,
     V=believed_V,
     covariance=covariance,
-    information=information,
-    unknown=unknown,
+    information=camera_theory.information,
+    unknown=camera_theory.unknown,
+    made=camera_theory.made,
+    learned=camera_theory.learned,
+    left_out=camera_theory.left_out,
+    mismatches=camera_theory.MISMATCHES,
     payload=DETECTIONS_SIZE - PAYLOAD,
+    members=lambda payload: (
+        (
+            f"double boxes[{MAX_DETECTIONS}][{DETECTION_SIZE}];",
+            "label (-1: unused), score, u_min, v_min, u_max, v_max [px]",
+        ),
+    ),
+    limits=limits,
+    whole=lambda payload: list(range(0, payload, DETECTION_SIZE)),
     element=lambda scenario, room, whole: camera_box(scenario.camera, room, scenario.faults, scenario.h),
     solver=solver,
     drawn=drawn,

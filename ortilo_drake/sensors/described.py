@@ -77,3 +77,11 @@ def information_of(
         return Information({name: own_rows(sensor, scenario, room, truth, seen)})
     found: Information | None = sensor.information(scenario, room, truth, seen)
     return found
+
+
+def as_learned(scenario: Scenario, x: np.ndarray) -> Scenario:
+    """Return a scenario whose filter is told what it learns at state x (12), hovering."""
+    room = scenario.load_room()
+    for name in scenario.sensors:
+        scenario = described(name).learned(scenario, room, x)
+    return scenario

@@ -5,6 +5,7 @@ The filter reads body rates and specific force only where its settings say so; t
 
 from collections.abc import Mapping
 from functools import lru_cache
+from math import radians
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,12 @@ from ortilo_drake.model.signals import IMU_SIZE, N_I, N_U, N_X, N_XBAR, PAYLOAD,
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.model.white_noise import white_variances
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
-from ortilo_drake.onboard.estimator.filter_model import filter_model, initial_covariance
+from ortilo_drake.onboard.estimator.filter_model import filter_model, filter_of, initial_covariance
 from ortilo_drake.scenario import Belief, Imu, Scenario, Truth
+from ortilo_drake.sensors.envelope import SIGMAS, envelope_of
 from ortilo_drake.sensors.information_linear import linear_rows, own_rows
 from ortilo_drake.sensors.information_rows import GRADIENT, SOURCE, TICK, Information, rows_of
+from ortilo_drake.sensors.mismatch import Mismatch, of_truth
 from ortilo_drake.sensors.unknown_error import Error, own, spread, walk
 from ortilo_drake.world.drawn_truth import AtStart, Drawn, draw_truth, of_seed
 from ortilo_drake.world.sensors.ahrs import STREAM as AHRS_STREAM
@@ -30,14 +33,32 @@ from ortilo_drake.world.sensors.imu import imu_box
 from ortilo_drake.world.sensors.sensor_errors import factor_of
 from ortilo_drake.world.sensors.standstill import left_at_rest, zero_at_rest
 
+MISMATCHES = (
+    Mismatch(
+        "level of the IMU in roll [deg]",
+        lambda value: (("truth.imu.level", (radians(value), 0.0)),),
+        0.3,
+        (0.1, 0.5),
+        10.0,
+    ),
+    Mismatch("yaw of the IMU [deg]", of_truth("imu.yaw", radians(1.0)), 1.0, (2.0,), 64.0),
+    Mismatch(
+        "gyroscope biased by [mrad/s] about each axis",
+        lambda value: (("truth.imu.rates", (1e-3 * value,) * 3),),
+        0.3,
+        (1.0,),
+        100.0,
+        of_rates=True,
+    ),
+)
 SETTLED = 300  # ticks after which the attitude's covariance no longer changes
 _RATES = tuple(row(name, **{name: 1.0}) for name in STATE_NAMES[9:])
 
 
 def believed_V(scenario: Belief) -> np.ndarray | None:
     """Return the covariance of the angles as the filter believes it, None of a filter that says none."""
-    V = getattr(scenario.estimator, "V", None)
-    return None if V is None else np.diag(white_variances(V.imu, scenario.imu_period))
+    its = scenario.linear_filter
+    return None if its is None else np.diag(white_variances(its.V.imu, scenario.imu_period))
 
 
 def angles_sd(scenario: Scenario, room: Room, states: np.ndarray) -> np.ndarray:
@@ -48,11 +69,12 @@ def angles_sd(scenario: Scenario, room: Room, states: np.ndarray) -> np.ndarray:
 @lru_cache(maxsize=16)
 def attitude_covariance(scenario: Scenario) -> np.ndarray:
     """Return the filter's covariance of roll, pitch and yaw (3 x 3) [rad^2] with the imu alone, after settling."""
-    model = filter_model(scenario.estimator, scenario.vehicle, "estimate", scenario.h, scenario.yaw)
+    settings = filter_of(scenario)
+    model = filter_model(settings, scenario.vehicle, "estimate", scenario.h, scenario.yaw)
     measurement, every = scenario.measurement, scenario.every("imu")
-    belief = np.concatenate((np.zeros(N_XBAR), initial_covariance(scenario.estimator).ravel()))
+    belief = np.concatenate((np.zeros(N_XBAR), initial_covariance(settings).ravel()))
     y, delta, V2 = (np.zeros(size) for size in measurement.sizes.values())
-    V2[measurement.block_of("imu")] = np.diag(white_variances(scenario.estimator.V.imu, scenario.h)).ravel()
+    V2[measurement.block_of("imu")] = np.diag(white_variances(settings.V.imu, scenario.h)).ravel()
     u, r, imu = np.zeros(N_U), np.zeros(N_I), measurement.inertial
     for k in range(SETTLED):
         delta[imu] = float("imu" in scenario.sensors and k % every == 0)
@@ -67,7 +89,7 @@ def specific_force_sd(scenario: Scenario) -> float:
 
 def reads_force(scenario: Scenario) -> bool:
     """Return whether the scenario's filter reads the specific force."""
-    return getattr(scenario.estimator, "force", "none") == "measured"
+    return scenario.linear_filter is not None and scenario.linear_filter.force == "measured"
 
 
 def rate_rows(scenario: Scenario, seen: np.ndarray) -> np.ndarray:
@@ -101,15 +123,19 @@ def leaning(scenario: Scenario) -> np.ndarray:
 
 
 def information(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndarray) -> Information:
-    """Return the information of the angles, and of the 'rates' and the specific 'force' that the filter reads."""
+    """Return the information of the angles, and of the 'rates' and the specific 'force' that the filter reads.
+
+    An attitude filter's lean by the acceleration goes with its own errors, the force with what of it lasts.
+    """
     rows = {"imu": own_rows(SENSOR, scenario, room, truth, seen)}
-    angles = rows["imu"]
+    angles = rows["imu"].copy()
     angles[:, GRADIENT][:, 6:9] += leaning(scenario)[angles[:, SOURCE].astype(int)]
-    if getattr(scenario.estimator, "rates", "none") == "measured":
+    with_errors = {"imu": angles}
+    if scenario.linear_filter is not None and scenario.linear_filter.rates == "measured":
         rows["rates"] = rate_rows(scenario, seen)
     if reads_force(scenario):
-        rows["force"] = force_rows(scenario, seen)
-    return Information(rows)
+        with_errors["force"] = force_rows(scenario, seen)
+    return Information(rows, with_errors=with_errors)
 
 
 def inertial_biases(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
@@ -197,15 +223,39 @@ def standstill_of(scenario: Scenario, room: Room) -> dict[str, Any]:
     return how | {"rates": zero[:3], "specific_force": zero[3:]}
 
 
+def members(payload: int) -> tuple[tuple[str, str], ...]:
+    """Return the payload's members in C; none of several samples."""
+    if payload != IMU_SIZE - PAYLOAD:
+        return ()
+    return (
+        ("double angles[3];", "roll, pitch, yaw [rad]: R_WB = R_z R_y R_x, W east, north, up, B forward, left, up"),
+        ("double rates[3];", "w_WB_B [rad/s]"),
+        ("double force[3];", "specific force f_B [m/s^2]: [0, 0, 9.81] at rest"),
+    )
+
+
+def limits(scenario: Scenario, room: Room) -> tuple[np.ndarray, np.ndarray]:
+    """Return the least and the greatest angles, rates and specific force."""
+    its, turned = envelope_of(scenario, room), 0.0 if scenario.imu.ahrs is None else np.pi
+    angle_sd, rate_sd, force_sd = scenario.imu.sds(scenario.imu_period)
+    rates, force = 2.0 * its.rate + SIGMAS * rate_sd, its.force + SIGMAS * force_sd
+    most = np.concatenate((its.angles + SIGMAS * angle_sd + turned, rates * np.ones(3), force * np.ones(3)))
+    return -most, most
+
+
 SENSOR = Sensor(
     "imu",
     Imu,
     IMU,
     sd=angles_sd,
     payload=IMU_SIZE - PAYLOAD,
+    members=members,
+    limits=limits,
     V=believed_V,
     information=information,
     unknown=unknown,
+    left_out=lambda scenario: ({"imu.ahrs": scenario.imu.ahrs is not None}, {}),
+    mismatches=MISMATCHES,
     element=element,
     behind=attitude_filter,
     drawn=drawn,

@@ -5,6 +5,7 @@ changing error (or none). Its information g g^T / r may be unbounded (r = 0), be
 flight are one array (l, 5 + m), m states in x.
 """
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -26,10 +27,13 @@ class Information(NamedTuple):
     Attributes:
         rows: by what gave them, such as the sensor's name (l, 17 each).
         spacing: ticks between the nodes of its slowly changing errors, 1 where it has none.
+        with_errors: rows that tell of the vehicle only together with unknown errors, likewise: more than `rows`, or in
+            the place of those of the same name.
     """
 
     rows: dict[str, np.ndarray]
     spacing: int = 1
+    with_errors: Mapping[str, np.ndarray] = {}
 
 
 def rows_of(

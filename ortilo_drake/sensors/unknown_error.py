@@ -13,6 +13,7 @@ from ortilo_drake.model.signals import N_X
 from ortilo_drake.sensors.information_rows import GRADIENT, SOURCE
 
 Seen = Callable[[np.ndarray], np.ndarray]  # rows (l, 17) -> their coefficients of an error's e components (l, e)
+Made = tuple[np.ndarray, np.ndarray]  # D (m, l): what rows (l, 17) that err by e make of a value, D e; and these rows
 
 
 class Error(NamedTuple):
@@ -67,3 +68,15 @@ def moved(sign: float, number: int = 1, each: int = 1) -> Seen:
 def spread(*parts: tuple[float, ...] | float, number: int = 3) -> np.ndarray:
     """Return the sd of each component of an error, the root of the sum of its parts' squares."""
     return np.sqrt(sum(np.broadcast_to(part, number).astype(float) ** 2 for part in parts))
+
+
+def derivative(
+    fix: Callable[[np.ndarray], np.ndarray], message: np.ndarray, at: list[list[int]] | np.ndarray, step: float
+) -> np.ndarray:
+    """Return the derivative of a fix by each of some numbers of its message, or of several that move together."""
+    columns = []
+    for places in at:
+        moved_by = np.zeros(len(message))
+        moved_by[places] = step
+        columns.append((fix(message + moved_by) - fix(message - moved_by)) / (2.0 * step))
+    return np.column_stack(columns)

@@ -1,12 +1,12 @@
-"""The uwb sensor, ranges to the room's anchors: what the theory knows of it."""
+"""The uwb sensor, ranges to the room's anchors: everything that the laboratory knows of it."""
 
 from collections.abc import Mapping
+from itertools import product
 
 import numpy as np
 from pydrake.systems.framework import System
 
 from ortilo_drake.loop.element import Box, Given
-from ortilo_drake.model.geometry.line_of_sight import walls_crossed
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.measurement import UWB
 from ortilo_drake.model.parts import Sensor
@@ -15,17 +15,21 @@ from ortilo_drake.model.signals import ARRIVED, FIX_SIZE, PAYLOAD, uwb_size
 from ortilo_drake.onboard.ranging.fix_element import fix_box
 from ortilo_drake.onboard.ranging.multilateration import fix_of
 from ortilo_drake.scenario import Belief, Scenario, Uwb
+from ortilo_drake.sensors import uwb_theory
+from ortilo_drake.sensors.envelope import SIGMAS, envelope_of
 from ortilo_drake.sensors.information_ranges import range_rows
 from ortilo_drake.sensors.information_rows import Information
 from ortilo_drake.sensors.messages import solver_system
-from ortilo_drake.sensors.unknown_error import Error, gauss_markov, moved, own, spread, walk
 from ortilo_drake.world.drawn_truth import AtStart, Drawn, draw_truth
 from ortilo_drake.world.faults.fault_element import fault_out
 from ortilo_drake.world.noise import stream_id
+from ortilo_drake.world.sensors.fitted_errors import largest_sd
 from ortilo_drake.world.sensors.fitted_uwb import fitted_box, fitted_drawn, noise_of
 from ortilo_drake.world.sensors.range_paths import STREAM as PATHS_STREAM
 from ortilo_drake.world.sensors.range_paths import paths_box, paths_out
 from ortilo_drake.world.sensors.uwb import ranging_settings, uwb_box, uwb_message
+
+MEANS = 50.0  # of an exponential length: as rare as 10 standard deviations
 
 
 def make_solver(scenario: Belief, room: Room) -> System:
@@ -36,25 +40,8 @@ def make_solver(scenario: Belief, room: Room) -> System:
 
 def believed_V(scenario: Belief) -> np.ndarray | None:
     """Return the covariance of a fix as the filter believes it, None where it comes with each."""
-    V = getattr(scenario.estimator, "V", None)  # of the paper's filter
-    return None if V is None or V.uwb is None else np.diag(V.uwb)
-
-
-def message_without_noise(scenario: Scenario, room: Room, x: np.ndarray) -> np.ndarray:
-    """Return the message at state x (12), its ranges without noise but behind the scenario's walls."""
-    boxes = room.wall_boxes if scenario.uwb.walls.kind != "none" else np.empty((0, 7))
-    settings = ranging_settings(scenario.uwb)
-    settings[:2] = 0.0
-    unbiased = np.zeros(len(room.anchors))
-    message = np.asarray(
-        uwb_message(x, room.anchor_positions, unbiased, boxes, settings, 0, stream_id("uwb"), 0.0, scenario.h)
-    )
-    if scenario.belief.uwb.behind_walls == "left_out":
-        n = len(unbiased)
-        for i, anchor in enumerate(room.anchor_positions):
-            if walls_crossed(x[:3], anchor, room.wall_boxes):
-                message[PAYLOAD + i] = message[PAYLOAD + n + i] = 0.0
-    return message
+    its = scenario.linear_filter
+    return None if its is None or its.V.uwb is None else np.diag(its.V.uwb)
 
 
 def messages_again(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndarray) -> np.ndarray:
@@ -87,7 +74,7 @@ def messages_again(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.n
 
 def covariance(scenario: Scenario, room: Room, x: np.ndarray) -> np.ndarray | None:
     """Return the covariance of the fix where the filter believes x (12) to be, by the solver that flies."""
-    ranges = message_without_noise(scenario, room, x)
+    ranges = uwb_theory.message_without_noise(scenario, room, x)
     fix = fix_of(scenario.multilateration, room.anchor_positions, ranges, x)
     return fix[PAYLOAD + 3 : FIX_SIZE].reshape(3, 3) if fix[ARRIVED] else None
 
@@ -95,33 +82,6 @@ def covariance(scenario: Scenario, room: Room, x: np.ndarray) -> np.ndarray | No
 def information(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndarray) -> Information:
     """Return the information of the ranges; see sensors/information_ranges.py."""
     return Information({"uwb": range_rows(scenario.uwb, room, truth, seen)})
-
-
-def unknown(scenario: Scenario, room: Room) -> list[Error]:
-    """Return the unknown errors of the ranges and of the anchors' places."""
-    uwb, survey, n = scenario.truth.uwb, scenario.truth.survey, len(room.anchor_positions)
-    return [
-        *unknown_fitted(scenario, n),
-        walk(spread(uwb.bias, number=1), 0.0, {"uwb": lambda rows: np.ones((len(rows), 1))}),
-        walk(spread(uwb.bias_sd, number=n), 0.0, {"uwb": own(n)}),
-        gauss_markov(spread(uwb.slow_sd, number=n), uwb.slow_time, scenario.h, {"uwb": own(n)}),
-        walk(spread(survey.anchors), 0.0, {"uwb": moved(-1.0)}),
-        walk(spread(survey.anchors_sd, number=3 * n), 0.0, {"uwb": moved(-1.0, n)}),
-    ]
-
-
-def unknown_fitted(scenario: Scenario, n: int) -> list[Error]:
-    """Return the unknown errors that were fitted; a field counts as constant, which is the best that can be known."""
-    if scenario.uwb.errors != "fitted":
-        return []
-    noise = noise_of(scenario.uwb)
-    constant = 0.0 if noise.field is None else noise.field.sd
-    if noise.constants is None:
-        constant = float(np.hypot(constant, noise.constants_sd))
-    found = [walk(spread(constant, number=n), 0.0, {"uwb": own(n)})]
-    if noise.lasting is not None:
-        found.append(gauss_markov(spread(noise.lasting.sd, number=n), noise.lasting.time, scenario.h, {"uwb": own(n)}))
-    return found
 
 
 def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) -> dict[str, Given]:
@@ -183,6 +143,33 @@ def noise_numbers(scenario: Belief) -> dict[str, float]:
     }
 
 
+def members(payload: int) -> tuple[tuple[str, str], ...]:
+    """Return the payload's members in C."""
+    n = payload // 2
+    ranges = (f"double ranges[{n}];", "to each anchor, in the order of the room [m]")
+    return (ranges, (f"double there[{n}];", "1 where its range is there, else 0"))
+
+
+def largest_ranges(scenario: Scenario, room: Room, reach: float) -> np.ndarray:
+    """Return the largest range to each anchor (n) [m], of a vehicle in the room or up to `reach` outside."""
+    low, high = np.array(room.interior.min) - reach, np.array(room.interior.max) + reach
+    corners = np.array(list(product(*zip(low, high, strict=True))))
+    distances = np.linalg.norm(corners[:, np.newaxis] - room.anchor_positions, axis=2).max(axis=0)
+    (s_0, s_1), walls = scenario.uwb.sds, scenario.uwb.walls
+    sd = s_0 + s_1 * distances
+    if scenario.uwb.errors == "fitted":
+        sd = np.full(len(distances), largest_sd(noise_of(scenario.uwb)))
+    wall = walls.per_wall if walls.kind == "bias" else MEANS * walls.mean if walls.kind == "excess" else 0.0
+    bias = wall * len(room.wall_boxes)
+    return distances + bias + SIGMAS * sd
+
+
+def limits(scenario: Scenario, room: Room) -> tuple[np.ndarray, np.ndarray]:
+    """Return the least and the greatest ranges and flags."""
+    ranges = largest_ranges(scenario, room, envelope_of(scenario, room).speed * (scenario.h + scenario.uwb.round))
+    return np.zeros(2 * ranges.size), np.concatenate((ranges, np.ones(ranges.size)))
+
+
 SENSOR = Sensor(
     "uwb",
     Uwb,
@@ -191,8 +178,15 @@ SENSOR = Sensor(
     V=believed_V,
     covariance=covariance,
     information=information,
-    unknown=unknown,
+    unknown=uwb_theory.unknown,
+    made=uwb_theory.made,
+    learned=uwb_theory.learned,
+    left_out=uwb_theory.left_out,
+    mismatches=uwb_theory.MISMATCHES,
     payload=lambda scenario, room: 2 * len(room.anchors),
+    members=members,
+    limits=limits,
+    whole=lambda payload: list(range(payload // 2, payload)),
     element=source,
     check=check,
     behind=paths,

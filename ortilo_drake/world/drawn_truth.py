@@ -6,7 +6,7 @@ import numpy as np
 
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import Frozen, InputError
-from ortilo_drake.scenario.truth import SensorTruth, Truth
+from ortilo_drake.scenario.truth import Each, SensorTruth, Truth
 from ortilo_drake.world.noise import normals, stream_id
 
 Drawn = dict[str, np.ndarray]  # by dotted key within `truth`, such as 'vehicle.mass_factor'
@@ -35,17 +35,17 @@ def draw_truth(truth: Truth, seed: int | AtStart, room: Room, payloads: Mapping[
     Raises:
         InputError: if a registered sensor's entries are not as many as its payload has numbers.
     """
-    n, m = len(room.anchors), len(room.landmarks)
     draw = seed if callable(seed) else of_seed(seed)
-    shapes = {"uwb.bias": (n,), "survey.anchors": (n, 3), "survey.landmarks": (m, 3)}
     drawn = {}
     for group in Truth.model_fields:
         if group == "sensors":
             continue
-        for name, value, sd in _entries(getattr(truth, group)):
-            key = f"{group}.{name}"
+        settings = getattr(truth, group)
+        for name, value, sd in _entries(settings):
+            key, marks = f"{group}.{name}", type(settings).model_fields[name].metadata
+            each = tuple(len(getattr(room, mark.things)) for mark in marks if isinstance(mark, Each))
             for its in (f"{key}.{sensor}" for sensor in payloads) if group == "clock" else (key,):
-                drawn[its] = _draw(its, value, sd, shapes.get(key, np.shape(value)), draw)
+                drawn[its] = _draw(its, value, sd, (*each, *np.shape(value)), draw)
     for sensor, settings in dict(truth.sensors).items():
         if sensor not in payloads:
             continue

@@ -11,12 +11,17 @@ from ortilo_drake.codegen.c_header import ROOM
 from ortilo_drake.codegen.c_source import ROOM_TEXT
 from ortilo_drake.codegen.exported_half import STRICT
 from ortilo_drake.codegen.ir import box_ir
+from ortilo_drake.codegen.object_code import object_code
+from ortilo_drake.codegen.targets import TARGETS
+from ortilo_drake.loop.element import Element
 from ortilo_drake.loop.own import box
 from ortilo_drake.model.typed_yaml import InputError
 
+HEAD = f"#include <stddef.h>\n#include <stdint.h>\n{ROOM}typedef struct {{ ortilo_room room; }} ortilo;\n"
 MAIN = """
 #include <assert.h>
 int main(void) {
+    assert(sizeof(block) == 32); /* as ir.py has it */
     static ortilo half;
     void *room = room_of(&half);
     block *a = ortilo_take(room, 100), *b = ortilo_take(room, 8), *c = ortilo_take(room, 0);
@@ -45,9 +50,39 @@ int main(void) {
 
 def test_blocks_stand_one_after_the_other_and_within_the_room(tmp_path: Path) -> None:
     needs("gcc")
-    head = f"#include <stddef.h>\n#include <stdint.h>\n{ROOM}typedef struct {{ ortilo_room room; }} ortilo;\n"
-    (tmp_path / "room.c").write_text(head + ROOM_TEXT + MAIN)
+    (tmp_path / "room.c").write_text(HEAD + ROOM_TEXT + MAIN)
     do("gcc", *STRICT, "-fsanitize=address,undefined", "room.c", "-o", "room", folder=tmp_path)
+    do("./room", folder=tmp_path)
+
+
+def halved(belief: np.ndarray, out: np.ndarray) -> None:
+    its = belief.copy()
+    its[1:] = its[:-1]
+    its[:2] /= 2.0
+    out[:] = its
+
+
+HALVED = """
+#include <stdio.h>
+int32_t ortilo_own_out(void *, const void *, int64_t, const void *, int64_t);
+int main(void) {
+    static ortilo half;
+    const double belief[] = {8, 6, 4};
+    double out[3] = {0};
+    const int stopped = ortilo_own_out(room_of(&half), belief, 3, out, 3);
+    return !(stopped == 0 && half.room.top == 0 && out[0] == 4 && out[1] == 4 && out[2] == 6);
+}
+"""
+
+
+@pytest.mark.long
+def test_a_part_of_an_array_is_put_into_another_part_of_the_same(tmp_path: Path) -> None:
+    needs("gcc")
+    irs = box_ir("own", Element("halved", out=halved, allocates=True), False)
+    assert "@NRT_Allocate(" in irs["ortilo_own_out"].split("define internal")[0]
+    (tmp_path / "own.o").write_bytes(object_code(irs, TARGETS["x86-64"]))
+    (tmp_path / "room.c").write_text(HEAD + ROOM_TEXT + HALVED)
+    do("gcc", *STRICT, "room.c", "own.o", "-o", "room", folder=tmp_path)
     do("./room", folder=tmp_path)
 
 

@@ -92,14 +92,15 @@ def test_a_strangers_project_links_the_folder(compiler: str, exported: Exported,
 
 
 @pytest.mark.parametrize(
-    ("name", "changes", "says"),
+    ("name", "kind", "says"),
     [
-        ("nominal_imu_uwb_yolo", ("camera.kind=rendered",), "export: camera.kind: rendered: "),
+        ("nominal_imu_uwb_yolo", "rendered", "export: camera.kind: rendered: "),
+        ("paper_imu_uwb_yolo", "projected", "export: landmark_fix.method: cosine_law: "),
     ],
 )
-def test_what_cannot_be_exported_is_refused_in_a_line(name: str, changes: tuple[str, ...], says: str) -> None:
+def test_what_cannot_be_exported_is_refused_in_a_line(name: str, kind: str, says: str) -> None:
     with pytest.raises(InputError) as refused:
-        onboard_half(load_scenario(name, changes))
+        onboard_half(load_scenario(name, f"camera.kind={kind}"))
     assert str(refused.value).startswith(says)
     assert "\n" not in str(refused.value)
 

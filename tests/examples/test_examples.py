@@ -40,8 +40,8 @@ def test_examples_are_a_page_each_and_reach_for_nothing_private() -> None:
     files = sorted(FOLDER.glob("*.py"))
     assert {file.stem for file in files} >= {
         "alpha_beta", "barometer", "cascade_servo", "circle_planner", "filter_elsewhere", "five_anchors",
-        "hexarotor", "hurrying_planner", "longer_ranges", "loss_study", "magnetometer", "mpc_servo", "multibody",
-        "range_follower",
+        "hexarotor", "hurrying_planner", "kalman_filter", "longer_ranges", "loss_study", "magnetometer",
+        "mpc_servo", "multibody", "range_follower",
     }  # fmt: skip
     for file in files:
         lines = file.read_text().splitlines()

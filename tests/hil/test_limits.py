@@ -7,7 +7,7 @@ import pytest
 
 from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
 from ortilo_drake.hil.wire.handshake import flight_of
-from ortilo_drake.hil.wire.limits import FARTHEST, largest_command, limits_of
+from ortilo_drake.hil.wire.limits import FARTHEST, limits_of
 from ortilo_drake.hil.wire.packet_checks import BadPacket, Flight
 from ortilo_drake.hil.wire.packets import (
     TELEMETRY,
@@ -22,6 +22,7 @@ from ortilo_drake.hil.wire.wire import Outbox, publish_command, publish_messages
 from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.model.vehicle import Arm, Vehicle, mixing_matrix
 from ortilo_drake.scenario import Scenario, load_scenario, scenario_names
+from ortilo_drake.sensors.envelope import largest_command
 
 LATE = ("camera.link.delay=2", "camera.link.random_delay=1", "imu.link.delay=3")
 SETTINGS = ("camera.kind=projected", "servo.velocities=truth", *LATE)

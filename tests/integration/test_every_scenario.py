@@ -21,7 +21,8 @@ from ortilo_drake.scenario import scenario_names
 from ortilo_drake.studies.command_link.command_report import CommandReport, LinkFigures
 from ortilo_drake.studies.linearization.linearize import PARTS
 from ortilo_drake.studies.report import analyze
-from ortilo_drake.studies.sensitivity import mismatches
+from ortilo_drake.studies.sensitivity import sensitivity_flights
+from ortilo_drake.studies.sensitivity.mismatches import mismatches_of
 
 pytestmark = pytest.mark.usefixtures("cut_short", "own_register")
 PLUGIN = str(Path(__file__).parents[1] / "registered_parts.py")
@@ -169,7 +170,7 @@ def cut_short(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out what costs minutes and has tests of its own, and what waits for a user."""
     no_commands = CommandReport("", 1, 0.5, {"hold": {"independent": 0.5}}, {}, 1.0, {}, None, LinkFigures(0.5, None))
     monkeypatch.setattr(analyze, "command_report", lambda scenario, V: no_commands)
-    monkeypatch.setattr(mismatches, "MISMATCHES", mismatches.MISMATCHES[::6])
+    monkeypatch.setattr(sensitivity_flights, "mismatches_of", lambda scenario: mismatches_of(scenario)[::6])
     ends = iter([False] * 3 + [True] * 10)
     wishes = Controls.wishes
     monkeypatch.setattr(Controls, "wishes", lambda controls: wishes(controls)._replace(ends=next(ends)))

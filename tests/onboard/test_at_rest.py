@@ -63,7 +63,7 @@ def test_the_tight_filters_first_covariance_is_that_of_least_squares() -> None:
     walks = "gyroscope_rate: 0, accelerometer_rate: 0, angles_rate: 0"
     imu = f"{{level_sd: {LEVEL_SD}, angle_density: {NOISE['angles'] * USUAL_ROOT}, {walks}}}"
     scenario = load_scenario("tight_imu_uwb", ("imu.link.rate=30", "imu.standstill=0.25", f"estimator.imu={imu}"))
-    layout = tight.layout_of(scenario.estimator, scenario.load_room(), scenario.sensors, scenario.h)
+    layout = tight.layout_of(scenario.estimator, scenario.load_room(), ("anchors",), scenario.h)
     P = tight.initial_covariance(scenario.estimator, layout, rest_of(scenario), (NOISE["rates"], NOISE["forces"]))
     chosen = [layout.angles, layout.angles + 1, *range(ACCEL, ACCEL + 3), *range(GYRO, GYRO + 3)]
     np.testing.assert_allclose(P[np.ix_(chosen, chosen)], least_squares(0.0), rtol=1e-9, atol=1e-15)
@@ -87,7 +87,7 @@ def test_noise_of_a_density_leaves_as_much_of_a_phase_of_any_number_of_samples(n
         if name == "nominal_imu_uwb":
             its = filtering_of(scenario)
             return initial_covariance(scenario.estimator, its.extras, rest_of(scenario), scenario.yaw)
-        layout = tight.layout_of(scenario.estimator, scenario.load_room(), scenario.sensors, scenario.h)
+        layout = tight.layout_of(scenario.estimator, scenario.load_room(), ("anchors",), scenario.h)
         noise = tight.sample_sds(scenario.estimator, scenario.samples("imu"), scenario.h)
         return tight.initial_covariance(scenario.estimator, layout, rest_of(scenario), noise)
 

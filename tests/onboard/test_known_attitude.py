@@ -6,7 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from seen_landmarks import CAMERA, EXACT, POINTS, centers, state
 
-from ortilo_drake.onboard.landmarks.known_attitude import inverse_3x3, known_attitude
+from ortilo_drake.onboard.landmarks.known_attitude import inverse_3x3
+from ortilo_drake.onboard.landmarks.landmark_fix import METHODS
+
+known_attitude = METHODS["known_attitude"]
 
 DOTS = np.zeros((len(POINTS), 1, 3))  # an outline of one point has no kinks: the projection is smooth
 SD = 1e-4  # of a box centre [px], so small that the projection is linear in the errors

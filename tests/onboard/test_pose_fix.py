@@ -14,9 +14,12 @@ from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.filter_model import filter_model
 from ortilo_drake.onboard.estimator.intermittent_filter import intermittent_step
-from ortilo_drake.onboard.landmarks.known_attitude import FREE_SD, known_attitude, known_tilt, pose
+from ortilo_drake.onboard.landmarks.known_attitude import FREE_SD
 from ortilo_drake.onboard.landmarks.landmark_association import associate, center_sd
+from ortilo_drake.onboard.landmarks.landmark_fix import METHODS
 from ortilo_drake.scenario import IntermittentFilter, load_scenario
+
+known_attitude, known_tilt, pose = METHODS["known_attitude"], METHODS["known_tilt"], METHODS["pose"]
 
 DOTS = np.zeros((len(POINTS), 1, 3))  # an outline of one point has no kinks: the projection is smooth
 SMALL = 1e-4  # errors so small that the projection is linear in them [px]

@@ -8,12 +8,13 @@ import pytest
 from ortilo_drake.model.hover import discretize, hover_A, hover_B_d
 from ortilo_drake.onboard.ranging.survey_bank import log_likelihood
 from ortilo_drake.scenario import load_scenario
+from ortilo_drake.sensors.described import as_learned
+from ortilo_drake.sensors.learned_survey import mean_log_likelihood, share_learned
 from ortilo_drake.sensors.unknown_error import walk
 from ortilo_drake.studies.command_link.command_flights import command_cases, command_flights, hover_V
 from ortilo_drake.studies.loop.error_moments import Drive, drive_of, drives, fewer, moved_by
 from ortilo_drake.studies.loop.fix_errors import errors_of_rows
 from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, filter_measurement, hover_loop, steady_predictor
-from ortilo_drake.studies.loop.learned_survey import as_learned, mean_log_likelihood, share_learned
 
 PLACE = (3.0, 1.0, 1.5)
 AT = np.array([*PLACE, *[0.0] * 9])  # hovering

@@ -46,7 +46,3 @@ def test_of_fitted_errors_what_lasts_is_in_the_rms(setting: str, named: list[str
     scenario = load_scenario("nominal_imu_uwb", ("uwb.errors=fitted", f"uwb.fitted={setting}"))
     assert left_out(scenario) == [f"uwb.fitted.{name}" for name in named]
     assert in_the_rms_alone(scenario) == [f"uwb.fitted.{name}" for name in in_the_rms]
-
-
-def test_a_survey_that_is_learned_is_in_the_rms() -> None:
-    assert in_the_rms_alone(load_scenario("imu_uwb")) == ["multilateration.bias_bank"]

@@ -11,11 +11,18 @@ from ortilo_drake.model.as_data import as_data
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.studies.sensitivity import sensitivity_flights
 from ortilo_drake.studies.sensitivity.loss_level import NO_LEVEL, Flown
-from ortilo_drake.studies.sensitivity.mismatches import MISMATCHES, Settings, all_together, mismatches_of
+from ortilo_drake.studies.sensitivity.mismatches import (
+    TOGETHER,
+    Settings,
+    all_together,
+    known_mismatches,
+    mismatches_of,
+)
 from ortilo_drake.studies.sensitivity.outcomes import Outcome
 from ortilo_drake.studies.sensitivity.sensitivity_flights import Limit, Row, Sensitivity, _row, search, sensitivity
 from ortilo_drake.studies.sensitivity.sensitivity_report import sensitivity_figure, sensitivity_text
 
+MISMATCHES = known_mismatches()
 SHORT = ("planner={kind: hover, point: [9.0, 0.5, 1.5], duration: 1.0}", "settle=0.0")
 
 
@@ -75,7 +82,7 @@ def test_what_is_searched_depends_on_what_was_lost_alone() -> None:
 
 @pytest.mark.parametrize("mismatch", MISMATCHES, ids=lambda m: m.name)
 def test_a_mismatch_changes_the_world_or_its_shapes_and_nothing_else(mismatch) -> None:  # type: ignore[no-untyped-def]
-    name = "nominal_imu_uwb_yolo" if mismatch.sensor == "camera" else "nominal_imu_uwb"
+    name = "nominal_imu_uwb_yolo"
     plain = load_scenario(name)
     for value in (*mismatch.given, mismatch.careful, *([mismatch.largest] if mismatch.largest else [])):
         other = load_scenario(name, mismatch.settings(value))
@@ -86,8 +93,8 @@ def test_a_mismatch_changes_the_world_or_its_shapes_and_nothing_else(mismatch) -
 
 def test_without_a_camera_or_a_gyroscope_nothing_is_asked_about_it() -> None:
     without, with_camera = (mismatches_of(load_scenario(name)) for name in ("nominal_imu_uwb", "imu_uwb_yolo"))
-    assert {m.sensor for m in without} == {None, "uwb"}
-    assert with_camera == MISMATCHES
+    assert {*with_camera} == {*MISMATCHES}
+    assert {m.name.split()[0] for m in {*with_camera} - {*without}} == {"gyroscope", "landmarks", "only", "camera"}
     settings = dict(all_together(without).settings(2.0))
     assert settings["truth.vehicle.mass_factor"] == pytest.approx(1.06)
     assert len(settings) == len(without)
@@ -138,8 +145,8 @@ def test_the_report_says_what_is_known(tmp_path: Path) -> None:
 
 
 def test_the_report_begins_with_what_leaves_the_least_room() -> None:
-    mass, force, gusts, yaw = MISMATCHES[0], MISMATCHES[3], MISMATCHES[4], MISMATCHES[6]
-    together = all_together(MISMATCHES).name
+    named = {m.name.split()[0]: m for m in MISMATCHES}
+    mass, force, gusts, yaw = (named[first] for first in ("mass", "force", "gusts", "yaw"))
     found = Sensitivity(
         "nominal_imu_uwb",
         [row_of("none", 0.0, 20, 1), row_of(mass.name, 10.0, 20, 20)],
@@ -148,7 +155,7 @@ def test_the_report_begins_with_what_leaves_the_least_room() -> None:
             Limit(force.name, 0.12, (0.1, 0.2)),  # 1.2 times its 0.1 N, though the larger number is the mass's
             Limit(gusts.name, None, (5.0, None)),
             Limit(yaw.name, 0.0, (0.0, 0.1)),
-            Limit(together, 0.7, (0.5, 0.9)),  # less than any alone, and no single mismatch
+            Limit(TOGETHER, 0.7, (0.5, 0.9)),  # less than any alone, and no single mismatch
         ],
     )
     title, heading, *lines = (line for line in sensitivity_text(found).splitlines() if line)
@@ -166,7 +173,7 @@ def test_the_report_begins_with_what_leaves_the_least_room() -> None:
     [(None, "were not found to lose 5% at any value flown"), (0.0, "lose 5% at less than was flown")],
 )
 def test_the_summary_says_when_no_limit_of_all_together_is_known(value: float | None, said: str) -> None:
-    limits = [Limit(MISMATCHES[0].name, 4.2, (3.0, 6.1)), Limit(all_together(MISMATCHES).name, value, (None, None))]
+    limits = [Limit(MISMATCHES[0].name, 4.2, (3.0, 6.1)), Limit(TOGETHER, value, (None, None))]
     text = sensitivity_text(Sensitivity("nominal_imu_uwb", [row_of("none", 0.0, 20, 0)], limits))
     assert f"- All together {said}." in text
 

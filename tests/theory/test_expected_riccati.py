@@ -15,12 +15,11 @@ from ortilo_drake.theory.arrivals.coupled_fixed_point import SETTLED, coupled_fi
 from ortilo_drake.theory.arrivals.expected_riccati import (
     TRANSLATION,
     lower_bound,
-    translation_lower_bound,
     translation_noise,
     upper_bound,
     vehicle_model,
 )
-from ortilo_drake.theory.arrivals.expected_riccati_kernel import expected_step
+from ortilo_drake.theory.arrivals.expected_riccati_kernel import averaged_update, predicted
 
 H = 1.0 / 30.0
 V_PRINTED = np.diag(np.repeat([0.05, 0.08, 0.01], 3))
@@ -30,6 +29,15 @@ ALL_OR_NOTHING = np.array([[False], [True]])
 SCALAR = check_model(
     Model(np.array([[1.25]]), np.ones((1, 1)), np.ones((1, 1)), np.array([[2.5]]), ALL_OR_NOTHING)
 )  # Sinopoli et al. (2004), first example
+
+
+def expected_step(X: np.ndarray, model: Model, probabilities: np.ndarray) -> np.ndarray:
+    return predicted(averaged_update(X, model.C, model.V, model.rows, probabilities), model.A, model.W)
+
+
+def translation_lower_bound(A: np.ndarray, W: np.ndarray, uwb: float, camera: float) -> np.ndarray:
+    at_most = 1.0 - (1.0 - uwb) * (1.0 - camera)
+    return lower_bound(A[np.ix_(TRANSLATION, TRANSLATION)], translation_noise(W), at_most)
 
 
 def printed_g(X: np.ndarray, model: Model, probabilities: np.ndarray) -> np.ndarray:
@@ -67,7 +75,7 @@ def test_one_step_is_the_printed_formula(seed: int) -> None:
         Model(rng.normal(size=(n, n)), rng.normal(size=(m, n)), spd[0], spd[2], rng.random((patterns, m)) < 0.5)
     )
     probabilities = rng.dirichlet(np.ones(patterns))
-    X = expected_step(spd[1], *model, probabilities)
+    X = expected_step(spd[1], model, probabilities)
     np.testing.assert_array_equal(X, X.T)
     np.testing.assert_allclose(X, printed_g(spd[1], model, probabilities), rtol=1e-9, atol=1e-9)
 
@@ -131,7 +139,7 @@ def test_the_exact_mean_of_two_states_lies_between_the_recursions(A: list, rate:
         K = A_ @ P @ C.T / (C @ P @ C.T + V)
         arrived = lost - K @ C @ P @ A_.T
         P, weight = np.concatenate([lost, arrived]), np.concatenate([(1 - rate) * weight, rate * weight])
-        upper = expected_step(upper, *model, np.array([1 - rate, rate]))
+        upper = expected_step(upper, model, np.array([1 - rate, rate]))
         lower = (1 - rate) * A_ @ lower @ A_.T + W
     mean = np.einsum("s,sij->ij", weight, P)
     assert np.linalg.eigvalsh(upper - mean).min() > 0.0

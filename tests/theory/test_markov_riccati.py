@@ -12,12 +12,12 @@ from ortilo_drake.studies.arrivals.link_chain import link_chain
 from ortilo_drake.theory.arrivals.arrival_simulation import draw_markov, simulate
 from ortilo_drake.theory.arrivals.arrivals import Model, check_model, pattern_probabilities
 from ortilo_drake.theory.arrivals.coupled_fixed_point import coupled_fixed_point
-from ortilo_drake.theory.arrivals.expected_riccati import TRANSLATION, upper_bound, vehicle_model
+from ortilo_drake.theory.arrivals.expected_riccati import TRANSLATION, solve_coupled, upper_bound, vehicle_model
 from ortilo_drake.theory.arrivals.markov_riccati import (
+    ArrivalChain,
     arrival_chain,
     average_over_modes,
     markov_translation_lower_bound,
-    markov_upper_bound,
 )
 from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.radio.link import chain_after, delay_of_message
@@ -26,6 +26,10 @@ H = 1.0 / 30.0
 MODEL = vehicle_model(1e-4 * np.eye(12), np.diag(np.repeat([0.05, 0.08, 0.01], 3)), H)
 ALL_OR_NOTHING = np.array([[False], [True]])
 LOSES_ALL_WHILE_BAD = np.array([[0.0, 1.0], [1.0, 0.0]])
+
+
+def markov_upper_bound(model: Model, chain: ArrivalChain) -> np.ndarray:
+    return solve_coupled(model, chain.probabilities, chain.backward, None, "coupled Riccati equations")
 
 
 def scalar(a: float) -> Model:

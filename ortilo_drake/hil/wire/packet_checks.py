@@ -12,10 +12,12 @@ picture      not a PNG of this flight's size and kind
 """
 
 import struct
-from typing import Any, Final, NamedTuple
+from types import SimpleNamespace
+from typing import Final, NamedTuple
 
 import numpy as np
 
+from ortilo_drake.hil.wire.lcm_type import LcmType
 from ortilo_drake.hil.wire.limits import Limits
 from ortilo_drake.hil.wire.packets import MAX_TEXT
 from ortilo_drake.model.signals import ARRIVED, STAMP, samples_in
@@ -51,24 +53,24 @@ class Flight(NamedTuple):
     limits: dict[str, Limits]
 
 
-def open_message(kind: Any, data: bytes, sizes: tuple[int, int], session: int | None) -> Any:
-    """Return the decoded LCM message after the checks of length, fingerprint and session.
+def open_message(kind: LcmType, data: bytes, sizes: tuple[int, int], session: int | None) -> SimpleNamespace:
+    """Return the decoded message after the checks of length, fingerprint and session.
 
     Args:
-        kind: LCM's class.
+        kind: its type.
         data: any bytes.
         sizes: least and greatest number of bytes.
         session: of the flight; None for a type in which it is not the first field.
     """
     if not sizes[0] <= len(data) <= sizes[1]:
         raise BadPacket("length")
-    if data[:8] != kind._get_packed_fingerprint():
+    if data[:8] != kind.fingerprint:
         raise BadPacket("fingerprint")
     if session is not None and data[8:16] != session.to_bytes(8, "big"):
         raise BadPacket("foreign")
     try:
         return kind.decode(data)
-    except (struct.error, ValueError, IndexError):
+    except struct.error:
         raise BadPacket("length") from None
 
 
@@ -110,9 +112,9 @@ def check_values(values: np.ndarray, limits: Limits) -> None:
         raise BadPacket("value")
 
 
-def check_canonical(message: Any, data: bytes) -> None:
+def check_canonical(kind: LcmType, message: SimpleNamespace, data: bytes) -> None:
     """Refuse texts that are not UTF-8 or lack their end, booleans beyond 1, and bytes left over."""
-    if message.encode() != data:
+    if kind.encode(**vars(message)) != data:
         raise BadPacket("text")
 
 

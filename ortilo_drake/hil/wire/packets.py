@@ -4,33 +4,19 @@ unpack.py turns packets back, strictly. A packet of one tick belongs to a sessio
 each flight; so packets of another flight on the same wire are recognised.
 """
 
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from ortilo_drake.hil.wire.lcmtypes.ortilo import (
-    lcmt_command,
-    lcmt_goal,
-    lcmt_hello,
-    lcmt_picture,
-    lcmt_telemetry,
-    lcmt_tick,
-    lcmt_vector,
-)
+from ortilo_drake.hil.wire.lcm_type import LcmType
 from ortilo_drake.interop.ros.picture_codec import encode_png
 from ortilo_drake.model.parts import known_sensors
 from ortilo_drake.model.signals import N_XBAR, REFERENCE_SIZE, SENSORS
+from ortilo_drake.sensors.described import port_of
 
 PROTOCOL: Final = 4
-PORTS: Final = (
-    "imu",
-    "uwb",
-    "detections",
-    "shutter",
-    "velocity",
-    "acted",
-    "image",
-)  # of the world; registered sensors come to them
+# Of the world; registered sensors come to them.
+PORTS: Final = (*map(port_of, SENSORS), "shutter", "velocity", "acted", "image")
 KINDS: Final = (*PORTS, "tick", "command", "telemetry", "hello", "goal")  # of packets
 MEASUREMENT: Final = ("y", "delta", "V2")  # one after the other in telemetry
 TELEMETRY: Final = {
@@ -43,6 +29,10 @@ NO_TICK: Final = ("hello", "goal")  # channels whose packets belong to no tick
 LOOKING, FLYING, FINISHED = STATES = ("looking", "flying", "finished")
 ROLES: Final = ("world", "onboard", "user")
 MAX_TEXT: Final = 500  # bytes of a text
+
+VECTOR, PICTURE, TICK, COMMAND, TELEMETRY_TYPE, HELLO, GOAL = (
+    LcmType(name) for name in ("vector", "picture", "tick", "command", "telemetry", "hello", "goal")
+)
 
 
 def ports() -> tuple[str, ...]:
@@ -101,67 +91,40 @@ class Goal(NamedTuple):
     reason: str = ""
 
 
-def _body(message: Any) -> bytes:
-    return bytes(message.encode())
-
-
-def _cut(text: str) -> str:
-    return text.encode()[:MAX_TEXT].decode(errors="ignore")
-
-
 def encode_vector(session: int, tick: int, values: np.ndarray) -> bytes:
     """Return the bytes of a message vector."""
-    message = lcmt_vector()
-    message.session, message.tick = session, tick
-    message.size, message.values = len(values), values.tolist()
-    return _body(message)
+    return VECTOR.encode(session=session, tick=tick, values=values.tolist())
 
 
 def encode_picture(session: int, tick: int, stamp: float, image: np.ndarray) -> bytes:
     """Return the bytes of a picture (height, width, 4), uint8, true at a stamp [s]."""
-    message = lcmt_picture()
-    message.session, message.tick, message.stamp = session, tick, stamp
-    message.data = encode_png(image)
-    message.size = len(message.data)
-    return _body(message)
+    return PICTURE.encode(session=session, tick=tick, stamp=stamp, data=encode_png(image))
 
 
 def encode_tick(session: int, tick: int, sent: tuple[str, ...]) -> bytes:
     """Return the bytes of the list of ports, names of PORTS, that have a message in a tick."""
-    message = lcmt_tick()
-    message.session, message.tick, message.n, message.sent = session, tick, len(sent), list(sent)
-    return _body(message)
+    return TICK.encode(session=session, tick=tick, sent=sent)
 
 
 def encode_command(session: int, tick: int, u: np.ndarray) -> bytes:
     """Return the bytes of a command u (4): thrust [N] and torques [N m]."""
-    message = lcmt_command()
-    message.session, message.tick, message.u = session, tick, u.tolist()
-    return _body(message)
+    return COMMAND.encode(session=session, tick=tick, u=u.tolist())
 
 
 def encode_telemetry(session: int, tick: int, outputs: dict[str, np.ndarray]) -> bytes:
     """Return the bytes of an onboard half's outputs, of which those of MEASUREMENT and TELEMETRY are sent."""
-    message = lcmt_telemetry()
-    message.session, message.tick = session, tick
-    for name in TELEMETRY:
-        setattr(message, name, outputs[name].tolist())
-    message.measurement = [number for name in MEASUREMENT for number in outputs[name].tolist()]
-    message.size = len(message.measurement)
-    return _body(message)
+    measurement = [number for name in MEASUREMENT for number in outputs[name].tolist()]
+    known = {name: outputs[name].tolist() for name in TELEMETRY}
+    return TELEMETRY_TYPE.encode(session=session, tick=tick, measurement=measurement, **known)
 
 
 def encode_hello(hello: Hello) -> bytes:
     """Return the bytes of a handshake or heartbeat."""
-    message = lcmt_hello()
-    for name, value in hello._asdict().items():
-        setattr(message, name, value)
-    return _body(message)
+    return HELLO.encode(**hello._asdict())
 
 
 def encode_goal(goal: Goal) -> bytes:
     """Return the bytes of a request or an answer; a reason is cut to MAX_TEXT bytes."""
-    message = lcmt_goal()
-    message.session, message.tick, message.number, message.role = goal[:4]
-    message.p_W, message.reason = [goal.x, goal.y], _cut(goal.reason)
-    return _body(message)
+    reason = goal.reason.encode()[:MAX_TEXT].decode(errors="ignore")
+    asked = {"session": goal.session, "tick": goal.tick, "number": goal.number, "role": goal.role}
+    return GOAL.encode(**asked, p_W=(goal.x, goal.y), reason=reason)

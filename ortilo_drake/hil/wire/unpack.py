@@ -9,15 +9,6 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from ortilo_drake.hil.wire.lcmtypes.ortilo import (
-    lcmt_command,
-    lcmt_goal,
-    lcmt_hello,
-    lcmt_picture,
-    lcmt_telemetry,
-    lcmt_tick,
-    lcmt_vector,
-)
 from ortilo_drake.hil.wire.packet_checks import (
     COUNT_SIZE,
     BadPacket,
@@ -32,11 +23,18 @@ from ortilo_drake.hil.wire.packet_checks import (
     open_message,
 )
 from ortilo_drake.hil.wire.packets import (
+    COMMAND,
+    GOAL,
+    HELLO,
     MAX_TEXT,
     MEASUREMENT,
+    PICTURE,
     ROLES,
     STATES,
     TELEMETRY,
+    TELEMETRY_TYPE,
+    TICK,
+    VECTOR,
     Goal,
     Hello,
     ports,
@@ -90,7 +88,7 @@ def _decode_vector(name: str, data: bytes, flight: Flight) -> Packet:
     limits = flight.limits[name]
     check_size(data, _TURN, 8)
     length = _TURN + COUNT_SIZE + 8 * limits.low.size
-    message = open_message(lcmt_vector, data, (length, length), flight.session)
+    message = open_message(VECTOR, data, (length, length), flight.session)
     check_tick(message.tick, flight)
     values = np.array(message.values)
     check_values(values, limits)
@@ -102,7 +100,7 @@ def _decode_vector(name: str, data: bytes, flight: Flight) -> Packet:
 
 def _decode_picture(name: str, data: bytes, flight: Flight) -> Packet:
     check_size(data, _PICTURE_HEAD - COUNT_SIZE, 1)
-    message = open_message(lcmt_picture, data, (_PICTURE_HEAD, _longest_picture(flight)), flight.session)
+    message = open_message(PICTURE, data, (_PICTURE_HEAD, _longest_picture(flight)), flight.session)
     check_tick(message.tick, flight)
     check_stamp(message.stamp, message.tick, flight.limits[name], flight)
     image = None if flight.shape is None else decode_foreign_png(message.data, flight.shape)
@@ -113,8 +111,8 @@ def _decode_picture(name: str, data: bytes, flight: Flight) -> Packet:
 
 def _decode_tick(name: str, data: bytes, flight: Flight) -> Packet:
     longest = _TURN + COUNT_SIZE + sum(COUNT_SIZE + len(port) + 1 for port in ports())
-    message = open_message(lcmt_tick, data, (_TURN + COUNT_SIZE, longest), flight.session)
-    check_canonical(message, data)
+    message = open_message(TICK, data, (_TURN + COUNT_SIZE, longest), flight.session)
+    check_canonical(TICK, message, data)
     check_tick(message.tick, flight)
     if len(set(message.sent)) != len(message.sent) or not set(message.sent) <= set(ports()):
         raise BadPacket("text")
@@ -123,7 +121,7 @@ def _decode_tick(name: str, data: bytes, flight: Flight) -> Packet:
 
 def _decode_command(name: str, data: bytes, flight: Flight) -> Packet:
     length = _TURN + 8 * N_U
-    message = open_message(lcmt_command, data, (length, length), flight.session)
+    message = open_message(COMMAND, data, (length, length), flight.session)
     check_tick(message.tick, flight)
     u = np.array(message.u)
     check_values(u, flight.limits[name])
@@ -134,7 +132,7 @@ def _decode_telemetry(name: str, data: bytes, flight: Flight) -> Packet:
     sizes = [flight.limits[key].low.size for key in MEASUREMENT]
     check_size(data, _TELEMETRY_HEAD, 8)
     length = _telemetry_length(flight)
-    message = open_message(lcmt_telemetry, data, (length, length), flight.session)
+    message = open_message(TELEMETRY_TYPE, data, (length, length), flight.session)
     check_tick(message.tick, flight)
     outputs = {key: np.array(getattr(message, key)) for key in TELEMETRY}
     parts = np.split(np.array(message.measurement), np.cumsum(sizes)[:-1])
@@ -146,21 +144,21 @@ def _decode_telemetry(name: str, data: bytes, flight: Flight) -> Packet:
 
 
 def _decode_goal(name: str, data: bytes, flight: Flight) -> Packet:
-    message = open_message(lcmt_goal, data, _GOAL_SIZES, flight.session)
+    message = open_message(GOAL, data, _GOAL_SIZES, flight.session)
     check_tick(message.tick, flight)
     x, y = message.p_W
     check_values(np.array([x, y]), flight.limits[name])
     if message.number <= 0:
         raise BadPacket("value")
-    check_canonical(message, data)
+    check_canonical(GOAL, message, data)
     check_texts(message.role, ("user", "onboard"), message.reason)
     goal = Goal(flight.session, message.tick, message.number, message.role, x, y, plain(message.reason))
     return Packet(name, -1, goal)
 
 
 def _decode_hello(data: bytes) -> Packet:
-    message = open_message(lcmt_hello, data, _HELLO_SIZES, None)
-    check_canonical(message, data)
+    message = open_message(HELLO, data, _HELLO_SIZES, None)
+    check_canonical(HELLO, message, data)
     check_texts(message.role, ROLES)
     if message.state not in STATES or not _DIGEST.fullmatch(message.scenario_digest):
         raise BadPacket("text")

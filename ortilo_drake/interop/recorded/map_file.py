@@ -196,6 +196,14 @@ class Map(Frozen):
         of_ranges = () if self.ranges is None else self.ranges.names
         return of_ranges or (() if self.differences is None else self.differences.names)
 
+    def without_standstill(self) -> "Map":
+        """Return the map of a flight of which nothing is known to stand still; one without an imu as it is."""
+        return (
+            self
+            if self.imu is None
+            else self.model_copy(update={"imu": self.imu.model_copy(update={"standstill": 0.0})})
+        )
+
     @model_validator(mode="after")
     def _anchors_are_those_of_the_ranges(self) -> Self:
         by_name = isinstance(self.anchors, dict | str)  # counted, or chosen by their names, when the files are read

@@ -1,26 +1,18 @@
-"""The step of intermittent_filter.py as loops over what is not zero, faster than its matrices.
+"""The step of intermittent_filter.py by the kernel of kalman.py, faster than its matrices.
 
 Of xbar = [x; e; i] the integral is known: from P_ii = 0 the printed equations leave K_i = -E and P_ii = 0, so that
 
     i_{k+1} = i_k + r_k - E y_k
 
-and the rest is a Kalman filter of the N states [x; e], measured and then propagated, Phibar K the printed gain. The
-covariances of the sensors are blocks of V2, so one sensor is taken after the other, with a root of its innovation's
-covariance:
-
-    L L^T = C P C^T + V,   G = P C^T L^-T,   x^ <- x^ + G L^-1 (y - C x^),   P <- P - G G^T
-    x^ <- Phi x^ + Gamma u,   P <- Phi P Phi^T + W
-
-G G^T is the printed K S K^T, K = G L^-1, and symmetric to the last bit.
+and the rest is a Kalman filter of the N states [x; e], measured and then propagated, Phibar K the printed gain.
 """
 
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.model.cholesky import forward_in_place
 from ortilo_drake.model.measurement import Layout
-from ortilo_drake.model.signals import N_I, N_U, N_X
+from ortilo_drake.model.signals import N_I, N_X
 from ortilo_drake.onboard.estimator.intermittent_filter import (
     INTEGRATOR_ESTIMATE,
     INTEGRATOR_LITERAL,
@@ -28,107 +20,8 @@ from ortilo_drake.onboard.estimator.intermittent_filter import (
     integrated_sensor,
     tilted_lift,
 )
-from ortilo_drake.onboard.estimator.structure import Structure, known_structure
-
-
-@register_jitable
-def measure(
-    x: np.ndarray,
-    P: np.ndarray,
-    y: np.ndarray,
-    V: np.ndarray,
-    m: int,
-    first: int,
-    states: np.ndarray,
-    weights: np.ndarray,
-    S: np.ndarray,
-    GT: np.ndarray,
-) -> None:
-    """Change an estimate and its covariance by what one sensor measured.
-
-    Args:
-        x: estimate, of which the N states [x; e] are changed.
-        P: its covariance, of which N rows and columns are.
-        y: values of all sensors (p).
-        V: covariance of this one's, row by row, and whatever follows (m^2 or more).
-        m: how many it has.
-        first: row of the first of them.
-        states: which states each row of y sees, see model.measurement.Layout (p, w).
-        weights: with which coefficients (p, w).
-        S: to work in (m or more, m or more).
-        GT: likewise, for [G^T, L^-1 (y - C x^)] (m or more, N + 1).
-    """
-    N = GT.shape[1] - 1
-    for a in range(m):
-        state, c = states[first + a, 0], weights[first + a, 0]
-        GT[a, N] = y[first + a] - c * x[state]
-        for j in range(N):
-            GT[a, j] = c * P[state, j]
-        for w in range(1, states.shape[1]):
-            state, c = states[first + a, w], weights[first + a, w]
-            if c != 0.0:
-                GT[a, N] -= c * x[state]
-                for j in range(N):
-                    GT[a, j] += c * P[state, j]
-    for a in range(m):
-        for b in range(a + 1):
-            S[a, b] = V[m * a + b]
-            for w in range(states.shape[1]):
-                S[a, b] += weights[first + b, w] * GT[a, states[first + b, w]]
-    forward_in_place(S, GT, m)
-    for a in range(m):
-        for j in range(N):
-            x[j] += GT[a, j] * GT[a, N]
-    threes = m - m % 3  # P is passed over once for three values
-    for a in range(0, threes, 3):
-        for i in range(N):
-            g_0, g_1, g_2 = GT[a, i], GT[a + 1, i], GT[a + 2, i]
-            for j in range(N):
-                P[i, j] -= g_0 * GT[a, j] + g_1 * GT[a + 1, j] + g_2 * GT[a + 2, j]
-    for a in range(threes, m):
-        for i in range(N):
-            g = GT[a, i]
-            for j in range(N):
-                P[i, j] -= g * GT[a, j]
-
-
-@register_jitable
-def propagate(P: np.ndarray, W: np.ndarray, structure: Structure, rows: np.ndarray) -> None:
-    """Change P, of which N rows and columns are meant, to Phi P Phi^T + W, symmetric.
-
-    Args:
-        P: covariance.
-        W: of the model (N, N).
-        structure: of the model.
-        rows: to work in (N, N or more).
-    """
-    N = W.shape[0]
-    columns, values, counts, mixing, keeps = structure
-    for side in range(2):  # P Phi^T, then Phi times that
-        for a in range(mixing.size):
-            i = mixing[a]
-            k, f = columns[i, 0], values[i, 0]
-            for j in range(N):
-                rows[a, j] = f * P[k, j]
-            for c in range(1, counts[i]):
-                k, f = columns[i, c], values[i, c]
-                for j in range(N):
-                    rows[a, j] += f * P[k, j]
-        for a in range(mixing.size):
-            i = mixing[a]
-            if side == 0:
-                for j in range(N):
-                    P[j, i] = rows[a, j]
-            else:
-                for j in range(N):
-                    P[i, j] = rows[a, j]
-    for a in range(mixing.size):
-        for b in range(a):
-            P[mixing[a], mixing[b]] = P[mixing[b], mixing[a]]
-    for i in range(N):
-        kept = keeps[i]
-        for j in range(N):
-            P[i, j] = kept * keeps[j] * P[i, j] + W[i, j]
+from ortilo_drake.onboard.estimator.kalman import measure, predict, propagate
+from ortilo_drake.onboard.estimator.structure import known_structure
 
 
 @register_jitable
@@ -156,7 +49,6 @@ def step_in_place(
     """
     Phi, Gamma, W, integrator, Gamma_a, mass, yaw, structure = model
     _, states, weights, first, block, is_position = layout
-    columns, values, counts, _, _ = structure  # type: ignore[misc]  # the model knows it
     n = Phi.shape[0] + N_I
     P = belief[n:].reshape((n, n))
     N = W.shape[0]
@@ -175,16 +67,10 @@ def step_in_place(
             measure(belief, P, y, V2[block[s] :], first[s + 1] - first[s], first[s], states, weights, S, rows)
 
     x = rows[0]
+    predict(belief, u, Gamma, structure, x)
     for i in range(N):
-        total = 0.0
-        for c in range(counts[i]):
-            total += values[i, c] * belief[columns[i, c]]
-        for j in range(N_U):
-            total += Gamma[i, j] * u[j]
         if N > N_X:
-            total += Gamma_a[i, 0] * lift[0] + Gamma_a[i, 1] * lift[1] + Gamma_a[i, 2] * lift[2]
-        x[i] = total
-    for i in range(N):
+            x[i] += Gamma_a[i, 0] * lift[0] + Gamma_a[i, 1] * lift[1] + Gamma_a[i, 2] * lift[2]
         belief[i] = x[i]
     propagate(P, W, structure, rows)
 

@@ -5,16 +5,34 @@ import numpy as np
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, hover_B_d
 from ortilo_drake.model.measurement import IMU
 from ortilo_drake.model.signals import N_I, N_U, N_X
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.model.white_noise import USUAL_PERIOD, white_variances
 from ortilo_drake.onboard.estimator.at_rest import Rest, zero_accelerometer, zero_gyroscope
 from ortilo_drake.onboard.estimator.extra_states import B, C, Extra, names_of
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS, FilterModel
 from ortilo_drake.onboard.estimator.structure import structure_of
-from ortilo_drake.scenario import DiagonalW, DisturbanceW
+from ortilo_drake.scenario import Belief, DiagonalW, DisturbanceW
 from ortilo_drake.scenario import IntermittentFilter as FilterSettings
 
 IMU_BIASES = tuple(f"bias_{row.name}" for row in IMU)  # of roll, pitch and yaw
+
+
+def why_no_filter(scenario: Belief) -> str | None:
+    """Return why the linear theory knows nothing of a scenario's estimator, None if it does."""
+    if scenario.linear_filter is not None:
+        return None
+    kind = scenario.estimator.kind
+    return f"estimator.kind: {kind}: must be intermittent, or registered with the linear filter that it is about hover"
+
+
+def filter_of(scenario: Belief) -> FilterSettings:
+    """Return the paper's filter that a scenario's estimator is about hover; InputError if it is none."""
+    if why := why_no_filter(scenario):
+        raise InputError(why)
+    found = scenario.linear_filter
+    assert found is not None
+    return found
 
 
 def process_noise(settings: FilterSettings, vehicle: Vehicle, h: float, yaw: float = 0.0) -> np.ndarray:

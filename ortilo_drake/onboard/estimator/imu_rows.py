@@ -39,8 +39,8 @@ def imu_variances(scenario: Belief) -> np.ndarray | None:
     They are 3, or 6 with the gyroscope's; None where the filter takes neither. Of an imu faster than the tick the
     filter gets the mean of a tick's samples.
     """
-    settings = scenario.estimator
-    if settings.force != "measured":
+    settings = scenario.linear_filter
+    if settings is None or settings.force != "measured":
         return None
     rates = settings.V.rates if settings.rates == "measured" else ()
     return white_variances((*settings.V.specific_force, *rates), scenario.h)

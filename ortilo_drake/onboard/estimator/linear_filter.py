@@ -3,8 +3,7 @@
     x_{k+1} = Phi x_k + Gamma u_k + w_k,   y_{j,k} = C_j x_k + v_j where sensor j arrived
 
 with w_k of covariance W and v_j of covariance V_j, all independent. The element's state is [xhat_{k|k-1}, P_k row by
-row]. A tick measures with each sensor that arrived, and then predicts, both by the functions that the quadrotor's
-filter uses (filter_loops.py).
+row]. A tick measures with each sensor that arrived, and then predicts, both by the kernel of kalman.py.
 """
 
 from collections.abc import Iterable
@@ -13,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ortilo_drake.loop.element import Array, Box, Element, Given
-from ortilo_drake.onboard.estimator.filter_loops import measure, propagate
+from ortilo_drake.onboard.estimator.kalman import measure, predict, propagate
 from ortilo_drake.onboard.estimator.structure import Structure, structure_of
 
 
@@ -62,23 +61,15 @@ def linear_filter_step(
 ) -> None:
     """Measure with what arrived in tick k, and predict tick k + 1; `messages` has [arrived, y_j] of each sensor."""
     Gamma, W, structure, states, weights, first, V, block = model
-    columns, values, counts, _, _ = structure
     N = Gamma.shape[0]
     P = belief[N:].reshape((N, N))
     for j in range(block.size):
         if messages[first[j] + j] != 0.0:
             y = messages[j + 1 :]  # so that row i of all sensors stands at i
             measure(belief, P, y, V[block[j] :], first[j + 1] - first[j], first[j], states, weights, S, rows)
-    x = rows[0]
+    predict(belief, u, Gamma, structure, rows[0])
     for i in range(N):
-        total = 0.0
-        for c in range(counts[i]):
-            total += values[i, c] * belief[columns[i, c]]
-        for j in range(Gamma.shape[1]):
-            total += Gamma[i, j] * u[j]
-        x[i] = total
-    for i in range(N):
-        belief[i] = x[i]
+        belief[i] = rows[0, i]
     propagate(P, W, structure, rows)
 
 

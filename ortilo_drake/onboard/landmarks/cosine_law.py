@@ -127,7 +127,7 @@ def cosine_law(
 
     The covariance is M diag(sd^2) M^T, M = d p / d pixels by the chain pixels -> cosines -> distances -> position.
     The attitude adds nothing that counts: its error turns p_BC, a few centimetres. Arguments as in
-    known_attitude; P and max_residual are not used.
+    pose_from_boxes; P and max_residual are not used.
     """
     n = centers.shape[0]
     R_WB, p_BC = rotation_matrix(xhat[3:6]), camera.p_BC

@@ -74,10 +74,22 @@ def pose_from_boxes(
 ) -> tuple[bool, np.ndarray, np.ndarray, np.ndarray]:
     """Return whether there is a fix, the part of the pose sought (m), its covariance (m x m), and the boxes kept (n).
 
-    Sought are p_WB (m = 3), [p_WB, psi] (4) or [p_WB, rpy] (6). Only of the whole pose the filter's angles count, with
-    the error FREE_SD.
-    In the sums R_i is in units of the least error's square, so that N there is N sd^2 of the equations.
+    Sought are p_WB (m = 3), [p_WB, psi] (4), so that a compass that is off does not turn the position about the
+    vehicle, or [p_WB, rpy] (6). Only of the whole pose the filter's angles count, with the error FREE_SD. The box that
+    disagrees most with the rest is dropped, and the rest solved again, as long as r_i^T S_i^-1 r_i > max_residual^2.
+
+    Args:
+        centers: centres of the boxes [px] (n, 2).
+        positions: p_W of the landmarks they are of (n, 3).
+        outlines: the landmarks' outlines, see pinhole.py (n, m, 3).
+        xhat: estimate; position and attitude come first.
+        P: its covariance (225); of the whole pose it is not used.
+        camera: the camera.
+        sd: error of each box centre [px] (n, 2).
+        max_residual: in standard deviations.
+        m: how much is sought.
     """
+    # In the sums R_i is in units of the least error's square, so that N there is N sd^2 of the equations.
     order = TILT_HELD if m == 4 else ATTITUDE_HELD
     free_sd = FREE_SD if m == 6 else np.inf
     n = centers.shape[0]
@@ -160,7 +172,7 @@ def pose_from_boxes(
 
 
 @njit(cache=True)
-def known_attitude(
+def solve_pose(
     centers: np.ndarray,
     positions: np.ndarray,
     outlines: np.ndarray,
@@ -169,57 +181,7 @@ def known_attitude(
     camera: Camera,
     sd: np.ndarray,
     max_residual: float,
+    m: int,
 ) -> tuple[bool, np.ndarray, np.ndarray]:
-    """Return whether there is a fix, p_WB (3) and its covariance (3 x 3).
-
-    The box that disagrees most with the rest is dropped, and the position solved again, as long as it disagrees by
-    more than max_residual: r_i^T S_i^-1 r_i > max_residual^2.
-
-    Args:
-        centers: centres of the boxes [px] (n, 2).
-        positions: p_W of the landmarks they are of (n, 3).
-        outlines: the landmarks' outlines, see pinhole.py (n, m, 3).
-        xhat: estimate; position and attitude come first.
-        P: its covariance (225).
-        camera: the camera.
-        sd: error of each box centre [px] (n, 2).
-        max_residual: in standard deviations.
-    """
-    return pose_from_boxes(centers, positions, outlines, xhat, P, camera, sd, max_residual, 3)[:3]
-
-
-@njit(cache=True)
-def known_tilt(
-    centers: np.ndarray,
-    positions: np.ndarray,
-    outlines: np.ndarray,
-    xhat: np.ndarray,
-    P: np.ndarray,
-    camera: Camera,
-    sd: np.ndarray,
-    max_residual: float,
-) -> tuple[bool, np.ndarray, np.ndarray]:
-    """Return whether there is a fix, [p_WB, psi] (4) and their covariance (4 x 4); roll and pitch are the filter's.
-
-    The yaw comes from the boxes alone, so that a compass that is off does not turn the position about the vehicle.
-    Boxes are dropped and arguments are as in known_attitude.
-    """
-    return pose_from_boxes(centers, positions, outlines, xhat, P, camera, sd, max_residual, 4)[:3]
-
-
-@njit(cache=True)
-def pose(
-    centers: np.ndarray,
-    positions: np.ndarray,
-    outlines: np.ndarray,
-    xhat: np.ndarray,
-    P: np.ndarray,
-    camera: Camera,
-    sd: np.ndarray,
-    max_residual: float,
-) -> tuple[bool, np.ndarray, np.ndarray]:
-    """Return whether there is a fix, [p_WB, rpy] (6) and their covariance (6 x 6).
-
-    Boxes are dropped and arguments are as in known_attitude; P is not used.
-    """
-    return pose_from_boxes(centers, positions, outlines, xhat, P, camera, sd, max_residual, 6)[:3]
+    """Return whether there is a fix, the part of the pose sought (m) and its covariance; as pose_from_boxes."""
+    return pose_from_boxes(centers, positions, outlines, xhat, P, camera, sd, max_residual, m)[:3]

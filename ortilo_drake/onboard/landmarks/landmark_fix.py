@@ -1,6 +1,7 @@
 """Position from the camera's landmark boxes, by one of five methods; two give the yaw, or the attitude, as well."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -17,15 +18,15 @@ from ortilo_drake.onboard.landmarks.box_fix import (
     refused_after,
 )
 from ortilo_drake.onboard.landmarks.cosine_law import cosine_law
-from ortilo_drake.onboard.landmarks.known_attitude import known_attitude, known_tilt, pose
+from ortilo_drake.onboard.landmarks.known_attitude import solve_pose
 from ortilo_drake.onboard.landmarks.pnp import pnp
 from ortilo_drake.scenario import LandmarkFix as LandmarkFixSettings
 
 Solution = tuple[bool, np.ndarray, np.ndarray]
 METHODS: Final[dict[str, Callable[..., Solution]]] = {
-    "known_attitude": known_attitude,
-    "known_tilt": known_tilt,
-    "pose": pose,
+    "known_attitude": partial(solve_pose, m=3),
+    "known_tilt": partial(solve_pose, m=4),
+    "pose": partial(solve_pose, m=6),
     "cosine_law": cosine_law,
     "pnp": pnp,
 }

@@ -76,7 +76,7 @@ def pnp(
     """Return whether there is a fix, p_WB (3) and its covariance (3 x 3).
 
     RANSAC counts a box in if it lies within max_residual times the median sd of its place. Arguments as in
-    known_attitude; xhat serves only for the difference between a box's centre and the landmark's, P is not used.
+    pose_from_boxes; xhat serves only for the difference between a box's centre and the landmark's, P is not used.
     """
     nothing = (False, xhat[0:3].copy(), np.zeros((3, 3)))
     if len(centers) < 4:

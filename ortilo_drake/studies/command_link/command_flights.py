@@ -15,11 +15,11 @@ from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.scenario import CommandLink, HoverPlanner, Scenario
 from ortilo_drake.scenario.loss_chain import loss_of
+from ortilo_drake.sensors.described import as_learned
 from ortilo_drake.studies.command_link.command_loop import commanded_loop
 from ortilo_drake.studies.command_link.command_loss import lossy_loop
 from ortilo_drake.studies.loop.error_moments import drives, moved_by
 from ortilo_drake.studies.loop.fix_covariance import fix_noise
-from ortilo_drake.studies.loop.learned_survey import as_learned
 from ortilo_drake.theory.jump_linear.jump_linear import MARGIN, JumpLinear, mean_square_radius, steady_second_moment
 
 POINT = (8.0, 1.0, 1.5)  # out of the authors' blackouts and far from walls
@@ -88,11 +88,17 @@ def hover_V(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> np.
     return np.asarray(block_diag(*noise.V.values()))
 
 
+def told_at(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> Scenario:
+    """Return the scenario whose filter is told what its banks learn at a point, hovering; errors as hover_V."""
+    hover_V(scenario, p_WB)  # nothing is learned where a sensor gives no measurement
+    return as_learned(scenario, hovering(p_WB))
+
+
 def errors_moment(scenario: Scenario, point: tuple[float, float, float], duration: float) -> float:
     """Return the mean squared distance from r that what is wrong in the world makes [m^2], over what counts.
 
     Args:
-        scenario: the scenario, its filter told what it learns (learned_survey.py).
+        scenario: the scenario, its filter told what it learns (sensors/learned_survey.py).
         point: where it hovers.
         duration: of the hovering that counts [s], after WARM_UP.
     """
@@ -101,15 +107,13 @@ def errors_moment(scenario: Scenario, point: tuple[float, float, float], duratio
     return float(np.mean(np.trace(moments[first:], axis1=1, axis2=2)))
 
 
-def command_cases(
-    losses: Sequence[float], strategies: Sequence[str], delays: Sequence[int], burst: float | None = None
-) -> list[CommandLink]:
+def command_cases(losses: Sequence[float], strategies: Sequence[str], delays: Sequence[int]) -> list[CommandLink]:
     """Return command links to fly: every loss with every strategy without delay, then every delay without loss.
 
     Raises:
         InputError: naming the share, strategy or delay that cannot be, and what can.
     """
-    lossy = [{"loss": loss_of(p, burst).model_dump(), "when_lost": s} for s in strategies for p in losses]
+    lossy = [{"loss": loss_of(p).model_dump(), "when_lost": s} for s in strategies for p in losses]
     return [validate(CommandLink, data, "command_link") for data in lossy + [{"delay": d} for d in delays]]
 
 
@@ -139,8 +143,7 @@ def command_flights(
         InputError: as hover_V.
     """
     seeds = list(seeds)
-    hover_V(scenario, point)  # nothing is learned where a sensor gives no measurement
-    told = as_learned(scenario, hovering(point))
+    told = told_at(scenario, point)
     V, errors = hover_V(told, point), errors_moment(told, point, duration)
     planner = HoverPlanner(kind="hover", point=point, duration=WARM_UP + duration)
     calm = scenario.model_copy(update={"planner": planner, "settle": 0.0})

@@ -2,15 +2,12 @@
 
 import os
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import yaml
 
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.load import resolve
-from ortilo_drake.scenario.noise_file import NoiseFile
-from ortilo_drake.scenario.truth import UwbTruth
+from ortilo_drake.scenario.noise_file import NoiseFile, settings_of
 
 
 def base_seen_from(file: Path, base: str) -> str:
@@ -33,16 +30,4 @@ def scenario_text(noise: NoiseFile, noise_file: str, base: str, below: Scenario)
         base: the other scenario, likewise.
         below: what that is.
     """
-    imu, unfitted = noise.imu, UwbTruth()
-    data: dict[str, Any] = {"base": base, "uwb": {"errors": "fitted", "file": noise_file}}
-    truth: dict[str, Any] = {}
-    if own := {name: getattr(unfitted, name) for name, value in below.truth.uwb if value != getattr(unfitted, name)}:
-        truth["uwb"] = own
-    if imu is not None:
-        data["imu"] = {"rate_density": _rms(imu.rotation), "specific_force_density": _rms(imu.force)}
-        truth["imu"] = {"rates_sd": _rms(imu.rotation_bias), "specific_force_sd": _rms(imu.force_bias)}
-    return yaml.safe_dump(data | ({"truth": truth} if truth else {}), sort_keys=False)
-
-
-def _rms(axes: tuple[float, float, float]) -> float:
-    return float(f"{np.sqrt(np.mean(np.square(axes))):.3g}")
+    return yaml.safe_dump({"base": base} | settings_of(noise, noise_file, below.truth), sort_keys=False)

@@ -3,22 +3,23 @@
 import numpy as np
 
 from ortilo_drake.model.white_noise import USUAL_ROOT
-from ortilo_drake.scenario import Belief, IntermittentFilter
+from ortilo_drake.scenario import Belief
 from ortilo_drake.scenario.tight import InertialNoise, TightFilter, TightRanges
 
 
 def believed(scenario: Belief) -> TightFilter:
     """Return the beliefs about the sensors as settings of the tight filter.
 
-    Of a scenario that flies the paper's filter they are that filter's V, walks and biases and what its multilateration
-    believes of ranges; of boxes it says nothing, and the defaults stand. So it is of an estimator of one's own, of
-    which nothing else is known either. Neither gate nor horizon is read: late messages count at their stamps.
+    Of a scenario that flies the paper's filter, or an estimator that declares which one it is, they are that filter's
+    V, walks and biases and what its multilateration believes of ranges; of boxes it says nothing, and the defaults
+    stand. So it is of another estimator, of which nothing else is known either. Neither gate nor horizon is read: late
+    messages count at their stamps.
     """
-    settings = scenario.estimator
-    if isinstance(settings, TightFilter):
-        return settings
+    if isinstance(scenario.estimator, TightFilter):
+        return scenario.estimator
+    settings = scenario.linear_filter
     ranges = TightRanges(noise=scenario.multilateration.noise, bias_sd=scenario.multilateration.bias_sd)
-    if not isinstance(settings, IntermittentFilter):
+    if settings is None:
         return TightFilter(kind="tight", ranges=ranges)
     V, walks, biases = settings.V, settings.walks, settings.biases
     imu = InertialNoise(

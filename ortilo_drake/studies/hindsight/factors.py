@@ -4,7 +4,6 @@ Residuals are predicted less measured, by the equations that the tight filter fl
 tangent is GTSAM's, [theta, t] in B: R_WB exp([theta]x), p_WB + R_WB t.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import gtsam
@@ -15,7 +14,6 @@ from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matr
 from ortilo_drake.onboard.estimator.tight.ranges import range_row
 
 LEAST_SD = 1e-6  # stands for a standard deviation of 0, with which no factor can be weighted [m, rad, s, ...]
-Error = Callable[[gtsam.CustomFactor, gtsam.Values, list[np.ndarray] | None], np.ndarray]
 
 
 def weighted(sds: np.ndarray, huber: float) -> gtsam.noiseModel.Base:

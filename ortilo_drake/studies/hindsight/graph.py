@@ -25,7 +25,6 @@ from ortilo_drake.onboard.estimator.tight.layout import ACCEL, GYRO, make_layout
 from ortilo_drake.onboard.estimator.tight.model import initial_covariance, sample_sds
 from ortilo_drake.onboard.estimator.tight.ranges import CLOCK_SD, MIN_SD
 from ortilo_drake.onboard.landmarks.landmark_association import associate, center_sd
-from ortilo_drake.scenario.tight import TightFilter
 from ortilo_drake.sensors.described import measuring
 from ortilo_drake.studies.hindsight.believed import believed
 from ortilo_drake.studies.hindsight.factors import (
@@ -55,13 +54,12 @@ class FlightGraph:
     Args:
         recorded: the flight.
         about: estimates about which boxes are given to landmarks and from which the method begins (n, 12 or more).
-        settings: what is believed of the sensors; by default what the scenario's own estimator believes.
     """
 
-    def __init__(self, recorded: RecordedFlight, about: Smoothed, settings: TightFilter | None = None):
+    def __init__(self, recorded: RecordedFlight, about: Smoothed):
         self._recorded, self._about = recorded, about
         self._scenario = recorded.scenario.belief
-        self._settings = settings or believed(self._scenario)
+        self._settings = believed(self._scenario)
         self._n, self._h = recorded.flight.sizes["tick"], self._scenario.h
         self._room = self._scenario.load_room()
         self.graph, self.values, self._keys = gtsam.NonlinearFactorGraph(), gtsam.Values(), Keys()
@@ -236,9 +234,9 @@ class FlightGraph:
         return out
 
 
-def graph_smoothed(recorded: RecordedFlight, settings: TightFilter | None = None) -> Smoothed:
+def graph_smoothed(recorded: RecordedFlight) -> Smoothed:
     """Return a flight's estimates by its factor graph; see FlightGraph.solve."""
     flight = recorded.flight
     about = Smoothed(flight["estimate"].values[:, :N_X], flight["covariance"].values[:, :N_X, :N_X])
-    found = FlightGraph(recorded, about, settings).solve()
-    return FlightGraph(recorded, found, settings).solve() if recorded.scenario.sees_landmarks else found
+    found = FlightGraph(recorded, about).solve()
+    return FlightGraph(recorded, found).solve() if recorded.scenario.sees_landmarks else found

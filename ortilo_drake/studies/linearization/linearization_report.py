@@ -18,6 +18,8 @@ from ortilo_drake.studies.loop.hover_loop import hover_loop
 from ortilo_drake.theory.modes.modes import Mode, modes, unreached_modes, unseen_modes
 from ortilo_drake.theory.modes.staircase import tick_scaling
 
+HORIZON = 2.0  # of the Gramians [s]
+
 
 @dataclass(frozen=True)
 class ModeFigures:
@@ -91,12 +93,11 @@ def _gramian(gramian: Gramian) -> GramianFigures:
     return GramianFigures(gramian.singular_values, gramian.condition)
 
 
-def linearization_report(scenario: Scenario, horizon: float = 2.0, V: np.ndarray | None = None) -> LinearizationReport:
+def linearization_report(scenario: Scenario, V: np.ndarray | None = None) -> LinearizationReport:
     """Return the figures of Drake's matrices, eigenvalues, controllability and observability.
 
     Args:
         scenario: the scenario.
-        horizon: of the Gramians [s].
         V: covariance of the measurements (p x p) for the filter's gain, such as fix_noise gives;
             see frozen_gain.
 
@@ -135,10 +136,10 @@ def linearization_report(scenario: Scenario, horizon: float = 2.0, V: np.ndarray
             name: _modes(unseen_modes(Phi, rows_of(some), radius=0.0, scale=scale)) for name, some in subsets.items()
         },
         gramians=Gramians(
-            horizon=horizon,
-            controllability=_gramian(controllability_gramian(scenario, horizon)),
+            horizon=HORIZON,
+            controllability=_gramian(controllability_gramian(scenario, HORIZON)),
             observability={
-                name: _gramian(observability_gramian(scenario, some, horizon)) for name, some in subsets.items()
+                name: _gramian(observability_gramian(scenario, some, HORIZON)) for name, some in subsets.items()
             },
         ),
     )

@@ -21,6 +21,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.units import unit_of
 from ortilo_drake.model.vehicle import mixing_inverse
 from ortilo_drake.onboard.estimator.extra_states import D
+from ortilo_drake.onboard.estimator.filter_model import filter_of
 from ortilo_drake.onboard.servo.lq_gain import gain_of
 from ortilo_drake.onboard.servo.lq_servo import resting_integral
 from ortilo_drake.scenario import LqServo, Scenario
@@ -172,7 +173,7 @@ def _resting_estimate(scenario: Scenario, x: np.ndarray) -> np.ndarray:
 
 def _linear_servo(scenario: Scenario, x: np.ndarray, reference: np.ndarray) -> Linearization:
     diagram = make_servo(scenario)
-    given_truth, told_force = scenario.servo.velocities == "truth", scenario.estimator.force != "none"
+    given_truth, told_force = scenario.servo.velocities == "truth", filter_of(scenario).force != "none"
     estimate = (*(f"{name}_hat" for name in STATE_NAMES), *INTEGRAL_NAMES)
     names = (*estimate, *REFERENCE_NAMES, *D * told_force, *STATE_NAMES[6:] * given_truth)
     context = diagram.CreateDefaultContext()

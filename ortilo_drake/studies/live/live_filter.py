@@ -24,8 +24,8 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.aided import not_calibrated
 from ortilo_drake.studies.recorded.at_rest import at_rest
 from ortilo_drake.studies.recorded.carried import Carried, nothing_carried
-from ortilo_drake.studies.recorded.event_filter import run_further
-from ortilo_drake.studies.recorded.filter_types import NO_AIDS, RANGE, Anew, Events, Heard, State
+from ortilo_drake.studies.recorded.event_filter import run_filter
+from ortilo_drake.studies.recorded.filter_types import NO_AIDS, RANGE, Anew, Events, Heard, Setup, State
 from ortilo_drake.studies.recorded.filtered import (
     AT_REST,
     TRIAL,
@@ -167,7 +167,8 @@ class LiveFilter:
             late = self._kept.ranges
             self._kept = self._kept._replace(ranges=late.only(np.flatnonzero(late.t > begin + LONGEST)))
             return False
-        self._known, self._levers = known._replace(looks=NO_LOOKS), levers_of(known, imu)
+        self._known, aids = known._replace(looks=NO_LOOKS), known.aids if map_.imu is not None else NO_AIDS
+        self._setup = Setup(known.anchors, levers_of(known, imu), known.level, self._noise, aids)
         self._begin_at, self._next, self.begins_at = begin, first, begin
         self._carried = self._fresh()
         self._anew: Anew = nothing_anew(len(self._state.C))
@@ -179,10 +180,7 @@ class LiveFilter:
 
     def _reach(self, t: float, horizon: float, ended: bool) -> bool:
         """Bring the filter to a stamp [s], and return whether it got there: one that is lost may have to wait."""
-        known = self._known
-        assert known is not None
         events, heard = self._events_until(t) if self._events is None else self._events
-        aids = known.aids if self._map.imu is not None else NO_AIDS
         while True:
             if self._waits:
                 window = self._ranges_from(events)
@@ -190,10 +188,9 @@ class LiveFilter:
                     self._events = events, heard
                     return False
                 self._start_anew(window)
-            run, self._state, done = run_further(
-                events, heard, known.anchors, self._levers, self._state, self._carried, self._anew, known.level,
-                self._noise, aids, self._watch, False,
-            )  # fmt: skip
+            run, self._state, done = run_filter(
+                events, heard, self._state, self._carried, self._anew, self._setup, self._watch, False
+            )
             self.ranges, self.taken = self.ranges + len(run.taken), self.taken + int(run.taken.sum())
             if done == len(events.t):
                 self._events = None
@@ -216,9 +213,7 @@ class LiveFilter:
         return _end_to_end(left, self._kept.ranges)
 
     def _start_anew(self, window: Ranges) -> None:
-        known = self._known
-        assert known is not None
-        found = anew_from(window, known.anchors, self._levers, self._state, known.level, is_astray(self._state))
+        found = anew_from(window, self._setup, self._state, is_astray(self._state))
         self.lost += found is not None
         self._anew = found or nothing_anew(len(self._state.C))
         self._watch = WATCH._replace(wait=float(window.t[0]) + AGAIN)

@@ -26,7 +26,7 @@ def warm_up(map_: Map, anchors: np.ndarray) -> None:
         rates, force = np.zeros((len(t), 3)), np.tile([0.0, 0.0, GRAVITY], (len(t), 1))
         turned = None if map_.imu.orientation is None else np.tile(np.eye(3), (len(t), 1, 1))
         imu = Imu(t, rates, force, turned, None if map_.accelerometer is None else (t, force))
-        map_ = map_.model_copy(update={"imu": map_.imu.model_copy(update={"standstill": 0.0})})
+        map_ = map_.without_standstill()
     with suppress(InputError):  # a map that contradicts the made-up rest compiles all the same
         for one in LiveFilter(map_, anchors).go_on(LASTS, Block(ranges, imu, NO_LOOKS), ended=True):
             told(one.t, one.state, imu is not None)

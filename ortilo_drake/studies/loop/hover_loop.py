@@ -20,10 +20,10 @@ from ortilo_drake.model.signals import INTEGRAL_NAMES, N_I, N_U, N_X, STATE_NAME
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import GRAVITY, Vehicle
 from ortilo_drake.onboard.estimator.extra_states import IMU_ROWS, B, D, F, augmented_rows, extra_states, names_of
-from ortilo_drake.onboard.estimator.filter_model import augmented_model
+from ortilo_drake.onboard.estimator.filter_model import augmented_model, filter_of, why_no_filter
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances
 from ortilo_drake.onboard.servo.lq_gain import gain_of, why_no_servo_gain
-from ortilo_drake.scenario import IntermittentFilter, LqServo, Scenario
+from ortilo_drake.scenario import LqServo, Scenario
 from ortilo_drake.theory.margins.loop_response import OpenLoop, closed
 from ortilo_drake.theory.modes.staircase import tick_scaling
 
@@ -111,7 +111,7 @@ def filter_measurement(scenario: Scenario) -> Measurement:
 
     They are over the vehicle's twelve states alone where it has no others.
     """
-    extras = extra_states(scenario.estimator, scenario.vehicle, scenario.h, scenario.flown_rows, scenario.yaw)
+    extras = extra_states(filter_of(scenario), scenario.vehicle, scenario.h, scenario.flown_rows, scenario.yaw)
     return augmented_rows(scenario.measurement.rows, extras) if extras else scenario.measurement
 
 
@@ -151,18 +151,17 @@ def over_names(L: np.ndarray, names: tuple[str, ...], vehicle: Vehicle, yaw: flo
 def why_no_loop(scenario: Scenario) -> str | None:
     """Return why a scenario's loop is no HoverLoop, None if it is one.
 
-    It is one with the paper's filter, whatever that estimates beside the vehicle's states, and a servo that has a gain.
+    It is one with an estimator that is a linear filter, whatever that estimates beside the vehicle's states, and a
+    servo that has a gain.
     """
-    if not isinstance(scenario.estimator, IntermittentFilter):
-        return f"estimator.kind: {scenario.estimator.kind}: must be intermittent: the linear theory is of its filter"
-    return why_no_servo_gain(scenario)
+    return why_no_filter(scenario) or why_no_servo_gain(scenario)
 
 
 def hover_loop(scenario: Scenario) -> HoverLoop:
     """Return the loop of a scenario; InputError if its estimator or servo has no matrices, or there is no gain."""
     if why := why_no_loop(scenario):
         raise InputError(why)
-    settings, vehicle, h = scenario.estimator, scenario.vehicle, scenario.h
+    settings, vehicle, h = filter_of(scenario), scenario.vehicle, scenario.h
     extras = extra_states(settings, vehicle, h, scenario.flown_rows, scenario.yaw)
     model = augmented_model(settings, vehicle, settings.integrator, h, extras, scenario.yaw)
     measurement, names = filter_measurement(scenario), (*STATE_NAMES, *names_of(extras))

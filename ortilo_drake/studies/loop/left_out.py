@@ -1,13 +1,15 @@
 """What of a scenario's world the theory at hover does not have.
 
-Margins, arrival rates and lost commands are of the world that the filter believes, with the rotors' drag. The predicted
-rms at hover has what is wrong besides (error_moments.py), and what is learned of the survey (learned_survey.py).
+Margins, arrival rates and lost commands are of the world that the filter believes, once it has learned what its banks
+learn of the survey (sensors/learned_survey.py), with the rotors' drag. The predicted rms at hover has what is wrong
+besides (error_moments.py).
 """
 
 from typing import Any
 
+from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.scenario import Scenario, Truth
-from ortilo_drake.scenario.range_errors import UwbNoise
+from ortilo_drake.sensors.described import described
 
 # Entries of truth that no linear error stands for: they scale what changes little at hover, or pass before it counts.
 FACTORS = {
@@ -21,19 +23,7 @@ OTHERS = ("clock", "start")
 
 def left_out(scenario: Scenario) -> list[str]:
     """Return the settings by which a scenario's world differs at hover from what the predicted rms has of it."""
-    uwb, noise = scenario.uwb, _fitted(scenario)
-    found = {
-        "imu.ahrs": "imu" in scenario.sensors and scenario.imu.ahrs is not None,
-        "uwb.round": "uwb" in scenario.sensors and uwb.round > 0.0,
-        f"uwb.{'noise' if noise is None else 'fitted.white'}": "uwb" in scenario.sensors
-        and uwb.sds != scenario.multilateration.noise.sds,
-        "uwb.fitted.outliers": noise is not None and noise.outliers.share > 0.0 and noise.outliers.sd > 0.0,
-        "uwb.fitted.constants": noise is not None and any(noise.constants or ()),
-        "uwb.fitted.near_floor": noise is not None and noise.near_floor > 0.0,
-        "uwb.fitted.missing": noise is not None and noise.missing > 0.0,
-        "uwb.walls": "uwb" in scenario.sensors and uwb.walls.kind in ("bias", "excess"),
-        "multilateration.noise_scale": "uwb" in scenario.sensors and scenario.multilateration.noise_scale is not None,
-        "landmark_fix.noise_scale": "camera" in scenario.sensors and scenario.landmark_fix.noise_scale is not None,
+    found = _of_sensors(scenario, 0) | {
         "world.rotors": scenario.world.rotors.kind == "first_order",
         "faults": bool(scenario.faults),
     }
@@ -46,14 +36,7 @@ def left_out(scenario: Scenario) -> list[str]:
 
 def in_the_rms_alone(scenario: Scenario) -> list[str]:
     """Return the settings that the predicted rms has, and the other figures have not."""
-    noise = _fitted(scenario)
-    found = {
-        "uwb.fitted.lasting": noise is not None and noise.lasting is not None and noise.lasting.sd > 0.0,
-        "uwb.fitted.field": noise is not None and noise.field is not None and noise.field.sd > 0.0,
-        "uwb.fitted.constants_sd": noise is not None and noise.constants is None and noise.constants_sd > 0.0,
-        "multilateration.bias_bank": "uwb" in scenario.sensors and scenario.multilateration.bias_bank is not None,
-        "landmark_fix.survey_bank": "camera" in scenario.sensors and scenario.landmark_fix.survey_bank is not None,
-    }
+    found = _of_sensors(scenario, 1)
     groups = {f"truth.{name}": FACTORS.get(f"truth.{name}", ()) for name in Truth.model_fields if name not in OTHERS}
     for group, factors in _flown(scenario, groups).items():
         its, usual = _group(scenario.truth, group), _group(Truth(), group)
@@ -65,9 +48,13 @@ def in_the_rms_alone(scenario: Scenario) -> list[str]:
     return [name for name, there in found.items() if there]
 
 
-def _fitted(scenario: Scenario) -> UwbNoise | None:
-    """Return the fitted errors of the ranges that fly; None if there are none."""
-    return scenario.uwb.fitted if "uwb" in scenario.sensors and scenario.uwb.errors == "fitted" else None
+def _of_sensors(scenario: Scenario, which: int) -> dict[str, bool]:
+    """Return what the sensors that fly say of their settings, see `left_out` of model/parts.py."""
+    return {
+        name: there
+        for sensor in scenario.sensors
+        for name, there in described(sensor).left_out(scenario)[which].items()
+    }
 
 
 def _flown(scenario: Scenario, groups: dict[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
@@ -75,7 +62,7 @@ def _flown(scenario: Scenario, groups: dict[str, tuple[str, ...]]) -> dict[str, 
     return {
         group: names
         for group, names in groups.items()
-        if (sensor := group.removeprefix("truth.")) not in ("imu", "uwb", "camera") or sensor in scenario.sensors
+        if (sensor := group.removeprefix("truth.")) not in SENSORS or sensor in scenario.sensors
     }
 
 

@@ -8,8 +8,7 @@ import numpy as np
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import Recording
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.scenario.noise_file import NoiseFile
-from ortilo_drake.scenario.range_errors import Outliers
+from ortilo_drake.scenario.noise_file import NoiseFile, as_white
 from ortilo_drake.studies.fit.body_path import body_path
 from ortilo_drake.studies.fit.imu_errors import mount_of
 from ortilo_drake.studies.predict.range_noise import numbers_of
@@ -57,16 +56,6 @@ def mean_of(runs: Sequence[Figures], of: str) -> float:
     """Return the mean of the simulations; the root of the mean square of errors."""
     values = np.array([getattr(run, of) for run in runs])
     return float(np.sqrt(np.mean(values**2)) if of == "error" else np.mean(values))
-
-
-def as_white(noise: NoiseFile) -> NoiseFile:
-    """Return noise whose rows err by as much, but independently of each other."""
-    uwb = noise.uwb
-    lasts = sum(part.sd**2 for part in (uwb.lasting, uwb.field) if part is not None)
-    white = float(np.sqrt(uwb.white**2 + (2.0 if uwb.differences else 1.0) * lasts))
-    outliers = Outliers(share=uwb.outliers.share, sd=uwb.outliers.sd)
-    plain = uwb.model_copy(update={"white": white, "lasting": None, "field": None, "outliers": outliers})
-    return noise.model_copy(update={"uwb": plain})
 
 
 def figures_of(found: Estimate, true: np.ndarray) -> Figures:

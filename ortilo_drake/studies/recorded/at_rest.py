@@ -17,8 +17,9 @@ import numpy as np
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import GRAVITY, Imu, Recording
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.estimator.kalman import measure
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of, turn
-from ortilo_drake.onboard.estimator.tight.layout import ACCEL, GYRO, THETA, Q
+from ortilo_drake.onboard.estimator.tight.layout import GYRO, THETA, Q
 
 BLOCK = 0.5  # means over this time are compared [s]
 TURNS, SHAKES = 0.02, 0.2  # a mean that is farther from all is no rest's, of rates [rad/s] and force [m/s²]
@@ -91,17 +92,16 @@ def tell(rest: AtRest, x: np.ndarray, C: np.ndarray) -> None:
         C: its covariance.
     """
     R = matrix_of(x[Q : Q + 4])
-    H = np.zeros((6, len(C)))
-    H[:3, GYRO : GYRO + 3] = H[3:, ACCEL : ACCEL + 3] = np.eye(3)
-    H[3:, THETA : THETA + 3] = np.cross(np.eye(3), GRAVITY * R[2])  # theta -> (R^T g e_z) x theta
+    states = np.array([[at, THETA, THETA + 1, THETA + 2] for at in range(GYRO, GYRO + 6)])  # ACCEL comes after GYRO
+    weights = np.zeros((6, 4))
+    weights[:, 0] = 1.0
+    weights[3:, 1:] = np.cross(np.eye(3), GRAVITY * R[2])  # theta -> (R^T g e_z) x theta
     e = np.concatenate([np.asarray(rest.rates) - x[Q + 4 : Q + 7], unlevel(rest, R) - x[Q + 7 : Q + 10]])
-    S = H @ C @ H.T + np.diag(np.square([*rest.rates_sd, *rest.force_sd]))
-    K = np.linalg.solve(S, H @ C).T
-    by = K @ e
+    V = np.diag(np.square([*rest.rates_sd, *rest.force_sd])).ravel()
+    by = np.zeros(len(C))
+    measure(by, C, e, V, 6, 0, states, weights, np.empty((6, 6)), np.empty((6, len(C) + 1)))
     x[Q + 4 : Q + 10] += by[GYRO : GYRO + 6]
     turn(x[Q : Q + 4], *by[THETA : THETA + 3])
-    C -= K @ H @ C
-    C[:] = 0.5 * (C + C.T)
 
 
 def said_at_rest(rest: AtRest, R: np.ndarray, by: str) -> str:

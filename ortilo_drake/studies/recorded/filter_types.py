@@ -137,6 +137,24 @@ class Aids(NamedTuple):
 NO_AIDS = Aids(0.0, np.zeros(3), np.inf, 0.0, np.inf, -1.0, 0.0, np.inf)
 
 
+class Setup(NamedTuple):
+    """What holds throughout a run.
+
+    Attributes:
+        anchors: positions (n, 3).
+        levers: from the estimated point to the point that the tags count from, and to each tag, body axes (1 + m, 3).
+        level: what is known of the height.
+        noise: the noise.
+        aids: range finder, flow, drag and boxes.
+    """
+
+    anchors: np.ndarray
+    levers: np.ndarray
+    level: Level
+    noise: Noise
+    aids: Aids
+
+
 class State(NamedTuple):
     """The filter between two events.
 

@@ -30,6 +30,7 @@ from ortilo_drake.studies.recorded.filter_types import (
     Level,
     Noise,
     Run,
+    Setup,
     State,
     nominal,
     states,
@@ -271,11 +272,11 @@ def heading_of(
     begin = float(ranges.t[0])
     events, heard = events_of(ranges, imu, known, landed, queries, begin)
     events = Events(*(part[events.t <= begin + TRIAL] for part in events))
-    levers = levers_of(known, imu)
+    setup = Setup(known.anchors, levers_of(known, imu), known.level, noise, known.aids)
     tried, scores = np.arange(HEADINGS) * 2.0 * np.pi / HEADINGS, []
     for heading in tried:  # a wrong one must not be mended while it is tried
         start = start_of(ranges, imu, known, settings, heading, False)
-        runs = run_on(events, heard, known.anchors, levers, start, known.level, noise, known.aids, NEVER, False)[0]
+        runs = run_on(events, heard, start, setup, NEVER, False)[0]
         scores.append(innovation_score(_joined(runs), noise.gate))
     return float(tried[int(np.argmax(scores))])
 
@@ -287,7 +288,6 @@ def estimate(
     settings: FilterSettings,
     queries: np.ndarray,
     smoothed: bool = False,
-    noise: Noise | None = None,
 ) -> Estimate:
     """Run the filter and return its estimates at the stamps asked for, those at or after the first range.
 
@@ -300,7 +300,6 @@ def estimate(
         settings: noise and gate.
         queries: stamps, rising [s].
         smoothed: whether to smooth.
-        noise: in place of the settings' noise.
 
     Raises:
         InputError: if fewer than three anchors are heard at the start.
@@ -314,15 +313,16 @@ def estimate(
     landed = landings(imu) if imu is not None and known.start is not None and known.start.lands else []
     for one in landed if smoothed else []:  # the filter cannot know yet that it is on the floor
         ranges = ranges.only((ranges.t <= one.touched) | (ranges.t > one.rests))
-    noise = noise_of(settings, imu is not None) if noise is None else noise
+    noise = noise_of(settings, imu is not None)
     if known.biases is not None:  # calibrated ones are held: what wanders is the correlated error
         noise = noise._replace(bias_walk=0.0)
 
     heading = heading_of(ranges, imu, known, settings, noise, queries, landed)
     events, heard = events_of(ranges, imu, known, landed, queries, begin)
     start = start_of(ranges, imu, known, settings, heading, known.heading is not None)
-    levers, aids = levers_of(known, imu), known.aids if imu is not None else NO_AIDS
-    runs, lost, end = run_on(events, heard, known.anchors, levers, start, known.level, noise, aids, WATCH, smoothed)
+    aids = known.aids if imu is not None else NO_AIDS
+    setup = Setup(known.anchors, levers_of(known, imu), known.level, noise, aids)
+    runs, lost, end = run_on(events, heard, start, setup, WATCH, smoothed)
     x, P = (
         smooth(runs)
         if smoothed

@@ -41,21 +41,19 @@ class Fix(NamedTuple):
     agreeing: float
 
 
-def ranges_for_a_fix(ranges: Ranges, first: int = 0) -> Ranges:
-    """Return the ranges from the first one on that a fix goes by: of one second, or of up to three if they are slow.
+def ranges_for_a_fix(ranges: Ranges) -> Ranges:
+    """Return the first ranges, those that a fix goes by: of one second, or of up to three if they are slow.
 
     Raises:
         InputError: if fewer than three anchors are heard in it.
     """
-    t = ranges.t[first:]
-    t = t[: np.searchsorted(t, t[0] + LONGEST, side="right")]
-    anchors = ranges.anchor[first : first + len(t)]
-    _, at = np.unique(anchors, return_index=True)
+    t = ranges.t[: np.searchsorted(ranges.t, ranges.t[0] + LONGEST, side="right")]
+    _, at = np.unique(ranges.anchor[: len(t)], return_index=True)
     if len(at) < LEAST:
         raise InputError(f"ranges: {len(at)} anchors heard in the first {LONGEST:g} s, at least {LEAST} are needed")
     enough = t[np.sort(at)[min(ENOUGH, len(at)) - 1]]
-    last = first + int(np.searchsorted(t, max(t[0] + FIRST_RANGES, enough), side="right"))
-    return Ranges(*(part[first:last] for part in ranges))
+    last = int(np.searchsorted(t, max(t[0] + FIRST_RANGES, enough), side="right"))
+    return Ranges(*(part[:last] for part in ranges))
 
 
 def fix_known_at(ranges: Ranges) -> float:

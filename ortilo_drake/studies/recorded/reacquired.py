@@ -15,17 +15,16 @@ from ortilo_drake.interop.recorded.recording import Ranges
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import Q
+from ortilo_drake.studies.recorded.carried import nothing_carried
 from ortilo_drake.studies.recorded.event_filter import run_filter
 from ortilo_drake.studies.recorded.filter_types import (
     BIASES,
     RANGE,
-    Aids,
     Anew,
     Events,
     Heard,
-    Level,
-    Noise,
     Run,
+    Setup,
     State,
     Watch,
     nominal,
@@ -72,35 +71,16 @@ def is_astray(state: State) -> bool:
 
 
 def run_on(
-    events: Events,
-    heard_all: Heard,
-    anchors: np.ndarray,
-    levers: np.ndarray,
-    start: State,
-    level: Level,
-    noise: Noise,
-    aids: Aids,
-    watch: Watch,
-    whole: bool,
+    events: Events, heard_all: Heard, start: State, setup: Setup, watch: Watch, whole: bool
 ) -> tuple[list[Run], list[Lost], State]:
     """Run the filter over all events, and return the runs between its starts, when it was lost, and how it ended.
 
-    Args:
-        events: in order of time.
-        heard_all: the numbers that they point to.
-        anchors: positions (n, 3).
-        levers: from the estimated point to the point that the tags count from, and to each tag, body axes (1 + m, 3).
-        start: the state before the first event.
-        level: what is known of the height.
-        noise: the noise.
-        aids: range finder, flow, drag and boxes.
-        watch: when it is lost; NEVER keeps it from starting anew.
-        whole: whether to keep what a smoother needs.
+    Arguments as run_filter; the watch NEVER keeps it from starting anew.
     """
     heard = events.kind == RANGE
     ranges = Ranges(*(part[heard] for part in (events.t, events.which, events.r, events.other, events.tag)))
     before = np.concatenate([[0], np.cumsum(heard)])  # ranges before each event
-    nothing = nothing_anew(len(start.C))
+    n, nothing = len(setup.anchors), nothing_anew(len(start.C))
     parts: list[Run] = []
     lost: list[Lost] = []
     state, anew, done, since = start, nothing, 0, None
@@ -108,12 +88,11 @@ def run_on(
     while True:
         rest = Events(*(part[done:] for part in events))
         first = before[done]
-        run, state, taken_in = run_filter(
-            rest, heard_all, anchors, levers, state, anew, level, noise, aids, watch, whole
-        )
+        carried = nothing_carried(n, len(state.C), state.t)
+        run, state, taken_in = run_filter(rest, heard_all, state, carried, anew, setup, watch, whole)
         parts.append(run)
         done += taken_in
-        if since is not None and run.taken[-len(anchors) :].mean() > 0.5:
+        if since is not None and run.taken[-n:].mean() > 0.5:
             since = None  # what was refused has passed, and the filter was right
         if run.taken.any():
             last = float(ranges.t[first + np.flatnonzero(run.taken)[-1]])
@@ -123,7 +102,7 @@ def run_on(
         astray = is_astray(state)
         since = since if since is not None else last if astray else min(last, t - REFUSED)
         window = ranges.only(np.arange(before[done], len(ranges.t)))
-        anew = anew_from(window, anchors, levers, state, level, astray) or nothing
+        anew = anew_from(window, setup, state, astray) or nothing
         watch = watch._replace(wait=t + AGAIN)
         if anew is not nothing:
             lost.append(Lost(since, t))
@@ -133,19 +112,16 @@ def run_on(
     return parts, lost, state
 
 
-def anew_from(
-    ranges: Ranges, anchors: np.ndarray, levers: np.ndarray, state: State, level: Level, astray: bool
-) -> Anew | None:
+def anew_from(ranges: Ranges, setup: Setup, state: State, astray: bool) -> Anew | None:
     """Return where to start anew by the ranges that follow; None if they do not say it better than the filter.
 
     Args:
         ranges: from the one on at which it was lost, for LONGEST or to their end.
-        anchors: positions (n, 3).
-        levers: as run_filter's.
+        setup: of the filter.
         state: the filter's then.
-        level: what is known of the height.
         astray: whether its deviation is too large for its own opinion to count.
     """
+    anchors, levers, level = setup.anchors, setup.levers, setup.level
     R, c = matrix_of(state.x[Q : Q + 4]), state.x[nominal(BIASES) : nominal(BIASES) + len(anchors)]
     arm = R @ levers[0]
     p, v = state.x[:3], state.x[3:6]

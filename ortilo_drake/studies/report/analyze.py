@@ -13,7 +13,13 @@ from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import LqServo, Scenario
 from ortilo_drake.studies.arrivals.arrival_report import ArrivalReport, arrival_report
-from ortilo_drake.studies.command_link.command_flights import CommandFlights, command_cases, command_flights, hover_V
+from ortilo_drake.studies.command_link.command_flights import (
+    CommandFlights,
+    command_cases,
+    command_flights,
+    hover_V,
+    told_at,
+)
 from ortilo_drake.studies.command_link.command_report import CommandReport, command_report
 from ortilo_drake.studies.consistency.consistency_figures import nees_figure, whiteness_figure
 from ortilo_drake.studies.consistency.consistency_flights import ConsistencyReport, consistency_report
@@ -36,7 +42,8 @@ COMMAND_SEEDS = range(4)
 class Theory:
     """What needs no flight: linearisation, Riccati equations, margins, arrival rates, commands.
 
-    The linearisation holds Drake's derivatives to closed forms; it is None with a servo of one's own, which has none.
+    The linearisation holds Drake's derivatives to closed forms; it is None with a servo or an estimator of one's own,
+    which has none.
     """
 
     linearization: LinearizationReport | None
@@ -82,6 +89,11 @@ class Analysis:
     tube: TubeReport | None
 
 
+def is_built_in(scenario: Scenario) -> bool:
+    """Return whether servo and filter are the paper's, which Drake differentiates."""
+    return isinstance(scenario.servo, LqServo) and scenario.linear_filter is scenario.estimator
+
+
 def analysis_data(analysis: Analysis) -> dict[str, Any]:
     """Return an analysis as plain data for JSON, the theory's parts beside the others, without those there are not."""
     data: dict[str, Any] = as_data(analysis)
@@ -90,7 +102,9 @@ def analysis_data(analysis: Analysis) -> dict[str, Any]:
 
 
 def theory(scenario: Scenario, step: Step = lambda what, done, total: None) -> Theory:
-    """Return all that needs no flight.
+    """Return all that needs no flight, of a filter that is told what its banks learn at hover (learned_survey.py).
+
+    The linearisation alone is of the filter as it is.
 
     Args:
         scenario: the scenario.
@@ -105,19 +119,20 @@ def theory(scenario: Scenario, step: Step = lambda what, done, total: None) -> T
         step(part, parts.index(part), len(parts))
 
     check_sensors(scenario)
-    V, loop = hover_V(scenario), hover_loop(scenario)
+    told = told_at(scenario)
+    V, loop = hover_V(told), hover_loop(told)
     rates = RATES if len(loop.names) == N_X else RATES[::4]  # a filter of twice the states takes eight times as long
     uwb, camera = (rates.tolist() if sensor in scenario.sensors else [0.0] for sensor in loop.measurement.positions[:2])
     begin("linearization")
-    linearization = linearization_report(scenario, V=V) if isinstance(scenario.servo, LqServo) else None
+    linearization = linearization_report(scenario, V=hover_V(scenario)) if is_built_in(scenario) else None
     begin("riccati")
-    riccati = riccati_report(scenario, V)
+    riccati = riccati_report(told, V)
     begin("margins")
-    margins = margins_report(scenario, V)
+    margins = margins_report(told, V)
     begin("arrivals")
-    arrivals = arrival_report(loop, filter_V(scenario, V), uwb, camera)
+    arrivals = arrival_report(loop, filter_V(told, V), uwb, camera)
     begin("commands")
-    commands = command_report(scenario, V)
+    commands = command_report(told, V)
     return Theory(linearization, riccati, margins, arrivals, commands)
 
 

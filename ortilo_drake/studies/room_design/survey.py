@@ -32,7 +32,6 @@ from ortilo_drake.studies.room_design.mds import mirror_images
 from ortilo_drake.studies.room_design.network import Network, Ranges
 from ortilo_drake.studies.room_design.sides import FLAT, better_sides, plane_of
 
-LOSSES = ("linear", "soft_l1", "huber", "cauchy")
 FEWEST = 4  # ranges of a place that says anything of the anchors, where it is not known itself
 SAME = 1e-3  # costs that differ by less, relative, are of mirror images
 DENSE = 60  # places, up to which the Jacobian is dense
@@ -78,7 +77,7 @@ def survey(
         believed: where the anchors were believed to be, p_W (n, 3) [m].
         known: numbers of those whose place is known; three or more, not on one line.
         noise: s_0 [m] and s_1 of a range's standard deviation s_0 + s_1 d.
-        loss: one of LOSSES.
+        loss: of scipy.optimize.least_squares.
 
     Raises:
         InputError: if the known anchors are too few or on one line, or an anchor cannot be found.

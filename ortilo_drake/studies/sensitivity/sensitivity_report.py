@@ -9,7 +9,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 
 from ortilo_drake.flight.flight import AXES
 from ortilo_drake.studies.sensitivity.in_short import in_short
-from ortilo_drake.studies.sensitivity.mismatches import MISMATCHES, all_together
+from ortilo_drake.studies.sensitivity.mismatches import TOGETHER, known_mismatches
 from ortilo_drake.studies.sensitivity.sensitivity_flights import LOST_SHARE, Limit, Row, Sensitivity
 from ortilo_drake.studies.sensitivity.sequential_test import ERROR
 from ortilo_drake.views.markdown import table
@@ -17,8 +17,6 @@ from ortilo_drake.views.numbers import count, number, of_all_and_kept, with_inte
 from ortilo_drake.views.palette import BLUE, ORANGE, STYLE
 from ortilo_drake.views.pictures import save_picture
 
-_TOGETHER = all_together(MISMATCHES)
-_CAREFUL = {m.name: m.careful for m in (*MISMATCHES, _TOGETHER)}
 NO_LIMITS = (
     f"More than {LOST_SHARE:.0%} of the flights are lost without any mismatch (Wald's sequential test, error "
     f"{ERROR:.0%}): no mismatch has a value that loses just {LOST_SHARE:.0%}, so none was searched."
@@ -46,7 +44,7 @@ def sensitivity_text(found: Sensitivity) -> str:
     if is_lost_without(found):
         lines += ["## In short", "", f"- {NO_LIMITS}", ""]
     else:
-        lines += in_short(found, _CAREFUL, _TOGETHER.name)
+        lines += in_short(found, of_careful_team(), TOGETHER)
     lines += table(header, [_cells(row) for row in found.rows])
     lines += [SAID, ""]
     if is_lost_without(found):
@@ -54,11 +52,17 @@ def sensitivity_text(found: Sensitivity) -> str:
     if all(limit.value is None for limit in found.limits):
         lines += [ALL_BEYOND, ""]
     lines += [f"{LOST_SHARE:.0%} of the flights are lost where a mismatch alone is", ""]
+    careful = of_careful_team()
     lines += table(
         ["mismatch", "value", "95 % interval", "a careful team's"],
-        [[limit.mismatch, _value(limit), _interval(limit), f"{_CAREFUL[limit.mismatch]:g}"] for limit in found.limits],
+        [[limit.mismatch, _value(limit), _interval(limit), f"{careful[limit.mismatch]:g}"] for limit in found.limits],
     )
     return "\n".join(lines)
+
+
+def of_careful_team() -> dict[str, float]:
+    """Return what a careful team leaves, by mismatch."""
+    return {m.name: m.careful for m in known_mismatches()} | {TOGETHER: 1.0}
 
 
 def is_lost_without(found: Sensitivity) -> bool:
@@ -90,14 +94,14 @@ def _interval(limit: Limit) -> str:
 
 def sensitivity_figure(found: Sensitivity, path: Path) -> Path:
     """Draw the limits as bars, in multiples of what a careful team leaves."""
-    limits = found.limits[::-1]
-    ends = [end / _CAREFUL[x.mismatch] for x in limits for end in (x.value, *x.interval) if end]
+    limits, usual = found.limits[::-1], of_careful_team()
+    ends = [end / usual[x.mismatch] for x in limits for end in (x.value, *x.interval) if end]
     least, most = min([0.2, *(0.5 * end for end in ends)]), max([5.0, *(2.0 * end for end in ends)])
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.0, 0.45 * len(limits) + 1.3), layout="constrained")
         axes = figure.add_subplot()
         for i, limit in enumerate(limits):
-            careful = _CAREFUL[limit.mismatch]
+            careful = usual[limit.mismatch]
             low, high = (
                 (end or edge * careful) / careful for end, edge in zip(limit.interval, (least, most), strict=True)
             )

@@ -12,7 +12,7 @@ import numpy as np
 
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.estimator.filter_model import initial_covariance
+from ortilo_drake.onboard.estimator.filter_model import filter_of, initial_covariance
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.loss_chain import loss_parameters
@@ -100,12 +100,13 @@ def deviations(
         raise InputError("servo.velocities: 'truth': the tube is that of a servo fed by the filter, give 'estimate'")
     loop = hover_loop(scenario)
     if len(loop.names) != N_X:
-        raise InputError(f"estimator.force: {scenario.estimator.force}: must be none: the tube is the paper's filter's")
+        force = filter_of(scenario).force
+        raise InputError(f"estimator.force: {force}: must be none: the tube is the paper's filter's")
     x_ref, u_ff = nominal.x_ref, nominal.u_ff
     d = x_ref[:-1] @ loop.Phi.T + u_ff[:-1] @ loop.Gamma.T - x_ref[1:]
     d = np.vstack([d, np.zeros((1, d.shape[1]))])
     layout = tuple(loop.measurement.layout)
-    r_servo, X_0 = np.ascontiguousarray(x_ref[:, :3]), initial_covariance(scenario.estimator)
+    r_servo, X_0 = np.ascontiguousarray(x_ref[:, :3]), initial_covariance(filter_of(scenario))
     there = np.broadcast_to(nominal.there, (len(losses), *nominal.there.shape)) if there is None else there
 
     def some(cases: slice) -> tuple[np.ndarray, ...]:

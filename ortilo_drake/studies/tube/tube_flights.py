@@ -16,7 +16,7 @@ linearisation.
 """
 
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -50,7 +50,6 @@ PAIRS: tuple[Point, ...] = (
 )  # fmt: skip
 # Arrival rates and mean bursts [s] of both links, likewise.
 BURSTS: tuple[Point, ...] = ((0.3, 0.5), (0.3, 2.0), (0.6, 1.0), (0.6, 3.0), (0.9, 2.0), (0.9, 8.0))
-SEEDS = tuple(range(1, 21))
 SHARE = 0.99
 STRETCHES = 8
 COMPILED_AT_ONCE = 16  # flights in one job of a worker
@@ -225,33 +224,3 @@ def interval(inside: Sequence[np.ndarray], draws: int = 2000) -> tuple[float, fl
     chosen = np.random.default_rng(0).integers(len(inside), size=(draws, len(inside)))
     low, high = np.quantile(hits[chosen].sum(axis=1) / ticks[chosen].sum(axis=1), [0.025, 0.975])
     return float(low), float(high)
-
-
-def tube_flights(
-    scenario: Scenario,
-    nominal: NominalFlight,
-    out: Path,
-    points: Sequence[Point] = PAIRS,
-    lossy_at: Callable[[Scenario, Point], Scenario] = at_rates,
-    seeds: Sequence[int] = SEEDS,
-    workers: int = 1,
-) -> list[PointResult]:
-    """Fly every point with the same seeds and return how each compares with its tube.
-
-    Args:
-        scenario: the scenario, its losses not counted.
-        nominal: its nominal flight.
-        out: folder for the flights.
-        points: PAIRS with at_rates, BURSTS with at_burst, or others.
-        lossy_at: what a point means.
-        seeds: the seeds.
-        workers: worker processes.
-
-    Raises:
-        InputError: as lossy_at, predict_tube and fly_many.
-    """
-    results = []
-    for point in points:
-        lossy = lossy_at(scenario, point)
-        results.append(judge_point(lossy, point, fly_point(lossy, seeds, out, workers), nominal))
-    return results

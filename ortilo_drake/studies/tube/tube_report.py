@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ortilo_drake.onboard.estimator.filter_model import filter_of
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import unwired
 from ortilo_drake.studies.tube.nominal_flight import nominal_flight
@@ -46,7 +47,7 @@ Step = Callable[[str, int, int], None]
 
 def why_no_tube(scenario: Scenario) -> str | None:
     """Return why a scenario's tube has no maps, None if it has."""
-    if scenario.estimator.force != "none":
+    if filter_of(scenario).force != "none":
         return "the filter estimates more than the vehicle's states, and the tube is that of the paper's filter"
     if len(unwired(scenario.sensors)) < 2:
         return "its maps are over the arrival rates of two sensors beside the imu, and both must fly"

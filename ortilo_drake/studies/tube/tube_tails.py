@@ -98,19 +98,18 @@ def greatest_chance(radius: np.ndarray, of: Mixture) -> float:
     return greatest
 
 
-def mixture_radius(of: Mixture, start: np.ndarray, outside: float = THREE_SIGMA) -> np.ndarray:
-    """Return the radius (n) that the mixture leaves with the probability ``outside``, by bisection to 0.1 %.
+def mixture_radius(of: Mixture, start: np.ndarray) -> np.ndarray:
+    """Return the radius (n) that the mixture leaves with the probability THREE_SIGMA, by bisection to 0.1 %.
 
     Args:
         of: the mixture.
         start: a first guess (n), above 0, such as the tube's radius.
-        outside: in (0, 1).
     """
     low, high = np.zeros_like(start), np.array(start)
-    while np.any(wide := chance_outside(high, of) > outside):
+    while np.any(wide := chance_outside(high, of) > THREE_SIGMA):
         high = np.where(wide, 2.0 * high, high)
     for _ in range(12):
         middle = 0.5 * (low + high)
-        wide = chance_outside(np.maximum(middle, 1e-9), of) > outside
+        wide = chance_outside(np.maximum(middle, 1e-9), of) > THREE_SIGMA
         low, high = np.where(wide, middle, low), np.where(wide, high, middle)
     return 0.5 * (low + high)

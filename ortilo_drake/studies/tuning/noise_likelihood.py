@@ -6,8 +6,9 @@ The one-step predictor of the 12 states turns the measurements into independent 
 
 over the ticks k in which anything arrived, m_k the rows that did (F. C. Schweppe, "Evaluation of likelihood functions
 for Gaussian signals", IEEE Trans. Information Theory 11, 1965; R. H. Shumway and D. S. Stoffer, Time Series Analysis
-and Its Applications, section 6.3, missing observations in 6.4). The predictor is the flying filter without its
-integrator, which does not act on the first 12 states. The record may come from a filter with other W and V.
+and Its Applications, section 6.3, missing observations in 6.4). The predictor is the flying filter by the
+same kernel, without its integrator, which does not act on the first 12 states. The record may come from a filter with
+other W and V.
 
 A sensor whose errors are not white spoils this: errors of boxes persist from picture to picture, and log L takes that
 for precision. Such a sensor may be used without being counted. Then sum_k log p(counted y_k | all y before) still
@@ -21,8 +22,9 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.model.cholesky import forward_in_place
 from ortilo_drake.model.measurement import Layout
+from ortilo_drake.onboard.estimator.kalman import measure, predict, propagate
+from ortilo_drake.onboard.estimator.structure import Structure, structure_of
 
 
 class Record(NamedTuple):
@@ -63,103 +65,65 @@ class NoiseModel(NamedTuple):
     counted: np.ndarray
 
 
+class Work(NamedTuple):
+    """What a step works in, for p rows of y in sensors of at most M: S (p, p), G^T (p or more, 13), V (M^2), x (12)."""
+
+    S: np.ndarray
+    GT: np.ndarray
+    V: np.ndarray
+    x: np.ndarray
+
+
+@register_jitable
+def work_for(record: Record) -> Work:
+    """Return what the steps of a record work in."""
+    p, most = record.y.shape[1], record.V2.shape[2]
+    return Work(np.empty((p, p)), np.empty((max(12, p), 13)), np.empty(most * most), np.empty(12))
+
+
 @register_jitable
 def predictor_step(
     x: np.ndarray,
     P: np.ndarray,
     record: Record,
     k: int,
-    Phi: np.ndarray,
     Gamma: np.ndarray,
+    structure: Structure,
     noise: NoiseModel,
-    work: np.ndarray,
+    work: Work,
 ) -> float:
     """Take xhat_{k|k-1} and P_k in place to the next tick; return this tick's share of log L.
-
-    With S = L L^T and U = L^-1 H P the measurement update is x + U^T L^-1 e and P - U^T U, the time update
-    Phi x + Gamma u and Phi P Phi^T + W.
 
     Args:
         x: prediction (12).
         P: its covariance (12, 12), symmetric.
         record: what the filter was given.
         k: tick.
-        Phi: dynamics (12, 12).
         Gamma: input (12, 4).
+        structure: where the dynamics (12, 12) are not 0.
         noise: W, V and scale.
-        work: room to compute in, of work_room.
+        work: of work_for.
     """
-    # U and z = L^-1 e side by side: one forward substitution serves both
-    y, delta, V2, u = record.y[k], record.delta[k], record.V2[k], record.u[k]
+    y, delta, V2 = record.y[k], record.delta[k], record.V2[k]
     states, weights, first = record.layout.states, record.layout.weights, record.layout.first
-    p, sensors = y.size, delta.size
-    U, S, FP, x_new = work[:p], work[p : 2 * p], work[2 * p : 2 * p + 12], work[2 * p + 12, :12]
-    rows, m, n_counted, total = np.empty(p, dtype=np.int64), 0, 0, 0.0
-    for turn in range(2 * sensors):  # counted rows come first: their pivots are then their own density
-        s = turn % sensors
-        if delta[s] == 0.0 or (noise.counted[s] == 0.0) != (turn >= sensors):
+    total = 0.0
+    for turn in range(2 * delta.size):  # counted sensors come first: their density is then their own
+        s = turn % delta.size
+        counted = turn < delta.size
+        if delta[s] == 0.0 or (noise.counted[s] != 0.0) != counted:
             continue
-        for i in range(first[s + 1] - first[s]):
-            row = first[s] + i
-            U[m, :13] = 0.0
-            U[m, 12] = y[row]
-            for w in range(states.shape[1]):
-                state, c = states[row, w], weights[row, w]
-                U[m, 12] -= c * x[state]
-                for j in range(12):
-                    U[m, j] += c * P[state, j]
-            rows[m] = row
-            for a in range(m + 1):
-                S[m, a] = 0.0
-                for w in range(states.shape[1]):
-                    S[m, a] += weights[rows[a], w] * U[m, states[rows[a], w]]
-            for j in range(i + 1):
-                V = noise.scale[s] * V2[s, i, j] if noise.scale[s] > 0.0 else noise.V[s, i, j]
-                S[m, m - i + j] += V
-            m += 1
-            n_counted += turn < sensors
-    forward_in_place(S, U, m)  # NaN if S is not positive definite: then so is log L
-    for i in range(m):
-        z = U[i, 12]
-        for j in range(12):
-            x[j] += U[i, j] * z
-        if i < n_counted:
-            total -= 0.5 * (np.log(2.0 * np.pi) + z**2) + np.log(S[i, i])
-    for a in range(m):
-        for i in range(12):
-            for j in range(i, 12):
-                P[i, j] -= U[a, i] * U[a, j]
-    for i in range(12):
-        for j in range(i):
-            P[i, j] = P[j, i]
-    for i in range(12):
-        x_new[i] = 0.0
-        for j in range(12):
-            FP[i, j] = 0.0
-        for l in range(12):  # noqa: E741 - i, j, l are indices
-            if Phi[i, l] != 0.0:
-                x_new[i] += Phi[i, l] * x[l]
-                for j in range(12):
-                    FP[i, j] += Phi[i, l] * P[l, j]
-        for l in range(4):  # noqa: E741
-            x_new[i] += Gamma[i, l] * u[l]
-    x[:] = x_new
-    P[:] = noise.W
-    for j in range(12):
-        for l in range(12):  # noqa: E741
-            if Phi[j, l] != 0.0:
-                for i in range(j + 1):
-                    P[i, j] += FP[i, l] * Phi[j, l]
-    for i in range(12):
-        for j in range(i):
-            P[i, j] = P[j, i]
+        m = first[s + 1] - first[s]
+        for i in range(m):
+            for j in range(m):
+                work.V[m * i + j] = noise.scale[s] * V2[s, i, j] if noise.scale[s] > 0.0 else noise.V[s, i, j]
+        measure(x, P, y, work.V, m, first[s], states, weights, work.S, work.GT)  # NaN if S is not positive definite
+        if counted:
+            for i in range(m):
+                total -= 0.5 * (np.log(2.0 * np.pi) + work.GT[i, 12] ** 2) + np.log(work.S[i, i])
+    predict(x, record.u[k], Gamma, structure, work.x)
+    x[:] = work.x
+    propagate(P, noise.W, structure, work.GT)
     return total
-
-
-@register_jitable
-def work_room(p: int) -> np.ndarray:
-    """Return room for predictor_step to compute in, of p rows of y."""
-    return np.zeros((2 * p + 13, max(13, p)))
 
 
 @njit(cache=True)
@@ -173,9 +137,9 @@ def log_likelihood(record: Record, noise: NoiseModel, Phi: np.ndarray, Gamma: np
         Gamma: discrete control input (12, 4).
         counts: which ticks count (n); the others are only filtered.
     """
-    x, P, work, total = record.xhat_0.copy(), record.P_0.copy(), work_room(record.y.shape[1]), 0.0
+    x, P, structure, work, total = record.xhat_0.copy(), record.P_0.copy(), structure_of(Phi), work_for(record), 0.0
     for k in range(record.y.shape[0]):
-        share = predictor_step(x, P, record, k, Phi, Gamma, noise, work)
+        share = predictor_step(x, P, record, k, Gamma, structure, noise, work)
         if counts[k]:
             total += share
     return total
@@ -188,11 +152,11 @@ def refilter(record: Record, noise: NoiseModel, Phi: np.ndarray, Gamma: np.ndarr
     Arguments as in log_likelihood.
     """
     n = record.y.shape[0]
-    x, P, work = record.xhat_0.copy(), record.P_0.copy(), work_room(record.y.shape[1])
+    x, P, structure, work = record.xhat_0.copy(), record.P_0.copy(), structure_of(Phi), work_for(record)
     estimates, covariances = np.empty((n, 12)), np.empty((n, 12, 12))
     for k in range(n):
         estimates[k], covariances[k] = x, P
-        predictor_step(x, P, record, k, Phi, Gamma, noise, work)
+        predictor_step(x, P, record, k, Gamma, structure, noise, work)
     return estimates, covariances
 
 

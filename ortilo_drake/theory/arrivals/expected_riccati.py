@@ -74,19 +74,17 @@ def solve_coupled(
     return X
 
 
-def upper_bound(model: Model, probabilities: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
+def upper_bound(model: Model, probabilities: np.ndarray) -> np.ndarray:
     """Return X = g(X) (n, n), which bounds the limit of E[P_k] from above, to 1e-9 relative.
 
     Args:
         model: from vehicle_model or check_model.
         probabilities: of the model's patterns (P).
-        start: where to start the iteration (n, n), or None for W.
 
     Raises:
         InputError: if the probabilities are none, or X does not exist; the modes concerned are named.
     """
-    first = None if start is None else start[None]
-    return solve_coupled(model, np.atleast_2d(probabilities), np.ones((1, 1)), first, "expected Riccati equation")[0]
+    return solve_coupled(model, np.atleast_2d(probabilities), np.ones((1, 1)), None, "expected Riccati equation")[0]
 
 
 def lower_bound(A: np.ndarray, W: np.ndarray, arrival_rate: float) -> np.ndarray:
@@ -136,22 +134,3 @@ def translation_noise(W: np.ndarray) -> np.ndarray:
     W_tr, W_rr = W[np.ix_(TRANSLATION, rest)], W[np.ix_(rest, rest)]
     W_t = W[np.ix_(TRANSLATION, TRANSLATION)] - W_tr @ np.linalg.pinv(W_rr, rcond=1e-12, hermitian=True) @ W_tr.T
     return np.asarray((W_t + W_t.T) / 2.0)
-
-
-def translation_lower_bound(Phi: np.ndarray, W: np.ndarray, uwb: float, camera: float) -> np.ndarray:
-    """Return X = (1 - l_uwb)(1 - l_camera) Phi_t X Phi_t^T + W_t (6 x 6), below the limit of E[P_k].
-
-    Rows x, y, z, x_dot, y_dot, z_dot. Holds for position and velocity: the bound of lower_bound for a filter that knows
-    attitude and rates as well, whose P can only be smaller. inf where neither sensor ever arrives.
-
-    Args:
-        Phi: hover dynamics (12 x 12).
-        W: process noise (12 x 12).
-        uwb: arrival rate of uwb, in [0, 1].
-        camera: arrival rate of the camera, in [0, 1].
-
-    Raises:
-        InputError: if a rate lies outside [0, 1].
-    """
-    u, c = check_rate(uwb, "arrival rate of uwb"), check_rate(camera, "arrival rate of camera")
-    return lower_bound(Phi[np.ix_(TRANSLATION, TRANSLATION)], translation_noise(W), 1.0 - (1.0 - u) * (1.0 - c))

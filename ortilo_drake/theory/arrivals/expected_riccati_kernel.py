@@ -7,7 +7,6 @@ the last bit.
 """
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.model.cholesky import forward_in_place
@@ -85,17 +84,3 @@ def predicted(M: np.ndarray, A: np.ndarray, W: np.ndarray) -> np.ndarray:
             X[i, j] = x
             X[j, i] = x
     return X
-
-
-@njit(cache=True, nogil=True)
-def expected_step(
-    X: np.ndarray,
-    A: np.ndarray,
-    C: np.ndarray,
-    W: np.ndarray,
-    V: np.ndarray,
-    rows: np.ndarray,
-    probabilities: np.ndarray,
-) -> np.ndarray:
-    """Return g(X) (n, n); arguments as averaged_update, A (n, n) and W (n, n)."""
-    return predicted(averaged_update(X, C, V, rows, probabilities), A, W)

@@ -20,7 +20,6 @@ from ortilo_drake.theory.arrivals.expected_riccati import (
     ROTATION,
     TRANSLATION,
     coupled_lower_bound,
-    solve_coupled,
     translation_noise,
 )
 
@@ -43,13 +42,12 @@ class ArrivalChain(NamedTuple):
     backward: np.ndarray
 
 
-def arrival_chain(T: np.ndarray, probabilities: np.ndarray, start: int = 0) -> ArrivalChain:
-    """Return the chain restricted to the modes in which it stays for ever, coming from one mode.
+def arrival_chain(T: np.ndarray, probabilities: np.ndarray) -> ArrivalChain:
+    """Return the chain restricted to the modes in which it stays for ever, coming from the first.
 
     Args:
         T: Pr(mode j next | mode i now) (M, M).
         probabilities: of the patterns in each mode (M, P).
-        start: the mode it starts in.
 
     Raises:
         InputError: if a row of T is no probability distribution.
@@ -57,30 +55,16 @@ def arrival_chain(T: np.ndarray, probabilities: np.ndarray, start: int = 0) -> A
     T = np.array(T, dtype=float)
     if not np.all(T >= 0.0) or not np.allclose(T.sum(axis=1), 1.0, rtol=0.0, atol=1e-9):
         raise InputError("Markov chain: the rows of T must be at least 0 and sum to 1")
-    # The mean of T^k over time, row `start`; (I + T) / 2 has the same and is never periodic.
+    # The mean of T^k over time, row 0; (I + T) / 2 has the same and is never periodic.
     limit = (np.eye(len(T)) + T) / 2.0
     for _ in range(60):
         limit = limit @ limit
         limit /= limit.sum(axis=1, keepdims=True)
-    kept = limit[start] > _RARE
-    T, pi = T[np.ix_(kept, kept)], limit[start, kept] / limit[start, kept].sum()
+    kept = limit[0] > _RARE
+    T, pi = T[np.ix_(kept, kept)], limit[0, kept] / limit[0, kept].sum()
     backward = (pi[:, None] * T / pi[None, :]).T
     backward = np.ascontiguousarray(backward / backward.sum(axis=1, keepdims=True))
     return ArrivalChain(T, np.asarray(probabilities)[kept], pi, backward)
-
-
-def markov_upper_bound(model: Model, chain: ArrivalChain, start: np.ndarray | None = None) -> np.ndarray:
-    """Return X (M, n, n), each mode's bound on the mean of P; average_over_modes gives the bound on E[P].
-
-    Args:
-        model: from expected_riccati.vehicle_model or arrivals.check_model.
-        chain: see arrival_chain.
-        start: where to start the iteration (M, n, n), or None for W.
-
-    Raises:
-        InputError: if there is no fixed point; the modes of A concerned are named.
-    """
-    return solve_coupled(model, chain.probabilities, chain.backward, start, "coupled Riccati equations")
 
 
 def average_over_modes(chain: ArrivalChain, X: np.ndarray) -> np.ndarray:
@@ -91,7 +75,7 @@ def average_over_modes(chain: ArrivalChain, X: np.ndarray) -> np.ndarray:
 def markov_translation_lower_bound(model: Model, chain: ArrivalChain) -> np.ndarray:
     """Return each mode's bound from below on the mean of P of position and velocity (M, 6, 6).
 
-    As expected_riccati.translation_lower_bound, mode by mode: an arrival can at best bring the error back to W_t.
+    An arrival can at best bring the error of a filter that knows attitude and rates as well back to W_t.
 
     Args:
         model: of the vehicle, from expected_riccati.vehicle_model.

@@ -17,6 +17,8 @@ from scipy.stats import chi2, t
 
 REGULAR = 1e-10  # least eigenvalue of a correlation matrix that counts as regular
 
+PROBABILITY = 0.95  # of bands and intervals
+
 
 @dataclass(frozen=True)
 class Average:
@@ -61,15 +63,14 @@ def normalized_square(e: np.ndarray, S: np.ndarray) -> np.ndarray:
     return out
 
 
-def average_band(dof: int, flights: int | np.ndarray, probability: float = 0.95) -> tuple[Any, Any]:
-    """Return the two-sided band of a tick's average over that many flights, chi2_{N n} / N.
+def average_band(dof: int, flights: int | np.ndarray) -> tuple[Any, Any]:
+    """Return the two-sided 95 % band of a tick's average over that many flights, chi2_{N n} / N.
 
     Args:
         dof: n, the degrees of freedom of one flight.
         flights: N; an array gives arrays.
-        probability: of lying within.
     """
-    tail = (1.0 - probability) / 2.0
+    tail = (1.0 - PROBABILITY) / 2.0
     return chi2.ppf(tail, dof * flights) / flights, chi2.ppf(1.0 - tail, dof * flights) / flights
 
 
@@ -88,7 +89,7 @@ def ensemble_average(flights: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndar
     return np.where(count > 0, total / np.maximum(count, 1), np.nan), count
 
 
-def share_in_band(flights: Sequence[np.ndarray], dof: int, probability: float = 0.95) -> float | None:
+def share_in_band(flights: Sequence[np.ndarray], dof: int) -> float | None:
     """Return the share of ticks at which the ensemble's average lies in its band; None without a tick.
 
     Only ticks at which at least half of the flights have a number count.
@@ -97,35 +98,32 @@ def share_in_band(flights: Sequence[np.ndarray], dof: int, probability: float = 
     enough = count >= max(1.0, len(flights) / 2.0)
     if not enough.any():
         return None
-    low, high = average_band(dof, count[enough], probability)
+    low, high = average_band(dof, count[enough])
     return float(np.mean((average[enough] >= low) & (average[enough] <= high)))
 
 
-def mean_interval(samples: np.ndarray, probability: float = 0.95) -> tuple[float, float] | None:
-    """Return Student's interval of the mean of independent samples; None of fewer than two."""
+def mean_interval(samples: np.ndarray) -> tuple[float, float] | None:
+    """Return Student's 95 % interval of the mean of independent samples; None of fewer than two."""
     n = len(samples)
     if n < 2:
         return None
-    half = t.ppf(0.5 + probability / 2.0, n - 1) * np.std(samples, ddof=1) / np.sqrt(n)
+    half = t.ppf(0.5 + PROBABILITY / 2.0, n - 1) * np.std(samples, ddof=1) / np.sqrt(n)
     return float(np.mean(samples) - half), float(np.mean(samples) + half)
 
 
-def time_average(
-    flights: Sequence[np.ndarray], masks: Sequence[np.ndarray], dof: int, probability: float = 0.95
-) -> Average | None:
+def time_average(flights: Sequence[np.ndarray], masks: Sequence[np.ndarray], dof: int) -> Average | None:
     """Judge a normalised square over the ticks of a mask; None if no flight has a number there.
 
     Args:
         flights: normalised squares (one series each).
         masks: which ticks count (one each).
         dof: n.
-        probability: of the interval and the band.
     """
     masked = [np.where(mask, series, np.nan) for series, mask in zip(flights, masks, strict=True)]
     means = np.array([np.nanmean(series) for series in masked if np.isfinite(series).any()])
     if not len(means):
         return None
-    interval = mean_interval(means, probability)
+    interval = mean_interval(means)
     return Average(
         expected=dof,
         mean=float(np.mean(means)),
@@ -133,5 +131,5 @@ def time_average(
         ratio=float(np.mean(means)) / dof,
         consistent=None if interval is None else bool(interval[0] <= dof <= interval[1]),
         flights=len(means),
-        in_band=share_in_band(masked, dof, probability),
+        in_band=share_in_band(masked, dof),
     )

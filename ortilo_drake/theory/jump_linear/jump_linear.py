@@ -26,6 +26,7 @@ NEAR = 4  # eigenvalues asked of ARPACK: slow modes of several axes lie close to
 POWER = 8  # periods in one step of ARPACK
 NCV = 40  # vectors that it keeps
 MARGIN = 1e-7  # a radius closer to 1 than this counts as not stable; clustered eigenvalues are found to about 1e-8
+ACCURACY = 1e-9  # of a second moment
 
 
 class JumpLinear(NamedTuple):
@@ -101,11 +102,11 @@ def mean_square_radius(system: JumpLinear, largest_dense: int = DENSE) -> float:
     return float(np.max(np.abs(values))) ** (1.0 / T)
 
 
-def steady_second_moment(system: JumpLinear, accuracy: float = 1e-9) -> np.ndarray:
+def steady_second_moment(system: JumpLinear) -> np.ndarray:
     """Return E[z z^T] in the steady state at each tick of the period (T, n, n).
 
     It is the fixed point of (*), reached by going through it until what is left to come, judged by the spectral
-    radius, is below the accuracy relative to the trace.
+    radius, is below ACCURACY relative to the trace.
 
     Raises:
         InputError: if the system is not mean-square stable.
@@ -116,7 +117,7 @@ def steady_second_moment(system: JumpLinear, accuracy: float = 1e-9) -> np.ndarr
     noise = np.einsum("ij,i,kab->kjab", system.transition, stationary(system.transition), system.N)
     to_come = radius ** len(system.A) / (1.0 - radius ** len(system.A))
     A = np.ascontiguousarray(system.A)
-    return _settle(A, system.chance, system.transition, noise, accuracy / max(to_come, 1.0))
+    return _settle(A, system.chance, system.transition, noise, ACCURACY / max(to_come, 1.0))
 
 
 @njit(cache=True)

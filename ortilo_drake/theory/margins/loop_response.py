@@ -51,9 +51,9 @@ def spectral_radius(A: np.ndarray) -> float:
     return float(abs(np.linalg.eigvals(A)).max())
 
 
-def frequency_grid(count: int = 1500) -> np.ndarray:
+def frequency_grid() -> np.ndarray:
     """Return frequencies from LOWEST to pi, evenly spaced in their logarithm."""
-    return np.geomspace(LOWEST, math.pi, count)
+    return np.geomspace(LOWEST, math.pi, 1500)
 
 
 def _scalar(loop: OpenLoop, omega: float) -> complex:

@@ -134,11 +134,9 @@ def unreached_modes(
     return unseen_modes(A.T, B.T, names, radius, None if scale is None else 1.0 / scale)
 
 
-def check_detectable(
-    Phi: np.ndarray, C: np.ndarray, what: str, names: tuple[str, ...] | None = None, scale: np.ndarray | None = None
-) -> None:
+def check_detectable(Phi: np.ndarray, C: np.ndarray, what: str, scale: np.ndarray | None = None) -> None:
     """Raise InputError naming the modes that do not decay and that no output sees, if (Phi, C) has any."""
-    if hidden := unseen_modes(Phi, C, names, scale=scale):
+    if hidden := unseen_modes(Phi, C, scale=scale):
         raise InputError(f"{what}: (Phi, C) is not detectable, no measurement sees {listed(hidden)}")
 
 

@@ -12,7 +12,7 @@ def least_singular_value(A: np.ndarray, omega: np.ndarray) -> np.ndarray:
     return np.linalg.svd(z[:, None, None] * np.eye(len(A)) - A, compute_uv=False)[:, -1]
 
 
-def level_angles(A: np.ndarray, sigma: float, tolerance: float = 1e-6) -> np.ndarray:
+def level_angles(A: np.ndarray, sigma: float) -> np.ndarray:
     """Return the angles [rad] in (-pi, pi] at which sigma is a singular value of e^{j omega} I - A, ascending.
 
     sigma is one with singular vectors u, v where  z v - A v = sigma u  and  conj(z) u - A^H u = sigma v;  with
@@ -23,11 +23,11 @@ def level_angles(A: np.ndarray, sigma: float, tolerance: float = 1e-6) -> np.nda
     eye, zero = np.eye(n), np.zeros((n, n))
     z = eig(np.block([[A, sigma * eye], [zero, eye]]), np.block([[eye, zero], [sigma * eye, A.conj().T]]), right=False)
     z = z[np.isfinite(z)]
-    return np.sort(np.angle(z[abs(abs(z) - 1.0) < tolerance]))
+    return np.sort(np.angle(z[abs(abs(z) - 1.0) < 1e-6]))
 
 
-def stability_radius(A: np.ndarray, tolerance: float = 1e-10) -> float:
-    """Return min over omega of sigma_min(e^{j omega} I - A), the complex stability radius of a stable A.
+def stability_radius(A: np.ndarray) -> float:
+    """Return min over omega of sigma_min(e^{j omega} I - A), the complex stability radius of a stable A, to 1e-10.
 
     It is the least 2-norm of a complex E that puts an eigenvalue of A + E on the unit circle. The search starts at the
     least value on a grid. level_angles then finds the arcs on which sigma_min is less still, and the least value at
@@ -36,7 +36,6 @@ def stability_radius(A: np.ndarray, tolerance: float = 1e-10) -> float:
 
     Args:
         A: a square matrix, real or complex; its eigenvalues' angles are on the grid.
-        tolerance: relative, of the result.
 
     Raises:
         InputError: if A has an eigenvalue on or outside the unit circle.
@@ -46,7 +45,7 @@ def stability_radius(A: np.ndarray, tolerance: float = 1e-10) -> float:
         raise InputError(f"stability radius: eigenvalue {z[abs(z).argmax()]:.6g}: must lie inside the unit circle")
     radius = least_singular_value(A, np.concatenate([np.linspace(-np.pi, np.pi, 65), np.angle(z)])).min()
     for _ in range(30):
-        level = radius * (1.0 - tolerance)
+        level = radius * (1.0 - 1e-10)
         angles = level_angles(A, level)
         if len(angles) == 0:
             break

@@ -46,6 +46,14 @@ def test_the_error_where_every_range_arrives_is_the_riccati_equations() -> None:
     assert math.isclose(expected_rms(scenario), float(np.sqrt(np.trace(P[:3, :3]))), rel_tol=1e-6)
 
 
+def test_the_filter_is_told_what_its_bank_learns() -> None:
+    told = "multilateration={{bias_sd: {0}, bias_bank: null}}"
+    exact = load_scenario("imu_uwb", (told.format(0.0), "estimator.biases.uwb_sd=[0.0, 0.0, 0.0]"))
+    careful = load_scenario("imu_uwb", (told.format(0.05),))
+    assert math.isclose(expected_rms(load_scenario("imu_uwb")), expected_rms(exact), rel_tol=0.01)
+    assert expected_rms(careful) > 2.0 * expected_rms(exact)
+
+
 def test_the_error_grows_with_losses_and_bursts_and_is_unbounded_without_ranges() -> None:
     def rms(*settings: str) -> float:
         return expected_rms(load_scenario("nominal_imu_uwb", settings))

@@ -197,7 +197,7 @@ def tight_box(
 
 def heard_box(
     measurement: Measurement,
-    sensors: tuple[str, ...],
+    numbers: list[int],
     samples: int,
     clones: int,
     angle_sd: float,
@@ -208,7 +208,7 @@ def heard_box(
 
     Args:
         measurement: the layout of what it says.
-        sensors: those that fly.
+        numbers: of uwb, imu and camera among its sensors, -1 where one does not fly.
         samples: of the imu in a message.
         clones: poses of past ticks that the filter keeps.
         angle_sd: noise of a sample of the imu's angles [rad].
@@ -217,7 +217,6 @@ def heard_box(
     """
     first, block = measurement.layout.first, measurement.layout.block
     p, s, q = int(first[-1]), len(first) - 1, int(block[-1])
-    numbers = [measurement.sensors.index(name) if name in sensors else -1 for name in ("uwb", "imu", "camera")]
     given = Given(
         {"numbers": np.array(numbers), "samples": samples, "clones": clones, "angle_sd": angle_sd, "h": h},
         tables={

@@ -1,5 +1,7 @@
 """What the tight filter believes, from the scenario: which states there are, their noise, their first covariance."""
 
+from collections.abc import Container
+
 import numpy as np
 from scipy.stats import chi2
 
@@ -30,11 +32,11 @@ from ortilo_drake.scenario.tight import DATASHEETS
 from ortilo_drake.scenario.tight import TightFilter as Settings
 
 
-def layout_of(settings: Settings, room: Room, sensors: tuple[str, ...], h: float) -> Layout:
-    """Return the layout of the states: those whose error is not 0, of sensors that fly."""
+def layout_of(settings: Settings, room: Room, measured: Container[str | None], h: float) -> Layout:
+    """Return the layout of the states: those whose error is not 0, of what the sensors measure by (model/parts.py)."""
     imu, ranges, pixels = settings.imu, settings.ranges, settings.pixels
-    anchors = len(room.anchors) if "uwb" in sensors else 0
-    landmarks = len(room.landmarks) if "camera" in sensors else 0
+    anchors = len(room.anchors) if "anchors" in measured else 0
+    landmarks = len(room.landmarks) if "landmarks" in measured else 0
     clocks = (ranges.clock_sd > 0.0 and anchors > 0) or (pixels.clock_sd > 0.0 and landmarks > 0)
     sizes = {
         "angles": 3 * (imu.level_sd > 0.0 or imu.yaw_sd > 0.0),
@@ -58,7 +60,7 @@ def sample_sds(settings: Settings, samples: int, h: float) -> tuple[float, float
 def motion_of(settings: Settings, layout: Layout, scenario: Belief) -> Motion:
     """Return the filter's model of imu and vehicle."""
     imu, ranges, pixels, h = settings.imu, settings.ranges, settings.pixels, scenario.h
-    rate_sd, force_sd = sample_sds(settings, scenario.samples("imu"), h)
+    rate_sd, force_sd = sample_sds(settings, scenario.imu_samples, h)
     keeps, steps = np.ones(layout.core - GYRO), np.zeros(layout.core - GYRO)
     steps[:3], steps[3:6] = h * imu.gyroscope_rate**2, h * imu.accelerometer_rate**2
 

@@ -1,0 +1,85 @@
+"""Fly an estimator of your own as an element that the linear theory knows: a Kalman filter of ranges and angles.
+
+    python examples/kalman_filter.py
+    ortilo --plugin examples/kalman_filter.py analyze nominal_imu_uwb --set 'estimator={kind: own_kalman}'
+
+`linear` says which of the paper's filters it is about hover. So `ortilo analyze` has its Riccati equations, margins,
+arrival rates and lost commands, and the tube, the maps and the floor know it as well.
+"""
+
+from typing import Any, Literal
+
+import numpy as np
+
+import ortilo_drake as od
+from ortilo_drake.model.white_noise import white_variances
+from ortilo_drake.onboard.estimator.filter_model import filter_model, initial_covariance
+
+
+class OwnKalman(od.Frozen):
+    """An estimator's settings.
+
+    Attributes:
+        kind: 'own_kalman'.
+        sd: of a position from ranges, as it believes [m].
+    """
+
+    kind: Literal["own_kalman"]
+    sd: float = 0.1
+
+
+def say(x: np.ndarray, P: np.ndarray, out: np.ndarray) -> None:
+    """Say the estimate (12) and its covariance row by row (144)."""
+    out[:12] = x
+    out[12:] = P.ravel()
+
+
+def step(
+    n: Any, uwb: np.ndarray, imu: np.ndarray, control: np.ndarray, anchors: np.ndarray, V: np.ndarray,
+    Phi: np.ndarray, Gamma: np.ndarray, W: np.ndarray, x: np.ndarray, P: np.ndarray,
+) -> None:  # fmt: skip
+    """Correct by what arrived, row by row, and go on to the next tick."""
+    y, there, a = x[:6].copy(), np.zeros(6), len(anchors)
+    if uwb[0] != 0.0 and uwb[2 + a :].sum() == a:  # the position by a step of Gauss and Newton
+        J = np.zeros((a, 3))
+        away = np.zeros(a)
+        for i in range(a):
+            distance = np.sqrt(np.sum((x[:3] - anchors[i]) ** 2))
+            J[i], away[i] = (x[:3] - anchors[i]) / distance, uwb[2 + i] - distance
+        y[:3] += np.linalg.solve(J.T @ J, J.T @ away)
+        there[:3] = 1.0
+    if imu[0] != 0.0:
+        y[3:], there[3:] = imu[2:5], 1.0
+    for i in range(6):
+        if there[i] != 0.0:
+            k = P[:, i] / (P[i, i] + V[i])
+            x += k * (y[i] - x[i])
+            P -= np.outer(k, P[i].copy())
+    u = control.copy()
+    u[0] -= n.hover
+    x[:] = Phi @ x + Gamma @ u
+    P[:] = Phi @ P @ Phi.T + W
+
+
+def linear(belief: od.Belief) -> od.IntermittentFilter:
+    """Return the paper's filter that it is; of twelve states, whose integral is of the estimate."""
+    variance = belief.estimator.sd**2
+    return od.IntermittentFilter(V={"uwb": (variance,) * 3}, integrator="estimate")
+
+
+def make(belief: od.Belief, xbar_0: np.ndarray) -> od.Box:
+    """Return the estimator of a scenario, which begins at the first estimate (15)."""
+    its = linear(belief)
+    model = filter_model(its, belief.vehicle, its.integrator, belief.h, belief.yaw)
+    V_imu = white_variances(its.V.imu, belief.imu_period)
+    tables = {"anchors": belief.load_room().anchor_positions, "V": np.append(its.V.uwb, V_imu)}
+    tables |= {"Phi": model.Phi, "Gamma": model.Gamma, "W": model.W}
+    state = {"x": xbar_0[:12], "P": initial_covariance(its)[:12, :12]}
+    return od.box(156, say, step, numbers={"hover": belief.vehicle.hover_thrust}, tables=tables, state=state)
+
+
+od.register_estimator("own_kalman", OwnKalman, box=make, linear=linear)
+
+
+if __name__ == "__main__":
+    print(od.fly("nominal_imu_uwb", seed=1, estimator={"kind": "own_kalman"}, uwb__link__blackouts=[]))

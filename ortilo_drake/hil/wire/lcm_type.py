@@ -1,0 +1,112 @@
+"""LCM types by their .lcm files: the bytes are those of the code that lcm-gen writes.
+
+A message is the type's fingerprint (8 bytes) and its fields in order, big-endian. A text is its length and its bytes
+with a 0 behind them, both counted; an array is its numbers, as many as its size says: a number, or a field before it.
+The fingerprint is a hash of the fields' names, kinds and sizes.
+
+Source: LCM 1.5, "Type specification language" and lcmgen.c.
+"""
+
+import re
+import struct
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, Final, NamedTuple
+
+CODES: Final = {"int32_t": "i", "int64_t": "q", "double": "d", "boolean": "?"}  # of struct
+FIELD: Final = re.compile(r"^ +(\w+) (\w+)(?:\[(\w+)\])?;$", re.MULTILINE)
+WORD: Final = 2**64
+
+
+class Field(NamedTuple):
+    """A field: its name, its kind, and of an array the size, a number or a field's name; '' of what is none."""
+
+    name: str
+    kind: str
+    size: str
+
+
+def _hashed(fields: tuple[Field, ...]) -> bytes:
+    """Return the fingerprint of a type that has no other in it."""
+    value = 0x12345678
+
+    def update(by: int) -> None:
+        nonlocal value
+        signed = value - WORD if value >= WORD // 2 else value
+        value = (((value << 8) ^ (signed >> 55)) + by) % WORD
+
+    def update_text(text: str) -> None:
+        update(len(text))
+        for character in text.encode():
+            update(character)
+
+    for name, kind, size in fields:
+        update_text(name)
+        update_text(kind)
+        update(int(size != ""))
+        if size:
+            update(int(not size.isdigit()))
+            update_text(size)
+    return struct.pack(">Q", (value << 1 | value >> 63) % WORD)
+
+
+class LcmType:
+    """A type.
+
+    Attributes:
+        fields: in order.
+        fingerprint: 8 bytes.
+    """
+
+    def __init__(self, name: str):
+        text = (Path(__file__).parent / "lcmtypes" / f"lcmt_{name}.lcm").read_text(encoding="utf-8")
+        self.fields = tuple(Field(name, kind, size) for kind, name, size in FIELD.findall(text))
+        self.fingerprint = _hashed(self.fields)
+
+    def encode(self, **values: Any) -> bytes:
+        """Return the bytes of a message; fields that are the size of another are counted."""
+        values |= {size: len(values[name]) for name, _, size in self.fields if size and not size.isdigit()}
+        parts = [self.fingerprint]
+        for name, kind, size in self.fields:
+            its = values[name] if size else [values[name]]
+            if kind == "string":
+                texts = [text.encode() + b"\0" for text in its]
+                parts += [struct.pack(">I", len(text)) + text for text in texts]
+            elif kind == "byte":
+                parts.append(bytes(its))
+            else:
+                parts.append(struct.pack(f">{size if size.isdigit() else len(its)}{CODES[kind]}", *its))
+        return b"".join(parts)
+
+    def decode(self, data: bytes) -> SimpleNamespace:
+        """Return the fields of a message; its fingerprint is not looked at.
+
+        Raises:
+            struct.error: if it ends too early, or a size is negative.
+        """
+        at, values = len(self.fingerprint), dict[str, Any]()
+
+        def take(count: int, code: str) -> tuple[Any, ...]:
+            nonlocal at
+            its = struct.unpack_from(f">{count}{code}", data, at)
+            at += struct.calcsize(f">{count}{code}")
+            return its
+
+        def take_text() -> str:
+            nonlocal at
+            (length,) = take(1, "I")
+            text = data[at : at + length][:-1].decode("utf-8", "replace")
+            at += length
+            return text
+
+        for name, kind, size in self.fields:
+            count = 1 if not size else int(size) if size.isdigit() else values[size]
+            if kind == "string":
+                found: Any = [take_text() for _ in range(count)]
+            elif kind == "byte":
+                found = [data[at : at + count]] if not size else data[at : at + count]
+                at += count
+            else:
+                found = take(count, CODES[kind])
+            values[name] = found if size else found[0]
+        return SimpleNamespace(**values)

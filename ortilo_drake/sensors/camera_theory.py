@@ -1,0 +1,204 @@
+"""What the theory knows of the boxes: which are likely, their information and errors, what a fix makes of them.
+
+The camera finds landmarks at random: those count whose detection rate is at least one half. The attitude's covariance,
+which the fix takes, is that of a filter long fed by the imu alone.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from ortilo_drake.model.pinhole import Camera
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, DETECTIONS_SIZE, MAX_DETECTIONS, N_X, N_XBAR, PAYLOAD
+from ortilo_drake.onboard.estimator.filter_model import filter_of
+from ortilo_drake.onboard.landmarks.landmark_bank import REPEATS
+from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
+from ortilo_drake.onboard.ranging.survey_bank import MEMORY
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario.sensors import ParametricErrors
+from ortilo_drake.sensors.imu import attitude_covariance
+from ortilo_drake.sensors.information_camera import camera_rows, camera_tables
+from ortilo_drake.sensors.information_rows import GRADIENT, SOURCE, VARIANCE, Information
+from ortilo_drake.sensors.learned_survey import residual_information, share_learned, with_biases
+from ortilo_drake.sensors.mismatch import Mismatch, of_truth
+from ortilo_drake.sensors.unknown_error import Error, Made, derivative, moved, spread, walk
+from ortilo_drake.world.sensors.camera_calibration import load_calibration
+from ortilo_drake.world.sensors.camera_tables import Tables, look_up, measured_tables, parametric_tables
+from ortilo_drake.world.sensors.landmark_view import (
+    BOX,
+    DISTANCE,
+    INSIDE,
+    LANDMARK,
+    VISIBLE,
+    cut,
+    landmark_views,
+    surroundings,
+)
+
+STEP = 0.05  # of the differences [px]
+MISMATCHES = (
+    Mismatch("landmarks surveyed to sd [cm]", of_truth("survey.landmarks_sd", 0.01), 3.0, (5.0,), 160.0),
+    Mismatch(
+        "only the sizes of landmarks known, not their shapes",
+        lambda value: (("landmark_fix.shapes", "boxes"),),
+        1.0,
+        (1.0,),
+        None,
+    ),
+    Mismatch("camera turned by sd [deg]", of_truth("camera.angles_sd", np.pi / 180.0), 0.5, (1.0,), 32.0),
+)
+
+
+@lru_cache(maxsize=16)
+def _camera_of(scenario: Scenario) -> tuple[Camera, Tables]:
+    """Return the camera and the rates at which it finds landmarks."""
+    room, errors = scenario.load_room(), scenario.camera.errors
+    camera = room.camera.scaled_to(scenario.image_width).constants
+    if isinstance(errors, ParametricErrors):
+        return camera, parametric_tables(errors, room.classes, camera.image)
+    return camera, measured_tables(load_calibration(errors), room.classes, scenario.image_width, scenario.h)
+
+
+@lru_cache(maxsize=16)
+def _landmark_fix(scenario: Scenario) -> LandmarkFix:
+    settings = scenario.landmark_fix
+    if settings.survey_bank is not None:
+        settings = settings.model_copy(update={"survey_bank": None, "survey_sd": 0.0})
+    return LandmarkFix(settings, scenario.load_room(), scenario.image_width, scenario.h)
+
+
+def likely_views(scenario: Scenario, room: Room, x: np.ndarray) -> list[tuple[int, int, list[float]]]:
+    """Return the landmarks found more often than not at state x (12): number, class, and the box without error."""
+    camera, tables = _camera_of(scenario)
+    found = list[tuple[int, int, list[float]]]()
+    for view in landmark_views(x, surroundings(room), camera, tables.limits):
+        landmark = int(view[LANDMARK])
+        label = int(room.landmark_labels[landmark])
+        rate = look_up(tables.found, 1 + label, view[DISTANCE])
+        rate *= look_up(tables.inside, 1, view[INSIDE]) * look_up(tables.visible, 1, view[VISIBLE])
+        if rate < 0.5 or view[VISIBLE] < tables.limits[2] or len(found) == MAX_DETECTIONS:
+            continue
+        box = [cut(edge, size) for edge, size in zip(view[BOX], np.tile(camera.image, 2), strict=True)]
+        found.append((landmark, label, box))
+    return found
+
+
+def likely_detections(scenario: Scenario, room: Room, x: np.ndarray) -> np.ndarray:
+    """Return the detections message of likely_views."""
+    message = np.zeros(DETECTIONS_SIZE)
+    message[0] = 1.0
+    message[PAYLOAD::DETECTION_SIZE] = -1.0
+    for row, (_, label, box) in enumerate(likely_views(scenario, room, x)):
+        start = PAYLOAD + row * DETECTION_SIZE
+        message[start : start + DETECTION_SIZE] = [label, 1.0, *box]
+    return message
+
+
+def fix_of_boxes(scenario: Scenario, x: np.ndarray, message: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return the value (m) of the fix of a detections message, and its covariance (m, m); None if there is no fix.
+
+    Args:
+        scenario: the scenario.
+        x: where the filter believes to be (12).
+        message: the detections.
+    """
+    landmark_fix, m = _landmark_fix(scenario), len(scenario.landmark_fix.rows)
+    context = landmark_fix.CreateDefaultContext()
+    P = block_diag(np.zeros((3, 3)), attitude_covariance(scenario), np.zeros((N_XBAR - 6, N_XBAR - 6)))
+    landmark_fix.GetInputPort("detections").FixValue(context, message)
+    landmark_fix.GetInputPort("estimate").FixValue(context, np.concatenate([x, np.zeros(N_XBAR - N_X)]))
+    landmark_fix.GetInputPort("covariance").FixValue(context, P.ravel())
+    fix = landmark_fix.get_output_port().Eval(context)
+    value, covariance = fix[PAYLOAD : PAYLOAD + m], fix[PAYLOAD + m : PAYLOAD + m + m * m].reshape(m, m)
+    return np.array(value), np.array(covariance) if fix[ARRIVED] else None
+
+
+def information(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndarray) -> Information | None:
+    """Return the information of the boxes, see information_camera.py; None of a detector that was not measured."""
+    tables = camera_tables(scenario, room)
+    if tables is None:
+        return None
+    rows = camera_rows(tables, room, scenario.image_width, truth, seen)
+    return Information({"camera": rows}, max(int(tables.slow[0, 1]), 1))
+
+
+def unknown(scenario: Scenario, room: Room) -> list[Error]:
+    """Return the unknown errors of the camera's and the landmarks' places."""
+    survey, camera, n = scenario.truth.survey, scenario.truth.camera, len(room.landmark_positions)
+    turn = np.cross(np.eye(3), room.camera.position)  # of the camera's centre by each angle
+
+    def turned(rows: np.ndarray) -> np.ndarray:
+        g = rows[:, GRADIENT]
+        return np.asarray(g[:, 3:6] - g[:, :3] @ turn.T)
+
+    return [
+        walk(spread(survey.landmarks), 0.0, {"camera": moved(-1.0)}),
+        walk(spread(survey.landmarks_sd, number=3 * n), 0.0, {"camera": moved(-1.0, n, 2)}),
+        walk(spread(camera.position, camera.position_sd), 0.0, {"camera": moved(1.0)}),
+        walk(spread(camera.angles, camera.angles_sd), 0.0, {"camera": turned}),
+    ]
+
+
+def made(scenario: Scenario, room: Room, x: np.ndarray) -> Made | None:
+    """Return D (m, l) of the landmark fix at state x (12), and the rows of u and v of the boxes that it takes.
+
+    None of a detector that was not measured.
+    """
+    found = information(scenario, room, x[np.newaxis], np.ones(1, dtype=bool))
+    if found is None:
+        return None
+    of_source = {int(row[SOURCE]): row for row in found.rows["camera"]}
+    at, rows = list[list[int]](), list[np.ndarray]()
+    for k, (landmark, _, _) in enumerate(likely_views(scenario, room, x)):
+        for axis in range(2):
+            if 2 * landmark + axis in of_source:
+                edge = PAYLOAD + k * DETECTION_SIZE + 2 + axis
+                at.append([edge, edge + 2])
+                rows.append(of_source[2 * landmark + axis])
+
+    def fix(message: np.ndarray) -> np.ndarray:
+        value, _ = fix_of_boxes(scenario, x, message)
+        return value
+
+    return derivative(fix, likely_detections(scenario, room, x), at, STEP), np.array(rows)
+
+
+def learned(scenario: Scenario, room: Room, x: np.ndarray) -> Scenario:
+    """Return a scenario whose filter is told what its bank learns of the landmarks at state x (12)."""
+    settings, h = scenario.landmark_fix, scenario.h
+    found = None if settings.survey_bank is None else made(scenario, room, x)
+    if found is None:
+        return scenario
+    biases, rows, n = filter_of(scenario).biases, found[1], len(room.landmark_positions)
+    M = residual_information(rows[:, GRADIENT][:, :6], rows[:, VARIANCE])
+    A = moved(-1.0, n, 2)(rows)
+    seen = sorted({int(source) // 2 for source in rows[:, SOURCE]})
+    # each landmark is told of by itself
+    told = [A[:, 3 * i : 3 * i + 3].T @ np.where(_of(rows, i), M, 0.0) @ A[:, 3 * i : 3 * i + 3] for i in seen]
+    fixes = MEMORY / (scenario.every("camera") * h) / REPEATS
+    its_information = fixes * np.concatenate([np.linalg.eigvalsh(each) for each in told])
+    s = settings.survey_sd
+    s *= share_learned(np.array(settings.survey_bank), s, its_information, scenario.truth.survey.landmarks_sd)
+    settings = settings.model_copy(update={"survey_bank": None, "survey_sd": s})
+    scenario = scenario.model_copy(update={"landmark_fix": settings})
+    found = made(scenario, room, x)
+    assert found is not None
+    sigma = s * np.linalg.norm(found[0][:3] @ A, axis=1)
+    own = np.array(biases.camera_sd)
+    if not own.any():
+        return scenario
+    lasts, decays = sigma @ sigma, own @ own
+    r = (lasts + np.exp(-h / biases.camera_time) * decays) / (lasts + decays)
+    return with_biases(scenario, camera_sd=tuple(np.hypot(sigma, own)), camera_time=float(-h / np.log(r)))
+
+
+def _of(rows: np.ndarray, landmark: int) -> np.ndarray:
+    own = rows[:, SOURCE].astype(int) // 2 == landmark
+    return np.logical_and.outer(own, own)
+
+
+def left_out(scenario: Scenario) -> tuple[dict[str, bool], dict[str, bool]]:
+    """Return which settings the predicted rms has not, and which it alone has; see model/parts.py."""
+    return {"landmark_fix.noise_scale": scenario.landmark_fix.noise_scale is not None}, {}

@@ -1,0 +1,62 @@
+"""What a scenario's vehicle can do in its room at most, from which follows what its sensors can say.
+
+The largest command gives the largest accelerations. These and the room give the largest velocities, and the positions
+and attitudes until the flight counts as lost (flight/lost.py):
+
+    a = f / m + g,  v = sqrt(2 a L),  alpha_i = tau_i / I_i,  w = sqrt(2 alpha 2 pi) + alpha h
+
+with L the room's diagonal: v is the speed after crossing the room, w that after a full turn, under the largest command
+from rest. Noise counts with SIGMAS standard deviations.
+"""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.vehicle import GRAVITY, MAX_TILT, Vehicle, mixing_matrix
+from ortilo_drake.scenario import Scenario
+
+ASKED: Final = 8.0  # a servo may ask for this many times what the rotors give; ideal rotors give it
+SIGMAS: Final = 10.0
+
+
+class Envelope(NamedTuple):
+    """What a vehicle can do at most.
+
+    Attributes:
+        u: the size of a command [N, N m] (4).
+        size: of the room, its diagonal [m].
+        force: specific force [m/s^2].
+        speed: [m/s].
+        rate: of the body [rad/s].
+        angles: roll, pitch and yaw [rad] (3).
+    """
+
+    u: np.ndarray
+    size: float
+    force: float
+    speed: float
+    rate: float
+    angles: np.ndarray
+
+
+def largest_command(vehicle: Vehicle) -> np.ndarray:
+    """Return the largest size of u (4) that a servo may ask for [N, N m]."""
+    by_rotor = mixing_matrix(vehicle) * vehicle.rotor_max_speed**2
+    either_way = [np.maximum(sign * by_rotor, 0.0).sum(axis=1) for sign in (1.0, -1.0)]
+    return ASKED * np.maximum(*either_way)
+
+
+def envelope_of(scenario: Scenario, room: Room) -> Envelope:
+    """Return what a scenario's vehicle can do in its room at most."""
+    vehicle, h = scenario.vehicle, scenario.h
+    size = float(np.linalg.norm(np.array(room.interior.max) - np.array(room.interior.min)))
+    u, (force_sd, torque_sd) = largest_command(vehicle), scenario.world.disturbance.sds(h)
+    force = (u[0] + SIGMAS * force_sd) / vehicle.mass
+    speed = math.sqrt(2.0 * (force + GRAVITY) * size)
+    alpha = float(np.max((u[1:] + SIGMAS * torque_sd) / vehicle.inertia))
+    rate = math.sqrt(2.0 * alpha * 2.0 * math.pi) + alpha * h
+    tilt = MAX_TILT + rate * h
+    return Envelope(u, size, force, speed, rate, np.array([tilt, tilt, abs(scenario.yaw) + 2.0 * math.pi + rate * h]))

@@ -1,0 +1,119 @@
+"""What the theory knows of the ranges: their unknown errors, what they make of a fix, what a fix tells of anchors."""
+
+import numpy as np
+
+from ortilo_drake.model.geometry.line_of_sight import walls_crossed
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.signals import PAYLOAD
+from ortilo_drake.onboard.ranging.multilateration import fix_of
+from ortilo_drake.onboard.ranging.survey_bank import MEMORY
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.sensors.information_ranges import range_rows
+from ortilo_drake.sensors.information_rows import GRADIENT, SOURCE, VARIANCE
+from ortilo_drake.sensors.learned_survey import residual_information, share_learned, with_biases
+from ortilo_drake.sensors.mismatch import Mismatch, of_truth
+from ortilo_drake.sensors.unknown_error import Error, Made, derivative, gauss_markov, moved, own, spread, walk
+from ortilo_drake.world.noise import stream_id
+from ortilo_drake.world.sensors.fitted_uwb import noise_of
+from ortilo_drake.world.sensors.uwb import ranging_settings, uwb_message
+
+STEP = 1e-4  # of the differences [m]
+MISMATCHES = (
+    Mismatch("range biases of sd [cm]", of_truth("uwb.bias_sd", 0.01), 5.0, (5.0,), 160.0),
+    Mismatch("anchors surveyed to sd [cm]", of_truth("survey.anchors_sd", 0.01), 3.0, (5.0,), 160.0),
+)
+
+
+def message_without_noise(scenario: Scenario, room: Room, x: np.ndarray) -> np.ndarray:
+    """Return the message at state x (12), its ranges without noise but behind the scenario's walls."""
+    boxes = room.wall_boxes if scenario.uwb.walls.kind != "none" else np.empty((0, 7))
+    settings = ranging_settings(scenario.uwb)
+    settings[:2] = 0.0
+    unbiased = np.zeros(len(room.anchors))
+    message = np.asarray(
+        uwb_message(x, room.anchor_positions, unbiased, boxes, settings, 0, stream_id("uwb"), 0.0, scenario.h)
+    )
+    if scenario.belief.uwb.behind_walls == "left_out":
+        n = len(unbiased)
+        for i, anchor in enumerate(room.anchor_positions):
+            if walls_crossed(x[:3], anchor, room.wall_boxes):
+                message[PAYLOAD + i] = message[PAYLOAD + n + i] = 0.0
+    return message
+
+
+def unknown(scenario: Scenario, room: Room) -> list[Error]:
+    """Return the unknown errors of the ranges and of the anchors' places."""
+    uwb, survey, n = scenario.truth.uwb, scenario.truth.survey, len(room.anchor_positions)
+    return [
+        *unknown_fitted(scenario, n),
+        walk(spread(uwb.bias, number=1), 0.0, {"uwb": lambda rows: np.ones((len(rows), 1))}),
+        walk(spread(uwb.bias_sd, number=n), 0.0, {"uwb": own(n)}),
+        gauss_markov(spread(uwb.slow_sd, number=n), uwb.slow_time, scenario.h, {"uwb": own(n)}),
+        walk(spread(survey.anchors), 0.0, {"uwb": moved(-1.0)}),
+        walk(spread(survey.anchors_sd, number=3 * n), 0.0, {"uwb": moved(-1.0, n)}),
+    ]
+
+
+def unknown_fitted(scenario: Scenario, n: int) -> list[Error]:
+    """Return the unknown errors that were fitted; a field counts as constant, which is the best that can be known."""
+    if scenario.uwb.errors != "fitted":
+        return []
+    noise = noise_of(scenario.uwb)
+    constant = 0.0 if noise.field is None else noise.field.sd
+    if noise.constants is None:
+        constant = float(np.hypot(constant, noise.constants_sd))
+    found = [walk(spread(constant, number=n), 0.0, {"uwb": own(n)})]
+    if noise.lasting is not None:
+        found.append(gauss_markov(spread(noise.lasting.sd, number=n), noise.lasting.time, scenario.h, {"uwb": own(n)}))
+    return found
+
+
+def made(scenario: Scenario, room: Room, x: np.ndarray) -> Made:
+    """Return D (3, l) of the multilateration at state x (12), and the ranges' rows."""
+    anchors, ranges = room.anchor_positions, message_without_noise(scenario, room, x)
+    rows = range_rows(scenario.uwb, room, x[np.newaxis], np.ones(1, dtype=bool))
+    rows = rows[ranges[PAYLOAD + len(anchors) :][rows[:, SOURCE].astype(int)] > 0.0]
+
+    def fix(message: np.ndarray) -> np.ndarray:
+        return fix_of(scenario.multilateration, anchors, message, x)[PAYLOAD : PAYLOAD + 3]
+
+    return derivative(fix, ranges, PAYLOAD + rows[:, SOURCE].astype(int), STEP), rows
+
+
+def learned(scenario: Scenario, room: Room, x: np.ndarray) -> Scenario:
+    """Return a scenario whose filter is told what its bank learns of the anchors at state x (12)."""
+    settings, uwb, survey = scenario.multilateration, scenario.truth.uwb, scenario.truth.survey
+    if settings.bias_bank is None:
+        return scenario
+    _, rows = made(scenario, room, x)
+    M = residual_information(rows[:, GRADIENT][:, :3], rows[:, VARIANCE])
+    fixes = MEMORY / (scenario.every("uwb") * scenario.h)
+    fitted = [error.sd[0] for error in unknown_fitted(scenario, len(room.anchors))]
+    lasts = (uwb.bias, uwb.bias_sd, uwb.slow_sd, survey.anchors_sd, *fitted)
+    s = settings.bias_sd
+    s *= share_learned(np.array(settings.bias_bank), s, fixes * np.linalg.eigvalsh(M), float(np.linalg.norm(lasts)))
+    settings = settings.model_copy(update={"bias_bank": None, "bias_sd": s})
+    scenario = scenario.model_copy(update={"multilateration": settings})
+    D, rows = made(scenario, room, x)
+    return with_biases(scenario, uwb_sd=tuple(s * np.linalg.norm(D, axis=1)))
+
+
+def left_out(scenario: Scenario) -> tuple[dict[str, bool], dict[str, bool]]:
+    """Return which settings the predicted rms has not, and which it alone has; see model/parts.py."""
+    uwb, fix = scenario.uwb, scenario.multilateration
+    noise = uwb.fitted if uwb.errors == "fitted" else None
+    out = {"uwb.round": uwb.round > 0.0, "uwb.walls": uwb.walls.kind in ("bias", "excess")}
+    out["multilateration.noise_scale"] = fix.noise_scale is not None
+    out["uwb.noise" if noise is None else "uwb.fitted.white"] = uwb.sds != fix.noise.sds
+    if noise is None:
+        return out, {}
+    return out | {
+        "uwb.fitted.outliers": noise.outliers.share > 0.0 and noise.outliers.sd > 0.0,
+        "uwb.fitted.constants": any(noise.constants or ()),
+        "uwb.fitted.near_floor": noise.near_floor > 0.0,
+        "uwb.fitted.missing": noise.missing > 0.0,
+    }, {
+        "uwb.fitted.lasting": noise.lasting is not None and noise.lasting.sd > 0.0,
+        "uwb.fitted.field": noise.field is not None and noise.field.sd > 0.0,
+        "uwb.fitted.constants_sd": noise.constants is None and noise.constants_sd > 0.0,
+    }

@@ -1,0 +1,151 @@
+"""Rows that the filter on recorded events takes: of its start, of what is known of the height, of boxes, of events."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba.extending import register_jitable
+
+from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
+from ortilo_drake.onboard.estimator.tight.layout import Layout, P, Q, V
+from ortilo_drake.onboard.estimator.tight.pixels import box_misfit, box_rows, pose_belief
+from ortilo_drake.onboard.estimator.tight.update import Taken, correct, innovation_variance, settle
+from ortilo_drake.onboard.landmarks.landmark_association import associate
+from ortilo_drake.studies.recorded.carried import ROOM
+from ortilo_drake.studies.recorded.event_rows import (
+    Row,
+    distance_down_row,
+    distance_row,
+    height_row,
+    held_back,
+    pixels_row,
+    state_row,
+    wipe,
+)
+from ortilo_drake.studies.recorded.filter_types import (
+    ENTRIES,
+    FINDER,
+    LANDED,
+    RANGE,
+    Anew,
+    Events,
+    Heard,
+    Level,
+    Setup,
+    Tape,
+)
+from ortilo_drake.studies.recorded.run_tape import write_row
+
+NEAR, UPRIGHT = 0.1, 0.5  # looking down needs this height [m] and R_33
+LANDED_SD = (0.02, 0.03)  # standard deviations of velocity and height where it has landed [m/s], [m]
+
+
+class Now(NamedTuple):
+    """The filter at an event: nominal state, covariance and rows that wait, all changed; a row; and the tape."""
+
+    x: np.ndarray
+    C: np.ndarray
+    waiting: Taken
+    row: Row
+    tape: Tape
+    written: np.ndarray
+
+
+@register_jitable
+def take(now: Now, row: Row, e: float, S: float) -> None:
+    """Take a row of innovation e, whose variance is S, and write it down."""
+    write_row(now.tape, now.written, row, e, S)
+    correct(now.x, now.waiting, row.PHt, S, e, now.C.shape[0])
+    if now.waiting.number[0] == ROOM:
+        settle(now.C, now.waiting)
+
+
+@register_jitable
+def variance_of(now: Now, row: Row, m: int) -> float:
+    """Return H C H^T of a row with m entries."""
+    return innovation_variance(now.C, now.waiting, row.where, row.of, m, row.PHt)
+
+
+@register_jitable
+def take_start(now: Now, anew: Anew) -> None:
+    """Take position and velocity to start anew from."""
+    for i in range(6):
+        wipe(now.row)
+        state_row(i, now.row)
+        S = variance_of(now, now.row, 1) + anew.variances[i]
+        take(now, now.row, anew.x[i] - now.x[i], S)
+
+
+@register_jitable
+def take_level(now: Now, lever: np.ndarray, level: Level) -> None:
+    """Take what is known of climb and height, as far as it says more than the filter knows."""
+    x, row = now.x, now.row
+    if level.climb < np.inf:
+        wipe(row)
+        state_row(V + 2, row)
+        S = variance_of(now, row, 1)
+        if level.climb**2 < S:
+            take(now, row, -x[V + 2], S + held_back(S, level.climb))
+    if level.deviation < np.inf:
+        wipe(row)
+        e = height_row(x, matrix_of(x[Q : Q + 4]), lever, level.height, row)
+        S = variance_of(now, row, 4)
+        if level.deviation**2 < S:
+            take(now, row, e, S + held_back(S, level.deviation))
+
+
+@register_jitable
+def own_row(
+    k: int, axis: int, events: Events, heard_all: Heard, now: Now, rates: np.ndarray, setup: Setup, grown: float
+) -> tuple[float, float, int]:
+    """Write the row of event k; return innovation, noise and the number of entries, 0 without a row.
+
+    Of a flow that is the row along an axis, 0 or 1; of a landing those of the velocity, 0 to 2, and of the height, 3.
+    What looks down says nothing near the floor or where the body is far from upright.
+    """
+    x, row, aids = now.x, now.row, setup.aids
+    wipe(row)
+    R, kind, seen = matrix_of(x[Q : Q + 4]), events.kind[k], events.r[k]
+    if kind == RANGE:
+        lever = setup.levers[1 + events.tag[k]]
+        e, m = distance_row(x, R, lever, setup.anchors, events.which[k], events.other[k], seen, row)
+        return e, (setup.noise.range_white * grown) ** 2, m
+    if kind == LANDED:
+        at = V + axis if axis < 3 else P + 2
+        state_row(at, row)
+        return (0.0 if axis < 3 else seen) - x[at], LANDED_SD[axis // 3] ** 2, 1
+    if R[2, 2] < UPRIGHT or x[P + 2] - aids.floor < NEAR:
+        return 0.0, 0.0, 0
+    if kind == FINDER:
+        return distance_down_row(x, R, seen, aids, row), aids.finder_sd**2, 4
+    seen, scale_at = heard_all.flow[events.which[k], axis], len(row.PHt) - 2
+    return pixels_row(axis, x, R, rates, seen, scale_at, aids, row), aids.flow_sd**2, 9
+
+
+@register_jitable
+def take_boxes(message: np.ndarray, now: Now, rates: np.ndarray, setup: Setup) -> None:
+    """Give the boxes of a detections message to landmarks, and take their centres."""
+    x, C, sight = now.x, now.C, setup.aids.sight
+    N, sd = C.shape[0], sight.noise
+    layout = Layout(-1, -1, -1, -1, -1, -1, -1, N, 0, N)
+    settle(C, now.waiting)
+    xhat, P_pose = pose_belief(x, C, layout, -1)
+    chosen, centers, _ = associate(
+        message, xhat, P_pose, sight.positions, sight.outlines, sight.labels, sight.camera, sd[0], sight.gates[1], sd[1]
+    )
+    where, rows = np.zeros((2, ENTRIES), np.int64), np.zeros((2, ENTRIES))
+    u, v = Row(where[0], rows[0], np.empty(N)), Row(where[1], rows[1], np.empty(N))
+    for b in range(chosen.size):
+        i, e, of_center = chosen[b], np.empty(2), np.zeros(2)
+        at, outline, camera, seen = sight.positions[i], sight.outlines[i], sight.camera, centers[b]
+        m = box_rows(x, layout, i, seen, at, outline, camera, sd, rates, -1, where, rows, e, of_center)
+        if m == 0:
+            continue
+        r_u, r_v = of_center[0] ** 2, of_center[1] ** 2
+        squared, S_u = box_misfit(C, now.waiting, where, rows, m, e, r_u, r_v, u.PHt, v.PHt)
+        if not squared <= sight.gates[0]:
+            continue
+        weight = max(1.0, np.sqrt(squared) / setup.noise.huber)
+        take(now, u, e[0], S_u + (weight - 1.0) * r_u)
+        m = box_rows(x, layout, i, seen, at, outline, camera, sd, rates, -1, where, rows, e, of_center)
+        if m > 0:
+            take(now, v, e[1], variance_of(now, v, m) + weight * r_v)
