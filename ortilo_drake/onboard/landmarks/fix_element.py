@@ -37,12 +37,11 @@ from ortilo_drake.scenario import LandmarkFix as LandmarkFixSettings
 
 
 @register_jitable
-def boxes_by(
-    message: np.ndarray, belief: np.ndarray, believed: BoxBelief, prior: np.ndarray, refused: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """Return xhat (15), P row by row (225) or what stands in for it, and the boxes of boxes_to_solve."""
-    xhat, P = belief[:N_XBAR], prior if prior.size > 0 else belief[N_XBAR:]
-    return xhat, P, boxes_to_solve(message, xhat, P, believed, power_of_two(int(refused[0])))
+def covariance_of(belief: np.ndarray, prior: np.ndarray) -> np.ndarray:
+    """Return P row by row (225), or what stands in for it."""
+    if prior.size > 0:
+        return prior
+    return belief[N_XBAR:]
 
 
 def boxes_out(
@@ -56,10 +55,12 @@ def boxes_out(
 ) -> None:
     """Say the fix message of pose_from_boxes, of the boxes that landed; zeros if there is none."""
     fill(out, 0.0)
-    if message[ARRIVED] == 1.0:
-        xhat, P, boxes = boxes_by(message, belief, believed, prior, refused)
-        solution = pose_from_boxes(*boxes[:3], xhat, P, believed.camera, boxes[3], believed.max_residual, n.rows)
-        put(fix_of(*solution[:3], xhat, message[STAMP], n.rows), out)
+    if message[ARRIVED] != 1.0:
+        return
+    xhat, P = belief[:N_XBAR], covariance_of(belief, prior)
+    boxes = boxes_to_solve(message, xhat, P, believed, power_of_two(int(refused[0])))
+    solution = pose_from_boxes(*boxes[:3], xhat, P, believed.camera, boxes[3], believed.max_residual, n.rows)
+    put(fix_of(*solution[:3], xhat, message[STAMP], n.rows), out)
 
 
 def cosines_out(
@@ -73,10 +74,12 @@ def cosines_out(
 ) -> None:
     """Say the fix message of cosine_law, of the boxes that landed; zeros if there is none."""
     fill(out, 0.0)
-    if message[ARRIVED] == 1.0:
-        xhat, P, boxes = boxes_by(message, belief, believed, prior, refused)
-        solution = cosine_law(*boxes[:3], xhat, P, believed.camera, boxes[3], believed.max_residual)
-        put(fix_of(*solution, xhat, message[STAMP], n.rows), out)
+    if message[ARRIVED] != 1.0:
+        return
+    xhat, P = belief[:N_XBAR], covariance_of(belief, prior)
+    boxes = boxes_to_solve(message, xhat, P, believed, power_of_two(int(refused[0])))
+    solution = cosine_law(*boxes[:3], xhat, P, believed.camera, boxes[3], believed.max_residual)
+    put(fix_of(*solution, xhat, message[STAMP], n.rows), out)
 
 
 def learning_out(
@@ -138,7 +141,8 @@ def say_learning(
     put((1.0, 1.0, 1.0), out, size + N_KEPT)
     if message[ARRIVED] != 1.0:
         return 0.0, 0.0
-    xhat, P, boxes = boxes_by(message, belief, now, prior, refused)
+    xhat, P = belief[:N_XBAR], covariance_of(belief, prior)
+    boxes = boxes_to_solve(message, xhat, P, now, power_of_two(int(refused[0])))
     solution = pose_from_boxes(*boxes[:3], xhat, P, now.camera, boxes[3], now.max_residual, 6)
     fix = fix_of(*solution[:3], xhat, message[STAMP], 6)
     if fix[ARRIVED] != 1.0:
@@ -171,13 +175,6 @@ def with_share(believed: BoxBelief, share: float, scale: float = 1.0) -> BoxBeli
     )
 
 
-@register_jitable
-def refused_step(message: np.ndarray, believed: BoxBelief, refused: np.ndarray, out: np.ndarray) -> None:
-    """Count the images that were refused in a row, where there is a joint test: see refused_after."""
-    if believed.limits.size > 0 and message[ARRIVED] == 1.0:
-        refused[0] = refused_after(refused[0], out[ARRIVED] == 1.0, message, believed)
-
-
 def learning_step(
     n: Any,
     message: np.ndarray,
@@ -191,8 +188,11 @@ def learning_step(
     out: np.ndarray,
 ) -> None:
     """Take refused_step, and learn what a fix that was made in this tick tells of the survey."""
-    refused_step(message, believed, refused, out)
-    if message[ARRIVED] == 1.0 and out[ARRIVED] == 1.0:
+    if message[ARRIVED] != 1.0:
+        return
+    if believed.limits.size > 0:
+        refused[0] = refused_after(refused[0], out[ARRIVED] == 1.0, message, believed)
+    if out[ARRIVED] == 1.0:
         at, n_told = PAYLOAD + 42, PER_LANDMARK * believed.positions.shape[0]
         told = out[at + N_LASTING : at + N_LASTING + n_told]
         learn(learned, gathered, told, n.keeps, bank, believed.survey_sd, S, e)
@@ -214,12 +214,26 @@ def scaled_step(
     out: np.ndarray,
 ) -> None:
     """Take learning_step, and learn how large the boxes' noise is."""
-    refused_step(message, believed, refused, out)
-    if message[ARRIVED] == 1.0 and out[ARRIVED] == 1.0:
+    if message[ARRIVED] != 1.0:
+        return
+    if believed.limits.size > 0:
+        refused[0] = refused_after(refused[0], out[ARRIVED] == 1.0, message, believed)
+    if out[ARRIVED] == 1.0:
         at, n_told, end = PAYLOAD + 42, PER_LANDMARK * believed.positions.shape[0], out.size - 2
         told = out[at + N_LASTING : at + N_LASTING + n_told]
         learn_scale(learned, gathered, scale, told, out[end:], n.keeps, n.worth, bank, believed.survey_sd, Q, S, e)
         keep(learned, out[at : at + N_LASTING], out[at + N_LASTING + n_told : end])
+
+
+def refused_step(
+    message: np.ndarray,
+    believed: BoxBelief,
+    refused: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Count the images that were refused in a row, where there is a joint test: see refused_after."""
+    if believed.limits.size > 0 and message[ARRIVED] == 1.0:
+        refused[0] = refused_after(refused[0], out[ARRIVED] == 1.0, message, believed)
 
 
 FIX_OF_BOXES, FIX_OF_COSINES = (

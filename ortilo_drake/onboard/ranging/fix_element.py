@@ -36,6 +36,13 @@ FIX = Element(
 
 
 @register_jitable
+def put_learned_noise(noise: np.ndarray, believed: np.ndarray, learned: np.ndarray) -> None:
+    """Write the ranges' noise (3) with that share of s_2 which has been learned, see survey_bank.py."""
+    put(believed, noise)
+    noise[2] *= learned[SHARE]
+
+
+@register_jitable
 def say_lasting(
     out: np.ndarray,
     message: np.ndarray,
@@ -68,8 +75,7 @@ def learning_out(
 ) -> None:
     """Say the fix message of the ranges that landed, weighed by what has been learned, and what lasts of its error."""
     fill(out, 0.0)
-    put(n.noise, noise)
-    noise[2] *= learned[SHARE]  # of s_2 that share which has been learned, see survey_bank.py
+    put_learned_noise(noise, n.noise, learned)
     if message[ARRIVED] != 0.0:
         put_fix_message(message, anchors, noise, belief, n.three != 0, used, out)
     say_lasting(out, message, belief, anchors, noise, learned)
