@@ -41,8 +41,7 @@ def step(
     """Correct by what arrived, row by row, and go on to the next tick."""
     y, there, a = x[:6].copy(), np.zeros(6), len(anchors)
     if uwb[0] != 0.0 and uwb[2 + a :].sum() == a:  # the position by a step of Gauss and Newton
-        J = np.zeros((a, 3))
-        away = np.zeros(a)
+        J, away = np.zeros((a, 3)), np.zeros(a)
         for i in range(a):
             distance = np.sqrt(np.sum((x[:3] - anchors[i]) ** 2))
             J[i], away[i] = (x[:3] - anchors[i]) / distance, uwb[2 + i] - distance
@@ -61,19 +60,22 @@ def step(
     P[:] = Phi @ P @ Phi.T + W
 
 
+def variance_of(belief: Any) -> float:
+    """Return the variance of a position from ranges [m^2]."""
+    return float(belief.estimator.sd**2)
+
+
 def linear(belief: od.Belief) -> od.IntermittentFilter:
     """Return the paper's filter that it is; of twelve states, whose integral is of the estimate."""
-    variance = belief.estimator.sd**2
-    return od.IntermittentFilter(V={"uwb": (variance,) * 3}, integrator="estimate")
+    return od.IntermittentFilter.model_validate({"V": {"uwb": (variance_of(belief),) * 3}, "integrator": "estimate"})
 
 
 def make(belief: od.Belief, xbar_0: np.ndarray) -> od.Box:
     """Return the estimator of a scenario, which begins at the first estimate (15)."""
-    its = linear(belief)
+    its, room = linear(belief), belief.load_room()
     model = filter_model(its, belief.vehicle, its.integrator, belief.h, belief.yaw)
-    V_imu = white_variances(its.V.imu, belief.imu_period)
-    tables = {"anchors": belief.load_room().anchor_positions, "V": np.append(its.V.uwb, V_imu)}
-    tables |= {"Phi": model.Phi, "Gamma": model.Gamma, "W": model.W}
+    V = np.append([variance_of(belief)] * 3, white_variances(its.V.imu, belief.imu_period))
+    tables = {"V": V, "Phi": model.Phi, "Gamma": model.Gamma, "W": model.W, "anchors": room.anchor_positions}
     state = {"x": xbar_0[:12], "P": initial_covariance(its)[:12, :12]}
     return od.box(156, say, step, numbers={"hover": belief.vehicle.hover_thrust}, tables=tables, state=state)
 
