@@ -60,6 +60,7 @@ ROBUST = pytest.param(
 )
 
 
+@pytest.mark.processes
 @pytest.mark.timeout(0)  # a million takes minutes
 @pytest.mark.parametrize(
     ("name", "changes"),
