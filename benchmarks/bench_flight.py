@@ -61,7 +61,7 @@ def numba_step() -> object:
     measured = np.zeros(9), DELTA, V2.ravel()
     belief = np.concatenate((np.zeros(15), np.diag([0.01] * 12 + [0.0] * 3).ravel()))
     u, r = np.zeros(4), np.zeros(3)
-    model = FilterModel(Phi, Gamma, W, INTEGRATOR_HOLD)
+    model = FilterModel.of(Phi, Gamma, W, INTEGRATOR_HOLD)
     return lambda: filter_step(belief, *measured, u, r, model, MEASUREMENT.layout)
 
 

@@ -34,7 +34,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def shorten_families(items: list[pytest.Item]) -> None:
-    """Mark `long` all cases but one of each test that is marked `family`: the one that it names, or else the first."""
+    """Mark `long` all cases but one of each test that is marked `family`: the one that it names, or else the first.
+
+    The first in the file, in whichever order they run: pytest-randomly may have mixed them before.
+    """
     families: dict[str, list[pytest.Function]] = {}
     for item in items:
         if isinstance(item, pytest.Function) and item.get_closest_marker("family"):
@@ -42,7 +45,7 @@ def shorten_families(items: list[pytest.Item]) -> None:
     for cases in families.values():
         named = [case for case in cases for mark in case.iter_markers("family") if case.callspec.id in mark.args]
         for case in cases:
-            if case is not (named or cases)[0]:
+            if case is not min(named or cases, key=lambda its: tuple(its.callspec.indices.values())):
                 case.add_marker("long")
 
 

@@ -22,6 +22,7 @@ from numba import njit
 from ortilo_drake.loop.digest import digest_of, modules_of, plain
 from ortilo_drake.loop.element import Array, Element, Group, Number, takes
 from ortilo_drake.loop.generated import load
+from ortilo_drake.loop.inlined import OPTIONS, Inlined
 
 _KINDS = {"f8": "types.float64", "i8": "types.int64", "u8": "types.uint64", "b1": "types.boolean"}
 _WHOLE = {"k": "types.int64", "seed": "types.int64"}
@@ -118,8 +119,9 @@ def _classes(groups: Iterable[Number | Array | Group]) -> dict[str, type]:
 
 def known_to(element: Element) -> dict[str, Any]:
     """Return the globals of native_text's source, by name: the element's functions and the classes of its tuples."""
-    options = {} if element.allocates else {"_nrt": False}
-    compiled = njit(error_model="numpy", forceinline=True, **options)  # descriptors of arrays then stay in registers
+    options = OPTIONS if element.allocates else OPTIONS | {"_nrt": False}
+    # Inlined, descriptors of arrays stay in registers.
+    compiled = njit(error_model="numpy", pipeline_class=Inlined, **options)
     jitted = {f"its_{what}": compiled(plain(f)) for what, f in element.functions.items()}
     return jitted | _classes(element.groups)
 

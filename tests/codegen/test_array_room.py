@@ -90,6 +90,7 @@ def scaled(n: Any, estimate: np.ndarray, out: np.ndarray) -> None:
     out[:] = n.gain * estimate
 
 
+@pytest.mark.long
 def test_an_element_of_ones_own_that_makes_arrays_is_refused_in_a_line() -> None:
     with pytest.raises(InputError) as refused:
         box_ir("own", box(3, scaled, numbers={"gain": 2.0}).element, False)

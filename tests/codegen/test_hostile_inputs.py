@@ -52,6 +52,7 @@ def sent_to(program: Path, half: Half, inputs: np.ndarray) -> np.ndarray:
 ROBUST = pytest.param("robust_imu_uwb_yolo", ("camera.kind=projected",), marks=pytest.mark.long)
 
 
+@pytest.mark.processes
 @pytest.mark.timeout(0)  # a million takes minutes
 @pytest.mark.parametrize(("name", "changes"), [("nominal_imu_uwb", ()), ROBUST])
 def test_a_half_that_is_sent_nonsense_does_what_python_does(

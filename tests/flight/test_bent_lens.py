@@ -23,7 +23,7 @@ LENSES = {
 def scenario_of(distortion: str, *settings: str) -> Scenario:
     lens = {"distortion": distortion, "coefficients": LENSES.get(distortion, [])}
     camera = {"width": 1600, "height": 1200, "focal_length": [746.6, 731.2], "center": [810.5, 590.5]} | lens
-    return load_scenario("imu_uwb_yolo", (*HOVER, f"camera.calibration={json.dumps(camera)}", *settings))
+    return load_scenario("nominal_imu_uwb_yolo", (*HOVER, f"camera.calibration={json.dumps(camera)}", *settings))
 
 
 @pytest.mark.family

@@ -37,7 +37,7 @@ from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.views.guarded.panel import Panel
 
 HOVER = ("planner={kind: hover, point: [8, 1, 1.5], duration: 5}", "camera.kind=projected")
-HOVERING = load_scenario("imu_uwb_yolo", HOVER)
+HOVERING = load_scenario("nominal_imu_uwb_yolo", HOVER)
 NOTHING = Wishes()
 
 
@@ -50,7 +50,7 @@ def fly(live: LiveFlight, ticks: int, wishes: Wishes = NOTHING) -> list[Seen]:
 
 
 def test_left_alone_it_is_the_flight_that_is_flown_anyway() -> None:
-    scenario = load_scenario("imu_uwb_yolo", (*HOVER, "planner.duration=2", "settle=0"))
+    scenario = load_scenario("nominal_imu_uwb_yolo", (*HOVER, "planner.duration=2", "settle=0"))
     seen = fly(flight(scenario), 61)
     data = fly_lockstep(scenario, in_this_process(scenario))
     np.testing.assert_array_equal([s.x for s in seen], data["truth"].values)
@@ -72,7 +72,7 @@ def test_arrivals_follow_the_loss_of_their_own_sensor() -> None:
 
 @pytest.mark.long
 def test_a_push_is_the_force_that_the_filter_finds_and_the_vehicle_stays_where_it_is() -> None:
-    live = flight()
+    live = flight(load_scenario("imu_uwb_yolo", HOVER))
     fly(live, 150)
     seen = fly(live, 600, Wishes(push=(0.6, -0.4)))
     tilt = np.mean([s.x[3:5] for s in seen[300:]], axis=0)  # against the push: m g tan(theta) = -F_x
@@ -104,7 +104,7 @@ def test_a_world_of_its_own_truth_keeps_it() -> None:
 
 @pytest.mark.long
 def test_a_goal_is_flown_and_one_in_a_wall_is_refused() -> None:
-    live = flight(load_scenario("nominal_imu_uwb_yolo", HOVER))
+    live = flight()
     fly(live, 30)
     refused = fly(live, 2, Wishes(goal=(5.5, -1.5), goes=True))
     assert any("wall" in answer for s in refused for answer in s.answers)

@@ -56,7 +56,7 @@ def test_the_covariance_at_hover_is_that_of_the_geometry() -> None:
 
 
 def test_a_place_without_a_measurement_is_refused_before_anything_is_learned_there(tmp_path: Path) -> None:
-    scenario = load_scenario("imu_uwb_yolo", ("camera.kind=projected",))
+    scenario = load_scenario("nominal_imu_uwb_yolo", ("camera.kind=projected",))
     with pytest.raises(InputError, match="no measurement of camera there"):
         command_flights(scenario, command_cases((0.0,), ("hold",), ()), range(1), tmp_path, point=(20.5, -3.2, 1.5))
 

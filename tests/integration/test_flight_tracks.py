@@ -16,7 +16,7 @@ def check(name: str, camera: str, seeds: range, tolerance: float, player: str = 
         np.testing.assert_allclose(track(flight), KEPT[key], rtol=0.0, atol=tolerance, err_msg=key)
 
 
-@pytest.mark.family("tight_imu_uwb-projected-one-engine")
+@pytest.mark.family("nominal_imu_uwb_yolo-projected-one-engine")
 @pytest.mark.parametrize("player", ["engine", "drake"])
 @pytest.mark.parametrize("seeds", [ONE, pytest.param(OTHERS, marks=pytest.mark.long)], ids=["one", "others"])
 @pytest.mark.parametrize(

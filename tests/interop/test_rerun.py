@@ -204,6 +204,7 @@ def test_the_camera_hangs_where_its_boxes_are_about_the_landmarks(projected: Rec
     assert checked > 20
 
 
+@pytest.mark.long
 @pytest.mark.egl
 def test_pictures_are_those_of_the_log(rendered: Recorded) -> None:
     taken = [tick.messages for tick in rendered.ticks if "image" in tick.messages]

@@ -166,7 +166,7 @@ def context_of(system: Any, seed: int) -> Any:
     return context
 
 
-@pytest.mark.family
+@pytest.mark.family("nominal_imu_uwb_yolo")
 def test_a_clone_says_and_does_the_same(flight: Flight) -> None:
     for name, system in flight.systems.items():
         other = system.Clone()
@@ -181,7 +181,7 @@ def test_a_clone_says_and_does_the_same(flight: Flight) -> None:
                 np.testing.assert_array_equal(mine, its, err_msg=name)
 
 
-@pytest.mark.family
+@pytest.mark.family("nominal_imu_uwb_yolo")
 def test_two_contexts_do_not_disturb_each_other(flight: Flight) -> None:
     """Each goes its way from the state of a moment, under its seed and its inputs."""
     for name, system in flight.systems.items():
@@ -204,6 +204,7 @@ def test_two_contexts_do_not_disturb_each_other(flight: Flight) -> None:
             np.testing.assert_array_equal(pair[1], pair[2][1], err_msg=name)
 
 
+@pytest.mark.family("nominal_imu_uwb_yolo")
 def test_an_output_depends_within_a_tick_on_what_out_reads(flight: Flight) -> None:
     for name, system in flight.systems.items():
         element, wires = flight.wiring.boxes[name].element, flight.wiring.wires
@@ -215,7 +216,7 @@ def test_an_output_depends_within_a_tick_on_what_out_reads(flight: Flight) -> No
         assert found == {(port, o) for port in reads for o in shown}, name
 
 
-@pytest.mark.family
+@pytest.mark.family("nominal_imu_uwb_yolo")
 def test_on_autodiff_it_says_the_values_of_floats(flight: Flight) -> None:
     for name, system in flight.systems.items():
         kind = kind_of(flight.wiring.boxes[name])
@@ -311,6 +312,7 @@ def grains(name: str) -> tuple[Wiring, list[tuple[Diagram, Added]]]:
 WORLDS = ("nominal_imu_uwb_yolo", "realistic_flow", "rotors")
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("name", WORLDS)
 @given(seed=st.integers(0, 2**31), k=st.integers(0, 600))
 @settings(max_examples=10, deadline=None)
@@ -338,6 +340,7 @@ def test_elements_in_one_system_say_and_do_what_a_system_each_does(name: str, se
         np.testing.assert_array_equal(values, found[1][key], err_msg=key)
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("name", WORLDS)
 def test_elements_in_one_system_depend_on_what_a_system_each_depends_on(name: str) -> None:
     """Drake finds by itself what the outputs of a Diagram depend on; one system has to say so."""

@@ -50,6 +50,7 @@ def scipy_fit(ranges: np.ndarray, used: list[int], offset: bool = False) -> Any:
     return scipy.optimize.least_squares(residuals, start, xtol=1e-14, ftol=1e-14, gtol=1e-14)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(5))
 def test_ranges_that_fit_make_the_fix_of_all_bit_for_bit(seed: int) -> None:
     fix = fixed(noisy(seed))
@@ -61,7 +62,7 @@ def test_ranges_that_fit_make_the_fix_of_all_bit_for_bit(seed: int) -> None:
     np.testing.assert_array_equal(fix.C, C)
 
 
-@pytest.mark.family
+@pytest.mark.long
 @pytest.mark.parametrize("wrong", [(0,), (5,), (3, 8), (1, 6, 10)])
 def test_the_ranges_left_out_are_those_of_brute_force(wrong: tuple[int, ...]) -> None:
     """Of all subsets of the largest size that passes chi-square's test, the one of least cost by SciPy."""
@@ -83,12 +84,14 @@ def test_the_ranges_left_out_are_those_of_brute_force(wrong: tuple[int, ...]) ->
     np.testing.assert_allclose(fix.p, costs[best][1], atol=1e-7)
 
 
+@pytest.mark.long
 def test_right_ranges_fail_the_test_as_seldom_as_it_says() -> None:
     kept = [bool(np.all(fixed(noisy(seed), probability=0.9, clock=False).used)) for seed in range(1500)]
     sd = np.sqrt(0.9 * 0.1 / len(kept))
     assert abs(np.mean(kept) - 0.9) < 4.0 * sd
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("by", [0.7, -0.9])
 def test_an_offset_of_all_ranges_is_found_as_scipy_finds_it(by: float) -> None:
     ranges = noisy(2) + by
@@ -103,6 +106,7 @@ def test_an_offset_of_all_ranges_is_found_as_scipy_finds_it(by: float) -> None:
     assert fix.clock[2] == pytest.approx(covariance[3, 3], rel=0.01)
 
 
+@pytest.mark.long
 def test_an_offset_that_is_known_is_one_more_measurement() -> None:
     ranges, clock = noisy(4) + 0.7, np.array([1.0, 0.68, 0.02**2])
 
@@ -118,6 +122,7 @@ def test_an_offset_that_is_known_is_one_more_measurement() -> None:
     np.testing.assert_allclose(fix.C, np.linalg.inv(fit.jac.T @ fit.jac)[:3, :3], rtol=1e-4, atol=1e-9)
 
 
+@pytest.mark.long
 def test_an_offset_is_kept_while_it_lasts_and_forgotten_when_it_is_gone() -> None:
     clock, found = NO_CLOCK, []
     for seed in range(40):
@@ -132,6 +137,7 @@ def test_an_offset_is_kept_while_it_lasts_and_forgotten_when_it_is_gone() -> Non
     assert not any(known for known, _ in found[30:])
 
 
+@pytest.mark.long
 def test_too_many_wrong_ranges_make_no_fix() -> None:
     ranges = noisy(1) + 3.0 * (-1.0) ** np.arange(N)
     assert not fixed(ranges, share=0.2).found
@@ -153,7 +159,7 @@ def fix_at(settings: Multilateration, uwb: np.ndarray, clock: np.ndarray) -> np.
     return its.say(message=uwb, belief=np.append(P_WB + 0.1, np.zeros(237)))[:FIX_SIZE]
 
 
-@pytest.mark.family
+@pytest.mark.long
 @pytest.mark.parametrize("bias_sd", [0.0, 0.05])
 @pytest.mark.parametrize("case", ["one wrong", "offset", "known offset"])
 def test_fixes_have_the_slopes_of_differences(case: str, bias_sd: float) -> None:

@@ -194,7 +194,7 @@ def offset(force: str, integrator: str, integral: bool, told: bool = True) -> np
     if not integral:
         L[:, 12:] = 0.0
     V, delta = blocks(all_V(measurement)), np.ones(len(measurement.sensors))
-    paper = FilterModel(model.Phi, model.Gamma, model.W, model.integrator, 0.0 * model.Gamma_a)
+    paper = FilterModel.of(model.Phi, model.Gamma, model.W, model.integrator, 0.0 * model.Gamma_a)
     belief = np.concatenate([np.zeros(N + 3), initial_covariance(its, extras).ravel()])
     x, f = np.zeros(12), np.zeros(3)
     for _ in range(6000):

@@ -56,7 +56,7 @@ def step(
     xhat: np.ndarray, P_flat: np.ndarray, m: Measured, u: np.ndarray, r: np.ndarray, noise: np.ndarray, code: int
 ) -> np.ndarray:
     """[xhat, P row by row] of the next tick."""
-    return filter_step(np.concatenate([xhat, P_flat]), *m, u, r, FilterModel(PHI, GAMMA, noise, code), LAYOUT)
+    return filter_step(np.concatenate([xhat, P_flat]), *m, u, r, FilterModel.of(PHI, GAMMA, noise, code), LAYOUT)
 
 
 def selection(delta: np.ndarray) -> np.ndarray:
@@ -140,7 +140,7 @@ def test_one_step_from_an_integral_that_is_not_known_is_the_printed_formula_too(
     for there in delta.astype(float):
         xhat, y, u, r = rng.normal(size=15), rng.normal(size=9), rng.normal(size=4), rng.normal(size=3)
         P, code = root @ root.T, INTEGRATORS[integrator]
-        model = FilterModel(PHI, GAMMA, W, code)
+        model = FilterModel.of(PHI, GAMMA, W, code)
         x, P_lines, _ = intermittent_step(xhat, P, y, there, V2.ravel(), u, r, model, LAYOUT)
         xbar, P_next = printed_step(xhat, P, y, there, block_diag(*V2), u, r, integrator)
         np.testing.assert_allclose(x, xbar, rtol=1e-9, atol=1e-9)
@@ -263,7 +263,7 @@ def test_compiled_and_plain_form_agree() -> None:
     rng = np.random.default_rng(17)
     m = message(rng.normal(size=9), np.array([1.0, 0.0, 1.0]), spd_blocks(rng))
     xhat, u, r = rng.normal(size=15), rng.normal(size=4), rng.normal(size=3)
-    model = FilterModel(PHI, GAMMA, W, INTEGRATOR_HOLD)
+    model = FilterModel.of(PHI, GAMMA, W, INTEGRATOR_HOLD)
     arguments = (np.concatenate([xhat, P_0.ravel()]), *m, u, r, model, LAYOUT)
     np.testing.assert_allclose(filter_step(*arguments), filter_step.py_func(*arguments), atol=1e-13)
 
@@ -280,7 +280,7 @@ OWN = (
 @pytest.mark.parametrize("rows", [PAPER, (*PAPER, *OWN), (PAPER[2], OWN[0]), OWN], ids=["paper", "all", "two", "own"])
 def test_the_loops_are_the_equations_line_by_line_for_any_list_of_sensors(rows: tuple, integrator: str) -> None:
     rng, measurement = np.random.default_rng(18), make_measurement(rows)
-    layout, model = measurement.layout, FilterModel(PHI, GAMMA, W, INTEGRATORS[integrator])
+    layout, model = measurement.layout, FilterModel.of(PHI, GAMMA, W, INTEGRATORS[integrator])
     xhat, P = 0.1 * rng.normal(size=15), P_0.copy()
     belief = np.concatenate([xhat, P.ravel()])
     sizes = np.diff(layout.first)

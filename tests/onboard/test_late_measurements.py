@@ -67,7 +67,7 @@ def in_order(data: Data, there: set[tuple[int, int]], k: int, integrator: int) -
     state = np.concatenate([np.zeros(15), P_0.ravel()])
     for j in range(k + 1):
         measurement = data.measurement({s: j for s in range(3) if (j, s) in there})
-        model = FilterModel(PHI, GAMMA, W, integrator)
+        model = FilterModel.of(PHI, GAMMA, W, integrator)
         state = filter_step(state, *measurement, data.us[j], data.rs[j], model, LAYOUT)
     return state
 
@@ -90,7 +90,7 @@ def replayed(data: Data, arrivals: Given, history: np.ndarray, integrator: int) 
         stamps = np.array([rows.get(s, 0) * H for s in range(3)])
         state = replay_step(
             history, SLOT, state, k, *data.measurement(rows), stamps, H, data.us[k], data.rs[k],
-            FilterModel(PHI, GAMMA, W, integrator), LAYOUT,
+            FilterModel.of(PHI, GAMMA, W, integrator), LAYOUT,
         )  # fmt: skip
         states.append(state)
     return states
@@ -123,7 +123,7 @@ def test_what_was_measured_before_a_restart_is_not_used(stamped: int) -> None:
     def step(k: int, rows: dict[int, int], into: np.ndarray) -> np.ndarray:
         stamps = np.array([rows.get(s, 0) * H for s in range(3)])
         given = *data.measurement(rows), stamps, H, data.us[k], data.rs[k]
-        return replay_step(into, SLOT, state, k, *given, FilterModel(PHI, GAMMA, W, INTEGRATOR_HOLD), LAYOUT)
+        return replay_step(into, SLOT, state, k, *given, FilterModel.of(PHI, GAMMA, W, INTEGRATOR_HOLD), LAYOUT)
 
     for k in range(10):
         state = step(k, {0: k, 2: k} if k != stamped else {2: k}, history)
@@ -178,7 +178,7 @@ def test_a_second_message_for_a_filled_tick_is_not_applied(integrator: int) -> N
             state, history = run
             run[0] = replay_step(
                 history, SLOT, state, k, *measurement, stamps, H, data.us[k], data.rs[k],
-                FilterModel(PHI, GAMMA, W, integrator), LAYOUT,
+                FilterModel.of(PHI, GAMMA, W, integrator), LAYOUT,
             )  # fmt: skip
         np.testing.assert_array_equal(once[0], twice[0])
     y, _, blocks = data.measurement({0: 0, 2: 0})
@@ -195,7 +195,7 @@ def test_a_stamp_that_cannot_be_is_not_used(stamp: float) -> None:
         stamps = np.array([stamp, 0.0, 0.0])
         state = replay_step(
             history, SLOT, state, k, *data.measurement(rows), stamps, H, data.us[k], data.rs[k],
-            FilterModel(PHI, GAMMA, W, INTEGRATOR_HOLD), LAYOUT,
+            FilterModel.of(PHI, GAMMA, W, INTEGRATOR_HOLD), LAYOUT,
         )  # fmt: skip
     np.testing.assert_array_equal(state, in_order(data, set(), 7, INTEGRATOR_HOLD))
 
@@ -226,7 +226,7 @@ def test_flying_straight_with_late_measurements_only_replay_is_consistent() -> N
             rows = {s: j for (j, s), when in arrivals.items() if when == k}
             stamps = np.array([rows.get(s, 0) * H for s in range(3)])
             m, u, r = data.measurement(rows), data.us[k], data.rs[k]
-            model = FilterModel(PHI, GAMMA, W, INTEGRATOR_ESTIMATE)
+            model = FilterModel.of(PHI, GAMMA, W, INTEGRATOR_ESTIMATE)
             replay = replay_step(history, SLOT, replay, k, *m, stamps, H, u, r, model, LAYOUT)
             ignore = filter_step(ignore, *m, u, r, model, LAYOUT)
             x = PHI @ x + root_W @ rng.normal(size=12)
@@ -321,7 +321,7 @@ def test_once_it_is_known_what_acted_it_is_the_filter_that_knew(
     data.us[:] = 0.1 * data.us
     true = Data(seed)
     true.us = np.vstack([np.zeros((late, 4)), data.us])[:TICKS]  # a command acts so many ticks late
-    history, model = empty_history(30, SLOT), FilterModel(PHI, GAMMA, W, INTEGRATOR_HOLD)
+    history, model = empty_history(30, SLOT), FilterModel.of(PHI, GAMMA, W, INTEGRATOR_HOLD)
     state, hover = np.concatenate([np.zeros(15), P_0.ravel()]), np.zeros(4)
     for k in range(TICKS):
         known = [j for j in range(k) if j + heard[j] <= k]

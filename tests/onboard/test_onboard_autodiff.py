@@ -126,7 +126,7 @@ def test_the_filter_follows_estimate_and_values_by_the_gain_of_what_arrived(delt
     P, V2 = np.zeros((15, 15)), np.array([0.01, 0.04, 1e-4])
     P[:12, :12] = root @ root.T
     x, y, here = rng.normal(size=15), rng.normal(size=9), np.repeat(delta, 3) == 1.0
-    model = FilterModel(Phi, Gamma, 1e-4 * np.eye(12), INTEGRATOR_HOLD)
+    model = FilterModel.of(Phi, Gamma, 1e-4 * np.eye(12), INTEGRATOR_HOLD)
     box = filter_box(model, measurement, M100.hover_thrust, np.concatenate([x, P.ravel()]))
     both = varied(np.concatenate([x, y]))
     its = PlayedBox(box, belief=np.concatenate([both[:15], P.ravel()]))
@@ -147,6 +147,7 @@ def test_the_filter_follows_estimate_and_values_by_the_gain_of_what_arrived(delt
     assert not slopes[:, 15:][:, ~here].any()
 
 
+@pytest.mark.long
 def test_what_is_refused_or_weighed_is_a_constant_of_the_slopes() -> None:
     """At 4 standard deviations Huber's weight of c = 2 is 2; at 100 a value is refused."""
     measurement, sd = make_measurement(), np.sqrt(0.01 + 0.03)

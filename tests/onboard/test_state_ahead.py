@@ -59,6 +59,7 @@ def predicted(ticks: float) -> tuple[np.ndarray, np.ndarray]:
     return L, L_u
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("d", [1, 2, 3, 5])
 def test_the_predictor_gives_the_eigenvalues_without_delay_and_zeros(d: int) -> None:
     # Artstein's reduction: z_k = x_{k+d} has no delay, and the d commands on the way are d zeros each.
@@ -100,6 +101,7 @@ def test_the_augmented_gain_is_scipy_s(ticks: float) -> None:
     np.testing.assert_allclose(delayed_gain(M100, ServoWeights(), H, ticks * H), expected, rtol=1e-6, atol=1e-7)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("d", [0, 1, 3])
 def test_of_whole_ticks_the_augmented_gain_is_the_predictor(d: int) -> None:
     Phibar, Gammabar = augmented_pair(M100, H)

@@ -209,7 +209,7 @@ def test_the_periodic_filter_is_the_one_that_flies() -> None:
     np.testing.assert_array_equal(deltas, [[1, 0, 1], [0, 0, 1], [0, 0, 1]])
     _, Ps = periodic_predictor(loop.Phi, loop.C, loop.W, V, np.repeat(deltas, 3, axis=1))
     belief = np.concatenate([np.zeros(15), np.diag([0.01] * 12 + [0.0] * 3).ravel()])
-    model = FilterModel(loop.Phi, loop.Gamma, loop.W, INTEGRATOR_ESTIMATE)
+    model = FilterModel.of(loop.Phi, loop.Gamma, loop.W, INTEGRATOR_ESTIMATE)
     V2 = np.concatenate([V[j : j + 3, j : j + 3].ravel() for j in (0, 3, 6)])
     flown = []
     for k in range(3003):

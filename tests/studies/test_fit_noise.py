@@ -98,7 +98,7 @@ def test_it_is_the_flying_filter() -> None:
         np.testing.assert_allclose(xhat[k], x[:12], atol=1e-11)
         np.testing.assert_allclose(P[k], Pbar[:12, :12], atol=1e-12)
         given = record.y[k], record.delta[k], record.V2[k].ravel(), record.u[k], np.zeros(9)
-        model = FilterModel(PHI, GAMMA, noise.W, INTEGRATOR_ESTIMATE)
+        model = FilterModel.of(PHI, GAMMA, noise.W, INTEGRATOR_ESTIMATE)
         out = filter_step(np.concatenate([x, Pbar.ravel()]), *given, model, record.layout)
         x, Pbar = out[:15], out[15:].reshape(15, 15)
 

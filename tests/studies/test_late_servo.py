@@ -33,7 +33,7 @@ def scenario_of(commands: str = "{}", *more: str) -> Scenario:
 PREDICTED = "{filter: acted, servo: predicted}"
 
 
-@pytest.mark.family
+@pytest.mark.long
 @pytest.mark.parametrize("d", [1, 2, 4, 7])
 def test_a_measured_delay_leaves_the_eigenvalues_and_adds_zeros(d: int) -> None:
     # Servo and filter separate: those of the servo without delay, those of the filter, and a zero for each number of
@@ -60,7 +60,7 @@ def test_as_sent_the_delays_end_at_the_critical_one() -> None:
     assert found.high == pytest.approx(critical_delay(scenario_of(), V).ticks, abs=1e-3)
 
 
-@pytest.mark.family
+@pytest.mark.long
 @pytest.mark.parametrize("servo", ["predicted", "augmented"])
 def test_told_the_delay_both_ways_are_one(servo: str) -> None:
     told = scenario_of(f"{{filter: acted, servo: {servo}, delay: {TOLD}}}")
@@ -70,11 +70,13 @@ def test_told_the_delay_both_ways_are_one(servo: str) -> None:
     assert 3.5 < bounds.high < 4.0
 
 
+@pytest.mark.long
 def test_the_force_is_countered_ahead_too() -> None:
     aware = scenario_of(PREDICTED, "estimator.force=thrust")
     assert delay_growth(aware, V, 3) < 1.0 < delay_growth(scenario_of("{}", "estimator.force=thrust"), V, 4)
 
 
+@pytest.mark.long
 def test_a_delay_told_with_which_it_is_unstable_is_refused() -> None:
     with pytest.raises(InputError, match="unstable with the assumed delay, 15 ticks"):
         stable_delays(scenario_of("{servo: predicted, delay: 0.5}"), V)

@@ -25,7 +25,8 @@ NAMES = ("imu_uwb", "imu_uwb_yolo")
 
 @pytest.fixture(scope="module")
 def flights(flown: Any) -> dict[str, list[xr.Dataset]]:
-    return {name: [flown(name, (SHORT, PROJECTED), seed) for seed in range(2)] for name in NAMES}
+    """Return flights by names that have colours of their own; they are the nominal ones, which others fly too."""
+    return {name: [flown(f"nominal_{name}", (SHORT, PROJECTED), seed) for seed in range(2)] for name in NAMES}
 
 
 def read_picture(path: Path, width: int, height: int) -> np.ndarray:

@@ -26,7 +26,7 @@ def test_without_the_setting_nothing_is_reported() -> None:
     assert not make_world(load_scenario("nominal_imu_uwb")).HasOutputPort("acted")
 
 
-@pytest.mark.family
+@pytest.mark.long
 @pytest.mark.parametrize("link", ["{}", "{delay: 3}", "{delay: 2, loss: 0.4}", "{loss: 0.4}"])
 def test_it_tells_what_the_link_applied(link: str) -> None:
     world = WorldHalf(load_scenario("nominal_imu_uwb", (*ACTED, f"command_link={link}")))
@@ -75,6 +75,7 @@ def test_a_held_command_is_told_once_and_hover_after_a_loss_too() -> None:
     np.testing.assert_array_equal(zero[:2], [[0.2, NO_COMMAND, *hover], acts[0]])
 
 
+@pytest.mark.long
 def test_the_report_s_link_loses_and_delays_it() -> None:
     world = make_world(load_scenario("nominal_imu_uwb", (*ACTED, "report_link={delay: 2, loss: 0.5}")))
     simulator = Simulator(world)

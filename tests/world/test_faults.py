@@ -72,7 +72,7 @@ ALL: list[tuple[Fault, tuple[str, ...]]] = [  # each with the messages that it c
 KINDS = [fault["kind"] for fault, _ in ALL]
 
 
-@pytest.mark.family
+@pytest.mark.long
 @pytest.mark.parametrize(("fault", "ports"), ALL, ids=KINDS)
 def test_a_fault_changes_what_it_concerns_and_no_other_noise(fault: Fault, ports: tuple[str, ...]) -> None:
     for port in ("uwb", "imu", "detections"):
@@ -80,7 +80,7 @@ def test_a_fault_changes_what_it_concerns_and_no_other_noise(fault: Fault, ports
             np.testing.assert_array_equal(message(port, fault), message(port))
 
 
-@pytest.mark.family
+@pytest.mark.long
 @pytest.mark.parametrize("fault", [fault for fault, _ in ALL], ids=KINDS)
 def test_nothing_is_changed_before_the_start_and_after_the_end(fault: Fault) -> None:
     late, past = fault | {"start": START + 0.2}, fault | {"start": 1.0, "end": START}
@@ -90,6 +90,7 @@ def test_nothing_is_changed_before_the_start_and_after_the_end(fault: Fault) -> 
             np.testing.assert_array_equal(message(port, past), message(port))
 
 
+@pytest.mark.long
 def test_a_moved_anchor_shifts_its_range_by_what_geometry_says() -> None:
     by = np.array([0.3, -0.1, 0.2])
     said, plain = message("uwb", {"kind": "anchor_moved", "anchor": 3, "by": by.tolist()}), message("uwb")
@@ -98,6 +99,7 @@ def test_a_moved_anchor_shifts_its_range_by_what_geometry_says() -> None:
     np.testing.assert_array_equal(np.delete(said, PAYLOAD + 3), np.delete(plain, PAYLOAD + 3))
 
 
+@pytest.mark.long
 def test_a_moved_anchor_moves_from_where_it_truly_stands() -> None:
     settings = ("truth.survey.anchors=[0.5, 0.0, 0.0]",)
     moved = message("uwb", {"kind": "anchor_moved", "anchor": 3}, settings=settings)
@@ -106,6 +108,7 @@ def test_a_moved_anchor_moves_from_where_it_truly_stands() -> None:
     assert (moved - message("uwb", settings=settings))[PAYLOAD + 3] == pytest.approx(shift, abs=1e-12)
 
 
+@pytest.mark.long
 def test_a_clock_jump_adds_the_same_to_every_range_that_is_there() -> None:
     said, plain = message("uwb", {"kind": "clock_jump", "by": 0.4}), message("uwb")
     there = plain[FLAGS] > 0.0
@@ -139,6 +142,7 @@ def test_bursts_come_and_go() -> None:
     assert hit == 2 * ([True] * 4 + [False] * 6)
 
 
+@pytest.mark.long
 def test_anchors_die_one_by_one() -> None:
     dying = {"kind": "anchors_dying", "anchors": [3, 4, 5], "every": 1.0, "end": START + 5.0}
     for tick, dead in ((660, [3]), (687, [3]), (690, [3, 4]), (720, [3, 4, 5]), (804, [3, 4, 5]), (810, [])):
@@ -146,6 +150,7 @@ def test_anchors_die_one_by_one() -> None:
         assert gone.tolist() == dead
 
 
+@pytest.mark.long
 def test_yaw_and_rates_are_shifted_and_nothing_else() -> None:
     plain = message("imu")
     for fault, columns, by in (
@@ -166,6 +171,7 @@ def boxes(said: np.ndarray) -> np.ndarray:
     return np.asarray(rows[rows[:, 0] >= 0.0])
 
 
+@pytest.mark.long
 def test_a_blinded_camera_sends_a_message_without_a_box() -> None:
     assert len(boxes(message("detections"))) > 0
     assert len(boxes(message("detections", {"kind": "camera_blinded"}))) == 0
@@ -186,6 +192,7 @@ def test_landmarks_that_are_gone_or_hidden_take_their_own_boxes_alone() -> None:
     assert len(people) == len(plain) - sum(missing)
 
 
+@pytest.mark.long
 def test_people_hide_the_anchors_behind_them() -> None:
     middle = (0.5 * (P_WB + ANCHORS[3])).tolist()
     stands = {"kind": "people", "walks": [[*middle[:2], *middle[:2]]], "height": 3.0}
@@ -195,6 +202,7 @@ def test_people_hide_the_anchors_behind_them() -> None:
     assert np.array_equal(message("uwb", stands | {"height": 1.0}), plain)
 
 
+@pytest.mark.long
 def test_people_lengthen_the_ranges_through_them() -> None:
     """By an exponential length, new in every message."""
     middle = (0.5 * (P_WB + ANCHORS[3])).tolist()

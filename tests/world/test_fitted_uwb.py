@@ -115,6 +115,7 @@ def test_constants_and_fields_are_the_days() -> None:
     np.testing.assert_allclose(errors(known, 1), np.full((1, N), 0.1), atol=1e-12)
 
 
+@pytest.mark.long
 def test_noise_of_differences_flies_as_that_of_single_ranges() -> None:
     assert errors(uwb_of(white=0.1, differences=True), 1500).std() == pytest.approx(0.1 / np.sqrt(2.0), rel=0.03)
     odd = uwb_of(white=0.0, outliers={"share": 0.19, "sd": 1.0}, differences=True)  # 1 - 0.9²

@@ -12,7 +12,6 @@ from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR
 from ortilo_drake.onboard.estimator.belief import put_known_part
 from ortilo_drake.onboard.estimator.filter_loops import step_in_place
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
-from ortilo_drake.onboard.estimator.structure import structure_of
 
 KNOWN = N_XBAR + N_XBAR * N_XBAR  # of the belief of [x; i]
 
@@ -83,11 +82,6 @@ EXTRA = Element("extra_part", out=extra_out)
 PARTS = Element("belief_parts", out=parts_out)
 
 
-def with_structure(model: FilterModel) -> FilterModel:
-    """Return a model that knows where its Phi is not 0."""
-    return model._replace(structure=model.structure or structure_of(model.Phi))
-
-
 def work_of(n: int, p: int) -> dict[str, tuple[int, ...]]:
     """Return the shapes of what a step works in: of n states, the integral among them, and p values."""
     return {"rows": (max(n - N_I, p), n - N_I + 1), "S": (p, p), "less": (N_U,)}
@@ -107,7 +101,7 @@ def filter_box(model: FilterModel, measurement: Measurement, hover_thrust: float
     n, p = len(model.Phi) + N_I, measurement.sizes["y"]
     given = Given({"hover_thrust": hover_thrust}, {"belief": belief_0})
     box = Box("filter", FILTER, n + n * n, given, work_of(n, p))
-    return box.taking(model=with_structure(model), layout=measurement.layout)
+    return box.taking(model=model, layout=measurement.layout)
 
 
 def known_box(name: str) -> Box:

@@ -21,7 +21,6 @@ from ortilo_drake.onboard.estimator.intermittent_filter import (
     tilted_lift,
 )
 from ortilo_drake.onboard.estimator.kalman import measure, predict, propagate
-from ortilo_drake.onboard.estimator.structure import known_structure
 
 
 @register_jitable
@@ -45,7 +44,7 @@ def step_in_place(
 ) -> None:
     """Change [xhat_{k|k-1}, P_k row by row] (n + n^2), in which P_ii = 0, to the same of tick k + 1.
 
-    It allocates nothing. Arguments as intermittent_step, after those of to_work_in; the model knows its structure.
+    It allocates nothing. Arguments as intermittent_step, after those of to_work_in.
     """
     Phi, Gamma, W, integrator, Gamma_a, mass, yaw, structure = model
     _, states, weights, first, block, is_position = layout
@@ -91,8 +90,6 @@ def filter_step(
     Arguments as intermittent_step.
     """
     after = belief.copy()
-    Phi, Gamma, W, integrator, Gamma_a, mass, yaw, known = model
-    whole = FilterModel(Phi, Gamma, W, integrator, Gamma_a, mass, yaw, known_structure(known, Phi))
-    rows, S = to_work_in(Phi.shape[0] + N_I, layout.first[-1])
-    step_in_place(rows, S, after, y, delta, V2, u, r, whole, layout)
+    rows, S = to_work_in(model.Phi.shape[0] + N_I, layout.first[-1])
+    step_in_place(rows, S, after, y, delta, V2, u, r, model, layout)
     return after

@@ -11,7 +11,6 @@ from ortilo_drake.model.white_noise import USUAL_PERIOD, white_variances
 from ortilo_drake.onboard.estimator.at_rest import Rest, zero_accelerometer, zero_gyroscope
 from ortilo_drake.onboard.estimator.extra_states import B, C, Extra, names_of
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS, FilterModel
-from ortilo_drake.onboard.estimator.structure import structure_of
 from ortilo_drake.scenario import Belief, DiagonalW, DisturbanceW
 from ortilo_drake.scenario import IntermittentFilter as FilterSettings
 
@@ -89,7 +88,7 @@ def filter_model(
     """
     Phi, Gamma = discretize(hover_A(yaw), hover_B(vehicle), h)
     W = process_noise(settings, vehicle, h, yaw)
-    return FilterModel(Phi, Gamma, W, INTEGRATORS[integrator], structure=structure_of(Phi))
+    return FilterModel.of(Phi, Gamma, W, INTEGRATORS[integrator])
 
 
 def augmented_model(
@@ -124,4 +123,4 @@ def augmented_model(
     W[:N_X, :N_X] = model.W
     Gamma_a = np.zeros((N, N_I))
     Gamma_a[:N_X] = vehicle.mass * Gamma_d[:, :3]
-    return FilterModel(Phi, Gamma, W, model.integrator, Gamma_a, vehicle.mass, yaw, structure_of(Phi))
+    return FilterModel.of(Phi, Gamma, W, model.integrator, Gamma_a, vehicle.mass, yaw)

@@ -36,7 +36,7 @@ from ortilo_drake.model.scalars import solve
 from ortilo_drake.model.signals import N_I, N_X
 from ortilo_drake.model.triples import Triple
 from ortilo_drake.model.vehicle import GRAVITY
-from ortilo_drake.onboard.estimator.structure import Structure
+from ortilo_drake.onboard.estimator.structure import Structure, structure_of
 
 # What the last three states integrate. 'literal' (the paper) and 'hold' take the measured position and belong to
 # the filter's model: i_{k+1} = i_k + r_k - E_k y_k, which 'hold' leaves out where E_k = 0. 'estimate' (the authors'
@@ -57,17 +57,31 @@ class FilterModel(NamedTuple):
             not tilt.
         mass: m [kg]; read where lift tilts.
         yaw: heading of the hover that the model is linear about [rad]; read where lift tilts.
-        structure: where Phi is not 0; None has every step look for it.
+        structure: where Phi is not 0, see `of`.
     """
 
     Phi: np.ndarray
     Gamma: np.ndarray
     W: np.ndarray
     integrator: int
-    Gamma_a: np.ndarray = np.zeros((N_X, 3))
-    mass: float = 1.0
-    yaw: float = 0.0
-    structure: Structure | None = None
+    Gamma_a: np.ndarray
+    mass: float
+    yaw: float
+    structure: Structure
+
+    @classmethod
+    def of(
+        cls,
+        Phi: np.ndarray,
+        Gamma: np.ndarray,
+        W: np.ndarray,
+        integrator: int,
+        Gamma_a: np.ndarray = np.zeros((N_X, 3)),  # noqa: B008 - none writes to it
+        mass: float = 1.0,
+        yaw: float = 0.0,
+    ) -> "FilterModel":
+        """Return the model with the structure of its Phi."""
+        return cls(Phi, Gamma, W, integrator, Gamma_a, mass, yaw, structure_of(Phi))
 
 
 @register_jitable
@@ -201,7 +215,7 @@ def filter_gain(
 ) -> np.ndarray:
     """Return K_k at full size (n x p), its columns 0 where nothing arrived. Arguments as in intermittent_step."""
     N = len(Phi)
-    model = FilterModel(Phi, np.zeros((N, 4)), np.zeros((N, N)), integrator, np.zeros((N, 3)))
+    model = FilterModel.of(Phi, np.zeros((N, 4)), np.zeros((N, N)), integrator, np.zeros((N, 3)))
     x, y, u, r = np.zeros(N + N_I), np.zeros(layout.first[-1]), np.zeros(4), np.zeros(3)
     gain: np.ndarray = intermittent_step.py_func(x, P, y, delta, V2, u, r, model, layout)[2]
     return gain

@@ -14,7 +14,7 @@ from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.measurement import Layout, Measurement
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import ARRIVED, N_I, N_U, STAMP
-from ortilo_drake.onboard.estimator.filter_element import open_belief, with_structure
+from ortilo_drake.onboard.estimator.filter_element import open_belief
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
 from ortilo_drake.onboard.estimator.late_measurements import Slot, empty_history, replay_step, row_of_past, slot_of
 
@@ -103,7 +103,7 @@ def replay_box(
     memory = np.concatenate((belief_0, empty_history(ticks, slot).ravel()))
     given, parts = Given({"hover_thrust": hover_thrust, "h": h}, {"memory": memory}), {"belief": (0, belief_0.size)}
     box = Box("filter", REPLAY, memory.size, given, {"less": (N_U,)}, parts=parts)
-    return box.taking(model=with_structure(model), layout=measurement.layout, slot=slot)
+    return box.taking(model=model, layout=measurement.layout, slot=slot)
 
 
 def past_box(name: str, measurement: Measurement, n: int, h: float) -> Box:

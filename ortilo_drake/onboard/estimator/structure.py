@@ -3,12 +3,10 @@
 Most rows of Phi leave a state as it is, or shrink it; the others see few states.
 """
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import types
-from numba.extending import overload, register_jitable
+from numba.extending import register_jitable
 
 
 class Structure(NamedTuple):
@@ -47,16 +45,3 @@ def structure_of(Phi: np.ndarray) -> Structure:
             c += 1
     w = max(1, counts.max())
     return Structure(columns[:, :w].copy(), values[:, :w].copy(), counts, mixing[:c].copy(), keeps)
-
-
-def known_structure(structure: Structure | None, Phi: np.ndarray) -> Structure:
-    """Return the structure, looked for where it is not known."""
-    return structure_of(Phi) if structure is None else Structure(*structure)  # a plain tuple, where a System has it
-
-
-@overload(known_structure, strict=False)
-def _compiled_known_structure(structure: Any, Phi: Any) -> Callable[[Any, Any], Any]:
-    """Compile one of the two alone: what looks for a structure makes arrays, and a known one needs none."""
-    if isinstance(structure, types.NoneType):
-        return lambda structure, Phi: structure_of(Phi)
-    return lambda structure, Phi: structure

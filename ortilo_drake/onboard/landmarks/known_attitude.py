@@ -27,7 +27,6 @@ and fro across one (by a millimetre, say); so steps shrink after the first few.
 
 import numpy as np
 from numba import njit
-from numba.extending import register_jitable
 
 from ortilo_drake.model.cholesky import scaled_inverse
 from ortilo_drake.model.elementary import power_of_two
@@ -60,7 +59,7 @@ def inverse_3x3(N: np.ndarray) -> tuple[bool, np.ndarray]:
     return True, np.array(((a, b, c), (b, d, e), (c, e, g))) / determinant
 
 
-@register_jitable
+@njit(cache=True)
 def pose_from_boxes(
     centers: np.ndarray,
     positions: np.ndarray,
@@ -171,7 +170,6 @@ def pose_from_boxes(
     return nothing
 
 
-@njit(cache=True)
 def solve_pose(
     centers: np.ndarray,
     positions: np.ndarray,

@@ -56,6 +56,7 @@ def expected(opened: int, y: np.ndarray, delta: np.ndarray) -> tuple[np.ndarray,
     return x, P
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("opened", [-1, 0, 3])
 @pytest.mark.parametrize("replays", [False, True])
 def test_it_is_the_step_of_a_larger_covariance(opened: int, replays: bool) -> None:
@@ -65,6 +66,7 @@ def test_it_is_the_step_of_a_larger_covariance(opened: int, replays: bool) -> No
     np.testing.assert_allclose(found[N:].reshape(N, N), P, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.long
 def test_a_late_value_does_not_undo_it() -> None:
     """P is opened in tick 4; in tick 5 a value of tick 2 comes, by when every tick that is kept has been opened.
 

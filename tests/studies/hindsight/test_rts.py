@@ -17,7 +17,7 @@ def made_up(n: int = 12, N: int = 4) -> tuple[FilterModel, np.ndarray, np.ndarra
     rng = np.random.default_rng(5)
     Phi, Gamma = np.eye(N) + 0.2 * rng.normal(size=(N, N)), rng.normal(size=(N, 4))
     root, root_0 = 0.3 * rng.normal(size=(N, N)), rng.normal(size=(N, N))
-    model = FilterModel(Phi, Gamma, root @ root.T, 0)
+    model = FilterModel.of(Phi, Gamma, root @ root.T, 0)
     x_0, P_0 = rng.normal(size=N), root_0 @ root_0.T
     x, ticks, states = x_0 + root_0 @ rng.normal(size=N), [], []
     for k in range(n):

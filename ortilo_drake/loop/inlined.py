@@ -1,0 +1,57 @@
+"""How numba compiles a function that is called from one place alone, and is inlined there.
+
+As any other, it would be optimised and made machine code of, and then again where it has been inlined. So it is left as
+it is lowered, without the forms that Python and C call.
+"""
+
+from types import SimpleNamespace
+from typing import Any
+
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import LoweringPass, register_pass
+from numba.core.typed_passes import AnnotateTypes
+
+OPTIONS = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
+
+class Unfinished(JITCodeLibrary):
+    """Code that is to be linked into other code, and has no addresses of its own."""
+
+    @property
+    def codegen(self) -> Any:
+        """What numba tells of a function's environment; it has none."""
+        return SimpleNamespace(set_env=lambda name, environment: None)
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+
+@register_pass(mutates_CFG=False, analysis_only=False)
+class LeaveUnfinished(LoweringPass):
+    """Lowers into unfinished code."""
+
+    _name = "leave_unfinished"
+
+    def __init__(self) -> None:
+        LoweringPass.__init__(self)
+
+    def run_pass(self, state: Any) -> bool:
+        """Give the function its library; numba makes one where there is none."""
+        state.library = Unfinished(state.targetctx.codegen(), state.func_id.func_qualname)
+        return True
+
+
+class Inlined(CompilerBase):
+    """numba's compiler, with that library."""
+
+    def define_pipelines(self) -> list[Any]:
+        """Return numba's passes, and before the lowering that one."""
+        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        passes.add_pass_after(LeaveUnfinished, AnnotateTypes)  # the last one before the lowering
+        passes.finalize()
+        return [passes]
