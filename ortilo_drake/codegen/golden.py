@@ -76,20 +76,11 @@ def golden_text(came: np.ndarray, went: dict[str, np.ndarray], single: bool = Fa
 
     In single precision, the bits of the doubles' nearest floats, and no hash.
     """
+    kind = np.float32 if single else np.float64
+    text = f"/* What came in and what must go out, as bits. */\n#include <stdint.h>\n#define TICKS {len(came)}\n"
+    for name, values in {"inputs": came, "control": went["control"], "estimate": went["estimate"]}.items():
+        text += words_text(f"golden_{name}", values.astype(kind))
     if single:
-        return (
-            "/* What came in, and what doubles say, as the bits of floats. */\n#include <stdint.h>\n"
-            f"#define TICKS {len(came)}\n"
-            + words_text("golden_inputs", came.astype(np.float32))
-            + words_text("golden_control", went["control"].astype(np.float32))
-            + words_text("golden_estimate", went["estimate"].astype(np.float32))
-        )
+        return text
     hashes = ",\n".join(f"0x{hash_of(row):x}u" for row in went["covariance"].view(np.uint64))
-    return (
-        "/* What came in and what must go out, as the bits of doubles. */\n#include <stdint.h>\n"
-        f"#define TICKS {len(came)}\n"
-        + words_text("golden_inputs", came)
-        + words_text("golden_control", went["control"])
-        + words_text("golden_estimate", went["estimate"])
-        + f"static const uint64_t golden_covariance[TICKS] = {{\n{hashes}}};\n"
-    )
+    return text + f"static const uint64_t golden_covariance[TICKS] = {{\n{hashes}}};\n"

@@ -8,6 +8,9 @@ import llvmlite.binding as llvm
 from ortilo_drake.codegen.targets import Target
 from ortilo_drake.model.typed_yaml import InputError
 
+# Functions of a processor's library: where Python does not fly they have other bits, but for the square root. For
+# ARM of 32 bits LLVM hands doubles over in another way than the library takes them.
+LIBRARY = re.compile(r"llvm\.(?:sin|cos|tan|exp\w*|log\w*|powi?)\.|(?!llvm\.|ortilo_|sqrt$)")
 IN_REGISTERS = "arm_aapcs_vfpcc"  # how a function of ARM takes doubles where the triple ends with 'hf'
 
 
@@ -15,7 +18,7 @@ def object_code(irs: dict[str, str], target: Target, level: int = 2) -> bytes:
     """Return the object file of neutral IR; the names by which the IR is given are seen by a linker, no others.
 
     Raises:
-        InputError: if this LLVM was built without the processor.
+        InputError: if this LLVM was built without the processor, or code for another than Python's calls its library.
     """
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
@@ -40,6 +43,10 @@ def object_code(irs: dict[str, str], target: Target, level: int = 2) -> bytes:
     for _ in range(2):  # the second sees what the first found unreachable
         builder = llvm.create_pass_builder(machine, options)
         builder.getModulePassManager().run(whole, builder)
+    for name in [its.name for its in whole.functions if its.is_declaration and LIBRARY.match(its.name)]:
+        if target.cpu != "x86-64":
+            caller = next(its.name for its in whole.functions if not its.is_declaration and f"@{name}(" in str(its))
+            raise InputError(f"export: {caller}: calls {name} of the processor's library, which has other bits")
     code: bytes = machine.emit_object(whole)
     return with_any_float_abi(code) if target.is_arm32 else code
 

@@ -13,6 +13,7 @@ from exports import Exported, do, golden, needs
 from ortilo_drake.codegen.c_source import values_text
 from ortilo_drake.codegen.exported_half import STRICT, programs_of
 from ortilo_drake.codegen.half import onboard_half
+from ortilo_drake.codegen.object_code import object_code
 from ortilo_drake.codegen.targets import TARGETS
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
@@ -103,6 +104,16 @@ def test_what_cannot_be_exported_is_refused_in_a_line(name: str, kind: str, says
         onboard_half(load_scenario(name, f"camera.kind={kind}"))
     assert str(refused.value).startswith(says)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("target", ["cortex-m7", "aarch64"])
+def test_a_function_of_the_processors_library_is_refused_in_a_line(target: str) -> None:
+    cosine = "declare double @llvm.cos.f64(double)\ndefine void @ortilo_f(ptr %x) {\n %a = load double, ptr %x\n"
+    cosine += " %c = call double @llvm.cos.f64(double %a)\n store double %c, ptr %x\n ret void\n}\n"
+    with pytest.raises(InputError) as refused:
+        object_code({"ortilo_f": cosine}, TARGETS[target])
+    assert str(refused.value) == "export: ortilo_f: calls llvm.cos.f64 of the processor's library, which has other bits"
+    assert object_code({"ortilo_f": cosine.replace("cos", "fabs")}, TARGETS[target])
 
 
 def test_a_processor_that_is_not_there_is_refused_before_anything_is_written(
