@@ -10,19 +10,22 @@ from ortilo_drake.model.geometry.line_of_sight import walls_crossed
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.measurement import UWB
 from ortilo_drake.model.parts import Sensor
+from ortilo_drake.model.range_pairs import differences_size
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import ARRIVED, FIX_SIZE, PAYLOAD, uwb_size
 from ortilo_drake.onboard.ranging.fix_element import fix_box
 from ortilo_drake.onboard.ranging.multilateration import fix_of
 from ortilo_drake.scenario import Belief, Scenario, Uwb
+from ortilo_drake.sensors.information_differences import between, difference_rows
 from ortilo_drake.sensors.information_ranges import range_rows
 from ortilo_drake.sensors.information_rows import Information
 from ortilo_drake.sensors.messages import solver_system
-from ortilo_drake.sensors.unknown_error import Error, gauss_markov, moved, own, spread, walk
+from ortilo_drake.sensors.unknown_error import Error, Seen, gauss_markov, moved, own, spread, walk
 from ortilo_drake.world.drawn_truth import AtStart, Drawn, draw_truth
 from ortilo_drake.world.faults.fault_element import fault_out
 from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.sensors.fitted_uwb import fitted_box, fitted_drawn, noise_of
+from ortilo_drake.world.sensors.range_differences import differences_box, differences_drawn
 from ortilo_drake.world.sensors.range_paths import STREAM as PATHS_STREAM
 from ortilo_drake.world.sensors.range_paths import paths_box, paths_out
 from ortilo_drake.world.sensors.uwb import ranging_settings, uwb_box, uwb_message
@@ -67,8 +70,10 @@ def messages_again(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.n
         seen: in which ticks a message reached the vehicle (n).
 
     Raises:
-        InputError: if the sensor is faster than the tick, or its errors are fitted.
+        InputError: if the sensor is faster than the tick, gives differences, or its errors are fitted.
     """
+    if scenario.uwb.kind == "differences":
+        raise InputError("uwb.kind: differences: hold no ranges to be repeated: fly with uwb.kind ranges")
     if scenario.uwb.errors == "fitted":
         raise InputError("uwb.errors: fitted: what lasts of these errors cannot be repeated: give the flight's log")
     if scenario.samples("uwb") > 1:
@@ -86,48 +91,72 @@ def messages_again(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.n
 
 
 def covariance(scenario: Scenario, room: Room, x: np.ndarray) -> np.ndarray | None:
-    """Return the covariance of the fix where the filter believes x (12) to be, by the solver that flies."""
+    """Return the covariance of the fix where the filter believes x (12) to be, by the solver that flies.
+
+    None of differences: those of one message are too few.
+    """
+    if scenario.uwb.kind == "differences":
+        return None
     ranges = message_without_noise(scenario, room, x)
     fix = fix_of(scenario.multilateration, room.anchor_positions, ranges, x)
     return fix[PAYLOAD + 3 : FIX_SIZE].reshape(3, 3) if fix[ARRIVED] else None
 
 
 def information(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndarray) -> Information:
-    """Return the information of the ranges; see sensors/information_ranges.py."""
+    """Return the information of the ranges, see sensors/information_ranges.py, or of their differences."""
+    if scenario.uwb.kind == "differences":
+        return Information({"uwb": difference_rows(scenario, room, truth, seen)})
     return Information({"uwb": range_rows(scenario.uwb, room, truth, seen)})
 
 
 def unknown(scenario: Scenario, room: Room) -> list[Error]:
-    """Return the unknown errors of the ranges and of the anchors' places."""
+    """Return the unknown errors of the ranges and of the anchors' places.
+
+    In a difference what is common to all ranges is not seen, and where each anchor stands counts as a constant of its
+    ranges, which is the best that can be known.
+    """
     uwb, survey, n = scenario.truth.uwb, scenario.truth.survey, len(room.anchor_positions)
+    differ = scenario.uwb.kind == "differences"
+    its = between(n) if differ else own(n)
+    common = walk(spread(uwb.bias, number=1), 0.0, {"uwb": lambda rows: np.ones((len(rows), 1))})
+    surveyed = walk(spread(survey.anchors_sd, number=3 * n), 0.0, {"uwb": moved(-1.0, n)})
+    if differ:
+        surveyed = walk(spread(survey.anchors_sd, number=n), 0.0, {"uwb": its})
     return [
-        *unknown_fitted(scenario, n),
-        walk(spread(uwb.bias, number=1), 0.0, {"uwb": lambda rows: np.ones((len(rows), 1))}),
-        walk(spread(uwb.bias_sd, number=n), 0.0, {"uwb": own(n)}),
-        gauss_markov(spread(uwb.slow_sd, number=n), uwb.slow_time, scenario.h, {"uwb": own(n)}),
+        *unknown_fitted(scenario, n, its),
+        *([] if differ else [common]),
+        walk(spread(uwb.bias_sd, number=n), 0.0, {"uwb": its}),
+        gauss_markov(spread(uwb.slow_sd, number=n), uwb.slow_time, scenario.h, {"uwb": its}),
         walk(spread(survey.anchors), 0.0, {"uwb": moved(-1.0)}),
-        walk(spread(survey.anchors_sd, number=3 * n), 0.0, {"uwb": moved(-1.0, n)}),
+        surveyed,
     ]
 
 
-def unknown_fitted(scenario: Scenario, n: int) -> list[Error]:
-    """Return the unknown errors that were fitted; a field counts as constant, which is the best that can be known."""
+def unknown_fitted(scenario: Scenario, n: int, its: Seen) -> list[Error]:
+    """Return the unknown errors that were fitted; a field counts as constant, which is the best that can be known.
+
+    Args:
+        scenario: the scenario.
+        n: number of anchors.
+        its: how an anchor's error is in the rows.
+    """
     if scenario.uwb.errors != "fitted":
         return []
     noise = noise_of(scenario.uwb)
     constant = 0.0 if noise.field is None else noise.field.sd
     if noise.constants is None:
         constant = float(np.hypot(constant, noise.constants_sd))
-    found = [walk(spread(constant, number=n), 0.0, {"uwb": own(n)})]
+    found = [walk(spread(constant, number=n), 0.0, {"uwb": its})]
     if noise.lasting is not None:
-        found.append(gauss_markov(spread(noise.lasting.sd, number=n), noise.lasting.time, scenario.h, {"uwb": own(n)}))
+        found.append(gauss_markov(spread(noise.lasting.sd, number=n), noise.lasting.time, scenario.h, {"uwb": its}))
     return found
 
 
 def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) -> dict[str, Given]:
     """Return the true places of the anchors and the lasting errors of their ranges, for the sensor and its faults."""
     anchors = Given(tables={"anchors": room.anchor_positions + its["survey.anchors"]})
-    found = {"uwb": anchors.with_(Given(tables={"bias": its["uwb.bias"]}))}
+    given = Given({"factor": float(its["uwb.factor"])} if scenario.uwb.kind == "differences" else {})
+    found = {"uwb": anchors.with_(given).with_(Given(tables={"bias": its["uwb.bias"]}))}
     return found | {name: anchors for name, box in boxes.items() if box.element.out in (fault_out, paths_out)}
 
 
@@ -141,8 +170,12 @@ def solver(scenario: Belief, room: Room) -> Box:
 
 
 def errors_drawn(scenario: Scenario, room: Room, draw: AtStart) -> dict[str, Given]:
-    """Return what a seed draws of errors that were fitted."""
-    if "uwb" not in scenario.sensors or scenario.uwb.errors != "fitted":
+    """Return what a seed draws of what lasts of the errors: of those that were fitted, of all those of differences."""
+    if "uwb" not in scenario.sensors:
+        return {}
+    if scenario.uwb.kind == "differences":
+        return {"uwb": differences_drawn(scenario, room, draw)}
+    if scenario.uwb.errors != "fitted":
         return {}
     return {"uwb": fitted_drawn(scenario.uwb, len(room.anchors), scenario.h, draw)}
 
@@ -154,6 +187,12 @@ def paths_drawn(boxes: Mapping[str, Box], draw: AtStart) -> dict[str, Given]:
     return {"uwb_paths": Given(start={"x": draw(PATHS_STREAM, len(boxes["uwb_paths"].given.start["x"]))})}
 
 
+def payload(scenario: Belief, room: Room) -> int:
+    """Return the size of a message's payload."""
+    size = differences_size(scenario.uwb.rows(scenario.h)) if scenario.uwb.kind == "differences" else None
+    return (uwb_size(len(room.anchors)) if size is None else size) - PAYLOAD
+
+
 def paths(scenario: Scenario, room: Room, message: Box, samples: int) -> Box | None:
     """Return the box that makes the ranges as long as their signals' paths; None if straight and instant."""
     box = paths_box(scenario.uwb, room, scenario.h)
@@ -161,13 +200,17 @@ def paths(scenario: Scenario, room: Room, message: Box, samples: int) -> Box | N
 
 
 def source(scenario: Scenario, room: Room, whole: bool) -> Box:
-    """Return the receiver, with white or with fitted errors."""
+    """Return the receiver of ranges, with white or with fitted errors, or of their differences."""
+    if scenario.uwb.kind == "differences":
+        return differences_box(scenario, room)
     box = fitted_box if scenario.uwb.errors == "fitted" else uwb_box
     return box(scenario.uwb, room, scenario.h)
 
 
 def check(scenario: Scenario, room: Room) -> None:
-    """Raise InputError if errors that were fitted are of other anchors than the room's."""
+    """Raise InputError if errors that were fitted are of other anchors than the room's, or no two of these differ."""
+    if scenario.uwb.kind == "differences" and len(room.anchors) < 2:
+        raise InputError("uwb.kind: differences: the room has less than two anchors")
     if scenario.uwb.errors != "fitted":
         return
     constants, n = noise_of(scenario.uwb).constants, len(room.anchors)
@@ -192,7 +235,7 @@ SENSOR = Sensor(
     covariance=covariance,
     information=information,
     unknown=unknown,
-    payload=lambda scenario, room: 2 * len(room.anchors),
+    payload=payload,
     element=source,
     check=check,
     behind=paths,

@@ -17,6 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ortilo_drake.flight.lost import MAX_TILT
+from ortilo_drake.model.range_pairs import ROW, THERE, A, B
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import (
     ACTS,
@@ -102,6 +103,21 @@ def largest_ranges(scenario: Scenario, room: Room, reach: float) -> np.ndarray:
     return distances + bias + SIGMAS * sd
 
 
+def payload_of_ranges(scenario: Scenario, ranges: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[int]]:
+    """Return the least and the largest payload of the uwb's message, and which of its numbers are whole.
+
+    Args:
+        scenario: the scenario.
+        ranges: the largest range to each anchor (n) [m].
+    """
+    n, uwb = ranges.size, scenario.uwb
+    if uwb.kind == "ranges":
+        return np.zeros(2 * n), np.concatenate((ranges, np.ones(n))), list(range(n, 2 * n))
+    rows, most, oldest = uwb.rows(scenario.h), 2.0 * ranges.max(), uwb.link.every(scenario.h) * scenario.h
+    low, high = [0.0, 0.0, -most, 0.0, 0.0], [n - 1.0, n - 1.0, most, 1.0, oldest]
+    return np.tile(low, rows), np.tile(high, rows), [ROW * j + i for j in range(rows) for i in (A, B, THERE)]
+
+
 def limits_of(scenario: Scenario) -> dict[str, Limits]:
     """Return the limits of every signal by its name: of the ports, MEASUREMENT and TELEMETRY, command and goal."""
     room, vehicle, h, disturbance = scenario.load_room(), scenario.vehicle, scenario.h, scenario.world.disturbance
@@ -129,7 +145,7 @@ def limits_of(scenario: Scenario) -> dict[str, Limits]:
         )
     )
     ranges = largest_ranges(scenario, room, speed * (h + scenario.uwb.round))
-    n = ranges.size
+    uwb_low, uwb_high, uwb_whole = payload_of_ranges(scenario, ranges)
     camera = room.camera.scaled_to(scenario.image_width)
     width, height = camera.width - 0.5, camera.height - 0.5  # of a pixel's centre at whole numbers
     box_low = np.tile([-1.0, 0.0, -0.5, -0.5, -0.5, -0.5], MAX_DETECTIONS)
@@ -155,7 +171,7 @@ def limits_of(scenario: Scenario) -> dict[str, Limits]:
     report = scenario.report_link
     return own | {
         "imu": _message(-inertial, inertial, oldest("imu"), samples=scenario.samples("imu")),
-        "uwb": _message(np.zeros(2 * n), np.concatenate((ranges, np.ones(n))), oldest("uwb"), list(range(n, 2 * n))),
+        "uwb": _message(uwb_low, uwb_high, oldest("uwb"), uwb_whole),
         "detections": _message(box_low, box_high, oldest("camera") + latency, labels),
         "shutter": _message(nothing, nothing, oldest("camera")),
         "image": Limits(nothing, nothing, oldest=oldest("camera")),

@@ -17,7 +17,7 @@ from ortilo_drake.onboard.landmarks.landmark_bank import REPEATS
 from ortilo_drake.onboard.ranging.survey_bank import MEMORY, share_of
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.information_rows import GRADIENT, SOURCE, VARIANCE
-from ortilo_drake.sensors.unknown_error import moved
+from ortilo_drake.sensors.unknown_error import moved, own
 from ortilo_drake.sensors.uwb import unknown_fitted
 from ortilo_drake.studies.loop.fix_errors import of_boxes, of_ranges
 
@@ -61,7 +61,8 @@ def _anchors_learned(scenario: Scenario, room: Room, x: np.ndarray) -> Scenario:
     _, rows = of_ranges(scenario, room, x)
     M = residual_information(rows[:, GRADIENT][:, :3], rows[:, VARIANCE])
     fixes = MEMORY / (scenario.every("uwb") * scenario.h)
-    fitted = [error.sd[0] for error in unknown_fitted(scenario, len(room.anchors))]
+    n = len(room.anchors)
+    fitted = [error.sd[0] for error in unknown_fitted(scenario, n, own(n))]
     lasts = (uwb.bias, uwb.bias_sd, uwb.slow_sd, survey.anchors_sd, *fitted)
     s = settings.bias_sd
     s *= share_learned(np.array(settings.bias_bank), s, fixes * np.linalg.eigvalsh(M), float(np.linalg.norm(lasts)))
