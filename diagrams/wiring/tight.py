@@ -7,7 +7,7 @@ import numpy as np
 from ortilo_drake.diagrams.wiring.fixes import solver_box
 from ortilo_drake.loop.element import Box, bundle, constant
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import DETECTIONS_SIZE, IMU_SIZE, PAYLOAD, uwb_size
+from ortilo_drake.model.signals import DETECTIONS_SIZE, IMU_SIZE, PAYLOAD
 from ortilo_drake.onboard.estimator.at_rest import rest_of
 from ortilo_drake.onboard.estimator.filter_element import parts_box
 from ortilo_drake.onboard.estimator.tight.element import heard_box, tight_box
@@ -16,6 +16,7 @@ from ortilo_drake.onboard.fix_solver import fix_reader_box
 from ortilo_drake.onboard.ranging.sighted import sighted_box
 from ortilo_drake.scenario import Belief
 from ortilo_drake.sensors.described import described, flown
+from ortilo_drake.sensors.uwb import payload as uwb_payload
 
 _NOTHING = {"imu": IMU_SIZE, "uwb": PAYLOAD, "camera": PAYLOAD}  # size of the message of a sensor that does not fly
 
@@ -26,7 +27,7 @@ def tight_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages: dict[s
     sensors, samples = tuple(messages), belief.samples("imu") if "imu" in messages else 1
     layout = layout_of(settings, room, [described(name).measures for name in sensors], belief.h)
     motion, aids = motion_of(settings, layout, belief), aids_of(settings, room, belief)
-    payloads = {"uwb": uwb_size(len(room.anchors)) - PAYLOAD, "camera": DETECTIONS_SIZE - PAYLOAD}
+    payloads = {"uwb": uwb_payload(belief, room), "camera": DETECTIONS_SIZE - PAYLOAD}
     C_0 = initial_covariance(settings, layout, rest_of(belief), sample_sds(settings, samples, belief.h))
     size = sum(payloads.get(name, 0) for name in sensors)
     own = [name for name in sensors if name not in _NOTHING]

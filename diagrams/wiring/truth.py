@@ -127,7 +127,7 @@ def of_sensor(
     """Return a sensor's clock, where it and what it sees stand, and the errors of its messages; arguments as above."""
     clock = Given({"offset": float(drawn[f"clock.offset.{sensor}"]), "drift": float(drawn[f"clock.drift.{sensor}"])})
     found = {f"{sensor}_clock": clock}
-    errors = errors_of(scenario.truth, sensor, payload, scenario.h)
+    errors = errors_of(scenario, sensor, payload)
     if errors is not None:
         n = len(errors.noise.a)
         lasts = lasting(f"{sensor}_slow_error", errors.noise, bias_of(drawn, sensor, n), draw)

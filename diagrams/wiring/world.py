@@ -115,7 +115,7 @@ def sensor_boxes(scenario: Scenario, room: Room, name: str, whole_imu: bool) -> 
     if changed is not None:
         changes.append(changed.reading(state=seen))
     said = changes[-1] if changes else sensor
-    errors = None if scenario.is_picture(name) else errors_of(scenario.truth, name, payload, h)
+    errors = None if scenario.is_picture(name) else errors_of(scenario, name, payload)
     if errors is not None:
         changes.append(errors_box(name, said, errors, each, h))
     said = changes[-1] if changes else sensor

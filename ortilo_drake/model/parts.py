@@ -109,7 +109,7 @@ class Sensor:
             default the noise in the middle of the room.
         limits: (scenario, room) -> least and greatest values of the payload; other packets are refused in
             hardware-in-the-loop. None takes LARGEST in size.
-        whole: size of the payload -> which of its numbers are whole, by their places in it.
+        whole: (scenario, room) -> which numbers of the payload are whole, by their places in it.
         members: size of the payload -> its members in a struct in C, each with what it is; () of plain numbers.
         compiled: its share in compiled flights; None if Drake alone flies it.
     """
@@ -131,7 +131,7 @@ class Sensor:
     learned: Callable[[Any, Any, np.ndarray], Any] = lambda scenario, room, x: scenario
     left_out: Callable[[Any], tuple[dict[str, bool], dict[str, bool]]] = lambda scenario: ({}, {})
     mismatches: tuple[Any, ...] = ()
-    whole: Callable[[int], list[int]] = lambda payload: []
+    whole: Callable[[Any, Any], list[int]] = lambda scenario, room: []
     members: Callable[[int], tuple[tuple[str, str], ...]] = lambda payload: ()
     element: Callable[[Any, Any, bool], Any] | None = None
     behind: Callable[[Any, Any, Any, int], Any] | None = None

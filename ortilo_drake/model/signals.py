@@ -11,7 +11,8 @@ with ``arrived`` 1 in the tick in which the message is there and 0 otherwise, an
 which its content was true. The payloads:
 
     imu         roll, pitch, yaw [rad]; w_WB_B [rad/s]; specific force f_B [m/s^2]          (9)
-    uwb         one range per anchor [m]; then one flag per anchor, 1 where its range is there  (2 n)
+    uwb         one range per anchor [m]; then one flag per anchor, 1 where its range is there  (2 n);
+                with uwb.kind differences rows of model/range_pairs.py: two anchors, difference [m], flag, age [s]
     shutter     nothing; it goes with a picture on a port of its own                            (0)
     detections  MAX_DETECTIONS rows of (label, score, u_min, v_min, u_max, v_max), label -1 = unused
     fix         p_WB [m] (3), its covariance row by row [m^2] (9)

@@ -63,13 +63,13 @@ def _set_field(data: dict[str, Any], setting: Setting) -> None:
         if not isinstance(child, dict):
             raise InputError(f"{shown}: '{parent}' is not a group of settings")
         data = child
-    if last == "kind" and data.get("kind") != value and parents != [_ONE_MODEL]:
+    if last == "kind" and data.get("kind") != value and parents not in _ONE_MODEL:
         data.clear()  # another kind has other settings
     data[last] = value
 
 
 _MOST_BASES = 32  # files, each the base of the one before
-_ONE_MODEL = "camera"  # has the same settings in both kinds: another kind keeps them
+_ONE_MODEL = (["camera"], ["uwb"])  # have the same settings in both kinds: another kind keeps them
 
 # Settings that name files, and what stands there for none.
 _FILES = {
@@ -146,7 +146,7 @@ def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
     for key, value in above.items():
         under = merged.get(key)
         if isinstance(under, dict) and isinstance(value, dict):
-            same = key == _ONE_MODEL or value.get("kind") in (None, under.get("kind"))
+            same = [key] in _ONE_MODEL or value.get("kind") in (None, under.get("kind"))
             value = _merged(under, value) if same else value
         merged[key] = value
     return merged

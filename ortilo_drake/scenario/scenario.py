@@ -9,6 +9,7 @@ from ortilo_drake.model.parts import find_sensor, known_sensors
 from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import InputError, nearest, validate
 from ortilo_drake.scenario.belief import Belief
+from ortilo_drake.scenario.differences import check_differences
 from ortilo_drake.scenario.failsafe import Failsafe
 from ortilo_drake.scenario.faults import Faults, check_faults
 from ortilo_drake.scenario.link import CommandLink, Link, check_rate
@@ -184,6 +185,11 @@ class Scenario(Belief):
     @model_validator(mode="after")
     def _faults_concern_what_flies(self) -> "Scenario":
         check_faults(self.faults, self.sensors, self.is_rendered)
+        return self
+
+    @model_validator(mode="after")
+    def _differences_are_read(self) -> "Scenario":
+        check_differences(self)
         return self
 
     @model_validator(mode="after")

@@ -6,6 +6,7 @@ import numpy as np
 from pydantic import Field, NonNegativeFloat, model_validator
 
 from ortilo_drake.model.distortion import Coefficients, Distortion
+from ortilo_drake.model.range_pairs import Pairs
 from ortilo_drake.model.room import OWN_CAMERA, CameraModel, Side
 from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive
 from ortilo_drake.model.white_noise import USUAL_ROOT, white_sd
@@ -186,6 +187,11 @@ class UwbSetup(SensorSetup):
 
     Attributes:
         link: rate of its messages.
+        kind: 'ranges' has a range to each anchor in a message; 'differences' has packets in turn, each with the
+            difference of the ranges to two anchors (TDoA), as a vehicle gets them that only listens: estimator.kind
+            tight reads them.
+        pairs: of which anchors the differences are: 'cycle' has each anchor and the next one, 'all' each two in turn.
+        packets: differences in a second, evenly spaced [1/s]: a whole number in each message.
         round: how long a round of ranging takes [s]: the anchors are ranged one after the other in n even slots, the
             last one at the message's stamp, so that range i of 0 to n - 1 is (1 - (i + 1) / n) of it older. The onboard
             half knows that and takes each range on to the stamp by the velocity that it believes.
@@ -195,6 +201,9 @@ class UwbSetup(SensorSetup):
     """
 
     link: LinkRate = LinkRate(rate=10.0)
+    kind: Literal["ranges", "differences"] = "ranges"
+    pairs: Pairs = "cycle"
+    packets: Annotated[float, Field(ge=0.1, le=1e4)] = 300.0
     round: Annotated[float, Field(ge=0.0, le=0.2)] = 0.0
     behind_walls: Literal["used", "left_out"] | None = None
 
@@ -202,12 +211,21 @@ class UwbSetup(SensorSetup):
         """Return by how much each of n ranges is older than its message's stamp (n) [s]."""
         return self.round * (1.0 - np.arange(1, n + 1) / n)
 
+    def rows(self, h: float) -> int:
+        """Return how many differences a message has, with ticks of h [s]."""
+        return round(self.packets * self.link.every(h) * h)
+
 
 class Uwb(UwbSetup):
     """UWB ranging to the room's anchors; by default the authors' simulator: 10 Hz, sd 0.0075 d, no walls.
 
     Attributes:
         link: rate and delivery of its messages.
+        kind: 'ranges' has a range to each anchor in a message; 'differences' has packets in turn, each with the
+            difference of the ranges to two anchors (TDoA), as a vehicle gets them that only listens: estimator.kind
+            tight reads them.
+        pairs: of which anchors the differences are: 'cycle' has each anchor and the next one, 'all' each two in turn.
+        packets: differences in a second, evenly spaced [1/s]: a whole number in each message.
         round: how long a round of ranging takes [s]: the anchors are ranged one after the other in n even slots, the
             last one at the message's stamp, so that range i of 0 to n - 1 is (1 - (i + 1) / n) of it older. The onboard
             half knows that and takes each range on to the stamp by the velocity that it believes.

@@ -80,6 +80,8 @@ RULES = (
     ),
     Rule(("truth.imu",), _flies("imu"), "an imu that flies"),
     Rule(("multilateration", "truth.uwb", "truth.survey.anchors", "truth.survey.anchors_sd"), _flies("uwb"), "uwb"),
+    Rule(("uwb.pairs", "uwb.packets"), lambda s: s.uwb.kind == "differences", "uwb.kind differences"),
+    Rule(("truth.uwb.bias",), lambda s: s.uwb.kind == "ranges", "uwb.kind ranges; it is the same in both of a pair"),
     Rule(("uwb.noise",), lambda s: s.uwb.errors == "white", "uwb.errors white"),
     Rule(("uwb.file", "uwb.fitted"), lambda s: s.uwb.errors == "fitted", "uwb.errors fitted"),
     Rule(("multilateration",), _of("tight", lambda s: False), "estimator.kind intermittent; tight has its own ranges"),

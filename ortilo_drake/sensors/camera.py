@@ -132,7 +132,7 @@ SENSOR = Sensor(
         ),
     ),
     limits=limits,
-    whole=lambda payload: list(range(0, payload, DETECTION_SIZE)),
+    whole=lambda scenario, room: list(range(0, MAX_DETECTIONS * DETECTION_SIZE, DETECTION_SIZE)),
     element=lambda scenario, room, whole: camera_box(scenario.camera, room, scenario.faults, scenario.h),
     solver=solver,
     drawn=drawn,

@@ -10,6 +10,7 @@ from ortilo_drake.loop.element import Box, Given
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.measurement import UWB
 from ortilo_drake.model.parts import Sensor
+from ortilo_drake.model.range_pairs import ROW, THERE, A, B, differences_size
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import ARRIVED, FIX_SIZE, PAYLOAD, uwb_size
 from ortilo_drake.onboard.ranging.fix_element import fix_box
@@ -17,6 +18,7 @@ from ortilo_drake.onboard.ranging.multilateration import fix_of
 from ortilo_drake.scenario import Belief, Scenario, Uwb
 from ortilo_drake.sensors import uwb_theory
 from ortilo_drake.sensors.envelope import SIGMAS, envelope_of
+from ortilo_drake.sensors.information_differences import difference_rows
 from ortilo_drake.sensors.information_ranges import range_rows
 from ortilo_drake.sensors.information_rows import Information
 from ortilo_drake.sensors.messages import solver_system
@@ -25,6 +27,7 @@ from ortilo_drake.world.faults.fault_element import fault_out
 from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.sensors.fitted_errors import largest_sd
 from ortilo_drake.world.sensors.fitted_uwb import fitted_box, fitted_drawn, noise_of
+from ortilo_drake.world.sensors.range_differences import differences_box, differences_drawn
 from ortilo_drake.world.sensors.range_paths import STREAM as PATHS_STREAM
 from ortilo_drake.world.sensors.range_paths import paths_box, paths_out
 from ortilo_drake.world.sensors.uwb import ranging_settings, uwb_box, uwb_message
@@ -54,8 +57,10 @@ def messages_again(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.n
         seen: in which ticks a message reached the vehicle (n).
 
     Raises:
-        InputError: if the sensor is faster than the tick, or its errors are fitted.
+        InputError: if the sensor is faster than the tick, gives differences, or its errors are fitted.
     """
+    if scenario.uwb.kind == "differences":
+        raise InputError("uwb.kind: differences: hold no ranges to be repeated: fly with uwb.kind ranges")
     if scenario.uwb.errors == "fitted":
         raise InputError("uwb.errors: fitted: what lasts of these errors cannot be repeated: give the flight's log")
     if scenario.samples("uwb") > 1:
@@ -73,21 +78,29 @@ def messages_again(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.n
 
 
 def covariance(scenario: Scenario, room: Room, x: np.ndarray) -> np.ndarray | None:
-    """Return the covariance of the fix where the filter believes x (12) to be, by the solver that flies."""
+    """Return the covariance of the fix where the filter believes x (12) to be, by the solver that flies.
+
+    None of differences: those of one message are too few.
+    """
+    if scenario.uwb.kind == "differences":
+        return None
     ranges = uwb_theory.message_without_noise(scenario, room, x)
     fix = fix_of(scenario.multilateration, room.anchor_positions, ranges, x)
     return fix[PAYLOAD + 3 : FIX_SIZE].reshape(3, 3) if fix[ARRIVED] else None
 
 
 def information(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndarray) -> Information:
-    """Return the information of the ranges; see sensors/information_ranges.py."""
+    """Return the information of the ranges, see sensors/information_ranges.py, or of their differences."""
+    if scenario.uwb.kind == "differences":
+        return Information({"uwb": difference_rows(scenario, room, truth, seen)})
     return Information({"uwb": range_rows(scenario.uwb, room, truth, seen)})
 
 
 def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) -> dict[str, Given]:
     """Return the true places of the anchors and the lasting errors of their ranges, for the sensor and its faults."""
     anchors = Given(tables={"anchors": room.anchor_positions + its["survey.anchors"]})
-    found = {"uwb": anchors.with_(Given(tables={"bias": its["uwb.bias"]}))}
+    given = Given({"factor": float(its["uwb.factor"])} if scenario.uwb.kind == "differences" else {})
+    found = {"uwb": anchors.with_(given).with_(Given(tables={"bias": its["uwb.bias"]}))}
     return found | {name: anchors for name, box in boxes.items() if box.element.out in (fault_out, paths_out)}
 
 
@@ -101,8 +114,12 @@ def solver(scenario: Belief, room: Room) -> Box:
 
 
 def errors_drawn(scenario: Scenario, room: Room, draw: AtStart) -> dict[str, Given]:
-    """Return what a seed draws of errors that were fitted."""
-    if "uwb" not in scenario.sensors or scenario.uwb.errors != "fitted":
+    """Return what a seed draws of what lasts of the errors: of those that were fitted, of all those of differences."""
+    if "uwb" not in scenario.sensors:
+        return {}
+    if scenario.uwb.kind == "differences":
+        return {"uwb": differences_drawn(scenario, room, draw)}
+    if scenario.uwb.errors != "fitted":
         return {}
     return {"uwb": fitted_drawn(scenario.uwb, len(room.anchors), scenario.h, draw)}
 
@@ -114,6 +131,12 @@ def paths_drawn(boxes: Mapping[str, Box], draw: AtStart) -> dict[str, Given]:
     return {"uwb_paths": Given(start={"x": draw(PATHS_STREAM, len(boxes["uwb_paths"].given.start["x"]))})}
 
 
+def payload(scenario: Belief, room: Room) -> int:
+    """Return the size of a message's payload."""
+    size = differences_size(scenario.uwb.rows(scenario.h)) if scenario.uwb.kind == "differences" else None
+    return (uwb_size(len(room.anchors)) if size is None else size) - PAYLOAD
+
+
 def paths(scenario: Scenario, room: Room, message: Box, samples: int) -> Box | None:
     """Return the box that makes the ranges as long as their signals' paths; None if straight and instant."""
     box = paths_box(scenario.uwb, room, scenario.h)
@@ -121,13 +144,17 @@ def paths(scenario: Scenario, room: Room, message: Box, samples: int) -> Box | N
 
 
 def source(scenario: Scenario, room: Room, whole: bool) -> Box:
-    """Return the receiver, with white or with fitted errors."""
+    """Return the receiver of ranges, with white or with fitted errors, or of their differences."""
+    if scenario.uwb.kind == "differences":
+        return differences_box(scenario, room)
     box = fitted_box if scenario.uwb.errors == "fitted" else uwb_box
     return box(scenario.uwb, room, scenario.h)
 
 
 def check(scenario: Scenario, room: Room) -> None:
-    """Raise InputError if errors that were fitted are of other anchors than the room's."""
+    """Raise InputError if errors that were fitted are of other anchors than the room's, or no two of these differ."""
+    if scenario.uwb.kind == "differences" and len(room.anchors) < 2:
+        raise InputError("uwb.kind: differences: the room has less than two anchors")
     if scenario.uwb.errors != "fitted":
         return
     constants, n = noise_of(scenario.uwb).constants, len(room.anchors)
@@ -165,9 +192,22 @@ def largest_ranges(scenario: Scenario, room: Room, reach: float) -> np.ndarray:
 
 
 def limits(scenario: Scenario, room: Room) -> tuple[np.ndarray, np.ndarray]:
-    """Return the least and the greatest ranges and flags."""
+    """Return the least and the greatest payload: ranges and flags, or the rows of differences."""
     ranges = largest_ranges(scenario, room, envelope_of(scenario, room).speed * (scenario.h + scenario.uwb.round))
-    return np.zeros(2 * ranges.size), np.concatenate((ranges, np.ones(ranges.size)))
+    n, uwb = ranges.size, scenario.uwb
+    if uwb.kind == "ranges":
+        return np.zeros(2 * n), np.concatenate((ranges, np.ones(n)))
+    most, oldest = 2.0 * ranges.max(), uwb.link.every(scenario.h) * scenario.h
+    low, high = [0.0, 0.0, -most, 0.0, 0.0], [n - 1.0, n - 1.0, most, 1.0, oldest]
+    return np.tile(low, uwb.rows(scenario.h)), np.tile(high, uwb.rows(scenario.h))
+
+
+def whole(scenario: Belief, room: Room) -> list[int]:
+    """Return which numbers of the payload are whole: flags, and the anchors of differences."""
+    n = payload(scenario, room)
+    if scenario.uwb.kind == "ranges":
+        return list(range(n // 2, n))
+    return [at + i for at in range(0, n, ROW) for i in (A, B, THERE)]
 
 
 SENSOR = Sensor(
@@ -183,10 +223,10 @@ SENSOR = Sensor(
     learned=uwb_theory.learned,
     left_out=uwb_theory.left_out,
     mismatches=uwb_theory.MISMATCHES,
-    payload=lambda scenario, room: 2 * len(room.anchors),
+    payload=payload,
     members=members,
     limits=limits,
-    whole=lambda payload: list(range(payload // 2, payload)),
+    whole=whole,
     element=source,
     check=check,
     behind=paths,

@@ -8,11 +8,12 @@ from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.onboard.ranging.multilateration import fix_of
 from ortilo_drake.onboard.ranging.survey_bank import MEMORY
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.sensors.information_differences import between
 from ortilo_drake.sensors.information_ranges import range_rows
 from ortilo_drake.sensors.information_rows import GRADIENT, SOURCE, VARIANCE
 from ortilo_drake.sensors.learned_survey import residual_information, share_learned, with_biases
 from ortilo_drake.sensors.mismatch import Mismatch, of_truth
-from ortilo_drake.sensors.unknown_error import Error, Made, derivative, gauss_markov, moved, own, spread, walk
+from ortilo_drake.sensors.unknown_error import Error, Made, Seen, derivative, gauss_markov, moved, own, spread, walk
 from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.sensors.fitted_uwb import noise_of
 from ortilo_drake.world.sensors.uwb import ranging_settings, uwb_message
@@ -42,29 +43,45 @@ def message_without_noise(scenario: Scenario, room: Room, x: np.ndarray) -> np.n
 
 
 def unknown(scenario: Scenario, room: Room) -> list[Error]:
-    """Return the unknown errors of the ranges and of the anchors' places."""
+    """Return the unknown errors of the ranges and of the anchors' places.
+
+    In a difference what is common to all ranges is not seen, and where each anchor stands counts as a constant of its
+    ranges, which is the best that can be known.
+    """
     uwb, survey, n = scenario.truth.uwb, scenario.truth.survey, len(room.anchor_positions)
+    differ = scenario.uwb.kind == "differences"
+    its = between(n) if differ else own(n)
+    common = walk(spread(uwb.bias, number=1), 0.0, {"uwb": lambda rows: np.ones((len(rows), 1))})
+    surveyed = walk(spread(survey.anchors_sd, number=3 * n), 0.0, {"uwb": moved(-1.0, n)})
+    if differ:
+        surveyed = walk(spread(survey.anchors_sd, number=n), 0.0, {"uwb": its})
     return [
-        *unknown_fitted(scenario, n),
-        walk(spread(uwb.bias, number=1), 0.0, {"uwb": lambda rows: np.ones((len(rows), 1))}),
-        walk(spread(uwb.bias_sd, number=n), 0.0, {"uwb": own(n)}),
-        gauss_markov(spread(uwb.slow_sd, number=n), uwb.slow_time, scenario.h, {"uwb": own(n)}),
+        *unknown_fitted(scenario, n, its),
+        *([] if differ else [common]),
+        walk(spread(uwb.bias_sd, number=n), 0.0, {"uwb": its}),
+        gauss_markov(spread(uwb.slow_sd, number=n), uwb.slow_time, scenario.h, {"uwb": its}),
         walk(spread(survey.anchors), 0.0, {"uwb": moved(-1.0)}),
-        walk(spread(survey.anchors_sd, number=3 * n), 0.0, {"uwb": moved(-1.0, n)}),
+        surveyed,
     ]
 
 
-def unknown_fitted(scenario: Scenario, n: int) -> list[Error]:
-    """Return the unknown errors that were fitted; a field counts as constant, which is the best that can be known."""
+def unknown_fitted(scenario: Scenario, n: int, its: Seen) -> list[Error]:
+    """Return the unknown errors that were fitted; a field counts as constant, which is the best that can be known.
+
+    Args:
+        scenario: the scenario.
+        n: number of anchors.
+        its: how an anchor's error is in the rows.
+    """
     if scenario.uwb.errors != "fitted":
         return []
     noise = noise_of(scenario.uwb)
     constant = 0.0 if noise.field is None else noise.field.sd
     if noise.constants is None:
         constant = float(np.hypot(constant, noise.constants_sd))
-    found = [walk(spread(constant, number=n), 0.0, {"uwb": own(n)})]
+    found = [walk(spread(constant, number=n), 0.0, {"uwb": its})]
     if noise.lasting is not None:
-        found.append(gauss_markov(spread(noise.lasting.sd, number=n), noise.lasting.time, scenario.h, {"uwb": own(n)}))
+        found.append(gauss_markov(spread(noise.lasting.sd, number=n), noise.lasting.time, scenario.h, {"uwb": its}))
     return found
 
 
@@ -88,7 +105,8 @@ def learned(scenario: Scenario, room: Room, x: np.ndarray) -> Scenario:
     _, rows = made(scenario, room, x)
     M = residual_information(rows[:, GRADIENT][:, :3], rows[:, VARIANCE])
     fixes = MEMORY / (scenario.every("uwb") * scenario.h)
-    fitted = [error.sd[0] for error in unknown_fitted(scenario, len(room.anchors))]
+    n = len(room.anchors)
+    fitted = [error.sd[0] for error in unknown_fitted(scenario, n, own(n))]
     lasts = (uwb.bias, uwb.bias_sd, uwb.slow_sd, survey.anchors_sd, *fitted)
     s = settings.bias_sd
     s *= share_learned(np.array(settings.bias_bank), s, fixes * np.linalg.eigvalsh(M), float(np.linalg.norm(lasts)))

@@ -48,6 +48,12 @@ CHANGES = {
     "imu_uwb_yolo": (*HOVER, "truth.vehicle.mass_factor_sd=0.05", "truth.start={position: [0.2, -0.1, 0.0]}"),
     "robust_imu_uwb": (*MOVING, 'faults=[{"kind": "anchor_moved", "start": 0.5, "anchor": 2}]'),
     "datasheet_imu_uwb": HOVER,
+    "tight_differences": (
+        *(*MOVING, "uwb.pairs=all", "uwb.link={rate: 10, delay: 2}", "estimator.horizon=0.1", "truth.uwb.factor=1.001"),
+        *("uwb.errors=fitted", "uwb.file=util_2021", "truth.survey.anchors_sd=0.05", "truth.uwb.bias_sd=0.05"),
+        *("estimator.ranges={bias_sd: 0.1, slow_sd: 0.1, clock_sd: 0.01}",),
+        'faults=[{"kind": "stuck", "sensor": "uwb", "start": 0.7, "end": 1.0}]',
+    ),
     "tight_imu_uwb": (*HOVER, "world.plant=continuous", "imu.link.rate=60"),
 }
 

@@ -28,6 +28,7 @@ LATE = ("camera.link.delay=2", "camera.link.random_delay=1", "imu.link.delay=3")
 SETTINGS = ("camera.kind=projected", "servo.velocities=truth", *LATE)
 SCENARIO = load_scenario("nominal_imu_uwb_yolo", SETTINGS)
 FLIGHT = flight_of(SCENARIO, 7)
+LISTENS = flight_of(load_scenario("tight_differences"), 7)
 TICK = 300
 OUTPUTS = SCENARIO.measurement.sizes | TELEMETRY
 
@@ -40,8 +41,8 @@ def verdict(name: str, body: bytes, flight: Flight = FLIGHT) -> str:
     return "accepted"
 
 
-def vector(name: str) -> np.ndarray:
-    limits = FLIGHT.limits[name]
+def vector(name: str, flight: Flight = FLIGHT) -> np.ndarray:
+    limits = flight.limits[name]
     values = np.zeros(limits.low.size)
     values[:PAYLOAD] = 1.0, TICK * FLIGHT.h
     return values
@@ -54,14 +55,16 @@ def bounds(low: np.ndarray, high: np.ndarray) -> list[tuple[int, float, float]]:
     return [*lower, *upper]
 
 
-@pytest.mark.parametrize("name", ["imu", "uwb", "detections", "velocity"])
-def test_both_sides_of_each_bound_of_a_message(name: str) -> None:
-    limits = FLIGHT.limits[name]
+@pytest.mark.parametrize(
+    ("name", "flight"), [*((name, FLIGHT) for name in ("imu", "uwb", "detections", "velocity")), ("uwb", LISTENS)]
+)
+def test_both_sides_of_each_bound_of_a_message(name: str, flight: Flight) -> None:
+    limits = flight.limits[name]
     for i, at, beyond in bounds(limits.low[PAYLOAD:], limits.high[PAYLOAD:]):
         for value, expected in ((at, "accepted"), (beyond, "value")):
-            values = vector(name)
+            values = vector(name, flight)
             values[PAYLOAD + i] = value
-            assert verdict(name, encode_vector(7, TICK, values)) == expected, (i, value)
+            assert verdict(name, encode_vector(7, TICK, values), flight) == expected, (i, value)
 
 
 def test_both_sides_of_each_bound_of_a_command_and_of_a_goal() -> None:

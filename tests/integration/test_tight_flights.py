@@ -59,6 +59,15 @@ def test_ranges_with_a_clock_of_their_own_are_flown_by_differences() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("pairs", ["cycle", "all"])
+def test_differences_in_turn_are_flown_near_the_floor(pairs: str) -> None:
+    """Through the first blackout, as by single ranges; and what all ranges err by is not seen."""
+    _, over_floor, nees = mse("tight_differences", f"uwb.pairs={pairs}", "truth.uwb.bias=3.0")
+    assert 0.3 < over_floor < 2.5
+    assert 1.5 < nees < 6.0
+
+
+@pytest.mark.long
 @pytest.mark.parametrize("delay", [0, 2])
 def test_pictures_count_at_their_own_time(delay: int) -> None:
     """A box two ticks late is as good as one in time, up to what the vehicle has not learnt meanwhile."""

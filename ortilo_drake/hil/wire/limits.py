@@ -74,7 +74,7 @@ def limits_of(scenario: Scenario) -> dict[str, Limits]:
             sensor.limits(scenario, room) if sensor.limits else (np.full(payload, -LARGEST), np.full(payload, LARGEST))
         )
         late, samples = oldest(name) + scenario.latency_of(name), scenario.samples(name)
-        return _message(*bounds, late, sensor.whole(payload), samples)
+        return _message(*bounds, late, sensor.whole(scenario, room), samples)
 
     motion = np.concatenate((speed * np.ones(3), euler_rates))
     position = size * np.ones(3)

@@ -83,6 +83,7 @@ class SightingsRecorder:
 
     def __init__(self, scenario: Scenario):
         self.sightings = Sightings()
+        self._draws_ranges = scenario.uwb.kind == "ranges"
         if scenario.is_rendered:
             room = scenario.load_room()
             camera = room.camera.scaled_to(scenario.image_width)
@@ -98,7 +99,7 @@ class SightingsRecorder:
         if "detections" in messages and messages["detections"][ARRIVED] == 1.0:
             seen.boxes.append(_found(messages["detections"]))
         ranges = messages.get(measuring("anchors"))
-        if ranges is not None and ranges[ARRIVED] == 1.0:
+        if self._draws_ranges and ranges is not None and ranges[ARRIVED] == 1.0:
             values, there = ranges[PAYLOAD:].reshape(2, -1)
             seen.ranges.append(Ranges(float(ranges[STAMP]), np.where(there > 0, values, np.nan)))
 

@@ -68,7 +68,12 @@ def imu_message(imu: np.ndarray, scenario: Scenario) -> RosMessage:
 
 
 def range_messages(uwb: np.ndarray, scenario: Scenario) -> list[RosMessage]:
-    """Return a message for each anchor whose range arrived; its radiation type is 0, as ROS has none for radio."""
+    """Return a message for each anchor whose range arrived; its radiation type is 0, as ROS has none for radio.
+
+    Of differences of ranges, which ROS has no message for, there are none.
+    """
+    if scenario.uwb.kind == "differences":
+        return []
     ranges, there = uwb[PAYLOAD:].reshape(2, -1)
     view = {"field_of_view": 2 * np.pi, "max_range": scenario.uwb.max_distance}
     return [

@@ -9,7 +9,7 @@ import numpy as np
 from ortilo_drake.interop.recorded.range_rows import Ranges
 from ortilo_drake.scenario.range_errors import UwbNoise
 from ortilo_drake.world.drawn_truth import AtStart
-from ortilo_drake.world.sensors.fitted_errors import Day, growth, outlier_chain, outlier_rows, row_error
+from ortilo_drake.world.sensors.fitted_errors import Day, growth, outlier_chain, outlier_rows, row_error, share_of_pairs
 
 
 def numbers_of(rng: np.random.Generator) -> AtStart:
@@ -29,7 +29,7 @@ def lasting_errors(t: np.ndarray, n: int, time: float, sd: float, rng: np.random
 def draw_outliers(ranges: Ranges, noise: UwbNoise, rng: np.random.Generator) -> np.ndarray:
     """Return which rows are outliers (m), of the noise of single ranges."""
     share, found = noise.outliers.share, np.zeros(len(ranges.t), dtype=bool)
-    for are, its in ((ranges.other < 0, share), (ranges.other >= 0, 1.0 - (1.0 - share) ** 2)):
+    for are, its in ((ranges.other < 0, share), (ranges.other >= 0, share_of_pairs(share))):
         if its == 0.0 or not are.any():
             continue
         anchor = ranges.anchor[are]

@@ -12,7 +12,7 @@ from numba.extending import register_jitable
 from ortilo_drake.onboard.estimator.tight.floor_rows import finder_row, flow_row
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import THETA, P, Q, V
-from ortilo_drake.onboard.estimator.tight.ranges import range_row
+from ortilo_drake.onboard.estimator.tight.ranges import signed_range
 from ortilo_drake.studies.recorded.filter_types import BIASES, ENTRIES, Aids, Noise, nominal
 
 NEAREST, LARGEST = 0.02, 10.0  # no antenna is nearer to the floor than this [m], and no error grows by more
@@ -46,28 +46,6 @@ def state_row(at: int, row: Row) -> None:
 
 
 @register_jitable
-def _anchor_entries(
-    x: np.ndarray,
-    R: np.ndarray,
-    lever: np.ndarray,
-    anchors: np.ndarray,
-    i: int,
-    sign: float,
-    m: int,
-    row: Row,
-) -> float:
-    """Add sign times the row of the range to anchor i, its own states from entry m on; return that times the range."""
-    gradient = np.empty(6)
-    d = range_row(x[P : P + 3], R, lever, anchors[i], gradient)
-    for k in range(6):
-        row.of[k] += sign * gradient[k]
-    for k, at in enumerate((BIASES + i, BIASES + len(anchors) + i)):
-        row.where[m + k], row.of[m + k] = at, sign
-        d += x[nominal_at(at)]
-    return sign * d
-
-
-@register_jitable
 def distance_row(
     x: np.ndarray,
     R: np.ndarray,
@@ -81,10 +59,12 @@ def distance_row(
     """Write the row of a range to anchor b, or of its difference to that to a, and return innovation and entries."""
     for i in range(3):
         row.where[i], row.where[3 + i] = P + i, THETA + i
-    e = measured - _anchor_entries(x, R, lever, anchors, b, 1.0, 6, row)
+    p, slow = x[P : P + 3], BIASES + len(anchors)
+    r_b, m = signed_range(x, p, R, lever, anchors, b, 1.0, BIASES, slow, 6, row.where, row.of)
     if a < 0:
-        return e, 8
-    return e - _anchor_entries(x, R, lever, anchors, a, -1.0, 8, row), 10
+        return measured - r_b, m
+    r_a, m = signed_range(x, p, R, lever, anchors, a, -1.0, BIASES, slow, m, row.where, row.of)
+    return measured - r_b + r_a, m
 
 
 @register_jitable

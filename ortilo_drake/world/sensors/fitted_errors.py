@@ -40,6 +40,11 @@ def draw_day(noise: UwbNoise, n: int, draw: AtStart) -> Day:
     return Day(constants, tuple(field_of(normals, field.length, field.sd) for normals in its))
 
 
+def share_of_pairs(share: float) -> float:
+    """Return the share of differences of two ranges that are outliers, of that of ranges."""
+    return 1.0 - (1.0 - share) ** 2
+
+
 def outlier_chain(share: float, burst: float) -> tuple[float, float]:
     """Return with which probability outliers begin and end from a row of an anchor to its next."""
     return share / ((1.0 - share) * burst), 1.0 / burst

@@ -113,7 +113,7 @@ def fitted_box(settings: Uwb, room: Room, h: float) -> Box:
     """
     noise, n = noise_of(settings), len(room.anchors)
     begins, ends = outlier_chain(noise.outliers.share, noise.outliers.burst)
-    lasting = _lasting(noise, n, h)
+    lasting = lasting_of(noise, n, h)
     numbers = {
         "settings": ranging_settings(settings),
         "white": noise.white,
@@ -140,9 +140,9 @@ def fitted_drawn(settings: Uwb, n: int, h: float, draw: AtStart) -> Given:
     """Return what the box of n anchors is given in a flight of these draws."""
     noise = noise_of(settings)
     day = draw_day(noise, n, draw)
-    start = {"g": _lasting(noise, n, h).start * draw(LASTING, n)}
+    start = {"g": lasting_of(noise, n, h).start * draw(LASTING, n)}
     start["odd"] = (ndtr(draw(ODD, n)) < noise.outliers.share).astype(float)
-    return Given(start=start, tables={"constants": day.constants} | _fields(day))
+    return Given(start=start, tables={"constants": day.constants} | field_tables(day))
 
 
 def noise_of(settings: Uwb) -> UwbNoise:
@@ -151,12 +151,14 @@ def noise_of(settings: Uwb) -> UwbNoise:
     return settings.fitted.of_single_ranges
 
 
-def _lasting(noise: UwbNoise, n: int, h: float) -> SlowNoise:
+def lasting_of(noise: UwbNoise, n: int, h: float) -> SlowNoise:
+    """Return what lasts of the errors of n anchors, g."""
     time, sd = (1.0, 0.0) if noise.lasting is None else (noise.lasting.time, noise.lasting.sd)
     return gauss_markov(np.full(n, sd), time, h)
 
 
-def _fields(day: Day) -> dict[str, np.ndarray]:
+def field_tables(day: Day) -> dict[str, np.ndarray]:
+    """Return the tables of a day's fields; none if it has none."""
     if not day.fields:
         return {}
     w, u, amplitude = (np.array(part) for part in zip(*day.fields, strict=True))

@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ortilo_drake.scenario.truth import ImuTruth, SensorTruth, Truth, UwbTruth
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario.truth import ImuTruth, SensorTruth, UwbTruth
 from ortilo_drake.world.drawn_truth import Drawn
 from ortilo_drake.world.slow_error import SlowNoise, gauss_markov, random_walk
 
@@ -21,21 +22,21 @@ class SensorErrors(NamedTuple):
     flagged: bool
 
 
-def errors_of(truth: Truth, sensor: str, payload: int, h: float) -> SensorErrors | None:
-    """Return a sensor's errors; None if it has none, or, as the camera, none of its messages.
+def errors_of(scenario: Scenario, sensor: str, payload: int) -> SensorErrors | None:
+    """Return a sensor's errors; None if it has none, or, as camera and differences of ranges, none of its messages.
 
     Args:
-        truth: the scenario's.
+        scenario: the scenario.
         sensor: its name.
         payload: how many numbers its payload has.
-        h: tick [s].
     """
+    truth, h = scenario.truth, scenario.h
     its: ImuTruth | UwbTruth | SensorTruth
     if sensor == "imu" and truth.imu != ImuTruth():
         its = truth.imu
         walks = [its.level_walk, its.level_walk, its.yaw_walk, *[its.rates_walk] * 3, *[its.specific_force_walk] * 3]
         return SensorErrors(random_walk(np.array(walks), h), False)
-    if sensor == "uwb" and truth.uwb != UwbTruth():
+    if sensor == "uwb" and truth.uwb != UwbTruth() and scenario.uwb.kind == "ranges":
         n = payload // 2
         return SensorErrors(gauss_markov(np.full(n, truth.uwb.slow_sd), truth.uwb.slow_time, h), True)
     if sensor in dict(truth.sensors):

@@ -16,6 +16,7 @@ class Aids(NamedTuple):
         lever: where the antenna is in B (3) [m].
         range_noise: s_0 [m] and s_1 of s_0 + s_1 r (2).
         differences: whether only differences of ranges count.
+        in_pairs: whether the uwb's messages are differences.
         positions: p_WL of the landmarks as surveyed (l, 3) [m].
         outlines: their outlines as they are known onboard, see model/pinhole.py (l, m, 3).
         labels: their classes (l).
@@ -33,6 +34,7 @@ class Aids(NamedTuple):
     lever: np.ndarray
     range_noise: np.ndarray
     differences: bool
+    in_pairs: bool
     positions: np.ndarray
     outlines: np.ndarray
     labels: np.ndarray

@@ -102,6 +102,7 @@ def aids_of(settings: Settings, room: Room, scenario: Belief) -> Aids:
         np.array(ranges.lever),
         np.array(ranges.noise.sds),
         ranges.differences,
+        scenario.uwb.kind == "differences",
         known.landmark_positions,
         known.landmark_outlines,
         room.landmark_labels,

@@ -53,6 +53,49 @@ def range_row(p_WB: np.ndarray, R_WB: np.ndarray, lever: np.ndarray, anchor: np.
     return d
 
 
+@register_jitable
+def signed_range(
+    x: np.ndarray,
+    p: np.ndarray,
+    R: np.ndarray,
+    lever: np.ndarray,
+    anchors: np.ndarray,
+    i: int,
+    sign: float,
+    lasting: int,
+    slow: int,
+    m: int,
+    where: np.ndarray,
+    row: np.ndarray,
+) -> tuple[float, int]:
+    """Add sign times the row of the range to anchor i; return the predicted range and how many entries there are.
+
+    Args:
+        x: nominal state.
+        p: p_WB where the range was taken (3).
+        R: R_WB there (3, 3).
+        lever: l_B (3).
+        anchors: a_i in W (n, 3).
+        i: the anchor.
+        sign: 1, or -1 of a range that is taken off another one.
+        lasting: where the anchors' constant errors begin in the error state, -1 where they have none.
+        slow: likewise their slow ones.
+        m: entries so far; the first six are those of (dp, theta).
+        where: indices of the entries; written to.
+        row: the entries; added to.
+    """
+    gradient = np.empty(6)
+    d = range_row(p, R, lever, anchors[i], gradient)
+    for k in range(6):
+        row[k] += sign * gradient[k]
+    for group in (lasting, slow):
+        if group >= 0:
+            where[m], row[m] = group + i, sign
+            d += x[ADDITIVE + group + i - GYRO]
+            m += 1
+    return d, m
+
+
 @njit(cache=True)
 def take_ranges(
     x: np.ndarray,

@@ -7,6 +7,7 @@ from numba.extending import register_jitable
 from ortilo_drake.model.signals import ARRIVED, STAMP
 from ortilo_drake.onboard.estimator.tight.aids import Aids
 from ortilo_drake.onboard.estimator.tight.attitude_rows import take_angles
+from ortilo_drake.onboard.estimator.tight.differences import take_differences
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Layout
 from ortilo_drake.onboard.estimator.tight.pixels import pose_belief, take_boxes
 from ortilo_drake.onboard.estimator.tight.ranges import take_ranges
@@ -78,11 +79,14 @@ def take_messages(
     clone = clone_of(uwb, now, motion.h, layout.clones)
     if clone != NOT_TAKEN and _is_news(uwb, watched[LAST:boxes_at], motion.watches):
         noise, gate = aids.range_noise, aids.gates[0]
-        used, refused, _, longer = take_ranges(
-            x, C, layout, uwb, aids.anchors, aids.lever, noise, gate, aids.huber, clone, aids.differences
-        )
-        if motion.watches:
-            watch_ranges(C, watched, layout, used, refused, longer, aids.watch)
+        if aids.in_pairs:
+            take_differences(x, C, layout, uwb, aids.anchors, aids.lever, noise, gate, aids.huber, clone)
+        else:
+            used, refused, _, longer = take_ranges(
+                x, C, layout, uwb, aids.anchors, aids.lever, noise, gate, aids.huber, clone, aids.differences
+            )
+            if motion.watches:
+                watch_ranges(C, watched, layout, used, refused, longer, aids.watch)
     clone = clone_of(detections, now, motion.h, layout.clones)
     if clone != NOT_TAKEN and _is_news(detections, watched[boxes_at:], motion.watches):
         xhat, P_pose = pose_belief(x, C, layout, clone)

@@ -1,0 +1,38 @@
+"""Differences of the ranges to two anchors: the rows of the uwb message, and in which order pairs of anchors come.
+
+A row is [a, b, value, there, age]: value = r_b - r_a [m], where there is 1, was taken so long before the message's
+stamp [s]; all but a and b is 0 where there is 0.
+"""
+
+from typing import Final, Literal
+
+import numpy as np
+
+from ortilo_drake.model.signals import PAYLOAD
+
+A: Final = 0
+B: Final = 1
+VALUE: Final = 2
+THERE: Final = 3
+AGE: Final = 4
+ROW: Final = 5
+
+Pairs = Literal["cycle", "all"]
+
+
+def pairs_in_turn(pairs: Pairs, n: int) -> np.ndarray:
+    """Return the pairs (a, b) of n anchors in the order in which they come (m, 2).
+
+    Args:
+        pairs: 'cycle' has each anchor with the next one, and the last one with the first; 'all' goes on with each and
+            the next but one, and so on, until each pair has come once.
+        n: number of anchors, at least 2.
+    """
+    steps = range(1, 2 if pairs == "cycle" else n // 2 + 1)
+    found = [(i, (i + step) % n) for step in steps for i in range(n // 2 if 2 * step == n else n)]
+    return np.array(found, dtype=np.int64)
+
+
+def differences_size(rows: int) -> int:
+    """Return the size of a message of so many rows."""
+    return PAYLOAD + ROW * rows

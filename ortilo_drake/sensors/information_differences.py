@@ -1,0 +1,75 @@
+"""Information on position and velocity in differences of UWB ranges.
+
+A row r_ab = d_b - d_a + s v, v standard normal, s^2 = (s_0 + s_1 d_a)^2 + (s_0 + s_1 d_b)^2, of a packet that is t old:
+with d_i = |p - t v_WB - a_i| and unit vectors u_i from the anchors, its Fisher information about position is
+
+    g g^T / s^2 + (grad s^2) (grad s^2)^T / (2 s^4),   g = u_b - u_a
+
+(Kay, "Fundamentals of Statistical Signal Processing: Estimation Theory", 1993, eq. 3.31), and -t times that for the
+velocity: two rows, the second one of grad s^2 with the variance 2 s^4, which no lasting error moves.
+"""
+
+import numpy as np
+
+from ortilo_drake.model.geometry.line_of_sight import walls_crossed
+from ortilo_drake.model.range_pairs import pairs_in_turn
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.signals import N_X
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.sensors.information_rows import SOURCE, rows_of
+from ortilo_drake.sensors.unknown_error import Seen
+from ortilo_drake.world.sensors.uwb import ranging_settings
+
+NO_PAIR = -1  # source of a row that tells by its noise
+
+
+def difference_rows(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Return the rows of the packets that there are; the source of the pair (a, b) of n anchors is a n + b.
+
+    Args:
+        scenario: the scenario flown.
+        room: anchors and walls.
+        truth: true states (n, 12).
+        seen: whether the ticks' uwb message reached the vehicle (n).
+    """
+    uwb, anchors = scenario.uwb, room.anchor_positions
+    s_0, s_1, _, most_walls, max_distance = ranging_settings(uwb)
+    rows, every, n = uwb.rows(scenario.h), scenario.every("uwb"), len(anchors)
+    pairs, ticks = pairs_in_turn(uwb.pairs, n), np.repeat(np.flatnonzero(seen), rows)
+    j = np.tile(np.arange(rows), np.count_nonzero(seen))
+    a, b = pairs[(ticks // every * rows + j) % len(pairs)].T
+    age = every * scenario.h / rows * (rows - 1 - j)
+    p = truth[ticks, :3] - age[:, np.newaxis] * truth[ticks, 6:9]
+    d_a, d_b = (np.linalg.norm(p - anchors[i], axis=1) for i in (a, b))
+    there = (np.maximum(d_a, d_b) <= max_distance) & (np.minimum(d_a, d_b) > 0.0)
+    if np.isfinite(most_walls):
+        for k in np.flatnonzero(there):
+            crossed = [walls_crossed(p[k], anchors[i], room.wall_boxes) for i in (a[k], b[k])]
+            there[k] = max(crossed) <= most_walls
+    ticks, a, b, age, p, d_a, d_b = (its[there] for its in (ticks, a, b, age, p, d_a, d_b))
+    u_a, u_b = (p - anchors[a]) / d_a[:, np.newaxis], (p - anchors[b]) / d_b[:, np.newaxis]
+    sd_a, sd_b = s_0 + s_1 * d_a, s_0 + s_1 * d_b
+    variance = sd_a**2 + sd_b**2
+    found = rows_of(ticks, _with_velocity(u_b - u_a, age), variance, a * n + b)
+    if s_1 == 0.0:
+        return found
+    grad = 2.0 * s_1 * (sd_a[:, np.newaxis] * u_a + sd_b[:, np.newaxis] * u_b)
+    return np.concatenate((found, rows_of(ticks, _with_velocity(grad, age), 2.0 * variance**2, NO_PAIR)))
+
+
+def _with_velocity(g: np.ndarray, age: np.ndarray) -> np.ndarray:
+    """Return gradients over the states (n, 12) of those by position (n, 3) of packets so old (n) [s]."""
+    gradients = np.zeros((len(g), N_X))
+    gradients[:, :3], gradients[:, 6:9] = g, -age[:, np.newaxis] * g
+    return gradients
+
+
+def between(n: int) -> Seen:
+    """Return the coefficients of an error of each of n anchors: 1 of b, -1 of a."""
+
+    def coefficients(rows: np.ndarray) -> np.ndarray:
+        source = rows[:, SOURCE].astype(int)
+        is_pair, eye = (source >= 0)[:, np.newaxis], np.eye(n)
+        return np.asarray(is_pair * (eye[source % n] - eye[np.maximum(source, 0) // n]))
+
+    return coefficients

@@ -1,0 +1,228 @@
+"""Differences of UWB ranges (TDoA): packets in turn, each a row of model/range_pairs.py.
+
+The packets of a message are evenly spaced, the last one at its stamp. Packet q is of the pair (a, b) that is next in
+turn. With s its age, p = p_WB - s v_WB and d_i = |p - p_WA_i| it says
+
+    r_ab = f (d_b + e_b - (d_a + e_a) + sqrt(n_a^2 + n_b^2) v),   e_i = b_i + z g_i + z h_i(p)
+
+with a constant b_i, first-order Gauss-Markov noise g_i and a field h_i of each anchor, a factor f, and v standard
+normal. White errors have n_i = s_0 + s_1 d_i, z = 1 and no field; fitted ones those of fitted_errors.py, where z grows
+n_i too, and a row is an outlier where one of its two ranges is, along the rows of anchor b. A row is missing where an
+anchor is out of reach or behind a wall that blocks, and where a fitted chance has it so.
+
+v is drawn anew for each row. Rows in turn share an anchor: their correlation would be -1/2 if all noise were that of
+its reception. In recorded flights of the `util_2021` kind it is -0.15, and it is left out.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba.extending import register_jitable
+from scipy.special import ndtr
+
+from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.model.geometry.line_of_sight import walls_crossed
+from ortilo_drake.model.placing import fill, put
+from ortilo_drake.model.range_pairs import AGE, ROW, THERE, VALUE, A, B, differences_size, pairs_in_turn
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.scalars import values_of
+from ortilo_drake.model.signals import ARRIVED, PAYLOAD, STAMP
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario.range_errors import UwbNoise
+from ortilo_drake.world.drawn_truth import AtStart
+from ortilo_drake.world.faults.range_faults import distance_to
+from ortilo_drake.world.noise import put_normals, stream_id, uniforms
+from ortilo_drake.world.sensors.fitted_errors import (
+    draw_day,
+    growth,
+    odd_after,
+    outlier_chain,
+    row_error,
+    share_of_pairs,
+)
+from ortilo_drake.world.sensors.fitted_uwb import field_tables, lasting_of, noise_of
+from ortilo_drake.world.sensors.matern_field import FEATURES, field_at
+from ortilo_drake.world.sensors.uwb import ranging_settings, walls_between
+from ortilo_drake.world.slow_error import SlowNoise, gauss_markov, slow_noise_after
+
+LASTING, CHANCES, ODD = "differences/lasting", "differences/chances", "differences/outliers"  # streams
+
+
+@register_jitable
+def in_turn(n: Any, k: int, j: int, pairs: np.ndarray) -> np.ndarray:
+    """Return the pair of row j of the message of tick k (2)."""
+    return pairs[(k // n.every * n.rows + j) % pairs.shape[0]]
+
+
+@register_jitable
+def row_is_odd(n: Any, odd: np.ndarray, b: int, chance: np.ndarray, j: int) -> bool:
+    """Return whether row j, of anchor b, is an outlier, and go on to the anchor's next row unless this one misses."""
+    was = odd[b] != 0.0
+    if chance[j] >= n.missing:
+        odd[b] = 1.0 if odd_after(was, chance[n.rows + j], n.begins, n.ends) else 0.0
+    return was
+
+
+def differences_out(
+    n: Any,
+    k: int,
+    seed: int,
+    sent: np.ndarray,
+    state: np.ndarray,
+    anchors: np.ndarray,
+    bias: np.ndarray,
+    walls: np.ndarray,
+    constants: np.ndarray,
+    frequencies: np.ndarray,
+    phases: np.ndarray,
+    amplitudes: np.ndarray,
+    pairs: np.ndarray,
+    g: np.ndarray,
+    odd: np.ndarray,
+    follows: np.ndarray,
+    v: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Say the message of a tick in which it is sent, else zeros."""
+    fill(out, 0.0)
+    if sent[0] < 0.0:
+        return
+    out[ARRIVED], out[STAMP] = 1.0, k * n.h
+    put_normals(v, seed, n.stream, k)
+    chance = uniforms(seed, n.chances, k, 2 * n.rows)
+    put(odd, follows)
+    for j in range(n.rows):
+        pair, at = in_turn(n, k, j, pairs), PAYLOAD + ROW * j
+        a, b = pair[0], pair[1]
+        out[at + A], out[at + B] = a, b
+        is_odd = row_is_odd(n, follows, b, chance, j)
+        age = n.spacing * (n.rows - 1 - j)
+        p = state[:3] - age * state[6:9]
+        d_a, d_b = distance_to(p, anchors[a]), distance_to(p, anchors[b])
+        reached = max(d_a, d_b) <= n.settings[4]
+        for i in pair:
+            reached = reached and walls_crossed(values_of(p), values_of(anchors[i]), walls) <= n.settings[3]
+        if not reached or chance[j] < n.missing:
+            continue
+        s = growth(p[2] - n.floor, n.near_floor)
+        own = g[b] + field_at(frequencies[b], phases[b], amplitudes[b], p)
+        own -= g[a] + field_at(frequencies[a], phases[a], amplitudes[a], p)
+        white = np.sqrt((n.settings[0] + n.settings[1] * d_a) ** 2 + (n.settings[0] + n.settings[1] * d_b) ** 2)
+        far = n.far if is_odd else 0.0
+        constant = bias[b] + constants[b] - bias[a] - constants[a]
+        out[at + VALUE] = n.factor * (d_b - d_a + row_error(constant, own, s, white, far, v[j]))
+        out[at + THERE], out[at + AGE] = 1.0, age
+
+
+def differences_step(
+    n: Any,
+    k: int,
+    seed: int,
+    sent: np.ndarray,
+    pairs: np.ndarray,
+    a: np.ndarray,
+    q: np.ndarray,
+    g: np.ndarray,
+    odd: np.ndarray,
+) -> None:
+    """Go on to what lasts of the errors in the next tick, and to the outliers of the next message."""
+    put(slow_noise_after(g, a, q, seed, n.lasting, k * n.h, n.h), g)
+    if sent[0] < 0.0:
+        return
+    chance = uniforms(seed, n.chances, k, 2 * n.rows)
+    for j in range(n.rows):
+        row_is_odd(n, odd, in_turn(n, k, j, pairs)[1], chance, j)
+
+
+DIFFERENCES = Element(
+    "uwb_differences",
+    out=differences_out,
+    step=differences_step,
+    numbers=(
+        Number("settings", (5,)),
+        Number("factor"),
+        Number("far"),
+        Number("begins"),
+        Number("ends"),
+        Number("missing"),
+        Number("near_floor"),
+        Number("floor"),
+        Number("spacing"),
+        Number("rows", kind="i8"),
+        Number("every", kind="i8"),
+        Number("stream", kind="u8"),
+        Number("chances", kind="u8"),
+        Number("lasting", kind="u8"),
+        Number("h"),
+    ),
+    tables=(
+        *(Array("anchors", 2), Array("bias"), Array("walls", 2), Array("constants"), Array("pairs", 2, "i8")),
+        *(Array("frequencies", 3), Array("phases", 2), Array("amplitudes", 2), Array("a"), Array("q")),
+    ),
+    state=(Array("g"), Array("odd")),
+    work=(Array("follows"), Array("v")),
+    allocates=True,
+)
+
+
+def differences_box(scenario: Scenario, room: Room) -> Box:
+    """Return the receiver: it reads `sent` (1), not negative where its message is sent, and the true state (12).
+
+    What a seed draws is zero until it is drawn.
+    """
+    uwb, n, h, every = scenario.uwb, len(room.anchors), scenario.h, scenario.every("uwb")
+    noise = noise_of(uwb) if uwb.errors == "fitted" else UwbNoise(white=0.0)
+    begins, ends = outlier_chain(share_of_pairs(noise.outliers.share), noise.outliers.burst)
+    rows, lasting = uwb.rows(h), _lasting(scenario, n)
+    numbers = {
+        "settings": ranging_settings(uwb),
+        "factor": 1.0,
+        "far": noise.outliers.sd,
+        "begins": begins,
+        "ends": ends,
+        "missing": noise.missing,
+        "near_floor": noise.near_floor,
+        "floor": float(room.interior.min[2]),
+        "spacing": every * h / rows,
+        "rows": rows,
+        "every": every,
+        "stream": stream_id("uwb"),
+        "chances": stream_id(CHANCES),
+        "lasting": stream_id(LASTING),
+        "h": h,
+    }
+    fields = np.zeros((n, 0 if noise.field is None else FEATURES, 3))
+    tables = {
+        "anchors": room.anchor_positions,
+        "bias": np.zeros(n),
+        "walls": walls_between(uwb, room),
+        "constants": np.zeros(n),
+        "pairs": pairs_in_turn(uwb.pairs, n),
+        "frequencies": fields,
+        "phases": fields[..., 0],
+        "amplitudes": fields[..., 0],
+        "a": lasting.a,
+        "q": lasting.q,
+    }
+    given = Given(numbers, {"g": np.zeros(n), "odd": np.zeros(n)}, tables)
+    return Box("uwb", DIFFERENCES, differences_size(rows), given, {"follows": (n,), "v": (rows,)})
+
+
+def differences_drawn(scenario: Scenario, room: Room, draw: AtStart) -> Given:
+    """Return what the box is given of what lasts of the errors, in a flight of these draws."""
+    n = len(room.anchors)
+    start = {"g": _lasting(scenario, n).start * draw(LASTING, n), "odd": np.zeros(n)}
+    if scenario.uwb.errors != "fitted":
+        return Given(start=start)
+    noise = noise_of(scenario.uwb)
+    day = draw_day(noise, n, draw)
+    start["odd"] = (ndtr(draw(ODD, n)) < share_of_pairs(noise.outliers.share)).astype(float)
+    return Given(start=start, tables={"constants": day.constants} | field_tables(day))
+
+
+def _lasting(scenario: Scenario, n: int) -> SlowNoise:
+    """Return what g_i is: fitted, or the truth's slow error."""
+    truth, uwb = scenario.truth.uwb, scenario.uwb
+    if uwb.errors != "fitted":
+        return gauss_markov(np.full(n, truth.slow_sd), truth.slow_time, scenario.h)
+    return lasting_of(noise_of(uwb), n, scenario.h)
