@@ -1,4 +1,4 @@
-"""The command `ortilo faults`: what goes wrong in flight, and what each estimator makes of it."""
+"""The command `ortilo faults`: faults in flight, and each estimator's answer to them."""
 
 import os
 from pathlib import Path
@@ -50,7 +50,7 @@ def faults(
     ),
     json_file: JsonOption = None,
 ) -> None:
-    """Fly scenarios in which something goes wrong in flight, one fault at a time, beside the same seeds without.
+    """Fly scenarios with one fault at a time, and the same seeds without any fault.
 
     It shows the estimate's error during and after each fault, flights lost, the time to recover and whether the filter
     stays consistent. The ensemble engine flies what it can, Drake the rest. Cameras are projected. Faults of the

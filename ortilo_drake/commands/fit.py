@@ -1,4 +1,4 @@
-"""The command `ortilo fit`: what a simulation should be told of sensors, from recordings with a truth."""
+"""The command `ortilo fit`: the errors of simulated sensors, from recordings with a truth."""
 
 import os
 from collections.abc import Mapping, Sequence

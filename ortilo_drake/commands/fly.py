@@ -98,9 +98,9 @@ def fly(
     rerun: Annotated[Path | None, typer.Option(help="Write pictures, 3D and signals for Rerun, .rrd.")] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Fly one scenario; print how it went, its errors, arrival rates and real-time factor.
+    """Fly one scenario; print the verdict, its errors, arrival rates and real-time factor.
 
-    Exit code 3 says that the flight was lost; everything asked for is written nevertheless.
+    Exit code 3 means that the flight was lost; every output is written nevertheless.
     """
     chosen = load_scenario(scenario, with_camera(settings, camera, detector, onnx), seed)
     if (detector or onnx) and not chosen.is_rendered:

@@ -35,9 +35,9 @@ def replay(
     ] = Path("out/recorded"),
     json_file: JsonOption = None,
 ) -> None:
-    """Drive the onboard half from a log of ours, or with --map filter recorded ranges and IMU and judge by the truth.
+    """Replay a log through the onboard half, or with --map filter recorded ranges and IMU and compare with the truth.
 
-    Exit code 3 says that a recording and its map are doubtful: the report says why, and what may mend it.
+    Exit code 3 means that a recording or its map is doubtful: the report says why, and which key may mend it.
 
     With --map several motions share one map: FOLDER1 FOLDER2. `ortilo tune FOLDERS --map MAP.yaml` fits the noise.
     """

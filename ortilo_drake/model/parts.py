@@ -96,7 +96,7 @@ class Sensor:
         components: a letter for each row in figures; by default their numbers.
         only_drake: scenario -> the setting, as `field: value`, by which Drake alone can play it; None where none is.
         check: (scenario, room) -> None; raises InputError where the sensor cannot fly.
-        advice: what a user is told of a flight in which none of its values came.
+        advice: the hint for a flight in which none of its values arrived.
         noise_numbers: scenario -> the numbers that state V where it comes with each fix, by their place there.
         scaled_by: how those places begin.
         stand_in: variances of the value for theory that is of no place, where V comes with each fix (m or more). By

@@ -56,7 +56,7 @@ class GilbertElliottLoss(Frozen):
 
 
 class BurstLoss(Frozen):
-    """Bursts by what is measured of them: everything is lost within one, nothing between two.
+    """Bursts by their measured figures: everything is lost within one, nothing between two.
 
     Attributes:
         kind: 'bursts'.
@@ -201,8 +201,8 @@ def _control_rate_for(rate: float, control_rate: float) -> str:
 class CommandLink(Frozen):
     """How the control packets reach the rotors, one a tick.
 
-    The sender hears nothing back (as over UDP): filter and servo go on as if every command were applied at once, unless
-    the scenario's `commands` have the world report what acted.
+    There is no acknowledgement (as over UDP): filter and servo assume that every command is applied at once, unless the
+    scenario's `commands` have the world report which acted.
 
     Attributes:
         loss: what is lost at random; a number is the probability of independent losses.

@@ -1,4 +1,4 @@
-"""How ranges err, as `ortilo fit` finds it in recordings: NOISE.yaml's `uwb`."""
+"""The errors of ranges, as `ortilo fit` finds them in recordings: NOISE.yaml's `uwb`."""
 
 import math
 from typing import Annotated

@@ -14,7 +14,7 @@ from ortilo_drake.scenario.range_errors import UwbNoise
 
 
 class SensorSetup(Frozen):
-    """What the onboard half knows of a sensor.
+    """A sensor, as the onboard half knows it.
 
     Attributes:
         link: rate of its messages.
@@ -24,7 +24,7 @@ class SensorSetup(Frozen):
 
 
 class ImuSetup(SensorSetup):
-    """What the onboard half knows of the imu.
+    """The imu, as the onboard half knows it.
 
     Attributes:
         link: rate of its messages.
@@ -182,7 +182,7 @@ WallEffect = Annotated[WallsIgnored | WallsBias | WallsBlock | WallsExcess, Fiel
 
 
 class UwbSetup(SensorSetup):
-    """What the onboard half knows of the uwb.
+    """The uwb sensor, as the onboard half knows it.
 
     Attributes:
         link: rate of its messages.
@@ -250,7 +250,7 @@ class Uwb(UwbSetup):
 
 
 class MeasuredErrors(Frozen):
-    """Errors of a detector as they were measured of it.
+    """Errors of a detector, as measured.
 
     Attributes:
         kind: 'measured'.
@@ -323,7 +323,7 @@ class Calibration(Frozen):
 
 
 class CameraSetup(SensorSetup):
-    """What the onboard half knows of the landmark camera.
+    """The landmark camera, as the onboard half knows it.
 
     Attributes:
         link: rate of the pictures or boxes.

@@ -38,7 +38,7 @@ DATASHEETS = {
 
 
 class InertialNoise(Frozen):
-    """What the tight filter believes of the imu.
+    """The tight filter's noise model of the imu.
 
     Attributes:
         datasheet: whose noise density the body rates and the specific force have; 'none' goes by the next two.
@@ -73,7 +73,7 @@ class InertialNoise(Frozen):
 
 
 class TightRanges(Frozen):
-    """What the tight filter believes of single ranges.
+    """The tight filter's noise model of single ranges.
 
     Attributes:
         noise: what is new in every range.
@@ -98,7 +98,7 @@ class TightRanges(Frozen):
 
 
 class TightPixels(Frozen):
-    """What the tight filter believes of the boxes' centres.
+    """The tight filter's noise model of the boxes' centres.
 
     The defaults are those of our own network, by what `ortilo detector calibrate` measured of it.
 
@@ -120,9 +120,9 @@ class TightPixels(Frozen):
 
 
 class TightWatch(Frozen):
-    """How the tight filter notices a sensor that goes wrong in flight.
+    """The tight filter's tests for a sensor that goes wrong in flight.
 
-    A sensor that says the same again is not listened to.
+    A sensor that repeats its last message is ignored.
 
     Attributes:
         time: over which contradictions are averaged [s].

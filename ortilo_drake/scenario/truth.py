@@ -1,9 +1,9 @@
 """How the world differs from what the onboard half believes.
 
-All other settings say what a team believes and configures: its vehicle, its surveyed room, its sensors. Each entry here
-says how the world differs from that, by a number that is added or by a factor. Beside it, under the same name with _sd,
-stands the standard deviation of what is drawn by seed and added to it. By default nothing differs. The onboard half
-sees nothing of all this, see belief.py; docs/truths.md has the equations.
+All other settings are what a team believes and configures: its vehicle, its surveyed room, its sensors. Each entry here
+is the world's difference from that: a number that is added, or a factor. The same name with _sd is the standard
+deviation of a number that the seed draws and adds to it. By default nothing differs. The onboard half sees none of
+this, see belief.py; docs/truths.md has the equations.
 """
 
 from typing import Annotated
@@ -147,7 +147,7 @@ class SensorTruth(Frozen):
 
 
 class SurveyTruth(Frozen):
-    """Where things really are: the room's file holds what was surveyed.
+    """The true places of anchors and landmarks: the room's file holds the surveyed ones.
 
     Attributes:
         anchors: from where every anchor was surveyed to where it is [m].
@@ -163,7 +163,7 @@ class SurveyTruth(Frozen):
 
 
 class CameraTruth(Frozen):
-    """How the camera is really mounted, and its lens.
+    """The camera's true mounting and lens.
 
     Attributes:
         position: from where it is believed to be to where it is, in B [m].
@@ -199,7 +199,7 @@ class ClockTruth(Frozen):
 
 
 class StartTruth(Frozen):
-    """Where the vehicle really starts; the filter's first estimate is the start of the path, under the held heading.
+    """The vehicle's true start; the filter's first estimate is the start of the path, under the held heading.
 
     Attributes:
         position: from where it is believed to start to where it does [m].

@@ -141,7 +141,7 @@ def solver(scenario: Belief, room: Room) -> Box:
 
 
 def errors_drawn(scenario: Scenario, room: Room, draw: AtStart) -> dict[str, Given]:
-    """Return what a seed draws of errors that were fitted."""
+    """Return the fitted errors that a seed draws."""
     if "uwb" not in scenario.sensors or scenario.uwb.errors != "fitted":
         return {}
     return {"uwb": fitted_drawn(scenario.uwb, len(room.anchors), scenario.h, draw)}

@@ -1,4 +1,4 @@
-"""What the graph believes of the sensors: what the tight filter of the scenario does, or what its own filter says."""
+"""The graph's noise models of the sensors: those of the scenario's tight filter, or else its own filter's."""
 
 import numpy as np
 
@@ -8,11 +8,11 @@ from ortilo_drake.scenario.tight import InertialNoise, TightFilter, TightRanges
 
 
 def believed(scenario: Belief) -> TightFilter:
-    """Return the beliefs about the sensors as settings of the tight filter.
+    """Return the noise models of the sensors, as settings of the tight filter.
 
-    Of a scenario that flies the paper's filter they are that filter's V, walks and biases and what its multilateration
-    believes of ranges; of boxes it says nothing, and the defaults stand. So it is of an estimator of one's own, of
-    which nothing else is known either. Neither gate nor horizon is read: late messages count at their stamps.
+    For the paper's filter they are its V, walks and biases and its multilateration's noise of ranges. It has none for
+    boxes, so these keep the defaults; so do all numbers of a registered estimator. Neither gate nor horizon is read:
+    late messages count at their stamps.
     """
     settings = scenario.estimator
     if isinstance(settings, TightFilter):

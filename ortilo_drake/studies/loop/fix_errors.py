@@ -1,7 +1,7 @@
-"""What errors of the world make of the rows that the filter gets at a place.
+"""The errors of the filter's measurement rows at a place, from errors of the world.
 
-A fix errs by D e where what it is made of errs by e: ranges, or the boxes' centres in the image. D is the derivative of
-the very solver that flies, by differences.
+A fix errs by D e where its ranges, or the boxes' centres in the image, err by e. D is the derivative of the very
+solver that flies, by differences.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""The scenario whose filter is told at a place what it would learn there of the survey.
+"""A scenario whose filter is given the survey's error that it would learn at a place.
 
 A filter with banks (onboard/ranging/survey_bank.py, onboard/landmarks/landmark_bank.py) sees its bias state s by a
 coefficient rho, the sd that a fix says over the one of the settings. Hovering, that is the filter whose state is rho s,
@@ -41,13 +41,13 @@ def mean_log_likelihood(s: np.ndarray, information: np.ndarray, world_sd: float)
 
 
 def residual_information(J: np.ndarray, variances: np.ndarray) -> np.ndarray:
-    """Return M = W - W J (J^T W J)^-1 J^T W of rows J (l, m) and their variances (l): what residuals tell of errors."""
+    """Return M = W - W J (J^T W J)^-1 J^T W, the residuals' information on errors, of rows J (l, m), variances (l)."""
     W = np.diag(1.0 / variances)
     return np.asarray(W - W @ J @ np.linalg.solve(J.T @ W @ J, J.T @ W))
 
 
 def as_learned(scenario: Scenario, x: np.ndarray) -> Scenario:
-    """Return a scenario whose filter is told what its banks learn at state x (12), hovering; the same without banks."""
+    """Return the scenario with its filter set to what its banks learn hovering at x (12); the same without banks."""
     room = scenario.load_room()
     if "uwb" in scenario.sensors and scenario.multilateration.bias_bank is not None:
         scenario = _anchors_learned(scenario, room, x)

@@ -1,4 +1,4 @@
-"""What of a scenario's world the theory at hover does not have.
+"""The errors of a scenario's world that the theory at hover leaves out.
 
 Margins, arrival rates and lost commands are of the world that the filter believes, with the rotors' drag. The predicted
 rms at hover has what is wrong besides (error_moments.py), and what is learned of the survey (learned_survey.py).
@@ -20,7 +20,7 @@ OTHERS = ("clock", "start")
 
 
 def left_out(scenario: Scenario) -> list[str]:
-    """Return the settings by which a scenario's world differs at hover from what the predicted rms has of it."""
+    """Return the settings of a scenario's world that the predicted rms at hover leaves out."""
     uwb, noise = scenario.uwb, _fitted(scenario)
     found = {
         "imu.ahrs": "imu" in scenario.sensors and scenario.imu.ahrs is not None,

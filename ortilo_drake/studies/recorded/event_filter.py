@@ -108,7 +108,7 @@ def _take_level(
     tape: Tape,
     written: np.ndarray,
 ) -> None:
-    """Take what is known of climb and height, as far as it says more than the filter knows."""
+    """Correct with the known climb and height, as far as they are surer than the filter."""
     if level.climb < np.inf:
         wipe(row)
         state_row(V + 2, row)
@@ -269,7 +269,7 @@ def run_further(
     watch: Watch,
     whole: bool,
 ) -> tuple[Run, State, int]:
-    """Go on with a run over further events, all of them later than those before; see run_filter.
+    """Continue a run over further events, all later than those before; see run_filter.
 
     Args:
         events: in order of time.

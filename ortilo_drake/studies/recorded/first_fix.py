@@ -42,7 +42,7 @@ class Fix(NamedTuple):
 
 
 def ranges_for_a_fix(ranges: Ranges, first: int = 0) -> Ranges:
-    """Return the ranges from the first one on that a fix goes by: of one second, or of up to three if they are slow.
+    """Return the ranges for a first fix: those of the first second, or of up to three if they are slow.
 
     Raises:
         InputError: if fewer than three anchors are heard in it.
@@ -59,7 +59,7 @@ def ranges_for_a_fix(ranges: Ranges, first: int = 0) -> Ranges:
 
 
 def fix_known_at(ranges: Ranges) -> float:
-    """Return the stamp [s] after which no range belongs to those of ranges_for_a_fix, by the ranges heard so far."""
+    """Return the stamp [s] after which no range belongs to ranges_for_a_fix, by the ranges received so far."""
     first = float(ranges.t[0])
     near = ranges.t <= first + LONGEST
     _, at = np.unique(ranges.anchor[near], return_index=True)

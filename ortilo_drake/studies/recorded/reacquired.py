@@ -42,14 +42,14 @@ NEVER = Watch(np.inf, ASTRAY, REFUSED, SHARE)
 
 
 class Lost(NamedTuple):
-    """When the filter was lost and when it was found again [s]; `found` is None if it was not."""
+    """The times at which the filter was lost and found again [s]; `found` is None if it was not."""
 
     since: float
     found: float | None
 
 
 def opening_of(state: State, x: np.ndarray, variances: np.ndarray) -> np.ndarray:
-    """Return what is added to P's diagonal, so that position and velocity x (6) do not contradict the state."""
+    """Return the addition to P's diagonal after which position and velocity x (6) do not contradict the state."""
     off = np.square(x - state.x[:6])
     P = np.diag(state.C)
     beyond = off > SURPRISE**2 * (P[:6] + variances)
@@ -62,7 +62,7 @@ def opening_of(state: State, x: np.ndarray, variances: np.ndarray) -> np.ndarray
 
 
 def nothing_anew(N: int) -> Anew:
-    """Return that there is nothing to start anew from, for N error states."""
+    """Return an Anew without any measurement, for N error states."""
     return Anew(np.zeros(6), np.full(6, np.inf), np.zeros(N))
 
 
@@ -136,7 +136,7 @@ def run_on(
 def anew_from(
     ranges: Ranges, anchors: np.ndarray, levers: np.ndarray, state: State, level: Level, astray: bool
 ) -> Anew | None:
-    """Return where to start anew by the ranges that follow; None if they do not say it better than the filter.
+    """Return a new start from the ranges that follow; None if they place it no better than the filter does.
 
     Args:
         ranges: from the one on at which it was lost, for LONGEST or to their end.

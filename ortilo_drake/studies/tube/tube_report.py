@@ -45,7 +45,7 @@ Step = Callable[[str, int, int], None]
 
 
 def why_no_tube(scenario: Scenario) -> str | None:
-    """Return why a scenario's tube has no maps, None if it has."""
+    """Return the reason why a scenario's tube has no maps; None if it has."""
     if scenario.estimator.force != "none":
         return "the filter estimates more than the vehicle's states, and the tube is that of the paper's filter"
     if len(unwired(scenario.sensors)) < 2:
