@@ -105,7 +105,7 @@ def link_after(
 def link_out(
     n: Any, k: int, seed: int, control: np.ndarray, link: np.ndarray, hover: np.ndarray, out: np.ndarray
 ) -> None:
-    """Output the control that acts over tick k (4), and when the command that arrives in it was sent [s], -1 for none."""
+    """Output the control that acts over tick k (4), and when the command arriving in it was sent [s], -1 for none."""
     put(applied_command(k, link, control, n.loss, hover, n.holds != 0, seed, n.stream), out)
     sent = arriving(k, link, n.loss, seed, n.stream)
     out[N_U] = sent * n.h if sent >= 0 else -1.0
