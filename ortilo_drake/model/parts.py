@@ -80,9 +80,9 @@ class Sensor:
             default of rows of that sd.
         unknown: (scenario, room) -> the errors that the scenario's truth leaves unknown, sensors.unknown_errors.Error.
             By default those that its filter believes in (estimator.biases.row_sd).
-        element: (scenario, room, whole) -> Box that says its message as it is sent, of a sensor that is built in; whole
+        element: (scenario, room, whole) -> Box of its message as it is sent, of a sensor that is built in; whole
             where all of the message is asked for. Other sensors have `compiled` or make_world.
-        behind: (scenario, room, the Box that says its message, samples a tick) -> Box that changes the message before
+        behind: (scenario, room, the Box of its message, samples a tick) -> Box that changes the message before
             the errors of `truth` do, None where nothing does. It reads the true state, and may the acceleration.
         solver: (scenario, room) -> Box that makes its fix, None where make_onboard's System must; built in likewise.
         drawn: (scenario, room, what was drawn of `truth`, the wiring's boxes) -> what boxes are given in that world, by
@@ -99,8 +99,8 @@ class Sensor:
         advice: the hint for a flight in which none of its values arrived.
         noise_numbers: scenario -> the numbers that state V where it comes with each fix, by their place there.
         scaled_by: how those places begin.
-        stand_in: variances of the value for theory that is of no place, where V comes with each fix (m or more). By
-            default the noise in the middle of the room.
+        stand_in: variances of the value for theory that is of no place, where V comes with each fix (m or
+            more). By default the noise in the middle of the room.
         limits: (scenario, room) -> least and greatest values of the payload; other packets are refused in
             hardware-in-the-loop. None takes LARGEST in size.
         compiled: its share in compiled flights; None if Drake alone flies it.
