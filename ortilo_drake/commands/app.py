@@ -53,15 +53,15 @@ def set_up(
     context: typer.Context,
     plugin: Annotated[
         list[Path] | None,
-        typer.Option(help="A Python file that registers parts of your own (examples/); it is run. May be repeated."),
+        typer.Option(help="A Python file to run that registers your own parts (examples/). May be repeated."),
     ] = None,
     scheduler: Annotated[
         str | None,
-        typer.Option(metavar="ADDRESS", help="A Dask scheduler whose workers fly: tcp:// or tls:// (docs/cluster.md)."),
+        typer.Option(metavar="ADDRESS", help="Dask scheduler whose workers fly: tcp:// or tls:// (docs/cluster.md)."),
     ] = None,
-    theme: Annotated[Theme, typer.Option(help="The looks of the figures that a command draws.")] = Theme.light,
+    theme: Annotated[Theme, typer.Option(help="Look of the figures that a command draws.")] = Theme.light,
     version: Annotated[
-        bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Print the versions and end.")
+        bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Print the versions and exit.")
     ] = False,
 ) -> None:
     """Run the files that register parts, before the command reads a scenario that names them; join a cluster."""

@@ -35,13 +35,13 @@ def faults(
     ] = None,
     flights: Annotated[int, typer.Option(min=1, max=100_000, help="Flights with each fault, seeds from 0.")] = 6,
     names: Annotated[
-        str | None, typer.Option("--faults", metavar="NAME,...", help="Faults of the catalogue; all.")
+        str | None, typer.Option("--faults", metavar="NAME,...", help="Faults of the catalogue; by default all.")
     ] = None,
     start: Annotated[
         float, typer.Option(min=0.5, max=3600.0, callback=finite, help="When the faults begin [s].")
     ] = 22.0,
     length: Annotated[
-        float, typer.Option(min=0.5, max=3600.0, callback=finite, help="How long those last that end [s].")
+        float, typer.Option(min=0.5, max=3600.0, callback=finite, help="Duration of the faults that end [s].")
     ] = 5.0,
     workers: WorkersOption = None,
     settings: SetOption = None,

@@ -25,14 +25,14 @@ def fit(
     map_file: Annotated[
         Path, typer.Option("--map", help="MAP.yaml: which column or topic is what (docs/how_to/recorded.md).")
     ],
-    out_file: Annotated[Path, typer.Option("--out", help="NOISE.yaml, for `ortilo predict`.")] = Path("NOISE.yaml"),
+    out_file: Annotated[Path, typer.Option("--out", help="File to write, for `ortilo predict`.")] = Path("NOISE.yaml"),
     places: Annotated[
-        bool, typer.Option("--places", help="Tell errors that belong to places from those that last; some minutes.")
+        bool, typer.Option("--places", help="Separate errors that depend on the place from slow ones; takes minutes.")
     ] = False,
     scenario_file: Annotated[
-        Path | None, typer.Option("--scenario", help="A scenario to write, too, whose sensors err so.")
+        Path | None, typer.Option("--scenario", help="Scenario to write as well, with these sensor errors.")
     ] = None,
-    base: Annotated[str, typer.Option("--base", help="The scenario that it is laid over.")] = "tight_imu_uwb",
+    base: Annotated[str, typer.Option("--base", help="Base of that scenario.")] = "tight_imu_uwb",
     json_file: JsonOption = None,
 ) -> None:
     """Fit the errors of ranges and IMU to recordings with a truth, with 95 % intervals.

@@ -93,7 +93,7 @@ def fly(
     ] = None,
     out_file: Annotated[Path | None, typer.Option("--out", help="Write the flight's data as netCDF.")] = None,
     log: Annotated[
-        Path | None, typer.Option(help="Write everything as MCAP (rosbag2, for Foxglove) to this new folder.")
+        Path | None, typer.Option(help="Write a log as MCAP (rosbag2, for Foxglove) to this new folder.")
     ] = None,
     rerun: Annotated[Path | None, typer.Option(help="Write pictures, 3D and signals for Rerun, .rrd.")] = None,
     json_file: JsonOption = None,

@@ -21,7 +21,7 @@ from ortilo_drake.flight.files import write_text
 
 def map_(
     sweep_file: Annotated[
-        Path, typer.Argument(metavar="SWEEP.yaml", help="Axes, design, flights: docs/how_to/maps.md.")
+        Path, typer.Argument(metavar="SWEEP.yaml", help="Its axes, design and flights: docs/how_to/maps.md.")
     ],
     workers: WorkersOption = None,
     out_folder: Annotated[Path, typer.Option("--out", help="Folder of flights, table, report and figure.")] = Path(

@@ -39,7 +39,7 @@ def _of_workers(number: int | None) -> int | None:
 
 
 WorkersOption = Annotated[
-    int | None, typer.Option(min=1, max=1024, callback=_of_workers, help="Worker processes; all cores.")
+    int | None, typer.Option(min=1, max=1024, callback=_of_workers, help="Worker processes; by default all cores.")
 ]
 
 
@@ -95,15 +95,13 @@ PlayerOption = Annotated[
     ),
 ]
 CameraOption = Annotated[
-    Camera | None, typer.Option(help="Draw pictures, or only the boxes; if not as the scenario has it.")
+    Camera | None, typer.Option(help="Render pictures, or project only boxes, in place of the scenario's setting.")
 ]
 DetectorOption = Annotated[
     tuple[Path, Path] | None,
-    typer.Option("--detector", metavar="CFG WEIGHTS", help="A Darknet network to look with in place of ours."),
+    typer.Option("--detector", metavar="CFG WEIGHTS", help="Darknet network to use in place of ours."),
 ]
-OnnxOption = Annotated[
-    Path | None, typer.Option("--onnx", help="A YOLOv5, v8 or v11 network to look with in place of ours.")
-]
+OnnxOption = Annotated[Path | None, typer.Option("--onnx", help="YOLOv5, v8 or v11 network to use in place of ours.")]
 
 
 def with_camera(

@@ -25,7 +25,7 @@ def predict(
     ],
     noise: Annotated[str, typer.Option("--noise", help="NOISE.yaml of `ortilo fit`, or util_2021 or iasl_2023.")],
     runs: Annotated[int, typer.Option("--runs", min=2, max=1000, help="Simulations of each kind and flight.")] = 20,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the days that are drawn.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the simulations.")] = 0,
     out_folder: Annotated[Path, typer.Option("--out", help="Folder of report and figure.")] = Path("out/predicted"),
     json_file: JsonOption = None,
 ) -> None:

@@ -38,17 +38,17 @@ def rare(
             min=0.001, max=1000.0, help="Distance from the reference that counts, in m; without it the vehicle's loss."
         ),
     ] = None,
-    paths: Annotated[int, typer.Option(min=20, help="Flights of a level, a multiple of 10.")] = 1000,
-    repetitions: Annotated[int, typer.Option(min=2, help="Independent estimates, of which the interval comes.")] = 10,
-    count: Annotated[int, typer.Option(min=0, help="Flights to be counted beside it, to check by.")] = 0,
+    paths: Annotated[int, typer.Option(min=20, help="Flights per level, a multiple of 10.")] = 1000,
+    repetitions: Annotated[int, typer.Option(min=2, help="Independent estimates, which give the interval.")] = 10,
+    count: Annotated[int, typer.Option(min=0, help="Plain Monte Carlo flights as a check.")] = 0,
     least: Annotated[
-        float, typer.Option(min=1e-30, max=0.1, help="Smallest probability that is sought; it stops there.")
+        float, typer.Option(min=1e-30, max=0.1, help="Smallest probability to resolve; the search stops there.")
     ] = 1e-9,
-    seed: Annotated[int, typer.Option(min=0, help="Of all noise.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all noise.")] = 0,
     camera: CameraOption = None,
     settings: SetOption = None,
     workers: WorkersOption = None,
-    out_folder: Annotated[Path, typer.Option("--out", help="Folder of what is found.")] = Path("out/rare"),
+    out_folder: Annotated[Path, typer.Option("--out", help="Folder of results.")] = Path("out/rare"),
     json_file: JsonOption = None,
 ) -> None:
     """Estimate the probability that the vehicle is lost, or strays from its reference, where that is rare.

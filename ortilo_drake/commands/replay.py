@@ -31,7 +31,7 @@ def replay(
         Path | None, typer.Option("--map", help="MAP.yaml: which column or topic is what (docs/how_to/recorded.md).")
     ] = None,
     out_folder: Annotated[
-        Path, typer.Option("--out", help="Folder of report, figures, trajectories, with --map.")
+        Path, typer.Option("--out", help="With --map, folder of report, figures and trajectories.")
     ] = Path("out/recorded"),
     json_file: JsonOption = None,
 ) -> None:

@@ -22,7 +22,7 @@ def report(
     ] = None,
     rerun: Annotated[
         Path | None,
-        typer.Option(help="Of a flight's .nc: write a recording for Rerun, .rrd, in place of a page."),
+        typer.Option(help="From a flight's .nc, write a recording for Rerun, .rrd, in place of a page."),
     ] = None,
 ) -> None:
     """Make one self-contained HTML page, with text, tables and figures, of another command's results.

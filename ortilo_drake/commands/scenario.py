@@ -15,7 +15,7 @@ from ortilo_drake.model.typed_yaml import InputError, nearest
 from ortilo_drake.scenario import SCENARIO_FOLDER, load_scenario, scenario_names
 from ortilo_drake.scenario.schema import scenario_keys, scenario_schema
 
-scenario_app = typer.Typer(help="List, show and check scenarios; say what can be set.", no_args_is_help=True)
+scenario_app = typer.Typer(help="List, show and check scenarios and their settings.", no_args_is_help=True)
 
 
 @scenario_app.command("list")

@@ -151,9 +151,9 @@ def tune(
     figure: Annotated[Path | None, picture_option("Draw numbers, NEES and NIS before and after")] = None,
     check: Annotated[int, typer.Option(min=0, max=1000, help="Fly before and after on this many new seeds.")] = 0,
     map_file: Annotated[
-        Path | None, typer.Option("--map", help="FLIGHTS are folders of others' recordings, read by this MAP.yaml.")
+        Path | None, typer.Option("--map", help="FLIGHTS are folders of recordings, read by this MAP.yaml.")
     ] = None,
-    by: Annotated[FitBy, typer.Option(help="With --map: what the noise is to make likely.")] = FitBy.innovations,
+    by: Annotated[FitBy, typer.Option(help="With --map: criterion of the fit.")] = FitBy.innovations,
     fly: Annotated[bool, typer.Option("--fly", help="Search settings by flying them: docs/how_to/tune.md.")] = False,
     kept: Annotated[Path, typer.Option(help="With --fly: folder of the flights' figures.")] = Path("out/tune"),
     workers: WorkersOption = None,

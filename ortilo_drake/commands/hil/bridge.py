@@ -26,9 +26,9 @@ def bridge(
     scenario: ScenarioArgument = DEFAULT_SCENARIO,
     seed: SeedOption = None,
     settings: SetOption = None,
-    ros2: Annotated[bool, typer.Option("--ros2", help="Publish as a ROS 2 node, on this machine.")] = False,
+    ros2: Annotated[bool, typer.Option("--ros2", help="Publish to ROS 2, on this machine.")] = False,
     mavlink: Annotated[
-        str | None, typer.Option(metavar="udpout:HOST:PORT", help="Send the estimate as MAVLink 2 there.")
+        str | None, typer.Option(metavar="udpout:HOST:PORT", help="Send the estimate as MAVLink 2 to this address.")
     ] = None,
     vision: Annotated[
         bool, typer.Option("--vision", help="With --mavlink, send VISION_POSITION_ESTIMATE in place of ODOMETRY.")
@@ -43,34 +43,34 @@ def bridge(
     ] = None,
     map_file: Annotated[
         Path | None,
-        typer.Option("--map", help="With --from, MAP.yaml as of `ortilo replay`: which topic is what."),
+        typer.Option("--map", help="With --from, the MAP.yaml of `ortilo replay`, which says which topic is what."),
     ] = None,
     rate: Annotated[
-        float, typer.Option(min=0.1, max=1000.0, callback=finite, help="With --from, estimates a second.")
+        float, typer.Option(min=0.1, max=1000.0, callback=finite, help="With --from, number of estimates per second.")
     ] = 10.0,
     lag: Annotated[
         float,
         typer.Option(min=0.0, max=10.0, callback=finite, help="With --from, how long to wait for a late topic [s]."),
     ] = 0.1,
     speed: Annotated[
-        float, typer.Option(min=0.01, help="With --from BAG, times its own pace; inf: without waiting.")
+        float, typer.Option(min=0.01, help="With --from BAG, playback speed; inf: without waiting.")
     ] = 1.0,
     hold: Annotated[
         str | None,
-        typer.Option(metavar="x,y,z", help="With --from, ask for attitude and thrust that hold this place [m]."),
+        typer.Option(metavar="x,y,z", help="With --from, make attitude and thrust setpoints that hold this place [m]."),
     ] = None,
     arm: Annotated[
         bool,
         typer.Option("--arm", help="With --hold and --mavlink, send these setpoints to the autopilot. Off by default."),
     ] = False,
     hover_thrust: Annotated[
-        float | None, typer.Option(min=0.05, max=0.9, help="With --arm, share of the thrust at which it hovers.")
+        float | None, typer.Option(min=0.05, max=0.9, help="With --arm, share of full thrust at hover.")
     ] = None,
     url: UrlOption = DEFAULT_URL,
     key: KeyOption = None,
     insecure: InsecureOption = False,
     wait: WaitOption = 60.0,
-    seconds: Annotated[float | None, typer.Option(min=0.1, callback=finite, help="End after that long [s].")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.1, callback=finite, help="Stop after this time [s].")] = None,
     json_file: JsonOption = None,
 ) -> None:
     """Listen to a flight of a world and an onboard half, and pass it on to ROS 2 or a MAVLink autopilot.

@@ -50,20 +50,20 @@ def onboard(
     key: KeyOption = None,
     insecure: InsecureOption = False,
     wait: WaitOption = 60.0,
-    log: Annotated[Path | None, typer.Option(help="Write what it took and made of it as MCAP to this folder.")] = None,
+    log: Annotated[Path | None, typer.Option(help="Write its inputs and outputs as MCAP to this folder.")] = None,
     checkpoint: Annotated[
         Path | None,
-        typer.Option(help="In real time, keep the state in this file, a goal's path beside it, to join after a kill."),
+        typer.Option(help="In real time, save the state here (a goal's path beside it), to resume after a kill."),
     ] = None,
     keep: Annotated[
-        bool, typer.Option("--keep-alive", help="Start again at once whenever the process that flies is killed.")
+        bool, typer.Option("--keep-alive", help="Restart the flying process whenever it is killed.")
     ] = False,
     exported: Annotated[
         Path | None,
-        typer.Option(help="In lockstep, fly what `ortilo export` wrote to this folder; emulated if need be."),
+        typer.Option(help="In lockstep, fly the C code that `ortilo export` wrote here, emulated if need be."),
     ] = None,
     profile: Annotated[
-        bool, typer.Option("--profile", help="Time each block on this machine, without a world, and end.")
+        bool, typer.Option("--profile", help="Time each block on this machine, without a world, and exit.")
     ] = False,
     json_file: JsonOption = None,
 ) -> None:

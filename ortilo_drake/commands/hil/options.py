@@ -20,13 +20,13 @@ KeyOption = Annotated[
     typer.Option("--key", metavar="FILE", help="The secret of both halves, of `ortilo hil key`; by default your own."),
 ]
 InsecureOption = Annotated[
-    bool, typer.Option("--insecure", help="No secret: whoever is on the network may command the vehicle.")
+    bool, typer.Option("--insecure", help="No secret: anyone on the network can command the vehicle.")
 ]
-WaitOption = Annotated[float, typer.Option(min=1.0, callback=finite, help="How long to look for the other half [s].")]
-LockstepOption = Annotated[bool, typer.Option("--lockstep", help="Wait for each answer: bit for bit `ortilo fly`.")]
+WaitOption = Annotated[float, typer.Option(min=1.0, callback=finite, help="Time to wait for the other half [s].")]
+LockstepOption = Annotated[bool, typer.Option("--lockstep", help="Wait for each answer: bit for bit as `ortilo fly`.")]
 SecondsOption = Annotated[
     float | None,
-    typer.Option(min=0.1, callback=finite, help="In real time, end after that long [s]; else with the path."),
+    typer.Option(min=0.1, callback=finite, help="In real time, stop after this time [s], not with the path."),
 ]
 
 

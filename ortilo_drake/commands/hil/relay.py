@@ -12,17 +12,17 @@ from ortilo_drake.hil.wire.urls import DEFAULT_URL, ONBOARD_URL
 
 def relay(
     faults: Annotated[
-        str, typer.Option(help="Of both directions, in SI units: '{loss: 0.2, delay: 0.04, spread: 0.02, ...}'.")
+        str, typer.Option(help="Faults in both directions, in SI units: '{loss: 0.2, delay: 0.04, spread: 0.02, ...}'.")
     ] = "{}",
-    to_onboard: Annotated[str | None, typer.Option(help="Faults on the way to the onboard half, if others.")] = None,
-    to_world: Annotated[str | None, typer.Option(help="Faults on the way to the world, if others.")] = None,
+    to_onboard: Annotated[str | None, typer.Option(help="Faults towards the onboard half, if different.")] = None,
+    to_world: Annotated[str | None, typer.Option(help="Faults towards the world, if different.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 1,
-    url_world: Annotated[str, typer.Option(help="The world's address, which it joins.")] = DEFAULT_URL,
-    url_onboard: Annotated[str, typer.Option(help="The onboard half's, which it serves.")] = ONBOARD_URL,
+    url_world: Annotated[str, typer.Option(help="Address of the world, which the relay joins.")] = DEFAULT_URL,
+    url_onboard: Annotated[str, typer.Option(help="Address that it serves to the onboard half.")] = ONBOARD_URL,
     key: KeyOption = None,
     insecure: InsecureOption = False,
     seconds: Annotated[
-        float, typer.Option(min=0.0, callback=finite, help="Stop after that long [s]; Ctrl-C stops it too.")
+        float, typer.Option(min=0.0, callback=finite, help="Stop after this time [s]; Ctrl-C stops it too.")
     ] = 86400.0,
     json_file: JsonOption = None,
 ) -> None:

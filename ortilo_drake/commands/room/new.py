@@ -10,8 +10,8 @@ from ortilo_drake.commands.terminal import check_writable, out, say_written
 from ortilo_drake.model.input_files import exists
 from ortilo_drake.model.typed_yaml import InputError
 
-ForceOption = Annotated[bool, typer.Option("--force", help="Write over a file that is there.")]
-AnchorsOption = Annotated[int, typer.Option(help="How many UWB anchors.")]
+ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")]
+AnchorsOption = Annotated[int, typer.Option(help="Number of UWB anchors.")]
 
 
 def new(

@@ -23,7 +23,7 @@ def place(
         int, typer.Option(help="Number of landmarks to place as well, in place of those that the room has.")
     ] = 0,
     spacing: Annotated[
-        float, typer.Option(min=0.25, max=100.0, callback=finite, help="Of the grid of mounting places, in m.")
+        float, typer.Option(min=0.25, max=100.0, callback=finite, help="Spacing of the grid of mounting places [m].")
     ] = 1.5,
     settings: SetOption = None,
     out_file: Annotated[Path | None, typer.Option("--out", help="Write the room to this .yaml.")] = None,

@@ -33,18 +33,18 @@ def survey(
     sources: Annotated[
         list[Path], typer.Argument(help="Flights (.nc), logs (.mcap or their folder) and tables of ranges (.csv).")
     ],
-    known: Annotated[str, typer.Option(help="Numbers of the anchors whose place is known, three or more.")] = "0,1,2",
+    known: Annotated[str, typer.Option(help="Numbers of the anchors with known positions, three or more.")] = "0,1,2",
     room: Annotated[
         str | None, typer.Option(help="'ortilo' or a room file: its anchors as believed; by default the flights'.")
     ] = None,
-    loss: Annotated[Loss, typer.Option(help="What a residual costs; all but linear bear outliers.")] = Loss.linear,
+    loss: Annotated[Loss, typer.Option(help="Loss of a residual; all but linear resist outliers.")] = Loss.linear,
     range_sd: Annotated[
         float | None, typer.Option(min=0.0, callback=finite, help="Standard deviation of a range, in m.")
     ] = None,
     range_fraction: Annotated[
-        float | None, typer.Option(min=0.0, callback=finite, help="What it grows by with each metre of distance.")
+        float | None, typer.Option(min=0.0, callback=finite, help="Growth of that per metre of distance.")
     ] = None,
-    most: Annotated[int, typer.Option(min=4, max=5000, help="Places taken of a flight, at most.")] = 200,
+    most: Annotated[int, typer.Option(min=4, max=5000, help="Most places to use from a flight.")] = 200,
     out_file: Annotated[Path | None, typer.Option("--out", help="Write the room to this .yaml.")] = None,
     json_file: JsonOption = None,
 ) -> None:
