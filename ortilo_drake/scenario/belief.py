@@ -41,7 +41,7 @@ class Belief(Frozen):
     """A scenario as the onboard half knows it.
 
     Attributes:
-        name: what tables and files call it.
+        name: its name in tables and files.
         control_rate: ticks a second, 1 / h [Hz].
         room: 'ortilo' or the path of a room file, relative to the scenario's own folder: the map as it was surveyed.
         vehicle: mass, inertia and rotors as they are believed to be; a scenario file may name a file of them instead,
@@ -53,10 +53,10 @@ class Belief(Frozen):
         detector: the network that looks at a rendered camera's pictures.
         multilateration: position from ranges.
         landmark_fix: position from boxes.
-        estimator: what makes a state of the fixes and the imu's angles.
-        servo: what makes a control of state and reference.
+        estimator: the state estimator, from fixes and the imu's angles.
+        servo: the controller, from state and reference.
         planner: the path to fly.
-        commands: what is made of commands that act late.
+        commands: the treatment of commands that act late.
     """
 
     name: Name = "default"

@@ -17,7 +17,7 @@ class Commands(Frozen):
         servo: 'present' acts on the state of the tick. 'predicted' acts on the state and the reference of the time at
             which its command will act, with the commands on the way. 'augmented' acts on the state of the tick and the
             commands on the way, by the LQ gain of a plant that has them as states.
-        delay: from the tick of a command to when it acts [s]. null measures it by what the world reports; 'augmented'
+        delay: from the tick of a command to its effect [s]. null measures it by the world's reports; 'augmented'
             must be told, its gain is computed before the flight.
     """
 

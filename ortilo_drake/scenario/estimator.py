@@ -116,7 +116,7 @@ class Biases(Frozen):
         camera_sd: of camera fixes per axis [m]: survey of the landmarks, attitude of the camera.
         level_sd: of the imu's roll and pitch [rad]; only a fix with method 'pose' tells it from a force.
         yaw_sd: of the imu's yaw [rad]; seen by fixes with method 'known_tilt' or 'pose'.
-        row_sd: of any other row of y by its name, such as {z_alt: 0.02} [its unit]: what a sensor of one's own errs by.
+        row_sd: of any other row of y by its name, such as {z_alt: 0.02} [its unit], of a registered sensor.
         uwb_time: correlation time of the uwb fixes' bias [s], about as long as the same anchors are near.
         camera_time: of the camera fixes' [s]: that of the filter's attitude error, or of the same landmarks in view.
         imu_time: of the imu's biases [s].
@@ -141,12 +141,12 @@ class IntermittentFilter(Frozen):
         kind: 'intermittent'.
         W: process noise covariance.
         V: measurement noise.
-        initial_sd: what the filter believes of its initial error in position [m], angles [rad], velocity [m/s] and
+        initial_sd: standard deviations of its initial position [m], angles [rad], velocity [m/s] and
             Euler rates [rad/s]; flights start without one, so NEES starts at 0.
-        delay: what becomes of a measurement that comes late. 'ignore' lets it enter as if it were current; 'drop'
+        delay: treatment of a late measurement. 'ignore' lets it enter as if it were current; 'drop'
             uses none older than one tick, which a detector itself takes, and lets the others enter as current;
             'replay' puts it into the tick of its stamp and runs the filter again from there.
-        horizon: how far back 'replay' goes [s]; what is older is not used.
+        horizon: how far back 'replay' goes [s]; older measurements are not used.
         integrator: 'literal' and 'hold' integrate r less the measured position, as printed, and are part of the
             filter's model; where no fix arrived 'literal' integrates r itself, 'hold' keeps still. 'estimate'
             integrates r - xhat, as in the authors' code.
@@ -161,7 +161,7 @@ class IntermittentFilter(Frozen):
             gates do not know of them.
         gates: probability [1] by sensor, such as {uwb: 0.99}. A fix is ignored if its squared Mahalanobis distance
             from the filter's prediction exceeds the chi-square quantile of its sensor's gate; no gate, no such test.
-        robust: what the filter makes of values that are not what it believes of them, such as of faults: gates,
+        robust: treatment of values beyond the believed noise, such as those of faults: gates,
             weights, re-acquisition, noise that follows the innovations, stuck sensors. {} is all of them; null is the
             paper.
     """

@@ -221,7 +221,7 @@ class People(Fault):
         speed: of all [m/s].
         radius: of the cylinders [m].
         height: of the cylinders, on the floor [m].
-        excess: mean of the exponential length by which a range through a person comes out longer [m], drawn anew for
+        excess: mean of the exponential excess of a range through a person [m], drawn anew for
             each; null if there is none.
     """
 
@@ -268,7 +268,7 @@ class RotorWeak(Fault):
         end: when it ends [s]; null if it does not.
         kind: 'rotor_weak'.
         rotor: its index, from 0 [1].
-        factor: its thrust over what it should be [1], 0.5 to 1.
+        factor: its thrust over its normal thrust [1], 0.5 to 1.
     """
 
     kind: Literal["rotor_weak"]

@@ -37,17 +37,17 @@ class Multilateration(Frozen):
     Attributes:
         method: 'nearest_three' intersects the spheres of the three nearest anchors, as the authors do;
             'least_squares' is weighted nonlinear least squares over all ranges.
-        noise: what the solver believes of the ranges.
+        noise: noise of the ranges, as the solver believes it.
         bias_sd: standard deviation of what lasts of a range's error [m]: its bias, the survey of its anchor. It counts
             in the weights of 'least_squares' and in whether ranges fit a position, and not in the fix's covariance:
             what lasts of a fix's error is for estimator.biases.uwb_sd.
         bias_bank: shares of bias_sd [1] between which the ranges' residuals decide in flight, such as [0, 0.4, 1] of
             a survey that may be exact. Fixes then tell the filter how large what lasts of their error is, in the place
             of estimator.biases.uwb_sd. null believes bias_sd as it is. Only with 'least_squares', and without exclude.
-        noise_scale: how many residuals [1] that noise is worth which is told, where its scale is learned in flight of
-            the ranges' residuals, together with bias_bank; 10 is about one fix of twelve ranges. null believes the
+        noise_scale: weight of the given noise, in residuals [1], where its scale is learned in flight from the
+            ranges' residuals, together with bias_bank; 10 is about one fix of twelve ranges. null believes the
             noise as it is. Only with 'least_squares', and without exclude.
-        exclude: which ranges are left out because they do not fit the others; null leaves none out. Only with
+        exclude: exclusion of ranges that do not fit the others; null leaves none out. Only with
             'least_squares'.
     """
 
@@ -96,7 +96,7 @@ class Detector(Frozen):
         onnx: an ONNX file of YOLOv5, v8 or v11 to use in place of our own network; needs onnxruntime.
         names: its class names, each line one; by default FILE.names beside FILE.cfg, those in the ONNX file, or the 80
             of MS COCO.
-        backend: what computes our own network: 'onnxruntime' is the fastest measured, 'opencv' is always there, 'torch'
+        backend: library for our own network: 'onnxruntime' is the fastest measured, 'opencv' is always there, 'torch'
             the one it was trained with; 'auto' takes the first of them that is installed.
         threshold: smallest score of a box [1].
         overlap: two boxes of a class that overlap by a larger IoU [1] are one object.
@@ -137,7 +137,7 @@ class LandmarkFix(Frozen):
         method: 'known_attitude' (two landmarks or more, attitude from the filter), 'known_tilt' (two or more, roll and
             pitch from the filter: position and yaw), 'pose' (two or more: position and attitude), 'cosine_law' (three
             or more, the paper's) or 'pnp' (four or more, OpenCV's SQPNP in RANSAC).
-        center_sd: what the solver believes of the error of a small box's centre [px].
+        center_sd: standard deviation of a small box's centre, as the solver believes it [px].
         center_growth: g [1/px]: along an axis in which the box is b px long the error is center_sd sqrt(1 + (g b)^2).
         gate: an association is refused beyond this probability [1] of the predicted projection's error.
         max_residual: the first three methods drop boxes that disagree with the rest by more than so many standard
@@ -157,7 +157,7 @@ class LandmarkFix(Frozen):
             estimator.biases.camera_sd. null believes survey_sd as it is. Only with method 'pose'.
         noise_scale: how many residuals [1] center_sd is worth, where its scale is learned in flight of the boxes'
             residuals, as multilateration.noise_scale. null believes center_sd as it is. Only with method 'pose'.
-        shapes: what is known of the landmarks' shapes: 'outlines' is all that the room's file has, 'boxes' their
+        shapes: the known shapes of the landmarks: 'outlines' is all that the room's file has, 'boxes' their
             sizes alone.
     """
 

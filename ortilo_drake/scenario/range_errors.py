@@ -40,7 +40,7 @@ class Outliers(Frozen):
 
     Attributes:
         share: of all rows [1].
-        sd: standard deviation of what is added [m].
+        sd: standard deviation of the addition [m].
         burst: how many rows of an anchor in a row are outliers, on average [1].
     """
 
@@ -54,8 +54,8 @@ class UwbNoise(Frozen):
 
     Attributes:
         white: standard deviation of a row's white error [m].
-        lasting: what lasts of each anchor's error; null for nothing.
-        field: what of it belongs to places; null for nothing.
+        lasting: each anchor's slow error; null for none.
+        field: its part that depends on the place; null for none.
         outliers: rows that err by more.
         constants_sd: root mean square of the anchors' constants [m].
         constants: each anchor's constant [m], if they are known; null has them drawn by constants_sd.

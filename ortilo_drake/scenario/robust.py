@@ -79,8 +79,8 @@ class Robust(Frozen):
         opening: by how much.
         drift: time over which innovations of the imu's angles are averaged; if they are not 0 on average, by the gate's
             probability, the gyroscope's bias is found anew [s]. Read with rates 'measured'; null leaves it out.
-        stuck: so many messages [1] in a row with the same content say that a sensor is stuck; it is not heard until it
-            says something else. null hears it.
+        stuck: number of messages [1] in a row with the same content after which a sensor counts as stuck; it is ignored
+            until it changes. null never ignores it.
     """
 
     gate: Gate = 0.999999

@@ -26,7 +26,7 @@ class Scenario(Belief):
     """One flight: what the onboard half believes, what the world is, and how the two differ.
 
     Attributes:
-        name: what tables and files call it.
+        name: its name in tables and files.
         control_rate: ticks a second, 1 / h [Hz].
         room: 'ortilo' or the path of a room file, relative to the scenario's own folder: the map as it was surveyed.
         vehicle: mass, inertia and rotors as they are believed to be; a scenario file may name a file of them instead,
@@ -38,18 +38,18 @@ class Scenario(Belief):
         detector: the network that looks at a rendered camera's pictures.
         multilateration: position from ranges.
         landmark_fix: position from boxes.
-        estimator: what makes a state of the fixes and the imu's angles.
-        servo: what makes a control of state and reference.
+        estimator: the state estimator, from fixes and the imu's angles.
+        servo: the controller, from state and reference.
         planner: the path to fly.
-        commands: what is made of commands that act late.
+        commands: the treatment of commands that act late.
         seed: the seed of all noise; the same seed gives the same flight bit for bit.
         settle: time flown after the path's end [s].
         world: the simulated physics apart from the sensors.
-        truth: how the world differs from what the onboard half believes; by default not at all.
-        faults: what goes wrong in the world in the middle of the flight; by default nothing.
+        truth: differences of the world from the onboard belief; by default none.
+        faults: faults in the middle of the flight; by default none.
         command_link: delivery of the control packets; perfect by default.
         report_link: delivery of the reports of which commands acted; only where `commands` wants them.
-        failsafe: what flies while no command comes; only in real time (`ortilo hil world`).
+        failsafe: the controller while no command comes; only in real time (`ortilo hil world`).
     """
 
     imu: Imu = Imu()

@@ -60,7 +60,7 @@ class Imu(ImuSetup):
         angle_density: of roll, pitch and yaw [rad/sqrt(Hz)]; the default is 0.01 rad at 30 Hz.
         rate_density: of the body rates per axis [rad/s/sqrt(Hz)]; the default is 0.01 rad/s at 30 Hz.
         specific_force_density: of the specific force per axis [m/s^2/sqrt(Hz)]; the default is 0.05 m/s^2 at 30 Hz.
-        ahrs: what its attitude filter makes of acceleration; null has it not err.
+        ahrs: its attitude filter, which errs under acceleration; null has it not err.
     """
 
     link: Link = Link()
@@ -115,7 +115,7 @@ class AffineNoise(Frozen):
     Attributes:
         kind: 'affine'.
         sd: standard deviation at distance 0 [m].
-        fraction: by which it grows, over distance [1].
+        fraction: its growth over distance [1].
     """
 
     kind: Literal["affine"]
@@ -189,7 +189,7 @@ class UwbSetup(SensorSetup):
         round: how long a round of ranging takes [s]: the anchors are ranged one after the other in n even slots, the
             last one at the message's stamp, so that range i of 0 to n - 1 is (1 - (i + 1) / n) of it older. The onboard
             half knows that and takes each range on to the stamp by the velocity that it believes.
-        behind_walls: what is made of ranges that, by the map and the estimate, pass a wall: they are 'used' as any
+        behind_walls: treatment of ranges that, by the map and the estimate, pass a wall: they are 'used' as any
             other, or 'left_out'. null leaves them out where the scenario's walls lengthen ranges: that they do is known
             to who flies there, by how much is not.
     """
@@ -211,17 +211,17 @@ class Uwb(UwbSetup):
         round: how long a round of ranging takes [s]: the anchors are ranged one after the other in n even slots, the
             last one at the message's stamp, so that range i of 0 to n - 1 is (1 - (i + 1) / n) of it older. The onboard
             half knows that and takes each range on to the stamp by the velocity that it believes.
-        behind_walls: what is made of ranges that, by the map and the estimate, pass a wall: they are 'used' as any
+        behind_walls: treatment of ranges that, by the map and the estimate, pass a wall: they are 'used' as any
             other, or 'left_out'. null leaves them out where the scenario's walls lengthen ranges: that they do is known
             to who flies there, by how much is not.
         noise: noise of each range, where errors are white.
-        errors: 'white' draws `noise` anew for each range; 'fitted' draws what recordings told of: each anchor's
+        errors: 'white' draws `noise` anew for each range; 'fitted' draws errors fitted to recordings: each anchor's
             constant, errors that last, white noise, outliers and their bursts, missing ranges.
         file: NOISE.yaml of `ortilo fit`, or the name of one that comes with the package, iasl_2023 or util_2021: what
             it has of the ranges is read to `fitted`. A scenario file, or `--set`, may name it; it is found as a room's
             file is.
         fitted: the errors where they are fitted.
-        walls: what walls in the line of sight do to a range.
+        walls: effect of walls in the line of sight on a range.
         max_distance: farther anchors give no range [m].
     """
 

@@ -41,7 +41,7 @@ class InertialNoise(Frozen):
     """The tight filter's noise model of the imu.
 
     Attributes:
-        datasheet: whose noise density the body rates and the specific force have; 'none' goes by the next two.
+        datasheet: the unit whose noise densities are used; 'none' uses the next two.
         rate_density: noise of the body rates per axis [rad/s/sqrt(Hz)]; the default is 0.001 rad/s at 30 Hz.
         specific_force_density: of the specific force per axis [m/s^2/sqrt(Hz)]; the default is 0.05 m/s^2 at 30 Hz.
         angle_density: of roll, pitch and yaw [rad/sqrt(Hz)]; the default is 0.01 rad at 30 Hz, null leaves them out.
@@ -52,7 +52,7 @@ class InertialNoise(Frozen):
         level_sd: error of roll and pitch, which lasts [rad]; 0 has none estimated.
         yaw_sd: error of the yaw, which lasts [rad].
         angles_rate: random walk of both, likewise [rad].
-        coasting_sd: what a tick without samples may change of body rates [rad/s] and specific force [m/s^2].
+        coasting_sd: change in a tick without samples of body rates [rad/s] and specific force [m/s^2].
         silent_rate: random walk of what body rates [rad/s] and specific force [m/s^2] are wrong by after a second in
             which the imu says nothing new.
     """
@@ -76,7 +76,7 @@ class TightRanges(Frozen):
     """The tight filter's noise model of single ranges.
 
     Attributes:
-        noise: what is new in every range.
+        noise: white noise of every range.
         bias_sd: error of each anchor's ranges that lasts [m]: bias, survey; 0 has none estimated.
         bias_rate: its random walk, a standard deviation after 1 s [m]: a survey's error is another one from elsewhere.
         slow_sd: error of each anchor's ranges that changes slowly [m]; 0 has none estimated.
@@ -104,7 +104,7 @@ class TightPixels(Frozen):
 
     Attributes:
         sd: error of a small box's centre [px].
-        growth: share of the box's size by which it grows, over sd [1/px].
+        growth: its growth with the box's size, relative to sd [1/px].
         slow_share: share of the variance that lasts from picture to picture [1].
         slow_time: for how long [s].
         survey_sd: error of each landmark's surveyed position per axis [m]; 0 has none estimated.
@@ -146,10 +146,10 @@ class TightFilter(Frozen):
         kind: 'tight'.
         force: 'measured': it reads the imu's specific force ...
         rates: ... and its body rates.
-        imu: what it believes of the imu.
+        imu: noise of the imu, as it believes it.
         ranges: of the ranges.
         pixels: of the boxes.
-        initial_sd: what it believes of its initial error in position [m], angles [rad] and velocity [m/s].
+        initial_sd: standard deviations of its initial position [m], angles [rad] and velocity [m/s].
         gate: probability [1] beyond which a range or a box is refused.
         huber: standard deviations of an innovation from which on it weighs less [1].
         watch: how it notices a sensor that goes wrong; null has it trust the sensors as they are.
