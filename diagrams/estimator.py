@@ -71,7 +71,7 @@ class Estimator(Diagram):
 
     @property
     def has_history(self) -> bool:
-        """Whether past ticks decide what it will estimate, beside the present belief."""
+        """True if its next estimates depend on past ticks as well as on the present belief."""
         return self._has_history
 
 
@@ -87,7 +87,7 @@ def shown_boxes(belief: Belief, boxes: list[Box]) -> list[Box]:
 
 
 class Settable(NamedTuple):
-    """Where the paper's filter keeps its belief.
+    """The places in which the paper's filter keeps its belief.
 
     Attributes:
         state: which of its states begins with it.

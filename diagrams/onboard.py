@@ -121,7 +121,7 @@ class Onboard(Diagram):
 
     @property
     def has_history(self) -> bool:
-        """Whether past ticks decide what will be estimated, beside the present belief."""
+        """True if the next estimates depend on past ticks as well as on the present belief."""
         return self._has_history if self._own is None else bool(getattr(self._own, "has_history", True))
 
 

@@ -192,7 +192,7 @@ def make_plant(
 
 
 def make_body_state(body: int) -> System:
-    """Return what makes our state (12) and acceleration (3) of a body of a MultibodyPlant, for sensors on it.
+    """Make a System that gives sensors the state (12) and acceleration (3) of a body of a MultibodyPlant.
 
     Ports: as of world/vehicle/body_state.py, `body_poses`, `body_spatial_velocities`, `body_spatial_accelerations` from
     the plant's outputs of these names; `state` (12) and `acceleration` (3) out.

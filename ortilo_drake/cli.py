@@ -1,4 +1,4 @@
-"""The command `ortilo`: however it ends, it says so in one line.
+"""The command `ortilo`: it reports every end, also an error, in one line.
 
 Nothing but the standard library is imported at the top, because Ctrl-C while an import runs is caught below as well.
 """

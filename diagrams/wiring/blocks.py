@@ -40,7 +40,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Arrow:
-    """What a box reads by one of its inputs, or holds: `said` is "box" or "box.part", `wire` what that stands for."""
+    """A box's input, or a value that it holds: `said` is "box" or "box.part", `wire` its source."""
 
     reader: str
     port: str

@@ -154,7 +154,7 @@ def learns_of_ranges(belief: Belief) -> bool:
 
 
 def told_by_fixes(belief: Belief, its: Filtering) -> Told:
-    """Return which coefficients of a filter's measurement are told by fixes that learn."""
+    """Return the coefficients of a filter's measurement that come from fixes that learn."""
     biases = belief.estimator.biases
     ranges = Sort(UWB, biases.uwb_sd) if learns_survey(belief) else None
     boxes = Sort(CAMERA, biases.camera_sd, np.exp(-belief.h / biases.camera_time)) if learns_landmarks(belief) else None

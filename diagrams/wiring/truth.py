@@ -1,4 +1,4 @@
-"""How the world of one seed differs from what is believed: what its boxes are given in place of their own."""
+"""The world of one seed: the values that its boxes are given in place of the believed ones."""
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from ortilo_drake.world.vehicle.wrench_error import wrench_matrix
 
 
 def drawn_of(wiring: Wiring, scenario: Scenario, room: Room, draw: AtStart) -> dict[str, Given]:
-    """Return what each box is given in a flight whose world has these draws, by the boxes' names.
+    """Return the values given to each box in a flight whose world has these draws, by the boxes' names.
 
     Args:
         wiring: of the scenario, its world as it is believed to be.

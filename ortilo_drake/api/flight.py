@@ -59,7 +59,7 @@ class Flight:
 
     @property
     def player(self) -> str | None:
-        """Who flew it: 'engine', 'drake' or 'drake-elements'; None where it is not known, as of a log."""
+        """The player that flew it: 'engine', 'drake' or 'drake-elements'; None where it is not known, as of a log."""
         found: str | None = self.data.attrs.get("player")
         return found
 
@@ -105,7 +105,7 @@ class Flight:
     def to_pandas(self) -> pd.DataFrame:
         """Return a row for each tick, over time [s]; all at t_k, before the measurements of the tick correct it.
 
-        A column is named after its signal and what it is of; `attrs["units"]` of the table has the unit of each.
+        A column is named signal.component; the table's `attrs["units"]` has each column's unit.
 
             truth.x ... truth.psi_dot             the state x_k [m, rad, m/s, rad/s]
             estimate.x ... estimate.i_z           the prediction of it; the servo's integrals, sums over ticks [m]
@@ -113,10 +113,10 @@ class Flight:
             reference.x ...                       the planned position [m]
             reference_velocity.x ...              its velocity [m/s]
             reference_acceleration.x ...          its acceleration [m/s^2]
-            due.uwb ...                           True where the sensor's rate has it send in this tick
+            due.uwb ...                           True where the sensor sends in this tick, by its rate
             arrival.uwb ...                       True where the filter used what arrived, delta_k
             measurement.x_uwb ...                 y_k, NaN where nothing arrived [m, rad, ...]
-            innovation.x_uwb ...                  y_k less what the filter expected, NaN where nothing arrived
+            innovation.x_uwb ...                  y_k less the filter's prediction, NaN where nothing arrived
             covariance.x.x, covariance.x.y ...    upper triangle of P_k, the estimate's covariance [m^2, m rad, ...]
         """
         return flight_table(self.data)

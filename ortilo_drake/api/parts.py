@@ -67,8 +67,8 @@ def register_planner(
 ) -> None:
     """Let scenarios name a planner: `planner: {kind: mine, ...}`; arguments and errors as register_estimator.
 
-    It returns a Trajectory p_WB(t) (3 rows) [m], or a System or a Box that says the reference (9): its settings then
-    have a field `duration` [s].
+    It returns a Trajectory p_WB(t) (3 rows) [m], or a System or a Box whose output is the reference (9): its
+    settings then have a field `duration` [s].
     """
     register_part("planner", Part(kind, settings, make, box))
 

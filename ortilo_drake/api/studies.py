@@ -30,7 +30,7 @@ from ortilo_drake.studies.paper_tables.tables import STATISTICS, Tables, make_ta
 
 @dataclass(frozen=True, repr=False)
 class Study:
-    """What a study found. It prints as its report, and a notebook shows that.
+    """The result of a study. It prints as its report, and a notebook shows that.
 
     Attributes:
         text: the report, as the command prints it, in Markdown.

@@ -35,7 +35,7 @@ OUTPUTS: Final = {
 
 
 def c_name(name: str) -> str:
-    """Return how a box or a message is called in C."""
+    """Return the C name of a box or a message."""
     return NAMED.get(name, name)
 
 
@@ -71,7 +71,7 @@ def flown(half: Half) -> list[Box]:
 
 
 def constants_of(box: Box) -> list[tuple[str, str, np.ndarray]]:
-    """Return what of a box never changes in flight, numbers first: its name, its kind and its values."""
+    """Return a box's constants (name, kind and values), numbers first; they never change in flight."""
     found = list[tuple[str, str, np.ndarray]]()
     for number in box.element.constants:
         found.append((number.name, number.kind, np.asarray(box.given.numbers[number.name])))

@@ -69,7 +69,7 @@ def onboard_half(scenario: Belief) -> Half:
 
 
 def why_not(element: Element) -> str | None:
-    """Return why an element cannot be exported, None if it can."""
+    """Return the reason why an element cannot be exported; None if it can."""
     if any({"seed", "seeds"} & {*takes(function)} for function in element.functions.values()):
         return "draws noise"
     return None

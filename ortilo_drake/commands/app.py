@@ -63,7 +63,7 @@ def set_up(
     ] = None,
     theme: Annotated[Theme, typer.Option(help="The style of all figures.")] = Theme.light,
     version: Annotated[
-        bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Print the versions and end.")
+        bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Print the versions and exit.")
     ] = False,
 ) -> None:
     """Run the files that register parts, before the command reads a scenario that names them; join a cluster."""

@@ -67,7 +67,7 @@ def render(
     pictures: PicturesOption = PICTURES,
     seed: SeedOption = 0,
     scale: Annotated[
-        float, typer.Option(min=0.001, max=100.0, callback=finite, help="Fewer or more scenes than we trained with.")
+        float, typer.Option(min=0.001, max=100.0, callback=finite, help="Scenes, relative to our own training.")
     ] = 1.0,
     width: WidthOption = 320,
     workers: WorkersOption = None,
@@ -87,7 +87,7 @@ def train(
     out_folder: Annotated[Path, typer.Option("--out", help="Folder of checkpoint, losses and network.")] = TRAINED,
     epochs: Annotated[int, typer.Option(min=1, max=10_000, help="Passes over the pictures.")] = 20,
     seed: SeedOption = 0,
-    threads: Annotated[int | None, typer.Option(min=1, max=256, help="Processor threads; all cores.")] = None,
+    threads: Annotated[int | None, typer.Option(min=1, max=256, help="Threads; by default all cores.")] = None,
 ) -> None:
     """Train the detector on the rendered pictures; an interrupted training continues from its last finished epoch."""
     _need_torch()
@@ -136,13 +136,13 @@ def evaluate(
     pictures: PicturesOption = PICTURES,
     seed: SeedOption = 0,
     scale: Annotated[
-        float, typer.Option(min=0.001, max=100.0, callback=finite, help="Fewer or more scenes than ours.")
+        float, typer.Option(min=0.001, max=100.0, callback=finite, help="Scenes, relative to ours.")
     ] = 1.0,
     width: WidthOption = 320,
     backend: Annotated[str, typer.Option(help="auto, onnxruntime, opencv or torch.")] = "auto",
     network: NetworkOption = None,
     onnx: OnnxOption = None,
-    worst: Annotated[Path | None, typer.Option(help="Draw the worst pictures to this PNG.")] = None,
+    worst: Annotated[Path | None, typer.Option(help="PNG file for the worst pictures.")] = None,
     workers: WorkersOption = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -211,7 +211,7 @@ def recognise(
 @detector_app.command()
 def export(
     network: Annotated[Path, typer.Option(help="A trained network, .safetensors.")] = NETWORK,
-    onnx: Annotated[Path, typer.Option(help="Where to write it as ONNX.")] = TRAINED / "ortilo.onnx",
+    onnx: Annotated[Path, typer.Option(help="ONNX file to write.")] = TRAINED / "ortilo.onnx",
 ) -> None:
     """Write a trained network as ONNX, for OpenCV and onnxruntime."""
     _need_torch()
@@ -225,7 +225,7 @@ def export(
 @detector_app.command()
 def calibrate(
     flights: Annotated[int, typer.Option(min=1, max=1000, help="Flights to measure on.")] = 4,
-    first_seed: Annotated[int, typer.Option(min=0, help="Seed of the first; the tables fly from 0 on.")] = 100,
+    first_seed: Annotated[int, typer.Option(min=0, help="Seed of the first flight; the tables' begin at 0.")] = 100,
     network: NetworkOption = None,
     onnx: OnnxOption = None,
     out_file: Annotated[Path, typer.Option("--out", help="The calibration file.")] = Path(

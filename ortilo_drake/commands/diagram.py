@@ -17,9 +17,9 @@ def diagram(
         int,
         typer.Option(min=1, max=3, help="1: the paper's blocks; 2: every box, in the order of a tick; 3: elements."),
     ] = 1,
-    svg: Annotated[Path | None, typer.Option(help="Draw this depth as an image instead.")] = None,
-    html: Annotated[Path | None, typer.Option(help="One page with three depths, to zoom and move.")] = None,
-    drake: Annotated[Path | None, typer.Option(help="An image of the loop as Drake draws it: every System.")] = None,
+    svg: Annotated[Path | None, typer.Option(help="Draw this level as an image instead.")] = None,
+    html: Annotated[Path | None, typer.Option(help="Write one page with all three levels, to zoom and pan.")] = None,
+    drake: Annotated[Path | None, typer.Option(help="Image of the loop as Drake draws it, with every System.")] = None,
     settings: SetOption = None,
 ) -> None:
     """Print who reads whom in a scenario's loop: the paper's block diagram, every box, or every element."""

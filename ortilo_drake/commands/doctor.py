@@ -1,4 +1,4 @@
-"""The command `ortilo doctor`: what is there, what is missing, and how to mend it."""
+"""The command `ortilo doctor`: what is installed, what is missing, and how to mend it."""
 
 import typer
 from rich.markup import escape
@@ -8,7 +8,7 @@ from ortilo_drake.commands.terminal import check_writable, out, write_json
 
 
 def doctor(json_file: JsonOption = None) -> None:
-    """Look whether this machine has what flights need, and what they may want; exit code 1 if a need is missing."""
+    """Check this machine for all that flights need or can use; exit code 1 if something needed is missing."""
     check_writable(json_file)
     from ortilo_drake.commands.doctor_checks import CHECKS, NEEDED, Finding
 

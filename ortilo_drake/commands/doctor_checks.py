@@ -1,4 +1,4 @@
-"""What `ortilo doctor` looks at: a function for each thing, which says what was found and how to mend it."""
+"""The checks of `ortilo doctor`: one function each, which says what was found and how to mend it."""
 
 import importlib.util
 import os
@@ -31,7 +31,7 @@ assert image.data.shape == (16, 16, 4)
 
 
 class Finding(NamedTuple):
-    """What was found of one thing.
+    """The result of one check.
 
     Attributes:
         name: of the thing.
@@ -57,7 +57,7 @@ def _installed(package: str) -> str:
 
 
 def system() -> str:
-    """Return what this machine is: 'Linux', 'WSL2', 'macOS' or another system's name."""
+    """Return the name of this machine's system: 'Linux', 'WSL2', 'macOS' or another."""
     name = platform.system()
     if name == "Linux":
         return "WSL2" if "microsoft" in platform.release().lower() else "Linux"
@@ -75,7 +75,7 @@ def _install(package: str) -> str:
 
 
 def machine() -> Finding:
-    """Name the system, of which Windows by itself is none: Drake has no wheels for it."""
+    """Name the system; native Windows is refused, as Drake has no wheels for it."""
     name = system()
     found = f"{name} {platform.machine()}{', in a container' if in_container() else ''}"
     mend = "use Linux, macOS on arm64, or WSL2: docs/how_to/machines.md"
@@ -120,7 +120,7 @@ def opencv() -> Finding:
 
 
 def shared_memory() -> Finding:
-    """Look how much shared memory there is, which containers give little of."""
+    """Check the size of shared memory, which is small in containers."""
     if system() == "macOS":
         return Finding("shared memory", True, WANTED, "as much as there is memory", "")
     folder = Path("/dev/shm")
@@ -156,27 +156,27 @@ def torch() -> Finding:
 
 
 def logs() -> Finding:
-    """Look for what reads and writes logs and bags."""
+    """Check the packages that read and write logs and bags."""
     return _package("logs and bags", "mcap", "log", "ortilo fly --log DIR, ortilo replay")
 
 
 def maps() -> Finding:
-    """Look for what keeps the figures of many flights."""
+    """Check the packages that store the figures of many flights."""
     return _package("maps", "pyarrow", "map", "ortilo map, ortilo rare")
 
 
 def workers() -> Finding:
-    """Look for what starts worker processes."""
+    """Check the package that starts worker processes."""
     return _package("worker processes", "distributed", "workers", "many processes, clusters; else one process does all")
 
 
 def videos() -> Finding:
-    """Look for what writes .mp4."""
+    """Check the program that writes .mp4."""
     return _package("videos", "av", "video", "ortilo fly --video F.mp4")
 
 
 def recordings() -> Finding:
-    """Look for what writes recordings for the Rerun viewer, and for that viewer."""
+    """Check the package that writes recordings for the Rerun viewer, and the viewer."""
     return _package("recordings", "rerun-sdk", "rerun", "ortilo fly --rerun F.rrd")
 
 
@@ -231,7 +231,7 @@ def memory() -> Finding:
 
 
 def disk() -> Finding:
-    """Look how much room there is where flights are written."""
+    """Check the free space where flights are written."""
     free = shutil.disk_usage(".").free / 1e9
     return Finding("disk", free > LEAST_DISK, WANTED, f"{free:.1f} GB free here", "a hundred flights take 0.2 GB")
 

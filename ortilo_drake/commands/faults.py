@@ -1,4 +1,4 @@
-"""The command `ortilo faults`: what goes wrong in flight, and what each estimator makes of it."""
+"""The command `ortilo faults`: faults in flight, and each estimator's answer to them."""
 
 import os
 from pathlib import Path
@@ -35,13 +35,13 @@ def faults(
     ] = None,
     flights: Annotated[int, typer.Option(min=1, max=100_000, help="Flights with each fault, seeds from 0.")] = 6,
     names: Annotated[
-        str | None, typer.Option("--faults", metavar="NAME,...", help="Faults of the catalogue; all.")
+        str | None, typer.Option("--faults", metavar="NAME,...", help="Faults of the catalogue; by default all.")
     ] = None,
     start: Annotated[
         float, typer.Option(min=0.5, max=3600.0, callback=finite, help="When the faults begin [s].")
     ] = 22.0,
     length: Annotated[
-        float, typer.Option(min=0.5, max=3600.0, callback=finite, help="How long those last that end [s].")
+        float, typer.Option(min=0.5, max=3600.0, callback=finite, help="Duration of the faults that end [s].")
     ] = 5.0,
     workers: WorkersOption = None,
     settings: SetOption = None,
@@ -50,7 +50,7 @@ def faults(
     ),
     json_file: JsonOption = None,
 ) -> None:
-    """Fly scenarios in which something goes wrong in flight, one fault at a time, beside the same seeds without.
+    """Fly scenarios with one fault at a time, and the same seeds without any fault.
 
     It shows the estimate's error during and after each fault, flights lost, the time to recover and whether the filter
     stays consistent. The ensemble engine flies what it can, Drake the rest. Cameras are projected. Faults of the

@@ -1,4 +1,4 @@
-"""The command `ortilo fit`: what a simulation should be told of sensors, from recordings with a truth."""
+"""The command `ortilo fit`: the errors of simulated sensors, from recordings with a truth."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ def fit(
     map_file: Annotated[
         Path, typer.Option("--map", help="MAP.yaml: which column or topic is what (docs/how_to/recorded.md).")
     ],
-    out_file: Annotated[Path, typer.Option("--out", help="NOISE.yaml, for `ortilo predict`.")] = Path("NOISE.yaml"),
+    out_file: Annotated[Path, typer.Option("--out", help="File to write, for `ortilo predict`.")] = Path("NOISE.yaml"),
     places: Annotated[
         bool,
         typer.Option(

@@ -93,14 +93,14 @@ def fly(
     ] = None,
     out_file: Annotated[Path | None, typer.Option("--out", help="Write the flight's data as netCDF.")] = None,
     log: Annotated[
-        Path | None, typer.Option(help="Write everything as MCAP (rosbag2, for Foxglove) to this new folder.")
+        Path | None, typer.Option(help="Write a log as MCAP (rosbag2, for Foxglove) to this new folder.")
     ] = None,
     rerun: Annotated[Path | None, typer.Option(help="Write pictures, 3D and signals for Rerun, .rrd.")] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Fly one scenario; print how it went, its errors, arrival rates and real-time factor.
+    """Fly one scenario; print the verdict, its errors, arrival rates and real-time factor.
 
-    Exit code 3 says that the flight was lost; everything asked for is written nevertheless.
+    Exit code 3 means that the flight was lost; every output is written nevertheless.
     """
     chosen = load_scenario(scenario, with_camera(settings, camera, detector, onnx), seed)
     if (detector or onnx) and not chosen.is_rendered:

@@ -28,8 +28,8 @@ def live(
     camera: CameraOption = None,
     detector: DetectorOption = None,
     onnx: OnnxOption = None,
-    port: Annotated[int | None, typer.Option(min=1024, max=65535, help="Port of the page; a free one.")] = None,
-    wait: Annotated[bool, typer.Option("--wait/--no-wait", help="Take off only when the page is open.")] = True,
+    port: Annotated[int | None, typer.Option(min=1024, max=65535, help="Port of the page; any free one.")] = None,
+    wait: Annotated[bool, typer.Option("--wait/--no-wait", help="Take off only once the page is open.")] = True,
 ) -> None:
     """Fly in the browser and change the world meanwhile: losses, a push, the mass, goals, pause, single ticks, speed.
 

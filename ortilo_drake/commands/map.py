@@ -21,7 +21,7 @@ from ortilo_drake.flight.files import write_text
 
 def map_(
     sweep_file: Annotated[
-        Path, typer.Argument(metavar="SWEEP.yaml", help="Axes, design, flights: docs/how_to/maps.md.")
+        Path, typer.Argument(metavar="SWEEP.yaml", help="Its axes, design and flights: docs/how_to/maps.md.")
     ],
     workers: WorkersOption = None,
     out_folder: Annotated[Path, typer.Option("--out", help="Folder of flights, table, report and figure.")] = Path(
@@ -29,10 +29,10 @@ def map_(
     ),
     json_file: JsonOption = None,
 ) -> None:
-    """Fly a map: at each point of a design over any settings as many flights as asked for.
+    """Fly a map: a number of flights at each point of a design over any settings.
 
-    The compiled engine flies them where it can, Drake where it cannot. Figures of each flight are kept as Parquet; what
-    is there already is not flown again, so an interrupted or killed run goes on where it stopped.
+    The compiled engine flies them where it can, Drake where it cannot. Figures of each flight are kept as Parquet.
+    Flights already in the folder are not flown again, so an interrupted or killed run resumes where it stopped.
     """
     from ortilo_drake.studies.maps.sweep import load_sweep, points_of, scenario_at
 

@@ -39,12 +39,12 @@ def _of_workers(number: int | None) -> int | None:
 
 
 WorkersOption = Annotated[
-    int | None, typer.Option(min=1, max=1024, callback=_of_workers, help="Worker processes; all cores.")
+    int | None, typer.Option(min=1, max=1024, callback=_of_workers, help="Worker processes; by default all cores.")
 ]
 
 
 def picture_option(said: str) -> Any:
-    """An option that names a file to draw a figure to; its help begins with what is drawn."""
+    """An option that names a figure's file; its help begins with the figure's content."""
     return typer.Option(help=f"{said}, .png, .svg or .pdf.", callback=_of_picture)
 
 
@@ -78,7 +78,7 @@ class Camera(StrEnum):
 
 
 class PlayerName(StrEnum):
-    """Who may fly a scenario, see flight/players.py."""
+    """The players that can fly a scenario, see flight/players.py."""
 
     fastest = "fastest"
     engine = "engine"

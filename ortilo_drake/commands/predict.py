@@ -29,7 +29,7 @@ def predict(
     out_folder: Annotated[Path, typer.Option("--out", help="Folder of report and figure.")] = Path("out/predicted"),
     json_file: JsonOption = None,
 ) -> None:
-    """Say what a simulation would have said of recorded flights: error, NEES, NIS and refused ranges beside the real.
+    """Simulate recorded flights, and compare error, NEES, NIS and refused ranges with the recorded ones.
 
     Each simulation follows the recorded path, at the recorded stamps, through the same filter.
     """

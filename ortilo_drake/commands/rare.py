@@ -1,4 +1,4 @@
-"""The command `ortilo rare`: how often what hardly ever happens does."""
+"""The command `ortilo rare`: the probability of rare losses."""
 
 import os
 from pathlib import Path
@@ -46,19 +46,18 @@ def rare(
     least: Annotated[
         float, typer.Option(min=1e-30, max=0.1, help="Smallest probability of interest; the search stops there.")
     ] = 1e-9,
-    seed: Annotated[int, typer.Option(min=0, help="Of all noise.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all noise.")] = 0,
     camera: CameraOption = None,
     settings: SetOption = None,
     workers: WorkersOption = None,
     out_folder: Annotated[Path, typer.Option("--out", help="Folder of the results.")] = Path("out/rare"),
     json_file: JsonOption = None,
 ) -> None:
-    """Estimate how often the vehicle is lost, or strays from its reference, when that is rare.
+    """Estimate the probability that the vehicle is lost, or strays from its reference, where that is rare.
 
     By subset simulation over the noise of all sensors, links and the disturbance in every tick, and over what the
-    scenario's truth draws at the start, in the compiled engine. It stops early where nothing is found, and then says
-    how rare it is at most. What is there already is not flown again, so an interrupted or killed run goes on where it
-    stopped.
+    scenario's truth draws at the start, in the compiled engine. It stops early where nothing is found, and then
+    gives an upper bound. Repetitions already in the folder are not flown again, so a killed run can be resumed.
     """
     from ortilo_drake.flight.cautions import cautions
     from ortilo_drake.studies.rare.rare_flights import rare_flights

@@ -31,13 +31,13 @@ def replay(
         Path | None, typer.Option("--map", help="MAP.yaml: which column or topic is what (docs/how_to/recorded.md).")
     ] = None,
     out_folder: Annotated[
-        Path, typer.Option("--out", help="Folder of report, figures, trajectories, with --map.")
+        Path, typer.Option("--out", help="With --map, folder of report, figures and trajectories.")
     ] = Path("out/recorded"),
     json_file: JsonOption = None,
 ) -> None:
-    """Drive the onboard half from a log of ours, or with --map filter recorded ranges and IMU and judge by the truth.
+    """Replay a log through the onboard half, or with --map filter recorded ranges and IMU and compare with the truth.
 
-    Exit code 3 says that a recording and its map are doubtful: the report says why, and what may mend it.
+    Exit code 3 means that a recording or its map is doubtful: the report says why, and which key may mend it.
 
     With --map several motions share one map: FOLDER1 FOLDER2. `ortilo tune FOLDERS --map MAP.yaml` fits the noise.
     """

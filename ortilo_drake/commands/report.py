@@ -1,4 +1,4 @@
-"""The command `ortilo report`: one page of what another command wrote."""
+"""The command `ortilo report`: one page of another command's results."""
 
 import os.path
 from pathlib import Path
@@ -25,9 +25,9 @@ def report(
         typer.Option(help="For a flight's .nc: write a recording for Rerun, .rrd, instead of a page."),
     ] = None,
 ) -> None:
-    """Make one self-contained HTML page, text, tables and figures in it, of what another command wrote.
+    """Make one self-contained HTML page, with text, tables and figures, of another command's results.
 
-    With --rerun a page is made only if --out asks for it.
+    With --rerun a page is made only if --out is given.
     """
     if rerun is not None:
         _write_recording(path, rerun)

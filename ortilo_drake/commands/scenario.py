@@ -15,7 +15,7 @@ from ortilo_drake.model.typed_yaml import InputError, nearest
 from ortilo_drake.scenario import SCENARIO_FOLDER, load_scenario, scenario_names
 from ortilo_drake.scenario.schema import scenario_keys, scenario_schema
 
-scenario_app = typer.Typer(help="List, show and check scenarios; say what can be set.", no_args_is_help=True)
+scenario_app = typer.Typer(help="List, show and check scenarios and their settings.", no_args_is_help=True)
 
 
 @scenario_app.command("list")
@@ -35,7 +35,7 @@ def show_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetOp
 
 @scenario_app.command("check")
 def check_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetOption = None) -> None:
-    """Check a scenario: all that `ortilo fly` would refuse is refused here, and warned of what it would warn of."""
+    """Check a scenario: the errors and warnings are those of `ortilo fly`."""
     chosen = load_scenario(scenario, tuple(settings or ()))
     from ortilo_drake.flight.cautions import cautions
     from ortilo_drake.flight.flyable import check_flyable

@@ -1,4 +1,4 @@
-"""The command `ortilo sensitivity`: what must be known, and how well."""
+"""The command `ortilo sensitivity`: how well vehicle, room and sensors must be known."""
 
 import os
 from pathlib import Path

@@ -32,7 +32,7 @@ from ortilo_drake.flight.files import write_text
 
 
 class Preset(StrEnum):
-    """Which filter the tables fly with, and which velocities the servo gets."""
+    """The filter that the tables fly with, and the velocities that the servo gets."""
 
     tuned = "tuned"
     nominal = "nominal"

@@ -48,14 +48,14 @@ def check_writable(*paths: Path | None) -> None:
 
 
 def progress_bar() -> Progress:
-    """Return a progress bar on stderr, shown only in a terminal and gone when done."""
+    """Return a progress bar on stderr, shown only in a terminal and removed when done."""
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     return Progress(*columns, console=err, transient=True, disable=not err.is_terminal, speed_estimate_period=PACE_OVER)
 
 
 @contextmanager
 def flights_to_go() -> Iterator[Callable[[int, int], None]]:
-    """Show how many flights are done, of how many at most, and the time to go; give what is called with the two.
+    """Show the progress of flights and the time to go; yield a function of (done, at most).
 
     In a terminal it is a bar; elsewhere a line on stderr every SAID_EVERY seconds.
     """
@@ -102,7 +102,7 @@ def say_error(line: str) -> None:
 
 
 def say_warnings(lines: Iterable[str]) -> None:
-    """Say on stderr what the flight about to begin will hardly have been meant to be; it is flown all the same."""
+    """Warn on stderr of settings that are hardly meant; the scenario is flown all the same."""
     for line in lines:
         say_error(f"warning  {line}")
 

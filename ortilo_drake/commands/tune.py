@@ -72,7 +72,7 @@ def _print_check(check: "Check") -> None:
 
 
 class FitBy(StrEnum):
-    """What the noise of recorded motions is fitted by."""
+    """The criterion by which the noise of recorded motions is fitted."""
 
     innovations = "innovations"
     truth = "truth"
@@ -153,7 +153,7 @@ def tune(
         int, typer.Option(min=0, max=1000, help="Fly both settings, before and after, on this many new seeds.")
     ] = 0,
     map_file: Annotated[
-        Path | None, typer.Option("--map", help="FLIGHTS are folders of others' recordings, read by this MAP.yaml.")
+        Path | None, typer.Option("--map", help="FLIGHTS are folders of recordings, read by this MAP.yaml.")
     ] = None,
     by: Annotated[
         FitBy,
@@ -165,7 +165,7 @@ def tune(
 ) -> None:
     """Fit the filter's W and V to recorded flights by maximum likelihood, and show NEES and NIS before and after.
 
-    The tuned scenario flies by `ortilo fly FILE.yaml`. With --map, the noise of the filter for others' recordings is
+    The tuned scenario flies by `ortilo fly FILE.yaml`. With --map, the noise of the filter on recordings is
     fitted to their first parts, and the tuned map goes to `ortilo replay FOLDERS --map FILE.yaml`. With --fly, CMA-ES
     searches any settings (servo weights, gates, noise) for the least distance from the path in flights, and what it
     finds is judged on flights with other seeds.

@@ -1,4 +1,4 @@
-"""What a user should know of a flight before it is flown: it is allowed, and will hardly be what was meant."""
+"""Warnings about a flight before it is flown: it is allowed, but hardly what the user meant."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -80,7 +80,7 @@ class Engine:
         return flight
 
     def trace(self, seed: int) -> tuple[np.ndarray, Lost | None]:
-        """Fly one seed; return what it leaves behind, a row of figures.py for each tick flown, and its loss.
+        """Fly one seed; return its figures, a row of figures.py for each tick flown, and its loss.
 
         Raises:
             InputError: if a scenario allows no such seed.
@@ -123,7 +123,7 @@ class Engine:
 
     @property
     def ticks(self) -> int:
-        """How many ticks a flight that is not lost has, the first and the last among them."""
+        """The number of ticks of a flight that is not lost, the first and the last included."""
         return self._ticks + 1
 
     @property
@@ -133,17 +133,17 @@ class Engine:
 
     @cached_property
     def drawn(self) -> dict[str, int]:
-        """How many standard normal numbers each stream gives to what is drawn at the start, by its name."""
+        """The number of standard normals that each stream gives to the draws at the start, by its name."""
         return self._flights.normals_at_start()
 
     @cached_property
     def noise(self) -> GivenNoise:
-        """Where each stream's numbers stand in the noise that a flight is given."""
+        """The place of each stream's numbers in the noise that a flight is given."""
         return GivenNoise(self.ticks, partial(self._fly_away, draw=of_seed(0)), _LEARNED_BY)
 
     @property
     def numbers(self) -> int:
-        """How many standard normal numbers decide a flight."""
+        """The number of standard normals that decide a flight."""
         return self.ticks * self.noise.width + sum(self.drawn.values())
 
     def distances(self, seeds: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The scalars of a compiled flight: what flight/metrics.py says of a log, of the few numbers a tick that they need."""
+"""The scalars of a compiled flight: those of flight/metrics.py, from the few numbers a tick that they need."""
 
 import numpy as np
 from numba import njit

@@ -1,4 +1,4 @@
-"""What a flight leaves behind in every tick, as an element of the loop."""
+"""The figures recorded in every tick of a flight, as an element of the loop."""
 
 import numpy as np
 
@@ -17,7 +17,7 @@ def figures_out(
     bounds: Bounds,
     out: np.ndarray,
 ) -> None:
-    """Say a row of flight/figures.py, and the cause of the flight's loss, see lost.CAUSES (11)."""
+    """Output a row of flight/figures.py, and the cause of the flight's loss, see lost.CAUSES (11)."""
     for i in range(3):
         out[i], out[3 + i], out[_R + i] = state[i], belief[i], reference[i]
     out[NEES] = position_nees(state, belief, belief[N_XBAR:])

@@ -1,4 +1,4 @@
-"""Whether disturbance, filter and servo fit the vehicle: where it is exchanged they stay those tuned for the M100.
+"""Warn where disturbance, filter and servo, tuned for the M100, do not fit another vehicle.
 
 Under the servo's gain L the state [x; i] about hover obeys x_{k+1} = (Phibar - Gammabar L) x_k + Gamma_d d_k, whose
 stationary covariance is that of a discrete Lyapunov equation. The estimate's error comes on top. The M100 is tilted by
@@ -22,7 +22,7 @@ _PARTS = {"force_density": lambda vehicle: vehicle.mass, "torque_density": lambd
 
 
 def vehicle_fit(scenario: Scenario) -> list[str]:
-    """Return a line for each thing that does not fit the vehicle: the setting, what it makes, and what mends it."""
+    """Return a line for each setting that does not fit the vehicle: its name, its effect, and a better value."""
     if not isinstance(scenario.servo, LqServo):
         return []
     shaken = found = _disturbed(scenario, "world.disturbance", scenario.world.disturbance)

@@ -1,4 +1,4 @@
-"""Flights of which only a few figures are kept, a file for each scenario; resumable.
+"""A few figures of each flight, kept in a file for each scenario; resumable.
 
 A flight takes megabytes and its whole summary, with its Cramer-Rao floor, 50 times as long as what a study looks at.
 """
@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 
 def kept_file(out: Path, scenario: Scenario) -> Path:
-    """Return the file of what is kept of a scenario's flights; named as their folder would be."""
+    """Return the file that keeps the figures of a scenario's flights; it is named like their folder."""
     folder = flight_folder(out, scenario)
     return folder.with_name(f"{folder.name}.kept")
 
@@ -32,7 +32,7 @@ def fly_kept(
     progress: Callable[[int], None] | None = None,
     at_once: int = AT_ONCE,
 ) -> list[list[T]]:
-    """Fly scenarios, each once for each of its seeds, and return what is kept of each in the order of the seeds.
+    """Fly scenarios, each once for each of its seeds, and return the figures of each in the order of the seeds.
 
     All flights go to the workers together. Flights of which it is already there are not flown again, so an
     interrupted run goes on where it stopped.

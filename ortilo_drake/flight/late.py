@@ -1,4 +1,4 @@
-"""Messages that come later than the estimator goes back: they are thrown away, and a flight is to say so beforehand."""
+"""Messages older than the estimator's history: they are dropped, and a flight warns of them beforehand."""
 
 import math
 from typing import Any
@@ -9,7 +9,7 @@ from ortilo_drake.sensors.described import described
 
 
 def late_messages(scenario: Scenario) -> list[str]:
-    """Return a line for each sensor of which messages come too late to be used, each beginning with the setting."""
+    """Return a line for each sensor whose messages come too late to be used; each begins with the setting."""
     found = []
     for sensor in scenario.sensors:
         oldest = _oldest(scenario, sensor)

@@ -51,7 +51,7 @@ def touched(p_WB: np.ndarray, room: Room, vehicle: Vehicle) -> tuple[np.ndarray,
 
 
 class Bounds(NamedTuple):
-    """Within what a flight is not lost, as compiled functions take it.
+    """The bounds within which a flight is not lost, as compiled functions take them.
 
     Attributes:
         low: lower corner of the room's inside [m] (3).
@@ -75,7 +75,7 @@ def bounds_of(room: Room, vehicle: Vehicle) -> Bounds:
 
 @njit(cache=True)
 def cause_of_loss(x: np.ndarray, bounds: Bounds) -> int:
-    """Return the number of what ends a flight at the state x (12), an index in CAUSES; NOT_LOST if nothing does."""
+    """Return the cause that ends a flight at the state x (12), an index in CAUSES; NOT_LOST if none does."""
     low, high, walls = bounds
     for i in range(x.size):
         if not np.isfinite(x[i]):

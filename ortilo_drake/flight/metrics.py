@@ -62,7 +62,7 @@ def position_nees(flight: xr.Dataset) -> np.ndarray:
 def nis(flight: xr.Dataset, sensor: str) -> np.ndarray:
     """Return the normalised innovations squared of one sensor, where it arrived; chi-square with its m degrees.
 
-    Of a position fix only its position counts, m = 3, whatever else its method gives: so methods compare.
+    Only the position of a position fix counts, m = 3, so that methods can be compared.
     """
     there, measurement = flight["arrival"].sel(sensor=sensor).values, scenario_of(flight).measurement
     is_position = measurement.layout.is_position[measurement.sensors.index(sensor)]
@@ -118,7 +118,7 @@ def _finite(value: float) -> float | None:
 
 
 def loss_of(flight: xr.Dataset) -> Loss | None:
-    """Return when and why a flight was lost, None of one that reached its end."""
+    """Return the time and reason of a flight's loss; None if the flight reached its end."""
     lost = json.loads(flight.attrs["lost"])
     return lost and Loss(lost["time"], lost["cause"])
 

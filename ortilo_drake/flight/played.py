@@ -54,13 +54,13 @@ class Played:
         return player
 
     def compile_logged(self) -> None:
-        """Compile what flies with a log, so that compilation is not taken for flying time."""
+        """Compile all that flies with a log, so that compiling does not count as flying time."""
         _ = self._logger
 
     def fly(
         self, seeds: np.ndarray, draw: AtStart, trace: np.ndarray, arrived: np.ndarray, log: np.ndarray
     ) -> tuple[int, int]:
-        """Fly once and write what it leaves behind; return its last tick and the cause of its loss, see lost.CAUSES.
+        """Fly once and write the figures; return the last tick and the cause of the loss, see lost.CAUSES.
 
         Args:
             seeds: of all noise, at each tick (ticks + 1): one and the same for a flight of a seed, another from some

@@ -1,4 +1,4 @@
-"""Who flies a scenario: compiled code, or Drake's simulator. The flight is the same to the last bit."""
+"""The players of a scenario: compiled code, or Drake's simulator. The flight is the same to the last bit."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -43,7 +43,7 @@ def choose(scenario: Scenario, player: str = "fastest", parts: Parts = NO_PARTS)
 
 
 def why_not_engine(scenario: Scenario, parts: Parts = NO_PARTS) -> str | None:
-    """Return why the engine cannot fly this, in a line that names the field; None where it can."""
+    """Return the reason why the engine cannot fly this, in a line that names the field; None if it can."""
     for role, make in parts._asdict().items():
         if make is not None:
             return f"{role}: is given as a System"

@@ -75,7 +75,7 @@ class WorldHalf:
 
     @property
     def failsafe_mode(self) -> str | None:
-        """Who commands now, one of the failsafe's MODES; None where there is no failsafe, without a command_period."""
+        """The mode of the failsafe, one of its MODES; None where there is no failsafe, without a command_period."""
         if not self._diagram.HasOutputPort("failsafe_mode"):
             return None
         mode = self._diagram.GetOutputPort("failsafe_mode").Eval(self._simulator.get_context())

@@ -1,6 +1,6 @@
-"""What is kept to be read again: byte for byte as it was written and within its ranges, or made again, and told.
+"""Kept files: read back byte for byte and within their ranges, or else made again with a notice.
 
-A kept file ends in a line that says of what it is and has the SHA-256 of all bytes before it. Libraries read netCDF,
+A kept file ends in a line with its origin and the SHA-256 of all bytes before it. Libraries read netCDF,
 HDF5 and ZIP as if the line were not there. Parquet is read from its end, so there the line stands between the data and
 the footer, to which nothing in the file points; it covers both. The digest detects damage, not forgery: it has no key.
 """
@@ -39,7 +39,7 @@ Error = Annotated[float, AfterValidator(_not_below_zero)]  # of an estimate that
 
 
 def sealed(data: bytes, of: str) -> bytes:
-    """Return bytes with the line that says of what they are, and their digest."""
+    """Return bytes followed by the line that names their origin `of` and their digest."""
     at = len(data) - _footer(data)
     return data[:at] + _mark(of) + hashlib.sha256(data).hexdigest().encode() + b"\n" + data[at:]
 
@@ -68,7 +68,7 @@ def _footer(data: bytes) -> int:
 
 
 def in_folder(path: Path) -> str:
-    """Return a file's name with that of its folder, which has the digest of a scenario: of what a kept file is."""
+    """Return a kept file's origin: its name with its folder's, which has the digest of a scenario."""
     return f"{path.parent.name}/{path.name}"
 
 
@@ -111,7 +111,7 @@ def keep_json(path: Path, value: Any, of: str) -> None:
 
 
 def kept_json(path: Path, kind: Any, of: str) -> Any:
-    """Return the value of that type, its ranges in the annotations, which a file keeps; None as kept."""
+    """Return a value read from a kept file, checked against its type's annotated ranges; None as for kept."""
     return kept(path, of, partial(TypeAdapter(kind).validate_json, strict=True))
 
 

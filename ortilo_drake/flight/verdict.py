@@ -1,4 +1,4 @@
-"""How a flight went, in a sentence."""
+"""The verdict on a flight, in a sentence."""
 
 import json
 

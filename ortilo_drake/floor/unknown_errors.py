@@ -52,7 +52,7 @@ def force_errors(scenario: Scenario, k: float) -> list[Error]:
 
 
 def unknown_of(scenario: Scenario, room: Room, name: str) -> list[Error]:
-    """Return what a scenario's truth leaves unknown of a sensor: what its description says, or its filter's biases."""
+    """Return the errors of a sensor that the filter does not know: its description's, or the filter's biases."""
     unknown = described(name).unknown
     if unknown is not None:
         return list(unknown(scenario, room))

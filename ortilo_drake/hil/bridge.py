@@ -78,7 +78,7 @@ class TickCollector:
 
     @property
     def lost(self) -> int:
-        """How many ticks between the first and the last given out were missing altogether."""
+        """The number of ticks missing between the first and the last given out."""
         return self._last + 1 - self._first - self.given if self.given else 0
 
     def put(self, packet: Packet) -> None:
@@ -164,7 +164,7 @@ class BridgeReport:
     failed: dict[str, str]
 
     def lines(self) -> dict[str, Any]:
-        """Return what the command prints and writes as JSON: no packets lost, as they are of no one channel."""
+        """Return the report's figures, printed and written as JSON; lost packets are left out: they have no channel."""
         data: dict[str, Any] = as_data(self)
         del data["packets"]["lost"]
         return data

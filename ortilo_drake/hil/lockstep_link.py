@@ -74,7 +74,7 @@ def answer_over_link(
     progress: Callable[[int], None] | None = None,
     record: Record | None = None,
 ) -> int:
-    """Answer the world as its onboard half until it says that it has finished; return how many ticks were answered.
+    """Answer the world as its onboard half until the world has finished; return the number of ticks answered.
 
     Raises:
         InputError: if the world is silent for PATIENCE.

@@ -29,7 +29,7 @@ class WorldReport:
     pictures_skipped: int | None = None
 
     def lines(self) -> dict[str, Any]:
-        """Return what the commands print and write as JSON."""
+        """Return the report's figures, as the commands print them and write them as JSON."""
         figures = {"ticks": self.ticks} | (as_data(self.timing) if self.timing else {})
         return figures | _skipped(self.pictures_skipped) | _packets(self.packets)
 
@@ -66,7 +66,7 @@ class OnboardReport:
     pictures_skipped: int | None = None
 
     def lines(self) -> dict[str, Any]:
-        """Return what the command prints and writes as JSON."""
+        """Return the report's figures, as the command prints them and writes them as JSON."""
         figures = {"ticks": self.ticks} | (as_data(self.real_time) if self.real_time else {})
         return figures | _skipped(self.pictures_skipped) | _packets(self.packets)
 

@@ -1,4 +1,4 @@
-"""Compressed parts of recorded files, unpacked a piece at a time and no further than the limits.
+"""Compressed parts of recorded files, unpacked piece by piece within limits.
 
 A few kB of zstd, lz4 or bz2 may unpack to gigabytes, and the size that a file states need not be true. So what counts
 is what came out, not what was stated.

@@ -20,7 +20,7 @@ Calls = list[tuple[Box, str]]
 
 
 class Reading:
-    """What a part of a wiring reads of its outside within a tick, and the calls that a tick makes.
+    """The outside values that a part of a wiring reads within a tick, and the calls that a tick makes.
 
     Attributes:
         inputs: boxes that stand for what comes from outside, by name.
@@ -52,7 +52,7 @@ class Reading:
 
     @property
     def draws(self) -> bool:
-        """Whether any box takes numbers of a seed."""
+        """True if any box draws random numbers."""
         functions = [f for box in self._wiring.boxes.values() for f in box.element.functions.values()]
         return any({"seed", "seeds"} & set(takes(f)) for f in functions)
 

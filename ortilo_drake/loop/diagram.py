@@ -18,7 +18,7 @@ AS_THEIR_BOXES: Final[Mapping[str, str]] = MappingProxyType({})
 
 
 class Added(NamedTuple):
-    """What was added to a Diagram.
+    """The Systems added to a Diagram for a wiring.
 
     Attributes:
         systems: by the name of a box, or of what is fused.

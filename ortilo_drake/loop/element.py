@@ -122,7 +122,7 @@ def kind_of(name: str, value: Any) -> Kind:
 
 @dataclass(frozen=True)
 class Element:
-    """What all boxes of one kind have in common.
+    """A kind of box: its ports, constants, state and compiled functions.
 
     Attributes:
         name: of the kind.
@@ -200,7 +200,7 @@ def takes(function: Callable[..., None]) -> list[str]:
 
 @dataclass(frozen=True)
 class Given:
-    """What a box is given: the values of its constants, its state at the start, its tables."""
+    """The values given to a box: its constants, its state at the start, its tables."""
 
     numbers: dict[str, Any] = field(default_factory=dict)
     start: dict[str, Any] = field(default_factory=dict)

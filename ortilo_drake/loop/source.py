@@ -28,7 +28,7 @@ from numba import njit, types
 
 @dataclass(frozen=True)
 class Places:
-    """Where everything of a wiring stands: of each box in bytes for constants, in numbers of eight bytes for the rest.
+    """The memory layout of a wiring, box by box: constants in bytes, the rest in numbers of eight bytes.
 
     Attributes:
         numbers: of each box's record.

@@ -1,4 +1,4 @@
-"""Which box reads which, and the order in which a tick goes through them."""
+"""The wiring of boxes: which output each input reads, and the order in which a tick calls them."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,7 +11,7 @@ from ortilo_drake.loop.element import RESERVED, Box
 
 @dataclass(frozen=True)
 class Wire:
-    """What an input reads: a box, and where in what it says."""
+    """The source of an input: a box, and the part of its output."""
 
     box: str
     first: int

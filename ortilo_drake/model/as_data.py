@@ -10,7 +10,7 @@ from pydantic import BaseModel
 
 
 def as_data(report: Any) -> Any:
-    """Return a report as what JSON has: dictionaries, lists, text, numbers, None.
+    """Return a report as JSON's types: dictionaries, lists, text, numbers, None.
 
     A dataclass becomes a dictionary of its fields in their order, settings of a scenario become a dictionary as well,
     arrays and tuples become lists, a complex number becomes [real, imaginary], NaN and infinity become None.

@@ -1,4 +1,4 @@
-"""Sine, cosine, arctangent, exponential and logarithm of the onboard half, of sums, products and quotients alone.
+"""Sine, cosine, arctangent, exponential and logarithm for the onboard half, by sums, products and quotients alone.
 
 They have the same bits on every processor.
 
@@ -91,7 +91,7 @@ def sine(x: float, ahead: int) -> float:
 
 @register_jitable
 def left_of_quotient(above: float, below: float, quotient: float) -> float:
-    """Return what the rounding of above / below has lost: the product is made exact in halves (Dekker, 1971)."""
+    """Return the rounding error of above / below: the product is made exact in halves (Dekker, 1971)."""
     q, b = SPLIT * quotient, SPLIT * below
     q_high, b_high = q - (q - quotient), b - (b - below)
     q_low, b_low = quotient - q_high, below - b_high

@@ -6,8 +6,8 @@ LONGEST = 600  # characters of a line; of a longer one the middle is left out
 class InputError(ValueError):
     """Bad input from a user: one line that names the file, the field, the value and what is allowed.
 
-    What a file or a message holds may stand in it: line breaks and other control characters are written as escapes, so
-    that one line stays one line and a terminal obeys none of it.
+    It may quote a file or a message: line breaks and other control characters are written as escapes, so that one line
+    stays one line and a terminal obeys none of it.
     """
 
     def __init__(self, line: str) -> None:
@@ -15,7 +15,7 @@ class InputError(ValueError):
 
 
 def one_line(text: str) -> str:
-    """Return a text as at most LONGEST printable characters, what is none escaped as in Python."""
+    """Return a text as at most LONGEST printable characters, others escaped as in Python."""
     if len(text) > LONGEST:
         part = (LONGEST - 5) // 2
         text = f"{text[:part]} ... {text[-part:]}"

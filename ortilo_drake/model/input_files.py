@@ -46,12 +46,12 @@ def open_file(path: Path, limit: int = DATA_LIMIT) -> BinaryIO:
 
 
 def check_file(path: Path, limit: int = DATA_LIMIT) -> None:
-    """Refuse what open_file refuses, before a library opens the file by its name."""
+    """Refuse the files that open_file refuses, before a library opens the file by its name."""
     open_file(path, limit).close()
 
 
 def exists(path: Path) -> bool:
-    """Return whether there is something of that name; no error for a name that no file can have."""
+    """Return whether a file or folder of that name exists; no error for a name that no file can have."""
     try:
         return path.exists()
     except (OSError, ValueError):  # too long, or NUL in it

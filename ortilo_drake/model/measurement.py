@@ -149,7 +149,7 @@ class Measurement:
         return np.array(self.layout.C[self.rows_of(sensor)])
 
     def by_row(self, delta: np.ndarray) -> np.ndarray:
-        """Return for each row of y what delta (..., s) says of its sensor (..., p)."""
+        """Return delta (..., s) spread over the rows of y: each row's sensor (..., p)."""
         return np.repeat(delta, np.diff(self.layout.first), axis=-1)
 
     def arrival_matrix(self, delta: np.ndarray) -> np.ndarray:

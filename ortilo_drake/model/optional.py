@@ -34,7 +34,7 @@ def check_installed(package: str, extra: str) -> None:
 
 
 def missing(package: str, extra: str) -> InputError:
-    """Return the line that says which extra brings a package."""
+    """Return the line that names the extra with a package."""
     return InputError(f"{package}: is not installed, needed for this: pip install 'ortilo-drake[{extra}]'")
 
 

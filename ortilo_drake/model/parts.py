@@ -88,7 +88,7 @@ class Sensor:
         mismatches: ways in which its world may differ from what is believed, sensors.mismatch.Mismatch.
         element: (scenario, room, whole) -> Box that says its message as it is sent, of a sensor that is built in; whole
             where all of the message is asked for. Other sensors have `compiled` or make_world.
-        behind: (scenario, room, the Box that says its message, samples a tick) -> Box that changes the message before
+        behind: (scenario, room, the Box of its message, samples a tick) -> Box that changes the message before
             the errors of `truth` do, None where nothing does. It reads the true state, and may the acceleration.
         solver: (scenario, room) -> Box that makes its fix, None where make_onboard's System must; built in likewise.
         drawn: (scenario, room, what was drawn of `truth`, the wiring's boxes) -> what boxes are given in that world, by
@@ -102,11 +102,11 @@ class Sensor:
         components: a letter for each row in figures; by default their numbers.
         only_drake: scenario -> the setting, as `field: value`, by which Drake alone can play it; None where none is.
         check: (scenario, room) -> None; raises InputError where the sensor cannot fly.
-        advice: what a user is told of a flight in which none of its values came.
+        advice: the hint for a flight in which none of its values arrived.
         noise_numbers: scenario -> the numbers that state V where it comes with each fix, by their place there.
         scaled_by: how those places begin.
-        stand_in: variances of the value for theory that is of no place, where V comes with each fix (m or more). By
-            default the noise in the middle of the room.
+        stand_in: variances of the value for theory that is of no place, where V comes with each fix (m or
+            more). By default the noise in the middle of the room.
         limits: (scenario, room) -> least and greatest values of the payload; other packets are refused in
             hardware-in-the-loop. None takes LARGEST in size.
         whole: (scenario, room) -> which numbers of the payload are whole, by their places in it.

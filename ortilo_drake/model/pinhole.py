@@ -135,7 +135,7 @@ def _gradient(p: Point, p_BC: Point, f: float, axis: int) -> tuple[float, float,
 
 @register_jitable
 def _bent_gradient(p: Point, p_BC: Point, camera: Camera, axis: int) -> tuple[float, float, float, float, float, float]:
-    """Return what _gradient does, through a lens that bends."""
+    """Return _gradient's result through a lens with distortion."""
     depth = p[0] - p_BC[0]
     _, _, d_xx, d_xy, d_yy = bent((p_BC[1] - p[1]) / depth, (p_BC[2] - p[2]) / depth, camera.lens.bend)
     of_x, of_y = _gradient(p, p_BC, camera.f, 0), _gradient(p, p_BC, camera.f, 1)
@@ -256,7 +256,7 @@ def point_pixels(
 
 @njit(cache=True)
 def straight_pixels(pixels: np.ndarray, camera: Camera) -> np.ndarray:
-    """Return where a straight lens with square pixels of focal length f has these pixels (n, 2); NaN where nowhere."""
+    """Return these pixels (n, 2) without distortion, with square pixels of focal length f; NaN where there are none."""
     lens = camera.lens
     if lens.bend.size == 0 and lens.aspect == 1.0:
         return pixels

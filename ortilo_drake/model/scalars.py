@@ -1,4 +1,4 @@
-"""Functions of what may be Drake's AutoDiffXd: its plain numbers, and linear equations with their derivatives."""
+"""Functions for float and AutoDiffXd alike: plain numbers, and linear equations with their derivatives."""
 
 from collections.abc import Callable
 from typing import Any

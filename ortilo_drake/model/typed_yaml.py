@@ -183,8 +183,8 @@ def validate(model: type[M], data: Any, source: str) -> M:
 def all_problems(model: type[BaseModel], data: Any, stand_in: Mapping[str, Any]) -> list[str]:
     """Return a line for each thing that is wrong with plain data; none if it is right.
 
-    What a model checks across its fields it says only once each field is right. So what is wrong is left out and the
-    rest looked at again; of a field that was told before nothing more is told then, as it may follow from that.
+    A model checks its fields together only once each is right. So wrong fields are left out and the rest is checked; a
+    field that was reported before is not reported then, as the second problem may follow from the first.
 
     Args:
         model: the pydantic model.

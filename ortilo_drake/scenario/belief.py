@@ -1,8 +1,8 @@
-"""What the onboard half gets to see of a scenario.
+"""The belief: the part of a scenario that the onboard half may know.
 
 A scenario decides a whole flight. Its Belief is the part that a team knows before it flies: the surveyed room, the
 vehicle as it was weighed, the rates of the sensors, and the settings of everything onboard. It holds neither the seed
-nor how the world differs (scenario/truth.py), nor what only the world draws by: disturbance, noise, losses, delays.
+nor the world's differences (scenario/truth.py), nor the world's random parts: disturbance, noise, losses, delays.
 """
 
 import json
@@ -38,7 +38,7 @@ Name = Annotated[str, AfterValidator(_as_file_name)]  # a folder of flights is c
 
 
 class Belief(Frozen):
-    """What the onboard half knows of a flight.
+    """A scenario as the onboard half knows it.
 
     Attributes:
         name: its name in tables and files.
@@ -56,7 +56,7 @@ class Belief(Frozen):
         estimator: the filter.
         servo: what makes a control of state and reference.
         planner: the path to fly.
-        commands: what is made of commands that act late.
+        commands: the treatment of commands that act late.
     """
 
     name: Name = "default"
@@ -77,7 +77,7 @@ class Belief(Frozen):
 
     @property
     def belief(self) -> "Belief":
-        """What the onboard half gets to see: of a Belief itself."""
+        """The part that the onboard half may know: of a Belief, itself."""
         return self
 
     @property
@@ -87,12 +87,12 @@ class Belief(Frozen):
 
     @property
     def yaw(self) -> float:
-        """The heading that is held [rad]; 0 with a servo of one's own that has no such setting."""
+        """The heading that is held [rad]; 0 with a registered servo without such a setting."""
         return float(getattr(self.servo, "yaw", 0.0))
 
     @property
     def lends_velocities(self) -> bool:
-        """Whether the servo is given the true velocities."""
+        """True if the servo is given the true velocities."""
         return getattr(self.servo, "velocities", "estimate") == "truth"
 
     @property
@@ -105,7 +105,7 @@ class Belief(Frozen):
 
     @property
     def is_rendered(self) -> bool:
-        """Whether there is a camera and it renders."""
+        """True if there is a camera that renders pictures."""
         return self.camera.kind == "rendered" and "camera" in self.sensors
 
     @property
@@ -129,21 +129,21 @@ class Belief(Frozen):
 
     @property
     def imu_samples(self) -> int:
-        """How many samples a message of the imu carries."""
+        """The number of samples in a message of the imu."""
         return self.samples("imu")
 
     @property
     def measures_ranges(self) -> bool:
-        """Whether ranges to the room's anchors are measured."""
+        """True if ranges to the room's anchors are measured."""
         return "uwb" in self.sensors
 
     @property
     def sees_landmarks(self) -> bool:
-        """Whether a camera looks for the room's landmarks."""
+        """True if a camera looks for the room's landmarks."""
         return "camera" in self.sensors
 
     def is_picture(self, sensor: str) -> bool:
-        """Return whether what a sensor sends is a picture: its message is the shutter's."""
+        """Return whether a sensor sends pictures: its message is the shutter's."""
         return sensor == "camera" and self.is_rendered
 
     @property
@@ -153,7 +153,7 @@ class Belief(Frozen):
 
     @property
     def samples_at_rest(self) -> int:
-        """How many samples the imu takes while the vehicle rests on the floor before take-off, at least a message's."""
+        """The number of imu samples while the vehicle rests on the floor before take-off, at least a message's."""
         if "imu" not in self.sensors or self.imu.standstill == 0.0:
             return 0
         messages = int(self.imu.standstill / (self.every("imu") * self.h) + 1e-9)
@@ -183,7 +183,7 @@ class Belief(Frozen):
 
     @property
     def measurement(self) -> Measurement:
-        """The layout of what the filter gets: the paper's three sensors, and those of one's own that fly.
+        """The layout of what the filter gets: the paper's three sensors, and the registered ones that fly.
 
         Of a sensor faster than the tick it gets the mean of a tick's samples, which is (n - 1) h / (2 n) old.
         """

@@ -1,4 +1,4 @@
-"""Settings of what the onboard half makes of commands that act late, or never."""
+"""Settings of the onboard half for commands that act late, or never."""
 
 from typing import Annotated, Literal
 
@@ -8,7 +8,7 @@ from ortilo_drake.model.typed_yaml import Frozen
 
 
 class Commands(Frozen):
-    """How filter and servo account for the way of a command to the rotors.
+    """How filter and servo account for the delay and loss of commands on their way to the rotors.
 
     Attributes:
         filter: 'sent' predicts with each command as if it acted at its tick, the paper's filter. 'acted' predicts with
@@ -27,10 +27,10 @@ class Commands(Frozen):
 
     @property
     def are_reported(self) -> bool:
-        """Whether the world is to report which commands acted."""
+        """True if the world reports which commands acted."""
         return self.filter == "acted" or (self.servo == "predicted" and self.delay is None)
 
     @property
     def are_kept(self) -> bool:
-        """Whether the onboard half keeps its commands."""
+        """True if the onboard half keeps its commands."""
         return self.filter == "acted" or self.servo == "predicted"

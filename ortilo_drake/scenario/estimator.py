@@ -1,4 +1,4 @@
-"""Settings of the paper's estimator: what the filter believes of noise, forces and biases."""
+"""Settings of the paper's estimator: its models of noise, forces and biases."""
 
 from typing import Annotated, Literal
 
@@ -24,7 +24,7 @@ RowSds = Annotated[dict[str, Positive], AfterValidator(_as_pairs), _AsDict]
 
 
 class Noise(Frozen):
-    """What the filter believes of the measurements, V.
+    """The filter's measurement noise V.
 
     A position sensor set to null takes its covariance from each fix: geometry and sensor noise.
 
@@ -81,7 +81,7 @@ class DiagonalW(Frozen):
 
 
 class Walks(Frozen):
-    """How force, torque and the accelerometer's bias vary: random walks that begin about 0, see estimator.force.
+    """The random walks of force, torque and accelerometer bias, about 0 at first; see estimator.force.
 
     Attributes:
         force_sd: standard deviation of the disturbance force per axis at first [N].
@@ -107,9 +107,9 @@ class Walks(Frozen):
 
 
 class Biases(Frozen):
-    """Errors that last, of which the filter knows how large they are; it estimates those whose sd is not 0.
+    """Slow errors with known standard deviations; the filter estimates those whose sd is not 0.
 
-    Each varies as a first-order Gauss-Markov process, whose sd stays what it is.
+    Each varies as a stationary first-order Gauss-Markov process.
 
     Attributes:
         uwb_sd: standard deviation of a bias of uwb fixes per axis [m]: survey of the anchors, ranges.
@@ -142,7 +142,7 @@ class IntermittentFilter(Frozen):
         kind: 'intermittent'.
         W: process noise covariance.
         V: measurement noise.
-        initial_sd: what the filter believes of its initial error in position [m], angles [rad], velocity [m/s] and
+        initial_sd: standard deviations of its initial position [m], angles [rad], velocity [m/s] and
             Euler rates [rad/s]; flights start without one, so NEES starts at 0.
         delay: how late measurements are used. 'ignore' uses them as if they were current; 'drop' does too, but none
             older than one tick, which a detector itself takes; 'replay' uses them at their stamp and runs the filter

@@ -1,4 +1,4 @@
-"""Faults: what goes wrong in the world in the middle of a flight, each from a start, most until an end.
+"""Faults in the middle of a flight, each from a start, most until an end.
 
 The onboard half knows nothing of them. A fault changes what it concerns and no other noise, see world/faults.
 """
@@ -80,7 +80,7 @@ class OutlierBursts(Fault):
 
 
 class Stuck(Fault):
-    """A sensor that says again and again what it said last before the start; its stamps go on.
+    """A stuck sensor: it repeats its last payload before the start, with current stamps.
 
     Attributes:
         start: when it begins [s], above 0.
@@ -221,7 +221,7 @@ class People(Fault):
         speed: of all [m/s].
         radius: of the cylinders [m].
         height: of the cylinders, on the floor [m].
-        excess: mean of the exponential length by which a range through a person comes out longer [m], drawn anew for
+        excess: mean of the exponential excess of a range through a person [m], drawn anew for
             each; null if there is none.
     """
 
@@ -268,7 +268,7 @@ class RotorWeak(Fault):
         end: when it ends [s]; null if it does not.
         kind: 'rotor_weak'.
         rotor: its index, from 0 [1].
-        factor: its thrust over what it should be [1], 0.5 to 1.
+        factor: its thrust over its normal thrust [1], 0.5 to 1.
     """
 
     kind: Literal["rotor_weak"]
@@ -317,7 +317,7 @@ def sensors_of_kind(kind: str) -> tuple[str, ...]:
 
 
 def end_of(fault: Onset) -> float | None:
-    """Return when a fault ends [s]; None if it does not."""
+    """Return the time at which a fault ends [s]; None if it does not end."""
     return fault.end if isinstance(fault, Fault) else None
 
 

@@ -56,7 +56,7 @@ class GilbertElliottLoss(Frozen):
 
 
 class BurstLoss(Frozen):
-    """Bursts by what is measured of them: everything is lost within one, nothing between two.
+    """Bursts by their measured figures: everything is lost within one, nothing between two.
 
     Attributes:
         kind: 'bursts'.
@@ -112,7 +112,7 @@ Blackout = Annotated[PositionBlackout | TimeBlackout, Field(discriminator="kind"
 
 
 class LinkRate(Frozen):
-    """How often a sensor sends.
+    """The rate at which a sensor sends.
 
     Attributes:
         rate: samples a second [Hz]. It divides the scenario's control_rate; or it is a whole multiple of it (not of uwb
@@ -132,13 +132,13 @@ class LinkRate(Frozen):
 
 
 class Link(LinkRate):
-    """How one sensor's messages reach the vehicle: one packet in each tick that is due, delivered or lost as a whole.
+    """The link of one sensor to the vehicle: one packet in each tick that is due, delivered or lost as a whole.
 
     Attributes:
         rate: samples a second [Hz]. It divides the scenario's control_rate; or it is a whole multiple of it (not of uwb
             and camera), and each tick's packet carries the samples taken since the tick before, each with its stamp.
             null sends on every tick.
-        loss: what is lost at random; a number is the probability of independent losses.
+        loss: random losses; a number is the probability of independent losses.
         blackouts: where or when nothing arrives.
         delay: fixed delay [ticks].
         random_delay: largest additional delay [ticks], drawn uniformly for each message.
@@ -199,10 +199,10 @@ def _control_rate_for(rate: float, control_rate: float) -> str:
 
 
 class CommandLink(Frozen):
-    """How the control packets reach the rotors, one a tick.
+    """The link of the control packets to the rotors, one a tick.
 
-    The sender hears nothing back (as over UDP): filter and servo go on as if every command were applied at once, unless
-    the scenario's `commands` have the world report what acted.
+    There is no acknowledgement (as over UDP): filter and servo assume that every command is applied at once, unless the
+    scenario's `commands` have the world report which acted.
 
     Attributes:
         loss: what is lost at random; a number is the probability of independent losses.

@@ -179,8 +179,8 @@ def load_scenario(
         >>> lossy.uwb.link.loss.probability
         0.3
 
-    A file may name another as its `base`: it then says only what differs. Files that a base names are meant from where
-    the base lies. Files that settings laid over a scenario name are meant from the working folder.
+    A file may name another as its `base` and then holds only the differences. Paths in a base are relative to the
+    base's folder. Paths in settings laid over a scenario are relative to the working folder.
 
     Args:
         scenario: a ready-made scenario's name, the path of a .yaml file, or a scenario.

@@ -18,7 +18,7 @@ Three = tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat]
 
 
 class ImuNoise(Frozen):
-    """White noise of the IMU in flight, by axis, and what holds all flight long."""
+    """White noise of the IMU in flight, by axis, the spread of its biases, and its rate."""
 
     rotation: Three = Field(description="Body rates [rad/s/√Hz].")
     force: Three = Field(description="Specific force [m/s²/√Hz].")
@@ -32,7 +32,7 @@ class ImuNoise(Frozen):
 
 
 class NoiseFile(Frozen):
-    """What was fitted, its intervals by name, and what it was fitted to."""
+    """The fitted noise, its intervals by name, and the recordings that it was fitted to."""
 
     source: str = ""
     uwb: UwbNoise
@@ -70,7 +70,7 @@ def load_noise(name_or_file: str, field: str = "noise", folder: Path = Path()) -
 
 
 def noise_text(noise: NoiseFile) -> str:
-    """Return the file's text, without what is as by default."""
+    """Return the file's text, without default values."""
     return yaml.safe_dump(noise.model_dump(mode="json", exclude_defaults=True), sort_keys=False, allow_unicode=True)
 
 

@@ -16,7 +16,7 @@ Worth = Annotated[float, Field(ge=1.0, le=1.0e6)]
 
 
 class Exclusion(Frozen):
-    """Which ranges are left out because they do not fit the others.
+    """The exclusion of ranges that do not fit the others.
 
     Attributes:
         probability: with which right ranges pass the chi-square test of their residuals [1].

@@ -55,7 +55,7 @@ def model_for(base: type[BaseModel], data: Any) -> type[BaseModel]:
 
 
 def model_of_all(base: type[BaseModel]) -> type[BaseModel]:
-    """Return base with fields for every part that is registered: what any scenario may hold here."""
+    """Return base with a field for every registered part."""
     sensors = tuple(s for name in known_sensors() if name not in SENSORS and (s := find_sensor(name)))
     parts = tuple((role, p) for role in _roles(base) for kind in known_kinds(role) if (p := find_part(role, kind)))
     return _model(base, sensors, parts)

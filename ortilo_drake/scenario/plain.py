@@ -11,7 +11,7 @@ from ortilo_drake.model.typed_yaml import InputError
 
 
 def plain_value(field: str, value: Any) -> Any:
-    """Return a value as YAML would give it; InputError, which names the field, if YAML has nothing like it."""
+    """Return a value as YAML would give it; InputError, which names the field, if YAML cannot hold it."""
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json")
     if isinstance(value, Path):

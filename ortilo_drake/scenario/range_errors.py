@@ -1,4 +1,4 @@
-"""How ranges err, as `ortilo fit` finds it in recordings: NOISE.yaml's `uwb`."""
+"""The errors of ranges, as `ortilo fit` finds them in recordings: NOISE.yaml's `uwb`."""
 
 import math
 from typing import Annotated
@@ -40,7 +40,7 @@ class Outliers(Frozen):
 
     Attributes:
         share: of all rows [1].
-        sd: standard deviation of what is added [m].
+        sd: standard deviation of the addition [m].
         burst: how many rows of an anchor in a row are outliers, on average [1].
     """
 

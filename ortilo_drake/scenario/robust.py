@@ -67,7 +67,7 @@ class Opening(Frozen):
 
 
 class Robust(Frozen):
-    """What the filter makes of values that are not what it believes of them; nothing where all are.
+    """The filter's treatment of values beyond their believed noise; no effect on values within it.
 
     Attributes:
         gate: probability that a correct value is used [1]: a value is rejected if its squared Mahalanobis distance from

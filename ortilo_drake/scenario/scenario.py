@@ -42,15 +42,15 @@ class Scenario(Belief):
         estimator: the filter.
         servo: what makes a control of state and reference.
         planner: the path to fly.
-        commands: what is made of commands that act late.
+        commands: the treatment of commands that act late.
         seed: the seed of all noise; the same seed gives the same flight bit for bit.
         settle: time flown after the path's end [s].
         world: the simulated physics apart from the sensors.
-        truth: how the world differs from what the onboard half believes; by default not at all.
-        faults: what goes wrong in the world in the middle of the flight; by default nothing.
+        truth: differences of the world from the onboard belief; by default none.
+        faults: faults in the middle of the flight; by default none.
         command_link: delivery of the control packets; perfect by default.
         report_link: delivery of the reports of which commands acted; only where `commands` wants them.
-        failsafe: what flies while no command comes; only in real time (`ortilo hil world`).
+        failsafe: the controller while no command comes; only in real time (`ortilo hil world`).
     """
 
     imu: Imu = Imu()

@@ -15,7 +15,7 @@ from ortilo_drake.scenario.range_errors import UwbNoise
 
 
 class SensorSetup(Frozen):
-    """What the onboard half knows of a sensor.
+    """A sensor, as the onboard half knows it.
 
     Attributes:
         link: rate of its messages.
@@ -25,7 +25,7 @@ class SensorSetup(Frozen):
 
 
 class ImuSetup(SensorSetup):
-    """What the onboard half knows of the imu.
+    """The imu, as the onboard half knows it.
 
     Attributes:
         link: rate of its messages.
@@ -116,7 +116,7 @@ class AffineNoise(Frozen):
     Attributes:
         kind: 'affine'.
         sd: standard deviation at distance 0 [m].
-        fraction: by which it grows, over distance [1].
+        fraction: its growth over distance [1].
     """
 
     kind: Literal["affine"]
@@ -183,7 +183,7 @@ WallEffect = Annotated[WallsIgnored | WallsBias | WallsBlock | WallsExcess, Fiel
 
 
 class UwbSetup(SensorSetup):
-    """What the onboard half knows of the uwb.
+    """The uwb sensor, as the onboard half knows it.
 
     Attributes:
         link: rate of its messages.
@@ -195,7 +195,7 @@ class UwbSetup(SensorSetup):
         round: how long a round of ranging takes [s]: the anchors are ranged one after the other in n even slots, the
             last one at the message's stamp, so that range i of 0 to n - 1 is (1 - (i + 1) / n) of it older. The onboard
             half knows that and takes each range on to the stamp by the velocity that it believes.
-        behind_walls: what is made of ranges that, by the map and the estimate, pass a wall: they are 'used' as any
+        behind_walls: treatment of ranges that, by the map and the estimate, pass a wall: they are 'used' as any
             other, or 'left_out'. null leaves them out where the scenario's walls lengthen ranges: that they do is known
             to who flies there, by how much is not.
     """
@@ -229,7 +229,7 @@ class Uwb(UwbSetup):
         round: how long a round of ranging takes [s]: the anchors are ranged one after the other in n even slots, the
             last one at the message's stamp, so that range i of 0 to n - 1 is (1 - (i + 1) / n) of it older. The onboard
             half knows that and takes each range on to the stamp by the velocity that it believes.
-        behind_walls: what is made of ranges that, by the map and the estimate, pass a wall: they are 'used' as any
+        behind_walls: treatment of ranges that, by the map and the estimate, pass a wall: they are 'used' as any
             other, or 'left_out'. null leaves them out where the scenario's walls lengthen ranges: that they do is known
             to who flies there, by how much is not.
         noise: noise of each range, where errors are white.
@@ -267,7 +267,7 @@ class Uwb(UwbSetup):
 
 
 class MeasuredErrors(Frozen):
-    """Errors of a detector as they were measured of it.
+    """Errors of a detector, as measured.
 
     Attributes:
         kind: 'measured'.
@@ -340,7 +340,7 @@ class Calibration(Frozen):
 
 
 class CameraSetup(SensorSetup):
-    """What the onboard half knows of the landmark camera.
+    """The landmark camera, as the onboard half knows it.
 
     Attributes:
         link: rate of the pictures or boxes.

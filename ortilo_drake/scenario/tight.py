@@ -38,10 +38,10 @@ DATASHEETS = {
 
 
 class InertialNoise(Frozen):
-    """What the tight filter believes of the imu.
+    """The tight filter's noise model of the imu.
 
     Attributes:
-        datasheet: whose noise density the body rates and the specific force have; 'none' goes by the next two.
+        datasheet: the unit whose noise densities are used; 'none' uses the next two.
         rate_density: noise of the body rates per axis [rad/s/sqrt(Hz)]; the default is 0.001 rad/s at 30 Hz.
         specific_force_density: of the specific force per axis [m/s^2/sqrt(Hz)]; the default is 0.05 m/s^2 at 30 Hz.
         angle_density: of roll, pitch and yaw [rad/sqrt(Hz)]; the default is 0.01 rad at 30 Hz, null leaves them out.
@@ -73,10 +73,10 @@ class InertialNoise(Frozen):
 
 
 class TightRanges(Frozen):
-    """What the tight filter believes of single ranges.
+    """The tight filter's noise model of single ranges.
 
     Attributes:
-        noise: what is new in every range.
+        noise: white noise of every range.
         bias_sd: error of each anchor's ranges that lasts [m]: bias, survey; 0 has none estimated.
         bias_rate: its random walk, a standard deviation after 1 s [m]: a survey's error changes with the place.
         slow_sd: error of each anchor's ranges that changes slowly [m]; 0 has none estimated.
@@ -98,13 +98,13 @@ class TightRanges(Frozen):
 
 
 class TightPixels(Frozen):
-    """What the tight filter believes of the boxes' centres.
+    """The tight filter's noise model of the boxes' centres.
 
     The defaults are those of our own network, by what `ortilo detector calibrate` measured of it.
 
     Attributes:
         sd: error of a small box's centre [px].
-        growth: share of the box's size by which it grows, over sd [1/px].
+        growth: its growth with the box's size, relative to sd [1/px].
         slow_share: share of the variance that lasts from picture to picture [1].
         slow_time: for how long [s].
         survey_sd: error of each landmark's surveyed position per axis [m]; 0 has none estimated.
@@ -120,9 +120,9 @@ class TightPixels(Frozen):
 
 
 class TightWatch(Frozen):
-    """How the tight filter notices a sensor that goes wrong in flight.
+    """The tight filter's tests for a sensor that goes wrong in flight.
 
-    A sensor that says the same again is not listened to.
+    A sensor that repeats its last message is ignored.
 
     Attributes:
         time: over which contradictions are averaged [s].
@@ -146,10 +146,10 @@ class TightFilter(Frozen):
         kind: 'tight'.
         force: 'measured': it reads the imu's specific force ...
         rates: ... and its body rates.
-        imu: what it believes of the imu.
+        imu: noise of the imu, as it believes it.
         ranges: of the ranges.
         pixels: of the boxes.
-        initial_sd: what it believes of its initial error in position [m], angles [rad] and velocity [m/s].
+        initial_sd: standard deviations of its initial position [m], angles [rad] and velocity [m/s].
         gate: probability [1] beyond which a range or a box is refused.
         huber: standard deviations of an innovation from which on it weighs less [1].
         watch: how the filter detects failing sensors; null for not at all.

@@ -1,9 +1,9 @@
-"""How the world differs from what the onboard half believes.
+"""The world's differences from the onboard half's belief.
 
-All other settings say what a team believes and configures: its vehicle, its surveyed room, its sensors. Each entry here
-says how the world differs from that, by a number that is added or by a factor. Beside it, under the same name with _sd,
-stands the standard deviation of what is drawn by seed and added to it. By default nothing differs. The onboard half
-sees nothing of all this, see belief.py; docs/truths.md has the equations.
+All other settings are what a team believes and configures: its vehicle, its surveyed room, its sensors. Each entry here
+is the world's difference from that: a number that is added, or a factor. The same name with _sd is the standard
+deviation of a number that the seed draws and adds to it. By default nothing differs. The onboard half sees none of
+this, see belief.py; docs/truths.md has the equations.
 """
 
 from typing import Annotated, NamedTuple
@@ -76,17 +76,17 @@ class ImuTruth(Frozen):
         yaw: added to the yaw [rad].
         yaw_sd: spread of that [rad].
         yaw_walk: random walk of it, its standard deviation after 1 s [rad].
-        angles_factor: by which the angles are multiplied [1].
+        angles_factor: factor of the angles [1].
         angles_factor_sd: spread of that [1].
         rates: added to the body rates [rad/s].
         rates_sd: spread of each of them [rad/s].
         rates_walk: random walk of them, its standard deviation after 1 s [rad/s].
-        rates_factor: by which the body rates are multiplied [1].
+        rates_factor: factor of the body rates [1].
         rates_factor_sd: spread of that [1].
         specific_force: added to the specific force [m/s^2].
         specific_force_sd: spread of each of its components [m/s^2].
         specific_force_walk: random walk of them, its standard deviation after 1 s [m/s^2].
-        specific_force_factor: by which the specific force is multiplied [1].
+        specific_force_factor: factor of the specific force [1].
         specific_force_factor_sd: spread of that [1].
     """
 
@@ -116,7 +116,7 @@ class UwbTruth(Frozen):
     Attributes:
         bias: added to every range [m].
         bias_sd: spread of that, drawn for each anchor [m].
-        factor: by which all ranges are multiplied [1].
+        factor: factor of all ranges [1].
         factor_sd: spread of that [1].
         slow_sd: standard deviation of first-order Gauss-Markov noise that is added, each anchor's its own [m].
         slow_time: correlation time of that [s].
@@ -138,7 +138,7 @@ class SensorTruth(Frozen):
     Attributes:
         bias: added to each.
         bias_sd: spread of each of them.
-        factor: by which each is multiplied [1].
+        factor: factor of each [1].
         factor_sd: spread of each of them [1].
         slow_sd: standard deviations of first-order Gauss-Markov noise that is added.
         slow_time: correlation time of that [s].
@@ -153,7 +153,7 @@ class SensorTruth(Frozen):
 
 
 class SurveyTruth(Frozen):
-    """Where things really are: the room's file holds what was surveyed.
+    """The true places of anchors and landmarks: the room's file holds the surveyed ones.
 
     Attributes:
         anchors: from where every anchor was surveyed to where it is [m].
@@ -169,7 +169,7 @@ class SurveyTruth(Frozen):
 
 
 class CameraTruth(Frozen):
-    """How the camera is really mounted, and its lens.
+    """The camera's true mounting and lens.
 
     Attributes:
         position: from where it is believed to be to where it is, in B [m].
@@ -192,7 +192,7 @@ class ClockTruth(Frozen):
     """The sensors' clocks beside that of imu and onboard computer; each sensor but the imu has one of its own.
 
     Attributes:
-        offset: by how much a measurement is older than its stamp says at the start [s].
+        offset: age of a measurement beyond its stamp at the start [s].
         offset_sd: spread of that, drawn for each sensor [s].
         drift: by how much more in every second [1].
         drift_sd: spread of that, drawn for each sensor [1].
@@ -205,7 +205,7 @@ class ClockTruth(Frozen):
 
 
 class StartTruth(Frozen):
-    """Where the vehicle really starts; the filter's first estimate is the start of the path, under the held heading.
+    """The vehicle's true start; the filter's first estimate is the start of the path, under the held heading.
 
     Attributes:
         position: from where it is believed to start to where it does [m].
@@ -232,11 +232,11 @@ SensorTruths = Annotated[
 
 
 class Truth(Frozen):
-    """How the world differs from what the onboard half believes.
+    """The world's differences from the onboard half's belief.
 
     Attributes:
         vehicle: the body and its rotors.
-        force: what pushes it steadily.
+        force: a steady force on the body.
         imu: angles, rates and specific force.
         uwb: ranges.
         sensors: registered sensors, by name; of those that fly.

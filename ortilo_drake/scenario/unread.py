@@ -1,7 +1,7 @@
-"""Settings that the parts that fly do not read: changing one changes nothing, which a user is told.
+"""Settings that no part of a flight reads: changing one changes nothing, so the user is warned.
 
-Each rule names settings and says of a scenario whether a part reads them, and which part would. What no rule names is
-taken to be read, and so is all that an estimator of one's own might read: a line is never wrong, and some are missing.
+Each rule names settings, whether a scenario's part reads them, and which part would. Settings without a rule are taken
+to be read, and so are all that a registered estimator might read: no line is wrong, and some are missing.
 """
 
 from collections.abc import Callable, Iterator, Sequence

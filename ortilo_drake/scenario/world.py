@@ -56,7 +56,7 @@ class World(Frozen):
             the simulator nothing to integrate; 'continuous' has Drake integrate it. Rotors with a lag need the latter.
             Where a sensor is faster than the tick the plant is always integrated, from sample to sample.
         rotors: between the control and the body.
-        disturbance: what pushes the vehicle about.
+        disturbance: random forces and torques on the vehicle.
         drag: of the rotors in still air, force over velocity along x, y and z of B [N s/m].
     """
 

@@ -29,7 +29,7 @@ HEAD = """<svg class="blocks" xmlns="http://www.w3.org/2000/svg" width="{wide}" 
 
 
 class Placed(NamedTuple):
-    """Where a block stands: its column and row (-1 of one that is alone in its column), its left, top and height."""
+    """A block's place: its column and row (-1 if it is alone in its column), its left, top and height."""
 
     column: int
     row: int
@@ -49,7 +49,7 @@ class Placed(NamedTuple):
 
 
 class Net(NamedTuple):
-    """A signal that goes past other blocks: from where, on which side of them, to whom, and what it is called."""
+    """A signal that passes other blocks: its source, its side of them, its targets and its name."""
 
     source: str
     above: bool
@@ -122,7 +122,7 @@ def nets_of(signals: dict[tuple[str, str], list[str]], cells: dict[str, Cell]) -
 
 
 def halves(columns: list[str], top: float, bottom: float) -> list[str]:
-    """Return the grounds of the world and of what flies onboard."""
+    """Return the backgrounds of the world's half and of the onboard half."""
     drawn, runs = [], list[tuple[bool, int, int]]()
     for i, column in enumerate(columns):
         world = column in WORLD
@@ -137,7 +137,7 @@ def halves(columns: list[str], top: float, bottom: float) -> list[str]:
 
 
 def block_box(block: Block, its: Placed) -> str:
-    """Return a block: its name in a box; its boxes as what a browser says of it."""
+    """Return a block: its name in a box, with the boxes in it as a browser's tooltip."""
     said = escape(f"{block.name}: {', '.join(block.boxes)}")
     fit = f' textLength="{WIDE - 8}" lengthAdjust="spacingAndGlyphs"' if len(block.name) > 11 else ""
     return (
@@ -148,7 +148,7 @@ def block_box(block: Block, its: Placed) -> str:
 
 
 def between(pair: tuple[str, str], names: list[str], placed: dict[str, Placed]) -> str:
-    """Return a straight arrow with what it is called."""
+    """Return a straight arrow with its name."""
     source, target = (placed[name] for name in pair)
     y = _line(source, target)
     x = source.right + (GAP - 14) / 2
@@ -214,7 +214,7 @@ def _end(net: Net, target: str, placed: dict[str, Placed], side: list[Net]) -> t
 
 
 def arrow(pair: tuple[str, str], names: list[str], path: str) -> str:
-    """Return an arrow along a path; what it is and from where to where as what a browser says of it."""
+    """Return an arrow along a path, with its name, source and target as a browser's tooltip."""
     said = escape(f"{', '.join(names)}: {pair[0]} → {pair[1]}")
     return f'<g class="edge"><title>{said}</title><path d="{path}" marker-end="url(#head)"/></g>'
 

@@ -1,4 +1,4 @@
-"""Boxes over a camera picture, with names of which none is over another nor over a box."""
+"""Boxes over a camera picture, with names that overlap neither each other nor a box."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,9 +14,9 @@ from ortilo_drake.views.palette import YELLOW
 def draw_boxes(
     axes: Axes, picture: np.ndarray, boxes: np.ndarray, names: Sequence[str] = (), expected: Sequence[np.ndarray] = ()
 ) -> None:
-    """Draw a picture, what was found in it in yellow and what was expected in it dotted in white.
+    """Draw a picture with the boxes found in yellow and the boxes expected dotted in white.
 
-    Call it once the figure's layout is what it will be, as names are placed by what they would cover.
+    Call it once the figure's layout is final, as the place of a name depends on what it would cover.
 
     Args:
         axes: where; their units are pixels of the picture, u to the right and v down.

@@ -34,9 +34,9 @@ class Label(NamedTuple):
 def put_labels(
     axes: Axes, labels: Sequence[Label], points: np.ndarray, size: float = 7.0, halo: str = "white"
 ) -> list[Annotation]:
-    """Put labels beside their points, each at the nearest place where it is over nothing; return them.
+    """Put labels beside their points, each at the nearest place where it covers nothing; return them.
 
-    Call it once limits and layout of the figure are what they will be.
+    Call it once limits and layout of the figure are final.
 
     Args:
         axes: where.

@@ -1,4 +1,4 @@
-"""The plan of a room: what is in it as seen from above, to scale."""
+"""The plan of a room, seen from above, to scale."""
 
 from itertools import pairwise
 from pathlib import Path

@@ -1,6 +1,6 @@
 """The looks of a figure that is written to a file: light, dark, for slides or for print. One place for all figures.
 
-A look is laid over the finished figure, so that what draws a figure need not know it.
+A look is applied to the finished figure, so the functions that draw need not know it.
 """
 
 import colorsys
@@ -44,7 +44,7 @@ def themed(theme: Theme) -> Iterator[None]:
 
 
 def apply_theme(figure: "Figure") -> dict[str, Any]:
-    """Give a figure the chosen look; the result is what savefig takes with it."""
+    """Give a figure the chosen look; return the keyword arguments for savefig."""
     theme = _chosen.get()
     if theme is Theme.dark:
         _darken(figure)

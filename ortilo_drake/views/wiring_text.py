@@ -28,7 +28,7 @@ def wiring_text(wiring: Wiring, depth: int) -> str:
 
 
 def blocks_text(wiring: Wiring) -> Iterator[str]:
-    """Yield the paper's blocks: of what each consists, and which signals it reads from which other."""
+    """Yield the paper's blocks: the boxes of each, and the signals it reads from others."""
     blocks, half, widths = blocks_of(wiring), "", (20, 34, 46)
     signals = signals_between(wiring, blocks)
     for block in blocks.values():
@@ -45,7 +45,7 @@ def blocks_text(wiring: Wiring) -> Iterator[str]:
 
 
 def tick_text(wiring: Wiring) -> Iterator[str]:
-    """Yield every box in the order of a tick: the size of what it says, and which signals it reads."""
+    """Yield every box in the order of a tick: the size of its output, and the signals it reads."""
     widths = (4, 28, 7, 61)
     yield from row(("", "in each tick says", "size", "reads"), widths)
     for i, box in enumerate(wiring.out_order, 1):
@@ -61,7 +61,7 @@ def tick_text(wiring: Wiring) -> Iterator[str]:
 
 
 def elements_text(wiring: Wiring) -> Iterator[str]:
-    """Yield every box with its element: functions and where they stand, what it reads, its numbers and arrays."""
+    """Yield every box with its element: functions and their files, inputs, numbers and arrays."""
     for box in wiring.boxes.values():
         if box is not next(iter(wiring.boxes.values())):
             yield ""
@@ -71,7 +71,7 @@ def elements_text(wiring: Wiring) -> Iterator[str]:
 
 
 def parts_of(wiring: Wiring, box: Box) -> Iterator[tuple[str, str]]:
-    """Yield what there is to say of a box's element, by what it is about."""
+    """Yield the description of a box's element: pairs of a heading and lines."""
     element, given = box.element, box.given
     for what, function in element.functions.items():
         yield what, function_text(function)
@@ -95,7 +95,7 @@ def kind_of(box: Box) -> str:
 
 
 def held_by(wiring: Wiring, box: Box) -> str:
-    """Return a description of a box without functions: what it holds, its values, or that a System is behind it."""
+    """Return a description of a box without functions: its source, its values, or the System behind it."""
     if box.holds:
         return ", ".join(f"{held} ({wiring.boxes[held].size})" for held in box.holds)
     if system_of(box) is not None:
@@ -137,7 +137,7 @@ def function_text(function: Callable[..., None]) -> str:
 
 
 def written_by_hand(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function, or what a part of one's own gave where the package's function only says what that gives."""
+    """Return a function, or the registered part's own one where the package's function only wraps it."""
     if "<locals>" not in function.__qualname__ or not function.__module__.startswith(f"{PACKAGE.name}."):
         return function
     enclosed = inspect.getclosurevars(function).nonlocals.values()

@@ -1,1 +1,1 @@
-"""Simulated physics: the vehicle, its sensors, the radio link, what the eye sees."""
+"""Simulated physics: the vehicle, its sensors, the radio link, the visible scene."""

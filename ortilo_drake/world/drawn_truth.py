@@ -1,4 +1,4 @@
-"""How one world differs from what the onboard half believes: the numbers of one seed."""
+"""The differences of one world from the belief: the numbers of one seed."""
 
 from collections.abc import Callable, Iterator, Mapping
 

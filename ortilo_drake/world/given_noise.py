@@ -1,4 +1,4 @@
-"""Noise that is given instead of drawn: standard normal numbers of each tick, for who moves them a little.
+"""Noise that is given instead of drawn: standard normals of each tick, for studies that perturb them.
 
 Where a seed is negative, minus the seed is the address of a tick's record, of whole numbers of eight bytes:
 
@@ -40,13 +40,13 @@ _wholes, _floats = _pointer_to(types.int64), _pointer_to(types.float32)
 
 @register_jitable
 def seed_beside(seed: int) -> int:
-    """Return the seed of what the row of a record does not have."""
+    """Return the seed for the numbers that a record's row does not have."""
     return array_at(_wholes(-seed), (_RECORD,))[2]
 
 
 @register_jitable
 def given_numbers(seed: int, stream: np.uint64, tick: int, n: int) -> tuple[int, int]:
-    """Return the address of what a tick's row has of the first n numbers of a stream, and how many: n, fewer or none.
+    """Return the address of a stream's numbers in a tick's row, and how many of the first n are there.
 
     Args:
         seed: minus the address of the tick's record.
@@ -90,7 +90,7 @@ def _note(size: np.ndarray, entries: np.ndarray, i: int, stream: int, n: int, se
 
 
 class GivenNoise:
-    """Where each stream's numbers stand in the row of a tick, and the seeds that stand for rows.
+    """The place of each stream's numbers in the row of a tick, and the seeds that stand for rows.
 
     Args:
         ticks: of a flight.
@@ -120,7 +120,7 @@ class GivenNoise:
     def seeds(self, rows: np.ndarray) -> np.ndarray:
         """Return seeds that stand for rows of standard normal numbers (ticks, width), until they are asked for others.
 
-        The seed of what a row does not have is made of its first two numbers.
+        The seed for the numbers that a row does not have is made of its first two numbers.
         """
         if rows.shape != (len(self._records), self.width) or rows.dtype != np.float32 or not rows.flags.c_contiguous:
             raise ValueError(f"rows: {rows.shape} of {rows.dtype}: must be rows of {self.width} float32 a tick")

@@ -1,4 +1,4 @@
-"""Noise of which a share changes slowly, and which is a pure function of the tick all the same.
+"""Noise with a slow share, yet a pure function of the tick.
 
 A slow noise number of tick t, between nodes N ticks apart, is
 

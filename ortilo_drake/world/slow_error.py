@@ -17,7 +17,7 @@ from ortilo_drake.world.noise import normals
 
 
 class SlowNoise(NamedTuple):
-    """What x_k is, for each of its n components.
+    """The process of x_k, for each of its n components.
 
     Attributes:
         a: decay over a tick (n).

@@ -26,7 +26,7 @@ def bridge(
     scenario: ScenarioArgument = DEFAULT_SCENARIO,
     seed: SeedOption = None,
     settings: SetOption = None,
-    ros2: Annotated[bool, typer.Option("--ros2", help="Publish as a ROS 2 node, on this machine.")] = False,
+    ros2: Annotated[bool, typer.Option("--ros2", help="Publish to ROS 2, on this machine.")] = False,
     mavlink: Annotated[
         str | None, typer.Option(metavar="udpout:HOST:PORT", help="Send the estimate as MAVLink 2 to this address.")
     ] = None,
@@ -43,10 +43,10 @@ def bridge(
     ] = None,
     map_file: Annotated[
         Path | None,
-        typer.Option("--map", help="With --from, MAP.yaml as of `ortilo replay`: which topic is what."),
+        typer.Option("--map", help="With --from, the MAP.yaml of `ortilo replay`, which says which topic is what."),
     ] = None,
     rate: Annotated[
-        float, typer.Option(min=0.1, max=1000.0, callback=finite, help="With --from, estimates a second.")
+        float, typer.Option(min=0.1, max=1000.0, callback=finite, help="With --from, number of estimates per second.")
     ] = 10.0,
     lag: Annotated[
         float,

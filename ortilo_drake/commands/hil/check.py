@@ -94,7 +94,7 @@ def check(
     png: Annotated[Path | None, picture_option("Draw the latencies' histogram to this file")] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Run both halves on this machine, in two processes, and report what time and link did to the flight."""
+    """Run both halves on this machine, in two processes, and report the effect of time and link on the flight."""
     chosen = load_scenario(scenario, tuple(settings or ()), seed)
     if lockstep and (seconds is not None or png is not None):
         raise InputError("--seconds, --png: belong to a flight in real time, not to --lockstep")

@@ -1,11 +1,11 @@
-"""How a flight of both halves went, in a sentence."""
+"""The verdict on a flight of both halves, in a sentence."""
 
 from collections.abc import Mapping
 from typing import Any
 
 
 def check_verdict(report: Mapping[str, Any], h: float) -> str:
-    """Return the verdict of `ortilo hil check`, for a reader who has seen nothing of it yet.
+    """Return the verdict of `ortilo hil check`, for a reader who has not seen the figures yet.
 
     Args:
         report: what the command writes as JSON; 'identical' is None of a flight in real time.

@@ -22,7 +22,7 @@ def goal(
     insecure: InsecureOption = False,
     wait: Annotated[
         float,
-        typer.Option(min=0.1, callback=finite, help="How long to look for the world, and then for an answer [s]."),
+        typer.Option(min=0.1, callback=finite, help="Time to wait for the world, and then for an answer [s]."),
     ] = 5.0,
 ) -> None:
     """Send a flight in real time to another goal: it brakes, plans a path from there and flies it.

@@ -1,4 +1,4 @@
-"""What `ortilo hil bridge --from` does: real sensors, or a bag of theirs, through the filter of `ortilo replay`."""
+"""`ortilo hil bridge --from`: real sensors, or a bag of theirs, through the filter of `ortilo replay`."""
 
 import contextlib
 import math
@@ -16,7 +16,7 @@ ROS2 = "ros2"
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """What `--from` needs beside it.
+    """The options that go with `--from`.
 
     Attributes:
         source: 'ros2', or a bag.
@@ -71,7 +71,7 @@ def run_live_bridge(
     json_file: Path | None,
     ros2: bool,
 ) -> None:
-    """Run the bridge until its source ends, the time is over, or Ctrl-C; then print what it heard."""
+    """Run the bridge until its source ends, the time is over, or Ctrl-C; then print its report."""
     place = check_live(options, mavlink, ros2)
     check_writable(json_file)
     from ortilo_drake.interop.mavlink import MavlinkBridge

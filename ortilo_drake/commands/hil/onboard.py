@@ -63,7 +63,7 @@ def onboard(
         typer.Option(help="In lockstep, fly what `ortilo export` wrote to this folder; emulated if necessary."),
     ] = None,
     profile: Annotated[
-        bool, typer.Option("--profile", help="Time each block on this machine, without a world, and end.")
+        bool, typer.Option("--profile", help="Time each block on this machine, without a world, and exit.")
     ] = False,
     json_file: JsonOption = None,
 ) -> None:

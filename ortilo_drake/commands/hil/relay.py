@@ -12,7 +12,7 @@ from ortilo_drake.hil.wire.urls import DEFAULT_URL, ONBOARD_URL
 
 def relay(
     faults: Annotated[
-        str, typer.Option(help="Of both directions, in SI units: '{loss: 0.2, delay: 0.04, spread: 0.02, ...}'.")
+        str, typer.Option(help="Faults in both directions, in SI units: '{loss: 0.2, delay: 0.04, spread: 0.02, ...}'.")
     ] = "{}",
     to_onboard: Annotated[str | None, typer.Option(help="Other faults on the way to the onboard half.")] = None,
     to_world: Annotated[str | None, typer.Option(help="Other faults on the way to the world.")] = None,

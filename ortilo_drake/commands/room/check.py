@@ -13,7 +13,7 @@ RoomArgument = Annotated[Path, typer.Argument(metavar="ROOM", help="A room's .ya
 
 
 def check(room: RoomArgument) -> None:
-    """Say all that is wrong with a room file at once, a line each, and end with exit code 2; or what is in it.
+    """List all errors of a room file, a line each, with exit code 2; or, if there are none, its contents.
 
     A room that loads may still be a bad one: lines that begin with `warning` say what looks like a mistake.
     """

@@ -20,9 +20,9 @@ def coverage(
     png: PngOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Say where a room loses a vehicle, and map what can be seen and measured in it.
+    """Find where a room loses a vehicle, and map what can be seen and measured in it.
 
-    Of a room it flies imu, UWB that walls block and the projected camera, from start to goal. The floor is the least
+    A room is flown with imu, UWB that walls block and the projected camera, from start to goal. The floor is the least
     error that any estimator of the position can have there (the Cramér-Rao bound). The JSON file holds: scenario; room;
     answer; worst (first and last tick, floor [m], hangs_on, floor_without [m], silent sensors); cases, by 'all' and by
     the sensor that is lost (greatest floor [m], its time [s] and distance [m], lost_at [s]); along the path at n places

@@ -30,7 +30,7 @@ def new(
 
 
 def check_new(file: Path, force: bool) -> None:
-    """Refuse a file that is there, unless forced, or that cannot be written; InputError says which."""
+    """Refuse a file that exists, unless forced, or that cannot be written; InputError names it."""
     if exists(file) and not force:
         raise InputError(f"{file}: is there already; --force writes over it")
     check_writable(file)

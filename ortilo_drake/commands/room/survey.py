@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Loss(StrEnum):
-    """What a residual costs; all but the first bear outliers."""
+    """The cost function of a residual; all but the first are robust against outliers."""
 
     linear = "linear"
     soft_l1 = "soft_l1"
@@ -48,7 +48,7 @@ def survey(
     out_file: Annotated[Path | None, typer.Option("--out", help="Write the room to this .yaml.")] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Find where the anchors stand from ranges to the vehicle and between anchors; three of them fix the frame.
+    """Find the anchors' positions from ranges to the vehicle and between anchors; three anchors fix the frame.
 
     A table has the columns from, to, range and, where known, x, y, z, sd; anchors are called a0, a1 and so on, other
     names in `from` are places of the vehicle. Without --range-sd and --range-fraction the noise is as the flights'

@@ -20,7 +20,7 @@ def trace(
     scale: Annotated[
         float | None, typer.Option(min=1.0, callback=finite, help="Pixels of the picture in a metre.")
     ] = None,
-    height: Annotated[float, typer.Option(min=2.0, max=20.0, callback=finite, help="Of the room [m].")] = 2.5,
+    height: Annotated[float, typer.Option(min=2.0, max=20.0, callback=finite, help="Height of the room [m].")] = 2.5,
     dark: Annotated[int, typer.Option(min=1, max=255, help="Pixels darker than this are walls.")] = 128,
     anchors: AnchorsOption = 5,
     force: ForceOption = False,

@@ -1,4 +1,4 @@
-"""Which program flies: a digest of its sources, by which flights are told apart and workers are checked."""
+"""The program's identity: a digest of its sources, by which flights are told apart and workers are checked."""
 
 import hashlib
 from functools import cache

@@ -33,7 +33,7 @@ def remote_client() -> Any:
 
 @contextmanager
 def on_scheduler(address: str) -> Iterator[None]:
-    """Have a scheduler's workers do what run_all is given in this context.
+    """In this context, run_all runs its tasks on a scheduler's workers.
 
     Args:
         address: such as tcp://127.0.0.1:8786 or tls://10.0.0.5:8786.
@@ -73,7 +73,7 @@ def gone() -> Iterator[None]:
 
 
 def check_address(address: str) -> None:
-    """Refuse what is no address of a scheduler, or one beyond loopback that is not TLS; see on_scheduler."""
+    """Refuse an invalid address of a scheduler, and one beyond loopback without TLS; see on_scheduler."""
     scheme, _, rest = address.partition("://")
     host, _, port = rest.rpartition(":")
     if scheme not in ("tcp", "tls") or not host or not is_port(port):

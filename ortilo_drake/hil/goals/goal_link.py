@@ -24,7 +24,7 @@ _POLL_MS: Final = 50
 
 
 def goal_text(goal: Goal) -> str:
-    """Return how a message names a goal."""
+    """Return a goal's name in messages."""
     return f"goal ({goal.x:g}, {goal.y:g})"
 
 
@@ -34,7 +34,7 @@ def answer_to(request: Goal, reason: str = "") -> Goal:
 
 
 class GoalLink:
-    """Sends one request at a time and hears its answer; no method waits.
+    """Sends one request at a time and receives its answer; no method blocks.
 
     Args:
         outbox: to the flight.

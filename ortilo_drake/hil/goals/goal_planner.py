@@ -26,7 +26,7 @@ GONE: Final = "the process that plans has ended"
 
 
 class Plan(NamedTuple):
-    """The plan of a goal: the knots (7, n) of a way to it that begins at t = 0, or the reason why there is none."""
+    """The plan for a goal: the knots (7, n) of a path that begins at t = 0, or the reason why there is none."""
 
     number: int
     knots: np.ndarray | None
@@ -34,7 +34,7 @@ class Plan(NamedTuple):
 
 
 def goal_settings(scenario: Scenario) -> GcsPlanner:
-    """Return how ways to goals are planned: as the scenario's own path, as far as its settings say."""
+    """Return the settings for planning paths to goals: those of the scenario's own path, as far as it has them."""
     if isinstance(scenario.planner, GcsPlanner):
         return scenario.planner
     if isinstance(scenario.planner, WaypointPlanner):
@@ -80,7 +80,7 @@ class GoalPlanner:
         self._newest, self._next = number, (number, p, goal)
 
     def poll(self) -> Plan | None:
-        """Return what was planned since the last call, if anything was and is still wanted."""
+        """Return the plan made since the last call; None if there is none, or it is no longer wanted."""
         if self._newest is None:
             return None
         done: Plan | None = None

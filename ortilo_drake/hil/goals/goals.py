@@ -71,7 +71,7 @@ class Goals:
             self._heard = goal
 
     def step(self, t: float, path: Trajectory | None) -> Step:
-        """Return the changes by goals that were heard or planned since the last call.
+        """Return the changes by goals that were received or planned since the last call.
 
         Args:
             t: time of the tick that comes [s].
@@ -106,7 +106,7 @@ class Goals:
         return Step(new, taken, answers)
 
     def _refusal(self, goal: Goal, height: float) -> str:
-        """Return why a goal is refused before any planning; empty if it is not."""
+        """Return the reason why a goal is refused before any planning; empty if it is not refused."""
         if not np.isfinite([goal.x, goal.y]).all():
             return "must be finite"
         keep = self._settings.clearance, self._settings.vertical_clearance

@@ -21,7 +21,7 @@ MOST_STEPS = 10  # single ticks at a look; nobody clicks faster
 
 
 class Controls:
-    """What the user of a page wants.
+    """The controls on the page, and what the user has set and clicked.
 
     Args:
         meshcat: shows the sliders and buttons on its pages.
@@ -51,7 +51,7 @@ class Controls:
         self._clicks = dict.fromkeys((GO, PAUSE, STEP, RESTART, STOP), 0)
 
     def wishes(self) -> Wishes:
-        """Return what is wanted now; of buttons, what was clicked since the last call."""
+        """Return the present wishes: the sliders' values, and the buttons clicked since the last call."""
         self._show_settled()
         value, clicked = self._seen.__getitem__, {name: self._new_clicks(name) for name in self._clicks}
         return Wishes(

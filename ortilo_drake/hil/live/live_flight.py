@@ -25,7 +25,7 @@ MESSAGES = {measuring("landmarks"): ("detections", "shutter", "image")}  # of ot
 
 
 class Seen(NamedTuple):
-    """What a tick shows.
+    """The state of a live flight after a tick, as it is shown.
 
     Attributes:
         time: of the tick [s].

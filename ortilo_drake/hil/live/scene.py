@@ -1,4 +1,4 @@
-"""What a live flight shows in Meshcat's page."""
+"""The scene of a live flight in Meshcat's page."""
 
 from collections import deque
 from typing import Final
@@ -67,7 +67,7 @@ class Scene:
         self._meshcat.SetTransform(GOAL, RigidTransform([x, y, z]))
 
     def show(self, seen: Seen, draws: bool) -> None:
-        """Show a tick; the vehicle and what it flew only if it draws."""
+        """Show a tick; the vehicle and its flown path only if `draws`."""
         for sensor in self._sensors:
             if sensor in seen.arrived:
                 self._until[sensor] = seen.time + LIT_FOR

@@ -23,7 +23,7 @@ class SaysWishes(Protocol):
     """The controls."""
 
     def wishes(self) -> Wishes:
-        """Return what is wanted now."""
+        """Return the present wishes."""
 
 
 @dataclass

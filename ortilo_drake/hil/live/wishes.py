@@ -1,10 +1,10 @@
-"""What the user of a live flight wants at a tick."""
+"""The wishes of the user of a live flight at a tick."""
 
 from typing import NamedTuple
 
 
 class Wishes(NamedTuple):
-    """What the controls say now.
+    """The values of the controls.
 
     Attributes:
         lost: share of each sensor's messages that is lost, beside what the scenario's link loses [1].

@@ -47,7 +47,7 @@ class CameraProcess:
 
     @property
     def skipped(self) -> int:
-        """How many pictures were asked for and not drawn."""
+        """The number of pictures that were asked for and not drawn."""
         return self._skipped.value
 
     def wait_until_ready(self) -> None:

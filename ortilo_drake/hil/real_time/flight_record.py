@@ -1,4 +1,4 @@
-"""The record of a flight in real time: of each tick what the world sent, and what the onboard half answered."""
+"""The record of a flight in real time: for each tick the world's messages and the onboard half's answer."""
 
 import numpy as np
 import xarray as xr

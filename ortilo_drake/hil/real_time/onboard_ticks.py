@@ -42,7 +42,7 @@ class OnboardTicks:
 
     @property
     def overtaken(self) -> int:
-        """How many messages were dropped for a newer one."""
+        """The number of messages dropped for a newer one."""
         return self._inbox.overtaken
 
     def hear(self, packet: Packet, received: float) -> None:
@@ -54,7 +54,7 @@ class OnboardTicks:
         self._inbox.put(packet)
 
     def due(self) -> float:
-        """Return when the next tick begins at the latest, complete or not; inf before the flight is joined."""
+        """Return the latest time at which the next tick begins, complete or not; inf before the flight is joined."""
         return min(self._offsets) + (self.next + 0.5) * self._h if self._offsets else np.inf
 
     def begins(self, now: float) -> bool:

@@ -1,4 +1,4 @@
-"""The onboard half in real time: it ticks with the world while it hears it, and by its own clock otherwise.
+"""The onboard half in real time: it ticks with the world while packets arrive, and by its own clock otherwise.
 
 onboard_ticks.py decides when it ticks and which messages it takes.
 """

@@ -126,7 +126,7 @@ def fly_in_real_time(
 
 
 def look_times(begin: float, end: float) -> list[float]:
-    """Return when the world looks for a command in a tick: the multiples of COMMAND_PERIOD within it, and its end."""
+    """Return the times at which the world polls for a command: multiples of COMMAND_PERIOD, and the tick's end."""
     first, last = math.floor(begin / COMMAND_PERIOD + 1e-6) + 1, math.ceil(end / COMMAND_PERIOD - 1e-6)
     return [*(n * COMMAND_PERIOD for n in range(first, last)), end]
 

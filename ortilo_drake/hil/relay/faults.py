@@ -93,7 +93,7 @@ class FaultModel:
         return bad
 
     def _turn(self, now: float) -> float | None:
-        """Return when a packet may go, or None if too many wait."""
+        """Return the time at which a packet may go; None if too many wait."""
         if not self._faults.rate:
             return now
         turn = max(now, self._free)

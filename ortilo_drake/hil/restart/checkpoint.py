@@ -23,7 +23,7 @@ T = TypeVar("T")
 
 
 class Checkpoint(NamedTuple):
-    """The discrete state of an onboard half at a tick of a session, all groups of it in one vector."""
+    """The discrete state of an onboard half at a tick of a session, all groups in one vector."""
 
     session: int
     tick: int
@@ -44,7 +44,7 @@ def _replace(path: Path, of: str, **arrays: npt.ArrayLike) -> None:
 
 
 def _read(path: Path, of: str, make: Callable[[Mapping[str, np.ndarray]], T]) -> T | None:
-    """Return what is made of a file's arrays; None if there is none, and a warning if it is damaged."""
+    """Make an object of a file's arrays; None if there is no file, or, with a warning, if it is damaged."""
 
     def read(data: bytes) -> T:
         with arrays_of(io.BytesIO(data)) as file:

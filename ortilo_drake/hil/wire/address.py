@@ -17,7 +17,7 @@ class Address(NamedTuple):
     port: int
 
     def endpoint(self, serves: bool) -> str:
-        """Return ZeroMQ's name of it; who joins where all interfaces are served (0.0.0.0) joins on this machine."""
+        """Return the ZeroMQ endpoint; a server on all interfaces (0.0.0.0) is joined on this machine."""
         host = self.host
         if host.is_unspecified and not serves:
             host = ipaddress.ip_address("127.0.0.1" if host.version == 4 else "::1")

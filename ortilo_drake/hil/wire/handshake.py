@@ -60,7 +60,7 @@ def say_hello(bus: Bus, hello: Hello) -> None:
 
 
 def refusal(hello: Hello, digest: str) -> str:
-    """Return why a hello is not from our other half; empty if it is."""
+    """Return the reason why a hello is not from our other half; empty if it is."""
     if hello.protocol != PROTOCOL:
         return f"speaks protocol {hello.protocol}, this half {PROTOCOL}"
     if hello.scenario_digest != digest:
@@ -72,7 +72,7 @@ def refusal(hello: Hello, digest: str) -> str:
 
 
 def unheard(inbox: Inbox, wait: float, command: str) -> str:
-    """Return a line that nobody was heard, how to start the other half, and whether one with another key was there."""
+    """Return a line for a missing other half: how to start it, and whether one with another key was there."""
     strangers = inbox.counts().refused.get("key", 0)
     other = f"; {strangers} connections were refused: give both halves the same --key" if strangers else ""
     return f"not heard in {wait:g} s; start it with: {command}{other}"

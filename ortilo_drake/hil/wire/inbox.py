@@ -45,7 +45,7 @@ class PacketCounts:
 
 
 class Inbox:
-    """Takes the packets of a flight from our channels; refuses and counts all others, and raises on none.
+    """Receives the packets of a flight from our channels; refuses and counts all others, and never raises.
 
     A packet is taken once: one for each tick of a channel. Hellos and goals are taken as often as they come. A packet
     from before this half joined the flight is refused as "old". Refused are also those that fail packet_checks.py, and

@@ -75,7 +75,7 @@ def open_message(kind: LcmType, data: bytes, sizes: tuple[int, int], session: in
 
 
 def check_size(data: bytes, at: int, unit: int) -> None:
-    """Refuse data whose length is not what the size at an offset says, in units of that many bytes."""
+    """Refuse data whose length differs from the size given at an offset, in units of that many bytes."""
     stated = int.from_bytes(data[at : at + COUNT_SIZE], "big", signed=True)
     if stated < 0 or at + COUNT_SIZE + unit * stated != len(data):
         raise BadPacket("length")

@@ -1,4 +1,4 @@
-"""A flight in this process whose ticks are recorded: in a log, or by whoever else asks."""
+"""A flight in this process whose ticks are recorded: in a log, or by a function of the caller's."""
 
 import time
 from collections.abc import Callable

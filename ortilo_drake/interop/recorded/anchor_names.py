@@ -7,7 +7,7 @@ import numpy as np
 
 
 def key_of(name: str) -> str:
-    """Return what names of one anchor have in common: no case, no 0x, no leading zeros, and 3.0 for 3."""
+    """Return the form in which anchors' names are compared: lower case, no 0x, no leading zeros, 3 for 3.0."""
     text = name.strip().casefold().removeprefix("0x")
     text = re.sub(r"^(\d+)\.0*$", r"\1", text)
     return text.lstrip("0") or "0"
@@ -26,7 +26,7 @@ def _as_hex(name: str) -> int | None:
 
 
 def anchors_of(rows: Sequence[str], names: Sequence[str]) -> np.ndarray:
-    """Return which of the names each row says (n), -1 for none of them.
+    """Return the index of each row's name among the names (n), -1 for none of them.
 
     Names are compared as text. Where a map has an address in hex and the rows have its number, or the other way round,
     they are compared as numbers: of the three readings the one that knows the most rows counts, the first of equals.

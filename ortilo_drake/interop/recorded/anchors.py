@@ -43,7 +43,7 @@ def _is_length(value: Any) -> bool:
 
 
 def as_anchors(value: Any) -> Any:
-    """Return anchors of a map as a tuple of positions or as positions by name; what is neither stays as it is.
+    """Return a map's anchors as a tuple of positions or as positions by name; anything else is left as it is.
 
     Raises:
         ValueError: if a position is none, a name stands twice, or there are fewer than 3 or more than 256.

@@ -1,4 +1,4 @@
-"""Recorded attitudes as rotation matrices; rows that hold none are told from a stream that holds none."""
+"""Recorded attitudes as rotation matrices; single rows may be invalid, a whole stream may not."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -11,7 +11,7 @@ LARGEST = 1e6  # of a component; one of an attitude is at most 1
 
 
 def are_attitudes(values: np.ndarray, source: Matrix | Quaternion) -> np.ndarray:
-    """Return which rows (n) are attitudes: quaternions (n, 4) of norm 1, or matrices (n, 9) that turn."""
+    """Return a mask (n) of valid attitudes: quaternions (n, 4) of norm 1, or rotation matrices (n, 9)."""
     values = np.clip(values, -LARGEST, LARGEST)  # squares of a spoilt number would overflow
     if isinstance(source, Quaternion):
         return np.asarray(np.abs(np.linalg.norm(values, axis=1) - 1.0) <= TOLERANCE)

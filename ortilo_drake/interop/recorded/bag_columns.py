@@ -17,7 +17,7 @@ from ortilo_drake.model.typed_yaml import InputError, nearest
 
 
 def messages_of(path: Path, topic: str, topics: set[str]) -> Iterator[tuple[str, int, Callable[[], Any]]]:
-    """Yield type, time of receipt [ns] and what decodes it of each message; `topics` gets the names of all topics."""
+    """Yield type, time of receipt [ns] and decoder of each message; `topics` gets the names of all topics."""
     if path.suffix == ".mcap":
         yield from mcap_messages(path, topic, topics)
     elif not path.is_dir():

@@ -21,7 +21,7 @@ HEAD: Final = 10_000  # lines above the rows
 
 
 def _encoding(file: BinaryIO, path: Path, rejected: Rejections) -> str:
-    """Return a table's encoding: Latin-1 where it is no UTF-8 (a degree sign in a head), which is told."""
+    """Return a table's encoding: Latin-1, with a note, where it is no UTF-8 (a degree sign in a head)."""
     decoder, line, nul, bad = getincrementaldecoder("utf-8")(), 1, False, False
     while block := file.read(BLOCK):
         nul |= b"\0" in block
@@ -91,7 +91,7 @@ class _Comments:
             self.others, self.first = self.others + 1, self.first or k
 
     def tell(self) -> None:
-        """Add the others to the report."""
+        """Add the other rejected rows to the report."""
         if self.others:
             self.rejected.notes.append(f"{self.others} comments among the rows, first in line {self.first}")
 

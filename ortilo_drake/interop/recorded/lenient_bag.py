@@ -1,7 +1,6 @@
 """ROS 1 bags and ROS 2 databases by rosbags, within limits.
 
-Definitions that are no UTF-8 are taken, and of a topic that nobody asks for it does not matter whether they can be
-read.
+Definitions that are no UTF-8 are accepted, and definitions of topics that are not used need not be readable.
 """
 
 import struct
@@ -28,7 +27,7 @@ _HEAD, _SIZE = 55, struct.Struct("<L")  # of a bag's index: so many bytes, the l
 
 
 class BoundedFile:
-    """A regular file of which no more than CHUNK_LIMIT is read at once; a bag's lengths need not be true."""
+    """A regular file that reads at most CHUNK_LIMIT at once, since a bag's lengths need not be true."""
 
     def __init__(self, path: Path) -> None:
         self.file: BinaryIO = open_file(path)
@@ -82,7 +81,7 @@ class LenientReader(Reader):
         self.unpacker = Unpacker(path)
 
     def read_connection(self) -> Connection:
-        """Read a connection's record; what is no UTF-8 in it is replaced (rosbags refuses the bag)."""
+        """Read a connection's record; invalid UTF-8 in it is replaced (rosbags refuses the bag)."""
         assert self.bio
         begin = self.bio.tell()
         try:

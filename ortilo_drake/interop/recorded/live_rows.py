@@ -1,7 +1,7 @@
 """Live messages of a map's topics as ranges, imu samples and looks, in the order of their stamps.
 
-What `read_recording` does with whole files is done here message by message, with the same numbers, and what cannot be
-used is counted with the same reasons. No wall clock is read: a row is given out once every topic has shown a later
+This is `read_recording` message by message: the same numbers, and the same reasons for rows that cannot be used.
+ No wall clock is read: a row is given out once every topic has shown a later
 stamp, or once the newest stamp of all is `lag` ahead of it. So a topic that falls silent holds the others back by `lag`
 and no more; a row that comes later than that is counted, and lost.
 """
@@ -39,7 +39,7 @@ class Block(NamedTuple):
 
 
 def why_not_live(map_: Map) -> str | None:
-    """Return why a map cannot be heard live, None if it can."""
+    """Return the reason why a map's topics cannot be read live; None if they can."""
     for name in SOURCES:
         source = getattr(map_, name)
         if source is None:
@@ -104,7 +104,7 @@ class LiveRows:
         return max(believed, default=-np.inf)
 
     def take(self, topic: str, received: int, message: Any) -> list[str]:
-        """Take a message, and return lines about what is wrong, each once.
+        """Take a message; return lines about its problems, each once.
 
         Args:
             topic: where it came from; one that the map does not name is counted.
@@ -120,7 +120,7 @@ class LiveRows:
         return new + self._silences()
 
     def before(self, wanted: float = -np.inf, ended: bool = False) -> tuple[float, Block] | None:
-        """Return the stamp before which nothing more will come [s] and the rows before it.
+        """Return the stamp before which nothing more will come [s], and the rows before it.
 
         None until the first range is due, and until that stamp is beyond the one wanted.
 
@@ -140,7 +140,7 @@ class LiveRows:
         return horizon - self.origin, Block(self._ranges(horizon), self._samples(horizon), self._looks(horizon))
 
     def counts(self) -> dict[str, int]:
-        """Return how many rows were not used, by topic and reason."""
+        """Return the number of rows not used, by topic and reason."""
         found: dict[str, int] = {}
         for stream in self._streams:
             for reason, n in stream.rejected.counts.items():
@@ -148,7 +148,7 @@ class LiveRows:
         return found | ({"messages of topics that are not in the map": self._strangers} if self._strangers else {})
 
     def heard(self) -> dict[str, int]:
-        """Return how many messages came of each topic."""
+        """Return the number of messages received on each topic."""
         return {stream.topic: stream.messages for stream in self._streams}
 
     def _horizon(self) -> float:
@@ -294,7 +294,7 @@ def _vector_row(numbers: list[float]) -> Row | str:
 def _each_range(
     source: RangeSource, anchors_in: Callable[[tuple[str, ...]], Iterable[int]]
 ) -> Callable[[list[float], tuple[str, ...]], Iterator[Row | str]]:
-    """Return what makes rows (anchor, range [m], -1) of a message's ranges, or says why one is none."""
+    """Return a function that splits a message's ranges into rows (anchor, range [m], -1) or reasons to drop one."""
 
     def rows_of(numbers: list[float], names: tuple[str, ...]) -> Iterator[Row | str]:
         for anchor, r in zip(anchors_in(names), numbers, strict=True):

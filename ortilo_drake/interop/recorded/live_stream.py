@@ -52,7 +52,7 @@ class LiveStream:
 
     @property
     def settled(self) -> bool:
-        """Whether enough has come that its stamps are believed where other topics' differ."""
+        """True once enough has arrived for its stamps to be believed where other topics' differ."""
         return self.used >= BELIEVED
 
     def drop(self, reason: str) -> None:
@@ -60,7 +60,7 @@ class LiveStream:
         self.rejected.add(reason, f"in message {self.messages}")
 
     def take(self, received: int, message: Any, given: float) -> str:
-        """Take a message, and return what is wrong with all such messages, empty if nothing is.
+        """Take a message; return the problem that all such messages have, empty if there is none.
 
         Args:
             received: when it came [ns]; its stamp if it has none.
@@ -101,7 +101,7 @@ class LiveStream:
         return ""
 
     def _why_not(self, t: float, given: float) -> str:
-        """Return why a stamp [s] cannot be used, as the reader of files calls it; empty if it can."""
+        """Return the reason why a stamp [s] cannot be used, in the words of the file readers; empty if it can."""
         if not np.isfinite(t):
             return "rows without a stamp"
         if np.isfinite(self.newest) and abs(t - self.newest) > HOUR:
@@ -126,7 +126,7 @@ class LiveStream:
 
 
 def complete(numbers: list[float], vectors: int) -> str:
-    """Return why the numbers of a row cannot be used; its first ones are vectors, whose squares must be finite."""
+    """Return the reason why a row cannot be used; its first numbers are vectors, whose squares must be finite."""
     if not np.isfinite(numbers).all():
         return INCOMPLETE
     return f"rows with a number beyond {LARGEST:g}" if max(map(abs, numbers[:vectors])) > LARGEST else ""

@@ -1,4 +1,4 @@
-"""MAP.yaml: which column or field of which recorded file is what, and what to do with it.
+"""MAP.yaml: the meaning of each column or field of recorded files, and the settings of their filter.
 
 Names of files are relative to the folder that the command is given, so one map serves every motion recorded alike.
 """
@@ -35,7 +35,7 @@ class Find(Frozen):
 
 
 class Estimated(Frozen):
-    """What is calibrated on the first part, by the truth."""
+    """The quantities that are calibrated by the truth, on the first part of the recording."""
 
     share: Share = Field(
         default=0.3,
@@ -93,7 +93,7 @@ class FilterSettings(Frozen):
 
 
 class Start(Frozen):
-    """Where the vehicle starts, in the anchors' frame."""
+    """The vehicle's start, in the anchors' frame."""
 
     position: Vector = Field(description="Of the estimated point [m].")
     position_sd: Positive = Field(default=0.03, description="[m].")
@@ -110,7 +110,7 @@ class Start(Frozen):
 
 
 class Drag(Frozen):
-    """A rotor's drag along x and y of the body, -k v: by which a failing accelerometer is noticed, and replaced."""
+    """Rotor drag along x and y of the body, -k v; it detects a failing accelerometer, and replaces it."""
 
     k: float = Field(default=0.38, ge=0.0, le=10.0, description="[1/s].")
     k_sd: float = Field(
@@ -145,7 +145,7 @@ class Imposed(Frozen):
 
 
 class Map(Frozen):
-    """What a folder of recorded files holds; see docs/how_to/recorded.md."""
+    """The map of a folder of recorded files: which column is what; see docs/how_to/recorded.md."""
 
     ranges: RangeSource | None = None
     differences: DifferenceSource | None = None
@@ -192,7 +192,7 @@ class Map(Frozen):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return what the rows call the anchors, in the order of `anchors`; empty if nothing says it."""
+        """Return the anchors' names in the rows, in the order of `anchors`; empty if the map gives none."""
         of_ranges = () if self.ranges is None else self.ranges.names
         return of_ranges or (() if self.differences is None else self.differences.names)
 
@@ -259,5 +259,5 @@ def load_map(path: Path) -> Map:
 
 
 def map_text(map_: Map) -> str:
-    """Return a map as YAML, without what is as by default."""
+    """Return a map as YAML, without default values."""
     return yaml.safe_dump(map_.model_dump(mode="json", exclude_defaults=True), sort_keys=False, allow_unicode=True)

@@ -23,7 +23,7 @@ def _of_json(data: bytes) -> Any:
 
 
 def _decoder(path: Path, channel: Channel, schema: Schema | None) -> Decode:
-    """Return what decodes a channel's messages; InputError if that is not one of ours."""
+    """Return the decoder of a channel's messages; InputError if their type or encoding is not supported."""
     encoding, kind = channel.message_encoding, "" if schema is None else schema.encoding
     if encoding == "json":
         return _of_json
@@ -47,7 +47,7 @@ def _decoder(path: Path, channel: Channel, schema: Schema | None) -> Decode:
 def mcap_messages(
     path: Path, topic: str, topics: set[str], packed: bool = False
 ) -> Iterator[tuple[str, int, Callable[[], Any]]]:
-    """Yield type, time of logging [ns] and what decodes it of each of a topic's messages, as they stand in the file.
+    """Yield type, time of logging [ns] and decoder of each of a topic's messages, in the file's order.
 
     Args:
         path: the file.

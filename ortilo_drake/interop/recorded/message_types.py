@@ -1,4 +1,4 @@
-"""Message types that a recording defines itself, refused where a short message of them would never be decoded."""
+"""Message types that a recording defines itself; refused where a short message would take for ever to decode."""
 
 from typing import Any, Final
 
@@ -8,7 +8,7 @@ LONGEST: Final = 1000  # texts or messages in an array of fixed length: rosbags 
 
 
 def check_types(types: Any, name: str) -> None:
-    """Refuse messages without fields inside others, and long arrays of fixed length of what is no number.
+    """Refuse messages without fields inside others, and long arrays of fixed length whose entries are no numbers.
 
     A message without fields takes no bytes, so one of 8 bytes may announce an array of 4 billion of them.
 

@@ -41,19 +41,19 @@ class Ranges(NamedTuple):
 
 
 def single_ranges(t: np.ndarray, anchor: np.ndarray, r: np.ndarray) -> Ranges:
-    """Return ranges of one tag that are no differences."""
+    """Return the single ranges of one tag, without differences."""
     return Ranges(t, anchor, r, np.full(len(t), -1), np.zeros(len(t), np.int64))
 
 
 class Surveyed(NamedTuple):
-    """What the rows call the anchors, empty if nothing says it, and positions (n, 3) or the number to be found."""
+    """The anchors' names in the rows, empty if not known, and positions (n, 3) or the number to be found."""
 
     names: Names
     positions: np.ndarray | int
 
     @property
     def number(self) -> int:
-        """Return how many anchors there are."""
+        """Return the number of anchors."""
         return self.positions if isinstance(self.positions, int) else len(self.positions)
 
 
@@ -70,7 +70,7 @@ def surveyed(folder: Path, map_: Map) -> Surveyed:
 
 
 def _tags_of(paths: Sequence[Path], source: RangeSource | DifferenceSource, stream: Stream, tags: Names) -> np.ndarray:
-    """Return which tag each row of a stream names (n), -1 for none of the map's; 0 where rows name none."""
+    """Return each row's tag (n): an index into the map's tags, -1 for none of them; 0 where rows name no tag."""
     if source.tag is None:
         return np.zeros(len(stream.t), np.int64)
     said, values = [], (source.value,) if isinstance(source, DifferenceSource) else source.values

@@ -44,7 +44,7 @@ class Truth(NamedTuple):
 
 
 class Looks(NamedTuple):
-    """What looks down and ahead: stamps of range finder, flow and pictures [s] (k), (m), (l).
+    """Range finder, flow and camera: their stamps [s] (k), (m), (l).
 
     Distances [m] (k), flow [px] (m, 2), and a detections message of each picture (l, DETECTIONS_SIZE).
     """
@@ -132,7 +132,7 @@ def _read(
 
 
 def imu_columns(map_: Map) -> tuple[Column, ...]:
-    """Return what is read of the imu's stream: rates, force and, where it has one, the attitude.
+    """Return the columns read from the imu's stream: rates, force and, where it has one, the attitude.
 
     An accelerometer with a stream of its own has the force; the rates then stand in its place, too.
     """
@@ -143,7 +143,7 @@ def imu_columns(map_: Map) -> tuple[Column, ...]:
 
 
 def force_of(values: np.ndarray, source: ImuSource) -> np.ndarray:
-    """Return the specific force [m/s²] (n, 3), body FLU, of what the accelerometer says."""
+    """Return the specific force [m/s²] (n, 3), body FLU, from the accelerometer's samples."""
     return np.asarray(values @ axes_matrix(source.axes).T * FORCE_UNITS[source.force_unit])
 
 
@@ -165,7 +165,7 @@ def imu_motion(values: np.ndarray, source: ImuSource, what: str) -> tuple[np.nda
 
 
 def held_at(t: np.ndarray, stamps: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return which of the values (m, ...), at rising stamps (m), hold at t (n): the last, before all the first."""
+    """Return the values that hold at t (n): the last of values (m, ...) at rising stamps (m), before all the first."""
     return np.asarray(values[np.clip(np.searchsorted(stamps, t, side="right") - 1, 0, len(stamps) - 1)])
 
 
@@ -213,7 +213,7 @@ def _read_looks(folder: Path, map_: Map, origin: float, told: list[Rejections]) 
 
 
 def frozen_rows(t: np.ndarray, p: np.ndarray, longest: float) -> np.ndarray:
-    """Return which rows repeat the position before them, in runs that last longer than this.
+    """Return a mask (n) of the rows that repeat the position before them, in runs longer than `longest`.
 
     Args:
         t: stamps (n) [s].

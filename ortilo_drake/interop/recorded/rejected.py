@@ -1,4 +1,4 @@
-"""What a reader could not use: counted with its reason, never dropped in silence."""
+"""Rows that a reader cannot use: counted with their reason, never dropped in silence."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +13,7 @@ HOUR, TOGETHER = 3600.0, 0.9  # [s]; the share of the rows that must lie togethe
 
 @dataclass
 class Rejections:
-    """Counts of rejected rows by reason, the first place of each, and notes about what was kept."""
+    """Counts of rejected rows by reason, the first place of each, and notes about rows that were kept."""
 
     source: str
     counts: dict[str, int] = field(default_factory=dict)
@@ -48,7 +48,7 @@ class Rejections:
 def kept_in_order(
     stamps: np.ndarray, rows: np.ndarray, rejected: Rejections, names: np.ndarray | None = None
 ) -> np.ndarray:
-    """Return which rows to keep, in order: stamps [s] finite, near the others and rising; the rest is counted.
+    """Return the rows to keep, in order: stamps [s] finite, near the others and rising. The rest is counted.
 
     Args:
         stamps: as they stand in the file.
@@ -96,7 +96,7 @@ def kept_in_order(
 
 
 def _far_away(stamps: np.ndarray) -> np.ndarray:
-    """Return which finite stamps [s] lie more than an hour from nine tenths of all that lie together, if there are any.
+    """Return a mask of the finite stamps [s] more than an hour away from a group of nine tenths of all, if any.
 
     Such a stamp is a clock that was not set yet or one spoilt number; sorted or kept it would stretch the recording.
     """
@@ -112,5 +112,5 @@ def _far_away(stamps: np.ndarray) -> np.ndarray:
 
 
 def named(path: Path, what: str) -> str:
-    """Return what to call a file's part in a line."""
+    """Return the name of a file's part in a line."""
     return f"{path.name} ({what})"

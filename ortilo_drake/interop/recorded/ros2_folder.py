@@ -75,7 +75,7 @@ def files_of_bag(folder: Path) -> Iterator[BagFiles]:
 
 
 def check_database(path: Path) -> None:
-    """Refuse a database whose tables are not what they seem: views and generated columns compute what never ends.
+    """Refuse a database with views or generated columns, whose computation may never end.
 
     Raises:
         InputError: if it is such a one, no database, or holds a message of more than CHUNK_LIMIT.

@@ -1,4 +1,4 @@
-"""The sources of MAP.yaml: which file or topic holds a stream, and which of its columns or fields are what."""
+"""The sources of MAP.yaml: the file or topic of each stream, and the meaning of its columns or fields."""
 
 from typing import Annotated, Any, Literal, Self
 
@@ -101,12 +101,12 @@ class Source(Frozen):
 
     @property
     def anchors_of_files(self) -> tuple[str, ...]:
-        """Return the anchor that each file is of, if the map says so."""
+        """Return the anchor of each file, if the map names it."""
         return tuple(one.anchor for one in self._of_one if one.anchor is not None)
 
     @property
     def tags_of_files(self) -> tuple[str, ...]:
-        """Return the tag that each file is of, if the map says so."""
+        """Return the tag of each file, if the map names it."""
         return tuple(one.tag for one in self._of_one if one.tag is not None)
 
     @property
@@ -157,7 +157,7 @@ class RangeSource(Source):
 
     @property
     def heard(self) -> int | None:
-        """Return how many anchors the map has ranges to; None if that is known only when the files are read."""
+        """Return the number of anchors with ranges; None if it is known only when the files are read."""
         if self.rows_name_anchors or self.names:
             return len(self.names) or None
         if self.topics or not (self.a_file_each or self.anchors_of_files):
@@ -301,7 +301,7 @@ class FlowSource(Source):
 
 
 class BoxSource(Source):
-    """Boxes of a detector [px], one a row, by which the filter sees the landmarks of a room; those of a stamp together.
+    """A detector's boxes [px] of a room's landmarks, one a row; rows with one stamp are of one picture.
 
     A pixel's centre has integer coordinates, the first one's (0, 0). The room's frame is the anchors'.
     """

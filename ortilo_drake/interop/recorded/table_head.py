@@ -66,9 +66,9 @@ def _all_numbers(cells: list[str]) -> bool:
 def layout_of(
     lines: list[Line], delimiter: str, header: str, columns: Sequence[str | int], is_row: Callable[[list[str]], bool]
 ) -> Layout:
-    """Find the head of a table: of the lines that may be one that with the columns asked for, and as many as the rows.
+    """Find the head of a table: the line that has the columns asked for, and as many as the rows have.
 
-    Those are the first line that is no comment, if not all of it is numbers, and the comments above it, from below.
+    Candidates are the first line that is no comment, unless it is all numbers, and the comments above it, from below.
 
     Args:
         lines: number and text of the lines that are not empty.

@@ -1,4 +1,4 @@
-"""What every reader returns: the rows of one file, as numbers, each with its place."""
+"""The table that every reader returns: the rows of one file as numbers, each with its place."""
 
 from array import array
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""What logs of many topics have in common: the topic that is asked for, and its fields as a table."""
+"""Logs of many topics: the topic that is asked for, and its fields as a table."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -30,7 +30,7 @@ def check_size(path: Path, topic: str, rows: int, columns: int) -> None:
 
 
 def place_of(path: Path, topic: str, wanted: Column, fields: Sequence[str]) -> int:
-    """Return where a field stands that is named or counted from 1; InputError if there is no such."""
+    """Return the index of a field, given by name or counted from 1; InputError if there is no such field."""
     at = wanted - 1 if isinstance(wanted, int) else fields.index(wanted) if wanted in fields else -1
     if not 0 <= at < len(fields):
         raise InputError(f"{path}: {topic} has no field '{wanted}'; has {', '.join(fields)}")

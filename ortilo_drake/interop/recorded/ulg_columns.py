@@ -44,7 +44,7 @@ def _is_whole(data: bytes) -> bool:
 
 @lru_cache(maxsize=1)  # each stream of a map asks for the same file
 def _log(path: Path, changed: int) -> tuple[Any, bool]:
-    """Return what pyulog read, and whether that was all."""
+    """Return the log that pyulog read, and whether it read all of it."""
     check_installed("pyulog", "recorded")
     from pyulog import ULog
 

@@ -1,4 +1,4 @@
-"""What the viewer shows when it opens a recording: its default blueprint."""
+"""The viewer's default blueprint: the views it opens a recording with."""
 
 import numpy as np
 import rerun.blueprint as rrb

@@ -1,7 +1,7 @@
-"""What a flight's Dataset does not keep: the pictures, the boxes found in them, and the ranges to the anchors.
+"""Pictures, boxes found in them and ranges to anchors, made again: a flight's Dataset does not keep them.
 
-They come from what crosses between the halves while a scenario flies, as for a log (SightingsRecorder.record). Of a
-flight that is over the pictures are drawn again from its true states (drawn_again).
+While a scenario flies they are recorded from the halves' messages, as for a log (SightingsRecorder.record). After a
+flight its pictures are drawn again from the true states (drawn_again).
 """
 
 from collections.abc import Callable
@@ -69,7 +69,7 @@ def _found(message: np.ndarray) -> FoundBoxes:
 
 
 class SightingsRecorder:
-    """Gathers what is seen while a scenario flies; its `record` is given to flight.lockstep.
+    """Gathers sightings while a scenario flies; its `record` is given to flight.lockstep.
 
     A rendered camera's boxes do not cross between the halves: the detector is onboard. It looks again here, and finds
     the same ones in the same picture.

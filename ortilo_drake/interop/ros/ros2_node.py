@@ -93,7 +93,7 @@ class Ros2Node:
         return self
 
     def _subscribe(self) -> None:
-        """Subscribe to what is heard from the start."""
+        """Subscribe to the topics that are read from the start."""
 
     def send(self, message: RosMessage) -> None:
         """Publish a message."""

@@ -49,7 +49,7 @@ def _isotropic(sd: float) -> list[float]:
 
 
 def imu_message(imu: np.ndarray, scenario: Scenario) -> RosMessage:
-    """Return an imu message's content or a sample's of it, stamped with the time at which it was true."""
+    """Return the content of an imu message, or of one of its samples, stamped with the time at which it was true."""
     sds = scenario.imu.sds(scenario.h / scenario.samples("imu"))
     payload = imu[PAYLOAD:].tolist()
     return (

@@ -1,4 +1,4 @@
-"""Straight lines through the room: what a radio wave or a look between two points meets on its way.
+"""Lines of sight through the room: the obstacles between two points, for radio and camera.
 
 Obstacles are the room's own arrays (model/room.py): boxes turned about the vertical, rows (x, y, z of the
 centre, yaw, three half sizes), and vertical cylinders standing on the floor z = 0, rows (x, y, radius,
@@ -28,7 +28,7 @@ def _slab(o: float, d: float, half: float, t_in: float, t_out: float) -> tuple[f
 
 @njit(cache=True)
 def _outside_and_through(t_in: float, t_out: float) -> bool:
-    """Whether the line is inside for t in (t_in, t_out), and outside at both of its ends t = 0 and t = 1."""
+    """Return whether the line is inside for t in (t_in, t_out), and outside at both ends t = 0 and t = 1."""
     return 0.0 < t_in < t_out < 1.0
 
 

@@ -1,1 +1,1 @@
-"""What users write: what is wrong with it, and what they may leave out."""
+"""Users' input: its defaults, and the lines that say what is wrong with it."""

@@ -129,7 +129,7 @@ def _of_ros_or_opencv(source: str, data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def read_calibration(path: Path) -> dict[str, Any]:
-    """Return what a scenario's `camera.calibration` has of a calibration file: size, focal lengths, centre and lens.
+    """Read a scenario's `camera.calibration` from a calibration file: size, focal lengths, centre and lens.
 
     A file of those very keys is read as it is.
 

@@ -1,4 +1,4 @@
-"""What is wrong with a user's data, a line for each: field, value, what is allowed."""
+"""Problems in a user's data, a line each: field, value, what is allowed."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -16,7 +16,7 @@ Place = tuple[int | str, ...]  # the steps from the whole to a field, as pydanti
 
 
 class SeveralProblems(ValueError):
-    """What a model's own check finds wrong: lines, each beginning with the field; as an error it says the first."""
+    """Problems that a model's own check found: lines that begin with the field; as an error it says the first."""
 
     def __init__(self, lines: list[str]) -> None:
         super().__init__(lines[0])
@@ -145,7 +145,7 @@ def emptied(data: dict[str, Any], places: Iterable[Place]) -> dict[str, Any]:
 
 
 def without(data: dict[str, Any], places: Iterable[Place], stand_in: Mapping[str, Any]) -> dict[str, Any]:
-    """Return data without what is wrong: an item of a list of lists or groups, or else the field.
+    """Return data without the wrong part: an item of a list of lists or groups, or else the field.
 
     Args:
         data: plain data.

@@ -94,7 +94,7 @@ def _stride(section: Section) -> int:
 
 
 def _strided(section: Section, size: int, padded: int) -> int:
-    """Return how many windows of that size fit into so many padded cells."""
+    """Return the number of windows of that size that fit into so many padded cells."""
     if size > padded:
         raise section.error("size", f"must not be more than the {padded} padded rows or columns before it")
     return (padded - size) // _stride(section) + 1

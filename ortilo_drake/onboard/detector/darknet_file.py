@@ -22,7 +22,7 @@ OWN_EPSILON = 1e-5  # torch's, with which our own network was trained
 
 
 def _state(network: DarknetNetwork) -> dict[str, torch.Tensor]:
-    """Return what is stored: all but torch's count of training batches."""
+    """Return the weights to be stored: all but torch's count of training batches."""
     return {key: value for key, value in network.state_dict().items() if not key.endswith("num_batches_tracked")}
 
 
@@ -37,7 +37,7 @@ def _check_classes(source: str, classes: object, network: DarknetNetwork) -> lis
 
 
 def network_bytes(network: DarknetNetwork, classes: list[str], source: str) -> bytes:
-    """Return what a .safetensors file of a network, its .cfg and its class names holds.
+    """Return the bytes of a .safetensors file of a network, its .cfg and its class names.
 
     Args:
         network: the network.

@@ -50,7 +50,7 @@ class Letterbox(NamedTuple):
 
 
 def letterbox(picture: tuple[int, int], whole: tuple[int, int]) -> Letterbox:
-    """Return where a picture of that width and height lies in an input of that width and height [px]."""
+    """Return the place of a picture in a network's input, both given by width and height [px]."""
     r = min(whole[0] / picture[0], whole[1] / picture[1])
     scaled = max(round(picture[0] * r), 1), max(round(picture[1] * r), 1)
     # An odd rest goes to the right and below.

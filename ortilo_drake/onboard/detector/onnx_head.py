@@ -58,7 +58,7 @@ def names_in(metadata: Mapping[str, str], source: str) -> list[str] | None:
 
 
 def _places(width: int, height: int) -> set[int]:
-    """Return how many cells the grids of an input may have, two strides or more."""
+    """Return the possible numbers of grid cells of an input, over two strides or more."""
     cells = [(width // stride) * (height // stride) for stride in STRIDES]
     return {sum(cells[i:j]) for i, j in combinations(range(len(STRIDES) + 1), 2) if j - i > 1}
 
@@ -74,7 +74,7 @@ def head_of(
     names: list[str] | None,
     source: str,
 ) -> Head:
-    """Return how a network says its boxes, by the shapes of its outputs.
+    """Return the format of a network's boxes, found by the shapes of its outputs.
 
     Args:
         shapes: of all outputs.

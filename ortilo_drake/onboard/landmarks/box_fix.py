@@ -53,7 +53,7 @@ class BoxBelief(NamedTuple):
 
 
 def box_belief(settings: LandmarkFixSettings, room: Room, width: int) -> BoxBelief:
-    """Return what a scenario's settings believe of boxes in images of that width [px]."""
+    """Return the settings' model of boxes, for images of that width [px]."""
     joint = settings.joint
     return BoxBelief(
         room.landmark_positions,
@@ -72,7 +72,7 @@ def box_belief(settings: LandmarkFixSettings, room: Room, width: int) -> BoxBeli
 
 
 def prior_covariance(settings: LandmarkFixSettings) -> np.ndarray | None:
-    """Return what stands in for P, row by row (225), where the settings give a prior_sd."""
+    """Return the covariance used instead of P, row by row (225), where the settings give a prior_sd."""
     if settings.prior_sd is None:
         return None
     position, angle = np.square(settings.prior_sd)

@@ -158,7 +158,7 @@ def say_learning(
 
 @register_jitable
 def with_share(believed: BoxBelief, share: float, scale: float = 1.0) -> BoxBelief:
-    """Return what is believed of boxes with a share of the survey's sd, and with noise so many times as large."""
+    """Return the model of boxes with the survey's sd times `share`, and the noise times `scale`."""
     return BoxBelief(
         believed.positions,
         believed.outlines,
@@ -276,7 +276,7 @@ ELEMENTS = {
 
 
 def camera_fix_box(settings: LandmarkFixSettings, room: Room, width: int, period: float = 0.1) -> Box:
-    """Return what makes a fix of boxes: it reads the camera's message and a belief of [x; i] (240).
+    """Make the element that turns boxes into a fix: it reads the camera's message and a belief of [x; i] (240).
 
     With a bank, and where the noise's scale is learned, it says what is `lasting` (6) of a fix's error besides, see
     landmark_bank.py.

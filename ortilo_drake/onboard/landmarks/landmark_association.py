@@ -208,7 +208,7 @@ def cost_of(costs: np.ndarray, column: np.ndarray) -> float:
 
 @njit(cache=True)
 def ambiguous(costs: np.ndarray, column: np.ndarray, n_boxes: int, margin: float) -> np.ndarray:
-    """Return which landmarks (k) are paired with a box that may as well be another's, or another box theirs.
+    """Return a mask (k) of the landmarks whose pairing is ambiguous: another one costs hardly more.
 
     Args:
         costs: of association_costs (k, m + k).

@@ -249,7 +249,7 @@ def learn_scale(
 
 
 def learned_first(bank: np.ndarray, n: int) -> np.ndarray:
-    """Return what is believed of n landmarks before the first fix.
+    """Return the bank's state for n landmarks before the first fix.
 
     It is [share, sds of what lasts of a fix as it last was (3) [m], how much of it is kept of the place that
     lasting_error.py keeps (3), the sensitivities there (9 n), weights of the models].
@@ -259,5 +259,5 @@ def learned_first(bank: np.ndarray, n: int) -> np.ndarray:
 
 
 def kept_from(period: float) -> float:
-    """Return what is left of what was told a period [s] ago."""
+    """Return the factor (0 to 1) by which evidence fades in a period [s]."""
     return float(np.exp(-period / MEMORY))

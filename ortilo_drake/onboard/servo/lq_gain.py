@@ -71,7 +71,7 @@ def servo_gain(vehicle: Vehicle, weights: ServoWeights, h: float, yaw: float = 0
 
 
 def why_no_servo_gain(scenario: Belief) -> str | None:
-    """Return why a scenario's servo has no gain, None if it has one."""
+    """Return the reason why a scenario's servo has no gain; None if it has one."""
     kind = scenario.servo.kind
     part = None if isinstance(scenario.servo, LqServo) else find_part("servo", kind)
     if isinstance(scenario.servo, LqServo) or (part is not None and part.gain is not None):

@@ -76,7 +76,7 @@ def hovering(p_WB: tuple[float, float, float]) -> np.ndarray:
 
 
 def hover_V(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> np.ndarray:
-    """Return V (p x p) as the filter is told it at a point, hovering.
+    """Return V (p x p) as the filter has it at a point, hovering.
 
     Raises:
         InputError: if a sensor that flies would give no measurement there.
@@ -95,7 +95,7 @@ def told_at(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> Sce
 
 
 def errors_moment(scenario: Scenario, point: tuple[float, float, float], duration: float) -> float:
-    """Return the mean squared distance from r that what is wrong in the world makes [m^2], over what counts.
+    """Return the mean squared distance from r [m^2] caused by the world's errors, over the ticks that count.
 
     Args:
         scenario: the scenario, its filter told what it learns (sensors/learned_survey.py).

@@ -9,7 +9,7 @@ Behind a link of delay d the state grows to
 a_k is u_{k-d} if that arrives, else a_{k-1} ('hold') or 0 ('zero'). The delay is constant, so a packet lost at sending
 and one lost at arrival have the same statistics.
 
-With commands.filter 'acted' xhat is what the filter makes of it once it knows a_k, by a report without loss or delay:
+With commands.filter 'acted' xhat is the estimate once the filter knows a_k, by a report without loss or delay:
 its response to a_k is then in G. A servo that accounts for late commands answers u_k = -L z_k - sum_j L_j u_{k-j}, see
 late_servo.py.
 """
@@ -63,7 +63,7 @@ class CommandedLoop(NamedTuple):
 
 
 def schedule(scenario: Scenario) -> np.ndarray:
-    """Return delta of each tick of a period (T, s): what is due by the rates of the sensors that fly, nothing lost."""
+    """Return delta of each tick of a period (T, s): the sensors that are due by their rates, nothing lost."""
     measurement = filter_measurement(scenario)
     sensors = [message_of(s, measurement) for s in measurement.sensors]
     every = [scenario.every(s) if s in scenario.sensors else 1 for s in sensors]
@@ -126,7 +126,7 @@ def commanded_loop(
 
 
 def answered(loop: CommandedLoop, scenario: Scenario, delay: float) -> CommandedLoop:
-    """Return the loop of loop_at_once with what filter and servo of the scenario make of commands so late [ticks]."""
+    """Return the loop of loop_at_once with the scenario's filter and servo accounting for commands so late [ticks]."""
     filter_acts, servo = scenario.commands.filter, scenario.commands.servo
     if filter_acts == "sent" and servo == "present":
         return loop
@@ -165,7 +165,7 @@ def loop_at_once(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None = 
 
 
 def _by_v(loop: HoverLoop, K: np.ndarray, delta: np.ndarray) -> np.ndarray:
-    """Return how v enters z in a tick (27 x p): [0; K Delta; -E], without the last with the integrator 'estimate'."""
+    """Return v's input matrix on z (27 x p): [0; K Delta; -E], without the last with the integrator 'estimate'."""
     hats = loop.hats
     from_v = np.zeros((hats.stop + N_I, len(loop.C)))
     from_v[hats] = K @ loop.measurement.arrival_matrix(delta)
@@ -175,7 +175,7 @@ def _by_v(loop: HoverLoop, K: np.ndarray, delta: np.ndarray) -> np.ndarray:
 
 
 def delay_line(loop: CommandedLoop, delay: int, holds: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return the loop behind a link as long as nothing acts on the rotors, and where to find the commands.
+    """Return the loop behind a link while nothing acts on the rotors, and the rows that hold the commands.
 
     Returns:
         A (T, size, size): dynamics of [z; a; u_{k-1}; ...; u_{k-d}] with a_k = 0, of as many more as the servo reads.

@@ -1,4 +1,4 @@
-"""How a servo that accounts for late commands answers at hover, as gains on the loop's state and its own commands.
+"""The servo that accounts for late commands, at hover: its gains on the loop's state and its own commands.
 
 It is u_k = -L z_k - sum_j L_j u_{k-j}. The gains are those of the functions that fly: timeline, prediction and servo of
 onboard/ are affine in estimate, force and commands, and are evaluated on unit vectors.
@@ -36,7 +36,7 @@ def known_timeline(us: np.ndarray, now: int, scenario: Scenario, delay: float) -
     Args:
         us: those of the ticks now - 1, now - 2, ... (D, 4).
         now: tick.
-        scenario: which says what is reported, and what tau is taken for.
+        scenario: its `commands` say which commands are reported, and the assumed delay tau.
         delay: the true one [ticks].
     """
     h, commands = scenario.h, scenario.commands
@@ -61,10 +61,9 @@ def _acts(sent: np.ndarray, scenario: Scenario, delay: float, before: float) -> 
 
 
 def misjudged(us: np.ndarray, scenario: Scenario, delay: float) -> np.ndarray:
-    """Return the control by which the last tick's prediction went, less what acted in it (4).
+    """Return the control that the last tick's prediction assumed, less the one that acted (4).
 
-    Of the ticks before the filter knows by now what acted; of the last it learns in this one, and puts it right for the
-    next estimate.
+    The filter knows what acted in earlier ticks. It learns of the last one in this tick and corrects the next estimate.
 
     Args:
         us: u_{k-1}, u_{k-2}, ... (D, 4).

@@ -1,1 +1,1 @@
-"""What a fault in flight does to each estimator, and how long it takes to be over it."""
+"""The study of faults in flight: their effect on each estimator, and the time that it takes to recover."""

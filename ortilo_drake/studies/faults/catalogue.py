@@ -34,7 +34,7 @@ class Case(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Where the flight is in the middle of a fault.
+    """The flight's place in the middle of a fault.
 
     Attributes:
         p_WB: position (3) [m].
@@ -69,7 +69,7 @@ def place_at(scenario: Scenario, t: float) -> Place:
 
 
 def catalogue(scenario: Scenario, start: float = START, length: float = LENGTH) -> tuple[Case, ...]:
-    """Return the faults that concern what a scenario flies.
+    """Return the faults that apply to a scenario's sensors and parts.
 
     Args:
         scenario: the scenario.

@@ -1,4 +1,4 @@
-"""The course of the filter's error through a flight, in half seconds: all that the study keeps of it.
+"""The course of the filter's error through a flight, by half seconds: all that the study keeps of a flight.
 
 The compiled engine flies what it can (flight/engine.py), Drake the rest; of the same flights the courses are the same.
 """
@@ -26,7 +26,7 @@ COMPILED_AT_ONCE: Final = 50  # flights in one job of a worker
 
 @dataclass(frozen=True)
 class Course:
-    """What is kept of a flight.
+    """The errors over time that are kept of a flight.
 
     Attributes:
         seed: of all noise.

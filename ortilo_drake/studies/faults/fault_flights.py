@@ -83,7 +83,7 @@ class Row:
 
 @dataclass(frozen=True)
 class FaultStudy:
-    """What faults in flight do, as `ortilo faults --json` writes it.
+    """The result of the study of faults, as `ortilo faults --json` writes it.
 
     Attributes:
         scenarios: their names.
@@ -112,7 +112,7 @@ def fault_study(
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
 ) -> FaultStudy:
-    """Fly scenarios without a fault and with each fault that concerns what they fly.
+    """Fly scenarios without a fault and with each fault that applies to them.
 
     Args:
         vary: return the scenarios with settings laid over them.
@@ -149,7 +149,7 @@ def fault_study(
 
 
 def check_length(scenario: Scenario, start: float, length: float) -> None:
-    """Refuse a flight that ends before there is anything to see after its faults, and faults between half seconds."""
+    """Refuse a flight that ends too soon after its faults, and faults between half seconds."""
     for name, value in (("--start", start), ("--length", length)):
         if value % BIN != 0.0:
             raise InputError(f"{name} {value:g}: must be a multiple of {BIN:g} s")

@@ -1,1 +1,1 @@
-"""What recordings with a truth tell a simulation of its sensors' errors."""
+"""Fit the errors of simulated sensors to recordings with a truth."""

@@ -1,4 +1,4 @@
-"""The truth as a smooth path of a body: what an ideal IMU on it would say.
+"""The truth as a smooth path of a body, and the samples of an ideal IMU on it.
 
 Positions and quaternions are resampled evenly, passed forwards and backwards through a Butterworth filter, and joined
 by cubic splines: the second derivative of a truth that is rounded to a millimetre would otherwise be noise alone.
@@ -51,7 +51,7 @@ class BodyPath(NamedTuple):
         return np.asarray(self.attitude(t).inv().apply(moves * self.p(t, 2) + [0.0, 0.0, GRAVITY]))
 
     def _moves(self, t: np.ndarray) -> np.ndarray:
-        """Return which stamps are not beyond the ends (m, 1)."""
+        """Return a mask (m, 1) of the stamps that are not beyond the ends."""
         return ((t >= self.first) & (t <= self.last))[:, None]
 
 

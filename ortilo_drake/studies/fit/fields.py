@@ -4,8 +4,8 @@ The error of an anchor i at place p and time t of a flight is
 
     e_i = c_i + f_i(p) + g_i(t),   f_i Matérn 3/2 in space, the same in all recordings;   g_i Gauss-Markov in time
 
-What comes back with the place is told from what lasts by flying a place twice. The exact likelihood of some of the rows
-is made the greatest; rows that are probably outliers are left out.
+Flying a place twice separates errors of places from errors that last. The exact likelihood of a sample of the rows is
+maximised; rows that are probably outliers are left out.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,7 +25,7 @@ LIMITS = ((0.05, 20.0), (1e-3, 5.0), (0.02, 60.0), (1e-3, 5.0), (1e-3, 5.0))
 
 
 class Fields(NamedTuple):
-    """Length of the field and its deviation [m], time constant of what lasts [s], its deviation, the white one [m]."""
+    """The field's length and deviation [m], the lasting error's time constant [s] and deviation, the white one [m]."""
 
     length: Interval
     sd: Interval

@@ -24,7 +24,7 @@ DIGITS = 3
 def fit_recordings(
     recordings: Sequence[Recording], map_: Map, places: bool, say: Callable[[str], None] = lambda _: None
 ) -> NoiseFile:
-    """Return what a simulation should be told.
+    """Fit the sensors' errors to recordings, in the form that a simulation takes.
 
     Args:
         recordings: with a truth, and the same anchors.
@@ -87,7 +87,7 @@ def _short(value: float) -> float:
 
 
 def _rate(stamps: Sequence[np.ndarray]) -> tuple[float, float]:
-    """Return how many come in a second, and which share is missing of what the usual interval makes."""
+    """Return the number a second, and the missing share of the number that the usual interval makes."""
     time = sum(float(t[-1] - t[0]) for t in stamps)
     steps = np.concatenate([np.diff(t)[np.diff(t) > 0.0] for t in stamps])
     came = sum(len(np.unique(t)) for t in stamps)

@@ -1,4 +1,4 @@
-"""What was fitted, in lines of plain text."""
+"""The report of a fit, in lines of plain text."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Positive numbers that make a likelihood the greatest, and how well it tells them.
+"""Positive numbers that maximise a likelihood, and their intervals.
 
 The logarithms of the numbers are searched by Nelder and Mead's simplex, begun anew where it stopped.
 """

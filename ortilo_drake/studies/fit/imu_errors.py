@@ -1,4 +1,4 @@
-"""What an IMU's samples err by in flight and at rest, by the truth."""
+"""The errors of an IMU's samples in flight and at rest, by the truth."""
 
 from typing import NamedTuple
 

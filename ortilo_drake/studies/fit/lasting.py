@@ -1,8 +1,7 @@
 """Lasting and white errors, outliers and constants of the anchors, fitted to recorded range errors.
 
-The likelihood of lasting_filter.py is made the greatest. The intervals come from fits to blocks of time, whose spread
-says how well the whole tells each number also where errors are not quite of this kind; those of the constants from the
-filter's covariance at the end.
+The likelihood of lasting_filter.py is maximised. The intervals come from fits to blocks of time: their spread holds
+also where the errors are not quite of this kind. Those of the constants come from the filter's covariance at the end.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,7 +21,7 @@ BLOCKS, NEAR = 10, (0.3,)  # of time, and the size of the search in each, in log
 
 
 class Lasting(NamedTuple):
-    """What was fitted.
+    """The fitted lasting error.
 
     Time constant [s] and deviation of the lasting error [m], deviation of the white one [m], share of outliers and
     their deviation [m]; constants by anchor [m], None of one that was not heard; and of each recording's rows the

@@ -26,7 +26,7 @@ def lasting_filter(
     numbers: np.ndarray,
     outlier: np.ndarray,
 ) -> float:
-    """Return the log-likelihood of a recording's errors; x and C become what is known of the constants behind it.
+    """Return the log-likelihood of a recording's errors; x and C become the constants' estimate after it.
 
     Args:
         t: stamps [s] (m).

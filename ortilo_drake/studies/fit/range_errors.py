@@ -33,7 +33,7 @@ class RangeErrors(NamedTuple):
 
 
 def calibration_of(recording: Recording, map_: Map) -> Calibration:
-    """Return how truth and sensors go together, with no anchor's constant taken off.
+    """Return the calibration between truth and sensors, with no anchor's constant taken off.
 
     Raises:
         InputError: if the recording has no truth.

@@ -17,7 +17,7 @@ def base_seen_from(file: Path, base: str) -> str:
 
 
 def seen_from(file: Path, other: Path) -> str:
-    """Return another file's name as one in `file`'s folder must say it."""
+    """Return another file's name relative to `file`'s folder."""
     return os.path.relpath(os.path.realpath(other), os.path.realpath(file.parent))
 
 

@@ -1,4 +1,4 @@
-"""What the graph believes of the sensors: what the tight filter of the scenario does, or what its own filter says."""
+"""The graph's noise models of the sensors: those of the scenario's tight filter, or else its own filter's."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from ortilo_drake.scenario.tight import InertialNoise, TightFilter, TightRanges
 
 
 def believed(scenario: Belief) -> TightFilter:
-    """Return the beliefs about the sensors as settings of the tight filter.
+    """Return the noise models of the sensors, as settings of the tight filter.
 
     Of a scenario that flies the paper's filter, or an estimator that declares which one it is, they are that filter's
     V, walks and biases and what its multilateration believes of ranges; of boxes it says nothing, and the defaults

@@ -1,4 +1,4 @@
-"""Factors of the graph beside the imu's: ranges, boxes, angles, rows of other sensors, and what varies slowly.
+"""Factors of the graph beside the imu's: ranges, boxes, angles, rows of other sensors, and slow errors.
 
 Residuals are predicted less measured, by the equations that the tight filter flies (onboard/estimator/tight). A pose's
 tangent is GTSAM's, [theta, t] in B: R_WB exp([theta]x), p_WB + R_WB t.
@@ -17,7 +17,7 @@ LEAST_SD = 1e-6  # stands for a standard deviation of 0, with which no factor ca
 
 
 def weighted(sds: np.ndarray, huber: float) -> gtsam.noiseModel.Base:
-    """Return noise of these standard deviations, by Huber's loss beyond that many of them; inf: by squares alone."""
+    """Return noise of these standard deviations, with Huber's loss beyond that many of them; inf: squares alone."""
     noise = gtsam.noiseModel.Diagonal.Sigmas(np.maximum(np.asarray(sds, dtype=float), LEAST_SD))
     if np.isinf(huber):
         return noise
@@ -31,7 +31,7 @@ def rpy_of(R: np.ndarray) -> np.ndarray:
 
 
 class Moving(NamedTuple):
-    """What tells how a message's prediction changes with its clock: keys of velocity and clock, and body rates.
+    """The variables by which a message's prediction changes with its clock.
 
     Attributes:
         velocity: key of v_WB.
@@ -111,7 +111,7 @@ def box_factor(
 ) -> gtsam.CustomFactor:
     """Return the factor of one box's centre, see onboard/estimator/tight/pixels.py.
 
-    From a pose without a projection it says nothing. How the camera's clock moves the prediction is taken to first
+    From a pose without a projection it is 0. How the camera's clock moves the prediction is taken to first
     order: its own change with the pose is left out of the derivatives.
 
     Args:
@@ -159,7 +159,7 @@ def box_factor(
 
 
 def angles_factor(pose: int, errors: int | None, rpy: np.ndarray, noise: gtsam.noiseModel.Base) -> gtsam.CustomFactor:
-    """Return the factor of the imu's roll, pitch and yaw (3) [rad]; errors is the key of what they err by (3)."""
+    """Return the factor of the imu's roll, pitch and yaw (3) [rad]; errors is the key of their errors (3)."""
 
     def error(_: gtsam.CustomFactor, values: gtsam.Values, H: list[np.ndarray] | None) -> np.ndarray:
         own = rpy_of(values.atPose3(pose).rotation().matrix())

@@ -1,4 +1,4 @@
-"""What the filter that flew made of its flights, beside what hindsight makes of the same messages."""
+"""The estimates of the filter that flew, beside those that hindsight makes of the same messages."""
 
 import importlib.util
 from collections.abc import Callable, Sequence
@@ -168,7 +168,7 @@ def study_of(scenario: Scenario, flights: list[FlightInHindsight]) -> Hindsight:
 
 
 def _missing(scenario: Scenario, rows: list[Row]) -> list[str]:
-    """Return why rows are not there."""
+    """Return the reasons why rows are missing."""
     there, lines = {row.way for row in rows}, []
     if RTS not in there:
         settings = scenario.estimator

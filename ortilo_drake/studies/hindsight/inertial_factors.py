@@ -1,4 +1,4 @@
-"""The imu in the graph: its samples of each tick preintegrated by GTSAM, and what its angles say of the attitude.
+"""The imu in the graph: its samples of each tick preintegrated by GTSAM, and its angles.
 
 A sample stamped s is of (s', s], s' the stamp before. GTSAM turns the specific force by the attitude at the step's
 beginning, the tight filter (onboard/estimator/tight/inertial.py) by that half way, which is what the sample is of; so
@@ -41,7 +41,7 @@ class Sample(NamedTuple):
 
 
 class InertialTick(NamedTuple):
-    """What the imu says of the step that ends at a tick.
+    """The imu's samples of the step that ends at a tick.
 
     Attributes:
         motion: preintegrated.
@@ -89,8 +89,8 @@ def inertial_ticks(
 ) -> list[InertialTick | None]:
     """Return the imu's measurement of each step that ends at ticks 1 to n - 1; that of tick 0 is None.
 
-    A step whose end no sample reaches goes on with the last one, and all of it is believed as little as coasting_sd
-    says: as the tight filter does with what is left of a tick.
+    A step whose end no sample reaches continues with the last one, with noise coasting_sd, as the tight filter does for
+    the rest of a tick.
 
     Args:
         samples: in the order of their stamps.

@@ -13,7 +13,7 @@ This is what Rauch, Tung and Striebel (AIAA Journal 3, 1965) compute, in the for
 Jong (J. American Statistical Association 84, 1989). RTS inverts P_{k+1|k}, which is singular here: W has rank 6, and
 states may begin without variance. This form inverts nothing but S_k.
 
-What tilts of the lift (intermittent_filter.tilted_lift) is taken as the filter took it, as a known input.
+The tilted lift (intermittent_filter.tilted_lift) is a known input, as for the filter.
 """
 
 from typing import NamedTuple
@@ -33,7 +33,7 @@ from ortilo_drake.studies.hindsight.recorded_flight import RecordedFlight
 
 
 class Tick(NamedTuple):
-    """What a linear filter took in a tick.
+    """The matrices and measurement that a linear filter used in a tick.
 
     Attributes:
         y: the values that arrived (m).
@@ -117,9 +117,9 @@ def smooth(found: Forward) -> Smoothed:
 
 
 def is_linear(scenario: Scenario) -> bool:
-    """Return whether the scenario's filter is one whose run can be smoothed here: linear, and not run again.
+    """Return whether the run of the scenario's filter can be smoothed here: it is linear, and never runs again.
 
-    One that learns its anchors' survey is not: what it learns changes what its fixes see.
+    A filter that learns the anchors' survey is not linear: the learned survey changes its fixes.
     """
     settings, learns = scenario.estimator, scenario.multilateration.bias_bank is not None
     return isinstance(settings, IntermittentFilter) and settings.delay != "replay" and not learns

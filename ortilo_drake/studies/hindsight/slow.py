@@ -1,4 +1,4 @@
-"""What lasts of the sensors' errors, as variables of the graph: constants, random walks, Gauss-Markov processes."""
+"""The sensors' slow errors as variables of the graph: constants, random walks, Gauss-Markov processes."""
 
 import gtsam
 import numpy as np
@@ -7,7 +7,7 @@ from ortilo_drake.studies.hindsight.factors import LEAST_SD
 
 
 class Process:
-    """A quantity that varies slowly: a variable at each time at which it is asked for, and what ties each to the last.
+    """A slow quantity: a variable at each time at which it is used, and factors between successive ones.
 
     Of a Gauss-Markov process of standard deviation sd and correlation time T, and of a random walk,
 

@@ -66,7 +66,7 @@ def with_one_lag(vehicle: Vehicle, lag: str) -> Vehicle:
 def believed_V(scenario: Scenario) -> np.ndarray:
     """Return the covariance of the measurements (p x p) as the scenario gives it.
 
-    Where it comes with each fix: what the sensor says stands in for it, else that of its noise in the middle of the
+    A sensor whose covariance comes with each fix has its own stated one, else that of its noise in the middle of the
     room.
 
     Raises:

@@ -1,6 +1,6 @@
-"""Messages in, estimates and setpoints out: what stands between live sensors and whoever wants to know.
+"""The bridge between live sensors and their users: messages in, estimates and setpoints out.
 
-It knows neither ROS nor MAVLink. A source of messages feeds it, and targets take what it says.
+It knows neither ROS nor MAVLink. A source of messages feeds it, and targets take its estimates.
 """
 
 import time
@@ -25,7 +25,7 @@ QUIET = 5.0  # without any message, that is said [s]
 
 @dataclass(frozen=True)
 class LiveReport:
-    """What a bridge heard and said.
+    """The messages that a bridge received and sent.
 
     Attributes:
         messages: how many came of each topic.
@@ -93,7 +93,7 @@ class LiveBridge:
         warm_up(self._map, self._rows.anchors)
 
     def add_target(self, name: str, target: Target) -> None:
-        """Give the estimates to a target from now on. One that raises gets no more, and a line says so."""
+        """Give the estimates to a target from now on. A target that raises is dropped, with a warning."""
         self._targets[name] = target
 
     def take(self, topic: str, received: int, message: Any) -> list[Told]:
@@ -103,7 +103,7 @@ class LiveBridge:
         return self._go_on(False)
 
     def end(self) -> list[Told]:
-        """Take what still waits, as nothing more comes, and return the last estimates."""
+        """Process the messages that still wait, and return the last estimates."""
         return self._go_on(True)
 
     def _go_on(self, ended: bool) -> list[Told]:
@@ -141,7 +141,7 @@ class LiveBridge:
                 self._say(f"{name}: failed and gets no more: {self._failed[name]}")
 
     def report(self) -> LiveReport:
-        """Return what was heard and said so far."""
+        """Return the report of the messages received and sent so far."""
         ages = 1e3 * np.array(self._ages)
         return LiveReport(
             self._rows.heard(),

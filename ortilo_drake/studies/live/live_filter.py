@@ -1,15 +1,15 @@
-"""The filter of `ortilo replay`, fed while the sensors speak.
+"""The filter of `ortilo replay`, fed live.
 
 It is the row that is not calibrated: no truth is used, the anchors' biases are states. An estimate is made at each
 multiple of its period, counted from the first range, once nothing before that stamp can come any more. The events are
 those of the replay in the same order, so the estimates are, too, bit for bit, if replay is asked at the same stamps and
-all rows came in time. What replay looks ahead for is waited for:
+all rows came in time. Where replay looks ahead, this waits:
 
     the start       the ranges of one to three seconds unless the map gives a `start`; the first second of the imu, or
                     its time at rest; and TRIAL seconds where no heading is given, as eight are tried
     a lost filter   the ranges of one to three seconds that it starts anew from
 
-Meanwhile no estimate is made; those left out follow at once when it goes on.
+Meanwhile no estimate is made; those left out follow at once when it resumes.
 """
 
 from typing import NamedTuple
@@ -60,7 +60,7 @@ class LiveEstimate(NamedTuple):
 
 
 class LiveFilter:
-    """The filter, and what waits for it.
+    """The filter, and the events that wait for it.
 
     Args:
         map_: as replay's; its truth is not heard, and its calibration not made.
@@ -101,7 +101,7 @@ class LiveFilter:
 
     @property
     def begun(self) -> bool:
-        """Whether the filter has started."""
+        """True once the filter has started."""
         return self._known is not None
 
     def go_on(self, horizon: float, block: Block, ended: bool = False) -> list[LiveEstimate]:
@@ -198,7 +198,7 @@ class LiveFilter:
             events, self._waits = Events(*(part[done:] for part in events)), True
 
     def _events_until(self, t: float) -> tuple[Events, Heard]:
-        """Return what happens up to a stamp [s], a query there last, and keep the rest."""
+        """Return the events up to a stamp [s], with a query there last; keep the later ones."""
         assert self._kept is not None
         assert self._known is not None
         now, self._kept = _parted(self._kept, t)

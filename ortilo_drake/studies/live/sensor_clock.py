@@ -1,7 +1,7 @@
-"""What the sensors' clock says now, between and behind their messages, by the wall clock.
+"""The sensors' clock, extrapolated by the wall clock between and after their messages.
 
 The least delay of a message seen lately gives the offset of the two clocks, as in D. L. Mills, RFC 5905, clock filter.
-A bridge that cannot keep up, or stands still, sees by it that what it hears is old.
+A bridge that cannot keep up, or stands still, sees by it that its messages are old.
 """
 
 from collections.abc import Callable
@@ -24,7 +24,7 @@ class SensorClock:
         self._since, self._least, self._before = -np.inf, np.inf, np.inf
 
     def now(self, newest: float) -> float:
-        """Return the time [s], at least the newest stamp, of which this says that it was just heard."""
+        """Return the sensors' time [s], at least `stamp`, which has just been received."""
         wall = self._wall()
         if wall - self._since > WINDOW:
             self._since, self._before, self._least = wall, self._least, np.inf

@@ -1,4 +1,4 @@
-"""Attitude and thrust to hold a place, by the scenario's servo, and when none may be sent: the failsafe.
+"""Attitude and thrust setpoints to hold a place, by the scenario's servo, and the failsafe that stops them.
 
 The failsafe lets no setpoint through while the estimate is too old or too uncertain. It does not fly: an autopilot
 whose setpoints stop does what it is set to do then, and the pilot has it.
@@ -45,7 +45,7 @@ class Holding:
         self._i, self._last = np.zeros(3), -np.inf
 
     def setpoint(self, told: Told, now: float) -> Setpoint:
-        """Return what an estimate asks for.
+        """Return the setpoint that follows from an estimate.
 
         Args:
             told: the estimate.

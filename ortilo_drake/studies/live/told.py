@@ -27,7 +27,7 @@ class Told(NamedTuple):
 
 
 def told(t: float, state: State, imu: bool) -> Told:
-    """Return what a state says at a stamp [s].
+    """Return the pose and velocities, with covariances, of a filter state at a stamp [s].
 
     A small turn theta of the body is d rpy = E^-1 theta, and the rates err by what the gyro's bias does; noise of the
     latest sample is not in their covariance. Without an imu attitude and rates are not estimated, and 0.

@@ -1,4 +1,4 @@
-"""How far what is wrong in a scenario's world moves the vehicle at hover.
+"""The errors at hover that follow from the errors of a scenario's world.
 
 Errors e of the world (fix_errors.py) drive the loop z = [x; f; xhat; ehat; i] of command_loop.py, with a perfect link:
 
@@ -70,7 +70,7 @@ def fewer(drive: Drive) -> Drive:
 
 
 def drives(scenario: Scenario, x: np.ndarray) -> list[Drive]:
-    """Return what drives a scenario's loop at state x (12), hovering, beside the white noise."""
+    """Return the error inputs that drive a scenario's loop at state x (12), hovering, beside the white noise."""
     loop = hover_loop(scenario)
     found = [drive_of(error, C, loop) for error, C in errors_of_rows(scenario, loop.measurement, x)]
     return [drive for drive in found if (drive.sd.any() or drive.step_sd.any()) and (drive.G.any() or drive.C.any())]

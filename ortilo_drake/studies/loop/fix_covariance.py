@@ -1,7 +1,7 @@
-"""Covariance of what each sensor tells at a place, as the filter would receive it there.
+"""Covariance of each sensor's measurement at a place, as the filter would receive it there.
 
-Nothing is derived here anew: each sensor says it itself (model/parts.py, `covariance` and `sd`). Of ranges and boxes
-those of the place, without noise, go through the very solvers that fly.
+Nothing is derived here anew: each sensor says it itself (model/parts.py, `covariance` and `sd`). Noiseless
+ranges and boxes of the place go through the very solvers that fly.
 """
 
 from typing import NamedTuple
@@ -34,7 +34,7 @@ def value_noise(scenario: Scenario, name: str, x: np.ndarray) -> tuple[np.ndarra
 
 
 def fix_noise(scenario: Scenario, x: np.ndarray) -> FixNoise:
-    """Return V_2 and what is there at state x (12). Links and blackouts are left out."""
+    """Return V_2 and the sensors that measure at state x (12). Links and blackouts are left out."""
     V, there = {}, {}
     for name in scenario.measurement.sensors:
         V[name], there[name] = np.eye(len(scenario.measurement.C_of(name))), name in scenario.sensors

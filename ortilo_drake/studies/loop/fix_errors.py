@@ -1,4 +1,4 @@
-"""What errors of the world make of the rows that the filter gets at a place.
+"""The errors of the filter's measurement rows at a place, from errors of the world.
 
 A fix errs by D e where what it is made of errs by e: ranges, or the boxes' centres in the image. Its sensor says D, the
 derivative of the very solver that flies, by differences (`made` of model/parts.py).

@@ -3,7 +3,7 @@
 All values are per tick of h, as deviations from hover. The state of the whole loop is [x; xhat; i] (27): the vehicle,
 the filter's prediction of it, and the integral of the position error. A filter that estimates more, [x; e] (N), makes
 it [x; f; xhat; ehat; i]: of the states e the world has those that control and gusts drive, which is the force f of the
-step just flown. The others, lasting force and biases, are zero in it: the filter allows for what is not there. The
+step just flown. The others, lasting force and biases, are zero in it: the filter allows for errors that are absent. The
 world alone has the rotors' drag.
 """
 
@@ -86,15 +86,15 @@ class HoverLoop(NamedTuple):
 
     @property
     def hats(self) -> slice:
-        """Where the filter's states stand in the whole loop's."""
+        """The place of the filter's states in the whole loop's."""
         return slice(len(self.world), len(self.world) + len(self.names))
 
 
 def why_no_gain(loop: HoverLoop) -> str | None:
-    """Return why a loop's filter settles to no gain, None if it does.
+    """Return the reason why a loop's filter settles to no gain; None if it does.
 
-    A state that keeps its value, without noise, is known ever better: what is left of its covariance has no
-    stabilising solution.
+    The covariance of a state that keeps its value, without noise, falls towards 0 for ever: there is no stabilising
+    solution.
     """
     constant = [
         name
@@ -149,7 +149,7 @@ def over_names(L: np.ndarray, names: tuple[str, ...], vehicle: Vehicle, yaw: flo
 
 
 def why_no_loop(scenario: Scenario) -> str | None:
-    """Return why a scenario's loop is no HoverLoop, None if it is one.
+    """Return the reason why a scenario's loop is no HoverLoop; None if it is one.
 
     It is one with an estimator that is a linear filter, whatever that estimates beside the vehicle's states, and a
     servo that has a gain.
@@ -197,7 +197,7 @@ def message_of(sensor: str, measurement: Measurement) -> str:
 
 
 def arrivals_of(sensors: tuple[str, ...], measurement: Measurement | None = None) -> np.ndarray:
-    """Return delta (s), 1 for each sensor of a measurement that is named; by default of that of the sensors named."""
+    """Return delta (s), 1 for each named sensor of a measurement; by default the measurement of those alone."""
     measurement = measurement or measurement_of(sensors)
     unknown = set(sensors) - set(measurement.sensors)
     if unknown:

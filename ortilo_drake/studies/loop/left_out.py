@@ -1,4 +1,4 @@
-"""What of a scenario's world the theory at hover does not have.
+"""The errors of a scenario's world that the theory at hover leaves out.
 
 Margins, arrival rates and lost commands are of the world that the filter believes, once it has learned what its banks
 learn of the survey (sensors/learned_survey.py), with the rotors' drag. The predicted rms at hover has what is wrong

@@ -47,9 +47,9 @@ class IllPosed:
 
 @dataclass(frozen=True)
 class RiccatiReport:
-    """The solutions of the servo's equation, of the filter's by subset of the sensors, and the ill-posed problems.
+    """Solutions of the servo's equation, of the filter's by subset of sensors, and of the ill-posed problems.
 
-    A servo of one's own has no equation, and no solutions.
+    A registered servo has no equation, and no solutions.
     """
 
     servo: Solutions

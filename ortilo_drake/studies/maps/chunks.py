@@ -1,4 +1,4 @@
-"""What is kept of a map's flights: Parquet files of CHUNK flights each, named by their seeds.
+"""The kept flights of a map: Parquet files of CHUNK flights each, named by their seeds.
 
 A file is written to a temporary name and renamed, so that it is whole or not there: whatever is killed, no flight
 counts twice or half.

@@ -24,7 +24,7 @@ _ROUND = (1.0, 2.0, 5.0)  # times powers of ten
 
 
 def map_figure(found: Map, path: File, theory: MapTheory | None = None) -> File | None:
-    """Draw the share of lost flights and the median RMS error of the kept; None for what is no grid of one or two axes.
+    """Draw the share of lost flights and the kept ones' median RMS error; None unless a grid of one or two axes.
 
     Args:
         found: the map.

@@ -27,7 +27,7 @@ from ortilo_drake.theory.consistency.consistency import mean_interval
 
 @dataclass(frozen=True)
 class Row:
-    """What flew at a point.
+    """The flights at a point of a map.
 
     Attributes:
         point: its settings.
@@ -83,7 +83,7 @@ class Map:
 
 
 def is_enough(sweep: Sweep, lost: int, flights: int) -> bool:
-    """Whether so many flights of a point say what was asked for."""
+    """Return whether so many flights at a point are precise enough."""
     if not isinstance(sweep.flights, Until):
         return flights >= sweep.flights
     low, high = share_interval(lost, flights)

@@ -84,7 +84,7 @@ def _number(value: Any) -> str:
 
 
 def map_csv(found: Map) -> str:
-    """Return a row for each point as CSV: its settings, then its figures.
+    """Return the map as CSV, a row for each point: its settings, then its figures.
 
     A figure is empty where there is none, and inf where a lost flight stands.
     """

@@ -1,4 +1,4 @@
-"""What theory says of a map whose axes are a link's rates and losses: lines to be drawn over what flew.
+"""The theory of a map whose axes are a link's rates and losses: lines to be drawn over the flights.
 
 The filter's error: the fixed point of the expected Riccati equation bounds the mean of P_k from above, for rates and
 for losses one by one or in bursts (studies/arrivals). The loss of vehicles: a flight of the duration D in which a share
@@ -31,7 +31,7 @@ _SHORTEST, _LONGEST = 0.1, 1000.0  # T [s]
 
 
 class MapTheory(NamedTuple):
-    """What theory says of each point of a map.
+    """The theory at each point of a map.
 
     Attributes:
         rms: root of the bound on the mean squared error of the position [m] (n); NaN where it says nothing.

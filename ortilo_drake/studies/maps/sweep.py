@@ -1,4 +1,4 @@
-"""What a map is made of: a scenario, axes, a design of points, how many flights at each."""
+"""The input of a map: a scenario, axes, a design of points, and the number of flights at each."""
 
 import itertools
 from pathlib import Path

@@ -1,1 +1,1 @@
-"""A recorded flight flown again in simulation: what a simulation would have said of it."""
+"""Predict a recorded flight by simulations of it."""

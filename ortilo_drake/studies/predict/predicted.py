@@ -1,4 +1,4 @@
-"""A recorded flight beside simulations of it: the same path, stamps and filter, with errors drawn from a NOISE.yaml."""
+"""A recorded flight and simulations of it: the same path, stamps and filter, errors drawn by a NOISE.yaml."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ OF_ERROR, OF_NEES = 0.3, 1.5  # a group is predicted within this share of its er
 
 @dataclass(frozen=True)
 class Figures:
-    """Total RMS error [m], mean of e' P^-1 e (3 if consistent), of the ranges' (about 1), and share of them refused."""
+    """Total RMS error [m], NEES (3 if consistent), NIS of the ranges (about 1), and the share of ranges refused."""
 
     error: float
     nees: float
@@ -76,7 +76,7 @@ def predict(
 
     Args:
         recording: with truth and attitude.
-        map_: what the filter is told.
+        map_: the filter's settings.
         noise: of the sensors.
         runs: how many simulations, each on a day of its own; the same days for all recordings.
         seed: of the days.

@@ -1,4 +1,4 @@
-"""Figure of predicted flights: error and NEES of each simulation, and what was recorded."""
+"""Figure of predicted flights: error and NEES of each simulation, and of the recorded flight."""
 
 from collections.abc import Sequence
 from pathlib import Path

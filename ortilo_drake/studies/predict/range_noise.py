@@ -27,7 +27,7 @@ def lasting_errors(t: np.ndarray, n: int, time: float, sd: float, rng: np.random
 
 
 def draw_outliers(ranges: Ranges, noise: UwbNoise, rng: np.random.Generator) -> np.ndarray:
-    """Return which rows are outliers (m), of the noise of single ranges."""
+    """Draw a mask (m) of the rows that are outliers, by the noise of single ranges."""
     share, found = noise.outliers.share, np.zeros(len(ranges.t), dtype=bool)
     for are, its in ((ranges.other < 0, share), (ranges.other >= 0, share_of_pairs(share))):
         if its == 0.0 or not are.any():

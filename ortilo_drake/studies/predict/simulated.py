@@ -65,7 +65,7 @@ def simulated(
     failed: tuple[float, float],
     rng: np.random.Generator,
 ) -> Recording:
-    """Return a recording along a recorded path, without what looks down.
+    """Return a simulated recording along a recorded path, without range finder, flow and camera.
 
     Args:
         recording: whose stamps and pairs it has.

@@ -1,1 +1,1 @@
-"""How often what hardly ever happens does: subset simulation over the noise and the start of flights."""
+"""The probability of rare events: subset simulation over the noise and the start of flights."""

@@ -1,4 +1,4 @@
-"""How often a scenario's vehicle is lost, or strays from its reference, when that is rare.
+"""The probability that a scenario's vehicle is lost, or strays from its reference, where that is rare.
 
 Subset simulation chooses its levels once and is then repeated, each time with noise of its own. The estimates of the
 repetitions are independent and without bias, so their mean is one too; its interval is that of log_interval.py.
@@ -55,7 +55,7 @@ class Counted:
 
 @dataclass(frozen=True)
 class Rare:
-    """How often something happens in a flight.
+    """The probability of a rare event in a flight, and how it was found.
 
     Attributes:
         corridor: distance from the reference that is strayed from [m]; None where losing the vehicle is meant.

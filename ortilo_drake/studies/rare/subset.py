@@ -1,9 +1,9 @@
 """Subset simulation: the probability that a random path ever goes as high as a goal, however small it is.
 
 S. K. Au, J. L. Beck, "Estimation of small failure probabilities in high dimensions by subset simulation", Probabilistic
-Engineering Mechanics 16 (2001). Between nothing and the goal lie levels L_1 < L_2 < ...; of N paths those at L_j or
-above go on, each as the start of a Markov chain that leaves the law of paths above L_j as it is, and the chains' paths
-are the next N. With the share that is at the next level in each round,
+Engineering Mechanics 16 (2001). Levels L_1 < L_2 < ... lie below the goal. Of N paths those at L_j or above are kept.
+Each starts a Markov chain that leaves the law of paths above L_j unchanged, and the chains' paths are the next N. With
+the share that reaches the next level in each round,
 
     p = share at L_1 x share at L_2 of those above L_1 x ... x share at the goal of those above the last.
 
@@ -46,7 +46,7 @@ Heights = Callable[[np.ndarray], np.ndarray]  # how high each path (n, size) com
 
 @dataclass(frozen=True)
 class Plan:
-    """What the first climb chose.
+    """The levels and steps that the first climb chose.
 
     Attributes:
         levels: below the goal, going up.
@@ -65,7 +65,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Climb:
-    """What one climb found.
+    """The result of one climb.
 
     Attributes:
         probability: of reaching the goal [1].
@@ -140,7 +140,7 @@ def _first(run: Heights, paths: int, size: int, keep: Keep, random: np.random.Ge
 
 
 class _Above(NamedTuple):
-    """How high the paths of chains come (n), the share of each step that was taken, and b of each kind of step."""
+    """The paths' heights (n), the share of each step that was taken, and b of each kind of step."""
 
     heights: np.ndarray
     accepted: list[float]
@@ -199,7 +199,7 @@ def plan_climb(
     least: float = LEAST,
     progress: Callable[[int], None] = lambda flights: None,
 ) -> Plan:
-    """Return levels that keep KEPT of the paths each, and steps of which ACCEPTED are taken.
+    """Return levels that each keep a share KEPT of the paths, and step sizes of which a share ACCEPTED is taken.
 
     It ends at the goal, where no path comes higher any more, and where the next level would be rarer than `least`.
 

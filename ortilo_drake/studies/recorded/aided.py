@@ -1,4 +1,4 @@
-"""What the filter goes by beside ranges and IMU, as the map has it, and which part of a flight is judged."""
+"""The filter's aids beside ranges and IMU, as the map has them, and the part of a flight that is judged."""
 
 from collections.abc import Callable
 
@@ -15,7 +15,7 @@ from ortilo_drake.studies.recorded.level import given_level
 
 
 def not_calibrated(recording: Recording, map_: Map, rest: AtRest | None) -> Known:
-    """Return what the filter is told where there is no truth: what the map gives, and biases to be found online.
+    """Return the filter's settings where there is no truth: the map's values, and biases to be estimated online.
 
     Args:
         recording: with surveyed anchors.
@@ -30,7 +30,7 @@ def not_calibrated(recording: Recording, map_: Map, rest: AtRest | None) -> Know
 
 
 def with_aids(known: Known, recording: Recording, map_: Map, looks: bool) -> Known:
-    """Return what the filter is told with the map's start and drag, and with what looks if that is asked for."""
+    """Return the filter's settings with the map's start and drag; with range finder, flow and camera if `looks`."""
     aids, start, heading, k_sd = NO_AIDS._replace(floor=map_.floor), None, known.heading, 0.0
     if map_.drag is not None:
         drag = map_.drag
@@ -55,7 +55,7 @@ def with_aids(known: Known, recording: Recording, map_: Map, looks: bool) -> Kno
 def airborne(
     t: np.ndarray, truth: Truth | None, calibration: Calibration | None, map_: Map
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """Return what says at which stamps by the sensors' clock a flight is judged: all, or only while it is airborne.
+    """Return a function of stamps that selects those to be judged: all, or only those while airborne.
 
     Args:
         t: stamps by the sensors' clock [s].

@@ -1,4 +1,4 @@
-"""What the filter on recorded events remembers of each anchor: which are refused, since when, and how they err then.
+"""The recorded filter's memory of each anchor: whether it is refused, since when, and its errors then.
 
 An anchor that was left out for a second, by far, comes back when its innovations are small on average: an error that
 fades would pull the filter along as soon as it passed the gate. The same memory says whether the filter is lost.
@@ -20,7 +20,7 @@ SETTLED = 1.0  # and it is heard again when their mean is below so many standard
 
 
 class Trust(NamedTuple):
-    """What is remembered of each anchor (n).
+    """The record of each anchor (n).
 
     Since when it is refused [s], inf if it is not; when it was last heard [s], -inf if never; the mean of its
     innovations [standard deviations]; and whether it was refused by far.
@@ -34,15 +34,15 @@ class Trust(NamedTuple):
 
 @register_jitable
 def none_heard(n: int) -> Trust:
-    """Return what is known of n anchors before any was heard."""
+    """Return the record of n anchors before their first range."""
     return Trust(np.full(n, np.inf), np.full(n, -np.inf), np.zeros(n), np.zeros(n, np.bool_))
 
 
 @register_jitable
 def is_lost(t: float, trust: Trust, watch: Watch) -> bool:
-    """Return whether the refused ranges say that the filter is wrong, and not they.
+    """Return whether the filter is lost: the refused ranges show that it is wrong, and not they.
 
-    A range that is too long alone says little: it came by a detour. Three anchors that agree stand for the filter.
+    A single range that is too long says little: it may be a reflection. Three anchors that agree support the filter.
     """
     heard = refused = long_since = 0
     short = off = False
@@ -64,7 +64,7 @@ def is_lost(t: float, trust: Trust, watch: Watch) -> bool:
 
 @register_jitable
 def judged(trust: Trust, i: int, t: float, e: float, S: float, passes: bool, low: bool, watch: Watch) -> bool:
-    """Return whether a range to anchor i is taken, and remember how it was.
+    """Return whether a range to anchor i is accepted; update the anchor's record.
 
     Args:
         trust: changed.

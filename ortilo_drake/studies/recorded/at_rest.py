@@ -1,11 +1,11 @@
-"""What an IMU says while its body stands still before a recorded motion: the gyro's bias, and b + g x level error.
+"""The IMU at rest before a recorded motion: the gyro's bias, and b + g x level error.
 
 On average over the samples of `imu.standstill` seconds it says, with R = R_0 exp([theta]x) and R_0 the believed level,
 
     w_0 = b_g + nu_g,   f_0 - R_0^T g e_z = b_a + (R_0^T g e_z) x theta + nu_a
 
-to first order in theta. The first row is the gyro's bias. The second is the sum of the accelerometer's bias and of what
-a wrong level makes of gravity: neither is known by it, but the sum is, and that is what moves a body without ranges.
+to first order in theta. The first row is the gyro's bias. The second is the accelerometer's bias plus gravity turned by
+a wrong level. Only this sum is known, and only this sum moves a body without ranges.
 nu has the variance s^2 / M + q^2 T / 3: s is the spread of M means over half a second, which noise that lasts for less
 widens as it should, and q the random walk of the bias, which at the end is sd q sqrt(T / 3) away from its mean.
 """
@@ -28,7 +28,7 @@ FAST = 0.2  # rates of a body that turns, as no gyro's bias is [rad/s]
 
 @dataclass(frozen=True)
 class AtRest:
-    """What was said at rest.
+    """The imu's means at rest.
 
     end: its end by the recording's clock [s]; samples: of the gyro; rates, force: means w_0 [rad/s] and f_0 [m/s²], and
     their standard deviations (3 each); strays: the farthest that a mean over half a second is from these, of rates and
@@ -45,7 +45,7 @@ class AtRest:
 
 
 def at_rest(recording: Recording, map_: Map) -> AtRest | None:
-    """Return what the imu says while it stands still; None where the map does not say that it does.
+    """Return the imu's means while it stands still; None if the map does not say that it does.
 
     Raises:
         InputError: if there are no samples for some of that time.
@@ -84,7 +84,7 @@ def unlevel(rest: AtRest, R: np.ndarray) -> np.ndarray:
 
 
 def tell(rest: AtRest, x: np.ndarray, C: np.ndarray) -> None:
-    """Tell a filter that starts what was said at rest: correct its first state and covariance, both changed.
+    """Correct a filter's first state and covariance (both changed) by the samples at rest.
 
     Args:
         rest: what was said.
@@ -105,7 +105,7 @@ def tell(rest: AtRest, x: np.ndarray, C: np.ndarray) -> None:
 
 
 def said_at_rest(rest: AtRest, R: np.ndarray, by: str) -> str:
-    """Return what was found, as a sentence.
+    """Return a sentence on the gyro's bias and the force at rest.
 
     Args:
         rest: what was said.
@@ -121,7 +121,7 @@ def said_at_rest(rest: AtRest, R: np.ndarray, by: str) -> str:
 
 
 def standstill_doubts(rest: AtRest | None) -> list[str]:
-    """Return whether what stood still moves."""
+    """Return a doubt if the imu moves while it should stand still."""
     if rest is None:
         return []
     turns, shakes = rest.strays
@@ -135,5 +135,5 @@ def standstill_doubts(rest: AtRest | None) -> list[str]:
 
 
 def level_by(imu: Imu, rests: bool) -> str:
-    """Return by what the level is believed."""
+    """Return the name of the level's source."""
     return "the floor" if rests else "the force itself" if imu.attitude is None else "the unit's attitude"

@@ -32,7 +32,7 @@ FLAT = 0.5  # anchors whose heights differ by less do not tell what is above the
 
 
 class Calibration(NamedTuple):
-    """What relates truth and sensors.
+    """The relation between truth and sensors: clock, frame, lever, anchors and their constants.
 
     offset: truth's clock less the sensors' [s], each from its own first stamp; told_by: `rates`, `ranges` or `map`;
     F (3, 3), shift (3): p in the anchors' frame = F p_truth + shift; mount (3, 3): IMU's body axes to the truth's, None
@@ -58,7 +58,7 @@ class Calibration(NamedTuple):
 
 
 class _Fit(NamedTuple):
-    """Which of the unknowns are free, and where their numbers stand in the vector of unknowns; tags in truth's axes."""
+    """The free unknowns, and their places in the vector of unknowns; tags in the truth's axes."""
 
     kind: str
     offset: bool
@@ -75,7 +75,7 @@ class _Fit(NamedTuple):
         return x[0], Rotation.from_rotvec(turned).as_matrix(), x[4:7], x[10 : 10 + self.n], x[7:10], found
 
     def free(self) -> np.ndarray:
-        """Return which unknowns are estimated."""
+        """Return the unknowns that are estimated."""
         frame = {"yaw": [False, False, True], "se3": [True] * 3, "same": [False] * 3}[self.kind]
         shift = [self.kind != "same"] * 3
         found = [True] * 3 * self.n if self.find else []
@@ -114,7 +114,7 @@ def _solve(x: np.ndarray, fit: _Fit, ranges: Ranges, chosen: np.ndarray, path: T
 
 
 def _found_roughly(p: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Return where an anchor may be, from places p (m, 3) and ranges to it (m): the best of eight starts around."""
+    """Return an anchor's rough position from places p (m, 3) and ranges to it (m): the best of eight starts around."""
     middle, far = p.mean(axis=0), np.median(r)
     signs = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-0.3, 0.3)])
     fits = [
@@ -139,7 +139,7 @@ def offset_centres(recording: Recording, search: float) -> list[float]:
 
 
 def uncalibrated(recording: Recording, settings: Estimated, lever: bool = True) -> Calibration:
-    """Return what the map alone says, where nothing is calibrated: the truth only judges.
+    """Return the calibration that the map gives, where nothing is calibrated: the truth only judges.
 
     Args:
         recording: with truth.

@@ -1,4 +1,4 @@
-"""What the filter on recorded events carries from one event to the next, beside its state.
+"""The values that the recorded filter carries from one event to the next, beside its state.
 
 A run that goes on with it gives the same numbers, bit for bit, as one run over all events, if all events of one stamp
 are taken in by the same run.
@@ -19,10 +19,10 @@ EPOCH, FORCE_AT, GROWN, LOW, BEGUN = range(5)  # what stands where in `marks`
 
 
 class Carried(NamedTuple):
-    """What is known of the anchors, what has passed, rows that wait, a blank row, and marks (5).
+    """The anchors' record, the time passed, rows that wait, a blank row, and marks (5).
 
-    The marks: stamp of the last epoch and of the last sample of force [s], by what ranges err more near the floor,
-    whether that is by so much that none counts, and whether the first epoch is past.
+    The marks: stamps of the last epoch and of the last sample of force [s], the extra error of ranges near the floor,
+    whether it is so large that no range counts, and whether the first epoch is past.
     """
 
     trust: Trust
@@ -34,6 +34,6 @@ class Carried(NamedTuple):
 
 @njit(cache=True)
 def nothing_carried(anchors: int, N: int, t: float) -> Carried:
-    """Return what is carried at the start of a run at t [s], with N error states."""
+    """Return the values carried at the start of a run at t [s], with N error states."""
     marks = np.array([-np.inf, t, 1.0, 0.0, 0.0])
     return Carried(none_heard(anchors), nothing_passed(N), none_taken(ROOM, N), row_of(N), marks)

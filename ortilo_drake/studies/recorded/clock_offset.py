@@ -29,7 +29,7 @@ class ByRates(NamedTuple):
 
 
 def intervals_apart(t: np.ndarray, R: Rotation) -> int:
-    """Return how many stamps apart two attitudes are whose turn stands out of their noise.
+    """Return the number of stamps between two attitudes whose turn exceeds their noise.
 
     Args:
         t: stamps (n) [s].

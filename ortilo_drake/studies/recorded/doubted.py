@@ -27,7 +27,7 @@ def doubts_of(
     rows: Mapping[str, Scores],
     found: tuple[np.ndarray, np.ndarray | None],
 ) -> list[str]:
-    """Return what makes a replay doubtful, in sentences.
+    """Return the doubts about a replay, a sentence each.
 
     Args:
         recording: the motion.
@@ -76,7 +76,7 @@ def doubts_of(
 
 
 def _left(recording: Recording, map_: Map, calibration: Calibration) -> float | None:
-    """Return what a cheap fit leaves of a motion, by the clock that was found [m]."""
+    """Return the residual of a cheap fit to a motion, by the clock that was found [m]."""
     if recording.truth is None or isinstance(recording.anchors, int) or (recording.ranges.other >= 0).any():
         return None
     path, offset = truth_path(recording.truth), np.array([calibration.offset])

@@ -1,6 +1,6 @@
-"""What makes a replay doubtful, in sentences: each says what is odd and, where it can, the map's key that mends it.
+"""Doubts about a replay, in sentences: each says what is odd and, if possible, the map's key that mends it.
 
-Pure functions of numbers; the readings that they tell of are tried in readings.py and imu_doubts.py.
+Pure functions of numbers; the other readings of the files are tried in readings.py and imu_doubts.py.
 """
 
 from collections.abc import Mapping
@@ -32,7 +32,7 @@ def range_noise(settings: FilterSettings, imu: bool) -> float:
 
 
 def of_calibration(left: float, noise: float, lever: np.ndarray | None, biases: np.ndarray) -> list[str]:
-    """Return what is doubtful of a calibration.
+    """Return the doubts about a calibration, a sentence each.
 
     Args:
         left: RMS of the ranges' errors after it [m].
@@ -56,9 +56,9 @@ def of_calibration(left: float, noise: float, lever: np.ndarray | None, biases: 
 
 
 def of_sign(ranges: Ranges, anchors: np.ndarray, sign: int, p: np.ndarray | None = None) -> list[str]:
-    """Return whether differences agree on places much better with the other sign, and the key that says so.
+    """Return a doubt if differences fit places much better with the other sign; it names the key to set.
 
-    Anchors up and down by turns are nearly their own mirror image, and hardly tell it without a truth.
+    Anchors alternately high and low are nearly their own mirror image, so without a truth the sign is hard to tell.
 
     Args:
         ranges: what was heard.
@@ -91,7 +91,7 @@ def of_sign(ranges: Ranges, anchors: np.ndarray, sign: int, p: np.ndarray | None
 
 
 def of_failed(failed: tuple[float, ...], drag: tuple[float, float]) -> list[str]:
-    """Return which axes of the accelerometer were not used, and since when [s], and drag's k if that was estimated."""
+    """Return sentences on unused axes of the accelerometer, since when [s], and on drag's k if it was estimated."""
     k, sd = drag
     found = [f"drag: its k at the end is {k:.3f} 1/s, standard deviation {sd:.3f}"] if sd > 0.0 else []
     return found + [
@@ -110,7 +110,7 @@ def of_guess(guess: Guess | None) -> list[str]:
 
 
 def of_offset(offset: float, centres: list[float], search: float, told_by: str) -> list[str]:
-    """Return whether a clock offset lies at the end of its search [s]; each is from the files' own first stamps."""
+    """Return a doubt if a clock offset lies at the end of its search [s]; each is from the files' own first stamps."""
     if told_by == "map":
         return []
     inside = search - min(abs(offset - centre) for centre in centres)
@@ -123,7 +123,7 @@ def of_offset(offset: float, centres: list[float], search: float, told_by: str) 
 
 
 def of_rows(rows: Mapping[str, Scores], main: tuple[str, ...]) -> list[str]:
-    """Return which main rows refuse many ranges or came to nothing."""
+    """Return doubts about main rows that refuse many ranges or lost the filter."""
     found = []
     for name in main:
         if name in rows and not np.isfinite(rows[name].nis):
@@ -134,7 +134,7 @@ def of_rows(rows: Mapping[str, Scores], main: tuple[str, ...]) -> list[str]:
 
 
 def of_plane(anchors: np.ndarray, p: np.ndarray, truth: np.ndarray | None, planar: bool = False) -> list[str]:
-    """Return whether the anchors' plane leaves a mirror image.
+    """Return a doubt if the anchors lie in a plane, so that the position has a mirror image.
 
     Args:
         anchors: positions (n, 3).
@@ -169,7 +169,7 @@ def _point(p: np.ndarray) -> str:
 
 
 def freezes(truth: Truth, ranges: Ranges, offset: float) -> list[tuple[float, float]]:
-    """Return when the truth's position froze, from and to by its own clock [s].
+    """Return the intervals in which the truth's position froze, (begin, end) by its own clock [s].
 
     A body at rest may repeat its position too: it froze if it goes on elsewhere, or the ranges change meanwhile.
     """
@@ -199,7 +199,7 @@ def _changed(ranges: Ranges, begin: float, end: float) -> bool:
 
 
 def of_freezes(found: list[tuple[float, float]], before: float | None = None, after: float | None = None) -> list[str]:
-    """Return what froze, the key that drops it, and what the ranges' errors are with and without these rows [m]."""
+    """Return sentences on frozen rows: the key that drops them, the ranges' errors with and without them [m]."""
     if not found:
         return []
     begin, end = max(found, key=lambda one: one[1] - one[0])

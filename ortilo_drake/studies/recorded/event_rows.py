@@ -20,7 +20,7 @@ nominal_at = register_jitable(nominal)
 
 
 class Row(NamedTuple):
-    """A row of H, given sparsely: where it is not 0 and what it is there (16 each); and C H^T (N)."""
+    """A sparse row of H: the indices and values of its entries (16 each); and C H^T (N)."""
 
     where: np.ndarray
     of: np.ndarray
@@ -124,7 +124,7 @@ def held_back(S: float, deviation: float) -> float:
 
 @register_jitable
 def grown_at(x: np.ndarray, lever: np.ndarray, noise: Noise, aids: Aids) -> float:
-    """Return by what ranges err more near the floor, at most LARGEST: a filter that is lost must hear some."""
+    """Return the extra error of ranges near the floor, at most LARGEST: a lost filter must still accept some."""
     if noise.near_floor == 0.0:
         return 1.0
     down = matrix_of(x[Q : Q + 4])[2]

@@ -1,4 +1,4 @@
-"""What goes into the filter on recorded events, what it holds between two of them, and what comes out.
+"""Inputs, state and outputs of the filter on recorded events.
 
 Shapes: n anchors, N = 17 + 2 n error states [dp, dv, theta, db_g, db_a, dc, dg, ds, dk] and a nominal state of N + 1
 numbers, as onboard/estimator/tight/layout.py has them; see event_filter.py.
@@ -24,12 +24,12 @@ def states(anchors: int) -> int:
 
 
 def nominal(i: int) -> int:
-    """Return where an additive error state stands in the nominal state."""
+    """Return the index of an additive error state in the nominal state."""
     return ADDITIVE + i - GYRO
 
 
 class Events(NamedTuple):
-    """What happens in order of time.
+    """The events of a recording, in order of time.
 
     Stamp [s], kind, index (of sample, anchor, flow or picture), the other anchor of a difference or -1, the range,
     difference, height or z of the place of landing [m], and the tag of a range (n each).
@@ -44,7 +44,7 @@ class Events(NamedTuple):
 
 
 class Heard(NamedTuple):
-    """What the events point to: body rates [rad/s] (k, 3), force [m/s²] (l, 3), flow [px] (m, 2), boxes (q, ...)."""
+    """Values of the events: body rates [rad/s] (k, 3), force [m/s²] (l, 3), flow [px] (m, 2), boxes (q, ...)."""
 
     rates: np.ndarray
     force: np.ndarray
@@ -69,7 +69,7 @@ class Noise(NamedTuple):
 
 
 class Level(NamedTuple):
-    """What is known of the height: the antenna's z and its deviation [m], and the deviation of v_z [m/s].
+    """The known height: the antenna's z and its deviation [m], and the deviation of v_z [m/s].
 
     An infinite deviation says that nothing is known.
     """
@@ -182,7 +182,7 @@ class Anew(NamedTuple):
 
 
 class Watch(NamedTuple):
-    """When a run stops: at ranges from `wait` on [s] if the position's deviation exceeds `astray` [m].
+    """The limits at which a run stops: from `wait` on [s], if the position's deviation exceeds `astray` [m].
 
     It also stops if more than `share` of the anchors, and at least two, were refused for so long, `refused` [s].
     """
@@ -194,7 +194,7 @@ class Watch(NamedTuple):
 
 
 class Tape(NamedTuple):
-    """What a smoother goes back through: in order what happened, a step in time, a row or a query.
+    """The record that a smoother goes back through: steps in time, rows and queries, in order.
 
     Attributes:
         what: of each 0, 1 or 2 (k).
@@ -220,7 +220,7 @@ class Tape(NamedTuple):
 
 
 class Run(NamedTuple):
-    """What a run gives.
+    """The result of a run of the filter.
 
     At each query the nominal state x (q, N + 1) and the position's covariance P (q, 3, 3); of each range its
     innovation, the innovation's variance and whether it was taken; and the tape, empty if it is not to be smoothed.

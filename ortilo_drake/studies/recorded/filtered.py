@@ -49,7 +49,7 @@ TRIAL = 30.0  # how long each is tried [s]
 
 
 class Start(NamedTuple):
-    """Where the vehicle starts: position (3) and its deviation [m], heading's deviation [rad], whether it rests there.
+    """The start: position (3) and its deviation [m], heading's deviation [rad], whether the vehicle rests there.
 
     If it rests, it stands level and on the floor until take-off; if it lands, it does so at the same height.
     """
@@ -70,12 +70,21 @@ class Innovations(NamedTuple):
 
 
 class Known(NamedTuple):
-    """What the filter is told.
+    """The filter's settings for one motion.
 
-    anchors (n, 3), biases (n) or None (online), lever (3), heading [rad] or None, what is known of the height, where
-    the vehicle starts, what looks, the numbers of that and of drag, the deviations of the flow's scale and of drag's k,
-    what the imu said while the body stood still, after which the filter begins, and where the tags are (m, 3); without
-    an imu all of them are where the lever leads.
+    Attributes:
+        anchors: their positions (n, 3).
+        biases: of the ranges by anchor (n) [m]; None estimates them online.
+        lever: from the body's point to the antenna (3) [m].
+        heading: at the start [rad], None if unknown.
+        level: the known height.
+        start: the vehicle's start, None if unknown.
+        looks: stamps of range finder, flow and camera.
+        aids: their numbers, and those of drag.
+        scale_sd: deviation of the flow's scale.
+        k_sd: deviation of drag's k.
+        rest: the imu's means at rest, after which the filter begins.
+        tags: their places (m, 3) [m]; without an imu all are at the lever's end.
     """
 
     anchors: np.ndarray
@@ -134,7 +143,7 @@ def first_tilt(imu: Imu, rest: AtRest | None = None) -> np.ndarray:
 
 
 def tilt_deviation(imu: Imu) -> float:
-    """Return the standard deviation of that tilt [rad]: larger where the body accelerates meanwhile.
+    """Return the standard deviation of that tilt [rad]; acceleration makes it larger.
 
     A horizontal acceleration a turns the specific force by a / G and makes it sqrt(G² + a²), which a bias may do too.
     """
@@ -155,7 +164,7 @@ def tilt_disagreement(imu: Imu) -> float | None:
 def events_of(
     ranges: Ranges, imu: Imu | None, known: Known, landed: Sequence[Landing], queries: np.ndarray, begin: float
 ) -> tuple[Events, Heard]:
-    """Return what happens from `begin` on, in order; of the imu the sample before it is held then."""
+    """Return the events from `begin` on, in order; the imu's last sample before `begin` is held at it."""
     looks = known.looks
     rates = force = np.zeros((0, 3))
     parts = [
@@ -241,7 +250,7 @@ def start_of(
 
 
 def levers_of(known: Known, imu: Imu | None) -> np.ndarray:
-    """Return where the point that the tags count from, and each tag, are in the body (1 + m, 3) [m].
+    """Return the places in the body of the tags' origin and of each tag (1 + m, 3) [m].
 
     Without an imu the attitude is not known, and all are that point.
     """
@@ -296,7 +305,7 @@ def estimate(
     Args:
         ranges: single ranges.
         imu: its samples; None flies the constant-velocity filter.
-        known: what the filter is told.
+        known: the filter's settings.
         settings: noise and gate.
         queries: stamps, rising [s].
         smoothed: whether to smooth.

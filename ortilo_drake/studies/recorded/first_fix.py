@@ -57,7 +57,7 @@ def ranges_for_a_fix(ranges: Ranges) -> Ranges:
 
 
 def fix_known_at(ranges: Ranges) -> float:
-    """Return the stamp [s] after which no range belongs to those of ranges_for_a_fix, by the ranges heard so far."""
+    """Return the stamp [s] after which no range belongs to ranges_for_a_fix, by the ranges received so far."""
     first = float(ranges.t[0])
     near = ranges.t <= first + LONGEST
     _, at = np.unique(ranges.anchor[near], return_index=True)

@@ -29,7 +29,7 @@ class Look(NamedTuple):
 
 
 def first_look(recording: Recording, map_: Map) -> Look:
-    """Return what a cheap fit says.
+    """Fit clock and frame of the truth cheaply, before the filter runs.
 
     Raises:
         InputError: if ranges, anchors and truth are not of one size, so that nothing can be made of them.

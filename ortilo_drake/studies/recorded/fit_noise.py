@@ -44,7 +44,7 @@ class _Part(NamedTuple):
 
 
 class Fitted(NamedTuple):
-    """The settings found, the log-likelihood before and after, how often it was computed, and by what."""
+    """The settings found, the log-likelihood before and after, its number of evaluations, and the criterion."""
 
     settings: FilterSettings
     before: float

@@ -13,7 +13,7 @@ def lose_some(ranges: Ranges, share: float, seed: int) -> Ranges:
 
 
 def gap_ends(ranges: Ranges, gaps: Gaps, first: float) -> np.ndarray:
-    """Return when the gaps end [s]: the first begins at `first`, the last ends before the ranges do."""
+    """Return the times at which the gaps end [s]: the first begins at `first`, the last ends before the ranges do."""
     starts = np.arange(first, ranges.t[-1] - gaps.last, gaps.every)
     return starts + gaps.last
 

@@ -1,4 +1,4 @@
-"""What an IMU's numbers make doubtful: its force beside gravity, its rates beside the force and the truth's turns."""
+"""Doubts about an IMU: its force beside gravity, its rates beside the force and the truth's turns."""
 
 from itertools import product
 
@@ -24,7 +24,7 @@ RATES = {"rad/s": 1.0, "deg/s": np.pi / 180.0}
 
 
 def force_doubts(imu: Imu, map_: Map) -> list[str]:
-    """Return what is doubtful of the specific force: at rest it is gravity's reaction, 9.81 m/s²."""
+    """Return doubts about the specific force: at rest it should be gravity's reaction, 9.81 m/s²."""
     size = np.linalg.norm(imu.force, axis=1)
     whole, first = float(np.median(size)), float(np.median(size[imu.t <= imu.t[0] + 1.0]))
     rest = min((whole, first), key=lambda one: abs(one - GRAVITY))
@@ -46,7 +46,7 @@ def force_doubts(imu: Imu, map_: Map) -> list[str]:
 
 
 def rate_doubts(imu: Imu, map_: Map) -> list[str]:
-    """Return whether body rates look like degrees per second, by the force alone; for a truth without attitude."""
+    """Return a doubt if body rates look like degrees per second, by the force alone; for a truth without attitude."""
     assert map_.imu is not None
     if map_.imu.rate_unit == "deg/s":
         return []
@@ -80,7 +80,7 @@ def force_kept(imu: Imu, by: float) -> float:
 
 
 def attitude_doubts(recording: Recording, map_: Map, offset: float, up: np.ndarray | None) -> list[str]:
-    """Return whether the truth's attitude turns as the body rates say, and what would.
+    """Return a doubt if the truth's attitude does not turn as the body rates do; it names keys with which it would.
 
     Args:
         recording: with IMU.

@@ -1,14 +1,13 @@
-"""What the filter on recorded events watches its IMU for: take-off, and an accelerometer that fails.
+"""The recorded filter's watch over its IMU: take-off, and an accelerometer that fails.
 
 Until take-off, and after a landing (landing.py), the vehicle may be known to rest: then no force is integrated and
 nothing else is taken in. Take-off is where the force upward, less gravity and SLACK, has added up to RISE (Page's
 cumulative sum, Biometrika 41, 1954).
 
-An accelerometer is doubted axis by axis, where drag is given: a sample that is farther than `doubted` from what drag
-makes is not used, and an axis of which more than FAILS of the samples of a second are such is not used any more. Drag
-takes its place.
+Where drag is given, an accelerometer is checked axis by axis: a sample farther than `doubted` from drag's force is not
+used, and an axis with more than a share FAILS of such samples in a second is not used any more. Drag takes its place.
 
-`watched` is that of State: RESTS and so on say where in it what stands.
+`watched` is State's; RESTS and so on are indices into it.
 """
 
 import numpy as np
@@ -42,7 +41,7 @@ def watch_rest(x: np.ndarray, C: np.ndarray, watched: np.ndarray, up: float, h: 
 
 @register_jitable
 def rest_again(watched: np.ndarray) -> None:
-    """Let the vehicle rest until its force tells that it takes off."""
+    """Let the vehicle rest until its specific force shows the take-off."""
     watched[RESTS], watched[ROSE], watched[LASTS] = 1.0, 0.0, 0.0
 
 
@@ -50,7 +49,7 @@ def rest_again(watched: np.ndarray) -> None:
 def doubt_force(
     f: np.ndarray, x: np.ndarray, C: np.ndarray, watched: np.ndarray, t: float, h: float, aids: Aids
 ) -> None:
-    """Put what drag makes in the place of a doubted sample's axis (3), and count it; an axis may fail."""
+    """Replace a doubted sample's axis by drag's force (3), and count it; an axis may fail."""
     R = matrix_of(x[Q : Q + 4])
     for i in range(2):
         made = x[Q + 7 + i] - x[-1] * along_body(R, x[V : V + 3], i)

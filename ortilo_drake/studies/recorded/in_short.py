@@ -13,7 +13,7 @@ def _axes(found: Replayed, name: str) -> str:
 
 
 def in_short(motions: Sequence[Replayed], share: float) -> list[str]:
-    """Return what was found in short, as Markdown's list."""
+    """Return a summary of the findings, as a Markdown list."""
     lines = []
     for found in motions:
         if found.doubts:

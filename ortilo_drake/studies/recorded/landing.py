@@ -1,4 +1,4 @@
-"""When a vehicle lands, by its IMU alone and looked at afterwards.
+"""A vehicle's landing, found afterwards by its IMU alone.
 
 It rests where over a window body rates and force upward deviate by no more than STILL and the force is gravity's, if
 it was jolted in the second before: a hover may be as still, but nothing jolts it. The force upward, less its mean at
@@ -21,7 +21,7 @@ LONGEST = 5.0  # before the rest that the height is looked for [s]: it drifts
 
 
 class Landing(NamedTuple):
-    """When the vehicle touched the floor, and when its rest there is known [s]."""
+    """The times at which the vehicle touched the floor, and at which its rest there is known [s]."""
 
     touched: float
     rests: float
@@ -57,7 +57,7 @@ def _means(values: np.ndarray, n: int) -> np.ndarray:
 
 
 def _touched(t: np.ndarray, force: np.ndarray) -> float | None:
-    """Return when the height was last above TOUCHES; None if it was not, for as long as that can be told.
+    """Return the last time at which the height exceeded TOUCHES; None if it did not, as long as it can be followed.
 
     Args:
         t: stamps, up to the rest [s].

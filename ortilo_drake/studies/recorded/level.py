@@ -1,4 +1,4 @@
-"""What a map and the truth's first part tell of the height, as the filter takes it."""
+"""The height from a map and the truth's first part, as the filter takes it."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ UNEVEN = 0.1  # a truth whose height deviates by more is not planar [m]
 
 
 def given_level(map_: Map) -> Level:
-    """Return what the map alone tells of the antenna's height."""
+    """Return the antenna's height as the map alone gives it."""
     climb = CLIMB if map_.planar else np.inf
     if map_.height is None:
         return Level(0.0, np.inf, climb)
@@ -31,7 +31,7 @@ def calibrated_level(map_: Map, calibration: Calibration, recording: Recording) 
 
 
 def height_doubts(map_: Map, calibration: Calibration, recording: Recording) -> list[str]:
-    """Return where the truth contradicts what the map says of the height."""
+    """Return doubts about the map's height, where the truth contradicts it."""
     z, deviation = _heights(calibration, recording)
     found = []
     if map_.planar and deviation > UNEVEN:

@@ -1,4 +1,4 @@
-"""When the filter was lost and when it was found again, in the report's words."""
+"""The times at which the filter was lost and found again, in the report's words."""
 
 from collections.abc import Mapping
 
@@ -13,7 +13,7 @@ def lost_lines(rows: Mapping[str, Scores]) -> list[str]:
 
 
 def lost_line(s: Scores) -> str:
-    """Return how often, for how long and when a filter was lost, and its errors at other times."""
+    """Return a line on a filter's losses (number, duration, times), and on its errors at other times."""
     times = [
         f"lost from {since:.1f} s, " + ("not found again" if found is None else f"found again at {found:.1f} s")
         for since, found in s.lost

@@ -1,4 +1,4 @@
-"""What ranges and differences of ranges should be, from the antennas' places, anchors and constants."""
+"""Predicted ranges and differences of ranges, from the antennas' places, anchors and constants."""
 
 import numpy as np
 
@@ -23,7 +23,7 @@ def modelled(p: np.ndarray, anchors: np.ndarray, c: np.ndarray, ranges: Ranges) 
 
 
 def antennas(p: np.ndarray, R: np.ndarray | None, lever: np.ndarray, tags: np.ndarray, tag: np.ndarray) -> np.ndarray:
-    """Return where the tags are, p + R (l + t) (n, 3); p where no attitude is known.
+    """Return the tags' positions p + R (l + t) (n, 3); p where no attitude is known.
 
     Args:
         p: of the body's point (n, 3).

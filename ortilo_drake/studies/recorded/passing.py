@@ -17,7 +17,7 @@ STEP = 0.01  # longest step of the propagation [s]
 
 
 class Passing(NamedTuple):
-    """What has passed since the covariance was propagated, with N error states.
+    """The motion accumulated since the covariance was propagated, with N error states.
 
     Attributes:
         A: transition of the first nine errors by the first fifteen, and by that of drag's k (9, 16).
@@ -38,7 +38,7 @@ class Passing(NamedTuple):
 
 @register_jitable
 def nothing_passed(N: int) -> Passing:
-    """Return what has passed in no time."""
+    """Return an empty Passing: no time has passed."""
     A, W = np.zeros((9, TRANSITION)), np.zeros((9, 9))
     for i in range(9):
         A[i, i] = 1.0
@@ -89,7 +89,7 @@ def go_on(
 
 @register_jitable
 def pass_over(C: np.ndarray, x: np.ndarray, passing: Passing, grown: float, n: int, noise: Noise) -> None:
-    """Propagate the covariance, and the errors of n anchors, over what has passed; begin_anew comes afterwards."""
+    """Propagate the covariance, and the errors of n anchors, over the time passed; call begin_anew afterwards."""
     keeps, walks, passed = passing.keeps, passing.walks, passing.time[0]
     for i in range(n):
         keeps[BIASES + n + i - GYRO] = np.exp(-passed / noise.correlation_time)
@@ -110,7 +110,7 @@ def pass_over(C: np.ndarray, x: np.ndarray, passing: Passing, grown: float, n: i
 
 @register_jitable
 def begin_anew(passing: Passing) -> None:
-    """Let nothing have passed."""
+    """Reset: no time has passed."""
     passing.A[:], passing.W[:], passing.time[0] = 0.0, 0.0, 0.0
     for i in range(9):
         passing.A[i, i] = 1.0

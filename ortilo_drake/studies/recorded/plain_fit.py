@@ -1,12 +1,12 @@
 """A cheap fit of ranges to a truth: frame, clock and one bias for all ranges, so that a wrong map cannot hide.
 
-The full calibration has a bias for each anchor, which takes up much of what a wrong unit, axis or anchor does. This one
+The full calibration has a bias for each anchor, which absorbs the effect of a wrong unit, axis or anchor. This one
 minimises
 
     Σ rho((|F (p(t_k + d) + R l) + s - a_i| + c - r_ki) / 0.06 m) + |l|² / (0.1 m)²,   rho = soft L1
 
 over the heading or the whole turn F, the shift s, one bias c, the lever l where the truth has an attitude, and the
-clock's offset d where it is not held. What is left compares one reading of the files with another.
+clock's offset d where it is not held. The residual compares one reading of the files with another.
 """
 
 from typing import NamedTuple

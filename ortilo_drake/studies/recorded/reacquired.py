@@ -41,14 +41,14 @@ NEVER = Watch(np.inf, ASTRAY, REFUSED, SHARE)
 
 
 class Lost(NamedTuple):
-    """When the filter was lost and when it was found again [s]; `found` is None if it was not."""
+    """The times at which the filter was lost and found again [s]; `found` is None if it was not."""
 
     since: float
     found: float | None
 
 
 def opening_of(state: State, x: np.ndarray, variances: np.ndarray) -> np.ndarray:
-    """Return what is added to P's diagonal, so that position and velocity x (6) do not contradict the state."""
+    """Return the addition to P's diagonal after which position and velocity x (6) do not contradict the state."""
     off = np.square(x - state.x[:6])
     P = np.diag(state.C)
     beyond = off > SURPRISE**2 * (P[:6] + variances)
@@ -61,7 +61,7 @@ def opening_of(state: State, x: np.ndarray, variances: np.ndarray) -> np.ndarray
 
 
 def nothing_anew(N: int) -> Anew:
-    """Return that there is nothing to start anew from, for N error states."""
+    """Return an Anew without any measurement, for N error states."""
     return Anew(np.zeros(6), np.full(6, np.inf), np.zeros(N))
 
 

@@ -1,7 +1,7 @@
-"""Other readings of the same files: units, axes, frames, clocks and anchors, each named by the key that says it.
+"""Other readings of the same files (units, axes, frames, clocks, anchors), each named by the key that sets it.
 
-Each is tried by the cheap fit of plain_fit.py. One is told only where it fits at least twice as well and about as well
-as the ranges' noise allows.
+Each is tried by the cheap fit of plain_fit.py. One is reported only where it fits at least twice as well,
+and about as well as the ranges' noise allows.
 """
 
 from collections.abc import Iterator
@@ -35,7 +35,7 @@ ALL_HEADINGS = 8  # with more anchors, pairs that change places are tried from t
 
 
 class Reading(NamedTuple):
-    """A key of the map and what it says, the files so read, and the offsets to start from [s], None as found."""
+    """A key of the map and its value, the files so read, and the offsets to start from [s], None as found."""
 
     key: str
     ranges: Ranges
@@ -182,9 +182,9 @@ def guess(
 
 
 def may_be(reading: Reading) -> bool:
-    """Return whether sizes allow a reading: an anchor's ranges change by no more than the body moves, nor by far less.
+    """Return whether a reading is plausible: an anchor's ranges change about as much as the body moves.
 
-    Nor do the ranges of one time differ by more than the anchors lie apart, or add up to far less.
+    Ranges of one time also differ by no more than the anchors lie apart, and do not add up to far less.
     """
     r, anchor = reading.ranges.r, reading.ranges.anchor
     of_each = [r[anchor == i] for i in np.unique(anchor)]

@@ -15,7 +15,7 @@ BIN = 1.0  # NIS is a mean over this time [s]
 
 
 def main_row(drawn: Drawn) -> str:
-    """Return the row that is drawn: the best filter that there is."""
+    """Return the row to draw: the best filter that there is."""
     return next(name for name in (WITH_IMU, CV, RAW, CV_RAW) if name in drawn)
 
 

@@ -31,7 +31,7 @@ WITH_IMU, SMOOTH, RAW = "with IMU", "with IMU, smoothed", "with IMU, not calibra
 
 @dataclass(frozen=True)
 class Replayed:
-    """A motion's rows and what was found on the way; `drawn` holds estimates and the truth at their stamps, by row.
+    """The result of a replay: scores by row; `drawn` holds estimates and the truth at their stamps, by row.
 
     residual: RMS of the ranges' errors that the calibration leaves [m]; plain_residual: with one bias for all ranges;
     range_noise: what the filter counts on [m]; doubts: what makes it doubtful, in sentences; rest: what the imu said
@@ -65,7 +65,7 @@ def _tuple(values: np.ndarray) -> tuple[float, ...]:
 
 
 def known_of(calibration: Calibration, recording: Recording, map_: Map) -> Known:
-    """Return what the calibrated filter is told."""
+    """Return the calibrated filter's settings."""
     heading = None
     truth, imu = recording.truth, recording.imu
     if imu is not None and truth is not None and truth.R is not None and calibration.mount is not None:
@@ -79,7 +79,7 @@ def known_of(calibration: Calibration, recording: Recording, map_: Map) -> Known
 
 
 def aided_name(map_: Map) -> str | None:
-    """Return what the row is called that goes by all that looks; None if nothing does."""
+    """Return the name of the row with range finder, flow and camera; None if the map has none of them."""
     down = map_.range_finder is not None or map_.flow is not None
     if map_.boxes is None:
         return AIDED if down else None

@@ -1,4 +1,4 @@
-"""What a run of the filter writes down as it goes: room for all of it first, cut to what was written at the end."""
+"""The arrays that a run of the filter writes: allocated in full first, cut to the written rows at the end."""
 
 import numpy as np
 from numba.extending import register_jitable
@@ -28,7 +28,7 @@ HEARD, ON_TAPE = 3, 4  # of the numbers written so far: steps, rows, queries, ra
 
 @register_jitable
 def room_for(events: Events, N: int, whole: bool) -> tuple[Run, np.ndarray]:
-    """Return a run with room for what the events bring, and how much of it is written (5).
+    """Return a run with arrays large enough for the events, and the number of rows written so far (5).
 
     Args:
         events: all that may be taken in.
@@ -65,7 +65,7 @@ def room_for(events: Events, N: int, whole: bool) -> tuple[Run, np.ndarray]:
 
 @register_jitable
 def cut_to(run: Run, written: np.ndarray) -> Run:
-    """Return what was written of a run."""
+    """Return a run's arrays, cut to the rows that were written."""
     steps, rows, asked, heard, all_ = written[0], written[1], written[2], written[3], written[4]
     tape = run.tape
     tape = Tape(
@@ -77,7 +77,7 @@ def cut_to(run: Run, written: np.ndarray) -> Run:
 
 @register_jitable
 def _next(tape: Tape, written: np.ndarray, what: int) -> int:
-    """Return where the next one of a kind stands, and note that it is there."""
+    """Return the index of the next entry of a kind, and count it."""
     at = written[what]
     tape.what[written[ON_TAPE]] = what
     written[what], written[ON_TAPE] = at + 1, written[ON_TAPE] + 1
@@ -94,7 +94,7 @@ def write_step(tape: Tape, written: np.ndarray, passing: Passing) -> None:
 
 @register_jitable
 def write_row(tape: Tape, written: np.ndarray, row: Row, e: float, S: float) -> None:
-    """Write a row that was taken, its innovation e and that one's variance S to a tape, if there is one."""
+    """Write an accepted row, its innovation e and variance S to a tape, if there is one."""
     if len(tape.what) > 0:
         at = _next(tape, written, ROW)
         tape.where[at], tape.row[at], tape.e[at], tape.S[at] = row.where, row.of, e, S
@@ -111,7 +111,7 @@ def write_range(run: Run, written: np.ndarray, e: float, S: float, taken: bool) 
 
 @register_jitable
 def write_query(run: Run, written: np.ndarray, x: np.ndarray, C: np.ndarray) -> None:
-    """Write what was asked for: the nominal state and the position's covariance."""
+    """Write a query's answer: the nominal state and the position's covariance."""
     at = written[ASKED]
     run.x[at], run.P[at] = x, C[:3, :3]
     if len(run.tape.what) > 0:

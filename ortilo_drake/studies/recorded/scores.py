@@ -1,4 +1,4 @@
-"""How good an estimate is: errors by the truth, by evo and by axis, consistency, availability."""
+"""The scores of an estimate: errors by the truth, by evo and by axis, consistency, availability."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ RPE_OVER = 1.0  # the relative error is over this time [s]
 
 @dataclass(frozen=True)
 class Scores:
-    """Figures of one row; None without a truth.
+    """Scores of one row; None without a truth.
 
     rmse: by axis [m]; ate, ate_aligned: RMSE of the absolute position error, as it is and after the best SE(3) [m];
     rpe: RMSE of the relative position error over 1 s [m]; nees: mean of e' P^-1 e (3 if consistent); nis: mean over the

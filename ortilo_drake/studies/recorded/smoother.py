@@ -1,4 +1,4 @@
-"""The smoother of a run: every estimate by all that was heard, what came later as well (modified Bryson-Frazier).
+"""The smoother of a run: each estimate by all measurements, later ones included (modified Bryson-Frazier).
 
 Backwards, with lambda and Lambda from 0 on: at a row H with gain K, innovation e of variance S, over a step F, and at
 what is asked for

@@ -1,4 +1,4 @@
-"""The truth between its stamps, which ranges it sees, and which part of it calibrates."""
+"""The truth between its stamps, the ranges that it covers, and the part of it that calibrates."""
 
 from typing import NamedTuple
 
@@ -34,7 +34,7 @@ def truth_path(truth: Truth) -> TruthPath:
 
 
 def seen_by(ranges: Ranges, offset: float, path: TruthPath, end: float = np.inf) -> np.ndarray:
-    """Return which ranges fall between stamps of the truth, up to an end by its clock [s], and not in its gaps."""
+    """Return a mask of the ranges between stamps of the truth, up to an end by its clock [s], not in its gaps."""
     then = ranges.t + offset
     stamps = path.p.x
     steps = np.diff(stamps)
@@ -44,7 +44,7 @@ def seen_by(ranges: Ranges, offset: float, path: TruthPath, end: float = np.inf)
 
 
 def some_of(chosen: np.ndarray, most: int) -> np.ndarray:
-    """Return at most so many of them, drawn: every k-th would be of some anchors only."""
+    """Return a random sample of at most so many; every k-th would be of some anchors only."""
     if len(chosen) <= most:
         return chosen
     drawn = np.random.Generator(np.random.Philox(0)).choice(chosen, most, replace=False)

@@ -40,7 +40,7 @@ COMMAND_SEEDS = range(4)
 
 @dataclass(frozen=True)
 class Theory:
-    """What needs no flight: linearisation, Riccati equations, margins, arrival rates, commands.
+    """The analyses that need no flight: linearisation, Riccati equations, margins, arrival rates, commands.
 
     The linearisation holds Drake's derivatives to closed forms; it is None with a servo or an estimator of one's own,
     which has none.
@@ -95,7 +95,7 @@ def is_built_in(scenario: Scenario) -> bool:
 
 
 def analysis_data(analysis: Analysis) -> dict[str, Any]:
-    """Return an analysis as plain data for JSON, the theory's parts beside the others, without those there are not."""
+    """Return an analysis as plain data for JSON, the theory's parts beside the others, without missing parts."""
     data: dict[str, Any] = as_data(analysis)
     data |= data.pop("theory") or {}
     return {key: value for key, value in data.items() if value is not None or key.startswith("no_")}

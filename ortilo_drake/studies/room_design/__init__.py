@@ -1,1 +1,1 @@
-"""Which anchors and landmarks a room should have, and where those that it has stand."""
+"""The design of a room's anchors and landmarks, and the survey of those that it has."""

@@ -1,8 +1,8 @@
-"""Landmarks placed so that the camera helps where the ranges help least.
+"""Placement of landmarks, so that the camera helps where the ranges help least.
 
 They stand on the floor on a grid of free spots, away from the path, of the room's own classes in turn, so that
-neighbours differ. The search is that for anchors (place.py), with their ranges as they are. A box's centre says as much
-of the attitude as of the position: with the angles known to a covariance Q from the imu alone, what it says of p_WB is
+neighbours differ. The search is that for anchors (place.py), with their ranges as they are. A box's centre depends as
+much on the attitude as on the position: with the angles known to a covariance Q from the imu alone, it informs p_WB by
 
     J = J_pp - J_pt (J_tt + Q^-1)^-1 J_tp,
 

@@ -13,7 +13,7 @@ _DAMPING = 1e-9  # of a place whose ranges leave a direction open, relative
 
 
 class Ranges(NamedTuple):
-    """What was measured.
+    """Measured ranges from places to anchors, and between anchors.
 
     Attributes:
         place: number of the vehicle's place of each range (m).

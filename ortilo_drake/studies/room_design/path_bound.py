@@ -19,7 +19,7 @@ STEPS = 200  # of a path, about
 
 
 class PathModel(NamedTuple):
-    """What all rooms with the same path share.
+    """The part of the bound that all rooms with the same path share.
 
     Attributes:
         Phi: dynamics of a step (12, 12).

@@ -1,10 +1,10 @@
-"""Anchors placed so that the worst point of the planned path gets best.
+"""Placement of anchors, so that the worst point of the planned path becomes as good as possible.
 
     minimise over n mounting places   max_k sqrt(tr P_k)
 
 P_k is the Cramer-Rao bound on the position at tick k of the path as it is planned (floor/cramer_rao.py). The search
 goes by the same recursion in long steps (path_bound.py): first greedily and then by Fedorov's exchange (exchange.py) on
-a mean over the path of the power POWER, whose every exchange says something, and then on the maximum itself. Since a
+a mean over the path of the power POWER, which every exchange changes, and then on the maximum itself. Since a
 fix takes three ranges, the exchange counts those of fewer anchors as nothing.
 """
 

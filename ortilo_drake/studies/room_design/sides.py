@@ -1,4 +1,4 @@
-"""Anchors that a fit has put on the wrong side of the vehicle's places.
+"""Anchors that a fit has placed on the wrong side of the vehicle's places.
 
 Where the vehicle flew at one height, the places tell an anchor from its mirror image in their plane by little, and a
 descent does not cross from one to the other. So each anchor alone is fitted again from its image, the rest staying.

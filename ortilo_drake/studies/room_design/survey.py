@@ -1,4 +1,4 @@
-"""Where the anchors stand, from ranges: an adjustment of the network on three anchors that are known.
+"""The anchors' positions from ranges: an adjustment of the network on three known anchors.
 
 Unknown are the other anchors a_i and the vehicle's places p_k; measured are ranges from places to anchors and between
 anchors, and perhaps the places. With independent normal errors the likelihood is greatest where

@@ -1,1 +1,1 @@
-"""Rooms of a user: is a file right, what can be seen and measured where, and where the position gets lost."""
+"""Users' rooms: checks of the file, coverage by sensors, and the places where the position gets lost."""

@@ -1,4 +1,4 @@
-"""Coverage: what a room lets a vehicle know of its position, along the planned path and over the floor."""
+"""Coverage: how well a vehicle can know its position in a room, along the planned path and over the floor."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ HEADINGS_ALONG = 24  # and along the path
 
 @dataclass(frozen=True)
 class Along:
-    """What there is along the planned path, at n places.
+    """The coverage along the planned path, at n places.
 
     Attributes:
         time: since the start [s] (n).
@@ -58,7 +58,7 @@ class Along:
 
 @dataclass(frozen=True)
 class OverFloor:
-    """What there is over the floor at one height, on a grid; rows are y, columns x.
+    """The coverage over the floor at one height, on a grid; rows are y, columns x.
 
     Attributes:
         height: of the grid [m].
@@ -100,7 +100,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Coverage:
-    """What a room lets a vehicle know of its position.
+    """The coverage of a room: how well a vehicle can know its position there.
 
     Attributes:
         scenario: its name.

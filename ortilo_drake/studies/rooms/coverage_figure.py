@@ -1,4 +1,4 @@
-"""The figure of a room's coverage: maps over the floor, and what there is along the path."""
+"""The figure of a room's coverage: maps over the floor, and curves along the path."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""What a room that loads is like, and what in it may be a mistake."""
+"""Findings about a room that loads: its properties, and likely mistakes."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -22,7 +22,7 @@ _ROUNDING = 1e-6  # [m]
 
 
 class Findings(NamedTuple):
-    """What a room is like.
+    """The properties of a room, and its likely mistakes.
 
     Attributes:
         facts: lines.
@@ -38,7 +38,7 @@ class Findings(NamedTuple):
 def anchor_spread(anchors: np.ndarray) -> np.ndarray:
     """Return the root mean square distances of anchors (n, 3) from their middle along their main axes, falling [m] (3).
 
-    The last is how far they stand off their best plane: a position on either side of that is told badly.
+    The last is their distance from their best plane: if it is small, a position's side of the plane is uncertain.
     """
     scaled = (anchors - anchors.mean(axis=0)) / np.sqrt(len(anchors))
     return np.pad(np.linalg.svd(scaled, compute_uv=False), (0, 3))[:3]

@@ -24,7 +24,7 @@ Threshold = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
 class FloorPlan(NamedTuple):
-    """What walls are traced over, row by row from the top.
+    """The drawing over which walls are traced, row by row from the top.
 
     Attributes:
         wall: whether a pixel is one (h, w).
@@ -44,7 +44,7 @@ class FloorPlan(NamedTuple):
 
 
 class GridFile(Frozen):
-    """The .yaml of an occupancy grid; what else stands in it is not read."""
+    """The .yaml of an occupancy grid; other keys are ignored."""
 
     model_config = ConfigDict(extra="ignore")
 

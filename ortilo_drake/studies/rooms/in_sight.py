@@ -1,4 +1,4 @@
-"""What a vehicle can measure by at a place: anchors in sight, the dilution of their ranges, landmarks in view.
+"""Measurements possible at a place: anchors in sight, the dilution of their ranges, landmarks in view.
 
 With unit vectors u_i from the place to the n anchors in sight as the rows of G (n x 3), ranges of equal and independent
 errors sigma give a position of covariance sigma^2 (G^T G)^-1. The position dilution of precision is the root of its

@@ -106,7 +106,7 @@ def floors(scenario: Scenario, truth: np.ndarray) -> dict[str, np.ndarray]:
 
 
 class Stretch(NamedTuple):
-    """Where on the way the floor is worst.
+    """The stretch of the way where the floor is worst.
 
     Attributes:
         first: tick at which it begins.
@@ -126,7 +126,7 @@ class Stretch(NamedTuple):
 
 
 def worst_stretch(found: dict[str, np.ndarray], tells: dict[str, np.ndarray]) -> Stretch:
-    """Return the stretch about the greatest floor in which it is at least WORST of that.
+    """Return the stretch around the greatest floor in which the floor is at least WORST times it.
 
     Args:
         found: the floors, see floors (n each).

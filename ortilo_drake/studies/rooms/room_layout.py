@@ -1,4 +1,4 @@
-"""Where things go in a new room: anchors around its walls, landmarks beside and at the end of the way through it.
+"""The layout of a new room: anchors around its walls, landmarks beside the way through it and at its end.
 
 The floor is [0, x] times [0, y]. The camera looks along W's x axis (servo.yaw), so the way leads from low to high x,
 and there are landmarks beyond its end.

@@ -1,4 +1,4 @@
-"""The flight by which a room is judged, where no scenario is given."""
+"""The flight in which a room is judged, where no scenario is given."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Rooms whose lengths are hardly metres: in which unit they would be a room, and what to multiply by."""
+"""Rooms whose lengths are hardly metres: the likely unit, and the factor to metres."""
 
 from typing import Final
 
@@ -14,7 +14,7 @@ _STANDS = 0.3  # what begins lower stands on the floor [m]
 
 
 def doubted_units(room: Room) -> list[str]:
-    """Return a line for what has lengths that are hardly metres, beginning with the field; none where all may be."""
+    """Return a line for each group of lengths that are hardly metres, beginning with the field; none if all may be."""
     low, high = np.array(room.interior.min), np.array(room.interior.max)
     size = high - low
     unit = _unit_of(room, size)

@@ -1,1 +1,1 @@
-"""What a team must know of its vehicle, room and sensors, and how well."""
+"""The study of sensitivity: how well a team must know its vehicle, room and sensors."""

@@ -1,4 +1,4 @@
-"""Where to fly next in search of the level at which a share of the flights is lost, and when to stop.
+"""The search for the level at which a share of the flights is lost: the next level, and when to stop.
 
 The flights so far leave a posterior over the curves of loss_level.py, all v* within the range and all slopes equally
 likely at first on logarithmic axes. A batch is flown at the level of a ladder from which the variance of ln v* is

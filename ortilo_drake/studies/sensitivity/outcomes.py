@@ -1,4 +1,4 @@
-"""Flights of which only losses and the filter's errors are kept: a study flies hundreds, and a flight takes megabytes.
+"""Losses and the filter's errors of each flight: all that a study of hundreds keeps, as a flight takes megabytes.
 
 A flight's whole summary, with its Cramer-Rao floor, takes 50 times as long, a fifth of a quick flight. The compiled
 engine flies what it can (flight/engine.py), Drake the rest.
@@ -26,7 +26,7 @@ COMPILED_AT_ONCE = 16  # flights in one job of a worker
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a study of mismatches keeps of a flight.
+    """The outcome of a flight in a study of mismatches.
 
     Attributes:
         seed: of all noise.

@@ -68,7 +68,7 @@ class Limit:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """What the filter does not know, and what comes of it, as `ortilo sensitivity --json` writes it.
+    """The result of the study of sensitivity, as `ortilo sensitivity --json` writes it.
 
     Attributes:
         scenario: its name.

@@ -1,4 +1,4 @@
-"""The report of a sensitivity study: a table, what must be known and how well, and a bar chart."""
+"""The report of a sensitivity study: a table, the required knowledge, and a bar chart."""
 
 from pathlib import Path
 from textwrap import fill

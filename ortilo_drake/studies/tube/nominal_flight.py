@@ -48,8 +48,8 @@ def delay_of(scenario: Scenario, sensor: str) -> int:
 def aim(scenario: Scenario, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return x_ref (n, 12) and u_ff (n, 4) for references r, r_dot, r_ddot (n, 9), by the servo's own law.
 
-    With L = 0 the law returns m g and u_ff; with unit rows for L, it returns x_ref row by row. A servo of one's own
-    tells no law: it is taken to aim as the LQ servo's form 'error' does, at the tilt of the planned acceleration.
+    With L = 0 the law returns m g and u_ff; with unit rows for L, it returns x_ref row by row. A registered
+    servo's law is unknown: it is taken to aim as the LQ servo's form 'error' does, at the planned acceleration's tilt.
     """
     vehicle, yaw = scenario.vehicle, scenario.yaw
     error_form = getattr(scenario.servo, "form", "error") == "error"

@@ -25,7 +25,7 @@ AT_ONCE = 50  # cases side by side; more do not fit into a processor's nearer me
 
 
 class Tube(NamedTuple):
-    """Where the vehicle is expected about r_k.
+    """The predicted deviation of the vehicle from r_k.
 
     Attributes:
         time: t_k [s] (n).

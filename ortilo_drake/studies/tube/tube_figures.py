@@ -28,7 +28,7 @@ _NONE = 3e-3  # where a rate of 0 is drawn on a logarithmic axis
 
 
 class ChanceGrid(NamedTuple):
-    """What tube_map.chance_map returned, with its two axes."""
+    """The result of tube_map.chance_map, with its two axes."""
 
     a: np.ndarray
     b: np.ndarray

@@ -57,7 +57,7 @@ OTHER_SEEDS = tuple(range(1001, 1041))  # arrivals that the mixture's radius is 
 
 
 class Flown(NamedTuple):
-    """What is kept of a flight.
+    """The figures that are kept of a flight.
 
     Attributes:
         seed: its seed.
@@ -72,7 +72,7 @@ class Flown(NamedTuple):
 
 @dataclass(frozen=True)
 class PointResult:
-    """A point of a map: what the theory says, and what was flown. Lengths in m.
+    """A point of a map: the theory's prediction, and the flights. Lengths in m.
 
     Attributes:
         at: the point: arrival rates of the two sensors, or of both and the mean burst [s].

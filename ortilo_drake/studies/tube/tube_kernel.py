@@ -1,4 +1,4 @@
-"""Matrices of many cases side by side, compiled: what a tick of the tube's recursion is made of.
+"""Compiled matrix operations for many cases side by side, used in each tick of the tube's recursion.
 
 Arrays end in an axis of B cases, so that the innermost loop runs over memory that lies together.
 """
@@ -186,7 +186,7 @@ def add_measured(
     m_next: np.ndarray,
     C_next: np.ndarray,
 ) -> None:
-    """Add to the next mean (15, B) and covariance (15, 15, B) what the measured position brings into the integral.
+    """Add the measured position's contribution to the integral to the next mean (15, B) and covariance (15, 15, B).
 
     Args:
         m: mean (15, B).

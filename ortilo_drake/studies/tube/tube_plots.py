@@ -1,4 +1,4 @@
-"""What figures of the tube are made of: the tube on a plan, flights in it over time, its margins over two losses."""
+"""Plots of the tube: the tube on a plan, flights in it over time, its margins over two losses."""
 
 from collections.abc import Sequence
 from typing import Final

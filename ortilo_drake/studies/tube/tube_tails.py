@@ -72,7 +72,7 @@ def mixture(scenario: Scenario, nominal: NominalFlight, seeds: Iterable[int]) ->
 
 
 def chance_outside(radius: np.ndarray, of: Mixture) -> np.ndarray:
-    """Return with what probability the mixture leaves the discs of that radius (n) about r_k (n)."""
+    """Return the probability that the mixture leaves the discs of that radius (n) about r_k (n)."""
     parts = [
         outside_discs(radius, np.ascontiguousarray(mean), np.ascontiguousarray(C))
         for mean, C in zip(of.means, of.covariances, strict=True)
@@ -81,7 +81,7 @@ def chance_outside(radius: np.ndarray, of: Mixture) -> np.ndarray:
 
 
 def greatest_chance(radius: np.ndarray, of: Mixture) -> float:
-    """Return the greatest of chance_outside, without the chances of ticks whose bound says that they are not it.
+    """Return the greatest of chance_outside; ticks whose bound is below it are skipped.
 
     |z - m| > x has a probability of at most exp(-x^2 / (2 s_1^2)), which holds for a round C.
     """

@@ -72,7 +72,7 @@ class Judged:
 
 @dataclass(frozen=True)
 class Found:
-    """What a search found.
+    """The result of a search.
 
     Attributes:
         search: what was asked for.

@@ -1,4 +1,4 @@
-"""What `ortilo tune --fly` searches: a scenario, settings and their ranges, how many flights."""
+"""The input of `ortilo tune --fly`: a scenario, settings and their ranges, the number of flights."""
 
 from pathlib import Path
 from typing import Annotated, Any, Final

@@ -1,4 +1,4 @@
-"""What a search by flights found, as text and as a scenario that flies."""
+"""The result of a search by flights, as text and as a scenario that flies."""
 
 import yaml
 

@@ -96,7 +96,7 @@ def never_seen(model: Model, probabilities: np.ndarray, names: tuple[str, ...] |
 
 
 def check_arrivals(model: Model, probabilities: np.ndarray, what: str) -> None:
-    """Do nothing if the probabilities sum to one and what they let through detects A; else InputError.
+    """Raise InputError unless the probabilities sum to one and the rows that arrive detect A.
 
     Args:
         model: the model.

@@ -32,7 +32,7 @@ _POWER_STEPS = 400  # where they do not decide, l counts as too low, so that l_m
 
 @dataclass(frozen=True)
 class CriticalRate:
-    """What is known of l_c for a pair (A, C).
+    """The bounds on l_c for a pair (A, C), and its value where it is known.
 
     Attributes:
         rate: l_c, or None where only the bounds are known.

@@ -40,7 +40,7 @@ def second_order_rate(modulus: float, d: int | None) -> float:
 
 
 def growth_in_bursts(modulus: float, d: int | None, failure: float, recovery: float) -> float:
-    """Return by how much E[P_k] grows in a tick through a Gilbert-Elliott channel; it stays bounded if below 1.
+    """Return the growth factor of E[P_k] a tick through a Gilbert-Elliott channel; E[P_k] is bounded if it is below 1.
 
     Packets of good ticks arrive, those of bad ones are lost. Of d ticks the first may be either and d - 1 are bad: the
     chance of that, from one first tick to the next, is the radius of a matrix of rank 1, p q (1 - q)^(d-2) + (1 - q)^d

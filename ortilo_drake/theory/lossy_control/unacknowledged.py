@@ -1,4 +1,4 @@
-"""The LQG gain through a link that loses commands and says nothing of them ("UDP-like"), where the state is measured.
+"""The LQG gain through a link that loses commands without acknowledgement ("UDP-like"), where the state is measured.
 
 x_{k+1} = A x_k + nu_k B u_k + w_k as in acknowledged.py, but the estimator does not know nu_k. With the probability
 gamma the whole of x_k arrives, without noise; otherwise xhat_{k+1} = A xhat_k + nu B u_k, and the error of it grows by

@@ -26,7 +26,7 @@ DIGITS = 10  # decimals of an eigenvalue, the rest being rounding
 
 
 class Mode(NamedTuple):
-    """An eigenvalue of a matrix, or of the part of it that no output sees or no control reaches.
+    """An eigenvalue of a matrix, or of its part that is unobservable or uncontrollable.
 
     Attributes:
         eigenvalue: z.

@@ -1,4 +1,4 @@
-"""Units of states and inputs in which a Riccati equation's matrices are of one size.
+"""Units of states and inputs in which a Riccati equation's matrices are balanced.
 
 With x = T x', u = S u', T and S diagonal, the DARE of A, B, Q, R, N and X becomes that of T^-1 A T, T^-1 B S, T Q T,
 S R S, T N S and X' = T X T. T and S are powers of two, so neither this nor the way back rounds anything. Thresholds
@@ -33,14 +33,14 @@ def powers_of_two(x: np.ndarray) -> np.ndarray:
 
 
 def unit_diagonal(M: np.ndarray) -> np.ndarray:
-    """Return D M D, D diagonal, whose diagonal is 1, -1 or 0; what M says of definiteness does not change."""
+    """Return D M D, D diagonal, whose diagonal is 1, -1 or 0; M's definiteness does not change."""
     d = np.sqrt(abs(M.diagonal()))
     d = np.where(d > 0.0, d, 1.0)
     return M / d / d[:, None]
 
 
 def balancing_units(A: np.ndarray, G: np.ndarray, Q: np.ndarray) -> np.ndarray:
-    """Return T for which each state's couplings that grow with its unit and those that shrink are of one size.
+    """Return T that balances each state's couplings: those that grow with its unit and those that shrink.
 
     Of state j, column j of A without its diagonal and row j of Q grow; row j of A and of G shrink. Where one kind is
     missing the other becomes 1: SciPy's matrix_balance, otherwise the same, would leave such a state as it was given,

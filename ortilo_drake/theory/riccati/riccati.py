@@ -42,7 +42,7 @@ Solver = Callable[..., np.ndarray]
 
 
 def by_drake(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, N: np.ndarray | None = None) -> np.ndarray:
-    """Return X by Drake; SystemExit on what Drake refuses. R must be > 0 and Q >= 0 without any rounding error."""
+    """Return X by Drake; SystemExit on a problem it refuses. R must be > 0 and Q >= 0 without any rounding error."""
     A, B, Q, R, *cross = real_matrices(A=A, B=B, Q=Q, R=R, **({} if N is None else {"N": N}))
     return DiscreteAlgebraicRiccatiEquation(A, B, Q, R, *cross)
 

@@ -50,7 +50,7 @@ class Sightings:
 
     @property
     def found(self) -> np.ndarray:
-        """Which were found (n)."""
+        """A mask (n) of those that were found."""
         return np.isfinite(self.seen[:, 0])
 
 

@@ -1,4 +1,4 @@
-"""Which landmarks of a room a detector recognises: along the way, and from near."""
+"""The landmarks of a room that a detector recognises: along the way, and from near."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ STEP = 0.25  # between pictures along the way [m]
 
 @dataclass(frozen=True)
 class Views:
-    """How one landmark is recognised in some pictures.
+    """The detector's results for one landmark in some pictures.
 
     Attributes:
         pictures: in which it is to be found.
@@ -37,7 +37,7 @@ class Views:
 
 @dataclass(frozen=True)
 class Recognised:
-    """How one landmark is recognised.
+    """The detector's results for one landmark: along the way, and from near.
 
     Attributes:
         number: of the landmark in the room.

@@ -1,4 +1,4 @@
-"""A small server before Drake's Meshcat, because Meshcat itself obeys whoever reaches its port.
+"""A small server in front of Drake's Meshcat, because Meshcat itself obeys anyone who reaches its port.
 
 Any web page that is open in a browser of this machine can reach a port of this machine. Meshcat checks neither where a
 message comes from nor what it says. It therefore listens where no web page finds it, and the user's browser talks to

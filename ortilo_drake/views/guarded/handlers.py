@@ -1,4 +1,4 @@
-"""What the guard answers: Drake's page and its files, and the page's socket."""
+"""The guard's handlers: Drake's page and its files, and the page's socket."""
 
 import asyncio
 import contextlib
@@ -32,7 +32,7 @@ HEADERS: Final = {
 
 @dataclass
 class Rules:
-    """What is let through, and who is inside.
+    """The guard's rules, and the pages that are open.
 
     Attributes:
         drawn_at: host:port where Drake's Meshcat listens.
@@ -55,7 +55,7 @@ class Rules:
     pages: set["PageSocket"] = field(default_factory=set)
 
     def refusal(self, request: HTTPServerRequest) -> str | None:
-        """Return why a request is refused; None if it is not.
+        """Return the reason why a request is refused; None if it is not.
 
         A page of elsewhere gives its own Origin; one whose name was bound anew to this machine (DNS rebinding) its own
         Host; and neither knows the token.
@@ -109,7 +109,7 @@ class _Guarded(RequestHandler):
 
 
 class PageFile(_Guarded):
-    """Drake's page, its icon, and what its scene is made of."""
+    """Drake's page, its icon, and its scene's files."""
 
     async def get(self) -> None:
         """Answer with the file; 404 for what is none."""
@@ -131,10 +131,10 @@ class PageFile(_Guarded):
 
 
 class PageSocket(_Guarded, WebSocketHandler):
-    """The socket of an open page: brings what Drake draws and takes what the panel knows."""
+    """The socket of an open page: it sends Drake's drawing commands and receives the panel's values."""
 
     def open(self, *_: str, **__: str) -> None:
-        """Begin to bring what Drake draws."""
+        """Begin to forward Drake's drawing commands."""
         if len(self.rules.pages) >= self.rules.most_pages:
             self._end(1013, f"a page beyond {self.rules.most_pages} open ones")
             return
@@ -157,7 +157,7 @@ class PageSocket(_Guarded, WebSocketHandler):
     def bring(self, message: bytes) -> None:
         """Send a message to the page, as soon as it reads; one that leaves too much unread is closed.
 
-        A page that draws slower than the flight is told of each thing only how it is by then.
+        A page that draws slower than the flight gets only the latest state of each object.
         """
         drawn = what_is_drawn(message)
         self._waits += len(message) + PER_MESSAGE
@@ -181,7 +181,7 @@ class PageSocket(_Guarded, WebSocketHandler):
                 await self._sends.wait()
 
     def on_message(self, message: str | bytes) -> None:
-        """Take what the panel knows, and show it on the other pages; whoever sends anything else is closed."""
+        """Take the panel's values, and show them on the other pages; a page that sends anything else is closed."""
         if self not in self.rules.pages:
             return
         try:
@@ -196,7 +196,7 @@ class PageSocket(_Guarded, WebSocketHandler):
                 page.bring(msgpack.packb(told))
 
     def on_close(self) -> None:
-        """Let go of what Drake draws."""
+        """Stop forwarding Drake's drawing commands."""
         if self in self.rules.pages:
             self.rules.pages.remove(self)
             self._sends.set()  # that it ends

@@ -1,4 +1,4 @@
-"""The sliders and buttons of a page, and what a message of a page may say about them.
+"""The sliders and buttons of a page, and the decoding of a page's messages about them.
 
 Messages come from whoever reached the page's socket. They are decoded here, within narrow limits, and never reach
 Drake, whose own decoder ends the process at the first one that is malformed.
@@ -27,7 +27,7 @@ class Slider:
 
 
 class Panel:
-    """What the user of a page has set and clicked.
+    """The values that the user of a page has set, and the buttons clicked.
 
     One thread takes messages and another reads: of each slider only the last value is kept and of each button the
     number of clicks, so that any number of messages between two looks costs the reader nothing.

@@ -1,1 +1,1 @@
-"""Self-contained HTML pages: of a flight, and of what the studies wrote."""
+"""Self-contained HTML pages: of a flight, and of the studies' results."""

@@ -1,4 +1,4 @@
-"""What the page of a flight shows, as plain numbers."""
+"""The data of a flight's page, as plain numbers."""
 
 from typing import Any
 

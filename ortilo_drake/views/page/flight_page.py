@@ -1,4 +1,4 @@
-"""The page of a flight: it plays in 3D, with lamps, errors, arrivals and what the camera saw, without a network."""
+"""The page of a flight: a 3D replay with lamps, errors, arrivals and camera pictures, without a network."""
 
 from html import escape
 from typing import Any

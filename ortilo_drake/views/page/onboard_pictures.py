@@ -1,4 +1,4 @@
-"""What the camera saw in a flight, drawn again for its page."""
+"""The camera's pictures in a flight, drawn again for its page."""
 
 import base64
 from typing import Any

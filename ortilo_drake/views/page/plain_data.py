@@ -10,7 +10,7 @@ MOST_SHOWN = 8  # numbers of a long list
 
 
 def data_html(data: dict[str, Any], level: int = 2) -> str:
-    """Return the HTML of an object; what is in it comes below a heading of that level."""
+    """Return the HTML of an object; its parts have headings below that level."""
     plain = {name: value for name, value in data.items() if not _is_nested(value)}
     parts = [facts([(_words(name), cell(value)) for name, value in plain.items()])] if plain else []
     for name, value in data.items():

@@ -6,7 +6,7 @@ from html import escape
 
 
 def markdown_html(text: str) -> str:
-    """Return HTML of a Markdown text; what is in it of HTML is shown as it stands."""
+    """Return HTML of a Markdown text; HTML in it is shown as text."""
     return "\n".join(_block(block) for block in re.split(r"\n\s*\n", _apart(text)) if block.strip())
 
 

@@ -11,8 +11,8 @@ from ortilo_drake.scenario import Scenario, load_scenario
 def repeat_command(scenario: Scenario) -> str | None:
     """Return the `ortilo fly` command that flies a scenario again, its seed included.
 
-    What differs from the ready-made scenario of that name stands in --set. The command is tried: it loads the very
-    scenario, or there is none.
+    The differences from the ready-made scenario of that name stand in --set. The command is checked: it loads this very
+    scenario, or none is returned.
 
     Returns:
         The command; None if the scenario is of a file of the user's, whose place a flight does not know.

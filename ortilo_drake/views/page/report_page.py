@@ -1,4 +1,4 @@
-"""The page of what a command wrote: its folder with a Markdown report and figures, or its JSON file."""
+"""The page of a command's results: its folder with a Markdown report and figures, or its JSON file."""
 
 import base64
 import json

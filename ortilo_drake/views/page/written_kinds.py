@@ -1,4 +1,4 @@
-"""What each command writes, and by what a page knows it: the keys of a JSON file, the heading of a Markdown report."""
+"""The kinds of files that commands write, known by the keys of a JSON file or the heading of a Markdown report."""
 
 import fnmatch
 import glob
@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 
 
 class Kind(NamedTuple):
-    """What a command writes.
+    """A kind of file that a command writes.
 
     Attributes:
         command: the command, up to its scenario or preset.

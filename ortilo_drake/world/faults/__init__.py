@@ -1,1 +1,1 @@
-"""What goes wrong in the world in the middle of a flight: the faults of scenario/faults.py applied."""
+"""The faults of scenario/faults.py, applied in the middle of a flight."""

@@ -27,7 +27,7 @@ def fault_out(
     faults: FaultTable,
     out: np.ndarray,
 ) -> None:
-    """Say a message under a fault, see with_fault; of several samples each of them."""
+    """Output a message under a fault, see with_fault; of several samples each of them."""
     put(message, out)
     for i in range(n.samples):
         sample = sample_of(out, i, n.samples)
@@ -42,7 +42,7 @@ def stuck_out(
     faults: FaultTable,
     out: np.ndarray,
 ) -> None:
-    """Say a message of a sensor that may be stuck, see stuck_says; of several samples each of them."""
+    """Output a message of a sensor that may be stuck, see stuck_says; of several samples each of them."""
     put(message, out)
     put(held, holds)
     for i in range(n.samples):
@@ -60,7 +60,7 @@ def stuck_step(
     held: np.ndarray,
     faults: FaultTable,
 ) -> None:
-    """Hold what the message of this tick said, see held_after."""
+    """Hold this tick's message, see held_after."""
     for i in range(n.samples):
         sample = sample_of(message, i, n.samples)
         if sample[ARRIVED] != 0.0:
@@ -73,7 +73,7 @@ def lasts_out(
     faults: FaultTable,
     out: np.ndarray,
 ) -> None:
-    """Say a message as a fault of one's own changed it while the fault lasts, as it was before and after."""
+    """Output a message, changed by a registered fault while the fault lasts."""
     lasts = is_active(faults, 0, message[STAMP])
     put(changed if message[ARRIVED] != 0.0 and lasts else message, out)
 
@@ -85,9 +85,9 @@ def asked_out(
     faults: FaultTable,
     out: np.ndarray,
 ) -> None:
-    """Say a number (1) that is not negative where a sensor is to measure.
+    """Output a number (1) that is not negative where a sensor is to measure.
 
-    It is where its message is sent; and in every tick before it is stuck, as it will say again what it said last.
+    That is where its message is sent, and in every tick before it is stuck, as it will repeat its last message.
     """
     fill(out, delay[0])
     for i in range(faults.kinds.size):
@@ -153,7 +153,7 @@ def fault_boxes(
 
 
 def own_fault_box(part: Part, its: Numbered, message: Box, samples: int, h: float) -> Box:
-    """Return the box of a message that a fault of one's own changes; arguments and errors as fault_boxes'."""
+    """Return the box by which a registered fault changes a message; arguments and errors as fault_boxes'."""
     where = f"faults.{its.i}: {part.kind}"
     if samples > 1:
         raise InputError(f"{where}: {message.name}: sends {samples} samples in a tick, must send one for such a fault")
@@ -168,7 +168,7 @@ def own_fault_box(part: Part, its: Numbered, message: Box, samples: int, h: floa
 
 
 def asked_box(sensor: str, faults: list[Numbered], samples: int, h: float) -> Box | None:
-    """Return the box that tells when a sensor that will be stuck is to measure; None where none will be.
+    """Return the box that says when a sensor that will be stuck is to measure; None where none will be.
 
     Args:
         sensor: its name; the delay of its link is read.

@@ -20,7 +20,7 @@ _YAW, _RATES = PAYLOAD + 2, PAYLOAD + 3  # in an imu message
 
 @njit(cache=True)
 def with_fault(message: np.ndarray, faults: FaultTable, i: int, moment: Moment) -> np.ndarray:
-    """Return a sensor's message as it is said under fault i, which is not that of a sensor that is stuck."""
+    """Return a sensor's message under fault i, which is none of a stuck sensor."""
     if message[ARRIVED] == 0.0 or not is_active(faults, i, moment.t):
         return message.copy()
     kind, values = faults.kinds[i], settings_of(faults, i)

@@ -1,4 +1,4 @@
-"""Faults of ranges, each a function from a uwb message to the one that is said."""
+"""Faults of ranges, each a function from a uwb message to the faulty one."""
 
 from typing import NamedTuple
 
@@ -24,7 +24,7 @@ from ortilo_drake.world.noise import normals, uniforms
 
 
 class Moment(NamedTuple):
-    """What a fault may know beside the message.
+    """The data that a fault may use beside the message.
 
     Attributes:
         x: state as the sensor sees it (12).

@@ -1,4 +1,4 @@
-"""Faults of what a projected camera looks at: landmarks moved or gone, and people in the way.
+"""Faults of a projected camera's scene: landmarks moved or gone, and people in the way.
 
 A box tells no landmark's identity, so these are not faults of the message but of the scene. Each landmark's noise is
 its own, so what the others give stays as it was.
@@ -26,7 +26,7 @@ from ortilo_drake.world.sensors.landmark_view import Surroundings
 
 
 class Scene(NamedTuple):
-    """What a camera looks at.
+    """The scene in front of a camera.
 
     Attributes:
         room: landmarks that are there, and what may hide them.

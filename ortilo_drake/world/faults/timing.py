@@ -1,4 +1,4 @@
-"""When a fault lasts."""
+"""The times at which a fault lasts."""
 
 from typing import Final
 

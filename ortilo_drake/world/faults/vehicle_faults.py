@@ -1,7 +1,7 @@
 """Faults of the vehicle: a gust, a load dropped in flight, a weak rotor.
 
 A body of c times the mass moves under thrust f and force d as the one of the old mass does under f / c and d / c,
-torques as they are; so does its accelerometer. So a dropped load is a change of what acts on the body.
+torques unchanged; so does its accelerometer. So a dropped load is a change of the forces on the body.
 """
 
 from typing import Any
@@ -34,13 +34,13 @@ def wrench_matrix(fault: AnyFault, vehicle: Vehicle) -> np.ndarray:
 
 
 def wrench_table(faults: tuple[AnyFault, ...], vehicle: Vehicle) -> FaultTable:
-    """Return those of a scenario's faults that change what the rotors do; their settings are T row by row."""
+    """Return a scenario's faults that change the rotors' wrench; their settings are T row by row."""
     its = [one for one in numbered(faults) if isinstance(one.fault, LoadDropped | RotorWeak)]
     return table_of(its, [wrench_matrix(one.fault, vehicle).ravel().tolist() for one in its])
 
 
 def force_table(faults: tuple[AnyFault, ...]) -> FaultTable:
-    """Return those of a scenario's faults that change what the disturbance does."""
+    """Return a scenario's faults that change the disturbance."""
     return table_of([one for one in numbered(faults) if isinstance(one.fault, Gust | LoadDropped)])
 
 
@@ -74,7 +74,7 @@ def wrench_out(
     faults: FaultTable,
     out: np.ndarray,
 ) -> None:
-    """Say u (4) of wrench_at."""
+    """Output u (4) of wrench_at."""
     put(wrench_at(control, faults, k * n.h), out)
 
 
@@ -85,7 +85,7 @@ def force_out(
     faults: FaultTable,
     out: np.ndarray,
 ) -> None:
-    """Say d (6) of force_at."""
+    """Output d (6) of force_at."""
     put(force_at(disturbance, faults, k * n.h), out)
 
 

@@ -4,8 +4,8 @@ One packet a tick. It is lost as a sensor's message is (world/radio/link.py): at
 Markov chain, at sending. A packet sent at tick k with a delay of d ticks acts at tick k + d; what is in flight arrives.
 In a tick in which nothing arrives the rotors either hold the last command that did or fall back to hover.
 
-The sender hears nothing back, as over UDP: filter and servo take every command for applied at once, unless what
-acted is reported (world/vehicle/acted_report.py). L. Schenato,
+There is no acknowledgement, as over UDP: filter and servo take every command for applied at once, unless the world
+reports which acted (world/vehicle/acted_report.py). L. Schenato,
 "To zero or to hold control inputs with lossy links?", IEEE Trans. Automatic Control 54 (2009), compares the two
 strategies.
 """
@@ -105,14 +105,14 @@ def link_after(
 def link_out(
     n: Any, k: int, seed: int, control: np.ndarray, link: np.ndarray, hover: np.ndarray, out: np.ndarray
 ) -> None:
-    """Say the control that acts over tick k (4), and when the command that arrives in it was sent [s], -1 for none."""
+    """Output the control that acts over tick k (4), and when the command arriving in it was sent [s], -1 for none."""
     put(applied_command(k, link, control, n.loss, hover, n.holds != 0, seed, n.stream), out)
     sent = arriving(k, link, n.loss, seed, n.stream)
     out[N_U] = sent * n.h if sent >= 0 else -1.0
 
 
 def delayed_out(n: Any, k: int, seed: int, link: np.ndarray, hover: np.ndarray, out: np.ndarray) -> None:
-    """Say what link_out says, of a link that delays: no command acts in the tick in which it is sent."""
+    """Output what link_out does, for a link that delays: no command acts in the tick in which it is sent."""
     put(applied_command(k, link, hover, n.loss, hover, n.holds != 0, seed, n.stream), out)
     sent = arriving(k, link, n.loss, seed, n.stream)
     out[N_U] = sent * n.h if sent >= 0 else -1.0
@@ -145,7 +145,7 @@ def first_state(settings: CommandLinkSettings, hover_thrust: float) -> np.ndarra
 def command_link_box(settings: CommandLinkSettings, hover_thrust: float, h: float) -> Box:
     """Return the box that carries the commands to the rotors; it reads them as they are sent, `control` (4).
 
-    It says which control acts, `applied` (4), and when the command was sent that arrives now, `stamp` (1).
+    It outputs the control that acts, `applied` (4), and the time the command arriving now was sent, `stamp` (1).
     """
     numbers = {"loss": loss_parameters(settings.loss, h), "holds": settings.when_lost == "hold", "h": h}
     numbers |= {"stream": stream_id("link/command")}

@@ -28,7 +28,7 @@ def check_kept(every: int, longest: int, width: int, height: int) -> None:
 
 
 class ImageDelay(LeafSystem):
-    """Gives the picture that belongs to a late shutter message.
+    """Outputs the picture that belongs to a late shutter message.
 
     Ports:
         color_image (ImageRgba8U): what the camera sees now.

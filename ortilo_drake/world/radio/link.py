@@ -113,7 +113,7 @@ def landing_row(flying: np.ndarray, k: int, newest: float) -> int:
 
 
 def steps_a_chain(settings: Link) -> bool:
-    """Return whether what is lost depends on a chain that steps."""
+    """Return whether losses depend on a Markov chain, which steps each tick."""
     return settings.loss.kind in ("bursts", "gilbert_elliott")
 
 
@@ -133,14 +133,14 @@ def blackout_rows(settings: Link, h: float) -> np.ndarray:
 
 
 def link_out(n: Any, k: int, seed: int, state: np.ndarray, blackouts: np.ndarray, out: np.ndarray) -> None:
-    """Say the delay of delay_of_tick [ticks] (1), NOT_SENT where no message is sent, of a link without a chain."""
+    """Output the delay of delay_of_tick [ticks] (1), NOT_SENT where no message is sent, of a link without a chain."""
     out[0] = delay_of_tick(k, n.every, state, False, n.loss, blackouts, (n.delay, n.random), seed, n.stream)
 
 
 def bursty_out(
     n: Any, k: int, seed: int, state: np.ndarray, blackouts: np.ndarray, bad: np.ndarray, out: np.ndarray
 ) -> None:
-    """Say what link_out says, of a link whose chain is bad or good."""
+    """Output what link_out does, for a link whose chain is bad or good."""
     out[0] = delay_of_tick(k, n.every, state, bad[0] != 0.0, n.loss, blackouts, (n.delay, n.random), seed, n.stream)
 
 
@@ -168,7 +168,7 @@ BURSTY = Element(
 
 
 def late_out(k: int, message: np.ndarray, delay: np.ndarray, flying: np.ndarray, out: np.ndarray) -> None:
-    """Say the message that lands in tick k, zeros if none does: this tick's, or one of those in flight."""
+    """Output the message that lands in tick k, zeros if none does: this tick's, or one of those in flight."""
     fill(out, 0.0)
     now = delay[0] == 0.0 and message[ARRIVED] != 0.0
     landed = landing_row(flying, k, message[STAMP] if now else -np.inf)
@@ -179,7 +179,7 @@ def late_out(k: int, message: np.ndarray, delay: np.ndarray, flying: np.ndarray,
 
 
 def delayed_out(k: int, flying: np.ndarray, out: np.ndarray) -> None:
-    """Say the message that lands in tick k, zeros if none does, where none lands in the tick in which it is sent."""
+    """Output the message that lands in tick k, zeros if none does, where none lands in the tick in which it is sent."""
     fill(out, 0.0)
     landed = landing_row(flying, k, -np.inf)
     if landed != NOT_SENT:
@@ -193,7 +193,7 @@ def late_step(k: int, message: np.ndarray, delay: np.ndarray, flying: np.ndarray
 
 
 def sent_out(message: np.ndarray, delay: np.ndarray, out: np.ndarray) -> None:
-    """Say the message of this tick where there is one and it is sent, else zeros."""
+    """Output the message of this tick where there is one and it is sent, else zeros."""
     fill(out, 0.0)
     if delay[0] == 0.0 and message[ARRIVED] != 0.0:
         put(message, out)
@@ -229,7 +229,7 @@ def is_late(settings: Link) -> bool:
 def delivery_box(sensor: str, message: Box, settings: Link) -> Box:
     """Return the box that delivers a sensor's messages as its link decides.
 
-    Where none is late, and there is a message only where one is sent, nothing needs to.
+    No box is needed where no message is late and a message is there only when it is sent.
     """
     most, reads = settings.delay + settings.random_delay, {"message": message.name, "delay": f"{sensor}_link"}
     if not most:

@@ -35,7 +35,7 @@ def straight_model(camera: CameraModel) -> CameraModel:
 
 
 def straight_places(camera: CameraModel) -> tuple[np.ndarray, np.ndarray]:
-    """Return where each pixel of a bent picture lies in the straight one, u and v (height, width), float32 [px].
+    """Return each distorted pixel's place in the undistorted picture, u and v (height, width), float32 [px].
 
     A pixel without a ray, in the corners of a fisheye's picture, is outside.
     """

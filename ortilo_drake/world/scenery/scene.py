@@ -135,5 +135,5 @@ def mesh_extent(path: Path) -> np.ndarray:
 
 
 def scene_items(room: Room) -> list[SceneItem]:
-    """Return all that is to be seen in a room: floor, walls, stands, furniture, landmarks and what carries them."""
+    """Return the visible things in a room: floor, walls, stands, furniture, landmarks and their posts."""
     return _floor(room) + _walls(room) + _stands(room) + _furniture(room) + _landmarks(room)

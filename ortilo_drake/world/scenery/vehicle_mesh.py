@@ -48,7 +48,7 @@ M100_ARMS: Final = tuple(
 
 
 def propeller_radius(vehicle: Vehicle) -> float:
-    """Return the radius of the propellers [m]: what the vehicle's radius leaves, and neighbours do not touch."""
+    """Return the propellers' radius [m]: within the vehicle's radius, without touching their neighbours."""
     arms = vehicle.arms or ()
     axes = np.array([[arm.length * math.cos(arm.angle), arm.length * math.sin(arm.angle)] for arm in arms])
     room = CLEAR * min(float(np.linalg.norm(a - b)) for a, b in combinations(axes, 2))

@@ -1,4 +1,4 @@
-"""The vehicle's pose, as a SceneGraph wants to be told it."""
+"""The vehicle's pose, in the form that a SceneGraph needs."""
 
 from pydrake.common.value import Value
 from pydrake.geometry import FrameId, FramePoseVector

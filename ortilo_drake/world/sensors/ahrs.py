@@ -30,7 +30,7 @@ STREAM = "imu/ahrs drift"
 
 
 def ahrs_out(n: Any, message: np.ndarray, e: np.ndarray, out: np.ndarray) -> None:
-    """Say an imu message with the angles of the attitude filter; of several samples each of them."""
+    """Output an imu message with the angles of the attitude filter; of several samples each of them."""
     put(message, out)
     for i in range(n.samples):
         sample = sample_of(out, i, n.samples)
@@ -62,7 +62,7 @@ AHRS = Element(
 
 
 def ahrs_box(settings: Ahrs, message: Box, samples: int, h: float) -> Box:
-    """Return the attitude filter of an imu whose message the box says: its yaw does not drift unless that is drawn.
+    """Return the attitude filter of an imu whose message the box says: its yaw drifts only if a drift is drawn.
 
     It reads the true state (12) and the acceleration of B's origin in W (3).
     """

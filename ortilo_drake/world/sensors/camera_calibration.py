@@ -35,7 +35,7 @@ Sizes = tuple[Positive, ...]
 
 
 class Source(Frozen):
-    """Where a calibration comes from: flights of a scenario, the pictures in them, and the detector's digest."""
+    """The source of a calibration: flights of a scenario, the pictures in them, and the detector's digest."""
 
     scenario: str
     seeds: tuple[int, ...]

@@ -1,6 +1,6 @@
 """A camera's rates and errors as tables for compiled functions: linear between knots and constant beyond.
 
-What they mean is told in camera_calibration.py.
+For their meaning see camera_calibration.py.
 """
 
 from typing import NamedTuple
@@ -80,8 +80,8 @@ def measured_tables(calibration: CameraCalibration, classes: tuple[str, ...], wi
 def parametric_tables(settings: ParametricErrors, classes: tuple[str, ...], image: np.ndarray) -> Tables:
     """Return the tables of a few numbers, for a room's classes and an image's width and height [px] (2).
 
-    Every edge of a box has its own noise, so a centre's is 1 / sqrt(2) and an extent's sqrt(2) of it; normal, so its
-    mean size is sqrt(2 / pi) of that.
+    Every edge of a box has its own noise: a centre's is 1 / sqrt(2) of it, an extent's sqrt(2). It is normal, so its
+    mean size is sqrt(2 / pi) times its standard deviation.
     """
     far = settings.max_distance
     sure = (1.0 - settings.miss_base) / settings.miss_per_metre if settings.miss_per_metre > 0.0 else np.inf

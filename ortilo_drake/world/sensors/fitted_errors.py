@@ -24,7 +24,7 @@ NEAREST, LARGEST = 0.02, 10.0  # no antenna is nearer to the floor than this [m]
 
 
 class Day(NamedTuple):
-    """What is the same in all flights of a day: each anchor's constant (n) [m], and its field in space, if any."""
+    """Errors that are the same in all flights of a day: each anchor's constant (n) [m], and its field, if any."""
 
     constants: np.ndarray
     fields: tuple[MaternField, ...]
@@ -78,7 +78,7 @@ def largest_sd(noise: UwbNoise) -> float:
 
 @njit(cache=True)
 def outlier_rows(anchor: np.ndarray, odd: np.ndarray, u: np.ndarray, begins: float, ends: float) -> np.ndarray:
-    """Return which rows (m) are outliers.
+    """Return a mask (m) of the outlier rows.
 
     Args:
         anchor: of each row (m).

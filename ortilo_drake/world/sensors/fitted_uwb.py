@@ -1,4 +1,4 @@
-"""UWB ranging with the errors that recordings told of: the element of fitted_errors.py's equations.
+"""UWB ranging with errors fitted to recordings: the element of fitted_errors.py's equations.
 
 g_i goes on in every tick. In a tick in which a message is sent, each range is missing with the same probability, and
 the outliers' chain of its anchor goes on if it is not.
@@ -43,7 +43,7 @@ def fitted_out(
     v: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Say the uwb message in a tick in which it is sent, else zeros; none of its ranges is below 0."""
+    """Output the uwb message in a tick in which it is sent, else zeros; none of its ranges is below 0."""
     fill(out, 0.0)
     if sent[0] < 0.0:
         return
@@ -68,7 +68,7 @@ def fitted_out(
 def fitted_step(
     n: Any, k: int, seed: int, sent: np.ndarray, a: np.ndarray, q: np.ndarray, g: np.ndarray, odd: np.ndarray
 ) -> None:
-    """Go on to what lasts of the errors in the next tick, and to the outliers of the next message."""
+    """Advance the slow errors to the next tick, and the outliers to the next message."""
     put(slow_noise_after(g, a, q, seed, n.lasting, k * n.h, n.h), g)
     if sent[0] < 0.0:
         return
@@ -109,7 +109,7 @@ FITTED = Element(
 def fitted_box(settings: Uwb, room: Room, h: float) -> Box:
     """Return the receiver; as uwb_box, it reads `sent` (1) and the true state (12).
 
-    What a seed draws, constants, fields and the first of what lasts, is zero until it is drawn.
+    What a seed draws (constants, fields, the first slow errors) is zero until it is drawn.
     """
     noise, n = noise_of(settings), len(room.anchors)
     begins, ends = outlier_chain(noise.outliers.share, noise.outliers.burst)
@@ -137,7 +137,7 @@ def fitted_box(settings: Uwb, room: Room, h: float) -> Box:
 
 
 def fitted_drawn(settings: Uwb, n: int, h: float, draw: AtStart) -> Given:
-    """Return what the box of n anchors is given in a flight of these draws."""
+    """Return the values given to the box of n anchors in a flight of these draws."""
     noise = noise_of(settings)
     day = draw_day(noise, n, draw)
     start = {"g": lasting_of(noise, n, h).start * draw(LASTING, n)}

@@ -63,7 +63,7 @@ def put_angles(message: np.ndarray, v: Four, x: np.ndarray, bias: np.ndarray, sd
 def angles_out(
     n: Any, k: int, seed: int, sent: np.ndarray, state: np.ndarray, bias: np.ndarray, out: np.ndarray
 ) -> None:
-    """Say the imu message of put_angles in a tick in which it is sent, else zeros."""
+    """Output the imu message of put_angles in a tick in which it is sent, else zeros."""
     fill(out, 0.0)
     if sent[0] >= 0.0:
         put_angles(out, four_normals(seed, n.stream, k), state, bias, n.sd, k * n.h)
@@ -80,7 +80,7 @@ def imu_out(
     v: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Say the imu message of put_imu_message in a tick in which it is sent, else zeros."""
+    """Output the imu message of put_imu_message in a tick in which it is sent, else zeros."""
     fill(out, 0.0)
     if sent[0] >= 0.0:
         put_normals(v, seed, n.stream, k)
@@ -99,10 +99,10 @@ def samples_out(
     v: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Say the samples of an imu faster than the tick in a tick in which they are sent, else zeros.
+    """Output the samples of an imu faster than the tick in a tick in which they are sent, else zeros.
 
-    Those inside the tick before, the oldest first, are of what was passed then and of that tick's seed; at t_0 only the
-    last sample is there.
+    Samples inside the last tick, oldest first, are of the states passed then and of that tick's seed; at t_0 there is
+    only the last sample.
     """
     fill(out, 0.0)
     if sent[0] < 0.0:

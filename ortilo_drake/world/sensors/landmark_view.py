@@ -1,4 +1,4 @@
-"""Views of the landmarks: distance, box, the share inside the image and the share that nothing hides.
+"""Views of the landmarks: distance, box, the share inside the image and the visible share.
 
 The very numbers that a detector's rates and errors are measured by (training/calibration/calibrate.py) and drawn by
 (projected_camera.py), so they hold no chance.
@@ -104,9 +104,9 @@ def view_box(
     limits: np.ndarray,
     box: np.ndarray,
 ) -> tuple[float, float]:
-    """Write the whole box of landmark i to box (4); return its distance [m] and the share of it inside the image.
+    """Write landmark i's whole box to box (4); return its distance [m] and its share inside the image.
 
-    The share is 0, and the box is nothing, if there is nothing of the landmark in the image.
+    The share is 0, and the box is not written, if no part of the landmark is in the image.
 
     Args:
         i: the landmark.

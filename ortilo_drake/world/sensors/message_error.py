@@ -1,4 +1,4 @@
-"""Errors of a sensor's payload beside its white noise: what is added to it, and a factor of the whole."""
+"""Errors of a sensor's payload beside its white noise: a bias that is added, and a factor of the whole."""
 
 from typing import Any
 
@@ -41,7 +41,7 @@ def message_with_error(message: np.ndarray, factor: np.ndarray, error: np.ndarra
 def errors_out(
     n: Any, message: np.ndarray, x: np.ndarray, bias: np.ndarray, factor: np.ndarray, out: np.ndarray
 ) -> None:
-    """Say a message with what lasts of its errors, see message_with_error; of several samples each of them."""
+    """Output a message with its slow errors, see message_with_error; of several samples each of them."""
     put(message, out)
     for i in range(n.samples):
         sample = sample_of(out, i, n.samples)

@@ -17,12 +17,12 @@ from ortilo_drake.world.noise import put_normals, stream_id
 
 @lru_cache(maxsize=64)
 def saying(measure: Callable[..., np.ndarray]) -> Callable[..., None]:
-    """Return a function that says a sensor's message of what its share measures."""
+    """Return a function that makes a sensor's message from its compiled measurement."""
 
     def say(
         numbers: Any, n: Any, k: int, seed: int, sent: np.ndarray, state: np.ndarray, v: np.ndarray, out: np.ndarray
     ) -> None:
-        """Say [1, t_k, payload] in a tick in which it is sent, zeros if it is not or the sensor gives nothing."""
+        """Output [1, t_k, payload] in a tick in which it is sent, zeros if it is not or the sensor gives nothing."""
         fill(out, 0.0)
         if sent[0] >= 0.0:
             put_normals(v, seed, n.stream, k)

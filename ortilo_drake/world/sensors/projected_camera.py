@@ -1,4 +1,4 @@
-"""A landmark camera without an image: what the detector would return of the rendered picture.
+"""A landmark camera without an image: boxes as a detector would return them for the rendered picture.
 
 It draws from what was measured of them (camera_calibration.py) or from a few given numbers.
 """

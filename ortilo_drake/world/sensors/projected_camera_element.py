@@ -39,7 +39,7 @@ def camera_out(
     streams: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Say the detections message of the landmarks that are there, in a tick in which it is sent, else zeros."""
+    """Output the detections message of the landmarks that are there, in a tick in which it is sent, else zeros."""
     fill(out, 0.0)
     if sent[0] < 0.0:
         return

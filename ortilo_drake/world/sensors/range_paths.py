@@ -1,4 +1,4 @@
-"""What a range is longer by than the distance at its message's stamp: when it was taken, and the walls it went through.
+"""The excess of a range over the distance at its message's stamp: its own stamp, and the walls on its way.
 
 In a round of ranging of length T range i of 0 to n - 1 is taken s_i = T (1 - (i + 1) / n) before the stamp, at the
 distance
@@ -42,7 +42,7 @@ def paths_out(
     x: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Say a uwb message with its ranges as long as their signals' paths; of one that is not there zeros."""
+    """Output a uwb message with its ranges as long as their signals' paths; of one that is not there zeros."""
     put(message, out)
     if message[ARRIVED] == 0.0:
         return
@@ -74,7 +74,7 @@ PATHS = Element(
 
 
 def paths_box(settings: Uwb, room: Room, h: float) -> Box | None:
-    """Return the box that makes the ranges of a uwb message as long as their paths; None where nothing does.
+    """Return the box that lengthens a uwb message's ranges to their signals' paths; None where none does.
 
     It reads `message` and the true state (12); its noise starts at 0 unless it is drawn.
     """

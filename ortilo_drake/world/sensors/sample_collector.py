@@ -64,11 +64,11 @@ class SampleCollector(LeafSystem):
 
 
 class Passed(LeafSystem):
-    """Keeps what a signal was at the instants inside a tick that divide it evenly, t_k + h i / n for i = 1 .. n - 1.
+    """Keeps a signal's values at the instants that divide a tick evenly, t_k + h i / n for i = 1 .. n - 1.
 
     Ports:
         signal (m).
-        passed ((n - 1) m, output): a state: what it was inside the last tick, oldest first.
+        passed ((n - 1) m, output): a state: its values inside the last tick, oldest first.
 
     Args:
         size: m.

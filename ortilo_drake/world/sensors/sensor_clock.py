@@ -1,10 +1,10 @@
-"""A sensor whose clock is not the onboard computer's: what it stamps t_k it saw at t_k - delta.
+"""A sensor whose clock is not the onboard computer's: it stamps t_k what it measured at t_k - delta.
 
     delta(t) = offset + drift t,   x(t - delta) = x(t) - delta [v_WB, Euler rates, 0, 0],
 
 position and attitude going back along the velocities of the tick; what is left out is a delta^2 / 2, 0.01 mm for 1
-m/s^2 and 5 ms, and of the velocities a delta. A sensor that is late is one of positive delta. Of negative delta it
-shows what is yet to come: as if the onboard computer, and all else, were that much later than their ticks.
+m/s^2 and 5 ms, and of the velocities a delta. A late sensor has a positive delta. A negative
+delta needs future measurements: as if the onboard computer, and all else, were that much later than their ticks.
 """
 
 from typing import Any
@@ -19,13 +19,13 @@ from ortilo_drake.model.signals import N_X
 
 @register_jitable
 def take_back(before: np.ndarray, x: np.ndarray, delta: float) -> None:
-    """Change x (12), written to `before`, to what it was delta [s] before."""
+    """Write to `before` the state x (12) as it was delta [s] earlier."""
     for i in range(6):
         before[i] -= delta * x[6 + i]
 
 
 def seen_out(n: Any, k: int, state: np.ndarray, out: np.ndarray) -> None:
-    """Say the state (12) as a sensor sees it whose clock is off."""
+    """Output the state (12) as a sensor sees it whose clock is off."""
     put(state, out)
     take_back(out, state, n.offset + n.drift * (k * n.h))
 

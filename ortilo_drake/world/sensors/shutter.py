@@ -10,7 +10,7 @@ from ortilo_drake.model.signals import ARRIVED, SHUTTER_SIZE, STAMP
 
 
 def shutter_out(n: Any, k: int, sent: np.ndarray, out: np.ndarray) -> None:
-    """Say [arrived, stamp] of a picture taken in this tick, zeros where none is sent."""
+    """Output [arrived, stamp] of a picture taken in this tick, zeros where none is sent."""
     fill(out, 0.0)
     if sent[0] >= 0.0:
         out[ARRIVED], out[STAMP] = 1.0, k * n.h

@@ -1,12 +1,12 @@
-"""How gyroscope and accelerometer are zeroed while the vehicle rests on the floor before take-off.
+"""The zeroing of gyroscope and accelerometer while the vehicle rests on the floor before take-off.
 
 Over N samples in T seconds the imu says on average, at rest and level, with factors c,
 
     rpy_0 = c_rpy ([0, 0, psi] + b_rpy + nu_rpy),   w_0 = c_w (b_w + nu_w),   f_0 = c_f (g e_z + b_f + nu_f)
 
 nu of variance s^2 / N + q^2 T / 3: s is a sample's noise, and b the bias at take-off, from which a random walk of rate
-q was sd q sqrt(T / 3) away on average. What is taken off all that they say in flight is w_0 and
-f_0 - R(rpy_0)^T g e_z.
+q was sd q sqrt(T / 3) away on average. In flight w_0 and f_0 - R(rpy_0)^T g e_z are
+subtracted from their samples.
 """
 
 import numpy as np
@@ -26,9 +26,9 @@ def variances_at_rest(scenario: Scenario) -> np.ndarray:
 
 
 def left_at_rest(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
-    """Return the standard deviations of what is left of the biases of rates and specific force (3 each), b_rpy known.
+    """Return the sds of the biases left in rates and specific force (3 each), b_rpy known.
 
-    They are those of nu_w and of nu_f less what nu_rpy turns of gravity.
+    They are those of nu_w, and of nu_f less gravity turned by nu_rpy.
     """
     rpy, rates, forces = np.split(variances_at_rest(scenario), 3)
     return np.sqrt(rates), np.sqrt(forces + GRAVITY**2 * np.array([rpy[1], rpy[0], 0.0]))

@@ -1,4 +1,4 @@
-"""A sensor that is a function of the true state and of noise: most sensors of one's own need no System of their own."""
+"""A sensor that is a function of the true state and of noise; most registered sensors need no System."""
 
 from collections.abc import Callable
 

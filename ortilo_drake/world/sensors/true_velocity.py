@@ -10,7 +10,7 @@ from ortilo_drake.model.signals import ARRIVED, N_X, PAYLOAD, STAMP, VELOCITY_SI
 
 
 def velocity_out(n: Any, k: int, state: np.ndarray, out: np.ndarray) -> None:
-    """Say [1, t_k, v_WB, Euler rates] (8), without noise or loss."""
+    """Output [1, t_k, v_WB, Euler rates] (8), without noise or loss."""
     out[ARRIVED], out[STAMP] = 1.0, k * n.h
     put(state[6:N_X], out, PAYLOAD)
 

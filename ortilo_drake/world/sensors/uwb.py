@@ -115,7 +115,7 @@ def uwb_out(
     v: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Say the uwb message of put_uwb_message in a tick in which it is sent, else zeros."""
+    """Output the uwb message of put_uwb_message in a tick in which it is sent, else zeros."""
     fill(out, 0.0)
     if sent[0] >= 0.0:
         put_normals(v, seed, n.stream, k)

@@ -1,6 +1,6 @@
-"""The world's report of the commands that acted: which and from when.
+"""The world's report of the commands that acted, and from when.
 
-A message holds the newest ACTS of them, so that what a lost message told stands in the next.
+A message holds the newest ACTS of them, so that the content of a lost message is in the next.
 """
 
 from typing import Any
@@ -50,21 +50,21 @@ def first_acts(hover_thrust: float) -> np.ndarray:
 
 
 def report_out(n: Any, k: int, acts: np.ndarray, out: np.ndarray) -> None:
-    """Say what acted before tick k, a message (50)."""
+    """Output the commands that acted before tick k, a message (50)."""
     out[ARRIVED], out[STAMP] = 1.0, k * n.h
     for i in range(ACTS):
         put(acts[i], out, PAYLOAD + i * ACT_SIZE)
 
 
 def report_step(n: Any, k: int, control: np.ndarray, stamp: np.ndarray, acts: np.ndarray) -> None:
-    """Take down what begins to act in tick k, see acts_after."""
+    """Record the command that begins to act in tick k, see acts_after."""
     after = acts_after(acts, k * n.h, stamp[0], control, n.h)
     for i in range(ACTS):
         put(after[i], acts[i])
 
 
 def now_out(n: Any, k: int, out: np.ndarray) -> None:
-    """Say the time of the tick [s] (1)."""
+    """Output the time of the tick [s] (1)."""
     out[0] = k * n.h
 
 
@@ -85,7 +85,7 @@ def now_box(h: float) -> Box:
 
 
 class ActedReport(LeafSystem):
-    """Tells which commands acted, and from when.
+    """Outputs the commands that acted, and from when.
 
     Ports:
         control (4): what acts from now on.

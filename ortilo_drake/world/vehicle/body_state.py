@@ -19,7 +19,7 @@ def BodyState_(T: type) -> type:
     """Return the system for a scalar type: float, AutoDiffXd or Expression."""
 
     class Impl(LeafSystem_[T]):
-        """What a body of a MultibodyPlant does, as our sensors read it; memoryless.
+        """The motion of a body of a MultibodyPlant, as our sensors read it; memoryless.
 
         Ports, the inputs each from the plant's output of that name:
             body_poses: X_WB of all bodies.

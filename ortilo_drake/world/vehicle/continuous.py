@@ -21,7 +21,7 @@ _STRETCH = 1.01  # by which Drake lengthens a step that would end just before an
 
 
 class Physics(NamedTuple):
-    """What moves the vehicle.
+    """The forces, torques and rotors that move the vehicle.
 
     Attributes:
         mass: m [kg].
@@ -83,7 +83,7 @@ def put_felt(
 def put_control(
     physics: Physics, body: np.ndarray, held: np.ndarray, t: float, u: np.ndarray, room: np.ndarray
 ) -> None:
-    """Write u as it acts on the body (4) at t [s]: what is held, or what the rotors make."""
+    """Write u as it acts on the body (4) at t [s]: the held control, or the rotors' wrench."""
     if body.size == N_X:
         put(held, u)
     else:

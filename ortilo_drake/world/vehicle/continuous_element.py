@@ -30,7 +30,7 @@ def continuous_step(
     u: np.ndarray,
     room: np.ndarray,
 ) -> None:
-    """Go on by a tick under held u and d; keep what was passed at the instants in between that divide it evenly."""
+    """Advance by a tick under held u and d; keep the states at the instants in between that divide it evenly."""
     physics = Physics(n.mass, n.inertia, n.kinematics, n.longest_step, n.time_constant, wrench, mixing, faults)
     size = N_X + mixing.shape[1]
     state, passed = body[:size], body[size:]
@@ -48,7 +48,7 @@ def continuous_step(
 
 
 def plant_out(body: np.ndarray, out: np.ndarray) -> None:
-    """Say the true state (12)."""
+    """Output the true state (12)."""
     put(body, out)
 
 
@@ -62,7 +62,7 @@ def felt_out(
     room: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Say u as it acts on the body (4), as the rotors make it."""
+    """Output u as it acts on the body (4), as the rotors make it."""
     put_felt(out, speeds, wrench, mixing, faults, k * n.h, room)
 
 
@@ -96,10 +96,10 @@ ROTORS_FELT = Element(
 
 
 def continuous_boxes(scenario: Scenario, x_0: np.ndarray, samples: int, feels: bool) -> list[Box]:
-    """Return the continuous plant: it reads the control (4) and the disturbance (6), and says x (12), `plant`.
+    """Return the continuous plant: it reads the control (4) and the disturbance (6), and outputs x (12), `plant`.
 
-    The control is what acts on the body; of rotors with dynamics it is what is commanded, and `rotors_felt`, if it is
-    asked for, says what acts. `vehicle.passed` has rows of PASSED, what was passed inside the last tick, oldest first.
+    The control acts on the body. With rotors' dynamics it is the command, and `rotors_felt`, if asked for, is the
+    control that acts. `vehicle.passed` has rows of PASSED, what was passed inside the last tick, oldest first.
 
     Args:
         scenario: the scenario.

@@ -25,7 +25,7 @@ def put_disturbance(
 
 
 def disturbance_out(n: Any, k: int, seed: int, out: np.ndarray) -> None:
-    """Say d of put_disturbance (6)."""
+    """Output d of put_disturbance (6)."""
     put_disturbance(out, n.force_sd, n.torque_sd, seed, n.stream, k * n.h, n.h)
 
 
@@ -48,7 +48,7 @@ def disturbance_box(settings: Disturbance, h: float, stream: str = "disturbance"
 
 
 def lasting_out(disturbance: np.ndarray, bias: np.ndarray, x: np.ndarray, out: np.ndarray) -> None:
-    """Say the disturbance with what lasts of it (6), see world/slow_error.py."""
+    """Output the disturbance with its slow part (6), see world/slow_error.py."""
     for i in range(out.size):
         out[i] = disturbance[i] + (bias[i] + x[i])
 

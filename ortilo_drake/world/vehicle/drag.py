@@ -15,7 +15,7 @@ from ortilo_drake.model.placing import put
 
 
 def drag_out(n: Any, disturbance: np.ndarray, state: np.ndarray, out: np.ndarray) -> None:
-    """Say the disturbance (6) with the drag at the true state (12)."""
+    """Output the disturbance (6) with the drag at the true state (12)."""
     put(disturbance, out)
     R_WB, v = rotation_rows(state[3:6]), state[6:9]
     for j in range(3):

@@ -1,4 +1,4 @@
-"""The flight controller's own failsafe: what flies while the onboard computer is silent.
+"""The flight controller's own failsafe, which flies while the onboard computer is silent.
 
 A command that is young enough passes. Otherwise the vehicle brakes to rest, level, at the altitude and yaw at which it
 was left (hold), and after a while comes down to its landing height (descend), until a command comes again.
@@ -116,7 +116,7 @@ def failsafe_control(
     inertia: np.ndarray,
     max_thrust: float,
 ) -> np.ndarray:
-    """Return the control (4) of the failsafe in state s: the command, or what holds or descends.
+    """Return the control (4) of the failsafe in state s: the command, or the one that holds or descends.
 
     The descent aims at the landing height, or at where the hold took over if that is lower: it never asks to climb but
     back to there. Arguments as failsafe_state and hold_control; rates in m/s, heights in m.

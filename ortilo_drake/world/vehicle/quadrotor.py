@@ -31,7 +31,7 @@ def felt_step(values: np.ndarray, control: np.ndarray, disturbance: np.ndarray) 
 
 
 def acceleration_out(n: Any, state: np.ndarray, control: np.ndarray, disturbance: np.ndarray, out: np.ndarray) -> None:
-    """Say v_dot (3) under u and d."""
+    """Output v_dot (3) under u and d."""
     put(velocity_rate(state, control, disturbance, n.mass, n.kinematics), out)
 
 
@@ -47,7 +47,7 @@ FELT = Element("felt", step=felt_step, state=(Array("values"),), shows="values")
 
 
 def plant_box(vehicle: Vehicle, kinematics: str, x_0: np.ndarray, h: float) -> Box:
-    """Return the sampled plant: it reads u as it acts on the body (4) and the disturbance (6), and says x (12)."""
+    """Return the sampled plant: it reads u as it acts on the body (4) and the disturbance (6), and outputs x (12)."""
     numbers = {"mass": vehicle.mass, "inertia": vehicle.inertia, "kinematics": KINEMATICS.index(kinematics), "h": h}
     return Box("plant", SAMPLED, N_X, Given(numbers, start={"x": x_0}))
 

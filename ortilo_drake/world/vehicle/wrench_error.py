@@ -1,4 +1,4 @@
-"""The wrench that the rotors really make: their lift and the centre of gravity are not what the mixing believes."""
+"""The true wrench of the rotors: their lift and the centre of gravity differ from the mixing's."""
 
 import numpy as np
 
@@ -24,7 +24,7 @@ def wrench_matrix(thrust_factor: float, center_of_gravity: np.ndarray) -> np.nda
 
 
 def wrench_out(control: np.ndarray, wrench: np.ndarray, out: np.ndarray) -> None:
-    """Say u = T u_c (4)."""
+    """Output u = T u_c (4)."""
     put_times(out, wrench, control)
 
 
