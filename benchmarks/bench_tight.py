@@ -16,7 +16,7 @@ from ortilo_drake.onboard.estimator.tight.inertial import quaternion_of
 from ortilo_drake.onboard.estimator.tight.layout import Q, nominal_size
 from ortilo_drake.onboard.estimator.tight.model import initial_covariance, layout_of, motion_of
 from ortilo_drake.onboard.estimator.tight.ranges import take_ranges
-from ortilo_drake.onboard.estimator.tight.tick import N_KEPT, QUIET, go_on, keep_pose
+from ortilo_drake.onboard.estimator.tight.tick import N_KEPT, QUIET, keep_pose, propagate_to_now
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.sensors.described import described
 
@@ -55,7 +55,7 @@ def timed(name: str, rounds: int, calls: int) -> str:
 
     def tick(samples: np.ndarray) -> None:
         kept[6], kept[QUIET] = 0.0, np.nan
-        go_on(x, C, kept, samples, scenario.h, motion, residual)
+        propagate_to_now(x, C, kept, samples, scenario.h, motion, residual)
 
     def ranges() -> None:
         take_ranges(x, C, layout, message, anchors, np.zeros(3), noise, 1e9, 3.0, -1, False)

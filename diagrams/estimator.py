@@ -7,7 +7,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from ortilo_drake.diagrams.wiring.intermittent import filtering_of
 from ortilo_drake.diagrams.wiring.messages import message_boxes
-from ortilo_drake.diagrams.wiring.onboard import ESTIMATORS, measured_in, shown_box
+from ortilo_drake.diagrams.wiring.onboard import ESTIMATORS, belief_parts_box, measurement_in
 from ortilo_drake.diagrams.wiring.pictures import detected
 from ortilo_drake.loop.diagram import Added, add_wiring
 from ortilo_drake.loop.element import Box, outside
@@ -15,7 +15,7 @@ from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_U, REFERENCE_SIZE
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.estimator.belief import with_known_part
+from ortilo_drake.onboard.estimator.belief import with_vehicle_part
 from ortilo_drake.onboard.estimator.filter_element import extra_box
 from ortilo_drake.scenario import Belief, IntermittentFilter
 
@@ -55,10 +55,10 @@ class Estimator(Diagram):
         around = [*messages.values(), outside("servo", N_U), outside("reference", REFERENCE_SIZE)]
         seeing, messages = detected(belief, room, messages) if detects else ([], messages)
         boxes = ESTIMATORS[belief.estimator.kind](belief, room, xbar_0, messages)
-        boxes += shown_boxes(belief, boxes)
+        boxes += with_belief_parts(belief, boxes)
         wiring = Wiring([*around, *seeing, *boxes])
-        signals = {"estimate": "shown.estimate", "covariance": "shown.covariance"} | measured_in(boxes)
-        signals |= {"force": "known.force", "extra": "extra"} if "known" in wiring.boxes else {}
+        signals = {"estimate": "belief_parts.estimate", "covariance": "belief_parts.covariance"} | measurement_in(boxes)
+        signals |= {"force": "vehicle_belief.force", "extra": "extra"} if "vehicle_belief" in wiring.boxes else {}
         self._added = add_wiring(builder, wiring, signals, belief.h, inputs_named={"servo": "control"})
         for name, port in self._added.outputs.items():
             builder.ExportOutput(port, name)
@@ -75,14 +75,14 @@ class Estimator(Diagram):
         return self._has_history
 
 
-def shown_boxes(belief: Belief, boxes: list[Box]) -> list[Box]:
+def with_belief_parts(belief: Belief, boxes: list[Box]) -> list[Box]:
     """Return boxes that show what an estimator says, for the ports of a Diagram; those that are there are left out."""
     named, shown = {box.name for box in boxes}, list[Box]()
-    if "shown" not in named:
-        shown.append(shown_box(boxes))
-    if "known" in named:
+    if "belief_parts" not in named:
+        shown.append(belief_parts_box(boxes))
+    if "vehicle_belief" in named:
         its = filtering_of(belief)
-        shown.append(extra_box("extra", its.n).reading(belief=its.belief))
+        shown.append(extra_box("extra", its.n).with_inputs(belief=its.belief))
     return shown
 
 
@@ -122,7 +122,7 @@ def set_belief(added: Added, kept: Settable | None, context: Context, xbar: np.n
     if kept is None:
         raise InputError("estimator: has no method SetBelief, it cannot be resumed")
     size, values = kept.n + kept.n**2, added.state_of(context, "filter", kept.state).copy()
-    values[:size] = with_known_part(values[:size], kept.n, xbar, P)
+    values[:size] = with_vehicle_part(values[:size], kept.n, xbar, P)
     added.set_state(context, "filter", kept.state, values)
 
 

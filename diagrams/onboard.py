@@ -20,9 +20,9 @@ import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.trajectories import Trajectory
 
-from ortilo_drake.diagrams.estimator import has_history, set_belief, settable, shown_boxes
+from ortilo_drake.diagrams.estimator import has_history, set_belief, settable, with_belief_parts
 from ortilo_drake.diagrams.wiring.messages import message_boxes
-from ortilo_drake.diagrams.wiring.onboard import NO_PARTS, Parts, measured_in, onboard_boxes
+from ortilo_drake.diagrams.wiring.onboard import NO_PARTS, Parts, measurement_in, onboard_boxes
 from ortilo_drake.diagrams.wiring.pictures import detected
 from ortilo_drake.loop.diagram import add_wiring
 from ortilo_drake.loop.element import outside
@@ -88,13 +88,17 @@ class Onboard(Diagram):
         seeing, messages = detected(belief, room, messages) if detects else ([], messages)
         ticks = int(plan.end_time() * belief.control_rate) + 2 if isinstance(plan, Trajectory) else 0
         boxes = onboard_boxes(belief, room, plan, ticks, messages, parts, takes_paths)
-        boxes += shown_boxes(belief, boxes)
+        boxes += with_belief_parts(belief, boxes)
         wiring = Wiring([*around, *seeing, *boxes])
         self._own = wiring.boxes["estimator"].system if "estimator" in wiring.boxes else None
-        signals: dict[str, Any] = {"control": "servo", "estimate": "shown.estimate", "covariance": "shown.covariance"}
-        signals |= {"reference": "reference"} | measured_in(boxes)
-        if "known" in wiring.boxes:
-            signals |= {"force": "known.force", "extra": "extra"}
+        signals: dict[str, Any] = {
+            "control": "servo",
+            "estimate": "belief_parts.estimate",
+            "covariance": "belief_parts.covariance",
+        }
+        signals |= {"reference": "reference"} | measurement_in(boxes)
+        if "vehicle_belief" in wiring.boxes:
+            signals |= {"force": "vehicle_belief.force", "extra": "extra"}
         sizes = belief.measurement.logged_sizes()
         signals["logged"] = tuple(signals[name] for name in sizes if name != "state")
         named = {"acted_delivered": "acted"}

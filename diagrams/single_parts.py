@@ -153,7 +153,7 @@ def make_sensor(
     if scenario.samples(name) > 1:
         raise InputError(f"{name}.link.rate: {scenario.link_of(name).rate:g}: must be at most 1 / h = {1.0 / h:g} Hz")
     made = [_of_state(box) for box in sensor_boxes(scenario, _room(room) or scenario.load_room(), name, True)]
-    signals = {"state": N_X, "acceleration": 3} if described(name).feels else {"state": N_X}
+    signals = {"state": N_X, "acceleration": 3} if described(name).needs_forces else {"state": N_X}
     wiring = Wiring([*(outside(signal, size) for signal, size in signals.items()), *made])
     system: System = WiredSystem_[float](name, wiring, {port_of(name): (made[-1].name,)}, h, seed)
     return system
@@ -240,4 +240,4 @@ def _vector(name: str, given: ArrayLike | None, size: int) -> np.ndarray:
 
 def _of_state(box: Box) -> Box:
     """Return a box of the world that reads the port `state` in place of the vehicle."""
-    return box.reading(**{port: "state" for port, said in box.reads.items() if said == "plant"})
+    return box.with_inputs(**{port: "state" for port, said in box.reads.items() if said == "plant"})

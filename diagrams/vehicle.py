@@ -69,7 +69,7 @@ def add_vehicle(
     disturbance = builder.AddNamedSystem("disturbance_hold", ZeroOrderHold(h, 6))
     builder.Connect(pushes.outputs["disturbance"], disturbance.get_input_port())
     builder.Connect(disturbance.get_output_port(), plant.GetInputPort("disturbance"))
-    changes = {box.name: box.reading(control="control") for box in _changes(scenario)}
+    changes = {box.name: box.with_inputs(control="control") for box in _changes(scenario)}
     made = {name: system_of(Wiring([box, outside("control", N_U)]), _INSTANT) for name, box in changes.items()}
     changing = [builder.AddSystem(system) for system in made.values()]
     acting: list[System] = [*changing, hold]
@@ -132,7 +132,7 @@ def _command(
     elif scenario.command_link != CommandLinkSettings():
         box = command_link_box(scenario.command_link, scenario.vehicle.hover_thrust, scenario.h)
         link = builder.AddSystem(
-            system_of(Wiring([box.reading(control="control"), outside("control", N_U)]), scenario.h)
+            system_of(Wiring([box.with_inputs(control="control"), outside("control", N_U)]), scenario.h)
         )
         builder.ExportInput(link.GetInputPort("control"), "control")
         commands = link.GetOutputPort("applied")

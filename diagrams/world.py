@@ -7,10 +7,10 @@ from pydrake.systems.primitives import Multiplexer
 from ortilo_drake.diagrams.faults import check_room
 from ortilo_drake.diagrams.rendered_camera import add_rendered_camera, move_scene, seen_by_camera
 from ortilo_drake.diagrams.vehicle import add_vehicle
-from ortilo_drake.diagrams.wiring.truth import drawn_of, of_body, payloads_of
+from ortilo_drake.diagrams.wiring.truth import drawn_values, of_body, payloads_of
 from ortilo_drake.diagrams.wiring.world import is_system, report_link_boxes, sensors_boxes, world_boxes
 from ortilo_drake.loop.diagram import add_wiring
-from ortilo_drake.loop.element import OUTSIDE, Box, Given, outside
+from ortilo_drake.loop.element import OUTSIDE, Box, Values, outside
 from ortilo_drake.loop.seeds import add_chance
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.signals import ACTED_SIZE, N_U, N_X
@@ -142,11 +142,11 @@ class World(Diagram):
     def SetSeed(self, context: Context, seed: int) -> None:
         """Set the seed of all noise, and how the world of that seed differs; the context is the root's."""
         self._added.set_seed(context, seed)
-        self._added.give(context, drawn_of(self._wiring, self._scenario, self._room, of_seed(seed)))
+        self._added.give(context, drawn_values(self._wiring, self._scenario, self._room, of_seed(seed)))
         if self._scenario.truth != Truth():
             self._set_beside(context, self.Drawn(context))
 
-    def Give(self, context: Context, given: dict[str, Given]) -> None:
+    def Give(self, context: Context, given: dict[str, Values]) -> None:
         """Give boxes of the wiring other numbers, tables or states, by their names; the context is the root's."""
         self._added.give(context, given)
 

@@ -64,7 +64,7 @@ def apart(scenario: Scenario, folder: str) -> Apart:
     with ExportedHalf(scenario, folder) as half:
 
         def ask(tick: int, messages: Signals) -> Signals:
-            half.take(messages)
+            half.receive(messages)
             return half.outputs()
 
         flown, there = flown_by(scenario, ask)

@@ -23,7 +23,7 @@ class PlayedBox:
     """
 
     def __init__(self, box: Box, h: float, seed: int = 0, **inputs: np.ndarray):
-        own = box.reading(**{name: name for name in inputs})
+        own = box.with_inputs(**{name: name for name in inputs})
         self.system: Any = system_of(Wiring([own, *(outside(name, np.size(v)) for name, v in inputs.items())]), h)
         self._inputs, self._said, self._h = inputs, next(iter(box.parts), box.name), h
         self._begin(seed)

@@ -52,7 +52,7 @@ class PlayedBox:
 
     def _make(self, inputs: dict[str, np.ndarray]) -> None:
         around = [outside(name, len(values)) for name, values in inputs.items()]
-        wiring = Wiring([self._box.reading(**{name: name for name in inputs}), *around])
+        wiring = Wiring([self._box.with_inputs(**{name: name for name in inputs}), *around])
         system: Any = system_of(wiring, self._h)
         differentiates = any(np.asarray(values).dtype == object for values in inputs.values())
         self._system = system.ToAutoDiffXd() if differentiates else system

@@ -17,12 +17,13 @@ _COLUMN_OF = {
     "reference": "planner",
     **dict.fromkeys(("servo", "lent", "command_log", "state_ahead"), "servo"),
     "command_link": "command link",
-    **dict.fromkeys(("handler", "robust_gate", "imu_rows", "past"), "handler"),
-    **dict.fromkeys(("filter", "known"), "filter"),
+    **dict.fromkeys(("handler", "robust_gate", "imu_rows", "beliefs_at_stamp"), "handler"),
+    **dict.fromkeys(("filter", "vehicle_belief"), "filter"),
 }
-_ONBOARD_OF_SENSOR = ("heard", "past", "about", "sighted", "bank", "fix")
+_ONBOARD_OF_SENSOR = ("stuck_gate", "belief_at_stamp", "vehicle_at_stamp", "sighted", "bank", "fix")
 _SIGNALS = {
-    "plant": "x", "servo": "u", "command_link.applied": "u", "reference": "r", "filter": "x̂, P", "known": "x̂, P",
+    "plant": "x", "servo": "u", "command_link.applied": "u", "reference": "r", "filter": "x̂, P",
+    "vehicle_belief": "x̂, P",
     "belief": "x̂, P", "delta": "Δ", "V2": "V₂", "rotors_felt": "felt", "felt.control": "felt",
     "felt.disturbance": "felt", "vehicle.passed": "felt", "acceleration": "v̇",
     "velocity": "v",

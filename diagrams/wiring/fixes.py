@@ -11,16 +11,16 @@ from ortilo_drake.onboard.fix_solver import own_fix_box
 from ortilo_drake.onboard.sample_mean import SampleMean
 from ortilo_drake.scenario import Belief
 from ortilo_drake.scenario.robust import Robust
-from ortilo_drake.sensors.described import described, flown
+from ortilo_drake.sensors.described import described, described_per_tick
 from ortilo_drake.sensors.messages import message_port
 
 
-def heard_boxes(settings: Robust | None, messages: dict[str, Box], samples: dict[str, int]) -> dict[str, Box]:
+def gated_messages(settings: Robust | None, messages: dict[str, Box], samples: dict[str, int]) -> dict[str, Box]:
     """Return the box of each sensor's message as it is heard: behind a gate if it may be stuck."""
     if settings is None or settings.stuck is None:
         return messages
     gates = {name: stuck_box(name, said.size, settings.stuck, samples[name]) for name, said in messages.items()}
-    return {name: gate.reading(message=messages[name].name) for name, gate in gates.items()}
+    return {name: gate.with_inputs(message=messages[name].name) for name, gate in gates.items()}
 
 
 def solver_boxes(belief: Belief, room: Room, heard: dict[str, Box]) -> dict[str, Box]:
@@ -36,7 +36,7 @@ def solver_boxes(belief: Belief, room: Room, heard: dict[str, Box]) -> dict[str,
 def solver_box(belief: Belief, room: Room, sensor: str, message: Box) -> Box | None:
     """Return the box that makes a fix of a sensor's message; None where none is needed."""
     if belief.samples(sensor) > 1:
-        make = flown(sensor, belief).make_onboard
+        make = described_per_tick(sensor, belief).make_onboard
         return None if make is None else system_solver_box(sensor, make(belief, room), message)
     own = described(sensor)
     solver: Box | None = None if own.solver is None else own.solver(belief, room)
@@ -44,7 +44,7 @@ def solver_box(belief: Belief, room: Room, sensor: str, message: Box) -> Box | N
         solver = own_fix_box(sensor, own.compiled, len(own.rows), belief, room)
     elif solver is None and own.make_onboard is not None:
         return system_solver_box(sensor, own.make_onboard(belief, room), message)
-    return None if solver is None else solver.reading(message=message.name)
+    return None if solver is None else solver.with_inputs(message=message.name)
 
 
 def system_solver_box(sensor: str, system: System, message: Box) -> Box:

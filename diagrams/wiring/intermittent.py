@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ortilo_drake.diagrams.wiring.fixes import heard_boxes, mean_box, solver_boxes
+from ortilo_drake.diagrams.wiring.fixes import gated_messages, mean_box, solver_boxes
 from ortilo_drake.loop.element import Box, bundle, constant
 from ortilo_drake.model.clock import history_ticks
 from ortilo_drake.model.measurement import CAMERA, UWB, Measurement
@@ -19,12 +19,18 @@ from ortilo_drake.model.signals import IMU_SIZE, N_X, N_XBAR
 from ortilo_drake.onboard.estimator.acted_element import acted_box
 from ortilo_drake.onboard.estimator.at_rest import rest_of
 from ortilo_drake.onboard.estimator.extra_states import Extra, augmented_rows, extra_states, names_of
-from ortilo_drake.onboard.estimator.filter_element import filter_box, known_box, parts_box
+from ortilo_drake.onboard.estimator.filter_element import filter_box, parts_box, vehicle_belief_box
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial_covariance
 from ortilo_drake.onboard.estimator.imu_rows import imu_rows_box, imu_variances
-from ortilo_drake.onboard.estimator.lasting_element import N_LASTING, Sort, Told, told_box, told_of
+from ortilo_drake.onboard.estimator.lasting_element import (
+    N_LASTING,
+    LearnedCoefficients,
+    Sort,
+    learned_coefficients_of,
+    told_box,
+)
 from ortilo_drake.onboard.estimator.measurement_handler import handler_box, incoming_of, oldest_used
-from ortilo_drake.onboard.estimator.replay_element import past_box, replay_box
+from ortilo_drake.onboard.estimator.replay_element import belief_at_stamp_box, replay_box
 from ortilo_drake.onboard.estimator.robust.gate_element import gate_box
 from ortilo_drake.onboard.estimator.robust.opening import opening_variances
 from ortilo_drake.onboard.estimator.robust.weights import weighing_of
@@ -32,7 +38,7 @@ from ortilo_drake.onboard.ranging.noise_scale import scaled_bank_box
 from ortilo_drake.onboard.ranging.sighted import sighted_box
 from ortilo_drake.onboard.ranging.survey_bank import bank_box
 from ortilo_drake.scenario import Belief
-from ortilo_drake.sensors.described import flown, measuring
+from ortilo_drake.sensors.described import described_per_tick, measuring
 
 SIGHTING = measuring("landmarks")
 SURVEY_TIME = 20.0  # of what a survey makes last of the camera's fixes, beside what their places say of it [s]
@@ -59,9 +65,9 @@ class Filtering(NamedTuple):
         return "filter.belief" if self.replays else "filter"
 
     @property
-    def known(self) -> str:
+    def vehicle_belief(self) -> str:
         """Which box says its belief of [x; i]."""
-        return "known.belief" if self.extras else self.belief
+        return "vehicle_belief.belief" if self.extras else self.belief
 
 
 def intermittent_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages: dict[str, Box]) -> list[Box]:
@@ -73,62 +79,82 @@ def intermittent_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages:
         xbar_0: first estimate (15).
         messages: which box says each sensor's message as it lands.
     """
-    settings, its = belief.estimator, filtering_of(belief)
-    heard = heard_boxes(settings.robust, messages, {name: belief.samples(name) for name in messages})
+    settings, setup = belief.estimator, filtering_of(belief)
+    heard = gated_messages(settings.robust, messages, {name: belief.samples(name) for name in messages})
     gates = [box for name, box in heard.items() if box is not messages[name]]
     fixes = solver_boxes(belief, room, heard)
-    past = past_boxes(its, {name: heard[name] for name in fixes}, belief.h) if its.replays else {}
-    about = {name: f"{name}_about.belief" if its.extras else f"{name}_past" for name in past}
-    about = {name: about.get(name, its.known) for name in fixes}
-    split = [parts_box(f"{name}_prior").reading(belief=about[name]) for name in fixes if fixes[name].system is not None]
+    past = belief_at_stamp_boxes(setup, {name: heard[name] for name in fixes}, belief.h) if setup.replays else {}
+    linearized_at = {
+        name: f"{name}_vehicle_at_stamp.belief" if setup.extras else f"{name}_belief_at_stamp" for name in past
+    }
+    linearized_at = {name: linearized_at.get(name, setup.vehicle_belief) for name in fixes}
+    split = [
+        parts_box(f"{name}_prior").with_inputs(belief=linearized_at[name])
+        for name in fixes
+        if fixes[name].system is not None
+    ]
     fixes = {
-        name: solver if solver.system is not None else solver.reading(belief=about[name])
+        name: solver if solver.system is not None else solver.with_inputs(belief=linearized_at[name])
         for name, solver in fixes.items()
     }
     ranging = measuring("anchors")
     sighted = sighted_box(belief.uwb, room) if ranging in fixes else None
     if sighted is not None and fixes[ranging].system is None:
-        split.append(sighted.reading(message=heard[ranging].name, belief=about[ranging]))
-        fixes[ranging] = fixes[ranging].reading(message=sighted.name)
-    handed = heard | fixes
+        split.append(sighted.with_inputs(message=heard[ranging].name, belief=linearized_at[ranging]))
+        fixes[ranging] = fixes[ranging].with_inputs(message=sighted.name)
+    handler_inputs = heard | fixes
 
-    chain = [handler_of(belief, {name: box.size for name, box in handed.items()}).reading(belief=its.known)]
+    chain = [
+        handler_of(belief, {name: box.size for name, box in handler_inputs.items()}).with_inputs(
+            belief=setup.vehicle_belief
+        )
+    ]
     if settings.robust is not None:
-        gate = robust_box(belief, its, list(past)).reading(belief=its.belief)
-        chain.append(gate.reading(past="past" if past else its.belief, **measured_by(chain[-1])))
+        gate = robust_box(belief, setup, list(past)).with_inputs(belief=setup.belief)
+        chain.append(gate.with_inputs(past="beliefs_at_stamp" if past else setup.belief, **measurement_of(chain[-1])))
     variances = imu_variances(belief)
     if variances is not None:
         name, samples = belief.measurement.sensors[belief.measurement.inertial], belief.imu_samples
         imu = heard[name]
         if samples > 1:
             split.append(imu := mean_box(name, IMU_SIZE, samples, imu))
-        rows = imu_rows_box(belief.measurement, variances).reading(imu=imu.name, stamps="handler.stamps")
-        chain.append(rows.reading(**measured_by(chain[-1])))
-    kalman = kalman_box(belief, its, xbar_0).reading(**measured_by(chain[-1]), control="servo")
+        rows = imu_rows_box(belief.measurement, variances).with_inputs(imu=imu.name, stamps="handler.stamps")
+        chain.append(rows.with_inputs(**measurement_of(chain[-1])))
+    kalman = kalman_box(belief, setup, xbar_0).with_inputs(**measurement_of(chain[-1]), control="servo")
     banks = list[Box]()
     if learns_of_ranges(belief):
         fix = fixes[ranging]
-        banks.append(bank_of(belief, room).reading(message=fix.reads["message"], fix=fix.name))
-    if its.extras and (learns_survey(belief) or learns_landmarks(belief)):
+        banks.append(bank_of(belief, room).with_inputs(message=fix.reads["message"], fix=fix.name))
+    if setup.extras and (learns_survey(belief) or learns_landmarks(belief)):
         banks.append(constant("nothing_lasting", np.zeros(N_LASTING)))
-        kalman = told_box(kalman, told_by_fixes(belief, its)).reading(
+        kalman = told_box(kalman, learned_coefficients(belief, setup)).with_inputs(
             lasting=f"{fixes[ranging].name}.lasting" if learns_survey(belief) else "nothing_lasting",
             camera_lasting=f"{fixes[SIGHTING].name}.lasting" if learns_landmarks(belief) else "nothing_lasting",
         )
-    kalman = kalman.reading(
+    kalman = kalman.with_inputs(
         stamps="handler.stamps" if variances is None else "imu_rows.stamps",
         opening="no_opening" if settings.robust is None else "robust_gate.opening",
     )
 
-    boxes = [*gates, *past.values(), *split, *fixes.values(), bundle("messages", list(handed.values())), *chain, kalman]
+    boxes = [
+        *gates,
+        *past.values(),
+        *split,
+        *fixes.values(),
+        bundle("messages", list(handler_inputs.values())),
+        *chain,
+        kalman,
+    ]
     boxes += banks
     if past:
-        boxes.append(bundle("past", list(past.values())))
+        boxes.append(bundle("beliefs_at_stamp", list(past.values())))
     if settings.robust is None:
-        boxes.append(constant("no_opening", np.zeros(its.n)))
-    if its.extras:
-        boxes.append(known_box("known").reading(belief=its.belief))
-        boxes += [known_box(f"{name}_about").reading(belief=box.name) for name, box in past.items()]
+        boxes.append(constant("no_opening", np.zeros(setup.n)))
+    if setup.extras:
+        boxes.append(vehicle_belief_box("vehicle_belief").with_inputs(belief=setup.belief))
+        boxes += [
+            vehicle_belief_box(f"{name}_vehicle_at_stamp").with_inputs(belief=box.name) for name, box in past.items()
+        ]
     return boxes
 
 
@@ -153,12 +179,12 @@ def learns_of_ranges(belief: Belief) -> bool:
     return learns_survey(belief) or (belief.measures_ranges and belief.multilateration.noise_scale is not None)
 
 
-def told_by_fixes(belief: Belief, its: Filtering) -> Told:
+def learned_coefficients(belief: Belief, setup: Filtering) -> LearnedCoefficients:
     """Return the coefficients of a filter's measurement that come from fixes that learn."""
     biases = belief.estimator.biases
     ranges = Sort(UWB, biases.uwb_sd) if learns_survey(belief) else None
     boxes = Sort(CAMERA, biases.camera_sd, np.exp(-belief.h / biases.camera_time)) if learns_landmarks(belief) else None
-    return told_of(its.seen, ranges, boxes)
+    return learned_coefficients_of(setup.seen, ranges, boxes)
 
 
 def learns_landmarks(belief: Belief) -> bool:
@@ -172,15 +198,17 @@ def bank_of(belief: Belief, room: Room) -> Box:
     return make(belief.multilateration, room.anchor_positions, belief.every(measuring("anchors")) * belief.h)
 
 
-def measured_by(box: Box) -> dict[str, str]:
+def measurement_of(box: Box) -> dict[str, str]:
     """Return the parts of a box that hold y, delta and V2, by input."""
     return {name: f"{box.name}.{name}" for name in ("y", "delta", "V2")}
 
 
-def past_boxes(its: Filtering, messages: dict[str, Box], h: float) -> dict[str, Box]:
+def belief_at_stamp_boxes(setup: Filtering, messages: dict[str, Box], h: float) -> dict[str, Box]:
     """Return the box of the belief at the tick of each sensor's message."""
     return {
-        name: past_box(f"{name}_past", its.seen, its.n, h).reading(message=said.name, memory="filter")
+        name: belief_at_stamp_box(f"{name}_belief_at_stamp", setup.seen, setup.n, h).with_inputs(
+            message=said.name, memory="filter"
+        )
         for name, said in messages.items()
     }
 
@@ -188,27 +216,27 @@ def past_boxes(its: Filtering, messages: dict[str, Box], h: float) -> dict[str, 
 def handler_of(belief: Belief, sizes: dict[str, int]) -> Box:
     """Return the handler of messages and fixes that have these sizes, in their order."""
     settings, measurement = belief.estimator, belief.measurement
-    V = {name: flown(name, belief).V(belief) for name in measurement.sensors}
+    V = {name: described_per_tick(name, belief).V(belief) for name in measurement.sensors}
     oldest = oldest_used(settings.delay, settings.horizon, belief.h)
     incoming = incoming_of(measurement, sizes, V, dict(settings.gates), oldest)
     return handler_box(incoming, measurement.layout, settings.delay != "ignore", belief.h)
 
 
-def robust_box(belief: Belief, its: Filtering, late: list[str]) -> Box:
+def robust_box(belief: Belief, setup: Filtering, late: list[str]) -> Box:
     """Return the box that refuses and weighs values; late ones are judged by the belief of their own tick."""
     settings: Any = belief.estimator.robust
-    sensors, opening = belief.measurement.sensors, opening_variances(settings.opening, names_of(its.extras))
+    sensors, opening = belief.measurement.sensors, opening_variances(settings.opening, names_of(setup.extras))
     numbers = [late.index(name) if name in late else -1 for name in sensors]
-    return gate_box(weighing_of(settings, its.seen, len(sensors)), opening, numbers, belief.h)
+    return gate_box(weighing_of(settings, setup.seen, len(sensors)), opening, numbers, belief.h)
 
 
-def kalman_box(belief: Belief, its: Filtering, xbar_0: np.ndarray) -> Box:
+def kalman_box(belief: Belief, setup: Filtering, xbar_0: np.ndarray) -> Box:
     """Return the filter, which begins with an estimate (15)."""
     settings, vehicle, h = belief.estimator, belief.vehicle, belief.h
-    model = augmented_model(settings, vehicle, settings.integrator, h, its.extras, belief.yaw)
-    P_0 = initial_covariance(settings, its.extras, rest_of(belief), belief.yaw)
-    belief_0 = np.concatenate((xbar_0[:N_X], np.zeros(its.n - N_XBAR), xbar_0[N_X:], P_0.ravel()))
-    if its.replays:
-        replay = replay_box(model, its.seen, vehicle.hover_thrust, belief_0, history_ticks(settings.horizon, h), h)
+    model = augmented_model(settings, vehicle, settings.integrator, h, setup.extras, belief.yaw)
+    P_0 = initial_covariance(settings, setup.extras, rest_of(belief), belief.yaw)
+    belief_0 = np.concatenate((xbar_0[:N_X], np.zeros(setup.n - N_XBAR), xbar_0[N_X:], P_0.ravel()))
+    if setup.replays:
+        replay = replay_box(model, setup.seen, vehicle.hover_thrust, belief_0, history_ticks(settings.horizon, h), h)
         return acted_box(replay) if belief.commands.filter == "acted" else replay
-    return filter_box(model, its.seen, vehicle.hover_thrust, belief_0)
+    return filter_box(model, setup.seen, vehicle.hover_thrust, belief_0)

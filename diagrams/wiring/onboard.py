@@ -82,7 +82,7 @@ def onboard_boxes(
     boxes = list(estimator)
     if force is None:
         boxes.append(constant(force := "no_force", np.zeros(3)))
-    signals |= {"estimate": ("shown.estimate", N_XBAR), "covariance": ("shown.covariance", N_XBAR**2)}
+    signals |= {"estimate": ("belief_parts.estimate", N_XBAR), "covariance": ("belief_parts.covariance", N_XBAR**2)}
     signals |= {"force": (force, 3)}
     if isinstance(plan, Box):
         boxes += own_planner_boxes(belief, plan, belief_in(estimator), force, messages)
@@ -91,8 +91,8 @@ def onboard_boxes(
     make_servo = parts.servo or system_of(belief, "servo")
     own_servo = None if make_servo is None else make_servo(belief)
     boxes += servo_boxes(belief, belief_in(estimator), force, messages, own_servo, signals)
-    if any(said.startswith("shown.") for box in boxes for said in box.reads.values()):
-        boxes.append(shown_box(boxes))
+    if any(said.startswith("belief_parts.") for box in boxes for said in box.reads.values()):
+        boxes.append(belief_parts_box(boxes))
     return boxes
 
 
@@ -107,20 +107,20 @@ def system_of(belief: Belief, role: str) -> Callable[..., System] | None:
     return None if found is None or found.box is not None else found.make
 
 
-def shown_box(boxes: list[Box]) -> Box:
+def belief_parts_box(boxes: list[Box]) -> Box:
     """Return the box that splits a belief into `estimate` (15) and `covariance` (225), for Drake's ports."""
-    return parts_box("shown").reading(belief=belief_in(boxes))
+    return parts_box("belief_parts").with_inputs(belief=belief_in(boxes))
 
 
 def belief_in(boxes: list[Box]) -> str:
     """Return the name of the belief of [x; i] (240) that was predicted for this tick."""
     named = {box.name: box for box in boxes}
-    if "known" in named:
-        return "known.belief"
+    if "vehicle_belief" in named:
+        return "vehicle_belief.belief"
     return "filter.belief" if "belief" in named["filter"].parts else "filter"
 
 
-def measured_in(boxes: list[Box]) -> dict[str, str]:
+def measurement_in(boxes: list[Box]) -> dict[str, str]:
     """Return the names of y, delta and V2 as they reach the filter."""
     named = {box.name: box for box in boxes}
     told = "robust_gate" if "robust_gate" in named else "handler"

@@ -28,7 +28,7 @@ from pydrake.systems.framework import System
 
 from ortilo_drake.diagrams.wiring.systems import require_ports, system_box
 from ortilo_drake.loop.element import Box, constant
-from ortilo_drake.loop.own import cut
+from ortilo_drake.loop.own import slice_box
 from ortilo_drake.model.parts import find_part
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_U, N_X, N_XBAR, PAYLOAD, REFERENCE_SIZE, SENSORS
@@ -53,7 +53,7 @@ def own_estimator_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages
     if made.size == BELIEF:
         return [silent_handler(belief), *wired("estimator", "filter", belief, made, says, messages)]
     made = replace(made, parts={"estimate": (0, N_X), "covariance": (N_X, N_X * N_X)})
-    whole = widened_box().reading(estimate="own_filter.estimate", covariance="own_filter.covariance")
+    whole = widened_box().with_inputs(estimate="own_filter.estimate", covariance="own_filter.covariance")
     return [silent_handler(belief), whole, *wired("estimator", "own_filter", belief, made, says, messages)]
 
 
@@ -89,7 +89,7 @@ def system_estimator_boxes(belief: Belief, system: System, signals: dict[str, tu
     says = ("estimate", "covariance", *(name for name in ("force", *sizes) if system.HasOutputPort(name)))
     own = system_box("estimator", system, says, signals)
     whole = together_box() if n == N_XBAR else widened_box()
-    boxes = [own, whole.reading(estimate="estimator.estimate", covariance="estimator.covariance")]
+    boxes = [own, whole.with_inputs(estimate="estimator.estimate", covariance="estimator.covariance")]
     told = [name for name in sizes if name in own.parts]
     if len(told) < len(sizes):
         boxes.append(silent_handler(belief))
@@ -152,7 +152,11 @@ def wired(
     silent = {
         sensor: constant(f"{name}_no_{sensor}", np.zeros(PAYLOAD)) for sensor in SENSORS if sensor not in messages
     }
-    cuts = {part: cut(f"{name}_{part}", *its).reading(whole=belief) for part, its in CUTS.items()} if belief else {}
+    cuts = (
+        {part: slice_box(f"{name}_{part}", *its).with_inputs(whole=belief) for part, its in CUTS.items()}
+        if belief
+        else {}
+    )
     added = silent | cuts
     known = (
         {sensor: box.name for sensor, box in messages.items()} | says | {part: box.name for part, box in added.items()}

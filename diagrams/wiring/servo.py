@@ -38,18 +38,18 @@ def servo_boxes(
     commands, vehicle, boxes = scenario.commands, scenario.vehicle, list[Box]()
     reference = "reference"
     if commands.are_kept:
-        boxes.append(command_log_box(scenario).reading(control="servo", acted="acted_delivered"))
+        boxes.append(command_log_box(scenario).with_inputs(control="servo", acted="acted_delivered"))
         signals = signals | {"timeline": ("command_log", boxes[-1].size)}
     if commands.servo == "predicted":
         ahead = state_ahead_box(vehicle, scenario.h, scenario.yaw)
-        boxes.append(ahead.reading(belief=belief, force=force, timeline="command_log"))
+        boxes.append(ahead.with_inputs(belief=belief, force=force, timeline="command_log"))
         belief, reference = "state_ahead.belief", "state_ahead.reference"
         signals = signals | {"estimate": (belief, N_XBAR), "reference": (reference, 9)}
     if own is not None:
         require_ports(own, ("estimate", "reference"), ("control",), "servo")
         return [*boxes, system_box("servo", own, ("control",), signals)]
     if scenario.lends_velocities:
-        boxes.append(Box("lent", LENT, N_XBAR).reading(belief=belief))
+        boxes.append(Box("lent", LENT, N_XBAR).with_inputs(belief=belief))
         belief = "lent"
     if not isinstance(scenario.servo, LqServo):
         says = {"force": force, "reference": reference}
@@ -58,4 +58,4 @@ def servo_boxes(
         servo = augmented_servo_box(scenario.servo, vehicle, scenario.h, commands.delay or 0.0)
     else:
         servo = servo_box(gain_of(scenario), vehicle.mass, scenario.servo)
-    return [*boxes, servo.reading(belief=belief, force=force, reference=reference)]
+    return [*boxes, servo.with_inputs(belief=belief, force=force, reference=reference)]

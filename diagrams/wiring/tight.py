@@ -10,12 +10,12 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import DETECTIONS_SIZE, IMU_SIZE, PAYLOAD
 from ortilo_drake.onboard.estimator.at_rest import rest_of
 from ortilo_drake.onboard.estimator.filter_element import parts_box
-from ortilo_drake.onboard.estimator.tight.element import heard_box, tight_box
+from ortilo_drake.onboard.estimator.tight.element import tight_box, tight_handler_box
 from ortilo_drake.onboard.estimator.tight.model import aids_of, initial_covariance, layout_of, motion_of, sample_sds
 from ortilo_drake.onboard.fix_solver import fix_reader_box
 from ortilo_drake.onboard.ranging.sighted import sighted_box
 from ortilo_drake.scenario import Belief
-from ortilo_drake.sensors.described import described, flown
+from ortilo_drake.sensors.described import described, described_per_tick
 from ortilo_drake.sensors.uwb import payload as uwb_payload
 
 _NOTHING = {"imu": IMU_SIZE, "uwb": PAYLOAD, "camera": PAYLOAD}  # size of the message of a sensor that does not fly
@@ -36,24 +36,24 @@ def tight_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages: dict[s
     kalman = tight_box(layout, motion, aids, samples, size, C_0, xbar_0, rows)
     known = belief.measurement.sensors
     numbers = [known.index(name) if name in messages else -1 for name in ("uwb", "imu", "camera")]
-    heard = heard_box(belief.measurement, numbers, samples, layout.clones, aids.angle_sd, belief.h, rows)
+    heard = tight_handler_box(belief.measurement, numbers, samples, layout.clones, aids.angle_sd, belief.h, rows)
     silent = [constant(f"no_{name}", np.zeros(size)) for name, size in _NOTHING.items() if name not in messages]
     said = {name: messages[name].name if name in messages else f"no_{name}" for name in _NOTHING}
     sighted = sighted_box(belief.uwb, room) if "uwb" in messages else None
     if sighted is not None:
-        solving.append(sighted.reading(message=said["uwb"], belief="filter"))
+        solving.append(sighted.with_inputs(message=said["uwb"], belief="filter"))
         said["uwb"] = sighted.name
     fixes = bundle("fixes", [box for box in solving if box.name in {f"{name}_fix" for name in own}])
     fixes = fixes if own else constant("fixes", np.zeros(1))  # a system of its own reads a port, which is never empty
-    return [heard.reading(**said), kalman.reading(**said, control="servo"), *silent, *solving, fixes]
+    return [heard.with_inputs(**said), kalman.with_inputs(**said, control="servo"), *silent, *solving, fixes]
 
 
 def fix_boxes(belief: Belief, room: Room, name: str, message: Box) -> list[Box]:
     """Return the boxes of the fixes of one's own sensors, `<name>_fix`: solved about the filter's belief, or read."""
     solver = solver_box(belief, room, name, message)
     if solver is None:
-        V = flown(name, belief).V(belief)
-        return [fix_reader_box(f"{name}_fix", len(described(name).rows), V).reading(message=message.name)]
+        V = described_per_tick(name, belief).V(belief)
+        return [fix_reader_box(f"{name}_fix", len(described(name).rows), V).with_inputs(message=message.name)]
     if solver.system is not None:
-        return [parts_box(f"{name}_prior").reading(belief="filter"), solver]
-    return [solver.reading(belief="filter")]
+        return [parts_box(f"{name}_prior").with_inputs(belief="filter"), solver]
+    return [solver.with_inputs(belief="filter")]

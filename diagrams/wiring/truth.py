@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ortilo_drake.loop.element import Given
+from ortilo_drake.loop.element import Values
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import PAYLOAD
@@ -18,7 +18,7 @@ from ortilo_drake.world.slow_error import SlowNoise, gauss_markov
 from ortilo_drake.world.vehicle.wrench_error import wrench_matrix
 
 
-def drawn_of(wiring: Wiring, scenario: Scenario, room: Room, draw: AtStart) -> dict[str, Given]:
+def drawn_values(wiring: Wiring, scenario: Scenario, room: Room, draw: AtStart) -> dict[str, Values]:
     """Return the values given to each box in a flight whose world has these draws, by the boxes' names.
 
     Args:
@@ -34,10 +34,10 @@ def drawn_of(wiring: Wiring, scenario: Scenario, room: Room, draw: AtStart) -> d
     parts = [of_vehicle(wiring, scenario, drawn), of_force(scenario, drawn, draw)]
     parts += [of_sensor(wiring, scenario, room, sensor, n, drawn, draw) for sensor, n in payloads.items()]
     parts.append(of_any_world(wiring, scenario, room, drawn, draw))
-    found: dict[str, Given] = {}
+    found: dict[str, Values] = {}
     for name, given in (item for part in parts for item in part.items()):
         if name in wiring.boxes:
-            found[name] = found.get(name, Given()).with_(given)
+            found[name] = found.get(name, Values()).updated(given)
     return found
 
 
@@ -49,7 +49,7 @@ def normals_at_start(wiring: Wiring, scenario: Scenario, room: Room) -> dict[str
         asked[name] = n
         return np.zeros(n)
 
-    drawn_of(wiring, scenario, room, ask)
+    drawn_values(wiring, scenario, room, ask)
     return asked
 
 
@@ -64,14 +64,14 @@ def payloads_of(wiring: Wiring, scenario: Scenario, room: Room) -> dict[str, int
     return {name: size(name) - PAYLOAD for name in flying}
 
 
-def of_any_world(wiring: Wiring, scenario: Scenario, room: Room, drawn: Drawn, draw: AtStart) -> dict[str, Given]:
+def of_any_world(wiring: Wiring, scenario: Scenario, room: Room, drawn: Drawn, draw: AtStart) -> dict[str, Values]:
     """Return the draws of every world, even one as believed: the imu's zero and drift, ranges' detours and errors."""
     found = zeroed(scenario, drawn, draw) | paths_drawn(wiring.boxes, draw) | ahrs_drawn(scenario, draw)
     found |= errors_drawn(scenario, room, draw)
     return {name: given for name, given in found.items() if name in wiring.boxes}
 
 
-def of_vehicle(wiring: Wiring, scenario: Scenario, drawn: Drawn) -> dict[str, Given]:
+def of_vehicle(wiring: Wiring, scenario: Scenario, drawn: Drawn) -> dict[str, Values]:
     """Return the vehicle's true start, mass and inertia, and the wrench of its rotors."""
     start = np.zeros(12)
     start[0:3], start[5] = drawn["start.position"], drawn["start.yaw"]
@@ -80,17 +80,17 @@ def of_vehicle(wiring: Wiring, scenario: Scenario, drawn: Drawn) -> dict[str, Gi
     if name in found:
         body = wiring.boxes[name].given.start[state].copy()
         body[:12] += start
-        found[name] = found[name].with_(Given(start={state: body}))
+        found[name] = found[name].updated(Values(start={state: body}))
     if scenario.truth.vehicle != VehicleTruth():
         wrench = wrench_matrix(float(drawn["vehicle.thrust_factor"]), drawn["vehicle.center_of_gravity"])
-        tables = Given(tables={"wrench": wrench})
+        tables = Values(tables={"wrench": wrench})
         found["wrench_error"] = found["rotors_felt"] = tables
         if "vehicle" in found:  # not where Drake integrates the plant: a box of that name then only passes samples on
-            found["vehicle"] = found["vehicle"].with_(tables)
+            found["vehicle"] = found["vehicle"].updated(tables)
     return found
 
 
-def of_body(wiring: Wiring, scenario: Scenario, drawn: Drawn) -> dict[str, Given]:
+def of_body(wiring: Wiring, scenario: Scenario, drawn: Drawn) -> dict[str, Values]:
     """Return the true mass and inertia, and the mean force, for the boxes that take them."""
     vehicle, boxes = scenario.vehicle, wiring.boxes
     mass = float(drawn["vehicle.mass_factor"] * vehicle.mass)
@@ -100,13 +100,13 @@ def of_body(wiring: Wiring, scenario: Scenario, drawn: Drawn) -> dict[str, Given
     for name in ("vehicle", "plant", "acceleration"):
         told = {number for number in numbers if name in boxes and number in boxes[name].given.numbers}
         if told:
-            found[name] = Given({number: numbers[number] for number in told})
+            found[name] = Values({number: numbers[number] for number in told})
     if "lasting_force" in boxes:
-        found["lasting_force"] = Given(tables={"bias": np.concatenate((drawn["force.mean"], np.zeros(3)))})
+        found["lasting_force"] = Values(tables={"bias": np.concatenate((drawn["force.mean"], np.zeros(3)))})
     return found
 
 
-def of_force(scenario: Scenario, drawn: Drawn, draw: AtStart) -> dict[str, Given]:
+def of_force(scenario: Scenario, drawn: Drawn, draw: AtStart) -> dict[str, Values]:
     """Return the force that lasts."""
     truth = scenario.truth.force
     if truth == ForceTruth():
@@ -116,21 +116,21 @@ def of_force(scenario: Scenario, drawn: Drawn, draw: AtStart) -> dict[str, Given
     return {"lasting_force": lasting("lasting_force", noise, bias, draw)}
 
 
-def lasting(name: str, noise: SlowNoise, bias: np.ndarray, draw: AtStart) -> Given:
+def lasting(name: str, noise: SlowNoise, bias: np.ndarray, draw: AtStart) -> Values:
     """Return an error that lasts, with the noise that has its name."""
-    return Given(start={"x": noise.start * draw(f"slow error/{name}", len(bias))}, tables={"bias": bias})
+    return Values(start={"x": noise.start * draw(f"slow error/{name}", len(bias))}, tables={"bias": bias})
 
 
 def of_sensor(
     wiring: Wiring, scenario: Scenario, room: Room, sensor: str, payload: int, drawn: Drawn, draw: AtStart
-) -> dict[str, Given]:
+) -> dict[str, Values]:
     """Return a sensor's clock, where it and what it sees stand, and the errors of its messages; arguments as above."""
-    clock = Given({"offset": float(drawn[f"clock.offset.{sensor}"]), "drift": float(drawn[f"clock.drift.{sensor}"])})
+    clock = Values({"offset": float(drawn[f"clock.offset.{sensor}"]), "drift": float(drawn[f"clock.drift.{sensor}"])})
     found = {f"{sensor}_clock": clock}
     errors = errors_of(scenario, sensor, payload)
     if errors is not None:
         n = len(errors.noise.a)
         lasts = lasting(f"{sensor}_slow_error", errors.noise, bias_of(drawn, sensor, n), draw)
-        found[f"{sensor}_error"] = lasts.with_(Given(tables={"factor": factor_of(drawn, sensor, n)}))
+        found[f"{sensor}_error"] = lasts.updated(Values(tables={"factor": factor_of(drawn, sensor, n)}))
     own = described(sensor).drawn
     return found if own is None else found | own(scenario, room, drawn, wiring.boxes)

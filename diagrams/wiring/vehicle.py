@@ -32,7 +32,7 @@ def vehicle_boxes(scenario: Scenario, r_0: np.ndarray, control: str, feels: bool
         plant = [plant_box(scenario.vehicle, scenario.world.kinematics, x_0, scenario.h)]
     else:
         plant = continuous_boxes(scenario, x_0, scenario.imu_samples, feels)
-    moving = plant[0].reading(control=acts, disturbance=pushes)
+    moving = plant[0].with_inputs(control=acts, disturbance=pushes)
     return [*pushing, *acting, moving, *plant[1:], *(felt_boxes(scenario, acts, pushes) if feels else [])]
 
 
@@ -44,9 +44,9 @@ def felt_boxes(scenario: Scenario, acts: str, pushes: str) -> list[Box]:
         acts: the box that says the control as it acts on the body.
         pushes: the box that says the disturbance.
     """
-    felt = felt_box(scenario.vehicle).reading(control=acts, disturbance=pushes)
+    felt = felt_box(scenario.vehicle).with_inputs(control=acts, disturbance=pushes)
     moved = acceleration_box(scenario.vehicle, scenario.world.kinematics)
-    return [felt, moved.reading(state="plant", control=felt_control(scenario), disturbance="felt.disturbance")]
+    return [felt, moved.with_inputs(state="plant", control=felt_control(scenario), disturbance="felt.disturbance")]
 
 
 def felt_control(scenario: Scenario) -> str:
@@ -60,11 +60,11 @@ def disturbance_boxes(scenario: Scenario) -> list[Box]:
     lasting, faults = scenario.truth.force, force_table(scenario.faults)
     if lasting != ForceTruth():
         noise = gauss_markov(np.array([*[lasting.gust_sd] * 3, 0.0, 0.0, 0.0]), lasting.gust_time, scenario.h)
-        boxes.append(lasting_force_box(noise, scenario.h).reading(disturbance=boxes[-1].name))
+        boxes.append(lasting_force_box(noise, scenario.h).with_inputs(disturbance=boxes[-1].name))
     if faults.kinds.size:
-        boxes.append(force_faults_box(faults, scenario.h).reading(disturbance=boxes[-1].name))
+        boxes.append(force_faults_box(faults, scenario.h).with_inputs(disturbance=boxes[-1].name))
     if any(scenario.world.drag):
-        boxes.append(drag_box(scenario.world.drag).reading(disturbance=boxes[-1].name, state="plant"))
+        boxes.append(drag_box(scenario.world.drag).with_inputs(disturbance=boxes[-1].name, state="plant"))
     return boxes
 
 
@@ -77,8 +77,8 @@ def wrench_boxes(scenario: Scenario, control: str) -> list[Box]:
     if scenario.world.rotors.kind == "first_order":
         return boxes
     if scenario.truth.vehicle != VehicleTruth():
-        boxes.append(wrench_error_box().reading(control=control))
+        boxes.append(wrench_error_box().with_inputs(control=control))
     faults = wrench_table(scenario.faults, scenario.vehicle)
     if faults.kinds.size:
-        boxes.append(wrench_faults_box(faults, scenario.h).reading(control=boxes[-1].name if boxes else control))
+        boxes.append(wrench_faults_box(faults, scenario.h).with_inputs(control=boxes[-1].name if boxes else control))
     return boxes

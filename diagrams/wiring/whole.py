@@ -3,7 +3,7 @@
 from pydrake.systems.framework import System
 
 from ortilo_drake.diagrams.faults import check_room
-from ortilo_drake.diagrams.wiring.onboard import NO_PARTS, Parts, belief_in, measured_in, onboard_boxes, system_of
+from ortilo_drake.diagrams.wiring.onboard import NO_PARTS, Parts, belief_in, measurement_in, onboard_boxes, system_of
 from ortilo_drake.diagrams.wiring.pictures import detected
 from ortilo_drake.diagrams.wiring.world import is_system, world_boxes
 from ortilo_drake.loop.element import Box
@@ -30,7 +30,7 @@ def boxes_of(scenario: Scenario, ticks: int, parts: Parts = NO_PARTS) -> list[Bo
 def signals_of(boxes: list[Box]) -> dict[str, str]:
     """Return the box, or part of one, behind each signal of a flight's log."""
     signals = {"state": "plant", "control": "servo", "reference": "reference", "belief": belief_in(boxes)}
-    return signals | measured_in(boxes)
+    return signals | measurement_in(boxes)
 
 
 def why_not(scenario: Scenario) -> str | None:

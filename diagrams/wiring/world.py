@@ -47,7 +47,7 @@ def world_boxes(
     """
     commands = command_boxes(scenario)
     control = "command_link.applied" if commands else "servo"
-    boxes = [*commands, *vehicle_boxes(scenario, r_0, control, feels(scenario, whole_imu))]
+    boxes = [*commands, *vehicle_boxes(scenario, r_0, control, needs_forces(scenario, whole_imu))]
     if scenario.commands.are_reported:
         boxes += report_boxes(scenario, control)
     sensing, messages = sensors_boxes(scenario, room, whole_imu)
@@ -61,7 +61,7 @@ def sensors_boxes(scenario: Scenario, room: Room, whole_imu: bool) -> tuple[list
     """
     boxes, messages = list[Box](), dict[str, Box]()
     if scenario.lends_velocities:
-        boxes.append(velocity_box(scenario.h).reading(state="plant"))
+        boxes.append(velocity_box(scenario.h).with_inputs(state="plant"))
     for name in scenario.measurement.sensors:
         if name in scenario.sensors:
             own = sensor_boxes(scenario, room, name, whole_imu)
@@ -75,21 +75,21 @@ def command_boxes(scenario: Scenario) -> list[Box]:
     settings = scenario.command_link
     if settings == CommandLink():
         return []
-    return [command_link_box(settings, scenario.vehicle.hover_thrust, scenario.h).reading(control="servo")]
+    return [command_link_box(settings, scenario.vehicle.hover_thrust, scenario.h).with_inputs(control="servo")]
 
 
 def report_boxes(scenario: Scenario, control: str) -> list[Box]:
     """Return the boxes that report which commands acted, with their link, which delivers `acted_delivered`."""
     h, perfect = scenario.h, control == "servo"
     stamp = "now" if perfect else "command_link.stamp"
-    report = report_box(scenario.vehicle.hover_thrust, h).reading(control=control, stamp=stamp)
+    report = report_box(scenario.vehicle.hover_thrust, h).with_inputs(control=control, stamp=stamp)
     return [*([now_box(h)] if perfect else []), report, *report_link_boxes(scenario, report)]
 
 
 def report_link_boxes(scenario: Scenario, report: Box) -> list[Box]:
     """Return the link of the report of what acted; `acted_delivered` says it as it lands."""
     settings, h = scenario.report_link, scenario.h
-    link = link_box("acted", settings, settings.every(h), h).reading(state="plant")
+    link = link_box("acted", settings, settings.every(h), h).with_inputs(state="plant")
     return [link, delivery_box("acted", report, settings)]
 
 
@@ -97,30 +97,30 @@ def sensor_boxes(scenario: Scenario, room: Room, name: str, whole_imu: bool) -> 
     """Return a sensor with its clock, errors, faults and link; the last box says its message as it lands."""
     settings, h, samples = link_settings(scenario, name), scenario.h, scenario.samples(name)
     faults = [] if scenario.is_picture(name) else message_faults(scenario.faults, name)
-    link = link_box(name, settings, scenario.every(name), h).reading(state="plant")
+    link = link_box(name, settings, scenario.every(name), h).with_inputs(state="plant")
     asked, clock = asked_box(name, faults, samples, h), None
     if not described(name).is_wired and scenario.truth.clock != ClockTruth():
-        clock = clock_box(name, h).reading(state="plant")
+        clock = clock_box(name, h).with_inputs(state="plant")
     seen = "plant" if clock is None else clock.name
     sensor = source_box(scenario, room, name, seen, whole_imu)
     if sensor.system is None:
-        sensor = sensor.reading(state=seen, sent=link.name if asked is None else asked.name)
+        sensor = sensor.with_inputs(state=seen, sent=link.name if asked is None else asked.name)
     its_h = scenario.sampled_for(name).h
     each = 1 if sensor.system is not None else samples  # a System gives its samples one by one
     changes, payload = [], (sensor.size - PAYLOAD) // each - (PAYLOAD if each > 1 else 0)
     if name in dict(scenario.truth.sensors):
         check_size(name, dict(scenario.truth.sensors)[name], payload)
-    behind = described(name).behind
+    behind = described(name).after_sensor
     changed = None if behind is None else behind(scenario, room, sensor, each)
     if changed is not None:
-        changes.append(changed.reading(state=seen))
+        changes.append(changed.with_inputs(state=seen))
     said = changes[-1] if changes else sensor
     errors = None if scenario.is_picture(name) else errors_of(scenario, name, payload)
     if errors is not None:
         changes.append(errors_box(name, said, errors, each, h))
     said = changes[-1] if changes else sensor
     boxes = fault_boxes(name, said, faults, room.anchor_positions, each, its_h)
-    changes += [box.reading(state=seen) for box in boxes]
+    changes += [box.with_inputs(state=seen) for box in boxes]
     said = changes[-1] if changes else sensor
     if samples > each:
         collector = SampleCollector(name, said.size, samples, h)
@@ -169,7 +169,7 @@ def sensor_system(scenario: Scenario, room: Room, name: str) -> System:
         make: Any = described(name).make_world
         made: System = make(scenario, room)
         return made
-    sensor = sensor_element(scenario, room, name, whole=True).reading(state="state", sent="always")
+    sensor = sensor_element(scenario, room, name, whole=True).with_inputs(state="state", sent="always")
     wiring = Wiring([outside("state", N_X), constant("always", [0.0]), sensor])
     return WiredSystem_[float](name, wiring, {name: (name,)}, scenario.h)
 
@@ -184,10 +184,10 @@ def is_element(name: str) -> bool:
     return described(name).element is not None or described(name).compiled is not None
 
 
-def feels(scenario: Scenario, whole_imu: bool) -> bool:
+def needs_forces(scenario: Scenario, whole_imu: bool) -> bool:
     """Return whether a sensor asks for what acts on the body."""
     felt = whole_imu or reads_whole_imu(scenario) or scenario.imu.ahrs is not None
-    return any((felt and described(name).feels) or is_system(scenario, name) for name in scenario.sensors)
+    return any((felt and described(name).needs_forces) or is_system(scenario, name) for name in scenario.sensors)
 
 
 def reads_whole_imu(scenario: Scenario) -> bool:

@@ -64,7 +64,7 @@ def dimensions(shape: tuple[int, ...]) -> str:
     return "".join(f"[{max(d, 1)}]" for d in shape)
 
 
-def flown(half: Half) -> list[Box]:
+def computed_boxes(half: Half) -> list[Box]:
     """Return the boxes that compute anything or hold anything, in the order of a tick."""
     order = {box.name: box for box in (*half.wiring.out_order, *half.wiring.step_order)}
     return [*order.values(), *(box for name, box in half.wiring.boxes.items() if name not in order)]
@@ -112,7 +112,7 @@ def header_text(half: Half, name: str, sizes: dict[str, int], makes_arrays: bool
         "/* Numbers that may be changed without exporting again: noise, gains, anchors, limits. */",
     ]
     held = []
-    for box in flown(half):
+    for box in computed_boxes(half):
         constants = constants_of(box)
         if constants:
             members = [(f"{KINDS[kind]} {what}{dimensions(values.shape)};", "") for what, kind, values in constants]

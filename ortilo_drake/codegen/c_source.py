@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from ortilo_drake.codegen.c_header import c_name, constants_of, flown
+from ortilo_drake.codegen.c_header import c_name, computed_boxes, constants_of
 from ortilo_drake.codegen.half import Half
 from ortilo_drake.codegen.ir import symbol_of
 from ortilo_drake.codegen.single import NARROW, with_floats
@@ -48,7 +48,7 @@ def numbers_text(half: Half, single: bool) -> str:
     """Return the default numbers; in single precision rounded to floats."""
     kinds = NARROW if single else {}
     lines = ["const ortilo_numbers ortilo_default_numbers = {"]
-    for box in flown(half):
+    for box in computed_boxes(half):
         if constants := constants_of(box):
             given = [
                 f"    .{name} = {values_text(np.asarray(values, kind).astype(kinds.get(kind, kind)))},"
@@ -58,7 +58,7 @@ def numbers_text(half: Half, single: bool) -> str:
     return "\n".join([*lines, "};\n"])
 
 
-def first_state(half: Half, places: Places) -> np.ndarray:
+def initial_values(half: Half, places: Places) -> np.ndarray:
     """Return all states at tick 0, one after the other."""
     found = np.zeros(max(places.sizes[1], 1))
     for (name, state), (at, shape) in places.state.items():
@@ -104,8 +104,8 @@ def call(half: Half, places: Places, box: Box, what: str) -> str:
 def source_text(half: Half, makes_arrays: bool, single: bool = False) -> tuple[str, dict[str, int]]:
     """Return ortilo.c, with floats if single, and how many numbers states, room to work in and what is said take."""
     wiring, places = half.wiring, places_of(half.wiring)
-    declared = [declaration(box, what) for box in flown(half) for what in box.element.functions]
-    first = first_state(half, places).astype(np.float32 if single else float)
+    declared = [declaration(box, what) for box in computed_boxes(half) for what in box.element.functions]
+    first = initial_values(half, places).astype(np.float32 if single else float)
     came = [
         f"    memcpy({address(half, places, Wire(name, 0, size))}, &inputs->{c_name(name)}, {size} * sizeof(double));"
         for name, size in half.inputs.items()

@@ -111,7 +111,7 @@ class ExportedHalf:
         """Begin anew at tick 0 with the next tick."""
         self._anew = True
 
-    def take(self, messages: Signals) -> None:
+    def receive(self, messages: Signals) -> None:
         """Take this tick's messages."""
         self.take_inputs(inputs_of(self._half, messages))
 

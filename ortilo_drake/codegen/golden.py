@@ -54,7 +54,7 @@ def flown_ticks(scenario: Scenario, ticks: int) -> tuple[np.ndarray, dict[str, n
     for k in range(ticks):
         messages = world.sample()
         came[k] = inputs_of(half, messages)
-        onboard.take(messages)
+        onboard.receive(messages)
         outputs = onboard.outputs()
         for name in COMPARED:
             went[name][k] = outputs[name].ravel()

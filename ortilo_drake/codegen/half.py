@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 from pydrake.trajectories import Trajectory
 
-from ortilo_drake.diagrams.estimator import shown_boxes
+from ortilo_drake.diagrams.estimator import with_belief_parts
 from ortilo_drake.diagrams.wiring.messages import message_boxes
-from ortilo_drake.diagrams.wiring.onboard import measured_in, onboard_boxes
+from ortilo_drake.diagrams.wiring.onboard import measurement_in, onboard_boxes
 from ortilo_drake.loop.element import OUTSIDE, Element, outside, takes
 from ortilo_drake.loop.wiring import Wire, Wiring
 from ortilo_drake.model.signals import ACTED_SIZE, VELOCITY_SIZE
@@ -51,7 +51,7 @@ def onboard_half(scenario: Belief) -> Half:
     around = [*messages.values(), outside("velocity", VELOCITY_SIZE), outside("acted_delivered", ACTED_SIZE)]
     ticks = int(plan.end_time() * belief.control_rate) + 2
     boxes = onboard_boxes(belief, room, plan, ticks, messages)
-    boxes += shown_boxes(belief, boxes)
+    boxes += with_belief_parts(belief, boxes)
     wiring = Wiring([*around, *boxes])
     for box in wiring.boxes.values():
         if box.system is not None:
@@ -61,10 +61,10 @@ def onboard_half(scenario: Belief) -> Half:
     read = {wire.box for wire in wiring.wires.values()}
     read |= {held for name in read for held in wiring.boxes[name].holds}
     inputs = {name: box.size for name, box in wiring.boxes.items() if box.element is OUTSIDE and name in read}
-    signals = {"control": "servo", "estimate": "shown.estimate", "covariance": "shown.covariance"}
-    signals |= {"reference": "reference"} | measured_in(boxes)
-    if "known" in wiring.boxes:
-        signals["force"] = "known.force"
+    signals = {"control": "servo", "estimate": "belief_parts.estimate", "covariance": "belief_parts.covariance"}
+    signals |= {"reference": "reference"} | measurement_in(boxes)
+    if "vehicle_belief" in wiring.boxes:
+        signals["force"] = "vehicle_belief.force"
     return Half(wiring, inputs, {name: wiring.wire(said, "outputs") for name, said in signals.items()})
 
 

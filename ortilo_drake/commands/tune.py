@@ -187,7 +187,7 @@ def tune(
     from ortilo_drake.flight.flight import scenario_of
     from ortilo_drake.flight.saved_flight import load_flight
     from ortilo_drake.studies.consistency.consistency_figures import tuning_figure
-    from ortilo_drake.studies.tuning.in_short import in_short
+    from ortilo_drake.studies.tuning.summary import tuning_summary
     from ortilo_drake.studies.tuning.tune import check_flights, find_flights, overlay_text
     from ortilo_drake.studies.tuning.tune import tune as tune_flights
     from ortilo_drake.studies.tuning.tuning_report import tuning_report
@@ -211,7 +211,7 @@ def tune(
     if figure is not None:
         tuning_figure(tuning, figure)
     write_json(json_file, as_data(report) | ({"check": checked} if checked else {}))
-    _print_tuning(report, in_short(report, checked))
+    _print_tuning(report, tuning_summary(report, checked))
     if checked:
         _print_check(checked)
     say_written(out_file, figure, json_file)

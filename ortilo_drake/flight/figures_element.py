@@ -29,4 +29,4 @@ FIGURES = Element("figures", out=figures_out)
 
 def figures_box(bounds: Bounds) -> Box:
     """Return the box of a flight's figures; it reads the true state (12), the belief (240) and the reference."""
-    return Box("figures", FIGURES, TRACE_SIZE + 1).taking(bounds=bounds)
+    return Box("figures", FIGURES, TRACE_SIZE + 1).with_groups(bounds=bounds)

@@ -26,7 +26,7 @@ def in_this_process(scenario: Scenario) -> Ask:
     onboard = OnboardHalf(scenario)
 
     def ask(tick: int, messages: Signals) -> Signals:
-        onboard.take(messages)
+        onboard.receive(messages)
         outputs = onboard.outputs()
         onboard.advance()
         return outputs

@@ -4,7 +4,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ortilo_drake.diagrams.wiring.truth import drawn_of, normals_at_start
+from ortilo_drake.diagrams.wiring.truth import drawn_values, normals_at_start
 from ortilo_drake.diagrams.wiring.whole import boxes_of, signals_of
 from ortilo_drake.flight.figures import TRACE_SIZE
 from ortilo_drake.flight.figures_element import figures_box
@@ -36,7 +36,7 @@ class Played:
         boxes = boxes_of(scenario, self.ticks)
         self._signals = signals_of(boxes)
         figures = figures_box(bounds_of(self._room, scenario.vehicle))
-        figures = figures.reading(**{name: self._signals[name] for name in ("state", "belief", "reference")})
+        figures = figures.with_inputs(**{name: self._signals[name] for name in ("state", "belief", "reference")})
         self.wiring = Wiring([*boxes, figures])
         self._player = Player(self.wiring, ("figures", self._signals["delta"]), "figures")
         self._sensors = scenario.measurement.sizes["delta"]
@@ -72,7 +72,7 @@ class Played:
         """
         player = self._logger if log.shape[0] else self._player
         rows = np.empty((self.ticks + 1, player.width))
-        last = player.fly(seeds, rows, drawn_of(self.wiring, self._scenario, self._room, draw))
+        last = player.fly(seeds, rows, drawn_values(self.wiring, self._scenario, self._room, draw))
         flown, logged = rows[: last + 1], TRACE_SIZE + 1 + self._sensors
         trace[: last + 1] = flown[:, :TRACE_SIZE]
         arrived[:] = np.sum(flown[:, TRACE_SIZE + 1 : logged], axis=0)

@@ -138,7 +138,7 @@ class OnboardHalf:
     def restart(self) -> None:
         """Begin anew, at tick 0."""
         self._simulator, self._k = Simulator(self._diagram), 0
-        self.take({})
+        self.receive({})
         if self._path is not None:
             self.fly_path(self._path)
         if "image" in self._ports:
@@ -171,7 +171,7 @@ class OnboardHalf:
         self._path = path
         self._ports["path"].FixValue(self._simulator.get_mutable_context(), path_value(path))
 
-    def take(self, messages: Signals) -> None:
+    def receive(self, messages: Signals) -> None:
         """Put this tick's messages on the input ports."""
         context = self._simulator.get_mutable_context()
         for name, nothing in self._absent.items():

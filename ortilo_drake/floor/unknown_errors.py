@@ -30,7 +30,7 @@ from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import described
 from ortilo_drake.sensors.imu import inertial_biases
-from ortilo_drake.sensors.unknown_error import Error, Seen, gauss_markov, own, spread, walk
+from ortilo_drake.sensors.unknown_error import Error, Seen, gauss_markov, one_per_source, spread, walk
 
 
 def force_errors(scenario: Scenario, k: float) -> list[Error]:
@@ -40,13 +40,13 @@ def force_errors(scenario: Scenario, k: float) -> list[Error]:
     _, Gamma_d = discretize(hover_A(scenario.yaw), hover_B_d(scenario.vehicle), h)
     factors = (vehicle.mass_factor - 1.0, vehicle.mass_factor_sd, vehicle.thrust_factor - 1.0, vehicle.thrust_factor_sd)
     lift = tuple((0.0, 0.0, m * GRAVITY * factor) for factor in factors)
-    lasting, push, pull = {"force": own(3)}, (1.0 - k) * Gamma_d[:, :3], -k * m * Gamma_d[:, :3]
+    lasting, push, pull = {"force": one_per_source(3)}, (1.0 - k) * Gamma_d[:, :3], -k * m * Gamma_d[:, :3]
     bias = inertial_biases(scenario)[1]
     off = spread(vehicle.center_of_gravity[::-1], vehicle.center_of_gravity_sd, number=2)
     return [
         walk(spread(force.mean, force.mean_sd, *lift), 0.0, lasting, push),
         gauss_markov(spread(force.gust_sd), force.gust_time, h, lasting, push),
-        walk(bias, imu.specific_force_walk * np.sqrt(h), {"force": lambda rows: m * own(3)(rows)}, pull),
+        walk(bias, imu.specific_force_walk * np.sqrt(h), {"force": lambda rows: m * one_per_source(3)(rows)}, pull),
         walk(m * GRAVITY * off, 0.0, {}, Gamma_d[:, 3:5]),
     ]
 
@@ -61,7 +61,7 @@ def unknown_of(scenario: Scenario, room: Room, name: str) -> list[Error]:
         return []
     biases = its.biases
     sd = np.array([dict(biases.row_sd).get(row.name, 0.0) for row in described(name).rows])
-    return [gauss_markov(sd, biases.row_time, scenario.h, {name: own(len(sd))})]
+    return [gauss_markov(sd, biases.row_time, scenario.h, {name: one_per_source(len(sd))})]
 
 
 def unknown_errors(scenario: Scenario, room: Room, k: float) -> Error:

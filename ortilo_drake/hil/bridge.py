@@ -111,7 +111,7 @@ class TickCollector:
             self.given += 1
             self.without_world += not world
             self.without_answer += not answer
-            messages = self._world.take(k)
+            messages = self._world.pop(k)
             if self._picture and "image" not in messages:
                 messages |= {"shutter": np.array([1.0, self._picture.stamp]), "image": self._picture.value}
                 self._picture = None

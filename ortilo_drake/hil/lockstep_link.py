@@ -27,7 +27,7 @@ POLL_MS: Final = 10
 class StepsTicks(Protocol):
     """An onboard half that is stepped tick by tick, as flight.stepped_halves.OnboardHalf."""
 
-    def take(self, messages: Signals) -> None:
+    def receive(self, messages: Signals) -> None:
         """Take this tick's messages."""
 
     def outputs(self) -> Signals:
@@ -93,8 +93,8 @@ def answer_over_link(
             elif packet.value.role == "world" and packet.value.state == FINISHED:
                 return k
         if ticks.is_complete(k):
-            messages = ticks.take(k)
-            onboard.take(messages)
+            messages = ticks.pop(k)
+            onboard.receive(messages)
             last = onboard.outputs()
             _answer(outbox, k, last)
             onboard.advance()

@@ -9,7 +9,7 @@ import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, InputPort, InputPortIndex, OutputPort, System
 from pydrake.systems.primitives import ConstantVectorSource, Multiplexer
 
-from ortilo_drake.loop.element import OUTSIDE, Box, Given
+from ortilo_drake.loop.element import OUTSIDE, Box, Values
 from ortilo_drake.loop.shell import WiredSystem_, alone
 from ortilo_drake.loop.wiring import Wiring
 
@@ -49,7 +49,7 @@ class Added(NamedTuple):
         seed: int = system.seed_in(system.GetMyContextFromRoot(context))
         return seed
 
-    def give(self, context: Context, given: dict[str, Given]) -> None:
+    def give(self, context: Context, given: dict[str, Values]) -> None:
         """Give boxes other numbers, tables or states, by their names; the context is the root's."""
         for system in self._wired():
             its = {name: values for name, values in given.items() if name in system.boxes()}

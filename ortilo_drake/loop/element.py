@@ -72,26 +72,28 @@ class Group:
     @property
     def leaves(self) -> list[Number | Array]:
         """Its numbers and arrays, and those of the groups in it."""
-        return [leaf for its in self.fields for leaf in (its.leaves if isinstance(its, Group) else [its])]
+        return [leaf for item in self.fields for leaf in (item.leaves if isinstance(item, Group) else [item])]
 
     def filled(self, record: Any, array_of: Callable[[str], Any]) -> Any:
         """Return the tuple, of the element's record and its arrays by their names."""
         values = []
-        for its in self.fields:
-            if isinstance(its, Group):
-                values.append(its.filled(record, array_of))
+        for item in self.fields:
+            if isinstance(item, Group):
+                values.append(item.filled(record, array_of))
             else:
-                values.append(record[its.name] if isinstance(its, Number) else array_of(its.name))
+                values.append(record[item.name] if isinstance(item, Number) else array_of(item.name))
         return self.of(*values)
 
-    def given(self, values: Any) -> "Given":
+    def given(self, values: Any) -> "Values":
         """Return the values of such a tuple as a box is given them."""
-        found = Given()
-        for its, value in zip(self.fields, values, strict=True):
-            if isinstance(its, Group):
-                found = found.with_(its.given(value))
+        found = Values()
+        for item, value in zip(self.fields, values, strict=True):
+            if isinstance(item, Group):
+                found = found.updated(item.given(value))
             else:
-                found = found.with_(Given(**{"numbers" if isinstance(its, Number) else "tables": {its.name: value}}))
+                found = found.updated(
+                    Values(**{"numbers" if isinstance(item, Number) else "tables": {item.name: value}})
+                )
         return found
 
 
@@ -103,12 +105,12 @@ def group_of(name: str, values: Any) -> Group:
     """
     fields = list[Number | Array | Group]()
     for field_name, value in values._asdict().items():
-        its = f"{name}_{field_name}"
+        item = f"{name}_{field_name}"
         if hasattr(value, "_asdict"):
-            fields.append(group_of(its, value))
+            fields.append(group_of(item, value))
             continue
         kind, dimensions = kind_of(f"{type(values).__name__}.{field_name}", value), np.ndim(value)
-        fields.append(Array(its, dimensions, kind) if dimensions else Number(its, kind=kind))
+        fields.append(Array(item, dimensions, kind) if dimensions else Number(item, kind=kind))
     return Group(name, type(values), tuple(fields))
 
 
@@ -153,12 +155,12 @@ class Element:
     @property
     def constants(self) -> tuple[Number, ...]:
         """Its numbers and those of its groups."""
-        return (*self.numbers, *(its for group in self.groups for its in group.leaves if isinstance(its, Number)))
+        return (*self.numbers, *(item for group in self.groups for item in group.leaves if isinstance(item, Number)))
 
     @property
     def arrays(self) -> tuple[Array, ...]:
         """Its tables and those of its groups."""
-        return (*self.tables, *(its for group in self.groups for its in group.leaves if isinstance(its, Array)))
+        return (*self.tables, *(item for group in self.groups for item in group.leaves if isinstance(item, Array)))
 
     @property
     def own(self) -> dict[str, Array]:
@@ -199,16 +201,16 @@ def takes(function: Callable[..., None]) -> list[str]:
 
 
 @dataclass(frozen=True)
-class Given:
+class Values:
     """The values given to a box: its constants, its state at the start, its tables."""
 
     numbers: dict[str, Any] = field(default_factory=dict)
     start: dict[str, Any] = field(default_factory=dict)
     tables: dict[str, Any] = field(default_factory=dict)
 
-    def with_(self, other: "Given") -> "Given":
+    def updated(self, other: "Values") -> "Values":
         """Return the same with other values where the other has any."""
-        return Given(self.numbers | other.numbers, self.start | other.start, self.tables | other.tables)
+        return Values(self.numbers | other.numbers, self.start | other.start, self.tables | other.tables)
 
 
 @dataclass(frozen=True)
@@ -230,18 +232,18 @@ class Box:
     name: str
     element: Element
     size: int
-    given: Given = Given()
+    given: Values = Values()
     work: dict[str, tuple[int, ...]] = field(default_factory=dict)
     reads: dict[str, str] = field(default_factory=dict)
     parts: dict[str, tuple[int, int]] = field(default_factory=dict)
     holds: tuple[str, ...] = ()
     system: Any = None
 
-    def reading(self, **reads: str) -> "Box":
+    def with_inputs(self, **reads: str) -> "Box":
         """Return a box whose inputs read these boxes."""
         return replace(self, reads=self.reads | reads)
 
-    def taking(self, **tuples: Any) -> "Box":
+    def with_groups(self, **tuples: Any) -> "Box":
         """Return a box whose functions take these NamedTuples as well, by the names of their parameters.
 
         Raises:
@@ -249,7 +251,7 @@ class Box:
         """
         groups, given = [group_of(name, values) for name, values in tuples.items()], self.given
         for group in groups:
-            given = given.with_(group.given(tuples[group.name]))
+            given = given.updated(group.given(tuples[group.name]))
         return replace(self, element=replace(self.element, groups=(*self.element.groups, *groups)), given=given)
 
 
@@ -273,4 +275,4 @@ def constant(name: str, values: Any) -> Box:
     """Return a box that always says the same numbers."""
     start = np.atleast_1d(np.asarray(values, dtype=float))
     element = Element("constant", state=(Array("values"),), shows="values")
-    return Box(name, element, start.size, Given(start={"values": start}))
+    return Box(name, element, start.size, Values(start={"values": start}))

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number, kind_of, takes
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values, kind_of, takes
 from ortilo_drake.loop.wiring import check_values
 
 
@@ -53,12 +53,12 @@ def box(
         shows=shows,
         allocates=True,
     )
-    made = Box("own", element, size, Given(numbers, state, tables), work)
+    made = Box("own", element, size, Values(numbers, state, tables), work)
     check_values(made)
     return made
 
 
-def said_at_first(its: Box, sizes: dict[str, int]) -> np.ndarray:
+def initial_output(its: Box, sizes: dict[str, int]) -> np.ndarray:
     """Return the output of a box in tick 0 with zeros at its inputs, computed by its plain Python function.
 
     Args:
@@ -90,6 +90,6 @@ def _cut_out(n: Any, whole: np.ndarray, out: np.ndarray) -> None:
 CUT = Element("cut", out=_cut_out, numbers=(Number("first", kind="i8"),))
 
 
-def cut(name: str, first: int, size: int) -> Box:
+def slice_box(name: str, first: int, size: int) -> Box:
     """Return a box that says a part of the `whole` that it reads."""
-    return Box(name, CUT, size, Given({"first": first}))
+    return Box(name, CUT, size, Values({"first": first}))

@@ -3,7 +3,7 @@
 A function's plain source calls the plain source of all that it calls. Some functions have another form for such
 scalars: an iteration is not differentiated, only its last step; noise is drawn by compiled code.
 
-    @instead_of(filter_step)
+    @generic_twin_of(filter_step)
     def differentiable_step(...): ...
 """
 
@@ -15,7 +15,7 @@ _INSTEAD: dict[int, Any] = {}
 _PLAIN: dict[int, tuple[Any, Any]] = {}  # with the function, so that its id stays its own
 
 
-def instead_of(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def generic_twin_of(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Let a function run in the place of another one, plain or compiled, where scalars are no floats."""
 
     def mark(other: Callable[..., Any]) -> Callable[..., Any]:

@@ -5,13 +5,13 @@ from typing import Any
 import numpy as np
 
 from ortilo_drake.loop.digest import digest_of
-from ortilo_drake.loop.element import Given
+from ortilo_drake.loop.element import Values
 from ortilo_drake.loop.generated import load
 from ortilo_drake.loop.source import Places, flight_text, places_of
 from ortilo_drake.loop.wiring import Wiring
 
 _KINDS = {"f8": np.float64, "i8": np.int64, "u8": np.uint64, "b1": np.bool_}
-NOTHING: dict[str, Given] = {}
+NOTHING: dict[str, Values] = {}
 
 
 class Player:
@@ -34,7 +34,7 @@ class Player:
         self._fly: Any = load(f"flight_{digest_of(self.text)}", self.text, {}).fly
         self._memory = Memory(wiring, self._places)
 
-    def fly(self, seeds: np.ndarray, trace: np.ndarray, drawn: dict[str, Given] = NOTHING) -> int:
+    def fly(self, seeds: np.ndarray, trace: np.ndarray, drawn: dict[str, Values] = NOTHING) -> int:
         """Fly once; write a row for each tick, and return the last tick.
 
         Args:
@@ -107,7 +107,7 @@ class Memory:
         """Return one of a box's tables."""
         return self._kept[name, table]
 
-    def put(self, name: str, given: Given) -> None:
+    def put(self, name: str, given: Values) -> None:
         """Put in what a box is given."""
         self._known = None
         box, at = self._wiring.boxes[name], self._places.numbers[name]

@@ -15,7 +15,7 @@ from pydrake.systems.framework import BasicVector_, LeafSystem_, ValueProducer
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.loop.calls import PlainCalls, Reading, compiled_calls
-from ortilo_drake.loop.element import OUTSIDE, Given, outside
+from ortilo_drake.loop.element import OUTSIDE, Values, outside
 from ortilo_drake.loop.player import Memory
 from ortilo_drake.loop.seeds import seed_of
 from ortilo_drake.loop.source import place_of, places_of
@@ -212,7 +212,7 @@ def WiredSystem_(T: type) -> type:
             """Return the names of its boxes, but for those that stand for inputs."""
             return frozenset(name for name, box in self._wiring.boxes.items() if box.element is not OUTSIDE)
 
-        def give(self, context: Any, given: dict[str, Given]) -> None:
+        def give(self, context: Any, given: dict[str, Values]) -> None:
             """Give boxes other numbers, tables or states in a context of this system, by their names."""
             memory = context.get_abstract_parameter(self._given).get_value().copy()
             for name, its in given.items():
@@ -233,7 +233,7 @@ def WiredSystem_(T: type) -> type:
                 raise ValueError(f"{box}: {state}: has the shape {np.shape(values)}, must have {shape}")
             if self._state is None:
                 memory = context.get_abstract_parameter(self._given).get_value().copy()
-                memory.put(box, Given(start={state: values}))
+                memory.put(box, Values(start={state: values}))
                 context.get_mutable_abstract_parameter(self._given).set_value(memory)
                 return
             whole = context.get_discrete_state(self._state).CopyToVector()
@@ -255,4 +255,4 @@ def alone(wiring: Wiring, name: str) -> Wiring:
     box = wiring.boxes[name]
     wires = {port: wiring.wires[name, port] for port in box.element.inputs}
     inputs = {port: wire.size for port, wire in wires.items() if wire.box != name}  # it may read what it says itself
-    return Wiring([box.reading(**{port: port for port in inputs}), *(outside(*its) for its in inputs.items())])
+    return Wiring([box.with_inputs(**{port: port for port in inputs}), *(outside(*its) for its in inputs.items())])

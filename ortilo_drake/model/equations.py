@@ -209,7 +209,7 @@ def accelerations(
 
 
 @register_jitable
-def moved(x: Twelve, t: float, v: Six, a: Six) -> Twelve:
+def advanced(x: Twelve, t: float, v: Six, a: Six) -> Twelve:
     """Return x + t x_dot, x_dot = [v, a]."""
     return (
         x[0] + t * v[0],
@@ -228,7 +228,7 @@ def moved(x: Twelve, t: float, v: Six, a: Six) -> Twelve:
 
 
 @register_jitable
-def weighed(k_1: Six, k_2: Six, k_3: Six, k_4: Six) -> Six:
+def runge_kutta_sum(k_1: Six, k_2: Six, k_3: Six, k_4: Six) -> Six:
     """Return k_1 + 2 k_2 + 2 k_3 + k_4."""
     return (
         k_1[0] + 2.0 * k_2[0] + 2.0 * k_3[0] + k_4[0],
@@ -247,13 +247,15 @@ def stepped(
     """Return x after h [s] under held u and d, see step."""
     x_1 = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10], x[11])
     a_1 = accelerations(x_1, u, d, mass, inertia, kinematics)
-    x_2 = moved(x_1, h / 2.0, x_1[6:], a_1)
+    x_2 = advanced(x_1, h / 2.0, x_1[6:], a_1)
     a_2 = accelerations(x_2, u, d, mass, inertia, kinematics)
-    x_3 = moved(x_1, h / 2.0, x_2[6:], a_2)
+    x_3 = advanced(x_1, h / 2.0, x_2[6:], a_2)
     a_3 = accelerations(x_3, u, d, mass, inertia, kinematics)
-    x_4 = moved(x_1, h, x_3[6:], a_3)
+    x_4 = advanced(x_1, h, x_3[6:], a_3)
     a_4 = accelerations(x_4, u, d, mass, inertia, kinematics)
-    return moved(x_1, h / 6.0, weighed(x_1[6:], x_2[6:], x_3[6:], x_4[6:]), weighed(a_1, a_2, a_3, a_4))
+    return advanced(
+        x_1, h / 6.0, runge_kutta_sum(x_1[6:], x_2[6:], x_3[6:], x_4[6:]), runge_kutta_sum(a_1, a_2, a_3, a_4)
+    )
 
 
 @njit(cache=True)

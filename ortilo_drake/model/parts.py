@@ -88,12 +88,12 @@ class Sensor:
         mismatches: ways in which its world may differ from what is believed, sensors.mismatch.Mismatch.
         element: (scenario, room, whole) -> Box that says its message as it is sent, of a sensor that is built in; whole
             where all of the message is asked for. Other sensors have `compiled` or make_world.
-        behind: (scenario, room, the Box of its message, samples a tick) -> Box that changes the message before
+        after_sensor: (scenario, room, the Box of its message, samples a tick) -> Box that changes the message before
             the errors of `truth` do, None where nothing does. It reads the true state, and may the acceleration.
         solver: (scenario, room) -> Box that makes its fix, None where make_onboard's System must; built in likewise.
         drawn: (scenario, room, what was drawn of `truth`, the wiring's boxes) -> what boxes are given in that world, by
             their names; built in likewise.
-        feels: whether its element reads what acts on the body.
+        needs_forces: whether its element reads what acts on the body.
         samples_itself: whether its element says all samples of a tick, where it is faster than that.
         is_wired: whether it is the onboard computer's own: its messages go over no radio and its clock is the filter's.
         measures: the things in the room that it measures by, 'anchors' or 'landmarks'.
@@ -104,8 +104,8 @@ class Sensor:
         check: (scenario, room) -> None; raises InputError where the sensor cannot fly.
         advice: the hint for a flight in which none of its values arrived.
         noise_numbers: scenario -> the numbers that state V where it comes with each fix, by their place there.
-        scaled_by: how those places begin.
-        stand_in: variances of the value for theory that is of no place, where V comes with each fix (m or
+        noise_settings: how those places begin.
+        nominal_variances: variances of the value for theory that is of no place, where V comes with each fix (m or
             more). By default the noise in the middle of the room.
         limits: (scenario, room) -> least and greatest values of the payload; other packets are refused in
             hardware-in-the-loop. None takes LARGEST in size.
@@ -134,10 +134,10 @@ class Sensor:
     whole: Callable[[Any, Any], list[int]] = lambda scenario, room: []
     members: Callable[[int], tuple[tuple[str, str], ...]] = lambda payload: ()
     element: Callable[[Any, Any, bool], Any] | None = None
-    behind: Callable[[Any, Any, Any, int], Any] | None = None
+    after_sensor: Callable[[Any, Any, Any, int], Any] | None = None
     solver: Callable[[Any, Any], Any] | None = None
     drawn: Callable[[Any, Any, Any, Any], Any] | None = None
-    feels: bool = False
+    needs_forces: bool = False
     samples_itself: bool = False
     is_wired: bool = False
     measures: str | None = None
@@ -148,8 +148,8 @@ class Sensor:
     check: Callable[[Any, Any], None] | None = None
     advice: str | None = None
     noise_numbers: Callable[[Any], dict[str, float]] | None = None
-    scaled_by: tuple[str, ...] = ()
-    stand_in: tuple[float, ...] | None = None
+    noise_settings: tuple[str, ...] = ()
+    nominal_variances: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from ortilo_drake.loop.element import Array, Box, Element, Given
+from ortilo_drake.loop.element import Array, Box, Element, Values
 from ortilo_drake.model.parts import Compiled
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.room import Room
@@ -59,7 +59,7 @@ class FixSolver(LeafSystem):
 
 
 @lru_cache(maxsize=64)
-def saying(solve: Callable[..., np.ndarray]) -> Callable[..., None]:
+def compiled_fix_out(solve: Callable[..., np.ndarray]) -> Callable[..., None]:
     """Return a function that says the fix of what landed, as a share solves it."""
 
     def say(numbers: Any, message: np.ndarray, belief: np.ndarray, out: np.ndarray) -> None:
@@ -84,9 +84,9 @@ def own_fix_box(name: str, share: Compiled, rows: int, scenario: Belief, room: R
     """
     if share.solve is None:
         return None
-    element = Element("own_fix", out=saying(share.solve), allocates=True)
+    element = Element("own_fix", out=compiled_fix_out(share.solve), allocates=True)
     box = Box(f"{name}_fix", element, PAYLOAD + rows + rows * rows)
-    return box.taking(numbers=share.numbers(scenario, room))
+    return box.with_groups(numbers=share.numbers(scenario, room))
 
 
 def read_out(message: np.ndarray, V: np.ndarray, out: np.ndarray) -> None:
@@ -109,4 +109,4 @@ def fix_reader_box(name: str, rows: int, V: np.ndarray | None) -> Box:
         V: covariance of the value (m, m); None where it comes with the message.
     """
     table = np.zeros(0) if V is None else np.ravel(V)
-    return Box(name, FIX_READER, PAYLOAD + rows + rows * rows, Given(tables={"V": table}))
+    return Box(name, FIX_READER, PAYLOAD + rows + rows * rows, Values(tables={"V": table}))

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ortilo_drake.loop.element import Box, Given
+from ortilo_drake.loop.element import Box, Values
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.measurement import CAMERA
 from ortilo_drake.model.parts import Sensor
@@ -53,7 +53,7 @@ def solver(scenario: Belief, room: Room) -> Box | None:
     return camera_fix_box(scenario.landmark_fix, as_known(scenario, room), scenario.image_width, period)
 
 
-def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) -> dict[str, Given]:
+def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) -> dict[str, Values]:
     """Return the true camera (place, angles, focal length) and the true places of the landmarks."""
     if scenario.is_rendered:
         return {}
@@ -64,7 +64,7 @@ def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) 
         "camera_lens_reach": believed.model_copy(update={"focal_length": f}).constants.lens.reach,
         "room_positions": room.landmark_positions + its["survey.landmarks"],
     }
-    return {"camera": Given({"camera_f": f, "turned": its["camera.angles"]}, tables=tables)}
+    return {"camera": Values({"camera_f": f, "turned": its["camera.angles"]}, tables=tables)}
 
 
 def only_drake(scenario: Scenario) -> str | None:
@@ -142,7 +142,14 @@ SENSOR = Sensor(
     check=check,
     advice="not one camera fix: `ortilo detector recognise` says which landmarks the detector knows",
     components="xyz",
-    scaled_by=("landmark_fix.center_sd",),
+    noise_settings=("landmark_fix.center_sd",),
     noise_numbers=lambda scenario: {"landmark_fix.center_sd": scenario.landmark_fix.center_sd},
-    stand_in=(0.08, 0.08, 0.08, 0.0025, 0.0025, 0.0025),  # of a position as printed in the paper [m^2], of angles ours
+    nominal_variances=(
+        0.08,
+        0.08,
+        0.08,
+        0.0025,
+        0.0025,
+        0.0025,
+    ),  # of a position as printed in the paper [m^2], of angles ours
 )

@@ -23,7 +23,7 @@ from ortilo_drake.sensors.information_camera import camera_rows, camera_tables
 from ortilo_drake.sensors.information_rows import GRADIENT, SOURCE, VARIANCE, Information
 from ortilo_drake.sensors.learned_survey import residual_information, share_learned, with_biases
 from ortilo_drake.sensors.mismatch import Mismatch, of_truth
-from ortilo_drake.sensors.unknown_error import Error, Made, derivative, moved, spread, walk
+from ortilo_drake.sensors.unknown_error import Error, Made, along_position, derivative, spread, walk
 from ortilo_drake.world.sensors.camera_calibration import load_calibration
 from ortilo_drake.world.sensors.camera_tables import Tables, look_up, measured_tables, parametric_tables
 from ortilo_drake.world.sensors.landmark_view import (
@@ -134,9 +134,9 @@ def unknown(scenario: Scenario, room: Room) -> list[Error]:
         return np.asarray(g[:, 3:6] - g[:, :3] @ turn.T)
 
     return [
-        walk(spread(survey.landmarks), 0.0, {"camera": moved(-1.0)}),
-        walk(spread(survey.landmarks_sd, number=3 * n), 0.0, {"camera": moved(-1.0, n, 2)}),
-        walk(spread(camera.position, camera.position_sd), 0.0, {"camera": moved(1.0)}),
+        walk(spread(survey.landmarks), 0.0, {"camera": along_position(-1.0)}),
+        walk(spread(survey.landmarks_sd, number=3 * n), 0.0, {"camera": along_position(-1.0, n, 2)}),
+        walk(spread(camera.position, camera.position_sd), 0.0, {"camera": along_position(1.0)}),
         walk(spread(camera.angles, camera.angles_sd), 0.0, {"camera": turned}),
     ]
 
@@ -173,7 +173,7 @@ def learned(scenario: Scenario, room: Room, x: np.ndarray) -> Scenario:
         return scenario
     biases, rows, n = filter_of(scenario).biases, found[1], len(room.landmark_positions)
     M = residual_information(rows[:, GRADIENT][:, :6], rows[:, VARIANCE])
-    A = moved(-1.0, n, 2)(rows)
+    A = along_position(-1.0, n, 2)(rows)
     seen = sorted({int(source) // 2 for source in rows[:, SOURCE]})
     # each landmark is told of by itself
     told = [A[:, 3 * i : 3 * i + 3].T @ np.where(_of(rows, i), M, 0.0) @ A[:, 3 * i : 3 * i + 3] for i in seen]

@@ -44,7 +44,7 @@ def unwired(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(name for name in names if not described(name).is_wired)
 
 
-def flown(name: str, scenario: Belief) -> Sensor:
+def described_per_tick(name: str, scenario: Belief) -> Sensor:
     """Return the description of a sensor as a scenario flies it: of one faster than the tick, that of its means."""
     n = scenario.samples(name)
     return described(name) if n == 1 else with_samples(described(name), n)
@@ -52,7 +52,7 @@ def flown(name: str, scenario: Belief) -> Sensor:
 
 def covariance_at(name: str, scenario: Scenario, room: Room, x: np.ndarray) -> np.ndarray | None:
     """Return the covariance of the value that a sensor gives at true state x (12), None where it gives none."""
-    sensor = flown(name, scenario)
+    sensor = described_per_tick(name, scenario)
     if sensor.covariance is not None:
         return sensor.covariance(scenario, room, x)
     assert sensor.sd is not None

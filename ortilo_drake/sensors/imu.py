@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Box, Given
+from ortilo_drake.loop.element import Box, Values
 from ortilo_drake.model.hover import drag_D
 from ortilo_drake.model.measurement import IMU, row
 from ortilo_drake.model.parts import Sensor
@@ -25,7 +25,7 @@ from ortilo_drake.sensors.envelope import SIGMAS, envelope_of
 from ortilo_drake.sensors.information_linear import linear_rows, own_rows
 from ortilo_drake.sensors.information_rows import GRADIENT, SOURCE, TICK, Information, rows_of
 from ortilo_drake.sensors.mismatch import Mismatch, of_truth
-from ortilo_drake.sensors.unknown_error import Error, own, spread, walk
+from ortilo_drake.sensors.unknown_error import Error, one_per_source, spread, walk
 from ortilo_drake.world.drawn_truth import AtStart, Drawn, draw_truth, of_seed
 from ortilo_drake.world.sensors.ahrs import STREAM as AHRS_STREAM
 from ortilo_drake.world.sensors.ahrs import ahrs_box
@@ -154,7 +154,7 @@ def of_ahrs(scenario: Scenario) -> list[Error]:
     keeps = np.full(3, np.exp(-h / ahrs.time))
     by_x = np.zeros((N_X, 3))
     by_x[6:9] = -((1.0 - keeps) * leaning(scenario).T)
-    leans = walk(np.zeros(3), 0.0, {"imu": own(3)})._replace(keeps=keeps, by_x=by_x)
+    leans = walk(np.zeros(3), 0.0, {"imu": one_per_source(3)})._replace(keeps=keeps, by_x=by_x)
     drift = walk(np.array([ahrs.drift_sd]), 0.0, {"imu": lambda rows: h * rows[:, [TICK]] * (rows[:, [SOURCE]] == 2.0)})
     return [leans, drift]
 
@@ -165,15 +165,15 @@ def unknown(scenario: Scenario, room: Room) -> list[Error]:
     angles = np.array([*spread(imu.level, imu.level_sd, number=2), np.hypot(imu.yaw, imu.yaw_sd)])
     walks = np.array([imu.level_walk, imu.level_walk, imu.yaw_walk]) * np.sqrt(h)
     return [
-        walk(angles, walks, {"imu": own(3)}),
-        walk(inertial_biases(scenario)[0], imu.rates_walk * np.sqrt(h), {"rates": own(3)}),
+        walk(angles, walks, {"imu": one_per_source(3)}),
+        walk(inertial_biases(scenario)[0], imu.rates_walk * np.sqrt(h), {"rates": one_per_source(3)}),
         *of_ahrs(scenario),
     ]
 
 
 def element(scenario: Scenario, room: Room, whole: bool) -> Box:
     """Return the imu."""
-    return imu_box(scenario.imu, scenario.h, whole, scenario.imu_samples).reading(passed="vehicle.passed")
+    return imu_box(scenario.imu, scenario.h, whole, scenario.imu_samples).with_inputs(passed="vehicle.passed")
 
 
 def bias_of(its: Drawn) -> np.ndarray:
@@ -181,9 +181,9 @@ def bias_of(its: Drawn) -> np.ndarray:
     return np.array([*its["imu.level"], its["imu.yaw"], *its["imu.rates"], *its["imu.specific_force"]])
 
 
-def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) -> dict[str, Given]:
+def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) -> dict[str, Values]:
     """Return the true errors of the imu's messages."""
-    return {"imu": Given(tables={"bias": bias_of(its)})}
+    return {"imu": Values(tables={"bias": bias_of(its)})}
 
 
 def errors_drawn(its: Drawn) -> tuple[np.ndarray, np.ndarray]:
@@ -191,20 +191,20 @@ def errors_drawn(its: Drawn) -> tuple[np.ndarray, np.ndarray]:
     return (bias_of(its), factor_of(its, "imu", 9)) if its else (np.zeros(9), np.ones(9))
 
 
-def zeroed(scenario: Scenario, its: Drawn, draw: AtStart) -> dict[str, Given]:
+def zeroed(scenario: Scenario, its: Drawn, draw: AtStart) -> dict[str, Values]:
     """Return the imu as it is after it was zeroed at rest: what is taken off its messages is taken off its biases."""
     if scenario.samples_at_rest == 0:
         return {}
     bias, factor = errors_drawn(its)
     bias[3:] -= zero_at_rest(scenario, bias, factor, draw) / factor[3:]
-    return {"imu": Given(tables={"bias": bias})}
+    return {"imu": Values(tables={"bias": bias})}
 
 
-def ahrs_drawn(scenario: Scenario, draw: AtStart) -> dict[str, Given]:
+def ahrs_drawn(scenario: Scenario, draw: AtStart) -> dict[str, Values]:
     """Return the drift of the attitude filter's yaw."""
     if scenario.imu.ahrs is None:
         return {}
-    return {"imu_ahrs": Given({"drift": scenario.imu.ahrs.drift_sd * float(draw(AHRS_STREAM, 1)[0])})}
+    return {"imu_ahrs": Values({"drift": scenario.imu.ahrs.drift_sd * float(draw(AHRS_STREAM, 1)[0])})}
 
 
 def attitude_filter(scenario: Scenario, room: Room, message: Box, samples: int) -> Box | None:
@@ -257,9 +257,9 @@ SENSOR = Sensor(
     left_out=lambda scenario: ({"imu.ahrs": scenario.imu.ahrs is not None}, {}),
     mismatches=MISMATCHES,
     element=element,
-    behind=attitude_filter,
+    after_sensor=attitude_filter,
     drawn=drawn,
-    feels=True,
+    needs_forces=True,
     samples_itself=True,
     is_wired=True,
     title="IMU",

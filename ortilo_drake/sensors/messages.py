@@ -30,7 +30,7 @@ def solver_system(port: str, size: int, solver: Box, h: float) -> System:
     """
     prior = together_box("prior")
     inputs = [outside(port, size), outside("estimate", N_XBAR), outside("covariance", N_XBAR**2)]
-    wiring = Wiring([*inputs, prior, solver.reading(message=port, belief="prior")])
+    wiring = Wiring([*inputs, prior, solver.with_inputs(message=port, belief="prior")])
     return WiredSystem_[float](solver.name, wiring, {"fix": (solver.name,)}, h)
 
 

@@ -49,17 +49,17 @@ def gauss_markov(sd: np.ndarray, time: float, h: float, sees: dict[str, Seen], G
     return walk(sd, sd * np.sqrt(1.0 - keeps**2), sees, G)._replace(keeps=keeps)
 
 
-def own(number: int, each: int = 1) -> Seen:
+def one_per_source(number: int, each: int = 1) -> Seen:
     """Return coefficients 1 of the component that has the number of a row's source; each so many sources have one."""
     return lambda rows: np.eye(number)[rows[:, SOURCE].astype(int) // each]
 
 
-def moved(sign: float, number: int = 1, each: int = 1) -> Seen:
+def along_position(sign: float, number: int = 1, each: int = 1) -> Seen:
     """Return coefficients of what moves as p does, or against it: one vector for all rows, or one for each source."""
 
     def coefficients(rows: np.ndarray) -> np.ndarray:
         g = sign * rows[:, GRADIENT][:, :3]
-        whose = np.ones((len(rows), 1)) if number == 1 else own(number, each)(rows)
+        whose = np.ones((len(rows), 1)) if number == 1 else one_per_source(number, each)(rows)
         return (whose[:, :, np.newaxis] * g[:, np.newaxis]).reshape(len(rows), 3 * whose.shape[1])
 
     return coefficients

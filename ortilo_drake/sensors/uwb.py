@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 from pydrake.systems.framework import System
 
-from ortilo_drake.loop.element import Box, Given
+from ortilo_drake.loop.element import Box, Values
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.measurement import UWB
 from ortilo_drake.model.parts import Sensor
@@ -14,7 +14,7 @@ from ortilo_drake.model.range_pairs import ROW, THERE, A, B, differences_size
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import ARRIVED, FIX_SIZE, PAYLOAD, uwb_size
 from ortilo_drake.onboard.ranging.fix_element import fix_box
-from ortilo_drake.onboard.ranging.multilateration import fix_of
+from ortilo_drake.onboard.ranging.multilateration import fix_message_at
 from ortilo_drake.scenario import Belief, Scenario, Uwb
 from ortilo_drake.sensors import uwb_theory
 from ortilo_drake.sensors.envelope import SIGMAS, envelope_of
@@ -85,7 +85,7 @@ def covariance(scenario: Scenario, room: Room, x: np.ndarray) -> np.ndarray | No
     if scenario.uwb.kind == "differences":
         return None
     ranges = uwb_theory.message_without_noise(scenario, room, x)
-    fix = fix_of(scenario.multilateration, room.anchor_positions, ranges, x)
+    fix = fix_message_at(scenario.multilateration, room.anchor_positions, ranges, x)
     return fix[PAYLOAD + 3 : FIX_SIZE].reshape(3, 3) if fix[ARRIVED] else None
 
 
@@ -96,11 +96,11 @@ def information(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndar
     return Information({"uwb": range_rows(scenario.uwb, room, truth, seen)})
 
 
-def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) -> dict[str, Given]:
+def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) -> dict[str, Values]:
     """Return the true places of the anchors and the lasting errors of their ranges, for the sensor and its faults."""
-    anchors = Given(tables={"anchors": room.anchor_positions + its["survey.anchors"]})
-    given = Given({"factor": float(its["uwb.factor"])} if scenario.uwb.kind == "differences" else {})
-    found = {"uwb": anchors.with_(given).with_(Given(tables={"bias": its["uwb.bias"]}))}
+    anchors = Values(tables={"anchors": room.anchor_positions + its["survey.anchors"]})
+    given = Values({"factor": float(its["uwb.factor"])} if scenario.uwb.kind == "differences" else {})
+    found = {"uwb": anchors.updated(given).updated(Values(tables={"bias": its["uwb.bias"]}))}
     return found | {name: anchors for name, box in boxes.items() if box.element.out in (fault_out, paths_out)}
 
 
@@ -108,12 +108,12 @@ def solver(scenario: Belief, room: Room) -> Box:
     """Return the multilateration; where the survey or the noise's scale is learned it reads what was."""
     settings, box = scenario.multilateration, fix_box(scenario.multilateration, room.anchor_positions)
     if settings.noise_scale is None:
-        return box if settings.bias_bank is None else box.reading(learned="uwb_bank")
-    box = box.reading(noise="uwb_bank.noise")
-    return box if settings.bias_bank is None else box.reading(learned="uwb_bank.learned")
+        return box if settings.bias_bank is None else box.with_inputs(learned="uwb_bank")
+    box = box.with_inputs(noise="uwb_bank.noise")
+    return box if settings.bias_bank is None else box.with_inputs(learned="uwb_bank.learned")
 
 
-def errors_drawn(scenario: Scenario, room: Room, draw: AtStart) -> dict[str, Given]:
+def errors_drawn(scenario: Scenario, room: Room, draw: AtStart) -> dict[str, Values]:
     """Return what a seed draws of what lasts of the errors: of those that were fitted, of all those of differences."""
     if "uwb" not in scenario.sensors:
         return {}
@@ -124,11 +124,11 @@ def errors_drawn(scenario: Scenario, room: Room, draw: AtStart) -> dict[str, Giv
     return {"uwb": fitted_drawn(scenario.uwb, len(room.anchors), scenario.h, draw)}
 
 
-def paths_drawn(boxes: Mapping[str, Box], draw: AtStart) -> dict[str, Given]:
+def paths_drawn(boxes: Mapping[str, Box], draw: AtStart) -> dict[str, Values]:
     """Return the first of what walls lengthen ranges by."""
     if "uwb_paths" not in boxes:
         return {}
-    return {"uwb_paths": Given(start={"x": draw(PATHS_STREAM, len(boxes["uwb_paths"].given.start["x"]))})}
+    return {"uwb_paths": Values(start={"x": draw(PATHS_STREAM, len(boxes["uwb_paths"].given.start["x"]))})}
 
 
 def payload(scenario: Belief, room: Room) -> int:
@@ -140,7 +140,7 @@ def payload(scenario: Belief, room: Room) -> int:
 def paths(scenario: Scenario, room: Room, message: Box, samples: int) -> Box | None:
     """Return the box that makes the ranges as long as their signals' paths; None if straight and instant."""
     box = paths_box(scenario.uwb, room, scenario.h)
-    return None if box is None else box.reading(message=message.name)
+    return None if box is None else box.with_inputs(message=message.name)
 
 
 def source(scenario: Scenario, room: Room, whole: bool) -> Box:
@@ -229,13 +229,13 @@ SENSOR = Sensor(
     whole=whole,
     element=source,
     check=check,
-    behind=paths,
+    after_sensor=paths,
     solver=solver,
     drawn=drawn,
     measures="anchors",
     title="UWB",
     components="xyz",
     noise_numbers=noise_numbers,
-    scaled_by=("multilateration.noise",),
-    stand_in=(0.05, 0.05, 0.05),  # as printed in the paper
+    noise_settings=("multilateration.noise",),
+    nominal_variances=(0.05, 0.05, 0.05),  # as printed in the paper
 )

@@ -5,7 +5,7 @@ import numpy as np
 from ortilo_drake.model.geometry.line_of_sight import walls_crossed
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import PAYLOAD
-from ortilo_drake.onboard.ranging.multilateration import fix_of
+from ortilo_drake.onboard.ranging.multilateration import fix_message_at
 from ortilo_drake.onboard.ranging.survey_bank import MEMORY
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.information_differences import between
@@ -13,7 +13,17 @@ from ortilo_drake.sensors.information_ranges import range_rows
 from ortilo_drake.sensors.information_rows import GRADIENT, SOURCE, VARIANCE
 from ortilo_drake.sensors.learned_survey import residual_information, share_learned, with_biases
 from ortilo_drake.sensors.mismatch import Mismatch, of_truth
-from ortilo_drake.sensors.unknown_error import Error, Made, Seen, derivative, gauss_markov, moved, own, spread, walk
+from ortilo_drake.sensors.unknown_error import (
+    Error,
+    Made,
+    Seen,
+    along_position,
+    derivative,
+    gauss_markov,
+    one_per_source,
+    spread,
+    walk,
+)
 from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.sensors.fitted_uwb import noise_of
 from ortilo_drake.world.sensors.uwb import ranging_settings, uwb_message
@@ -50,9 +60,9 @@ def unknown(scenario: Scenario, room: Room) -> list[Error]:
     """
     uwb, survey, n = scenario.truth.uwb, scenario.truth.survey, len(room.anchor_positions)
     differ = scenario.uwb.kind == "differences"
-    its = between(n) if differ else own(n)
+    its = between(n) if differ else one_per_source(n)
     common = walk(spread(uwb.bias, number=1), 0.0, {"uwb": lambda rows: np.ones((len(rows), 1))})
-    surveyed = walk(spread(survey.anchors_sd, number=3 * n), 0.0, {"uwb": moved(-1.0, n)})
+    surveyed = walk(spread(survey.anchors_sd, number=3 * n), 0.0, {"uwb": along_position(-1.0, n)})
     if differ:
         surveyed = walk(spread(survey.anchors_sd, number=n), 0.0, {"uwb": its})
     return [
@@ -60,7 +70,7 @@ def unknown(scenario: Scenario, room: Room) -> list[Error]:
         *([] if differ else [common]),
         walk(spread(uwb.bias_sd, number=n), 0.0, {"uwb": its}),
         gauss_markov(spread(uwb.slow_sd, number=n), uwb.slow_time, scenario.h, {"uwb": its}),
-        walk(spread(survey.anchors), 0.0, {"uwb": moved(-1.0)}),
+        walk(spread(survey.anchors), 0.0, {"uwb": along_position(-1.0)}),
         surveyed,
     ]
 
@@ -92,7 +102,7 @@ def made(scenario: Scenario, room: Room, x: np.ndarray) -> Made:
     rows = rows[ranges[PAYLOAD + len(anchors) :][rows[:, SOURCE].astype(int)] > 0.0]
 
     def fix(message: np.ndarray) -> np.ndarray:
-        return fix_of(scenario.multilateration, anchors, message, x)[PAYLOAD : PAYLOAD + 3]
+        return fix_message_at(scenario.multilateration, anchors, message, x)[PAYLOAD : PAYLOAD + 3]
 
     return derivative(fix, ranges, PAYLOAD + rows[:, SOURCE].astype(int), STEP), rows
 
@@ -106,7 +116,7 @@ def learned(scenario: Scenario, room: Room, x: np.ndarray) -> Scenario:
     M = residual_information(rows[:, GRADIENT][:, :3], rows[:, VARIANCE])
     fixes = MEMORY / (scenario.every("uwb") * scenario.h)
     n = len(room.anchors)
-    fitted = [error.sd[0] for error in unknown_fitted(scenario, n, own(n))]
+    fitted = [error.sd[0] for error in unknown_fitted(scenario, n, one_per_source(n))]
     lasts = (uwb.bias, uwb.bias_sd, uwb.slow_sd, survey.anchors_sd, *fitted)
     s = settings.bias_sd
     s *= share_learned(np.array(settings.bias_bank), s, fixes * np.linalg.eigvalsh(M), float(np.linalg.norm(lasts)))

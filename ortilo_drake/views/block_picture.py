@@ -76,7 +76,7 @@ def block_picture(wiring: Wiring) -> str:
     drawn = [HEAD.format(wide=SLIDE, high=round(SLIDE * height / width), w=width, h=height, style=STYLE)]
     drawn += halves(columns, top, bottom)
     drawn += [between(pair, names, placed) for pair, names in straight.items()]
-    drawn += past(nets, placed, straight, top, bottom)
+    drawn += detours(nets, placed, straight, top, bottom)
     drawn += [block_box(blocks[name], its) for name, its in placed.items()]
     return "\n".join([*drawn, "</svg>\n"])
 
@@ -171,7 +171,7 @@ def _lines(names: list[str]) -> list[str]:
     return lines
 
 
-def past(
+def detours(
     nets: list[Net],
     placed: dict[str, Placed],
     straight: Iterable[tuple[str, str]],

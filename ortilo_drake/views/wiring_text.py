@@ -57,7 +57,7 @@ def tick_text(wiring: Wiring) -> Iterator[str]:
     if still:
         yield from row(("", "without functions", "size", "holds"), widths)
     for box in still:
-        yield from row(("", box.name, str(box.size), held_by(wiring, box)), widths)
+        yield from row(("", box.name, str(box.size), description_of(wiring, box)), widths)
 
 
 def elements_text(wiring: Wiring) -> Iterator[str]:
@@ -94,7 +94,7 @@ def kind_of(box: Box) -> str:
     return f"element {box.element.name}" if system is None else f"System {system} of Drake, no element"
 
 
-def held_by(wiring: Wiring, box: Box) -> str:
+def description_of(wiring: Wiring, box: Box) -> str:
     """Return a description of a box without functions: its source, its values, or the System behind it."""
     if box.holds:
         return ", ".join(f"{held} ({wiring.boxes[held].size})" for held in box.holds)
@@ -106,15 +106,15 @@ def held_by(wiring: Wiring, box: Box) -> str:
 def reads_of(wiring: Wiring, box: Box, what: str) -> str:
     """Return the inputs of one function of a box: each with the box, or part of one, that it reads, and its size."""
     ports = box.element.inputs_of(box.element.functions[what])
-    return ", ".join(f"{port} = {said_by(wiring, box, port)}" for port in ports)
+    return ", ".join(f"{port} = {source_text(wiring, box, port)}" for port in ports)
 
 
 def all_reads(wiring: Wiring, box: Box) -> list[str]:
     """Return a line for each input of a box, with its source."""
-    return [f"{port} = {said_by(wiring, box, port)}" for name, port in wiring.wires if name == box.name]
+    return [f"{port} = {source_text(wiring, box, port)}" for name, port in wiring.wires if name == box.name]
 
 
-def said_by(wiring: Wiring, box: Box, port: str) -> str:
+def source_text(wiring: Wiring, box: Box, port: str) -> str:
     """Return the source of an input: "box (size)" or "box.part (size)"."""
     return f"{box.reads.get(port, port)} ({wiring.wires[box.name, port].size})"
 

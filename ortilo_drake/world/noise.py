@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit, uint64
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.plain import instead_of
+from ortilo_drake.loop.plain import generic_twin_of
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.triples import Four
 from ortilo_drake.world.given_noise import given_numbers, number_at, seed_beside
@@ -156,20 +156,20 @@ def normals(seed: int, stream: np.uint64, tick: int, n: int) -> np.ndarray:
     return values
 
 
-@instead_of(put_normals)
+@generic_twin_of(put_normals)
 def put_numbers(values: np.ndarray, seed: int, stream: np.uint64, tick: int) -> None:
     """Write the same to values of any scalar: noise is a constant."""
     put(normals(seed, stream, tick, values.size), values)
 
 
-@instead_of(four_normals)
+@generic_twin_of(four_normals)
 def four_numbers(seed: int, stream: np.uint64, tick: int) -> Four:
     """Return the same, drawn by compiled code."""
     first, second, third, fourth = normals(seed, stream, tick, 4).tolist()
     return first, second, third, fourth
 
 
-@instead_of(four_uniforms)
+@generic_twin_of(four_uniforms)
 def four_uniform_numbers(seed: int, stream: np.uint64, tick: int) -> Four:
     """Return the same, drawn by compiled code."""
     first, second, third, fourth = uniforms(seed, stream, tick, 4).tolist()
@@ -177,4 +177,4 @@ def four_uniform_numbers(seed: int, stream: np.uint64, tick: int) -> Four:
 
 
 for _drawn in (normals, uniforms):
-    instead_of(_drawn)(_drawn)  # compiled for every scalar
+    generic_twin_of(_drawn)(_drawn)  # compiled for every scalar

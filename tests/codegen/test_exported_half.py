@@ -21,7 +21,7 @@ def flown_by(folder: Path, scenario: Scenario) -> xr.Dataset:
     with ExportedHalf(scenario, folder) as half:
 
         def ask(tick: int, messages: Signals) -> Signals:
-            half.take(messages)
+            half.receive(messages)
             assert half.stopped == 0
             return half.outputs()
 

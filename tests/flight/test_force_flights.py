@@ -84,7 +84,7 @@ def test_a_checkpoint_holds_the_force() -> None:
     scenario = hovering("measured")
     world, old, new = WorldHalf(scenario), OnboardHalf(scenario), OnboardHalf(scenario)
     for _ in range(60):
-        old.take(world.sample())
+        old.receive(world.sample())
         u = old.answer()
         old.advance()
         world.advance(u)

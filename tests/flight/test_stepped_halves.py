@@ -83,7 +83,7 @@ def test_the_same_path_given_again_in_flight_changes_no_bit() -> None:
         messages = world.sample()
         again.fly_path(again.path)
         for onboard in (once, again):
-            onboard.take(messages)
+            onboard.receive(messages)
         outputs = once.outputs()
         for name, value in again.outputs().items():
             np.testing.assert_array_equal(value, outputs[name])

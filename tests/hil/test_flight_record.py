@@ -34,7 +34,7 @@ def test_every_tick_is_told_once_in_order_with_what_came(fates: list[str], chanc
             packets.append(Packet("telemetry", k, telemetry(k)))
     chance.shuffle(packets)
     for packet in packets:
-        flown.hear(packet)
+        flown.receive(packet)
     flown.record_until(len(fates) // 2)
     assert [k for k, *_ in told] == list(range(len(fates) // 2))
     flown.record_until(len(fates) + 5)

@@ -87,7 +87,7 @@ def answers(step: Step) -> list[tuple[int, str]]:
 )
 def test_what_is_plainly_no_goal_is_refused_and_the_flight_goes_on(x: float, y: float, reason: str) -> None:
     goals = Goals(SCENARIO, beside := Beside(SCENARIO))
-    goals.hear(user(1, x, y))
+    goals.receive(user(1, x, y))
     step = goals.step(20.0, PATH)
     assert step.path is None
     assert step.taken is None
@@ -100,7 +100,7 @@ def test_what_is_plainly_no_goal_is_refused_and_the_flight_goes_on(x: float, y: 
 
 def test_where_the_planner_is_a_system_a_goal_is_refused_and_the_flight_goes_on() -> None:
     goals = Goals(SCENARIO, beside := Beside(SCENARIO))
-    goals.hear(user(1, 8.0, -1.0))
+    goals.receive(user(1, 8.0, -1.0))
     step = goals.step(20.0, None)
     assert (step.path, step.taken) == (None, None)
     assert answers(step) == [(1, NO_PATHS)]
@@ -110,7 +110,7 @@ def test_where_the_planner_is_a_system_a_goal_is_refused_and_the_flight_goes_on(
 
 def test_a_goal_is_braked_for_at_once_and_flown_to_when_a_way_is_there() -> None:
     goals = Goals(SCENARIO, beside := Beside(SCENARIO))
-    goals.hear(user(1, 8.0, -1.0))
+    goals.receive(user(1, 8.0, -1.0))
     step = goals.step(20.0, PATH)
     assert step.path is not None
     np.testing.assert_array_equal(step.taken, [8.0, -1.0])
@@ -130,14 +130,14 @@ def test_a_goal_is_braked_for_at_once_and_flown_to_when_a_way_is_there() -> None
 
 def test_a_repeated_goal_is_answered_again_and_not_flown_again() -> None:
     goals = Goals(SCENARIO, beside := Beside(SCENARIO))
-    goals.hear(user(1, 8.0, -1.0))
+    goals.receive(user(1, 8.0, -1.0))
     path = goals.step(20.0, PATH).path
     assert path is not None
-    goals.hear(user(1, 8.0, -1.0))
+    goals.receive(user(1, 8.0, -1.0))
     assert goals.step(20.1, path) == Step(None, None, [])
     beside.is_done = True
     assert answers(goals.step(20.2, path)) == [(1, "")]
-    goals.hear(user(1, 8.0, -1.0))
+    goals.receive(user(1, 8.0, -1.0))
     again = goals.step(20.3, path)
     assert answers(again) == [(1, "")]
     assert again.path is None
@@ -146,18 +146,18 @@ def test_a_repeated_goal_is_answered_again_and_not_flown_again() -> None:
 
 def test_the_onboard_halfs_own_answers_are_no_goals() -> None:
     goals = Goals(SCENARIO, Beside(SCENARIO))
-    goals.hear(user(1, 8.0, -1.0)._replace(role="onboard"))
+    goals.receive(user(1, 8.0, -1.0)._replace(role="onboard"))
     assert goals.step(20.0, PATH) == Step(None, None, [])
 
 
 @pytest.mark.long
 def test_a_newer_goal_replaces_the_one_that_is_planned_and_the_vehicle_brakes_once() -> None:
     goals = Goals(SCENARIO, beside := Beside(SCENARIO))
-    goals.hear(user(1, 8.0, -1.0))
+    goals.receive(user(1, 8.0, -1.0))
     stop = goals.step(20.0, PATH).path
     assert stop is not None
-    goals.hear(user(2, 0.0, 0.0))
-    goals.hear(user(3, 2.0, 0.0))
+    goals.receive(user(2, 0.0, 0.0))
+    goals.receive(user(3, 2.0, 0.0))
     step = goals.step(20.5, stop)
     assert sorted(answers(step)) == [(1, REPLACED), (2, REPLACED)]
     assert step.path is not None
@@ -168,7 +168,7 @@ def test_a_newer_goal_replaces_the_one_that_is_planned_and_the_vehicle_brakes_on
     assert step.path is not None
     np.testing.assert_allclose(step.path.value(200.0)[:2, 0], [2.0, 0.0], atol=1e-6)
     # In flight to the third another comes: it brakes on that way.
-    goals.hear(user(4, 8.0, -1.0))
+    goals.receive(user(4, 8.0, -1.0))
     t = stop.end_time() + 3.0
     fourth = goals.step(t, step.path).path
     assert fourth is not None
@@ -177,7 +177,7 @@ def test_a_newer_goal_replaces_the_one_that_is_planned_and_the_vehicle_brakes_on
 
 def test_where_no_way_is_found_the_vehicle_stays_at_rest() -> None:
     goals = Goals(SCENARIO, beside := Beside(SCENARIO))
-    goals.hear(user(1, 8.0, -1.0))
+    goals.receive(user(1, 8.0, -1.0))
     stop = goals.step(20.0, PATH).path
     assert stop is not None
     number, p, _ = beside.jobs[0]
@@ -269,13 +269,13 @@ def test_a_flight_goes_to_a_goal_and_to_the_next_and_touches_nothing() -> None:
     for k in range(30 * 60):
         beside.is_done = k % 30 == 0  # planning takes its time
         if k in sent:
-            goals.hear(sent[k])
+            goals.receive(sent[k])
         step = goals.step(k * scenario.h, onboard.path)
         if step.path:
             onboard.fly_path(step.path)
         said += answers(step)
         states.append(world.state)
-        onboard.take(world.sample())
+        onboard.receive(world.sample())
         outputs = onboard.outputs()
         references.append(outputs["reference"])
         onboard.advance()

@@ -29,7 +29,7 @@ from ortilo_drake.hil.live.controls import (
     STRONGEST_PUSH,
     Controls,
 )
-from ortilo_drake.hil.live.live_flight import LiveFlight, Seen, with_a_force
+from ortilo_drake.hil.live.live_flight import LiveFlight, ShownTick, with_a_force
 from ortilo_drake.hil.live.scene import Scene
 from ortilo_drake.hil.live.session import Shares, Status, fly_live, wait_for_page
 from ortilo_drake.hil.live.wishes import Wishes
@@ -45,7 +45,7 @@ def flight(scenario: Scenario = HOVERING) -> LiveFlight:
     return LiveFlight(scenario, AtOnce(scenario))
 
 
-def fly(live: LiveFlight, ticks: int, wishes: Wishes = NOTHING) -> list[Seen]:
+def fly(live: LiveFlight, ticks: int, wishes: Wishes = NOTHING) -> list[ShownTick]:
     return [live.step(wishes) for _ in range(ticks)]
 
 
@@ -224,7 +224,7 @@ def test_shares_count_what_was_due_of_late_though_it_came_a_tick_later() -> None
 def controls() -> tuple[Controls, Meshcat, Callable[..., object]]:
     meshcat, panel = Meshcat(), Panel()
     made = Controls(meshcat, panel, HOVERING.load_room(), HOVERING.sensors, (1.0, 2.0))
-    return made, meshcat, lambda **said: panel.take(msgpack.packb(said))
+    return made, meshcat, lambda **said: panel.receive(msgpack.packb(said))
 
 
 def test_the_pages_sliders_and_buttons_are_the_wishes() -> None:

@@ -6,7 +6,7 @@ import sys
 from rich.console import Console, RenderableType
 
 from ortilo_drake.hil.real_time.panel import live_panel, panel, profile_table
-from ortilo_drake.hil.real_time.profile import Row
+from ortilo_drake.hil.real_time.profile import ProfileRow
 from ortilo_drake.hil.real_time.real_time_world import FlightSoFar
 from ortilo_drake.hil.real_time.tick_timing import TickTiming
 from ortilo_drake.hil.wire.inbox import PacketCounts
@@ -87,8 +87,8 @@ def test_elsewhere_nothing_is_written() -> None:
 
 def test_the_table_of_a_profile_names_every_block() -> None:
     rows = [
-        Row("kalman_filter", 12.34, 56.78, 0.25),
-        Row("whole tick", 40.0, 90.0, 1.0),
+        ProfileRow("kalman_filter", 12.34, 56.78, 0.25),
+        ProfileRow("whole tick", 40.0, 90.0, 1.0),
     ]
     lines = drawn(profile_table(rows, "mine"))
     assert lines[0] == "mine: the onboard half's tick"

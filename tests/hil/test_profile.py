@@ -37,7 +37,7 @@ def test_every_output_comes_after_what_it_depends_on(settings: tuple[str, ...]) 
     assert comes(("planner", "y0"), ("servo", "servo"))
     assert "filter" in [names[system.GetSystemPathname()] for system in updating_systems(onboard)]
     if settings == LATE:  # a fix starts from the belief of when its message was true
-        assert comes(("camera_past", "camera_past"), ("camera_fix", "camera_fix"), handled)
+        assert comes(("camera_belief_at_stamp", "camera_belief_at_stamp"), ("camera_fix", "camera_fix"), handled)
 
 
 @pytest.mark.parametrize("scenario", [scenario_of(*LATE), load_scenario("flow")], ids=["late", "flow"])
@@ -58,8 +58,8 @@ def test_block_by_block_the_flight_is_the_same() -> None:
     ports, updating = dataflow_order(timed.diagram), updating_systems(timed.diagram)
     for _ in range(40):
         messages = world.sample()
-        plain.take(messages)
-        timed.take(messages)
+        plain.receive(messages)
+        timed.receive(messages)
         assert all(spent > 0.0 for spent in time_blocks(timed, ports, updating).values())
         control = plain.answer()
         np.testing.assert_array_equal(timed.answer(), control)

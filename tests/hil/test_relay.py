@@ -32,7 +32,7 @@ FLIGHT = flight_for_packets()
 def fates(faults: Faults, seed: int = 1, n: int = N, period: float = 0.01) -> list[list[float]]:
     """Return the delays of the copies of each of n packets."""
     line = FaultModel(faults, seed, "to_onboard")
-    return [[due - k * period for due in line.take("imu", k * period)] for k in range(n)]
+    return [[due - k * period for due in line.due_times("imu", k * period)] for k in range(n)]
 
 
 def test_without_faults_everything_passes_at_once() -> None:
@@ -76,10 +76,10 @@ def test_held_packets_come_later() -> None:
 
 def test_a_rate_spaces_packets_and_a_full_queue_loses_them() -> None:
     line = FaultModel(Faults(rate=100.0, queue=10), 1, "to_world")
-    arrivals = [due for _ in range(50) for due in line.take("command", 2.0)]
+    arrivals = [due for _ in range(50) for due in line.due_times("command", 2.0)]
     np.testing.assert_allclose(arrivals, 2.0 + 0.01 * np.arange(11))  # one goes at once, ten wait
     assert line.counts["crowded"] == 39
-    np.testing.assert_allclose(line.take("command", 3.0), [3.0])
+    np.testing.assert_allclose(line.due_times("command", 3.0), [3.0])
 
 
 @given(seed=st.integers(0, 2**31), loss=st.floats(0, 1), other=st.integers(1, 5))
@@ -88,8 +88,8 @@ def test_the_same_seed_gives_the_same_fate_whatever_else_is_sent(seed: int, loss
     mixed, fate = FaultModel(faults, seed, "to_onboard"), []
     for k in range(30):
         for _ in range(k % other):
-            mixed.take("uwb", 0.0)
-        fate.append(mixed.take("imu", 0.0))
+            mixed.due_times("uwb", 0.0)
+        fate.append(mixed.due_times("imu", 0.0))
     assert fate == fates(faults, seed, 30, 0.0)
 
 
@@ -101,7 +101,7 @@ def test_seeds_directions_and_channels_differ() -> None:
         ("imu", FaultModel(faults, 1, "b")),
     ]
     lines.append(("uwb", FaultModel(faults, 1, "a")))
-    assert len({line.take(channel, 0.0)[0] for channel, line in lines}) == 4
+    assert len({line.due_times(channel, 0.0)[0] for channel, line in lines}) == 4
 
 
 @pytest.mark.parametrize(
@@ -174,7 +174,7 @@ def test_a_relay_passes_both_ways_without_echo_and_with_its_faults(bus: str, oth
     wait_for(lambda: world.handle(10) or world._others, "the relay")
     ticks = join(onboard, at_world, of_world)
     line = FaultModel(Faults(loss=0.5), 5, "to_onboard")
-    passed = [tick for tick in range(12) if line.take("imu", 0.0)]
+    passed = [tick for tick in range(12) if line.due_times("imu", 0.0)]
     for tick in range(12):
         of_world.send("imu", encode_vector(77, tick, np.concatenate(([1.0, tick / 30], np.zeros(9)))))
     came = [(packet.name, packet.tick) for packet in hear(at_onboard, len(passed))]
@@ -186,7 +186,7 @@ def test_a_relay_passes_both_ways_without_echo_and_with_its_faults(bus: str, oth
     assert came == [*(("command", tick) for tick in range(3)), ("hello", -1)]
     wish = Goal(77, 2, 2**61 + 1, "user", 1.5, -2.0)
     answer = wish._replace(role="onboard", reason="no way")
-    fate = [bool(line.take("goal", 0.0)) for _ in range(8)]
+    fate = [bool(line.due_times("goal", 0.0)) for _ in range(8)]
     for passes in fate:
         publish_goal(of_world, wish)
         if passes:
@@ -202,7 +202,7 @@ def test_a_relay_passes_both_ways_without_echo_and_with_its_faults(bus: str, oth
     assert passed_back["taken"] == passed_back["sent"] >= 6  # the hellos at the start among them
     assert (result["to_onboard"]["taken"], result["to_onboard"]["sent"]) == (
         ticks + 12 + 8,
-        sum(bool(line.take("tick", 0.0)) for _ in range(ticks)) + len(passed) + sum(fate),
+        sum(bool(line.due_times("tick", 0.0)) for _ in range(ticks)) + len(passed) + sum(fate),
     )
 
 

@@ -24,7 +24,7 @@ def taken(arrivals: list[tuple[str, int, int]], keep: int) -> tuple[list[dict[st
         for name, tick, delay in arrivals:
             if tick + delay == k:
                 inbox.put(Packet(name, tick, tick))
-        given.append(inbox.take_until(k, keep_from=k + 1 - keep))
+        given.append(inbox.pop_until(k, keep_from=k + 1 - keep))
     return given, inbox.overtaken
 
 
@@ -67,7 +67,7 @@ def test_a_tick_is_complete_with_all_that_its_list_names() -> None:
     assert not inbox.is_complete(3)
     inbox.put(Packet("uwb", 3, 3))
     assert inbox.is_complete(3)
-    assert inbox.take(3) == {"imu": 3, "uwb": 3}
+    assert inbox.pop(3) == {"imu": 3, "uwb": 3}
     assert not inbox.is_complete(3)
 
 
@@ -76,11 +76,11 @@ def test_what_is_taken_is_forgotten_with_its_list_and_what_comes_next_is_not() -
     for tick in (3, 4):
         inbox.put(Packet("tick", tick, ("imu",)))
         inbox.put(Packet("imu", tick, tick))
-    assert inbox.take_until(3, keep_from=3) == {"imu": 3}
+    assert inbox.pop_until(3, keep_from=3) == {"imu": 3}
     assert inbox.is_complete(4)
     inbox.put(Packet("imu", 3, 3))  # again, for a tick that is done
     assert not inbox.is_complete(3)
-    assert inbox.take(4) == {"imu": 4}
+    assert inbox.pop(4) == {"imu": 4}
     inbox.put(Packet("imu", 4, 4))
     assert not inbox.is_complete(4)
 
@@ -90,7 +90,7 @@ def test_a_tick_that_may_still_be_used_is_kept_and_the_one_before_it_is_not() ->
         inbox = TickInbox()
         for tick in (2, 3):
             inbox.put(Packet("imu", tick, tick))
-        assert inbox.take_until(3, keep_from) == {"imu": 3}
+        assert inbox.pop_until(3, keep_from) == {"imu": 3}
         assert inbox.overtaken == given_up
-        assert inbox.take_until(4, keep_from) == left
+        assert inbox.pop_until(4, keep_from) == left
         assert inbox.overtaken == given_up

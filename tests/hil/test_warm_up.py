@@ -15,7 +15,7 @@ def test_a_warmed_onboard_half_has_all_that_it_calls(name: str) -> None:
     world, onboard = WorldHalf(scenario), OnboardHalf(scenario)
     with event.install_recorder("numba:compile") as compiled:
         for _ in range(5):
-            onboard.take(world.sample())
+            onboard.receive(world.sample())
             control = onboard.answer()
             onboard.outputs()
             onboard.advance()
@@ -29,7 +29,7 @@ def test_a_half_that_takes_detections_is_warmed_too() -> None:
     warm_up(scenario)
     onboard = OnboardHalf(scenario, detects=False)
     with event.install_recorder("numba:compile") as compiled:
-        onboard.take({})
+        onboard.receive({})
         onboard.answer()
         onboard.outputs()
         onboard.advance()

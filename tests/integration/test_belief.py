@@ -127,7 +127,7 @@ def test_another_world_leaves_the_onboard_half_and_its_answers_as_they_are() -> 
         messages = world.sample()
         answers = []
         for half in halves:
-            half.take(messages)
+            half.receive(messages)
             answers.append({name: value.tobytes() for name, value in half.outputs().items()})
             half.advance()
         assert answers[0] == answers[1] == answers[2]

@@ -124,9 +124,9 @@ def onboard_wiring(form: str, integrator: str) -> Wiring:
             bundle("messages", messages),
             constant("none_opened", np.zeros(15)),
             constant("no_force", np.zeros(3)),
-            handler.reading(belief="filter"),
-            kalman.reading(**measured, control="servo", opening="none_opened"),
-            servo.reading(belief="filter", force="no_force"),
+            handler.with_inputs(belief="filter"),
+            kalman.with_inputs(**measured, control="servo", opening="none_opened"),
+            servo.with_inputs(belief="filter", force="no_force"),
         ]
     )
 

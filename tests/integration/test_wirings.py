@@ -117,25 +117,44 @@ def test_every_message_that_flies_reaches_the_handler_or_filter(variant: tuple[s
     ("name", "changes", "there", "belief"),
     [
         ("nominal_imu_uwb", (), {"uwb_fix", "no_opening", "no_force"}, "filter"),
-        ("nominal_imu_uwb", REPLAYED, {"uwb_fix", "uwb_past", "past", "no_opening", "no_force"}, "filter.belief"),
-        ("imu_uwb", (), {"uwb_fix", "imu_rows", "known", "no_opening"}, "known.belief"),
+        (
+            "nominal_imu_uwb",
+            REPLAYED,
+            {"uwb_fix", "uwb_belief_at_stamp", "beliefs_at_stamp", "no_opening", "no_force"},
+            "filter.belief",
+        ),
+        ("imu_uwb", (), {"uwb_fix", "imu_rows", "vehicle_belief", "no_opening"}, "vehicle_belief.belief"),
         (
             "imu_uwb",
             ("estimator.robust={stuck: null}",),
-            {"uwb_fix", "imu_rows", "known", "robust_gate"},
-            "known.belief",
+            {"uwb_fix", "imu_rows", "vehicle_belief", "robust_gate"},
+            "vehicle_belief.belief",
         ),
         (
             "imu_uwb",
             (*REPLAYED, ROBUST),
-            {"uwb_heard", "imu_heard", "uwb_past", "past", "uwb_about", "uwb_fix", "robust_gate", "imu_rows", "known"},
-            "known.belief",
+            {
+                "uwb_stuck_gate",
+                "imu_stuck_gate",
+                "uwb_belief_at_stamp",
+                "beliefs_at_stamp",
+                "uwb_vehicle_at_stamp",
+                "uwb_fix",
+                "robust_gate",
+                "imu_rows",
+                "vehicle_belief",
+            },
+            "vehicle_belief.belief",
         ),
     ],
 )
 def test_there_is_what_a_scenario_asks_for(name: str, changes: tuple[str, ...], there: set[str], belief: str) -> None:
     boxes = wired(name, changes).boxes
-    optional = {"no_opening", "no_force", "known", "imu_rows", "robust_gate", "past"}
-    optional |= {f"{sensor}_{what}" for sensor in ("uwb", "imu") for what in ("heard", "past", "about", "fix")}
+    optional = {"no_opening", "no_force", "vehicle_belief", "imu_rows", "robust_gate", "beliefs_at_stamp"}
+    optional |= {
+        f"{sensor}_{what}"
+        for sensor in ("uwb", "imu")
+        for what in ("stuck_gate", "belief_at_stamp", "vehicle_at_stamp", "fix")
+    }
     assert optional & set(boxes) == there
     assert belief_in(list(boxes.values())) == belief

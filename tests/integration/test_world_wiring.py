@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from ortilo_drake.diagrams.wiring.truth import drawn_of
+from ortilo_drake.diagrams.wiring.truth import drawn_values
 from ortilo_drake.diagrams.wiring.world import world_boxes
 from ortilo_drake.flight.stepped_halves import WorldHalf
-from ortilo_drake.loop.element import Array, Box, Element, Given, constant
+from ortilo_drake.loop.element import Array, Box, Element, Values, constant
 from ortilo_drake.loop.player import Player
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.placing import put
@@ -57,14 +57,14 @@ def played(scenario: Scenario) -> dict[str, np.ndarray]:
     """State and messages of each tick under these commands."""
     room = scenario.load_room()
     world, messages = world_boxes(scenario, room, start_of(path_of(scenario)), whole_imu=True)
-    servo = Box("servo", TOLD, N_U, Given(tables={"path": commands(TICKS)}))
+    servo = Box("servo", TOLD, N_U, Values(tables={"path": commands(TICKS)}))
     wiring = Wiring([*world, servo, constant("end", [-1.0])])
     said = {"state": "plant", **{name: box.name for name, box in messages.items()}}
     if scenario.commands.are_reported:
         said["acted"] = "acted_delivered"
     player = Player(wiring, tuple(said.values()), "end")
     rows = np.zeros((TICKS, player.width))
-    drawn = drawn_of(wiring, scenario, room, of_seed(scenario.seed))
+    drawn = drawn_values(wiring, scenario, room, of_seed(scenario.seed))
     player.fly(np.full(TICKS, scenario.seed, np.int64), rows, drawn)
     edges = np.cumsum([wiring.boxes[name].size for name in said.values()])[:-1]
     return dict(zip(said, np.split(rows, edges, axis=1), strict=True))

@@ -10,7 +10,7 @@ from ortilo_drake.model.typed_yaml import InputError
 
 def fed(rows, *messages):
     """Feed (topic, message) and return the lines said."""
-    return [line for topic, message in messages for line in rows.take(topic, 0, message)]
+    return [line for topic, message in messages for line in rows.add(topic, 0, message)]
 
 
 def all_ranges(t, r=1.0):

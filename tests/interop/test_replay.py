@@ -47,7 +47,7 @@ def fly(log: Path, goal_ticks: dict[int, tuple[float, float]]) -> None:
                 settings = GcsPlanner(start=(x, y), goal=GOAL, height=height)
                 onboard.fly_path(join_paths(stop, plan(settings, SCENARIO.load_room(), SCENARIO.vehicle), t))
             messages: Signals = world.sample()
-            onboard.take(messages)
+            onboard.receive(messages)
             outputs = onboard.outputs()
             if k in goal_ticks:
                 messages = messages | {"goal": np.array(goal_ticks[k])}
@@ -89,7 +89,7 @@ def test_the_log_of_a_half_that_joined_in_flight_is_replayed_from_there(tmp_path
             if k == first:
                 onboard.resume(first, None, np.inf)
             if k >= first:
-                onboard.take(messages)
+                onboard.receive(messages)
                 outputs = onboard.outputs()
                 writer.write_tick(k, None, messages, outputs)
                 onboard.advance()
@@ -104,7 +104,7 @@ def log_joined(log: Path, settings: tuple[str, ...] = (), away: int = 6, moves: 
     flown = load_scenario("nominal_imu_uwb", ("planner={kind: hover, duration: 9.0}", *settings))
     world, old, new, first = WorldHalf(flown), OnboardHalf(flown), OnboardHalf(flown), 60 + away
     for _ in range(60):
-        old.take(world.sample())
+        old.receive(world.sample())
         u = old.answer()
         old.advance()
         world.advance(u)
@@ -116,7 +116,7 @@ def log_joined(log: Path, settings: tuple[str, ...] = (), away: int = 6, moves: 
     with LogWriter(log, flown) as writer:
         for k in range(first, first + 40):
             messages = world.sample()
-            new.take(messages)
+            new.receive(messages)
             outputs = new.outputs()
             writer.write_tick(k, None, messages, outputs)
             new.advance()
@@ -156,7 +156,7 @@ def test_boxes_that_came_beside_the_ticks_are_taken_in_place_of_pictures(tmp_pat
         fixes = 0.0
         for k in range(90):
             messages = world.sample()
-            onboard.take(messages)
+            onboard.receive(messages)
             outputs = onboard.outputs()
             fixes += outputs["delta"][1]
             writer.write_tick(k, None, messages, outputs)

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 
 
 def mass_step(n: Any, x: np.ndarray, u: np.ndarray) -> None:
@@ -39,10 +39,10 @@ H, K, OFF, X_0 = 0.1, np.array([[1.2, 1.6]]), 0.05, np.array([1.0, 0.5])
 def boxes() -> list[Box]:
     """Return the loop's boxes, in an order that is not that of a tick."""
     return [
-        Box("gain", GAIN, 1, Given(tables={"K": K}), reads={"y": "sensor.y", "rate": "mass.rate"}),
+        Box("gain", GAIN, 1, Values(tables={"K": K}), reads={"y": "sensor.y", "rate": "mass.rate"}),
         Box("watch", WATCH, 1, reads={"x": "mass"}),
-        Box("mass", MASS, 2, Given({"h": H}, {"x": X_0}), reads={"u": "gain"}, parts={"rate": (1, 1)}),
-        Box("sensor", SENSOR, 2, Given({"off": OFF}), reads={"x": "mass"}, parts={"y": (0, 1)}),
+        Box("mass", MASS, 2, Values({"h": H}, {"x": X_0}), reads={"u": "gain"}, parts={"rate": (1, 1)}),
+        Box("sensor", SENSOR, 2, Values({"off": OFF}), reads={"x": "mass"}, parts={"y": (0, 1)}),
     ]
 
 

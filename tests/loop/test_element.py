@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plain_box import PlainBox
 
-from ortilo_drake.loop.element import Box, Element, Given, Number, constant, group_of
+from ortilo_drake.loop.element import Box, Element, Number, Values, constant, group_of
 from ortilo_drake.loop.player import Player
 from ortilo_drake.loop.wiring import Wiring
 
@@ -34,11 +34,11 @@ def without_n(settings: Settings, out: np.ndarray) -> None:
 
 
 SETTINGS = Settings(3, Grid(np.arange(6.0).reshape(3, 2), 2.0), True, np.array([True, False, True]))
-BOX = Box("said", Element("said", out=said, numbers=(Number("absent"),)), 3, Given({"absent": 7.0}))
+BOX = Box("said", Element("said", out=said, numbers=(Number("absent"),)), 3, Values({"absent": 7.0}))
 SAID = [[-20.0, 7.0, -60.0], [-21.0, 7.0, -65.0], [-22.0, 7.0, -70.0]]
 
 
-def played(box: Box, drawn: dict[str, Given] | None = None) -> np.ndarray:
+def played(box: Box, drawn: dict[str, Values] | None = None) -> np.ndarray:
     wiring = Wiring([constant("state", [10.0, 20.0, 30.0]), box, constant("end", [-1.0])])
     player, trace = Player(wiring, (box.name,), "end"), np.zeros((3, box.size))
     player.fly(np.zeros(3, np.int64), trace, drawn or {})
@@ -47,22 +47,22 @@ def played(box: Box, drawn: dict[str, Given] | None = None) -> np.ndarray:
 
 @pytest.mark.long
 def test_a_tuple_taken_apart_is_put_together_again() -> None:
-    np.testing.assert_array_equal(played(BOX.taking(settings=SETTINGS)), SAID)
+    np.testing.assert_array_equal(played(BOX.with_groups(settings=SETTINGS)), SAID)
 
 
 def test_plain_source_takes_it_too() -> None:
-    box, state = PlainBox(BOX.taking(settings=SETTINGS)), np.array([10.0, 20.0, 30.0])
+    box, state = PlainBox(BOX.with_groups(settings=SETTINGS)), np.array([10.0, 20.0, 30.0])
     np.testing.assert_array_equal([box.say(k, state=state) for k in range(3)], SAID)
 
 
 def test_a_tuple_s_numbers_come_where_the_function_takes_no_others() -> None:
-    box = Box("alone", Element("alone", out=without_n), 1).taking(settings=SETTINGS)
+    box = Box("alone", Element("alone", out=without_n), 1).with_groups(settings=SETTINGS)
     np.testing.assert_array_equal(played(box), [[2.0]] * 3)
 
 
 def test_a_flight_may_have_another_field() -> None:
-    drawn = Given({"settings_grid_scale": 3.0}, tables={"settings_there": np.array([True, True, False])})
-    np.testing.assert_array_equal(played(BOX.taking(settings=SETTINGS), {"said": drawn})[0], [-30.0, -60.0, 7.0])
+    drawn = Values({"settings_grid_scale": 3.0}, tables={"settings_there": np.array([True, True, False])})
+    np.testing.assert_array_equal(played(BOX.with_groups(settings=SETTINGS), {"said": drawn})[0], [-30.0, -60.0, 7.0])
 
 
 @pytest.mark.parametrize("wrong", ["high", None])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from small_loop import X_0, H, K, boxes, flown
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, bundle, constant
+from ortilo_drake.loop.element import Array, Box, Element, Values, bundle, constant
 from ortilo_drake.loop.player import Player
 from ortilo_drake.loop.wiring import Wiring
 
@@ -19,7 +19,7 @@ def player() -> Player:
     return Player(Wiring(boxes()), RECORDED, "watch")
 
 
-def fly(player: Player, ticks: int, seed: int, drawn: dict[str, Given] | None = None) -> np.ndarray:
+def fly(player: Player, ticks: int, seed: int, drawn: dict[str, Values] | None = None) -> np.ndarray:
     trace = np.full((ticks, player.width), np.nan)
     last = player.fly(np.full(ticks, seed), trace, drawn or {})
     return trace[: last + 1]
@@ -57,16 +57,16 @@ def test_what_is_drawn_stands_for_what_a_box_has_in_that_flight_alone(player: Pl
     before = fly(player, 40, 3)
     other_K, other_x = np.array([[0.7, 0.9]]), np.array([0.2, -0.3])
     drawn = {
-        "gain": Given(tables={"K": other_K}),
-        "mass": Given(start={"x": other_x}),
-        "sensor": Given({"off": 0.2}),
+        "gain": Values(tables={"K": other_K}),
+        "mass": Values(start={"x": other_x}),
+        "sensor": Values({"off": 0.2}),
     }
     assert fly(player, 40, 3, drawn) == pytest.approx(flown(40, 3, other_K, other_x, 0.2), rel=1e-13, abs=1e-13)
     assert np.array_equal(fly(player, 40, 3), before)
 
 
 def test_a_flight_ends_where_it_is_told(player: Player) -> None:
-    away = {"mass": Given(start={"x": np.array([0.0, 10.0])}), "gain": Given(tables={"K": np.zeros((1, 2))})}
+    away = {"mass": Values(start={"x": np.array([0.0, 10.0])}), "gain": Values(tables={"K": np.zeros((1, 2))})}
     trace = fly(player, 50, 0, away)
     assert len(trace) == 5  # 10 m/s for 0.1 s a tick: 4 m at tick 4, beyond 3 m
     assert trace[-1, 0] == pytest.approx(4.0)
@@ -76,7 +76,7 @@ def test_a_table_may_have_any_length() -> None:
     """The source of a flight has no size of a table in it: one compiled form serves all."""
     wide = np.hstack([K, np.zeros((1, 5))])
     gain, *others = boxes()
-    player = Player(Wiring([replace(gain, given=Given(tables={"K": wide})), *others]), RECORDED, "watch")
+    player = Player(Wiring([replace(gain, given=Values(tables={"K": wide})), *others]), RECORDED, "watch")
     assert player.text == Player(Wiring(boxes()), RECORDED, "watch").text
     assert fly(player, 20, 0) == pytest.approx(flown(20, 0), rel=1e-13, abs=1e-13)
 
@@ -95,7 +95,7 @@ def test_a_bundle_is_what_its_boxes_say() -> None:
 
 
 def test_a_constant_says_the_same_in_every_tick() -> None:
-    changed = [box.reading(rate="nothing") if box.name == "gain" else box for box in boxes()]
+    changed = [box.with_inputs(rate="nothing") if box.name == "gain" else box for box in boxes()]
     player = Player(Wiring([*changed, constant("nothing", 0.0)]), RECORDED, "watch")
     assert fly(player, 25, 1) == pytest.approx(flown(25, 1, K * [[1.0, 0.0]]), rel=1e-13, abs=1e-13)
 
@@ -108,7 +108,7 @@ def test_who_reads_a_shown_state_reads_it_before_it_steps() -> None:
         x[0] = leader[0]
 
     follower = Box("a_follower", Element("follower", step=pulled_step, state=(Array("x"),), shows="x"), 1,
-                   Given(start={"x": np.zeros(1)}), reads={"leader": "mass"})  # fmt: skip
+                   Values(start={"x": np.zeros(1)}), reads={"leader": "mass"})  # fmt: skip
     player = Player(Wiring([*boxes(), follower]), ("mass", "a_follower"), "watch")
     trace = fly(player, 12, 0)
     assert np.array_equal(trace[1:, 2], trace[:-1, 0])
@@ -119,7 +119,7 @@ def test_shapes_that_do_not_fit_are_refused(player: Player) -> None:
     with pytest.raises(ValueError, match=r"trace: has the shape \(4, 4\), must have \(5, 4\)"):
         player.fly(np.zeros(5, np.int64), np.zeros((4, 4)))
     with pytest.raises(ValueError, match=r"mass: x: has the shape \(3,\), must have \(2,\)"):
-        player.fly(np.zeros(5, np.int64), np.zeros((5, 4)), {"mass": Given(start={"x": np.zeros(3)})})
+        player.fly(np.zeros(5, np.int64), np.zeros((5, 4)), {"mass": Values(start={"x": np.zeros(3)})})
 
 
 def test_the_loop_is_stable() -> None:

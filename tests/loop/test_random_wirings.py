@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, bundle
+from ortilo_drake.loop.element import Array, Box, Element, Values, bundle
 from ortilo_drake.loop.wiring import Wire, Wiring
 
 
@@ -26,7 +26,7 @@ KEPT = Element("kept", step=kept_step, state=(Array("x"),), shows="x")
 
 
 def kept(name: str, a: str, b: str) -> Box:
-    return Box(name, KEPT, 1, Given(start={"x": np.zeros(1)}), reads={"a": a, "b": b})
+    return Box(name, KEPT, 1, Values(start={"x": np.zeros(1)}), reads={"a": a, "b": b})
 
 
 @st.composite
@@ -93,7 +93,7 @@ def test_a_part_that_is_read_must_be_one(boxes: list[Box], data: st.DataObject) 
     i = data.draw(st.integers(0, len(boxes) - 1))
     port, part = data.draw(st.sampled_from("ab")), data.draw(st.sampled_from(["x", "delta", ""]))
     read = boxes[i].reads[port]
-    boxes = [*boxes[:i], boxes[i].reading(**{port: f"{read}.{part}"}), *boxes[i + 1 :]]
+    boxes = [*boxes[:i], boxes[i].with_inputs(**{port: f"{read}.{part}"}), *boxes[i + 1 :]]
     if not part:  # the whole
         Wiring(boxes)
         return

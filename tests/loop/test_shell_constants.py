@@ -7,7 +7,7 @@ import pytest
 from pydrake.autodiffutils import ExtractValue
 
 from ortilo_drake.loop.diagram import system_of
-from ortilo_drake.loop.element import Given, constant
+from ortilo_drake.loop.element import Values, constant
 from ortilo_drake.loop.wiring import Wiring
 
 
@@ -25,6 +25,6 @@ def test_a_constant_is_no_state_of_its_system_and_can_be_another(differentiates:
     np.testing.assert_array_equal(said(), [1.0, 2.0, 3.0])
     system.set_state(context, "three", "values", np.array([4.0, 5.0, 6.0]))
     np.testing.assert_array_equal(said(), [4.0, 5.0, 6.0])
-    system.give(context, {"three": Given(start={"values": np.array([7.0, 8.0, 9.0])})})
+    system.give(context, {"three": Values(start={"values": np.array([7.0, 8.0, 9.0])})})
     np.testing.assert_array_equal(said(), [7.0, 8.0, 9.0])
     np.testing.assert_array_equal(system.state_of(system.CreateDefaultContext(), "three", "values"), [1.0, 2.0, 3.0])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from small_loop import boxes
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.loop.wiring import Wiring
 
 
@@ -28,11 +28,11 @@ def test_outputs_come_after_what_they_read() -> None:
         ([*boxes(), boxes()[0]], "wiring: two boxes have one name among gain, gain, mass, sensor, watch"),
         (with_("watch", reads={"x": "masss"}), "watch: x: reads 'masss', must be one of gain, mass, sensor, watch"),
         (with_("gain", reads={"y": "sensor.z"}), "gain: y: reads 'sensor.z', must be a part of it: y"),
-        (with_("mass", given=Given({}, {"x": np.zeros(2)})), "mass: number: has [], must have ['h']"),
-        (with_("mass", given=Given({"h": [0.1]}, {"x": np.zeros(2)})), "mass: h: has the shape (1,), must have ()"),
-        (with_("mass", given=Given({"h": 0.1})), "mass: state: has [], must have ['x']"),
-        (with_("mass", given=Given({"h": 0.1}, {"x": np.zeros(3)})), "mass: x: has 3 numbers, must have 2"),
-        (with_("gain", given=Given(tables={"K": np.zeros(2)})), "gain: K: has 1 dimensions, must have 2"),
+        (with_("mass", given=Values({}, {"x": np.zeros(2)})), "mass: number: has [], must have ['h']"),
+        (with_("mass", given=Values({"h": [0.1]}, {"x": np.zeros(2)})), "mass: h: has the shape (1,), must have ()"),
+        (with_("mass", given=Values({"h": 0.1})), "mass: state: has [], must have ['x']"),
+        (with_("mass", given=Values({"h": 0.1}, {"x": np.zeros(3)})), "mass: x: has 3 numbers, must have 2"),
+        (with_("gain", given=Values(tables={"K": np.zeros(2)})), "gain: K: has 1 dimensions, must have 2"),
         (with_("gain", work={"room": (3,)}), "gain: work: has ['room'], must have []"),
     ],
 )
@@ -57,4 +57,4 @@ def test_a_reserved_name_is_refused() -> None:
 
     odd = Element("odd", out=odd_out, numbers=(Number("a"),), tables=(Array("seed"),))
     with pytest.raises(ValueError, match=r"odd: table: is named \['seed'\], which is reserved"):
-        Wiring([Box("odd", odd, 1, Given({"a": 1.0}, tables={"seed": np.zeros(1)}))])
+        Wiring([Box("odd", odd, 1, Values({"a": 1.0}, tables={"seed": np.zeros(1)}))])

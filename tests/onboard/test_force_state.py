@@ -10,7 +10,7 @@ from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
 from pydrake.systems.primitives import IsObservable, LinearSystem
 from scipy.linalg import block_diag, solve_discrete_are
 
-from ortilo_drake.loop.element import Given
+from ortilo_drake.loop.element import Values
 from ortilo_drake.model.equations import rotation, translational_acceleration
 from ortilo_drake.model.hover import discretize, hover_A, hover_B, hover_B_d
 from ortilo_drake.model.measurement import PAPER, Measurement
@@ -349,7 +349,7 @@ def imu_message(x: np.ndarray, u: np.ndarray, d: np.ndarray, bias: np.ndarray) -
     box = imu_box(Imu(angle_density=0.0, rate_density=0.0, specific_force_density=0.0), H, whole=True)
     v_dot = np.array(translational_acceleration(x, u, d, M))
     imu = PlayedBox(box, H, sent=np.zeros(1), state=x, acceleration=v_dot)
-    imu.system.give(imu.context, {"imu": Given(tables={"bias": bias})})
+    imu.system.give(imu.context, {"imu": Values(tables={"bias": bias})})
     return imu.say(15)
 
 

@@ -7,7 +7,7 @@ from scipy.linalg import null_space
 from scipy.stats import multivariate_normal
 from seen_landmarks import EXACT, ROOM, boxes, covariance, state
 
-from ortilo_drake.diagrams.wiring.intermittent import filtering_of, told_by_fixes
+from ortilo_drake.diagrams.wiring.intermittent import filtering_of, learned_coefficients
 from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.pinhole import box_center
 from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, DETECTIONS_SIZE, PAYLOAD
@@ -183,7 +183,7 @@ def test_a_box_that_the_fix_refuses_tells_nothing() -> None:
 def test_a_surveys_part_and_the_boxes_own_are_one_state() -> None:
     belief_of = load_scenario("imu_uwb_yolo").belief
     its = filtering_of(belief_of)
-    told, n, c = told_by_fixes(belief_of, its), its.n, np.array(belief_of.estimator.biases.camera_sd)
+    told, n, c = learned_coefficients(belief_of, its), its.n, np.array(belief_of.estimator.biases.camera_sd)
     lasting = np.array([0.03, 0.05, 0.09, 1.0, 1.0, 1.0, 0.03, 0.02, 0.0, 0.9, 1.0, 1.0])
     weights = np.zeros(its.seen.layout.weights.shape)
     layout = told_layout(its.seen.layout, told, lasting, weights)

@@ -12,7 +12,7 @@ from scipy.stats import invgamma, multivariate_normal, multivariate_t
 from ortilo_drake.model.room import ORTILO_ROOM, load_room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.ranging.fix_element import fix_box
-from ortilo_drake.onboard.ranging.noise_scale import LIMIT, SCALE, counted, judge, scaled_bank_box
+from ortilo_drake.onboard.ranging.noise_scale import LIMIT, SCALE, counted, scaled_bank_box, weigh_scales
 from ortilo_drake.onboard.ranging.survey_bank import gather
 from ortilo_drake.scenario import Multilateration, load_scenario
 
@@ -54,7 +54,7 @@ def residuals_of(fixes: int, white: float, seed: int = 1) -> tuple[np.ndarray, n
 def judged(gathered: np.ndarray, scale: np.ndarray, bank: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the models' weights and c^2."""
     weights, after = np.zeros(bank.size), scale.copy()
-    judge(gathered, after, bank, SD, WORTH, weights, np.zeros(bank.size), np.zeros((N, N)), np.zeros(N))
+    weigh_scales(gathered, after, bank, SD, WORTH, weights, np.zeros(bank.size), np.zeros((N, N)), np.zeros(N))
     return weights, after[SCALE]
 
 

@@ -39,7 +39,7 @@ def scenario() -> Scenario:
 
 def fly(world: WorldHalf, onboard: OnboardHalf, ticks: int) -> np.ndarray:
     for _ in range(ticks):
-        onboard.take(world.sample())
+        onboard.receive(world.sample())
         u = onboard.answer()
         onboard.advance()
         world.advance(u)
@@ -114,7 +114,7 @@ def test_but_for_what_a_gap_adds_a_new_half_goes_on_where_the_old_one_stopped(
     for _ in range(10):
         messages = world.sample()
         for half in (old, new):
-            half.take(messages)
+            half.receive(messages)
         for name, value in old.outputs().items():
             np.testing.assert_array_equal(new.outputs()[name], value, err_msg=name)
         world.advance(old.answer())

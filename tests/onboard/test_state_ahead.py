@@ -11,7 +11,7 @@ from scipy.signal import cont2discrete
 from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.onboard.commands.state_ahead import flown, reference_after, state_ahead
+from ortilo_drake.onboard.commands.state_ahead import predicted_state, reference_after, state_ahead
 from ortilo_drake.onboard.servo.augmented_gain import delayed_gain, delayed_pair, split_delay
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair, servo_gain, weight_matrices
 from ortilo_drake.scenario import ServoWeights, load_scenario
@@ -27,7 +27,7 @@ def test_the_flow_is_the_matrix_exponential() -> None:
     x, b, s = RNG.normal(size=12), RNG.normal(size=12), 0.37
     wide = np.zeros((13, 13))
     wide[:12, :12], wide[:12, 12] = A, b
-    np.testing.assert_allclose(flown(x, b, A, s), (expm(wide * s) @ [*x, 1.0])[:12], rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(predicted_state(x, b, A, s), (expm(wide * s) @ [*x, 1.0])[:12], rtol=1e-12, atol=1e-12)
 
 
 def test_the_reference_goes_on_with_its_acceleration() -> None:

@@ -10,7 +10,13 @@ from ortilo_drake.diagrams.wiring.intermittent import filtering_of
 from ortilo_drake.model.measurement import UWB
 from ortilo_drake.model.room import ORTILO_ROOM, load_room
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.estimator.lasting_element import Sort, Told, told_layout, told_of, vary
+from ortilo_drake.onboard.estimator.lasting_element import (
+    LearnedCoefficients,
+    Sort,
+    learned_coefficients_of,
+    told_layout,
+    vary,
+)
 from ortilo_drake.onboard.ranging.fix_element import fix_box
 from ortilo_drake.onboard.ranging.lasting_error import KEPT, KEY, keep, put_lasting
 from ortilo_drake.onboard.ranging.survey_bank import bank_box, gather, log_likelihood
@@ -139,7 +145,7 @@ def test_what_lasts_is_what_drawn_surveys_make_of_a_fix(heard: slice) -> None:
 
 def test_coefficients_and_variances_follow_what_a_fix_tells() -> None:
     its = filtering_of(load_scenario("imu_uwb").belief)
-    told = told_of(its.seen, Sort(UWB, (0.03, 0.05, 0.09)))
+    told = learned_coefficients_of(its.seen, Sort(UWB, (0.03, 0.05, 0.09)))
     lasting = np.array([0.06, 0.05, 0.0, 1.0, 0.5, 0.8])
     weights = np.zeros(its.seen.layout.weights.shape)
     layout = told_layout(its.seen.layout, told, lasting, weights)
@@ -163,7 +169,7 @@ def test_coefficients_and_variances_follow_what_a_fix_tells() -> None:
 
 def test_a_filter_without_such_states_is_told_nothing() -> None:
     its = filtering_of(load_scenario("imu_uwb", ("estimator.biases.uwb_sd=[0, 0, 0]",)).belief)
-    told: Told = told_of(its.seen, Sort(UWB, (0.0, 0.0, 0.0)))
+    told: LearnedCoefficients = learned_coefficients_of(its.seen, Sort(UWB, (0.0, 0.0, 0.0)))
     assert all(len(part) == 0 for part in told)
 
 

@@ -12,7 +12,7 @@ from ortilo_drake.sensors.described import as_learned
 from ortilo_drake.sensors.learned_survey import mean_log_likelihood, share_learned
 from ortilo_drake.sensors.unknown_error import walk
 from ortilo_drake.studies.command_link.command_flights import command_cases, command_flights, hover_V
-from ortilo_drake.studies.loop.error_moments import Drive, drive_of, drives, fewer, moved_by
+from ortilo_drake.studies.loop.error_moments import Drive, drive_of, error_inputs, merged_components, position_moments
 from ortilo_drake.studies.loop.fix_errors import errors_of_rows
 from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, filter_measurement, hover_loop, steady_predictor
 
@@ -40,14 +40,14 @@ def test_what_lasts_of_the_ranges_errors_moves_the_vehicle_as_least_squares_says
     every, shifted = np.ones(len(distance)), np.array([0.02, 0.0, 0.01])
     c = np.outer(every, every) * 0.02**2 + np.eye(len(distance)) * (0.05**2 + 0.03**2)
     expected = G @ c @ G.T + np.diag(shifted**2)  # anchors that are moved move the fix
-    moments = moved_by(scenario, hover_V(scenario, PLACE), drives(scenario, AT), LONG)
+    moments = position_moments(scenario, hover_V(scenario, PLACE), error_inputs(scenario, AT), LONG)
     np.testing.assert_array_equal(moments[0], 0.0)
     np.testing.assert_allclose(moments[-1], expected, rtol=0.02, atol=1e-8)
 
 
 def test_a_world_as_believed_moves_nothing() -> None:
     scenario = load_scenario("nominal_imu_uwb")
-    assert not moved_by(scenario, hover_V(scenario, PLACE), drives(scenario, AT), 3).any()
+    assert not position_moments(scenario, hover_V(scenario, PLACE), error_inputs(scenario, AT), 3).any()
 
 
 def test_gusts_move_the_vehicle_by_the_loops_frequency_response() -> None:
@@ -65,7 +65,7 @@ def test_gusts_move_the_vehicle_by_the_loops_frequency_response() -> None:
     H = np.linalg.solve(z[:, None, None] * np.eye(27) - A, np.broadcast_to(B, (count, 27, 3)).astype(complex))[:, :3]
     spectrum = sd**2 * (1.0 - keeps**2) / np.abs(z - keeps) ** 2
     expected = np.mean(spectrum[:, None, None] * (H @ H.conj().transpose(0, 2, 1)), axis=0).real
-    found = moved_by(scenario, V, drives(scenario, AT), LONG)[-1]
+    found = position_moments(scenario, V, error_inputs(scenario, AT), LONG)[-1]
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-9)
 
 
@@ -83,7 +83,7 @@ def test_a_camera_fix_goes_with_the_camera_and_against_the_landmarks() -> None:
 def test_fewer_errors_have_the_same_covariance() -> None:
     rng = np.random.default_rng(2)
     sd, C = rng.uniform(0.1, 1.0, 7), np.vstack([rng.normal(size=(3, 7)), np.zeros((2, 7))])
-    found = fewer(Drive(sd, 0.5 * sd, np.full(7, 0.9), np.zeros((4, 7)), C))
+    found = merged_components(Drive(sd, 0.5 * sd, np.full(7, 0.9), np.zeros((4, 7)), C))
     assert len(found.sd) == 3
     np.testing.assert_allclose(found.C @ np.diag(found.sd**2) @ found.C.T, C @ np.diag(sd**2) @ C.T, atol=1e-12)
     np.testing.assert_allclose(found.step_sd, 0.5 * found.sd)

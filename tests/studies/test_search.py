@@ -13,7 +13,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario, with_seed
 from ortilo_drake.studies.maps.map_flights import figures_of_points
 from ortilo_drake.studies.maps.point_flights import columns_of
-from ortilo_drake.studies.tuning.search import LOST, costs_of, judge, place_of, search_by_flights
+from ortilo_drake.studies.tuning.search import LOST, compare_costs, costs_of, place_of, search_by_flights
 from ortilo_drake.studies.tuning.search_file import Search, load_search, settings_at
 from ortilo_drake.studies.tuning.search_report import found_text, search_lines
 
@@ -84,11 +84,11 @@ def test_what_was_found_flies(tmp_path: Path) -> None:
 def test_the_interval_of_a_difference_is_about_students() -> None:
     start = np.random.default_rng(1).normal(0.3, 0.05, 300)
     found = start + np.random.default_rng(2).normal(-0.004, 0.02, 300)
-    judged = judge(start, found)
+    judged = compare_costs(start, found)
     low, high = stats.ttest_rel(found, start).confidence_interval(0.95)
     assert (judged.low, judged.high) == pytest.approx((low, high), abs=2e-4)
     assert judged.difference == pytest.approx(np.mean(found) - np.mean(start))
-    same = judge(start, start)
+    same = compare_costs(start, start)
     assert (same.low, same.difference, same.high) == (0.0, 0.0, 0.0)
 
 

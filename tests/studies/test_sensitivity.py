@@ -19,14 +19,21 @@ from ortilo_drake.studies.sensitivity.mismatches import (
     mismatches_of,
 )
 from ortilo_drake.studies.sensitivity.outcomes import Outcome
-from ortilo_drake.studies.sensitivity.sensitivity_flights import Limit, Row, Sensitivity, _row, search, sensitivity
+from ortilo_drake.studies.sensitivity.sensitivity_flights import (
+    Limit,
+    MismatchRow,
+    Sensitivity,
+    _row,
+    search,
+    sensitivity,
+)
 from ortilo_drake.studies.sensitivity.sensitivity_report import sensitivity_figure, sensitivity_text
 
 MISMATCHES = known_mismatches()
 SHORT = ("planner={kind: hover, point: [9.0, 0.5, 1.5], duration: 1.0}", "settle=0.0")
 
 
-def row_of(mismatch: str, value: float, flights: int, lost: int) -> Row:
+def row_of(mismatch: str, value: float, flights: int, lost: int) -> MismatchRow:
     """Return a row of made-up flights, whose errors are 0.0090, 0.0091, 0.0092 and so on."""
     outcomes = [Outcome(k, k >= flights - lost, dict.fromkeys("xyz", 0.009 + 0.0001 * k), 3.1) for k in range(flights)]
     return _row(mismatch, value, [replace(one, nees=9.0) if one.lost else one for one in outcomes])

@@ -16,7 +16,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.consistency.consistency_figures import nees_figure, tuning_figure, whiteness_figure
 from ortilo_drake.studies.consistency.consistency_flights import consistency_report
-from ortilo_drake.studies.tuning.in_short import in_short
+from ortilo_drake.studies.tuning.summary import tuning_summary
 from ortilo_drake.studies.tuning.tune import Check, FlownFigures, Tuning, find_flights, overlay_text, tune
 from ortilo_drake.studies.tuning.tuning_report import tuning_report
 
@@ -113,7 +113,7 @@ def test_the_figures_are_drawn(tuning: Tuning, flights: list[xr.Dataset], tmp_pa
 
 def test_the_summary_names_what_changed_most_and_what_that_bought(tuning: Tuning, flights: list[xr.Dataset]) -> None:
     lost, flown = FlownFigures(2, None, None), FlownFigures(0, [0.01, 0.02, 0.03], None)
-    numbers, nees, mse, check = in_short(tuning_report(tuning), Check([5, 6], lost, flown))
+    numbers, nees, mse, check = tuning_summary(tuning_report(tuning), Check([5, 6], lost, flown))
     fit = tuning.fit
     assert numbers.startswith(f"{len(fit.before) - len(fit.kept)} of {len(fit.before)} numbers were fitted")
     name = numbers.split("changed most: ")[1].split(",")[0]
@@ -124,9 +124,9 @@ def test_the_summary_names_what_changed_most_and_what_that_bought(tuning: Tuning
     assert f": {before:.2f} -> " in nees
     assert f": {np.mean([sum(estimation_mse(flight).values()) for flight in flights]):.6f} -> " in mse
     assert check == "on 2 new seeds: 2 -> 0 lost"  # nothing to compare: every seed was lost before
-    assert len(in_short(tuning_report(tuning), None)) == 3
+    assert len(tuning_summary(tuning_report(tuning), None)) == 3
     twice = FlownFigures(0, [0.02, 0.04, 0.06], None)
-    assert in_short(tuning_report(tuning), Check([5], twice, flown))[3].endswith("0.120000 -> 0.060000 m² (-50%)")
+    assert tuning_summary(tuning_report(tuning), Check([5], twice, flown))[3].endswith("0.120000 -> 0.060000 m² (-50%)")
 
 
 @pytest.mark.long

@@ -235,7 +235,7 @@ BAD = {
 def test_what_no_page_sends_is_refused_in_a_line(message: bytes | str) -> None:
     panel = a_panel()
     with pytest.raises(BadMessage) as error:
-        panel.take(message)
+        panel.receive(message)
     assert len(str(error.value)) < 150
     assert (panel.value("push"), panel.clicks("go")) == (0.5, 0)
 
@@ -245,7 +245,7 @@ def test_what_no_page_sends_is_refused_in_a_line(message: bytes | str) -> None:
 @example(b"\x81\x91\x01\x01")  # a list as a key
 def test_no_bytes_raise_anything_else(message: bytes) -> None:
     try:
-        a_panel().take(message)
+        a_panel().receive(message)
     except BadMessage:
         return
 
@@ -253,7 +253,7 @@ def test_no_bytes_raise_anything_else(message: bytes) -> None:
 @given(st.one_of(st.floats(allow_nan=False, allow_infinity=False), st.integers(-(2**63), 2**64 - 1)))
 def test_a_slider_stays_in_its_range(value: float) -> None:
     panel = a_panel()
-    assert panel.take(slid(value)) == "push"
+    assert panel.receive(slid(value)) == "push"
     assert panel.value("push") == min(max(value, -2.0), 2.0)
 
 
@@ -262,7 +262,7 @@ def test_what_drakes_page_sends_by_itself_changes_nothing() -> None:
     camera = {"type": "camera_pose", "camera_pose": [math.nan] * 16, "is_perspective": True}
     pad = {"index": 0, "button_values": [0.0] * 17, "axes": [0.5] * 4}
     for message in (camera, {"type": "gamepad", "name": "", "gamepad": pad}):
-        assert panel.take(msgpack.packb(message)) is None
+        assert panel.receive(msgpack.packb(message)) is None
     assert (panel.value("push"), panel.clicks("go")) == (0.5, 0)
 
 
@@ -285,7 +285,7 @@ def test_a_message_that_is_too_long_closes_too(page: Guarded) -> None:
 def test_many_clicks_cost_the_reader_nothing() -> None:
     panel = a_panel()
     for _ in range(50_000):
-        panel.take(CLICK)
+        panel.receive(CLICK)
     assert panel.clicks("go") == 50_000
 
 

@@ -18,7 +18,7 @@ from ortilo_drake.commands.doctor_checks import Finding
 from ortilo_drake.commands.report import report
 from ortilo_drake.flight.summary import Summary
 from ortilo_drake.hil.bridge import BridgeReport
-from ortilo_drake.hil.real_time.profile import Row as BlockRow
+from ortilo_drake.hil.real_time.profile import ProfileRow as BlockRow
 from ortilo_drake.hil.reports import OnboardReport, WorldReport
 from ortilo_drake.hil.wire.inbox import PacketCounts
 from ortilo_drake.interop.log.replay import ReplayReport

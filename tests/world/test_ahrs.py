@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drake_box import PlayedBox
 
-from ortilo_drake.loop.element import Given, outside
+from ortilo_drake.loop.element import Values, outside
 from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.signals import IMU_SIZE, PAYLOAD, size_of_samples
 from ortilo_drake.scenario import Ahrs
@@ -24,7 +24,7 @@ def errors(acceleration: list[float], rpy: list[float], ticks: int, samples: int
     """Return what is added to the angles (3) after so many ticks under an acceleration."""
     size = IMU_SIZE if samples == 1 else size_of_samples(IMU_SIZE, samples)
     box = ahrs_box(Ahrs(time=T), outside("imu", size), samples, H)
-    box = replace(box, given=box.given.with_(Given({"drift": drift})))
+    box = replace(box, given=box.given.updated(Values({"drift": drift})))
     state = np.concatenate((np.zeros(3), rpy, np.zeros(6)))
     plays = PlayedBox(box, H, message=message_of(samples), state=state, acceleration=np.array(acceleration))
     for _ in range(ticks):

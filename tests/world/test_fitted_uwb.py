@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drake_box import PlayedBox
 
-from ortilo_drake.loop.element import Box, Given
+from ortilo_drake.loop.element import Box, Values
 from ortilo_drake.model.room import load_room
 from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.model.typed_yaml import InputError
@@ -33,8 +33,8 @@ def uwb_of(**fitted: object) -> Uwb:
 
 def box_of(settings: Uwb, seed: int | None = None) -> Box:
     box = fitted_box(settings, ROOM, H)
-    given = Given() if seed is None else fitted_drawn(settings, N, H, of_seed(seed))
-    return replace(box, given=box.given.with_(given))
+    given = Values() if seed is None else fitted_drawn(settings, N, H, of_seed(seed))
+    return replace(box, given=box.given.updated(given))
 
 
 def errors(settings: Uwb, ticks: int, seed: int = 1) -> np.ndarray:

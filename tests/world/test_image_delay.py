@@ -68,7 +68,7 @@ def flight_of(link: Link, seed: int, ticks: int) -> tuple[Diagram, Simulator]:
     kept = builder.AddSystem(ImageDelay(link.every(H), link.delay + link.random_delay, H))
     onboard = builder.AddSystem(Onboard(ticks))
     state = builder.AddSystem(ConstantVectorSource(np.zeros(N_X)))
-    shutter, decides = shutter_box(H).reading(sent="camera_link"), link_box("camera", link, link.every(H), H)
+    shutter, decides = shutter_box(H).with_inputs(sent="camera_link"), link_box("camera", link, link.every(H), H)
     boxes = [outside("state", N_X), decides, shutter, delivery_box("camera", shutter, link)]
     sources = {"state": state.get_output_port()}
     radio = add_wiring(builder, Wiring(boxes), {"shutter": "camera_delivered"}, H, sources)

@@ -12,7 +12,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from scipy import stats
 
 from ortilo_drake.loop.diagram import add_wiring
-from ortilo_drake.loop.element import Box, Element, Given, Number, constant, outside
+from ortilo_drake.loop.element import Box, Element, Number, Values, constant, outside
 from ortilo_drake.loop.player import Player
 from ortilo_drake.loop.shell import WiredSystem_
 from ortilo_drake.loop.wiring import Wiring
@@ -102,7 +102,7 @@ VEHICLE = Element("still_line", out=vehicle_out)
 def radio_boxes(sensor: str, link: Link) -> list[Box]:
     """Return a link and what it delivers; they read the state of a vehicle, and messages."""
     message, vehicle = outside("message", SIZE), outside("vehicle", 12)
-    decides = link_box(sensor, link, link.every(H), H).reading(state="vehicle")
+    decides = link_box(sensor, link, link.every(H), H).with_inputs(state="vehicle")
     return [message, vehicle, decides, delivery_box(sensor, message, link)]
 
 
@@ -110,7 +110,7 @@ def fly(link: Link, ticks: int, seed: int = 1, sensor: str = "uwb", silent: int 
     """What arrives at each tick (ticks, SIZE), compiled."""
     *_, decides, delivers = radio_boxes(sensor, link)
     source = Box(
-        "message", SOURCE, SIZE, Given({"h": H, "late": late, "silent": silent}), reads={"delay": decides.name}
+        "message", SOURCE, SIZE, Values({"h": H, "late": late, "silent": silent}), reads={"delay": decides.name}
     )
     boxes = [source, Box("vehicle", VEHICLE, 12), decides, delivers, constant("end", [-1.0])]
     player, rows = Player(Wiring(boxes), (delivers.name,), "end"), np.zeros((ticks, SIZE))

@@ -8,7 +8,7 @@ import pytest
 from drake_box import PlayedBox
 from scipy.spatial.distance import cdist
 
-from ortilo_drake.loop.element import Given
+from ortilo_drake.loop.element import Values
 from ortilo_drake.model.geometry.line_of_sight import walls_crossed
 from ortilo_drake.model.range_pairs import AGE, ROW, THERE, VALUE, A, B
 from ortilo_drake.model.signals import PAYLOAD
@@ -33,9 +33,9 @@ def scenario_of(**settings: Any) -> Scenario:
 def played(scenario: Scenario, seed: int = 1) -> PlayedBox:
     draw = of_seed(seed)
     its = draw_truth(scenario.truth, seed, ROOM, {"uwb": 1})
-    given = Given().with_(errors_drawn(scenario, ROOM, draw)["uwb"]).with_(drawn(scenario, ROOM, its, {})["uwb"])
+    given = Values().updated(errors_drawn(scenario, ROOM, draw)["uwb"]).updated(drawn(scenario, ROOM, its, {})["uwb"])
     box = differences_box(scenario, ROOM)
-    return PlayedBox(replace(box, given=box.given.with_(given)), scenario.h, seed, sent=SENT, state=STATE)
+    return PlayedBox(replace(box, given=box.given.updated(given)), scenario.h, seed, sent=SENT, state=STATE)
 
 
 def rows_of(message: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ import pytest
 from drake_box import PlayedBox
 from scipy import stats
 
-from ortilo_drake.loop.element import Box, Given
+from ortilo_drake.loop.element import Box, Values
 from ortilo_drake.model.geometry.line_of_sight import walls_crossed
 from ortilo_drake.model.room import load_room
 from ortilo_drake.model.signals import PAYLOAD
@@ -40,7 +40,7 @@ def state_at(p: np.ndarray, v: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> 
 def box_of(settings: Uwb, start: np.ndarray | None = None) -> Box:
     box = paths_box(settings, ROOM, H)
     assert box is not None
-    return box if start is None else replace(box, given=box.given.with_(Given(start={"x": start})))
+    return box if start is None else replace(box, given=box.given.updated(Values(start={"x": start})))
 
 
 def excesses(ticks: int, seed: int) -> np.ndarray:

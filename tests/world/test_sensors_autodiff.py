@@ -7,7 +7,7 @@ import pytest
 from drake_box import PlayedBox
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 
-from ortilo_drake.loop.element import Box, Given, outside
+from ortilo_drake.loop.element import Box, Values, outside
 from ortilo_drake.model.signals import IMU_SIZE
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.ranging.sighted import sighted_box
@@ -44,8 +44,8 @@ RANGES = np.array([1.0, 0.1, 3.0, 2.0, 1.0, 0.0])
 SLOW = SensorErrors(random_walk(np.zeros(2), H), flagged=True)
 
 
-def with_given(box: Box, given: Given) -> Box:
-    return replace(box, given=box.given.with_(given))
+def with_given(box: Box, given: Values) -> Box:
+    return replace(box, given=box.given.updated(given))
 
 
 BOXES = {
@@ -55,21 +55,21 @@ BOXES = {
     "sent": (delivery_box("uwb", outside("message", 4), Link()), {"delay": np.zeros(1), "message": MESSAGE}),
     "command_link": (command_link_box(CommandLinkSettings(), M100.hover_thrust, H), {"control": U}),
     "wrench_error": (
-        with_given(wrench_error_box(), Given(tables={"wrench": wrench_matrix(0.97, np.array([0.01, -0.02]))})),
+        with_given(wrench_error_box(), Values(tables={"wrench": wrench_matrix(0.97, np.array([0.01, -0.02]))})),
         {"control": U},
     ),
-    "sensor_clock": (with_given(clock_box("uwb", H), Given({"offset": 0.01, "drift": 0.002})), {"state": X}),
+    "sensor_clock": (with_given(clock_box("uwb", H), Values({"offset": 0.01, "drift": 0.002})), {"state": X}),
     "message_errors": (
-        with_given(errors_box("uwb", outside("message", 6), SLOW, 1, H), Given(tables={"bias": np.array([0.2, 0.3])})),
+        with_given(errors_box("uwb", outside("message", 6), SLOW, 1, H), Values(tables={"bias": np.array([0.2, 0.3])})),
         {"message": RANGES},
     ),
     "uwb_paths": (
-        with_given(paths_box(PATHS, ROOM, H), Given(start={"x": np.linspace(0.5, 1.5, 2 * len(ROOM.anchors))})),
+        with_given(paths_box(PATHS, ROOM, H), Values(start={"x": np.linspace(0.5, 1.5, 2 * len(ROOM.anchors))})),
         {"message": AT_X, "state": X},
     ),
     "uwb_sighted": (sighted_box(PATHS, ROOM), {"message": AT_X, "belief": np.concatenate((X, np.zeros(228)))}),
     "imu_ahrs": (
-        with_given(ahrs_box(Ahrs(), outside("imu", IMU_SIZE), 1, H), Given(start={"e": np.array([0.1, 0.2, 0.3])})),
+        with_given(ahrs_box(Ahrs(), outside("imu", IMU_SIZE), 1, H), Values(start={"e": np.array([0.1, 0.2, 0.3])})),
         {"message": np.ones(IMU_SIZE), "state": X, "acceleration": V_DOT},
     ),
     "drag": (drag_box((0.5, 0.4, 0.3)), {"disturbance": np.ones(6), "state": X}),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from ortilo_drake.diagrams.wiring.truth import drawn_of
+from ortilo_drake.diagrams.wiring.truth import drawn_values
 from ortilo_drake.diagrams.wiring.whole import boxes_of
 from ortilo_drake.flight.players import player_of
 from ortilo_drake.loop.wiring import Wiring
@@ -25,7 +25,7 @@ NOISELESS = ("imu.angle_density=0", "imu.rate_density=0", "imu.specific_force_de
 def biases_left(scenario: Scenario, seeds: range) -> np.ndarray:
     """What the imu's rates and specific force err by in flight, beside their noise (seeds, 6)."""
     room, wiring = scenario.load_room(), Wiring(boxes_of(scenario, 1))
-    given = [drawn_of(wiring, scenario, room, of_seed(seed)) for seed in seeds]
+    given = [drawn_values(wiring, scenario, room, of_seed(seed)) for seed in seeds]
     return np.array([its["imu"].tables["bias"][3:] for its in given])
 
 

@@ -12,7 +12,7 @@ from pydrake.systems.analysis import Simulator
 from ortilo_drake.diagrams.wiring.world import world_boxes
 from ortilo_drake.diagrams.world import make_world
 from ortilo_drake.flight.simulator import fix_steps
-from ortilo_drake.loop.element import Given
+from ortilo_drake.loop.element import Values
 from ortilo_drake.model.room import ORTILO_ROOM
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.vehicle import M100, Vehicle
@@ -21,10 +21,10 @@ from ortilo_drake.scenario import Scenario, load_scenario
 LIGHT = ("sensors=[uwb, imu, camera]", "camera.kind=projected", "uwb.link={rate: null}", "camera.link={rate: null}")
 HEAVY = Vehicle(mass=3.1, inertia=(0.2, 0.18, 0.3), arm_length=0.2, rotor_lift=2.1e-5, rotor_time_constant=(0.02, 0.03))
 START = np.array([8.0, 1.0, 1.5])
-NOTHING: dict[str, Given] = {}
+NOTHING: dict[str, Values] = {}
 
 
-def flown(scenario: Scenario, given: dict[str, Given] = NOTHING) -> list[Any]:
+def flown(scenario: Scenario, given: dict[str, Values] = NOTHING) -> list[Any]:
     """Return all that a world shows in ten ticks under a control that turns it, and the state that it comes to."""
     world = make_world(scenario)
     simulator = Simulator(world)
@@ -44,7 +44,7 @@ def world_of(*settings: str, vehicle: Vehicle = M100) -> Scenario:
     return load_scenario("nominal_imu_uwb_yolo", (*LIGHT, *settings)).model_copy(update={"vehicle": vehicle})
 
 
-def built_as(scenario: Scenario) -> dict[str, Given]:
+def built_as(scenario: Scenario) -> dict[str, Values]:
     """Return the constants of a scenario's vehicle, and its state at the start, which has its rotors' speeds."""
     boxes, _ = world_boxes(scenario, scenario.load_room(), START, whole_imu=True)
     of_vehicle = [box for box in boxes if box.name in ("plant", "vehicle", "rotors_felt", "felt", "acceleration")]
@@ -92,10 +92,10 @@ def test_anchors_that_are_set_range_as_those_built_and_their_biases_add(tmp_path
     scenario = world_of()
     anchors = shifted(scenario.load_room().anchor_positions)
     built = flown(world_of(room_file(tmp_path, lambda data: data.update(anchors=anchors.tolist()))))
-    moved = Given(tables={"anchors": anchors})
+    moved = Values(tables={"anchors": anchors})
     assert flown(scenario, {"uwb": moved}) == built
     bias = np.linspace(0.1, 0.5, len(anchors))
-    biased = flown(scenario, {"uwb": moved.with_(Given(tables={"bias": bias}))})
+    biased = flown(scenario, {"uwb": moved.updated(Values(tables={"bias": bias}))})
     assert [a == b for a, b in zip(biased, built, strict=True)] == [True, False, True, True] * 10
     one, other = (np.frombuffer(found[1])[2:] for found in (biased, built))
     there = other[len(anchors) :] > 0.0
@@ -106,7 +106,7 @@ def test_anchors_that_are_set_range_as_those_built_and_their_biases_add(tmp_path
 def test_an_imus_bias_adds_to_what_it_says() -> None:
     bias = np.linspace(-0.04, 0.04, 9)
     plain = flown(world_of())
-    biased = flown(world_of(), {"imu": Given(tables={"bias": bias})})
+    biased = flown(world_of(), {"imu": Values(tables={"bias": bias})})
     assert [a == b for a, b in zip(biased, plain, strict=True)] == [True, True, False, True] * 10
     difference = np.frombuffer(biased[2])[2:] - np.frombuffer(plain[2])[2:]
     np.testing.assert_allclose(difference, bias, rtol=0.0, atol=1e-12)
@@ -128,7 +128,7 @@ def test_landmarks_and_a_camera_that_are_set_are_seen_as_those_built(tmp_path: P
         with_landmarks(landmarks)(data)
         data["camera"]["position"] = p_BC.tolist()
 
-    moved = {"camera": Given(tables={"camera_p_BC": p_BC, "room_positions": landmarks})}
+    moved = {"camera": Values(tables={"camera_p_BC": p_BC, "room_positions": landmarks})}
     assert flown(scenario, moved) == flown(world_of(room_file(tmp_path, build))) != flown(scenario)
 
 
@@ -138,7 +138,7 @@ def pictures(*settings: str) -> np.ndarray:
     world = make_world(load_scenario("nominal_imu_uwb_yolo", (*rendered, *settings)))
     context = world.CreateDefaultContext()
     world.SetSeed(context, 0)
-    world.Give(context, {"plant": Given(start={"x": np.concatenate((START, np.zeros(N_X - 3)))})})
+    world.Give(context, {"plant": Values(start={"x": np.concatenate((START, np.zeros(N_X - 3)))})})
     ports = [world.GetOutputPort(name) for name in ("label_image", "image")]
     return np.concatenate([port.Eval(context).data.astype(float) for port in ports], axis=2)
 

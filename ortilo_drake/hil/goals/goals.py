@@ -58,7 +58,7 @@ class Goals:
         self._answers: list[Goal] = []
         self._answered: deque[Goal] = deque(maxlen=REMEMBERED)
 
-    def hear(self, goal: Goal) -> None:
+    def receive(self, goal: Goal) -> None:
         """Take a goal packet; one that is not from a user is dropped."""
         if goal.role != "user":
             return

@@ -24,7 +24,7 @@ from ortilo_drake.sensors.described import measuring
 MESSAGES = {measuring("landmarks"): ("detections", "shutter", "image")}  # of others the port has the sensor's name
 
 
-class Seen(NamedTuple):
+class ShownTick(NamedTuple):
     """The state of a live flight after a tick, as it is shown.
 
     Attributes:
@@ -78,7 +78,7 @@ class LiveFlight:
         """The path that the vehicle flies, p_WB(t) (3 rows) [m]; None where its planner is a System."""
         return self._onboard.path
 
-    def step(self, wishes: Wishes) -> Seen:
+    def step(self, wishes: Wishes) -> ShownTick:
         """Fly a tick and return what it showed.
 
         Args:
@@ -88,7 +88,7 @@ class LiveFlight:
         time = self._k * self._scenario.h
         if wishes.goes:
             self._asked += 1
-            self._goals.hear(Goal(0, self._k, self._asked, "user", *wishes.goal))
+            self._goals.receive(Goal(0, self._k, self._asked, "user", *wishes.goal))
         said = self._goals.step(time, self._onboard.path)
         if said.path is not None:
             self._onboard.fly_path(said.path)
@@ -102,7 +102,7 @@ class LiveFlight:
             if self._rng.random() < wishes.lost.get(sensor, 0.0):
                 for name in names[sensor]:
                     messages.pop(name, None)
-        self._onboard.take(messages)
+        self._onboard.receive(messages)
         outputs = self._onboard.outputs()
         arrived = tuple(sensor for sensor, delta in zip(sensors, outputs["delta"], strict=False) if delta > 0.0)
         lost = loss_at(x, self._k, self._scenario.h, self._room, self._scenario.vehicle)
@@ -114,7 +114,7 @@ class LiveFlight:
             f"goal ({answer.x:g}, {answer.y:g}): {answer.reason or 'on the way'}" for answer in said.answers
         )
         P = outputs["covariance"].reshape(N_XBAR, N_XBAR)
-        return Seen(time, x, outputs["estimate"], P, arrived, sent, said.path, answers, lost)
+        return ShownTick(time, x, outputs["estimate"], P, arrived, sent, said.path, answers, lost)
 
     def _change_the_world(self, wishes: Wishes) -> None:
         wanted = (*wishes.push, wishes.heavier)

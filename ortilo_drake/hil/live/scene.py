@@ -8,7 +8,7 @@ from pydrake.geometry import Meshcat, Rgba, Sphere
 from pydrake.math import RigidTransform
 from pydrake.trajectories import Trajectory
 
-from ortilo_drake.hil.live.live_flight import Seen
+from ortilo_drake.hil.live.live_flight import ShownTick
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.world.scenery.meshcat_draw import PLANNED_PATH, draw_flown, draw_plan, draw_vehicle, show_pose
@@ -66,7 +66,7 @@ class Scene:
         """Show the goal at a place in W [m]."""
         self._meshcat.SetTransform(GOAL, RigidTransform([x, y, z]))
 
-    def show(self, seen: Seen, draws: bool) -> None:
+    def show(self, seen: ShownTick, draws: bool) -> None:
         """Show a tick; the vehicle and its flown path only if `draws`."""
         for sensor in self._sensors:
             if sensor in seen.arrived:

@@ -9,7 +9,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from ortilo_drake.hil.goals.goal_planner import GoalPlanner
-from ortilo_drake.hil.live.live_flight import LiveFlight, Seen
+from ortilo_drake.hil.live.live_flight import LiveFlight, ShownTick
 from ortilo_drake.hil.live.scene import Scene
 from ortilo_drake.hil.live.wishes import Wishes
 from ortilo_drake.scenario import Scenario
@@ -66,7 +66,7 @@ class Shares:
         self._due = due
         self._arrived = {sensor: deque[bool](maxlen=max(ticks // every, 1) * every) for sensor, every in due.items()}
 
-    def count(self, seen: Seen) -> None:
+    def count(self, seen: ShownTick) -> None:
         """Count a tick's arrivals."""
         for sensor, its in self._arrived.items():
             its.append(sensor in seen.arrived)

@@ -30,7 +30,7 @@ class FlightRecord:
         self._states.append(x)
         self._sent.append(messages)
 
-    def hear(self, packet: Packet) -> None:
+    def receive(self, packet: Packet) -> None:
         """Take a command or telemetry."""
         outputs = {"control": packet.value} if packet.name == "command" else packet.value
         self._heard.setdefault(packet.tick, {}).update(outputs)

@@ -45,7 +45,7 @@ class OnboardTicks:
         """The number of messages dropped for a newer one."""
         return self._inbox.overtaken
 
-    def hear(self, packet: Packet, received: float) -> None:
+    def receive(self, packet: Packet, received: float) -> None:
         """Take a packet of the world; the first tick that it lists is the first of this half."""
         if packet.name == "tick":
             self._offsets.append(received - packet.tick * self._h)
@@ -61,10 +61,10 @@ class OnboardTicks:
         """Return whether the next tick begins now."""
         return self.first is not None and (self._inbox.is_complete(self.next) or now >= self.due())
 
-    def take(self) -> Signals:
+    def next_messages(self) -> Signals:
         """Return the messages of the next tick, and go on to the one after."""
         k = self.next
-        messages = self._inbox.take_until(k, keep_from=k + 1 - self._horizon)
+        messages = self._inbox.pop_until(k, keep_from=k + 1 - self._horizon)
         for message in messages.values():
             self.count_age(k, message)
         self.next += 1

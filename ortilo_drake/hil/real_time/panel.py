@@ -16,7 +16,7 @@ from rich.markup import escape
 from rich.panel import Panel
 from rich.table import Table
 
-from ortilo_drake.hil.real_time.profile import Row
+from ortilo_drake.hil.real_time.profile import ProfileRow
 from ortilo_drake.hil.real_time.real_time_world import FlightSoFar, Statistics
 from ortilo_drake.hil.real_time.tick_timing import Quantiles
 
@@ -51,7 +51,7 @@ def panel(figures: FlightSoFar) -> Panel:
     return Panel(table, title="in real time", title_align="left", expand=False)
 
 
-def profile_table(rows: list[Row], name: str) -> Table:
+def profile_table(rows: list[ProfileRow], name: str) -> Table:
     """Return the table of hil/real_time/profile.py's rows, of a scenario's name."""
     table = Table(title=f"{escape(name)}: the onboard half's tick", title_justify="left", box=box.SIMPLE_HEAD)
     table.add_column("block")

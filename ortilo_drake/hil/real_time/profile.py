@@ -30,7 +30,7 @@ WHOLE, REST = "whole tick", "Drake"  # the two rows that are not blocks
 
 
 @dataclass(frozen=True)
-class Row:
+class ProfileRow:
     """A block's time over the ticks [us], and its share of all the time, from 0 to 1.
 
     Drake's share may be below 0, as the times scatter.
@@ -58,14 +58,14 @@ def time_blocks(onboard: OnboardHalf, ports: list[OutputPort], updating: list[Sy
 def time_whole(onboard: OnboardHalf, messages: Signals) -> tuple[Signals, float]:
     """Do a whole tick as in flight; return its outputs and its time [s]."""
     begin = time.perf_counter()
-    onboard.take(messages)
+    onboard.receive(messages)
     onboard.answer()
     outputs = onboard.outputs()
     onboard.advance()
     return outputs, time.perf_counter() - begin
 
 
-def rows_of(spent: dict[str, np.ndarray], whole: np.ndarray) -> list[Row]:
+def rows_of(spent: dict[str, np.ndarray], whole: np.ndarray) -> list[ProfileRow]:
     """Return the table: the blocks, the costliest first, then Drake's rest and the whole tick.
 
     Args:
@@ -76,7 +76,7 @@ def rows_of(spent: dict[str, np.ndarray], whole: np.ndarray) -> list[Row]:
     blocks = sorted(spent, key=lambda name: -float(np.sum(spent[name])))
     columns = {name: spent[name] for name in blocks} | {REST: rest, WHOLE: whole}
     return [
-        Row(
+        ProfileRow(
             block=name,
             median_us=1e6 * float(np.median(times)),
             p99_us=1e6 * float(np.quantile(times, 0.99)),
@@ -86,7 +86,7 @@ def rows_of(spent: dict[str, np.ndarray], whole: np.ndarray) -> list[Row]:
     ]
 
 
-def profile_onboard(scenario: Scenario, ticks: int) -> list[Row]:
+def profile_onboard(scenario: Scenario, ticks: int) -> list[ProfileRow]:
     """Fly the first ticks of a scenario in this process and time the onboard half; return the rows of rows_of.
 
     Args:
@@ -106,7 +106,7 @@ def profile_onboard(scenario: Scenario, ticks: int) -> list[Row]:
     for _ in range(last):
         messages = world.sample()
         outputs, whole = time_whole(flying, messages)
-        timed.take(messages)
+        timed.receive(messages)
         blocks.append(time_blocks(timed, ports, updating))
         timed.advance()
         wholes.append(whole)

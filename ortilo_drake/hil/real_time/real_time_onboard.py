@@ -75,7 +75,7 @@ def answer_in_real_time(
         for received, packet in inbox.poll(1 if idle else 0):
             if packet.name == "goal":
                 if goals:
-                    goals.hear(packet.value)
+                    goals.receive(packet.value)
                 continue
             heard = received
             if packet.name == "hello":
@@ -83,20 +83,20 @@ def answer_in_real_time(
                     return _summary(ticks, None)
             elif packet.name != "image":
                 joins = ticks.first is None
-                ticks.hear(packet, received)
+                ticks.receive(packet, received)
                 if joins and ticks.first:
                     join_flight(onboard, checkpoint, session, ticks.first, scenario.h)
             elif detector:
                 detector.look(packet.stamp, packet.value)
         if ticks.begins(time.perf_counter()):
             k = ticks.next
-            messages = ticks.take()
+            messages = ticks.next_messages()
             if detector and (detections := detector.newest()) is not None:
                 messages["detections"] = detections
                 ticks.count_age(k, detections)
             if goal is not None:
                 messages["goal"] = goal
-            onboard.take(messages)
+            onboard.receive(messages)
             publish_command(outbox, k, {"control": onboard.answer()})
             outputs = onboard.outputs()
             publish_telemetry(outbox, k, outputs)

@@ -90,10 +90,10 @@ def fly_in_real_time(
         for received, packet in _polled(inbox, start + until):
             if packet.name == "hello" or packet.tick > k + lag:
                 continue  # no onboard half is that far ahead, even of a world that was delayed
-            flown.hear(packet)
+            flown.receive(packet)
             if packet.name == "command":
                 timing.answered(packet.tick, received)
-                command.hear(packet, min(received - start, until))
+                command.receive(packet, min(received - start, until))
 
     lost: Lost | None = None
     for k in range(ticks + 1):
@@ -138,7 +138,7 @@ class Command:
         self.value = np.array([hover_thrust, 0.0, 0.0, 0.0, 0.0])
         self.tick = -1
 
-    def hear(self, packet: Packet, received: float) -> None:
+    def receive(self, packet: Packet, received: float) -> None:
         """Take a command, unless a newer one has overtaken it."""
         if packet.tick > self.tick:
             self.tick = packet.tick

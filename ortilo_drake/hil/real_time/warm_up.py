@@ -18,14 +18,14 @@ def warm_up(scenario: Scenario) -> None:
     flown = scenario.projected()
     world, onboard = WorldHalf(flown), OnboardHalf(flown)
     for _ in range(TICKS):
-        onboard.take(world.sample())
+        onboard.receive(world.sample())
         control = onboard.answer()
         onboard.outputs()
         onboard.advance()
         world.advance(control)
     if scenario.is_rendered:  # its half takes detections: another program
         onboard = OnboardHalf(scenario, detects=False)
-        onboard.take({})
+        onboard.receive({})
         onboard.answer()
         onboard.outputs()
         onboard.advance()

@@ -102,7 +102,7 @@ class FaultModel:
         self._free = turn + 1.0 / self._faults.rate
         return turn
 
-    def take(self, channel: str, now: float) -> list[float]:
+    def due_times(self, channel: str, now: float) -> list[float]:
         """Return the times [s] at which copies of a packet taken now arrive: none, one or two."""
         u = uniforms(self._seed, stream_id(f"{self._name} {channel}"), self._numbers[channel], _N)
         self._numbers[channel] += 1

@@ -35,7 +35,7 @@ class _Direction:
             source.subscribe(channel_of(name), partial(self._take, name))
 
     def _take(self, name: str, data: bytes) -> None:
-        for due in self.faults.take(name, time.monotonic()):
+        for due in self.faults.due_times(name, time.monotonic()):
             heapq.heappush(self._due, (due, next(self._order), channel_of(name), data))
 
     def release(self, now: float) -> None:

@@ -40,7 +40,7 @@ class _Way:
         self._seen: set[tuple[str, int]] = set()
 
     def send(self, packet: Packet, now: float) -> None:
-        for due in self._faults.take(packet.name, now):
+        for due in self._faults.due_times(packet.name, now):
             heapq.heappush(self._due, (due, next(self._order), packet))
 
     def arrived(self, now: float) -> list[tuple[float, Packet]]:
@@ -78,15 +78,15 @@ def fly_in_virtual_time(
     def answer(now: float) -> None:
         for received, packet in there.arrived(now):
             joins = ticks.first is None
-            ticks.hear(packet, received)
+            ticks.receive(packet, received)
             if joins and ticks.first:
                 join_flight(onboard, None, 0, ticks.first, h)
         while ticks.begins(now):
             k = ticks.next
-            onboard.take(ticks.take())
+            onboard.receive(ticks.next_messages())
             outputs = onboard.outputs()
             back.send(Packet("command", k, outputs["control"]), now)
-            flown.hear(Packet("telemetry", k, outputs))
+            flown.receive(Packet("telemetry", k, outputs))
             onboard.advance()
 
     for k in range(end + 1):
@@ -102,7 +102,7 @@ def fly_in_virtual_time(
         for moment in look_times(k * h, (k + 1) * h):
             answer(moment)
             for received, packet in back.arrived(moment):
-                command.hear(packet, received)
+                command.receive(packet, received)
             world.advance_to(moment, command.value, command.tick * h)
     flight = flown.dataset(scenario, lost)
     flight.attrs["real_time_factor"] = np.nan

@@ -127,7 +127,7 @@ class Inbox:
             raise BadPacket("old")
         if window.is_known(tick):
             return False
-        window.take(tick)
+        window.add(tick)
         self._distinct[name] += 1
         self._count["late"] += tick < newest
         self._newest[name] = max(newest, tick)

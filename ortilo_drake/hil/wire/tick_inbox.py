@@ -27,12 +27,12 @@ class TickInbox:
         """Return whether everything that was sent in a tick is here."""
         return tick in self._sent and self._messages.get(tick, {}).keys() >= set(self._sent[tick])
 
-    def take(self, tick: int) -> Signals:
+    def pop(self, tick: int) -> Signals:
         """Return a tick's messages and forget them."""
         self._sent.pop(tick, None)
         return self._messages.pop(tick, {})
 
-    def take_until(self, tick: int, keep_from: int) -> Signals:
+    def pop_until(self, tick: int, keep_from: int) -> Signals:
         """Return the messages of a tick and late ones of earlier ticks; of several on a port the newest.
 
         Those not returned are dropped, but kept from the tick keep_from on, for a later tick without one on their port.

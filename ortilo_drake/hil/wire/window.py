@@ -28,7 +28,7 @@ class Window:
         """Return whether a number was taken."""
         return number in self._known
 
-    def take(self, number: int) -> None:
+    def add(self, number: int) -> None:
         """Remember a number that is neither old nor known."""
         self._known.add(number)
         heapq.heappush(self._heap, number)

@@ -79,7 +79,7 @@ def replay_log(log: Path) -> ReplayReport:
         if own_way and "reference" in recorded:
             onboard.fly_path(path_through(onboard.context.get_time(), recorded["reference"]))
             given += 1
-        onboard.take(messages)
+        onboard.receive(messages)
         outputs = onboard.outputs()
         if not all(np.array_equal(outputs[name], value) for name, value in recorded.items()):
             first = k if first is None else first

@@ -12,7 +12,7 @@ import yaml
 
 from ortilo_drake.interop.recorded.anchor_names import anchors_of, key_of
 from ortilo_drake.interop.recorded.csv_columns import lines_of
-from ortilo_drake.interop.recorded.lec_console import heard_in, is_console
+from ortilo_drake.interop.recorded.lec_console import is_console, lec_ranges
 from ortilo_drake.interop.recorded.rejected import Rejections, named
 from ortilo_drake.interop.recorded.sources import MOST
 from ortilo_drake.interop.recorded.table_head import SIGNS, cells_of, mark_of, plain
@@ -161,7 +161,7 @@ def read_anchors(path: Path) -> dict[str, Vector]:
     text = "\n".join(line for _, line in lines_of(path, told, CONSOLE_LIMIT))
     if is_console(text):
         said: dict[str, list[Vector]] = {}
-        for heard in heard_in(path, told):
+        for heard in lec_ranges(path, told):
             said.setdefault(heard.anchor, []).append(heard.position)
         found = {name: _position(np.median(at, axis=0).tolist(), name) for name, at in said.items()}
     else:

@@ -22,7 +22,7 @@ _LES = re.compile(rf"\b([0-9A-F]{{4,16}})\[{_N},{_N},{_N}\]={_N}(?![\d.])", re.I
 _DIST = re.compile(r"\bDIST,(\d+)\b")
 
 
-class Heard(NamedTuple):
+class LecRange(NamedTuple):
     """One range of a line: its number, the text before it, the anchor's address and position, the range [m]."""
 
     line: int
@@ -37,7 +37,7 @@ def is_console(text: str) -> bool:
     return _LEC.search(text) is not None or _LES.search(text) is not None
 
 
-def heard_in(path: Path, rejected: Rejections) -> Iterator[Heard]:
+def lec_ranges(path: Path, rejected: Rejections) -> Iterator[LecRange]:
     """Yield the ranges of a console's log; other lines, and those that were cut short, are counted."""
     for k, line in lines_of(path, rejected):
         said = _DIST.search(line)
@@ -52,7 +52,7 @@ def heard_in(path: Path, rejected: Rejections) -> Iterator[Heard]:
         before = line[: groups[0].start() if said is None else said.start()].lstrip(" [").rstrip(" \t,;:]>-")
         for group in groups:
             x, y, z, r = (float(number) for number in group.groups()[1:])
-            yield Heard(k, before, group[1], (x, y, z), r)
+            yield LecRange(k, before, group[1], (x, y, z), r)
 
 
 def read_lec(path: Path, rejected: Rejections) -> Table:
@@ -62,7 +62,7 @@ def read_lec(path: Path, rejected: Rejections) -> Table:
         InputError: if hardly a line has a stamp and ranges.
     """
     rows, count = Rows(path), 0
-    for heard in heard_in(path, rejected):
+    for heard in lec_ranges(path, rejected):
         count += 1
         t = stamp(heard.before) if heard.before else None
         if t is None:

@@ -17,7 +17,7 @@ from ortilo_drake.interop.recorded.attitudes import are_attitudes
 from ortilo_drake.interop.recorded.live_stream import LiveStream, Row, complete
 from ortilo_drake.interop.recorded.map_file import Find, Map
 from ortilo_drake.interop.recorded.range_rows import FARTHEST, LONGER, Ranges, surveyed
-from ortilo_drake.interop.recorded.recording import NO_LOOKS, Imu, Looks, force_of, imu_columns, imu_motion
+from ortilo_drake.interop.recorded.recording import NO_AID_STAMPS, AidStamps, Imu, force_of, imu_columns, imu_motion
 from ortilo_drake.interop.recorded.rejected import Rejections
 from ortilo_drake.interop.recorded.sources import Quaternion, RangeSource, Source
 from ortilo_drake.model.typed_yaml import InputError
@@ -35,7 +35,7 @@ class Block(NamedTuple):
 
     ranges: Ranges
     imu: Imu | None
-    looks: Looks
+    looks: AidStamps
 
 
 def why_not_live(map_: Map) -> str | None:
@@ -103,7 +103,7 @@ class LiveRows:
         believed = [stream.newest - stream.source.late for stream in self._streams if stream.settled]
         return max(believed, default=-np.inf)
 
-    def take(self, topic: str, received: int, message: Any) -> list[str]:
+    def add(self, topic: str, received: int, message: Any) -> list[str]:
         """Take a message; return lines about its problems, each once.
 
         Args:
@@ -113,7 +113,7 @@ class LiveRows:
         """
         mine = [stream for stream in self._streams if stream.topic == topic]
         self._strangers += not mine
-        wrong = [stream.take(received, message, self._given) for stream in mine]
+        wrong = [stream.add(received, message, self._given) for stream in mine]
         lines = [f"{topic}: {line}" for line in wrong if line] + ([] if mine else [f"{topic}: is not in the map"])
         new = [line for line in dict.fromkeys(lines) if line not in self._said]
         self._said.update(new)
@@ -147,7 +147,7 @@ class LiveRows:
                 found[f"{stream.rejected.source}: {reason}"] = n
         return found | ({"messages of topics that are not in the map": self._strangers} if self._strangers else {})
 
-    def heard(self) -> dict[str, int]:
+    def message_counts(self) -> dict[str, int]:
         """Return the number of messages received on each topic."""
         return {stream.topic: stream.messages for stream in self._streams}
 
@@ -276,8 +276,8 @@ class LiveRows:
             own = seen[:, 0] - self.origin, force_of(seen[:, 1:], source)
         return Imu(rows[:, 0] - self.origin, rates, force, attitude, own)
 
-    def _looks(self, horizon: float) -> Looks:
-        looks = NO_LOOKS
+    def _looks(self, horizon: float) -> AidStamps:
+        looks = NO_AID_STAMPS
         if self._finder is not None:
             rows = self._finder.until(horizon, 2)
             looks = looks._replace(finder_t=rows[:, 0] - self.origin, distance=rows[:, 1])

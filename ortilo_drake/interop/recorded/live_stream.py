@@ -59,7 +59,7 @@ class LiveStream:
         """Count a row that is not used."""
         self.rejected.add(reason, f"in message {self.messages}")
 
-    def take(self, received: int, message: Any, given: float) -> str:
+    def add(self, received: int, message: Any, given: float) -> str:
         """Take a message; return the problem that all such messages have, empty if there is none.
 
         Args:

@@ -209,7 +209,7 @@ class Map(Frozen):
         by_name = isinstance(self.anchors, dict | str)  # counted, or chosen by their names, when the files are read
         if self.ranges is None and self.differences is None:
             raise ValueError("ranges: are missing, and `differences`, too; give one or both")
-        heard = None if self.ranges is None else self.ranges.heard
+        heard = None if self.ranges is None else self.ranges.anchor_count
         names = self.names
         anchors = self.anchors.find if isinstance(self.anchors, Find) else len(self.anchors)
         if heard is not None and heard != anchors and not (by_name and names) and not isinstance(self.anchors, str):

@@ -156,7 +156,7 @@ class RangeSource(Source):
         return several and one and self.topic is None and not self.topics
 
     @property
-    def heard(self) -> int | None:
+    def anchor_count(self) -> int | None:
         """Return the number of anchors with ranges; None if it is known only when the files are read."""
         if self.rows_name_anchors or self.names:
             return len(self.names) or None

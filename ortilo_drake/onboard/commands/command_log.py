@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.clock import history_ticks
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ARRIVED, STAMP
@@ -111,7 +111,7 @@ def command_log_box(scenario: Belief) -> Box:
     numbers = {"delay": NONE if commands.delay is None else commands.delay, "slack": SLACK * h, "h": h}
     sent, acts = none_sent(ticks), first_acts(ticks, scenario.vehicle.hover_thrust)
     if commands.are_reported:
-        given = Given(numbers, start={"sent": sent, "acts": acts, "heard": np.array([NONE])})
+        given = Values(numbers, start={"sent": sent, "acts": acts, "heard": np.array([NONE])})
         return Box("command_log", LOG, timeline_size(ticks), given)
-    given = Given(numbers, start={"sent": sent}, tables={"acts": acts})
+    given = Values(numbers, start={"sent": sent}, tables={"acts": acts})
     return Box("command_log", DEAF_LOG, timeline_size(ticks), given)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.hover import hover_A, hover_B, hover_B_d
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_XBAR, REFERENCE_SIZE
@@ -19,7 +19,7 @@ from ortilo_drake.onboard.commands.timeline import unpacked
 
 
 @njit(cache=True)
-def flown(x: np.ndarray, b: np.ndarray, A: np.ndarray, s: float) -> np.ndarray:
+def predicted_state(x: np.ndarray, b: np.ndarray, A: np.ndarray, s: float) -> np.ndarray:
     """Return x after s [s] of x_dot = A x + b; exact for A^4 = 0.
 
     x(s) = x + sum_k A^(k-1) (A x + b) s^k / k!, k = 1..4.
@@ -78,7 +78,7 @@ def state_ahead(
             start = max(rows[j, 0], t + done)
             stop = t + done + step if j + 1 == len(rows) else min(rows[j + 1, 0], t + done + step)
             if stop > start:
-                x = flown(x, B @ rows[j, 1:] + b, A, stop - start)
+                x = predicted_state(x, B @ rows[j, 1:] + b, A, stop - start)
         done += h
     return np.concatenate((x, i))
 
@@ -119,4 +119,4 @@ def state_ahead_box(vehicle: Vehicle, h: float, yaw: float) -> Box:
     B = hover_B(vehicle)
     tables = {"A": hover_A(yaw), "B": B, "lift": -B[:, 0] * vehicle.hover_thrust, "by_force": hover_B_d(vehicle)[:, :3]}
     parts = {"belief": (0, N_XBAR), "reference": (N_XBAR, REFERENCE_SIZE)}
-    return Box("state_ahead", AHEAD, N_XBAR + REFERENCE_SIZE, Given({"h": h}, tables=tables), parts=parts)
+    return Box("state_ahead", AHEAD, N_XBAR + REFERENCE_SIZE, Values({"h": h}, tables=tables), parts=parts)

@@ -30,7 +30,7 @@ def acted_filter_step(
     reference: np.ndarray,
     opening: np.ndarray,
     memory: np.ndarray,
-    less: np.ndarray,
+    deviation: np.ndarray,
     model: FilterModel,
     layout: Layout,
     slot: Slot,
@@ -49,11 +49,11 @@ def acted_filter_step(
     sent = control - hover + hover  # rounded as in Drake, where the filter takes what differs from hover
     rows = with_command(unpacked(timeline), start + timeline[0], sent)
     put(with_acted(history, slot, belief, k, rows, hover, n.h, model, layout), belief)
-    put(mean_control(rows, start, end) - hover, less)
-    put(replay_step(history, slot, belief, k, y, delta, V2, stamps, n.h, less, reference, model, layout), belief)
+    put(mean_control(rows, start, end) - hover, deviation)
+    put(replay_step(history, slot, belief, k, y, delta, V2, stamps, n.h, deviation, reference, model, layout), belief)
 
 
 def acted_box(replay: Box) -> Box:
     """Return the filter of replay_box that also reads the timeline of the commands, see commands/command_log.py."""
     element = replace(replay.element, name="acted_filter", step=acted_filter_step)
-    return replace(replay, element=element).reading(timeline="command_log")
+    return replace(replay, element=element).with_inputs(timeline="command_log")

@@ -10,7 +10,7 @@ from ortilo_drake.model.signals import N_I, N_X, N_XBAR
 
 
 @register_jitable
-def put_known_part(out: np.ndarray, belief: np.ndarray, n: int) -> None:
+def put_vehicle_part(out: np.ndarray, belief: np.ndarray, n: int) -> None:
     """Write [xhat, P row by row] of [x; i] alone to out (240), from that of [x; e; i] (n + n^2)."""
     for i in range(N_XBAR):
         row = i if i < N_X else n - N_XBAR + i
@@ -19,7 +19,7 @@ def put_known_part(out: np.ndarray, belief: np.ndarray, n: int) -> None:
             out[N_XBAR * (i + 1) + j] = belief[n * (row + 1) + (j if j < N_X else n - N_XBAR + j)]
 
 
-def with_known_part(belief: np.ndarray, n: int, xbar: np.ndarray, P: np.ndarray) -> np.ndarray:
+def with_vehicle_part(belief: np.ndarray, n: int, xbar: np.ndarray, P: np.ndarray) -> np.ndarray:
     """Return [xhat, P row by row] of [x; e; i] with this [x; i] (15), of covariance P (15 x 15).
 
     The states between keep their values and covariance, uncorrelated with the new ones.

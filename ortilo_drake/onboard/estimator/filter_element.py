@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.measurement import Layout, Measurement
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR
-from ortilo_drake.onboard.estimator.belief import put_known_part
+from ortilo_drake.onboard.estimator.belief import put_vehicle_part
 from ortilo_drake.onboard.estimator.filter_loops import step_in_place
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
 
@@ -28,15 +28,15 @@ def filter_step(
     belief: np.ndarray,
     rows: np.ndarray,
     S: np.ndarray,
-    less: np.ndarray,
+    deviation: np.ndarray,
     model: FilterModel,
     layout: Layout,
 ) -> None:
     """Take what arrived in tick k and predict tick k + 1, see filter_loops.step_in_place."""
-    put(control, less)
-    less[0] -= n.hover_thrust
+    put(control, deviation)
+    deviation[0] -= n.hover_thrust
     open_belief(belief, opening)
-    step_in_place(rows, S, belief, y, delta, V2, less, reference, model, layout)
+    step_in_place(rows, S, belief, y, delta, V2, deviation, reference, model, layout)
 
 
 @register_jitable
@@ -48,10 +48,10 @@ def open_belief(belief: np.ndarray, opening: np.ndarray) -> None:
             belief[size + (size + 1) * i] += opening[i]
 
 
-def known_out(belief: np.ndarray, out: np.ndarray) -> None:
+def vehicle_belief_out(belief: np.ndarray, out: np.ndarray) -> None:
     """Say the belief of [x; i] (240), and the force that is believed to act (3) [N], of a filter of more states."""
     size = int(np.sqrt(belief.size + 0.25))  # n + n^2 numbers
-    put_known_part(out, belief, size)
+    put_vehicle_part(out, belief, size)
     put(belief[N_X : N_X + 3], out, KNOWN)
 
 
@@ -74,17 +74,17 @@ FILTER = Element(
     step=filter_step,
     numbers=(Number("hover_thrust"),),
     state=(Array("belief"),),
-    work=(Array("rows", 2), Array("S", 2), Array("less")),
+    work=(Array("rows", 2), Array("S", 2), Array("deviation")),
     shows="belief",
 )
-KNOWN_PART = Element("known_part", out=known_out)
+KNOWN_PART = Element("known_part", out=vehicle_belief_out)
 EXTRA = Element("extra_part", out=extra_out)
 PARTS = Element("belief_parts", out=parts_out)
 
 
 def work_of(n: int, p: int) -> dict[str, tuple[int, ...]]:
     """Return the shapes of what a step works in: of n states, the integral among them, and p values."""
-    return {"rows": (max(n - N_I, p), n - N_I + 1), "S": (p, p), "less": (N_U,)}
+    return {"rows": (max(n - N_I, p), n - N_I + 1), "S": (p, p), "deviation": (N_U,)}
 
 
 def filter_box(model: FilterModel, measurement: Measurement, hover_thrust: float, belief_0: np.ndarray) -> Box:
@@ -99,12 +99,12 @@ def filter_box(model: FilterModel, measurement: Measurement, hover_thrust: float
         belief_0: first [xhat, P row by row] (n + n^2).
     """
     n, p = len(model.Phi) + N_I, measurement.sizes["y"]
-    given = Given({"hover_thrust": hover_thrust}, {"belief": belief_0})
+    given = Values({"hover_thrust": hover_thrust}, {"belief": belief_0})
     box = Box("filter", FILTER, n + n * n, given, work_of(n, p))
-    return box.taking(model=model, layout=measurement.layout)
+    return box.with_groups(model=model, layout=measurement.layout)
 
 
-def known_box(name: str) -> Box:
+def vehicle_belief_box(name: str) -> Box:
     """Return the box that splits a belief of [x; e; i] into that of [x; i], its part `belief`, and the `force`."""
     return Box(name, KNOWN_PART, KNOWN + 3, parts={"belief": (0, KNOWN), "force": (KNOWN, 3)})
 

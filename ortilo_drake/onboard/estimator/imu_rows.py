@@ -22,7 +22,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.elementary import cos, sin
 from ortilo_drake.model.equations import euler_rates
 from ortilo_drake.model.measurement import Measurement
@@ -138,5 +138,5 @@ def imu_rows_box(measurement: Measurement, variances: np.ndarray) -> Box:
     m, (p, s, q) = len(variances) // 3, measurement.sizes.values()
     p, s, q = p + 3 * m, s + m, q + 9 * m
     parts = {"y": (0, p), "delta": (p, s), "V2": (p + s, q), "stamps": (p + s + q, s)}
-    given = Given({"number": measurement.inertial}, tables={"variances": variances})
+    given = Values({"number": measurement.inertial}, tables={"variances": variances})
     return Box("imu_rows", IMU_ROWS, p + 2 * s + q, given, parts=parts)

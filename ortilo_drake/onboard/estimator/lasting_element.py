@@ -38,7 +38,7 @@ from ortilo_drake.onboard.estimator.replay_element import belief_in, history_in,
 from ortilo_drake.onboard.ranging.lasting_error import N_KEPT, N_LASTING
 
 
-class Told(NamedTuple):
+class LearnedCoefficients(NamedTuple):
     """Which coefficients of the measurement's layout are told.
 
     Attributes:
@@ -74,7 +74,9 @@ class Sort(NamedTuple):
     keeps: float | None = None
 
 
-def told_of(measurement: Measurement, ranges: Sort | None, boxes: Sort | None = None) -> Told:
+def learned_coefficients_of(
+    measurement: Measurement, ranges: Sort | None, boxes: Sort | None = None
+) -> LearnedCoefficients:
     """Return the coefficients of a filter's measurement that fixes set; None for fixes that set none."""
     found = list[tuple[float, ...]]()
     for first, its in ((0, ranges), (N_LASTING, boxes)):
@@ -87,11 +89,11 @@ def told_of(measurement: Measurement, ranges: Sort | None, boxes: Sort | None = 
                 found.append((y, column, first + axis, state, sd, *own))
     columns = np.array(found, float).reshape(-1, 7).T
     indices = [column.astype(np.int64) for column in columns[:4]]
-    return Told(*indices, *(np.ascontiguousarray(column) for column in columns[4:]))
+    return LearnedCoefficients(*indices, *(np.ascontiguousarray(column) for column in columns[4:]))
 
 
 @register_jitable
-def told_layout(layout: Layout, told: Told, lasting: np.ndarray, weights: np.ndarray) -> Layout:
+def told_layout(layout: Layout, told: LearnedCoefficients, lasting: np.ndarray, weights: np.ndarray) -> Layout:
     """Return a layout with the coefficients that a fix tells, in an array to write to (p, w)."""
     for i in range(weights.shape[0]):
         for j in range(weights.shape[1]):
@@ -104,7 +106,7 @@ def told_layout(layout: Layout, told: Told, lasting: np.ndarray, weights: np.nda
 
 
 @register_jitable
-def vary(belief: np.ndarray, n: int, told: Told, lasting: np.ndarray) -> None:
+def vary(belief: np.ndarray, n: int, told: LearnedCoefficients, lasting: np.ndarray) -> None:
     """Change a belief (n + n^2) by what a fix elsewhere keeps of what lasts: s <- r s + w, w of (1 - r^2) sd^2."""
     kept = values_of(lasting)
     for i in range(told.row.size):
@@ -121,7 +123,7 @@ def vary(belief: np.ndarray, n: int, told: Told, lasting: np.ndarray) -> None:
 
 
 @register_jitable
-def vary_all(memory: np.ndarray, slot: Slot, n: int, told: Told, lasting: np.ndarray) -> None:
+def vary_all(memory: np.ndarray, slot: Slot, n: int, told: LearnedCoefficients, lasting: np.ndarray) -> None:
     """Change the present belief and those of the history by vary: run again from a past tick it would be forgotten."""
     vary(belief_in(memory, slot), n, told, lasting)
     history = history_in(memory, slot)
@@ -142,19 +144,19 @@ def told_filter_step(
     belief: np.ndarray,
     rows: np.ndarray,
     S: np.ndarray,
-    less: np.ndarray,
+    deviation: np.ndarray,
     weights: np.ndarray,
     both: np.ndarray,
     model: FilterModel,
     layout: Layout,
-    told: Told,
+    told: LearnedCoefficients,
 ) -> None:
     """Take filter_step with the coefficients that are told."""
     put(values_of(lasting), both)
     put(values_of(camera_lasting), both, N_LASTING)
     its = told_layout(layout, told, both, weights)
     vary(belief, layout.C.shape[1] + N_I, told, both)
-    filter_step(n, y, delta, V2, control, reference, opening, belief, rows, S, less, model, its)
+    filter_step(n, y, delta, V2, control, reference, opening, belief, rows, S, deviation, model, its)
 
 
 def told_replay_step(
@@ -170,12 +172,12 @@ def told_replay_step(
     lasting: np.ndarray,
     camera_lasting: np.ndarray,
     memory: np.ndarray,
-    less: np.ndarray,
+    deviation: np.ndarray,
     weights: np.ndarray,
     both: np.ndarray,
     model: FilterModel,
     layout: Layout,
-    told: Told,
+    told: LearnedCoefficients,
     slot: Slot,
 ) -> None:
     """Take replay_filter_step with the coefficients that are told."""
@@ -183,7 +185,7 @@ def told_replay_step(
     put(values_of(camera_lasting), both, N_LASTING)
     its = told_layout(layout, told, both, weights)
     vary_all(memory, slot, layout.C.shape[1] + N_I, told, both)
-    replay_filter_step(n, k, y, delta, V2, stamps, control, reference, opening, memory, less, model, its, slot)
+    replay_filter_step(n, k, y, delta, V2, stamps, control, reference, opening, memory, deviation, model, its, slot)
 
 
 def told_acted_step(
@@ -200,12 +202,12 @@ def told_acted_step(
     lasting: np.ndarray,
     camera_lasting: np.ndarray,
     memory: np.ndarray,
-    less: np.ndarray,
+    deviation: np.ndarray,
     weights: np.ndarray,
     both: np.ndarray,
     model: FilterModel,
     layout: Layout,
-    told: Told,
+    told: LearnedCoefficients,
     slot: Slot,
 ) -> None:
     """Take acted_filter_step with the coefficients that are told."""
@@ -213,7 +215,9 @@ def told_acted_step(
     put(values_of(camera_lasting), both, N_LASTING)
     its = told_layout(layout, told, both, weights)
     vary_all(memory, slot, layout.C.shape[1] + N_I, told, both)
-    acted_filter_step(n, k, y, delta, V2, stamps, control, timeline, reference, opening, memory, less, model, its, slot)
+    acted_filter_step(
+        n, k, y, delta, V2, stamps, control, timeline, reference, opening, memory, deviation, model, its, slot
+    )
 
 
 STEPS: dict[str, Callable[..., None]] = {
@@ -223,11 +227,11 @@ STEPS: dict[str, Callable[..., None]] = {
 }
 
 
-def told_box(filter_: Box, told: Told) -> Box:
+def told_box(filter_: Box, told: LearnedCoefficients) -> Box:
     """Return one of the paper's filters that reads what is `lasting` and `camera_lasting` (6) of fixes as well."""
     element = filter_.element
     work = (*element.work, Array("weights", 2), Array("both"))
     element = replace(element, name=f"told_{element.name}", step=STEPS[element.name], work=work)
     shape = filter_.given.tables["layout_weights"].shape
     box = replace(filter_, element=element, work=filter_.work | {"weights": shape, "both": (2 * N_LASTING,)})
-    return box.taking(told=told)
+    return box.with_groups(told=told)

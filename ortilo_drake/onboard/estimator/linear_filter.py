@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Given
+from ortilo_drake.loop.element import Array, Box, Element, Values
 from ortilo_drake.onboard.estimator.kalman import measure, predict, propagate
 from ortilo_drake.onboard.estimator.structure import Structure, structure_of
 
@@ -85,7 +85,7 @@ LINEAR_FILTER = Element(
 def linear_filter_box(name: str, model: LinearModel, x_0: np.ndarray, P_0: np.ndarray) -> Box:
     """Return the filter; it reads `u` and `messages`, and says its `estimate` (n) and its `covariance` (n^2)."""
     n, p = len(model.W), len(model.states)
-    given = Given(start={"belief": np.concatenate((x_0, P_0.ravel()))})
+    given = Values(start={"belief": np.concatenate((x_0, P_0.ravel()))})
     parts = {"estimate": (0, n), "covariance": (n, n * n)}
     box = Box(name, LINEAR_FILTER, n + n * n, given, {"rows": (max(n, p), n + 1), "S": (p, p)}, parts=parts)
-    return box.taking(model=model)
+    return box.with_groups(model=model)

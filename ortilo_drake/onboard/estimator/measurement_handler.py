@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.cholesky import squared_norm_in_place
 from ortilo_drake.model.clock import history_ticks, tick_of
 from ortilo_drake.model.measurement import Layout, Measurement
@@ -200,7 +200,9 @@ HANDLER = Element(
 def handler_box(incoming: Incoming, layout: Layout, drops: bool, h: float) -> Box:
     """Return the handler: it reads all that landed, `messages`, and the belief of this tick (240)."""
     s, p, q = len(incoming.start), int(layout.first[-1]), int(layout.block[-1])
-    given = Given({"drops": drops, "h": h})
+    given = Values({"drops": drops, "h": h})
     parts = {"y": (0, p), "delta": (p, s), "V2": (p + s, q), "stamps": (p + s + q, s)}
     work = {"e": (p,), "S": (p, p)}
-    return Box("handler", HANDLER, p + 2 * s + q, given, work, parts=parts).taking(incoming=incoming, layout=layout)
+    return Box("handler", HANDLER, p + 2 * s + q, given, work, parts=parts).with_groups(
+        incoming=incoming, layout=layout
+    )

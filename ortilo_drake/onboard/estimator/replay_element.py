@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.measurement import Layout, Measurement
 from ortilo_drake.model.placing import put
@@ -44,23 +44,23 @@ def replay_filter_step(
     reference: np.ndarray,
     opening: np.ndarray,
     memory: np.ndarray,
-    less: np.ndarray,
+    deviation: np.ndarray,
     model: FilterModel,
     layout: Layout,
     slot: Slot,
 ) -> None:
     """Take what arrived in tick k, each value in the tick of its stamp, and predict tick k + 1, see replay_step."""
-    put(control, less)
-    less[0] -= n.hover_thrust
+    put(control, deviation)
+    deviation[0] -= n.hover_thrust
     belief, history = belief_in(memory, slot), history_in(memory, slot)
     open_belief(belief, opening)
     for row in range(history.shape[0]):  # run again from a past tick, the filter would forget what it is told now
         open_belief(history[row, slot.belief : slot.y], opening)
-    after = replay_step(history, slot, belief, k, y, delta, V2, stamps, n.h, less, reference, model, layout)
+    after = replay_step(history, slot, belief, k, y, delta, V2, stamps, n.h, deviation, reference, model, layout)
     put(after, belief)
 
 
-def past_out(n: Any, message: np.ndarray, memory: np.ndarray, slot: Slot, out: np.ndarray) -> None:
+def belief_at_stamp_out(n: Any, message: np.ndarray, memory: np.ndarray, slot: Slot, out: np.ndarray) -> None:
     """Say [xhat, P row by row] of the tick at which a message was true, by all that has arrived since (n + n^2).
 
     It is the present one where no message arrived or its stamp is of this tick or a later one, and that of the oldest
@@ -77,11 +77,11 @@ REPLAY = Element(
     step=replay_filter_step,
     numbers=(Number("hover_thrust"), Number("h")),
     state=(Array("memory"),),
-    work=(Array("less"),),
+    work=(Array("deviation"),),
     shows="memory",
     allocates=True,
 )
-PAST = Element("past_belief", out=past_out, numbers=(Number("h"),), allocates=True)
+PAST = Element("past_belief", out=belief_at_stamp_out, numbers=(Number("h"),), allocates=True)
 
 
 def replay_box(
@@ -101,12 +101,12 @@ def replay_box(
     """
     slot = slot_of(measurement, len(model.Phi) + N_I)
     memory = np.concatenate((belief_0, empty_history(ticks, slot).ravel()))
-    given, parts = Given({"hover_thrust": hover_thrust, "h": h}, {"memory": memory}), {"belief": (0, belief_0.size)}
-    box = Box("filter", REPLAY, memory.size, given, {"less": (N_U,)}, parts=parts)
-    return box.taking(model=model, layout=measurement.layout, slot=slot)
+    given, parts = Values({"hover_thrust": hover_thrust, "h": h}, {"memory": memory}), {"belief": (0, belief_0.size)}
+    box = Box("filter", REPLAY, memory.size, given, {"deviation": (N_U,)}, parts=parts)
+    return box.with_groups(model=model, layout=measurement.layout, slot=slot)
 
 
-def past_box(name: str, measurement: Measurement, n: int, h: float) -> Box:
+def belief_at_stamp_box(name: str, measurement: Measurement, n: int, h: float) -> Box:
     """Return the box of the belief at the tick of a message's stamp; it reads the message and the filter's `memory`.
 
     Args:
@@ -115,4 +115,4 @@ def past_box(name: str, measurement: Measurement, n: int, h: float) -> Box:
         n: how many those are, the integral among them.
         h: tick [s].
     """
-    return Box(name, PAST, n + n * n, Given({"h": h})).taking(slot=slot_of(measurement, n))
+    return Box(name, PAST, n + n * n, Values({"h": h})).with_groups(slot=slot_of(measurement, n))

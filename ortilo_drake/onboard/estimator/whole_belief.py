@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Given
+from ortilo_drake.loop.element import Array, Box, Element, Values
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import N_I, N_X, N_XBAR
 
@@ -41,4 +41,4 @@ def together_box(name: str = "filter") -> Box:
 
 def widened_box() -> Box:
     """Return the box of the belief of an estimator of x; it also reads the reference."""
-    return Box("filter", WIDENED, SIZE, Given(start={"i": np.zeros(N_I)}))
+    return Box("filter", WIDENED, SIZE, Values(start={"i": np.zeros(N_I)}))

@@ -137,7 +137,7 @@ def boxes_to_solve(
 
 
 @njit(cache=True)
-def fix_of(
+def box_fix_message(
     found: bool, value: np.ndarray, covariance: np.ndarray, xhat: np.ndarray, stamp: float, rows: int
 ) -> np.ndarray:
     """Return the fix message of a method's solution: value (m) and its covariance, or zeros where it is no fix.

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.elementary import power_of_two
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.room import Room
@@ -14,8 +14,8 @@ from ortilo_drake.model.signals import ARRIVED, N_XBAR, PAYLOAD, STAMP
 from ortilo_drake.onboard.landmarks.box_fix import (
     BoxBelief,
     box_belief,
+    box_fix_message,
     boxes_to_solve,
-    fix_of,
     prior_covariance,
     refused_after,
 )
@@ -60,7 +60,7 @@ def boxes_out(
     xhat, P = belief[:N_XBAR], covariance_of(belief, prior)
     boxes = boxes_to_solve(message, xhat, P, believed, power_of_two(int(refused[0])))
     solution = pose_from_boxes(*boxes[:3], xhat, P, believed.camera, boxes[3], believed.max_residual, n.rows)
-    put(fix_of(*solution[:3], xhat, message[STAMP], n.rows), out)
+    put(box_fix_message(*solution[:3], xhat, message[STAMP], n.rows), out)
 
 
 def cosines_out(
@@ -79,7 +79,7 @@ def cosines_out(
     xhat, P = belief[:N_XBAR], covariance_of(belief, prior)
     boxes = boxes_to_solve(message, xhat, P, believed, power_of_two(int(refused[0])))
     solution = cosine_law(*boxes[:3], xhat, P, believed.camera, boxes[3], believed.max_residual)
-    put(fix_of(*solution, xhat, message[STAMP], n.rows), out)
+    put(box_fix_message(*solution, xhat, message[STAMP], n.rows), out)
 
 
 def learning_out(
@@ -144,7 +144,7 @@ def say_learning(
     xhat, P = belief[:N_XBAR], covariance_of(belief, prior)
     boxes = boxes_to_solve(message, xhat, P, now, power_of_two(int(refused[0])))
     solution = pose_from_boxes(*boxes[:3], xhat, P, now.camera, boxes[3], now.max_residual, 6)
-    fix = fix_of(*solution[:3], xhat, message[STAMP], 6)
+    fix = box_fix_message(*solution[:3], xhat, message[STAMP], 6)
     if fix[ARRIVED] != 1.0:
         return 0.0, 0.0
     put(fix, out)
@@ -298,15 +298,15 @@ def camera_fix_box(settings: LandmarkFixSettings, room: Room, width: int, period
     believed, start = box_belief(settings, room, width), {"refused": np.zeros(1)}
     size = PAYLOAD + m + m * m
     if settings.survey_bank is None and settings.noise_scale is None:
-        return Box("camera_fix", element, size, Given({"rows": m}, start, tables)).taking(believed=believed)
+        return Box("camera_fix", element, size, Values({"rows": m}, start, tables)).with_groups(believed=believed)
     bank, n = np.array(settings.survey_bank or (1.0,)), len(room.landmark_positions)
     start |= {"learned": learned_first(bank, n), "gathered": np.zeros((3 * n, 4))}
-    given, work = Given({"keeps": kept_from(period)}, start, tables | {"bank": bank}), {"S": (3, 3), "e": (3,)}
+    given, work = Values({"keeps": kept_from(period)}, start, tables | {"bank": bank}), {"S": (3, 3), "e": (3,)}
     parts = {"fix": (0, size), "lasting": (size, N_LASTING)}
     size += N_LASTING + (PER_LANDMARK + 9) * n
     if settings.noise_scale is not None:
-        scale = Given({"worth": settings.noise_scale}, {"scale": np.array(NOTHING_YET)})
+        scale = Values({"worth": settings.noise_scale}, {"scale": np.array(NOTHING_YET)})
         work = work | {"Q": (len(bank),)}
-        box = Box("camera_fix", SCALED, size + 2, given.with_(scale), work, parts=parts)
-        return box.taking(believed=believed)
-    return Box("camera_fix", LEARNING, size, given, work, parts=parts).taking(believed=believed)
+        box = Box("camera_fix", SCALED, size + 2, given.updated(scale), work, parts=parts)
+        return box.with_groups(believed=believed)
+    return Box("camera_fix", LEARNING, size, given, work, parts=parts).with_groups(believed=believed)

@@ -38,7 +38,7 @@ from ortilo_drake.onboard.landmarks.box_fix import BoxBelief
 from ortilo_drake.onboard.landmarks.known_attitude import FREE_SD
 from ortilo_drake.onboard.landmarks.landmark_association import center_sd, with_survey
 from ortilo_drake.onboard.ranging.lasting_error import KEY, SHARE, put_kept
-from ortilo_drake.onboard.ranging.noise_scale import RESIDUALS, SQUARES, judge
+from ortilo_drake.onboard.ranging.noise_scale import RESIDUALS, SQUARES, weigh_scales
 from ortilo_drake.onboard.ranging.survey_bank import MEMORY, log_likelihood, share_of
 
 LEAST = 4  # boxes that leave residuals of six unknowns
@@ -245,7 +245,7 @@ def learn_scale(
     scale[RESIDUALS] = keeps * scale[RESIDUALS] + left[0] / REPEATS
     scale[SQUARES] = keeps * scale[SQUARES] + left[1] / REPEATS
     weights = learned[learned.size - bank.size :]
-    learned[SHARE] = judge(gathered, scale, bank, survey_sd, worth, weights, Q, S, e)
+    learned[SHARE] = weigh_scales(gathered, scale, bank, survey_sd, worth, weights, Q, S, e)
 
 
 def learned_first(bank: np.ndarray, n: int) -> np.ndarray:

@@ -12,8 +12,8 @@ from ortilo_drake.model.signals import ARRIVED, DETECTIONS_SIZE, N_XBAR, PAYLOAD
 from ortilo_drake.onboard.landmarks.box_fix import (
     BoxBelief,
     box_belief,
+    box_fix_message,
     boxes_to_solve,
-    fix_of,
     prior_covariance,
     refused_after,
 )
@@ -54,7 +54,7 @@ def landmark_fix_message(
     """
     centers, positions, outlines, sds, _ = boxes_to_solve(detections, xhat, P, believed, widened)
     solution = method(centers, positions, outlines, xhat, P, believed.camera, sds, believed.max_residual)
-    return fix_of(*solution, xhat, detections[STAMP], rows)
+    return box_fix_message(*solution, xhat, detections[STAMP], rows)
 
 
 class LandmarkFix(LeafSystem):

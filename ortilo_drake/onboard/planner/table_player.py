@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Given
+from ortilo_drake.loop.element import Array, Box, Element, Values
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import REFERENCE_SIZE
 
@@ -17,4 +17,4 @@ REFERENCE = Element("reference", out=reference_out, tables=(Array("path", 2),))
 
 def reference_box(path: np.ndarray) -> Box:
     """Return the box that plays a path: r, r_dot and r_ddot at every tick (ticks, 9)."""
-    return Box("reference", REFERENCE, REFERENCE_SIZE, Given(tables={"path": path}))
+    return Box("reference", REFERENCE, REFERENCE_SIZE, Values(tables={"path": path}))

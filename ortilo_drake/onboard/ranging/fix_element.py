@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import ARRIVED, FIX_SIZE, N_XBAR, PAYLOAD
@@ -166,10 +166,10 @@ def fix_box(settings: MultilaterationSettings, anchors: np.ndarray) -> Box:
     if settings.exclude is not None:
         demands = consistency_of(settings.exclude, n)._asdict()
         tables["quantiles"] = demands.pop("quantiles")
-        return Box("uwb_fix", TESTED, FIX_SIZE + 3, Given(numbers | demands, {"clock": np.zeros(3)}, tables))
+        return Box("uwb_fix", TESTED, FIX_SIZE + 3, Values(numbers | demands, {"clock": np.zeros(3)}, tables))
     scaled = settings.noise_scale is not None
     three = {"three": settings.method == "nearest_three"}
-    given = Given(three if scaled else numbers | three, tables=tables)
+    given = Values(three if scaled else numbers | three, tables=tables)
     work: dict[str, tuple[int, ...]] = {"used": (n,)} if scaled else {"used": (n,), "noise": (3,)}
     if settings.bias_bank is None:
         return Box("uwb_fix", SCALED if scaled else FIX, FIX_SIZE, given, {"used": (n,)})

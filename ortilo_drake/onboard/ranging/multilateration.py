@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.plain import instead_of
+from ortilo_drake.loop.plain import generic_twin_of
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.triples import Triple, triple
@@ -108,7 +108,7 @@ def used_ranges(uwb: np.ndarray, three: bool) -> np.ndarray:
     return used
 
 
-@instead_of(tested_fix_message)
+@generic_twin_of(tested_fix_message)
 def differentiable_tested_fix_message(
     uwb: np.ndarray,
     anchors: np.ndarray,
@@ -129,7 +129,7 @@ def differentiable_tested_fix_message(
     return np.concatenate(([1.0 + 0.0 * uwb[1], uwb[1]], p, C.ravel())), fix.clock
 
 
-@instead_of(put_fix_message)
+@generic_twin_of(put_fix_message)
 def put_differentiable_fix_message(
     uwb: np.ndarray,
     anchors: np.ndarray,
@@ -143,7 +143,7 @@ def put_differentiable_fix_message(
     put(differentiable_fix_message(uwb, anchors, noise, xhat, three), out)
 
 
-@instead_of(fix_message)
+@generic_twin_of(fix_message)
 def differentiable_fix_message(
     uwb: np.ndarray, anchors: np.ndarray, noise: np.ndarray, xhat: np.ndarray, three: bool
 ) -> np.ndarray:
@@ -175,7 +175,9 @@ def believed_noise(settings: MultilaterationSettings) -> np.ndarray:
     return np.array([*settings.noise.sds, settings.bias_sd])
 
 
-def fix_of(settings: MultilaterationSettings, anchors: np.ndarray, uwb: np.ndarray, x: np.ndarray) -> np.ndarray:
+def fix_message_at(
+    settings: MultilaterationSettings, anchors: np.ndarray, uwb: np.ndarray, x: np.ndarray
+) -> np.ndarray:
     """Return the fix message (14) of a uwb message that arrived, where the filter believes x to be (12 or more)."""
     noise = believed_noise(settings)
     if settings.exclude is None:

@@ -46,7 +46,7 @@ N_NOISE = 3  # s_0, s_1 and s_2 of range_equations.py
 
 
 @register_jitable
-def judge(
+def weigh_scales(
     gathered: np.ndarray,
     scale: np.ndarray,
     bank: np.ndarray,
@@ -138,7 +138,7 @@ def scaled_bank_step(
         scale[SQUARES] = n.keeps * scale[SQUARES] + part**2 * squares
         scale[RESIDUALS] = n.keeps * scale[RESIDUALS] + residuals
         weights = survey[survey.size - bank.size :]
-        survey[SHARE] = judge(gathered, scale, bank, n.noise[2], n.worth, weights, Q, S, e)
+        survey[SHARE] = weigh_scales(gathered, scale, bank, n.noise[2], n.worth, weights, Q, S, e)
         put_noise(noise, n.noise, scale, survey[SHARE])
         if its.size > FIX_SIZE:
             sensitivities = its.size - 6 * e.size

@@ -8,7 +8,7 @@ map is longer by nobody knows how much: it is left out.
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Given
+from ortilo_drake.loop.element import Array, Box, Element, Values
 from ortilo_drake.model.geometry.line_of_sight import walls_crossed
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.room import Room
@@ -50,4 +50,4 @@ def sighted_box(settings: UwbSetup, room: Room) -> Box | None:
         return None
     walls = room.wall_boxes if settings.behind_walls == "left_out" else np.empty((0, 7))
     tables = {"anchors": room.anchor_positions, "walls": walls, "ages": settings.ages(n)}
-    return Box("uwb_sighted", SIGHTED, PAYLOAD + 2 * n, Given(tables=tables))
+    return Box("uwb_sighted", SIGHTED, PAYLOAD + 2 * n, Values(tables=tables))

@@ -20,7 +20,7 @@ from typing import Any, Final
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.cholesky import squared_norm_in_place
 from ortilo_drake.model.elementary import exp, log
 from ortilo_drake.model.placing import fill
@@ -167,4 +167,4 @@ def bank_box(settings: MultilaterationSettings, anchors: np.ndarray, period: flo
     learned = np.concatenate(([np.sqrt(weights @ bank**2)], np.zeros(3), np.ones(3), np.zeros(6 * n), weights))
     numbers = {"noise": believed_noise(settings), "keeps": np.exp(-period / MEMORY)}
     start, tables = {"learned": learned, "gathered": np.zeros((n, n + 1))}, {"anchors": anchors, "bank": bank}
-    return Box("uwb_bank", BANK, learned.size, Given(numbers, start, tables), {"S": (n, n), "e": (n,), "rows": (n, 3)})
+    return Box("uwb_bank", BANK, learned.size, Values(numbers, start, tables), {"S": (n, n), "e": (n,), "rows": (n, 3)})

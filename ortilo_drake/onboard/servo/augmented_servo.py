@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_U, N_XBAR
 from ortilo_drake.model.triples import Four, Triple
@@ -36,11 +36,11 @@ def augmented_command(
     at_rest, not_at_all = np.zeros(N_XBAR), np.zeros((N_U, N_XBAR))
     u_r = command(at_rest, reference, not_at_all, mass, yaw, error_form, force)
     u = command(xbar, reference, L_x, mass, yaw, error_form, force)
-    less = np.zeros(N_U)
+    deviation = np.zeros(N_U)
     for i in range(N_U):
         for j in range(before.size):
-            less[i] += L_u[i, j] * (before[j] - u_r[j % N_U])
-    return u[0] - less[0], u[1] - less[1], u[2] - less[2], u[3] - less[3]
+            deviation[i] += L_u[i, j] * (before[j] - u_r[j % N_U])
+    return u[0] - deviation[0], u[1] - deviation[1], u[2] - deviation[2], u[3] - deviation[3]
 
 
 def augmented_out(
@@ -81,5 +81,5 @@ def augmented_servo_box(settings: LqServo, vehicle: Vehicle, h: float, delay: fl
     L = delayed_gain(vehicle, settings.weights, h, delay, settings.yaw)
     numbers = {"mass": vehicle.mass, "yaw": settings.yaw, "error_form": settings.form == "error"}
     hover = np.tile([vehicle.hover_thrust, 0.0, 0.0, 0.0], (L.shape[1] - N_XBAR) // N_U)
-    given = Given(numbers, start={"before": hover}, tables={"L_x": L[:, :N_XBAR], "L_u": L[:, N_XBAR:]})
+    given = Values(numbers, start={"before": hover}, tables={"L_x": L[:, :N_XBAR], "L_u": L[:, N_XBAR:]})
     return Box("servo", AUGMENTED, N_U, given, reads={"control": "servo"})

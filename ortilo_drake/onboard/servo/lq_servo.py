@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.elementary import cos, sin
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR, PAYLOAD
@@ -18,7 +18,7 @@ Reference = tuple[float, float, float, float, float, float, float, float, float]
 
 
 @register_jitable
-def less_product(u_0: float, row: np.ndarray, xbar: np.ndarray, x_ref: Reference) -> float:
+def minus_product(u_0: float, row: np.ndarray, xbar: np.ndarray, x_ref: Reference) -> float:
     """Return u_0 - row [x - x_ref; i] (15), term by term; of any scalar."""
     u = u_0
     for j in range(9):
@@ -65,10 +65,10 @@ def command(
     x_ref = (*p_r, phi_r, theta_r, psi_r, *v_r)
     u_0 = mass * GRAVITY + mass * a_z
     return (
-        less_product(u_0, L[0], xbar, x_ref),
-        less_product(0.0, L[1], xbar, x_ref),
-        less_product(0.0, L[2], xbar, x_ref),
-        less_product(0.0, L[3], xbar, x_ref),
+        minus_product(u_0, L[0], xbar, x_ref),
+        minus_product(0.0, L[1], xbar, x_ref),
+        minus_product(0.0, L[2], xbar, x_ref),
+        minus_product(0.0, L[3], xbar, x_ref),
     )
 
 
@@ -100,7 +100,7 @@ def servo_out(
     put(command(belief, reference, L, n.mass, n.yaw, n.error_form != 0, (force[0], force[1], force[2])), out)
 
 
-def lent_out(belief: np.ndarray, velocity: np.ndarray, out: np.ndarray) -> None:
+def true_velocity_out(belief: np.ndarray, velocity: np.ndarray, out: np.ndarray) -> None:
     """Say the estimate (15) with the true velocities of a message in it."""
     put(belief[:N_XBAR], out)
     put(velocity[PAYLOAD:], out, 6)
@@ -112,10 +112,10 @@ SERVO = Element(
     numbers=(Number("mass"), Number("yaw"), Number("error_form", kind="i8")),
     tables=(Array("L", 2),),
 )
-LENT = Element("lent_velocities", out=lent_out)
+LENT = Element("lent_velocities", out=true_velocity_out)
 
 
 def servo_box(L: np.ndarray, mass: float, settings: ServoSettings) -> Box:
     """Return the servo: it reads the belief (15 or more), the force that is believed to act (3) and the reference."""
     numbers = {"mass": mass, "yaw": settings.yaw, "error_form": settings.form == "error"}
-    return Box("servo", SERVO, N_U, Given(numbers, tables={"L": L}))
+    return Box("servo", SERVO, N_U, Values(numbers, tables={"L": L}))

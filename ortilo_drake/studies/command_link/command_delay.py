@@ -21,7 +21,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.command_link.command_loop import (
     CommandedLoop,
-    answered,
+    delay_aware_loop,
     delay_line,
     growing_modes,
     loop_at_once,
@@ -110,7 +110,7 @@ def delay_growth(scenario: Scenario, V: np.ndarray, delay: float, deltas: np.nda
 
 
 def _growth_with(at_once: CommandedLoop, scenario: Scenario, delay: float) -> float:
-    loop = answered(at_once, scenario, delay)
+    loop = delay_aware_loop(at_once, scenario, delay)
     G_late = np.zeros_like(loop.G)
     theta = _ticks_above(delay) - delay
     if theta > 0.0:
@@ -129,7 +129,7 @@ def critical_delay(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None 
     loop = loop_at_once(scenario, V, deltas)
 
     def matrices(ticks: int) -> np.ndarray:
-        return delayed_matrices(answered(loop, scenario, ticks), ticks)
+        return delayed_matrices(delay_aware_loop(loop, scenario, ticks), ticks)
 
     rates = [_growth_with(loop, scenario, 0)]
     if rates[0] >= 1.0:

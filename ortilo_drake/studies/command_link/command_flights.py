@@ -18,7 +18,7 @@ from ortilo_drake.scenario.loss_chain import loss_of
 from ortilo_drake.sensors.described import as_learned
 from ortilo_drake.studies.command_link.command_loop import commanded_loop
 from ortilo_drake.studies.command_link.command_loss import lossy_loop
-from ortilo_drake.studies.loop.error_moments import drives, moved_by
+from ortilo_drake.studies.loop.error_moments import error_inputs, position_moments
 from ortilo_drake.studies.loop.fix_covariance import fix_noise
 from ortilo_drake.theory.jump_linear.jump_linear import MARGIN, JumpLinear, mean_square_radius, steady_second_moment
 
@@ -103,7 +103,7 @@ def errors_moment(scenario: Scenario, point: tuple[float, float, float], duratio
         duration: of the hovering that counts [s], after WARM_UP.
     """
     first, ticks = (round(time / scenario.h) for time in (WARM_UP, WARM_UP + duration))
-    moments = moved_by(scenario, hover_V(scenario, point), drives(scenario, hovering(point)), ticks + 1)
+    moments = position_moments(scenario, hover_V(scenario, point), error_inputs(scenario, hovering(point)), ticks + 1)
     return float(np.mean(np.trace(moments[first:], axis1=1, axis2=2)))
 
 

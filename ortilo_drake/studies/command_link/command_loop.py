@@ -122,10 +122,10 @@ def commanded_loop(
     Raises:
         InputError: naming the modes of the vehicle that the sensors leave unseen.
     """
-    return answered(loop_at_once(scenario, V, deltas), scenario, delay)
+    return delay_aware_loop(loop_at_once(scenario, V, deltas), scenario, delay)
 
 
-def answered(loop: CommandedLoop, scenario: Scenario, delay: float) -> CommandedLoop:
+def delay_aware_loop(loop: CommandedLoop, scenario: Scenario, delay: float) -> CommandedLoop:
     """Return the loop of loop_at_once with the scenario's filter and servo accounting for commands so late [ticks]."""
     filter_acts, servo = scenario.commands.filter, scenario.commands.servo
     if filter_acts == "sent" and servo == "present":

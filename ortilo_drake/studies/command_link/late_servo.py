@@ -60,7 +60,7 @@ def _acts(sent: np.ndarray, scenario: Scenario, delay: float, before: float) -> 
     return np.array(rows).reshape(-1, ACT_SIZE)
 
 
-def misjudged(us: np.ndarray, scenario: Scenario, delay: float) -> np.ndarray:
+def control_misprediction(us: np.ndarray, scenario: Scenario, delay: float) -> np.ndarray:
     """Return the control that the last tick's prediction assumed, less the one that acted (4).
 
     The filter knows what acted in earlier ticks. It learns of the last one in this tick and corrects the next estimate.
@@ -96,7 +96,7 @@ def flown_law(scenario: Scenario, delay: float) -> Law:
 
     def law(xbar: np.ndarray, force: np.ndarray, us: np.ndarray) -> np.ndarray:
         if scenario.commands.filter == "acted":
-            xbar = xbar + Gammabar @ misjudged(us, scenario, delay)
+            xbar = xbar + Gammabar @ control_misprediction(us, scenario, delay)
         if kind == "predicted":
             rows, tau = known_timeline(us, EARLY + len(us), scenario, delay)
             b = B_d[:, :3] @ force - B[:, 0] * vehicle.hover_thrust

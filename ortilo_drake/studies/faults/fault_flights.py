@@ -47,7 +47,7 @@ class Phase:
 
 
 @dataclass(frozen=True)
-class Row:
+class FaultRow:
     """Flights of a scenario with one fault.
 
     Attributes:
@@ -99,7 +99,7 @@ class FaultStudy:
     start: float
     length: float
     lost_without: list[int]
-    rows: list[Row]
+    rows: list[FaultRow]
 
 
 def fault_study(
@@ -165,7 +165,7 @@ def _lost(courses: Sequence[Course]) -> int:
     return sum(course.lost is not None for course in courses)
 
 
-def row_of(scenario: str, case: Case, courses: Sequence[Course], without: Sequence[Course]) -> Row:
+def row_of(scenario: str, case: Case, courses: Sequence[Course], without: Sequence[Course]) -> FaultRow:
     """Return the row of a fault: its flights beside flights of the same seeds without it.
 
     Args:
@@ -178,7 +178,7 @@ def row_of(scenario: str, case: Case, courses: Sequence[Course], without: Sequen
     lost = _lost(courses)
     share = share_interval(lost, len(courses))
     if not pairs:
-        return Row(case.name, scenario, len(courses), lost, share, None, None, None, None, False, False, False)
+        return FaultRow(case.name, scenario, len(courses), lost, share, None, None, None, None, False, False, False)
     square, calm, nees = (
         np.array(values)
         for values in (
@@ -199,7 +199,7 @@ def row_of(scenario: str, case: Case, courses: Sequence[Course], without: Sequen
     good_after = after.ratio <= PASSES
     passed = lost == 0 and good_during and good_after
     phases = before, during, after
-    return Row(case.name, scenario, len(courses), lost, share, *phases, recovery, good_during, good_after, passed)
+    return FaultRow(case.name, scenario, len(courses), lost, share, *phases, recovery, good_during, good_after, passed)
 
 
 def _phase(square: np.ndarray, calm: np.ndarray, nees: np.ndarray, lost: int) -> Phase:

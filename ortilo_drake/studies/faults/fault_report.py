@@ -8,8 +8,8 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from ortilo_drake.flight.intervals import Interval, Middle
-from ortilo_drake.studies.faults.fault_flights import PASSES, WITHIN_3_SIGMA, FaultStudy, Phase, Row
-from ortilo_drake.studies.faults.in_short import in_short
+from ortilo_drake.studies.faults.fault_flights import PASSES, WITHIN_3_SIGMA, FaultRow, FaultStudy, Phase
+from ortilo_drake.studies.faults.summary import fault_summary
 from ortilo_drake.views.markdown import table
 from ortilo_drake.views.numbers import count, number, of_all_and_kept, with_interval
 from ortilo_drake.views.palette import STYLE
@@ -28,7 +28,7 @@ _LOST = "#404040"  # where all flights are lost
 def fault_text(found: FaultStudy) -> str:
     """Return the report in Markdown."""
     lines = [f"# Faults in flight: {' '.join(found.scenarios)}", ""]
-    lines += in_short(found)
+    lines += fault_summary(found)
     lines += table(_HEADER, [_cells(row) for row in found.rows])
     lines += [
         f"Faults begin at {found.start:g} s; those that end last {found.length:g} s. Errors are root mean squares of "
@@ -48,7 +48,7 @@ def fault_text(found: FaultStudy) -> str:
     return "\n".join(lines)
 
 
-def _medians(row: Row) -> list[str]:
+def _medians(row: FaultRow) -> list[str]:
     cells = []
     for scale, of in ((1e3, "errors"), (1.0, "ratios")):
         for phase in (row.during, row.after):
@@ -67,7 +67,7 @@ def _scaled(middle: Middle, scale: float) -> Middle:
     return Middle(times(middle.median), both(middle.interval), times(middle.kept), both(middle.kept_interval))
 
 
-def _cells(row: Row) -> list[str]:
+def _cells(row: FaultRow) -> list[str]:
     phases = (row.before, row.during, row.after)
     errors = ["-" if phase is None else f"{1e3 * phase.error:.0f}" for phase in phases]
     ratios = ["-" if phase is None else f"{phase.ratio:.2f}" for phase in phases[1:]]
@@ -81,7 +81,7 @@ def _nees(phase: Phase) -> str:
     return with_interval(phase.nees, phase.nees_interval)
 
 
-def _verdict(row: Row) -> str:
+def _verdict(row: FaultRow) -> str:
     """Return whether a fault is passed, and where not, what it fails by."""
     if row.during is None:
         return "no: lost"

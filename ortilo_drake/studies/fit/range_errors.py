@@ -10,7 +10,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.aided import airborne
 from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate, uncalibrated
 from ortilo_drake.studies.recorded.modelled import antennas, modelled
-from ortilo_drake.studies.recorded.truth_path import seen_by, truth_path
+from ortilo_drake.studies.recorded.truth_path import covered_ranges, truth_path
 
 FEWEST = 200  # ranges that a fit needs
 
@@ -60,7 +60,7 @@ def range_errors(recording: Recording, map_: Map, by: Calibration) -> RangeError
     truth, ranges = recording.truth, recording.ranges
     assert truth is not None
     path = truth_path(truth)
-    ranges = ranges.only(seen_by(ranges, by.offset, path))
+    ranges = ranges.only(covered_ranges(ranges, by.offset, path))
     ranges = ranges.only(airborne(ranges.t, truth, by, map_)(ranges.t))
     if len(ranges.t) < FEWEST:
         raise InputError(f"{recording.name}: {len(ranges.t)} ranges within the truth's time, {FEWEST} are needed")

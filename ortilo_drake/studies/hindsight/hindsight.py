@@ -49,7 +49,7 @@ class FlightInHindsight:
 
 
 @dataclass(frozen=True)
-class Row:
+class HindsightRow:
     """One way of estimating, over all flights.
 
     Attributes:
@@ -81,7 +81,7 @@ class Hindsight:
     scenario: str
     estimator: str
     lost: int
-    rows: list[Row]
+    rows: list[HindsightRow]
     missing: list[str]
     flights: list[FlightInHindsight]
 
@@ -162,12 +162,12 @@ def study_of(scenario: Scenario, flights: list[FlightInHindsight]) -> Hindsight:
             known = [one.nees for one in its if one.nees is not None]
             x, y, z = np.sqrt(mse).tolist()
             nees = float(np.mean(known)) if known else None
-            rows.append(Row(way, (x, y, z), float(np.sqrt(mse.sum())), nees))
+            rows.append(HindsightRow(way, (x, y, z), float(np.sqrt(mse.sum())), nees))
     lost = sum(flight.lost is not None for flight in flights)
     return Hindsight(scenario.name, str(scenario.estimator.kind), lost, rows, _missing(scenario, rows), flights)
 
 
-def _missing(scenario: Scenario, rows: list[Row]) -> list[str]:
+def _missing(scenario: Scenario, rows: list[HindsightRow]) -> list[str]:
     """Return the reasons why rows are missing."""
     there, lines = {row.way for row in rows}, []
     if RTS not in there:

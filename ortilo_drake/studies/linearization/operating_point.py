@@ -13,7 +13,7 @@ from ortilo_drake.model.signals import N_U, N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import GRAVITY, Vehicle
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.sensors.described import covariance_at, flown
+from ortilo_drake.sensors.described import covariance_at, described_per_tick
 from ortilo_drake.studies.linearization.observability import check_sensors
 from ortilo_drake.studies.loop.hover_loop import arrivals_of, filter_V, hover_loop, steady_predictor, why_no_gain
 
@@ -76,10 +76,10 @@ def believed_V(scenario: Scenario) -> np.ndarray:
     middle = np.zeros(N_X)
     middle[:3] = (np.array(room.interior.min) + np.array(room.interior.max)) / 2.0
     for name in scenario.measurement.sensors:
-        sensor = flown(name, scenario)
+        sensor = described_per_tick(name, scenario)
         V = sensor.V(scenario)
-        if V is None and sensor.stand_in is not None:
-            V = np.diag(sensor.stand_in[: len(scenario.measurement.C_of(name))])
+        if V is None and sensor.nominal_variances is not None:
+            V = np.diag(sensor.nominal_variances[: len(scenario.measurement.C_of(name))])
         if V is None:
             V = covariance_at(name, scenario, room, middle)
         if V is None:

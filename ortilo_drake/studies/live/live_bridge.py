@@ -15,10 +15,12 @@ from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.studies.live.live_filter import RATE, LiveFilter
 from ortilo_drake.studies.live.sensor_clock import SensorClock
 from ortilo_drake.studies.live.setpoints import Holding, Setpoint
-from ortilo_drake.studies.live.told import Told, told
+from ortilo_drake.studies.live.told import StampedEstimate, estimate_at
 from ortilo_drake.studies.live.warm_up import warm_up
 
-Target = Callable[[Told, Setpoint | None, int], None]  # the estimate, what is asked for, how often it was lost
+Target = Callable[
+    [StampedEstimate, Setpoint | None, int], None
+]  # the estimate, what is asked for, how often it was lost
 Say = Callable[[str], None]
 QUIET = 5.0  # without any message, that is said [s]
 
@@ -96,36 +98,36 @@ class LiveBridge:
         """Give the estimates to a target from now on. A target that raises is dropped, with a warning."""
         self._targets[name] = target
 
-    def take(self, topic: str, received: int, message: Any) -> list[Told]:
+    def receive(self, topic: str, received: int, message: Any) -> list[StampedEstimate]:
         """Take a message, received at so many ns, and return the estimates that it made due."""
-        for line in self._rows.take(topic, received, message):
+        for line in self._rows.add(topic, received, message):
             self._say(line)
         return self._go_on(False)
 
-    def end(self) -> list[Told]:
+    def end(self) -> list[StampedEstimate]:
         """Process the messages that still wait, and return the last estimates."""
         return self._go_on(True)
 
-    def _go_on(self, ended: bool) -> list[Told]:
+    def _go_on(self, ended: bool) -> list[StampedEstimate]:
         due = self._rows.before(self._filter.due, ended)
         if due is None:
             return []
         if self._rows.newest > -np.inf:
             self._clock.now(self._rows.newest)
         begun, lost = self._filter.begun, self._filter.lost
-        found = self._filter.go_on(*due, ended=ended)
+        found = self._filter.advance(*due, ended=ended)
         origin, newest = self._rows.origin or 0.0, self._rows.newest
         if self._filter.begun and not begun:
             self._say(f"the filter begins {self._filter.begins_at:.1f} s after the first range")
         if self._filter.lost > lost:
             self._say("the filter was lost, and starts anew from the ranges")
-        made = [told(origin + one.t, one.state, self._imu) for one in found]
+        made = [estimate_at(origin + one.t, one.state, self._imu) for one in found]
         for one in made:
             self._ages.append(newest - one.t)
             self._hand_on(one, newest)
         return made
 
-    def _hand_on(self, one: Told, newest: float) -> None:
+    def _hand_on(self, one: StampedEstimate, newest: float) -> None:
         wanted = None if self._holding is None else self._holding.setpoint(one, self._clock.now(newest))
         if wanted is not None:
             self._refused += bool(wanted.refused)
@@ -144,7 +146,7 @@ class LiveBridge:
         """Return the report of the messages received and sent so far."""
         ages = 1e3 * np.array(self._ages)
         return LiveReport(
-            self._rows.heard(),
+            self._rows.message_counts(),
             self._filter.ranges,
             self._filter.taken,
             len(ages),
@@ -174,7 +176,7 @@ def run_live(
         for message in messages:
             now = time.monotonic()
             if message is not None:
-                bridge.take(*message)
+                bridge.receive(*message)
                 heard, quiet = now, False
             elif now - heard > QUIET and not quiet:
                 quiet = True

@@ -19,17 +19,17 @@ import numpy as np
 from ortilo_drake.interop.recorded.live_rows import Block
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import Ranges
-from ortilo_drake.interop.recorded.recording import NO_LOOKS, Imu, Recording, held_at
+from ortilo_drake.interop.recorded.recording import NO_AID_STAMPS, Imu, Recording, held_at
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.recorded.aided import not_calibrated
+from ortilo_drake.studies.recorded.aided import uncalibrated_setup
 from ortilo_drake.studies.recorded.at_rest import at_rest
-from ortilo_drake.studies.recorded.carried import Carried, nothing_carried
+from ortilo_drake.studies.recorded.carried import Carried, initial_carried
 from ortilo_drake.studies.recorded.event_filter import run_filter
-from ortilo_drake.studies.recorded.filter_types import NO_AIDS, RANGE, Anew, Events, Heard, Setup, State
+from ortilo_drake.studies.recorded.filter_types import NO_AIDS, RANGE, Events, EventValues, Restart, Setup, State
 from ortilo_drake.studies.recorded.filtered import (
     AT_REST,
     TRIAL,
-    Known,
+    FilterSetup,
     events_of,
     heading_of,
     levers_of,
@@ -37,7 +37,7 @@ from ortilo_drake.studies.recorded.filtered import (
     start_of,
 )
 from ortilo_drake.studies.recorded.first_fix import LONGEST, fix_known_at
-from ortilo_drake.studies.recorded.reacquired import AGAIN, WATCH, anew_from, is_astray, nothing_anew
+from ortilo_drake.studies.recorded.reacquired import AGAIN, WATCH, is_astray, no_restart, restart_from
 
 RATE = 10.0  # of the estimates by default, as replay's without a truth [Hz]
 
@@ -87,9 +87,9 @@ class LiveFilter:
         self._map, self._anchors, self._period = map_, anchors, 1.0 / rate
         self._noise = noise_of(map_.filter, map_.imu is not None)
         self._kept: Block | None = None  # rows that the filter has not taken in
-        self._known: Known | None = None
+        self._known: FilterSetup | None = None
         self._next = 0  # number of the next estimate
-        self._events: tuple[Events, Heard] | None = None  # those that a lost filter left
+        self._events: tuple[Events, EventValues] | None = None  # those that a lost filter left
         self._waits = False  # for the ranges to start anew from
         self.ranges = self.taken = self.lost = 0
         self.begins_at, self.why_not_begun = 0.0, "no range was heard"
@@ -104,7 +104,7 @@ class LiveFilter:
         """True once the filter has started."""
         return self._known is not None
 
-    def go_on(self, horizon: float, block: Block, ended: bool = False) -> list[LiveEstimate]:
+    def advance(self, horizon: float, block: Block, ended: bool = False) -> list[LiveEstimate]:
         """Take rows in, and return the estimates that are due.
 
         Args:
@@ -148,7 +148,7 @@ class LiveFilter:
         if not len(ranges.t):
             self.why_not_begun = "no range has come since the imu stood still"
             return False
-        begin, known = float(ranges.t[0]), not_calibrated(origin, map_, rest)
+        begin, known = float(ranges.t[0]), uncalibrated_setup(origin, map_, rest)
         if not ended:
             tries = known.heading is None and imu is not None
             whole = max(fix_known_at(ranges) if known.start is None else begin, begin + TRIAL if tries else begin)
@@ -167,16 +167,16 @@ class LiveFilter:
             late = self._kept.ranges
             self._kept = self._kept._replace(ranges=late.only(np.flatnonzero(late.t > begin + LONGEST)))
             return False
-        self._known, aids = known._replace(looks=NO_LOOKS), known.aids if map_.imu is not None else NO_AIDS
+        self._known, aids = known._replace(looks=NO_AID_STAMPS), known.aids if map_.imu is not None else NO_AIDS
         self._setup = Setup(known.anchors, levers_of(known, imu), known.level, self._noise, aids)
         self._begin_at, self._next, self.begins_at = begin, first, begin
         self._carried = self._fresh()
-        self._anew: Anew = nothing_anew(len(self._state.C))
+        self._anew: Restart = no_restart(len(self._state.C))
         self._watch = WATCH
         return True
 
     def _fresh(self) -> Carried:
-        return nothing_carried(len(self._anchors), len(self._state.C), self._state.t)
+        return initial_carried(len(self._anchors), len(self._state.C), self._state.t)
 
     def _reach(self, t: float, horizon: float, ended: bool) -> bool:
         """Bring the filter to a stamp [s], and return whether it got there: one that is lost may have to wait."""
@@ -197,7 +197,7 @@ class LiveFilter:
                 return True
             events, self._waits = Events(*(part[done:] for part in events)), True
 
-    def _events_until(self, t: float) -> tuple[Events, Heard]:
+    def _events_until(self, t: float) -> tuple[Events, EventValues]:
         """Return the events up to a stamp [s], with a query there last; keep the later ones."""
         assert self._kept is not None
         assert self._known is not None
@@ -213,9 +213,9 @@ class LiveFilter:
         return _end_to_end(left, self._kept.ranges)
 
     def _start_anew(self, window: Ranges) -> None:
-        found = anew_from(window, self._setup, self._state, is_astray(self._state))
+        found = restart_from(window, self._setup, self._state, is_astray(self._state))
         self.lost += found is not None
-        self._anew = found or nothing_anew(len(self._state.C))
+        self._anew = found or no_restart(len(self._state.C))
         self._watch = WATCH._replace(wait=float(window.t[0]) + AGAIN)
         self._carried, self._waits = self._fresh(), False
 

@@ -12,7 +12,7 @@ import numpy as np
 from ortilo_drake.onboard.servo.lq_gain import gain_of
 from ortilo_drake.onboard.servo.outer_loop import attitude_along, wanted_force
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.studies.live.told import Told
+from ortilo_drake.studies.live.told import StampedEstimate
 
 MOST_DEVIATION = 0.5  # of a position that is flown by [m]
 WINDUP = 1.0  # of the integral of the position's error, at most [m s]
@@ -44,7 +44,7 @@ class Holding:
         self._timeout, self._max_tilt = scenario.failsafe.timeout, scenario.failsafe.max_tilt
         self._i, self._last = np.zeros(3), -np.inf
 
-    def setpoint(self, told: Told, now: float) -> Setpoint:
+    def setpoint(self, told: StampedEstimate, now: float) -> Setpoint:
         """Return the setpoint that follows from an estimate.
 
         Args:

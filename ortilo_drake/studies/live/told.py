@@ -13,7 +13,7 @@ from ortilo_drake.studies.recorded.filter_types import State
 NOT_ESTIMATED = np.pi**2, 100.0  # variances of angles and of their rates without an imu [rad²], [rad²/s²]
 
 
-class Told(NamedTuple):
+class StampedEstimate(NamedTuple):
     """Stamp by the sensors' clock [s], estimate [p, rpy, v, rpy rates, 0] (15), covariance (15, 15)."""
 
     t: float
@@ -26,7 +26,7 @@ class Told(NamedTuple):
         return float(np.sqrt(np.trace(self.covariance[:3, :3])))
 
 
-def told(t: float, state: State, imu: bool) -> Told:
+def estimate_at(t: float, state: State, imu: bool) -> StampedEstimate:
     """Return the pose and velocities, with covariances, of a filter state at a stamp [s].
 
     A small turn theta of the body is d rpy = E^-1 theta, and the rates err by what the gyro's bias does; noise of the
@@ -44,4 +44,4 @@ def told(t: float, state: State, imu: bool) -> Told:
     C[:N_X, :N_X] = J @ state.C[: GYRO + 3, : GYRO + 3] @ J.T
     if not imu:
         C[3:6, 3:6], C[9:12, 9:12] = (variance * np.eye(3) for variance in NOT_ESTIMATED)
-    return Told(t, estimate, C)
+    return StampedEstimate(t, estimate, C)

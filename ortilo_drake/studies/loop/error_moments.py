@@ -53,10 +53,10 @@ def drive_of(error: Error, C: np.ndarray, loop: HoverLoop) -> Drive:
     drive = Drive(error.sd, error.step_sd, error.keeps, G, C)
     alike = error.keeps == error.keeps[0]
     steps = error.step_sd * error.sd[0] == error.step_sd[0] * error.sd
-    return fewer(drive) if len(error.sd) > 3 and error.sd.any() and alike.all() and steps.all() else drive
+    return merged_components(drive) if len(error.sd) > 3 and error.sd.any() and alike.all() and steps.all() else drive
 
 
-def fewer(drive: Drive) -> Drive:
+def merged_components(drive: Drive) -> Drive:
     """Return errors that vary alike in as few components as act differently: those of the covariance of their sum.
 
     Some sd is not 0.
@@ -69,14 +69,14 @@ def fewer(drive: Drive) -> Drive:
     return Drive(np.ones(n), np.full(n, step), np.full(n, drive.keeps[first]), acts[:split], acts[split:])
 
 
-def drives(scenario: Scenario, x: np.ndarray) -> list[Drive]:
+def error_inputs(scenario: Scenario, x: np.ndarray) -> list[Drive]:
     """Return the error inputs that drive a scenario's loop at state x (12), hovering, beside the white noise."""
     loop = hover_loop(scenario)
     found = [drive_of(error, C, loop) for error, C in errors_of_rows(scenario, loop.measurement, x)]
     return [drive for drive in found if (drive.sd.any() or drive.step_sd.any()) and (drive.G.any() or drive.C.any())]
 
 
-def moved_by(scenario: Scenario, V: np.ndarray, some: list[Drive], ticks: int) -> np.ndarray:
+def position_moments(scenario: Scenario, V: np.ndarray, some: list[Drive], ticks: int) -> np.ndarray:
     """Return E[(p - r) (p - r)^T] that errors make, in each tick from the start of a flight (ticks, 3, 3).
 
     Args:

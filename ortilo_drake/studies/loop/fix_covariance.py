@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.sensors.described import covariance_at, flown
+from ortilo_drake.sensors.described import covariance_at, described_per_tick
 
 
 class FixNoise(NamedTuple):
@@ -27,7 +27,7 @@ class FixNoise(NamedTuple):
 def value_noise(scenario: Scenario, name: str, x: np.ndarray) -> tuple[np.ndarray, bool]:
     """Return the covariance (m, m) of the value of a sensor that flies at state x (12), and whether it gives one."""
     found = covariance_at(name, scenario, scenario.load_room(), x)
-    believed = flown(name, scenario).V(scenario)
+    believed = described_per_tick(name, scenario).V(scenario)
     if believed is None:
         believed = np.eye(len(scenario.measurement.C_of(name))) if found is None else found
     return believed, found is not None

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import sobol_indices
 
-from ortilo_drake.studies.maps.map_flights import Map, Row
+from ortilo_drake.studies.maps.map_flights import Map, MapPoint
 from ortilo_drake.studies.maps.sweep import Sensitivity
 
 
@@ -51,5 +51,5 @@ def indices_of(found: Map) -> list[Index]:
     return rows
 
 
-def _log(row: Row) -> float:
+def _log(row: MapPoint) -> float:
     return float(np.log(row.kept_rms)) if row.kept_rms else float("nan")

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.path import Path
 
 from ortilo_drake.scenario.schema import scenario_keys
-from ortilo_drake.studies.maps.map_flights import Map, Row
+from ortilo_drake.studies.maps.map_flights import Map, MapPoint
 from ortilo_drake.studies.maps.map_theory import MapTheory
 from ortilo_drake.studies.maps.sweep import Grid, Range
 from ortilo_drake.views.palette import BLUE, ORANGE, STYLE
@@ -172,10 +172,10 @@ def _ticks(values: list[Any]) -> tuple[list[int], list[str]]:
     return at, [f"{v:.3g}" if isinstance(v, float) else str(v) for v in (values[i] for i in at)]
 
 
-def best_and_worst(found: Map) -> tuple[Row, Row]:
+def best_and_worst(found: Map) -> tuple[MapPoint, MapPoint]:
     """Return the point with the smallest and that with the largest share of lost flights, then by their errors."""
 
-    def badness(row: Row) -> tuple[float, float]:
+    def badness(row: MapPoint) -> tuple[float, float]:
         return row.lost / row.flights, np.inf if row.kept_rms is None else row.kept_rms
 
     return min(found.rows, key=badness), max(found.rows, key=badness)

@@ -26,7 +26,7 @@ from ortilo_drake.theory.consistency.consistency import mean_interval
 
 
 @dataclass(frozen=True)
-class Row:
+class MapPoint:
     """The flights at a point of a map.
 
     Attributes:
@@ -78,7 +78,7 @@ class Map:
     """
 
     sweep: Sweep
-    rows: list[Row]
+    rows: list[MapPoint]
     by_drake: str | None
 
 
@@ -178,7 +178,7 @@ def _kept(scenario: Scenario, folder: Path, chunk: range) -> np.ndarray:
     return figures
 
 
-def _row(point: dict[str, Value], scenario: Scenario, folder: Path, chunks: list[range], flights: int) -> Row:
+def _row(point: dict[str, Value], scenario: Scenario, folder: Path, chunks: list[range], flights: int) -> MapPoint:
     """Return the figures of a point from its first flights; a point's figures alone are in memory at a time."""
     columns = columns_of(scenario)
     used = [chunk for chunk in chunks if chunk.start - chunks[0].start < flights]
@@ -194,7 +194,7 @@ def _row(point: dict[str, Value], scenario: Scenario, folder: Path, chunks: list
     }
     farthest = named["max_path_distance"][~is_lost].tolist()
     nees = named["nees"][~is_lost].tolist()
-    return Row(
+    return MapPoint(
         point=point,
         flights=len(figures),
         lost=lost,

@@ -7,7 +7,7 @@ from typing import Any
 from ortilo_drake.flight.intervals import Middle
 from ortilo_drake.studies.maps.indices import indices_of
 from ortilo_drake.studies.maps.map_figure import best_and_worst
-from ortilo_drake.studies.maps.map_flights import Map, Row
+from ortilo_drake.studies.maps.map_flights import Map, MapPoint
 from ortilo_drake.studies.maps.map_theory import MapTheory
 from ortilo_drake.views.markdown import table
 from ortilo_drake.views.numbers import count, of_all_and_kept, share, with_interval
@@ -58,18 +58,18 @@ def _on(theory: MapTheory) -> str:
     return said
 
 
-def _said(row: Row) -> str:
+def _said(row: MapPoint) -> str:
     where = ", ".join(f"{key} {_number(value)}" for key, value in row.point.items())
     error = "" if row.kept_rms is None else f", RMS error {_rms(row)} m"
     return f"{where}: {count(row.lost, row.flights)} lost{error}"
 
 
-def _rms(row: Row) -> str:
+def _rms(row: MapPoint) -> str:
     middle = Middle(row.rms, row.rms_interval, row.kept_rms, row.kept_interval)
     return of_all_and_kept(middle, row.lost)
 
 
-def _cells(row: Row) -> list[str]:
+def _cells(row: MapPoint) -> list[str]:
     half = "-" if row.rms_low is None else f"{row.rms_low:.3g} to {row.rms_high:.3g}"
     figures = [
         "-" if value is None else with_interval(value, interval)

@@ -1,7 +1,7 @@
 """The tables as text: ours with intervals, beside the paper's."""
 
 from ortilo_drake.flight.efficiency import Ratio
-from ortilo_drake.studies.paper_tables.in_short import TITLES, in_short
+from ortilo_drake.studies.paper_tables.summary import TITLES, tables_summary
 from ortilo_drake.studies.paper_tables.tables import (
     ENOUGH_FOR_A_MEAN,
     QUANTILES,
@@ -140,7 +140,7 @@ def table_text(tables: Tables) -> str:
     """
     scenarios, paper = list(tables.estimation), tables.paper
     lines = [f"# The paper's tables, preset '{tables.preset}', {tables.flights} flights a scenario", ""]
-    lines += in_short(tables)
+    lines += tables_summary(tables)
     lines += verdict(tables)
     lines += [
         "Mean squared errors [m²] with 95 % intervals. Those of medians and quartiles are between order statistics and "

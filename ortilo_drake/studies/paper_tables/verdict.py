@@ -8,7 +8,7 @@ import math
 from typing import Final
 
 from ortilo_drake.flight.flight import AXES
-from ortilo_drake.studies.paper_tables.in_short import TITLES
+from ortilo_drake.studies.paper_tables.summary import TITLES
 from ortilo_drake.studies.paper_tables.tables import SCENARIOS, Tables
 from ortilo_drake.views.numbers import with_interval
 

@@ -17,7 +17,7 @@ from ortilo_drake.studies.recorded.aided import airborne, with_aids
 from ortilo_drake.studies.recorded.at_rest import at_rest
 from ortilo_drake.studies.recorded.calibrate import calibrate, uncalibrated
 from ortilo_drake.studies.recorded.filtered import Estimate, estimate
-from ortilo_drake.studies.recorded.replayed import known_of
+from ortilo_drake.studies.recorded.replayed import calibrated_setup
 from ortilo_drake.world.sensors.fitted_errors import Day, draw_day
 
 QUERY_RATE = 30.0  # of the judged stamps, at most [Hz]
@@ -99,7 +99,7 @@ def predict(
         raise InputError(f"noise.uwb.constants: {len(constants)} of them, but {recording.name} has {n} anchors")
     path = body_path(recording.name, truth, by)
     mount = mount_of(recording, path, by, map_)
-    known = with_aids(known_of(by, recording, map_), recording, map_, False)
+    known = with_aids(calibrated_setup(by, recording, map_), recording, map_, False)
     stamps = truth.t - by.offset
     stamps = stamps[(stamps >= recording.ranges.t[0]) & (stamps <= recording.ranges.t[-1])]
     judged = airborne(stamps, truth, by, map_)

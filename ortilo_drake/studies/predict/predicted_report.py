@@ -25,7 +25,7 @@ def _cell(real: Figures, runs: Sequence[Figures], of: str) -> str:
     return text if low <= getattr(real, of) <= high else f"**{text}**"
 
 
-def in_short(group: Group) -> str:
+def prediction_summary(group: Group) -> str:
     """Return in a sentence whether the simulation predicts the group."""
     ratio, of_white = group.error / group.real_error, group.white_error / group.real_error
     return (
@@ -49,5 +49,12 @@ def predicted_text(flights: Sequence[Predicted], noise: str) -> str:
         for kind, runs in (("fitted", one.fitted), ("white", one.white)):
             rows.append(["", f"simulated, {kind}", *(_cell(one.real, runs, of) for of in COLUMNS)])
     heads = ["flight", "", *(head for head, _ in COLUMNS.values())]
-    lines = ["# Predicted flights", "", in_short(group_of(flights)), "", f"Errors of the sensors: {noise}.", ""]
+    lines = [
+        "# Predicted flights",
+        "",
+        prediction_summary(group_of(flights)),
+        "",
+        f"Errors of the sensors: {noise}.",
+        "",
+    ]
     return "\n".join([*lines, *table(heads, rows), LEGEND, ""])

@@ -82,14 +82,14 @@ class Climb:
     met: Count
 
 
-def fresh(n: int, size: int, random: np.random.Generator) -> np.ndarray:
+def independent_paths(n: int, size: int, random: np.random.Generator) -> np.ndarray:
     """Return n paths of so many numbers (n, size)."""
     return random.standard_normal((n, size), dtype=np.float32)
 
 
-def moved(paths: np.ndarray, step: np.ndarray, few: bool, random: np.random.Generator) -> np.ndarray:
+def propose(paths: np.ndarray, step: np.ndarray, few: bool, random: np.random.Generator) -> np.ndarray:
     """Return paths a step away, b of each (n): a few of their numbers are new, or all are moved."""
-    new, kept = fresh(len(paths), paths.shape[1], random), (1.0 - step[:, np.newaxis]).astype(np.float32)
+    new, kept = independent_paths(len(paths), paths.shape[1], random), (1.0 - step[:, np.newaxis]).astype(np.float32)
     if few:
         return np.where(random.random(paths.shape, dtype=np.float32) < kept, paths, new)
     new *= np.sqrt(1.0 - kept**2)
@@ -133,7 +133,7 @@ def _first(run: Heights, paths: int, size: int, keep: Keep, random: np.random.Ge
     """Run so many new paths; return how high they come (n)."""
     heights = np.empty(paths)
     for part in _parts(paths, size):
-        new = fresh(part.stop - part.start, size, random)
+        new = independent_paths(part.stop - part.start, size, random)
         heights[part] = run(new)
         keep(new, heights[part])
     return heights
@@ -166,7 +166,7 @@ def _chains(
         step = np.minimum(its[-1] * SPREAD ** random.uniform(-1.0, 1.0, len(heights)), 1.0)
         count = 0
         for part in _parts(*paths.shape):
-            proposed = moved(paths[part], step[part], few, random)
+            proposed = propose(paths[part], step[part], few, random)
             high = run(proposed)
             taken = high >= level
             paths[part][taken], heights[part][taken] = proposed[taken], high[taken]

@@ -6,15 +6,15 @@ import numpy as np
 from scipy.stats import chi2
 
 from ortilo_drake.interop.recorded.map_file import Map
-from ortilo_drake.interop.recorded.recording import NO_LOOKS, Recording, Truth
+from ortilo_drake.interop.recorded.recording import NO_AID_STAMPS, Recording, Truth
 from ortilo_drake.studies.recorded.at_rest import AtRest
 from ortilo_drake.studies.recorded.calibrate import Calibration
 from ortilo_drake.studies.recorded.filter_types import NO_AIDS, Sight
-from ortilo_drake.studies.recorded.filtered import Known, Start
+from ortilo_drake.studies.recorded.filtered import FilterSetup, StartSetup
 from ortilo_drake.studies.recorded.level import given_level
 
 
-def not_calibrated(recording: Recording, map_: Map, rest: AtRest | None) -> Known:
+def uncalibrated_setup(recording: Recording, map_: Map, rest: AtRest | None) -> FilterSetup:
     """Return the filter's settings where there is no truth: the map's values, and biases to be estimated online.
 
     Args:
@@ -25,11 +25,11 @@ def not_calibrated(recording: Recording, map_: Map, rest: AtRest | None) -> Know
     given = map_.calibration.lever
     lever = np.zeros(3) if given == "estimate" else np.array(given)
     anchors, level = np.asarray(recording.anchors), given_level(map_)
-    known = Known(anchors, None, lever, None, level, rest=rest, tags=recording.tags)
+    known = FilterSetup(anchors, None, lever, None, level, rest=rest, tags=recording.tags)
     return with_aids(known, recording, map_, True)
 
 
-def with_aids(known: Known, recording: Recording, map_: Map, looks: bool) -> Known:
+def with_aids(known: FilterSetup, recording: Recording, map_: Map, looks: bool) -> FilterSetup:
     """Return the filter's settings with the map's start and drag; with range finder, flow and camera if `looks`."""
     aids, start, heading, k_sd = NO_AIDS._replace(floor=map_.floor), None, known.heading, 0.0
     if map_.drag is not None:
@@ -47,8 +47,11 @@ def with_aids(known: Known, recording: Recording, map_: Map, looks: bool) -> Kno
         scale_sd = map_.flow.per_rad_sd
     if map_.start is not None:
         at = map_.start
-        start, heading = Start(np.array(at.position), at.position_sd, at.heading_sd, at.rests, at.lands), at.heading
-    looked = recording.looks if looks else NO_LOOKS
+        start, heading = (
+            StartSetup(np.array(at.position), at.position_sd, at.heading_sd, at.rests, at.lands),
+            at.heading,
+        )
+    looked = recording.looks if looks else NO_AID_STAMPS
     return known._replace(aids=aids, start=start, heading=heading, scale_sd=scale_sd, k_sd=k_sd, looks=looked)
 
 

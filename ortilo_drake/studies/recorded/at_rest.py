@@ -83,7 +83,7 @@ def unlevel(rest: AtRest, R: np.ndarray) -> np.ndarray:
     return np.asarray(rest.force) - GRAVITY * R[2]
 
 
-def tell(rest: AtRest, x: np.ndarray, C: np.ndarray) -> None:
+def correct_by_rest(rest: AtRest, x: np.ndarray, C: np.ndarray) -> None:
     """Correct a filter's first state and covariance (both changed) by the samples at rest.
 
     Args:
@@ -104,7 +104,7 @@ def tell(rest: AtRest, x: np.ndarray, C: np.ndarray) -> None:
     turn(x[Q : Q + 4], *by[THETA : THETA + 3])
 
 
-def said_at_rest(rest: AtRest, R: np.ndarray, by: str) -> str:
+def at_rest_text(rest: AtRest, R: np.ndarray, by: str) -> str:
     """Return a sentence on the gyro's bias and the force at rest.
 
     Args:
@@ -134,6 +134,6 @@ def standstill_doubts(rest: AtRest | None) -> list[str]:
     ]
 
 
-def level_by(imu: Imu, rests: bool) -> str:
+def level_source(imu: Imu, rests: bool) -> str:
     """Return the name of the level's source."""
     return "the floor" if rests else "the force itself" if imu.attitude is None else "the unit's attitude"

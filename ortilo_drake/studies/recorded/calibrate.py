@@ -21,7 +21,14 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.clock_offset import offset_by_rates
 from ortilo_drake.studies.recorded.filter_types import UNKNOWN_LEVEL, Level
 from ortilo_drake.studies.recorded.modelled import antennas, modelled
-from ortilo_drake.studies.recorded.truth_path import LEAST, TruthPath, first_part, seen_by, some_of, truth_path
+from ortilo_drake.studies.recorded.truth_path import (
+    LEAST,
+    TruthPath,
+    covered_ranges,
+    first_part,
+    random_sample,
+    truth_path,
+)
 
 SPREAD, LEVER, BIAS = 0.06, 0.1, 0.2  # of a range, a lever and a bias [m]
 COARSE = 0.25  # offsets tried as starts where the ranges tell the clock [s]
@@ -152,7 +159,7 @@ def uncalibrated(recording: Recording, settings: Estimated, lever: bool = True) 
     assert isinstance(settings.lever, tuple)
     offset, arm = float(settings.clock) - recording.truth_origin + recording.origin, np.array(settings.lever) * lever
     path = truth_path(truth)
-    seen = ranges.only(seen_by(ranges, offset, path))
+    seen = ranges.only(covered_ranges(ranges, offset, path))
     p, R = path.at(seen.t + offset)
     c = np.zeros(len(anchors))
     p = antennas(p, R, arm, recording.tags * lever, seen.tag)
@@ -211,7 +218,7 @@ def calibrate(
     flat = not find and float(np.ptp(np.asarray(recording.anchors)[:, 2])) < FLAT
 
     def start(offset: float, yaw: float) -> tuple[np.ndarray, np.ndarray]:
-        chosen = seen_by(ranges, offset, path, part(offset)[1])
+        chosen = covered_ranges(ranges, offset, path, part(offset)[1])
         if len(chosen) < LEAST:
             return np.zeros(0), chosen
         p = path.at(ranges.t[chosen] + offset)[0]
@@ -244,7 +251,7 @@ def calibrate(
         for yaw in yaws:
             x, chosen = start(float(tried), yaw)
             if len(x):
-                few = some_of(chosen, FEW)
+                few = random_sample(chosen, FEW)
                 x, cost, _ = _solve(x, held, ranges, few, path, np.asarray(recording.anchors))
                 cost /= len(few)
                 if best is None or cost < best[0]:
@@ -255,7 +262,7 @@ def calibrate(
             "a larger calibration.share takes more of it"
         )
     x = best[1]
-    chosen = some_of(seen_by(ranges, x[0], path, part(x[0])[1]), MANY)
+    chosen = random_sample(covered_ranges(ranges, x[0], path, part(x[0])[1]), MANY)
     x, _, errors = _solve(x, fit, ranges, chosen, path, np.asarray(recording.anchors))
     offset, F, shift, biases, lever_T, found = fit.parts(x)
     anchors = found if find else np.asarray(recording.anchors)

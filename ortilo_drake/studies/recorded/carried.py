@@ -10,9 +10,9 @@ import numpy as np
 from numba import njit
 
 from ortilo_drake.onboard.estimator.tight.update import Taken, none_taken
-from ortilo_drake.studies.recorded.anchors_heard import Trust, none_heard
-from ortilo_drake.studies.recorded.event_rows import Row, row_of
-from ortilo_drake.studies.recorded.passing import Passing, nothing_passed
+from ortilo_drake.studies.recorded.anchor_trust import Trust, new_trust
+from ortilo_drake.studies.recorded.event_rows import SparseRow, row_of
+from ortilo_drake.studies.recorded.passing import Passing, empty_passing
 
 ROOM = 16  # rows that wait until the covariance is passed over
 EPOCH, FORCE_AT, GROWN, LOW, BEGUN = range(5)  # what stands where in `marks`
@@ -28,12 +28,12 @@ class Carried(NamedTuple):
     trust: Trust
     passing: Passing
     waiting: Taken
-    row: Row
+    row: SparseRow
     marks: np.ndarray
 
 
 @njit(cache=True)
-def nothing_carried(anchors: int, N: int, t: float) -> Carried:
+def initial_carried(anchors: int, N: int, t: float) -> Carried:
     """Return the values carried at the start of a run at t [s], with N error states."""
     marks = np.array([-np.inf, t, 1.0, 0.0, 0.0])
-    return Carried(none_heard(anchors), nothing_passed(N), none_taken(ROOM, N), row_of(N), marks)
+    return Carried(new_trust(anchors), empty_passing(N), none_taken(ROOM, N), row_of(N), marks)

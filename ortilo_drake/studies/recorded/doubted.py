@@ -8,7 +8,7 @@ from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import Recording, Truth, frozen_rows
 from ortilo_drake.studies.recorded import doubts
 from ortilo_drake.studies.recorded.calibrate import Calibration, offset_centres
-from ortilo_drake.studies.recorded.first_look import Look
+from ortilo_drake.studies.recorded.first_look import CheapFit
 from ortilo_drake.studies.recorded.imu_doubts import attitude_doubts, force_doubts, rate_doubts
 from ortilo_drake.studies.recorded.level import height_doubts
 from ortilo_drake.studies.recorded.plain_fit import plain_fit
@@ -22,7 +22,7 @@ BARE = ("with IMU, not calibrated (biases online)", "constant velocity, not cali
 def doubts_of(
     recording: Recording,
     map_: Map,
-    look: Look,
+    look: CheapFit,
     calibration: Calibration | None,
     rows: Mapping[str, Scores],
     found: tuple[np.ndarray, np.ndarray | None],

@@ -9,7 +9,7 @@ import numpy as np
 
 from ortilo_drake.interop.recorded.map_file import FilterSettings
 from ortilo_drake.interop.recorded.recording import Ranges, Truth, frozen_rows
-from ortilo_drake.studies.recorded.first_fix import LEAST, fix_of
+from ortilo_drake.studies.recorded.first_fix import LEAST, solve_first_fix
 from ortilo_drake.studies.recorded.modelled import modelled
 from ortilo_drake.studies.recorded.readings import Guess
 from ortilo_drake.studies.recorded.scores import Scores
@@ -80,7 +80,7 @@ def of_sign(ranges: Ranges, anchors: np.ndarray, sign: int, p: np.ndarray | None
         window = ranges.only(np.flatnonzero((ranges.t >= t) & (ranges.t < t + WINDOW))[:MOST])
         if len(np.unique(window.anchor)) > LEAST:
             both = (window, window._replace(r=-window.r))
-            shares.append([fix_of(one, anchors, np.zeros(len(anchors))).agreeing for one in both])
+            shares.append([solve_first_fix(one, anchors, np.zeros(len(anchors))).agreeing for one in both])
     now, then = np.median(shares, axis=0) if shares else (1.0, 0.0)
     if then < now + CLEARLY:
         return []

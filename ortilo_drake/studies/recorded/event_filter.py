@@ -10,7 +10,7 @@ A range to anchor i, and a difference of the ranges to b and a, of a tag at the 
     r_i = |p + R l - a_i| + c_i + g_i + white,   r_ab = r_b - r_a
 
 taken one at a time, and left out if its innovation exceeds the gate times its standard deviation, or if its anchor has
-yet to come back (anchors_heard.py). Boxes are given to landmarks and taken as in tight/pixels.py. Where the height is
+yet to come back (anchor_trust.py). Boxes are given to landmarks and taken as in tight/pixels.py. Where the height is
 known or constant, a row of z or v_z comes first at each epoch. Without an IMU, no samples and no variance of R, b_g and
 b_a, this is the constant-velocity filter, driven by white acceleration. A vehicle that rests, and an accelerometer that
 fails, are in imu_watch.py.
@@ -21,7 +21,7 @@ from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.onboard.estimator.tight.update import Taken, settle
-from ortilo_drake.studies.recorded.anchors_heard import is_lost, judged
+from ortilo_drake.studies.recorded.anchor_trust import accept_range, is_lost
 from ortilo_drake.studies.recorded.carried import BEGUN, EPOCH, FORCE_AT, GROWN, LOW, Carried
 from ortilo_drake.studies.recorded.event_rows import grown_at
 from ortilo_drake.studies.recorded.filter_types import (
@@ -33,16 +33,16 @@ from ortilo_drake.studies.recorded.filter_types import (
     RANGE,
     RATES,
     Aids,
-    Anew,
     Events,
-    Heard,
+    EventValues,
+    Restart,
     Run,
+    RunLimits,
     Setup,
     State,
-    Watch,
 )
 from ortilo_drake.studies.recorded.imu_watch import RESTS, doubt_force, rest_again, watch_rest
-from ortilo_drake.studies.recorded.passing import begin_anew, go_on, pass_over
+from ortilo_drake.studies.recorded.passing import accumulate, propagate_over, reset_passing
 from ortilo_drake.studies.recorded.run_tape import cut_to, room_for, write_query, write_range, write_step
 from ortilo_drake.studies.recorded.taken_rows import Now, own_row, take, take_boxes, take_level, take_start, variance_of
 
@@ -69,12 +69,12 @@ def _take_force(
 @njit(cache=True)
 def run_filter(
     events: Events,
-    heard_all: Heard,
+    heard_all: EventValues,
     start: State,
     carried: Carried,
-    anew: Anew,
+    anew: Restart,
     setup: Setup,
-    watch: Watch,
+    watch: RunLimits,
     whole: bool,
 ) -> tuple[Run, State, int]:
     """Run the filter over events, to their end or until it is lost.
@@ -85,7 +85,7 @@ def run_filter(
         events: in order of time, all of them later than those of a run that this one goes on with.
         heard_all: the numbers that they point to.
         start: the state before the first event; the attitude's variance is 0 without an IMU.
-        carried: what the run before it left, or nothing_carried; changed.
+        carried: what the run before it left, or initial_carried; changed.
         anew: position and velocity to start anew from.
         setup: what holds throughout.
         watch: when it is lost.
@@ -102,7 +102,7 @@ def run_filter(
         h, kind = events.t[k] - t, events.kind[k]
         if h > 0.0:
             settle(C, waiting)
-            go_on(x, passing, h, held, watched, t, noise, aids)
+            accumulate(x, passing, h, held, watched, t, noise, aids)
             t = events.t[k]
         if kind == RATES:
             held[:3] = heard_all.rates[events.which[k]]
@@ -113,9 +113,9 @@ def run_filter(
             held[3:], force_at = f, t
             continue
         if passing.time[0] > 0.0:
-            pass_over(C, x, passing, grown, len(setup.anchors), noise)
+            propagate_over(C, x, passing, grown, len(setup.anchors), noise)
             write_step(run.tape, written, passing)
-            begin_anew(passing)
+            reset_passing(passing)
         new = t > epoch
         if new:
             settle(C, waiting)
@@ -153,7 +153,7 @@ def run_filter(
             squared = e * e / S
             taken = e * e <= noise.gate**2 * S
             if kind == RANGE:
-                taken = judged(trust, events.which[k], t, e, S, taken, low, watch)
+                taken = accept_range(trust, events.which[k], t, e, S, taken, low, watch)
                 write_range(run, written, e, S, taken)
             if squared > noise.huber**2:
                 S = own + r * np.sqrt(squared) / noise.huber

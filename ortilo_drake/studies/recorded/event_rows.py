@@ -19,7 +19,7 @@ NEAREST, LARGEST = 0.02, 10.0  # no antenna is nearer to the floor than this [m]
 nominal_at = register_jitable(nominal)
 
 
-class Row(NamedTuple):
+class SparseRow(NamedTuple):
     """A sparse row of H: the indices and values of its entries (16 each); and C H^T (N)."""
 
     where: np.ndarray
@@ -28,19 +28,19 @@ class Row(NamedTuple):
 
 
 @register_jitable
-def row_of(N: int) -> Row:
+def row_of(N: int) -> SparseRow:
     """Return a blank row for N error states."""
-    return Row(np.zeros(ENTRIES, np.int64), np.zeros(ENTRIES), np.empty(N))
+    return SparseRow(np.zeros(ENTRIES, np.int64), np.zeros(ENTRIES), np.empty(N))
 
 
 @register_jitable
-def wipe(row: Row) -> None:
+def wipe(row: SparseRow) -> None:
     """Make a row blank."""
     row.where[:], row.of[:] = 0, 0.0
 
 
 @register_jitable
-def state_row(at: int, row: Row) -> None:
+def state_row(at: int, row: SparseRow) -> None:
     """Write the row of one error state."""
     row.where[0], row.of[0] = at, 1.0
 
@@ -54,7 +54,7 @@ def distance_row(
     b: int,
     a: int,
     measured: float,
-    row: Row,
+    row: SparseRow,
 ) -> tuple[float, int]:
     """Write the row of a range to anchor b, or of its difference to that to a, and return innovation and entries."""
     for i in range(3):
@@ -68,7 +68,7 @@ def distance_row(
 
 
 @register_jitable
-def height_row(x: np.ndarray, R: np.ndarray, lever: np.ndarray, height: float, row: Row) -> float:
+def height_row(x: np.ndarray, R: np.ndarray, lever: np.ndarray, height: float, row: SparseRow) -> float:
     """Write the row of the antenna's height, of four entries, and return its innovation."""
     state_row(P + 2, row)
     e = height - x[P + 2]
@@ -80,7 +80,7 @@ def height_row(x: np.ndarray, R: np.ndarray, lever: np.ndarray, height: float, r
 
 
 @register_jitable
-def distance_down_row(x: np.ndarray, R: np.ndarray, measured: float, aids: Aids, row: Row) -> float:
+def distance_down_row(x: np.ndarray, R: np.ndarray, measured: float, aids: Aids, row: SparseRow) -> float:
     """Write the row of the range finder, of four entries, and return its innovation."""
     return measured - finder_row(x[P : P + 3], R, aids.finder, aids.floor, row.where, row.of)
 
@@ -94,7 +94,7 @@ def pixels_row(
     measured: float,
     scale_at: int,
     aids: Aids,
-    row: Row,
+    row: SparseRow,
 ) -> float:
     """Write the row of the flow along an axis, of nine entries, and return its innovation.
 

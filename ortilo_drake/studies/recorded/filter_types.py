@@ -43,7 +43,7 @@ class Events(NamedTuple):
     tag: np.ndarray
 
 
-class Heard(NamedTuple):
+class EventValues(NamedTuple):
     """Values of the events: body rates [rad/s] (k, 3), force [m/s²] (l, 3), flow [px] (m, 2), boxes (q, ...)."""
 
     rates: np.ndarray
@@ -170,7 +170,7 @@ class State(NamedTuple):
     watched: np.ndarray
 
 
-class Anew(NamedTuple):
+class Restart(NamedTuple):
     """Position and velocity (6) with variances (6) for a filter to start anew; `opening` is added to C's diagonal (N).
 
     They enter as measurements of the first epoch. An infinite variance says that there are none.
@@ -181,7 +181,7 @@ class Anew(NamedTuple):
     opening: np.ndarray
 
 
-class Watch(NamedTuple):
+class RunLimits(NamedTuple):
     """The limits at which a run stops: from `wait` on [s], if the position's deviation exceeds `astray` [m].
 
     It also stops if more than `share` of the anchors, and at least two, were refused for so long, `refused` [s].

@@ -7,11 +7,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.map_file import FilterSettings
-from ortilo_drake.interop.recorded.recording import GRAVITY, NO_LOOKS, ONE_TAG, Imu, Looks, Ranges
+from ortilo_drake.interop.recorded.recording import GRAVITY, NO_AID_STAMPS, ONE_TAG, AidStamps, Imu, Ranges
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Q
-from ortilo_drake.studies.recorded.at_rest import AtRest, tell
+from ortilo_drake.studies.recorded.at_rest import AtRest, correct_by_rest
 from ortilo_drake.studies.recorded.filter_types import (
     BIASES,
     BOXES,
@@ -26,7 +26,7 @@ from ortilo_drake.studies.recorded.filter_types import (
     UNKNOWN_LEVEL,
     Aids,
     Events,
-    Heard,
+    EventValues,
     Level,
     Noise,
     Run,
@@ -35,7 +35,7 @@ from ortilo_drake.studies.recorded.filter_types import (
     nominal,
     states,
 )
-from ortilo_drake.studies.recorded.first_fix import fix_of, ranges_for_a_fix
+from ortilo_drake.studies.recorded.first_fix import ranges_for_a_fix, solve_first_fix
 from ortilo_drake.studies.recorded.landing import Landing, landings
 from ortilo_drake.studies.recorded.reacquired import NEVER, WATCH, Lost, run_on
 from ortilo_drake.studies.recorded.smoother import smooth
@@ -48,7 +48,7 @@ HEADINGS = 8  # tried, where none is known
 TRIAL = 30.0  # how long each is tried [s]
 
 
-class Start(NamedTuple):
+class StartSetup(NamedTuple):
     """The start: position (3) and its deviation [m], heading's deviation [rad], whether the vehicle rests there.
 
     If it rests, it stands level and on the floor until take-off; if it lands, it does so at the same height.
@@ -69,7 +69,7 @@ class Innovations(NamedTuple):
     taken: np.ndarray
 
 
-class Known(NamedTuple):
+class FilterSetup(NamedTuple):
     """The filter's settings for one motion.
 
     Attributes:
@@ -92,8 +92,8 @@ class Known(NamedTuple):
     lever: np.ndarray
     heading: float | None
     level: Level = UNKNOWN_LEVEL
-    start: Start | None = None
-    looks: Looks = NO_LOOKS
+    start: StartSetup | None = None
+    looks: AidStamps = NO_AID_STAMPS
     aids: Aids = NO_AIDS
     scale_sd: float = 0.0
     k_sd: float = 0.0
@@ -162,8 +162,8 @@ def tilt_disagreement(imu: Imu) -> float | None:
 
 
 def events_of(
-    ranges: Ranges, imu: Imu | None, known: Known, landed: Sequence[Landing], queries: np.ndarray, begin: float
-) -> tuple[Events, Heard]:
+    ranges: Ranges, imu: Imu | None, known: FilterSetup, landed: Sequence[Landing], queries: np.ndarray, begin: float
+) -> tuple[Events, EventValues]:
     """Return the events from `begin` on, in order; the imu's last sample before `begin` is held at it."""
     looks = known.looks
     rates = force = np.zeros((0, 3))
@@ -189,7 +189,7 @@ def events_of(
     which, other, tag = (part.astype(np.int64) for part in (which, other, tag))
     events = Events(*(part[order] for part in (t, kinds, which, other, r, tag)))
     heard = (np.ascontiguousarray(part) for part in (rates, force, looks.flow, looks.boxes))  # compiled once for all
-    return events, Heard(*heard)
+    return events, EventValues(*heard)
 
 
 def _filled(part: tuple) -> tuple[np.ndarray, ...]:
@@ -202,7 +202,7 @@ def _filled(part: tuple) -> tuple[np.ndarray, ...]:
 
 
 def start_of(
-    ranges: Ranges, imu: Imu | None, known: Known, settings: FilterSettings, heading: float, sure: bool
+    ranges: Ranges, imu: Imu | None, known: FilterSetup, settings: FilterSettings, heading: float, sure: bool
 ) -> State:
     """Return the state at the first range, whose heading is `sure` where it was given and not tried.
 
@@ -228,7 +228,7 @@ def start_of(
     if known.start is None:
         window = ranges_for_a_fix(ranges)
         arms = known.tags[window.tag] @ R.T if imu is not None else 0.0
-        fix = fix_of(window, known.anchors, c, known.level, arms=arms)
+        fix = solve_first_fix(window, known.anchors, c, known.level, arms=arms)
         place, variances[:6] = fix.x, fix.variances
         place[:3] -= R @ known.lever
     else:
@@ -242,14 +242,14 @@ def start_of(
     if imu is not None:
         C[6:9, 6:9] = tilts
         if known.rest is not None:
-            tell(known.rest, x, C)
+            correct_by_rest(known.rest, x, C)
             R = matrix_of(x[Q:ADDITIVE])
     at_rest = np.append(np.zeros(3), R.T @ [0.0, 0.0, GRAVITY])  # holds until the first sample, and without any
     rests = known.start is not None and known.start.rests and imu is not None
     return State(float(ranges.t[0]), x, C, at_rest, np.array([float(rests), 0.0, 0.0, 0.0, np.inf, np.inf, 0.0]))
 
 
-def levers_of(known: Known, imu: Imu | None) -> np.ndarray:
+def levers_of(known: FilterSetup, imu: Imu | None) -> np.ndarray:
     """Return the places in the body of the tags' origin and of each tag (1 + m, 3) [m].
 
     Without an imu the attitude is not known, and all are that point.
@@ -265,7 +265,7 @@ def innovation_score(run: Innovations, gate: float) -> float:
 def heading_of(
     ranges: Ranges,
     imu: Imu | None,
-    known: Known,
+    known: FilterSetup,
     settings: FilterSettings,
     noise: Noise,
     queries: np.ndarray,
@@ -293,7 +293,7 @@ def heading_of(
 def estimate(
     ranges: Ranges,
     imu: Imu | None,
-    known: Known,
+    known: FilterSetup,
     settings: FilterSettings,
     queries: np.ndarray,
     smoothed: bool = False,

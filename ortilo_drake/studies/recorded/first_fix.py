@@ -75,7 +75,7 @@ def _errors(ranges: Ranges, anchors: np.ndarray, c: np.ndarray, x: np.ndarray, a
     return modelled(x[:3] + (ranges.t - ranges.t[0])[:, None] * x[3:] + arms, anchors, c, ranges) - ranges.r
 
 
-def fix_of(
+def solve_first_fix(
     ranges: Ranges,
     anchors: np.ndarray,
     c: np.ndarray,

@@ -11,7 +11,7 @@ from ortilo_drake.studies.recorded.calibrate import offset_centres
 from ortilo_drake.studies.recorded.clock_offset import offset_by_rates
 from ortilo_drake.studies.recorded.doubts import range_noise
 from ortilo_drake.studies.recorded.plain_fit import PlainFit, plain_fit
-from ortilo_drake.studies.recorded.readings import UNITS, Guess, guess
+from ortilo_drake.studies.recorded.readings import UNITS, Guess, better_reading
 from ortilo_drake.studies.recorded.truth_path import first_part, truth_path
 
 SUSPECT = 1.5  # other readings are tried where more than so many standard deviations of a range are left
@@ -21,14 +21,14 @@ STILL = 0.1  # a truth smaller than this stands still [m]
 FAR = 10.0  # ranges are in metres if their median is less than so many sizes of the anchors' room
 
 
-class Look(NamedTuple):
+class CheapFit(NamedTuple):
     """The cheap fit of the map's reading, and a reading that is clearly better; None without truth or anchors."""
 
     fit: PlainFit | None
     guess: Guess | None
 
 
-def first_look(recording: Recording, map_: Map) -> Look:
+def first_look(recording: Recording, map_: Map) -> CheapFit:
     """Fit clock and frame of the truth cheaply, before the filter runs.
 
     Raises:
@@ -36,7 +36,7 @@ def first_look(recording: Recording, map_: Map) -> Look:
     """
     anchors = recording.anchors
     if isinstance(anchors, int) or map_.ranges is None:
-        return Look(None, None)
+        return CheapFit(None, None)
     recording = recording._replace(ranges=recording.ranges.only(recording.ranges.other < 0))
     r, room = recording.ranges.r, float(np.linalg.norm(np.ptp(anchors, axis=0)))
     said = f"{recording.name}: ranges of {np.quantile(r, 0.02):.3g} to {np.quantile(r, 0.98):.3g} m"
@@ -45,16 +45,16 @@ def first_look(recording: Recording, map_: Map) -> Look:
     if recording.truth is None:
         if far:
             raise InputError(f"{said}: {_unit(float(np.median(r)), room, map_)}")
-        return Look(None, None)
+        return CheapFit(None, None)
     offsets, moves = _offsets(recording, map_)
     path, frame = truth_path(recording.truth), map_.calibration.frame
     fit = plain_fit(recording.ranges, anchors, path, offsets, frame=frame, moves=moves, tags=recording.tags)
     if fit is None:
         if far:
             raise InputError(f"{said}: {_unit(float(np.median(r)), room, map_)}")
-        return Look(None, None)
+        return CheapFit(None, None)
     noise = range_noise(map_.filter, recording.imu is not None)
-    better = guess(recording, map_, offsets, moves, fit, noise) if fit.left > SUSPECT * noise else None
+    better = better_reading(recording, map_, offsets, moves, fit, noise) if fit.left > SUSPECT * noise else None
     size = float(np.linalg.norm(np.ptp(np.percentile(recording.truth.p, [2, 98], axis=0), axis=0)))
     if far or fit.left > max(size, LEAST_MISFIT) or size > FAR * room:
         hint = _unit(float(np.median(r)), room, map_) if far else "ranges, anchors and truth must all be in metres"
@@ -63,7 +63,7 @@ def first_look(recording: Recording, map_: Map) -> Look:
         if better is not None:
             hint = f"{better.key} fits: range errors {better.before:.3g} m RMS -> {better.after:.3f} m"
         raise InputError(f"{said} and a truth {size:.3g} m across do not fit together ({fit.left:.3g} m RMS): {hint}")
-    return Look(fit, better)
+    return CheapFit(fit, better)
 
 
 def _unit(middle: float, room: float, map_: Map) -> str:

@@ -17,9 +17,9 @@ from ortilo_drake.interop.recorded.map_file import FilterSettings, Map
 from ortilo_drake.interop.recorded.recording import Imu, Ranges, Recording
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate
-from ortilo_drake.studies.recorded.filtered import Known, estimate, innovation_score, noise_of
+from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate, innovation_score, noise_of
 from ortilo_drake.studies.recorded.level import given_level
-from ortilo_drake.studies.recorded.replayed import known_of
+from ortilo_drake.studies.recorded.replayed import calibrated_setup
 from ortilo_drake.studies.recorded.truth_path import truth_path
 
 FITTED = ("acceleration", "range_white", "range_correlated", "correlation_time")
@@ -38,7 +38,7 @@ By = Literal["innovations", "truth"]
 class _Part(NamedTuple):
     ranges: Ranges
     recording: Recording
-    known: Known
+    known: FilterSetup
     calibration: Calibration | None
     queries: np.ndarray
 
@@ -57,11 +57,11 @@ class Fitted(NamedTuple):
 def _part(recording: Recording, map_: Map) -> _Part:
     calibration, end = None, map_.calibration.share * recording.ranges.t[-1]
     anchors = np.asarray(recording.anchors)
-    known = Known(anchors, None, np.zeros(3), None, given_level(map_), tags=recording.tags)
+    known = FilterSetup(anchors, None, np.zeros(3), None, given_level(map_), tags=recording.tags)
     queries = np.zeros(0)
     if recording.truth is not None:
         calibration = calibrate(recording, map_.calibration, lever=recording.imu is not None, level=given_level(map_))
-        known, end = known_of(calibration, recording, map_), calibration.end - calibration.offset
+        known, end = calibrated_setup(calibration, recording, map_), calibration.end - calibration.offset
         queries = recording.truth.t - calibration.offset
         queries = queries[(queries >= SETTLED) & (queries <= end)]
     first = recording.ranges.t <= end

@@ -37,7 +37,7 @@ class Passing(NamedTuple):
 
 
 @register_jitable
-def nothing_passed(N: int) -> Passing:
+def empty_passing(N: int) -> Passing:
     """Return an empty Passing: no time has passed."""
     A, W = np.zeros((9, TRANSITION)), np.zeros((9, 9))
     for i in range(9):
@@ -46,10 +46,10 @@ def nothing_passed(N: int) -> Passing:
 
 
 @register_jitable
-def go_on(
+def accumulate(
     x: np.ndarray, passing: Passing, h: float, held: np.ndarray, watched: np.ndarray, t: float, noise: Noise, aids: Aids
 ) -> None:
-    """Propagate the nominal state, transition and noise by h, in steps; the errors that fade wait for pass_over.
+    """Propagate the nominal state, transition and noise by h, in steps; the errors that fade wait for propagate_over.
 
     Args:
         x: nominal state; changed.
@@ -88,8 +88,8 @@ def go_on(
 
 
 @register_jitable
-def pass_over(C: np.ndarray, x: np.ndarray, passing: Passing, grown: float, n: int, noise: Noise) -> None:
-    """Propagate the covariance, and the errors of n anchors, over the time passed; call begin_anew afterwards."""
+def propagate_over(C: np.ndarray, x: np.ndarray, passing: Passing, grown: float, n: int, noise: Noise) -> None:
+    """Propagate the covariance, and the errors of n anchors, over the time passed; call reset_passing afterwards."""
     keeps, walks, passed = passing.keeps, passing.walks, passing.time[0]
     for i in range(n):
         keeps[BIASES + n + i - GYRO] = np.exp(-passed / noise.correlation_time)
@@ -109,7 +109,7 @@ def pass_over(C: np.ndarray, x: np.ndarray, passing: Passing, grown: float, n: i
 
 
 @register_jitable
-def begin_anew(passing: Passing) -> None:
+def reset_passing(passing: Passing) -> None:
     """Reset: no time has passed."""
     passing.A[:], passing.W[:], passing.time[0] = 0.0, 0.0, 0.0
     for i in range(9):

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.recording import ONE_TAG, Ranges
 from ortilo_drake.studies.recorded.modelled import antennas
-from ortilo_drake.studies.recorded.truth_path import LEAST, TruthPath, seen_by, some_of
+from ortilo_drake.studies.recorded.truth_path import LEAST, TruthPath, covered_ranges, random_sample
 
 SPREAD, LEVER = 0.06, 0.1  # of a range and of the lever [m]
 FEW = 160  # ranges that a fit goes by
@@ -75,7 +75,7 @@ def plain_fit(
     starts = []
     flat = float(np.linalg.svd(anchors - anchors.mean(axis=0))[1][-1]) < FLAT * np.sqrt(len(anchors))
     for offset in offsets:
-        chosen = some_of(seen_by(ranges, float(offset), path), FEW)
+        chosen = random_sample(covered_ranges(ranges, float(offset), path), FEW)
         if len(chosen) < LEAST:
             continue
         t = np.clip(ranges.t[chosen] + offset, path.first, path.last)

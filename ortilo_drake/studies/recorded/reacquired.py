@@ -15,29 +15,29 @@ from ortilo_drake.interop.recorded.recording import Ranges
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import Q
-from ortilo_drake.studies.recorded.carried import nothing_carried
+from ortilo_drake.studies.recorded.carried import initial_carried
 from ortilo_drake.studies.recorded.event_filter import run_filter
 from ortilo_drake.studies.recorded.filter_types import (
     BIASES,
     RANGE,
-    Anew,
     Events,
-    Heard,
+    EventValues,
+    Restart,
     Run,
+    RunLimits,
     Setup,
     State,
-    Watch,
     nominal,
 )
-from ortilo_drake.studies.recorded.first_fix import agreeing, fix_of, ranges_for_a_fix
+from ortilo_drake.studies.recorded.first_fix import agreeing, ranges_for_a_fix, solve_first_fix
 
 ASTRAY = 3.0  # deviation of a position at which ranges no longer correct it [m]
 REFUSED, SHARE = 1.0, 1.0 / 3.0  # so long [s], and of so many of the anchors
 AGAIN = 1.0  # before the next trial [s]
 SURPRISE = 3.0  # standard deviations beyond which a fix contradicts the filter
 TILT, HEADING, GYRO, ACCELEROMETER = 0.1, 0.3, 0.01, 0.1  # opened then [rad, rad, rad/s, m/s²]
-WATCH = Watch(-np.inf, ASTRAY, REFUSED, SHARE)
-NEVER = Watch(np.inf, ASTRAY, REFUSED, SHARE)
+WATCH = RunLimits(-np.inf, ASTRAY, REFUSED, SHARE)
+NEVER = RunLimits(np.inf, ASTRAY, REFUSED, SHARE)
 
 
 class Lost(NamedTuple):
@@ -60,9 +60,9 @@ def opening_of(state: State, x: np.ndarray, variances: np.ndarray) -> np.ndarray
     return opening
 
 
-def nothing_anew(N: int) -> Anew:
+def no_restart(N: int) -> Restart:
     """Return an Anew without any measurement, for N error states."""
-    return Anew(np.zeros(6), np.full(6, np.inf), np.zeros(N))
+    return Restart(np.zeros(6), np.full(6, np.inf), np.zeros(N))
 
 
 def is_astray(state: State) -> bool:
@@ -71,7 +71,7 @@ def is_astray(state: State) -> bool:
 
 
 def run_on(
-    events: Events, heard_all: Heard, start: State, setup: Setup, watch: Watch, whole: bool
+    events: Events, heard_all: EventValues, start: State, setup: Setup, watch: RunLimits, whole: bool
 ) -> tuple[list[Run], list[Lost], State]:
     """Run the filter over all events, and return the runs between its starts, when it was lost, and how it ended.
 
@@ -80,7 +80,7 @@ def run_on(
     heard = events.kind == RANGE
     ranges = Ranges(*(part[heard] for part in (events.t, events.which, events.r, events.other, events.tag)))
     before = np.concatenate([[0], np.cumsum(heard)])  # ranges before each event
-    n, nothing = len(setup.anchors), nothing_anew(len(start.C))
+    n, nothing = len(setup.anchors), no_restart(len(start.C))
     parts: list[Run] = []
     lost: list[Lost] = []
     state, anew, done, since = start, nothing, 0, None
@@ -88,7 +88,7 @@ def run_on(
     while True:
         rest = Events(*(part[done:] for part in events))
         first = before[done]
-        carried = nothing_carried(n, len(state.C), state.t)
+        carried = initial_carried(n, len(state.C), state.t)
         run, state, taken_in = run_filter(rest, heard_all, state, carried, anew, setup, watch, whole)
         parts.append(run)
         done += taken_in
@@ -102,7 +102,7 @@ def run_on(
         astray = is_astray(state)
         since = since if since is not None else last if astray else min(last, t - REFUSED)
         window = ranges.only(np.arange(before[done], len(ranges.t)))
-        anew = anew_from(window, setup, state, astray) or nothing
+        anew = restart_from(window, setup, state, astray) or nothing
         watch = watch._replace(wait=t + AGAIN)
         if anew is not nothing:
             lost.append(Lost(since, t))
@@ -112,7 +112,7 @@ def run_on(
     return parts, lost, state
 
 
-def anew_from(ranges: Ranges, setup: Setup, state: State, astray: bool) -> Anew | None:
+def restart_from(ranges: Ranges, setup: Setup, state: State, astray: bool) -> Restart | None:
     """Return where to start anew by the ranges that follow; None if they do not say it better than the filter.
 
     Args:
@@ -130,8 +130,8 @@ def anew_from(ranges: Ranges, setup: Setup, state: State, astray: bool) -> Anew 
     except InputError:
         return None
     x, arms = np.concatenate((p + arm, v)), (levers[1:] - levers[0])[window.tag] @ R.T
-    fix = fix_of(window, anchors, c, level, p + arm, arms)
+    fix = solve_first_fix(window, anchors, c, level, p + arm, arms)
     if fix.agreeing < 0.5 or (not astray and fix.agreeing <= agreeing(window, anchors, c, x, arms)):
         return None
     found = fix.x - np.append(arm, np.zeros(3))
-    return Anew(found, fix.variances, opening_of(state, found, fix.variances))
+    return Restart(found, fix.variances, opening_of(state, found, fix.variances))

@@ -146,7 +146,7 @@ def fit_of(
     )
 
 
-def guess(
+def better_reading(
     recording: Recording, map_: Map, offsets: np.ndarray, moves: bool, now: PlainFit, noise: float
 ) -> Guess | None:
     """Return the reading that is clearly better than the map's, if there is one.
@@ -165,7 +165,7 @@ def guess(
         good: list[Guess] = []
         read, path = recording.truth, truth_path(recording.truth)
         for reading in tried:
-            if not may_be(reading):
+            if not is_plausible(reading):
                 continue
             if reading.truth is not read:
                 read, path = reading.truth, truth_path(reading.truth)
@@ -181,7 +181,7 @@ def guess(
     return None
 
 
-def may_be(reading: Reading) -> bool:
+def is_plausible(reading: Reading) -> bool:
     """Return whether a reading is plausible: an anchor's ranges change about as much as the body moves.
 
     Ranges of one time also differ by no more than the anchors lie apart, and do not add up to far less.

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ortilo_drake.studies.recorded.in_short import in_short
 from ortilo_drake.studies.recorded.lost_lines import lost_lines
 from ortilo_drake.studies.recorded.replayed import Replayed
 from ortilo_drake.studies.recorded.scores import Scores
+from ortilo_drake.studies.recorded.summary import replay_summary
 from ortilo_drake.views.markdown import table
 
 HEADER = [
@@ -75,7 +75,7 @@ def report_text(motions: Sequence[Replayed], share: float) -> str:
         motions: what was found.
         share: of each motion's time that calibrated it.
     """
-    lines = ["# Recorded motions", "", *in_short(motions, share)]
+    lines = ["# Recorded motions", "", *replay_summary(motions, share)]
     for found in motions:
         lines += [f"## {found.name}", "", *table(HEADER, [_cells(name, s) for name, s in found.rows.items()])]
         lines += _calibrated(found)

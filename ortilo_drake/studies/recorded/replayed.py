@@ -8,12 +8,12 @@ import numpy as np
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import Ranges, Recording
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.recorded.aided import airborne, not_calibrated, with_aids
-from ortilo_drake.studies.recorded.at_rest import AtRest, at_rest, level_by, said_at_rest, standstill_doubts
+from ortilo_drake.studies.recorded.aided import airborne, uncalibrated_setup, with_aids
+from ortilo_drake.studies.recorded.at_rest import AtRest, at_rest, at_rest_text, level_source, standstill_doubts
 from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate, uncalibrated
 from ortilo_drake.studies.recorded.doubted import doubts_of
 from ortilo_drake.studies.recorded.doubts import of_failed, range_noise
-from ortilo_drake.studies.recorded.filtered import Estimate, Known, estimate, first_tilt, tilt_disagreement
+from ortilo_drake.studies.recorded.filtered import Estimate, FilterSetup, estimate, first_tilt, tilt_disagreement
 from ortilo_drake.studies.recorded.first_look import first_look
 from ortilo_drake.studies.recorded.imposed import gap_ends, lose_gaps, lose_some
 from ortilo_drake.studies.recorded.level import calibrated_level, given_level
@@ -64,7 +64,7 @@ def _tuple(values: np.ndarray) -> tuple[float, ...]:
     return tuple(float(v) for v in values)
 
 
-def known_of(calibration: Calibration, recording: Recording, map_: Map) -> Known:
+def calibrated_setup(calibration: Calibration, recording: Recording, map_: Map) -> FilterSetup:
     """Return the calibrated filter's settings."""
     heading = None
     truth, imu = recording.truth, recording.imu
@@ -75,7 +75,7 @@ def known_of(calibration: Calibration, recording: Recording, map_: Map) -> Known
     biases = {"calibrated": calibration.biases, "online": None, "none": np.zeros(len(calibration.biases))}
     level, rest = calibrated_level(map_, calibration, recording), at_rest(recording, map_)
     own, anchors = biases[map_.calibration.biases], calibration.anchors
-    return Known(anchors, own, calibration.lever, heading, level, rest=rest, tags=recording.tags)
+    return FilterSetup(anchors, own, calibration.lever, heading, level, rest=rest, tags=recording.tags)
 
 
 def aided_name(map_: Map) -> str | None:
@@ -91,7 +91,7 @@ def _notes(recording: Recording, map_: Map, rest: AtRest | None) -> list[str]:
     if imu is not None and rest is not None:
         rests = map_.start is not None and map_.start.rests
         R = np.eye(3) if rests else first_tilt(imu, rest)
-        notes.append(said_at_rest(rest, R, level_by(imu, rests)))
+        notes.append(at_rest_text(rest, R, level_source(imu, rests)))
     wrong = None if imu is None else tilt_disagreement(imu)
     if wrong is not None and wrong > TILTED:
         notes.append(
@@ -145,7 +145,12 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
         return by.position(truth_path(truth).at(t + by.offset)[0])
 
     def row(
-        name: str, known: Known, by: Calibration | None, with_imu: bool, heard: Ranges = ranges, smoothed: bool = False
+        name: str,
+        known: FilterSetup,
+        by: Calibration | None,
+        with_imu: bool,
+        heard: Ranges = ranges,
+        smoothed: bool = False,
     ) -> None:
         say(name)
         try:
@@ -160,16 +165,16 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
         rows[name], drawn[name] = score(found, (found.t > first) & judged(found.t), true, map_.available), (found, true)
 
     anchors = np.asarray(recording.anchors) if calibration is None else calibration.anchors
-    raw = Known(anchors, None, np.zeros(3), None, given, rest=rest, tags=recording.tags)
+    raw = FilterSetup(anchors, None, np.zeros(3), None, given, rest=rest, tags=recording.tags)
     if own is not None:
         level = calibrated_level(map_, own, recording)
-        plain = Known(own.anchors, own.biases, np.zeros(3), None, level, tags=recording.tags)
+        plain = FilterSetup(own.anchors, own.biases, np.zeros(3), None, level, tags=recording.tags)
         row(CV, plain, own, False)
         row(CV_SMOOTH, plain, own, False, smoothed=True)
     if map_.calibration.share > 0.0 or truth is None:
         row(CV_RAW, raw, own, False)
     if calibration is not None:
-        known = with_aids(known_of(calibration, recording, map_), recording, map_, False)
+        known = with_aids(calibrated_setup(calibration, recording, map_), recording, map_, False)
         main = WITH_IMU if imu is not None else CV
         if imu is not None:
             row(WITH_IMU, known, calibration, True)
@@ -179,7 +184,7 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
             row(name, aided, calibration, True)
             row(f"{name}, smoothed", aided, calibration, True, smoothed=True)
     else:
-        known = raw = not_calibrated(recording, map_, rest)
+        known = raw = uncalibrated_setup(recording, map_, rest)
         main = RAW if imu is not None else CV_RAW
     if imu is not None and (map_.calibration.share > 0.0 or truth is None):
         row(RAW, raw, calibration, True)

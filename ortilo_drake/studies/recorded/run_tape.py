@@ -5,7 +5,7 @@ from numba.extending import register_jitable
 
 from ortilo_drake.model.signals import MAX_DETECTIONS
 from ortilo_drake.onboard.estimator.tight.layout import GYRO
-from ortilo_drake.studies.recorded.event_rows import Row
+from ortilo_drake.studies.recorded.event_rows import SparseRow
 from ortilo_drake.studies.recorded.filter_types import (
     BOXES,
     ENTRIES,
@@ -93,7 +93,7 @@ def write_step(tape: Tape, written: np.ndarray, passing: Passing) -> None:
 
 
 @register_jitable
-def write_row(tape: Tape, written: np.ndarray, row: Row, e: float, S: float) -> None:
+def write_row(tape: Tape, written: np.ndarray, row: SparseRow, e: float, S: float) -> None:
     """Write an accepted row, its innovation e and variance S to a tape, if there is one."""
     if len(tape.what) > 0:
         at = _next(tape, written, ROW)

@@ -91,7 +91,7 @@ def score(found: Estimate, judged: np.ndarray, truth: np.ndarray | None, availab
         return Scores(None, None, None, None, None, nis, rejected, available, lost=lost)
     e, P = (found.p - truth)[judged], found.P[judged]
     nees = float(np.mean(np.einsum("ki,ki->k", e, np.linalg.solve(P, e[:, :, None])[:, :, 0])))
-    there = found_at(found.t[judged], lost)
+    there = not_lost_at(found.t[judged], lost)
     return Scores(
         _rms(e),
         *by_evo(found.t[judged], found.p[judged], truth[judged]),
@@ -104,7 +104,7 @@ def score(found: Estimate, judged: np.ndarray, truth: np.ndarray | None, availab
     )
 
 
-def found_at(t: np.ndarray, lost: tuple[Lost, ...]) -> np.ndarray:
+def not_lost_at(t: np.ndarray, lost: tuple[Lost, ...]) -> np.ndarray:
     """Return at which stamps the filter was not lost (m)."""
     there = np.ones(len(t), dtype=bool)
     for since, until in lost:

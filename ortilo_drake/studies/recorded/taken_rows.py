@@ -12,7 +12,7 @@ from ortilo_drake.onboard.estimator.tight.update import Taken, correct, innovati
 from ortilo_drake.onboard.landmarks.landmark_association import associate
 from ortilo_drake.studies.recorded.carried import ROOM
 from ortilo_drake.studies.recorded.event_rows import (
-    Row,
+    SparseRow,
     distance_down_row,
     distance_row,
     height_row,
@@ -26,10 +26,10 @@ from ortilo_drake.studies.recorded.filter_types import (
     FINDER,
     LANDED,
     RANGE,
-    Anew,
     Events,
-    Heard,
+    EventValues,
     Level,
+    Restart,
     Setup,
     Tape,
 )
@@ -45,13 +45,13 @@ class Now(NamedTuple):
     x: np.ndarray
     C: np.ndarray
     waiting: Taken
-    row: Row
+    row: SparseRow
     tape: Tape
     written: np.ndarray
 
 
 @register_jitable
-def take(now: Now, row: Row, e: float, S: float) -> None:
+def take(now: Now, row: SparseRow, e: float, S: float) -> None:
     """Take a row of innovation e, whose variance is S, and write it down."""
     write_row(now.tape, now.written, row, e, S)
     correct(now.x, now.waiting, row.PHt, S, e, now.C.shape[0])
@@ -60,13 +60,13 @@ def take(now: Now, row: Row, e: float, S: float) -> None:
 
 
 @register_jitable
-def variance_of(now: Now, row: Row, m: int) -> float:
+def variance_of(now: Now, row: SparseRow, m: int) -> float:
     """Return H C H^T of a row with m entries."""
     return innovation_variance(now.C, now.waiting, row.where, row.of, m, row.PHt)
 
 
 @register_jitable
-def take_start(now: Now, anew: Anew) -> None:
+def take_start(now: Now, anew: Restart) -> None:
     """Take position and velocity to start anew from."""
     for i in range(6):
         wipe(now.row)
@@ -95,7 +95,7 @@ def take_level(now: Now, lever: np.ndarray, level: Level) -> None:
 
 @register_jitable
 def own_row(
-    k: int, axis: int, events: Events, heard_all: Heard, now: Now, rates: np.ndarray, setup: Setup, grown: float
+    k: int, axis: int, events: Events, heard_all: EventValues, now: Now, rates: np.ndarray, setup: Setup, grown: float
 ) -> tuple[float, float, int]:
     """Write the row of event k; return innovation, noise and the number of entries, 0 without a row.
 
@@ -133,7 +133,7 @@ def take_boxes(message: np.ndarray, now: Now, rates: np.ndarray, setup: Setup) -
         message, xhat, P_pose, sight.positions, sight.outlines, sight.labels, sight.camera, sd[0], sight.gates[1], sd[1]
     )
     where, rows = np.zeros((2, ENTRIES), np.int64), np.zeros((2, ENTRIES))
-    u, v = Row(where[0], rows[0], np.empty(N)), Row(where[1], rows[1], np.empty(N))
+    u, v = SparseRow(where[0], rows[0], np.empty(N)), SparseRow(where[1], rows[1], np.empty(N))
     for b in range(chosen.size):
         i, e, of_center = chosen[b], np.empty(2), np.zeros(2)
         at, outline, camera, seen = sight.positions[i], sight.outlines[i], sight.camera, centers[b]

@@ -33,7 +33,7 @@ def truth_path(truth: Truth) -> TruthPath:
     return TruthPath(CubicSpline(truth.t, truth.p), R, float(truth.t[0]), float(truth.t[-1]))
 
 
-def seen_by(ranges: Ranges, offset: float, path: TruthPath, end: float = np.inf) -> np.ndarray:
+def covered_ranges(ranges: Ranges, offset: float, path: TruthPath, end: float = np.inf) -> np.ndarray:
     """Return a mask of the ranges between stamps of the truth, up to an end by its clock [s], not in its gaps."""
     then = ranges.t + offset
     stamps = path.p.x
@@ -43,7 +43,7 @@ def seen_by(ranges: Ranges, offset: float, path: TruthPath, end: float = np.inf)
     return np.flatnonzero((then >= path.first) & (then <= min(end, path.last)) & near)
 
 
-def some_of(chosen: np.ndarray, most: int) -> np.ndarray:
+def random_sample(chosen: np.ndarray, most: int) -> np.ndarray:
     """Return a random sample of at most so many; every k-th would be of some anchors only."""
     if len(chosen) <= most:
         return chosen

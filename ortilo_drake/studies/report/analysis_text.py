@@ -11,7 +11,7 @@ from ortilo_drake.studies.loop.margins import LoopMargins
 from ortilo_drake.studies.loop.riccati_report import IllPosed, RiccatiReport, Unsolved
 from ortilo_drake.studies.report.analyze import Analysis
 from ortilo_drake.studies.report.checked_text import honesty_text, tube_text
-from ortilo_drake.studies.report.in_short import in_short
+from ortilo_drake.studies.report.summary import analysis_summary
 from ortilo_drake.views.markdown import table
 
 SOLVERS = ["drake", "scipy", "doubling", "recursion"]
@@ -178,7 +178,7 @@ def _world_text(found: Analysis) -> str:
 
 def analysis_text(found: Analysis) -> str:
     """Return an analysis as Markdown."""
-    lines = [f"# Analysis of {found.scenario}", "", *in_short(found)]
+    lines = [f"# Analysis of {found.scenario}", "", *analysis_summary(found)]
     if found.left_out or found.in_rms_alone:
         lines += [_world_text(found), ""]
     if theory := found.theory:

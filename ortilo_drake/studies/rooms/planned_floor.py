@@ -74,7 +74,7 @@ def without_sensor(scenario: Scenario, sensor: str) -> Scenario:
     """Return the scenario with none of a sensor's messages."""
     changes: dict[str, object] = {"sensors": tuple(name for name in scenario.sensors if name != sensor)}
     its = scenario.linear_filter
-    if described(sensor).feels and its is not None:  # what the filter reads of force and rates goes too
+    if described(sensor).needs_forces and its is not None:  # what the filter reads of force and rates goes too
         reads = {name: "none" for name in ("force", "rates") if getattr(its, name) == "measured"}
         changes["estimator"] = its.model_copy(update=reads)
     return scenario.model_copy(update=changes)

@@ -24,7 +24,7 @@ SEARCH: Final = 3  # at most so many times the flights of a row search for a lim
 
 
 @dataclass(frozen=True)
-class Row:
+class MismatchRow:
     """Flights under one mismatch at one value.
 
     Attributes:
@@ -77,7 +77,7 @@ class Sensitivity:
     """
 
     scenario: str
-    rows: list[Row]
+    rows: list[MismatchRow]
     limits: list[Limit]
 
 
@@ -186,10 +186,10 @@ def _lost(outcomes: Sequence[Outcome]) -> int:
     return sum(flown.lost for flown in outcomes)
 
 
-def _row(mismatch: str, value: float, outcomes: Sequence[Outcome]) -> Row:
+def _row(mismatch: str, value: float, outcomes: Sequence[Outcome]) -> MismatchRow:
     kept, lost = [flown for flown in outcomes if not flown.lost], _lost(outcomes)
     nees = np.array([flown.nees for flown in kept])
-    return Row(
+    return MismatchRow(
         mismatch=mismatch,
         value=value,
         flights=len(outcomes),

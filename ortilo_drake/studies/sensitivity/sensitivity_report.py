@@ -8,10 +8,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
 from ortilo_drake.flight.flight import AXES
-from ortilo_drake.studies.sensitivity.in_short import in_short
 from ortilo_drake.studies.sensitivity.mismatches import TOGETHER, known_mismatches
-from ortilo_drake.studies.sensitivity.sensitivity_flights import LOST_SHARE, Limit, Row, Sensitivity
+from ortilo_drake.studies.sensitivity.sensitivity_flights import LOST_SHARE, Limit, MismatchRow, Sensitivity
 from ortilo_drake.studies.sensitivity.sequential_test import ERROR
+from ortilo_drake.studies.sensitivity.summary import sensitivity_summary
 from ortilo_drake.views.markdown import table
 from ortilo_drake.views.numbers import count, number, of_all_and_kept, with_interval
 from ortilo_drake.views.palette import BLUE, ORANGE, STYLE
@@ -44,7 +44,7 @@ def sensitivity_text(found: Sensitivity) -> str:
     if is_lost_without(found):
         lines += ["## In short", "", f"- {NO_LIMITS}", ""]
     else:
-        lines += in_short(found, of_careful_team(), TOGETHER)
+        lines += sensitivity_summary(found, of_careful_team(), TOGETHER)
     lines += table(header, [_cells(row) for row in found.rows])
     lines += [SAID, ""]
     if is_lost_without(found):
@@ -70,7 +70,7 @@ def is_lost_without(found: Sensitivity) -> bool:
     return all((limit.value, *limit.interval) == (0.0, 0.0, 0.0) for limit in found.limits)
 
 
-def _cells(row: Row) -> list[str]:
+def _cells(row: MismatchRow) -> list[str]:
     errors = [of_all_and_kept(row.mse[axis], row.lost) for axis in AXES]
     nees = "-" if row.nees is None else with_interval(row.nees, row.nees_interval)
     every = [number(row.nees_with_lost) if row.lost else nees]

@@ -119,7 +119,7 @@ def _breakdown(contained: float, expected: float, lost: int, least: float) -> st
     return "; ".join(reasons)
 
 
-def flown(flight: xr.Dataset) -> Flown:
+def tube_figures_of(flight: xr.Dataset) -> Flown:
     """Return the figures that are kept of a flight."""
     lost = json.loads(flight.attrs["lost"])
     deviation = flight["truth"].values[:, :3] - flight["reference"].values
@@ -163,7 +163,7 @@ def fly_point(lossy: Scenario, seeds: Iterable[int], out: Path, workers: int = 1
         run_all(fly_compiled, jobs, workers, found.__setitem__)
         return [one for number in sorted(found) for one in found[number]]
     fly_many(lossy, seeds, out, workers)
-    return [flown(load_flight(flight_file(out, lossy, seed))) for seed in seeds]
+    return [tube_figures_of(load_flight(flight_file(out, lossy, seed))) for seed in seeds]
 
 
 def judge_point(

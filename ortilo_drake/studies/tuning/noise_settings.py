@@ -17,7 +17,7 @@ from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.onboard.estimator.filter_model import process_noise
 from ortilo_drake.scenario import DiagonalW, IntermittentFilter, Scenario
-from ortilo_drake.sensors.described import described, flown
+from ortilo_drake.sensors.described import described, described_per_tick
 from ortilo_drake.studies.tuning.noise_likelihood import NoiseModel
 
 _DENSITIES = ("force_density", "torque_density")
@@ -52,7 +52,7 @@ def sensor_of(name: str) -> str | None:
     """Return the sensor whose noise a number states; None for a number of W."""
     if name.startswith("estimator.W"):
         return None
-    return next(s for s in SENSORS if name.startswith((f"estimator.V.{s}.", *described(s).scaled_by)))
+    return next(s for s in SENSORS if name.startswith((f"estimator.V.{s}.", *described(s).noise_settings)))
 
 
 def with_numbers(scenario: Scenario, numbers: dict[str, float]) -> Scenario:
@@ -87,7 +87,7 @@ def noise_model(scenario: Scenario, recorded: Scenario, counted: tuple[str, ...]
     counts = np.array([float(counted is None or s in counted) for s in sensors])
     model = NoiseModel(W, np.zeros((len(sensors), max(sizes), max(sizes))), np.zeros(len(sensors)), counts)
     for s, sensor in enumerate(sensors):
-        constant = flown(sensor, scenario).V(scenario)
+        constant = described_per_tick(sensor, scenario).V(scenario)
         if constant is not None:
             model.V[s, : sizes[s], : sizes[s]] = constant
             continue

@@ -97,7 +97,7 @@ def costs_of(figures: np.ndarray, columns: Sequence[str]) -> np.ndarray:
     return np.where(figures[:, columns.index("cause")] == NOT_LOST, np.minimum(rms, LOST), LOST)
 
 
-def judge(start: np.ndarray, found: np.ndarray) -> Judged:
+def compare_costs(start: np.ndarray, found: np.ndarray) -> Judged:
     """Return the comparison of the costs of the same seeds' flights (n) by two settings."""
     difference = found - start
     low, high = float(difference[0]), float(difference[0])
@@ -156,7 +156,7 @@ def search_by_flights(
             say(len(history), min(one.cost for one in history))
         best = min(history, key=lambda one: one.cost)
         result = load_scenario(search.scenario, (*search.settings.items(), *best.settings.items()))
-        judged = judge(*fly([own, result], search.seed + search.flights, search.judge))
+        judged = compare_costs(*fly([own, result], search.seed + search.flights, search.judge))
     return Found(search, start, best, history, judged, why_not(own))
 
 

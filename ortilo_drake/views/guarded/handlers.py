@@ -185,7 +185,7 @@ class PageSocket(_Guarded, WebSocketHandler):
         if self not in self.rules.pages:
             return
         try:
-            moved = self.rules.panel.take(message)
+            moved = self.rules.panel.receive(message)
         except BadMessage as error:
             self._end(1008, f"a message: {error}")
             return

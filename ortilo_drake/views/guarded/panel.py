@@ -54,7 +54,7 @@ class Panel:
         """Return the number of clicks on a button so far."""
         return self._clicks[name]
 
-    def take(self, message: bytes | str) -> str | None:
+    def receive(self, message: bytes | str) -> str | None:
         """Take a page's message; return the name of the slider that moved, if one did.
 
         Args:

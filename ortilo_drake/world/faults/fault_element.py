@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.parts import Part, find_part
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ARRIVED, PAYLOAD, STAMP
@@ -133,21 +133,21 @@ def fault_boxes(
     """
     boxes: list[Box] = []
     for its in faults:
-        given, table = Given({"samples": samples}), table_of([its])
+        given, table = Values({"samples": samples}), table_of([its])
         name, reads = f"{sensor}_fault_{its.i}", {"message": message.name}
         if isinstance(its.fault, Stuck):
             size = message.size if samples == 1 else (message.size - PAYLOAD) // samples
             held = np.zeros(size - PAYLOAD)
-            given = given.with_(Given(start={"held": held}))
-            message = Box(name, STUCK, message.size, given, {"holds": held.shape}, reads).taking(faults=table)
+            given = given.updated(Values(start={"held": held}))
+            message = Box(name, STUCK, message.size, given, {"holds": held.shape}, reads).with_groups(faults=table)
         elif (own := find_part("fault", its.fault.kind)) is not None:
             changed = own_fault_box(own, its, message, samples, h)
             boxes.append(replace(changed, name=f"{name}_own"))
             reads |= {"changed": f"{name}_own"}
-            message = Box(name, LASTS, message.size, reads=reads).taking(faults=table)
+            message = Box(name, LASTS, message.size, reads=reads).with_groups(faults=table)
         else:
-            given = given.with_(Given({"h": h}, tables={"anchors": anchors}))
-            message = Box(name, FAULT, message.size, given, reads=reads).taking(faults=table)
+            given = given.updated(Values({"h": h}, tables={"anchors": anchors}))
+            message = Box(name, FAULT, message.size, given, reads=reads).with_groups(faults=table)
         boxes.append(message)
     return boxes
 
@@ -164,7 +164,7 @@ def own_fault_box(part: Part, its: Numbered, message: Box, samples: int, h: floa
     for port in box.element.inputs:
         if port not in ("message", "state"):
             raise InputError(f"{where}: reads {port!r}, must be one of message, state")
-    return box.reading(message=message.name)
+    return box.with_inputs(message=message.name)
 
 
 def asked_box(sensor: str, faults: list[Numbered], samples: int, h: float) -> Box | None:
@@ -179,5 +179,5 @@ def asked_box(sensor: str, faults: list[Numbered], samples: int, h: float) -> Bo
     stuck = [its for its in faults if isinstance(its.fault, Stuck)]
     if not stuck:
         return None
-    given, reads = Given({"before": samples > 1, "h": h}), {"delay": f"{sensor}_link"}
-    return Box(f"{sensor}_asked", ASKED, 1, given, reads=reads).taking(faults=table_of(stuck))
+    given, reads = Values({"before": samples > 1, "h": h}), {"delay": f"{sensor}_link"}
+    return Box(f"{sensor}_asked", ASKED, 1, given, reads=reads).with_groups(faults=table_of(stuck))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from ortilo_drake.loop.element import Box, Element, Given, Number
+from ortilo_drake.loop.element import Box, Element, Number, Values
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_U
 from ortilo_drake.model.vehicle import Vehicle, mixing_inverse, mixing_matrix
@@ -95,9 +95,9 @@ FORCE = Element("force_faults", out=force_out, numbers=(Number("h"),), allocates
 
 def wrench_faults_box(faults: FaultTable, h: float) -> Box:
     """Return the box of u under the faults of wrench_table, for rotors without dynamics; it reads u_c (4)."""
-    return Box("wrench_faults", WRENCH, N_U, Given({"h": h})).taking(faults=faults)
+    return Box("wrench_faults", WRENCH, N_U, Values({"h": h})).with_groups(faults=faults)
 
 
 def force_faults_box(faults: FaultTable, h: float) -> Box:
     """Return the box of the disturbance under the faults of force_table; it reads the drawn disturbance (6)."""
-    return Box("force_faults", FORCE, 6, Given({"h": h})).taking(faults=faults)
+    return Box("force_faults", FORCE, 6, Values({"h": h})).with_groups(faults=faults)

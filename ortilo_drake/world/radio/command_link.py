@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_U
 from ortilo_drake.scenario import CommandLink as CommandLinkSettings
@@ -135,7 +135,7 @@ LINK = Element(
 DELAYED = replace(LINK, name="delayed_command_link", out=delayed_out)
 
 
-def first_state(settings: CommandLinkSettings, hover_thrust: float) -> np.ndarray:
+def initial_link_state(settings: CommandLinkSettings, hover_thrust: float) -> np.ndarray:
     """Return the link's state at first: the chain is good, hover acts, nothing is in flight."""
     start = np.zeros(_FLYING + settings.delay * _PACKET)
     start[_HELD] = [hover_thrust, 0.0, 0.0, 0.0]
@@ -150,7 +150,7 @@ def command_link_box(settings: CommandLinkSettings, hover_thrust: float, h: floa
     numbers = {"loss": loss_parameters(settings.loss, h), "holds": settings.when_lost == "hold", "h": h}
     numbers |= {"stream": stream_id("link/command")}
     tables = {"hover": np.array([hover_thrust, 0.0, 0.0, 0.0])}
-    given = Given(numbers, start={"link": first_state(settings, hover_thrust)}, tables=tables)
+    given = Values(numbers, start={"link": initial_link_state(settings, hover_thrust)}, tables=tables)
     parts = {"applied": (0, N_U), "stamp": (N_U, 1)}
     element = DELAYED if settings.delay else LINK
     return Box("command_link", element, N_U + 1, given, reads={"applied": "command_link.applied"}, parts=parts)

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import ARRIVED, STAMP
@@ -206,7 +206,7 @@ SENT = Element("sent", out=sent_out)
 
 def link_box(sensor: str, settings: Link, every: int, h: float) -> Box:
     """Return the box that decides losses and delays of a sensor's messages; it reads the true state (12)."""
-    given = Given(
+    given = Values(
         {
             "every": every,
             "delay": settings.delay,
@@ -218,7 +218,7 @@ def link_box(sensor: str, settings: Link, every: int, h: float) -> Box:
     )
     if not steps_a_chain(settings):
         return Box(f"{sensor}_link", LINK, 1, given)
-    return Box(f"{sensor}_link", BURSTY, 1, given.with_(Given(start={"bad": np.zeros(1)})))
+    return Box(f"{sensor}_link", BURSTY, 1, given.updated(Values(start={"bad": np.zeros(1)})))
 
 
 def is_late(settings: Link) -> bool:
@@ -236,4 +236,4 @@ def delivery_box(sensor: str, message: Box, settings: Link) -> Box:
         return Box(f"{sensor}_delivered", SENT, message.size, reads=reads)
     flying = np.tile(np.concatenate(([-1.0], np.zeros(message.size))), (most, 1))
     element = DELAYED if settings.delay else LATE
-    return Box(f"{sensor}_delivered", element, message.size, Given(start={"flying": flying}), reads=reads)
+    return Box(f"{sensor}_delivered", element, message.size, Values(start={"flying": flying}), reads=reads)

@@ -44,7 +44,7 @@ def box(size: tuple[float, float, float]) -> Solid:
     return np.array(corners) * size, np.array(faces)
 
 
-def moved(solid: Solid, x: float, y: float, z: float, R: np.ndarray | None = None) -> Solid:
+def placed(solid: Solid, x: float, y: float, z: float, R: np.ndarray | None = None) -> Solid:
     """Return the solid rotated by R, then moved."""
     vertices = solid[0] if R is None else solid[0] @ R.T
     return vertices + np.array([x, y, z]), solid[1]

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ortilo_drake.model.vehicle import Vehicle
-from ortilo_drake.world.scenery.solids import Solid, box, cylinder, dome, moved
+from ortilo_drake.world.scenery.solids import Solid, box, cylinder, dome, placed
 
 M100_MESH: Final = Path(__file__).with_name("meshes") / "m100.obj"
 M100_ARM: Final = 0.65 / 2  # half the diagonal wheelbase
@@ -66,22 +66,22 @@ def parts(arms: tuple[ArmPlace, ...], propeller: float) -> Iterator[tuple[str, s
     k = max(arm.length for arm in arms) / M100_ARM
     z_to_x = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
     yield "body", "frame", box((0.20 * k, 0.13 * k, 0.05 * k))
-    yield "shell", "shell", moved(box((0.16 * k, 0.11 * k, 0.025 * k)), 0.0, 0.0, 0.0375 * k)
-    yield "battery", "battery", moved(box((0.12 * k, 0.07 * k, 0.04 * k)), -0.03 * k, 0.0, 0.07 * k)
-    yield "nose", "nose", moved(box((0.025 * k, 0.10 * k, 0.035 * k)), 0.1125 * k, 0.0, 0.0)
-    yield "lens", "lens", moved(dome(0.03 * k, 20, 5), 0.125 * k, 0.0, 0.0, z_to_x)
+    yield "shell", "shell", placed(box((0.16 * k, 0.11 * k, 0.025 * k)), 0.0, 0.0, 0.0375 * k)
+    yield "battery", "battery", placed(box((0.12 * k, 0.07 * k, 0.04 * k)), -0.03 * k, 0.0, 0.07 * k)
+    yield "nose", "nose", placed(box((0.025 * k, 0.10 * k, 0.035 * k)), 0.1125 * k, 0.0, 0.0)
+    yield "lens", "lens", placed(dome(0.03 * k, 20, 5), 0.125 * k, 0.0, 0.0, z_to_x)
     for name, azimuth, length in arms:
         c, s = math.cos(azimuth), math.sin(azimuth)
         along = np.array([[0.0, -s, c], [0.0, c, s], [-1.0, 0.0, 0.0]])  # z to the arm's direction
         leg = 0.24 * (length / M100_ARM)
         x, y, x_leg, y_leg = length * c, length * s, leg * c, leg * s
         ahead = "nose" if c > 1e-9 else "motor"
-        yield f"arm_{name}", "frame", moved(cylinder(0.012 * k, 0.05 * k, length, 12), 0.0, 0.0, 0.0, along)
-        yield f"motor_{name}", ahead, moved(cylinder(0.024 * k, -0.018 * k, 0.034 * k, 16), x, y, 0.0)
-        yield f"propeller_{name}", "propeller", moved(cylinder(propeller, 0.036 * k, 0.040 * k, 32), x, y, 0.0)
-        yield f"hub_{name}", "frame", moved(cylinder(0.012 * k, 0.034 * k, 0.048 * k, 12), x, y, 0.0)
-        yield f"leg_{name}", "shell", moved(cylinder(0.010 * k, -0.20 * k, -0.005 * k, 10), x_leg, y_leg, 0.0)
-        yield f"foot_{name}", "frame", moved(cylinder(0.022 * k, -0.215 * k, -0.195 * k, 12), x_leg, y_leg, 0.0)
+        yield f"arm_{name}", "frame", placed(cylinder(0.012 * k, 0.05 * k, length, 12), 0.0, 0.0, 0.0, along)
+        yield f"motor_{name}", ahead, placed(cylinder(0.024 * k, -0.018 * k, 0.034 * k, 16), x, y, 0.0)
+        yield f"propeller_{name}", "propeller", placed(cylinder(propeller, 0.036 * k, 0.040 * k, 32), x, y, 0.0)
+        yield f"hub_{name}", "frame", placed(cylinder(0.012 * k, 0.034 * k, 0.048 * k, 12), x, y, 0.0)
+        yield f"leg_{name}", "shell", placed(cylinder(0.010 * k, -0.20 * k, -0.005 * k, 10), x_leg, y_leg, 0.0)
+        yield f"foot_{name}", "frame", placed(cylinder(0.022 * k, -0.215 * k, -0.195 * k, 12), x_leg, y_leg, 0.0)
 
 
 def mtl_text() -> str:

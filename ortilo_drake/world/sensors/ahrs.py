@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.equations import rotation_rows
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import ARRIVED, PAYLOAD
@@ -67,5 +67,5 @@ def ahrs_box(settings: Ahrs, message: Box, samples: int, h: float) -> Box:
     It reads the true state (12) and the acceleration of B's origin in W (3).
     """
     numbers = {"samples": samples, "a": np.exp(-h / settings.time), "drift": 0.0, "h": h}
-    given = Given(numbers, start={"e": np.zeros(3)})
+    given = Values(numbers, start={"e": np.zeros(3)})
     return Box("imu_ahrs", AHRS, message.size, given, reads={"message": message.name})

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import PAYLOAD, uwb_size
@@ -132,17 +132,17 @@ def fitted_box(settings: Uwb, room: Room, h: float) -> Box:
     tables |= {"a": lasting.a, "q": lasting.q}
     fields = np.zeros((n, 0 if noise.field is None else FEATURES, 3))
     tables |= {"constants": np.zeros(n), "frequencies": fields, "phases": fields[..., 0], "amplitudes": fields[..., 0]}
-    given = Given(numbers, {"g": np.zeros(n), "odd": np.zeros(n)}, tables)
+    given = Values(numbers, {"g": np.zeros(n), "odd": np.zeros(n)}, tables)
     return Box("uwb", FITTED, uwb_size(n), given, {"v": (n,)})
 
 
-def fitted_drawn(settings: Uwb, n: int, h: float, draw: AtStart) -> Given:
+def fitted_drawn(settings: Uwb, n: int, h: float, draw: AtStart) -> Values:
     """Return the values given to the box of n anchors in a flight of these draws."""
     noise = noise_of(settings)
     day = draw_day(noise, n, draw)
     start = {"g": lasting_of(noise, n, h).start * draw(LASTING, n)}
     start["odd"] = (ndtr(draw(ODD, n)) < noise.outliers.share).astype(float)
-    return Given(start=start, tables={"constants": day.constants} | field_tables(day))
+    return Values(start=start, tables={"constants": day.constants} | field_tables(day))
 
 
 def noise_of(settings: Uwb) -> UwbNoise:

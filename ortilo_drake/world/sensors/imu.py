@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.equations import rates_about_axes, rotation_rows
 from ortilo_drake.model.placing import fill, put
@@ -137,7 +137,7 @@ def imu_box(settings: ImuSettings, h: float, whole: bool, samples: int = 1, stre
     is faster than the tick also what was `passed` inside the tick before, see vehicle/continuous.py.
     """
     sd = np.array(settings.sds(h / samples))
-    given = Given({"sd": sd, "stream": stream_id(stream), "h": h}, tables={"bias": np.zeros(9)})
+    given = Values({"sd": sd, "stream": stream_id(stream), "h": h}, tables={"bias": np.zeros(9)})
     if not whole:
         return Box("imu", ANGLES, IMU_SIZE, given)
     if samples > 1:

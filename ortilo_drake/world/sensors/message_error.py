@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import ARRIVED, PAYLOAD
 from ortilo_drake.world.noise import stream_id
@@ -82,5 +82,5 @@ def errors_box(sensor: str, message: Box, errors: SensorErrors, samples: int, h:
         "h": h,
     }
     tables = {"bias": nothing, "factor": np.ones(len(nothing)), "a": noise.a, "q": noise.q}
-    given = Given(numbers, start={"x": nothing}, tables=tables)
+    given = Values(numbers, start={"x": nothing}, tables=tables)
     return Box(f"{sensor}_error", ERRORS, message.size, given, reads={"message": message.name})

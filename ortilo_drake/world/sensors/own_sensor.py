@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.parts import Compiled
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.room import Room
@@ -16,7 +16,7 @@ from ortilo_drake.world.noise import put_normals, stream_id
 
 
 @lru_cache(maxsize=64)
-def saying(measure: Callable[..., np.ndarray]) -> Callable[..., None]:
+def compiled_sensor_out(measure: Callable[..., np.ndarray]) -> Callable[..., None]:
     """Return a function that makes a sensor's message from its compiled measurement."""
 
     def say(
@@ -38,11 +38,11 @@ def own_sensor_box(name: str, share: Compiled, scenario: Scenario, room: Room) -
     """Return a sensor by its share: it reads `sent` (1), not negative where its message is sent, and the state (12)."""
     element = Element(
         "own_sensor",
-        out=saying(share.measure),
+        out=compiled_sensor_out(share.measure),
         numbers=(Number("stream", kind="u8"), Number("h")),
         work=(Array("v"),),
         allocates=True,
     )
-    given = Given({"stream": stream_id(name), "h": scenario.h})
+    given = Values({"stream": stream_id(name), "h": scenario.h})
     box = Box(name, element, PAYLOAD + share.payload, given, {"v": (share.noises,)})
-    return box.taking(numbers=share.numbers(scenario, room))
+    return box.with_groups(numbers=share.numbers(scenario, room))

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.room import Room
@@ -76,8 +76,8 @@ def camera_box(settings: CameraSettings, room: Room, faults: tuple[AnyFault, ...
     """
     streams, false_stream = noise_streams(room)
     numbers = {"turned": np.zeros(3), "false_stream": false_stream, "h": h}
-    given = Given(numbers, tables={"labels": room.landmark_labels, "streams": streams})
-    return Box("camera", PROJECTED_CAMERA, DETECTIONS_SIZE, given).taking(
+    given = Values(numbers, tables={"labels": room.landmark_labels, "streams": streams})
+    return Box("camera", PROJECTED_CAMERA, DETECTIONS_SIZE, given).with_groups(
         room=surroundings(room),
         camera=room.camera.scaled_to(settings.width).constants,
         tables=tables_of(settings, room, h),

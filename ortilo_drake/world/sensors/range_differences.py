@@ -20,7 +20,7 @@ import numpy as np
 from numba.extending import register_jitable
 from scipy.special import ndtr
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.geometry.line_of_sight import walls_crossed
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.range_pairs import AGE, ROW, THERE, VALUE, A, B, differences_size, pairs_in_turn
@@ -204,20 +204,20 @@ def differences_box(scenario: Scenario, room: Room) -> Box:
         "a": lasting.a,
         "q": lasting.q,
     }
-    given = Given(numbers, {"g": np.zeros(n), "odd": np.zeros(n)}, tables)
+    given = Values(numbers, {"g": np.zeros(n), "odd": np.zeros(n)}, tables)
     return Box("uwb", DIFFERENCES, differences_size(rows), given, {"follows": (n,), "v": (rows,)})
 
 
-def differences_drawn(scenario: Scenario, room: Room, draw: AtStart) -> Given:
+def differences_drawn(scenario: Scenario, room: Room, draw: AtStart) -> Values:
     """Return what the box is given of what lasts of the errors, in a flight of these draws."""
     n = len(room.anchors)
     start = {"g": _lasting(scenario, n).start * draw(LASTING, n), "odd": np.zeros(n)}
     if scenario.uwb.errors != "fitted":
-        return Given(start=start)
+        return Values(start=start)
     noise = noise_of(scenario.uwb)
     day = draw_day(noise, n, draw)
     start["odd"] = (ndtr(draw(ODD, n)) < share_of_pairs(noise.outliers.share)).astype(float)
-    return Given(start=start, tables={"constants": day.constants} | field_tables(day))
+    return Values(start=start, tables={"constants": day.constants} | field_tables(day))
 
 
 def _lasting(scenario: Scenario, n: int) -> SlowNoise:

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.geometry.line_of_sight import walls_crossed
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.room import Room
@@ -86,4 +86,4 @@ def paths_box(settings: Uwb, room: Room, h: float) -> Box | None:
     tables = {"anchors": room.anchor_positions, "ages": settings.ages(n), "a": noise.a, "q": noise.q}
     tables["walls"] = room.wall_boxes if mean > 0.0 else np.empty((0, 7))
     numbers = {"excess": mean, "stream": stream_id(STREAM), "h": h}
-    return Box("uwb_paths", PATHS, PAYLOAD + 2 * n, Given(numbers, {"x": np.zeros(2 * n)}, tables))
+    return Box("uwb_paths", PATHS, PAYLOAD + 2 * n, Values(numbers, {"x": np.zeros(2 * n)}, tables))

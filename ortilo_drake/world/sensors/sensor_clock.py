@@ -12,27 +12,27 @@ from typing import Any
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Box, Element, Given, Number
+from ortilo_drake.loop.element import Box, Element, Number, Values
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_X
 
 
 @register_jitable
-def take_back(before: np.ndarray, x: np.ndarray, delta: float) -> None:
+def put_earlier_state(before: np.ndarray, x: np.ndarray, delta: float) -> None:
     """Write to `before` the state x (12) as it was delta [s] earlier."""
     for i in range(6):
         before[i] -= delta * x[6 + i]
 
 
-def seen_out(n: Any, k: int, state: np.ndarray, out: np.ndarray) -> None:
+def delayed_state_out(n: Any, k: int, state: np.ndarray, out: np.ndarray) -> None:
     """Output the state (12) as a sensor sees it whose clock is off."""
     put(state, out)
-    take_back(out, state, n.offset + n.drift * (k * n.h))
+    put_earlier_state(out, state, n.offset + n.drift * (k * n.h))
 
 
-CLOCK = Element("sensor_clock", out=seen_out, numbers=(Number("offset"), Number("drift"), Number("h")))
+CLOCK = Element("sensor_clock", out=delayed_state_out, numbers=(Number("offset"), Number("drift"), Number("h")))
 
 
 def clock_box(sensor: str, h: float) -> Box:
     """Return the box of the true state at the time of a sensor's clock, which is right unless its error is drawn."""
-    return Box(f"{sensor}_clock", CLOCK, N_X, Given({"offset": 0.0, "drift": 0.0, "h": h}))
+    return Box(f"{sensor}_clock", CLOCK, N_X, Values({"offset": 0.0, "drift": 0.0, "h": h}))

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Box, Element, Given, Number
+from ortilo_drake.loop.element import Box, Element, Number, Values
 from ortilo_drake.model.placing import fill
 from ortilo_drake.model.signals import ARRIVED, SHUTTER_SIZE, STAMP
 
@@ -21,4 +21,4 @@ SHUTTER = Element("shutter", out=shutter_out, numbers=(Number("h"),))
 
 def shutter_box(h: float) -> Box:
     """Return the shutter of a camera that renders: it reads `sent` (1), not negative where its message is sent."""
-    return Box("camera", SHUTTER, SHUTTER_SIZE, Given({"h": h}))
+    return Box("camera", SHUTTER, SHUTTER_SIZE, Values({"h": h}))

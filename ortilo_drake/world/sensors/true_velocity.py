@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Box, Element, Given, Number
+from ortilo_drake.loop.element import Box, Element, Number, Values
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import ARRIVED, N_X, PAYLOAD, STAMP, VELOCITY_SIZE
 
@@ -20,4 +20,4 @@ VELOCITY = Element("true_velocity", out=velocity_out, numbers=(Number("h"),))
 
 def velocity_box(h: float) -> Box:
     """Return the box that sends the true velocities; it reads the true state (12)."""
-    return Box("velocity", VELOCITY, VELOCITY_SIZE, Given({"h": h}))
+    return Box("velocity", VELOCITY, VELOCITY_SIZE, Values({"h": h}))

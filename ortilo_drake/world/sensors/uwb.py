@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.geometry.line_of_sight import walls_crossed
 from ortilo_drake.model.placing import fill
@@ -137,7 +137,7 @@ def uwb_box(settings: Uwb, room: Room, h: float, stream: str = "uwb") -> Box:
     It reads `sent` (1), not negative where its message is sent, and the true state (12).
     """
     count = len(room.anchors)
-    given = Given(
+    given = Values(
         {"settings": ranging_settings(settings), "stream": stream_id(stream), "h": h},
         tables={"anchors": room.anchor_positions, "bias": np.zeros(count), "walls": walls_between(settings, room)},
     )

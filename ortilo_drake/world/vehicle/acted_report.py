@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import ACT_SIZE, ACTED_SIZE, ACTS, ARRIVED, N_U, PAYLOAD, STAMP
 from ortilo_drake.model.vehicle import Vehicle
@@ -76,12 +76,12 @@ NOW = Element("now", out=now_out, numbers=(Number("h"),))
 
 def report_box(hover_thrust: float, h: float) -> Box:
     """Return the box that reports which commands acted; it reads the acting control (4) and its `stamp` (1)."""
-    return Box("acted", REPORT, ACTED_SIZE, Given({"h": h}, start={"acts": first_acts(hover_thrust)}))
+    return Box("acted", REPORT, ACTED_SIZE, Values({"h": h}, start={"acts": first_acts(hover_thrust)}))
 
 
 def now_box(h: float) -> Box:
     """Return the box of the tick's time, the stamp of a command that acts at once."""
-    return Box("now", NOW, 1, Given({"h": h}))
+    return Box("now", NOW, 1, Values({"h": h}))
 
 
 class ActedReport(LeafSystem):

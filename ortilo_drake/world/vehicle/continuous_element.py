@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.equations import KINEMATICS, velocity_rate
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_U, N_X
@@ -127,15 +127,15 @@ def continuous_boxes(scenario: Scenario, x_0: np.ndarray, samples: int, feels: b
     passed = np.zeros((samples - 1) * PASSED)
     body = np.concatenate((x_0, speeds, passed))
     parts = {"x": (0, N_X), "speeds": (N_X, speeds.size), "passed": (N_X + speeds.size, passed.size)}
-    given = Given(numbers, start={"body": body}, tables=tables | {"unmixing": M_inverse})
+    given = Values(numbers, start={"body": body}, tables=tables | {"unmixing": M_inverse})
     work = {"rates": (4, N_X + speeds.size), "u": (N_U,), "room": (speeds.size + N_U,)}
     boxes = [
-        Box("vehicle", CONTINUOUS, body.size, given, work, parts=parts).taking(faults=faults),
+        Box("vehicle", CONTINUOUS, body.size, given, work, parts=parts).with_groups(faults=faults),
         Box("plant", STATE, N_X, reads={"body": "vehicle.x"}),
     ]
     if has_rotors and feels:
-        felt = Given({"h": h}, tables=tables)
+        felt = Values({"h": h}, tables=tables)
         room = {"room": work["room"]}
         its = Box("rotors_felt", ROTORS_FELT, N_U, felt, room, reads={"speeds": "vehicle.speeds"})
-        boxes.append(its.taking(faults=faults))
+        boxes.append(its.with_groups(faults=faults))
     return boxes

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.placing import put
 from ortilo_drake.scenario import Disturbance
@@ -44,7 +44,7 @@ def disturbance_box(settings: Disturbance, h: float, stream: str = "disturbance"
         "stream": stream_id(stream),
         "h": h,
     }
-    return Box("disturbance", WHITE, 6, Given(numbers))
+    return Box("disturbance", WHITE, 6, Values(numbers))
 
 
 def lasting_out(disturbance: np.ndarray, bias: np.ndarray, x: np.ndarray, out: np.ndarray) -> None:
@@ -73,4 +73,4 @@ def lasting_force_box(noise: SlowNoise, h: float) -> Box:
     """Return the box that adds a lasting force to the disturbance; it is zero unless drawn."""
     numbers, nothing = {"stream": stream_id("slow error/lasting_force"), "h": h}, np.zeros(len(noise.a))
     tables = {"bias": nothing, "a": noise.a, "q": noise.q}
-    return Box("lasting_force", LASTING, len(nothing), Given(numbers, start={"x": nothing}, tables=tables))
+    return Box("lasting_force", LASTING, len(nothing), Values(numbers, start={"x": nothing}, tables=tables))

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Box, Element, Given, Number
+from ortilo_drake.loop.element import Box, Element, Number, Values
 from ortilo_drake.model.equations import rotation_rows
 from ortilo_drake.model.placing import put
 
@@ -29,4 +29,4 @@ DRAG = Element("drag", out=drag_out, numbers=(Number("drag", (3,)),))
 
 def drag_box(drag: tuple[float, float, float]) -> Box:
     """Return the box that adds the drag to the disturbance; it reads `disturbance` (6) and the true state (12)."""
-    return Box("drag", DRAG, 6, Given({"drag": np.array(drag)}))
+    return Box("drag", DRAG, 6, Values({"drag": np.array(drag)}))

@@ -8,7 +8,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.equations import DYNAMICS, KINEMATICS, step, stepped, velocity_rate
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_U, N_X
@@ -49,7 +49,7 @@ FELT = Element("felt", step=felt_step, state=(Array("values"),), shows="values")
 def plant_box(vehicle: Vehicle, kinematics: str, x_0: np.ndarray, h: float) -> Box:
     """Return the sampled plant: it reads u as it acts on the body (4) and the disturbance (6), and outputs x (12)."""
     numbers = {"mass": vehicle.mass, "inertia": vehicle.inertia, "kinematics": KINEMATICS.index(kinematics), "h": h}
-    return Box("plant", SAMPLED, N_X, Given(numbers, start={"x": x_0}))
+    return Box("plant", SAMPLED, N_X, Values(numbers, start={"x": x_0}))
 
 
 def felt_box(vehicle: Vehicle) -> Box:
@@ -57,13 +57,13 @@ def felt_box(vehicle: Vehicle) -> Box:
     values = np.zeros(N_U + 6)
     values[0] = vehicle.hover_thrust
     parts = {"control": (0, N_U), "disturbance": (N_U, 6)}
-    return Box("felt", FELT, N_U + 6, Given(start={"values": values}), parts=parts)
+    return Box("felt", FELT, N_U + 6, Values(start={"values": values}), parts=parts)
 
 
 def acceleration_box(vehicle: Vehicle, kinematics: str) -> Box:
     """Return the box of v_dot of B's origin in W (3); it reads x (12), u as it acts on the body (4) and d (6)."""
     numbers = {"mass": vehicle.mass, "kinematics": KINEMATICS.index(kinematics)}
-    return Box("acceleration", ACCELERATION, 3, Given(numbers))
+    return Box("acceleration", ACCELERATION, 3, Values(numbers))
 
 
 # Without a scope Drake reads the sources of all frames to find it.

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Given
+from ortilo_drake.loop.element import Array, Box, Element, Values
 from ortilo_drake.model.signals import N_U
 from ortilo_drake.world.vehicle.rotors import put_times
 
@@ -33,4 +33,4 @@ WRENCH = Element("wrench_error", out=wrench_out, tables=(Array("wrench", 2),))
 
 def wrench_error_box() -> Box:
     """Return the box of the true wrench of rotors without dynamics; T is the identity unless it is drawn."""
-    return Box("wrench_error", WRENCH, N_U, Given(tables={"wrench": np.eye(N_U)}))
+    return Box("wrench_error", WRENCH, N_U, Values(tables={"wrench": np.eye(N_U)}))

@@ -15,8 +15,8 @@ from ortilo_drake.onboard.estimator.robust.weights import (
     OPEN_ALL,
     OPEN_RATES,
     SHUT,
-    first_state,
-    judge,
+    initial_gate_state,
+    judge_sensors,
     weighed,
     weighing_of,
 )
@@ -46,12 +46,12 @@ class Gate:
 
     def __init__(self, robust: Robust, measurement: Measurement = MEASUREMENT, sensors: int = 3):
         self.weighing = weighing_of(robust, measurement, sensors)
-        self.state, self.seen, self.mean = first_state(sensors)
+        self.state, self.seen, self.mean = initial_gate_state(sensors)
         self.opens = SHUT
 
     def __call__(self, y: np.ndarray, delta: list[float], t: float = H, belief: np.ndarray = BELIEF) -> np.ndarray:
         beliefs = np.tile(belief, (len(delta), 1))
-        factors, self.state, self.seen, self.mean, self.opens = judge(
+        factors, self.state, self.seen, self.mean, self.opens = judge_sensors(
             y, np.array(delta), V2, beliefs, self.state, self.seen, self.mean, t, self.weighing
         )
         return factors

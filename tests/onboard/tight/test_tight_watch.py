@@ -19,7 +19,7 @@ from ortilo_drake.onboard.estimator.tight.layout import (
 )
 from ortilo_drake.onboard.estimator.tight.model import motion_of
 from ortilo_drake.onboard.estimator.tight.ranges import take_ranges
-from ortilo_drake.onboard.estimator.tight.tick import N_KEPT, Motion, go_on
+from ortilo_drake.onboard.estimator.tight.tick import N_KEPT, Motion, propagate_to_now
 from ortilo_drake.onboard.estimator.tight.watch import LAST, Watch, says_again, watch_angles, watch_ranges
 from ortilo_drake.scenario import load_scenario
 
@@ -64,8 +64,8 @@ def test_a_payload_is_said_again_if_it_is_the_last_one_bit_for_bit_and_not_empty
 def test_a_sample_that_repeats_the_last_is_none_unless_nothing_is_watched() -> None:
     x, C, kept, motion = standing()
     samples, residual = samples_at(H, np.array([[0.01, 0.0, 0.0], [0.01, 0.0, 0.0], [0.02, 0.0, 0.0]])), np.empty(3)
-    assert go_on(x.copy(), C.copy(), kept.copy(), samples, H, motion, residual) == 2
-    assert go_on(x, C, kept, samples, H, motion._replace(watches=False), residual) == 3
+    assert propagate_to_now(x.copy(), C.copy(), kept.copy(), samples, H, motion, residual) == 2
+    assert propagate_to_now(x, C, kept, samples, H, motion._replace(watches=False), residual) == 3
 
 
 def test_a_silent_imus_biases_walk_at_the_rate_that_is_set_and_are_given_back() -> None:
@@ -76,7 +76,7 @@ def test_a_silent_imus_biases_walk_at_the_rate_that_is_set_and_are_given_back() 
     def tick(samples: np.ndarray) -> None:
         nonlocal now
         now += H
-        go_on(x, C, kept, samples, now, motion, residual)
+        propagate_to_now(x, C, kept, samples, now, motion, residual)
 
     for _ in range(5):
         tick(samples_at(now + H, 1e-3 * rng.normal(size=(8, 3))))

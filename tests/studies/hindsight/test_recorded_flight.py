@@ -44,7 +44,7 @@ def boxes_make_the_flight(recorded: RecordedFlight) -> None:
     """Fly an onboard half that takes the boxes found, in place of the pictures: it must estimate the same."""
     half = OnboardHalf(recorded.scenario, detects=False)
     for k, messages in enumerate(recorded.messages):
-        half.take({name: value for name, value in messages.items() if name != "shutter"})
+        half.receive({name: value for name, value in messages.items() if name != "shutter"})
         np.testing.assert_array_equal(half.outputs()["estimate"], recorded.flight["estimate"].values[k])
         half.advance()
 

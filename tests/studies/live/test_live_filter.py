@@ -10,7 +10,7 @@ from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import Imu, Recording, read_recording
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.live.live_bridge import LiveBridge, run_live
-from ortilo_drake.studies.recorded.aided import not_calibrated
+from ortilo_drake.studies.recorded.aided import uncalibrated_setup
 from ortilo_drake.studies.recorded.at_rest import at_rest
 from ortilo_drake.studies.recorded.filtered import estimate
 from ortilo_drake.studies.recorded.replayed import RAW, replay
@@ -25,7 +25,7 @@ def without(motion, begin, end):
 def live(map_, messages, **options):
     lines = []
     bridge = LiveBridge(map_, lines.append, **options)
-    found = [one for message in messages for one in bridge.take(*message)]
+    found = [one for message in messages for one in bridge.receive(*message)]
     return bridge, found + bridge.end(), lines
 
 
@@ -37,7 +37,7 @@ def replayed(motion, map_, rate=10.0):
     imu = Imu(motion.t_imu - origin, motion.imu[:, :3], motion.imu[:, 3:], None) if map_.imu is not None else None
     anchors = np.array(map_.anchors)
     recording = Recording("made up", ranges, imu, None, anchors, origin, 0.0, [], {})
-    known = not_calibrated(recording, map_, at_rest(recording, map_))
+    known = uncalibrated_setup(recording, map_, at_rest(recording, map_))
     return estimate(ranges, imu, known, map_.filter, np.arange(0, int(t[-1] * rate)) * (1.0 / rate))
 
 

@@ -6,13 +6,13 @@ import pytest
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.live.setpoints import MOST_DEVIATION, Holding
-from ortilo_drake.studies.live.told import Told
+from ortilo_drake.studies.live.told import StampedEstimate
 
 
 def at(t, p, sd=0.01):
     estimate = np.zeros(15)
     estimate[:3] = p
-    return Told(t, estimate, sd**2 / 3.0 * np.eye(15))
+    return StampedEstimate(t, estimate, sd**2 / 3.0 * np.eye(15))
 
 
 def holding():
@@ -48,5 +48,5 @@ def test_an_error_that_lasts_is_leant_against_more_and_more() -> None:
         (at(1.0, (1.0, 2.0, 1.5), np.nan), "deviation"),
     ],
 )
-def test_the_failsafe_refuses_what_is_old_or_uncertain(told: Told, why: str) -> None:
+def test_the_failsafe_refuses_what_is_old_or_uncertain(told: StampedEstimate, why: str) -> None:
     assert why in holding().setpoint(told, 1.0).refused

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ortilo_drake.studies.live.told import told
+from ortilo_drake.studies.live.told import estimate_at
 from ortilo_drake.studies.recorded.filter_types import State
 
 RPY = np.array([0.2, -0.4, 2.0])
@@ -20,7 +20,7 @@ def a_state(C):
 
 def test_the_angles_and_their_rates_are_the_attitude_s() -> None:
     state = a_state(np.eye(18))
-    one = told(5.0, state, True)
+    one = estimate_at(5.0, state, True)
     np.testing.assert_allclose(one.estimate[3:6], RPY, atol=1e-12)
     np.testing.assert_allclose(one.estimate[0:3], state.x[0:3])
     np.testing.assert_allclose(one.estimate[6:9], state.x[3:6])
@@ -43,7 +43,7 @@ def test_the_covariance_is_that_of_drawn_errors() -> None:
     q = Rotation.from_quat(state.x[6:10], scalar_first=True) * Rotation.from_rotvec(errors[:, 6:9])
     drawn[:, 3:6] = q.as_euler("ZYX")[:, ::-1]
     drawn[:, 0:3] = state.x[0:3] + errors[:, 0:3]
-    one = told(5.0, state, True)
+    one = estimate_at(5.0, state, True)
     P = one.covariance[:6, :6]
     scale = np.sqrt(np.outer(np.diag(P), np.diag(P)))
     assert np.abs((np.cov(drawn.T) - P) / scale).max() < 0.05
@@ -51,7 +51,7 @@ def test_the_covariance_is_that_of_drawn_errors() -> None:
 
 
 def test_without_an_imu_the_attitude_is_not_claimed() -> None:
-    one = told(5.0, a_state(1e-4 * np.eye(18)), False)
+    one = estimate_at(5.0, a_state(1e-4 * np.eye(18)), False)
     assert (one.estimate[3:6] == 0.0).all()
     assert np.diag(one.covariance)[3:6].min() > 1.0
     assert np.diag(one.covariance)[0] == 1e-4

@@ -22,7 +22,7 @@ from ortilo_drake.studies.maps import map_flights
 from ortilo_drake.studies.maps.chunks import CHUNK, chunk_file, chunks_of, read_chunk, write_chunk
 from ortilo_drake.studies.maps.indices import indices_of
 from ortilo_drake.studies.maps.map_figure import map_figure
-from ortilo_drake.studies.maps.map_flights import Map, Row, fly_map, is_enough
+from ortilo_drake.studies.maps.map_flights import Map, MapPoint, fly_map, is_enough
 from ortilo_drake.studies.maps.map_report import map_csv, map_text
 from ortilo_drake.studies.maps.point_flights import columns_of, fly_figures
 from ortilo_drake.studies.maps.sweep import Sweep, points_of
@@ -125,12 +125,12 @@ def test_a_folder_that_cannot_be_written_ends_it_with_a_line(tmp_path: Path) -> 
         fly_map(sweep(axes={"uwb.link.loss": [0.5]}, flights=1), "sweep", tmp_path / "file", 1)
 
 
-def row_of(point: dict, value: float, lost: int, flights: int = 10) -> Row:
+def row_of(point: dict, value: float, lost: int, flights: int = 10) -> MapPoint:
     """Return a row whose flights that were kept all have one error."""
     middle = middle_of([value] * (flights - lost), lost)
     share = share_interval(lost, flights)
     of_value = middle.median, middle.interval, middle.kept, middle.kept_interval, value, value
-    return Row(point, flights, lost, *share, *of_value, 1.0, None, 3.0, (2.9, 3.1), {"uwb": 0.5})
+    return MapPoint(point, flights, lost, *share, *of_value, 1.0, None, 3.0, (2.9, 3.1), {"uwb": 0.5})
 
 
 def made_map(values: np.ndarray, of: Sweep) -> Map:

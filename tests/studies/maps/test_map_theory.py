@@ -16,7 +16,7 @@ from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.command_link.command_flights import hover_V
 from ortilo_drake.studies.loop.hover_loop import hover_loop
 from ortilo_drake.studies.maps.map_figure import map_figure
-from ortilo_drake.studies.maps.map_flights import Map, Row
+from ortilo_drake.studies.maps.map_flights import Map, MapPoint
 from ortilo_drake.studies.maps.map_report import map_text
 from ortilo_drake.studies.maps.map_theory import expected_rms, lost_in_bursts, theory_of
 from ortilo_drake.studies.maps.sweep import Sweep, points_of
@@ -30,7 +30,7 @@ def made(axes: dict, lost: Callable[[dict], int], **fields: object) -> Map:
     base = {"scenario": "nominal_imu_uwb", "settings": BURSTS, "axes": axes, "flights": 1000}
     of = validate(Sweep, base | fields, "sweep")
     rows = [
-        Row(p, 1000, lost(p), 0.0, 1.0, *[0.05 + 0.1 * i, None] * 2, 0.04, 0.2, 1.0, None, 3.0, None, {})
+        MapPoint(p, 1000, lost(p), 0.0, 1.0, *[0.05 + 0.1 * i, None] * 2, 0.04, 0.2, 1.0, None, 3.0, None, {})
         for i, p in enumerate(points_of(of))
     ]
     return Map(of, rows, None)

@@ -6,7 +6,7 @@ from numba import njit
 from scipy.stats import binom, norm, t
 
 from ortilo_drake.studies.rare.log_interval import log_interval
-from ortilo_drake.studies.rare.subset import CHAIN, Climb, climb, flights_of, fresh, moved, plan_climb
+from ortilo_drake.studies.rare.subset import CHAIN, Climb, climb, flights_of, independent_paths, plan_climb, propose
 
 TICKS, REPETITIONS = 40, 24
 TO_BAD, TO_GOOD = 0.05, 0.4
@@ -213,8 +213,8 @@ def test_a_seed_repeats_a_climb_and_counts_its_paths() -> None:
 @pytest.mark.parametrize("b", [0.03, 0.4, 1.0])
 def test_a_step_leaves_the_law_as_it_is_and_keeps_what_it_says(b: float, few: bool) -> None:
     random = np.random.default_rng(1)
-    z = fresh(4000, 5, random)
-    after, n = moved(z, np.full(4000, b), few, random), z.size
+    z = independent_paths(4000, 5, random)
+    after, n = propose(z, np.full(4000, b), few, random), z.size
     assert abs(after.mean()) < 4.0 / np.sqrt(n)
     assert abs(after.var() - 1.0) < 4.0 * np.sqrt(2.0 / n)
     assert abs(np.mean(z * after) - (1.0 - b)) < 4.0 * np.sqrt(2.0 / n)

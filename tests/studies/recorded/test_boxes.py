@@ -16,7 +16,7 @@ from ortilo_drake.model.inputs.known_classes import ORTILO_ROOM
 from ortilo_drake.model.room import load_room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.aided import with_aids
-from ortilo_drake.studies.recorded.filtered import Known, estimate
+from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
 from ortilo_drake.studies.recorded.replayed import AIDED, BOXED, aided_name
 
 HOVERS, TURNED, AT = np.array([1.0, 4.0, 1.2]), np.array([0.06, -0.04, 0.5]), np.array([0.1, 0.02, -0.03])
@@ -92,7 +92,7 @@ def test_boxes_of_a_stamp_are_a_picture_and_what_is_no_box_is_counted(folder) ->
 def test_boxes_tell_the_heading_and_the_smoother_carries_it_back(folder) -> None:
     map_ = load_map(folder / "MAP.yaml")
     recording = read_recording(folder, map_)
-    known, at = Known(ANCHORS, np.zeros(6), np.zeros(3), None), np.array([0.1, 9.9])
+    known, at = FilterSetup(ANCHORS, np.zeros(6), np.zeros(3), None), np.array([0.1, 9.9])
 
     def turned(looks: bool, smoothed: bool) -> np.ndarray:
         told = with_aids(known, recording, map_, looks)

@@ -13,8 +13,8 @@ from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
 from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.doubts import of_plane
 from ortilo_drake.studies.recorded.filter_types import UNKNOWN_LEVEL, Level
-from ortilo_drake.studies.recorded.filtered import Known, estimate
-from ortilo_drake.studies.recorded.first_fix import fix_of, ranges_for_a_fix
+from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
+from ortilo_drake.studies.recorded.first_fix import ranges_for_a_fix, solve_first_fix
 from ortilo_drake.studies.recorded.level import calibrated_level, given_level, height_doubts
 from ortilo_drake.studies.recorded.reacquired import Lost
 from ortilo_drake.studies.recorded.recorded_report import report_text
@@ -40,7 +40,7 @@ def flown(motion, ranges, imu=True, path=place, stamps=None, smoothed=False):
     """Return the estimate, and its errors: of the antenna where there is no IMU."""
     samples = Imu(motion.t_imu, motion.imu[:, :3], motion.imu[:, 3:], None) if imu else None
     heading = float(attitude(motion.t_r[:1]).as_euler("ZYX")[0, 0])
-    known = Known(ANCHORS, BIASES, LEVER if imu else np.zeros(3), heading if imu else None)
+    known = FilterSetup(ANCHORS, BIASES, LEVER if imu else np.zeros(3), heading if imu else None)
     found = estimate(
         ranges, samples, known, SETTINGS, np.arange(0.2, 58.0, 0.1) if stamps is None else stamps, smoothed
     )
@@ -107,7 +107,7 @@ def test_errors_that_fade_do_not_pull_the_filter_along(anchors, size, tau) -> No
 def test_a_vehicle_that_moves_at_the_first_range_is_found_moving() -> None:
     motion = made_up(duration=20.0, place=fast)
     ranges = rows(motion.t_r[::2], motion.r[::2])
-    fix = fix_of(ranges_for_a_fix(ranges), ANCHORS, BIASES)
+    fix = solve_first_fix(ranges_for_a_fix(ranges), ANCHORS, BIASES)
     h = 1e-3
     true = (fast(motion.t_r[:1] + h) - fast(motion.t_r[:1] - h))[0] / (2 * h)
     assert np.linalg.norm(true) > 2.8
@@ -173,7 +173,9 @@ def test_a_known_height_holds_the_filter_and_is_not_believed_to_death() -> None:
     t = np.arange(5.0, 29.0, 0.1)
 
     def z_of(known_level):
-        found = estimate(robot.ranges, None, Known(level, np.zeros(6), np.zeros(3), None, known_level), SETTINGS, t)
+        found = estimate(
+            robot.ranges, None, FilterSetup(level, np.zeros(6), np.zeros(3), None, known_level), SETTINGS, t
+        )
         return found.p[:, 2] - 0.4, np.sqrt(found.P[:, 2, 2])
 
     e, sd = z_of(Level(0.4, 0.05, np.inf))

@@ -10,7 +10,7 @@ from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
 from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.doubts import of_sign
 from ortilo_drake.studies.recorded.filtered import estimate
-from ortilo_drake.studies.recorded.replayed import known_of
+from ortilo_drake.studies.recorded.replayed import calibrated_setup
 
 OWN = "differences: {file: differences.csv, time: t, value: d, a: a, b: b, names: [0, 1, 2, 3, 4, 5]}\n"
 REST = TABLE_MAP[TABLE_MAP.index("anchors:") :]
@@ -68,7 +68,7 @@ def test_constants_are_found_but_for_their_sum_and_the_filter_follows(folder) ->
     assert set(both.ranges.other) == set(range(-1, 6))
     t = np.arange(25.0, 55.0, 0.1)
     for heard, by in ((recording, found), (both, calibrate(both, map_.calibration))):
-        at = estimate(heard.ranges, heard.imu, known_of(by, heard, map_), map_.filter, t)
+        at = estimate(heard.ranges, heard.imu, calibrated_setup(by, heard, map_), map_.filter, t)
         true = np.column_stack([np.interp(t + by.offset, heard.truth.t, axis) for axis in heard.truth.p.T])
         assert np.sqrt(np.mean(np.sum((at.p - by.position(true)) ** 2, axis=1))) < 0.08
         assert at.run.taken.mean() > 0.98

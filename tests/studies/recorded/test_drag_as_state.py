@@ -9,7 +9,7 @@ from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import GRAVITY, Imu
 from ortilo_drake.studies.recorded.doubts import of_failed
 from ortilo_drake.studies.recorded.filter_types import NO_AIDS
-from ortilo_drake.studies.recorded.filtered import Known, Start, estimate
+from ortilo_drake.studies.recorded.filtered import FilterSetup, StartSetup, estimate
 
 K, TOLD, STEP = 0.6, 0.3, 1e-3
 SETTINGS = FilterSettings(acceleration=0.05, range_white=0.02, range_correlated=0.001)
@@ -41,10 +41,10 @@ def flight():
     return ranges, Imu(t[::10], imu[:, :3], imu[:, 3:], None), t, p
 
 
-def known(k_sd: float) -> Known:
+def known(k_sd: float) -> FilterSetup:
     aids = NO_AIDS._replace(drag=TOLD, drag_sd=0.02, doubted=3.0)
-    start = Start(np.array([2.0, 4.0, 1.2]), 0.05, 0.01, rests=False)
-    return Known(ANCHORS, np.zeros(6), np.zeros(3), 0.0, start=start, aids=aids, k_sd=k_sd)
+    start = StartSetup(np.array([2.0, 4.0, 1.2]), 0.05, 0.01, rests=False)
+    return FilterSetup(ANCHORS, np.zeros(6), np.zeros(3), 0.0, start=start, aids=aids, k_sd=k_sd)
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from ortilo_drake.studies.recorded.filter_types import NO_AIDS, nominal, states
 from ortilo_drake.studies.recorded.filtered import noise_of
 from ortilo_drake.studies.recorded.imu_watch import RESTS
 from ortilo_drake.studies.recorded.landing import TOUCHES, landings
-from ortilo_drake.studies.recorded.passing import go_on, nothing_passed
+from ortilo_drake.studies.recorded.passing import accumulate, empty_passing
 
 STEP, FALLS = 1e-3, 2.5
 END = 9.0
@@ -87,10 +87,10 @@ def test_what_rests_stays_where_it_is_whatever_speed_was_left_of_the_landing() -
     n = 4
     x = np.zeros(nominal(states(n)))
     x[:3], x[V : V + 3], x[Q] = [1.0, 2.0, 0.1], [0.02, -0.01, 0.03], 1.0
-    before, watched, passing = x.copy(), np.array([1.0, 0.0, 0.0, 0.0, np.inf, np.inf, 0.0]), nothing_passed(states(n))
+    before, watched, passing = x.copy(), np.array([1.0, 0.0, 0.0, 0.0, np.inf, np.inf, 0.0]), empty_passing(states(n))
     held = np.array([0.0, 0.0, 0.0, 0.3, -0.2, 9.7])
-    go_on(x, passing, 10.0, held, watched, 0.0, noise_of(FilterSettings(), True), NO_AIDS)
+    accumulate(x, passing, 10.0, held, watched, 0.0, noise_of(FilterSettings(), True), NO_AIDS)
     np.testing.assert_array_equal(x[: V + 3], before[: V + 3])
     watched[RESTS] = 0.0
-    go_on(x, passing, 10.0, held, watched, 10.0, noise_of(FilterSettings(), True), NO_AIDS)
+    accumulate(x, passing, 10.0, held, watched, 10.0, noise_of(FilterSettings(), True), NO_AIDS)
     assert np.abs(x[:3] - before[:3]).max() > 1.0

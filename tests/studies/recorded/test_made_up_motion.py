@@ -9,7 +9,7 @@ from ortilo_drake.interop.recorded.map_file import FilterSettings, Gaps, Map
 from ortilo_drake.interop.recorded.recording import Ranges, read_recording
 from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
 from ortilo_drake.studies.recorded.calibrate import calibrate
-from ortilo_drake.studies.recorded.filtered import Known, estimate
+from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
 from ortilo_drake.studies.recorded.fit_noise import fit_noise
 from ortilo_drake.studies.recorded.imposed import gap_ends, lose_gaps, lose_some
 from ortilo_drake.studies.recorded.replayed import CV, RAW, SMOOTH, WITH_IMU, replay
@@ -173,7 +173,7 @@ def test_too_few_ranges_give_one_clear_line(recording) -> None:
     two = recording.ranges.anchor < 2
     pair = Ranges(*(part[two] for part in recording.ranges))
     with pytest.raises(InputError, match="2 anchors heard"):
-        estimate(pair, None, Known(ANCHORS, None, np.zeros(3), None), FilterSettings(), np.zeros(1))
+        estimate(pair, None, FilterSetup(ANCHORS, None, np.zeros(3), None), FilterSettings(), np.zeros(1))
 
 
 @pytest.mark.long

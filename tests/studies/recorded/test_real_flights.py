@@ -16,7 +16,7 @@ from ortilo_drake.studies.recorded.calibrate import uncalibrated
 from ortilo_drake.studies.recorded.doubts import of_sign
 from ortilo_drake.studies.recorded.filtered import estimate
 from ortilo_drake.studies.recorded.recorded_report import report_text
-from ortilo_drake.studies.recorded.replayed import AIDED, AIDED_SMOOTH, SMOOTH, WITH_IMU, known_of, replay
+from ortilo_drake.studies.recorded.replayed import AIDED, AIDED_SMOOTH, SMOOTH, WITH_IMU, calibrated_setup, replay
 from ortilo_drake.studies.recorded.truth_path import truth_path
 
 
@@ -58,7 +58,7 @@ def test_no_flight_diverges_and_its_landing_is_not_carried_back(names) -> None:
         map_ = as_map(util_map(name))
         recording = read_recording(util_folder() / name, map_)
         calibration = uncalibrated(recording, map_.calibration)
-        known = with_aids(known_of(calibration, recording, map_), recording, map_, looks=False)
+        known = with_aids(calibrated_setup(calibration, recording, map_), recording, map_, looks=False)
         t = recording.truth.t - calibration.offset
         t = t[airborne(t, recording.truth, calibration, map_)(t)]
         for smoothed in (False, True):

@@ -15,10 +15,10 @@ from ortilo_drake.interop.recorded.map_file import Gaps, Map
 from ortilo_drake.interop.recorded.recording import read_recording
 from ortilo_drake.model.typed_yaml import parse_yaml, validate
 from ortilo_drake.studies.recorded.calibrate import calibrate
-from ortilo_drake.studies.recorded.filtered import Known, estimate
+from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
 from ortilo_drake.studies.recorded.fit_noise import fit_noise
 from ortilo_drake.studies.recorded.imposed import gap_ends, lose_gaps, lose_some
-from ortilo_drake.studies.recorded.replayed import CV, CV_SMOOTH, RAW, SMOOTH, WITH_IMU, known_of, replay
+from ortilo_drake.studies.recorded.replayed import CV, CV_SMOOTH, RAW, SMOOTH, WITH_IMU, calibrated_setup, replay
 from ortilo_drake.studies.recorded.truth_path import truth_path
 
 # RMS of x, y, z [m] that the data's notes give for the last 70 %: constant velocity, and smoothed.
@@ -74,7 +74,7 @@ def test_imposed_losses_cost_little(name) -> None:
     map_ = as_map(MAP)
     recording = read_recording(flight_folder(name), map_)
     calibration = calibrate(recording, map_.calibration)
-    known = known_of(calibration, recording, map_)
+    known = calibrated_setup(calibration, recording, map_)
     t = recording.truth.t - calibration.offset
     t = t[(t > calibration.end - calibration.offset) & (t < recording.ranges.t[-1])]
 
@@ -124,7 +124,7 @@ def test_the_csv_file_has_the_ranges_of_the_bag(name) -> None:
     calibration = calibrate(of_table, tables.calibration, lever=False, near=1.0 if name == "flight1" else -0.9)
     t = of_table.truth.t - calibration.offset
     t = t[(t > calibration.end - calibration.offset) & (t < of_table.ranges.t[-1])]
-    known = Known(calibration.anchors, calibration.biases, np.zeros(3), None)
+    known = FilterSetup(calibration.anchors, calibration.biases, np.zeros(3), None)
     e = estimate(of_table.ranges, None, known, tables.filter, t).p
     e = e - calibration.position(truth_path(of_table.truth).at(t + calibration.offset)[0])
     np.testing.assert_allclose(np.sqrt(np.mean(e**2, axis=0)), NOTES[name][0], rtol=0.05)

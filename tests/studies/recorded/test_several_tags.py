@@ -13,8 +13,8 @@ from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import Imu, Recording, read_recording
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.calibrate import calibrate
-from ortilo_drake.studies.recorded.filtered import Known, estimate
-from ortilo_drake.studies.recorded.replayed import RAW, known_of, replay
+from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
+from ortilo_drake.studies.recorded.replayed import RAW, calibrated_setup, replay
 
 TAGS = np.array([[0.0, 0.3, 0.05], [0.1, -0.3, 0.0]])
 HEADING, HOVERS = 1.0, np.array([2.0, 5.0, 1.2])
@@ -61,7 +61,7 @@ AT = np.array([19.9])
 
 
 def test_ranges_of_two_tags_tell_the_heading_of_a_body_that_hovers() -> None:
-    known = Known(ANCHORS, np.zeros(6), np.zeros(3), HEADING + 0.3, tags=TAGS)
+    known = FilterSetup(ANCHORS, np.zeros(6), np.zeros(3), HEADING + 0.3, tags=TAGS)
     ends = {tags: estimate(*hover(tags), known, SETTINGS, AT) for tags in ((0, 1), (0,))}
     assert off_by(ends[0, 1]) < 0.03
     assert np.linalg.norm(ends[0, 1].p[-1] - HOVERS) < 0.03
@@ -69,7 +69,7 @@ def test_ranges_of_two_tags_tell_the_heading_of_a_body_that_hovers() -> None:
 
 
 def test_without_a_heading_the_tags_find_it() -> None:
-    known = Known(ANCHORS, np.zeros(6), np.zeros(3), None, tags=TAGS)
+    known = FilterSetup(ANCHORS, np.zeros(6), np.zeros(3), None, tags=TAGS)
     found = estimate(*hover((0, 1)), known, SETTINGS, AT)
     assert off_by(found) < 0.03
     assert np.linalg.norm(found.p[-1] - HOVERS) < 0.03
@@ -102,7 +102,7 @@ def test_the_lever_to_the_tags_frame_is_calibrated_and_the_filter_follows(tmp_pa
     assert found.left == pytest.approx(0.03, rel=0.15)
     assert calibrate(recording._replace(tags=0.0 * TAGS), map_.calibration).left > 0.08
     t = np.arange(25.0, 55.0, 0.1)
-    at = estimate(recording.ranges, recording.imu, known_of(found, recording, map_), map_.filter, t)
+    at = estimate(recording.ranges, recording.imu, calibrated_setup(found, recording, map_), map_.filter, t)
     true = np.column_stack([np.interp(t + found.offset, recording.truth.t, axis) for axis in recording.truth.p.T])
     assert np.sqrt(np.mean(np.sum((at.p - found.position(true)) ** 2, axis=1))) < 0.05
     assert at.run.taken.mean() > 0.98

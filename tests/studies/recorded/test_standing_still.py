@@ -10,8 +10,8 @@ from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import Imu, Recording, read_recording
 from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
 from ortilo_drake.onboard.estimator.tight.layout import ACCEL, GYRO, THETA, Q
-from ortilo_drake.studies.recorded.at_rest import at_rest, standstill_doubts, tell, unlevel
-from ortilo_drake.studies.recorded.filtered import Known, estimate
+from ortilo_drake.studies.recorded.at_rest import at_rest, correct_by_rest, standstill_doubts, unlevel
+from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
 from ortilo_drake.studies.recorded.replayed import replay
 
 T, RATE, LASTS = 10.0, 100.0, 40.0
@@ -68,7 +68,7 @@ def test_the_first_covariance_is_that_of_bias_and_level_given_their_sum() -> Non
     rest = at_rest(standing(attitude=np.eye(3)), as_map())
     x, sd = np.zeros(17), np.repeat([1.0, 1.0, 0.05, 0.01, 0.3], 3)
     x[Q], C = 1.0, np.diag(sd**2)
-    tell(rest, x, C)
+    correct_by_rest(rest, x, C)
     nu = rest.force_sd[0]
     # f_x = b_x - g theta_y + nu
     prior, sums = np.diag([0.3**2, 0.05**2]), np.array([1.0, -GRAVITY])
@@ -95,7 +95,7 @@ def test_a_blackout_after_standing_still_is_flown_by_what_was_found(attitude) ->
         heard = recording.ranges.only(np.flatnonzero((t > T) & (t < T + 2.0)))
         for extra, errors in e.items():
             map_ = as_map(extra)
-            known = Known(ANCHORS, np.zeros(len(ANCHORS)), np.zeros(3), 0.0, rest=at_rest(recording, map_))
+            known = FilterSetup(ANCHORS, np.zeros(len(ANCHORS)), np.zeros(3), 0.0, rest=at_rest(recording, map_))
             settings = FilterSettings(
                 rotation=2e-4, acceleration=3e-3, rotation_bias=WALKS[0], acceleration_bias=WALKS[1]
             )

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.placing import put
-from ortilo_drake.onboard.estimator.robust.weights import Weighing, first_state, judge, weighed
+from ortilo_drake.onboard.estimator.robust.weights import Weighing, initial_gate_state, judge_sensors, weighed
 
 
 def gate_out(
@@ -30,7 +30,7 @@ def gate_out(
     for j in range(delta.size):
         if delta[j] != 0.0:
             put(belief if late[j] < 0 else past[late[j] * belief.size :][: belief.size], beliefs[j])
-    factors, next_refusals, next_seen, next_mean, opens = judge(
+    factors, next_refusals, next_seen, next_mean, opens = judge_sensors(
         y, delta, V2, beliefs, refusals, seen, mean, k * n.h, weighing
     )
     used = weighed(y, delta, V2, factors, weighing.first, weighing.block)
@@ -71,11 +71,11 @@ def gate_box(weighing: Weighing, opening: np.ndarray, late: list[int], h: float)
         h: tick [s].
     """
     n, s, p, q = opening.shape[1], len(late), int(weighing.first[-1]), int(weighing.block[-1])
-    refusals, seen, mean = first_state(s)
+    refusals, seen, mean = initial_gate_state(s)
     parts, at = {}, 0
     for name, size in (("y", p), ("delta", s), ("V2", q), ("opening", n)):
         parts[name], at = (at, size), at + size
-    given = Given({"h": h}, {"refusals": refusals, "seen": seen, "mean": mean}, {"opening": opening, "late": late})
+    given = Values({"h": h}, {"refusals": refusals, "seen": seen, "mean": mean}, {"opening": opening, "late": late})
     size = at + refusals.size + seen.size + mean.size
     box = Box("robust_gate", GATE, size, given, {"beliefs": (s, n + n * n)}, parts=parts)
-    return box.taking(weighing=weighing)
+    return box.with_groups(weighing=weighing)

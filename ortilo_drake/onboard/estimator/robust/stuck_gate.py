@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ARRIVED, PAYLOAD, STAMP
 
@@ -46,7 +46,7 @@ def repeats(said: np.ndarray, last: np.ndarray) -> float:
     return float(last[0] + 1.0)
 
 
-def heard_out(n: Any, message: np.ndarray, last: np.ndarray, said: np.ndarray, out: np.ndarray) -> None:
+def stuck_gate_out(n: Any, message: np.ndarray, last: np.ndarray, said: np.ndarray, out: np.ndarray) -> None:
     """Say the message, or zeros where the sensor is stuck."""
     fill(out, 0.0)
     if message[ARRIVED] != 0.0:
@@ -55,7 +55,7 @@ def heard_out(n: Any, message: np.ndarray, last: np.ndarray, said: np.ndarray, o
             put(message, out)
 
 
-def heard_step(n: Any, message: np.ndarray, said: np.ndarray, last: np.ndarray) -> None:
+def stuck_gate_step(n: Any, message: np.ndarray, said: np.ndarray, last: np.ndarray) -> None:
     """Remember what a message said, and how many have in a row."""
     if message[ARRIVED] != 0.0:
         put_said(message, n.samples, said)
@@ -65,8 +65,8 @@ def heard_step(n: Any, message: np.ndarray, said: np.ndarray, last: np.ndarray) 
 
 STUCK = Element(
     "stuck_gate",
-    out=heard_out,
-    step=heard_step,
+    out=stuck_gate_out,
+    step=stuck_gate_step,
     numbers=(Number("stuck"), Number("samples", kind="i8")),
     state=(Array("last"),),
     work=(Array("said"),),
@@ -79,5 +79,5 @@ def stuck_box(name: str, size: int, stuck: int, samples: int = 1) -> Box:
     It refuses what has been said so many times in a row.
     """
     payload = size - PAYLOAD - (samples if samples > 1 else 0)
-    given = Given({"stuck": stuck, "samples": samples}, {"last": np.zeros(1 + payload)})
-    return Box(f"{name}_heard", STUCK, size, given, {"said": (payload,)})
+    given = Values({"stuck": stuck, "samples": samples}, {"last": np.zeros(1 + payload)})
+    return Box(f"{name}_stuck_gate", STUCK, size, given, {"said": (payload,)})

@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from ortilo_drake.loop.plain import instead_of
+from ortilo_drake.loop.plain import generic_twin_of
 from ortilo_drake.model.cholesky import squared_norm_in_place
 from ortilo_drake.model.elementary import exp
 from ortilo_drake.model.measurement import Measurement
@@ -101,7 +101,7 @@ def weighing_of(settings: Robust, measurement: Measurement, sensors: int) -> Wei
     )
 
 
-def first_state(sensors: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def initial_gate_state(sensors: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return state (s, 3), seen (12) and mean (3) before anything arrived."""
     return np.tile([NEVER, 1.0, 0.0], (sensors, 1)), np.full(N_X, NEVER), np.zeros(3)
 
@@ -128,7 +128,7 @@ def weight_of(squared: float, rows: int, huber: float, dof: float) -> float:
 
 
 @njit(cache=True)
-def judge(
+def judge_sensors(
     y: np.ndarray,
     delta: np.ndarray,
     V2: np.ndarray,
@@ -194,11 +194,11 @@ def judge(
     return factors, state, seen, mean, opens
 
 
-@instead_of(judge)
+@generic_twin_of(judge_sensors)
 def judge_values(*judged: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:
     """Return the same of AutoDiffXd: what is refused and weighed is a constant."""
     values = [values_of(one) if isinstance(one, np.ndarray) else one for one in judged]
-    found: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int] = judge(*values)
+    found: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int] = judge_sensors(*values)
     return found
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Given, Number
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, N_X, N_XBAR, PAYLOAD
@@ -15,7 +15,7 @@ from ortilo_drake.onboard.estimator.tight.attitude_rows import take_fix
 from ortilo_drake.onboard.estimator.tight.layout import Layout
 from ortilo_drake.onboard.estimator.tight.model import first_states
 from ortilo_drake.onboard.estimator.tight.sense import NOT_TAKEN, PRESENT, clone_of, take_messages
-from ortilo_drake.onboard.estimator.tight.tick import N_AHEAD, RATES, Motion, keep_pose, one_ahead
+from ortilo_drake.onboard.estimator.tight.tick import N_AHEAD, RATES, Motion, keep_pose, predict_next_tick
 from ortilo_drake.onboard.estimator.tight.watch import LAST
 
 
@@ -81,12 +81,12 @@ def tight_step(
         if clone_of(fix, k * motion.h, motion.h, layout.clones) == PRESENT:
             C_own = rows[own[i] : own[i + 1]]
             take_fix(x, C, layout, value, V, C_own, kept[RATES : RATES + 3], aids.gates[0], aids.huber)
-    one_ahead(x, C, kept, control, motion, ahead)
+    predict_next_tick(x, C, kept, control, motion, ahead)
     keep_pose(x, C, layout)
     put_ahead(ahead, belief)
 
 
-def heard_out(
+def tight_handler_out(
     n: Any,
     k: int,
     imu: np.ndarray,
@@ -134,8 +134,8 @@ TIGHT = Element(
     allocates=True,
 )
 HEARD = Element(
-    "heard",
-    out=heard_out,
+    "tight_handler",
+    out=tight_handler_out,
     numbers=(
         Number("numbers", (3,), "i8"),
         Number("samples", kind="i8"),
@@ -191,11 +191,11 @@ def tight_box(
     put_ahead(ahead, belief)
     tables = {"own": starts_of(own), "rows": np.vstack((np.empty((0, N_X)), *own.values()))}
     start = {"x": x, "C": C_0, "kept": kept, "watched": np.zeros(LAST + payloads), "belief": belief}
-    box = Box("filter", TIGHT, belief.size, Given({"samples": samples}, start, tables), {"ahead": (N_AHEAD,)})
-    return box.taking(layout=layout, motion=motion, aids=aids)
+    box = Box("filter", TIGHT, belief.size, Values({"samples": samples}, start, tables), {"ahead": (N_AHEAD,)})
+    return box.with_groups(layout=layout, motion=motion, aids=aids)
 
 
-def heard_box(
+def tight_handler_box(
     measurement: Measurement,
     numbers: list[int],
     samples: int,
@@ -217,7 +217,7 @@ def heard_box(
     """
     first, block = measurement.layout.first, measurement.layout.block
     p, s, q = int(first[-1]), len(first) - 1, int(block[-1])
-    given = Given(
+    given = Values(
         {"numbers": np.array(numbers), "samples": samples, "clones": clones, "angle_sd": angle_sd, "h": h},
         tables={
             "first": first,

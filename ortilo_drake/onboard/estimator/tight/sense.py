@@ -11,7 +11,7 @@ from ortilo_drake.onboard.estimator.tight.differences import take_differences
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Layout
 from ortilo_drake.onboard.estimator.tight.pixels import pose_belief, take_boxes
 from ortilo_drake.onboard.estimator.tight.ranges import take_ranges
-from ortilo_drake.onboard.estimator.tight.tick import RATES, Motion, go_on
+from ortilo_drake.onboard.estimator.tight.tick import RATES, Motion, propagate_to_now
 from ortilo_drake.onboard.estimator.tight.watch import LAST, says_again, watch_angles, watch_ranges
 from ortilo_drake.onboard.landmarks.landmark_association import associate
 
@@ -60,7 +60,7 @@ def take_messages(
         C: covariance; changed.
         kept: of imu and control, see tick.py; changed.
         watched: what the watch keeps, see watch.py: its means, then the last payloads of uwb and detections; changed.
-        samples: of the imu (m, 11), see go_on.
+        samples: of the imu (m, 11), see tick.propagate_to_now.
         uwb: the uwb message; [0, 0] of one that does not fly.
         detections: the detections message, likewise.
         now: t_k [s].
@@ -69,7 +69,7 @@ def take_messages(
         aids: the other sensors.
     """
     residual, normalized = np.empty(3), np.zeros(3)
-    count = go_on(x, C, kept, samples, now, motion, residual)
+    count = propagate_to_now(x, C, kept, samples, now, motion, residual)
     if count > 0 and aids.angle_sd > 0.0:
         variance = aids.angle_sd**2 / count
         take_angles(x, C, layout, residual, variance, aids.gates[0], aids.huber, normalized)

@@ -48,7 +48,7 @@ class Motion(NamedTuple):
 
 
 @njit(cache=True)
-def go_on(
+def propagate_to_now(
     x: np.ndarray,
     C: np.ndarray,
     kept: np.ndarray,
@@ -138,7 +138,9 @@ def _euler_rates(x: np.ndarray, rates: np.ndarray, E: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True)
-def one_ahead(x: np.ndarray, C: np.ndarray, kept: np.ndarray, u: np.ndarray, motion: Motion, ahead: np.ndarray) -> None:
+def predict_next_tick(
+    x: np.ndarray, C: np.ndarray, kept: np.ndarray, u: np.ndarray, motion: Motion, ahead: np.ndarray
+) -> None:
     """Write the prediction for the next tick, estimate (12) and covariance (144), to ahead.
 
     The specific force is the last one, changed as the thrust is; the body rates change by the torque commanded.

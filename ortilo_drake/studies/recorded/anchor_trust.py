@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.studies.recorded.filter_types import Watch
+from ortilo_drake.studies.recorded.filter_types import RunLimits
 
 RECENT = 5.0  # an anchor counts among those heard if its last range is not older [s]
 PATIENCE = 3.0  # so many times longer the filter is believed where all that it refuses is too long
@@ -33,13 +33,13 @@ class Trust(NamedTuple):
 
 
 @register_jitable
-def none_heard(n: int) -> Trust:
+def new_trust(n: int) -> Trust:
     """Return the record of n anchors before their first range."""
     return Trust(np.full(n, np.inf), np.full(n, -np.inf), np.zeros(n), np.zeros(n, np.bool_))
 
 
 @register_jitable
-def is_lost(t: float, trust: Trust, watch: Watch) -> bool:
+def is_lost(t: float, trust: Trust, watch: RunLimits) -> bool:
     """Return whether the filter is lost: the refused ranges show that it is wrong, and not they.
 
     A single range that is too long says little: it may be a reflection. Three anchors that agree support the filter.
@@ -63,7 +63,7 @@ def is_lost(t: float, trust: Trust, watch: Watch) -> bool:
 
 
 @register_jitable
-def judged(trust: Trust, i: int, t: float, e: float, S: float, passes: bool, low: bool, watch: Watch) -> bool:
+def accept_range(trust: Trust, i: int, t: float, e: float, S: float, passes: bool, low: bool, watch: RunLimits) -> bool:
     """Return whether a range to anchor i is accepted; update the anchor's record.
 
     Args:

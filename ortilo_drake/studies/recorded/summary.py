@@ -12,7 +12,7 @@ def _axes(found: Replayed, name: str) -> str:
     return ", ".join(f"{axis:.3f}" for axis in rmse)
 
 
-def in_short(motions: Sequence[Replayed], share: float) -> list[str]:
+def replay_summary(motions: Sequence[Replayed], share: float) -> list[str]:
     """Return a summary of the findings, as a Markdown list."""
     lines = []
     for found in motions:

@@ -6,7 +6,7 @@ from ortilo_drake.studies.report.analyze import Analysis, Theory
 from ortilo_drake.studies.report.checked_text import least_rates
 
 
-def in_short(found: Analysis) -> list[str]:
+def analysis_summary(found: Analysis) -> list[str]:
     """Return a summary of an analysis as a Markdown list."""
     lines = (
         _of_theory(found.theory) if found.theory else [f"No theory: {found.no_theory}. Its flights are judged alone."]

@@ -6,7 +6,7 @@ from ortilo_drake.studies.tuning.tune import Check
 from ortilo_drake.studies.tuning.tuning_report import TuningReport
 
 
-def in_short(report: TuningReport, check: Check | None) -> list[str]:
+def tuning_summary(report: TuningReport, check: Check | None) -> list[str]:
     """Return a summary of a tuning: what changed and what it gained, a line each.
 
     Args:

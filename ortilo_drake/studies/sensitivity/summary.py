@@ -6,7 +6,7 @@ from ortilo_drake.studies.sensitivity.sensitivity_flights import LOST_SHARE, NON
 from ortilo_drake.views.numbers import count
 
 
-def in_short(found: Sensitivity, careful: Mapping[str, float], together: str) -> list[str]:
+def sensitivity_summary(found: Sensitivity, careful: Mapping[str, float], together: str) -> list[str]:
     """Return a summary of a study, as Markdown's list: at most five lines.
 
     Args:

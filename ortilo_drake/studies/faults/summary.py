@@ -4,7 +4,7 @@ from ortilo_drake.studies.faults.fault_flights import FaultStudy
 from ortilo_drake.views.numbers import count
 
 
-def in_short(found: FaultStudy) -> list[str]:
+def fault_summary(found: FaultStudy) -> list[str]:
     """Return a summary of a study, as Markdown's list: at most five lines."""
     lines = []
     for scenario, without in list(zip(found.scenarios, found.lost_without, strict=True))[:3]:

@@ -6,7 +6,7 @@ from ortilo_drake.views.numbers import count, number, with_interval
 TITLES = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}
 
 
-def in_short(tables: Tables) -> list[str]:
+def tables_summary(tables: Tables) -> list[str]:
     """Return a summary of the tables, as Markdown's list: at most five lines, whatever stands beside the paper's.
 
     Args:
