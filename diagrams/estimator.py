@@ -55,7 +55,7 @@ class Estimator(Diagram):
         around = [*messages.values(), outside("servo", N_U), outside("reference", REFERENCE_SIZE)]
         seeing, messages = detected(belief, room, messages) if detects else ([], messages)
         boxes = ESTIMATORS[belief.estimator.kind](belief, room, xbar_0, messages)
-        boxes += with_belief_parts(belief, boxes)
+        boxes += belief_part_boxes(belief, boxes)
         wiring = Wiring([*around, *seeing, *boxes])
         signals = {"estimate": "belief_parts.estimate", "covariance": "belief_parts.covariance"} | measurement_in(boxes)
         signals |= {"force": "vehicle_belief.force", "extra": "extra"} if "vehicle_belief" in wiring.boxes else {}
@@ -75,7 +75,7 @@ class Estimator(Diagram):
         return self._has_history
 
 
-def with_belief_parts(belief: Belief, boxes: list[Box]) -> list[Box]:
+def belief_part_boxes(belief: Belief, boxes: list[Box]) -> list[Box]:
     """Return boxes that show what an estimator says, for the ports of a Diagram; those that are there are left out."""
     named, shown = {box.name for box in boxes}, list[Box]()
     if "belief_parts" not in named:

@@ -20,7 +20,7 @@ import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.trajectories import Trajectory
 
-from ortilo_drake.diagrams.estimator import has_history, set_belief, settable, with_belief_parts
+from ortilo_drake.diagrams.estimator import belief_part_boxes, has_history, set_belief, settable
 from ortilo_drake.diagrams.wiring.messages import message_boxes
 from ortilo_drake.diagrams.wiring.onboard import NO_PARTS, Parts, measurement_in, onboard_boxes
 from ortilo_drake.diagrams.wiring.pictures import detected
@@ -88,7 +88,7 @@ class Onboard(Diagram):
         seeing, messages = detected(belief, room, messages) if detects else ([], messages)
         ticks = int(plan.end_time() * belief.control_rate) + 2 if isinstance(plan, Trajectory) else 0
         boxes = onboard_boxes(belief, room, plan, ticks, messages, parts, takes_paths)
-        boxes += with_belief_parts(belief, boxes)
+        boxes += belief_part_boxes(belief, boxes)
         wiring = Wiring([*around, *seeing, *boxes])
         self._own = wiring.boxes["estimator"].system if "estimator" in wiring.boxes else None
         signals: dict[str, Any] = {

@@ -110,8 +110,8 @@ def sensor_boxes(scenario: Scenario, room: Room, name: str, whole_imu: bool) -> 
     changes, payload = [], (sensor.size - PAYLOAD) // each - (PAYLOAD if each > 1 else 0)
     if name in dict(scenario.truth.sensors):
         check_size(name, dict(scenario.truth.sensors)[name], payload)
-    behind = described(name).after_sensor
-    changed = None if behind is None else behind(scenario, room, sensor, each)
+    after_sensor = described(name).after_sensor
+    changed = None if after_sensor is None else after_sensor(scenario, room, sensor, each)
     if changed is not None:
         changes.append(changed.with_inputs(state=seen))
     said = changes[-1] if changes else sensor

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from pydrake.trajectories import Trajectory
 
-from ortilo_drake.diagrams.estimator import with_belief_parts
+from ortilo_drake.diagrams.estimator import belief_part_boxes
 from ortilo_drake.diagrams.wiring.messages import message_boxes
 from ortilo_drake.diagrams.wiring.onboard import measurement_in, onboard_boxes
 from ortilo_drake.loop.element import OUTSIDE, Element, outside, takes
@@ -51,7 +51,7 @@ def onboard_half(scenario: Belief) -> Half:
     around = [*messages.values(), outside("velocity", VELOCITY_SIZE), outside("acted_delivered", ACTED_SIZE)]
     ticks = int(plan.end_time() * belief.control_rate) + 2
     boxes = onboard_boxes(belief, room, plan, ticks, messages)
-    boxes += with_belief_parts(belief, boxes)
+    boxes += belief_part_boxes(belief, boxes)
     wiring = Wiring([*around, *boxes])
     for box in wiring.boxes.values():
         if box.system is not None:

@@ -105,12 +105,12 @@ def group_of(name: str, values: Any) -> Group:
     """
     fields = list[Number | Array | Group]()
     for field_name, value in values._asdict().items():
-        item = f"{name}_{field_name}"
+        full_name = f"{name}_{field_name}"
         if hasattr(value, "_asdict"):
-            fields.append(group_of(item, value))
+            fields.append(group_of(full_name, value))
             continue
         kind, dimensions = kind_of(f"{type(values).__name__}.{field_name}", value), np.ndim(value)
-        fields.append(Array(item, dimensions, kind) if dimensions else Number(item, kind=kind))
+        fields.append(Array(full_name, dimensions, kind) if dimensions else Number(full_name, kind=kind))
     return Group(name, type(values), tuple(fields))
 
 

@@ -1,7 +1,7 @@
 """How numba compiles a function that is called from one place alone, and is inlined there.
 
-As any other, it would be optimised and made machine code of, and then again where it has been inlined. So it is left as
-it is lowered, without the forms that Python and C call.
+By default numba optimises such a function and makes machine code of it, and then does both again where it is inlined.
+Here it stays as it was lowered, without the wrappers that Python and C call.
 """
 
 from types import SimpleNamespace
@@ -16,11 +16,11 @@ OPTIONS = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": 
 
 
 class Unfinished(JITCodeLibrary):
-    """Code that is to be linked into other code, and has no addresses of its own."""
+    """Code to be linked into other code; it has no addresses of its own."""
 
     @property
     def codegen(self) -> Any:
-        """What numba tells of a function's environment; it has none."""
+        """Stands in for numba's codegen, which would write the environment's address into machine code."""
         return SimpleNamespace(set_env=lambda name, environment: None)
 
     def _optimize_final_module(self) -> None:

@@ -80,11 +80,12 @@ class Sensor:
             default of rows of that sd.
         unknown: (scenario, room) -> the errors that the scenario's truth leaves unknown, sensors.unknown_errors.Error.
             By default those that its filter believes in (estimator.biases.row_sd).
-        made: (scenario, room, true state (12)) -> (D (m, l), rows (l, 17)): what errors e of what its value is made of
-            there, of those rows of `information`, make of it, D e; None where not known. By default its own rows.
-        learned: (scenario, room, true state (12)) -> the scenario whose filter is told what it learns of the survey.
-        left_out: scenario -> (settings that the predicted rms at hover has not, settings that it alone has of all
-            theory), each with whether the world differs by it.
+        made: (scenario, room, true state (12)) -> (D (m, l), rows (l, 17)): at that state its value errs by D e if the
+            measurements of which it is made, those rows of `information`, err by e; None where D is not known. By
+            default the value itself is what is measured.
+        learned: (scenario, room, true state (12)) -> the scenario whose filter has the survey's errors that it learns.
+        left_out: scenario -> (settings that are not in the predicted rms at hover, settings that are in it and in no
+            other figure), each with whether the world differs by it.
         mismatches: ways in which its world may differ from what is believed, sensors.mismatch.Mismatch.
         element: (scenario, room, whole) -> Box that says its message as it is sent, of a sensor that is built in; whole
             where all of the message is asked for. Other sensors have `compiled` or make_world.

@@ -1,7 +1,7 @@
-"""Differences of the ranges to two anchors: the rows of the uwb message, and in which order pairs of anchors come.
+"""Differences of the ranges to two anchors: the rows of the uwb message, and the order of the pairs of anchors.
 
-A row is [a, b, value, there, age]: value = r_b - r_a [m], where there is 1, was taken so long before the message's
-stamp [s]; all but a and b is 0 where there is 0.
+A row is [a, b, value, there, age]: numbers of two anchors, value = r_b - r_a [m], there 1, and its age [s] at the
+message's stamp. Where a difference is missing, value, there and age are 0.
 """
 
 from typing import Final, Literal

@@ -144,12 +144,5 @@ SENSOR = Sensor(
     components="xyz",
     noise_settings=("landmark_fix.center_sd",),
     noise_numbers=lambda scenario: {"landmark_fix.center_sd": scenario.landmark_fix.center_sd},
-    nominal_variances=(
-        0.08,
-        0.08,
-        0.08,
-        0.0025,
-        0.0025,
-        0.0025,
-    ),  # of a position as printed in the paper [m^2], of angles ours
+    nominal_variances=(*(0.08,) * 3, *(0.0025,) * 3),  # of a position as printed in the paper [m^2], of angles ours
 )

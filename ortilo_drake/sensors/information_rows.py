@@ -27,8 +27,8 @@ class Information(NamedTuple):
     Attributes:
         rows: by what gave them, such as the sensor's name (l, 17 each).
         spacing: ticks between the nodes of its slowly changing errors, 1 where it has none.
-        with_errors: rows that tell of the vehicle only together with unknown errors, likewise: more than `rows`, or in
-            the place of those of the same name.
+        with_errors: rows that are information only beside those of unknown errors, likewise: they join `rows`, and
+            replace those of the same name.
     """
 
     rows: dict[str, np.ndarray]

@@ -13,7 +13,7 @@ from ortilo_drake.model.signals import N_X
 from ortilo_drake.sensors.information_rows import GRADIENT, SOURCE
 
 Seen = Callable[[np.ndarray], np.ndarray]  # rows (l, 17) -> their coefficients of an error's e components (l, e)
-Made = tuple[np.ndarray, np.ndarray]  # D (m, l): what rows (l, 17) that err by e make of a value, D e; and these rows
+Made = tuple[np.ndarray, np.ndarray]  # D (m, l) and rows (l, 17): a value errs by D e if these rows err by e
 
 
 class Error(NamedTuple):
@@ -76,7 +76,7 @@ def derivative(
     """Return the derivative of a fix by each of some numbers of its message, or of several that move together."""
     columns = []
     for places in at:
-        moved_by = np.zeros(len(message))
-        moved_by[places] = step
-        columns.append((fix(message + moved_by) - fix(message - moved_by)) / (2.0 * step))
+        change = np.zeros(len(message))
+        change[places] = step
+        columns.append((fix(message + change) - fix(message - change)) / (2.0 * step))
     return np.column_stack(columns)

@@ -60,7 +60,7 @@ def messages_again(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.n
         InputError: if the sensor is faster than the tick, gives differences, or its errors are fitted.
     """
     if scenario.uwb.kind == "differences":
-        raise InputError("uwb.kind: differences: hold no ranges to be repeated: fly with uwb.kind ranges")
+        raise InputError("uwb.kind: differences: must be ranges: a survey repeats single ranges")
     if scenario.uwb.errors == "fitted":
         raise InputError("uwb.errors: fitted: what lasts of these errors cannot be repeated: give the flight's log")
     if scenario.samples("uwb") > 1:
@@ -114,7 +114,7 @@ def solver(scenario: Belief, room: Room) -> Box:
 
 
 def errors_drawn(scenario: Scenario, room: Room, draw: AtStart) -> dict[str, Values]:
-    """Return what a seed draws of what lasts of the errors: of those that were fitted, of all those of differences."""
+    """Return a seed's draws of slow and constant errors: of fitted ones, and of all those of differences."""
     if "uwb" not in scenario.sensors:
         return {}
     if scenario.uwb.kind == "differences":
@@ -133,8 +133,9 @@ def paths_drawn(boxes: Mapping[str, Box], draw: AtStart) -> dict[str, Values]:
 
 def payload(scenario: Belief, room: Room) -> int:
     """Return the size of a message's payload."""
-    size = differences_size(scenario.uwb.rows(scenario.h)) if scenario.uwb.kind == "differences" else None
-    return (uwb_size(len(room.anchors)) if size is None else size) - PAYLOAD
+    if scenario.uwb.kind == "differences":
+        return differences_size(scenario.uwb.rows(scenario.h)) - PAYLOAD
+    return uwb_size(len(room.anchors)) - PAYLOAD
 
 
 def paths(scenario: Scenario, room: Room, message: Box, samples: int) -> Box | None:
@@ -152,9 +153,9 @@ def source(scenario: Scenario, room: Room, whole: bool) -> Box:
 
 
 def check(scenario: Scenario, room: Room) -> None:
-    """Raise InputError if errors that were fitted are of other anchors than the room's, or no two of these differ."""
+    """Raise InputError if fitted errors are of other anchors than the room's, or it has too few for differences."""
     if scenario.uwb.kind == "differences" and len(room.anchors) < 2:
-        raise InputError("uwb.kind: differences: the room has less than two anchors")
+        raise InputError(f"uwb.kind: differences: needs two anchors or more, the room has {len(room.anchors)}")
     if scenario.uwb.errors != "fitted":
         return
     constants, n = noise_of(scenario.uwb).constants, len(room.anchors)

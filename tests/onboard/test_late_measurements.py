@@ -269,10 +269,8 @@ def test_replay_knows_exactly_where_a_calm_linear_vehicle_is() -> None:
 
 def test_the_belief_of_a_message_is_that_of_the_tick_of_its_stamp() -> None:
     """Cases: arrived, tick of the stamp, tick whose belief is given; 99 stands for the present one."""
-    past, present = (
-        PlayedBox(belief_at_stamp_box("camera_belief_at_stamp", MEASURED, 15, H), H),
-        [np.full(15, 99.0), P_0.ravel()],
-    )
+    past = PlayedBox(belief_at_stamp_box("camera_belief_at_stamp", MEASURED, 15, H), H)
+    present = [np.full(15, 99.0), P_0.ravel()]
     history = empty_history(4, SLOT)
     for k in range(3, 7):
         history[k % 4, SLOT.tick], history[k % 4, SLOT.belief : SLOT.y] = k, k

@@ -36,11 +36,11 @@ def augmented_command(
     at_rest, not_at_all = np.zeros(N_XBAR), np.zeros((N_U, N_XBAR))
     u_r = command(at_rest, reference, not_at_all, mass, yaw, error_form, force)
     u = command(xbar, reference, L_x, mass, yaw, error_form, force)
-    deviation = np.zeros(N_U)
+    feedback = np.zeros(N_U)
     for i in range(N_U):
         for j in range(before.size):
-            deviation[i] += L_u[i, j] * (before[j] - u_r[j % N_U])
-    return u[0] - deviation[0], u[1] - deviation[1], u[2] - deviation[2], u[3] - deviation[3]
+            feedback[i] += L_u[i, j] * (before[j] - u_r[j % N_U])
+    return u[0] - feedback[0], u[1] - feedback[1], u[2] - feedback[2], u[3] - feedback[3]
 
 
 def augmented_out(

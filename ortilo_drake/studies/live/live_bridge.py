@@ -18,9 +18,8 @@ from ortilo_drake.studies.live.setpoints import Holding, Setpoint
 from ortilo_drake.studies.live.told import StampedEstimate, estimate_at
 from ortilo_drake.studies.live.warm_up import warm_up
 
-Target = Callable[
-    [StampedEstimate, Setpoint | None, int], None
-]  # the estimate, what is asked for, how often it was lost
+# Called with the estimate, the setpoint if there is one, and how often the filter was lost.
+Target = Callable[[StampedEstimate, Setpoint | None, int], None]
 Say = Callable[[str], None]
 QUIET = 5.0  # without any message, that is said [s]
 

@@ -24,7 +24,7 @@ class SensorClock:
         self._since, self._least, self._before = -np.inf, np.inf, np.inf
 
     def now(self, newest: float) -> float:
-        """Return the sensors' time [s], at least `stamp`, which has just been received."""
+        """Return the sensors' time [s], at least `newest`, the stamp just received."""
         wall = self._wall()
         if wall - self._since > WINDOW:
             self._since, self._before, self._least = wall, self._least, np.inf

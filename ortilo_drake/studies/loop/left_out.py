@@ -49,7 +49,7 @@ def in_the_rms_alone(scenario: Scenario) -> list[str]:
 
 
 def _of_sensors(scenario: Scenario, which: int) -> dict[str, bool]:
-    """Return what the sensors that fly say of their settings, see `left_out` of model/parts.py."""
+    """Return the first (0) or second (1) group of settings in `left_out` (model/parts.py) of the sensors that fly."""
     return {
         name: there
         for sensor in scenario.sensors

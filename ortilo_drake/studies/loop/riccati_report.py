@@ -47,7 +47,7 @@ class IllPosed:
 
 @dataclass(frozen=True)
 class RiccatiReport:
-    """Solutions of the servo's equation, of the filter's by subset of sensors, and of the ill-posed problems.
+    """Solutions of the servo's equation and of the filter's, by subset of sensors, and solvers on ill-posed problems.
 
     A registered servo has no equation, and no solutions.
     """

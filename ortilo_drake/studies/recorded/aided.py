@@ -47,10 +47,8 @@ def with_aids(known: FilterSetup, recording: Recording, map_: Map, looks: bool) 
         scale_sd = map_.flow.per_rad_sd
     if map_.start is not None:
         at = map_.start
-        start, heading = (
-            StartSetup(np.array(at.position), at.position_sd, at.heading_sd, at.rests, at.lands),
-            at.heading,
-        )
+        start = StartSetup(np.array(at.position), at.position_sd, at.heading_sd, at.rests, at.lands)
+        heading = at.heading
     looked = recording.looks if looks else NO_AID_STAMPS
     return known._replace(aids=aids, start=start, heading=heading, scale_sd=scale_sd, k_sd=k_sd, looks=looked)
 

@@ -138,7 +138,7 @@ NO_AIDS = Aids(0.0, np.zeros(3), np.inf, 0.0, np.inf, -1.0, 0.0, np.inf)
 
 
 class Setup(NamedTuple):
-    """What holds throughout a run.
+    """The settings that hold throughout a run.
 
     Attributes:
         anchors: positions (n, 3).

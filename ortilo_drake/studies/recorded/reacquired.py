@@ -61,7 +61,7 @@ def opening_of(state: State, x: np.ndarray, variances: np.ndarray) -> np.ndarray
 
 
 def no_restart(N: int) -> Restart:
-    """Return an Anew without any measurement, for N error states."""
+    """Return a Restart without any measurement, for N error states."""
     return Restart(np.zeros(6), np.full(6, np.inf), np.zeros(N))
 
 

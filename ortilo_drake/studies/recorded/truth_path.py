@@ -34,7 +34,7 @@ def truth_path(truth: Truth) -> TruthPath:
 
 
 def covered_ranges(ranges: Ranges, offset: float, path: TruthPath, end: float = np.inf) -> np.ndarray:
-    """Return a mask of the ranges between stamps of the truth, up to an end by its clock [s], not in its gaps."""
+    """Return the indices of ranges between stamps of the truth, up to an end by its clock [s], not in its gaps."""
     then = ranges.t + offset
     stamps = path.p.x
     steps = np.diff(stamps)

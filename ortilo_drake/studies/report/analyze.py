@@ -102,7 +102,7 @@ def analysis_data(analysis: Analysis) -> dict[str, Any]:
 
 
 def theory(scenario: Scenario, step: Step = lambda what, done, total: None) -> Theory:
-    """Return all that needs no flight, of a filter that is told what its banks learn at hover (learned_survey.py).
+    """Return all that needs no flight, of the filter with what its banks learn at hover, see sensors/learned_survey.py.
 
     The linearisation alone is of the filter as it is.
 

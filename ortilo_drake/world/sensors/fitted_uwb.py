@@ -152,7 +152,7 @@ def noise_of(settings: Uwb) -> UwbNoise:
 
 
 def lasting_of(noise: UwbNoise, n: int, h: float) -> SlowNoise:
-    """Return what lasts of the errors of n anchors, g."""
+    """Return the process of the slow errors g of n anchors."""
     time, sd = (1.0, 0.0) if noise.lasting is None else (noise.lasting.time, noise.lasting.sd)
     return gauss_markov(np.full(n, sd), time, h)
 

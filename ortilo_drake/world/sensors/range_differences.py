@@ -1,14 +1,14 @@
 """Differences of UWB ranges (TDoA): packets in turn, each a row of model/range_pairs.py.
 
 The packets of a message are evenly spaced, the last one at its stamp. Packet q is of the pair (a, b) that is next in
-turn. With s its age, p = p_WB - s v_WB and d_i = |p - p_WA_i| it says
+turn. With s its age, p = p_WB - s v_WB and d_i = |p - p_WA_i| it is
 
     r_ab = f (d_b + e_b - (d_a + e_a) + sqrt(n_a^2 + n_b^2) v),   e_i = b_i + z g_i + z h_i(p)
 
 with a constant b_i, first-order Gauss-Markov noise g_i and a field h_i of each anchor, a factor f, and v standard
 normal. White errors have n_i = s_0 + s_1 d_i, z = 1 and no field; fitted ones those of fitted_errors.py, where z grows
 n_i too, and a row is an outlier where one of its two ranges is, along the rows of anchor b. A row is missing where an
-anchor is out of reach or behind a wall that blocks, and where a fitted chance has it so.
+anchor is out of reach or behind a wall that blocks, and at random with the fitted probability.
 
 v is drawn anew for each row. Rows in turn share an anchor: their correlation would be -1/2 if all noise were that of
 its reception. In recorded flights of the `util_2021` kind it is -0.15, and it is left out.
@@ -83,7 +83,7 @@ def differences_out(
     v: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Say the message of a tick in which it is sent, else zeros."""
+    """Output the message in a tick in which it is sent, else zeros."""
     fill(out, 0.0)
     if sent[0] < 0.0:
         return
@@ -125,7 +125,7 @@ def differences_step(
     g: np.ndarray,
     odd: np.ndarray,
 ) -> None:
-    """Go on to what lasts of the errors in the next tick, and to the outliers of the next message."""
+    """Advance the slow errors to the next tick, and the outliers to the next message."""
     put(slow_noise_after(g, a, q, seed, n.lasting, k * n.h, n.h), g)
     if sent[0] < 0.0:
         return
@@ -209,7 +209,7 @@ def differences_box(scenario: Scenario, room: Room) -> Box:
 
 
 def differences_drawn(scenario: Scenario, room: Room, draw: AtStart) -> Values:
-    """Return what the box is given of what lasts of the errors, in a flight of these draws."""
+    """Return the values of slow and constant errors given to the box in a flight of these draws."""
     n = len(room.anchors)
     start = {"g": _lasting(scenario, n).start * draw(LASTING, n), "odd": np.zeros(n)}
     if scenario.uwb.errors != "fitted":
@@ -221,7 +221,7 @@ def differences_drawn(scenario: Scenario, room: Room, draw: AtStart) -> Values:
 
 
 def _lasting(scenario: Scenario, n: int) -> SlowNoise:
-    """Return what g_i is: fitted, or the truth's slow error."""
+    """Return the process of g_i: the fitted one, or the truth's slow error."""
     truth, uwb = scenario.truth.uwb, scenario.uwb
     if uwb.errors != "fitted":
         return gauss_markov(np.full(n, truth.slow_sd), truth.slow_time, scenario.h)

@@ -3,8 +3,8 @@
     delta(t) = offset + drift t,   x(t - delta) = x(t) - delta [v_WB, Euler rates, 0, 0],
 
 position and attitude going back along the velocities of the tick; what is left out is a delta^2 / 2, 0.01 mm for 1
-m/s^2 and 5 ms, and of the velocities a delta. A late sensor has a positive delta. A negative
-delta needs future measurements: as if the onboard computer, and all else, were that much later than their ticks.
+m/s^2 and 5 ms, and of the velocities a delta. A late sensor has a positive delta. A negative delta needs future
+measurements: as if the onboard computer, and all else, were that much later than their ticks.
 """
 
 from typing import Any
@@ -19,7 +19,7 @@ from ortilo_drake.model.signals import N_X
 
 @register_jitable
 def put_earlier_state(before: np.ndarray, x: np.ndarray, delta: float) -> None:
-    """Write to `before` the state x (12) as it was delta [s] earlier."""
+    """Change `before`, a copy of the state x (12), to the state delta [s] earlier."""
     for i in range(6):
         before[i] -= delta * x[6 + i]
 

@@ -5,8 +5,7 @@ Over N samples in T seconds the imu says on average, at rest and level, with fac
     rpy_0 = c_rpy ([0, 0, psi] + b_rpy + nu_rpy),   w_0 = c_w (b_w + nu_w),   f_0 = c_f (g e_z + b_f + nu_f)
 
 nu of variance s^2 / N + q^2 T / 3: s is a sample's noise, and b the bias at take-off, from which a random walk of rate
-q was sd q sqrt(T / 3) away on average. In flight w_0 and f_0 - R(rpy_0)^T g e_z are
-subtracted from their samples.
+q was sd q sqrt(T / 3) away on average. In flight w_0 and f_0 - R(rpy_0)^T g e_z are subtracted from the samples.
 """
 
 import numpy as np
