@@ -18,9 +18,10 @@ _COLUMN_OF = {
     **dict.fromkeys(("servo", "lent", "command_log", "state_ahead"), "servo"),
     "command_link": "command link",
     **dict.fromkeys(("handler", "robust_gate", "imu_rows", "beliefs_at_stamp"), "handler"),
-    **dict.fromkeys(("filter", "vehicle_belief"), "filter"),
+    **dict.fromkeys(("filter", "own_filter", "estimator", "vehicle_belief", "belief_parts"), "filter"),
 }
-_ONBOARD_OF_SENSOR = ("stuck_gate", "belief_at_stamp", "vehicle_at_stamp", "sighted", "bank", "fix")
+_ONBOARD_OF_SENSOR = ("stuck_gate", "mean", "belief_at_stamp", "vehicle_at_stamp", "prior", "sighted", "bank", "fix")
+_OWN_PARTS = ("servo", "reference")  # boxes of their names cut what they read out of a belief
 _SIGNALS = {
     "plant": "x", "servo": "u", "command_link.applied": "u", "reference": "r", "filter": "x̂, P",
     "vehicle_belief": "x̂, P",
@@ -107,7 +108,8 @@ def _place(wiring: Wiring, name: str) -> tuple[str, str]:
     if name == "now":  # the time of a report of the commands that acted
         return "acted", "sensor"
     if not its:
-        return "vehicle", "vehicle"
+        own = next((part for part in _OWN_PARTS if name.startswith(f"{part}_")), None)
+        return ("vehicle", "vehicle") if own is None else (_COLUMN_OF[own], _COLUMN_OF[own])
     sensor = max(its, key=len)
     if name.removeprefix(f"{sensor}_") not in _ONBOARD_OF_SENSOR:
         return sensor, "sensor"

@@ -3,6 +3,7 @@
 import re
 from functools import cache
 from pathlib import Path
+from runpy import run_path
 
 import pytest
 from rich.cells import cell_len
@@ -121,6 +122,17 @@ def test_the_papers_blocks_are_the_papers() -> None:
     assert signals["servo", "vehicle"] == signals["servo", "filter"] == ["u"]
     assert signals["planner", "filter"] == ["r"]
     assert ("uwb", "handler") not in signals
+
+
+@pytest.mark.usefixtures("own_register")
+def test_parts_of_ones_own_are_in_the_blocks_of_those_that_they_replace() -> None:
+    for example in ("kalman_filter", "cascade_servo"):
+        run_path(str(ROOT / "examples" / f"{example}.py"))
+    own = {"estimator": {"kind": "own_kalman"}, "servo": {"kind": "cascade"}, "camera.kind": "projected"}
+    blocks = blocks_of(wiring_of(load_scenario("nominal_imu_uwb", own)))
+    assert blocks["vehicle"].boxes == ("disturbance", "plant", "felt", "acceleration")
+    assert "own_filter" in blocks["filter"].boxes
+    assert set(blocks["servo"].boxes) >= {"servo", "servo_estimate"}
 
 
 def test_a_system_is_named_as_what_it_is() -> None:
