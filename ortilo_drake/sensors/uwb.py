@@ -60,7 +60,7 @@ def messages_again(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.n
         InputError: if the sensor is faster than the tick, gives differences, or its errors are fitted.
     """
     if scenario.uwb.kind == "differences":
-        raise InputError("uwb.kind: differences: must be ranges: a survey repeats single ranges")
+        raise InputError("uwb.kind: differences: must be ranges: a survey takes single ranges")
     if scenario.uwb.errors == "fitted":
         raise InputError("uwb.errors: fitted: what lasts of these errors cannot be repeated: give the flight's log")
     if scenario.samples("uwb") > 1:

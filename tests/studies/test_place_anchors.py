@@ -170,6 +170,8 @@ def test_placing_lowers_the_worst_floor_and_is_always_the_same(hall: Room, tmp_p
 def test_what_cannot_be_placed_is_refused(hall: Room, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"sensors: .* must have uwb"):
         place_anchors(in_hall(hall, tmp_path, "sensors=[imu]"), 8)
+    with pytest.raises(InputError, match=r"uwb\.kind: differences: must be ranges"):
+        place_anchors(load_scenario("tight_differences"), 4)
     with pytest.raises(InputError, match="N: 500: must not exceed the"):
         place_anchors(in_hall(hall, tmp_path), 500, spacing=3.0)
     for spacing in (0.25, 0.4):

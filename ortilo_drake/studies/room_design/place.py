@@ -166,13 +166,15 @@ def place_anchors(
         tick: called after each step.
 
     Raises:
-        InputError: if there is no path or no floor, uwb (or the camera, with landmarks) does not fly, or there are
-            fewer places than anchors or landmarks.
+        InputError: if there is no path or no floor, uwb (or the camera, with landmarks) does not fly or gives
+            differences, or there are fewer places than anchors or landmarks.
     """
     placing = {measuring(things): things for things in ("anchors", *(("landmarks",) if landmarks else ()))}
     for sensor, placed in placing.items():
         if sensor not in scenario.sensors:
             raise InputError(f"sensors: {list(scenario.sensors)}: must have {sensor}, whose {placed} are placed")
+    if scenario.uwb.kind == "differences":
+        raise InputError(f"{measuring('anchors')}.kind: differences: must be ranges: these place anchors")
     room, before = scenario.load_room(), worst_floor(scenario)
     if landmarks:  # those that the room has go, and are in nobody's way
         room = room.model_copy(update={"landmarks": ()})

@@ -42,15 +42,21 @@ def flown_messages(scenario: Scenario, truth: np.ndarray) -> np.ndarray:
         truth: true states x_k (n, 12).
 
     Raises:
-        InputError: if the sensor is faster than the tick.
+        InputError: if the messages cannot be repeated, see messages_again.
     """
     return messages_again(scenario, scenario.load_room(), truth, arrived(scenario, measuring("anchors"), truth))
 
 
 def logged_messages(path: Path) -> np.ndarray:
-    """Return the uwb messages that a log holds (m, 2 + 2 a); InputError if it is no log or has messages of several."""
-    size = uwb_size(len(log_scenario(path).load_room().anchors))
-    sensor = measuring("anchors")
+    """Return the uwb messages that a log holds (m, 2 + 2 a).
+
+    Raises:
+        InputError: if it is no log, or has messages of several samples or of differences.
+    """
+    scenario, sensor = log_scenario(path), measuring("anchors")
+    if scenario.uwb.kind == "differences":
+        raise InputError(f"{path}: {sensor}.kind: differences: must be ranges: a survey takes single ranges")
+    size = uwb_size(len(scenario.load_room().anchors))
     found = [messages[sensor] for _, messages, _ in read_messages(path) if sensor in messages]
     if any(message.shape != (size,) for message in found):
         raise InputError(f"{path}: {sensor}: its messages must have {size} numbers")
