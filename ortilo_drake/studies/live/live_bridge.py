@@ -15,7 +15,7 @@ from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.studies.live.live_filter import RATE, LiveFilter
 from ortilo_drake.studies.live.sensor_clock import SensorClock
 from ortilo_drake.studies.live.setpoints import Holding, Setpoint
-from ortilo_drake.studies.live.told import StampedEstimate, estimate_at
+from ortilo_drake.studies.live.stamped_estimate import StampedEstimate, estimate_at
 from ortilo_drake.studies.live.warm_up import warm_up
 
 # Called with the estimate, the setpoint if there is one, and how often the filter was lost.

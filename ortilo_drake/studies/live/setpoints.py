@@ -12,7 +12,7 @@ import numpy as np
 from ortilo_drake.onboard.servo.lq_gain import gain_of
 from ortilo_drake.onboard.servo.outer_loop import attitude_along, wanted_force
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.studies.live.told import StampedEstimate
+from ortilo_drake.studies.live.stamped_estimate import StampedEstimate
 
 MOST_DEVIATION = 0.5  # of a position that is flown by [m]
 WINDUP = 1.0  # of the integral of the position's error, at most [m s]
@@ -44,27 +44,27 @@ class Holding:
         self._timeout, self._max_tilt = scenario.failsafe.timeout, scenario.failsafe.max_tilt
         self._i, self._last = np.zeros(3), -np.inf
 
-    def setpoint(self, told: StampedEstimate, now: float) -> Setpoint:
+    def setpoint(self, stamped: StampedEstimate, now: float) -> Setpoint:
         """Return the setpoint that follows from an estimate.
 
         Args:
-            told: the estimate.
+            stamped: the estimate.
             now: what the sensors' clock says now [s], by which its age is known.
         """
-        x, age = told.estimate, now - told.t
+        x, age = stamped.estimate, now - stamped.t
         refused = ""
         if age > self._timeout:
             refused = f"the estimate is older than {self._timeout:g} s"
-        elif not told.deviation <= MOST_DEVIATION:
+        elif not stamped.deviation <= MOST_DEVIATION:
             refused = f"its standard deviation is above {MOST_DEVIATION:g} m"
         e = x[0:3] - self._place
         if refused:
             self._i[:] = 0.0
         else:  # the servo's integral goes on by r - p in each of its ticks
-            ticks = min(told.t - self._last, self._timeout) / self._h if self._last > -np.inf else 0.0
+            ticks = min(stamped.t - self._last, self._timeout) / self._h if self._last > -np.inf else 0.0
             most = WINDUP / self._h
             self._i = np.clip(self._i - e * ticks, -most, most)
-            self._last = told.t
+            self._last = stamped.t
         f_W = wanted_force(self._L, self._mass, self._yaw, e, x[6:9], self._i)
         rpy, thrust = attitude_along(f_W, self._yaw, self._max_tilt)
-        return Setpoint(told.t, rpy, thrust, refused)
+        return Setpoint(stamped.t, rpy, thrust, refused)

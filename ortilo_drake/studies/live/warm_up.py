@@ -10,7 +10,7 @@ from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import GRAVITY, NO_AID_STAMPS, Imu
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.live.live_filter import LiveFilter
-from ortilo_drake.studies.live.told import estimate_at
+from ortilo_drake.studies.live.stamped_estimate import estimate_at
 
 LASTS = 3.0  # of a made-up rest among the anchors [s]
 

@@ -6,7 +6,7 @@ import pytest
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.live.setpoints import MOST_DEVIATION, Holding
-from ortilo_drake.studies.live.told import StampedEstimate
+from ortilo_drake.studies.live.stamped_estimate import StampedEstimate
 
 
 def at(t, p, sd=0.01):
@@ -41,12 +41,12 @@ def test_an_error_that_lasts_is_leant_against_more_and_more() -> None:
 
 
 @pytest.mark.parametrize(
-    ("told", "why"),
+    ("stamped", "why"),
     [
         (at(0.7, (1.0, 2.0, 1.5)), "older than 0.2 s"),
         (at(1.0, (1.0, 2.0, 1.5), 1.01 * MOST_DEVIATION), "deviation"),
         (at(1.0, (1.0, 2.0, 1.5), np.nan), "deviation"),
     ],
 )
-def test_the_failsafe_refuses_what_is_old_or_uncertain(told: StampedEstimate, why: str) -> None:
-    assert why in holding().setpoint(told, 1.0).refused
+def test_the_failsafe_refuses_what_is_old_or_uncertain(stamped: StampedEstimate, why: str) -> None:
+    assert why in holding().setpoint(stamped, 1.0).refused

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ortilo_drake.studies.live.told import estimate_at
+from ortilo_drake.studies.live.stamped_estimate import estimate_at
 from ortilo_drake.studies.recorded.filter_types import State
 
 RPY = np.array([0.2, -0.4, 2.0])
