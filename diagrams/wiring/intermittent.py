@@ -88,11 +88,8 @@ def intermittent_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages:
         name: f"{name}_vehicle_at_stamp.belief" if setup.extras else f"{name}_belief_at_stamp" for name in past
     }
     linearized_at = {name: linearized_at.get(name, setup.vehicle_belief) for name in fixes}
-    split = [
-        parts_box(f"{name}_prior").with_inputs(belief=linearized_at[name])
-        for name in fixes
-        if fixes[name].system is not None
-    ]
+    priors = [name for name in fixes if fixes[name].system is not None]
+    split = [parts_box(f"{name}_prior").with_inputs(belief=linearized_at[name]) for name in priors]
     fixes = {
         name: solver if solver.system is not None else solver.with_inputs(belief=linearized_at[name])
         for name, solver in fixes.items()
@@ -104,11 +101,8 @@ def intermittent_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages:
         fixes[ranging] = fixes[ranging].with_inputs(message=sighted.name)
     handler_inputs = heard | fixes
 
-    chain = [
-        handler_of(belief, {name: box.size for name, box in handler_inputs.items()}).with_inputs(
-            belief=setup.vehicle_belief
-        )
-    ]
+    handler = handler_of(belief, {name: box.size for name, box in handler_inputs.items()})
+    chain = [handler.with_inputs(belief=setup.vehicle_belief)]
     if settings.robust is not None:
         gate = robust_box(belief, setup, list(past)).with_inputs(belief=setup.belief)
         chain.append(gate.with_inputs(past="beliefs_at_stamp" if past else setup.belief, **measurement_of(chain[-1])))
@@ -136,16 +130,8 @@ def intermittent_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages:
         opening="no_opening" if settings.robust is None else "robust_gate.opening",
     )
 
-    boxes = [
-        *gates,
-        *past.values(),
-        *split,
-        *fixes.values(),
-        bundle("messages", list(handler_inputs.values())),
-        *chain,
-        kalman,
-    ]
-    boxes += banks
+    boxes = [*gates, *past.values(), *split, *fixes.values(), bundle("messages", list(handler_inputs.values()))]
+    boxes += [*chain, kalman, *banks]
     if past:
         boxes.append(bundle("beliefs_at_stamp", list(past.values())))
     if settings.robust is None:

@@ -149,15 +149,11 @@ def wired(
     if made.size not in SAYS[role]:
         sizes = " or ".join(map(str, SAYS[role]))
         raise InputError(f"{role}.kind: {kind}: says {made.size} numbers, must say {sizes}")
-    silent = {
+    added = {
         sensor: constant(f"{name}_no_{sensor}", np.zeros(PAYLOAD)) for sensor in SENSORS if sensor not in messages
     }
-    cuts = (
-        {part: slice_box(f"{name}_{part}", *its).with_inputs(whole=belief) for part, its in CUTS.items()}
-        if belief
-        else {}
-    )
-    added = silent | cuts
+    if belief:
+        added |= {part: slice_box(f"{name}_{part}", *its).with_inputs(whole=belief) for part, its in CUTS.items()}
     known = (
         {sensor: box.name for sensor, box in messages.items()} | says | {part: box.name for part, box in added.items()}
     )

@@ -89,11 +89,10 @@ class Group:
         found = Values()
         for item, value in zip(self.fields, values, strict=True):
             if isinstance(item, Group):
-                found = found.updated(item.given(value))
+                given = item.given(value)
             else:
-                found = found.updated(
-                    Values(**{"numbers" if isinstance(item, Number) else "tables": {item.name: value}})
-                )
+                given = Values(**{"numbers" if isinstance(item, Number) else "tables": {item.name: value}})
+            found = found.updated(given)
         return found
 
 

@@ -203,6 +203,5 @@ def handler_box(incoming: Incoming, layout: Layout, drops: bool, h: float) -> Bo
     given = Values({"drops": drops, "h": h})
     parts = {"y": (0, p), "delta": (p, s), "V2": (p + s, q), "stamps": (p + s + q, s)}
     work = {"e": (p,), "S": (p, p)}
-    return Box("handler", HANDLER, p + 2 * s + q, given, work, parts=parts).with_groups(
-        incoming=incoming, layout=layout
-    )
+    box = Box("handler", HANDLER, p + 2 * s + q, given, work, parts=parts)
+    return box.with_groups(incoming=incoming, layout=layout)
