@@ -149,9 +149,7 @@ def wired(
     if made.size not in SAYS[role]:
         sizes = " or ".join(map(str, SAYS[role]))
         raise InputError(f"{role}.kind: {kind}: says {made.size} numbers, must say {sizes}")
-    added = {
-        sensor: constant(f"{name}_no_{sensor}", np.zeros(PAYLOAD)) for sensor in SENSORS if sensor not in messages
-    }
+    added = {sensor: constant(f"{name}_no_{sensor}", np.zeros(PAYLOAD)) for sensor in SENSORS if sensor not in messages}
     if belief:
         added |= {part: slice_box(f"{name}_{part}", *its).with_inputs(whole=belief) for part, its in CUTS.items()}
     known = (
