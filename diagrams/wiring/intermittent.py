@@ -45,7 +45,7 @@ SURVEY_TIME = 20.0  # of what a survey makes last of the camera's fixes, beside 
 
 
 class Filtering(NamedTuple):
-    """What the filter estimates.
+    """The states and the measurement of the filter.
 
     Attributes:
         extras: its states beside the vehicle's and the integral.
@@ -61,12 +61,12 @@ class Filtering(NamedTuple):
 
     @property
     def belief(self) -> str:
-        """Which box says the filter's belief of all its states."""
+        """The name of the box, or its part, with the filter's belief of all its states."""
         return "filter.belief" if self.replays else "filter"
 
     @property
     def vehicle_belief(self) -> str:
-        """Which box says its belief of [x; i]."""
+        """The name of the box, or its part, with the belief of [x; i]."""
         return "vehicle_belief.belief" if self.extras else self.belief
 
 

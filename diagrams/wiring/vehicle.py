@@ -15,14 +15,14 @@ from ortilo_drake.world.vehicle.quadrotor import acceleration_box, felt_box, pla
 from ortilo_drake.world.vehicle.wrench_error import wrench_error_box
 
 
-def vehicle_boxes(scenario: Scenario, r_0: np.ndarray, control: str, feels: bool) -> list[Box]:
+def vehicle_boxes(scenario: Scenario, r_0: np.ndarray, control: str, needs_forces: bool) -> list[Box]:
     """Return the plant, `plant`, and all that acts on it.
 
     Args:
         scenario: the scenario.
         r_0: where it hovers at first, p_WB (3) [m].
         control: the box that says the control as it reaches the rotors.
-        feels: whether a sensor asks for what the body felt up to this tick, `felt`, and its `acceleration` by that.
+        needs_forces: whether a sensor reads the forces on the body up to this tick, `felt`, and its `acceleration`.
     """
     x_0 = np.zeros(N_X)
     x_0[0:3], x_0[5] = r_0, scenario.yaw
@@ -31,9 +31,9 @@ def vehicle_boxes(scenario: Scenario, r_0: np.ndarray, control: str, feels: bool
     if scenario.world.plant == "sampled" and not scenario.faster_sensors:
         plant = [plant_box(scenario.vehicle, scenario.world.kinematics, x_0, scenario.h)]
     else:
-        plant = continuous_boxes(scenario, x_0, scenario.imu_samples, feels)
+        plant = continuous_boxes(scenario, x_0, scenario.imu_samples, needs_forces)
     moving = plant[0].with_inputs(control=acts, disturbance=pushes)
-    return [*pushing, *acting, moving, *plant[1:], *(felt_boxes(scenario, acts, pushes) if feels else [])]
+    return [*pushing, *acting, moving, *plant[1:], *(felt_boxes(scenario, acts, pushes) if needs_forces else [])]
 
 
 def felt_boxes(scenario: Scenario, acts: str, pushes: str) -> list[Box]:

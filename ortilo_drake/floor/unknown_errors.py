@@ -1,4 +1,4 @@
-"""What a scenario's truth leaves unknown, as states of the Cramer-Rao bound beside the vehicle's twelve.
+"""The unknown errors of a scenario's truth, as states of the Cramer-Rao bound beside the vehicle's twelve.
 
 Each error of ``truth`` (scenario/truth.py) is an unknown of mean zero, whose variance is its value's square plus its
 spread's: a team knows how large its errors may be, and neither their sign nor their size. Those that change are

@@ -63,7 +63,7 @@ def compiled_fix_out(solve: Callable[..., np.ndarray]) -> Callable[..., None]:
     """Return a function that says the fix of what landed, as a share solves it."""
 
     def say(numbers: Any, message: np.ndarray, belief: np.ndarray, out: np.ndarray) -> None:
-        """Say [1, stamp, value, covariance row by row], zeros if nothing landed or there is no solution."""
+        """Output [1, stamp, value, covariance row by row], zeros if nothing landed or there is no solution."""
         fill(out, 0.0)
         if message[ARRIVED] != 0.0:
             P = (
@@ -90,7 +90,7 @@ def own_fix_box(name: str, share: Compiled, rows: int, scenario: Belief, room: R
 
 
 def read_out(message: np.ndarray, V: np.ndarray, out: np.ndarray) -> None:
-    """Say [1, stamp, value, covariance row by row] of a message that begins with the value; zeros if none landed."""
+    """Output [1, stamp, value, covariance row by row] of a message that begins with the value; zeros if none landed."""
     fill(out, 0.0)
     if message[ARRIVED] != 0.0:
         put(message[: out.size - V.size], out)  # with the covariance where it comes with the message

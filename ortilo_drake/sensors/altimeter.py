@@ -41,7 +41,7 @@ class Altimeter(SensorSettings):
 
 
 class AltimeterNumbers(NamedTuple):
-    """What compiled functions know of an altimeter.
+    """The numbers of an altimeter, as compiled functions take them.
 
     Attributes:
         floor: z of the floor [m].

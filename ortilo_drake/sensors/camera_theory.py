@@ -1,4 +1,4 @@
-"""What the theory knows of the boxes: which are likely, their information and errors, what a fix makes of them.
+"""The theory of the boxes: likely boxes, their information and errors, and the errors of a fix of them.
 
 The camera finds landmarks at random: those count whose detection rate is at least one half. The attitude's covariance,
 which the fix takes, is that of a filter long fed by the imu alone.
@@ -200,5 +200,5 @@ def _of(rows: np.ndarray, landmark: int) -> np.ndarray:
 
 
 def left_out(scenario: Scenario) -> tuple[dict[str, bool], dict[str, bool]]:
-    """Return which settings the predicted rms has not, and which it alone has; see model/parts.py."""
+    """Return the settings that the predicted rms leaves out, and those that it alone has; see model/parts.py."""
     return {"landmark_fix.noise_scale": scenario.landmark_fix.noise_scale is not None}, {}

@@ -1,4 +1,4 @@
-"""What a scenario's vehicle can do in its room at most, from which follows what its sensors can say.
+"""Limits of a scenario's vehicle in its room, from which those of its sensors follow.
 
 The largest command gives the largest accelerations. These and the room give the largest velocities, and the positions
 and attitudes until the flight counts as lost (flight/lost.py):
@@ -23,7 +23,7 @@ SIGMAS: Final = 10.0
 
 
 class Envelope(NamedTuple):
-    """What a vehicle can do at most.
+    """The limits of a vehicle's motion.
 
     Attributes:
         u: the size of a command [N, N m] (4).
@@ -50,7 +50,7 @@ def largest_command(vehicle: Vehicle) -> np.ndarray:
 
 
 def envelope_of(scenario: Scenario, room: Room) -> Envelope:
-    """Return what a scenario's vehicle can do in its room at most."""
+    """Return the limits of a scenario's vehicle in its room."""
     vehicle, h = scenario.vehicle, scenario.h
     size = float(np.linalg.norm(np.array(room.interior.max) - np.array(room.interior.min)))
     u, (force_sd, torque_sd) = largest_command(vehicle), scenario.world.disturbance.sds(h)

@@ -54,7 +54,7 @@ class Flow(SensorSettings):
 
 
 class FlowNumbers(NamedTuple):
-    """What compiled functions know of an optical-flow sensor.
+    """The numbers of an optical-flow sensor, as compiled functions take them.
 
     Attributes:
         floor: z of the floor [m].

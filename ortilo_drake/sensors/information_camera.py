@@ -39,7 +39,7 @@ _MOST_SLOW = 1.0 - 1e-6  # the changes of an error that is all slow would hold u
 
 
 class CenterErrors(NamedTuple):
-    """How the errors of a box's centre are distributed, u and v.
+    """The distribution of the errors of a box's centre, u and v.
 
     Attributes:
         gain: E of each, in 1 / m (2).

@@ -1,4 +1,4 @@
-"""What a filter that learns of the survey would learn at a place.
+"""The result, at a place, of a filter that learns the survey's errors.
 
 A filter with banks (onboard/ranging/survey_bank.py, onboard/landmarks/landmark_bank.py) sees its bias state s by a
 coefficient rho, the sd that a fix says over the one of the settings. Hovering, that is the filter whose state is rho s,

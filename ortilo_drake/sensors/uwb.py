@@ -204,7 +204,7 @@ def limits(scenario: Scenario, room: Room) -> tuple[np.ndarray, np.ndarray]:
 
 
 def whole(scenario: Belief, room: Room) -> list[int]:
-    """Return which numbers of the payload are whole: flags, and the anchors of differences."""
+    """Return the places of whole numbers in the payload: flags, and the anchors of differences."""
     n = payload(scenario, room)
     if scenario.uwb.kind == "ranges":
         return list(range(n // 2, n))

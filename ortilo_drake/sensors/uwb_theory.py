@@ -1,4 +1,4 @@
-"""What the theory knows of the ranges: their unknown errors, what they make of a fix, what a fix tells of anchors."""
+"""The theory of the ranges: their unknown errors, the errors of a fix, and what a bank learns of the anchors."""
 
 import numpy as np
 
@@ -127,7 +127,7 @@ def learned(scenario: Scenario, room: Room, x: np.ndarray) -> Scenario:
 
 
 def left_out(scenario: Scenario) -> tuple[dict[str, bool], dict[str, bool]]:
-    """Return which settings the predicted rms has not, and which it alone has; see model/parts.py."""
+    """Return the settings that the predicted rms leaves out, and those that it alone has; see model/parts.py."""
     uwb, fix = scenario.uwb, scenario.multilateration
     noise = uwb.fitted if uwb.errors == "fitted" else None
     out = {"uwb.round": uwb.round > 0.0, "uwb.walls": uwb.walls.kind in ("bias", "excess")}

@@ -38,7 +38,7 @@ def log_ticks(scenario: Belief) -> int:
 
 @register_jitable
 def say_timeline(n: Any, acts: np.ndarray, heard: float, sent: np.ndarray, out: np.ndarray) -> None:
-    """Say the timeline of what acted, is known until `heard` [s] and was sent."""
+    """Output the timeline of what acted, is known until `heard` [s] and was sent."""
     tau = expected_delay(acts, n.delay)
     put(packed(tau, timeline_of(acts, heard, sent, tau, n.slack), out.size), out)
 
@@ -60,7 +60,7 @@ def heard_until(heard: float, message: np.ndarray) -> float:
 
 
 def deaf_out(n: Any, sent: np.ndarray, acts: np.ndarray, out: np.ndarray) -> None:
-    """Say the timeline of a log that hears no report."""
+    """Output the timeline of a log that hears no report."""
     say_timeline(n, acts, NONE, sent, out)
 
 
@@ -70,7 +70,7 @@ def deaf_step(n: Any, k: int, control: np.ndarray, sent: np.ndarray) -> None:
 
 
 def log_out(n: Any, acted: np.ndarray, sent: np.ndarray, acts: np.ndarray, heard: np.ndarray, out: np.ndarray) -> None:
-    """Say the timeline, by the report that landed in this tick and those before."""
+    """Output the timeline, by the report that landed in this tick and those before."""
     say_timeline(n, with_report(acts, acted), heard_until(heard[0], acted), sent, out)
 
 

@@ -96,7 +96,7 @@ def ahead_out(
     by_force: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Say [x; i] (15) and the reference (9) at t_k + tau."""
+    """Output [x; i] (15) and the reference (9) at t_k + tau."""
     tau, b = timeline[0], lift + by_force @ force
     put(state_ahead(belief[:N_XBAR], reference, unpacked(timeline), k * n.h, tau, n.h, A, B, b), out)
     put(reference_after(reference, tau), out, N_XBAR)

@@ -1,4 +1,4 @@
-"""What acts on the rotors and from when, as the onboard half knows and expects it.
+"""The commands that act on the rotors and from when, as the onboard half knows and expects them.
 
 A command of tick j acts from t_j + tau. The world reports (model/signals.py, 'acted') which commands acted, and from
 when: until the report's stamp nothing else did, for each report holds the newest of them. Of the commands sent since,

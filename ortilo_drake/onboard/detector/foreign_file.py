@@ -1,4 +1,4 @@
-"""What a file is that was given as an ONNX network and is none, by how it begins."""
+"""The kind of a file that was given as an ONNX network and is none, by its first bytes."""
 
 import re
 import zipfile

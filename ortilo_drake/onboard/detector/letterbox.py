@@ -16,7 +16,7 @@ GREY = 114  # of the borders
 
 
 class Letterbox(NamedTuple):
-    """Where a picture lies in a network's input.
+    """The place of a picture in a network's input.
 
     Attributes:
         picture: width and height of the picture [px].

@@ -26,7 +26,7 @@ _WANTED = "must be a detection network of YOLOv5, v8 or v11"
 
 
 class Head(NamedTuple):
-    """How a network says its boxes.
+    """The format of a network's boxes.
 
     Attributes:
         classes: c.

@@ -1,4 +1,4 @@
-"""What standing still before take-off leaves unknown of the imu's biases.
+"""The imu's biases that are still unknown after standing still before take-off.
 
 While the vehicle rests on the floor for T seconds the imu takes N samples. Gyroscope and accelerometer are then zeroed:
 what they said on average is taken off all that they say in flight, but for gravity as it stands by the imu's own roll
@@ -21,7 +21,7 @@ from ortilo_drake.scenario import Belief
 
 
 class Rest(NamedTuple):
-    """How a vehicle stood still.
+    """A vehicle's rest before take-off.
 
     Attributes:
         samples: how many the imu took.

@@ -49,19 +49,19 @@ def open_belief(belief: np.ndarray, opening: np.ndarray) -> None:
 
 
 def vehicle_belief_out(belief: np.ndarray, out: np.ndarray) -> None:
-    """Say the belief of [x; i] (240), and the force that is believed to act (3) [N], of a filter of more states."""
+    """Output the belief of [x; i] (240), and the force that is believed to act (3) [N], of a filter of more states."""
     size = int(np.sqrt(belief.size + 0.25))  # n + n^2 numbers
     put_vehicle_part(out, belief, size)
     put(belief[N_X : N_X + 3], out, KNOWN)
 
 
 def parts_out(belief: np.ndarray, out: np.ndarray) -> None:
-    """Say a belief of [x; i] (240) again."""
+    """Output a belief of [x; i] (240) again."""
     put(belief[:KNOWN], out)
 
 
 def extra_out(belief: np.ndarray, out: np.ndarray) -> None:
-    """Say the states between x and i and their standard deviations (2 e), of a belief of [x; e; i]."""
+    """Output the states between x and i and their standard deviations (2 e), of a belief of [x; e; i]."""
     e = out.size // 2
     size = e + N_XBAR
     for i in range(e):

@@ -1,4 +1,4 @@
-"""What the filter believes of the vehicle, from the scenario: the paper's twelve states, and those beside them."""
+"""The filter's model of the vehicle, from the scenario: the paper's twelve states, and those beside them."""
 
 import numpy as np
 

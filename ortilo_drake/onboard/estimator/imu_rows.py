@@ -117,7 +117,7 @@ def imu_rows_out(
     variances: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Say [y, delta, V2, stamps] with the imu's rows, see put_imu_rows; their stamp is that of its message."""
+    """Output [y, delta, V2, stamps] with the imu's rows, see put_imu_rows; their stamp is that of its message."""
     m = variances.size // 3
     p, s, q = y.size + 3 * m, delta.size + m, V2.size + 9 * m
     put_imu_rows(out[:p], out[p : p + s], out[p + s : p + s + q], y, delta, V2, imu, n.number, variances)

@@ -46,7 +46,7 @@ INTEGRATORS = {"estimate": INTEGRATOR_ESTIMATE, "literal": INTEGRATOR_LITERAL, "
 
 
 class FilterModel(NamedTuple):
-    """What the filter believes of the vehicle; of N = 12 states x, or of more, [x; e].
+    """The filter's model of the vehicle, of N = 12 states x, or of more, [x; e].
 
     Attributes:
         Phi: discrete dynamics of x (N, N).

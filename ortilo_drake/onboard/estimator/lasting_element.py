@@ -39,7 +39,7 @@ from ortilo_drake.onboard.ranging.lasting_error import N_KEPT, N_LASTING
 
 
 class LearnedCoefficients(NamedTuple):
-    """Which coefficients of the measurement's layout are told.
+    """The coefficients of the measurement's layout that fixes set.
 
     Attributes:
         row: of y (m).

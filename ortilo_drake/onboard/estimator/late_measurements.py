@@ -34,7 +34,7 @@ from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
 
 
 class Slot(NamedTuple):
-    """Where everything begins in a slot of the history; an empty one has tick -1. Slot j is row j mod N."""
+    """The first index of each part of a slot of the history; an empty slot has tick -1. Slot j is row j mod N."""
 
     tick: int
     belief: int

@@ -29,7 +29,7 @@ NEVER = -1  # the tick for a handler that drops nothing
 
 
 class Incoming(NamedTuple):
-    """How the sensors' messages stand in one vector.
+    """The layout of the sensors' messages in one vector.
 
     Attributes:
         start: where each sensor's message begins, -1 for one that does not fly (s).
@@ -183,7 +183,7 @@ def handler_out(
     S: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Say [y, delta, V2, stamps] of what landed in tick k, see put_measurements."""
+    """Output [y, delta, V2, stamps] of what landed in tick k, see put_measurements."""
     fill(out, 0.0)
     judged = k if n.drops else NEVER
     put_measurements(out, messages, belief[:N_XBAR], belief[N_XBAR:], judged, n.h, incoming, layout, e, S)

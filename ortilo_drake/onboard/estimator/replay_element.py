@@ -61,7 +61,7 @@ def replay_filter_step(
 
 
 def belief_at_stamp_out(n: Any, message: np.ndarray, memory: np.ndarray, slot: Slot, out: np.ndarray) -> None:
-    """Say [xhat, P row by row] of the tick at which a message was true, by all that has arrived since (n + n^2).
+    """Output [xhat, P row by row] of the tick at which a message was true, by all that has arrived since (n + n^2).
 
     It is the present one where no message arrived or its stamp is of this tick or a later one, and that of the oldest
     tick kept where the stamp is older.

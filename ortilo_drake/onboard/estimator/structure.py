@@ -1,4 +1,4 @@
-"""Where Phi is 0, so that Phi P Phi^T + W takes only what must be computed.
+"""The zeros of Phi, so that Phi P Phi^T + W takes only what must be computed.
 
 Most rows of Phi leave a state as it is, or shrink it; the others see few states.
 """
@@ -10,7 +10,7 @@ from numba.extending import register_jitable
 
 
 class Structure(NamedTuple):
-    """Where Phi (N, N) is not 0.
+    """The entries of Phi (N, N) that are not 0.
 
     Attributes:
         columns: of each row, which entries are not 0 (N, w); counts says how many of them are meant.

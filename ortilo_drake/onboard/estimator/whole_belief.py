@@ -10,13 +10,13 @@ SIZE = N_XBAR + N_XBAR * N_XBAR
 
 
 def together_out(estimate: np.ndarray, covariance: np.ndarray, out: np.ndarray) -> None:
-    """Say [xhat, P row by row] (240) of both (15, 225)."""
+    """Output [xhat, P row by row] (240) of both (15, 225)."""
     put(estimate, out)
     put(covariance, out, N_XBAR)
 
 
 def widened_out(estimate: np.ndarray, covariance: np.ndarray, i: np.ndarray, out: np.ndarray) -> None:
-    """Say likewise of an estimate of x (12, 144); the integral is known: its rows and columns of P are 0."""
+    """Output likewise of an estimate of x (12, 144); the integral is known: its rows and columns of P are 0."""
     fill(out, 0.0)
     put(estimate, out)
     put(i, out, N_X)

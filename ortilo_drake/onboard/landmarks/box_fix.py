@@ -21,7 +21,7 @@ LOST = 1.0e6  # an estimate as large as this associates nothing
 
 
 class BoxBelief(NamedTuple):
-    """What is believed of the boxes, as compiled functions take it.
+    """The model of the boxes, as compiled functions take it.
 
     Attributes:
         positions: p_W of the landmarks (n, 3).

@@ -53,7 +53,7 @@ def boxes_out(
     refused: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Say the fix message of pose_from_boxes, of the boxes that landed; zeros if there is none."""
+    """Output the fix message of pose_from_boxes, of the boxes that landed; zeros if there is none."""
     fill(out, 0.0)
     if message[ARRIVED] != 1.0:
         return
@@ -72,7 +72,7 @@ def cosines_out(
     refused: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Say the fix message of cosine_law, of the boxes that landed; zeros if there is none."""
+    """Output the fix message of cosine_law, of the boxes that landed; zeros if there is none."""
     fill(out, 0.0)
     if message[ARRIVED] != 1.0:
         return
@@ -92,7 +92,7 @@ def learning_out(
     learned: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Say the fix message of boxes_out by what has been learned, what lasts of its error, and what it tells.
+    """Output the fix message of boxes_out by what has been learned, what lasts of its error, and what it tells.
 
     Without a fix all that lasts of the last one's error is kept.
     """
@@ -110,7 +110,7 @@ def scaled_out(
     scale: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Say what learning_out does, by the boxes' noise as it is believed, and after it how many residuals are left (2).
+    """Output what learning_out does, by the noise learned of boxes; then the number and square sum of residuals (2).
 
     What the boxes tell, and the sum of the residuals' squares, are by the noise that is told.
     """
@@ -134,7 +134,7 @@ def say_learning(
     refused: np.ndarray,
     learned: np.ndarray,
 ) -> tuple[float, float]:
-    """Say what learning_out does, by what is believed of boxes now, and return what put_information does."""
+    """Output what learning_out does, by what is believed of boxes now, and return what put_information does."""
     fill(out, 0.0)
     size, landmarks = PAYLOAD + 42, now.positions.shape[0]
     put(learned[LASTING:KEPT], out, size)

@@ -1,4 +1,4 @@
-"""Whether the boxes agree, all together, with the estimate that they were associated by.
+"""The test whether all boxes together agree with the estimate by which they were associated.
 
 Each pairing within its gate may be wrong though all of them pass, for the errors of the estimate are common to all
 boxes. With e the stacked differences from the predicted centres and J their Jacobian by the pose, of covariance P,

@@ -30,7 +30,7 @@ _FORBIDDEN = 1.0e6
 
 
 class Predicted(NamedTuple):
-    """What the estimate predicts of landmarks' boxes.
+    """The boxes of landmarks that the estimate predicts.
 
     Attributes:
         centers: z_i [px] (k, 2).

@@ -1,4 +1,4 @@
-"""How good the survey of the landmarks is, learned from what their boxes disagree by.
+"""The error of the landmarks' survey, learned from the residuals of their boxes.
 
 A landmark that is moved by lambda_i moves its box by A_i lambda_i, A_i = -d z_i / d p_WB. With J the Jacobian of all
 boxes by the pose and the weights W of the boxes' own errors alone, a fix gives the information of its residuals e on

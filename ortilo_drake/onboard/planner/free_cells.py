@@ -26,7 +26,7 @@ ELBOW = 0.15  # space that a cell leaves around its seed before it keeps the cle
 
 @dataclass(frozen=True)
 class FreeSpace:
-    """Where the vehicle's centre may be at its flying height.
+    """The places that the vehicle's centre may take at its flying height.
 
     Attributes:
         names: what errors call the obstacles (n).

@@ -1,4 +1,4 @@
-"""What a scenario flies along: a path that is planned before the flight, or a System that says it tick by tick."""
+"""The path of a scenario: planned before the flight, or given by a System tick by tick."""
 
 from collections.abc import Callable
 from typing import TypeAlias

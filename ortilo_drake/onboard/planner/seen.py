@@ -1,4 +1,4 @@
-"""Where the vehicle would have a fix, by the surveyed room alone.
+"""The places where the vehicle would have a fix, by the surveyed room alone.
 
 A place is seen if the ranges that walls leave make a fix of at most FIX_SD, as the multilateration believes in them
 (range_equations.py), or if the camera would see two landmarks, flying level at the heading that is held. Walls are
@@ -28,7 +28,7 @@ BLOCK = 4  # points of the planner's grid along each side of a place that is loo
 
 @dataclass(frozen=True)
 class FixSources:
-    """What the onboard half has to find its position by.
+    """The things by which the onboard half finds its position.
 
     Attributes:
         ranges: whether ranges to anchors are measured.

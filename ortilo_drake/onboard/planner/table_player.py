@@ -8,7 +8,7 @@ from ortilo_drake.model.signals import REFERENCE_SIZE
 
 
 def reference_out(k: int, path: np.ndarray, out: np.ndarray) -> None:
-    """Say r, r_dot and r_ddot of tick k (9); those of the last after it."""
+    """Output r, r_dot and r_ddot of tick k (9); those of the last after it."""
     put(path[min(k, path.shape[0] - 1)], out)
 
 

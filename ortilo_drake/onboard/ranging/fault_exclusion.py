@@ -30,7 +30,7 @@ UNKNOWNS = 3  # of a fit; with an offset of the clock one more
 
 
 class Consistency(NamedTuple):
-    """What ranges must fulfil to make a fix, as compiled functions take it.
+    """The conditions for ranges to make a fix, as compiled functions take them.
 
     Attributes:
         quantiles: largest cost by degrees of freedom; inf where there are none.

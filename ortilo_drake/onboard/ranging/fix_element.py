@@ -19,7 +19,7 @@ from ortilo_drake.scenario import Multilateration as MultilaterationSettings
 def fix_out(
     n: Any, message: np.ndarray, belief: np.ndarray, anchors: np.ndarray, used: np.ndarray, out: np.ndarray
 ) -> None:
-    """Say the fix message (14) of the ranges that landed, zeros if there is none."""
+    """Output the fix message (14) of the ranges that landed, zeros if there is none."""
     if message[ARRIVED] == 0.0:
         fill(out, 0.0)
     else:
@@ -73,7 +73,7 @@ def learning_out(
     noise: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Say the fix message of the ranges that landed, weighed by what has been learned, and what lasts of its error."""
+    """Output the fix message of the ranges that landed, by noise with the learned survey, and its lasting error."""
     fill(out, 0.0)
     put_learned_noise(noise, n.noise, learned)
     if message[ARRIVED] != 0.0:
@@ -93,7 +93,7 @@ def scaled_out(
     used: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Say the fix message (14) of the ranges that landed, by the noise that is believed now; zeros if there is none."""
+    """Output the fix message (14) of the ranges that landed, by the noise believed now; zeros if there is none."""
     fill(out, 0.0)
     if message[ARRIVED] != 0.0:
         put_fix_message(message, anchors, values_of(noise), belief, n.three != 0, used, out)
@@ -109,7 +109,7 @@ def scaled_learning_out(
     used: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Say what learning_out does, by the noise that is believed now."""
+    """Output what learning_out does, by the noise that is believed now."""
     fill(out, 0.0)
     if message[ARRIVED] != 0.0:
         put_fix_message(message, anchors, values_of(noise), belief, n.three != 0, used, out)
@@ -130,7 +130,7 @@ def tested_out(
     clock: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Say the fix message (14) of those ranges that fit each other, zeros if there is none, and the clock after it."""
+    """Output the fix message (14) of those ranges that fit each other, else zeros, and the clock after it."""
     fill(out, 0.0)
     put(clock, out, FIX_SIZE)
     if message[ARRIVED] != 0.0:

@@ -1,4 +1,4 @@
-"""How large the noise of ranges or boxes is, learned together with how much of the survey's error lasts.
+"""The scale of the noise of ranges or boxes, learned together with the share of the survey's error that lasts.
 
 The noise is c times as large as it is told, and c^2 ~ IG(nu_0 / 2, nu_0 / 2) before the first fix (inverse gamma): what
 is told counts as nu_0 residuals. Beside Lambda and eta (survey_bank.py) fixes give the number of their residuals and

@@ -20,7 +20,7 @@ from ortilo_drake.scenario.sensors import UwbSetup
 def sighted_out(
     message: np.ndarray, belief: np.ndarray, anchors: np.ndarray, walls: np.ndarray, ages: np.ndarray, out: np.ndarray
 ) -> None:
-    """Say a uwb message with its ranges at the stamp and without those behind walls."""
+    """Output a uwb message with its ranges at the stamp and without those behind walls."""
     put(message, out)
     if message[ARRIVED] == 0.0:
         return

@@ -1,4 +1,4 @@
-"""How good the survey of the anchors is, learned from what ranges to them disagree by.
+"""The error of the anchors' survey, learned from the residuals of ranges to them.
 
 Twelve ranges for three unknowns leave nine residuals. With the unit vectors u_i as the rows of J and the weights
 W = diag(1 / v_i^2) of the ranges' noise alone, a fix p gives the information of its residuals e_i = r_i - |p - a_i| on

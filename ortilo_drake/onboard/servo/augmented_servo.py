@@ -53,7 +53,7 @@ def augmented_out(
     L_u: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Say u_k of augmented_command (4)."""
+    """Output u_k of augmented_command (4)."""
     d = (force[0], force[1], force[2])
     put(augmented_command(belief, reference, before, L_x, L_u, n.mass, n.yaw, n.error_form != 0, d), out)
 

@@ -96,12 +96,12 @@ def resting_integral(L: np.ndarray, r: np.ndarray, form: str) -> np.ndarray:
 def servo_out(
     n: Any, belief: np.ndarray, force: np.ndarray, reference: np.ndarray, L: np.ndarray, out: np.ndarray
 ) -> None:
-    """Say u_k of command (4)."""
+    """Output u_k of command (4)."""
     put(command(belief, reference, L, n.mass, n.yaw, n.error_form != 0, (force[0], force[1], force[2])), out)
 
 
 def true_velocity_out(belief: np.ndarray, velocity: np.ndarray, out: np.ndarray) -> None:
-    """Say the estimate (15) with the true velocities of a message in it."""
+    """Output the estimate (15) with the true velocities of a message in it."""
     put(belief[:N_XBAR], out)
     put(velocity[PAYLOAD:], out, 6)
 

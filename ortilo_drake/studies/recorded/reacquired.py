@@ -113,7 +113,7 @@ def run_on(
 
 
 def restart_from(ranges: Ranges, setup: Setup, state: State, astray: bool) -> Restart | None:
-    """Return where to start anew by the ranges that follow; None if they do not say it better than the filter.
+    """Return a restart by the ranges that follow; None if no fix suits them better than the filter's state.
 
     Args:
         ranges: from the one on at which it was lost, for LONGEST or to their end.

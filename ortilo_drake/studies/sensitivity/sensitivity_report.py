@@ -61,7 +61,7 @@ def sensitivity_text(found: Sensitivity) -> str:
 
 
 def of_careful_team() -> dict[str, float]:
-    """Return what a careful team leaves, by mismatch."""
+    """Return the value that a careful team leaves of each mismatch, by name."""
     return {m.name: m.careful for m in known_mismatches()} | {TOGETHER: 1.0}
 
 

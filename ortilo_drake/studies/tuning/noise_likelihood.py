@@ -6,9 +6,8 @@ The one-step predictor of the 12 states turns the measurements into independent 
 
 over the ticks k in which anything arrived, m_k the rows that did (F. C. Schweppe, "Evaluation of likelihood functions
 for Gaussian signals", IEEE Trans. Information Theory 11, 1965; R. H. Shumway and D. S. Stoffer, Time Series Analysis
-and Its Applications, section 6.3, missing observations in 6.4). The predictor is the flying filter by the
-same kernel, without its integrator, which does not act on the first 12 states. The record may come from a filter with
-other W and V.
+and Its Applications, section 6.3, missing observations in 6.4). The predictor is the flying filter by the same kernel,
+without its integrator, which does not act on the first 12 states. The record may come from a filter with other W and V.
 
 A sensor whose errors are not white spoils this: errors of boxes persist from picture to picture, and log L takes that
 for precision. Such a sensor may be used without being counted. Then sum_k log p(counted y_k | all y before) still
@@ -66,7 +65,7 @@ class NoiseModel(NamedTuple):
 
 
 class Work(NamedTuple):
-    """What a step works in, for p rows of y in sensors of at most M: S (p, p), G^T (p or more, 13), V (M^2), x (12)."""
+    """Arrays to work in, for p rows of y and at most M a sensor: S (p, p), G^T (p or more, 13), V (M^2) and x (12)."""
 
     S: np.ndarray
     GT: np.ndarray
@@ -76,7 +75,7 @@ class Work(NamedTuple):
 
 @register_jitable
 def work_for(record: Record) -> Work:
-    """Return what the steps of a record work in."""
+    """Return the arrays that the steps of a record work in."""
     p, most = record.y.shape[1], record.V2.shape[2]
     return Work(np.empty((p, p)), np.empty((max(12, p), 13)), np.empty(most * most), np.empty(12))
 

@@ -95,7 +95,7 @@ ROTORS_FELT = Element(
 )
 
 
-def continuous_boxes(scenario: Scenario, x_0: np.ndarray, samples: int, feels: bool) -> list[Box]:
+def continuous_boxes(scenario: Scenario, x_0: np.ndarray, samples: int, needs_forces: bool) -> list[Box]:
     """Return the continuous plant: it reads the control (4) and the disturbance (6), and outputs x (12), `plant`.
 
     The control acts on the body. With rotors' dynamics it is the command, and `rotors_felt`, if asked for, is the
@@ -105,7 +105,7 @@ def continuous_boxes(scenario: Scenario, x_0: np.ndarray, samples: int, feels: b
         scenario: the scenario.
         x_0: state at the start (12).
         samples: of the fastest sensor in a tick.
-        feels: whether it is asked for what acts on the body.
+        needs_forces: whether it is asked for what acts on the body.
     """
     vehicle, h = scenario.vehicle, scenario.h
     has_rotors = scenario.world.rotors.kind == "first_order"
@@ -133,7 +133,7 @@ def continuous_boxes(scenario: Scenario, x_0: np.ndarray, samples: int, feels: b
         Box("vehicle", CONTINUOUS, body.size, given, work, parts=parts).with_groups(faults=faults),
         Box("plant", STATE, N_X, reads={"body": "vehicle.x"}),
     ]
-    if has_rotors and feels:
+    if has_rotors and needs_forces:
         felt = Values({"h": h}, tables=tables)
         room = {"room": work["room"]}
         its = Box("rotors_felt", ROTORS_FELT, N_U, felt, room, reads={"speeds": "vehicle.speeds"})

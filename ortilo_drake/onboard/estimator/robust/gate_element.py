@@ -1,4 +1,4 @@
-"""What stands between handler and filter, as an element of the loop: it refuses and weighs values, and opens P."""
+"""The gate between handler and filter, as an element of the loop: it refuses and weighs values, and opens P."""
 
 from typing import Any
 
@@ -26,7 +26,7 @@ def gate_out(
     beliefs: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Say [y, delta, V2] of what is used, what is added to the diagonal of P, and the three states of the next tick."""
+    """Output [y, delta, V2] as used, the addition to the diagonal of P, and the three states of the next tick."""
     for j in range(delta.size):
         if delta[j] != 0.0:
             put(belief if late[j] < 0 else past[late[j] * belief.size :][: belief.size], beliefs[j])

@@ -1,4 +1,4 @@
-"""How far the filter's P is opened."""
+"""The variances by which the filter's P is opened."""
 
 import numpy as np
 

@@ -44,7 +44,7 @@ SHUT, OPEN_RATES, OPEN_ALL = range(3)  # what is opened of P: nothing, angles an
 
 
 class Weighing(NamedTuple):
-    """What decides on values, as compiled functions take it.
+    """The settings that decide on values, as compiled functions take them.
 
     Attributes:
         C: rows of y over all that the filter estimates but the integral (p, N).

@@ -1,4 +1,4 @@
-"""What the tight filter goes by beside the imu and the vehicle."""
+"""The tight filter's measurements beside the imu."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ from ortilo_drake.onboard.estimator.tight.watch import Watch
 
 
 class Aids(NamedTuple):
-    """What the filter believes of the sensors beside the imu, as compiled functions take it.
+    """The filter's model of the sensors beside the imu, as compiled functions take it.
 
     Attributes:
         anchors: a_i in W (n, 3) [m].

@@ -99,7 +99,7 @@ def tight_handler_out(
     number: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Say [y, delta, V2] of tick k: what can be used of the messages; y is NaN of ranges and boxes."""
+    """Output [y, delta, V2] of tick k: what can be used of the messages; y is NaN of ranges and boxes."""
     fill(out, 0.0)
     p, s = first[-1], first.size - 1
     for j, message in ((n.numbers[0], uwb), (n.numbers[2], camera)):

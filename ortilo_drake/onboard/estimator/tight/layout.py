@@ -1,4 +1,4 @@
-"""Where each part of the tight filter's state stands.
+"""The layout of the tight filter's state.
 
 The nominal state is a position, a velocity, a unit quaternion and additive numbers; then come the clones, poses of the
 last ticks. The error state has three numbers for an attitude, R_WB = R_hat exp([theta]x), theta in B:
@@ -20,7 +20,7 @@ ADDITIVE: Final = 10  # where the additive part begins in the nominal state; GYR
 
 
 class Layout(NamedTuple):
-    """Where the states beside the inertial ones begin in the error state; -1 where there are none.
+    """The first index of the states beside the inertial ones in the error state; -1 where there are none.
 
     Attributes:
         angles: errors of the imu's roll, pitch and yaw [rad] (3).

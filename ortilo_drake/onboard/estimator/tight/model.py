@@ -1,4 +1,4 @@
-"""What the tight filter believes, from the scenario: which states there are, their noise, their first covariance."""
+"""The tight filter's model, from the scenario: its states, their noise, their first covariance."""
 
 from collections.abc import Container
 

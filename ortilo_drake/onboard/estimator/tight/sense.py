@@ -1,4 +1,4 @@
-"""What the tight filter makes of the messages of a tick: imu, ranges, boxes, each at its stamp."""
+"""The tight filter's updates by the messages of a tick: imu, ranges, boxes, each at its stamp."""
 
 import numpy as np
 from numba import njit

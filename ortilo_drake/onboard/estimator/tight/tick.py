@@ -20,7 +20,7 @@ N_AHEAD = N_X + N_X * N_X  # the prediction for the next tick, estimate and cova
 
 
 class Motion(NamedTuple):
-    """What the tight filter believes of imu and vehicle.
+    """The tight filter's model of imu and vehicle.
 
     Attributes:
         variances: of a sample's body rates [rad^2/s^2] and specific force [m^2/s^4] (2).

@@ -26,7 +26,7 @@ _FEWEST: Final = 3  # ranges that can have an error in common
 
 
 class Watch(NamedTuple):
-    """What the watch goes by.
+    """The settings of the watch.
 
     Attributes:
         share: of a new value in the means, a [1].
