@@ -78,7 +78,7 @@ class Sensor:
         information: (scenario, room, true states (n, 12), seen (n)) -> sensors.information_rows.Information, the Fisher
             information of the messages that were sent in the ticks that are seen; None where it is not known. By
             default of rows of that sd.
-        unknown: (scenario, room) -> the errors that the scenario's truth leaves unknown, sensors.unknown_errors.Error.
+        unknown: (scenario, room) -> the errors that the scenario's truth leaves unknown, sensors.unknown_error.Error.
             By default those that its filter believes in (estimator.biases.row_sd).
         made: (scenario, room, true state (12)) -> (D (m, l), rows (l, 17)): at that state its value errs by D e if the
             measurements of which it is made, those rows of `information`, err by e; None where D is not known. By
