@@ -20,6 +20,7 @@ from ortilo_drake.studies.command_link.command_loop import commanded_loop
 from ortilo_drake.studies.command_link.command_loss import lossy_loop
 from ortilo_drake.studies.loop.error_moments import error_inputs, position_moments
 from ortilo_drake.studies.loop.fix_covariance import fix_noise
+from ortilo_drake.studies.loop.hover_loop import why_no_loop
 from ortilo_drake.theory.jump_linear.jump_linear import MARGIN, JumpLinear, mean_square_radius, steady_second_moment
 
 POINT = (8.0, 1.0, 1.5)  # out of the authors' blackouts and far from walls
@@ -88,8 +89,14 @@ def hover_V(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> np.
     return np.asarray(block_diag(*noise.V.values()))
 
 
-def told_at(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> Scenario:
-    """Return the scenario whose filter is told what its banks learn at a point, hovering; errors as hover_V."""
+def learned_at(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> Scenario:
+    """Return the scenario whose filter has what its banks learn at a point, hovering.
+
+    Raises:
+        InputError: as hover_V, or if the scenario has no linear loop.
+    """
+    if why := why_no_loop(scenario):
+        raise InputError(why)
     hover_V(scenario, p_WB)  # nothing is learned where a sensor gives no measurement
     return as_learned(scenario, hovering(p_WB))
 
@@ -143,7 +150,7 @@ def command_flights(
         InputError: as hover_V.
     """
     seeds = list(seeds)
-    told = told_at(scenario, point)
+    told = learned_at(scenario, point)
     V, errors = hover_V(told, point), errors_moment(told, point, duration)
     planner = HoverPlanner(kind="hover", point=point, duration=WARM_UP + duration)
     calm = scenario.model_copy(update={"planner": planner, "settle": 0.0})

@@ -20,7 +20,7 @@ from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.arrivals.arrival_map import diagonals
 from ortilo_drake.studies.arrivals.arrival_report import filter_model
 from ortilo_drake.studies.arrivals.link_chain import link_chain
-from ortilo_drake.studies.command_link.command_flights import hover_V, told_at
+from ortilo_drake.studies.command_link.command_flights import hover_V, learned_at
 from ortilo_drake.studies.loop.hover_loop import filter_V, hover_loop
 from ortilo_drake.studies.maps.map_flights import Map
 from ortilo_drake.studies.maps.sweep import scenario_at
@@ -91,7 +91,7 @@ def expected_rms(scenario: Scenario) -> float:
     modes = period * int(np.prod([2 if link is not None and _has_two(link.loss.kind) else 1 for link in links]))
     if modes > MOST_MODES:
         return float("nan")
-    told = told_at(scenario)
+    told = learned_at(scenario)
     model = filter_model(hover_loop(told), filter_V(told, hover_V(told)))
     return float(np.sqrt(np.sum(diagonals(model, link_chain(links[0], links[1], h)).upper[:3])))
 

@@ -18,7 +18,7 @@ from ortilo_drake.studies.command_link.command_flights import (
     command_cases,
     command_flights,
     hover_V,
-    told_at,
+    learned_at,
 )
 from ortilo_drake.studies.command_link.command_report import CommandReport, command_report
 from ortilo_drake.studies.consistency.consistency_figures import nees_figure, whiteness_figure
@@ -119,7 +119,7 @@ def theory(scenario: Scenario, step: Step = lambda what, done, total: None) -> T
         step(part, parts.index(part), len(parts))
 
     check_sensors(scenario)
-    told = told_at(scenario)
+    told = learned_at(scenario)
     V, loop = hover_V(told), hover_loop(told)
     rates = RATES if len(loop.names) == N_X else RATES[::4]  # a filter of twice the states takes eight times as long
     uwb, camera = (rates.tolist() if sensor in scenario.sensors else [0.0] for sensor in loop.measurement.positions[:2])
