@@ -11,7 +11,7 @@ from scipy.linalg import block_diag, solve_discrete_are
 
 from ortilo_drake.flight.flyable import flight_ticks
 from ortilo_drake.model.hover import disturbance_W
-from ortilo_drake.model.typed_yaml import validate
+from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.command_link.command_flights import hover_V
 from ortilo_drake.studies.loop.hover_loop import hover_loop
@@ -52,6 +52,11 @@ def test_the_filter_is_told_what_its_bank_learns() -> None:
     careful = load_scenario("imu_uwb", (told.format(0.05),))
     assert math.isclose(expected_rms(load_scenario("imu_uwb")), expected_rms(exact), rel_tol=0.01)
     assert expected_rms(careful) > 2.0 * expected_rms(exact)
+
+
+def test_an_estimator_without_linear_theory_is_named() -> None:
+    with pytest.raises(InputError, match=r"estimator\.kind: tight"):
+        expected_rms(load_scenario("tight_differences"))
 
 
 def test_the_error_grows_with_losses_and_bursts_and_is_unbounded_without_ranges() -> None:
