@@ -40,9 +40,9 @@ def onboard_half(scenario: Belief) -> Half:
     belief = scenario.belief
     if belief.is_rendered:
         raise InputError("export: camera.kind: rendered: its network is not exported; with projected boxes come in")
-    if "camera" in belief.sensors and belief.landmark_fix.method == "cosine_law":
+    if belief.sees_landmarks and belief.landmark_fix.method == "cosine_law":
         raise InputError("export: landmark_fix.method: cosine_law: its pseudoinverse comes from LAPACK")
-    if belief.uwb.kind == "differences":
+    if belief.measures_ranges and belief.uwb.kind == "differences":
         raise InputError("export: uwb.kind: differences: is not exported; ranges are")
     room, plan = belief.load_room(), planned(belief)
     if not isinstance(plan, Trajectory):
