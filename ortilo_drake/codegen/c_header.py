@@ -44,7 +44,7 @@ def fields_of(name: str, size: int) -> tuple[tuple[str, str], ...]:
     name = c_name(name)
     sensor = next((its for its in map(described, known_sensors()) if port_of(its.name) == name), None)
     members = PAYLOADS.get(name) or (sensor.members(size - PAYLOAD) if sensor else ())
-    plain = (f"double payload[{size - PAYLOAD}];", "samples, or what a sensor of one's own says")
+    plain = (f"double payload[{size - PAYLOAD}];", "several samples, or the values of a registered sensor")
     return (*HEAD, *(members or (plain,)))
 
 
