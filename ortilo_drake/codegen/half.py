@@ -1,4 +1,4 @@
-"""Which boxes are exported, and what comes in and goes out."""
+"""The boxes that are exported, with their inputs and outputs."""
 
 from typing import NamedTuple
 
@@ -32,7 +32,7 @@ class Half(NamedTuple):
 
 
 def onboard_half(scenario: Belief) -> Half:
-    """Return the onboard half of a scenario, of which the belief is all that is taken.
+    """Return the onboard half of a scenario; nothing but its belief is used.
 
     Raises:
         InputError: in one line, naming the part that cannot be exported and why.

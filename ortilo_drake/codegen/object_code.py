@@ -67,7 +67,7 @@ def linked(irs: Iterable[str], target: Target, layout: str) -> llvm.ModuleRef:
 
 
 def with_any_float_abi(code: bytes) -> bytes:
-    """Return an object file of ARM that says that it can be linked with either way of handing floats over.
+    """Return an object file of ARM marked as compatible with both ABIs of floats.
 
     llvmlite cannot say it. The attribute Tag_ABI_FP_number_model (23) = 3 is overwritten by Tag_ABI_VFP_args (28) = 3,
     "compatible with both", of "ABI for the Arm Architecture: Addenda". What is exported takes no floats by value.
