@@ -29,7 +29,7 @@ class OwnKalman(od.Frozen):
 
 
 def say(x: np.ndarray, P: np.ndarray, out: np.ndarray) -> None:
-    """Say the estimate (12) and its covariance row by row (144)."""
+    """Output the estimate (12) and its covariance row by row (144)."""
     out[:12] = x
     out[12:] = P.ravel()
 
@@ -38,7 +38,7 @@ def step(
     n: Any, uwb: np.ndarray, imu: np.ndarray, control: np.ndarray, anchors: np.ndarray, V: np.ndarray,
     Phi: np.ndarray, Gamma: np.ndarray, W: np.ndarray, x: np.ndarray, P: np.ndarray,
 ) -> None:  # fmt: skip
-    """Correct by what arrived, row by row, and go on to the next tick."""
+    """Correct by each row that arrived, and predict the next tick."""
     y, there, a = x[:6].copy(), np.zeros(6), len(anchors)
     if uwb[0] != 0.0 and uwb[2 + a :].sum() == a:  # the position by a step of Gauss and Newton
         J, away = np.zeros((a, 3)), np.zeros(a)
@@ -66,7 +66,7 @@ def variance_of(belief: Any) -> float:
 
 
 def linear(belief: od.Belief) -> od.IntermittentFilter:
-    """Return the paper's filter that it is; of twelve states, whose integral is of the estimate."""
+    """Return the same filter in the paper's form; the servo's integral is of the estimate."""
     return od.IntermittentFilter.model_validate({"V": {"uwb": (variance_of(belief),) * 3}, "integrator": "estimate"})
 
 

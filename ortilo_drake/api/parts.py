@@ -30,7 +30,7 @@ def register_estimator(
         make: (scenario, first estimate xbar_0 (15)) -> System, see diagrams/onboard.py.
         box: the same as an element, see diagrams/wiring/own_part.py.
         linear: Belief -> the paper's filter that it is about hover: W, V, and what it reads of the imu. With it the
-            linear theory (`ortilo analyze`, tube, maps, margins, floor) knows it; without it they say that they do not.
+            linear theory (`ortilo analyze`, tube, maps, margins, floor) covers it; without it they refuse it.
 
     Raises:
         InputError: if the settings have no kind, or neither make nor box is given.

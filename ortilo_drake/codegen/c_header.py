@@ -1,4 +1,4 @@
-"""The C header of an exported half: what it takes and says, its numbers, and what it keeps from tick to tick."""
+"""The C header of an exported half: its inputs and outputs, its numbers, and its state from tick to tick."""
 
 from typing import Final
 
@@ -44,7 +44,7 @@ def fields_of(name: str, size: int) -> tuple[tuple[str, str], ...]:
     name = c_name(name)
     sensor = next((its for its in map(described, known_sensors()) if port_of(its.name) == name), None)
     members = PAYLOADS.get(name) or (sensor.members(size - PAYLOAD) if sensor else ())
-    plain = (f"double payload[{size - PAYLOAD}];", "samples, or what a sensor of one's own says")
+    plain = (f"double payload[{size - PAYLOAD}];", "several samples, or the values of a registered sensor")
     return (*HEAD, *(members or (plain,)))
 
 
@@ -60,7 +60,7 @@ def struct(name: str, members: list[tuple[str, str]]) -> str:
 
 
 def dimensions(shape: tuple[int, ...]) -> str:
-    """Return an array's dimensions in C; what is empty has one number, which nobody reads."""
+    """Return an array's dimensions in C; an empty one has one number, which is not read."""
     return "".join(f"[{max(d, 1)}]" for d in shape)
 
 
@@ -99,7 +99,7 @@ def header_text(half: Half, name: str, sizes: dict[str, int], makes_arrays: bool
         half: what is exported.
         name: of the scenario.
         makes_arrays: whether there is room for arrays.
-        sizes: of states, of what is said and of room to work in, see c_source.py.
+        sizes: of states, outputs and work space, see c_source.py.
     """
     inputs = [(f"ortilo_{c_name(box)} {c_name(box)};", "") for box in half.inputs]
     outputs = [(f"double {signal}[{wire.size}];", OUTPUTS[signal]) for signal, wire in half.outputs.items()]

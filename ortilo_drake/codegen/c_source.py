@@ -33,7 +33,7 @@ def number_text(value: float) -> str:
 
 
 def values_text(values: np.ndarray) -> str:
-    """Return an initializer in C; of what is empty, of the one number that nobody reads."""
+    """Return an initializer in C; of an empty array, of the one number that is not read."""
     if values.size == 0:
         return f"{'{' * values.ndim}0{'}' * values.ndim}"
     if values.ndim == 0:
@@ -102,7 +102,7 @@ def call(half: Half, places: Places, box: Box, what: str) -> str:
 
 
 def source_text(half: Half, makes_arrays: bool, single: bool = False) -> tuple[str, dict[str, int]]:
-    """Return ortilo.c, with floats if single, and how many numbers states, room to work in and what is said take."""
+    """Return ortilo.c, with floats if single, and the numbers that states, work space and outputs of boxes take."""
     wiring, places = half.wiring, places_of(half.wiring)
     declared = [declaration(box, what) for box in computed_boxes(half) for what in box.element.functions]
     first = initial_values(half, places).astype(np.float32 if single else float)

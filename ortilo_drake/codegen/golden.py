@@ -77,7 +77,8 @@ def golden_text(came: np.ndarray, went: dict[str, np.ndarray], single: bool = Fa
     In single precision, the bits of the doubles' nearest floats, and no hash.
     """
     kind = np.float32 if single else np.float64
-    text = f"/* What came in and what must go out, as bits. */\n#include <stdint.h>\n#define TICKS {len(came)}\n"
+    bits = f"the bits of {'floats' if single else 'doubles'}"
+    text = f"/* What came in and what must go out, as {bits}. */\n#include <stdint.h>\n#define TICKS {len(came)}\n"
     for name, values in {"inputs": came, "control": went["control"], "estimate": went["estimate"]}.items():
         text += words_text(f"golden_{name}", values.astype(kind))
     if single:

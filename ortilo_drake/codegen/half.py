@@ -1,4 +1,4 @@
-"""Which boxes are exported, and what comes in and goes out."""
+"""The boxes that are exported, with their inputs and outputs."""
 
 from typing import NamedTuple
 
@@ -32,7 +32,7 @@ class Half(NamedTuple):
 
 
 def onboard_half(scenario: Belief) -> Half:
-    """Return the onboard half of a scenario, of which the belief is all that is taken.
+    """Return the onboard half of a scenario; nothing but its belief is used.
 
     Raises:
         InputError: in one line, naming the part that cannot be exported and why.
@@ -40,9 +40,9 @@ def onboard_half(scenario: Belief) -> Half:
     belief = scenario.belief
     if belief.is_rendered:
         raise InputError("export: camera.kind: rendered: its network is not exported; with projected boxes come in")
-    if "camera" in belief.sensors and belief.landmark_fix.method == "cosine_law":
+    if belief.sees_landmarks and belief.landmark_fix.method == "cosine_law":
         raise InputError("export: landmark_fix.method: cosine_law: its pseudoinverse comes from LAPACK")
-    if belief.uwb.kind == "differences":
+    if belief.measures_ranges and belief.uwb.kind == "differences":
         raise InputError("export: uwb.kind: differences: is not exported; ranges are")
     room, plan = belief.load_room(), planned(belief)
     if not isinstance(plan, Trajectory):

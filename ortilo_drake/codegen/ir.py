@@ -37,10 +37,10 @@ COUNTED: Final = {
     "NRT_incref", "NRT_decref", "NRT_MemInfo_alloc_aligned", "NRT_MemInfo_alloc", "NRT_Allocate", "NRT_Free",
 }  # fmt: skip
 ROOM: Final = "ptr %ortilo_room"
-# An array that a function makes stands in the room that its caller lends, see templates/room.c. It is counted who holds
-# it; numba writes that for processors of x86. Text is made only where Python would raise: there is none, so that the
-# function stops. Memory that is not counted holds what it would raise, and the copy of a part of an array that is put
-# into another part of the same (x[:3] /= 2.0): a block's 32 bytes stand before it.
+# An array that a function makes stands in the room that its caller lends, see templates/room.c. Its holders are
+# counted; numba writes that for processors of x86. Text is made only where Python would raise: there is none, so that
+# the function stops. NRT_Allocate gives memory without holders, behind a block's 32 bytes: for what Python would raise,
+# and for the copy of a part of an array that is written to another part of the same array (x[:3] /= 2.0).
 COUNTING: Final = f"""
 declare ptr @ortilo_take(ptr, i64)
 declare void @ortilo_give(ptr, ptr)

@@ -8,9 +8,11 @@ import llvmlite.binding as llvm
 from ortilo_drake.codegen.targets import Target
 from ortilo_drake.model.typed_yaml import InputError
 
-# Functions of a processor's library: where Python does not fly they have other bits, but for the square root. For
-# ARM of 32 bits LLVM hands doubles over in another way than the library takes them.
-LIBRARY = re.compile(r"llvm\.(?:sin|cos|tan|exp\w*|log\w*|powi?)\.|(?!llvm\.|ortilo_|sqrt$)")
+# What a processor's C library computes. But for the square root it rounds otherwise than the library that Python flies
+# with. For ARM of 32 bits LLVM also hands doubles over in another way than the library takes them.
+LIBRARY = re.compile(
+    r"llvm\.(?:a?(?:sin|cos|tan)h?|atan2|sincos\w*|(?:exp|log)(?:2|10)?|powi?)\.|(?!llvm\.|ortilo_|sqrt$)"
+)
 IN_REGISTERS = "arm_aapcs_vfpcc"  # how a function of ARM takes doubles where the triple ends with 'hf'
 
 
@@ -18,7 +20,7 @@ def object_code(irs: dict[str, str], target: Target, level: int = 2) -> bytes:
     """Return the object file of neutral IR; the names by which the IR is given are seen by a linker, no others.
 
     Raises:
-        InputError: if this LLVM was built without the processor, or code for another than Python's calls its library.
+        InputError: if this LLVM was built without the processor, or if code for another than x86-64 calls its library.
     """
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
@@ -65,7 +67,7 @@ def linked(irs: Iterable[str], target: Target, layout: str) -> llvm.ModuleRef:
 
 
 def with_any_float_abi(code: bytes) -> bytes:
-    """Return an object file of ARM that says that it can be linked with either way of handing floats over.
+    """Return an object file of ARM marked as compatible with both ABIs of floats.
 
     llvmlite cannot say it. The attribute Tag_ABI_FP_number_model (23) = 3 is overwritten by Tag_ABI_VFP_args (28) = 3,
     "compatible with both", of "ABI for the Arm Architecture: Addenda". What is exported takes no floats by value.

@@ -22,7 +22,7 @@ class Target(NamedTuple):
 
     @property
     def is_arm32(self) -> bool:
-        """Whether its objects say how floats are handed over."""
+        """Whether it is an ARM of 32 bits, whose objects name their ABI of floats."""
         return self.triple.endswith("hf")
 
     @property

@@ -97,7 +97,7 @@ class Belief(Frozen):
 
     @property
     def linear_filter(self) -> IntermittentFilter | None:
-        """The paper's filter that the estimator is about hover: itself, or what one of one's own declares."""
+        """The paper's filter that the estimator is about hover: itself, or as a registered one declares; else None."""
         if isinstance(self.estimator, IntermittentFilter):
             return self.estimator
         part = find_part("estimator", self.estimator.kind)

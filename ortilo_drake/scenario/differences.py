@@ -1,4 +1,4 @@
-"""What goes together with differences of ranges, uwb.kind differences."""
+"""The settings that go with differences of ranges, uwb.kind differences."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ _WHOLE = 1e-6  # within which a number of packets counts as whole
 
 
 def check_differences(scenario: Any) -> None:
-    """Refuse what reads or changes single ranges.
+    """Refuse settings that read or change single ranges where the uwb has differences.
 
     Raises:
         ValueError: naming the setting and what is allowed.

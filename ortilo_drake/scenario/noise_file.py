@@ -75,7 +75,7 @@ def noise_text(noise: NoiseFile) -> str:
 
 
 def as_white(noise: NoiseFile) -> NoiseFile:
-    """Return noise whose rows err by as much, but independently of each other."""
+    """Return white noise of the same size: what lasts of the errors is drawn anew for each row."""
     uwb = noise.uwb
     lasts = sum(part.sd**2 for part in (uwb.lasting, uwb.field) if part is not None)
     white = math.sqrt(uwb.white**2 + (2.0 if uwb.differences else 1.0) * lasts)
@@ -85,12 +85,12 @@ def as_white(noise: NoiseFile) -> NoiseFile:
 
 
 def settings_of(noise: NoiseFile, file: str, below: Truth) -> dict[str, Any]:
-    """Return the settings of a scenario whose ranges and IMU err as a NOISE.yaml says.
+    """Return the settings of a scenario whose ranges and IMU have the errors of a NOISE.yaml.
 
     Args:
-        noise: what was fitted.
-        file: where it is, as the scenario names it.
-        below: what the scenario lies over, whose own errors of the ranges go.
+        noise: the file's content.
+        file: its path, as the scenario names it.
+        below: the truth of the scenario's base, whose own errors of the ranges are set back to none.
     """
     imu, unfitted = noise.imu, UwbTruth()
     found: dict[str, Any] = {"uwb": {"errors": "fitted", "file": file}}

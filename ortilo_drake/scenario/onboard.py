@@ -96,8 +96,8 @@ class Detector(Frozen):
         onnx: an ONNX file of YOLOv5, v8 or v11 to use instead of our network; needs onnxruntime.
         names: its class names, each line one; by default FILE.names beside FILE.cfg, those in the ONNX file, or the 80
             of MS COCO.
-        backend: what computes our network: 'onnxruntime' is the fastest, 'opencv' is always installed, 'torch' trained
-            it; 'auto' uses the first that is installed.
+        backend: what computes our network: 'onnxruntime' is the fastest, 'opencv' is always installed, 'torch' is what
+            it was trained with; 'auto' uses the first that is installed.
         threshold: smallest score of a box [1].
         overlap: two boxes of a class that overlap by a larger IoU [1] are one object.
     """

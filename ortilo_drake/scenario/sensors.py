@@ -188,9 +188,9 @@ class UwbSetup(SensorSetup):
     Attributes:
         link: rate of its messages.
         kind: 'ranges' has a range to each anchor in a message; 'differences' has packets in turn, each with the
-            difference of the ranges to two anchors (TDoA), as a vehicle gets them that only listens: estimator.kind
-            tight reads them.
-        pairs: of which anchors the differences are: 'cycle' has each anchor and the next one, 'all' each two in turn.
+            difference of the ranges to two anchors, as a vehicle receives them that only listens (TDoA). Only
+            estimator.kind tight reads these.
+        pairs: the two anchors of each difference: 'cycle' takes each anchor and the next one, 'all' every two in turn.
         packets: differences in a second, evenly spaced [1/s]: a whole number in each message.
         round: how long a round of ranging takes [s]: the anchors are ranged one after the other in n even slots, the
             last one at the message's stamp, so that range i of 0 to n - 1 is (1 - (i + 1) / n) of it older. The onboard
@@ -212,7 +212,7 @@ class UwbSetup(SensorSetup):
         return self.round * (1.0 - np.arange(1, n + 1) / n)
 
     def rows(self, h: float) -> int:
-        """Return how many differences a message has, with ticks of h [s]."""
+        """Return the number of differences in a message, with ticks of h [s]."""
         return round(self.packets * self.link.every(h) * h)
 
 
@@ -222,9 +222,9 @@ class Uwb(UwbSetup):
     Attributes:
         link: rate and delivery of its messages.
         kind: 'ranges' has a range to each anchor in a message; 'differences' has packets in turn, each with the
-            difference of the ranges to two anchors (TDoA), as a vehicle gets them that only listens: estimator.kind
-            tight reads them.
-        pairs: of which anchors the differences are: 'cycle' has each anchor and the next one, 'all' each two in turn.
+            difference of the ranges to two anchors, as a vehicle receives them that only listens (TDoA). Only
+            estimator.kind tight reads these.
+        pairs: the two anchors of each difference: 'cycle' takes each anchor and the next one, 'all' every two in turn.
         packets: differences in a second, evenly spaced [1/s]: a whole number in each message.
         round: how long a round of ranging takes [s]: the anchors are ranged one after the other in n even slots, the
             last one at the message's stamp, so that range i of 0 to n - 1 is (1 - (i + 1) / n) of it older. The onboard

@@ -34,7 +34,7 @@ def difference_rows(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.
     """
     uwb, anchors = scenario.uwb, room.anchor_positions
     s_0, s_1, _, most_walls, max_distance = ranging_settings(uwb)
-    rows, every, n = uwb.rows(scenario.h), scenario.every("uwb"), len(anchors)
+    rows, every, n = uwb.rows(scenario.h), uwb.link.every(scenario.h), len(anchors)
     pairs, ticks = pairs_in_turn(uwb.pairs, n), np.repeat(np.flatnonzero(seen), rows)
     j = np.tile(np.arange(rows), np.count_nonzero(seen))
     a, b = pairs[(ticks // every * rows + j) % len(pairs)].T

@@ -97,6 +97,7 @@ def test_a_strangers_project_links_the_folder(compiler: str, exported: Exported,
     [
         ("nominal_imu_uwb_yolo", "rendered", "export: camera.kind: rendered: "),
         ("paper_imu_uwb_yolo", "projected", "export: landmark_fix.method: cosine_law: "),
+        ("tight_differences", "projected", "export: uwb.kind: differences: "),
     ],
 )
 def test_what_cannot_be_exported_is_refused_in_a_line(name: str, kind: str, says: str) -> None:

@@ -41,7 +41,13 @@ def test_arrays_are_counted():
     assert picture.decode(data).data == b"\1\2\3"
 
 
-def test_what_ends_too_early_is_refused():
-    data = LcmType("vector").encode(session=1, tick=2, values=[1.0, 2.0])
-    with pytest.raises(struct.error):
-        LcmType("vector").decode(data[:-1])
+@pytest.mark.parametrize(
+    ("name", "size_at", "content"),
+    [("vector", 24, {"values": [1.0, 2.0]}), ("picture", 32, {"stamp": 0.5, "data": b"ab"})],
+)
+def test_what_ends_too_early_is_refused_and_so_is_a_negative_size(name, size_at, content):
+    data = LcmType(name).encode(session=1, tick=2, **content)
+    assert data[size_at : size_at + 4] == struct.pack(">i", 2)
+    for bad in (data[:-1], data[:size_at] + struct.pack(">i", -2) + data[size_at + 4 :]):
+        with pytest.raises(struct.error):
+            LcmType(name).decode(bad)

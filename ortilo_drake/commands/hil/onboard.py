@@ -53,7 +53,9 @@ def onboard(
     log: Annotated[Path | None, typer.Option(help="Write its inputs and outputs as MCAP to this folder.")] = None,
     checkpoint: Annotated[
         Path | None,
-        typer.Option(help="In real time, keep the state in this file, to continue after a kill."),
+        typer.Option(
+            help="In real time, keep the state in this file, and a goal's path beside it, to continue after a kill."
+        ),
     ] = None,
     keep: Annotated[
         bool, typer.Option("--keep-alive", help="Restart at once whenever the flying process is killed.")

@@ -1,8 +1,8 @@
 """LCM types by their .lcm files: the bytes are those of the code that lcm-gen writes.
 
-A message is the type's fingerprint (8 bytes) and its fields in order, big-endian. A text is its length and its bytes
-with a 0 behind them, both counted; an array is its numbers, as many as its size says: a number, or a field before it.
-The fingerprint is a hash of the fields' names, kinds and sizes.
+A message is the type's fingerprint (8 bytes) and its fields in order, big-endian. A text is its length and its bytes,
+with a 0 at the end that counts; an array is its entries, whose number is in the type or in a field before it. Bytes
+come in arrays alone. The fingerprint is a hash of the fields' names, kinds and sizes.
 
 Source: LCM 1.5, "Type specification language" and lcmgen.c.
 """
@@ -19,7 +19,7 @@ WORD: Final = 2**64
 
 
 class Field(NamedTuple):
-    """A field: its name, its kind, and of an array the size, a number or a field's name; '' of what is none."""
+    """A field: its name, its kind, and the size of an array, a number or another field's name; '' for no array."""
 
     name: str
     kind: str
@@ -27,7 +27,7 @@ class Field(NamedTuple):
 
 
 def _hashed(fields: tuple[Field, ...]) -> bytes:
-    """Return the fingerprint of a type that has no other in it."""
+    """Return the fingerprint of a type without other types in it."""
     value = 0x12345678
 
     def update(by: int) -> None:
@@ -51,7 +51,10 @@ def _hashed(fields: tuple[Field, ...]) -> bytes:
 
 
 class LcmType:
-    """A type.
+    """An LCM type.
+
+    Args:
+        name: of lcmtypes/lcmt_NAME.lcm.
 
     Attributes:
         fields: in order.
@@ -64,7 +67,7 @@ class LcmType:
         self.fingerprint = _hashed(self.fields)
 
     def encode(self, **values: Any) -> bytes:
-        """Return the bytes of a message; fields that are the size of another are counted."""
+        """Return the bytes of a message; the fields with sizes of arrays are not given, but counted."""
         values |= {size: len(values[name]) for name, _, size in self.fields if size and not size.isdigit()}
         parts = [self.fingerprint]
         for name, kind, size in self.fields:
@@ -73,16 +76,16 @@ class LcmType:
                 texts = [text.encode() + b"\0" for text in its]
                 parts += [struct.pack(">I", len(text)) + text for text in texts]
             elif kind == "byte":
-                parts.append(bytes(its))
+                parts.append(its)
             else:
                 parts.append(struct.pack(f">{size if size.isdigit() else len(its)}{CODES[kind]}", *its))
         return b"".join(parts)
 
     def decode(self, data: bytes) -> SimpleNamespace:
-        """Return the fields of a message; its fingerprint is not looked at.
+        """Return the fields of a message, without a check of its fingerprint; a text may end too early.
 
         Raises:
-            struct.error: if it ends too early, or a size is negative.
+            struct.error: if anything else ends too early, or the number of numbers or bytes is negative.
         """
         at, values = len(self.fingerprint), dict[str, Any]()
 
@@ -104,8 +107,7 @@ class LcmType:
             if kind == "string":
                 found: Any = [take_text() for _ in range(count)]
             elif kind == "byte":
-                found = [data[at : at + count]] if not size else data[at : at + count]
-                at += count
+                (found,) = take(count, "s")
             else:
                 found = take(count, CODES[kind])
             values[name] = found if size else found[0]

@@ -1,7 +1,7 @@
 """Limits of each signal of a scenario: what its vehicle, its room, its sensors' noise and its links can give.
 
-What the vehicle can do follows from the largest command and the room (sensors/envelope.py), what each sensor can say
-from that (its description). These limits are wide: an honest half never exceeds them, even if it flies badly.
+What the vehicle can do follows from the largest command and the room (sensors/envelope.py); each sensor's description
+has the limits of its payload. They are wide: an honest half never exceeds them, even if it flies badly.
 """
 
 from typing import Final, NamedTuple
@@ -70,9 +70,8 @@ def limits_of(scenario: Scenario) -> dict[str, Limits]:
     def of_sensor(name: str) -> Limits:
         sensor = described(name)
         payload = message_size(sensor, scenario, room) - PAYLOAD
-        bounds = (
-            sensor.limits(scenario, room) if sensor.limits else (np.full(payload, -LARGEST), np.full(payload, LARGEST))
-        )
+        largest = np.full(payload, LARGEST)
+        bounds = sensor.limits(scenario, room) if sensor.limits else (-largest, largest)
         late, samples = oldest(name) + scenario.latency_of(name), scenario.samples(name)
         return _message(*bounds, late, sensor.whole(scenario, room), samples)
 

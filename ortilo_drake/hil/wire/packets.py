@@ -15,7 +15,7 @@ from ortilo_drake.model.signals import N_XBAR, REFERENCE_SIZE, SENSORS
 from ortilo_drake.sensors.described import port_of
 
 PROTOCOL: Final = 4
-# Of the world; registered sensors come to them.
+# Of the world; ports() adds those of registered sensors.
 PORTS: Final = (*map(port_of, SENSORS), "shutter", "velocity", "acted", "image")
 KINDS: Final = (*PORTS, "tick", "command", "telemetry", "hello", "goal")  # of packets
 MEASUREMENT: Final = ("y", "delta", "V2")  # one after the other in telemetry

@@ -1,9 +1,9 @@
-"""Live messages of a map's topics as ranges, imu samples and looks, in the order of their stamps.
+"""Live messages of a map's topics as rows of ranges, imu, range finder and flow, in the order of their stamps.
 
-This is `read_recording` message by message: the same numbers, and the same reasons for rows that cannot be used.
- No wall clock is read: a row is given out once every topic has shown a later
-stamp, or once the newest stamp of all is `lag` ahead of it. So a topic that falls silent holds the others back by `lag`
-and no more; a row that comes later than that is counted, and lost.
+This is `read_recording` message by message: the same numbers, and the same reasons for rows that cannot be used. No
+wall clock is read: a row is given out once every topic has shown a later stamp, or once the newest stamp of all is
+`lag` ahead of it. So a topic that falls silent holds the others back by `lag` and no more; a row that comes later than
+that is counted, and lost.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -17,7 +17,7 @@ from ortilo_drake.interop.recorded.attitudes import are_attitudes
 from ortilo_drake.interop.recorded.live_stream import LiveStream, Row, complete
 from ortilo_drake.interop.recorded.map_file import Find, Map
 from ortilo_drake.interop.recorded.range_rows import FARTHEST, LONGER, Ranges, surveyed
-from ortilo_drake.interop.recorded.recording import NO_AID_STAMPS, AidStamps, Imu, force_of, imu_columns, imu_motion
+from ortilo_drake.interop.recorded.recording import NO_AID_ROWS, AidRows, Imu, force_of, imu_columns, imu_motion
 from ortilo_drake.interop.recorded.rejected import Rejections
 from ortilo_drake.interop.recorded.sources import Quaternion, RangeSource, Source
 from ortilo_drake.model.typed_yaml import InputError
@@ -35,7 +35,7 @@ class Block(NamedTuple):
 
     ranges: Ranges
     imu: Imu | None
-    looks: AidStamps
+    looks: AidRows
 
 
 def why_not_live(map_: Map) -> str | None:
@@ -276,8 +276,8 @@ class LiveRows:
             own = seen[:, 0] - self.origin, force_of(seen[:, 1:], source)
         return Imu(rows[:, 0] - self.origin, rates, force, attitude, own)
 
-    def _looks(self, horizon: float) -> AidStamps:
-        looks = NO_AID_STAMPS
+    def _looks(self, horizon: float) -> AidRows:
+        looks = NO_AID_ROWS
         if self._finder is not None:
             rows = self._finder.until(horizon, 2)
             looks = looks._replace(finder_t=rows[:, 0] - self.origin, distance=rows[:, 1])

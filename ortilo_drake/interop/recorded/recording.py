@@ -43,10 +43,10 @@ class Truth(NamedTuple):
     R: np.ndarray | None
 
 
-class AidStamps(NamedTuple):
-    """Range finder, flow and camera: their stamps [s] (k), (m), (l).
+class AidRows(NamedTuple):
+    """The rows of range finder, flow and camera, each at its stamp [s] (k), (m), (l).
 
-    Distances [m] (k), flow [px] (m, 2), and a detections message of each picture (l, DETECTIONS_SIZE).
+    They are distances [m] (k), flow [px] (m, 2), and a detections message of each picture (l, DETECTIONS_SIZE).
     """
 
     finder_t: np.ndarray
@@ -57,7 +57,7 @@ class AidStamps(NamedTuple):
     boxes: np.ndarray
 
 
-NO_AID_STAMPS = AidStamps(*(np.zeros(0),) * 3, np.zeros((0, 2)), np.zeros(0), np.zeros((0, DETECTIONS_SIZE)))
+NO_AID_ROWS = AidRows(*(np.zeros(0),) * 3, np.zeros((0, 2)), np.zeros(0), np.zeros((0, DETECTIONS_SIZE)))
 
 
 ONE_TAG = np.zeros((1, 3))  # at that point itself
@@ -79,7 +79,7 @@ class Recording(NamedTuple):
     truth_origin: float
     told: list[str]
     rejected: dict[str, int]
-    looks: AidStamps = NO_AID_STAMPS
+    looks: AidRows = NO_AID_ROWS
     tags: np.ndarray = ONE_TAG
     scene: Scene | None = None
 
@@ -194,8 +194,8 @@ def _counted(t: np.ndarray, source: Source, origin: float) -> np.ndarray:
     return t - (float(t[0]) if source.zero == "first" else origin)
 
 
-def _read_looks(folder: Path, map_: Map, origin: float, told: list[Rejections]) -> tuple[AidStamps, Scene | None]:
-    looks, scene = NO_AID_STAMPS, None
+def _read_looks(folder: Path, map_: Map, origin: float, told: list[Rejections]) -> tuple[AidRows, Scene | None]:
+    looks, scene = NO_AID_ROWS, None
     if map_.range_finder is not None:
         stream = _read(folder, map_.range_finder, (map_.range_finder.distance,), "range_finder", told, 1)
         distance = stream.values[:, 0] * map_.range_finder.scale

@@ -70,7 +70,7 @@ def imu_message(imu: np.ndarray, scenario: Scenario) -> RosMessage:
 def range_messages(uwb: np.ndarray, scenario: Scenario) -> list[RosMessage]:
     """Return a message for each anchor whose range arrived; its radiation type is 0, as ROS has none for radio.
 
-    Of differences of ranges, which ROS has no message for, there are none.
+    There is none for differences of ranges: ROS has no type for them.
     """
     if scenario.uwb.kind == "differences":
         return []

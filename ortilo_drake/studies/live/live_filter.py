@@ -19,7 +19,7 @@ import numpy as np
 from ortilo_drake.interop.recorded.live_rows import Block
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import Ranges
-from ortilo_drake.interop.recorded.recording import NO_AID_STAMPS, Imu, Recording, held_at
+from ortilo_drake.interop.recorded.recording import NO_AID_ROWS, Imu, Recording, held_at
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.aided import uncalibrated_setup
 from ortilo_drake.studies.recorded.at_rest import at_rest
@@ -167,7 +167,7 @@ class LiveFilter:
             late = self._kept.ranges
             self._kept = self._kept._replace(ranges=late.only(np.flatnonzero(late.t > begin + LONGEST)))
             return False
-        self._known, aids = known._replace(looks=NO_AID_STAMPS), known.aids if map_.imu is not None else NO_AIDS
+        self._known, aids = known._replace(looks=NO_AID_ROWS), known.aids if map_.imu is not None else NO_AIDS
         self._setup = Setup(known.anchors, levers_of(known, imu), known.level, self._noise, aids)
         self._begin_at, self._next, self.begins_at = begin, first, begin
         self._carried = self._fresh()

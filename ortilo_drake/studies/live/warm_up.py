@@ -7,7 +7,7 @@ import numpy as np
 from ortilo_drake.interop.recorded.live_rows import Block
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import single_ranges
-from ortilo_drake.interop.recorded.recording import GRAVITY, NO_AID_STAMPS, Imu
+from ortilo_drake.interop.recorded.recording import GRAVITY, NO_AID_ROWS, Imu
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.live.live_filter import LiveFilter
 from ortilo_drake.studies.live.stamped_estimate import estimate_at
@@ -28,5 +28,5 @@ def warm_up(map_: Map, anchors: np.ndarray) -> None:
         imu = Imu(t, rates, force, turned, None if map_.accelerometer is None else (t, force))
         map_ = map_.without_standstill()
     with suppress(InputError):  # a map that contradicts the made-up rest compiles all the same
-        for one in LiveFilter(map_, anchors).advance(LASTS, Block(ranges, imu, NO_AID_STAMPS), ended=True):
+        for one in LiveFilter(map_, anchors).advance(LASTS, Block(ranges, imu, NO_AID_ROWS), ended=True):
             estimate_at(one.t, one.state, imu is not None)

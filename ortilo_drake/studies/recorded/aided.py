@@ -6,7 +6,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from ortilo_drake.interop.recorded.map_file import Map
-from ortilo_drake.interop.recorded.recording import NO_AID_STAMPS, Recording, Truth
+from ortilo_drake.interop.recorded.recording import NO_AID_ROWS, Recording, Truth
 from ortilo_drake.studies.recorded.at_rest import AtRest
 from ortilo_drake.studies.recorded.calibrate import Calibration
 from ortilo_drake.studies.recorded.filter_types import NO_AIDS, Sight
@@ -49,7 +49,7 @@ def with_aids(known: FilterSetup, recording: Recording, map_: Map, looks: bool) 
         at = map_.start
         start = StartSetup(np.array(at.position), at.position_sd, at.heading_sd, at.rests, at.lands)
         heading = at.heading
-    looked = recording.looks if looks else NO_AID_STAMPS
+    looked = recording.looks if looks else NO_AID_ROWS
     return known._replace(aids=aids, start=start, heading=heading, scale_sd=scale_sd, k_sd=k_sd, looks=looked)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.map_file import FilterSettings
-from ortilo_drake.interop.recorded.recording import GRAVITY, NO_AID_STAMPS, ONE_TAG, AidStamps, Imu, Ranges
+from ortilo_drake.interop.recorded.recording import GRAVITY, NO_AID_ROWS, ONE_TAG, AidRows, Imu, Ranges
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Q
@@ -79,7 +79,7 @@ class FilterSetup(NamedTuple):
         heading: at the start [rad], None if unknown.
         level: the known height.
         start: the vehicle's start, None if unknown.
-        looks: stamps of range finder, flow and camera.
+        looks: rows of range finder, flow and camera.
         aids: their numbers, and those of drag.
         scale_sd: deviation of the flow's scale.
         k_sd: deviation of drag's k.
@@ -93,7 +93,7 @@ class FilterSetup(NamedTuple):
     heading: float | None
     level: Level = UNKNOWN_LEVEL
     start: StartSetup | None = None
-    looks: AidStamps = NO_AID_STAMPS
+    looks: AidRows = NO_AID_ROWS
     aids: Aids = NO_AIDS
     scale_sd: float = 0.0
     k_sd: float = 0.0
