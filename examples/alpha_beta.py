@@ -4,7 +4,7 @@
 
 An estimator is any System with inputs named after the messages that it wants (layouts: ortilo_drake/model/signals.py)
 and outputs `estimate` (p_WB, rpy, v_WB, Euler rates: 12) and `covariance` (144). This one flies scenario 1 without its
-blackouts: it knows no better than to coast through them.
+blackouts, in which it could only keep its velocity.
 """
 
 import numpy as np
@@ -48,7 +48,7 @@ class AlphaBeta(LeafSystem):
         values.set_value(0, np.concatenate([p + self._h * v + self._h**2 / 2 * a, rpy, v + self._h * a, rates]))
 
     def _position_error(self, p: np.ndarray, ranges: np.ndarray, there: np.ndarray) -> np.ndarray:
-        """Return where the ranges say the vehicle is less p: one Gauss-Newton step."""
+        """Return the position that the ranges give minus p: one Gauss-Newton step."""
         from_anchor = p - self._anchors[there > 0]
         distance = np.linalg.norm(from_anchor, axis=1)
         gradients = from_anchor / distance[:, np.newaxis]

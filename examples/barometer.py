@@ -3,8 +3,8 @@
     python examples/barometer.py
     ortilo --plugin examples/barometer.py fly nominal_imu_uwb --set 'sensors=[uwb, imu, barometer]'
 
-A sensor is one description: its settings, what it measures in the world, what it tells the filter, and how well.
-Handler, filter, floor, tables, logs and hardware-in-the-loop take it from there.
+A sensor is one description: its settings, what it measures in the world, what the filter reads, and with which noise.
+Handler, filter, floor, tables, logs and hardware in the loop follow from it.
 """
 
 from collections import namedtuple

@@ -1,4 +1,4 @@
-"""Fly a servo of your own as an element: position by acceleration by angles by torque.
+"""Fly a servo of your own as an element: a cascade from position to acceleration, angles and torques.
 
     python examples/cascade_servo.py
     ortilo --plugin examples/cascade_servo.py rare imu_uwb --corridor 1 --set 'servo={kind: cascade}'
@@ -28,7 +28,7 @@ class Cascade(od.Frozen):
 
 
 def say(n: Any, estimate: np.ndarray, reference: np.ndarray, out: np.ndarray) -> None:
-    """Say u = [f_T, tau] of the estimate (15) and r, r_dot, r_ddot (9), at heading 0."""
+    """Write u = [f_T, tau], from the estimate (15) and [r, r_dot, r_ddot] (9), at heading 0."""
     r, v_r, p, v = reference[0:3], reference[3:6], estimate[0:3], estimate[6:9]
     a = reference[6:9] + n.position * (r - p) + n.velocity * (v_r - v)
     angles = np.array([-a[1] / 9.81, a[0] / 9.81, 0.0])
@@ -44,7 +44,7 @@ def make(belief: od.Belief) -> od.Box:
 
 
 def gain(belief: od.Belief) -> np.ndarray:
-    """Return L (4, 15) of `say` about hover, by which the linear theory knows the servo: ortilo analyze."""
+    """Return L (4, 15) of `say` about hover, which ortilo analyze and the linear theory use."""
     its, (Ix, Iy, Iz) = belief.servo, belief.vehicle.inertia
     L, both = np.zeros((4, 15)), np.array([its.position, its.velocity])  # on p and v, x, y and z apart
     L[0, [2, 8]] = belief.vehicle.mass * both

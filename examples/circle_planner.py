@@ -1,4 +1,4 @@
-"""Fly a planner of your own as an element: a circle, flown by the clock.
+"""Fly a planner of your own as an element: a circle, as a function of time.
 
     python examples/circle_planner.py
     ortilo --plugin examples/circle_planner.py rare imu_uwb --corridor 1 --set 'planner={kind: circle}'
@@ -32,7 +32,7 @@ class Circle(od.Frozen):
 
 
 def say(n: Any, k: int, out: np.ndarray) -> None:
-    """Say r, r_dot and r_ddot of tick k (9)."""
+    """Write [r, r_dot, r_ddot] of tick k (9)."""
     angle, w = n.rate * k * n.h, n.rate
     x, y = n.radius * np.cos(angle), n.radius * np.sin(angle)
     out[0], out[1], out[2] = n.center[0] + x, n.center[1] + y, n.center[2]

@@ -24,7 +24,7 @@ SEES = {"position": slice(0, 3), "attitude": slice(3, 6)}
 
 
 class World(LeafSystem):
-    """Rotors that hold the control for a tick, with noise, and two sensors that say [arrived, y]."""
+    """Rotors that hold the control for a tick, with noise, and two sensors with messages [arrived, y]."""
 
     def __init__(self, hover: np.ndarray, seed: int):
         super().__init__()

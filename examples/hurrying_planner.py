@@ -1,4 +1,4 @@
-"""Fly a planner of your own: it hurries along the planned path while the vehicle is unsure of where it is.
+"""Fly a planner of your own: it flies faster along the planned path while the position is uncertain.
 
     python examples/hurrying_planner.py
 

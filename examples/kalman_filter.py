@@ -3,8 +3,8 @@
     python examples/kalman_filter.py
     ortilo --plugin examples/kalman_filter.py analyze nominal_imu_uwb --set 'estimator={kind: own_kalman}'
 
-`linear` says which of the paper's filters it is about hover. So `ortilo analyze` has its Riccati equations, margins,
-arrival rates and lost commands, and the tube, the maps and the floor know it as well.
+`linear` gives the linear filter that it equals near hover. So `ortilo analyze` has its Riccati equations, margins,
+arrival rates and lost commands, and the tube, the maps and the floor include it as well.
 """
 
 from typing import Any, Literal
@@ -21,7 +21,7 @@ class OwnKalman(od.Frozen):
 
     Attributes:
         kind: 'own_kalman'.
-        sd: of a position from ranges, as it believes [m].
+        sd: of a position from ranges, as the filter believes [m].
     """
 
     kind: Literal["own_kalman"]
@@ -29,7 +29,7 @@ class OwnKalman(od.Frozen):
 
 
 def say(x: np.ndarray, P: np.ndarray, out: np.ndarray) -> None:
-    """Output the estimate (12) and its covariance row by row (144)."""
+    """Write the estimate (12) and its covariance row by row (144)."""
     out[:12] = x
     out[12:] = P.ravel()
 
@@ -38,7 +38,7 @@ def step(
     n: Any, uwb: np.ndarray, imu: np.ndarray, control: np.ndarray, anchors: np.ndarray, V: np.ndarray,
     Phi: np.ndarray, Gamma: np.ndarray, W: np.ndarray, x: np.ndarray, P: np.ndarray,
 ) -> None:  # fmt: skip
-    """Correct by each row that arrived, and predict the next tick."""
+    """Correct the state with the rows that arrived, one by one, and predict the next tick."""
     y, there, a = x[:6].copy(), np.zeros(6), len(anchors)
     if uwb[0] != 0.0 and uwb[2 + a :].sum() == a:  # the position by a step of Gauss and Newton
         J, away = np.zeros((a, 3)), np.zeros(a)
@@ -66,7 +66,7 @@ def variance_of(belief: Any) -> float:
 
 
 def linear(belief: od.Belief) -> od.IntermittentFilter:
-    """Return the same filter in the paper's form; the servo's integral is of the estimate."""
+    """Return the linear filter near hover; its integral is of the estimate, as it has twelve states."""
     return od.IntermittentFilter.model_validate({"V": {"uwb": (variance_of(belief),) * 3}, "integrator": "estimate"})
 
 

@@ -1,9 +1,9 @@
-"""Fly a fault of your own as an element: ranges that grow longer, the longer it lasts.
+"""Fly a fault of your own as an element: ranges that grow while it lasts.
 
     python examples/longer_ranges.py
     ortilo --plugin examples/longer_ranges.py rare --corridor 1 --set 'faults=[{kind: longer_ranges, start: 10.0}]'
 
-The function says the message as it is while the fault lasts; start and end are not its business.
+The function writes the message as it is while the fault lasts; start and end are applied for it.
 """
 
 from typing import Any, Literal
@@ -32,7 +32,7 @@ class LongerRanges(od.Fault):
 
 
 def say(n: Any, message: np.ndarray, out: np.ndarray) -> None:
-    """Say [arrived, stamp, ranges, whether each is there] with longer ranges."""
+    """Write [arrived, stamp, ranges, whether each is there], with longer ranges."""
     out[:] = message
     anchors = (message.size - 2) // 2
     out[2 : 2 + anchors] += n.by + n.rate * (message[1] - n.start)

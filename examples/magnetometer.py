@@ -1,10 +1,10 @@
-"""Fly a sensor of your own with the paper's filter and with the tight one: a magnetometer, which tells the heading.
+"""Fly a sensor of your own with the paper's filter and with the tight one: a magnetometer, which measures the heading.
 
     python examples/magnetometer.py
     ortilo --plugin examples/magnetometer.py fly tight_imu_uwb --set 'sensors=[uwb, imu, magnetometer]'
 
-It measures the field in the body's frame. Onboard the field is turned upright by the estimated roll and pitch; where
-its horizontal part points is the heading. Where roll and pitch err, the vertical part leaks into it.
+It measures the field in the body's frame. Onboard the field is levelled by the estimated roll and pitch; the direction
+of its horizontal part gives the heading. An error of roll and pitch adds a part of the vertical field.
 """
 
 from collections import namedtuple

@@ -3,7 +3,7 @@
     python examples/multibody.py [--meshcat]
 
 Drake moves the body, its contacts and its four Propellers, and draws it. Sensors, filter and servo are the laboratory's
-single parts (docs/how_to/single_parts.md). None of them knows of the wall or the floor.
+single parts (docs/how_to/single_parts.md). None of them models the wall or the floor.
 """
 
 import sys

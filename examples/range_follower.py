@@ -1,9 +1,9 @@
-"""Fly an estimator of your own as an element: it follows the ranges, and the IMU carries it between them.
+"""Fly an estimator of your own as an element: it follows the ranges, and the IMU predicts between them.
 
     python examples/range_follower.py
 
-An element with a state has two functions: what it says, and its step to the next tick. This one has the vehicle's
-twelve states and says of its error what it was told: it computes none.
+An element with a state has two functions: its output, and its step to the next tick. This one has the vehicle's
+twelve states; its covariance is a setting, not computed.
 """
 
 from typing import Any, Literal
@@ -20,7 +20,7 @@ class RangeFollower(od.Frozen):
     Attributes:
         kind: 'range_follower'.
         gain: share of a range's error that corrects the position.
-        sd: what it says of the error of each state.
+        sd: of the error of each state, as it claims.
     """
 
     kind: Literal["range_follower"]
@@ -29,7 +29,7 @@ class RangeFollower(od.Frozen):
 
 
 def say(n: Any, x: np.ndarray, out: np.ndarray) -> None:
-    """Say the estimate (12) and its covariance row by row (144)."""
+    """Write the estimate (12) and its covariance row by row (144)."""
     out[:] = 0.0
     out[:12] = x
     for i in range(12):
@@ -37,7 +37,7 @@ def say(n: Any, x: np.ndarray, out: np.ndarray) -> None:
 
 
 def step(n: Any, uwb: np.ndarray, imu: np.ndarray, anchors: np.ndarray, x: np.ndarray) -> None:
-    """Take the position towards what each range says, carry it by the accelerometer; attitude as the IMU says."""
+    """Correct the position by each range, predict it by the accelerometer, and take the IMU's attitude."""
     if uwb[0] != 0.0:
         for i in range(len(anchors)):
             if uwb[2 + len(anchors) + i] > 0.0:
