@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +36,10 @@ def resolve(name_or_file: str | Path, field: str) -> Path:
         return SCENARIO_FOLDER / f"{name_or_file}.yaml"
     name, known = str(name_or_file), scenario_names()
     shown = repr(name) if len(name) <= 100 else f"{name[:100]!r}..."
+    alike = ", ".join(get_close_matches(name[:100], known, n=4, cutoff=0.0))
     raise InputError(
-        f"{field}: {shown} is unknown{nearest(name[:100], known)}: give a .yaml file or one of {' '.join(known)}"
+        f"{field}: {shown} is unknown{nearest(name[:100], known)}: give a .yaml file or a ready-made one, "
+        f"such as {alike}; `ortilo scenario list` prints all {len(known)}"
     )
 
 

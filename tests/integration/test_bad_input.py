@@ -116,7 +116,8 @@ def test_a_wrong_setting(refused: Any, setting: str, named: list[str]) -> None:
 def test_an_unknown_scenario(refused: Any, command: list[str]) -> None:
     line = refused(*command, "imu_gps")
     assert "'imu_gps'" in line
-    assert "nominal_imu_uwb_yolo" in line  # what there is instead
+    assert "imu_uwb" in line  # what there is instead
+    assert "`ortilo scenario list`" in line
 
 
 def test_a_wrong_seed_on_the_command_line(refused: Any) -> None:

@@ -88,7 +88,7 @@ def test_another_world_leaves_the_belief_as_it_is() -> None:
     assert not kept.keys() & {"truth", "seed", "world", "command_link", "failsafe", "settle"}
     for sensor, more in (
         ("imu", {"standstill"}),
-        ("uwb", {"round", "behind_walls"}),
+        ("uwb", {"kind", "pairs", "packets", "round", "behind_walls"}),
         ("camera", {"kind", "width", "latency", "calibration"}),
     ):
         assert kept[sensor].keys() == {"link", *more}

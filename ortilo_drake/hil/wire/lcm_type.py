@@ -71,7 +71,7 @@ class LcmType:
         values |= {size: len(values[name]) for name, _, size in self.fields if size and not size.isdigit()}
         parts = [self.fingerprint]
         for name, kind, size in self.fields:
-            its = values[name] if size else [values[name]]
+            its: Any = values[name] if size else [values[name]]
             if kind == "string":
                 texts = [text.encode() + b"\0" for text in its]
                 parts += [struct.pack(">I", len(text)) + text for text in texts]
