@@ -38,7 +38,7 @@ FLOATS_ALONE: Final = {
     "past_belief": "looks its belief up by the tick of a stamp, a whole number",
     "replay_filter": "puts a message into the tick of its stamp, a whole number",
     "told_replay_filter": "likewise",
-    "heard": "asks np.isfinite, which knows floats alone",
+    "tight_handler": "asks np.isfinite, which knows floats alone",
     "tight": "asks np.isfinite, which knows floats alone",
     "own_sensor altimeter": "np.hypot, which AutoDiffXd has not",
     "own_fix altimeter_fix": "np.hypot, which AutoDiffXd has not",
