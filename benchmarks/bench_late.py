@@ -132,7 +132,7 @@ def mean_delay(rate: float, relay: Faults) -> float:
 
 
 def late_commands(seeds: int, out: Path, name: str, rate: float, relay: Faults) -> Iterator[list[str]]:
-    """Yield the rows of each way to reckon with late commands, behind the relay's faults both ways."""
+    """Yield the rows of each way to allow for late commands, behind the relay's faults both ways."""
     before: list[Summary] = []
     for way, settings in ways(mean_delay(rate, relay)).items():
         scenario = with_way(load_scenario(name, settings_at(rate)), settings).model_dump_json()
@@ -151,7 +151,7 @@ def late_commands(seeds: int, out: Path, name: str, rate: float, relay: Faults) 
 
 
 def margins(seeds: int, out: Path, name: str, rate: float) -> Iterator[list[str]]:
-    """Yield the rows of each way to reckon with late commands: the delays it bears, and flights behind delays."""
+    """Yield the rows of each way to allow for late commands: the delays it bears, and flights behind delays."""
     scenario = load_scenario(name, settings_at(rate))
     for found in delay_ways(scenario, TOLD, DELAYS, range(seeds), out / "hover", workers=os.cpu_count() or 1):
         high = f"{found.stable.high:.2f}" if found.stable.high is not None else "no end"

@@ -15,7 +15,7 @@ from numba.core.typed_passes import AnnotateTypes
 OPTIONS = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
-class Unfinished(JITCodeLibrary):
+class OnlyLinked(JITCodeLibrary):
     """Code to be linked into other code; it has no addresses of its own."""
 
     @property
@@ -32,17 +32,18 @@ class Unfinished(JITCodeLibrary):
 
 
 @register_pass(mutates_CFG=False, analysis_only=False)
-class LeaveUnfinished(LoweringPass):
-    """Lowers into unfinished code."""
+class KeepLowered(LoweringPass):
+    """Lowers into code that is only linked into other code."""
 
-    _name = "leave_unfinished"
+    _name = "keep_lowered"
 
     def __init__(self) -> None:
         LoweringPass.__init__(self)
 
     def run_pass(self, state: Any) -> bool:
         """Give the function its library; numba makes one where there is none."""
-        state.library = Unfinished(state.targetctx.codegen(), state.func_id.func_qualname)
+        context, function = state.targetctx, state.func_id
+        state.library = OnlyLinked(context.codegen(), function.func_qualname)
         return True
 
 
@@ -52,6 +53,6 @@ class Inlined(CompilerBase):
     def define_pipelines(self) -> list[Any]:
         """Return numba's passes, and before the lowering that one."""
         passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
-        passes.add_pass_after(LeaveUnfinished, AnnotateTypes)  # the last one before the lowering
+        passes.add_pass_after(KeepLowered, AnnotateTypes)  # the last one before the lowering
         passes.finalize()
         return [passes]
