@@ -8,6 +8,8 @@ What is learned is what the mean log likelihoods say. Where errors beta ~ N(0, s
 the fixes that are remembered, of eigenvalues l, has E[eta eta^T] = s_w^2 Lambda^2 + Lambda, so that
 
     E log L(s) = 1/2 sum_l s^2 (s_w^2 l^2 + l) / (1 + s^2 l) - log(1 + s^2 l)
+
+Where the scale of the noise is learned (onboard/ranging/noise_scale.py), the filter is told noise of that scale.
 """
 
 import numpy as np
@@ -39,6 +41,20 @@ def residual_information(J: np.ndarray, variances: np.ndarray) -> np.ndarray:
     """Return M = W - W J (J^T W J)^-1 J^T W of rows J (l, m) and their variances (l): what residuals tell of errors."""
     W = np.diag(1.0 / variances)
     return np.asarray(W - W @ J @ np.linalg.solve(J.T @ W @ J, J.T @ W))
+
+
+def scale_learned(J: np.ndarray, told: np.ndarray, variances: np.ndarray) -> float:
+    """Return the scale c of the noise that residuals show, c^2 = tr(M V) / (l - n) with M of what is told; 1 of none.
+
+    Args:
+        J: rows (l, n).
+        told: variances as they are told (l).
+        variances: as they are, the diagonal of V (l).
+    """
+    residuals = len(J) - J.shape[1]
+    if residuals <= 0:
+        return 1.0
+    return float(np.sqrt(np.diag(residual_information(J, told)) @ variances / residuals))
 
 
 def with_biases(scenario: Scenario, **settings: object) -> Scenario:

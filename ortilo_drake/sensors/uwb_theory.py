@@ -1,5 +1,7 @@
 """The theory of the ranges: their unknown errors, the errors of a fix, and what a bank learns of the anchors."""
 
+from math import isclose
+
 import numpy as np
 
 from ortilo_drake.model.geometry.line_of_sight import walls_crossed
@@ -11,7 +13,7 @@ from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.information_differences import between
 from ortilo_drake.sensors.information_ranges import range_rows
 from ortilo_drake.sensors.information_rows import GRADIENT, SOURCE, VARIANCE
-from ortilo_drake.sensors.learned_survey import residual_information, share_learned, with_biases
+from ortilo_drake.sensors.learned_survey import residual_information, scale_learned, share_learned, with_biases
 from ortilo_drake.sensors.mismatch import Mismatch, of_truth
 from ortilo_drake.sensors.unknown_error import (
     Error,
@@ -108,12 +110,23 @@ def made(scenario: Scenario, room: Room, x: np.ndarray) -> Made:
 
 
 def learned(scenario: Scenario, room: Room, x: np.ndarray) -> Scenario:
-    """Return a scenario whose filter is told what its bank learns of the anchors at state x (12)."""
+    """Return a scenario whose filter is told what it learns of the anchors and of the ranges' noise at state x (12)."""
     settings, uwb, survey = scenario.multilateration, scenario.truth.uwb, scenario.truth.survey
-    if settings.bias_bank is None:
+    if settings.noise_scale is None and settings.bias_bank is None:
         return scenario
     _, rows = made(scenario, room, x)
-    M = residual_information(rows[:, GRADIENT][:, :3], rows[:, VARIANCE])
+    J, variances = rows[:, GRADIENT][:, :3], rows[:, VARIANCE]
+    if settings.noise_scale is not None:
+        distances = np.linalg.norm(room.anchor_positions[rows[:, SOURCE].astype(int)] - x[:3], axis=1)
+        believed, true = ((s_0 + s_1 * distances) ** 2 for s_0, s_1 in (settings.noise.sds, scenario.uwb.sds))
+        c = scale_learned(J, believed, true)
+        told = {name: c * sd for name, sd in settings.noise if name != "kind"}
+        noise = settings.noise.model_copy(update=told)
+        settings = settings.model_copy(update={"noise": noise, "noise_scale": None})
+        scenario = scenario.model_copy(update={"multilateration": settings})
+    if settings.bias_bank is None:
+        return scenario
+    M = residual_information(J, variances)
     fixes = MEMORY / (scenario.every("uwb") * scenario.h)
     n = len(room.anchors)
     fitted = [error.sd[0] for error in unknown_fitted(scenario, n, one_per_source(n))]
@@ -126,13 +139,18 @@ def learned(scenario: Scenario, room: Room, x: np.ndarray) -> Scenario:
     return with_biases(scenario, uwb_sd=tuple(s * np.linalg.norm(D, axis=1)))
 
 
+def is_as_believed(scenario: Scenario) -> bool:
+    """Return whether the ranges' noise is as the filter is told, up to the scale where it learns that."""
+    fix, (s_0, s_1), (b_0, b_1) = scenario.multilateration, scenario.uwb.sds, scenario.multilateration.noise.sds
+    return (s_0, s_1) == (b_0, b_1) or (fix.noise_scale is not None and isclose(s_0 * b_1, s_1 * b_0))
+
+
 def left_out(scenario: Scenario) -> tuple[dict[str, bool], dict[str, bool]]:
     """Return the settings that the predicted rms leaves out, and those that it alone has; see model/parts.py."""
-    uwb, fix = scenario.uwb, scenario.multilateration
+    uwb = scenario.uwb
     noise = uwb.fitted if uwb.errors == "fitted" else None
     out = {"uwb.round": uwb.round > 0.0, "uwb.walls": uwb.walls.kind in ("bias", "excess")}
-    out["multilateration.noise_scale"] = fix.noise_scale is not None
-    out["uwb.noise" if noise is None else "uwb.fitted.white"] = uwb.sds != fix.noise.sds
+    out["uwb.noise" if noise is None else "uwb.fitted.white"] = not is_as_believed(scenario)
     if noise is None:
         return out, {}
     return out | {

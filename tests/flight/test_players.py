@@ -44,7 +44,7 @@ def check_players(scenario: Scenario, seeds: range) -> None:
 
 CHANGES = {
     "nominal_imu_uwb": (*MOVING, "uwb.link.delay=2", "uwb.link.random_delay=3", "estimator.delay=replay"),
-    "imu_uwb": (*HOVER, "multilateration.noise_scale=10"),
+    "imu_uwb": (*HOVER, "multilateration.noise_scale=null"),
     "imu_uwb_yolo": (*HOVER, "truth.vehicle.mass_factor_sd=0.05", "truth.start={position: [0.2, -0.1, 0.0]}"),
     "robust_imu_uwb": (*MOVING, 'faults=[{"kind": "anchor_moved", "start": 0.5, "anchor": 2}]'),
     "datasheet_imu_uwb": HOVER,

@@ -24,7 +24,8 @@ ALL_USED = (
 @pytest.mark.family("nominal_imu_uwb")
 @pytest.mark.parametrize("name", ["nominal_imu_uwb", "imu_uwb", "imu_uwb_yolo"])
 def test_where_nothing_is_refused_it_is_the_plain_flight_bit_for_bit(name: str) -> None:
-    settings = (SHORT, PROJECTED, "multilateration.bias_bank=null", "landmark_fix.survey_bank=null")
+    learns_nothing = ("multilateration={bias_bank: null, noise_scale: null}", "landmark_fix.survey_bank=null")
+    settings = (SHORT, PROJECTED, *learns_nothing)
     exclude = "multilateration.exclude={probability: 0.999999999999}"
     plain, robust = fly(load_scenario(name, settings)), fly(load_scenario(name, (*settings, exclude, ALL_USED)))
     for variable in plain.data_vars:

@@ -15,6 +15,7 @@ from ortilo_drake.studies.command_link.command_flights import command_cases, com
 from ortilo_drake.studies.loop.error_moments import Drive, drive_of, error_inputs, merged_components, position_moments
 from ortilo_drake.studies.loop.fix_errors import errors_of_rows
 from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, filter_measurement, hover_loop, steady_predictor
+from ortilo_drake.studies.loop.left_out import left_out
 
 PLACE = (3.0, 1.0, 1.5)
 AT = np.array([*PLACE, *[0.0] * 9])  # hovering
@@ -122,6 +123,18 @@ def test_constants_that_were_fitted_are_learned_as_a_survey_is() -> None:
     learned = as_learned(fitted, AT)
     assert learned.multilateration.bias_sd == as_learned(surveyed, AT).multilateration.bias_sd > 0.0
     assert as_learned(load_scenario("imu_uwb"), AT).multilateration.bias_sd < 0.2 * learned.multilateration.bias_sd
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
+def test_the_scale_of_the_ranges_noise_is_learned(factor: float) -> None:
+    noise = f"uwb.noise={{kind: affine, sd: {0.03 * factor}, fraction: {0.002 * factor}}}"
+    believed = "multilateration.noise={kind: affine, sd: 0.03, fraction: 0.002}"
+    scenario = load_scenario("imu_uwb", (noise, believed))
+    learned = as_learned(scenario, AT).multilateration
+    np.testing.assert_allclose(learned.noise.sds, (0.03 * factor, 0.002 * factor), rtol=1e-9)
+    assert learned.noise_scale is None
+    assert left_out(scenario) == []
+    assert left_out(load_scenario("imu_uwb", (believed,))) == ["uwb.noise"]
 
 
 def test_a_filter_without_banks_learns_nothing() -> None:

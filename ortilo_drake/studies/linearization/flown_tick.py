@@ -53,7 +53,7 @@ def without_noise(scenario: Scenario) -> Scenario:
 
     No message is late, so 'ignore' does what any estimator.delay would. A faster imu sends one sample a tick here: the
     mean of a tick's samples follows the closed form to first order only. No sensor counts as stuck: without noise
-    all say the same again and again. Nothing is learned of the survey, which would change P within the tick.
+    all say the same again and again. Nothing is learned of survey and noise, which would change P within the tick.
     """
     robust = scenario.estimator.robust
     imu_rate = None if scenario.imu_samples > 1 else scenario.imu.link.rate
@@ -73,7 +73,7 @@ def without_noise(scenario: Scenario) -> Scenario:
         "estimator": scenario.estimator.model_copy(
             update={"delay": "ignore", "robust": robust and robust.model_copy(update={"stuck": None})}
         ),
-        "multilateration": scenario.multilateration.model_copy(update={"bias_bank": None}),
+        "multilateration": scenario.multilateration.model_copy(update={"bias_bank": None, "noise_scale": None}),
         "truth": Truth(),
     }
     return heading_ahead(scenario).model_copy(update=changes)
