@@ -20,6 +20,8 @@ import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from delay_ways import delay_ways, ways, with_way
+
 from ortilo_drake.flight.metrics import summary
 from ortilo_drake.flight.processes.workers import run_all
 from ortilo_drake.flight.saved_flight import load_flight
@@ -28,7 +30,6 @@ from ortilo_drake.hil.relay.faults import Faults
 from ortilo_drake.hil.relay.virtual_time import summary_in_virtual_time
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.studies.command_link.delay_ways import delay_ways, ways, with_way
 from ortilo_drake.studies.late.late_flights import (
     AT_30_HZ,
     BOTH_WAYS_AT_30_HZ,

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from example_rooms import example_room, two_ways
 
 from ortilo_drake.flight.flight import FlightSimulator
 from ortilo_drake.model.geometry.line_of_sight import walls_crossed
@@ -24,7 +25,6 @@ from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.planner.planner import plan
 from ortilo_drake.onboard.planner.seen import FixSources, seen_at
 from ortilo_drake.scenario import GcsPlanner, Scenario, load_scenario, with_seed
-from ortilo_drake.studies.room_design.example_rooms import example_room, two_ways
 from ortilo_drake.studies.room_design.place import place_anchors
 from ortilo_drake.studies.room_design.room_file import room_text
 from ortilo_drake.studies.room_design.survey import survey

@@ -172,11 +172,6 @@ class Belief(Frozen):
         return getattr(self, sensor, None) or found.settings()
 
     @property
-    def own_sensors(self) -> tuple[str, ...]:
-        """Those that fly and are not built in."""
-        return tuple(sensor for sensor in self.sensors if sensor not in SENSORS)
-
-    @property
     def flown_rows(self) -> tuple[str, ...]:
         """Names of the rows of y that sensors that fly have."""
         return tuple(row.name for sensor, rows in self.measurement.rows if sensor in self.sensors for row in rows)

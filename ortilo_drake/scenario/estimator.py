@@ -48,7 +48,6 @@ class DisturbanceW(Frozen):
     """W = Gamma_d diag(force^2, torque^2) Gamma_d^T / h of a white disturbance held over each tick h.
 
     Attributes:
-        kind: 'disturbance'.
         force_density: of the force per axis [N/sqrt(Hz)]; the default is 0.27 N in a tick of 1/30 s.
         torque_density: of the torque per axis [N m/sqrt(Hz)]; the default is 0.005 N m in a tick of 1/30 s.
     """
@@ -66,7 +65,6 @@ class DiagonalW(Frozen):
     """W diagonal, a variance for each group of states in a tick of 1/30 s; a tick h has 30 h of it.
 
     Attributes:
-        kind: 'diagonal'.
         position: of x, y, z [m^2].
         angle: of roll, pitch, yaw [rad^2].
         velocity: of the velocity [m^2/s^2].
@@ -139,7 +137,6 @@ class IntermittentFilter(Frozen):
     """The paper's estimator: fixes, their gates, and the intermittent Kalman filter.
 
     Attributes:
-        kind: 'intermittent'.
         W: process noise covariance.
         V: measurement noise.
         initial_sd: standard deviations of its initial position [m], angles [rad], velocity [m/s] and

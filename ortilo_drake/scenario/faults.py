@@ -32,8 +32,7 @@ class Fault(Onset):
     """A fault that may end.
 
     Attributes:
-        start: when it begins [s].
-        end: when it ends [s], after its start; null if it does not.
+        end: when it ends [s]; null if it does not.
     """
 
     end: Time | None = None
@@ -49,9 +48,6 @@ class NlosStorm(Fault):
     """Ranges without a line of sight: a share of them comes out longer, by an exponential length.
 
     Attributes:
-        start: when it begins [s].
-        end: when it ends [s]; null if it does not.
-        kind: 'nlos_storm'.
         share: of the ranges, drawn anew for each [1], above 0, at most 1.
         mean: mean of the added length [m].
     """
@@ -66,8 +62,6 @@ class OutlierBursts(Fault):
 
     Attributes:
         start: when the first burst begins [s].
-        end: when it ends [s]; null if it does not.
-        kind: 'outlier_bursts'.
         every: from the beginning of a burst to the next one's [s].
         length: of a burst [s].
         sd: standard deviation of the error [m].
@@ -84,8 +78,6 @@ class Stuck(Fault):
 
     Attributes:
         start: when it begins [s], above 0.
-        end: when it ends [s]; null if it does not.
-        kind: 'stuck'.
         sensor: which one; it must fly.
     """
 
@@ -98,9 +90,7 @@ class AnchorMoved(Fault):
     """A UWB anchor that is moved: its ranges are those to its new place, its noise and the walls between those of old.
 
     Attributes:
-        start: when it begins [s].
         end: when the anchor is back [s]; null if it stays.
-        kind: 'anchor_moved'.
         anchor: its index in the room's file, from 0 [1].
         by: from the old to the new place in W [m], each at most 10.
     """
@@ -116,7 +106,6 @@ class AnchorsDying(Fault):
     Attributes:
         start: when the first falls silent [s].
         end: when all are back [s]; null if they stay silent.
-        kind: 'anchors_dying'.
         anchors: their indices in the room's file, from 0 [1], in the order of their ends.
         every: from one's end to the next one's [s].
     """
@@ -130,9 +119,6 @@ class ClockJump(Fault):
     """A jump of the receiver's clock: all ranges are off by the same length.
 
     Attributes:
-        start: when it begins [s].
-        end: when it ends [s]; null if it does not.
-        kind: 'clock_jump'.
         by: added to every range [m]; 0.3 m is a nanosecond.
     """
 
@@ -144,9 +130,6 @@ class YawJump(Fault):
     """A jump of the imu's yaw, as of a compass beside iron.
 
     Attributes:
-        start: when it begins [s].
-        end: when it ends [s]; null if it does not.
-        kind: 'yaw_jump'.
         by: added to the yaw [rad], at most pi.
     """
 
@@ -158,9 +141,6 @@ class GyroBias(Fault):
     """A step of the gyroscope's bias; the imu's angles stay.
 
     Attributes:
-        start: when it begins [s].
-        end: when it ends [s]; null if it does not.
-        kind: 'gyro_bias'.
         by: added to the body rates w_WB_B [rad/s].
     """
 
@@ -169,13 +149,7 @@ class GyroBias(Fault):
 
 
 class CameraBlinded(Fault):
-    """A blinded camera: its messages come, without a box.
-
-    Attributes:
-        start: when it begins [s].
-        end: when it ends [s]; null if it does not.
-        kind: 'camera_blinded'.
-    """
+    """A blinded camera: its messages come, without a box."""
 
     kind: Literal["camera_blinded"]
 
@@ -184,9 +158,7 @@ class LandmarkMoved(Fault):
     """A landmark that was moved.
 
     Attributes:
-        start: when it begins [s].
         end: when the landmark is back [s]; null if it stays.
-        kind: 'landmark_moved'.
         landmark: its index in the room's file, from 0 [1].
         by: from the old to the new place in W [m], each at most 10.
     """
@@ -200,9 +172,7 @@ class LandmarkGone(Fault):
     """A landmark that was taken away.
 
     Attributes:
-        start: when it begins [s].
         end: when the landmark is back [s]; null if it is not.
-        kind: 'landmark_gone'.
         landmark: its index in the room's file, from 0 [1].
     """
 
@@ -216,7 +186,6 @@ class People(Fault):
     Attributes:
         start: when they come [s].
         end: when they are gone [s]; null if they stay.
-        kind: 'people'.
         walks: of each, where in W the walk begins and where it turns: x, y, x, y [m].
         speed: of all [m/s].
         radius: of the cylinders [m].
@@ -237,9 +206,6 @@ class Gust(Fault):
     """A gust: a force beside whatever else pushes the vehicle.
 
     Attributes:
-        start: when it begins [s].
-        end: when it ends [s]; null if it does not.
-        kind: 'gust'.
         force: in W [N].
     """
 
@@ -252,7 +218,6 @@ class LoadDropped(Onset):
 
     Attributes:
         start: when it drops [s].
-        kind: 'load_dropped'.
         mass_factor: mass afterwards over mass before [1], 0.5 to 1.
     """
 
@@ -264,9 +229,6 @@ class RotorWeak(Fault):
     """A rotor that makes less thrust and drag of the speed it is asked for.
 
     Attributes:
-        start: when it begins [s].
-        end: when it ends [s]; null if it does not.
-        kind: 'rotor_weak'.
         rotor: its index, from 0 [1].
         factor: its thrust over its normal thrust [1], 0.5 to 1.
     """

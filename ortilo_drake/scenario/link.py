@@ -14,11 +14,7 @@ Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
 class NoLoss(Frozen):
-    """Every message arrives.
-
-    Attributes:
-        kind: 'none'.
-    """
+    """Every message arrives."""
 
     kind: Literal["none"] = "none"
 
@@ -27,7 +23,6 @@ class BernoulliLoss(Frozen):
     """Each message is lost with the same probability, independently.
 
     Attributes:
-        kind: 'bernoulli'.
         probability: of a loss [1].
     """
 
@@ -41,7 +36,6 @@ class GilbertElliottLoss(Frozen):
     The chain starts in the good state.
 
     Attributes:
-        kind: 'gilbert_elliott'.
         good_to_bad: probability a tick of leaving the good state [1].
         bad_to_good: probability a tick of leaving the bad state [1].
         loss_good: probability of a loss in the good state [1].
@@ -59,7 +53,6 @@ class BurstLoss(Frozen):
     """Bursts by their measured figures: everything is lost within one, nothing between two.
 
     Attributes:
-        kind: 'bursts'.
         loss: share of the packets that are lost [1]; L packets in bursts of b ticks need L <= b / (1 + b).
         mean_length: mean length of a burst [s], a tick or more.
     """
@@ -73,7 +66,6 @@ class PositionBlackout(Frozen):
     """No message while the vehicle's true coordinate on one axis lies in [start, end).
 
     Attributes:
-        kind: 'position'.
         axis: which coordinate of p_WB.
         start: where it begins [m].
         end: where it ends [m].
@@ -89,7 +81,6 @@ class TimeBlackout(Frozen):
     """No message while the time lies in [start, end).
 
     Attributes:
-        kind: 'time'.
         start: when it begins [s].
         end: when it ends [s].
     """
@@ -135,9 +126,6 @@ class Link(LinkRate):
     """The link of one sensor to the vehicle: one packet in each tick that is due, delivered or lost as a whole.
 
     Attributes:
-        rate: samples a second [Hz]. It divides the scenario's control_rate; or it is a whole multiple of it (not of uwb
-            and camera), and each tick's packet carries the samples taken since the tick before, each with its stamp.
-            null sends on every tick.
         loss: random losses; a number is the probability of independent losses.
         blackouts: where or when nothing arrives.
         delay: fixed delay [ticks].

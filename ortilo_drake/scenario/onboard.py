@@ -59,29 +59,17 @@ class Multilateration(Frozen):
     exclude: Exclusion | None = None
 
     @model_validator(mode="after")
-    def _has_ranges_to_spare(self) -> "Multilateration":
-        if self.exclude is not None and self.method != "least_squares":
+    def _has_what_it_learns_of(self) -> "Multilateration":
+        others = self.method != "least_squares"
+        if self.exclude is not None and others:
             raise ValueError(f".exclude: must be null with method {self.method!r}, or the method 'least_squares'")
-        return self
-
-    @model_validator(mode="after")
-    def _has_what_the_bank_shares(self) -> "Multilateration":
-        if self.bias_bank is not None and (self.method != "least_squares" or self.bias_sd == 0.0):
+        if self.bias_bank is not None and (others or self.bias_sd == 0.0):
             raise ValueError(".bias_bank: must be null without bias_sd, of which it has shares, and 'least_squares'")
         if self.bias_bank is not None and self.exclude is not None:
             raise ValueError(".bias_bank: must be null with exclude: it learns of ranges that are left out, too")
-        return self
-
-    @model_validator(mode="after")
-    def _learns_its_scale_of_all_ranges(self) -> "Multilateration":
-        if self.noise_scale is not None and (self.method != "least_squares" or self.exclude is not None):
+        if self.noise_scale is not None and (others or self.exclude is not None):
             raise ValueError(".noise_scale: must be null without 'least_squares', and with exclude: all ranges count")
-        return self
-
-    @model_validator(mode="after")
-    def _believes_in_noise(self) -> "Multilateration":
-        size = sum(self.noise.sds)
-        if size <= 0.0:
+        if (size := sum(self.noise.sds)) <= 0.0:
             raise ValueError(f".noise: {size}: must be greater than 0, ranges are weighted by it")
         return self
 
@@ -90,7 +78,6 @@ class Detector(Frozen):
     """The network that finds landmarks in the rendered camera's pictures: ours, or one of a file.
 
     Attributes:
-        kind: 'network'.
         cfg: a Darknet .cfg to use instead of our network, with its weights; needs torch.
         weights: its .weights.
         onnx: an ONNX file of YOLOv5, v8 or v11 to use instead of our network; needs onnxruntime.
@@ -215,7 +202,6 @@ class LqServo(Frozen):
     """The LQ servo.
 
     Attributes:
-        kind: 'lq'.
         form: 'paper' is u = -L [xhat; i]; 'error' is u = -L [xhat - x_ref; i] with the planner's acceleration fed
             forward, as in the authors' code.
         velocities: 'truth' gives the servo the true velocities and Euler rates, as the authors did.

@@ -17,7 +17,6 @@ class GcsPlanner(Frozen):
     """A smooth collision-free path at constant altitude through convex free cells.
 
     Attributes:
-        kind: 'gcs'.
         start: start of the path, x and y [m]; the flight starts hovering there. The room's, if its file has one and
             none is given here.
         goal: goal, x and y [m]; the room's likewise.
@@ -46,7 +45,6 @@ class WaypointPlanner(Frozen):
     """A smooth path through given points, from the scenario or from a file.
 
     Attributes:
-        kind: 'waypoints'.
         points: the points p_W [m], if not in a file.
         file: a text file with one 'x y z' [m] a line.
         speed: path speed [m/s].
@@ -72,7 +70,6 @@ class HoverPlanner(Frozen):
     """Stay at one point.
 
     Attributes:
-        kind: 'hover'.
         point: where, p_W [m].
         duration: for how long [s].
     """

@@ -12,7 +12,6 @@ class HuberWeight(Frozen):
     """Huber's weight: a value weighs less the farther it is, from some distance on.
 
     Attributes:
-        kind: 'huber'.
         c: Mahalanobis distance d of a value from its prediction up to which it weighs in full; beyond, its covariance
             is taken d / c times as large [1].
     """
@@ -25,7 +24,6 @@ class StudentWeight(Frozen):
     """The weight of Student's t distribution, whose tails are longer than the Gaussian's.
 
     Attributes:
-        kind: 'student_t'.
         dof: degrees of freedom nu; the covariance of a value of m rows is taken (nu + d^2) / (nu + m) times as large
             where that is more than 1 [1].
     """

@@ -27,22 +27,6 @@ class Scenario(Belief):
     """One flight: what the onboard half believes, what the world is, and how the two differ.
 
     Attributes:
-        name: its name in tables and files.
-        control_rate: ticks a second, 1 / h [Hz].
-        room: the surveyed map: 'ortilo' or the path of a room file, relative to the scenario's own folder.
-        vehicle: mass, inertia and rotors as they are believed to be; a scenario file may name a file of them instead,
-            found as a room's is.
-        sensors: which of uwb, camera and imu fly; the others never arrive.
-        imu: attitude, body rates and specific force.
-        uwb: ranges to the room's anchors.
-        camera: boxes of landmarks.
-        detector: the network that looks at a rendered camera's pictures.
-        multilateration: position from ranges.
-        landmark_fix: position from boxes.
-        estimator: the filter.
-        servo: what makes a control of state and reference.
-        planner: the path to fly.
-        commands: the treatment of commands that act late.
         seed: the seed of all noise; the same seed gives the same flight bit for bit.
         settle: time flown after the path's end [s].
         world: the simulated physics apart from the sensors.
@@ -89,64 +73,59 @@ class Scenario(Belief):
         return self if n == 1 else self.model_copy(update={"control_rate": n * self.control_rate})
 
     @model_validator(mode="after")
-    def _rates_fit_control_rate(self) -> "Scenario":
+    def _links_fit_the_ticks(self) -> "Scenario":
         for sensor in self.sensors:
             rate = self.link_of(sensor).rate
             if rate is not None:
                 check_rate(sensor, rate, self.control_rate)
-        return self
-
-    @model_validator(mode="after")
-    def _losses_exist(self) -> "Scenario":
-        links: dict[str, Any] = {f"{sensor}.link": self.link_of(sensor) for sensor in {*SENSORS, *self.sensors}} | {
-            "command_link": self.command_link,
-            "report_link": self.report_link,
-        }
-        for name, link in links.items():
+        links: dict[str, Any] = {f"{sensor}.link": self.link_of(sensor) for sensor in {*SENSORS, *self.sensors}}
+        for name, link in (links | {"command_link": self.command_link, "report_link": self.report_link}).items():
             try:
                 loss_parameters(link.loss, self.h)
             except InputError as error:
                 raise ValueError(f"{name}.loss.{error}") from None
+        if (rate := self.report_link.rate) is not None:
+            if rate > self.control_rate:
+                raise ValueError(f"report_link.rate: {rate}: must not exceed {self.control_rate:g} Hz")
+            check_rate("report_link", rate, self.control_rate, "report_link.rate")
         return self
 
     @model_validator(mode="after")
-    def _gated_sensors_fly(self) -> "Scenario":
-        for sensor in dict(getattr(self.estimator, "gates", ())):
+    def _estimator_has_what_it_reads(self) -> "Scenario":
+        its, method, bank = self.estimator, self.landmark_fix.method, self.landmark_fix.survey_bank
+        force, V = getattr(its, "force", None), getattr(its, "V", None)
+        for sensor in dict(getattr(its, "gates", ())):
             if sensor not in self.sensors:
                 raise ValueError(f"estimator.gates.{sensor}: does not fly, of sensors {list(self.sensors)}")
-        return self
-
-    @model_validator(mode="after")
-    def _force_is_measured(self) -> "Scenario":
-        if getattr(self.estimator, "force", "none") == "measured" and "imu" not in self.sensors:
+        if force == "measured" and "imu" not in self.sensors:
             raise ValueError(
                 f"estimator.force: measured: must be none or thrust, no imu in sensors {list(self.sensors)}"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _rates_with_specific_force(self) -> "Scenario":
-        if getattr(self.estimator, "rates", "none") == "measured" and self.estimator.force != "measured":
+        if getattr(its, "rates", "none") == "measured" and force != "measured":
             raise ValueError("estimator.rates: measured: must be none, or force measured as well")
-        return self
-
-    @model_validator(mode="after")
-    def _reports_fit_control_rate(self) -> "Scenario":
-        if self.report_link.rate is not None:
-            if self.report_link.rate > self.control_rate:
-                raise ValueError(f"report_link.rate: {self.report_link.rate}: must not exceed {self.control_rate:g} Hz")
-            check_rate("report_link", self.report_link.rate, self.control_rate, "report_link.rate")
-        return self
-
-    @model_validator(mode="after")
-    def _acted_commands_are_replayed(self) -> "Scenario":
-        if self.commands.filter == "acted" and getattr(self.estimator, "delay", None) != "replay":
-            raise ValueError("commands.filter: acted: must be sent, or estimator.delay replay: it is known only later")
+        if force == "none":
+            sds = {f"biases.{name}": getattr(its.biases, name) for name in BIAS_SDS}
+            for name, sd in (sds | {"walks.torque_sd": its.walks.torque_sd}).items():
+                if any(sd) if isinstance(sd, tuple) else sd:
+                    raise ValueError(f"estimator.{name}: {sd}: must be 0 with force none, the paper's filter")
+        known = [r.name for s in known_sensors() if s not in SENSORS and (own := find_sensor(s)) for r in own.rows]
+        for name in dict(getattr(getattr(its, "biases", None), "row_sd", ())):
+            if name not in known:
+                raise ValueError(f"estimator.biases.row_sd.{name}: must be a row of a sensor beside {SENSORS}: {known}")
+        if V is not None and V.camera is not None and len(self.landmark_fix.rows) > len(V.camera):
+            raise ValueError(
+                f"estimator.V.camera: {list(V.camera)}: must be null, "
+                f"landmark_fix.method {method} gives more than a position"
+            )
+        if bank is not None and getattr(its, "robust", None) is not None and "camera" in self.sensors:
+            raise ValueError(f"landmark_fix.survey_bank: {list(bank)}: must be null with estimator.robust")
         return self
 
     @model_validator(mode="after")
     def _late_commands_have_a_delay(self) -> "Scenario":
         late, delay = self.commands.servo, self.commands.delay
+        if self.commands.filter == "acted" and getattr(self.estimator, "delay", None) != "replay":
+            raise ValueError("commands.filter: acted: must be sent, or estimator.delay replay: it is known only later")
         if late == "augmented" and delay is None:
             raise ValueError("commands.delay: null: must be given for servo augmented, its gain is computed before")
         if late == "augmented" and not isinstance(self.servo, LqServo):
@@ -158,73 +137,22 @@ class Scenario(Belief):
         return self
 
     @model_validator(mode="after")
-    def _biases_with_a_force(self) -> "Scenario":
-        if getattr(self.estimator, "force", None) == "none":
-            own = {f"biases.{name}": getattr(self.estimator.biases, name) for name in BIAS_SDS}
-            for name, sd in (own | {"walks.torque_sd": self.estimator.walks.torque_sd}).items():
-                if any(sd) if isinstance(sd, tuple) else sd:
-                    raise ValueError(f"estimator.{name}: {sd}: must be 0 with force none, the paper's filter")
-        return self
-
-    @model_validator(mode="after")
-    def _biased_rows_are_known(self) -> "Scenario":
-        known = [r.name for s in known_sensors() if s not in SENSORS and (own := find_sensor(s)) for r in own.rows]
-        for name in dict(getattr(getattr(self.estimator, "biases", None), "row_sd", ())):
-            if name not in known:
-                raise ValueError(f"estimator.biases.row_sd.{name}: must be a row of a sensor beside {SENSORS}: {known}")
-        return self
-
-    @model_validator(mode="after")
-    def _erring_sensors_are_registered(self) -> "Scenario":
+    def _world_has_what_flies(self) -> "Scenario":
         for sensor in dict(self.truth.sensors):
             if find_sensor(sensor) is None:
                 known = [name for name in known_sensors() if name not in SENSORS]
                 raise ValueError(f"truth.sensors.{sensor}: is none of the registered sensors{nearest(sensor, known)}")
-        return self
-
-    @model_validator(mode="after")
-    def _faults_concern_what_flies(self) -> "Scenario":
         check_faults(self.faults, self.sensors, self.is_rendered)
-        return self
-
-    @model_validator(mode="after")
-    def _differences_are_read(self) -> "Scenario":
         check_differences(self)
-        return self
-
-    @model_validator(mode="after")
-    def _camera_has_its_rows(self) -> "Scenario":
-        V, method = getattr(self.estimator, "V", None), self.landmark_fix.method
-        if V is not None and V.camera is not None and len(self.landmark_fix.rows) > len(V.camera):
-            raise ValueError(
-                f"estimator.V.camera: {list(V.camera)}: must be null, "
-                f"landmark_fix.method {method} gives more than a position"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _robust_knows_its_landmarks(self) -> "Scenario":
-        bank = self.landmark_fix.survey_bank
-        robust = getattr(self.estimator, "robust", None) is not None
-        if bank is not None and robust and "camera" in self.sensors:
-            raise ValueError(f"landmark_fix.survey_bank: {list(bank)}: must be null with estimator.robust")
+        if self.world.kinematics == "linear" and self.yaw != 0.0:
+            raise ValueError(f"servo.yaw: {self.yaw}: must be 0 with world.kinematics linear, the paper's at yaw 0")
+        if len(set(self.sensors)) != len(self.sensors):
+            raise ValueError(f"sensors: {list(self.sensors)} names one twice")
         return self
 
     def __reduce__(self) -> tuple[Callable[[str], "Scenario"], tuple[str]]:
         """Pickle as JSON: a model with registered parts has no name to be found by."""
         return Scenario.model_validate_json, (self.model_dump_json(),)
-
-    @model_validator(mode="after")
-    def _linear_is_of_yaw_0(self) -> "Scenario":
-        if self.world.kinematics == "linear" and self.yaw != 0.0:
-            raise ValueError(f"servo.yaw: {self.yaw}: must be 0 with world.kinematics linear, the paper's at yaw 0")
-        return self
-
-    @model_validator(mode="after")
-    def _sensors_differ(self) -> "Scenario":
-        if len(set(self.sensors)) != len(self.sensors):
-            raise ValueError(f"sensors: {list(self.sensors)} names one twice")
-        return self
 
 
 def _believed(data: dict[str, Any]) -> dict[str, Any]:

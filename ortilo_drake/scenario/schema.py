@@ -36,10 +36,18 @@ class Key(NamedTuple):
 
 
 def meanings(model: type[BaseModel]) -> dict[str, str]:
-    """Return the description of each field from the Attributes section of a model's docstring, one line each."""
-    _, _, section = (inspect.getdoc(model) or "").partition(_SECTION)
-    entries = re.split(r"^    (?=\w+: )", section, flags=re.MULTILINE)[1:]
-    return {name: " ".join(text.split()) for name, _, text in (entry.partition(": ") for entry in entries)}
+    """Return the description of each field, a line each: from the Attributes of its model, or of the one it inherits.
+
+    A `kind` of one value needs none.
+    """
+    found: dict[str, str] = {}
+    for its in model.__mro__[model.__mro__.index(BaseModel) - 1 :: -1]:
+        _, _, section = inspect.cleandoc(its.__doc__ or "").partition(_SECTION)
+        entries = re.split(r"^    (?=\w+: )", section, flags=re.MULTILINE)[1:]
+        found |= {name: " ".join(text.split()) for name, _, text in (entry.partition(": ") for entry in entries)}
+    if "kind" in model.model_fields and "kind" not in found:
+        found["kind"] = f"{get_args(model.model_fields['kind'].annotation)[0]!r}."
+    return {name: found.pop(name) for name in model.model_fields if name in found} | found
 
 
 def models_in(annotation: Any) -> Iterator[type[BaseModel]]:

@@ -28,7 +28,6 @@ class ImuSetup(SensorSetup):
     """The imu, as the onboard half knows it.
 
     Attributes:
-        link: rate of its messages.
         standstill: how long the vehicle rests on the floor before take-off [s], which calibrates gyroscope and
             accelerometer; 0 for not at all. A filter's first covariance of their biases follows from it.
     """
@@ -56,8 +55,6 @@ class Imu(ImuSetup):
 
     Attributes:
         link: rate and delivery of its messages.
-        standstill: how long the vehicle rests on the floor before take-off [s], which calibrates gyroscope and
-            accelerometer; 0 for not at all. A filter's first covariance of their biases follows from it.
         angle_density: of roll, pitch and yaw [rad/sqrt(Hz)]; the default is 0.01 rad at 30 Hz.
         rate_density: of the body rates per axis [rad/s/sqrt(Hz)]; the default is 0.01 rad/s at 30 Hz.
         specific_force_density: of the specific force per axis [m/s^2/sqrt(Hz)]; the default is 0.05 m/s^2 at 30 Hz.
@@ -76,45 +73,39 @@ class Imu(ImuSetup):
         return white_sd(self.angle_density, period), rate, force
 
 
-class ProportionalNoise(Frozen):
+class _WhiteNoise(Frozen):
+    @property
+    def sds(self) -> tuple[float, float]:
+        """The numbers s_0 [m] and s_1 of the standard deviation s_0 + s_1 d."""
+        return getattr(self, "sd", 0.0), getattr(self, "fraction", 0.0)
+
+
+class ProportionalNoise(_WhiteNoise):
     """Range noise that grows with the distance.
 
     Attributes:
-        kind: 'proportional'.
         fraction: standard deviation over distance [1].
     """
 
     kind: Literal["proportional"] = "proportional"
     fraction: NonNegativeFloat = 0.0075
 
-    @property
-    def sds(self) -> tuple[float, float]:
-        """The numbers s_0 [m] and s_1 of the standard deviation s_0 + s_1 d."""
-        return 0.0, self.fraction
 
-
-class ConstantNoise(Frozen):
+class ConstantNoise(_WhiteNoise):
     """Range noise that is the same at every distance.
 
     Attributes:
-        kind: 'constant'.
         sd: standard deviation [m].
     """
 
     kind: Literal["constant"]
     sd: NonNegativeFloat
 
-    @property
-    def sds(self) -> tuple[float, float]:
-        """The numbers s_0 [m] and s_1 of the standard deviation s_0 + s_1 d."""
-        return self.sd, 0.0
 
-
-class AffineNoise(Frozen):
+class AffineNoise(_WhiteNoise):
     """Range noise with a floor: its standard deviation is a constant and a share of the distance.
 
     Attributes:
-        kind: 'affine'.
         sd: standard deviation at distance 0 [m].
         fraction: its growth over distance [1].
     """
@@ -123,18 +114,9 @@ class AffineNoise(Frozen):
     sd: NonNegativeFloat = 0.03
     fraction: NonNegativeFloat = 0.002
 
-    @property
-    def sds(self) -> tuple[float, float]:
-        """The numbers s_0 [m] and s_1 of the standard deviation s_0 + s_1 d."""
-        return self.sd, self.fraction
-
 
 class WallsIgnored(Frozen):
-    """Radio passes through walls unchanged.
-
-    Attributes:
-        kind: 'none'.
-    """
+    """Radio passes through walls unchanged."""
 
     kind: Literal["none"] = "none"
 
@@ -143,7 +125,6 @@ class WallsBias(Frozen):
     """Each wall in the line of sight lengthens a range; not the wall that holds the anchor.
 
     Attributes:
-        kind: 'bias'.
         per_wall: how much longer a wall makes it [m].
     """
 
@@ -152,11 +133,7 @@ class WallsBias(Frozen):
 
 
 class WallsBlock(Frozen):
-    """A wall in the line of sight blocks a range; not the wall that holds the anchor.
-
-    Attributes:
-        kind: 'block'.
-    """
+    """A wall in the line of sight blocks a range; not the wall that holds the anchor."""
 
     kind: Literal["block"]
 
@@ -168,7 +145,6 @@ class WallsExcess(Frozen):
     a wall between.
 
     Attributes:
-        kind: 'excess'.
         mean: of the length that a wall adds [m]; its standard deviation is the same, its skewness 2.
         time: correlation time of it [s].
     """
@@ -186,7 +162,6 @@ class UwbSetup(SensorSetup):
     """The uwb sensor, as the onboard half knows it.
 
     Attributes:
-        link: rate of its messages.
         kind: 'ranges' has a range to each anchor in a message; 'differences' has packets in turn, each with the
             difference of the ranges to two anchors, as a vehicle receives them that only listens (TDoA). Only
             estimator.kind tight reads these.
@@ -221,17 +196,6 @@ class Uwb(UwbSetup):
 
     Attributes:
         link: rate and delivery of its messages.
-        kind: 'ranges' has a range to each anchor in a message; 'differences' has packets in turn, each with the
-            difference of the ranges to two anchors, as a vehicle receives them that only listens (TDoA). Only
-            estimator.kind tight reads these.
-        pairs: the two anchors of each difference: 'cycle' takes each anchor and the next one, 'all' every two in turn.
-        packets: differences in a second, evenly spaced [1/s]: a whole number in each message.
-        round: how long a round of ranging takes [s]: the anchors are ranged one after the other in n even slots, the
-            last one at the message's stamp, so that range i of 0 to n - 1 is (1 - (i + 1) / n) of it older. The onboard
-            half knows that and takes each range on to the stamp by the velocity that it believes.
-        behind_walls: treatment of ranges that, by the map and the estimate, pass a wall: they are 'used' as any
-            other, or 'left_out'. null leaves them out where the scenario's walls lengthen ranges: that they do is known
-            to who flies there, by how much is not.
         noise: noise of each range, where errors are white.
         errors: 'white' draws `noise` anew for each range; 'fitted' draws the errors fitted to recordings: each anchor's
             constant, lasting errors, white noise, outliers and their bursts, missing ranges.
@@ -270,7 +234,6 @@ class MeasuredErrors(Frozen):
     """Errors of a detector, as measured.
 
     Attributes:
-        kind: 'measured'.
         file: 'rendered', the rendered camera and our own detector, or the path of a calibration file
             (ortilo detector calibrate).
     """
@@ -283,7 +246,6 @@ class ParametricErrors(Frozen):
     """Errors of a detector by a few numbers; new in every tick.
 
     Attributes:
-        kind: 'parametric'.
         edge_sd: noise of each edge of a box that the image's border does not cut [px].
         miss_base: miss rate at distance 0 [1].
         miss_per_metre: growth of the miss rate with distance [1/m].
@@ -373,13 +335,6 @@ class Camera(CameraSetup):
 
     Attributes:
         link: rate and delivery of the pictures or boxes.
-        kind: 'rendered' draws pictures for a detector; 'projected' computes the boxes of a detector with our detector's
-            measured errors, eighty times as fast.
-        width: image width [px], to which the room's camera is scaled; 16 to 8192, or 64 to 2048 where it is rendered.
-        latency: time from picture to boxes [ticks]; a rendered camera's detector takes one at least (it needs about a
-            third of a tick of 1/30 s).
-        calibration: the calibrated camera; null uses the room's. A scenario file, or `--set`, may name a file of
-            Kalibr, ROS (camera_info) or OpenCV (FileStorage) instead; a path is relative as a room's is.
         errors: missed landmarks, errors of boxes, and false boxes, for a projected camera and for the theory.
     """
 

@@ -143,7 +143,6 @@ class TightFilter(Frozen):
     """The tightly coupled estimator: single ranges, pixels and inertial samples in one error-state Kalman filter.
 
     Attributes:
-        kind: 'tight'.
         force: 'measured': it reads the imu's specific force ...
         rates: ... and its body rates.
         imu: noise of the imu, as it believes it.

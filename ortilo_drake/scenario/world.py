@@ -11,21 +11,13 @@ DragCoefficient = Annotated[float, Field(ge=0.0, le=10.0)]
 
 
 class IdealRotors(Frozen):
-    """The control acts on the body at once and without limit, as in the paper's model.
-
-    Attributes:
-        kind: 'ideal'.
-    """
+    """The control acts on the body at once and without limit, as in the paper's model."""
 
     kind: Literal["ideal"] = "ideal"
 
 
 class FirstOrderRotors(Frozen):
-    """Mixing to the speeds of the rotors, limits of speed, and a first-order lag with the vehicle's time constants.
-
-    Attributes:
-        kind: 'first_order'.
-    """
+    """Mixing to the speeds of the rotors, limits of speed, and a first-order lag with the vehicle's time constants."""
 
     kind: Literal["first_order"]
 

@@ -29,7 +29,6 @@ class Altimeter(SensorSettings):
     """A range finder that looks down; by default a small lidar's, ours.
 
     Attributes:
-        link: how its messages reach the vehicle.
         sd: noise that does not depend on the range [m].
         fraction: noise over the range [1].
         max_range: farther floors give no range [m].

@@ -38,7 +38,6 @@ class Flow(SensorSettings):
     """An optical-flow sensor; by default of the kind sold for small multirotors, figures ours.
 
     Attributes:
-        link: how its messages reach the vehicle.
         flow_sd: noise of each component at quality 1 [rad/s].
         gyro_sd: noise of its gyro's rates [rad/s].
         far: distance at which the quality is one half [m].

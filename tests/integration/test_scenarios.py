@@ -75,7 +75,7 @@ def test_what_show_prints_loads_again_as_the_same_scenario(
     again = load_scenario(tmp_path / "again.yaml")
     assert again == load_scenario(which, ("seed=5",))
     assert again.seed == 5
-    assert set(yaml.safe_load(printed.out)) == {*Scenario.model_fields, *again.own_sensors}  # every default filled in
+    assert set(yaml.safe_load(printed.out)) == {*Scenario.model_fields, *again.sensors}  # every default filled in
 
 
 @pytest.mark.family

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from example_rooms import two_ways
 
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.model.room import Landmark, Room
@@ -10,7 +11,6 @@ from ortilo_drake.onboard.planner.free_cells import Cell, within, without_places
 from ortilo_drake.onboard.planner.planner import plan
 from ortilo_drake.onboard.planner.seen import FixSources, fix_sources, seen_at, seen_on_grid
 from ortilo_drake.scenario import GcsPlanner, load_scenario
-from ortilo_drake.studies.room_design.example_rooms import two_ways
 from ortilo_drake.studies.room_design.room_file import room_text
 
 UWB = FixSources(boxes=False)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from delay_ways import delay_ways, ways, with_way
 from scipy.linalg import block_diag
 
 from ortilo_drake.model.as_data import as_data
@@ -19,7 +20,6 @@ from ortilo_drake.studies.command_link.command_delay import (
     stable_delays,
 )
 from ortilo_drake.studies.command_link.command_loop import commanded_loop
-from ortilo_drake.studies.command_link.delay_ways import delay_ways, ways, with_way
 
 V = block_diag(np.diag([0.015, 0.018, 0.04]) ** 2, np.eye(3), 1e-4 * np.eye(3))
 EACH_TICK = np.array([[1.0, 0.0, 1.0]])

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from example_rooms import example_room, spread_evenly
 
 from ortilo_drake.floor.cramer_rao import dynamics, information_rows, position_floor
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
-from ortilo_drake.studies.room_design.example_rooms import example_room, spread_evenly
 from ortilo_drake.studies.room_design.exchange import exchange, greedy
 from ortilo_drake.studies.room_design.mounting import mounting_places
 from ortilo_drake.studies.room_design.path_bound import path_model, position_variance

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from example_rooms import example_room
 
 from ortilo_drake.floor.cramer_rao import information_rows
 from ortilo_drake.model.footprints import footprints
 from ortilo_drake.model.room import Landmark, Room, load_room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
-from ortilo_drake.studies.room_design.example_rooms import example_room
 from ortilo_drake.studies.room_design.landmarks import (
     angle_information,
     floor_spots,
