@@ -63,23 +63,22 @@ def live(
     lamps = unwired(chosen.sensors)
     scene = Scene(meshcat, room, chosen.vehicle, lamps, chosen.h)
     status: Status | None = None
+    readings = b"null"  # until the first tick
 
     def show(now: Status) -> None:
-        nonlocal status
-        status = now
+        nonlocal status, readings
+        status, readings = now, now.json()
         shown.update(Text(now.line()))
 
     def refused(line: str) -> None:
         say_error(f"refused: {line}")
 
-    guard = Guard(meshcat, panel, port, refused)
+    guard = Guard(meshcat, panel, port, lambda: readings, refused)
     try:
         with contextlib.suppress(KeyboardInterrupt), guard:
             out.print(
-                f"open {guard.url} and there the controls, upper right; Ctrl-C ends", markup=False, soft_wrap=True
-            )
-            out.print(
-                f"the lamps above the vehicle, from west to east, are green while these arrive: {', '.join(lamps)}",
+                f"open {guard.url} (readings on the left, controls on the right; Ctrl-C ends)",
+                markup=False,
                 soft_wrap=True,
             )
             if wait:

@@ -22,6 +22,9 @@ NAMED = (
     """Array.from(document.querySelectorAll('.property-name')).find((e) => e.textContent.trim() === %r).parentElement"""
 )
 
+DRAWN = """((canvas) => canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data.filter(
+    (byte) => byte).length)(document.getElementById(%r))"""
+
 
 class Flying(Thread):
     """A live flight in a thread, which alone may talk to its Meshcat."""
@@ -29,6 +32,7 @@ class Flying(Thread):
     def __init__(self) -> None:
         super().__init__(daemon=True)
         self.status, self.url, self.is_ready, self.refused = Status(), "", Event(), list[str]()
+        self.readings = b"null"
 
     def run(self) -> None:
         scenario = load_scenario(
@@ -37,13 +41,13 @@ class Flying(Thread):
         meshcat, panel, room = hidden_meshcat(), Panel(), scenario.load_room()
         controls = Controls(meshcat, panel, room, scenario.sensors, (8.0, 1.0))
         scene = Scene(meshcat, room, scenario.vehicle, ("uwb", "camera"), scenario.h)
-        with Guard(meshcat, panel, refused=self.refused.append) as guard:
+        with Guard(meshcat, panel, None, lambda: self.readings, self.refused.append) as guard:
             self.url = guard.url
             self.is_ready.set()
             fly_live(scenario, AtOnce(scenario), controls, scene, self.show)
 
     def show(self, status: Status) -> None:
-        self.status = Status(**vars(status))
+        self.status, self.readings = Status(**vars(status)), status.json()
 
     def until(self, holds: Callable[[Status], bool]) -> Status:
         """Return the first status of which something holds."""
@@ -60,7 +64,7 @@ def flying(tab: Page) -> Iterator[Flying]:
     flying.start()
     assert flying.is_ready.wait(PATIENCE)
     tab.errors.clear()
-    tab.open(flying.url, 480, 320)
+    tab.open(flying.url, 720, 320)
     tab.until(f"document.body.innerText.includes({LOST.format('uwb')!r})")
     yield flying
     click(tab, STOP)
@@ -118,7 +122,7 @@ def test_a_page_of_elsewhere_is_refused_though_it_knows_the_address(tab: Page, f
     assert tab.run(f"fetch({flying.url!r}).then(() => 'read', () => 'refused')") == "refused"
     assert flying.refused == [f"Origin {elsewhere.rstrip('/')!r}: another page's"]
     assert flying.is_alive()
-    tab.open(flying.url, 480, 320)  # for the end, by its own page
+    tab.open(flying.url, 720, 320)  # for the end, by its own page
     tab.until(f"document.body.innerText.includes({LOST.format('uwb')!r})")
 
 
@@ -136,6 +140,15 @@ def test_the_user_changes_the_world_and_the_flight_follows(tab: Page, flying: Fl
     held = flying.until(lambda s: s.is_paused).time
     time.sleep(0.3)
     assert flying.status.time == held
+    stands = flying.status
+    read = {"time": f"{held:.1f} s", "state": "paused"}
+    read |= {"error": f"{100 * stands.error:.1f} cm", "sd": f"{100 * stands.sd:.1f} cm"}
+    for name, text in read.items():
+        tab.until(f"document.getElementById({name!r}).textContent === {text!r}")
+    assert tab.run("document.querySelectorAll('#lamps span').length") == 2
+    for plot in ("of-x", "of-y", "of-z", "strips"):
+        tab.until(f"{DRAWN % plot} > 100")
+    assert tab.run("viewer.gui.closed") is False
     click(tab, PAUSE)
     flying.until(lambda s: s.time > held)
 

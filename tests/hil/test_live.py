@@ -198,8 +198,8 @@ def test_the_command_takes_off_when_a_page_is_open_or_at_once(
     monkeypatch.setattr(session_module, "fly_live", fly_for_a_second)
     words = ("live", "nominal_imu_uwb", "--set", HOVER[0])
     assert run(*words) == 0
-    address, _, waiting, ended = capsys.readouterr().out.splitlines()
-    assert re.match(r"open http://127\.0\.0\.1:\d+/[-\w]{20,}/ and there the controls", address)
+    address, waiting, ended = capsys.readouterr().out.splitlines()
+    assert re.match(r"open http://127\.0\.0\.1:\d+/[-\w]{20,}/ \(readings on the left, controls", address)
     assert waiting == "waiting for the page to be opened before it takes off; --no-wait takes off at once"
     assert ended == "not flown"
     assert run(*words, "--no-wait") == 0
@@ -279,6 +279,6 @@ def test_the_scene_shows_a_flight_and_its_lamps() -> None:
     for _ in range(20):
         scene.show(live.step(Wishes(lost={"camera": 1.0})), draws=True)
     scene.show_goal(1.0, 2.0, 1.5)
-    assert (scene.lit("uwb"), scene.lit("camera")) == (True, False)
+    assert scene.lit() == {"uwb": True, "camera": False}
     for path in ("/flight/vehicle", "/flight/goal", "/flight/lamps/uwb", "/flight/true_path"):
         assert meshcat.HasPath(path)

@@ -46,7 +46,7 @@ OPENED: list[WebSocketClientConnection] = []
 class Guarded:
     """A guarded Meshcat, its panel, and the lines that it said."""
 
-    def __init__(self, **limits: int) -> None:
+    def __init__(self, **limits: Any) -> None:
         self.meshcat, self.panel, self.lines = hidden_meshcat(), a_panel(), list[str]()
         self.guard = Guard(self.meshcat, self.panel, refused=self.lines.append, **limits)
         self.host, self.token = urlsplit(self.guard.url).netloc, self.guard.url.split("/")[3]
@@ -60,7 +60,7 @@ class Guarded:
 
 
 @contextmanager
-def guarded(**limits: int) -> Iterator[Guarded]:
+def guarded(**limits: Any) -> Iterator[Guarded]:
     it = Guarded(**limits)
     try:
         with it.guard:
@@ -154,8 +154,21 @@ def test_who_has_the_address_sees_drakes_page_and_what_it_is_made_of(page: Guard
     with urlopen(page.guard.url + script, timeout=HANGS) as answer:
         assert b"MeshCat" in answer.read()
     assert '<link rel="icon" href="favicon.ico">' in html
-    assert [status(page, f"/{page.token}/{name}") for name in ("favicon.ico", "download")] == [200, 404]
+    assert [status(page, f"/{page.token}/{name}") for name in ("favicon.ico", "download", "readings")] == [
+        200,
+        404,
+        404,
+    ]
     assert page.lines == []
+
+
+def test_readings_are_shown_to_who_has_the_address() -> None:
+    with guarded(readings=lambda: b'{"time": 1.5}') as it:
+        with urlopen(it.guard.url + "readings", timeout=HANGS) as answer:
+            assert answer.read() == b'{"time": 1.5}'
+        with urlopen(it.guard.url, timeout=HANGS) as answer:
+            assert b'fetch("readings"' in answer.read()
+        assert status(it, "/readings") == 403
 
 
 def test_what_drake_draws_arrives_and_counts_as_an_open_page(page: Guarded) -> None:

@@ -12,7 +12,7 @@ from ortilo_drake.hil.live.live_flight import ShownTick
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.world.scenery.meshcat_draw import PLANNED_PATH, draw_flown, draw_plan, draw_vehicle, show_pose
-from ortilo_drake.world.scenery.meshcat_room import draw_room
+from ortilo_drake.world.scenery.meshcat_room import aim_camera, draw_room
 
 GOAL: Final = "/flight/goal"
 LAMPS: Final = "/flight/lamps"
@@ -36,6 +36,9 @@ class Scene:
     def __init__(self, meshcat: Meshcat, room: Room, vehicle: Vehicle, sensors: tuple[str, ...], h: float):
         self._meshcat, self._vehicle, self._sensors, self._h = meshcat, vehicle, sensors, h
         draw_room(meshcat, room)
+        low, high = np.array(room.interior.min), np.array(room.interior.max)
+        length = np.array([high[0] - low[0], 0.0, 0.0])
+        aim_camera(meshcat, low - 0.1 * length, high + 0.4 * length)  # the controls cover the east
         meshcat.SetObject(GOAL, Sphere(0.12), Rgba(0.95, 0.6, 0.05, 0.8))
         for i, sensor in enumerate(sensors):
             meshcat.SetObject(f"{LAMPS}/{sensor}", Sphere(0.08), Rgba(*DARK))
@@ -51,9 +54,9 @@ class Scene:
         for sensor in self._sensors:
             self._meshcat.SetProperty(f"{LAMPS}/{sensor}", "color", list(DARK))
 
-    def lit(self, sensor: str) -> bool:
-        """Return whether a sensor's lamp is lit."""
-        return self._lit[sensor]
+    def lit(self) -> dict[str, bool]:
+        """Return whether each sensor's lamp is lit."""
+        return dict(self._lit)
 
     def show_path(self, path: Trajectory | None) -> None:
         """Show the path that is flown from now on."""

@@ -1,5 +1,6 @@
 """A live flight from its first tick until its user has had enough."""
 
+import json
 import time
 from collections import deque
 from collections.abc import Callable
@@ -34,17 +35,27 @@ class Status:
         time: of its last tick [s].
         error: distance of the estimate from the truth [m].
         sd: three standard deviations of it, root of the covariance's trace [m].
+        by_axis: error and three standard deviations of x, y and z [m].
+        lit: whether each sensor's lamp is lit; none without a scene.
         arrivals: share of each sensor's due messages that arrived in the last RECENT seconds; None where none was due.
         is_paused: whether time stands still.
+        is_lost: whether the flight has ended in a wall, or tumbled.
         note: the last thing that happened, such as an answer to a goal; empty if nothing did.
     """
 
     time: float = 0.0
     error: float = 0.0
     sd: float = 0.0
+    by_axis: list[tuple[float, float]] = field(default_factory=lambda: [(0.0, 0.0)] * 3)
+    lit: dict[str, bool] = field(default_factory=dict)
     arrivals: dict[str, float | None] = field(default_factory=dict)
     is_paused: bool = False
+    is_lost: bool = False
     note: str = ""
+
+    def json(self) -> bytes:
+        """Return it as JSON, which the page beside Meshcat's view shows."""
+        return json.dumps(vars(self)).encode()
 
     def line(self) -> str:
         """Return it in a line."""
@@ -116,11 +127,11 @@ def fly_live(
             return status
         if anew or wishes.restarts:
             flight, shares, anew = LiveFlight(scenario, planner), Shares(due, round(RECENT / scenario.h)), False
-            status, is_lost, next_at = Status(), False, clock.monotonic()
+            status, next_at = Status(), clock.monotonic()
             if scene:
                 scene.begin(flight.path)
-        status.is_paused = wishes.pauses and not is_lost
-        if is_lost or (wishes.pauses and not wishes.steps):
+        status.is_paused = wishes.pauses and not status.is_lost
+        if status.is_lost or (wishes.pauses and not wishes.steps):
             if scene:
                 scene.show_goal(*wishes.goal, 0.3)
             show(status)
@@ -131,18 +142,20 @@ def fly_live(
             seen = flight.step(wishes)
             wishes = wishes._replace(goes=False)
             shares.count(seen)
-            is_lost = seen.lost is not None
+            status.is_lost = seen.lost is not None
         now = clock.monotonic()
-        draws = now - drawn_at >= DRAWN_EVERY or wishes.pauses or is_lost
+        draws = now - drawn_at >= DRAWN_EVERY or wishes.pauses or status.is_lost
         drawn_at = now if draws else drawn_at
         status.time, status.arrivals = seen.time, shares.now()
-        status.error = float(np.linalg.norm(seen.xhat[:3] - seen.x[:3]))
-        status.sd = 3.0 * float(np.sqrt(np.trace(seen.P[:3, :3])))
+        errors, sds = seen.xhat[:3] - seen.x[:3], 3.0 * np.sqrt(np.diag(seen.P)[:3])
+        status.error, status.sd = float(np.linalg.norm(errors)), float(np.linalg.norm(sds))
+        status.by_axis = list(zip(errors.tolist(), sds.tolist(), strict=True))
         status.note = seen.answers[-1] if seen.answers else status.note
         if seen.lost:
             status.note = f"lost at {seen.lost.time:.1f} s: {seen.lost.cause}"
         if scene:
             scene.show(seen, draws)
+            status.lit = scene.lit()
             scene.show_goal(*wishes.goal, float(seen.x[2]))
         if draws:
             show(status)

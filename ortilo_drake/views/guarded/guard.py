@@ -56,6 +56,8 @@ class Guard:
         meshcat: as hidden_meshcat returns.
         panel: the page's sliders and buttons.
         port: of the page; a free one if None.
+        readings: called in the server's thread; returns the JSON that the page shows beside the view. None: the view
+            alone.
         refused: called in the server's thread with a line for what is refused, each line once.
         most_pages: that may be open at a time.
         most_waiting: of a page that does not read [bytes].
@@ -69,6 +71,7 @@ class Guard:
         meshcat: Meshcat,
         panel: Panel,
         port: int | None = None,
+        readings: Callable[[], bytes] | None = None,
         refused: Callable[[str], None] = lambda line: None,
         most_pages: int = MOST_PAGES,
         most_waiting: int = MOST_WAITING,
@@ -84,7 +87,7 @@ class Guard:
         self._rules = Rules(
             urlsplit(meshcat.web_url()).netloc,
             (f"{HOST}:{self.port}", f"localhost:{self.port}"),
-            token, panel, self._refused, most_pages, most_waiting,
+            token, panel, readings, self._refused, most_pages, most_waiting,
         )  # fmt: skip
         self._serves, self._thread = Event(), Thread(target=lambda: asyncio.run(self._serve()), daemon=True)
 

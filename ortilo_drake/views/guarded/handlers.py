@@ -6,6 +6,7 @@ import hmac
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from importlib.resources import files
 from typing import Final
 
 import msgpack
@@ -20,6 +21,8 @@ FILES: Final = re.compile(r"|favicon\.ico|cas-v1/[0-9a-f]{64}")  # of Drake's Me
 MOST_DRAWN: Final = 2**28  # one message of Drake's, such as a mesh [bytes]
 PER_MESSAGE: Final = 1000  # what a message that waits takes beside its bytes [bytes]
 ICON: Final = b'<link rel="icon" href="favicon.ico">'
+VIEWPORT: Final = b'<meta name="viewport" content="width=device-width">'
+READINGS: Final = "readings"  # of the flight, as JSON
 HEADERS: Final = {
     "Cache-Control": "no-store",
     "Content-Security-Policy": "frame-ancestors 'none'",
@@ -39,6 +42,7 @@ class Rules:
         hosts: host:port of every address by which a user may call the page.
         token: first part of the path.
         panel: what the page's messages are about.
+        readings: returns the JSON that the page shows as text, lamps and plots beside the view; None: the view alone.
         refused: called with a line for what was not let through.
         most_pages: open at a time.
         most_waiting: of a page that does not read [bytes].
@@ -49,6 +53,7 @@ class Rules:
     hosts: tuple[str, ...]
     token: str
     panel: Panel
+    readings: Callable[[], bytes] | None
     refused: Callable[[str], None]
     most_pages: int
     most_waiting: int
@@ -87,6 +92,18 @@ def what_is_drawn(message: bytes) -> object:
     return object()
 
 
+def with_ours(page: bytes, reads: bool) -> bytes:
+    """Return Drake's page with the icon's address, and with the readings beside its view if it `reads` them.
+
+    Unless it is told where, a browser asks for the icon at the root, without the token.
+    """
+    head, body = ICON, b""
+    if reads:
+        css, js = ((files(__package__) / f"beside.{kind}").read_bytes() for kind in ("css", "js"))
+        head, body = ICON + VIEWPORT + b"<style>" + css + b"</style>", b"<script>" + js + b"</script>"
+    return page.replace(b"</head>", head + b"</head>", 1).replace(b"</body>", body + b"</body>", 1)
+
+
 class _Guarded(RequestHandler):
     def initialize(self, rules: Rules) -> None:
         self.rules, self._waits = rules, 0
@@ -109,11 +126,15 @@ class _Guarded(RequestHandler):
 
 
 class PageFile(_Guarded):
-    """Drake's page, its icon, and its scene's files."""
+    """Drake's page, its icon, its scene's files, and the flight's readings."""
 
     async def get(self) -> None:
         """Answer with the file; 404 for what is none."""
         name = self.file()
+        if name == READINGS and self.rules.readings is not None:
+            self.set_header("Content-Type", "application/json")
+            self.finish(self.rules.readings())
+            return
         if not FILES.fullmatch(name):
             self.set_status(404)
             self.finish("no such file\n")
@@ -126,8 +147,7 @@ class PageFile(_Guarded):
             return
         kind = "image/x-icon" if name.endswith("ico") else "text/javascript" if name else "text/html; charset=utf-8"
         self.set_header("Content-Type", kind)
-        # Unless it is told where, a browser asks for the icon at the root, without the token.
-        self.finish(found.body if name else found.body.replace(b"</head>", ICON + b"</head>", 1))
+        self.finish(found.body if name else with_ours(found.body, self.rules.readings is not None))
 
 
 class PageSocket(_Guarded, WebSocketHandler):
