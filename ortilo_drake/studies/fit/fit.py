@@ -13,7 +13,7 @@ from ortilo_drake.scenario.range_errors import FieldNoise, LastingNoise, Outlier
 from ortilo_drake.studies.fit.body_path import body_path
 from ortilo_drake.studies.fit.fields import fit_fields
 from ortilo_drake.studies.fit.imu_errors import ImuErrors, imu_errors, mount_of
-from ortilo_drake.studies.fit.interval import Interval
+from ortilo_drake.studies.fit.interval import Interval, log_interval
 from ortilo_drake.studies.fit.lasting import Lasting, fit_lasting
 from ortilo_drake.studies.fit.range_errors import RangeErrors, calibration_of, range_errors
 
@@ -108,6 +108,18 @@ def _outliers(errors: Sequence[RangeErrors], lasting: Lasting, figures: Figures)
     return Outliers(share=_short(lasting.outliers.value), sd=_short(lasting.outlier_sd.value), burst=_short(burst))
 
 
+def _of_recordings(values: np.ndarray, sds: np.ndarray) -> Interval:
+    """Return the interval of a density about the recordings' median (k), of whose logarithms the deviations are known.
+
+    What the recordings differ by counts where it is more than these say.
+    """
+    if values.min() == 0.0:  # samples that never change
+        return Interval(float(np.median(values)), 0.0, float(values.max()))
+    logs, within = np.log(values), float(np.mean(sds**2))
+    variance = within if len(logs) == 1 else max(within, float(np.var(logs, ddof=1)))
+    return log_interval(float(np.log(np.median(values))), float(np.sqrt(variance / len(logs))))
+
+
 def _imu(
     named: Sequence[tuple[str, ImuErrors]], recordings: Sequence[Recording], notes: list[str], figures: Figures
 ) -> ImuNoise | None:
@@ -127,9 +139,10 @@ def _imu(
         none = np.isnan(each).all(axis=0)
         middle = np.where(none, np.nanmedian(each), np.nanmedian(np.where(none, 0.0, each), axis=0))
         numbers[name] = tuple(_short(v) for v in middle)
+        sds = np.array([one.sd_rest if name.endswith("_rest") else one.sd for one in found])
         for i in np.flatnonzero(~none):
-            of_axis = each[:, i][~np.isnan(each[:, i])]
-            figures[f"imu.{name}.{'xyz'[i]}"] = Interval(middle[i], of_axis.min(), of_axis.max())
+            its = ~np.isnan(each[:, i])
+            figures[f"imu.{name}.{'xyz'[i]}"] = _of_recordings(each[its, i], sds[its])
     if "force" not in numbers:
         notes.append("imu: all axes of all accelerometers are faulty: nothing is said of the imu")
         return None

@@ -16,10 +16,14 @@ FULL = 0.6  # a block counts with so large a share of the most samples
 FAULTY, BEYOND = 0.05, 3.0  # an axis with more than this share of samples off by more than this [m/s²] is faulty
 LEAVES = 0.05  # the vehicle rests until a second before it is so far above its first height [m]
 LEAST = 8  # blocks that tell a spread
+SPREAD = 1.3605  # variance of the logarithm of a median absolute deviation, times how many normal numbers it is of
 
 
 class ImuErrors(NamedTuple):
-    """By axis (3 each): densities in flight, at rest (NaN if unknown), and biases; NaN where an axis is faulty."""
+    """By axis (3 each): densities in flight, at rest (NaN if unknown), and biases; NaN where an axis is faulty.
+
+    Then the standard deviations of the logarithms of the densities, in flight and at rest, if the noise is white.
+    """
 
     rotation: np.ndarray
     force: np.ndarray
@@ -27,6 +31,8 @@ class ImuErrors(NamedTuple):
     force_rest: np.ndarray
     rotation_bias: np.ndarray
     force_bias: np.ndarray
+    sd: float
+    sd_rest: float
 
 
 def block_means(t: np.ndarray, values: np.ndarray, over: float) -> np.ndarray:
@@ -40,12 +46,16 @@ def block_means(t: np.ndarray, values: np.ndarray, over: float) -> np.ndarray:
     return np.asarray(sums[full] / counts[full, None])
 
 
-def _density(t: np.ndarray, e: np.ndarray, over: float) -> np.ndarray:
-    """Return robust densities by axis (3): the spread of means over a time, times its root; NaN if there are few."""
+def _density(t: np.ndarray, e: np.ndarray, over: float) -> tuple[np.ndarray, float]:
+    """Return robust densities by axis (3) and the standard deviation of their logarithms; NaN if there are few samples.
+
+    A density is the spread of means over a time, times its root.
+    """
     means = block_means(t, e, over)
     if len(means) < LEAST:
-        return np.full(3, np.nan)
-    return np.asarray(1.4826 * np.median(np.abs(means - np.median(means, axis=0)), axis=0) * np.sqrt(over))
+        return np.full(3, np.nan), np.nan
+    spread = 1.4826 * np.median(np.abs(means - np.median(means, axis=0)), axis=0)
+    return np.asarray(spread * np.sqrt(over)), float(np.sqrt(SPREAD / len(means)))
 
 
 def mount_of(recording: Recording, path: BodyPath, by: Calibration, map_: Map) -> Rotation:
@@ -76,11 +86,10 @@ def imu_errors(recording: Recording, path: BodyPath, mount: Rotation, by: Calibr
     z = by.position(truth.p)[:, 2]
     leaves = truth.t[np.argmax(z > z[0] + LEAVES)] - by.offset - 1.0
     rest, rest_force = imu.t < leaves, t_force < leaves
-    return ImuErrors(
-        _density(imu.t[up], e, OVER),
-        np.where(faulty, np.nan, _density(t_force[up_force], f, OVER)),
-        _density(imu.t[rest], imu.rates[rest], REST_OVER),
-        np.where(faulty, np.nan, _density(t_force[rest_force], force[rest_force] - [0.0, 0.0, GRAVITY], REST_OVER)),
-        e.mean(axis=0),
-        np.where(faulty, np.nan, np.median(f, axis=0)),
-    )
+    rotation, sd = _density(imu.t[up], e, OVER)
+    rotation_rest, sd_rest = _density(imu.t[rest], imu.rates[rest], REST_OVER)
+    in_flight, _ = _density(t_force[up_force], f, OVER)
+    at_rest, _ = _density(t_force[rest_force], force[rest_force] - [0.0, 0.0, GRAVITY], REST_OVER)
+    of_force, of_force_rest = np.where(faulty, np.nan, in_flight), np.where(faulty, np.nan, at_rest)
+    force_bias = np.where(faulty, np.nan, np.median(f, axis=0))
+    return ImuErrors(rotation, of_force, rotation_rest, of_force_rest, e.mean(axis=0), force_bias, sd, sd_rest)

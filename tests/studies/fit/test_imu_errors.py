@@ -9,7 +9,8 @@ from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import Imu, Recording, Truth
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.fit.body_path import body_path
-from ortilo_drake.studies.fit.imu_errors import block_means, imu_errors, mount_of
+from ortilo_drake.studies.fit.fit import _of_recordings
+from ortilo_drake.studies.fit.imu_errors import _density, block_means, imu_errors, mount_of
 from ortilo_drake.studies.recorded.calibrate import Calibration
 
 T = np.arange(0.0, 40.0, 0.004)
@@ -67,3 +68,19 @@ def test_densities_biases_mount_and_a_faulty_axis_are_found() -> None:
     assert np.isnan(found.force[0])
     np.testing.assert_allclose(found.rotation_bias, [0.01, 0.0, -0.01], atol=0.003)
     np.testing.assert_allclose(found.force_bias[1:], [0.2, 0.1], atol=0.03)
+
+
+def test_a_density_is_as_uncertain_as_it_is_told_to_be() -> None:
+    t, rng = np.arange(0.0, 40.0, 0.05), np.random.default_rng(4)
+    samples = rng.standard_normal((400, len(t), 3))
+    found = [_density(t, one, 0.25) for one in samples]
+    scatter = np.log([density for density, _ in found]).std(axis=0)
+    np.testing.assert_allclose(scatter, found[0][1], rtol=0.1)
+
+
+def test_the_interval_of_a_density_widens_where_recordings_differ() -> None:
+    sds = np.array([0.1, 0.1])
+    alike, apart = _of_recordings(np.array([1.0, 1.0]), sds), _of_recordings(np.array([0.5, 2.0]), sds)
+    assert np.log(alike.high / alike.low) == pytest.approx(2 * 1.959964 * 0.1 / np.sqrt(2.0))
+    assert np.log(apart.high / apart.low) == pytest.approx(2 * 1.959964 * np.log(4.0) / 2.0)
+    assert _of_recordings(np.array([0.0]), sds[:1]) == (0.0, 0.0, 0.0)

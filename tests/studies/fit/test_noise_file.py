@@ -35,8 +35,9 @@ def test_a_scenario_flies_the_file(tmp_path) -> None:
 
 
 def test_what_the_base_adds_to_ranges_is_replaced(tmp_path) -> None:
-    noise, base = load_noise("iasl_2023"), load_scenario("realistic")
-    (tmp_path / "FITTED.yaml").write_text(scenario_text(noise, "iasl_2023", "realistic", base))
+    (tmp_path / "BASE.yaml").write_text("base: realistic\ntruth: {uwb: {bias_sd: 0.05, slow_sd: 0.03}}")
+    noise, base = load_noise("iasl_2023"), load_scenario(tmp_path / "BASE.yaml")
+    (tmp_path / "FITTED.yaml").write_text(scenario_text(noise, "iasl_2023", "BASE.yaml", base))
     scenario = load_scenario(tmp_path / "FITTED.yaml")
     assert scenario.truth.uwb == UwbTruth()
     assert scenario.truth.survey == base.truth.survey
