@@ -8,10 +8,11 @@ import llvmlite.binding as llvm
 from ortilo_drake.codegen.targets import Target
 from ortilo_drake.model.typed_yaml import InputError
 
-# What a processor's C library computes. But for the square root it rounds otherwise than the library that Python flies
-# with. For ARM of 32 bits LLVM also hands doubles over in another way than the library takes them.
+# What a processor's C library computes exactly, so that every library has the same bits of it.
+EXACT = "sqrt|fmod|floor|ceil|trunc|rint|nearbyint|round"
+# What else it computes it rounds otherwise than the library that Python flies with.
 LIBRARY = re.compile(
-    r"llvm\.(?:a?(?:sin|cos|tan)h?|atan2|sincos\w*|(?:exp|log)(?:2|10)?|powi?)\.|(?!llvm\.|ortilo_|sqrt$)"
+    rf"llvm\.(?:a?(?:sin|cos|tan)h?|atan2|sincos\w*|(?:exp|log)(?:2|10)?|powi?)\.|(?!llvm\.|ortilo_|(?:{EXACT})f?$)"
 )
 IN_REGISTERS = "arm_aapcs_vfpcc"  # how a function of ARM takes doubles where the triple ends with 'hf'
 
@@ -57,7 +58,7 @@ def linked(irs: Iterable[str], target: Target, layout: str) -> llvm.ModuleRef:
     """Return one module of all IR, for a processor."""
     whole = None
     for ir in irs:
-        module = llvm.parse_assembly(with_hard_floats(ir) if target.calls_sqrt else ir)
+        module = llvm.parse_assembly(with_hard_floats(ir, target) if target.is_arm32 else ir)
         module.triple, module.data_layout = target.triple, layout
         if whole is None:
             whole = module
@@ -77,10 +78,24 @@ def with_any_float_abi(code: bytes) -> bytes:
     return code[:told] + bytes((28, 3)) + code[told + 2 :]
 
 
-def with_hard_floats(ir: str) -> str:
-    """Return IR in which a processor without doubles calls the square root of its library, in its own way.
+def with_hard_floats(ir: str, target: Target) -> str:
+    """Return IR in which an ARM of 32 bits calls exact functions of its library as the library takes numbers.
 
-    What is exported takes pointers and whole numbers alone, and is the same either way.
+    LLVM would hand them over in other registers, without a word. No ARM has a remainder; one without doubles has no
+    square root of doubles, and does not round floats either. What is exported takes pointers and whole numbers alone,
+    and is the same either way.
     """
-    ir = re.sub(r"declare double @llvm\.sqrt\.f64\(double.*", f"declare {IN_REGISTERS} double @sqrt(double)", ir)
-    return re.sub(r"call ((?:\w+ )*?)double @llvm\.sqrt\.f64\(", rf"call \1{IN_REGISTERS} double @sqrt(", ir)
+    for kind, bits, suffix in (("double", "f64", ""), ("float", "f32", "f")):
+        remainder = rf"= frem ((?:\w+ )*?){kind} ([^,\s]+), ([^,\s]+)"
+        if re.search(remainder, ir):
+            ir = re.sub(remainder, rf"= call \1{IN_REGISTERS} {kind} @fmod{suffix}({kind} \2, {kind} \3)", ir)
+            ir += f"\ndeclare {IN_REGISTERS} {kind} @fmod{suffix}({kind}, {kind})\n"
+        if target.rounds_in_library:
+            own = EXACT if kind == "double" else EXACT.removeprefix("sqrt|")
+            ir = re.sub(
+                rf"declare {kind} @llvm\.({own})\.{bits}\(.*", rf"declare {IN_REGISTERS} {kind} @\1{suffix}({kind})", ir
+            )
+            ir = re.sub(
+                rf"call ((?:\w+ )*?){kind} @llvm\.({own})\.{bits}\(", rf"call \1{IN_REGISTERS} {kind} @\2{suffix}(", ir
+            )
+    return ir

@@ -26,8 +26,8 @@ class Target(NamedTuple):
         return self.triple.endswith("hf")
 
     @property
-    def calls_sqrt(self) -> bool:
-        """Whether it has no square root of doubles, and its library takes them in floating-point registers."""
+    def rounds_in_library(self) -> bool:
+        """Whether its library has the square root of doubles, and rounds doubles and floats to whole numbers."""
         return self.cpu == "cortex-m4"
 
 

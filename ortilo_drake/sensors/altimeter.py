@@ -15,6 +15,7 @@ from numba import njit
 from numba.extending import register_jitable
 from pydantic import Field, NonNegativeFloat
 
+from ortilo_drake.model.elementary import cos, sin
 from ortilo_drake.model.measurement import row
 from ortilo_drake.model.parts import Compiled, Sensor, register_sensor
 from ortilo_drake.model.room import Room
@@ -22,7 +23,7 @@ from ortilo_drake.model.typed_yaml import Positive
 from ortilo_drake.scenario import Belief, Scenario
 from ortilo_drake.scenario.own_parts import SensorSettings
 
-MAX_TILT = 1.2  # beyond which the beam meets the floor too far away [rad]
+LEAST_UPRIGHT = cos(1.2)  # of a tilt of 1.2 rad, beyond which the beam meets the floor too far away
 
 
 class Altimeter(SensorSettings):
@@ -64,14 +65,14 @@ def numbers_of(scenario: Belief, room: Room) -> AltimeterNumbers:
 @register_jitable
 def noise_sd(numbers: AltimeterNumbers, r: float) -> float:
     """Return s(r) [m] at a range r [m]."""
-    return np.hypot(numbers.sd, numbers.fraction * r)
+    return np.sqrt(numbers.sd**2 + (numbers.fraction * r) ** 2)
 
 
 @njit(cache=True)
 def slant_range(x: np.ndarray, floor: float) -> float:
     """Return the distance to the floor along the beam [m] at a state (12); inf where the beam does not meet it."""
-    upright = np.cos(x[3]) * np.cos(x[4])
-    return (x[2] - floor) / max(upright, 1e-3) if upright > np.cos(MAX_TILT) else np.inf
+    upright = cos(x[3]) * cos(x[4])
+    return (x[2] - floor) / upright if upright > LEAST_UPRIGHT else np.inf
 
 
 @njit(cache=True)
@@ -88,10 +89,10 @@ def measured_range(numbers: AltimeterNumbers, x: np.ndarray, v: np.ndarray, t: f
 def upright_range(numbers: AltimeterNumbers, payload: np.ndarray, xhat: np.ndarray, P: np.ndarray) -> np.ndarray:
     """Return z and its variance, nothing where there is none; arguments as model.parts.Compiled's solve."""
     r, phi, theta = payload[0], xhat[3], xhat[4]
-    upright = np.cos(phi) * np.cos(theta)
-    if not upright > np.cos(MAX_TILT):
+    upright = cos(phi) * cos(theta)
+    if not upright > LEAST_UPRIGHT:
         return np.zeros(0)
-    by_phi, by_theta = r * (np.sin(phi) * np.cos(theta)), r * (np.cos(phi) * np.sin(theta))
+    by_phi, by_theta = r * (sin(phi) * cos(theta)), r * (cos(phi) * sin(theta))
     of_attitude = by_phi**2 * P[3, 3] + by_phi * by_theta * (P[3, 4] + P[4, 3]) + by_theta**2 * P[4, 4]
     return np.array([numbers.floor + r * upright, (noise_sd(numbers, r) * upright) ** 2 + of_attitude])
 
@@ -110,7 +111,7 @@ def row_sd(scenario: Scenario, room: Room, states: np.ndarray) -> np.ndarray:
     r = slant_ranges(states, numbers.floor)
     upright = np.cos(states[:, 3]) * np.cos(states[:, 4])
     with np.errstate(invalid="ignore"):
-        sd = np.hypot(numbers.sd, numbers.fraction * r) * upright
+        sd = noise_sd(numbers, r) * upright
     return np.where((r > 0.0) & (r <= numbers.max_range), sd, np.nan)[:, np.newaxis]
 
 
