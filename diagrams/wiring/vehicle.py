@@ -10,7 +10,7 @@ from ortilo_drake.world.faults.vehicle_faults import force_faults_box, force_tab
 from ortilo_drake.world.slow_error import gauss_markov
 from ortilo_drake.world.vehicle.continuous_element import continuous_boxes
 from ortilo_drake.world.vehicle.disturbance import disturbance_box, lasting_force_box
-from ortilo_drake.world.vehicle.drag import drag_box
+from ortilo_drake.world.vehicle.disturbance import drag_box
 from ortilo_drake.world.vehicle.quadrotor import acceleration_box, felt_box, plant_box
 from ortilo_drake.world.vehicle.wrench_error import wrench_error_box
 

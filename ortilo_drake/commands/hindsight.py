@@ -57,8 +57,7 @@ def hindsight(
     if is_log and (laid_over or flights is not None or workers is not None):
         raise InputError(f"{log}: is a log: --flights, --camera, --workers and --set are for scenarios")
     scenario = None if is_log else load_scenario(flown, laid_over)  # refuses wrong settings before anything is flown
-    from ortilo_drake.studies.hindsight.hindsight import fly_in_hindsight, in_hindsight, study_of
-    from ortilo_drake.studies.hindsight.hindsight_report import hindsight_text
+    from ortilo_drake.studies.hindsight.hindsight import fly_in_hindsight, hindsight_text, in_hindsight, study_of
     from ortilo_drake.studies.hindsight.recorded_flight import read_recorded
 
     quiet_drake()

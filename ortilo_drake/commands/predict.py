@@ -41,8 +41,7 @@ def predict(
     from ortilo_drake.scenario.noise_file import load_noise
     from ortilo_drake.studies.predict.predicted import group_of
     from ortilo_drake.studies.predict.predicted import predict as predict_recording
-    from ortilo_drake.studies.predict.predicted_figure import predicted_figure
-    from ortilo_drake.studies.predict.predicted_report import predicted_text
+    from ortilo_drake.studies.predict.predicted_report import predicted_figure, predicted_text
 
     map_, errors = load_map(map_file), load_noise(noise)
     read = [read_recording(path, map_) for path in recordings]  # refuses what is wrong before anything is flown

@@ -187,10 +187,9 @@ def tune(
     from ortilo_drake.flight.flight import scenario_of
     from ortilo_drake.flight.saved_flight import load_flight
     from ortilo_drake.studies.consistency.consistency_figures import tuning_figure
-    from ortilo_drake.studies.tuning.summary import tuning_summary
     from ortilo_drake.studies.tuning.tune import check_flights, find_flights, overlay_text
     from ortilo_drake.studies.tuning.tune import tune as tune_flights
-    from ortilo_drake.studies.tuning.tuning_report import tuning_report
+    from ortilo_drake.studies.tuning.tuning_report import tuning_report, tuning_summary
 
     quiet_drake()
     say_if_compiling()

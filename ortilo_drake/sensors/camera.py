@@ -21,7 +21,7 @@ from ortilo_drake.world.radio.image_delay import check_kept
 from ortilo_drake.world.scenery.bent_picture import straight_model
 from ortilo_drake.world.scenery.rendering import check_egl
 from ortilo_drake.world.sensors.camera_calibration import load_calibration
-from ortilo_drake.world.sensors.projected_camera_element import camera_box
+from ortilo_drake.world.sensors.projected_camera import camera_box
 
 
 def as_known(scenario: Belief, room: Room) -> Room:

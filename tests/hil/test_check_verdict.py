@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from ortilo_drake.commands.hil.check_verdict import check_verdict
+from ortilo_drake.commands.hil.check import check_verdict
 
 NONE = {"median": None, "p99": None, "max": None}
 IN_TIME = {"median": 2.42, "p99": 6.26, "max": 9.0}

@@ -30,7 +30,7 @@ from ortilo_drake.onboard.landmarks.pnp import refine_pose
 from ortilo_drake.scenario import Camera as CameraSettings
 from ortilo_drake.scenario import LandmarkFix as Settings
 from ortilo_drake.scenario.sensors import ParametricErrors
-from ortilo_drake.world.sensors.projected_camera_element import camera_box
+from ortilo_drake.world.sensors.projected_camera import camera_box
 
 POSITION = [0, 1, 2]
 SEEN_BY = {"known_tilt": [0, 1, 2, 5], "pose": [0, 1, 2, 3, 4, 5]}  # what a fix gives of the pose

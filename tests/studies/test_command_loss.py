@@ -17,7 +17,6 @@ from ortilo_drake.onboard.servo.lq_gain import augmented_pair, weight_matrices
 from ortilo_drake.scenario import CommandLink, GilbertElliottLoss, NoLoss, Scenario, load_scenario
 from ortilo_drake.scenario.loss_chain import loss_chain, loss_of, loss_parameters
 from ortilo_drake.studies.command_link import command_report as module
-from ortilo_drake.studies.command_link.acknowledged_loop import acknowledged_loop, largest_acknowledged_loss
 from ortilo_drake.studies.command_link.command_loop import (
     CommandedLoop,
     behind_a_link,
@@ -25,7 +24,12 @@ from ortilo_drake.studies.command_link.command_loop import (
     periodic_predictor,
     schedule,
 )
-from ortilo_drake.studies.command_link.command_loss import largest_loss, lossy_loop
+from ortilo_drake.studies.command_link.command_loss import (
+    acknowledged_loop,
+    largest_acknowledged_loss,
+    largest_loss,
+    lossy_loop,
+)
 from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, hover_loop, steady_predictor
 from ortilo_drake.theory.jump_linear.jump_linear import JumpLinear, mean_square_radius, steady_second_moment
 from ortilo_drake.theory.lossy_control.acknowledged import acknowledged_gain

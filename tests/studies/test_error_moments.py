@@ -12,8 +12,14 @@ from ortilo_drake.sensors.described import as_learned
 from ortilo_drake.sensors.learned_survey import mean_log_likelihood, share_learned
 from ortilo_drake.sensors.unknown_error import walk
 from ortilo_drake.studies.command_link.command_flights import command_cases, command_flights, hover_V
-from ortilo_drake.studies.loop.error_moments import Drive, drive_of, error_inputs, merged_components, position_moments
-from ortilo_drake.studies.loop.fix_errors import errors_of_rows
+from ortilo_drake.studies.loop.error_moments import (
+    Drive,
+    drive_of,
+    error_inputs,
+    errors_of_rows,
+    merged_components,
+    position_moments,
+)
 from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, filter_measurement, hover_loop, steady_predictor
 from ortilo_drake.studies.loop.left_out import left_out
 

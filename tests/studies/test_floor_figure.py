@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from ortilo_drake.flight.efficiency import floor_at_ticks
-from ortilo_drake.studies.consistency.floor_figure import draw_floor
+from ortilo_drake.studies.consistency.consistency_figures import draw_floor
 
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [2.2, 0.9, 1.5]]}"
 

@@ -8,9 +8,8 @@ from made_up_summaries import made_up_summary
 
 from ortilo_drake.flight.intervals import quantile_interval
 from ortilo_drake.flight.summary import Summary
-from ortilo_drake.studies.paper_tables.report import table_text
+from ortilo_drake.studies.paper_tables.report import table_text, verdict
 from ortilo_drake.studies.paper_tables.tables import PRESETS, make_tables
-from ortilo_drake.studies.paper_tables.verdict import verdict
 
 
 def test_quartiles_of_twenty_hold_the_interval_of_their_median() -> None:

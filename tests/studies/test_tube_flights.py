@@ -14,7 +14,17 @@ from ortilo_drake.scenario import Scenario, load_scenario, with_seed
 from ortilo_drake.studies.tube.corridor import Corridor, corridor
 from ortilo_drake.studies.tube.nominal_flight import NominalFlight, nominal_flight
 from ortilo_drake.studies.tube.tube import predict_tube
-from ortilo_drake.studies.tube.tube_figures import ChanceGrid, bursts_figure, plan_figure, rates_figure
+from ortilo_drake.studies.tube.tube_figures import (
+    INSIDE,
+    OUTSIDE,
+    ChanceGrid,
+    bursts_figure,
+    draw_deviations,
+    draw_tube,
+    fill_margins,
+    plan_figure,
+    rates_figure,
+)
 from ortilo_drake.studies.tube.tube_flights import (
     Flown,
     PointResult,
@@ -27,7 +37,6 @@ from ortilo_drake.studies.tube.tube_flights import (
     worst_stretch,
 )
 from ortilo_drake.studies.tube.tube_map import MarginMap, with_rates
-from ortilo_drake.studies.tube.tube_plots import INSIDE, OUTSIDE, draw_deviations, draw_tube, fill_margins
 from ortilo_drake.studies.tube.tube_tails import arrivals_of_seed
 
 PAIR = (0.3, 0.5)

@@ -16,9 +16,8 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.consistency.consistency_figures import nees_figure, tuning_figure, whiteness_figure
 from ortilo_drake.studies.consistency.consistency_flights import consistency_report
-from ortilo_drake.studies.tuning.summary import tuning_summary
 from ortilo_drake.studies.tuning.tune import Check, FlownFigures, Tuning, find_flights, overlay_text, tune
-from ortilo_drake.studies.tuning.tuning_report import tuning_report
+from ortilo_drake.studies.tuning.tuning_report import tuning_report, tuning_summary
 
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [2.2, 0.9, 1.5]]}"
 DETUNED = ("estimator.V.imu=[2.5e-3, 2.5e-3, 2.5e-3]", "multilateration.noise.fraction=0.03", "uwb.link.blackouts=[]")

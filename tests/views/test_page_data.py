@@ -9,7 +9,7 @@ import pytest
 
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.views.page.flight_data import blackout_zones, intervals
-from ortilo_drake.views.page.onboard_pictures import onboard_pictures
+from ortilo_drake.views.page.flight_page import onboard_pictures
 
 
 def test_zones_are_where_a_link_is_blacked_out_and_within_the_room() -> None:

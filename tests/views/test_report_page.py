@@ -37,10 +37,9 @@ from ortilo_drake.studies.tuning.search import Found
 from ortilo_drake.studies.tuning.tuning_report import TuningReport
 from ortilo_drake.training.judging.judge import Judgement
 from ortilo_drake.training.judging.recognised import Recognised
-from ortilo_drake.views.page.plain_data import data_html
+from ortilo_drake.views.page.flight_page import repeat_command
 from ortilo_drake.views.page.plain_markdown import markdown_html
-from ortilo_drake.views.page.repeat_command import repeat_command
-from ortilo_drake.views.page.report_page import report_page
+from ortilo_drake.views.page.report_page import data_html, report_page
 
 SENSITIVITY = """# What must you know, how well: own_room
 

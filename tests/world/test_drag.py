@@ -8,7 +8,7 @@ from pydrake.systems.analysis import Simulator
 from ortilo_drake.diagrams.world import make_world
 from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.world.vehicle.drag import drag_box
+from ortilo_drake.world.vehicle.disturbance import drag_box
 
 STILL = ("world.disturbance={force_density: 0.0, torque_density: 0.0}", "sensors=[imu]", "imu.link.rate=null")
 DRAG = "world.drag=[0.6, 0.4, 0.9]"

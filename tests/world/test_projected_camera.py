@@ -20,8 +20,7 @@ from ortilo_drake.scenario.sensors import MeasuredErrors, ParametricErrors
 from ortilo_drake.training.calibration.estimates import slow_correlation
 from ortilo_drake.world.sensors.camera_calibration import QUANTILES, load_calibration
 from ortilo_drake.world.sensors.camera_tables import look_up
-from ortilo_drake.world.sensors.projected_camera import poisson
-from ortilo_drake.world.sensors.projected_camera_element import camera_box
+from ortilo_drake.world.sensors.projected_camera import camera_box, poisson
 
 H = 1.0 / 30.0
 ROOM = load_room()

@@ -6,14 +6,13 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
 
-from ortilo_drake.commands.hil.check_verdict import check_verdict
 from ortilo_drake.commands.hil.options import LockstepOption, SecondsOption, WaitOption, showing_flight
 from ortilo_drake.commands.options import (
     DEFAULT_SCENARIO,
@@ -135,3 +134,24 @@ def check(
     say_written(png, json_file)
     if identical is False:
         raise InputError(f"{chosen.name}: the flight of two processes differs from the one in a single process")
+
+
+def check_verdict(report: Mapping[str, Any], h: float) -> str:
+    """Return the verdict of `ortilo hil check`, for a reader who has not seen the figures yet.
+
+    Args:
+        report: what the command writes as JSON; 'identical' is None of a flight in real time.
+        h: a tick [s].
+    """
+    lost, ticks = report["lost"], report["ticks"]
+    end = f"lost at {lost['time']:.1f} s: {lost['cause']}" if lost else f"flew {(ticks - 1) * h:.1f} s, not lost"
+    if report["identical"] is not None:
+        same = "bit for bit" if report["identical"] else "NOT the same"
+        return f"{end}; in lockstep its {ticks} ticks are {same} as in a single process"
+    latency = report["latency_ms"]
+    if latency["median"] is None:
+        return f"{end}; none of {ticks} ticks was answered"
+    return (
+        f"{end}; commands came after {latency['median']:.2g} ms (99 % within {latency['p99']:.2g}) of a tick's "
+        f"{1e3 * h:.3g}, and {report['missed_deadlines']} of {ticks} ticks missed their deadline"
+    )

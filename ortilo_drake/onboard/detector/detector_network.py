@@ -3,11 +3,13 @@
 import importlib.util
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ortilo_drake.model.input_files import exists, read_text
 from ortilo_drake.model.optional import later
+from ortilo_drake.model.parts import find_part
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import Frozen, InputError
 from ortilo_drake.onboard.detector.class_names import names_in_file, room_labels
@@ -17,7 +19,6 @@ from ortilo_drake.onboard.detector.darknet_layers import DarknetCfg
 from ortilo_drake.onboard.detector.detector import Boxes
 from ortilo_drake.onboard.detector.network_backends import Compute, onnxruntime_network, opencv_network, torch_network
 from ortilo_drake.onboard.detector.onnx_detector import load_onnx
-from ortilo_drake.onboard.detector.own_detector import load_own
 from ortilo_drake.onboard.detector.yolo_boxes import decode, non_max_suppression
 from ortilo_drake.scenario import Detector
 
@@ -109,5 +110,48 @@ def load_detector(settings: Frozen, room: Room, size: tuple[int, int]) -> Callab
         labels, scores, boxes = labels[known], scores[known], boxes[known]
         kept = non_max_suppression(labels, scores, boxes, settings.overlap)
         return labels[kept], scores[kept], np.clip(boxes[kept], -0.5, border)
+
+    return detect
+
+
+def load_own(settings: Any, room: Room, size: tuple[int, int]) -> Callable[[np.ndarray], Boxes]:
+    """Return the function from a picture to labels (k), scores (k) and boxes (k, 4) [px]; see load_detector.
+
+    What it finds is checked in every picture, and cut at the image's border.
+
+    Args:
+        settings: of a registered kind.
+        room: the landmarks.
+        size: width and height of the picture [px].
+
+    Raises:
+        InputError: from the function, if what it finds has another shape or is of no class of the room.
+    """
+    part = find_part("detector", settings.kind)
+    assert part is not None
+    assert part.make is not None
+    kind, classes, border = settings.kind, room.classes, np.tile(size, 2) - 0.5
+    own = part.make(settings, classes, size)
+
+    def detect(image: np.ndarray) -> Boxes:
+        found = own(image)
+        if not isinstance(found, tuple) or len(found) != 3:
+            raise InputError(f"detector.kind: {kind}: must return labels, scores and boxes, not {type(found).__name__}")
+        try:
+            labels, scores, boxes = np.asarray(found[0]), np.asarray(found[1], float), np.asarray(found[2], float)
+        except (TypeError, ValueError):
+            raise InputError(f"detector.kind: {kind}: must return arrays of numbers") from None
+        k = len(labels) if labels.ndim == 1 else -1
+        boxes = boxes.reshape(0, 4) if boxes.size == 0 else boxes
+        if scores.shape != (k,) or boxes.shape != (k, 4):
+            shapes = ", ".join(str(part.shape) for part in (labels, scores, boxes))
+            raise InputError(f"detector.kind: {kind}: shapes {shapes}: must be (k), (k) and (k, 4)")
+        if not np.isin(labels, np.arange(len(classes))).all():
+            raise InputError(
+                f"detector.kind: {kind}: labels {labels[:8]}: must be 0 to {len(classes) - 1}, the classes"
+            )
+        if not (np.isfinite(boxes).all() and np.all((scores > 0.0) & (scores <= 1.0))):
+            raise InputError(f"detector.kind: {kind}: boxes must be finite, scores above 0 and at most 1")
+        return labels.astype(np.int64), scores, np.clip(boxes, -0.5, border)
 
     return detect

@@ -7,10 +7,14 @@ import numpy as np
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import CommandLink, LqServo, Scenario
 from ortilo_drake.scenario.loss_chain import loss_of
-from ortilo_drake.studies.command_link.acknowledged_loop import acknowledged_loop, largest_acknowledged_loss
 from ortilo_drake.studies.command_link.command_delay import CriticalDelay, NoLimitError, critical_delay
 from ortilo_drake.studies.command_link.command_loop import STRATEGIES, commanded_loop
-from ortilo_drake.studies.command_link.command_loss import largest_loss, lossy_loop
+from ortilo_drake.studies.command_link.command_loss import (
+    acknowledged_loop,
+    largest_acknowledged_loss,
+    largest_loss,
+    lossy_loop,
+)
 from ortilo_drake.theory.jump_linear.jump_linear import JumpLinear, mean_square_radius, steady_second_moment
 
 LOSSES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)

@@ -1,4 +1,4 @@
-"""The report of a study of faults: a table and a heat map."""
+"""The report of a study of faults: a summary, a table and a heat map."""
 
 from pathlib import Path
 
@@ -9,11 +9,32 @@ from matplotlib.figure import Figure
 
 from ortilo_drake.flight.intervals import Interval, Middle
 from ortilo_drake.studies.faults.fault_flights import PASSES, WITHIN_3_SIGMA, FaultRow, FaultStudy, Phase
-from ortilo_drake.studies.faults.summary import fault_summary
 from ortilo_drake.views.markdown import table
 from ortilo_drake.views.numbers import count, number, of_all_and_kept, with_interval
 from ortilo_drake.views.palette import STYLE
 from ortilo_drake.views.pictures import save_picture
+
+
+def fault_summary(found: FaultStudy) -> list[str]:
+    """Return a summary of a study, as Markdown's list: at most five lines."""
+    lines = []
+    for scenario, without in list(zip(found.scenarios, found.lost_without, strict=True))[:3]:
+        its = [row for row in found.rows if row.scenario == scenario]
+        passed, lost = sum(row.passed for row in its), sum(row.lost for row in its)
+        flown = sum(row.flights for row in its)
+        line = f"`{scenario}` passes {passed} of {len(its)} faults and loses {count(lost, flown)} flights"
+        lines.append(f"{line}, {count(without, found.flights)} without a fault.")
+    by_fault = {name: [row for row in found.rows if row.fault == name] for name in dict.fromkeys(_names(found))}
+    none = [name for name, rows in by_fault.items() if not any(row.passed for row in rows)]
+    every = [name for name, rows in by_fault.items() if all(row.passed for row in rows)]
+    lines.append(f"Passed by none: {', '.join(none) or 'no fault'}.")
+    lines.append(f"Passed by all: {', '.join(every) or 'no fault'}.")
+    return ["## In short", "", *(f"- {line}" for line in lines), ""]
+
+
+def _names(found: FaultStudy) -> list[str]:
+    return [row.fault for row in found.rows]
+
 
 _HEADER = [
     *("fault", "scenario", "lost", "before [mm]", "during [mm]", "after [mm]", "during, times", "after, times"),

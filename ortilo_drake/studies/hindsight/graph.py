@@ -17,7 +17,7 @@ from scipy.stats import chi2
 
 from ortilo_drake.model.pinhole import extent_box
 from ortilo_drake.model.signals import ARRIVED, N_X, N_XBAR, PAYLOAD, SENSORS, STAMP
-from ortilo_drake.model.white_noise import white_sd
+from ortilo_drake.model.white_noise import USUAL_ROOT, white_sd
 from ortilo_drake.onboard.estimator.at_rest import rest_of
 from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matrix
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of, quaternion_of
@@ -25,8 +25,9 @@ from ortilo_drake.onboard.estimator.tight.layout import ACCEL, GYRO, make_layout
 from ortilo_drake.onboard.estimator.tight.model import initial_covariance, sample_sds
 from ortilo_drake.onboard.estimator.tight.ranges import CLOCK_SD, MIN_SD
 from ortilo_drake.onboard.landmarks.landmark_association import associate, center_sd
+from ortilo_drake.scenario import Belief
+from ortilo_drake.scenario.tight import InertialNoise, TightFilter, TightRanges
 from ortilo_drake.sensors.described import measuring
-from ortilo_drake.studies.hindsight.believed import believed
 from ortilo_drake.studies.hindsight.factors import (
     Landmark,
     Moving,
@@ -240,3 +241,37 @@ def graph_smoothed(recorded: RecordedFlight) -> Smoothed:
     about = Smoothed(flight["estimate"].values[:, :N_X], flight["covariance"].values[:, :N_X, :N_X])
     found = FlightGraph(recorded, about).solve()
     return FlightGraph(recorded, found).solve() if recorded.scenario.sees_landmarks else found
+
+
+def believed(scenario: Belief) -> TightFilter:
+    """Return the noise models of the sensors, as settings of the tight filter.
+
+    Of a scenario that flies the paper's filter, or an estimator that declares which one it is, they are that filter's
+    V, walks and biases and what its multilateration believes of ranges; of boxes it says nothing, and the defaults
+    stand. So it is of another estimator, of which nothing else is known either. Neither gate nor horizon is read: late
+    messages count at their stamps.
+    """
+    if isinstance(scenario.estimator, TightFilter):
+        return scenario.estimator
+    settings = scenario.linear_filter
+    ranges = TightRanges(noise=scenario.multilateration.noise, bias_sd=scenario.multilateration.bias_sd)
+    if settings is None:
+        return TightFilter(kind="tight", ranges=ranges)
+    V, walks, biases = settings.V, settings.walks, settings.biases
+    imu = InertialNoise(
+        rate_density=_density(V.rates),
+        specific_force_density=_density(V.specific_force),
+        angle_density=_density(V.imu),
+        gyroscope_sd=walks.gyroscope_sd,
+        gyroscope_rate=walks.gyroscope_rate,
+        accelerometer_sd=walks.accelerometer_sd,
+        accelerometer_rate=walks.accelerometer_rate,
+        level_sd=biases.level_sd,
+        yaw_sd=biases.yaw_sd,
+    )
+    return TightFilter(kind="tight", imu=imu, ranges=ranges, initial_sd=settings.initial_sd[:3])
+
+
+def _density(variances: tuple[float, float, float]) -> float:
+    """Return the density that three axes have on average, of the variances of a sample of the usual period."""
+    return float(np.sqrt(np.mean(variances))) * USUAL_ROOT

@@ -5,18 +5,46 @@ It knows neither ROS nor MAVLink. A source of messages feeds it, and targets tak
 
 import time
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
-from ortilo_drake.interop.recorded.live_rows import LAG, LiveRows
+from ortilo_drake.interop.recorded.live_rows import LAG, Block, LiveRows
 from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.interop.recorded.range_rows import single_ranges
+from ortilo_drake.interop.recorded.recording import GRAVITY, NO_AID_ROWS, Imu
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.live.live_filter import RATE, LiveFilter
-from ortilo_drake.studies.live.sensor_clock import SensorClock
 from ortilo_drake.studies.live.setpoints import Holding, Setpoint
 from ortilo_drake.studies.live.stamped_estimate import StampedEstimate, estimate_at
-from ortilo_drake.studies.live.warm_up import warm_up
+
+WINDOW: Final = 30.0  # the least delay of the last one to two windows counts, so that clocks may drift [s]
+
+
+class SensorClock:
+    """The sensors' clock, extrapolated by the wall clock between and after their messages.
+
+    The least delay of a message seen lately gives the offset of the two clocks, as in D. L. Mills, RFC 5905, clock
+    filter. A bridge that cannot keep up, or stands still, sees by it that its messages are old.
+
+    Args:
+        wall: the wall clock [s]; it never goes back.
+    """
+
+    def __init__(self, wall: Callable[[], float]):
+        self._wall = wall
+        self._since, self._least, self._before = -np.inf, np.inf, np.inf
+
+    def now(self, newest: float) -> float:
+        """Return the sensors' time [s], at least `newest`, the stamp just received."""
+        wall = self._wall()
+        if wall - self._since > WINDOW:
+            self._since, self._before, self._least = wall, self._least, np.inf
+        self._least = min(self._least, wall - newest)
+        return wall - min(self._least, self._before)
+
 
 # Called with the estimate, the setpoint if there is one, and how often the filter was lost.
 Target = Callable[[StampedEstimate, Setpoint | None, int], None]
@@ -186,3 +214,23 @@ def run_live(
     except KeyboardInterrupt:
         say("stopped")
     return bridge.report()
+
+
+LASTS = 3.0  # of a made-up rest among the anchors [s]
+
+
+def warm_up(map_: Map, anchors: np.ndarray) -> None:
+    """Filter a made-up rest of LASTS seconds by a map, to anchors (n, 3), and forget it."""
+    t_r, t = np.arange(0.0, LASTS, 0.1), np.arange(0.0, LASTS, 0.02)
+    n, place = len(anchors), anchors.mean(axis=0) + [0.3, 0.2, 0.1]
+    r = np.linalg.norm(anchors - place, axis=1)
+    ranges = single_ranges(np.repeat(t_r, n), np.tile(np.arange(n), len(t_r)), np.tile(r, len(t_r)))
+    imu = None
+    if map_.imu is not None:
+        rates, force = np.zeros((len(t), 3)), np.tile([0.0, 0.0, GRAVITY], (len(t), 1))
+        turned = None if map_.imu.orientation is None else np.tile(np.eye(3), (len(t), 1, 1))
+        imu = Imu(t, rates, force, turned, None if map_.accelerometer is None else (t, force))
+        map_ = map_.without_standstill()
+    with suppress(InputError):  # a map that contradicts the made-up rest compiles all the same
+        for one in LiveFilter(map_, anchors).advance(LASTS, Block(ranges, imu, NO_AID_ROWS), ended=True):
+            estimate_at(one.t, one.state, imu is not None)

@@ -9,9 +9,8 @@ from ortilo_drake.studies.command_link.command_report import CommandReport
 from ortilo_drake.studies.linearization.linearization_report import LinearizationReport
 from ortilo_drake.studies.loop.margins import LoopMargins
 from ortilo_drake.studies.loop.riccati_report import IllPosed, RiccatiReport, Unsolved
-from ortilo_drake.studies.report.analyze import Analysis
-from ortilo_drake.studies.report.checked_text import honesty_text, tube_text
-from ortilo_drake.studies.report.summary import analysis_summary
+from ortilo_drake.studies.report.analyze import Analysis, Theory
+from ortilo_drake.studies.report.checked_text import honesty_text, least_rates, tube_text
 from ortilo_drake.views.markdown import table
 
 SOLVERS = ["drake", "scipy", "doubling", "recursion"]
@@ -192,3 +191,40 @@ def analysis_text(found: Analysis) -> str:
     if found.honesty:
         lines += honesty_text(found.honesty)
     return "\n".join(lines).rstrip() + "\n"
+
+
+def analysis_summary(found: Analysis) -> list[str]:
+    """Return a summary of an analysis as a Markdown list."""
+    lines = (
+        _of_theory(found.theory) if found.theory else [f"No theory: {found.no_theory}. Its flights are judged alone."]
+    )
+    if found.tube and (least := least_rates(found.tube)):
+        lines.append(least)
+    position = found.honesty.nees.get("position", {}).get("all") if found.honesty else None
+    if found.honesty and position is not None:
+        lost = f"{found.honesty.lost} of {found.honesty.flights} flights were lost"
+        lines.append(f"{lost}; the position's mean NEES is {position.mean:.2f}, 3 if the filter claims what it knows.")
+    return ["## In short", "", *(f"- {line}" for line in lines), ""]
+
+
+def _of_linearization(found: LinearizationReport) -> str:
+    worst = max(abs(value) for matrices in found.agreement.values() for value in matrices.values())
+    sensors, states = list(found.unobservable_states.items())[-1]
+    seen = f"unseen with {sensors}: {', '.join(states)}" if states else f"with {sensors} every state is seen"
+    return f"The loop linearised by Drake equals its closed form to {worst:.0e}; {seen}."
+
+
+def _of_theory(theory: Theory) -> list[str]:
+    lines = [_of_linearization(theory.linearization)] if theory.linearization else []
+    margins = theory.margins.get("nominal")
+    torque = margins.channels["tau_y"] if margins and margins.channels else None
+    if torque and torque.gain_down is not None and torque.gain_up is not None and torque.delay is not None:
+        lines.append(
+            f"In the torque about y it bears a gain of {torque.gain_down:.2f} to {torque.gain_up:.2f} and "
+            f"{1e3 * torque.delay:.0f} ms of delay."
+        )
+    held = theory.commands.largest_loss["hold"]["independent"]
+    late = theory.commands.delay
+    how_late = f"{1e3 * late.delay:.0f} ms late" if late else f"{LONGEST} ticks late and more"
+    lines.append(f"Of the commands {held:.0%} may be lost if the last one is held, and they may come {how_late}.")
+    return lines

@@ -1,22 +1,64 @@
 """The page of a flight: a 3D replay with lamps, errors, arrivals and camera pictures, without a network."""
 
+import base64
+import json
+import shlex
 from html import escape
 from typing import Any
 
+import numpy as np
 import xarray as xr
 from pydrake.trajectories import Trajectory
 
 from ortilo_drake.flight.flight import AXES, scenario_of
 from ortilo_drake.flight.metrics import summary
 from ortilo_drake.flight.summary import Summary
+from ortilo_drake.model.input_error import InputError
+from ortilo_drake.model.optional import later
 from ortilo_drake.onboard.planner.planned import planned
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.views.page.flight_data import blackout_zones, finite_part, flight_data
-from ortilo_drake.views.page.onboard_pictures import onboard_pictures
-from ortilo_drake.views.page.repeat_command import repeat_command
 from ortilo_drake.views.page.shell import Rows, asset, embedded, facts, versions, whole_page
 from ortilo_drake.views.page.svg import arrival_plot, error_plot, plan_svg
+from ortilo_drake.views.scene_view import draw_boxes, make_camera_view
 from ortilo_drake.world.scenery.meshcat_replay import html_replay
+
+cv2 = later("cv2")
+
+RATE = 2.0  # [Hz]
+WIDTH = 320  # [px]
+QUALITY = 60  # of the JPEG
+LARGEST = 4_000_000  # characters of all pictures; those that would go beyond are left out evenly
+
+
+def onboard_pictures(flight: xr.Dataset) -> dict[str, Any]:
+    """Return the pictures of a flight with a rendered camera, at 2 Hz, with the boxes found in them.
+
+    A flight keeps no pictures: they are drawn again from its true states, which gives the same ones.
+
+    Returns:
+        time [s] and jpeg (base64), of as many pictures; both empty, with the reason in `none`, where there are none.
+    """
+    scenario = scenario_of(flight)
+    if not scenario.is_rendered:
+        return {"time": [], "jpeg": [], "none": "this flight has no rendered camera"}
+    try:
+        view = make_camera_view(scenario)
+    except InputError as error:
+        return {"time": [], "jpeg": [], "none": str(error)}
+    room, times, pictures = scenario.load_room(), [], []
+    every = max(1, round(1 / (RATE * scenario.h)))
+    for time, x in zip(flight["time"].values[::every], flight["truth"].values[::every], strict=True):
+        picture, boxes = view(float(time), x)
+        height = round(WIDTH * picture.shape[0] / picture.shape[1])
+        large = cv2.resize(picture, (WIDTH, height), interpolation=cv2.INTER_AREA)
+        draw_boxes(large, boxes, room, WIDTH / picture.shape[1])
+        _, jpeg = cv2.imencode(".jpg", large, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+        times.append(round(float(time), 3))
+        pictures.append(base64.b64encode(jpeg.tobytes()).decode())
+    kept = np.arange(0, len(pictures), max(1, -(-sum(map(len, pictures)) // LARGEST)))
+    return {"time": [times[i] for i in kept], "jpeg": [pictures[i] for i in kept]}
+
 
 CONTROLS = """<div class="bar">
 <button id="play" type="button">Play</button>
@@ -123,3 +165,40 @@ def _origin(flight: xr.Dataset, scenario: Scenario, no_pictures: str | None) -> 
         ("repeat it", f"$ {command}" if command else "save the scenario below as a .yaml file and fly that"),
     ]
     return rows + ([("no pictures", no_pictures)] if no_pictures else [])
+
+
+def repeat_command(scenario: Scenario) -> str | None:
+    """Return the `ortilo fly` command that flies a scenario again, its seed included.
+
+    The differences from the ready-made scenario of that name stand in --set. The command is checked: it loads this very
+    scenario, or none is returned.
+
+    Returns:
+        The command; None if the scenario is of a file of the user's, whose place a flight does not know.
+    """
+    try:
+        base = load_scenario(scenario.name).model_dump(mode="json")
+        wanted = scenario.model_dump(mode="json")
+        settings = tuple(f"{key}={json.dumps(value)}" for key, value in _differences(base, wanted) if key != "seed")
+        if load_scenario(scenario.name, settings, scenario.seed) != scenario:
+            return None
+    except InputError:
+        return None
+    words = ["ortilo", "fly", scenario.name, "--seed", str(scenario.seed)]
+    for setting in settings:
+        words += ["--set", setting]
+    return shlex.join(words)
+
+
+def _differences(base: dict[str, Any], wanted: dict[str, Any], path: str = "") -> list[tuple[str, Any]]:
+    """Return the keys, dotted, and the values of what is not in base."""
+    found: list[tuple[str, Any]] = []
+    for name, value in wanted.items():
+        before = base.get(name)
+        if value == before:
+            continue
+        if isinstance(value, dict) and isinstance(before, dict) and value.keys() == before.keys():
+            found += _differences(before, value, f"{path}{name}.")
+        else:
+            found.append((path + name, value))
+    return found

@@ -4,24 +4,29 @@ It draws from what was measured of them (camera_calibration.py) or from a few gi
 """
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.pinhole import Camera
-from ortilo_drake.model.placing import put
+from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, MAX_DETECTIONS, PAYLOAD
 from ortilo_drake.scenario import Camera as CameraSettings
+from ortilo_drake.scenario.faults import AnyFault
 from ortilo_drake.scenario.sensors import ParametricErrors
+from ortilo_drake.world.faults.scene_faults import scene_at, scene_table
+from ortilo_drake.world.faults.table import FaultTable
 from ortilo_drake.world.noise import stream_id, uniforms
-from ortilo_drake.world.persistent_noise import persistent_normals
+from ortilo_drake.world.persistent_noise import persistent_normals, seeds_of_nodes
 from ortilo_drake.world.sensors.camera_calibration import load_calibration
 from ortilo_drake.world.sensors.camera_tables import Tables, look_up, measured_tables, parametric_tables
-from ortilo_drake.world.sensors.landmark_view import Surroundings, cut, view_box, visible_share
+from ortilo_drake.world.sensors.landmark_view import Surroundings, cut, surroundings, view_box, visible_share
 
 _MAX_FALSE = 16  # a Poisson number of mean 5, the largest allowed, exceeds it once in 70,000 images
 STREAMS = ("camera misses", "camera misses, slow", "camera errors", "camera errors, slow")
@@ -161,3 +166,64 @@ def noise_streams(room: Room) -> tuple[np.ndarray, np.uint64]:
     """Return the numbers of the noise streams of each landmark, see STREAMS (n, 4), and of the one of false boxes."""
     streams = [[stream_id(f"{name} {i}") for name in STREAMS] for i in range(len(room.landmarks))]
     return np.array(streams, dtype=np.uint64).reshape(-1, len(STREAMS)), stream_id("camera false boxes")
+
+
+def camera_out(
+    n: Any,
+    k: int,
+    seed: int,
+    seeds: np.ndarray,
+    sent: np.ndarray,
+    state: np.ndarray,
+    room: Surroundings,
+    camera: Camera,
+    tables: Tables,
+    faults: FaultTable,
+    labels: np.ndarray,
+    streams: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Output the detections message of the landmarks that are there, in a tick in which it is sent, else zeros."""
+    fill(out, 0.0)
+    if sent[0] < 0.0:
+        return
+    time = k * n.h
+    scene = scene_at(room, faults, time)
+    x = state
+    if np.any(n.turned):
+        x = body_that_looks_ahead(state, camera.p_BC, n.turned)
+    of_nodes, there = seeds_of_nodes(tables.slow, seeds, k), scene.there
+    seen = x, scene.room, labels[there], camera, tables
+    put(detections_message(*seen, seed, of_nodes, streams[there], n.false_stream, time, n.h), out)
+
+
+PROJECTED_CAMERA = Element(
+    "projected_camera",
+    out=camera_out,
+    numbers=(Number("turned", (3,)), Number("false_stream", kind="u8"), Number("h")),
+    tables=(Array("labels", kind="i8"), Array("streams", 2, "u8")),
+    allocates=True,
+)
+
+
+def camera_box(settings: CameraSettings, room: Room, faults: tuple[AnyFault, ...], h: float) -> Box:
+    """Return the camera with its detector: it reads `sent` (1), not negative where it is sent, and the true state (12).
+
+    Args:
+        settings: image width and errors.
+        room: landmarks, walls, stands and the camera.
+        faults: of the scenario; those of the scene act here.
+        h: tick [s].
+
+    Raises:
+        InputError: if the file of measured errors is missing or wrong.
+    """
+    streams, false_stream = noise_streams(room)
+    numbers = {"turned": np.zeros(3), "false_stream": false_stream, "h": h}
+    given = Values(numbers, tables={"labels": room.landmark_labels, "streams": streams})
+    return Box("camera", PROJECTED_CAMERA, DETECTIONS_SIZE, given).with_groups(
+        room=surroundings(room),
+        camera=room.camera.scaled_to(settings.width).constants,
+        tables=tables_of(settings, room, h),
+        faults=scene_table(faults),
+    )

@@ -3,12 +3,37 @@
 from collections.abc import Callable
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context
+from pydrake.common.value import Value
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.signals import ARRIVED, N_X, PAYLOAD, STAMP
 from ortilo_drake.world.noise import normals, stream_id
-from ortilo_drake.world.seeded_system import SeededSystem
+
+
+class SeededSystem(LeafSystem):
+    """A system of floats whose noise is a function of the seed in its Context.
+
+    Parameters of the Context:
+        seed (abstract, int): any that a scenario allows; a number would hold no more than 2^53.
+
+    Args:
+        seed: the seed of a default Context.
+    """
+
+    def __init__(self, seed: int):
+        super().__init__()
+        self._seed = self.DeclareAbstractParameter(Value[object](seed))
+
+    def seed_in(self, context: Context) -> int:
+        """Return the seed in a context of this system."""
+        seed: int = context.get_abstract_parameter(self._seed).get_value()
+        return seed
+
+    def set_seed_in(self, context: Context, seed: int) -> None:
+        """Set the seed in a context of this system."""
+        context.get_mutable_abstract_parameter(self._seed).set_value(seed)
+
 
 Measure = Callable[[np.ndarray, np.ndarray, float], np.ndarray | list[float] | None]
 

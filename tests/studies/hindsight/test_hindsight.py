@@ -11,8 +11,7 @@ from command_line import run
 from ortilo_drake.interop.log.logged_flight import fly_logged
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.hindsight import hindsight as study
-from ortilo_drake.studies.hindsight.hindsight import FlightInHindsight, Judged, judged, study_of
-from ortilo_drake.studies.hindsight.hindsight_report import hindsight_text
+from ortilo_drake.studies.hindsight.hindsight import FlightInHindsight, Judged, hindsight_text, judged, study_of
 
 SHORT = ("settle=0", "planner={kind: waypoints, points: [[0, 0, 1.5], [0.6, 0.2, 1.5]]}")
 SET = [word for setting in SHORT for word in ("--set", setting)]

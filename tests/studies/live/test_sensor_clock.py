@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ortilo_drake.studies.live.sensor_clock import SensorClock
+from ortilo_drake.studies.live.live_bridge import SensorClock
 
 
 def test_what_is_heard_late_is_seen_to_be_old() -> None:

@@ -19,8 +19,7 @@ from ortilo_drake.studies.fit.body_path import body_path
 from ortilo_drake.studies.fit.fit import fit_recordings
 from ortilo_drake.studies.fit.imu_errors import mount_of
 from ortilo_drake.studies.predict.predicted import Figures, Predicted, group_of, interval, predict
-from ortilo_drake.studies.predict.predicted_figure import predicted_figure
-from ortilo_drake.studies.predict.predicted_report import predicted_text
+from ortilo_drake.studies.predict.predicted_report import predicted_figure, predicted_text
 from ortilo_drake.studies.predict.simulated import simulated
 from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.world.sensors.fitted_errors import Day
