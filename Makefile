@@ -24,7 +24,9 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 # a worker is one core's
 PYTEST := $(ONE_THREAD) $(BIN)/python -m pytest -n 2 --dist worksteal $(PYTEST_ARGS)
 PART ?= 0/1
 REST := notebook or training or real_time or processes or video or long
-REST_FILES = $(shell grep -rlE "mark\.(family|$(subst $() or ,|,$(REST)))\b" tests --include='test_*.py') # the others are not imported
+REST_MARKS := $(subst $() or ,|,$(REST))
+REST_FILES = $(shell grep -rlE "mark\.(family|$(REST_MARKS))\b" tests --include='test_*.py') # the others are not imported
+REST_ALONE = $(shell grep -rlE "^pytestmark = .*mark\.($(REST_MARKS))\b" tests --include='test_*.py') # these, by the quick tests
 # Containers often forbid Python to keep its bytecode: then each process compiles 1,600 modules anew, for three seconds.
 unexport PYTHONDONTWRITEBYTECODE
 # What recorded flights the real-data test reads, where they lie beside the checkout.
@@ -61,7 +63,7 @@ $(STAMP)-kernels: $(STAMP) tests/compile_kernels.py $(shell find ortilo_drake/ d
 	@touch $@
 
 test: kernels
-	@$(PYTEST) -m "not ($(REST))" $(TESTS)
+	@$(PYTEST) -m "not ($(REST))" $(addprefix --ignore=,$(REST_ALONE)) $(TESTS)
 
 rest: extras kernels
 	@$(PYTEST) -m "$(REST)" --part $(PART) $(REST_FILES)

@@ -33,7 +33,7 @@ def has_examples(file: Path) -> bool:
 WITH_EXAMPLES = [file for file in FILES if has_examples(file)]
 
 
-@pytest.mark.family
+@pytest.mark.family("ortilo_drake.scenario.load")  # the others fly or linearise
 @pytest.mark.parametrize("module", sorted({module_of(file) for file in WITH_EXAMPLES}))
 def test_examples_give_what_they_say(module: str) -> None:
     results = doctest.testmod(import_module(module))

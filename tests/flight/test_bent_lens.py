@@ -26,12 +26,13 @@ def scenario_of(distortion: str, *settings: str) -> Scenario:
     return load_scenario("nominal_imu_uwb_yolo", (*HOVER, f"camera.calibration={json.dumps(camera)}", *settings))
 
 
-@pytest.mark.family
+@pytest.mark.long
 @pytest.mark.parametrize("distortion", LENSES)
 def test_all_players_fly_the_same_bits(distortion: str) -> None:
     check_players(scenario_of(distortion), range(1))
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("distortion", LENSES)
 def test_fixes_of_bent_boxes_err_no_more_than_those_of_straight_ones(distortion: str) -> None:
     """Read as straight pixels they would be off by what the lens bends: some 20 px of 100, a metre at 5 m."""

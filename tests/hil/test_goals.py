@@ -7,10 +7,12 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from pydrake.trajectories import Trajectory
 from waiting import HANGS, wait_for
 
 from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
@@ -25,7 +27,6 @@ from ortilo_drake.onboard.planner.planner import plan, refuse_contact
 from ortilo_drake.scenario import GcsPlanner, Scenario, load_scenario
 
 SCENARIO = load_scenario("nominal_imu_uwb")
-PATH = plan(SCENARIO.planner, SCENARIO.load_room(), SCENARIO.vehicle)
 H = SCENARIO.h
 
 
@@ -68,6 +69,12 @@ class Beside(GoalPlanner):
             return Plan(number, None, reason_of(error))
 
 
+@cache
+def scenario_path() -> Trajectory:
+    """The scenario's own."""
+    return plan(SCENARIO.planner, SCENARIO.load_room(), SCENARIO.vehicle)
+
+
 def user(number: int, x: float, y: float) -> Goal:
     return Goal(7, 0, number, "user", x, y, "")
 
@@ -88,7 +95,7 @@ def answers(step: Step) -> list[tuple[int, str]]:
 def test_what_is_plainly_no_goal_is_refused_and_the_flight_goes_on(x: float, y: float, reason: str) -> None:
     goals = Goals(SCENARIO, beside := Beside(SCENARIO))
     goals.receive(user(1, x, y))
-    step = goals.step(20.0, PATH)
+    step = goals.step(20.0, scenario_path())
     assert step.path is None
     assert step.taken is None
     [(number, said)] = answers(step)
@@ -111,12 +118,12 @@ def test_where_the_planner_is_a_system_a_goal_is_refused_and_the_flight_goes_on(
 def test_a_goal_is_braked_for_at_once_and_flown_to_when_a_way_is_there() -> None:
     goals = Goals(SCENARIO, beside := Beside(SCENARIO))
     goals.receive(user(1, 8.0, -1.0))
-    step = goals.step(20.0, PATH)
+    step = goals.step(20.0, scenario_path())
     assert step.path is not None
     np.testing.assert_array_equal(step.taken, [8.0, -1.0])
-    np.testing.assert_array_equal(step.path.value(20.0), PATH.value(20.0))
+    np.testing.assert_array_equal(step.path.value(20.0), scenario_path().value(20.0))
     rest = step.path.value(100.0)[:, 0]
-    assert 0.3 < np.linalg.norm(rest - PATH.value(20.0)[:, 0]) < 0.7
+    assert 0.3 < np.linalg.norm(rest - scenario_path().value(20.0)[:, 0]) < 0.7
     assert not answers(step)
     assert goals.step(20.0 + H, step.path) == Step(None, None, [])
     beside.is_done = True
@@ -131,7 +138,7 @@ def test_a_goal_is_braked_for_at_once_and_flown_to_when_a_way_is_there() -> None
 def test_a_repeated_goal_is_answered_again_and_not_flown_again() -> None:
     goals = Goals(SCENARIO, beside := Beside(SCENARIO))
     goals.receive(user(1, 8.0, -1.0))
-    path = goals.step(20.0, PATH).path
+    path = goals.step(20.0, scenario_path()).path
     assert path is not None
     goals.receive(user(1, 8.0, -1.0))
     assert goals.step(20.1, path) == Step(None, None, [])
@@ -147,14 +154,14 @@ def test_a_repeated_goal_is_answered_again_and_not_flown_again() -> None:
 def test_the_onboard_halfs_own_answers_are_no_goals() -> None:
     goals = Goals(SCENARIO, Beside(SCENARIO))
     goals.receive(user(1, 8.0, -1.0)._replace(role="onboard"))
-    assert goals.step(20.0, PATH) == Step(None, None, [])
+    assert goals.step(20.0, scenario_path()) == Step(None, None, [])
 
 
 @pytest.mark.long
 def test_a_newer_goal_replaces_the_one_that_is_planned_and_the_vehicle_brakes_once() -> None:
     goals = Goals(SCENARIO, beside := Beside(SCENARIO))
     goals.receive(user(1, 8.0, -1.0))
-    stop = goals.step(20.0, PATH).path
+    stop = goals.step(20.0, scenario_path()).path
     assert stop is not None
     goals.receive(user(2, 0.0, 0.0))
     goals.receive(user(3, 2.0, 0.0))
@@ -178,7 +185,7 @@ def test_a_newer_goal_replaces_the_one_that_is_planned_and_the_vehicle_brakes_on
 def test_where_no_way_is_found_the_vehicle_stays_at_rest() -> None:
     goals = Goals(SCENARIO, beside := Beside(SCENARIO))
     goals.receive(user(1, 8.0, -1.0))
-    stop = goals.step(20.0, PATH).path
+    stop = goals.step(20.0, scenario_path()).path
     assert stop is not None
     number, p, _ = beside.jobs[0]
     beside.jobs[0] = number, p, p[:2]  # to where it is: no way, says the planner

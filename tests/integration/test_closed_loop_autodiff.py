@@ -77,7 +77,7 @@ def test_a_tick_of_all_states_has_the_slopes_of_differences(settings: tuple[str,
     assert np.linalg.matrix_rank(numbers) == D.shape[1]
 
 
-@pytest.mark.family
+@pytest.mark.long
 @pytest.mark.parametrize("tick", [60, 61])
 def test_the_robust_loop_has_the_slopes_of_the_plain_one(tick: int) -> None:
     """What is used of the sensors, and with what weight, is a constant: all that is at hover without noise, in full."""

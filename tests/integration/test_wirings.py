@@ -25,6 +25,9 @@ VARIANTS = [
 ]
 
 
+richest = pytest.mark.family(" ".join((VARIANTS[-1][0], *VARIANTS[-1][1])))
+
+
 @lru_cache
 def flown(name: str, changes: tuple[str, ...]) -> Scenario:
     return load_scenario(name, ("camera.kind=projected", *changes))
@@ -47,6 +50,7 @@ def variant(request: pytest.FixtureRequest) -> tuple[str, tuple[str, ...]]:
     return found
 
 
+@richest
 def test_signals_have_the_sizes_of_a_flights_log(variant: tuple[str, tuple[str, ...]]) -> None:
     scenario, wiring = flown(*variant), wired(*variant)
     sizes = {signal: size_of(wiring, said) for signal, said in signals_of(list(wiring.boxes.values())).items()}
@@ -54,12 +58,14 @@ def test_signals_have_the_sizes_of_a_flights_log(variant: tuple[str, tuple[str, 
     assert sizes == known | scenario.measurement.sizes
 
 
+@richest
 def test_parts_lie_within_what_their_box_says(variant: tuple[str, tuple[str, ...]]) -> None:
     for box in wired(*variant).boxes.values():
         for first, size in box.parts.values():
             assert 0 <= first <= first + size <= box.size
 
 
+@richest
 def test_a_tick_reads_nothing_before_it_is_said(variant: tuple[str, tuple[str, ...]]) -> None:
     """A box that computes what it says comes after those that do and that it reads; nobody reads a stepped state."""
     wiring = wired(*variant)
@@ -78,6 +84,7 @@ def test_a_tick_reads_nothing_before_it_is_said(variant: tuple[str, tuple[str, .
     assert computing | stepped >= {name for name, box in wiring.boxes.items() if box.element.functions}
 
 
+@richest
 def test_the_filter_takes_what_the_handler_hands_over(variant: tuple[str, tuple[str, ...]]) -> None:
     """Values, arrivals and covariances by its own layout, and whatever is opened of its P."""
     wiring = wired(*variant)
@@ -94,6 +101,7 @@ def test_the_filter_takes_what_the_handler_hands_over(variant: tuple[str, tuple[
     assert (sizes["control"], sizes["reference"]) == (N_U, REFERENCE_SIZE)
 
 
+@richest
 def test_fixes_are_solved_about_a_belief_of_the_vehicle(variant: tuple[str, tuple[str, ...]]) -> None:
     wiring = wired(*variant)
     for name, box in wiring.boxes.items():
@@ -102,6 +110,7 @@ def test_fixes_are_solved_about_a_belief_of_the_vehicle(variant: tuple[str, tupl
             assert sizes <= {KNOWN}, name
 
 
+@richest
 def test_every_message_that_flies_reaches_the_handler_or_filter(variant: tuple[str, tuple[str, ...]]) -> None:
     scenario, wiring = flown(*variant), wired(*variant)
     if "messages" not in wiring.boxes:

@@ -11,7 +11,7 @@ from ortilo_drake.model.pinhole import R_BC
 from ortilo_drake.model.room import load_room
 from ortilo_drake.onboard.landmarks.landmark_fix import METHODS
 
-# The law of cosines is compiled for itself alone; test_cosine_law.py tries its parts in every run.
+# Compiled for itself alone.
 COSINES = pytest.param("cosine_law", marks=pytest.mark.long)
 EACH = [COSINES if method == "cosine_law" else method for method in METHODS]
 ROOM = load_room()

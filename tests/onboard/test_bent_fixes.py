@@ -94,6 +94,7 @@ def test_the_covariance_of_the_others_follows_opencvs_jacobian(
     np.testing.assert_allclose(cov, expected[:3, :3], rtol=1e-5, atol=1e-6 * cov.max())
 
 
+@pytest.mark.long
 @each_lens
 def test_a_ray_goes_where_opencvs_straightened_pixel_lies_and_its_derivative_is_a_difference(distortion: str) -> None:
     camera = camera_of(distortion)

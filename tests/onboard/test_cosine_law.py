@@ -6,6 +6,7 @@ from seen_landmarks import CAMERA, POINTS
 
 from ortilo_drake.onboard.landmarks.cosine_law import distances_from_cosines, rays, trilaterate
 
+pytestmark = pytest.mark.long  # it is compiled for itself alone
 P_WC = np.array([0.1, -0.2, 1.4])
 
 

@@ -27,6 +27,7 @@ from ortilo_drake.onboard.detector.darknet_network import (  # noqa: E402
 )
 from ortilo_drake.onboard.detector.darknet_weights import read_weights  # noqa: E402
 
+pytestmark = pytest.mark.long  # torch takes seconds to load
 REFERENCES = json.loads((Path(__file__).parents[1] / "data" / "darknet_references.json").read_text())
 
 
@@ -40,7 +41,6 @@ def read_seeded(name: str, folder: Path) -> DarknetNetwork:
     return network
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("name", list(ANCHORS))
 def test_heads_and_boxes_are_opencvs(name: str, tmp_path: Path) -> None:
     reference, network = REFERENCES[name], read_seeded(name, tmp_path)
@@ -81,7 +81,6 @@ SMALL = """[net]\nwidth=64\nheight=32\nchannels=3
 """
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("n", [1, 3])
 def test_computes_several_images_at_once(n: int) -> None:
     network = DarknetNetwork(parse_cfg(SMALL, "small.cfg")).eval()

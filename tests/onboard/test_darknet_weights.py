@@ -22,6 +22,7 @@ from ortilo_drake.onboard.detector.darknet_network import DarknetNetwork  # noqa
 from ortilo_drake.onboard.detector.darknet_weights import read_weights  # noqa: E402
 from ortilo_drake.onboard.detector.detector_network import OWN_NETWORK  # noqa: E402
 
+pytestmark = pytest.mark.long  # torch takes seconds to load
 CFG = """[net]\nwidth=64\nheight=32\nchannels=3
 [convolutional]\nbatch_normalize=1\nfilters=4\nsize=3\nstride=2\npad=1\nactivation=leaky
 [convolutional]\nfilters=14\nsize=1\nstride=1\nactivation=linear
@@ -190,7 +191,6 @@ def test_refuses_own_files(content: bytes, message: str, tmp_path: Path) -> None
 GOOD = own_file()
 
 
-@pytest.mark.long
 @settings(max_examples=300)
 @given(place=st.integers(0, len(GOOD) - 1), byte=st.integers(0, 255), cut=st.booleans())
 def test_a_damaged_file_is_a_network_or_an_input_error(

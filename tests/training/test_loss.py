@@ -12,6 +12,7 @@ torch = pytest.importorskip("torch", reason="torch is not installed: nothing can
 from ortilo_drake.onboard.detector.yolo_boxes import decode  # noqa: E402
 from ortilo_drake.training.network.loss import complete_iou, predicted_boxes, yolo_loss  # noqa: E402
 
+pytestmark = pytest.mark.training
 WIDTH, HEIGHT, CLASSES = 96, 64, 3
 ANCHORS = (np.array([[30.0, 30.0], [60.0, 40.0]]), np.array([[8.0, 10.0], [14.0, 17.0]]))
 GRIDS = ((4, 6), (8, 12))  # rows and columns of strides 16 and 8

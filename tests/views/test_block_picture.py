@@ -5,7 +5,7 @@ from itertools import combinations, pairwise
 from xml.etree import ElementTree
 
 import pytest
-from views.test_wiring_text import CASES, wired
+from views.test_wiring_text import CASES, richest, wired
 
 from ortilo_drake.diagrams.wiring.blocks import blocks_of, signals_between
 from ortilo_drake.views.block_picture import block_picture
@@ -38,6 +38,7 @@ def touches(point: Point, rect: Rect) -> bool:
     return inside and (point[0] in (left, right) or point[1] in (top, bottom))
 
 
+@richest
 @pytest.mark.parametrize("case", CASES)
 def test_blocks_and_arrows_are_the_wirings_and_keep_clear_of_each_other(case: str) -> None:
     root = ElementTree.fromstring(block_picture(wired(case)))

@@ -22,6 +22,9 @@ READ = re.compile(r"(\w+) = ([\w.]+) \((\d+)\)")
 ROOT = Path(ortilo_drake.__file__).parents[1]
 
 
+richest = pytest.mark.family("late commands")
+
+
 @cache
 def wired(case: str) -> Wiring:
     name, settings = CASES[case]
@@ -53,6 +56,7 @@ def test_every_line_fits_into_a_hundred_columns(wiring: Wiring, depth: int) -> N
     assert [line for line in lines if cell_len(line) > 100] == []
 
 
+@richest
 def test_a_tick_has_every_box_and_every_wire_with_its_size(wiring: Wiring) -> None:
     rows = [row for row in joined(wiring_text(wiring, 2)) if row[1] in wiring.boxes]
     assert {row[1] for row in rows} == set(wiring.boxes)
@@ -65,6 +69,7 @@ def test_a_tick_has_every_box_and_every_wire_with_its_size(wiring: Wiring) -> No
             assert wiring.boxes[wire.box].parts[said.partition(".")[2]] == (wire.first, wire.size)
 
 
+@richest
 def test_a_box_comes_after_those_it_reads_and_steps_before_those_that_read_it(wiring: Wiring) -> None:
     said, stepped = set[str](), set[str]()
     computed = {name for name, box in wiring.boxes.items() if box.element.out is not None}
@@ -86,6 +91,7 @@ def test_a_box_comes_after_those_it_reads_and_steps_before_those_that_read_it(wi
     assert owners <= stepped
 
 
+@richest
 def test_functions_stand_in_the_file_that_is_named(wiring: Wiring) -> None:
     named = re.findall(r"^  (?:out|step) +(\w+) in (\S+)$", wiring_text(wiring, 3), re.MULTILINE)
     assert len(named) == sum(len(box.element.functions) for box in wiring.boxes.values())
@@ -93,6 +99,7 @@ def test_functions_stand_in_the_file_that_is_named(wiring: Wiring) -> None:
         assert f"def {function}(" in (ROOT / file).read_text(encoding="utf-8"), file
 
 
+@richest
 def test_every_box_is_in_one_block_and_on_its_side(wiring: Wiring) -> None:
     blocks = blocks_of(wiring)
     assert sorted(name for block in blocks.values() for name in block.boxes) == sorted(wiring.boxes)
@@ -104,6 +111,7 @@ def test_every_box_is_in_one_block_and_on_its_side(wiring: Wiring) -> None:
                 assert shared or onboard == (block.column not in WORLD), name
 
 
+@richest
 def test_signals_between_blocks_are_wires_between_their_boxes(wiring: Wiring) -> None:
     blocks = blocks_of(wiring)
     home = {box: block.name for block in blocks.values() for box in block.boxes}

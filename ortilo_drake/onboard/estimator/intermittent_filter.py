@@ -13,7 +13,7 @@ slips mended (Phibar and P_k throughout, V12^T Ebar^T in the last factor):
     xhat_{k+1|k} = Phibar xhat_{k|k-1} + Gammabar u_k + Ibar r_k + K_k (y_k - H xhat_{k|k-1})   (prediction)
 
 intermittent_step below is these three lines. filter_loops.py computes the same in less time, and flies; a test
-holds it to this one. Of AutoDiffXd these lines are run, as plain Python.
+holds it to this one, which is plain Python.
 
 Rows that did not arrive are left out, which equals the full-size formula because V2 is block diagonal. The
 integrator is a known quantity: from P_ii = 0 the last three rows of K equal -E_k, and its block of P stays 0.
@@ -26,7 +26,6 @@ hover model leaves out of a tilted lift, Gamma_a tilted_lift.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.model.elementary import cos, sin
@@ -130,7 +129,6 @@ def arrived_rows(delta: np.ndarray, first: np.ndarray) -> np.ndarray:
     return rows[:m]
 
 
-@njit(cache=True)
 def intermittent_step(
     xhat: np.ndarray,
     P: np.ndarray,
@@ -217,5 +215,4 @@ def filter_gain(
     N = len(Phi)
     model = FilterModel.of(Phi, np.zeros((N, 4)), np.zeros((N, N)), integrator, np.zeros((N, 3)))
     x, y, u, r = np.zeros(N + N_I), np.zeros(layout.first[-1]), np.zeros(4), np.zeros(3)
-    gain: np.ndarray = intermittent_step.py_func(x, P, y, delta, V2, u, r, model, layout)[2]
-    return gain
+    return intermittent_step(x, P, y, delta, V2, u, r, model, layout)[2]
