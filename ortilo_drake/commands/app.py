@@ -1,7 +1,7 @@
 """The command line `ortilo`: all its commands, and their exit codes."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -28,6 +28,7 @@ from ortilo_drake.commands.tables import tables
 from ortilo_drake.commands.terminal import out
 from ortilo_drake.commands.tune import tune
 from ortilo_drake.model.input_error import InputError
+from ortilo_drake.model.inputs.problems import plainly
 from ortilo_drake.model.parts import load_plugin
 from ortilo_drake.views.themes import Theme, themed
 
@@ -102,6 +103,15 @@ app.add_typer(hil_app, name="hil")
 app.add_typer(room_app, name="room")
 
 
+def _plain_usage(error: Any) -> str:
+    """Return what is wrong with the arguments, in a line."""
+    option = getattr(error, "option_name", None)
+    if option in ("--plugin", "--scheduler", "--theme"):
+        return f"{option}: must stand before the command: ortilo {option} ... {error.ctx.info_name} ..."
+    what, colon, rest = " ".join(error.format_message().split()).partition("': ")
+    return what + colon + (plainly(rest) if colon else "")
+
+
 def run() -> int:
     """Run the command that the command line names; return its exit code.
 
@@ -117,7 +127,7 @@ def run() -> int:
         if type(error).__name__ == "NoArgsIsHelpError":
             error.show()
             return 2
-        raise InputError(" ".join(error.format_message().split())) from None
+        raise InputError(_plain_usage(error)) from None
     except typer.Abort:
         raise KeyboardInterrupt from None
     if code == 130:  # some versions of Typer turn Ctrl-C into this

@@ -5,7 +5,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
@@ -61,6 +61,17 @@ class Frozen(BaseModel):
     """Base of every typed input: immutable, strict, no unknown keys, no inf or NaN."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    if not TYPE_CHECKING:  # which checks the fields' types by pydantic's own
+
+        def __init__(self, /, **data):
+            """Make it of its fields; InputError naming the field, its value and what is allowed."""
+            try:
+                super().__init__(**data)
+            except ValidationError as error:
+                raise InputError(f"{type(self).__name__}: {first_problem(error, type(self))}") from None
+
+        __init__.__pydantic_base_init__ = True  # pydantic does not call it for the groups of a whole
 
 
 def _line(part: Any) -> str:
@@ -129,7 +140,15 @@ def parse_yaml(text: str, source: str, names: Names | None = None) -> Any:
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
     except (yaml.YAMLError, ValueError) as error:
-        raise InputError(f"{source}: not valid YAML: {' '.join(str(error).split())}") from None
+        raise InputError(f"{source}: not valid YAML: {_what_and_where(error)}") from None
+
+
+def _what_and_where(error: Exception) -> str:
+    """Return an error of YAML as its place and what is wrong there, without the parser's name of the text."""
+    mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None)
+    if mark is None or not problem:
+        return " ".join(str(error).split())
+    return f"line {mark.line + 1}, column {mark.column + 1}: {' '.join(problem.split())}"
 
 
 def _not_plain(data: Any, place: Place = ()) -> Iterator[tuple[Place, str]]:

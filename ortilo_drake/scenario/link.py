@@ -53,7 +53,7 @@ class BurstLoss(Frozen):
     """Bursts by their measured figures: everything is lost within one, nothing between two.
 
     Attributes:
-        loss: share of the packets that are lost [1]; L packets in bursts of b ticks need L <= b / (1 + b).
+        loss: share of the packets that are lost [1], at most b / (1 + b) with bursts of b ticks on average.
         mean_length: mean length of a burst [s], a tick or more.
     """
 
@@ -94,6 +94,8 @@ def _from_number(loss: Any) -> Any:
     """Take a number for the probability of independent losses."""
     if isinstance(loss, int | float) and not isinstance(loss, bool):
         return {"kind": "bernoulli", "probability": loss} if loss else {"kind": "none"}
+    if isinstance(loss, str):
+        raise ValueError(f"{loss!r}: must be a number from 0 to 1, or {{kind: bursts, loss: 0.3, mean_length: 1.0}}")
     return loss
 
 

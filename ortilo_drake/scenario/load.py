@@ -8,6 +8,7 @@ from typing import Any
 
 from ortilo_drake.model.input_files import exists, read_text
 from ortilo_drake.model.inputs.calibration_file import read_calibration
+from ortilo_drake.model.inputs.problems import shown
 from ortilo_drake.model.typed_yaml import DEEPEST, InputError, nearest, parse_yaml, validate
 from ortilo_drake.model.vehicle import load_vehicle
 from ortilo_drake.scenario.noise_file import load_noise
@@ -29,16 +30,18 @@ def scenario_names() -> list[str]:
 
 def resolve(name_or_file: str | Path, field: str) -> Path:
     """Return the file of a scenario; InputError, which begins with the field, if there is none of that name."""
+    if not isinstance(name_or_file, str | Path):
+        raise InputError(f"{field}: {shown(name_or_file)}: must be a ready-made one's name or a .yaml file")
     path = Path(name_or_file)
     if path.suffix in (".yaml", ".yml"):
         return path
     if str(name_or_file) in scenario_names():
         return SCENARIO_FOLDER / f"{name_or_file}.yaml"
     name, known = str(name_or_file), scenario_names()
-    shown = repr(name) if len(name) <= 100 else f"{name[:100]!r}..."
+    given = repr(name) if len(name) <= 100 else f"{name[:100]!r}..."
     alike = ", ".join(get_close_matches(name[:100], known, n=4, cutoff=0.0))
     raise InputError(
-        f"{field}: {shown} is unknown{nearest(name[:100], known)}: give a .yaml file or a ready-made one, "
+        f"{field}: {given} is unknown{nearest(name[:100], known)}: give a .yaml file or a ready-made one, "
         f"such as {alike}; `ortilo scenario list` prints all {len(known)}"
     )
 

@@ -103,7 +103,7 @@ def test_a_flight_repeats_bit_for_bit() -> None:
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
-        ("estimator.robust.gate=1.0", r"estimator\.robust\.gate: 1\.0: .*less than 1"),
+        ("estimator.robust.gate=1.0", r"estimator\.robust\.gate: 1\.0: .*below 1"),
         ("estimator.robust.stuck=1", r"estimator\.robust\.stuck: 1: "),
         ("estimator.robust.weight={kind: tukey}", r"estimator\.robust\.weight"),
         ("estimator.robust.weight={kind: huber, dof: 3.0}", r"estimator\.robust\.weight\.(huber\.)?dof"),

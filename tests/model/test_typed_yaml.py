@@ -1,13 +1,15 @@
 """Strict YAML: what is refused, and in how many words; what is taken is what PyYAML reads."""
 
 from pathlib import Path
+from typing import Annotated, Any
 
 import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import PositiveFloat
+from pydantic import Field, PositiveFloat, TypeAdapter, ValidationError
 
+from ortilo_drake.model.inputs.problems import plainly
 from ortilo_drake.model.typed_yaml import (
     FileName,
     Frozen,
@@ -61,7 +63,7 @@ def test_a_good_file_becomes_a_frozen_model(tmp_path: Path) -> None:
         (GOOD.replace("2.5", "'2.5'"), ["weight", "'2.5'", "number"]),
         (GOOD.replace("2.5", "heavy"), ["weight", "'heavy'", "number"]),
         (GOOD.replace("2.5", "yes"), ["weight", "True", "number"]),
-        (GOOD.replace("2.5", "-2.5"), ["weight", "-2.5", "greater than 0"]),
+        (GOOD.replace("2.5", "-2.5"), ["weight", "-2.5", "above 0"]),
         (GOOD.replace("[1.0, 2.0]", "[1.0]"), ["part.size.1", "missing"]),
         (GOOD.replace("[1.0, 2.0]", "7"), ["part.size", "7"]),
         (GOOD.replace("}", ", count: 1.5}"), ["part.count", "1.5", "integer"]),
@@ -69,8 +71,8 @@ def test_a_good_file_becomes_a_frozen_model(tmp_path: Path) -> None:
         ("1: box\n", ["line 1", "key 1 is not a name"]),
         ("name: [box\n", ["not valid YAML"]),
         ("name: !!python/object/apply:os.getcwd []\n", ["not valid YAML"]),
-        ("- name\n- weight\n", ["object"]),
-        ("just text\n", ["object"]),
+        ("- name\n- weight\n", ["group"]),
+        ("just text\n", ["group"]),
         ("", ["name", "is missing"]),
     ],
 )
@@ -132,7 +134,7 @@ class Lens(Frozen):
         ("focus: 3.5", None),
         ("focus: 9.9e-13", "focus: 9.9e-13: must be at least 1e-12"),
         ("focus: 0.0", "focus: 0.0: "),
-        ("focus: 1e-3x", "focus: '1e-3x': input should be a valid number"),
+        ("focus: 1e-3x", "focus: '1e-3x': must be a number"),
         ("focus: 1e3", "focus: '1e3': is text to YAML; a number has a point and a signed exponent"),
         ("file: a", None),
         ("file: ''", "file: '': "),
@@ -173,3 +175,20 @@ def test_groups_may_be_nested_thirty_two_deep(text: str, problem: str | None) ->
         return
     with pytest.raises(InputError, match=problem):
         parse_yaml(text, "thing.yaml")
+
+
+@pytest.mark.parametrize(
+    ("model", "value", "said"),
+    [
+        (int, "x", "must be an integer"),
+        (float, "20cm", "must be a number"),
+        (int, 1.5, "must be an integer"),
+        (Annotated[float, Field(ge=0.001)], -1, "must be at least 0.001"),
+        (Annotated[list[int], Field(min_length=1)], [], "must have at least 1 item, not 0"),
+    ],
+)
+def test_a_message_says_what_the_input_must_be(model: Any, value: Any, said: str) -> None:
+    """Pydantic's own words are its own: "Input should be a valid integer, unable to parse string as an integer"."""
+    with pytest.raises(ValidationError) as refused:
+        TypeAdapter(model).validate_python(value)
+    assert plainly(refused.value.errors()[0]["msg"]) == said

@@ -25,7 +25,7 @@ from ortilo_drake.scenario.schema import scenario_schema
             "estimator.ranges.noise.sd=0.1",
             "'estimator.ranges.noise.sd' (kind tight, affine or tight, constant)",
         ),  # of another kind
-        ("estimator.huber=3", "'estimator.huber' (kind tight)"),
+        ("estimator.huber=3", "kind tight, which has 'estimator.huber'"),
         ("estimator.horizn=0.2", "'horizon'"),  # mistyped
         ("torque_densityd=0.1", "'world.disturbance.torque_density'"),  # mistyped, and in another group
     ],

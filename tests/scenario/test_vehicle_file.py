@@ -54,13 +54,13 @@ def test_a_setting_may_name_a_file_and_the_next_one_change_it(folder: Path, monk
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("mass: -1.0\n", ["cross.yaml", "mass", "-1.0", "greater than 0"]),
+        ("mass: -1.0\n", ["cross.yaml", "mass", "-1.0", "above 0"]),
         ("mas: 1.0\n", ["cross.yaml", "mas: unknown key", "'mass'"]),
         ("arms: [{angle: 30.0, length: 0.2, spin: 1}]\n", ["cross.yaml", "arms.0.angle", "30.0", "6.28"]),
         ("arms: [{angle: 3.0, length: 0.2, spin: 2}]\n", ["cross.yaml", "arms.0.spin", "2", "'-1', '1'"]),
         (ARMS.replace("-1}", "1}"), ["cross.yaml", "arms: 4 rotors", "rank 3", "must be 4"]),
         (f"arm_length: 0.3\n{ARMS}", ["cross.yaml", "arm_length: 0.3", "must be left out where arms are given"]),
-        ("[1, 2]\n", ["cross.yaml", "[1, 2]", "object"]),
+        ("[1, 2]\n", ["cross.yaml", "[1, 2]", "group"]),
         ("mass: [1\n", ["cross.yaml", "not valid YAML"]),
         (None, ["vehicle", "cross.yaml", "no such vehicle file"]),
     ],

@@ -171,17 +171,17 @@ def test_a_scenario_shows_it_and_loads_again() -> None:
 @pytest.mark.parametrize(
     ("setting", "named"),
     [
-        ("command_link.loss={kind: bernoulli, probability: 1.5}", ["probability", "1.5", "less than or equal to 1"]),
+        ("command_link.loss={kind: bernoulli, probability: 1.5}", ["probability", "1.5", "at most 1"]),
         (
             "command_link.loss={kind: bernoulli, probability: -0.1}",
-            ["probability", "-0.1", "greater than or equal to 0"],
+            ["probability", "-0.1", "at least 0"],
         ),
         ("command_link.loss={kind: bernoulli, probability: .nan}", ["probability", "nan", "finite"]),
         ("command_link.loss={kind: bernoulli}", ["probability", "missing"]),
         ("command_link.loss={kind: often}", ["'often'", "bernoulli", "gilbert_elliott"]),
         ("command_link.when_lost=fall", ["when_lost", "'fall'", "'hold'", "'zero'"]),
         ("command_link.delay=1.5", ["delay", "1.5", "integer"]),
-        ("command_link.delay=-1", ["delay", "-1", "greater than or equal to 0"]),
+        ("command_link.delay=-1", ["delay", "-1", "at least 0"]),
         ("command_link.every=3", ["command_link.every", "unknown"]),
     ],
 )

@@ -57,6 +57,9 @@ def did_you_mean(keys: frozenset[Known], group: Words, words: Words, siblings: I
         siblings: the keys of the group.
     """
     inside = [key for key in keys if key.words[: len(group)] == group]
+    kinds = sorted({key.kind for key in inside if key.kind and key.words == (*group, *words)})
+    if kinds and len(words) == 1:
+        return f", did you mean kind {' or '.join(kinds)}, which has '{'.'.join((*group, *words))}'?"
     hint = _ending_in(inside, words) if group else ""
     hint = hint or nearest(words[0], siblings)
     if hint:
@@ -93,5 +96,6 @@ def _question(found: list[Known], rest: Words) -> str:
 def nearest(word: str, known: Iterable[str]) -> str:
     """Return ", did you mean 'x'?" for the known word nearest to one that is unknown, or nothing if none is near."""
     by_lower = {name.lower(): name for name in known}
-    found = get_close_matches(word.lower(), by_lower, n=1)
+    begun = [name for name in by_lower if len(word) > 2 and name.startswith(word.lower())]  # a word cut short
+    found = sorted(begun, key=len) or get_close_matches(word.lower(), by_lower, n=1)
     return f", did you mean '{by_lower[found[0]]}'?" if found else ""

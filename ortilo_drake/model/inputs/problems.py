@@ -1,6 +1,7 @@
 """Problems in a user's data, a line each: field, value, what is allowed."""
 
 import math
+import re
 from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from functools import cache
@@ -12,6 +13,24 @@ from pydantic_core import ErrorDetails
 from ortilo_drake.model.inputs.nearest_key import Known, did_you_mean, keys_of, nearest, words_of
 
 SHOWN = 60  # characters of a value in an error
+_PLAIN = {  # pydantic's words, and ours
+    "a valid integer": "an integer",
+    "a valid number": "a number",
+    "a valid boolean": "true or false",
+    "a valid string": "text",
+    "a valid array": "a list",
+    "an object": "a group of settings",
+    "greater than or equal to": "at least",
+    "less than or equal to": "at most",
+    "greater than": "above",
+    "less than": "below",
+    ", unable to parse string as an integer": "",
+    ", unable to parse string as a number": "",
+    ", got a number with a fractional part": "",
+    " after validation": "",
+    ", unable to interpret input": "",
+}
+TAGS = ("plain", "group")  # of a field that is one value or a group of them
 Place = tuple[int | str, ...]  # the steps from the whole to a field, as pydantic gives them
 
 
@@ -39,14 +58,27 @@ def _place(schema: dict[str, Any], loc: Place) -> tuple[str, dict[str, Any]]:
         if step in kinds:
             here = resolved({"$ref": kinds[step]})
             continue
+        if step in TAGS and "oneOf" in here:
+            here = next(form for form in map(resolved, here["oneOf"]) if ("properties" in form) == (step == TAGS[1]))
+            continue
         field.append(str(step))
         first = here.get("prefixItems", [])
         if isinstance(step, int):
             inner = first[step] if step < len(first) else here.get("items")
         else:
-            inner = here.get("properties", {}).get(step, here.get("additionalProperties"))
+            any_key = next(iter(here.get("patternProperties", {}).values()), here.get("additionalProperties"))
+            inner = here.get("properties", {}).get(step, any_key)
         here = resolved(inner) if isinstance(inner, dict) else {}
     return ".".join(field), here
+
+
+def plainly(message: str) -> str:
+    """Return a message of pydantic as what the input must be."""
+    message = re.sub("^(Input|String|List|Tuple|Dictionary) should ", "must ", message.removeprefix("Value error, "))
+    message = message[:1].lower() + message[1:]
+    for said, plain in _PLAIN.items():
+        message = message.replace(said, plain)
+    return message
 
 
 def shown(value: Any) -> str:
@@ -114,8 +146,7 @@ def _line(problem: ErrorDetails, model: type[BaseModel]) -> str:
             )
         case "float_type" | "int_type" if _is_number(problem["input"]):
             return f"{field}: {value}: is text to YAML; a number has a point and a signed exponent, as 1.0e-3"
-    message = problem["msg"][:1].lower() + problem["msg"][1:]
-    return f"{field or 'the file'}: {value}: {message}"
+    return f"{field or 'the file'}: {value}: {plainly(problem['msg'])}"
 
 
 def _is_number(text: Any) -> bool:

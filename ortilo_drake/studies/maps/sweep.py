@@ -5,13 +5,21 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 from scipy.stats import qmc
 
+from ortilo_drake.model.inputs.problems import TAGS
 from ortilo_drake.model.typed_yaml import Frozen, InputError, load_yaml
 from ortilo_drake.scenario import Scenario, load_scenario
 
-Value = bool | int | float | str
+
+def _no_group(value: Any) -> Any:
+    if isinstance(value, dict | list | tuple):
+        raise ValueError("must be a number, a word, true or false: put a group into settings and vary a key of it")
+    return value
+
+
+Value = Annotated[bool | int | float | str, BeforeValidator(_no_group)]
 Name = Annotated[str, Field(pattern=r"^[a-z_]+(\.[a-zA-Z_0-9]+)*$")]
 MOST_POINTS: Final = 100_000
 
@@ -53,11 +61,11 @@ Values = Annotated[tuple[Value, ...], Field(min_length=1, max_length=1000)]
 
 
 def _group_or_not(value: Any) -> str:
-    return "group" if isinstance(value, dict | Frozen) else "plain"
+    return TAGS[isinstance(value, dict | Frozen)]
 
 
 # Told apart before they are checked, so that an error is that of the form which was meant.
-Axis = Annotated[Annotated[Values, Tag("plain")] | Annotated[Range, Tag("group")], Discriminator(_group_or_not)]
+Axis = Annotated[Annotated[Values, Tag(TAGS[0])] | Annotated[Range, Tag(TAGS[1])], Discriminator(_group_or_not)]
 
 
 class Grid(Frozen):
@@ -107,7 +115,7 @@ class Until(Frozen):
 
 
 _Fixed = Annotated[int, Field(ge=1, le=10_000_000)]
-Flights = Annotated[Annotated[_Fixed, Tag("plain")] | Annotated[Until, Tag("group")], Discriminator(_group_or_not)]
+Flights = Annotated[Annotated[_Fixed, Tag(TAGS[0])] | Annotated[Until, Tag(TAGS[1])], Discriminator(_group_or_not)]
 
 
 class Sweep(Frozen):

@@ -54,7 +54,14 @@ def test_saltellis_points_exchange_one_column_at_a_time() -> None:
     ("text", "said"),
     [
         ("axes: {}", "axes"),
-        ("axes: {uwb.link.rate: []}", "axes.uwb.link.rate"),
+        ("axes: {uwb.link.rate: []}", "axes.uwb.link.rate: []: must have at least 1 item"),
+        ("axes: {uwb.link.loss: [{kind: bursts}]}", "axes.uwb.link.loss.0: must be a number, a word, true or false"),
+        ("axes: {uwb.link.rate: 5}", "axes.uwb.link.rate: 5: must be a list"),
+        (
+            "axes: {uwb.link.rate: {start: 5, stop: 6, cuont: 3}}",
+            "rate.cuont: unknown key (value 3), did you mean 'count'",
+        ),
+        ("axes: {uwb.link.rate: [1]}\nflights: 0", "flights: 0: must be at least 1"),
         ("axes: {uwb.link.rate: {start: 5, stop: 5}}", "must be above the start"),
         ("axes: {uwb.link.rate: {start: 0, stop: 5, scale: log}}", "must be above 0 on a logarithmic scale"),
         ("axes: {uwb.link.rate: [1]}\ndesign: {kind: sobol, points: 8}", "must be a range"),
@@ -63,7 +70,6 @@ def test_saltellis_points_exchange_one_column_at_a_time() -> None:
             "axes: {seed: {start: 1, stop: 2, count: 1000}, a: {start: 1, stop: 2, count: 1000}}",
             "at most 100000",
         ),
-        ("axes: {uwb.link.rate: [1]}\nflights: 0", "flights"),
         ("axes: {uwb.link.rate: [1]}\nflight: 10", "flight: unknown key"),
     ],
 )
