@@ -12,7 +12,6 @@ from scipy.integrate import solve_ivp
 from waiting import HANGS
 
 from ortilo_drake.flight.flight import fly
-from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
 from ortilo_drake.flight.stepped_halves import WorldHalf
 from ortilo_drake.hil import sessions
 from ortilo_drake.hil.wire.handshake import flight_of
@@ -21,8 +20,7 @@ from ortilo_drake.hil.wire.packets import encode_vector
 from ortilo_drake.hil.wire.unpack import decode
 from ortilo_drake.interop.log.logged_flight import fly_logged
 from ortilo_drake.interop.log.mcap_records import read_logged
-from ortilo_drake.interop.log.reader import log_file, read_log, read_messages
-from ortilo_drake.interop.log.replay import replay_log
+from ortilo_drake.interop.log.reader import log_file, read_messages
 from ortilo_drake.interop.ros.ros_types import from_cdr
 from ortilo_drake.model.equations import DYNAMICS
 from ortilo_drake.model.signals import IMU_SIZE, PAYLOAD, STAMP, samples_in
@@ -155,26 +153,6 @@ def test_the_floor_counts_every_sample_at_its_age() -> None:
 
 
 REGISTERED = ("altimeter.link.rate=60", "flow.link={rate: 90, loss: 0.2}")
-LATE = ("imu.link={rate: 240, delay: 1, random_delay: 2}", "estimator.delay=replay", "altimeter.link.rate=60")
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("name", "settings"),
-    [("nominal_imu_uwb", (*FAST,)), ("flow", REGISTERED), ("altimeter", LATE)],
-    ids=["imu", "registered", "late"],
-)
-def test_halves_logs_and_replays_carry_the_same_bits(name: str, settings: tuple[str, ...], tmp_path: Path) -> None:
-    scenario = load_scenario(name, (*SHORT, *settings))
-    alone = fly(scenario)
-    halves = fly_lockstep(scenario, in_this_process(scenario))
-    del alone.attrs["real_time_factor"]
-    assert xr.Dataset.identical(halves, alone)
-    fly_logged(scenario, tmp_path / "log")
-    assert xr.Dataset.identical(read_log(tmp_path / "log").drop_attrs(), alone.drop_attrs())
-    assert replay_log(tmp_path / "log").identical
-    used = alone["arrival"].sel(sensor=list(scenario.faster_sensors)).mean("tick").values
-    assert (used > 0.4).all()
 
 
 def test_a_log_has_every_sample_as_an_imu_message_with_its_stamp(tmp_path: Path) -> None:
