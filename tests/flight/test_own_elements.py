@@ -15,22 +15,13 @@ from ortilo_drake.diagrams.wiring.whole import why_not
 from ortilo_drake.flight.engine import Engine
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.metrics import summary
-from ortilo_drake.model import parts
 from ortilo_drake.model.equations import euler_rates, rotation_matrix
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import LqServo, with_seed
 
+pytestmark = pytest.mark.usefixtures("own_register")
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SHORT = {"planner": {"kind": "waypoints", "points": [[0.0, 0.0, 1.5], [1.2, 0.6, 1.5]]}}
-
-
-@pytest.fixture(autouse=True)
-def own_register(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Give each test a register of its own."""
-    parts.known_sensors()  # loads what is installed
-    for name in ("_SENSORS", "_PARTS"):
-        monkeypatch.setattr(parts, name, dict(getattr(parts, name)))
-    monkeypatch.setattr(parts, "_FILES", list(parts._FILES))
 
 
 def example(name: str) -> ModuleType:

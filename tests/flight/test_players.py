@@ -14,7 +14,6 @@ from ortilo_drake.commands.options import PlayerName
 from ortilo_drake.diagrams.onboard import Parts
 from ortilo_drake.flight.engine import Engine
 from ortilo_drake.flight.players import CHOICES, choose, fly, player_of
-from ortilo_drake.model import parts
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Belief, Scenario, load_scenario, scenario_names
 
@@ -216,13 +215,9 @@ OF_ONES_OWN = {
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "part",
-    [pytest.param(part, marks=[pytest.mark.long] * (part not in ("estimator", "sensor"))) for part in OF_ONES_OWN],
-)
-def test_all_players_fly_the_same_bits_of_a_part_of_ones_own(part: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    for register in ("_SENSORS", "_PARTS"):
-        monkeypatch.setattr(parts, register, dict(getattr(parts, register)))
+@pytest.mark.parametrize("part", OF_ONES_OWN)
+@pytest.mark.usefixtures("own_register")
+def test_all_players_fly_the_same_bits_of_a_part_of_ones_own(part: str) -> None:
     file, name, changes = OF_ONES_OWN[part]
     runpy.run_path(str(EXAMPLES / f"{file}.py"))
     check_players(load_scenario(name, changes), range(1))

@@ -8,13 +8,10 @@ import pytest
 import xarray as xr
 
 from ortilo_drake.flight.flight import fly
-from ortilo_drake.hil.relay.faults import Faults
-from ortilo_drake.hil.relay.virtual_time import fly_in_virtual_time
 from ortilo_drake.scenario import Scenario, load_scenario
 
 SHORT = ("camera.kind=projected", "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.2, 1.5]]}")
 AWARE = "commands={filter: acted, servo: predicted}"
-BAD = Faults(loss=0.2, delay=0.04, spread=0.02)
 
 
 def scenario_of(*settings: str) -> Scenario:
@@ -43,11 +40,3 @@ def test_four_ticks_late_it_flies_where_the_other_is_lost(servo: str) -> None:
     assert loss_in(aware) is None
     error = aware["truth"].values[:, :3] - aware["reference"].values[:, :3]
     assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 0.08
-
-
-@pytest.mark.long
-def test_a_seed_flies_the_same_bits_behind_a_relay() -> None:
-    scenario = scenario_of(AWARE)
-    one, two = (fly_in_virtual_time(scenario, BAD, BAD, 3) for _ in range(2))
-    xr.testing.assert_identical(one, two)
-    assert loss_in(one) is None
