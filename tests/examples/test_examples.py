@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw
 from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
-from sameness import apart
+from sameness import assert_same_bits
 from scipy.stats import chi2
 
 import ortilo_drake as od
@@ -95,8 +95,7 @@ def test_an_own_sensor_that_gives_a_compiled_step_joins_the_engine() -> None:
     scenario = load_scenario("nominal_imu_uwb", ("sensors=[uwb, imu, barometer]", planner, link, fault))
     assert why_not(scenario) is None
     flight = Engine(scenario).fly(2)
-    found = apart(fly(with_seed(scenario, 2)), flight)
-    assert found.same, found
+    assert_same_bits(fly(with_seed(scenario, 2)), flight)
     assert flight["arrival"].sel(sensor="barometer").values.any()
 
 
@@ -127,8 +126,7 @@ def test_an_own_magnetometer_flies_with_both_filters_by_both_players_and_tells_t
     scenario = load_scenario(name, sensors=["uwb", "imu", "magnetometer"], magnetometer={"sd": 0.02}, **wrong)
     assert why_not(scenario) is None
     flight, without = Engine(scenario).fly(2), fly(load_scenario(name, sensors=["uwb", "imu"], **wrong))
-    found = apart(fly(scenario), flight)
-    assert found.same, found
+    assert_same_bits(fly(scenario), flight)
     P_psi = [f["covariance"].values[-1, 5, 5] for f in (flight, without)]
     assert P_psi[0] < 0.6 * P_psi[1]
     if name == "imu_uwb":

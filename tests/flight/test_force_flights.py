@@ -1,6 +1,4 @@
-"""Filters that estimate the force, in flight: what they learn, and that halves, logs and checkpoints take them."""
-
-from pathlib import Path
+"""Filters that estimate the force, in flight: what they learn, and that checkpoints take them."""
 
 import numpy as np
 import pytest
@@ -8,11 +6,8 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.flight.flight import fly
-from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
 from ortilo_drake.flight.simulator import make_simulator
 from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
-from ortilo_drake.interop.log.logged_flight import fly_logged
-from ortilo_drake.interop.log.replay import replay_log
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.studies.loop.hover_loop import hover_loop
@@ -56,22 +51,6 @@ def test_a_heavier_vehicle_is_a_force_that_the_filter_learns_and_the_servo_count
         assert np.all(sd[6:9] < 0.1)
     state = diagram.GetOutputPort("state").Eval(context)
     assert abs(state[2] - 1.5) < 0.15
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    "settings",
-    [(), ("estimator.delay=replay", "uwb.link.delay=3"), ("imu.link.rate=240",)],
-    ids=["now", "late", "faster"],
-)
-def test_two_halves_fly_it_and_a_log_repeats_it_bit_for_bit(tmp_path: Path, settings: tuple[str, ...]) -> None:
-    scenario = hovering("measured", "planner={kind: hover, duration: 2.0}", *settings)
-    whole = fly(scenario)
-    np.testing.assert_array_equal(fly_lockstep(scenario, in_this_process(scenario))["truth"], whole["truth"])
-    fly_logged(scenario, tmp_path / "log")
-    assert replay_log(tmp_path / "log").identical
-    other = fly(load_scenario("nominal_imu_uwb", ("planner={kind: hover, duration: 2.0}", "settle=0", *settings)))
-    assert np.any(other["truth"].values != whole["truth"].values)
 
 
 @pytest.mark.long

@@ -8,29 +8,20 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
-from sameness import apart
+from sameness import assert_same_bits
 
 import ortilo_drake as od
 from ortilo_drake.diagrams.wiring.whole import why_not
 from ortilo_drake.flight.engine import Engine
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.metrics import summary
-from ortilo_drake.model import parts
 from ortilo_drake.model.equations import euler_rates, rotation_matrix
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import LqServo, with_seed
 
+pytestmark = pytest.mark.usefixtures("own_register")
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SHORT = {"planner": {"kind": "waypoints", "points": [[0.0, 0.0, 1.5], [1.2, 0.6, 1.5]]}}
-
-
-@pytest.fixture(autouse=True)
-def own_register(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Give each test a register of its own."""
-    parts.known_sensors()  # loads what is installed
-    for name in ("_SENSORS", "_PARTS"):
-        monkeypatch.setattr(parts, name, dict(getattr(parts, name)))
-    monkeypatch.setattr(parts, "_FILES", list(parts._FILES))
 
 
 def example(name: str) -> ModuleType:
@@ -218,9 +209,7 @@ def test_an_estimator_that_is_an_element_flies_drakes_flight() -> None:
     with pytest.raises(od.InputError, match="Drake flies it"):
         Engine(scenario)
     for seed, flight in zip((1, 2), flights, strict=True):
-        found = apart(fly(with_seed(scenario, seed)), flight)
-        assert found.arrivals
-        assert max(found.position, found.others) < 1e-9, found  # the System is written in numpy, which adds otherwise
+        assert_same_bits(fly(with_seed(scenario, seed)), flight, 1e-9)  # the System is NumPy's, which adds otherwise
         e = flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]
         assert 0.0 < np.sqrt(np.mean(e**2)) < 0.5
 

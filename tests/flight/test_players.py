@@ -5,16 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import xarray as xr
 from command_line import run
 from pydrake.systems.framework import System
+from sameness import assert_same_bits
 
 import ortilo_drake as od
 from ortilo_drake.commands.options import PlayerName
 from ortilo_drake.diagrams.onboard import Parts
 from ortilo_drake.flight.engine import Engine
 from ortilo_drake.flight.players import CHOICES, choose, fly, player_of
-from ortilo_drake.model import parts
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Belief, Scenario, load_scenario, scenario_names
 
@@ -26,13 +25,6 @@ OTHERS = ("drake", "drake-elements")
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
-def assert_same_bits(one: xr.Dataset, other: xr.Dataset) -> None:
-    assert one.attrs["lost"] == other.attrs["lost"]
-    assert set(one.variables) == set(other.variables)
-    for name in one.variables:
-        np.testing.assert_array_equal(one[name].values, other[name].values, err_msg=str(name))
-
-
 def check_players(scenario: Scenario, seeds: range) -> None:
     players = {name: player_of(scenario, name) for name in ("engine", *OTHERS)}
     for seed in seeds:
@@ -42,26 +34,87 @@ def check_players(scenario: Scenario, seeds: range) -> None:
             assert_same_bits(flights["engine"], flights[name])
 
 
-CHANGES = {
-    "nominal_imu_uwb": (*MOVING, "uwb.link.delay=2", "uwb.link.random_delay=3", "estimator.delay=replay"),
-    "imu_uwb": (*HOVER, "multilateration.noise_scale=null"),
-    "imu_uwb_yolo": (*HOVER, "truth.vehicle.mass_factor_sd=0.05", "truth.start={position: [0.2, -0.1, 0.0]}"),
-    "robust_imu_uwb": (*MOVING, 'faults=[{"kind": "anchor_moved", "start": 0.5, "anchor": 2}]'),
-    "datasheet_imu_uwb": HOVER,
-    "tight_differences": (
-        *(*MOVING, "uwb.pairs=all", "uwb.link={rate: 10, delay: 2}", "estimator.horizon=0.1", "truth.uwb.factor=1.001"),
-        *("uwb.errors=fitted", "uwb.file=util_2021", "truth.survey.anchors_sd=0.05", "truth.uwb.bias_sd=0.05"),
-        *("estimator.ranges={bias_sd: 0.1, slow_sd: 0.1, clock_sd: 0.01}",),
-        'faults=[{"kind": "stuck", "sensor": "uwb", "start": 0.7, "end": 1.0}]',
+FITTED = "uwb.fitted={white: 0.05, lasting: {time: 0.7, sd: 0.1}, field: {length: 1.0, sd: 0.05}, near_floor: 0.3, "
+FITTED += "outliers: {share: 0.05, sd: 0.6, burst: 3.0}, constants_sd: 0.05, missing: 0.1}"
+BURSTS = "loss={kind: bursts, loss: 0.4, mean_length: 0.5}"
+TRUTH = (
+    "truth.vehicle={mass_factor_sd: 0.05, inertia_factor: 1.1, thrust_factor: 0.97, center_of_gravity: [0.004, 0.0]}",
+    "truth.force={mean: [0.1, -0.05, 0.0], gust_sd: 0.1}",
+    "truth.uwb={bias: 0.05, factor_sd: 0.005, slow_sd: 0.04}",
+    "truth.imu={level_sd: 0.005, yaw_walk: 0.001, rates_factor: 1.01, specific_force_walk: 0.01}",
+    "truth.survey={anchors_sd: 0.03, landmarks_sd: 0.02}",
+    "truth.camera={position_sd: 0.01, angles_sd: 0.004, focal_factor: 1.003}",
+    "truth.clock={offset: 0.004, offset_sd: 0.002, drift: 1.0e-5}",
+    "truth.start={position: [0.2, -0.1, 0.0], yaw: 0.05}",
+)
+ROTORS = ("world.plant=continuous", "world.rotors={kind: first_order}")
+REPLAYED = ("uwb.link.delay=2", "estimator.delay=replay")
+CASES = (
+    ("nominal_imu_uwb", (*REPLAYED, "uwb.link.random_delay=3")),
+    ("nominal_imu_uwb", ("uwb.link.delay=2", "uwb.link.random_delay=3", "imu.link.loss=0.3")),
+    ("nominal_imu_uwb", ("uwb.link.delay=2", "estimator.delay=drop", "imu.link.delay=1")),
+    ("nominal_imu_uwb", (f"uwb.link.{BURSTS}", "estimator.gates={uwb: 0.9}")),
+    (
+        "nominal_imu_uwb",
+        ("estimator.integrator=literal", "world.kinematics=rigid_body", "multilateration.method=nearest_three"),
     ),
-    "tight_imu_uwb": (*HOVER, "world.plant=continuous", "imu.link.rate=60"),
-}
+    ("nominal_imu_uwb", ("estimator.force=thrust", "uwb.link.random_delay=2", "imu.link.rate=15")),
+    ("nominal_imu_uwb", ("sensors=[imu]", "servo.form=paper", "world.kinematics=linear")),
+    ("nominal_imu_uwb", ("control_rate=60", "uwb.link.rate=20", "sensors=[imu, uwb]")),
+    ("nominal_imu_uwb", ("uwb.errors=fitted", FITTED, "sensors=[imu, uwb]")),
+    (
+        "nominal_imu_uwb",
+        (
+            *("estimator.delay=replay", "commands={filter: acted, servo: predicted}"),
+            *("command_link={delay: 2, loss: 0.2}", "report_link={delay: 1, loss: 0.2}"),
+        ),
+    ),
+    (
+        "nominal_imu_uwb",
+        ("commands={servo: predicted, delay: 0.06}", "command_link={delay: 2, loss: 0.1, when_lost: zero}", *ROTORS),
+    ),
+    (
+        "nominal_imu_uwb",
+        (
+            *("estimator.delay=replay", "commands={filter: acted, servo: augmented, delay: 0.09}"),
+            *("command_link.delay=3", "report_link.rate=15", *TRUTH),
+        ),
+    ),
+    ("nominal_imu_uwb", ("estimator.delay=replay", "commands.servo=predicted", "estimator.force=measured")),
+    ("nominal_imu_uwb_yolo", (*REPLAYED, "camera.link.delay=1", "camera.link.random_delay=4")),
+    ("nominal_imu_uwb_yolo", (f"camera.link.{BURSTS}", "landmark_fix.method=known_tilt")),
+    (
+        "nominal_imu_uwb_yolo",
+        ("landmark_fix={method: cosine_law, prior_sd: [0.3, 0.02]}", "camera.link.rate=10", "estimator.delay=drop"),
+    ),
+    ("imu_uwb", ("multilateration.noise_scale=null",)),
+    ("imu_uwb", ("world.plant=continuous", "control_rate=50")),
+    ("imu_uwb", (*TRUTH, "uwb.link.random_delay=2")),
+    ("imu_uwb_yolo", (*TRUTH, *ROTORS)),
+    ("robust_imu_uwb", ('faults=[{"kind": "anchor_moved", "start": 0.5, "anchor": 2}]',)),
+    ("robust_imu_uwb", (*TRUTH, f"uwb.link.{BURSTS}", "estimator.robust={weight: {kind: student_t}, stuck: null}")),
+    ("robust_imu_uwb_yolo", ("uwb.link.random_delay=3", "camera.link.delay=2", "estimator.delay=replay")),
+    ("datasheet_imu_uwb", ()),
+    (
+        "tight_differences",
+        (
+            *("uwb.pairs=all", "uwb.link={rate: 10, delay: 2}", "estimator.horizon=0.1", "truth.uwb.factor=1.001"),
+            *("uwb.errors=fitted", "uwb.file=util_2021", "truth.survey.anchors_sd=0.05", "truth.uwb.bias_sd=0.05"),
+            *("estimator.ranges={bias_sd: 0.1, slow_sd: 0.1, clock_sd: 0.01}",),
+            'faults=[{"kind": "stuck", "sensor": "uwb", "start": 0.7, "end": 1.0}]',
+        ),
+    ),
+    ("tight_imu_uwb", ("world.plant=continuous", "imu.link.rate=60")),
+    ("tight_imu_uwb", ("sensors=[uwb, imu, altimeter, flow]", "altimeter.link={loss: 0.3, random_delay: 1}")),
+    ("tight_imu_uwb", ("imu.link.rate=90", "estimator.ranges.differences=true", *ROTORS, *TRUTH)),
+    ("tight_imu_uwb_yolo", ("uwb.link.delay=2", "camera.link.random_delay=3", "imu.link.loss=0.2", *TRUTH)),
+)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", CHANGES)
-def test_all_players_fly_the_same_bits(name: str) -> None:
-    check_players(load_scenario(name, (PROJECTED, *CHANGES[name])), range(2))
+@pytest.mark.parametrize(("name", "changes"), CASES)
+def test_all_players_fly_the_same_bits(name: str, changes: tuple[str, ...]) -> None:
+    check_players(load_scenario(name, (*MOVING, PROJECTED, *changes)), range(2))
 
 
 @pytest.mark.long
@@ -162,13 +215,9 @@ OF_ONES_OWN = {
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "part",
-    [pytest.param(part, marks=[pytest.mark.long] * (part not in ("estimator", "sensor"))) for part in OF_ONES_OWN],
-)
-def test_all_players_fly_the_same_bits_of_a_part_of_ones_own(part: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    for register in ("_SENSORS", "_PARTS"):
-        monkeypatch.setattr(parts, register, dict(getattr(parts, register)))
+@pytest.mark.parametrize("part", OF_ONES_OWN)
+@pytest.mark.usefixtures("own_register")
+def test_all_players_fly_the_same_bits_of_a_part_of_ones_own(part: str) -> None:
     file, name, changes = OF_ONES_OWN[part]
     runpy.run_path(str(EXAMPLES / f"{file}.py"))
     check_players(load_scenario(name, changes), range(1))

@@ -1,5 +1,7 @@
 """The two halves, met at the ticks, against the closed loop that Drake simulates in one piece."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -8,12 +10,17 @@ from pydrake.trajectories import PiecewisePolynomial
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
 from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
+from ortilo_drake.interop.log.logged_flight import fly_logged
+from ortilo_drake.interop.log.reader import read_log
+from ortilo_drake.interop.log.replay import replay_log
 from ortilo_drake.scenario import Scenario, load_scenario
 
 LATE = (
     "camera.link={rate: 10.0, delay: 1, random_delay: 2, loss: {kind: bernoulli, probability: 0.2}}",
     "command_link={delay: 1, loss: {kind: bernoulli, probability: 0.1}}",
 )
+HOVER = ("settle=0", "planner={kind: hover, duration: 1.0}", "camera.kind=projected")
+LOST = ("command_link={delay: 2, loss: 0.2}", "report_link={delay: 1, loss: 0.2}")
 
 
 def same_flight(scenario: Scenario) -> xr.Dataset:
@@ -39,6 +46,31 @@ def same_flight(scenario: Scenario) -> xr.Dataset:
 )
 def test_halves_fly_the_closed_loop_bit_for_bit(name: str, settings: tuple[str, ...]) -> None:
     same_flight(load_scenario(name, settings))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("nominal_imu_uwb", ("imu.link.rate=240",)),
+        ("nominal_imu_uwb", ("estimator.force=measured",)),
+        ("nominal_imu_uwb", ("estimator.force=measured", "estimator.delay=replay", "uwb.link.delay=3")),
+        ("nominal_imu_uwb", ("estimator.force=measured", "imu.link.rate=240")),
+        ("nominal_imu_uwb_yolo", ("estimator.delay=replay", "commands={filter: acted, servo: predicted}", *LOST)),
+        ("flow", ("altimeter.link.rate=60", "flow.link={rate: 90, loss: 0.2}")),
+        ("altimeter", ("imu.link={rate: 240, random_delay: 2}", "estimator.delay=replay", "altimeter.link.rate=60")),
+        ("tight_imu_uwb_yolo", ()),
+    ],
+)
+def test_a_log_of_the_halves_holds_the_flight_and_replays_bit_for_bit(
+    name: str, settings: tuple[str, ...], tmp_path: Path
+) -> None:
+    scenario = load_scenario(name, (*HOVER, *settings))
+    flight = same_flight(scenario)
+    fly_logged(scenario, tmp_path / "log")
+    xr.testing.assert_identical(read_log(tmp_path / "log").drop_attrs(), flight.drop_attrs())
+    assert replay_log(tmp_path / "log").identical
+    assert (flight["arrival"].sel(sensor=list(scenario.faster_sensors)).mean("tick").values > 0.4).all()
 
 
 @pytest.mark.long

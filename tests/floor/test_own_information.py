@@ -7,7 +7,6 @@ import pytest
 
 import ortilo_drake as od
 from ortilo_drake.floor.cramer_rao import position_floor
-from ortilo_drake.model import parts
 from ortilo_drake.model.measurement import row
 from ortilo_drake.model.parts import Sensor, register_sensor
 from ortilo_drake.model.room import Room
@@ -48,9 +47,7 @@ def information(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndar
 
 
 @pytest.fixture
-def beacons(monkeypatch: pytest.MonkeyPatch) -> Iterator[Scenario]:
-    monkeypatch.setattr(parts, "_SENSORS", dict(parts._SENSORS))
-    monkeypatch.setattr(parts, "_FILES", list(parts._FILES))
+def beacons(own_register: None) -> Iterator[Scenario]:
     rows = tuple(row(f"{axis}_beacons", **{axis: 1.0}) for axis in "xyz")
     its = Sensor("beacons", Beacons, rows, make_world=lambda s, r: None, covariance=covariance, information=information)
     register_sensor(its)

@@ -234,9 +234,8 @@ def test_the_process_plans_what_the_planner_plans_and_the_newest_goal_counts() -
 
 
 @pytest.mark.processes
-def test_the_process_knows_the_parts_of_a_plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, own in (("_PARTS", dict(parts._PARTS)), ("_FILES", list(parts._FILES))):
-        monkeypatch.setattr(parts, name, own)
+@pytest.mark.usefixtures("own_register")
+def test_the_process_knows_the_parts_of_a_plugin(tmp_path: Path) -> None:
     (tmp_path / "still.py").write_text(PLUGIN)
     parts.load_plugin(tmp_path / "still.py")
     with planner_of(load_scenario("nominal_imu_uwb", ("planner={kind: still}",))) as planner:

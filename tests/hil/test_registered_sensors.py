@@ -120,7 +120,11 @@ def test_no_sensor_takes_the_name_of_another_signal_or_packet(name: str) -> None
 
 
 @pytest.mark.family
-@pytest.mark.parametrize("settings", [(), (*LATE, "estimator.delay=replay")], ids=["punctual", "late"])
+@pytest.mark.parametrize(
+    "settings",
+    [(), (*LATE, "estimator.delay=replay"), ("imu.link.rate=240", "altimeter.link.rate=60", "flow.link.rate=90")],
+    ids=["punctual", "late", "faster"],
+)
 def test_in_lockstep_the_flight_is_that_of_a_single_process(settings: tuple[str, ...], bus: str) -> None:
     scenario = load_scenario("flow", ("settle=0", "planner={kind: hover, duration: 1.0}", *settings))
     alone = fly(scenario)

@@ -18,7 +18,8 @@ from ortilo_drake.scenario import load_scenario
 
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"
 PROJECTED = "camera.kind=projected"  # as fast as the rest; rendered flights have tests of their own
-SCENARIOS = ["nominal_imu_uwb_yolo", "bursty_link", "rotors", "realistic", "realistic_flow"]
+SCENARIOS = ["nominal_imu_uwb_yolo", "bursty_link", "rotors", "realistic", "realistic_flow", "robust_imu_uwb_yolo"]
+SCENARIOS += ["tight_imu_uwb"]
 
 
 @cache

@@ -6,23 +6,18 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
-from hil_link import KEY, answering
 from scipy import stats
 from scipy.integrate import solve_ivp
-from waiting import HANGS
 
 from ortilo_drake.flight.flight import fly
-from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
 from ortilo_drake.flight.stepped_halves import WorldHalf
-from ortilo_drake.hil import sessions
 from ortilo_drake.hil.wire.handshake import flight_of
 from ortilo_drake.hil.wire.packet_checks import BadPacket
 from ortilo_drake.hil.wire.packets import encode_vector
 from ortilo_drake.hil.wire.unpack import decode
 from ortilo_drake.interop.log.logged_flight import fly_logged
 from ortilo_drake.interop.log.mcap_records import read_logged
-from ortilo_drake.interop.log.reader import log_file, read_log, read_messages
-from ortilo_drake.interop.log.replay import replay_log
+from ortilo_drake.interop.log.reader import log_file, read_messages
 from ortilo_drake.interop.ros.ros_types import from_cdr
 from ortilo_drake.model.equations import DYNAMICS
 from ortilo_drake.model.signals import IMU_SIZE, PAYLOAD, STAMP, samples_in
@@ -154,29 +149,6 @@ def test_the_floor_counts_every_sample_at_its_age() -> None:
         np.testing.assert_allclose(block, expected, rtol=1e-12)
 
 
-REGISTERED = ("altimeter.link.rate=60", "flow.link={rate: 90, loss: 0.2}")
-LATE = ("imu.link={rate: 240, delay: 1, random_delay: 2}", "estimator.delay=replay", "altimeter.link.rate=60")
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("name", "settings"),
-    [("nominal_imu_uwb", (*FAST,)), ("flow", REGISTERED), ("altimeter", LATE)],
-    ids=["imu", "registered", "late"],
-)
-def test_halves_logs_and_replays_carry_the_same_bits(name: str, settings: tuple[str, ...], tmp_path: Path) -> None:
-    scenario = load_scenario(name, (*SHORT, *settings))
-    alone = fly(scenario)
-    halves = fly_lockstep(scenario, in_this_process(scenario))
-    del alone.attrs["real_time_factor"]
-    assert xr.Dataset.identical(halves, alone)
-    fly_logged(scenario, tmp_path / "log")
-    assert xr.Dataset.identical(read_log(tmp_path / "log").drop_attrs(), alone.drop_attrs())
-    assert replay_log(tmp_path / "log").identical
-    used = alone["arrival"].sel(sensor=list(scenario.faster_sensors)).mean("tick").values
-    assert (used > 0.4).all()
-
-
 def test_a_log_has_every_sample_as_an_imu_message_with_its_stamp(tmp_path: Path) -> None:
     scenario = load_scenario("nominal_imu_uwb", ("settle=0", "planner={kind: hover, duration: 0.1}", *FAST))
     fly_logged(scenario, tmp_path / "log")
@@ -185,18 +157,6 @@ def test_a_log_has_every_sample_as_an_imu_message_with_its_stamp(tmp_path: Path)
     np.testing.assert_allclose([s.sec + 1e-9 * s.nanosec for s in stamps], np.arange(3 * N + 1) / 240, atol=1e-9)
     sizes = {messages["imu"].size for _, messages, _ in read_messages(tmp_path / "log")}
     assert sizes == {PAYLOAD + N * IMU_SIZE}
-
-
-@pytest.mark.long
-def test_over_a_link_the_flight_is_that_of_a_single_process(bus: str) -> None:
-    scenario = load_scenario("flow", (*SHORT, *FAST, *REGISTERED))
-    alone = fly(scenario)
-    del alone.attrs["real_time_factor"]
-    with answering(scenario, bus) as answered:
-        flight, report = sessions.run_world(scenario, bus, KEY, True, HANGS)
-        assert answered.result(HANGS) == flight.sizes["tick"]
-    assert xr.Dataset.identical(flight, alone)
-    assert report.packets.rejected == 0
 
 
 def test_packets_hold_samples_of_this_tick_in_their_order() -> None:

@@ -1,28 +1,17 @@
 """Flights behind late commands with an onboard half that accounts for them; the filter takes a minute to compile."""
 
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import xarray as xr
 
-from ortilo_drake.diagrams.wiring.whole import boxes_of, signals_of
 from ortilo_drake.flight.flight import fly
-from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
-from ortilo_drake.hil.relay.faults import Faults
-from ortilo_drake.hil.relay.virtual_time import fly_in_virtual_time
-from ortilo_drake.interop.log.logged_flight import fly_logged
-from ortilo_drake.interop.log.replay import replay_log
-from ortilo_drake.loop.element import constant
-from ortilo_drake.loop.player import Player
-from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.scenario import Scenario, load_scenario
 
 SHORT = ("camera.kind=projected", "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.2, 1.5]]}")
 AWARE = "commands={filter: acted, servo: predicted}"
-BAD = Faults(loss=0.2, delay=0.04, spread=0.02)
 
 
 def scenario_of(*settings: str) -> Scenario:
@@ -51,51 +40,3 @@ def test_four_ticks_late_it_flies_where_the_other_is_lost(servo: str) -> None:
     assert loss_in(aware) is None
     error = aware["truth"].values[:, :3] - aware["reference"].values[:, :3]
     assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 0.08
-
-
-@pytest.mark.long
-def test_the_halves_fly_it_bit_for_bit() -> None:
-    scenario = scenario_of(AWARE, "command_link={delay: 2, loss: 0.2}", "report_link={delay: 1, loss: 0.2}")
-    flight, halves = fly(scenario), fly_lockstep(scenario, in_this_process(scenario))
-    for name in flight.data_vars:
-        np.testing.assert_array_equal(flight[name], halves[name], err_msg=str(name))
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    "changes",
-    [
-        pytest.param(
-            (AWARE, "command_link={delay: 2, loss: 0.2}", "report_link={delay: 1, loss: 0.2}"), marks=pytest.mark.long
-        ),
-        ("commands={servo: predicted, delay: 0.06}", "command_link={delay: 2, loss: 0.1, when_lost: zero}"),
-        pytest.param(
-            ("commands={filter: acted, servo: augmented, delay: 0.09}", "command_link.delay=3"), marks=pytest.mark.long
-        ),
-        pytest.param(("commands.servo=predicted", "estimator.force=measured"), marks=pytest.mark.long),
-    ],
-)
-def test_the_wiring_flies_it_bit_for_bit(changes: tuple[str, ...]) -> None:
-    scenario = scenario_of("sensors=[uwb, imu]", *changes)
-    flight = fly(scenario)
-    boxes = boxes_of(scenario, len(flight["tick"]) - 1)
-    signals = {name: signals_of(boxes)[name] for name in ("state", "control", "delta")}
-    player = Player(Wiring([*boxes, constant("end", [-1.0])]), tuple(signals.values()), "end")
-    rows = np.zeros((len(flight["tick"]), player.width))
-    player.fly(np.full(len(rows), scenario.seed, np.int64), rows)
-    np.testing.assert_array_equal(rows, np.hstack([flight[name] for name in ("truth", "control", "arrival")]))
-
-
-@pytest.mark.long
-def test_a_seed_flies_the_same_bits_behind_a_relay() -> None:
-    scenario = scenario_of(AWARE)
-    one, two = (fly_in_virtual_time(scenario, BAD, BAD, 3) for _ in range(2))
-    xr.testing.assert_identical(one, two)
-    assert loss_in(one) is None
-
-
-@pytest.mark.long
-def test_its_log_is_replayed_bit_for_bit(tmp_path: Path) -> None:
-    scenario = scenario_of(AWARE, "command_link={delay: 2, loss: 0.2}")
-    fly_logged(scenario, tmp_path / "log")
-    assert replay_log(tmp_path / "log").identical

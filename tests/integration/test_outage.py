@@ -26,6 +26,7 @@ def distances_from_path(flight: xr.Dataset) -> np.ndarray:
     return np.linalg.norm(flight["truth"].values[:, 1:3] - [1.8, 1.5], axis=1)
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_outage_happens_in_flight(seed: int) -> None:
     flight = flight_of("hold", seed)
@@ -39,6 +40,7 @@ def test_the_outage_happens_in_flight(seed: int) -> None:
     np.testing.assert_allclose(speed, 0.35, rtol=0.02)
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("integrator", ["hold", "estimate"])
 def test_hold_and_estimate_stay_on_the_path(integrator: str, seed: int) -> None:
@@ -50,6 +52,7 @@ def test_hold_and_estimate_stay_on_the_path(integrator: str, seed: int) -> None:
     assert np.linalg.norm(flight["truth"].values[-1, :3] - [9.0, 1.8, 1.5]) < 0.3
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_literal_integrates_the_reference_itself_and_throws_the_vehicle(seed: int) -> None:
     flight = flight_of("literal", seed)

@@ -28,16 +28,8 @@ from ortilo_drake.scenario.saved import FORMAT
 from ortilo_drake.studies.tube.nominal_flight import nominal_flight, planned_reference
 from ortilo_drake.views.page.flight_page import flight_page
 
+pytestmark = pytest.mark.usefixtures("own_register")
 HOVER = {"planner": {"kind": "hover", "duration": 0.5}, "settle": 0.0}
-
-
-@pytest.fixture(autouse=True)
-def own_register(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Give each test a register of its own."""
-    parts.known_sensors()  # loads what is installed
-    monkeypatch.setattr(parts, "_SENSORS", dict(parts._SENSORS))
-    monkeypatch.setattr(parts, "_PARTS", dict(parts._PARTS))
-    monkeypatch.setattr(parts, "_FILES", list(parts._FILES))
 
 
 @pytest.mark.long

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from ortilo_drake.flight.flight import FlightSimulator, fly
+from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.metrics import loss_of
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
@@ -89,15 +89,6 @@ def test_an_estimate_that_has_gone_astray_is_found_again() -> None:
     t = flight["time"].values
     assert e[(t > 5.5) & (t < 6.0)].mean() > 0.5
     assert e[t > 7.5].mean() < 0.05
-
-
-@pytest.mark.long
-def test_a_flight_repeats_bit_for_bit() -> None:
-    fault = ("faults", [{"kind": "stuck", "sensor": "uwb", "start": 2.0, "end": 4.0}])
-    simulator = FlightSimulator(load_scenario("robust_imu_uwb_yolo", (SHORT, PROJECTED, OPEN, fault)))
-    first = simulator.fly(4)["estimate"].values.copy()
-    simulator.fly(5)
-    np.testing.assert_array_equal(simulator.fly(4)["estimate"].values, first)
 
 
 @pytest.mark.parametrize(

@@ -75,17 +75,6 @@ def test_columns_by_number_other_delimiters_and_units(folder, motion) -> None:
     check_same(read(folder, text), motion)
 
 
-def test_rows_of_one_range_name_their_anchor(folder, motion) -> None:
-    rows = ["t,id,range"] + [
-        f"{t},{10 + i},{r}" for t, row in zip(motion.t_r, motion.r, strict=True) for i, r in enumerate(row)
-    ]
-    (folder / "ranges.csv").write_text("\n".join([*rows, f"{motion.t_r[-1] + 1},99,1.0"]))
-    source = "ranges: {file: ranges.csv, time: t, values: [range], anchor: id, names: [10, 11, 12, 13, 14, 15]}"
-    recording = read(folder, TABLE_MAP.replace(TABLE_MAP.splitlines()[1], source))
-    np.testing.assert_allclose(recording.ranges.r, motion.r.ravel())
-    assert list(recording.rejected.values()) == [1]
-
-
 def test_quaternion_order_matrix_and_axes(folder, motion) -> None:
     wxyz = TABLE_MAP.replace("[qx, qy, qz, qw], order: xyzw", "[qw, qx, qy, qz], order: wxyz")
     np.testing.assert_allclose(read(folder, wxyz).truth.R, motion.R, atol=1e-6)

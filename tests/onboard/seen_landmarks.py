@@ -11,9 +11,9 @@ from ortilo_drake.model.pinhole import R_BC
 from ortilo_drake.model.room import load_room
 from ortilo_drake.onboard.landmarks.landmark_fix import METHODS
 
-# Compiled for itself alone.
-COSINES = pytest.param("cosine_law", marks=pytest.mark.long)
-EACH = [COSINES if method == "cosine_law" else method for method in METHODS]
+# Each compiled for itself alone.
+COSINES, PNP = ALONE = [pytest.param(method, marks=pytest.mark.long) for method in ("cosine_law", "pnp")]
+EACH = [*ALONE, *(method for method in METHODS if method not in ("cosine_law", "pnp"))]
 ROOM = load_room()
 CAMERA = ROOM.camera.scaled_to(320).constants
 P_BC, F, C, *_ = CAMERA

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from seen_landmarks import COSINES, EACH, EXACT, OUTLINES, POINTS, ROOM, covariance, state
+from seen_landmarks import COSINES, EACH, EXACT, OUTLINES, PNP, POINTS, ROOM, covariance, state
 
 from ortilo_drake.model.pinhole import R_BC, Camera
 from ortilo_drake.model.room import CameraModel, validate
@@ -76,7 +76,10 @@ def test_the_covariance_of_the_cosine_law_is_that_of_moved_pixels(distortion: st
 
 
 @each_lens
-@pytest.mark.parametrize(("method", "columns"), [("known_attitude", [0, 1, 2]), ("pnp", [0, 1, 2, 3, 4, 5])])
+@pytest.mark.parametrize(
+    ("method", "columns"),
+    [("known_attitude", [0, 1, 2]), pytest.param("pnp", [0, 1, 2, 3, 4, 5], marks=pytest.mark.long)],
+)
 def test_the_covariance_of_the_others_follows_opencvs_jacobian(
     method: str, columns: list[int], distortion: str
 ) -> None:
@@ -111,7 +114,7 @@ def test_a_ray_goes_where_opencvs_straightened_pixel_lies_and_its_derivative_is_
         np.testing.assert_allclose(db[:, :, axis], change / 2e-3, rtol=1e-6, atol=1e-9)
 
 
-@pytest.mark.parametrize("method", [COSINES, "pnp"])
+@pytest.mark.parametrize("method", [COSINES, PNP])
 def test_a_pixel_without_a_ray_gives_no_fix(method: str) -> None:
     """Beyond the circle that a fisheye draws on the sensor."""
     z = opencv_centers("fisheye", EXACT, DOTS)

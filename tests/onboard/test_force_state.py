@@ -429,12 +429,3 @@ def test_a_gauss_markov_process_keeps_its_variance() -> None:
     walk = gauss_markov(0.08, 20.0, H)
     np.testing.assert_allclose(walk.keeps**2 * walk.initial_sd**2 + walk.step_sd**2, 0.08**2, rtol=1e-12)
     np.testing.assert_allclose(walk.keeps ** (20.0 / H), np.exp(-1.0), rtol=1e-9)
-
-
-def test_compiled_and_plain_form_agree() -> None:
-    its, extras, model, measurement = made("measured")
-    rng, n = np.random.default_rng(24), len(model.Phi) + 3
-    belief = np.concatenate([0.1 * rng.normal(size=n), initial_covariance(its, extras).ravel()])
-    given = rng.normal(size=12), np.array([1.0, 0.0, 1.0, 1.0]), blocks(all_V(measurement)), rng.normal(size=4)
-    arguments = belief, *given, np.zeros(3), model, measurement.layout
-    np.testing.assert_allclose(filter_step(*arguments), filter_step.py_func(*arguments), atol=1e-13)

@@ -259,15 +259,6 @@ def test_the_integrators_share_one_estimate_of_the_vehicle() -> None:
         np.testing.assert_allclose(P, P_estimate, atol=1e-12 * np.max(P_estimate))
 
 
-def test_compiled_and_plain_form_agree() -> None:
-    rng = np.random.default_rng(17)
-    m = message(rng.normal(size=9), np.array([1.0, 0.0, 1.0]), spd_blocks(rng))
-    xhat, u, r = rng.normal(size=15), rng.normal(size=4), rng.normal(size=3)
-    model = FilterModel.of(PHI, GAMMA, W, INTEGRATOR_HOLD)
-    arguments = (np.concatenate([xhat, P_0.ravel()]), *m, u, r, model, LAYOUT)
-    np.testing.assert_allclose(filter_step(*arguments), filter_step.py_func(*arguments), atol=1e-13)
-
-
 OWN = (
     ("altimeter", (row("z_alt", z=1.0),)),
     ("flow", (row("x_dot_flow", x_dot=1.0), row("y_dot_flow", y_dot=1.0))),

@@ -108,7 +108,7 @@ def test_known_attitude_reaches_the_cramer_rao_bound():
     assert np.all(np.abs(errors.mean(axis=0)) < 4.0 * np.sqrt(np.diag(bound) / 2000.0))
 
 
-@pytest.mark.family("pnp")
+@pytest.mark.long
 @pytest.mark.parametrize("method", ["cosine_law", "pnp"])
 def test_methods_without_attitude_against_their_cramer_rao_bound(method):
     """The bound for an unknown attitude; least squares on the pixels reaches it, the law of cosines comes near."""
@@ -154,6 +154,7 @@ def test_an_outlier_is_dropped(bad):
     np.testing.assert_allclose(cov, expected[2], atol=1e-9)
 
 
+@pytest.mark.long
 def test_pnp_repeats_itself_and_drops_an_outlier():
     z = centers(EXACT) + np.random.default_rng(1).normal(0.0, 0.3, (len(POINTS), 2))
     z[4] += [30.0, 0.0]
@@ -177,6 +178,7 @@ def test_boxes_of_twice_the_noise_give_four_times_the_covariance(method):
     np.testing.assert_allclose(twice, 4.0 * once, rtol=1e-4, atol=1e-4 * np.abs(twice).max())
 
 
+@pytest.mark.long
 def test_two_boxes_do_not_tell_a_pose():
     xhat = state()
     found, pose, cov = refine_pose(
@@ -187,6 +189,7 @@ def test_two_boxes_do_not_tell_a_pose():
     np.testing.assert_array_equal(cov, np.zeros((6, 6)))
 
 
+@pytest.mark.long
 def test_a_start_without_numbers_is_no_fix():
     """OpenCV's RANSAC may return NaN as found, as it does for some sets of four boxes that fit no pose."""
     found, _, _ = refine_pose(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from plain_box import PlainBox
-from seen_landmarks import EACH, EXACT, ROOM, boxes, covariance, state
+from seen_landmarks import EACH, EXACT, PNP, ROOM, boxes, covariance, state
 
 from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, DETECTIONS_SIZE, PAYLOAD, STAMP
 from ortilo_drake.onboard.landmarks.box_fix import DOUBLINGS
@@ -35,7 +35,7 @@ def belief(away: tuple[float, float, float] = (0.0, 0.0, 0.0), position_sd: floa
     return np.concatenate((xhat, covariance(position_sd)))
 
 
-@pytest.mark.parametrize("method", [method for method in EACH if method != "pnp"])
+@pytest.mark.parametrize("method", [method for method in EACH if method is not PNP])
 def test_the_fix_of_boxes_is_where_they_were_seen_from(method: str) -> None:
     its, where = fix(method), VALUES.get(method, [0, 1, 2])
     found = its.say(message=seen_from(EXACT), belief=belief((0.1, -0.05, 0.05)))

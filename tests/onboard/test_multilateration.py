@@ -1,6 +1,5 @@
 """Position from ranges against SciPy, the Cramer-Rao bound, and two real flights."""
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +7,7 @@ import pytest
 import scipy.optimize
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from ortilo_flights import flight_folder
 from played_box import PlayedBox
 
 from ortilo_drake.model.room import load_room
@@ -274,16 +274,6 @@ def test_it_says_fix_stamp_and_covariance(settings, solve, noise) -> None:
 # --- two real flights ---------------------------------------------------------------------------------------
 
 FLIGHT_ANCHORS = np.array([(x, y, z) for z in (0.0, 2.2) for x, y in ((0, 0), (0, 8.0), (8.86, 8.0), (8.86, 0))])
-
-
-def flight_folder(name: str) -> Path:
-    variable = os.environ.get("ORTILO_FLIGHT_DATA")
-    if not variable:
-        pytest.skip("ORTILO_FLIGHT_DATA is not set: it names the folder of recorded flights (flight1, flight2)")
-    for folder in (Path(variable), *sorted(p for p in Path(variable).rglob("*") if p.is_dir())):
-        if (folder / "flight1").is_dir():
-            return folder / name
-    pytest.fail(f"ORTILO_FLIGHT_DATA={variable}: no folder flight1 in or below it")
 
 
 def read_flight(folder: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

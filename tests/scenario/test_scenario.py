@@ -12,51 +12,12 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import (
     SCENARIO_FOLDER,
     HoverPlanner,
-    Link,
-    PositionBlackout,
     Scenario,
     load_scenario,
     read_waypoints,
     scenario_names,
     with_seed,
 )
-
-
-@pytest.mark.parametrize("name", scenario_names())
-def test_every_ready_made_scenario_loads_and_survives_its_own_json(name: str) -> None:
-    scenario = load_scenario(name)
-    assert scenario.name == name
-    assert Scenario.model_validate_json(scenario.model_dump_json()) == scenario
-
-
-def test_the_papers_scenarios_hold_the_facts_of_theory() -> None:
-    blackouts = tuple(
-        PositionBlackout(kind="position", axis="x", start=a, end=b) for a, b in ((1.5, 5.5), (12.9, 14.0), (16.9, 18.8))
-    )
-    for name, sensors in (
-        ("nominal_imu_uwb", {"uwb", "imu"}),
-        ("nominal_imu_uwb_yolo", {"uwb", "camera", "imu"}),
-        ("paper_imu_uwb", {"uwb", "imu"}),
-        ("paper_imu_uwb_yolo", {"uwb", "camera", "imu"}),
-        ("printed_imu_uwb", {"uwb", "imu"}),
-        ("printed_imu_uwb_yolo", {"uwb", "camera", "imu"}),
-    ):
-        scenario = load_scenario(name)
-        assert set(scenario.sensors) == sensors
-        assert scenario.uwb.link == Link(rate=10.0, blackouts=blackouts)
-        assert scenario.h == 1 / 30
-        assert scenario.uwb.noise.kind == "proportional"
-        assert scenario.uwb.noise.fraction == 0.0075
-        assert scenario.uwb.walls.kind == "none"
-        assert (scenario.planner.start, scenario.planner.goal) == ((0.0, 0.0), (21.0, -3.2))
-        assert (scenario.planner.height, scenario.planner.speed) == (1.5, 0.35)
-        assert scenario.imu.sds(scenario.h)[0] == 0.01
-        assert scenario.world.disturbance.sds(scenario.h) == (0.27, 0.005)
-    for name in ("paper_imu_uwb", "paper_imu_uwb_yolo"):
-        scenario = load_scenario(name)
-        identity = {"kind": "diagonal", "position": 1.0, "angle": 1.0, "velocity": 1.0, "rate": 1.0}
-        assert scenario.estimator.W.model_dump() == identity
-        assert scenario.servo.velocities == "truth"
 
 
 def test_settings_are_laid_over_the_file() -> None:
@@ -150,6 +111,8 @@ def test_files_are_found_beside_the_scenario_that_names_them(tmp_path: Path) -> 
     assert scenario.load_room().name == "ortilo"
     assert scenario.planner.file is None  # read at once: a flight carries its waypoints, not the name of a file
     np.testing.assert_array_equal(scenario.planner.points, [[0, 0, 1.5], [2, 0, 1.5]])
+    with pytest.raises(InputError, match=r"other\.txt"):
+        load_scenario(file, ("planner.file=other.txt",))
 
 
 def test_a_waypoint_file_that_changes_is_read_again(tmp_path: Path) -> None:

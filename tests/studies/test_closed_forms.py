@@ -4,19 +4,17 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 from scipy.signal import cont2discrete
+from test_linearize import H, V, hover_matrices
 
 from ortilo_drake.model.vehicle import M100, Arm, Vehicle
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import IntermittentFilter as FilterSettings
 from ortilo_drake.scenario import LqServo as ServoSettings
-from ortilo_drake.scenario import Noise, Scenario, World
+from ortilo_drake.scenario import Scenario, World
 from ortilo_drake.studies.linearization.closed_forms import agreement, closed_form
 from ortilo_drake.studies.linearization.linearize import linearize
 from ortilo_drake.studies.linearization.operating_point import frozen_gain
 from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, hover_loop
-
-H = 1.0 / 30.0
-V = Noise(uwb=(0.01, 0.02, 0.03), camera=(0.02, 0.01, 0.04), imu=(1e-4, 2e-4, 3e-4))
 
 
 def flown(kinematics: str = "small_angle", integrator: str = "hold", **servo: object) -> Scenario:
@@ -25,15 +23,6 @@ def flown(kinematics: str = "small_angle", integrator: str = "hold", **servo: ob
         servo=ServoSettings(**servo),
         estimator=FilterSettings(V=V, integrator=integrator),
     )
-
-
-def hover_matrices() -> tuple[np.ndarray, np.ndarray]:
-    """The paper's A and B, entered by hand."""
-    A, B = np.zeros((12, 12)), np.zeros((12, 4))
-    A[:6, 6:] = np.eye(6)
-    A[6, 4], A[7, 3] = 9.81, -9.81
-    B[8:, :] = np.diag([1.0 / 2.7, 1.0 / 0.1547563, 1.0 / 0.1658929, 1.0 / 0.2077])
-    return A, B
 
 
 @pytest.mark.parametrize("integrator", ["literal", "hold", "estimate"])

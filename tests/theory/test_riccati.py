@@ -32,30 +32,19 @@ ALL = ("uwb", "camera", "imu")
 seeds = st.integers(0, 2**32 - 1)
 
 
-def random_problem(seed, cross=False):
+def random_problem(seed):
     rng = np.random.default_rng(seed)
     n, m = rng.integers(1, 7), rng.integers(1, 4)
     A, B = rng.standard_normal((n, n)), rng.standard_normal((n, m))
     M = rng.standard_normal((n + m, n + m + 2))
     weights = M @ M.T
-    return A, B, weights[:n, :n], weights[n:, n:], weights[:n, n:] if cross else None
-
-
-@pytest.mark.long
-@settings(max_examples=25, deadline=None)
-@given(seeds, st.booleans())
-def test_four_solvers_agree_on_random_problems(seed, cross):
-    A, B, Q, R, N = random_problem(seed, cross)
-    solutions = [solver(A, B, Q, R, N) for solver in SOLVERS.values()]
-    for X in solutions:
-        assert np.allclose(X, solutions[0], rtol=0, atol=1e-7 * np.linalg.norm(X))
-        assert assess(A, B, Q, R, X, N).spectral_radius < 1
+    return A, B, weights[:n, :n]
 
 
 @settings(max_examples=15, deadline=None)
 @given(seeds)
 def test_singular_R_is_solved_by_all_but_drake(seed):
-    A, B, Q, _, _ = random_problem(seed)
+    A, B, Q = random_problem(seed)
     R = np.zeros((B.shape[1], B.shape[1]))
     if B.shape[1] > len(A):
         B, R = B[:, : len(A)], R[: len(A), : len(A)]

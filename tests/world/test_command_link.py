@@ -107,18 +107,6 @@ def test_a_packet_is_lost_at_sending() -> None:
     np.testing.assert_array_equal(at_once[at_once < 496] + 4, late)
 
 
-@pytest.mark.long
-def test_bursts_have_the_chain_s_mean_length() -> None:
-    n, b = 9_000, 0.25
-    loss = GilbertElliottLoss(kind="gilbert_elliott", good_to_bad=0.1, bad_to_good=b)
-    lost = np.ones(n, dtype=int)
-    lost[arrivals(fly(n, loss=loss, when_lost="zero"))] = 0
-    assert lost[0] == 0  # the chain starts good
-    edges = np.flatnonzero(np.diff(lost))
-    runs = np.diff(edges)[lost[edges[:-1] + 1] == 1]
-    assert abs(runs.mean() - 1 / b) < 4 * np.sqrt(1 - b) / b / np.sqrt(len(runs))
-
-
 def test_the_seed_decides_and_repeats() -> None:
     one, again, other = (fly(400, seed, loss=HALF) for seed in (1, 1, 2))
     np.testing.assert_array_equal(one, again)

@@ -12,12 +12,6 @@ from ortilo_drake.world.vehicle.rotors import Rotors_, commanded_speeds, rotor_a
 
 M = mixing_matrix(M100)
 M_INVERSE = mixing_inverse(M100)
-HOVER = np.array([M100.hover_thrust, 0.0, 0.0, 0.0])
-# Front left, front right, rear right, rear left in B (x forward, y left), and each rotor's sense of turning
-# about B's z (clockwise from above is -1).
-HALF = M100.arm_length / np.sqrt(2.0)
-PLACES = HALF * np.array([[1, 1, 0], [1, -1, 0], [-1, -1, 0], [-1, 1, 0]])
-TURNS = np.array([-1, 1, -1, 1])
 
 
 @st.composite
@@ -75,28 +69,10 @@ def test_a_vehicle_with_another_number_of_rotors_cannot_be_set() -> None:
         rotors.SetVehicle(rotors.CreateDefaultContext(), octo)
 
 
-@given(arrays(float, 4, elements=st.floats(0.0, 838.0)))
-def test_wrench_is_the_sum_of_forces_at_the_rotors_and_of_their_drags(speeds: np.ndarray) -> None:
-    forces = np.outer(M100.rotor_lift * speeds**2, [0.0, 0.0, 1.0])
-    torque = np.cross(PLACES, forces).sum(axis=0)
-    torque[2] += np.sum(-TURNS * M100.rotor_drag * speeds**2)
-    expected = [forces[:, 2].sum(), *torque]
-    np.testing.assert_allclose(wrench_of(speeds, M), expected, rtol=1e-12, atol=1e-12)
-
-
 @given(arrays(float, 4, elements=st.floats(1.0, 800.0)))
 def test_mixing_is_undone_by_its_inverse(speeds: np.ndarray) -> None:
     back = commanded_speeds(wrench_of(speeds, M), M_INVERSE, M100.rotor_max_speed)
     np.testing.assert_allclose(back, speeds, rtol=1e-7, atol=1e-4)
-
-
-def test_hover_speeds_lift_exactly_the_weight() -> None:
-    rotors = Rotors_[float](M100)
-    context = rotors.CreateDefaultContext()
-    np.testing.assert_allclose(rotors.get_output_port().Eval(context), HOVER, atol=1e-12)
-    rotors.get_input_port().FixValue(context, HOVER)
-    at_rest = rotors.EvalTimeDerivatives(context).CopyToVector()
-    np.testing.assert_allclose(at_rest, np.zeros(4), atol=1e-8)
 
 
 @given(arrays(float, 4, elements=st.floats(-500.0, 500.0)))
@@ -132,8 +108,3 @@ def test_each_rotor_lags_in_its_own_direction() -> None:
         np.full(4, 500.0), np.array([600.0, 400.0, 500.0, 501.0]), np.array([0.0125, 0.025])
     )
     np.testing.assert_allclose(acceleration, [100.0 / 0.0125, -100.0 / 0.025, 0.0, 1.0 / 0.0125])
-
-
-def test_too_heavy_a_vehicle_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"cannot lift mass 6\.0"):
-        Vehicle(mass=6.0)
