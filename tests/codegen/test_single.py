@@ -11,7 +11,7 @@ import mpmath
 import numpy as np
 import pytest
 from command_line import run
-from exports import Exported, do, golden, needs
+from exports import SHORT, Exported, do, golden, needs
 from test_exported_half import flown_by
 
 from ortilo_drake.codegen.export import export
@@ -70,15 +70,16 @@ def test_the_golden_test_is_passed(target: str, short: Scenario, exported: Expor
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("target", ["x86-64", "cortex-m4"])
-def test_a_flight_stays_within_a_millimetre_and_a_tenth_of_a_degree(
-    target: str, short: Scenario, exported: Exported
-) -> None:
+@pytest.mark.parametrize(
+    ("name", "target"), [("nominal_imu_uwb", "x86-64"), ("nominal_imu_uwb", "cortex-m4"), ("imu_uwb", "x86-64")]
+)
+def test_a_flight_stays_within_a_millimetre_and_a_tenth_of_a_degree(name: str, target: str, exported: Exported) -> None:
     needs(*programs_of(target))
-    flown = flown_by(exported(short, target, precision="single"), short)
-    its = fly_lockstep(short, in_this_process(short))
-    for name in ("truth", "estimate"):
-        apart = np.abs(flown[name].values - its[name].values)
+    scenario = load_scenario(name, SHORT)
+    flown = flown_by(exported(scenario, target, precision="single"), scenario)
+    its = fly_lockstep(scenario, in_this_process(scenario))
+    for signal in ("truth", "estimate"):
+        apart = np.abs(flown[signal].values - its[signal].values)
         assert 0.0 < apart[:, :3].max() < 1e-3
         assert np.rad2deg(apart[:, 3:6].max()) < 0.1
 

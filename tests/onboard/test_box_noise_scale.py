@@ -17,10 +17,10 @@ from ortilo_drake.onboard.landmarks.landmark_bank import (
     REPEATS,
     Solved,
     learn_scale,
-    learned_first,
     put_information,
 )
 from ortilo_drake.onboard.ranging.noise_scale import NOTHING_YET, RESIDUALS, SCALE, SQUARES
+from ortilo_drake.onboard.ranging.survey_bank import learned_first
 from ortilo_drake.scenario import LandmarkFix as Settings
 from ortilo_drake.scenario import load_scenario
 
@@ -73,7 +73,7 @@ def test_models_are_weighed_as_students_t_of_each_box(white: float) -> None:
     only = np.zeros_like(told)
     only[PER_LANDMARK * SHOWN[0] : PER_LANDMARK * (SHOWN[0] + 1)] = told[PER_LANDMARK * SHOWN[0] :][:PER_LANDMARK]
     left = np.array([2.0, t @ np.linalg.solve(V, t)])
-    learned, gathered, scale = learned_first(np.array(BANK), N), np.zeros((3 * N, 4)), np.array(NOTHING_YET)
+    learned, gathered, scale = learned_first(np.array(BANK), 9 * N), np.zeros((3 * N, 4)), np.array(NOTHING_YET)
     room = np.zeros(len(BANK)), np.zeros((3, 3)), np.zeros(3)
     learn_scale(learned, gathered, scale, REPEATS * only, REPEATS * left, 1.0, WORTH, np.array(BANK), SD, *room)
     A = -J[:2, :3]

@@ -21,11 +21,11 @@ from ortilo_drake.onboard.landmarks.landmark_bank import (
     REPEATS,
     Solved,
     learn,
-    learned_first,
     put_information,
     put_lasting,
 )
 from ortilo_drake.onboard.ranging.lasting_error import KEPT, KEY, N_LASTING, NEW_KEY, SHARE, keep
+from ortilo_drake.onboard.ranging.survey_bank import learned_first
 from ortilo_drake.scenario import LandmarkFix as Settings
 from ortilo_drake.scenario import load_scenario
 
@@ -58,7 +58,7 @@ def test_the_likelihood_is_the_product_of_each_landmarks_dense_gaussian() -> Non
     errors = np.random.default_rng(1).normal(0.0, 2.0, (M, 2))
     J = seen(EXACT)[1].reshape(2 * M, 6)
     rest = null_space(J.T)  # what residuals say whatever the pose
-    learned, gathered = learned_first(np.array(BANK), N), np.zeros((3 * N, 4))
+    learned, gathered = learned_first(np.array(BANK), 9 * N), np.zeros((3 * N, 4))
     learn(learned, gathered, information_of(errors)[0].ravel(), 1.0, np.array(BANK), SD, np.zeros((3, 3)), np.zeros(3))
     logs = np.zeros(len(BANK))
     for i in range(M):
@@ -103,7 +103,7 @@ def test_what_lasts_is_what_drawn_surveys_make_of_it() -> None:
     other = 0.9 * one + 0.4 * other
     errors = generator.normal(0.0, SD, (40_000, 3 * N))
     drawn = errors @ one.T, errors @ other.T
-    learned, said = learned_first(np.array(BANK), N), np.zeros(N_LASTING)
+    learned, said = learned_first(np.array(BANK), 9 * N), np.zeros(N_LASTING)
     put_lasting(said, SD, one.ravel(), learned)
     np.testing.assert_allclose(said[:3], drawn[0].std(axis=0), rtol=0.02)
     np.testing.assert_array_equal(said[3:], 1.0)

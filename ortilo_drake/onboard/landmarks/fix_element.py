@@ -24,15 +24,14 @@ from ortilo_drake.onboard.landmarks.known_attitude import pose_from_boxes
 from ortilo_drake.onboard.landmarks.landmark_bank import (
     PER_LANDMARK,
     Solved,
-    kept_from,
     learn,
     learn_scale,
-    learned_first,
     put_information,
     put_lasting,
 )
 from ortilo_drake.onboard.ranging.lasting_error import KEPT, LASTING, N_KEPT, N_LASTING, SHARE, keep
 from ortilo_drake.onboard.ranging.noise_scale import NOTHING_YET, SCALE
+from ortilo_drake.onboard.ranging.survey_bank import kept_from, learned_first
 from ortilo_drake.scenario import LandmarkFix as LandmarkFixSettings
 
 
@@ -300,7 +299,7 @@ def camera_fix_box(settings: LandmarkFixSettings, room: Room, width: int, period
     if settings.survey_bank is None and settings.noise_scale is None:
         return Box("camera_fix", element, size, Values({"rows": m}, start, tables)).with_groups(believed=believed)
     bank, n = np.array(settings.survey_bank or (1.0,)), len(room.landmark_positions)
-    start |= {"learned": learned_first(bank, n), "gathered": np.zeros((3 * n, 4))}
+    start |= {"learned": learned_first(bank, 9 * n), "gathered": np.zeros((3 * n, 4))}
     given, work = Values({"keeps": kept_from(period)}, start, tables | {"bank": bank}), {"S": (3, 3), "e": (3,)}
     parts = {"fix": (0, size), "lasting": (size, N_LASTING)}
     size += N_LASTING + (PER_LANDMARK + 9) * n

@@ -39,7 +39,7 @@ from ortilo_drake.onboard.landmarks.known_attitude import FREE_SD
 from ortilo_drake.onboard.landmarks.landmark_association import center_sd, with_survey
 from ortilo_drake.onboard.ranging.lasting_error import KEY, SHARE, put_kept
 from ortilo_drake.onboard.ranging.noise_scale import RESIDUALS, SQUARES, weigh_scales
-from ortilo_drake.onboard.ranging.survey_bank import MEMORY, log_likelihood, share_of
+from ortilo_drake.onboard.ranging.survey_bank import weigh
 
 LEAST = 4  # boxes that leave residuals of six unknowns
 REPEATS: Final = 5.0
@@ -165,12 +165,20 @@ def put_lasting(out: np.ndarray, s: float, here: np.ndarray, learned: np.ndarray
         out: to write to (6).
         s: sd of a landmark's survey, as it is believed [m].
         here: the fix's sensitivities (9 n).
-        learned: see learned_first.
+        learned: as survey_bank.learned_first, with 9 n sensitivities.
     """
     m = here.size // 3
     for axis in range(3):
         g, key = here[m * axis : m * (axis + 1)], learned[KEY + m * axis : KEY + m * (axis + 1)]
         put_kept(out, axis, s, (dot(g, g), dot(g, key), dot(key, key)), learned)
+
+
+@register_jitable
+def add(gathered: np.ndarray, told: np.ndarray, keeps: float) -> None:
+    """Add what a fix told (12 n) to what is gathered (3 n, 4), of which a share `keeps` is left."""
+    for i in range(gathered.shape[0]):
+        for j in range(4):
+            gathered[i, j] = keeps * gathered[i, j] + told[4 * i + j] / REPEATS
 
 
 @register_jitable
@@ -187,7 +195,7 @@ def learn(
     """Add what a fix told to what is gathered, and write the share and the weights of the models to what is learned.
 
     Args:
-        learned: see learned_first.
+        learned: as survey_bank.learned_first, with 9 n sensitivities.
         gathered: [Lambda_i, eta_i], of Lambda_i the lower half (3 n, 4).
         told: of put_information (12 n).
         keeps: what is left of what was told before [1].
@@ -196,16 +204,8 @@ def learn(
         S: to work in (3, 3).
         e: to work in (3).
     """
-    for i in range(gathered.shape[0]):
-        for j in range(4):
-            gathered[i, j] = keeps * gathered[i, j] + told[4 * i + j] / REPEATS
-    weights = learned[learned.size - bank.size :]
-    for j in range(bank.size):
-        weights[j] = 0.0
-        for i in range(0, gathered.shape[0], 3):
-            if gathered[i, 0] > 0.0:
-                weights[j] += log_likelihood(gathered[i : i + 3], bank[j] * survey_sd, S, e)
-    learned[SHARE] = share_of(weights, bank)
+    add(gathered, told, keeps)
+    learned[SHARE] = weigh(learned[learned.size - bank.size :], gathered, bank, survey_sd, S, e)
 
 
 @register_jitable
@@ -226,7 +226,7 @@ def learn_scale(
     """Take learn, of the boxes' noise as well.
 
     Args:
-        learned: see learned_first.
+        learned: as survey_bank.learned_first, with 9 n sensitivities.
         gathered: [Lambda_i, eta_i], of Lambda_i the lower half (3 n, 4).
         scale: q, nu and c^2 (3).
         told: of put_information, by the noise that is told (12 n).
@@ -239,25 +239,8 @@ def learn_scale(
         S: to work in (3, 3).
         e: to work in (3).
     """
-    for i in range(gathered.shape[0]):
-        for j in range(4):
-            gathered[i, j] = keeps * gathered[i, j] + told[4 * i + j] / REPEATS
+    add(gathered, told, keeps)
     scale[RESIDUALS] = keeps * scale[RESIDUALS] + left[0] / REPEATS
     scale[SQUARES] = keeps * scale[SQUARES] + left[1] / REPEATS
     weights = learned[learned.size - bank.size :]
     learned[SHARE] = weigh_scales(gathered, scale, bank, survey_sd, worth, weights, Q, S, e)
-
-
-def learned_first(bank: np.ndarray, n: int) -> np.ndarray:
-    """Return the bank's state for n landmarks before the first fix.
-
-    It is [share, sds of what lasts of a fix as it last was (3) [m], how much of it is kept of the place that
-    lasting_error.py keeps (3), the sensitivities there (9 n), weights of the models].
-    """
-    weights = np.full(bank.size, 1.0 / bank.size)
-    return np.concatenate(([np.sqrt(weights @ bank**2)], np.zeros(3), np.ones(3), np.zeros(9 * n), weights))
-
-
-def kept_from(period: float) -> float:
-    """Return the factor (0 to 1) by which evidence fades in a period [s]."""
-    return float(np.exp(-period / MEMORY))

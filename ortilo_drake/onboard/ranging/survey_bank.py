@@ -92,13 +92,18 @@ def log_likelihood(gathered: np.ndarray, s: float, S: np.ndarray, e: np.ndarray)
 
 @register_jitable
 def weigh(
-    learned: np.ndarray, gathered: np.ndarray, bank: np.ndarray, s_2: float, S: np.ndarray, e: np.ndarray
-) -> None:
-    """Write the share and the weights of the models to what is learned; S and e as log_likelihood."""
-    weights = learned[learned.size - bank.size :]
+    weights: np.ndarray, gathered: np.ndarray, bank: np.ndarray, s_2: float, S: np.ndarray, e: np.ndarray
+) -> float:
+    """Return the share of s_2 [m] that is believed; write the models' weights (m).
+
+    Of [Lambda, eta] (k n, n + 1) each n rows are of a part that errs by itself; S and e as log_likelihood.
+    """
+    n = e.size
     for j in range(bank.size):
-        weights[j] = log_likelihood(gathered, bank[j] * s_2, S, e)
-    learned[SHARE] = share_of(weights, bank)
+        weights[j] = 0.0
+        for i in range(0, gathered.shape[0], n):
+            weights[j] += log_likelihood(gathered[i : i + n], bank[j] * s_2, S, e)
+    return share_of(weights, bank)
 
 
 @register_jitable
@@ -135,7 +140,7 @@ def bank_step(
             for j in range(e.size + 1):
                 gathered[i, j] *= n.keeps
         gather(gathered, its[PAYLOAD : PAYLOAD + 3], uwb, anchors, n.noise, rows)
-        weigh(learned, gathered, bank, n.noise[2], S, e)
+        learned[SHARE] = weigh(learned[learned.size - bank.size :], gathered, bank, n.noise[2], S, e)
         sensitivities = its.size - 6 * e.size
         keep(learned, its[sensitivities - N_LASTING : sensitivities], its[sensitivities:])
 
@@ -151,11 +156,25 @@ BANK = Element(
 )
 
 
+def learned_first(bank: np.ndarray, sensitivities: int) -> np.ndarray:
+    """Return what is learned before the first fix.
+
+    It is [share, sds of what lasts of a fix as it last was (3) [m], how much of it is kept of the place that
+    lasting_error.py keeps (3), the sensitivities there, weights of the models].
+    """
+    weights = np.full(bank.size, 1.0 / bank.size)
+    return np.concatenate(([np.sqrt(weights @ bank**2)], np.zeros(3), np.ones(3), np.zeros(sensitivities), weights))
+
+
+def kept_from(period: float) -> float:
+    """Return the factor (0 to 1) by which evidence fades in a period [s]."""
+    return float(np.exp(-period / MEMORY))
+
+
 def bank_box(settings: MultilaterationSettings, anchors: np.ndarray, period: float) -> Box:
     """Return the box that learns how good the survey is; it reads the uwb message as it lands and the fix made of it.
 
-    It says what is learned: [share, sds of what lasts of a fix as it last was (3) [m], how much of it is kept of the
-    place that lasting_error.py keeps (3), the sensitivities there (6 n), weights of the models].
+    It says what is learned, with 6 n sensitivities: see learned_first.
 
     Args:
         settings: with a bank.
@@ -163,8 +182,7 @@ def bank_box(settings: MultilaterationSettings, anchors: np.ndarray, period: flo
         period: from one message to the next [s].
     """
     bank, n = np.array(settings.bias_bank), len(anchors)
-    weights = np.full(bank.size, 1.0 / bank.size)
-    learned = np.concatenate(([np.sqrt(weights @ bank**2)], np.zeros(3), np.ones(3), np.zeros(6 * n), weights))
-    numbers = {"noise": believed_noise(settings), "keeps": np.exp(-period / MEMORY)}
+    learned = learned_first(bank, 6 * n)
+    numbers = {"noise": believed_noise(settings), "keeps": kept_from(period)}
     start, tables = {"learned": learned, "gathered": np.zeros((n, n + 1))}, {"anchors": anchors, "bank": bank}
     return Box("uwb_bank", BANK, learned.size, Values(numbers, start, tables), {"S": (n, n), "e": (n,), "rows": (n, 3)})
