@@ -17,8 +17,9 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def write_header(folder: Path) -> None:
-    half = onboard_half(load_scenario("nominal_imu_uwb"))
-    (folder / "ortilo.h").write_text(header_text(half, "nominal_imu_uwb", source_text(half, False)[1], False))
+    scenario = load_scenario("nominal_imu_uwb")
+    half = onboard_half(scenario)
+    (folder / "ortilo.h").write_text(header_text(half, scenario, source_text(half, False)[1], False))
 
 
 def test_the_crazyflies_controller_compiles(tmp_path: Path) -> None:
