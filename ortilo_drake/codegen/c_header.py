@@ -8,6 +8,7 @@ from ortilo_drake.codegen.half import NAMED, Half
 from ortilo_drake.loop.element import Box
 from ortilo_drake.model.parts import known_sensors
 from ortilo_drake.model.signals import ACT_SIZE, ACTS, CONTROL_NAMES, PAYLOAD, XBAR_NAMES
+from ortilo_drake.scenario import Belief, Scenario
 from ortilo_drake.sensors.described import described, port_of
 
 KINDS: Final = {"f8": "double", "i8": "int64_t", "u8": "uint64_t", "b1": "uint8_t"}
@@ -39,11 +40,11 @@ def c_name(name: str) -> str:
     return NAMED.get(name, name)
 
 
-def fields_of(name: str, size: int) -> tuple[tuple[str, str], ...]:
+def fields_of(scenario: Belief, name: str, size: int) -> tuple[tuple[str, str], ...]:
     """Return the members of an input's struct, each with what it is."""
     name = c_name(name)
     sensor = next((its for its in map(described, known_sensors()) if port_of(its.name) == name), None)
-    members = PAYLOADS.get(name) or (sensor.members(size - PAYLOAD) if sensor else ())
+    members = PAYLOADS.get(name) or (sensor.members(scenario, size - PAYLOAD) if sensor else ())
     plain = (f"double payload[{size - PAYLOAD}];", "several samples, or the values of a registered sensor")
     return (*HEAD, *(members or (plain,)))
 
@@ -80,7 +81,7 @@ def constants_of(box: Box) -> list[tuple[str, str, np.ndarray]]:
     return found
 
 
-ROOM_BYTES: Final = 65536
+ROOM_BYTES: Final = 131072  # `datasheet_tight` takes 75,016 of them, the most of the ready-made scenarios
 ROOM: Final = f"""#ifndef ORTILO_ROOM
 #define ORTILO_ROOM {ROOM_BYTES} /* bytes; define it where ortilo.c is compiled and where ortilo.h is read */
 #endif
@@ -92,21 +93,21 @@ typedef struct {{
 """
 
 
-def header_text(half: Half, name: str, sizes: dict[str, int], makes_arrays: bool) -> str:
+def header_text(half: Half, scenario: Scenario, sizes: dict[str, int], makes_arrays: bool) -> str:
     """Return ortilo.h.
 
     Args:
         half: what is exported.
-        name: of the scenario.
+        scenario: whose half it is.
         makes_arrays: whether there is room for arrays.
         sizes: of states, outputs and work space, see c_source.py.
     """
     inputs = [(f"ortilo_{c_name(box)} {c_name(box)};", "") for box in half.inputs]
     outputs = [(f"double {signal}[{wire.size}];", OUTPUTS[signal]) for signal, wire in half.outputs.items()]
     parts = [
-        f"/* The onboard half of {name}: see README.md. Units are SI, angles in radians. */",
+        f"/* The onboard half of {scenario.name}: see README.md. Units are SI, angles in radians. */",
         '#ifndef ORTILO_H\n#define ORTILO_H\n#include <stdint.h>\n#ifdef __cplusplus\nextern "C" {\n#endif\n',
-        *(struct(f"ortilo_{c_name(box)}", [*fields_of(box, size)]) for box, size in half.inputs.items()),
+        *(struct(f"ortilo_{c_name(box)}", [*fields_of(scenario, box, size)]) for box, size in half.inputs.items()),
         struct("ortilo_inputs", inputs),
         struct("ortilo_outputs", outputs),
         "/* Numbers that may be changed without exporting again: noise, gains, anchors, limits. */",

@@ -66,7 +66,7 @@ def export(
     source, sizes = source_text(half, makes, single)
     says(f"flying {ticks} ticks for the golden vectors")
     golden = golden_text(*flown_ticks(scenario, ticks), single)
-    header = header_text(half, scenario.name, sizes, makes)
+    header = header_text(half, scenario, sizes, makes)
     width = 4 if single else 8
     manifest = {
         "scenario": json.loads(scenario.model_dump_json()),

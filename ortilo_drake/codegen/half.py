@@ -42,8 +42,6 @@ def onboard_half(scenario: Belief) -> Half:
         raise InputError("export: camera.kind: rendered: its network is not exported; with projected boxes come in")
     if belief.sees_landmarks and belief.landmark_fix.method == "cosine_law":
         raise InputError("export: landmark_fix.method: cosine_law: its pseudoinverse comes from LAPACK")
-    if belief.measures_ranges and belief.uwb.kind == "differences":
-        raise InputError("export: uwb.kind: differences: is not exported; ranges are")
     room, plan = belief.load_room(), planned(belief)
     if not isinstance(plan, Trajectory):
         raise InputError("export: planner: must be a path; one that is a System or an element is not exported")

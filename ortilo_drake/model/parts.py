@@ -111,7 +111,8 @@ class Sensor:
         limits: (scenario, room) -> least and greatest values of the payload; other packets are refused in
             hardware-in-the-loop. None takes LARGEST in size.
         whole: (scenario, room) -> which numbers of the payload are whole, by their places in it.
-        members: size of the payload -> its members in a struct in C, each with what it is; () of plain numbers.
+        members: (scenario, size of the payload) -> its members in a struct in C, each with what it is; () of plain
+            numbers.
         compiled: its share in compiled flights; None if Drake alone flies it.
     """
 
@@ -133,7 +134,7 @@ class Sensor:
     left_out: Callable[[Any], tuple[dict[str, bool], dict[str, bool]]] = lambda scenario: ({}, {})
     mismatches: tuple[Any, ...] = ()
     whole: Callable[[Any, Any], list[int]] = lambda scenario, room: []
-    members: Callable[[int], tuple[tuple[str, str], ...]] = lambda payload: ()
+    members: Callable[[Any, int], tuple[tuple[str, str], ...]] = lambda scenario, payload: ()
     element: Callable[[Any, Any, bool], Any] | None = None
     after_sensor: Callable[[Any, Any, Any, int], Any] | None = None
     solver: Callable[[Any, Any], Any] | None = None

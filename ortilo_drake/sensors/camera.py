@@ -125,7 +125,7 @@ SENSOR = Sensor(
     left_out=camera_theory.left_out,
     mismatches=camera_theory.MISMATCHES,
     payload=DETECTIONS_SIZE - PAYLOAD,
-    members=lambda payload: (
+    members=lambda scenario, payload: (
         (
             f"double boxes[{MAX_DETECTIONS}][{DETECTION_SIZE}];",
             "label (-1: unused), score, u_min, v_min, u_max, v_max [px]",

@@ -223,7 +223,7 @@ def standstill_of(scenario: Scenario, room: Room) -> dict[str, Any]:
     return how | {"rates": zero[:3], "specific_force": zero[3:]}
 
 
-def members(payload: int) -> tuple[tuple[str, str], ...]:
+def members(scenario: Belief, payload: int) -> tuple[tuple[str, str], ...]:
     """Return the payload's members in C; none of several samples."""
     if payload != IMU_SIZE - PAYLOAD:
         return ()

@@ -171,8 +171,11 @@ def noise_numbers(scenario: Belief) -> dict[str, float]:
     }
 
 
-def members(payload: int) -> tuple[tuple[str, str], ...]:
+def members(scenario: Belief, payload: int) -> tuple[tuple[str, str], ...]:
     """Return the payload's members in C."""
+    if scenario.uwb.kind == "differences":
+        what = "anchors a, b; r_b - r_a [m]; 1 where it is there, else 0; its age at the stamp [s]"
+        return ((f"double differences[{payload // ROW}][{ROW}];", what),)
     n = payload // 2
     ranges = (f"double ranges[{n}];", "to each anchor, in the order of the room [m]")
     return (ranges, (f"double there[{n}];", "1 where its range is there, else 0"))

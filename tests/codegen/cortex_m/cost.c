@@ -5,9 +5,17 @@
 #include "golden.h"
 #include "ortilo.h"
 
+#ifdef __arm__ /* a board of Arm's, whose counter runs down */
 #define SYST_CSR (*(volatile uint32_t *)0xE000E010)
 #define SYST_RVR (*(volatile uint32_t *)0xE000E014)
 #define SYST_CVR (*(volatile uint32_t *)0xE000E018)
+static void start(void) { SYST_RVR = 0xFFFFFF, SYST_CVR = 0, SYST_CSR = 5; }
+static uint32_t now(void) { return SYST_CVR; }
+#else /* under qemu-user: count.c counts from call to call */
+#include <unistd.h>
+static void start(void) {}
+static uint32_t now(void) { return (uint32_t)getppid(); }
+#endif
 #define ROOM 30000
 
 static ortilo half;
@@ -29,12 +37,12 @@ int main(void) {
     uint32_t most = 0;
     int stack = 0;
     ortilo_init(&half, NULL);
-    SYST_RVR = 0xFFFFFF, SYST_CVR = 0, SYST_CSR = 5;
+    start();
     for (int k = 0; k < TICKS; k++) {
         memcpy(&inputs, golden_inputs[k], sizeof inputs);
-        uint32_t before = SYST_CVR;
+        uint32_t before = now();
         ortilo_tick(&half, &inputs, &outputs);
-        uint32_t spent = (before - SYST_CVR) & 0xFFFFFF;
+        uint32_t spent = (before - now()) & 0xFFFFFF;
         total += spent;
         if (spent > most) most = spent;
     }

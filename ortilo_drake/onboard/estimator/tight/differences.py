@@ -58,9 +58,9 @@ def take_differences(
     used = refused = 0
     for j in range(rows):
         its = message[PAYLOAD + ROW * j : PAYLOAD + ROW * (j + 1)]
+        if its[THERE] == 0.0 or not (0.0 <= its[A] < anchors.shape[0] and 0.0 <= its[B] < anchors.shape[0]):
+            continue  # asked before they are made whole: of NaN each processor makes another number
         a, b = int(its[A]), int(its[B])
-        if its[THERE] == 0.0 or not (0 <= a < anchors.shape[0] and 0 <= b < anchors.shape[0]):
-            continue
         age = its[AGE]
         if layout.clock >= 0:
             age += x[ADDITIVE + layout.clock - GYRO]
