@@ -70,6 +70,6 @@ filter: {settings}
     if below is not None:
         text += f"""
 range_finder: {{file: {name}, topic: estTOF, distance: range.zrange, scale: 0.001, at: [0, 0, {below}]}}
-flow: {{file: {name}, topic: estFlow, pixels: [motion.deltaX, motion.deltaY], per_rad: 4.356}}
+flow: {{file: {name}, topic: estFlow, pixels: [motion.deltaX, motion.deltaY], per_rad: 4.356, sd: 3}}
 """
     return text

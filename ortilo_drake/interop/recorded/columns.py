@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ortilo_drake.interop.recorded.range_sources import RangeSource
 from ortilo_drake.interop.recorded.rejected import Rejections, kept_in_order, named
-from ortilo_drake.interop.recorded.sources import MOST, Column, OfOne, RangeSource, Source
+from ortilo_drake.interop.recorded.sources import MOST, Column, OfOne, Source
 from ortilo_drake.interop.recorded.tables import Table
 from ortilo_drake.model.input_files import exists
 from ortilo_drake.model.typed_yaml import InputError

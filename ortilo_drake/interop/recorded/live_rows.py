@@ -14,12 +14,13 @@ import numpy as np
 
 from ortilo_drake.interop.recorded.anchor_names import anchors_of
 from ortilo_drake.interop.recorded.attitudes import are_attitudes
+from ortilo_drake.interop.recorded.live_ranges import each_difference, each_range
 from ortilo_drake.interop.recorded.live_stream import LiveStream, Row, complete
 from ortilo_drake.interop.recorded.map_file import Find, Map
-from ortilo_drake.interop.recorded.range_rows import FARTHEST, LONGER, Ranges, surveyed
+from ortilo_drake.interop.recorded.range_rows import Ranges, surveyed
 from ortilo_drake.interop.recorded.recording import NO_AID_ROWS, AidRows, Imu, force_of, imu_columns, imu_motion
 from ortilo_drake.interop.recorded.rejected import Rejections
-from ortilo_drake.interop.recorded.sources import Quaternion, RangeSource, Source
+from ortilo_drake.interop.recorded.sources import Quaternion, Source
 from ortilo_drake.model.typed_yaml import InputError
 
 LAG: Final = 0.1  # by default [s]
@@ -200,15 +201,15 @@ class LiveRows:
             return
         n = len(self.anchors)
         for i, topic in enumerate(source.topics):
-            rows_of = _each_range(source, lambda names, i=i: (i,))  # type: ignore[misc]
+            rows_of = each_range(source, lambda names, i=i: (i,))  # type: ignore[misc]
             yield self._make("ranges", source, topic, source.values, 1, rows_of)
         if source.topic is None:
             return
         if source.anchor is None:
-            everyone = _each_range(source, lambda names: range(n))
+            everyone = each_range(source, lambda names: range(n))
             yield self._make("ranges", source, source.topic, source.values, n, everyone)
         else:
-            named = _each_range(source, lambda names: (self._anchor(names[0]),))
+            named = each_range(source, lambda names: (self._anchor(names[0]),))
             yield self._make("ranges", source, source.topic, source.values, 1, named, (source.anchor,))
 
     def _difference_streams(self) -> Iterator[LiveStream]:
@@ -216,21 +217,7 @@ class LiveRows:
         if source is None:
             return
         assert source.topic is not None
-        anchors = self.anchors
-
-        def rows_of(numbers: list[float], names: tuple[str, ...]) -> Iterator[Row | str]:
-            b, a, value = self._anchor(names[0]), self._anchor(names[1]), numbers[0]
-            if a < 0 or b < 0:
-                yield "differences to anchors that are not surveyed"
-            elif not np.isfinite(value):
-                yield "differences that are NaN or empty"
-            elif a == b:
-                yield "differences of one anchor to itself"
-            elif abs(source.scale * value) > np.linalg.norm(anchors[a] - anchors[b]) + LONGER:
-                yield f"differences longer by {LONGER:g} m than their anchors lie apart"
-            else:
-                yield float(b), source.sign * source.scale * value, float(a)
-
+        rows_of = each_difference(source, self.anchors, self._anchor)
         yield self._make("differences", source, source.topic, (source.value,), 1, rows_of, (source.b, source.a))
 
     def _anchor(self, name: str) -> int:
@@ -289,24 +276,3 @@ class LiveRows:
 
 def _vector_row(numbers: list[float]) -> Row | str:
     return complete(numbers, len(numbers)) or tuple(numbers)
-
-
-def _each_range(
-    source: RangeSource, anchors_in: Callable[[tuple[str, ...]], Iterable[int]]
-) -> Callable[[list[float], tuple[str, ...]], Iterator[Row | str]]:
-    """Return a function that splits a message's ranges into rows (anchor, range [m], -1) or reasons to drop one."""
-
-    def rows_of(numbers: list[float], names: tuple[str, ...]) -> Iterator[Row | str]:
-        for anchor, r in zip(anchors_in(names), numbers, strict=True):
-            if anchor < 0:
-                yield "ranges to anchors that the map does not name"
-            elif not np.isfinite(r):
-                yield "ranges that are NaN or empty"
-            elif r <= 0.0:
-                yield "ranges of 0 or less"
-            elif r > FARTHEST / source.scale:
-                yield f"ranges of more than {FARTHEST / 1000:g} km"
-            else:
-                yield float(anchor), source.scale * r, -1.0
-
-    return rows_of

@@ -10,16 +10,15 @@ import yaml
 from pydantic import BeforeValidator, Field, model_validator
 
 from ortilo_drake.interop.recorded.anchors import Vector, as_anchors, names_in_map, read_anchors
+from ortilo_drake.interop.recorded.range_sources import DifferenceSource, RangeSource
 from ortilo_drake.interop.recorded.sources import (
     MOST,
     AccelerometerSource,
     BoxSource,
     CommandSource,
-    DifferenceSource,
     FinderSource,
     FlowSource,
     ImuSource,
-    RangeSource,
     TruthSource,
 )
 from ortilo_drake.model.input_files import exists, read_text

@@ -10,8 +10,9 @@ from ortilo_drake.interop.recorded.anchor_names import anchors_of
 from ortilo_drake.interop.recorded.anchors import in_order, read_anchors
 from ortilo_drake.interop.recorded.columns import Stream, files_of, read_stream
 from ortilo_drake.interop.recorded.map_file import Find, Map
+from ortilo_drake.interop.recorded.range_sources import DifferenceSource, RangeSource
 from ortilo_drake.interop.recorded.rejected import Rejections
-from ortilo_drake.interop.recorded.sources import DifferenceSource, OfOne, RangeSource
+from ortilo_drake.interop.recorded.sources import OfOne
 from ortilo_drake.model.typed_yaml import InputError
 
 FARTHEST = 1e5  # [m]; what a ranging radio reports beyond is no range, and its square overflows

@@ -92,6 +92,50 @@ def range_factor(
     return gtsam.CustomFactor(noise, keys, error)
 
 
+def difference_factor(
+    pose: int,
+    velocity: int,
+    clock: int | None,
+    errors: tuple[tuple[int, ...], tuple[int, ...]],
+    packet: tuple[float, float],
+    anchors: np.ndarray,
+    lever: np.ndarray,
+    noise: gtsam.noiseModel.Base,
+) -> gtsam.CustomFactor:
+    """Return the factor of a difference of two ranges, see onboard/estimator/tight/differences.py.
+
+    Args:
+        pose: key of the pose at the message's stamp.
+        velocity: key of v_WB there.
+        clock: key of the time by which the message is older than its stamp; None where that is known.
+        errors: keys of numbers (1 each) by which the ranges to a and to b err [m].
+        packet: r_b - r_a [m], and its age at the message's stamp [s].
+        anchors: of a and b in W (2, 3).
+        lever: where the antenna is in B (3).
+        noise: of the difference.
+    """
+    measured, age = packet
+
+    def error(_: gtsam.CustomFactor, values: gtsam.Values, H: list[np.ndarray] | None) -> np.ndarray:
+        X, v = values.atPose3(pose), values.atVector(velocity)
+        R, older = X.rotation().matrix(), age + (0.0 if clock is None else values.atVector(clock)[0])
+        rows = np.empty((2, 6))
+        r_a, r_b = (
+            range_row(X.translation() - older * v, R, lever, anchor, row) + sum(values.atVector(key)[0] for key in its)
+            for anchor, row, its in zip(anchors, rows, errors, strict=True)
+        )
+        if H is not None:
+            row = rows[1] - rows[0]
+            H[0], H[1] = np.concatenate((row[3:], row[:3] @ R))[np.newaxis], -older * row[np.newaxis, :3]
+            of_errors = [-1.0] * len(errors[0]) + [1.0] * len(errors[1])
+            for i, by in enumerate([*of_errors, *([] if clock is None else [-row[:3] @ v])]):
+                H[2 + i] = np.array([[by]])
+        return np.array([r_b - r_a - measured])
+
+    keys = [pose, velocity, *errors[0], *errors[1], *([] if clock is None else [clock])]
+    return gtsam.CustomFactor(noise, keys, error)
+
+
 class Landmark(NamedTuple):
     """A landmark as its boxes are predicted: where it was surveyed (3), and its outline, see model/pinhole.py."""
 

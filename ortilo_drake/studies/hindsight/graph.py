@@ -2,9 +2,9 @@
 
 A variable each for the pose X_k, the velocity V_k and the imu's biases B_k of every tick, and for what lasts of the
 sensors' errors. Factors: what is believed of the start, the preintegrated imu between two ticks, its angles, each range
-and each box's centre at its stamp, and rows of other sensors. Levenberg and Marquardt's method begins at what the
-flight's own filter estimated (Dellaert and Kaess, "Factor graphs for robot perception", Foundations and Trends in
-Robotics 6, 2017).
+or difference of ranges and each box's centre at its stamp, and rows of other sensors. Levenberg and Marquardt's method
+begins at what the flight's own filter estimated (Dellaert and Kaess, "Factor graphs for robot perception", Foundations
+and Trends in Robotics 6, 2017).
 
 Boxes are given to landmarks by the onboard half's association: at first about the filter's estimates, and then, in a
 second graph, about the first graph's.
@@ -16,6 +16,8 @@ from gtsam.symbol_shorthand import B, V, X
 from scipy.stats import chi2
 
 from ortilo_drake.model.pinhole import extent_box
+from ortilo_drake.model.range_pairs import AGE, ROW, THERE, VALUE, A
+from ortilo_drake.model.range_pairs import B as ANCHOR_B
 from ortilo_drake.model.signals import ARRIVED, N_X, N_XBAR, PAYLOAD, SENSORS, STAMP
 from ortilo_drake.model.white_noise import USUAL_ROOT, white_sd
 from ortilo_drake.onboard.estimator.at_rest import rest_of
@@ -33,6 +35,7 @@ from ortilo_drake.studies.hindsight.factors import (
     Moving,
     angles_factor,
     box_factor,
+    difference_factor,
     range_factor,
     rows_factor,
     rpy_of,
@@ -153,6 +156,10 @@ class FlightGraph:
         clock = self._process(ranges.clock_sd) if ranges.clock_sd else None
         for k, message in self._messages(measuring("anchors")):
             t = k * self._h
+            if self._scenario.uwb.kind == "differences":
+                of_anchor = [tuple(its[i].at(t) for its in (lasting, slow) if its) for i in range(n)]
+                self._add_differences(k, message, anchors, of_anchor, None if clock is None else clock.at(t))
+                continue
             common = (self._process(CLOCK_SD).at(t),) if ranges.differences else ()
             for i in np.flatnonzero(message[PAYLOAD + n : PAYLOAD + 2 * n]):
                 r = float(message[PAYLOAD + i])
@@ -160,6 +167,22 @@ class FlightGraph:
                 sd = max(noise[0] + noise[1] * r, MIN_SD)
                 its = weighted(np.array([sd]), huber)
                 self.graph.add(range_factor(X(k), errors, self._moving(k, clock), r, anchors[i], lever, its))
+
+    def _add_differences(
+        self, k: int, message: np.ndarray, anchors: np.ndarray, errors: list[tuple[int, ...]], clock: int | None
+    ) -> None:
+        """Add the differences of a message with the stamp of tick k; the keys of each anchor's errors and the clock."""
+        ranges, about = self._settings.ranges, self._about.x[k, :3]
+        sds = ranges.noise.sds[0] + ranges.noise.sds[1] * np.linalg.norm(anchors - about, axis=1)
+        for row in message[PAYLOAD:].reshape(-1, ROW):
+            if row[THERE] == 0.0:
+                continue
+            pair = [int(row[A]), int(row[ANCHOR_B])]
+            noise = weighted(np.array([max(np.linalg.norm(sds[pair]), MIN_SD)]), self._settings.huber)
+            its = errors[pair[0]], errors[pair[1]]
+            packet = float(row[VALUE]), float(row[AGE])
+            lever = np.array(ranges.lever)
+            self.graph.add(difference_factor(X(k), V(k), clock, its, packet, anchors[pair], lever, noise))
 
     def _add_boxes(self) -> None:
         pixels, fix, huber = self._settings.pixels, self._scenario.landmark_fix, self._settings.huber

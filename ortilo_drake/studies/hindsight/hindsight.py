@@ -104,7 +104,7 @@ def in_hindsight(recorded: RecordedFlight) -> FlightInHindsight:
     if is_linear(recorded.scenario):
         x, P = smoothed(recorded)
         ways[RTS] = judged(x[:, :3], P[:, :3, :3], truth)
-    if has_graph() and recorded.scenario.uwb.kind == "ranges":
+    if has_graph():
         from ortilo_drake.studies.hindsight.graph import graph_smoothed
 
         x, P = graph_smoothed(recorded)
@@ -176,9 +176,7 @@ def _missing(scenario: Scenario, rows: list[HindsightRow]) -> list[str]:
         runs_again = isinstance(settings, IntermittentFilter) and settings.delay == "replay"
         why = "runs again where a measurement comes late (estimator.delay replay)" if runs_again else "is not linear"
         lines.append(f"RTS: the filter that flew {why}.")
-    if GRAPH not in there and scenario.uwb.kind == "differences":
-        lines.append("graph: differences of ranges (uwb.kind) have no factor.")
-    elif GRAPH not in there:
+    if GRAPH not in there:
         try:
             check_installed("gtsam", EXTRA)
         except InputError as error:

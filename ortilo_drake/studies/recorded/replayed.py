@@ -187,7 +187,9 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
         known = raw = uncalibrated_setup(recording, map_, rest)
         main = RAW if imu is not None else CV_RAW
     if imu is not None and (map_.calibration.share > 0.0 or truth is None):
-        row(RAW, raw, calibration, True)
+        given_lever = map_.calibration.lever
+        known_lever = raw if given_lever == "estimate" else raw._replace(lever=np.array(given_lever))
+        row(RAW, known_lever, calibration, True)
     if imu is None and own is not None:
         known = plain
     by = own if imu is None else calibration

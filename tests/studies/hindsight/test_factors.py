@@ -75,6 +75,22 @@ def test_a_range_is_the_antenna_s_distance_and_its_errors() -> None:
     np.testing.assert_allclose(factor.unwhitenedError(values), [expected], rtol=0.0, atol=1e-12)
 
 
+@pytest.mark.parametrize("clock", [None, CLOCK])
+def test_a_difference_is_that_of_two_distances_at_the_packet_s_age(clock: int | None) -> None:
+    lever, anchors, values = (
+        np.array([0.1, -0.05, 0.2]),
+        np.array([[3.0, -1.0, 2.0], [-4.0, 2.0, 0.5]]),
+        values_at(0.02),
+    )
+    factor = factors.difference_factor(POSE, VELOCITY, clock, ((ERROR,), ()), (2.5, 0.03), anchors, lever, UNIT[1])
+    pose, older = values.atPose3(POSE), 0.03 if clock is None else 0.05
+    antenna = pose.translation() - older * values.atVector(VELOCITY) + pose.rotation().matrix() @ lever
+    r_a, r_b = np.linalg.norm(antenna - anchors, axis=1)
+    np.testing.assert_allclose(factor.unwhitenedError(values), [r_b - r_a - 0.07 - 2.5], rtol=0.0, atol=1e-12)
+    said, found = derivatives(factor, values)
+    np.testing.assert_allclose(said, found, rtol=0.0, atol=1e-8)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("clock", [False, True])
 def test_derivatives_of_a_box(clock: bool) -> None:

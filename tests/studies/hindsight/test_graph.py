@@ -104,10 +104,11 @@ def error_of(x: np.ndarray, recorded: RecordedFlight) -> float:
                 ("tight_imu_uwb_yolo", "camera.kind=projected"),
                 ("tight_imu_uwb", "uwb.link.delay=2", "imu.link.loss=0.1"),
                 ("tight_imu_uwb", "estimator.ranges.differences=true", "truth.uwb.bias=3.0"),
+                ("tight_differences",),
             )
         ),
     ],
-    ids=["ranges", "boxes", "late-and-lost", "differences"],
+    ids=["ranges", "boxes", "late-and-lost", "differences", "packets"],
 )
 def test_hindsight_errs_less_than_the_tight_filter_and_knows_how_much(settings: tuple[str, ...]) -> None:
     name, *changes = settings

@@ -114,6 +114,13 @@ def test_the_filter_is_consistent_and_better_than_constant_velocity(replayed) ->
 
 
 @pytest.mark.long
+def test_a_measured_lever_is_used_where_nothing_is_calibrated(recording, replayed) -> None:
+    map_ = as_map(TABLE_MAP + f"calibration: {{lever: {LEVER.tolist()}}}")
+    found, _ = replay(recording, map_, lambda _: None)
+    assert found.rows[RAW].ate < replayed[0].rows[RAW].ate - 0.02  # of 0.136 m
+
+
+@pytest.mark.long
 def test_evo_agrees_with_the_errors_themselves(replayed) -> None:
     found, drawn = replayed
     estimated, truth = drawn[WITH_IMU]
