@@ -142,6 +142,7 @@ def show_report(report: Any) -> None:
     for name, value in as_data(report).items():
         if isinstance(value, dict):
             value = ", ".join(f"{key} {_number(part)}" for key, part in value.items() if not isinstance(part, dict))
+        value = "none" if value == "" else value
         out.print(f"  {name.replace('_', ' '):20}{_number(value)}", markup=False, soft_wrap=True)
 
 
