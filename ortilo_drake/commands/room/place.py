@@ -29,7 +29,7 @@ def place(
 ) -> None:
     """Place N anchors on walls and ceiling to minimise the largest position error along the path.
 
-    The error is the Cramér-Rao floor along the planned path: no estimator errs less. A room is flown as by `ortilo room
+    The error is the Cramér-Rao bound along the planned path: no estimator errs less. A room is flown as by `ortilo room
     coverage`. Fly in the written room with `ortilo fly SCENARIO --set room=ROOM.yaml`.
     """
     if not FIX <= n <= MAX_ANCHORS:
@@ -70,7 +70,7 @@ def place(
     _print_worst("before", found.before)
     _print_worst("after", found.after)
     if gain is not None:
-        out.print(f"  the worst floor falls by {gain:.1%}")
+        out.print(f"  this bound falls by {gain:.1%}")
     for i, (x, y, z) in enumerate(found.room.anchors):
         out.print(f"  anchor {i:<3} ({x:.3f}, {y:.3f}, {z:.3f})")
     for its in found.room.landmarks if landmarks else ():
@@ -81,7 +81,7 @@ def place(
 def _print_worst(when: str, worst: "Worst") -> None:
     x, y, z = worst.place
     out.print(
-        f"  {when:7} worst floor {worst.floor:.4f} m at ({x:.2f}, {y:.2f}, {z:.2f}), {worst.time:.1f} s; "
-        f"longest without three ranges {worst.no_fix:.2f} s",
+        f"  {when:7} error bound {worst.floor:.4f} m at the worst point, ({x:.2f}, {y:.2f}, {z:.2f}), "
+        f"{worst.time:.1f} s; longest without three ranges {worst.no_fix:.2f} s",
         soft_wrap=True,
     )
