@@ -147,4 +147,9 @@ def show_report(report: Any) -> None:
 
 
 def _number(value: Any) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+    return three_digits(value) if isinstance(value, float) else str(value)
+
+
+def three_digits(value: float) -> str:
+    """A number of three digits, without an exponent from 1e-4 to 1e6: 1370 for 1373.2."""
+    return f"{float(f'{value:.3g}'):g}"

@@ -57,7 +57,7 @@ def test_the_command_prints_them_all_and_ends_with_two(tmp_path: Path, capsys: p
         (LEAST + "walls: [[1, 1, 0], [1, 1]]", ["walls.1: [1, 1]: tuple should have at least 3 items"]),
         (LEAST + "walls: [[1, 1, 0, 2, 0, 1]]", ["walls.0: [1.0, 1.0, 0.0, 2.0, 0.0, 1.0]: must be x, y, yaw"]),
         (LEAST + "landmarks: [{label: owl, position: [1, 1, 1]}]", ["landmark_size: no size for class 'owl'"]),
-        (LEAST + "camera: {width: 0}", ["camera.width: 0: input should be", "camera.height: is missing"]),
+        (LEAST + "camera: {width: 0}", ["camera.width: 0: must be", "camera.height: is missing"]),
     ],
 )
 def test_each_line_names_its_field(tmp_path: Path, text: str, expected: list[str]) -> None:
@@ -68,9 +68,7 @@ def test_each_line_names_its_field(tmp_path: Path, text: str, expected: list[str
 def test_too_few_anchors_are_told_but_not_where_wrong_ones_are_told_already(tmp_path: Path) -> None:
     two = LEAST.replace("[8, 6, 1], [0, 6, 3]", "")
     assert problems(tmp_path, two) == ["anchors: 2 given, a position needs at least 3"]
-    assert problems(tmp_path, two.replace("[0, 0, 1]", "[0, 0, up]")) == [
-        "anchors.0.2: 'up': input should be a valid number"
-    ]
+    assert problems(tmp_path, two.replace("[0, 0, 1]", "[0, 0, up]")) == ["anchors.0.2: 'up': must be a number"]
 
 
 def test_a_file_of_the_least_has_the_rest_of_the_authors_room(tmp_path: Path) -> None:

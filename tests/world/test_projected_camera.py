@@ -427,8 +427,8 @@ def test_the_shipped_calibration_is_of_the_rooms_classes():
         ({"found.inside_factor": [1.0]}, "found.inside_factor: 1 values for the"),
         ({"found.rate": {"person": [1.0]}}, "found.rate: no rates for 'other' classes"),
         ({"errors.quantiles": {"width": [0.0]}}, "errors.quantiles: ['width']: must be"),
-        ({"false_boxes.mean": 9.0}, "false_boxes.mean: 9.0: input should be less than or equal to 5"),
-        ({"slow_errors.period": 0.0}, "slow_errors.period: 0.0: input should be greater than 0"),
+        ({"false_boxes.mean": 9.0}, "false_boxes.mean: 9.0: must be less than or equal to 5"),
+        ({"slow_errors.period": 0.0}, "slow_errors.period: 0.0: must be greater than 0"),
     ],
 )
 def test_a_wrong_calibration_is_refused_in_one_line(tmp_path, change, message):

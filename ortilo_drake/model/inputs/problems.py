@@ -12,6 +12,16 @@ from pydantic_core import ErrorDetails
 from ortilo_drake.model.inputs.nearest_key import Known, did_you_mean, keys_of, nearest, words_of
 
 SHOWN = 60  # characters of a value in an error
+_PLAINER = (  # pydantic's words, and plain ones
+    ("input should be", "must be"),
+    ("an object", "a group of keys"),
+    ("a valid array", "a list"),
+    ("a valid number", "a number"),
+    ("a valid integer", "an integer"),
+    ("a valid string", "text"),
+    ("a valid boolean", "true or false"),
+    ("a valid dictionary", "a group of keys"),
+)
 Place = tuple[int | str, ...]  # the steps from the whole to a field, as pydantic gives them
 
 
@@ -115,6 +125,9 @@ def _line(problem: ErrorDetails, model: type[BaseModel]) -> str:
         case "float_type" | "int_type" if _is_number(problem["input"]):
             return f"{field}: {value}: is text to YAML; a number has a point and a signed exponent, as 1.0e-3"
     message = problem["msg"][:1].lower() + problem["msg"][1:]
+    message = message.split(" or instance of ")[0].split(", unable to")[0]
+    for theirs, ours in _PLAINER:
+        message = message.replace(theirs, ours)
     return f"{field or 'the file'}: {value}: {message}"
 
 

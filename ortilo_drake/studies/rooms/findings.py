@@ -155,7 +155,7 @@ def _unseen(scenario: Scenario) -> list[str]:
 
 
 def _sizes(sides: np.ndarray) -> str:
-    return " x ".join(f"{side:.3g}" for side in sides)
+    return " x ".join(f"{float(f'{side:.3g}'):g}" for side in sides)
 
 
 def _point(p: object) -> str:
