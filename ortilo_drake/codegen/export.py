@@ -12,6 +12,7 @@ import numba
 
 from ortilo_drake.codegen.c_header import ROOM_BYTES, header_text
 from ortilo_drake.codegen.c_source import source_text
+from ortilo_drake.codegen.cmake_files import cmake_files
 from ortilo_drake.codegen.golden import flown_ticks, golden_text
 from ortilo_drake.codegen.half import onboard_half
 from ortilo_drake.codegen.ir import makes_arrays, neutral_irs
@@ -44,8 +45,8 @@ def export(
     Args:
         scenario: as load_scenario; its seed is that of the golden vectors.
         target: a processor of codegen/targets.py.
-        folder: where to write ortilo_elements.o, ortilo.c, ortilo.h, golden.h, test_golden.c, CMakeLists.txt, README.md
-            and manifest.json.
+        folder: where to write ortilo_elements.o, ortilo.c, ortilo.h, golden.h, test_golden.c, README.md, manifest.json
+            and the files of cmake_files.py.
         ticks: of the golden vectors.
         precision: "double", with the bits of Python, or "single", for processors without doubles: see single.py.
         says: called with a line for each step.
@@ -91,7 +92,7 @@ def export(
         "README.md": readme_text(half, scenario, target, manifest),
         "manifest.json": json.dumps(manifest, indent=2) + "\n",
         "test_golden.c": (TEMPLATES / ("test_golden_single.c" if single else "test_golden.c")).read_text(),
-        "CMakeLists.txt": (TEMPLATES / "CMakeLists.txt").read_text(),
+        **cmake_files(target),
     }.items():
         write_text(there / name, text)
     return manifest

@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from ortilo_drake.codegen.cmake_files import configure_line
+from ortilo_drake.codegen.exported_half import programs_of
 from ortilo_drake.codegen.half import Half
 from ortilo_drake.codegen.targets import target_of
 from ortilo_drake.scenario import Scenario
@@ -15,7 +17,7 @@ state, no exceptions; two halves may run side by side.
     ortilo.h, ortilo.c  inputs, outputs, numbers and a tick; compile ortilo.c with your own compiler
     golden.h            inputs and outputs of the first ticks of a simulated flight
     test_golden.c       plays them and counts the ticks that differ
-    CMakeLists.txt      the library `ortilo` and the test
+    CMakeLists.txt      the library `ortilo` and the test{toolchain}
     manifest.json       the scenario, versions, digest and sizes
 
     static ortilo half;                       /* {ram} bytes */
@@ -32,7 +34,14 @@ Shapes stay as they are.
 
 **Save and resume**: `half.state` ({state} bytes) is all that a tick leaves to the next.
 
-Compile C with `{flags}`. Do not allow fused multiply-adds or fast mathematics in ortilo.c; the object code has none.
+**Build and test**, in this folder{needs}:
+
+    {configure}
+    cmake --build build
+    ctest --test-dir build
+
+Without CMake compile C with `{flags}`. Allow neither fused multiply-adds nor fast mathematics in
+ortilo.c; the object code has none.
 
 What remains yours: drivers that fill the inputs with frames and units as ortilo.h says, a clock that calls the tick on
 time, a failsafe that takes over when it does not, limits of your actuators, and the mixing of thrust and torques to
@@ -42,6 +51,7 @@ rotors. Nobody has flown this on a vehicle.
 
 def readme_text(half: Half, scenario: Scenario, target: str, manifest: dict[str, Any]) -> str:
     """Return the text."""
+    cross = "CMAKE_TOOLCHAIN_FILE" in configure_line(target)
     return TEXT.format(
         name=scenario.name,
         same="the same bits" if manifest["precision"] == "double" else "in floats of 32 bits, without any double",
@@ -54,4 +64,7 @@ def readme_text(half: Half, scenario: Scenario, target: str, manifest: dict[str,
         inputs=", ".join(half.inputs),
         outputs=", ".join(half.outputs),
         flags=target_of(target).flags,
+        configure=configure_line(target),
+        toolchain="\n    toolchain.cmake     how to cross-compile them and run the test under qemu" if cross else "",
+        needs=f" (with {' and '.join(programs_of(target))})" if cross else "",
     )

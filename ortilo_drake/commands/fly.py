@@ -31,6 +31,7 @@ from ortilo_drake.commands.terminal import (
     say_warnings,
     say_written,
     show_rows,
+    three_digits,
     write_json,
 )
 from ortilo_drake.flight.files import write_text
@@ -73,7 +74,7 @@ def _rows(result: Summary) -> dict[str, str]:
             for sensor, error in result.fix_errors.items()
         },
         "position NEES": f"{result.nees:.2f} (3 if consistent)",
-        "real-time factor": f"{result.real_time_factor:.3g}",
+        "real-time factor": three_digits(result.real_time_factor),
     }
 
 

@@ -12,6 +12,7 @@ from ortilo_drake.commands.terminal import (
     made_by,
     progress_bar,
     say_if_compiling,
+    say_warnings,
     say_written,
     show_markdown,
     write_json,
@@ -34,11 +35,12 @@ def map_(
     The compiled engine flies them where it can, Drake where it cannot. Figures of each flight are kept as Parquet.
     Flights already in the folder are not flown again, so an interrupted or killed run resumes where it stopped.
     """
+    from ortilo_drake.flight.believed_noise import believed_noise
     from ortilo_drake.studies.maps.sweep import load_sweep, points_of, scenario_at
 
     sweep = load_sweep(sweep_file)
-    for point in points_of(sweep):  # refuses wrong settings before anything is flown
-        scenario_at(sweep, point, str(sweep_file))
+    scenarios = [scenario_at(sweep, point, str(sweep_file)) for point in points_of(sweep)]  # refuses before any flight
+    say_warnings([line for scenario in scenarios for line in believed_noise(scenario)][-1:])
     report, table, figure = (out_folder / name for name in ("map.md", "map.csv", "map.png"))
     check_writable(report, table, figure, json_file)
     from ortilo_drake.studies.maps.map_figure import map_figure

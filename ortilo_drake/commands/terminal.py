@@ -142,8 +142,14 @@ def show_report(report: Any) -> None:
     for name, value in as_data(report).items():
         if isinstance(value, dict):
             value = ", ".join(f"{key} {_number(part)}" for key, part in value.items() if not isinstance(part, dict))
+        value = "none" if value == "" else value
         out.print(f"  {name.replace('_', ' '):20}{_number(value)}", markup=False, soft_wrap=True)
 
 
 def _number(value: Any) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+    return three_digits(value) if isinstance(value, float) else str(value)
+
+
+def three_digits(value: float) -> str:
+    """A number of three digits, without an exponent from 1e-4 to 1e6: 1370 for 1373.2."""
+    return f"{float(f'{value:.3g}'):g}"

@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from ortilo_drake.flight.fit import vehicle_fit
+from ortilo_drake.flight.believed_noise import believed_noise
+from ortilo_drake.flight.fit import vehicle_fit, vehicle_shape
 from ortilo_drake.flight.late import late_messages
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.load import Setting
@@ -19,4 +20,10 @@ def cautions(scenario: Scenario, name_or_file: str | Path | None = None, setting
         settings: that were laid over it.
     """
     unread = [] if name_or_file is None else unread_settings(scenario, name_or_file, settings)
-    return unread + late_messages(scenario) + vehicle_fit(scenario)
+    return (
+        unread
+        + believed_noise(scenario)
+        + late_messages(scenario)
+        + vehicle_shape(scenario.vehicle)
+        + vehicle_fit(scenario)
+    )

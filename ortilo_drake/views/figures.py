@@ -21,11 +21,13 @@ TITLE = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}
 
 
 def draw_room(axes: Axes, room: Room, scenario: Scenario) -> None:
-    """Draw the room from above: walls, stands, anchors, landmarks and the UWB blackouts in x."""
+    """Draw the room from above: walls, furniture, stands, anchors, landmarks and the UWB blackouts in x."""
+    for kind, x, y, *_, yaw in room.furniture:
+        corners = turned(np.array([x, y]), yaw, 0.5 * np.array(room.furniture_size[kind][:2]))
+        axes.add_patch(Polygon(corners, facecolor="#e9e2d6", edgecolor="#b8ad9c", lw=0.4))
     for x, y, _, yaw, half_x, half_y, _ in room.wall_boxes:
-        corners = np.array([[-half_x, -half_y], [half_x, -half_y], [half_x, half_y], [-half_x, half_y]])
-        R = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
-        axes.add_patch(Polygon(corners @ R.T + [x, y], facecolor="#b9a08c", edgecolor="#8a725f", lw=0.4))
+        corners = turned(np.array([x, y]), yaw, np.array([half_x, half_y]))
+        axes.add_patch(Polygon(corners, facecolor="#b9a08c", edgecolor="#8a725f", lw=0.4))
     for x, y, radius, _ in room.stand_cylinders:
         axes.add_patch(Circle((x, y), radius, facecolor="#d9d9d9", edgecolor="#999999", lw=0.4))
     for blackout in scenario.uwb.link.blackouts:
@@ -41,6 +43,13 @@ def draw_room(axes: Axes, room: Room, scenario: Scenario) -> None:
     axes.set_aspect("equal")
     axes.set_xlabel("x (east) [m]")
     axes.set_ylabel("y (north) [m]")
+
+
+def turned(middle: np.ndarray, yaw: float, half: np.ndarray) -> np.ndarray:
+    """The corners (4, 2) of a rectangle of those half sides (2) about a point (2), turned by yaw [rad]."""
+    corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * half
+    R = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    return np.asarray(corners @ R.T + middle)
 
 
 def thicken(legend: Legend) -> None:
@@ -118,14 +127,15 @@ def draw_paths(axes: Axes, flight: xr.Dataset) -> None:
 def draw_arrivals(axes: Axes, flight: xr.Dataset) -> None:
     """Draw a mark where each sensor's value but the imu's was used, and a faint one where a due one is missing."""
     time, own = flight["time"].values, [s for s in flight["sensor"].values if s not in ("uwb", "camera", "imu")]
-    sensors = (*own, "camera", "uwb")
+    flown = [s for s in ("camera", "uwb") if flight["due"].sel(sensor=s).values.any()]
+    sensors = (*own, *flown)
     for row, sensor in enumerate(sensors):
         due = flight["due"].sel(sensor=sensor).values
         used = flight["arrival"].sel(sensor=sensor).values
         axes.eventplot(time[due & ~used], lineoffsets=row, linelengths=0.25, colors="0.75", linewidths=0.6)
         axes.eventplot(time[used], lineoffsets=row, linelengths=0.8, colors=COLOR.get(sensor, OTHER), linewidths=0.6)
-    axes.set_yticks(range(len(sensors)), [*own, "camera", "UWB"])
-    axes.set_ylim(-0.6, len(sensors) - 0.4)
+    axes.set_yticks(range(len(sensors)), [s.replace("uwb", "UWB") for s in sensors])
+    axes.set_ylim(-0.6, max(len(sensors), 1) - 0.4)
     axes.set_xlabel("time [s]  (fixes used; grey: due, but none)")
 
 

@@ -15,6 +15,7 @@ from matplotlib.patches import Circle, Patch, Polygon, Rectangle
 from pydrake.trajectories import Trajectory
 
 from ortilo_drake.model.room import Room
+from ortilo_drake.views.figures import turned
 from ortilo_drake.views.labels import Label, put_labels
 from ortilo_drake.views.pictures import save_picture
 
@@ -71,13 +72,6 @@ def draw_fabric(axes: Axes, room: Room, floor: bool = True) -> None:
     for x, y, _, yaw, half_x, half_y, _ in room.wall_boxes:
         corners = turned(np.array([x, y]), yaw, np.array([half_x, half_y]))
         axes.add_patch(Polygon(corners, facecolor=_WALL, edgecolor=_WALL_EDGE, lw=0.5, zorder=1.6))
-
-
-def turned(middle: np.ndarray, yaw: float, half: np.ndarray) -> np.ndarray:
-    """Return the corners (4, 2) of a rectangle of those half sides (2) about a point (2), turned by yaw [rad]."""
-    corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * half
-    R = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
-    return np.asarray(corners @ R.T + middle)
 
 
 def draw_path(axes: Axes, path: Trajectory) -> np.ndarray:

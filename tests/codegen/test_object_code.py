@@ -93,6 +93,27 @@ def test_a_strangers_project_links_the_folder(compiler: str, exported: Exported,
     assert "100% tests passed, 0 tests failed out of 2" in said
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("target", TARGETS)
+def test_the_folder_builds_and_tests_itself_by_cmake(target: str, exported: Exported, tmp_path: Path) -> None:
+    needs("cmake", *programs_of(target))
+    folder = Path(shutil.copytree(exported(load_scenario("nominal_imu_uwb"), target, ticks=300), tmp_path / "half"))
+    commands = [line.strip() for line in (folder / "README.md").read_text().splitlines() if line.startswith("    c")]
+    assert len(commands) == 3  # configure, build, test, as the README says
+    said = [do(*command.split(), *(["-V"] if "ctest" in command else []), folder=folder) for command in commands]
+    assert "0 of 300 ticks differ" in said[-1]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("target", ["cortex-m7", "aarch64"])
+def test_cmake_refuses_another_processors_compiler(target: str, exported: Exported, tmp_path: Path) -> None:
+    needs("cmake", "gcc")
+    folder = exported(load_scenario("nominal_imu_uwb"), target, ticks=300)
+    done = subprocess.run(["cmake", "-S", folder, "-B", tmp_path], capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert f"ortilo_elements.o is for {target}: configure with -DCMAKE_TOOLCHAIN_FILE" in " ".join(done.stderr.split())
+
+
 @pytest.mark.parametrize(
     ("name", "kind", "says"),
     [

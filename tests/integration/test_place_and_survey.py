@@ -29,14 +29,24 @@ def test_place_writes_a_room_that_flies(capsys: pytest.CaptureFixture[str], tmp_
     assert set(found["before"]) == {"floor", "time", "place", "no_fix"}
     assert found["after"]["floor"] < found["before"]["floor"]
     np.testing.assert_allclose(found["gain"], 1.0 - found["after"]["floor"] / found["before"]["floor"])
-    assert f"worst floor {found['before']['floor']:.4f} m" in said
-    assert f"worst floor {found['after']['floor']:.4f} m" in said
+    assert f"error bound {found['before']['floor']:.4f} m" in said
+    assert f"error bound {found['after']['floor']:.4f} m" in said
     assert f"wrote {room}" in said
     assert load_room(room).anchor_positions.tolist() == found["anchors"]
     assert load_room(room).landmarks == load_room().landmarks
     flight = tmp_path / "flight.json"
     assert run("fly", "nominal_imu_uwb", "--set", f"room={room}", *settings, "--json", str(flight)) == 0
     assert json.loads(flight.read_text(encoding="utf-8"))["lost"] is None
+
+
+@pytest.mark.long
+def test_place_takes_a_room_as_coverage_does(tmp_path: Path) -> None:
+    room, report = tmp_path / "hall.yaml", tmp_path / "placed.json"
+    assert run("room", "new", str(room), "--size", "8x6x3") == 0
+    assert run("room", "place", str(room), "4", "--spacing", "4", "--json", str(report)) == 0
+    at = np.array(json.loads(report.read_text(encoding="utf-8"))["anchors"])
+    assert at.shape == (4, 3)
+    assert np.all((at >= 0.0) & (at <= [8.0, 6.0, 3.0]))
 
 
 @pytest.mark.long

@@ -134,6 +134,11 @@ BAD = {
     "anchors": (lambda f: None, TABLE_MAP.replace("r4, r5]", "r4]"), "anchors: 6 of them, but the ranges are to 5"),
     "no quaternion": (lambda f: None, TABLE_MAP.replace("[qx,", "[x,"), "no unit quaternions"),
     "clocks apart": (lambda f: None, TABLE_MAP.replace("imu.csv,", "imu.csv, late: 1000,"), "do not overlap"),
+    "two units": (
+        lambda f: None,
+        TABLE_MAP.replace("imu.csv,", "imu.csv, unit: ms,"),
+        "imu.unit or ranges.unit is wrong",
+    ),
     "no bag": (lambda f: None, BAG_MAP.replace("BAG", "none.bag"), "none.bag: no such bag"),
     "a table as a bag": (lambda f: None, BAG_MAP.replace("BAG", "imu.csv"), "cannot be read as a bag"),
 }
@@ -192,3 +197,8 @@ def test_a_map_written_reads_back_the_same(tmp_path) -> None:
     map_ = as_map(TABLE_MAP)
     (tmp_path / "m.yaml").write_text(map_text(map_))
     assert load_map(tmp_path / "m.yaml") == map_
+
+
+def test_a_recording_that_is_the_working_folder_is_called_by_its_name(folder, monkeypatch) -> None:
+    monkeypatch.chdir(folder)
+    assert read(Path(), TABLE_MAP).name == folder.name

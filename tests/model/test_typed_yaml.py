@@ -135,6 +135,7 @@ class Lens(Frozen):
         ("focus: 9.9e-13", "focus: 9.9e-13: must be at least 1e-12"),
         ("focus: 0.0", "focus: 0.0: "),
         ("focus: 1e-3x", "focus: '1e-3x': must be a number"),
+        ("focus: [1, 2]", "focus: [1, 2]: must be a number"),
         ("focus: 1e3", "focus: '1e3': is text to YAML; a number has a point and a signed exponent"),
         ("file: a", None),
         ("file: ''", "file: '': "),

@@ -91,7 +91,6 @@ def run_live_bridge(
         if mavlink is not None:
             sender = stack.enter_context(contextlib.closing(MavlinkBridge(mavlink)))
             bridge.add_target("mavlink", _to_mavlink(sender, vision, options))
-            _say(_armed(options, scenario, mavlink))
         if options.source == ROS2:
             from ortilo_drake.interop.ros.ros2_live import Ros2Live
 
@@ -104,6 +103,8 @@ def run_live_bridge(
 
             played = bag_messages(Path(options.source), bridge.topics)
             messages = played if math.isinf(options.speed) else at_pace(played, options.speed)
+        if mavlink is not None:
+            _say(_armed(options, scenario, mavlink))
         report = run_live(bridge, messages, _say, seconds)
     write_json(json_file, report)
     show_report(report)

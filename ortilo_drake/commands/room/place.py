@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ortilo_drake.commands.options import JsonOption, ScenarioArgument, SetOption, finite, quiet_drake
+from ortilo_drake.commands.options import JsonOption, SetOption, finite, quiet_drake
 from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_if_compiling, say_written, write_json
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.room import MAX_ANCHORS, MAX_LANDMARKS
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def place(
-    scenario: ScenarioArgument,
+    what: Annotated[str, typer.Argument(metavar="SCENARIO_OR_ROOM", help="A scenario, or a room's .yaml file.")],
     n: Annotated[int, typer.Argument(metavar="N", help="Number of anchors.")],
     landmarks: Annotated[int, typer.Option(help="Number of landmarks to place as well, instead of the room's.")] = 0,
     spacing: Annotated[
@@ -29,8 +29,8 @@ def place(
 ) -> None:
     """Place N anchors on walls and ceiling to minimise the largest position error along the path.
 
-    The error is the Cramér-Rao floor along the planned path. Fly in the written room with `ortilo fly SCENARIO
-    --set room=ROOM.yaml`.
+    The error is the Cramér-Rao bound along the planned path: no estimator errs less. A room is flown as by `ortilo room
+    coverage`. Fly in the written room with `ortilo fly SCENARIO --set room=ROOM.yaml`.
     """
     if not FIX <= n <= MAX_ANCHORS:
         raise InputError(f"N: {n}: must be {FIX} to {MAX_ANCHORS}")
@@ -40,13 +40,13 @@ def place(
         raise InputError(f"--out {out_file}: must end in .yaml")
     check_writable(out_file, json_file)
     from ortilo_drake.flight.files import write_text
-    from ortilo_drake.scenario import load_scenario
     from ortilo_drake.studies.room_design.place import place_anchors
     from ortilo_drake.studies.room_design.room_file import room_text
+    from ortilo_drake.studies.rooms.room_scenario import scenario_of
 
     quiet_drake()
     say_if_compiling()
-    chosen = load_scenario(scenario, tuple(settings or ()))
+    chosen = scenario_of(what, tuple(settings or ()))
     with progress_bar() as progress:
         task = progress.add_task("placing", total=None)
         found = place_anchors(
@@ -70,7 +70,7 @@ def place(
     _print_worst("before", found.before)
     _print_worst("after", found.after)
     if gain is not None:
-        out.print(f"  the worst floor falls by {gain:.1%}")
+        out.print(f"  this bound falls by {gain:.1%}")
     for i, (x, y, z) in enumerate(found.room.anchors):
         out.print(f"  anchor {i:<3} ({x:.3f}, {y:.3f}, {z:.3f})")
     for its in found.room.landmarks if landmarks else ():
@@ -81,7 +81,7 @@ def place(
 def _print_worst(when: str, worst: "Worst") -> None:
     x, y, z = worst.place
     out.print(
-        f"  {when:7} worst floor {worst.floor:.4f} m at ({x:.2f}, {y:.2f}, {z:.2f}), {worst.time:.1f} s; "
-        f"longest without three ranges {worst.no_fix:.2f} s",
+        f"  {when:7} error bound {worst.floor:.4f} m at the worst point, ({x:.2f}, {y:.2f}, {z:.2f}), "
+        f"{worst.time:.1f} s; longest without three ranges {worst.no_fix:.2f} s",
         soft_wrap=True,
     )

@@ -44,7 +44,10 @@ def log_file(path: Path) -> Path:
         return path
     files = sorted(path.glob("*.mcap"))
     if len(files) != 1:
-        raise InputError(f"{path}: not a log: holds {len(files)} .mcap files, not one")
+        raise InputError(
+            f"{path}: not a log: holds {len(files)} .mcap files, not one; other recordings need --map MAP.yaml "
+            "(docs/how_to/recorded.md)"
+        )
     return files[0]
 
 

@@ -249,6 +249,18 @@ def _read_truth(folder: Path, map_: Map, told: list[Rejections]) -> tuple[Truth,
     return Truth(t - t[0], p, None if R is None else M @ R), float(t[0])
 
 
+def _check_spans(path: Path, imu: np.ndarray, ranges: np.ndarray) -> None:
+    """Refuse stamps [s] that do not overlap, or whose spans differ by a factor of about a thousand or a million."""
+    ratio = max(np.ptp(imu), 1e-9) / max(np.ptp(ranges), 1e-9)
+    power = 3.0 * round(float(np.log10(ratio)) / 3.0)
+    if power and abs(ratio / 10.0**power - 1.0) < 0.3:
+        line = f"{np.ptp(imu):.3g} s, the ranges' {np.ptp(ranges):.3g} s: imu.unit or ranges.unit is wrong"
+        raise InputError(f"{path}: the imu's stamps span {line}")
+    if imu[-1] < 0.0 or imu[0] > ranges[-1]:
+        line = f"from {imu[0]:.6g} to {imu[-1]:.6g} s after the first range; give imu.late or imu.zero: first"
+        raise InputError(f"{path}: the imu's stamps do not overlap the ranges': {line}")
+
+
 def read_recording(path: Path, map_: Map) -> Recording:
     """Read a motion.
 
@@ -268,14 +280,14 @@ def read_recording(path: Path, map_: Map) -> Recording:
     looks, scene = _read_looks(path, map_, origin, told)
     imu = None if map_.imu is None else _read_imu(path, map_, origin, told)
     truth, truth_origin = (None, 0.0) if map_.truth is None else _read_truth(path, map_, told)
-    if imu is not None and (imu.t[-1] < 0.0 or imu.t[0] > ranges.t[-1]):
-        line = f"from {imu.t[0]:.6g} to {imu.t[-1]:.6g} s after the first range; give imu.late or imu.zero: first"
-        raise InputError(f"{path}: the imu's stamps do not overlap the ranges': {line}")
+    if imu is not None:
+        _check_spans(path, imu.t, ranges.t)
     lines = [line for part in told for line in part.lines()]
     counts: dict[str, int] = {}
     for part in told:
         for reason, n in part.counts.items():
             counts[f"{part.source}: {reason}"] = counts.get(f"{part.source}: {reason}", 0) + n
-    name = path.name if path.is_dir() else path.parent.name
+    folder = path if path.is_dir() else path.parent
+    name = folder.resolve().name  # "." has no name of its own
     tags = ONE_TAG if map_.tags is None else np.array(list(map_.tags.values()))
     return Recording(name, ranges, imu, truth, anchors, origin, truth_origin, lines, counts, looks, tags, scene)

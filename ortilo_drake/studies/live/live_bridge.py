@@ -92,7 +92,7 @@ class LiveBridge:
         holding: what asks for setpoints; none by default.
 
     Raises:
-        InputError: if the map cannot be heard live.
+        InputError: if the map cannot be heard live, or the place to hold is far outside the anchors.
     """
 
     def __init__(
@@ -104,6 +104,8 @@ class LiveBridge:
         holding: Holding | None = None,
     ):
         self._map, self._rows = map_, LiveRows(map_, lag)
+        if holding is not None:
+            holding.check_within(self._rows.anchors)
         self._filter = LiveFilter(map_, self._rows.anchors, rate)
         self._targets: dict[str, Target] = {}
         self._clock = SensorClock(time.monotonic)

@@ -9,12 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ortilo_drake.model.input_error import InputError
 from ortilo_drake.onboard.servo.lq_gain import gain_of
 from ortilo_drake.onboard.servo.outer_loop import attitude_along, wanted_force
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.live.stamped_estimate import StampedEstimate
 
 MOST_DEVIATION = 0.5  # of a position that is flown by [m]
+BEYOND = 2.0  # a place to hold may be outside the anchors by [m]
 WINDUP = 1.0  # of the integral of the position's error, at most [m s]
 
 
@@ -43,6 +45,13 @@ class Holding:
         self._h, self._place = scenario.h, np.array(place)
         self._timeout, self._max_tilt = scenario.failsafe.timeout, scenario.failsafe.max_tilt
         self._i, self._last = np.zeros(3), -np.inf
+
+    def check_within(self, anchors: np.ndarray) -> None:
+        """Refuse a place that lies farther outside the box around the anchors (n, 3) [m] than BEYOND; InputError."""
+        low, high = anchors.min(axis=0), anchors.max(axis=0)
+        if np.any(self._place < low - BEYOND) or np.any(self._place > high + BEYOND):
+            place, a, b = (", ".join(f"{value:g}" for value in one) for one in (self._place, low, high))
+            raise InputError(f"--hold: ({place}): must be within {BEYOND:g} m of the anchors, ({a}) to ({b})")
 
     def setpoint(self, stamped: StampedEstimate, now: float) -> Setpoint:
         """Return the setpoint that follows from an estimate.

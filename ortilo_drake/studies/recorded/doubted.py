@@ -9,7 +9,7 @@ from ortilo_drake.interop.recorded.recording import Recording, Truth, frozen_row
 from ortilo_drake.studies.recorded import doubts
 from ortilo_drake.studies.recorded.calibrate import Calibration, offset_centres
 from ortilo_drake.studies.recorded.first_look import CheapFit
-from ortilo_drake.studies.recorded.imu_doubts import attitude_doubts, force_doubts, rate_doubts
+from ortilo_drake.studies.recorded.imu_doubts import attitude_doubts, force_doubts, rate_doubts, upside_doubts
 from ortilo_drake.studies.recorded.level import height_doubts
 from ortilo_drake.studies.recorded.plain_fit import plain_fit
 from ortilo_drake.studies.recorded.scores import Scores
@@ -54,7 +54,7 @@ def doubts_of(
             moving = recording._replace(truth=Truth(truth.t[kept], truth.p[kept], R))
             said += doubts.of_freezes(frozen, look.fit.left if look.fit else None, _left(moving, map_, calibration))
     if imu is not None:
-        said += force_doubts(imu, map_)
+        said += force_doubts(imu, map_) + upside_doubts(imu, map_)
         if calibration is None:
             said += rate_doubts(imu, map_)
         else:

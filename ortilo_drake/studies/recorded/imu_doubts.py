@@ -13,6 +13,7 @@ from ortilo_drake.studies.recorded.clock_offset import TELLS, best_by_rates
 OFF = 1.5  # of the force at rest from gravity; some units are 6 % wrong [m/s²]
 TELLING = 0.1  # a unit is told if it brings the force this near to gravity, as a share
 VARIES = 0.7  # a force whose size varies by more, in its median, from its 10 % to its 90 % has lost gravity
+DOWN = 0.5  # share of a mean force along -z that looks upside down
 FAST = 10.0  # body rates of this RMS look like degrees [rad/s]
 SPAN = 1.0  # over this time the force keeps its direction, but for the turn [s]
 LOSES = 0.05  # share of the force that its mean over a span loses, if it is turned wrongly
@@ -43,6 +44,15 @@ def force_doubts(imu: Imu, map_: Map) -> list[str]:
     if abs(there - GRAVITY) < TELLING * GRAVITY and unit != map_.imu.force_unit:
         return [f"{said}: imu: {{force_unit: {unit}}} makes it {there:.2f}"]
     return [f"{said}: another unit (imu: force_unit), or other columns (imu: force)?"]
+
+
+def upside_doubts(imu: Imu, map_: Map) -> list[str]:
+    """A doubt if the mean force points down the body's z: then it would fly upside down."""
+    up, size = float(imu.force[:, 2].mean()), float(np.linalg.norm(imu.force, axis=1).mean())
+    if map_.imu is None or map_.command is not None or up > -DOWN * size:
+        return []
+    key = {"flu": "frd", "frd": "flu"}.get(str(map_.imu.axes), "[..., ..., the other sign]")
+    return [f"imu: by its force, {up:.3g} m/s² along z, the body is upside down: imu: {{axes: {key}}} turns it up"]
 
 
 def rate_doubts(imu: Imu, map_: Map) -> list[str]:

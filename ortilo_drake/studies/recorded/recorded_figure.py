@@ -5,6 +5,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from ortilo_drake.studies.recorded.replayed import CV, CV_RAW, RAW, WITH_IMU, Drawn, Replayed
 from ortilo_drake.views.figures import STYLE
@@ -70,9 +71,12 @@ def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Pa
                 axes.plot(other.t, total, lw=0.9, label=f"{row} ({found.rows[row].available:.0%})")
         axes.axhline(below, color=RED, lw=0.8, ls="--")
         axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_formatter(NullFormatter())
         axes.set_ylabel("σ [m], available\nbelow the line")
         axes.set_xlabel("time since the first range [s]")
-        axes.legend(fontsize=6)
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower right", fontsize=7, ncols=2)
         _calibration(axes, found)
         figure.suptitle(f"{found.name}: {name} (grey: the part that calibrates)")
         return save_picture(figure, path)

@@ -52,12 +52,17 @@ def look_into(file: Path) -> Findings:
     spread = anchor_spread(room.anchor_positions)
     extent = np.ptp(room.anchor_positions, axis=0)
     classes = ", ".join(f"{sum(one.label == label for one in room.landmarks)} {label}" for label in room.classes)
-    obstacles = {"walls": room.walls, "stands": room.stands, "pieces of furniture": room.furniture}
+    obstacles = (
+        (room.walls, "wall", "walls"),
+        (room.stands, "stand", "stands"),
+        (room.furniture, "piece of furniture", "pieces of furniture"),
+    )
     facts = [
         f"room        {room.name}: {_sizes(size)} m, {size[0] * size[1]:.3g} m²",
         f"anchors     {len(room.anchors)}, spread over {_sizes(extent)} m, {spread[2]:.2f} m RMS off their best plane",
         f"landmarks   {len(room.landmarks)}{': ' if classes else ''}{classes}",
-        "obstacles   " + ", ".join(f"{len(items)} {name}" for name, items in obstacles.items()),
+        "obstacles   "
+        + ", ".join(f"{len(items)} {one if len(items) == 1 else many}" for items, one, many in obstacles),
     ]
     doubted, path = doubted_units(room), None
     if doubted and doubted[0].startswith("interior"):
@@ -150,7 +155,7 @@ def _unseen(scenario: Scenario) -> list[str]:
 
 
 def _sizes(sides: np.ndarray) -> str:
-    return " x ".join(f"{side:.3g}" for side in sides)
+    return " x ".join(f"{float(f'{side:.3g}'):g}" for side in sides)
 
 
 def _point(p: object) -> str:

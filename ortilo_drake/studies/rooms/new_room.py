@@ -100,7 +100,9 @@ def _numbers(*values: float) -> str:
     return "[" + ", ".join(f"{round(float(value), 3):.6g}" for value in values) + "]"
 
 
-_NO_WALL = "#  - [4.0, 2.0, 1.5708, 3.0, 0.15, 2.5]"
+_NO_WALL = """\
+#  - [4.0, 2.0, 1.5708, 3.0, 0.15, 2.5]
+#  - [2.0, 3.0, 0.0, 0.4, 0.4, 2.5] # a pillar"""
 _TEXT = """\
 # A room of {size} m, made by ortilo: measure yours and change what differs. SI units; x east, y north,
 # z up from the corner {low}. What is left out is as in the authors' room, ortilo_drake/model/ortilo_room.yaml.
@@ -126,11 +128,12 @@ stand_radius: 0.25
 stand_height: {stand}
 stands:{stands}
 
-# Walls within the room, boxes on the floor: [x, y, yaw, length, thickness, height] of each, its middle in x and y.
+# Walls and pillars within the room, boxes on the floor: [x, y, yaw, length, thickness, height], x and y of the middle.
 walls:{head}
 {walls}
 
-# Other things to fly around: [kind, x, y, z, roll, pitch, yaw], and the size of each kind along x, y and z.
+# Other things to fly around: [kind, x, y, z, roll, pitch, yaw], z of the underside, and the size of each kind along
+# x, y and z.
 furniture: []
 furniture_size: {{}}
 """

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.live.setpoints import MOST_DEVIATION, Holding
@@ -50,3 +51,10 @@ def test_an_error_that_lasts_is_leant_against_more_and_more() -> None:
 )
 def test_the_failsafe_refuses_what_is_old_or_uncertain(stamped: StampedEstimate, why: str) -> None:
     assert why in holding().setpoint(stamped, 1.0).refused
+
+
+def test_a_place_far_outside_the_anchors_is_refused() -> None:
+    anchors = np.array([(0.0, 0.0, 0.0), (4.0, 0.0, 2.0), (4.0, 3.0, 0.0), (0.0, 3.0, 2.0)])
+    holding().check_within(anchors)
+    with pytest.raises(InputError, match=r"--hold: \(1, 2, 1.5\): must be within 2 m of the anchors"):
+        holding().check_within(anchors + [9.0, 0.0, 0.0])

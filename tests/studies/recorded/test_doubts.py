@@ -15,7 +15,7 @@ from ortilo_drake.studies.recorded import doubts
 from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.doubted import doubts_of
 from ortilo_drake.studies.recorded.first_look import first_look
-from ortilo_drake.studies.recorded.imu_doubts import attitude_doubts, force_doubts, rate_doubts
+from ortilo_drake.studies.recorded.imu_doubts import attitude_doubts, force_doubts, rate_doubts, upside_doubts
 from ortilo_drake.studies.recorded.scores import Scores, by_evo
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -44,6 +44,13 @@ def doubted(recording: Recording, map_: Map) -> list[str]:
     calibration = calibrate(recording, map_.calibration)
     p = calibration.position(recording.truth.p)
     return doubts_of(recording, map_, look, calibration, {}, (p, p))
+
+
+def test_a_body_that_would_hang_upside_down_is_told_with_the_axes_that_turn_it_up(recording) -> None:
+    turned = recording.imu._replace(force=recording.imu.force * [1.0, -1.0, -1.0])  # frd read as flu
+    (said,) = upside_doubts(turned, as_map())
+    assert said.endswith("the body is upside down: imu: {axes: frd} turns it up")
+    assert upside_doubts(recording.imu, as_map()) == []
 
 
 @pytest.mark.long
