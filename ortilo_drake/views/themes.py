@@ -54,6 +54,7 @@ def apply_theme(figure: "Figure") -> dict[str, Any]:
         width, height = figure.get_size_inches() / (LARGER if figure.get_layout_engine() else 1.0)
         figure.set_size_inches(width, height)
         _wrap_titles(figure)
+        _wrap_labels(figure)
         return {"dpi": SLIDE / width}
     elif theme is Theme.print:
         return {"dpi": PRINTED}
@@ -68,6 +69,19 @@ def _wrap_titles(figure: "Figure") -> None:
         longest = max(map(len, text.get_text().splitlines()), default=0)
         if longest > _LONG:
             text.set_text(fill(" ".join(text.get_text().split()), int(longest / LARGER)) + "\n")
+
+
+def _wrap_labels(figure: "Figure") -> None:
+    """Break the labels that are longer than their axes: they would be cut, or run into those of the next axes."""
+    from textwrap import fill
+
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        for label, side in ((axes.xaxis.label, "width"), (axes.yaxis.label, "height")):
+            share = getattr(axes.bbox, side) / max(getattr(label.get_window_extent(), side), 1.0)
+            if share < 1.0:
+                widest = max(map(len, label.get_text().splitlines()))
+                label.set_text(fill(label.get_text(), max(int(0.9 * share * widest), 1), break_long_words=False))
 
 
 def dark(color: Any) -> Any:

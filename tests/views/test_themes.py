@@ -68,6 +68,21 @@ def test_a_long_title_fits_on_a_slide(tmp_path: Path) -> None:
     assert title.get_window_extent().x1 < figure.bbox.x1
 
 
+def test_no_label_is_longer_than_its_axis_on_a_slide(tmp_path: Path) -> None:
+    figure = Figure(figsize=(10.0, 5.0), dpi=100, layout="constrained")
+    for axes in figure.subplots(2, 2).flat:
+        axes.set(
+            xlabel="share of the messages that arrive, of all that were sent [-]", ylabel="error of the estimate [m]"
+        )
+    with themed(Theme.slides):
+        save_picture(figure, tmp_path / "slide.png")
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        assert axes.yaxis.label.get_window_extent().height < axes.bbox.height
+        assert axes.xaxis.label.get_window_extent().width < axes.bbox.width
+        assert " ".join(axes.get_ylabel().split()) == "error of the estimate [m]"
+
+
 def test_svg_and_pdf_are_read_and_are_the_same_each_time(tmp_path: Path) -> None:
     svg, pdf = (save_picture(drawn(), tmp_path / name).read_bytes() for name in ("a.svg", "a.PDF"))
     assert ElementTree.fromstring(svg).tag == "{http://www.w3.org/2000/svg}svg"
