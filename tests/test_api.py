@@ -150,7 +150,10 @@ def test_blackouts_and_availability_are_figures_of_that_flight(flown: od.Flight)
     (axes,) = flown.plot_blackouts("z").axes
     np.testing.assert_array_equal(axes.get_lines()[0].get_ydata(), abs(flown.error.sel(axis="z")))
     assert f"seed {flown.seed}" in axes.get_title(loc="left")
-    assert [axes.get_ylabel() for axes in flown.plot_availability().axes] == ["error [m]", "fixes used"]
+    assert [axes.get_ylabel() for axes in flown.plot_availability().axes] == [
+        "error of a fix [m]",
+        "share of due fixes used [-]",
+    ]
 
 
 @pytest.mark.long

@@ -9,6 +9,7 @@ from ortilo_drake.commands.options import DEFAULT_SCENARIO, ScenarioArgument, Se
 from ortilo_drake.commands.terminal import check_writable, out, say_heading, say_written
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.scenario import load_scenario
+from ortilo_drake.views.pictures import check_picture
 
 
 def diagram(
@@ -17,13 +18,16 @@ def diagram(
         int,
         typer.Option(min=1, max=3, help="1: the paper's blocks; 2: every box, in the order of a tick; 3: elements."),
     ] = 1,
-    svg: Annotated[Path | None, typer.Option(help="Draw this level as an image instead.")] = None,
+    svg: Annotated[Path | None, typer.Option(help="Draw this level as an image (.svg) instead.")] = None,
     html: Annotated[Path | None, typer.Option(help="Write one page with all three levels, to zoom and pan.")] = None,
     drake: Annotated[Path | None, typer.Option(help="Image of the loop as Drake draws it, with every System.")] = None,
     settings: SetOption = None,
 ) -> None:
     """Print who reads whom in a scenario's loop: the paper's block diagram, every box, or every element."""
     chosen = load_scenario(scenario, tuple(settings or ()))
+    for picture in (svg, drake):
+        if picture:
+            check_picture(picture, ("svg",))
     check_writable(svg, html, drake)
     from ortilo_drake.views.graphviz import drake_svg
     from ortilo_drake.views.page.diagram_page import diagram_page

@@ -91,7 +91,7 @@ def draw_availability(flight: xr.Dataset) -> Figure:
             error = np.linalg.norm(fix - flight["truth"].values[there, :3], axis=1)
             above.semilogy(x[there], np.maximum(error, _LEAST), ".", ms=3, color=COLOR["camera"], label="a camera fix")
             above.legend(loc="lower right")
-        above.set_ylabel("error [m]")
+        above.set_ylabel("error of a fix [m]")
         for sensor, name in (("camera", "camera"), ("uwb", "UWB")):
             if sensor in scenario.sensors:
                 share = availability(flight, sensor, edges)
@@ -101,7 +101,7 @@ def draw_availability(flight: xr.Dataset) -> Figure:
                     color=COLOR.get(sensor, OTHER), label=name,
                 )  # fmt: skip
         below.set_ylim(0.0, 1.05)
-        below.set_ylabel("fixes used")
+        below.set_ylabel("share of due fixes used [-]")
         below.set_xlabel("x (east) [m]  (grey: UWB blacked out)")
         below.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
         return figure

@@ -35,7 +35,7 @@ def draw_room(axes: Axes, room: Room, scenario: Scenario) -> None:
             low, high = room.interior.min[1], room.interior.max[1]
             width = blackout.end - blackout.start
             axes.add_patch(Rectangle((blackout.start, low), width, high - low, color=BLUE, alpha=0.10, lw=0))
-            axes.text(blackout.start + width / 2, high - 0.35, "no UWB", ha="center", va="top", fontsize=7)
+            axes.text(blackout.start + width / 2, high + 0.3, "no UWB", ha="center", va="center", fontsize=7)
     axes.plot(*room.anchor_positions[:, :2].T, "^", color=GREEN, ms=6, label="anchor", ls="")
     axes.plot(*room.landmark_positions[:, :2].T, "*", color=PURPLE, ms=7, label="landmark", ls="")
     axes.set_xlim(room.interior.min[0] - 0.6, room.interior.max[0] + 0.6)
@@ -81,7 +81,7 @@ def trajectory_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
                     label=TITLE.get(name, name) if strong else None,
                 )
         axes.plot(*first["reference"].values[:, :2].T, "k--", lw=1.0, label="desired")
-        thicken(axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=5, fontsize=8))
+        thicken(axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=5, fontsize=8))
         return save_picture(figure, path)
 
 
@@ -99,7 +99,7 @@ def draw_flight(flight: xr.Dataset) -> Figure:
         room_axes = figure.add_subplot(grid[0])
         draw_room(room_axes, scenario.load_room(), scenario)
         draw_paths(room_axes, flight)
-        thicken(room_axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=5, fontsize=8))
+        thicken(room_axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=5, fontsize=8))
         room_axes.set_title(f"{scenario.name}, seed {scenario.seed}")
         time = flight["time"].values
         error = flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]
@@ -107,8 +107,8 @@ def draw_flight(flight: xr.Dataset) -> Figure:
         for i, axis in enumerate(AXES):
             axes = figure.add_subplot(grid[1 + i])
             axes.fill_between(time, -3 * sigma[:, i], 3 * sigma[:, i], color=SKY, alpha=0.35, lw=0, label="3 sigma")
-            axes.plot(time, error[:, i], color="k", lw=0.8, label="estimate less truth")
-            axes.set_ylabel(f"error {axis} [m]")
+            axes.plot(time, error[:, i], color="k", lw=0.8, label="error of the estimate")
+            axes.set_ylabel(f"error\n{axis} [m]")
             axes.tick_params(labelbottom=False)
         figure.axes[1].legend(loc="lower right", bbox_to_anchor=(1.0, 0.92), ncols=2, fontsize=7)
         draw_arrivals(figure.add_subplot(grid[4]), flight)

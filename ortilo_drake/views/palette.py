@@ -22,5 +22,10 @@ GREY: Final = "0.55"  # lines to compare with
 COLOR: Final = {"imu_uwb": BLUE, "imu_uwb_yolo": ORANGE, "uwb": BLUE, "camera": ORANGE, "flow": PURPLE, "imu": GREEN}
 OTHER: Final = GREEN
 
-PLAIN: Any = {"axes.spines.top": False, "axes.spines.right": False, "legend.frameon": False}
+PLAIN: Any = {
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.formatter.min_exponent": 4,  # 0.01 on logarithmic axes, not a power of ten
+    "legend.frameon": False,
+}
 STYLE: Any = PLAIN | {"font.size": 9, "figure.dpi": 130}

@@ -17,11 +17,13 @@ _UNDATED: Final = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 _KEPT: Any = {"svg.hashsalt": "ortilo", "pdf.fonttype": 42}  # 42: letters stay letters in a PDF
 
 
-def check_picture(path: Path) -> None:
-    """Check that a figure can be written to a file of that ending; InputError names the endings."""
-    if path.suffix[1:].lower() not in ENDINGS:
-        allowed = ", ".join(f".{ending}" for ending in ENDINGS)
-        raise InputError(f"{path}: unknown kind of picture '{path.suffix}', give one of {allowed}")
+def check_picture(path: Path, endings: tuple[str, ...] = ENDINGS) -> None:
+    """Check that a picture can be written to a file of that ending; InputError names the endings."""
+    if path.suffix[1:].lower() not in endings:
+        allowed = ", ".join(f".{ending}" for ending in endings)
+        raise InputError(
+            f"{path}: unknown kind of picture '{path.suffix}', give {'one of ' * (len(endings) > 1)}{allowed}"
+        )
 
 
 def save_picture(figure: "Figure", path: Path) -> Path:

@@ -17,6 +17,7 @@ SLIDE: Final = 1920  # width of a slide [px]
 LARGER: Final = 1.25  # how much larger letters and lines are on a slide, beside the figure's width
 PRINTED: Final = 300  # of print [dpi]
 _NEUTRAL: Final = 0.15  # greatest less least of red, green and blue of what counts as a grey
+_LONG: Final = 90  # letters; a longer line of a title just fits a light figure
 _DARKEST: Final = 0.5  # least lightness of a colour on a dark ground
 _GROUND: Final = 0.07  # lightness of the dark ground
 
@@ -52,10 +53,35 @@ def apply_theme(figure: "Figure") -> dict[str, Any]:
         # Labels that were placed one by one would meet on a smaller figure.
         width, height = figure.get_size_inches() / (LARGER if figure.get_layout_engine() else 1.0)
         figure.set_size_inches(width, height)
+        _wrap_titles(figure)
+        _wrap_labels(figure)
         return {"dpi": SLIDE / width}
     elif theme is Theme.print:
         return {"dpi": PRINTED}
     return {"dpi": "figure"}
+
+
+def _wrap_titles(figure: "Figure") -> None:
+    """Break long lines of the figure's own texts so much shorter as their letters are larger."""
+    from textwrap import fill
+
+    for text in figure.texts:
+        longest = max(map(len, text.get_text().splitlines()), default=0)
+        if longest > _LONG:
+            text.set_text(fill(" ".join(text.get_text().split()), int(longest / LARGER)) + "\n")
+
+
+def _wrap_labels(figure: "Figure") -> None:
+    """Break the labels that are longer than their axes: they would be cut, or run into those of the next axes."""
+    from textwrap import fill
+
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        for label, side in ((axes.xaxis.label, "width"), (axes.yaxis.label, "height")):
+            share = getattr(axes.bbox, side) / max(getattr(label.get_window_extent(), side), 1.0)
+            if share < 1.0:
+                widest = max(map(len, label.get_text().splitlines()))
+                label.set_text(fill(label.get_text(), max(int(0.9 * share * widest), 1), break_long_words=False))
 
 
 def dark(color: Any) -> Any:

@@ -100,7 +100,7 @@ def test_availability_has_the_fixes_errors_above_and_the_shares_below(flight: xr
     error = np.linalg.norm(fix - flight["truth"].values[there, :3], axis=1)
     np.testing.assert_array_equal(dots.get_xdata(), flight["truth"].values[there, 0])
     np.testing.assert_allclose(dots.get_ydata(), np.maximum(error, 1e-3))
-    assert above.get_ylabel() == "error [m]"
+    assert above.get_ylabel() == "error of a fix [m]"
     assert below.get_xlabel().startswith("x (east) [m]")
     assert labels(below) == ["camera", "UWB"]
 

@@ -1,6 +1,7 @@
 """What the page of a flight is told: blackouts, their zones, and pictures of the camera."""
 
 import base64
+import re
 from typing import Any
 
 import cv2
@@ -10,6 +11,7 @@ import pytest
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.views.page.flight_data import blackout_zones, intervals
 from ortilo_drake.views.page.flight_page import onboard_pictures
+from ortilo_drake.views.page.svg import round_up, time_ticks
 
 
 def test_zones_are_where_a_link_is_blacked_out_and_within_the_room() -> None:
@@ -37,6 +39,14 @@ def test_zones_are_where_a_link_is_blacked_out_and_within_the_room() -> None:
 )
 def test_intervals_of_a_mask(mask: list[int], found: list[tuple[float, float]]) -> None:
     assert intervals(np.arange(4.0), np.array(mask, dtype=bool)) == found
+
+
+def test_axes_have_round_numbers() -> None:
+    limits = {0.031: 0.035, 0.068: 0.07, 0.1: 0.1, 0.101: 0.15, 7.6: 8.0, 20.0: 20.0}
+    assert {limit: round_up(limit) for limit in limits} == pytest.approx(limits)
+    ticks = time_ticks({"time": [0.0, 74.27]})
+    assert re.findall(r">(\S+?)<", ticks) == ["0", "10", "20", "30", "40", "50", "60", "70"]
+    assert re.findall(r"left:([\d.]+)%", ticks)[1] == f"{100 * 10 / 74.27:.2f}"
 
 
 @pytest.mark.egl

@@ -59,6 +59,30 @@ def test_slides_and_print_have_their_sizes(tmp_path: Path) -> None:
             assert picture.width == width, theme
 
 
+def test_a_long_title_fits_on_a_slide(tmp_path: Path) -> None:
+    figure = Figure(figsize=(11.0, 3.0), dpi=100, layout="constrained")
+    title = figure.suptitle("what the title says " * 6, fontsize=10, x=0.01, ha="left")
+    with themed(Theme.slides):
+        save_picture(figure, tmp_path / "slide.png")
+    figure.draw_without_rendering()
+    assert title.get_window_extent().x1 < figure.bbox.x1
+
+
+def test_no_label_is_longer_than_its_axis_on_a_slide(tmp_path: Path) -> None:
+    figure = Figure(figsize=(10.0, 5.0), dpi=100, layout="constrained")
+    for axes in figure.subplots(2, 2).flat:
+        axes.set(
+            xlabel="share of the messages that arrive, of all that were sent [-]", ylabel="error of the estimate [m]"
+        )
+    with themed(Theme.slides):
+        save_picture(figure, tmp_path / "slide.png")
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        assert axes.yaxis.label.get_window_extent().height < axes.bbox.height
+        assert axes.xaxis.label.get_window_extent().width < axes.bbox.width
+        assert " ".join(axes.get_ylabel().split()) == "error of the estimate [m]"
+
+
 def test_svg_and_pdf_are_read_and_are_the_same_each_time(tmp_path: Path) -> None:
     svg, pdf = (save_picture(drawn(), tmp_path / name).read_bytes() for name in ("a.svg", "a.PDF"))
     assert ElementTree.fromstring(svg).tag == "{http://www.w3.org/2000/svg}svg"
@@ -71,7 +95,12 @@ def test_svg_and_pdf_are_read_and_are_the_same_each_time(tmp_path: Path) -> None
 def test_an_unknown_ending_is_refused_before_anything_is_done(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(InputError, match=r"map\.frog: .*\.png, \.svg, \.pdf"):
         save_picture(drawn(), Path("map.frog"))
-    for words in (("fly", "--png"), ("hil", "check", "--png"), ("room", "show", "none.yaml", "--png")):
+    for words in (
+        ("fly", "--png"),
+        ("hil", "check", "--png"),
+        ("room", "show", "none.yaml", "--png"),
+        ("diagram", "--svg"),
+    ):
         assert run(*words, "map.frog") == 2
         said = capsys.readouterr().err
         assert said.count("\n") == 1, said

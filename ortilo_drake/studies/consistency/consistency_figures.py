@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from ortilo_drake.flight.blackouts import in_blackout
 from ortilo_drake.flight.flight import AXES, scenario_of
@@ -43,7 +44,7 @@ def _draw_nees(axes: Axes, flights: Sequence[xr.Dataset]) -> None:
     axes.set_xlim(0.0, time[-1])
     shown = average[time > 1.0] if time[-1] > 1.0 else average
     axes.set_ylim(min(0.5, 0.5 * max(float(np.nanmin(shown)), 1e-3)), max(20.0, 1.5 * float(np.nanmax(average))))
-    axes.set_ylabel("NEES of position")
+    axes.set_ylabel("NEES of position [-]")
 
 
 def nees_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
@@ -58,9 +59,7 @@ def nees_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
         for k, (name, rows) in enumerate(flights.items()):
             axes = figure.add_subplot(len(flights), 1, k + 1)
             _draw_nees(axes, rows)
-            axes.set_title(
-                f"{TITLE.get(name, name)}  (3 if consistent; grey bar: share of flights in a blackout)", loc="left"
-            )
+            axes.set_title(f"{TITLE.get(name, name)}  (3 if consistent; black bar: flights in a blackout)", loc="left")
             if k == 0:
                 axes.legend(loc="upper right", ncols=2, fontsize=8)
         figure.axes[-1].set_xlabel("time [s]")
@@ -98,8 +97,9 @@ def whiteness_figure(reports: dict[str, ConsistencyReport], path: Path) -> Path:
                 axes.set_title(f"{TITLE.get(name, name)}: {title_of(sensor)}, p = {lagged.p_value:.2g}", fontsize=8)
         for axes in grid[-1]:
             axes.set_xlabel("lag [arrivals]")
+            axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         for row in grid:
-            row[0].set_ylabel("autocorrelation")
+            row[0].set_ylabel("autocorrelation [-]")
         for axes in grid[0]:
             if axes.axison:
                 axes.legend(fontsize=7, ncols=3, loc="upper right")
@@ -123,7 +123,7 @@ def tuning_figure(tuning: Tuning, path: Path) -> Path:
         numbers.set_xscale("log")
         numbers.set_yticks(range(len(fit.values)), [name.replace("multilateration", "multilat") for name in fit.values])
         numbers.invert_yaxis()
-        numbers.set_xlabel("fitted / before, 95 % interval (grey: stays)")
+        numbers.set_xlabel("fitted / before [-], 95 % interval (grey: stays)")
         before, after = tuning.before, tuning.after
         for axes, title, averages in (
             (nees, "NEES of position", (before.nees, after.nees)),

@@ -135,7 +135,7 @@ def fault_figure(found: FaultStudy, path: Path) -> Path:
             axes.set_title(f"{part} the fault")
             axes.tick_params(length=0)
             axes.spines[:].set_visible(False)
-        bar = figure.colorbar(drawn, ax=panels, label="error with the fault / error without it [1]")
+        bar = figure.colorbar(drawn, ax=panels, label="error with the fault /\nerror without it [-]")
         bar.set_ticks(_TICKS, labels=[f"{tick:g}" for tick in _TICKS[:-1]] + [f"{_WORST:g} or more"])
         bar.minorticks_off()
         return save_picture(figure, path)

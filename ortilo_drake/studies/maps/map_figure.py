@@ -64,7 +64,7 @@ def _curves(figure: Figure, panels: Any, found: Map, theory: MapTheory | None) -
     panels[0].plot(x, [row.lost / row.flights for row in rows], "o-", color=ORANGE)
     if theory is not None and theory.lost is not None:
         panels[0].plot(x, theory.lost, "--", color="k", lw=1.0, label=_law(theory))
-    panels[0].set(ylabel="flights lost [1]", ylim=(0.0, min(1.0, 1.1 * max(high.max(), 0.05))))
+    panels[0].set(ylabel="flights lost [-]", ylim=(0.0, min(1.0, 1.1 * max(high.max(), 0.05))))
     panels[0].legend()
     rms = np.array([[np.nan if v is None else v for v in (row.rms_low, row.kept_rms, row.rms_high)] for row in rows])
     panels[1].fill_between(x, rms[:, 0], rms[:, 2], color=BLUE, alpha=0.2, lw=0, label="middle half of the flights")
@@ -99,7 +99,7 @@ def _heat(figure: Figure, panels: Any, found: Map, theory: MapTheory | None) -> 
     finite = rms[np.isfinite(rms)]
     spread = LogNorm(finite.min(), max(finite.max(), 1.01 * finite.min())) if finite.size else Normalize()
     drawn = (
-        (panels[0], lost, Normalize(0.0, max(lost.max(), 0.05)), "YlOrRd", "flights lost [1]"),
+        (panels[0], lost, Normalize(0.0, max(lost.max(), 0.05)), "YlOrRd", "flights lost [-]"),
         (panels[1], rms, spread, "viridis", "median RMS error of the kept [m]; white: all lost"),
     )
     for panel, values, norm, colors, label in drawn:

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from matplotlib.ticker import MaxNLocator
 
 from ortilo_drake.model.room import Room
 from ortilo_drake.studies.rooms.coverage import Coverage
@@ -168,4 +169,6 @@ def _draw_views(figure: Any, axes: Axes, found: Coverage) -> None:
     axes.set_ylabel("heading [°]")
     axes.set_xlabel("way flown [m]")
     axes.set_title("landmarks in view by heading", fontsize=9)
-    figure.colorbar(drawn, ax=axes, pad=0.04, aspect=15)
+    bar = figure.colorbar(drawn, ax=axes, pad=0.04, aspect=15)
+    bar.locator = MaxNLocator(6, integer=True)
+    bar.update_ticks()

@@ -19,7 +19,7 @@ from ortilo_drake.onboard.planner.planned import planned
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.views.page.flight_data import blackout_zones, finite_part, flight_data
 from ortilo_drake.views.page.shell import Rows, asset, embedded, facts, versions, whole_page
-from ortilo_drake.views.page.svg import arrival_plot, error_plot, plan_svg
+from ortilo_drake.views.page.svg import arrival_plot, error_plot, plan_svg, time_ticks
 from ortilo_drake.views.scene_view import draw_boxes, make_camera_view
 from ortilo_drake.world.scenery.meshcat_replay import html_replay
 
@@ -102,7 +102,6 @@ def flight_page(flight: xr.Dataset) -> str:
         for i, s in enumerate(data["sensors"])
     )
     plots = "".join(error_plot(data, i) for i in range(3)) + "".join(arrival_plot(data, s) for s in data["sensors"])
-    ticks = "".join(f"<span>{data['time'][0] + f * _length(data):.0f}</span>" for f in (0, 0.25, 0.5, 0.75, 1))
     title = f"{scenario.name}, seed {scenario.seed}"
     eye = '<figure id="eye"><img alt="what the camera sees"><figcaption>onboard camera</figcaption></figure>'
     body = f"""<header><h1>{escape(title)}</h1>{_ending(found)}</header>
@@ -115,7 +114,8 @@ def flight_page(flight: xr.Dataset) -> str:
 {'<span class="k zone">blackout</span>' if zones else ""}</p></div></section>
 <section class="panel">{CONTROLS}<div class="lamps">{lamps}</div></section>
 <section class="plots"><h2>Errors in their 3σ bands, and arrivals</h2>{plots}
-<div class="ticks">{ticks}</div><p class="unit">time [s]; strips: blackouts; grey marks: due, but none came</p>
+<div class="ticks">{time_ticks(data)}</div>
+<p class="unit">time [s]; strips: blackouts; grey marks: due, but none came</p>
 </section>
 <section><h2>Figures</h2>{facts(_figures(found))}</section>
 <section><h2>How it was flown</h2>{facts(_origin(flight, scenario, pictures.get("none")))}

@@ -17,11 +17,17 @@ def points(columns: np.ndarray) -> str:
     return " ".join(f"{x:.4g},{y:.4g}" for x, y in columns)
 
 
+def round_up(length: float) -> float:
+    """The least half of a digit times a power of ten at or above a length, such as 0.035 of 0.031."""
+    step = 10.0 ** np.floor(np.log10(length)) / 2.0
+    return float(f"{np.ceil(length / step) * step:.2g}")
+
+
 def error_plot(data: dict[str, Any], axis: int) -> str:
     """Return the error on one axis in its 3-sigma band."""
     time, error = np.array(data["time"]), np.array(data["error"])[:, axis]
     band = 3 * np.array(data["sigma"])[:, axis]
-    limit = max(1e-3, 1.05 * float(max(np.quantile(band, 0.99), np.max(np.abs(error)))))
+    limit = round_up(max(1e-3, float(max(np.quantile(band, 0.99), np.max(np.abs(error))))))
     x = across(data, time)
 
     def y(values: np.ndarray) -> np.ndarray:
@@ -46,6 +52,15 @@ def arrival_plot(data: dict[str, Any], sensor: dict[str, Any]) -> str:
         for kind, of, top, bottom in (("due", "missing", 60, 90), ("used", "arrivals", 10, 90))
     )
     return _plot(f"arrivals of {sensor['name']}", sensor["name"], None, shades(data, sensor["name"]) + marks, "low")
+
+
+def time_ticks(data: dict[str, Any]) -> str:
+    """Return round times below a plot over time [s]."""
+    from matplotlib.ticker import MaxNLocator
+
+    times = np.array(MaxNLocator(9, steps=[1, 2, 5, 10]).tick_values(data["time"][0], data["time"][-1]))
+    shown = [(time, x) for time, x in zip(times, across(data, times), strict=True) if 0.0 <= x <= WIDTH]
+    return "".join(f'<span style="left:{x / WIDTH:.2%}">{time:g}</span>' for time, x in shown)
 
 
 def shades(data: dict[str, Any], only: str | None) -> str:
