@@ -15,7 +15,7 @@ COLUMNS = ("planner", "servo", "command link", "vehicle", "sensor", "fix", "hand
 WORLD = ("command link", "vehicle", "sensor")
 _COLUMN_OF = {
     "reference": "planner",
-    **dict.fromkeys(("servo", "lent", "command_log", "state_ahead"), "servo"),
+    **dict.fromkeys(("servo", "servo_estimate", "command_log", "state_ahead"), "servo"),
     "command_link": "command link",
     **dict.fromkeys(("handler", "robust_gate", "imu_rows", "beliefs_at_stamp"), "handler"),
     **dict.fromkeys(("filter", "own_filter", "estimator", "vehicle_belief", "belief_parts"), "filter"),

@@ -10,7 +10,7 @@ from ortilo_drake.onboard.commands.command_log import command_log_box
 from ortilo_drake.onboard.commands.state_ahead import state_ahead_box
 from ortilo_drake.onboard.servo.augmented_servo import augmented_servo_box
 from ortilo_drake.onboard.servo.lq_gain import gain_of
-from ortilo_drake.onboard.servo.lq_servo import LENT, servo_box
+from ortilo_drake.onboard.servo.lq_servo import SERVO_ESTIMATE, servo_box
 from ortilo_drake.scenario import Belief, LqServo
 
 
@@ -49,8 +49,8 @@ def servo_boxes(
         require_ports(own, ("estimate", "reference"), ("control",), "servo")
         return [*boxes, system_box("servo", own, ("control",), signals)]
     if scenario.lends_velocities:
-        boxes.append(Box("lent", LENT, N_XBAR).with_inputs(belief=belief))
-        belief = "lent"
+        boxes.append(Box("servo_estimate", SERVO_ESTIMATE, N_XBAR).with_inputs(belief=belief))
+        belief = "servo_estimate"
     if not isinstance(scenario.servo, LqServo):
         says = {"force": force, "reference": reference}
         return [*boxes, *own_servo_boxes(scenario, belief, says, messages)]

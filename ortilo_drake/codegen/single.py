@@ -21,7 +21,7 @@ from ortilo_drake.model.typed_yaml import InputError
 # What has flown within 1 mm and 0.1 degree of doubles (scripts/export_single.py).
 NEAR: Final = {
     "outside", "constant", "bundle", "multilateration", "learning_multilateration", "survey_bank", "handler",
-    "imu_rows", "filter", "told_filter", "known_part", "reference", "servo", "belief_parts", "extra_part",
+    "imu_rows", "filter", "told_filter", "vehicle_belief", "reference", "servo", "belief_parts", "extra_part",
 }  # fmt: skip
 NARROW: Final = {"f8": "f4"}  # how a kind is laid out
 # What the elements compare with is what rounding leaves of a double. Coarser rounding needs other numbers: pi / 2 and

@@ -9,13 +9,14 @@ from ortilo_drake.model.parts import find_sensor, known_sensors
 from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import InputError, nearest, validate
 from ortilo_drake.scenario.belief import Belief
+from ortilo_drake.scenario.camera import Camera
 from ortilo_drake.scenario.differences import check_differences
 from ortilo_drake.scenario.failsafe import Failsafe
 from ortilo_drake.scenario.faults import Faults, check_faults
 from ortilo_drake.scenario.link import CommandLink, Link, check_rate
 from ortilo_drake.scenario.loss_chain import loss_parameters
 from ortilo_drake.scenario.onboard import LqServo
-from ortilo_drake.scenario.sensors import Camera, Imu, Uwb
+from ortilo_drake.scenario.sensors import Imu, Uwb
 from ortilo_drake.scenario.truth import Truth
 from ortilo_drake.scenario.world import World
 

@@ -29,7 +29,7 @@ from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.pinhole import Camera, box_center
 from ortilo_drake.model.room import Room
 from ortilo_drake.scenario import Detector, Scenario
-from ortilo_drake.scenario.sensors import MeasuredErrors, ParametricErrors
+from ortilo_drake.scenario.camera import MeasuredErrors, ParametricErrors
 from ortilo_drake.sensors.information_rows import AMPLITUDE, GRADIENT, ROW_SIZE, SLOW, SOURCE, TICK, VARIANCE
 from ortilo_drake.world.sensors.camera_calibration import CameraCalibration, load_calibration
 from ortilo_drake.world.sensors.camera_tables import Tables, look_up, measured_tables, parametric_tables

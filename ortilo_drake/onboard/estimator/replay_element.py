@@ -81,7 +81,7 @@ REPLAY = Element(
     shows="memory",
     allocates=True,
 )
-PAST = Element("past_belief", out=belief_at_stamp_out, numbers=(Number("h"),), allocates=True)
+PAST = Element("belief_at_stamp", out=belief_at_stamp_out, numbers=(Number("h"),), allocates=True)
 
 
 def replay_box(

@@ -121,7 +121,7 @@ def _rows(tables: Tables, scenario: str, columns: dict[str, tuple[Statistics, di
 
 
 def _efficiency_rows(tables: Tables, scenario: str) -> list[str]:
-    """Return the rows of a scenario's efficiency_table."""
+    """Return the rows of a scenario's efficiencies, by axis."""
     axes, kept, lost = tables.efficiency[scenario], _kept(tables, scenario), tables.lost[scenario]
     columns, of_the_kept = list(axes.values()), _of_the_kept(tables, scenario)
 
