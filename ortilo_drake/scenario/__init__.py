@@ -27,14 +27,7 @@ from ortilo_drake.scenario.link import (
     TimeBlackout,
 )
 from ortilo_drake.scenario.load import SCENARIO_FOLDER, load_scenario, scenario_names, with_seed
-from ortilo_drake.scenario.onboard import (
-    Detector,
-    Exclusion,
-    LandmarkFix,
-    LqServo,
-    Multilateration,
-    ServoWeights,
-)
+from ortilo_drake.scenario.onboard import Detector, Exclusion, LandmarkFix, LqServo, Multilateration, ServoWeights
 from ortilo_drake.scenario.planner import GcsPlanner, HoverPlanner, Planner, WaypointPlanner, read_waypoints
 from ortilo_drake.scenario.scenario import Scenario
 from ortilo_drake.scenario.sensors import (

@@ -32,13 +32,7 @@ from ortilo_drake.scenario.range_errors import UwbNoise
 from ortilo_drake.world.drawn_truth import AtStart
 from ortilo_drake.world.faults.range_faults import distance_to
 from ortilo_drake.world.noise import put_normals, uniforms
-from ortilo_drake.world.sensors.fitted_errors import (
-    draw_day,
-    growth,
-    odd_after,
-    row_error,
-    share_of_pairs,
-)
+from ortilo_drake.world.sensors.fitted_errors import draw_day, growth, odd_after, row_error, share_of_pairs
 from ortilo_drake.world.sensors.fitted_uwb import NUMBERS, TABLES, field_tables, given_of, lasting_of, noise_of
 from ortilo_drake.world.sensors.matern_field import field_at
 from ortilo_drake.world.slow_error import SlowNoise, gauss_markov, slow_noise_after
