@@ -13,8 +13,7 @@ from ortilo_drake.diagrams.wiring.blocks import WORLD, blocks_of, signals_betwee
 from ortilo_drake.loop.element import Box
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.scenario import load_scenario, scenario_names
-from ortilo_drake.views.scenario_wiring import wiring_of
-from ortilo_drake.views.wiring_text import kind_of, wiring_text
+from ortilo_drake.views.wiring_text import kind_of, wiring_of, wiring_text
 
 LATE = "command_link.delay=1", "commands.filter=acted", "commands.servo=predicted", "estimator.delay=replay"
 CASES = {name: (name, ()) for name in scenario_names()} | {"late commands": ("imu_uwb_yolo", LATE)}
