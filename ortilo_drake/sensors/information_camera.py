@@ -53,12 +53,7 @@ class CenterErrors(NamedTuple):
 
 
 def quantile_information(normal: np.ndarray, quantiles: np.ndarray) -> tuple[float, float, float]:
-    """Return E[1/q'], E[1/q'^2] and F of the error q(z).
-
-    Args:
-        normal: standard normal numbers, rising (k).
-        quantiles: the error's quantiles there (k).
-    """
+    """Return E[1/q'], E[1/q'^2] and F of the error q(z), of its quantiles (k) at normal numbers z, rising (k)."""
     q = PchipInterpolator(normal, quantiles)
     z, step = np.linspace(-8.0, 8.0, 4001, retstep=True)
     inside = np.clip(z, normal[0], normal[-1])

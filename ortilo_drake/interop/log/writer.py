@@ -40,14 +40,7 @@ def quality_of_service(topic: str) -> list[dict[str, Any]]:
 
 
 def bag_metadata(file: str, topics: dict[str, str], counts: dict[str, int], end: int) -> str:
-    """Return the metadata.yaml of a rosbag2 folder, version 9, as ROS 2 Jazzy writes it.
-
-    Args:
-        file: the name of the MCAP file beside it.
-        topics: the type of each topic.
-        counts: how many messages each topic has.
-        end: time of the last message; the first is at 0 [ns].
-    """
+    """Return metadata.yaml of a rosbag2 folder, version 9 (ROS 2 Jazzy), of messages from 0 to the time `end` [ns]."""
     times = {"duration": {"nanoseconds": end}, "starting_time": {"nanoseconds_since_epoch": 0}}
     total = sum(counts.values())
     information = {

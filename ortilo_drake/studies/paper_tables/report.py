@@ -23,11 +23,7 @@ TITLES = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}
 
 
 def tables_summary(tables: Tables) -> list[str]:
-    """Return a summary of the tables, as Markdown's list: at most five lines, whatever stands beside the paper's.
-
-    Args:
-        tables: what make_tables returned.
-    """
+    """Return a summary of the tables, as Markdown's list: at most five lines, whatever stands beside the paper's."""
     lost = [f"{TITLES.get(name, name)} {count(n, tables.flights)}" for name, n in tables.lost.items()]
     lines = [f"Flights lost: {', '.join(lost)}."]
     for name in SCENARIOS:
