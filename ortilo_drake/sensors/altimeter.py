@@ -42,11 +42,7 @@ class Altimeter(SensorSettings):
 class AltimeterNumbers(NamedTuple):
     """The numbers of an altimeter, as compiled functions take them.
 
-    Attributes:
-        floor: z of the floor [m].
-        sd: noise that does not depend on the range [m].
-        fraction: noise over the range [1].
-        max_range: farther floors give no range [m].
+    Fields as Altimeter, and floor, its z [m].
     """
 
     floor: float
