@@ -116,13 +116,4 @@ def limits(scenario: Scenario, room: Room) -> tuple[np.ndarray, np.ndarray]:
     return np.zeros(1), np.array([numbers.max_range + 10.0 * noise_sd(numbers, numbers.max_range)])
 
 
-register_sensor(
-    Sensor(
-        "altimeter",
-        Altimeter,
-        (row("z_alt", z=1.0),),
-        sd=row_sd,
-        limits=limits,
-        compiled=COMPILED,
-    )
-)
+register_sensor(Sensor("altimeter", Altimeter, (row("z_alt", z=1.0),), sd=row_sd, limits=limits, compiled=COMPILED))

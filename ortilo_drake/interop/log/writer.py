@@ -152,13 +152,7 @@ class LogWriter:
             raise self._not_written(error) from None
         return self
 
-    def write_tick(
-        self,
-        k: int,
-        state: np.ndarray | None,
-        messages: Signals,
-        outputs: Signals,
-    ) -> None:
+    def write_tick(self, k: int, state: np.ndarray | None, messages: Signals, outputs: Signals) -> None:
         """Write one tick; ticks come in ascending order.
 
         Args:

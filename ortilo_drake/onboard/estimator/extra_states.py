@@ -139,11 +139,7 @@ def _biases(biases: Biases, h: float, flown: tuple[str, ...]) -> list[Extra]:
 
 
 def extra_states(
-    settings: FilterSettings,
-    vehicle: Vehicle,
-    h: float,
-    flown: tuple[str, ...] = PAPERS_ROWS,
-    yaw: float = 0.0,
+    settings: FilterSettings, vehicle: Vehicle, h: float, flown: tuple[str, ...] = PAPERS_ROWS, yaw: float = 0.0
 ) -> tuple[Extra, ...]:
     """Return the extra states of a scenario's filter, in their order in xbar: the force comes first.
 

@@ -95,14 +95,7 @@ class LiveBridge:
         InputError: if the map cannot be heard live.
     """
 
-    def __init__(
-        self,
-        map_: Map,
-        say: Say,
-        rate: float = RATE,
-        lag: float = LAG,
-        holding: Holding | None = None,
-    ):
+    def __init__(self, map_: Map, say: Say, rate: float = RATE, lag: float = LAG, holding: Holding | None = None):
         self._map, self._rows = map_, LiveRows(map_, lag)
         self._filter = LiveFilter(map_, self._rows.anchors, rate)
         self._targets: dict[str, Target] = {}

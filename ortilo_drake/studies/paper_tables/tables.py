@@ -134,10 +134,7 @@ _PAPER_ESTIMATION = {
         "z": (0.0173, 0.0120, 0.0277, 0.0005),
     },
 }
-_PAPER_PATH = {
-    "imu_uwb": (0.0098, 0.0080, 0.0096, 0.0071),
-    "imu_uwb_yolo": (0.0101, 0.0052, 0.0066, 0.0046),
-}
+_PAPER_PATH = {"imu_uwb": (0.0098, 0.0080, 0.0096, 0.0071), "imu_uwb_yolo": (0.0101, 0.0052, 0.0066, 0.0046)}
 PAPER = PaperTables(
     estimation={
         scenario: {axis: dict(zip(STATISTICS, row, strict=True)) for axis, row in rows.items()}

@@ -153,10 +153,7 @@ def honesty_section(
     efficiency = {axis: efficiency_of(axis, summaries) for axis in AXES}
     report = Honesty(**vars(consistency_report(flown)), efficiency=efficiency)
     names = {scenario.name: flown}
-    figures = [
-        nees_figure(names, out / "nees.png"),
-        whiteness_figure({scenario.name: report}, out / "whiteness.png"),
-    ]
+    figures = [nees_figure(names, out / "nees.png"), whiteness_figure({scenario.name: report}, out / "whiteness.png")]
     return report, figures
 
 

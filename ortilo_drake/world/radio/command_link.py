@@ -70,13 +70,7 @@ def arriving(k: int, state: np.ndarray, loss: np.ndarray, seed: int, stream: np.
 
 @njit(cache=True)
 def link_after(
-    k: int,
-    state: np.ndarray,
-    u: np.ndarray,
-    applied: np.ndarray,
-    loss: np.ndarray,
-    seed: int,
-    stream: np.uint64,
+    k: int, state: np.ndarray, u: np.ndarray, applied: np.ndarray, loss: np.ndarray, seed: int, stream: np.uint64
 ) -> np.ndarray:
     """Return the link's state at tick k + 1. Arguments as applied_command; applied is what that returned."""
     after = state.copy()
