@@ -107,11 +107,7 @@ def make_servo(
 
 
 def make_sensor(
-    name: str,
-    room: Room | ArrayLike | None = None,
-    h: float = 1.0 / 30.0,
-    seed: int = 0,
-    **settings: Any,
+    name: str, room: Room | ArrayLike | None = None, h: float = 1.0 / 30.0, seed: int = 0, **settings: Any
 ) -> System:
     """Return a sensor as a System, with its link: what it measures follows from the true state of any body.
 
@@ -160,10 +156,7 @@ def make_sensor(
 
 
 def make_plant(
-    vehicle: Vehicle | None = None,
-    kinematics: str = "rigid_body",
-    time_step: float = 0.0,
-    x_0: ArrayLike | None = None,
+    vehicle: Vehicle | None = None, kinematics: str = "rigid_body", time_step: float = 0.0, x_0: ArrayLike | None = None
 ) -> System:
     """Return the vehicle as a System: a rigid body under its total thrust and three torques.
 

@@ -184,13 +184,7 @@ class World(Diagram):
 def _integrated(
     builder: DiagramBuilder, scenario: Scenario, vehicle: dict[str, OutputPort]
 ) -> tuple[list[Box], dict[str, OutputPort]]:
-    """Return boxes in the place of those of a vehicle that Drake integrates, and the ports that they stand for.
-
-    Args:
-        builder: of the world.
-        scenario: the scenario.
-        vehicle: its ports.
-    """
+    """Return boxes in the place of those of a vehicle that Drake integrates, and the ports that they stand for."""
     felt = _together(builder, vehicle["control"], vehicle["disturbance"])
     parts = {"control": (0, N_U), "disturbance": (N_U, 6)}
     boxes = [outside("plant", N_X), Box("felt", OUTSIDE, N_U + 6, parts=parts), outside("rotors_felt", N_U)]

@@ -20,7 +20,7 @@ _TICK: Final = """
 import json
 from ortilo_drake.flight.played import Played
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.views.scenario_wiring import wiring_of
+from ortilo_drake.views.wiring_text import wiring_of
 from ortilo_drake.views.wiring_picture import wiring_picture
 from ortilo_drake.views.wiring_text import wiring_text
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import ortilo_drake
 from ortilo_drake.onboard.detector.detector_network import OWN_CFG, OWN_CLASSES, OWN_NETWORK, OWN_ONNX
-from ortilo_drake.scenario.sensors import MeasuredErrors
+from ortilo_drake.scenario.camera import MeasuredErrors
 from ortilo_drake.world.sensors.camera_calibration import load_calibration
 
 PACKAGE = Path(ortilo_drake.__file__).parent

@@ -31,8 +31,7 @@ from ortilo_drake.onboard.estimator.lasting_element import (
 )
 from ortilo_drake.onboard.estimator.measurement_handler import handler_box, incoming_of, oldest_used
 from ortilo_drake.onboard.estimator.replay_element import belief_at_stamp_box, replay_box
-from ortilo_drake.onboard.estimator.robust.gate_element import gate_box
-from ortilo_drake.onboard.estimator.robust.gate_element import opening_variances
+from ortilo_drake.onboard.estimator.robust.gate_element import gate_box, opening_variances
 from ortilo_drake.onboard.estimator.robust.weights import weighing_of
 from ortilo_drake.onboard.ranging.noise_scale import scaled_bank_box
 from ortilo_drake.onboard.ranging.sighted import sighted_box

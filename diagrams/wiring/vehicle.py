@@ -9,8 +9,7 @@ from ortilo_drake.scenario.truth import ForceTruth, VehicleTruth
 from ortilo_drake.world.faults.vehicle_faults import force_faults_box, force_table, wrench_faults_box, wrench_table
 from ortilo_drake.world.slow_error import gauss_markov
 from ortilo_drake.world.vehicle.continuous_element import continuous_boxes
-from ortilo_drake.world.vehicle.disturbance import disturbance_box, lasting_force_box
-from ortilo_drake.world.vehicle.disturbance import drag_box
+from ortilo_drake.world.vehicle.disturbance import disturbance_box, drag_box, lasting_force_box
 from ortilo_drake.world.vehicle.quadrotor import acceleration_box, felt_box, plant_box
 from ortilo_drake.world.vehicle.wrench_error import wrench_error_box
 
@@ -37,13 +36,7 @@ def vehicle_boxes(scenario: Scenario, r_0: np.ndarray, control: str, needs_force
 
 
 def felt_boxes(scenario: Scenario, acts: str, pushes: str) -> list[Box]:
-    """Return the boxes of the control, disturbance and acceleration up to this tick.
-
-    Args:
-        scenario: the scenario.
-        acts: the box that says the control as it acts on the body.
-        pushes: the box that says the disturbance.
-    """
+    """Return the boxes of control, disturbance and acceleration up to this tick, of the boxes that say the two."""
     felt = felt_box(scenario.vehicle).with_inputs(control=acts, disturbance=pushes)
     moved = acceleration_box(scenario.vehicle, scenario.world.kinematics)
     return [felt, moved.with_inputs(state="plant", control=felt_control(scenario), disturbance="felt.disturbance")]

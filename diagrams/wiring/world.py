@@ -27,8 +27,7 @@ from ortilo_drake.world.sensors.own_sensor import own_sensor_box
 from ortilo_drake.world.sensors.sample_collector import SampleCollector
 from ortilo_drake.world.sensors.sensor_clock import clock_box
 from ortilo_drake.world.sensors.sensor_errors import errors_of
-from ortilo_drake.world.sensors.shutter import shutter_box
-from ortilo_drake.world.sensors.true_velocity import velocity_box
+from ortilo_drake.world.sensors.true_velocity import shutter_box, velocity_box
 from ortilo_drake.world.vehicle.acted_report import now_box, report_box
 
 

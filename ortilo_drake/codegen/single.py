@@ -22,7 +22,7 @@ from ortilo_drake.model.typed_yaml import InputError
 NEAR: Final = {
     "outside", "constant", "bundle", "multilateration", "learning_multilateration", "survey_bank",
     "scaled_multilateration", "scaled_learning_multilateration", "scaled_survey_bank", "handler",
-    "imu_rows", "filter", "told_filter", "known_part", "reference", "servo", "belief_parts", "extra_part",
+    "imu_rows", "filter", "told_filter", "vehicle_belief", "reference", "servo", "belief_parts", "extra_part",
 }  # fmt: skip
 NARROW: Final = {"f8": "f4"}  # how a kind is laid out
 # What the elements compare with is what rounding leaves of a double. Coarser rounding needs other numbers: pi / 2 and

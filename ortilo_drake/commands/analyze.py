@@ -14,16 +14,7 @@ from ortilo_drake.commands.options import (
     WorkersOption,
     quiet_drake,
 )
-from ortilo_drake.commands.terminal import (
-    check_writable,
-    err,
-    made_by,
-    progress_bar,
-    say_if_compiling,
-    say_written,
-    show_markdown,
-    write_json,
-)
+from ortilo_drake.commands.terminal import check_writable, err, hand_over, progress_bar, say_if_compiling
 from ortilo_drake.scenario import load_scenario
 
 
@@ -47,7 +38,6 @@ def analyze(
     chosen = load_scenario(scenario, tuple(settings or ()))
     report = out_folder / f"{chosen.name}.md"
     check_writable(json_file, report)
-    from ortilo_drake.flight.files import write_text
     from ortilo_drake.flight.processes.workers import kept_workers
     from ortilo_drake.studies.report.analysis_text import analysis_text
     from ortilo_drake.studies.report.analyze import analysis_data
@@ -70,7 +60,4 @@ def analyze(
 
         analysis, figures = analyze_scenario(chosen, flights, out_folder, workers or os.cpu_count() or 1, step)
     text = analysis_text(analysis)
-    write_text(report, text + made_by())
-    write_json(json_file, analysis_data(analysis))
-    show_markdown(text)
-    say_written(report, *figures, json_file)
+    hand_over(text, report, analysis_data(analysis), json_file, *figures)

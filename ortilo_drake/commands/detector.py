@@ -51,14 +51,7 @@ def _render(folder: Path, parts: tuple[str, ...], seed: int, scale: float, width
         for (part, kind), scenes in counts.items():
             task = progress.add_task(f"{part} {kind}", total=scenes)
             render_set(
-                folder,
-                part,
-                kind,
-                seed,
-                scenes,
-                width,
-                workers or os.cpu_count() or 1,
-                partial(progress.advance, task),
+                folder, part, kind, seed, scenes, width, workers or os.cpu_count() or 1, partial(progress.advance, task)
             )
 
 

@@ -31,9 +31,8 @@ def diagram(
     check_writable(svg, html, drake)
     from ortilo_drake.views.graphviz import drake_svg
     from ortilo_drake.views.page.diagram_page import diagram_page
-    from ortilo_drake.views.scenario_wiring import wiring_of
     from ortilo_drake.views.wiring_picture import wiring_picture
-    from ortilo_drake.views.wiring_text import wiring_text
+    from ortilo_drake.views.wiring_text import wiring_of, wiring_text
 
     if drake:
         write_text(drake, drake_svg(chosen))

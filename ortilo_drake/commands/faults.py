@@ -7,16 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from ortilo_drake.commands.options import JsonOption, SetOption, WorkersOption, finite, quiet_drake, scenarios_from
-from ortilo_drake.commands.terminal import (
-    check_writable,
-    made_by,
-    progress_bar,
-    say_if_compiling,
-    say_written,
-    show_markdown,
-    write_json,
-)
-from ortilo_drake.flight.files import write_text
+from ortilo_drake.commands.terminal import check_writable, hand_over, progress_bar, say_if_compiling
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.scenario.load import PROJECTED
@@ -87,8 +78,5 @@ def faults(
             vary, chosen, flights, out_folder / "flights", start, length, count, lambda n: progress.advance(task, n)
         )
     text = fault_text(found)
-    write_text(report, text + made_by())
     fault_figure(found, figure)
-    write_json(json_file, found)
-    show_markdown(text)
-    say_written(report, figure, json_file)
+    hand_over(text, report, found, json_file, figure)

@@ -9,13 +9,10 @@ import typer
 from ortilo_drake.commands.options import JsonOption, WorkersOption, quiet_drake
 from ortilo_drake.commands.terminal import (
     check_writable,
-    made_by,
+    hand_over,
     progress_bar,
     say_if_compiling,
     say_warnings,
-    say_written,
-    show_markdown,
-    write_json,
 )
 from ortilo_drake.flight.files import write_text
 
@@ -59,8 +56,5 @@ def map_(
     theory = theory_of(found)
     text = map_text(found, theory)
     write_text(table, map_csv(found))
-    write_text(report, text + made_by())
     drawn = map_figure(found, figure, theory)
-    write_json(json_file, found)
-    show_markdown(text)
-    say_written(report, table, drawn, json_file)
+    hand_over(text, report, found, json_file, table, drawn)

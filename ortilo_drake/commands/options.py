@@ -106,10 +106,7 @@ OnnxOption = Annotated[Path | None, typer.Option("--onnx", help="Use this YOLOv5
 
 
 def with_camera(
-    settings: list[str] | None,
-    camera: Camera | None,
-    detector: tuple[Path, Path] | None,
-    onnx: Path | None = None,
+    settings: list[str] | None, camera: Camera | None, detector: tuple[Path, Path] | None, onnx: Path | None = None
 ) -> tuple[str, ...]:
     """Return the settings with the camera's laid over them; a detector of the user's needs the rendered camera."""
     chosen = list(settings or ())

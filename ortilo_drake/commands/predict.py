@@ -6,15 +6,7 @@ from typing import Annotated
 import typer
 
 from ortilo_drake.commands.options import JsonOption
-from ortilo_drake.commands.terminal import (
-    check_writable,
-    made_by,
-    progress_bar,
-    say_if_compiling,
-    say_written,
-    show_markdown,
-    write_json,
-)
+from ortilo_drake.commands.terminal import check_writable, hand_over, progress_bar, say_if_compiling
 from ortilo_drake.model.typed_yaml import InputError
 
 
@@ -35,7 +27,6 @@ def predict(
     """
     report, picture = out_folder / "predicted.md", out_folder / "predicted.png"
     check_writable(report, picture, json_file)
-    from ortilo_drake.flight.files import write_text
     from ortilo_drake.interop.recorded.map_file import load_map
     from ortilo_drake.interop.recorded.recording import read_recording
     from ortilo_drake.scenario.noise_file import load_noise
@@ -57,8 +48,5 @@ def predict(
 
         flights = [predict_recording(one, map_, errors, runs, seed, say) for one in read]
     text = predicted_text(flights, noise)
-    write_text(report, text + made_by())
     predicted_figure(flights, picture)
-    write_json(json_file, {"noise": errors, "flights": flights, "group": group_of(flights)})
-    show_markdown(text)
-    say_written(report, picture, json_file)
+    hand_over(text, report, {"noise": errors, "flights": flights, "group": group_of(flights)}, json_file, picture)

@@ -15,17 +15,7 @@ from ortilo_drake.commands.options import (
     quiet_drake,
     with_camera,
 )
-from ortilo_drake.commands.terminal import (
-    check_writable,
-    flights_to_go,
-    made_by,
-    say_if_compiling,
-    say_warnings,
-    say_written,
-    show_markdown,
-    write_json,
-)
-from ortilo_drake.flight.files import write_text
+from ortilo_drake.commands.terminal import check_writable, flights_to_go, hand_over, say_if_compiling, say_warnings
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.scenario import load_scenario, with_seed
 
@@ -72,7 +62,4 @@ def rare(
     with flights_to_go() as advance:
         found = rare_flights(flown, corridor, paths, repetitions, out_folder / "kept", workers, count, advance, least)
     text = rare_text(flown, found)
-    write_text(report, text + made_by())
-    write_json(json_file, {"scenario": flown.name, "verdict": verdict(flown, found)} | as_data(found))
-    show_markdown(text)
-    say_written(report, json_file)
+    hand_over(text, report, {"scenario": flown.name, "verdict": verdict(flown, found)} | as_data(found), json_file)

@@ -9,17 +9,15 @@ from ortilo_drake.commands.options import JsonOption, quiet_drake
 from ortilo_drake.commands.terminal import (
     check_writable,
     err,
-    made_by,
+    hand_over,
     progress_bar,
     say_error,
     say_heading,
     say_if_compiling,
     say_written,
-    show_markdown,
     show_report,
     write_json,
 )
-from ortilo_drake.flight.files import write_text
 from ortilo_drake.model.typed_yaml import InputError
 
 DOUBTFUL = 3  # exit code of a replay that has doubts
@@ -91,10 +89,7 @@ def _replay_recorded(paths: list[Path], map_file: Path, out_folder: Path, json_f
             figures.append(motion_figure(found, drawn, map_.available, out_folder / f"{recording.name}.png"))
             tracks += write_trajectories(out_folder, found, drawn, recording, map_.calibration.frame)
     text = report_text(motions, map_.calibration.share)
-    write_text(report, text + made_by())
-    write_json(json_file, {"map": map_, "motions": motions})
-    show_markdown(text)
-    say_written(report, *figures, *tracks, json_file)
+    hand_over(text, report, {"map": map_, "motions": motions}, json_file, *figures, *tracks)
     doubtful = [found for found in motions if found.doubts]
     for found in doubtful:
         for doubt in found.doubts:

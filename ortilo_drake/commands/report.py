@@ -14,15 +14,13 @@ from ortilo_drake.model.input_error import InputError
 
 def report(
     path: Annotated[
-        Path,
-        typer.Argument(help="A flight's .nc, or the --out folder or --json file of another command."),
+        Path, typer.Argument(help="A flight's .nc, or the --out folder or --json file of another command.")
     ],
     html: Annotated[
         Path | None, typer.Option("--out", help="The page; PATH.html, or report.html in PATH, if it is a folder.")
     ] = None,
     rerun: Annotated[
-        Path | None,
-        typer.Option(help="For a flight's .nc: write a recording for Rerun, .rrd, instead of a page."),
+        Path | None, typer.Option(help="For a flight's .nc: write a recording for Rerun, .rrd, instead of a page.")
     ] = None,
 ) -> None:
     """Make one self-contained HTML page, with text, tables and figures, of another command's results.

@@ -14,17 +14,7 @@ from ortilo_drake.commands.options import (
     WorkersOption,
     quiet_drake,
 )
-from ortilo_drake.commands.terminal import (
-    check_writable,
-    err,
-    made_by,
-    progress_bar,
-    say_if_compiling,
-    say_written,
-    show_markdown,
-    write_json,
-)
-from ortilo_drake.flight.files import write_text
+from ortilo_drake.commands.terminal import check_writable, err, hand_over, progress_bar, say_if_compiling
 from ortilo_drake.scenario import Scenario, load_scenario
 
 
@@ -68,8 +58,5 @@ def sensitivity(
 
         found = study(vary, flights, out_folder / "flights", count, say, lambda n: progress.advance(task, n))
     text = sensitivity_text(found)
-    write_text(report, text + made_by())
     sensitivity_figure(found, figure)
-    write_json(json_file, found)
-    show_markdown(text)
-    say_written(report, figure, json_file)
+    hand_over(text, report, found, json_file, figure)

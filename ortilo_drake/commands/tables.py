@@ -19,16 +19,7 @@ from ortilo_drake.commands.options import (
     scenarios_from,
     with_camera,
 )
-from ortilo_drake.commands.terminal import (
-    check_writable,
-    made_by,
-    out,
-    progress_bar,
-    say_if_compiling,
-    show_markdown,
-    write_json,
-)
-from ortilo_drake.flight.files import write_text
+from ortilo_drake.commands.terminal import check_writable, hand_over, progress_bar, say_if_compiling
 
 
 class Preset(StrEnum):
@@ -107,8 +98,4 @@ def tables(
         error_figure(summaries, out_folder / f"errors_{preset.value}.png"),
         arrival_figure({n: rows[0] for n, rows in first.items()}, out_folder / f"arrivals_{preset.value}.png"),
     ]
-    write_text(out_folder / f"tables_{preset.value}.md", text + made_by())
-    write_json(json_file, result)
-    show_markdown(text)
-    for path in (*written, out_folder / f"tables_{preset.value}.md", *([json_file] if json_file else [])):
-        out.print(f"wrote {path}", markup=False, soft_wrap=True)
+    hand_over(text, out_folder / f"tables_{preset.value}.md", result, json_file, *written)

@@ -88,6 +88,14 @@ def say_written(*paths: Path | None) -> None:
             out.print(f"  wrote {path}", markup=False, soft_wrap=True)
 
 
+def hand_over(text: str, report: Path, data: Any, json_file: Path | None, *figures: Path | None) -> None:
+    """Write a study's report and its data, print the report, and say which files there are; figures were drawn."""
+    write_text(report, text + made_by())
+    write_json(json_file, data)
+    show_markdown(text)
+    say_written(report, *figures, json_file)
+
+
 def say_if_compiling() -> None:
     """Say that the first flight of an installation compiles its functions, if nothing compiled is kept yet."""
     own = os.environ.get("NUMBA_CACHE_DIR")

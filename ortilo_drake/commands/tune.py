@@ -115,8 +115,7 @@ def _tune_by_flights(
     check_installed("cma", "search")
     check_writable(out_file, json_file, kept / "search")
     from ortilo_drake.flight.files import write_text
-    from ortilo_drake.studies.tuning.search import search_by_flights
-    from ortilo_drake.studies.tuning.search_report import found_text, search_lines
+    from ortilo_drake.studies.tuning.search import found_text, search_by_flights, search_lines
 
     quiet_drake()
     say_if_compiling()

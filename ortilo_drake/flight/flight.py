@@ -19,12 +19,7 @@ from ortilo_drake.flight.lost import Lost
 from ortilo_drake.flight.simulator import advance, make_simulator
 from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.parts import registered
-from ortilo_drake.model.signals import (
-    CONTROL_NAMES,
-    N_X,
-    STATE_NAMES,
-    XBAR_NAMES,
-)
+from ortilo_drake.model.signals import CONTROL_NAMES, N_X, STATE_NAMES, XBAR_NAMES
 from ortilo_drake.onboard.planner.planned import planned
 from ortilo_drake.scenario import Scenario, with_seed
 from ortilo_drake.scenario.saved import FORMAT, scenario_from_json

@@ -44,6 +44,11 @@ class Number:
     kind: Kind = "f8"
 
 
+def scalars(names: str, kind: Kind = "f8") -> tuple[Number, ...]:
+    """Return a number of a kind for each of some names, which blanks separate."""
+    return tuple(Number(name, kind=kind) for name in names.split())
+
+
 @dataclass(frozen=True)
 class Array:
     """An array of any shape: its name, how many dimensions it has, and its kind."""

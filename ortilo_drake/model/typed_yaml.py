@@ -13,15 +13,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.input_files import read_text
 from ortilo_drake.model.inputs.nearest_key import nearest
-from ortilo_drake.model.inputs.problems import (
-    SHOWN,
-    Place,
-    emptied,
-    first_problem,
-    problem_lines,
-    shown,
-    without,
-)
+from ortilo_drake.model.inputs.problems import SHOWN, Place, emptied, first_problem, problem_lines, shown, without
 
 __all__ = [
     "DEEPEST",

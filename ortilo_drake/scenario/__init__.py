@@ -10,6 +10,7 @@ Its groups of settings are modules of this folder, one a subject; whatever they 
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.scenario.belief import Belief
+from ortilo_drake.scenario.camera import Camera
 from ortilo_drake.scenario.commands import Commands
 from ortilo_drake.scenario.estimator import Biases, DiagonalW, DisturbanceW, IntermittentFilter, Noise, Walks
 from ortilo_drake.scenario.failsafe import Failsafe
@@ -26,20 +27,12 @@ from ortilo_drake.scenario.link import (
     TimeBlackout,
 )
 from ortilo_drake.scenario.load import SCENARIO_FOLDER, load_scenario, scenario_names, with_seed
-from ortilo_drake.scenario.onboard import (
-    Detector,
-    Exclusion,
-    LandmarkFix,
-    LqServo,
-    Multilateration,
-    ServoWeights,
-)
+from ortilo_drake.scenario.onboard import Detector, Exclusion, LandmarkFix, LqServo, Multilateration, ServoWeights
 from ortilo_drake.scenario.planner import GcsPlanner, HoverPlanner, Planner, WaypointPlanner, read_waypoints
 from ortilo_drake.scenario.scenario import Scenario
 from ortilo_drake.scenario.sensors import (
     AffineNoise,
     Ahrs,
-    Camera,
     ConstantNoise,
     Imu,
     ProportionalNoise,

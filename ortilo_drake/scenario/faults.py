@@ -278,11 +278,6 @@ def sensors_of_kind(kind: str) -> tuple[str, ...]:
     return tuple(sensor for sensor, kinds in _SENSORS_OF.items() if kind in kinds)
 
 
-def end_of(fault: Onset) -> float | None:
-    """Return the time at which a fault ends [s]; None if it does not end."""
-    return fault.end if isinstance(fault, Fault) else None
-
-
 def check_faults(faults: tuple[AnyFault, ...], sensors: tuple[str, ...], rendered: bool) -> None:
     """Refuse faults of sensors that do not fly, and of a camera whose pictures are drawn.
 

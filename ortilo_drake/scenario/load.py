@@ -169,10 +169,7 @@ def as_settings(settings: Settings, changes: Mapping[str, Any]) -> list[Setting]
 
 
 def load_scenario(
-    scenario: str | Path | Scenario,
-    settings: Settings = (),
-    seed: int | None = None,
-    **changes: Any,
+    scenario: str | Path | Scenario, settings: Settings = (), seed: int | None = None, **changes: Any
 ) -> Scenario:
     """Return a scenario by name, from a file or as it is, with settings laid over it.
 

@@ -43,11 +43,7 @@ class Altimeter(SensorSettings):
 class AltimeterNumbers(NamedTuple):
     """The numbers of an altimeter, as compiled functions take them.
 
-    Attributes:
-        floor: z of the floor [m].
-        sd: noise that does not depend on the range [m].
-        fraction: noise over the range [1].
-        max_range: farther floors give no range [m].
+    Fields as Altimeter, and floor, its z [m].
     """
 
     floor: float
@@ -121,13 +117,4 @@ def limits(scenario: Scenario, room: Room) -> tuple[np.ndarray, np.ndarray]:
     return np.zeros(1), np.array([numbers.max_range + 10.0 * noise_sd(numbers, numbers.max_range)])
 
 
-register_sensor(
-    Sensor(
-        "altimeter",
-        Altimeter,
-        (row("z_alt", z=1.0),),
-        sd=row_sd,
-        limits=limits,
-        compiled=COMPILED,
-    )
-)
+register_sensor(Sensor("altimeter", Altimeter, (row("z_alt", z=1.0),), sd=row_sd, limits=limits, compiled=COMPILED))

@@ -17,7 +17,7 @@ from ortilo_drake.onboard.landmarks.landmark_bank import REPEATS
 from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
 from ortilo_drake.onboard.ranging.survey_bank import MEMORY
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.scenario.sensors import ParametricErrors
+from ortilo_drake.scenario.camera import ParametricErrors
 from ortilo_drake.sensors.imu import attitude_covariance
 from ortilo_drake.sensors.information_camera import camera_rows, camera_tables
 from ortilo_drake.sensors.information_rows import GRADIENT, SOURCE, VARIANCE, Information

@@ -55,13 +55,7 @@ class Flow(SensorSettings):
 class FlowNumbers(NamedTuple):
     """The numbers of an optical-flow sensor, as compiled functions take them.
 
-    Attributes:
-        floor: z of the floor [m].
-        flow_sd: noise of each component at quality 1 [rad/s].
-        gyro_sd: noise of its gyro's rates [rad/s].
-        far: distance at which the quality is one half [m].
-        near: least distance [m].
-        max_flow: fastest flow that it can follow [rad/s].
+    Fields as Flow, and floor, its z [m].
     """
 
     floor: float

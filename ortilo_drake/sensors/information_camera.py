@@ -29,7 +29,7 @@ from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.pinhole import Camera, box_center
 from ortilo_drake.model.room import Room
 from ortilo_drake.scenario import Detector, Scenario
-from ortilo_drake.scenario.sensors import MeasuredErrors, ParametricErrors
+from ortilo_drake.scenario.camera import MeasuredErrors, ParametricErrors
 from ortilo_drake.sensors.information_rows import AMPLITUDE, GRADIENT, ROW_SIZE, SLOW, SOURCE, TICK, VARIANCE
 from ortilo_drake.world.sensors.camera_calibration import CameraCalibration, load_calibration
 from ortilo_drake.world.sensors.camera_tables import Tables, look_up, measured_tables, parametric_tables
@@ -53,12 +53,7 @@ class CenterErrors(NamedTuple):
 
 
 def quantile_information(normal: np.ndarray, quantiles: np.ndarray) -> tuple[float, float, float]:
-    """Return E[1/q'], E[1/q'^2] and F of the error q(z).
-
-    Args:
-        normal: standard normal numbers, rising (k).
-        quantiles: the error's quantiles there (k).
-    """
+    """Return E[1/q'], E[1/q'^2] and F of the error q(z), of its quantiles (k) at normal numbers z, rising (k)."""
     q = PchipInterpolator(normal, quantiles)
     z, step = np.linspace(-8.0, 8.0, 4001, retstep=True)
     inside = np.clip(z, normal[0], normal[-1])

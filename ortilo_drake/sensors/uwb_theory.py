@@ -78,13 +78,7 @@ def unknown(scenario: Scenario, room: Room) -> list[Error]:
 
 
 def unknown_fitted(scenario: Scenario, n: int, its: Seen) -> list[Error]:
-    """Return the unknown errors that were fitted; a field counts as constant, which is the best that can be known.
-
-    Args:
-        scenario: the scenario.
-        n: number of anchors.
-        its: how an anchor's error is in the rows.
-    """
+    """Return n anchors' unknown errors that were fitted; a field counts as constant, the best that can be known."""
     if scenario.uwb.errors != "fitted":
         return []
     noise = noise_of(scenario.uwb)

@@ -172,11 +172,7 @@ def _lines(names: list[str]) -> list[str]:
 
 
 def detours(
-    nets: list[Net],
-    placed: dict[str, Placed],
-    straight: Iterable[tuple[str, str]],
-    top: float,
-    bottom: float,
+    nets: list[Net], placed: dict[str, Placed], straight: Iterable[tuple[str, str]], top: float, bottom: float
 ) -> list[str]:
     """Return the arrows that go past blocks, each net on a lane of its own."""
     drawn = []

@@ -79,15 +79,7 @@ def put_labels(
 def _free_place(
     at: np.ndarray, half: np.ndarray, ways: np.ndarray, taken: np.ndarray, frame: tuple[float, float, float, float]
 ) -> np.ndarray:
-    """Return the offset (2) [px] from a point at which a label of that half size (2) is over nothing.
-
-    Args:
-        at: the point (2) [px].
-        half: half the label's width and height [px].
-        ways: unit vectors in the order in which they are tried (k, 2).
-        taken: low and high corners of what is there (n, 4) [px].
-        frame: low and high corner of the axes [px], which the label does not leave.
-    """
+    """Return the offset (2) [px] by which a label clears `taken` (n, 4) within `frame`, by `ways` in turn."""
     offset = np.zeros(2)
     for ring in range(_RINGS):
         for way in ways:

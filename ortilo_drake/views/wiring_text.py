@@ -10,8 +10,11 @@ from typing import Any
 import numpy as np
 
 from ortilo_drake.diagrams.wiring.blocks import WORLD, blocks_of, signals_between, system_of
+from ortilo_drake.diagrams.wiring.whole import boxes_of
+from ortilo_drake.flight.flyable import flight_ticks
 from ortilo_drake.loop.element import Box
 from ortilo_drake.loop.wiring import Wiring
+from ortilo_drake.scenario import Scenario
 
 SHORT = 6  # numbers of an array whose values are printed
 PACKAGE = Path(__file__).parents[1]
@@ -150,3 +153,8 @@ def row(cells: tuple[str, ...], widths: tuple[int, ...]) -> Iterator[str]:
     broken = [cells[:1], *(textwrap.wrap(cell, width) for cell, width in zip(cells[1:], wide[1:], strict=True))]
     for parts in zip_longest(*broken, fillvalue=""):
         yield "".join(part.ljust(width) for part, width in zip(parts, widths, strict=True)).rstrip()
+
+
+def wiring_of(scenario: Scenario) -> Wiring:
+    """Return a scenario's wiring; InputError if it cannot be flown."""
+    return Wiring(boxes_of(scenario, flight_ticks(scenario)))

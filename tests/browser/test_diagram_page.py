@@ -9,7 +9,7 @@ from browser.chromium import Page
 
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.views.page.diagram_page import DEPTHS, diagram_page
-from ortilo_drake.views.scenario_wiring import wiring_of
+from ortilo_drake.views.wiring_text import wiring_of
 
 pytestmark = pytest.mark.long
 UNDER = """(() => {

@@ -20,7 +20,7 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.model.white_noise import USUAL_ROOT
 from ortilo_drake.scenario import Scenario, Uwb, load_scenario
-from ortilo_drake.scenario.sensors import MeasuredErrors
+from ortilo_drake.scenario.camera import MeasuredErrors
 from ortilo_drake.sensors.information_camera import camera_rows, camera_tables, center_errors
 from ortilo_drake.sensors.information_ranges import range_rows
 from ortilo_drake.sensors.information_rows import (

@@ -35,7 +35,7 @@ FLOATS_ALONE: Final = {
     "fix_of_boxes": "chooses and solves on arrays of floats",
     "fix_of_cosines": "chooses and solves on arrays of floats",
     "learning_fix_of_boxes": "chooses and solves on arrays of floats",
-    "past_belief": "looks its belief up by the tick of a stamp, a whole number",
+    "belief_at_stamp": "looks its belief up by the tick of a stamp, a whole number",
     "replay_filter": "puts a message into the tick of its stamp, a whole number",
     "told_replay_filter": "likewise",
     "tight_handler": "asks np.isfinite, which knows floats alone",

@@ -16,6 +16,7 @@ from ortilo_drake.onboard.detector.darknet_layers import (
     Dropout,
     Maxpool,
     Route,
+    Shape,
     Shortcut,
     Yolo,
 )
@@ -69,6 +70,10 @@ num=3
 """
 
 
+def head_shapes(cfg: DarknetCfg) -> list[Shape]:
+    return [shape for layer, shape in zip(cfg.layers, cfg.shapes, strict=True) if isinstance(layer, Yolo)]
+
+
 @pytest.mark.parametrize(
     ("name", "layers", "convolutions", "file_size"),
     [  # layers and sizes of the .weights files as published
@@ -83,15 +88,15 @@ def test_published_architectures(name: str, layers: int, convolutions: int, file
     assert len(cfg.layers) == layers
     assert sum(isinstance(layer, Convolutional) for layer in cfg.layers) == convolutions
     assert 4 * cfg.weight_count + 20 == file_size
-    strides = [cfg.net.width / shape.width for shape in cfg.head_shapes]
-    assert strides == [cfg.net.height / shape.height for shape in cfg.head_shapes]
+    strides = [cfg.net.width / shape.width for shape in head_shapes(cfg)]
+    assert strides == [cfg.net.height / shape.height for shape in head_shapes(cfg)]
     assert strides == ([32, 16] if "tiny" in name else [32, 16, 8])
     assert cfg.heads[0].anchors[-1] == ((344.0, 319.0) if "tiny" in name else (373.0, 326.0))
 
 
 def test_numbers_and_values_of_a_small_network() -> None:
     cfg = parse_cfg("\ufeff" + SMALL.replace("\n", "\r\n"), "small.cfg")
-    assert (cfg.net.width, cfg.net.height, cfg.head_shapes) == (64, 32, ((14, 16, 32),))
+    assert (cfg.net.width, cfg.net.height, head_shapes(cfg)) == (64, 32, [(14, 16, 32)])
     assert cfg.layers[0] == Convolutional(3, 8, 3, 2, 1, True, "leaky")
     assert cfg.layers[1] == Convolutional(8, 8, 1, 1, 0, False, "logistic")
     assert cfg.layers[2:4] == (Shortcut(0, "linear"), Maxpool(2, 2, 1))

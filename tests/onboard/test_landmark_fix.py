@@ -29,7 +29,7 @@ from ortilo_drake.onboard.landmarks.landmark_fix import METHODS, LandmarkFix
 from ortilo_drake.onboard.landmarks.pnp import refine_pose
 from ortilo_drake.scenario import Camera as CameraSettings
 from ortilo_drake.scenario import LandmarkFix as Settings
-from ortilo_drake.scenario.sensors import ParametricErrors
+from ortilo_drake.scenario.camera import ParametricErrors
 from ortilo_drake.world.sensors.projected_camera import camera_box
 
 POSITION = [0, 1, 2]

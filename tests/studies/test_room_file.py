@@ -8,7 +8,7 @@ from command_line import run
 
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.room import ORTILO_ROOM, load_room
-from ortilo_drake.studies.rooms.room_file import room_problems
+from ortilo_drake.studies.rooms.findings import room_problems
 
 LEAST = "interior: {min: [0, 0, 0], max: [8, 6, 3]}\nanchors: [[0, 0, 1], [8, 0, 2], [8, 6, 1], [0, 6, 3]]\n"
 FIVE_MISTAKES = """

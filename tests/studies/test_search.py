@@ -13,9 +13,16 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario, with_seed
 from ortilo_drake.studies.maps.map_flights import figures_of_points
 from ortilo_drake.studies.maps.point_flights import columns_of
-from ortilo_drake.studies.tuning.search import LOST, compare_costs, costs_of, place_of, search_by_flights
+from ortilo_drake.studies.tuning.search import (
+    LOST,
+    compare_costs,
+    costs_of,
+    found_text,
+    place_of,
+    search_by_flights,
+    search_lines,
+)
 from ortilo_drake.studies.tuning.search_file import Search, load_search, settings_at
-from ortilo_drake.studies.tuning.search_report import found_text, search_lines
 
 HOVER = {"planner": {"kind": "hover", "duration": 3.0}, "settle": 0.0}
 WEAK = {"servo.weights.position": [0.02, 0.02, 0.02], "world.disturbance.force_density": 0.183}

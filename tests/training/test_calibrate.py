@@ -16,7 +16,7 @@ from ortilo_drake.model.signals import DETECTION_SIZE, PAYLOAD
 from ortilo_drake.model.typed_yaml import InputError, load_yaml, validate
 from ortilo_drake.scenario import Camera as Settings
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.scenario.sensors import MeasuredErrors
+from ortilo_drake.scenario.camera import MeasuredErrors
 from ortilo_drake.training.calibration import calibrate as calibration_of
 from ortilo_drake.training.calibration.estimates import (
     both_below,

@@ -138,5 +138,9 @@ def test_opencv_gives_the_heads_in_the_order_of_the_cfg() -> None:
     cfg = read_cfg(OWN_CFG)
     pixels = np.zeros((1, 3, cfg.net.height, cfg.net.width), dtype=np.float32)
     shapes = [head.shape[2:] for head in opencv_network(OWN_ONNX)(pixels)]
-    assert shapes == [(shape.height, shape.width) for shape in cfg.head_shapes] == [(15, 20), (30, 40)]
+    assert (
+        shapes
+        == [cfg.shapes[i][1:] for i, layer in enumerate(cfg.layers) if layer in cfg.heads]
+        == [(15, 20), (30, 40)]
+    )
     assert cv2.getNumThreads() == 1

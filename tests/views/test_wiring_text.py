@@ -13,8 +13,7 @@ from ortilo_drake.diagrams.wiring.blocks import WORLD, blocks_of, signals_betwee
 from ortilo_drake.loop.element import Box
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.scenario import load_scenario, scenario_names
-from ortilo_drake.views.scenario_wiring import wiring_of
-from ortilo_drake.views.wiring_text import kind_of, wiring_text
+from ortilo_drake.views.wiring_text import kind_of, wiring_of, wiring_text
 
 LATE = "command_link.delay=1", "commands.filter=acted", "commands.servo=predicted", "estimator.delay=replay"
 CASES = {name: (name, ()) for name in scenario_names()} | {"late commands": ("imu_uwb_yolo", LATE)}
@@ -140,7 +139,7 @@ def test_parts_of_ones_own_are_in_the_blocks_of_those_that_they_replace() -> Non
     blocks = blocks_of(wiring_of(load_scenario("nominal_imu_uwb", own)))
     assert blocks["vehicle"].boxes == ("disturbance", "plant", "felt", "acceleration")
     assert "own_filter" in blocks["filter"].boxes
-    assert set(blocks["servo"].boxes) >= {"servo", "servo_estimate"}
+    assert set(blocks["servo"].boxes) >= {"servo", "true_velocity"}
 
 
 def test_a_system_is_named_as_what_it_is() -> None:

@@ -15,7 +15,7 @@ from ortilo_drake.model.signals import ARRIVED, N_X, SHUTTER_SIZE, STAMP
 from ortilo_drake.scenario import BernoulliLoss, Link
 from ortilo_drake.world.radio.image_delay import ImageDelay
 from ortilo_drake.world.radio.link import delivery_box, link_box
-from ortilo_drake.world.sensors.shutter import shutter_box
+from ortilo_drake.world.sensors.true_velocity import shutter_box
 
 H = 1.0 / 30.0
 

@@ -14,7 +14,7 @@ from ortilo_drake.model.room import load_room
 from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, PAYLOAD, STAMP
 from ortilo_drake.scenario import Camera as Settings
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.scenario.sensors import ParametricErrors
+from ortilo_drake.scenario.camera import ParametricErrors
 from ortilo_drake.world.sensors.projected_camera import camera_box
 
 H = 1.0 / 30.0

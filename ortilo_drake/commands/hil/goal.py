@@ -21,8 +21,7 @@ def goal(
     key: KeyOption = None,
     insecure: InsecureOption = False,
     wait: Annotated[
-        float,
-        typer.Option(min=0.1, callback=finite, help="Time to wait for the world, and then for an answer [s]."),
+        float, typer.Option(min=0.1, callback=finite, help="Time to wait for the world, and then for an answer [s].")
     ] = 5.0,
 ) -> None:
     """Send a flight in real time to another goal: it brakes, plans a path from there and flies it.

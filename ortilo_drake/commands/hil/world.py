@@ -24,14 +24,7 @@ from ortilo_drake.commands.options import (
     SetOption,
     quiet_drake,
 )
-from ortilo_drake.commands.terminal import (
-    check_writable,
-    say_error,
-    say_heading,
-    say_written,
-    show_report,
-    write_json,
-)
+from ortilo_drake.commands.terminal import check_writable, say_error, say_heading, say_written, show_report, write_json
 from ortilo_drake.hil.wire.urls import DEFAULT_URL
 from ortilo_drake.scenario import InputError, load_scenario
 

@@ -17,7 +17,7 @@ def check(room: RoomArgument) -> None:
 
     A room that loads may still be a bad one: lines that begin with `warning` say what looks like a mistake.
     """
-    from ortilo_drake.studies.rooms.room_file import room_problems
+    from ortilo_drake.studies.rooms.findings import room_problems
 
     problems = room_problems(room)
     for line in problems:

@@ -120,13 +120,13 @@ def fly_live(
         clock: has monotonic() and sleep().
     """
     due: dict[str, int] = {sensor: scenario.every(sensor) for sensor in scenario.sensors}
-    status, drawn_at, anew = Status(), -np.inf, True
+    status, drawn_at, begins = Status(), -np.inf, True
     while True:
         wishes = controls.wishes()
         if wishes.ends:
             return status
-        if anew or wishes.restarts:
-            flight, shares, anew = LiveFlight(scenario, planner), Shares(due, round(RECENT / scenario.h)), False
+        if begins or wishes.restarts:
+            flight, shares, begins = LiveFlight(scenario, planner), Shares(due, round(RECENT / scenario.h)), False
             status, next_at = Status(), clock.monotonic()
             if scene:
                 scene.begin(flight.path)

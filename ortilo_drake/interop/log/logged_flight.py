@@ -16,10 +16,7 @@ from ortilo_drake.scenario import Scenario
 
 
 def fly_logged(
-    scenario: Scenario,
-    log: Path | None,
-    progress: Callable[[int], None] | None = None,
-    also: Record | None = None,
+    scenario: Scenario, log: Path | None, progress: Callable[[int], None] | None = None, also: Record | None = None
 ) -> xr.Dataset:
     """Fly a scenario as flight.fly does, bit for bit, and write all that crosses between its halves.
 

@@ -10,15 +10,74 @@ import yaml
 from ortilo_drake import __version__
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.flight.signals import Signals, output_sizes
-from ortilo_drake.interop.log.bag_metadata import bag_metadata, quality_of_service
 from ortilo_drake.interop.ros.ros_fields import RosMessage, to_ns
-from ortilo_drake.interop.ros.ros_messages import TAKEN, start_messages, tick_messages
-from ortilo_drake.interop.ros.ros_types import definition, to_cdr
+from ortilo_drake.interop.ros.ros_messages import LATCHED, TAKEN, start_messages, tick_messages
+from ortilo_drake.interop.ros.ros_types import definition, to_cdr, typestore
 from ortilo_drake.model.optional import EXTRAS, check_installed, later
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
+
+_NO_TIME = {"sec": 0, "nsec": 0}
+
+
+def quality_of_service(topic: str) -> list[dict[str, Any]]:
+    """Return the quality of service a topic is offered with: reliable, and kept for latecomers if it is sent once."""
+    return [
+        {
+            "history": "keep_last",
+            "depth": 1 if topic in LATCHED else 10,
+            "reliability": "reliable",
+            "durability": "transient_local" if topic in LATCHED else "volatile",
+            "deadline": dict(_NO_TIME),
+            "lifespan": dict(_NO_TIME),
+            "liveliness": "automatic",
+            "liveliness_lease_duration": dict(_NO_TIME),
+            "avoid_ros_namespace_conventions": False,
+        }
+    ]
+
+
+def bag_metadata(file: str, topics: dict[str, str], counts: dict[str, int], end: int) -> str:
+    """Return metadata.yaml of a rosbag2 folder, version 9 (ROS 2 Jazzy), of messages from 0 to the time `end` [ns]."""
+    times = {"duration": {"nanoseconds": end}, "starting_time": {"nanoseconds_since_epoch": 0}}
+    total = sum(counts.values())
+    information = {
+        "version": 9,
+        "storage_identifier": "mcap",
+        "relative_file_paths": [file],
+        **times,
+        "message_count": total,
+        "topics_with_message_count": [
+            {
+                "topic_metadata": {
+                    "name": topic,
+                    "type": type_name,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": quality_of_service(topic),
+                    "type_description_hash": typestore().hash_rihs01(type_name),
+                },
+                "message_count": counts[topic],
+            }
+            for topic, type_name in topics.items()
+        ],
+        "compression_format": "",
+        "compression_mode": "",
+        "files": [{"path": file, **times, "message_count": total}],
+        "custom_data": None,
+        "ros_distro": "jazzy",
+    }
+    return yaml.dump({"rosbag2_bagfile_information": information}, Dumper=_NoAliases, sort_keys=False)
+
+
+class _NoAliases(yaml.SafeDumper):
+    """A dumper without aliases: an object that occurs twice is written out twice."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        """Return True: nothing is written as an alias (PyYAML's hook)."""
+        return True
+
 
 mcap = later("mcap.writer")
 
@@ -93,13 +152,7 @@ class LogWriter:
             raise self._not_written(error) from None
         return self
 
-    def write_tick(
-        self,
-        k: int,
-        state: np.ndarray | None,
-        messages: Signals,
-        outputs: Signals,
-    ) -> None:
+    def write_tick(self, k: int, state: np.ndarray | None, messages: Signals, outputs: Signals) -> None:
         """Write one tick; ticks come in ascending order.
 
         Args:

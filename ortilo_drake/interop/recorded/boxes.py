@@ -17,7 +17,7 @@ from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.model.room import Room, load_room
 from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, MAX_DETECTIONS, PAYLOAD, STAMP
 from ortilo_drake.model.typed_yaml import InputError, validate
-from ortilo_drake.scenario.sensors import Calibration
+from ortilo_drake.scenario.camera import Calibration
 
 
 class Scene(NamedTuple):

@@ -32,12 +32,7 @@ def check_recording(path: Path) -> None:
 
 
 def recording_bytes(flight: xr.Dataset, seen: Sightings) -> bytes:
-    """Return the content of an .rrd file.
-
-    Args:
-        flight: the flight.
-        seen: its pictures, boxes and ranges.
-    """
+    """Return the content of an .rrd file of a flight with its pictures, boxes and ranges."""
     import rerun as rr
 
     recording = rr.RecordingStream(APPLICATION)

@@ -72,12 +72,7 @@ def signal_message(name: str, signal: np.ndarray) -> RosMessage:
 
 
 def tick_messages(
-    t: float,
-    state: np.ndarray | None,
-    messages: Signals,
-    outputs: Signals,
-    scenario: Scenario,
-    room: Room,
+    t: float, state: np.ndarray | None, messages: Signals, outputs: Signals, scenario: Scenario, room: Room
 ) -> list[RosMessage]:
     """Return all ROS messages of one tick.
 

@@ -64,11 +64,7 @@ def estimate_messages(t: float, estimate: np.ndarray, covariance: np.ndarray) ->
 
 def tf_message(t: float, x: np.ndarray) -> RosMessage:
     """Return map -> base_link of a state, true or estimated."""
-    return (
-        "/tf",
-        "tf2_msgs/msg/TFMessage",
-        {"transforms": [transform_fields(t, "base_link", _motion(x))]},
-    )
+    return ("/tf", "tf2_msgs/msg/TFMessage", {"transforms": [transform_fields(t, "base_link", _motion(x))]})
 
 
 def reference_message(t: float, reference: np.ndarray, yaw: float) -> RosMessage:

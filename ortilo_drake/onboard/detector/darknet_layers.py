@@ -8,22 +8,8 @@ from typing import NamedTuple
 
 # Darknet's activations of single values (activations.c, activations.h); those of whole channels are not computed.
 ACTIVATIONS = (
-    "linear",
-    "leaky",
-    "logistic",
-    "mish",
-    "hard_mish",
-    "swish",
-    "relu",
-    "relu6",
-    "elu",
-    "selu",
-    "gelu",
-    "tanh",
-    "hardtan",
-    "loggy",
-    "relie",
-    "ramp",
+    *("linear", "leaky", "logistic", "mish", "hard_mish", "swish", "relu", "relu6"),
+    *("elu", "selu", "gelu", "tanh", "hardtan", "loggy", "relie", "ramp"),
 )
 
 
@@ -136,11 +122,6 @@ class DarknetCfg:
     def heads(self) -> tuple[Yolo, ...]:
         """Its [yolo] layers, in their order."""
         return tuple(layer for layer in self.layers if isinstance(layer, Yolo))
-
-    @property
-    def head_shapes(self) -> tuple[Shape, ...]:
-        """The shapes of its heads."""
-        return tuple(shape for layer, shape in zip(self.layers, self.shapes, strict=True) if isinstance(layer, Yolo))
 
     @property
     def weight_count(self) -> int:

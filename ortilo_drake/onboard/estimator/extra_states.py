@@ -139,20 +139,11 @@ def _biases(biases: Biases, h: float, flown: tuple[str, ...]) -> list[Extra]:
 
 
 def extra_states(
-    settings: FilterSettings,
-    vehicle: Vehicle,
-    h: float,
-    flown: tuple[str, ...] = PAPERS_ROWS,
-    yaw: float = 0.0,
+    settings: FilterSettings, vehicle: Vehicle, h: float, flown: tuple[str, ...] = PAPERS_ROWS, yaw: float = 0.0
 ) -> tuple[Extra, ...]:
     """Return the extra states of a scenario's filter, in their order in xbar: the force comes first.
 
-    Args:
-        settings: of the filter.
-        vehicle: as it is believed to be.
-        h: tick [s].
-        flown: names of the rows of y that may come; of others there is no bias.
-        yaw: the heading that is held [rad].
+    Arguments as filter_model; of rows of y that are not `flown` there is no bias.
     """
     if settings.force == "none":
         return ()

@@ -77,7 +77,7 @@ FILTER = Element(
     work=(Array("rows", 2), Array("S", 2), Array("deviation")),
     shows="belief",
 )
-KNOWN_PART = Element("known_part", out=vehicle_belief_out)
+VEHICLE_BELIEF = Element("vehicle_belief", out=vehicle_belief_out)
 EXTRA = Element("extra_part", out=extra_out)
 PARTS = Element("belief_parts", out=parts_out)
 
@@ -106,7 +106,7 @@ def filter_box(model: FilterModel, measurement: Measurement, hover_thrust: float
 
 def vehicle_belief_box(name: str) -> Box:
     """Return the box that splits a belief of [x; e; i] into that of [x; i], its part `belief`, and the `force`."""
-    return Box(name, KNOWN_PART, KNOWN + 3, parts={"belief": (0, KNOWN), "force": (KNOWN, 3)})
+    return Box(name, VEHICLE_BELIEF, KNOWN + 3, parts={"belief": (0, KNOWN), "force": (KNOWN, 3)})
 
 
 def parts_box(name: str) -> Box:

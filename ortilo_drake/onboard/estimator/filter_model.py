@@ -92,12 +92,7 @@ def filter_model(
 
 
 def augmented_model(
-    settings: FilterSettings,
-    vehicle: Vehicle,
-    integrator: str,
-    h: float,
-    extras: tuple[Extra, ...],
-    yaw: float = 0.0,
+    settings: FilterSettings, vehicle: Vehicle, integrator: str, h: float, extras: tuple[Extra, ...], yaw: float = 0.0
 ) -> FilterModel:
     """Return the filter's model of [x; e], see extra_states.py; without extra states it is filter_model."""
     model = filter_model(settings, vehicle, integrator, h, yaw)

@@ -58,20 +58,9 @@ def put_imu_rows(
     j: int,
     variance: np.ndarray,
 ) -> None:
-    """Write y, delta and V2 with the accelerometer's rows after them, and the gyroscope's after those.
+    """Write y, delta and V2 with the accelerometer's rows after them, and the gyroscope's where `variance` has six.
 
-    They arrive with the imu's angles.
-
-    Args:
-        y_all: to write y to (p + 3 or p + 6).
-        delta_all: likewise (s + 1 or s + 2).
-        V2_all: likewise (q + 9 or q + 18).
-        y: values (p).
-        delta: arrivals (s).
-        V2: covariances, each row by row (q).
-        imu: the imu message.
-        j: number of the imu among the sensors.
-        variance: of v_a per axis [m^2/s^4], then of v_g per angle [rad^2/s^2] if it is taken (3 or 6).
+    They arrive with the imu's angles; variances of v_a [m^2/s^4], then of v_g per angle [rad^2/s^2].
     """
     p, s, q, m = y.size, delta.size, V2.size, variance.size // 3
     fill(y_all, 0.0)

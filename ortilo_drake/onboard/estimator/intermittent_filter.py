@@ -204,12 +204,7 @@ def intermittent_step(
 
 
 def filter_gain(
-    P: np.ndarray,
-    delta: np.ndarray,
-    V2: np.ndarray,
-    Phi: np.ndarray,
-    integrator: int,
-    layout: Layout,
+    P: np.ndarray, delta: np.ndarray, V2: np.ndarray, Phi: np.ndarray, integrator: int, layout: Layout
 ) -> np.ndarray:
     """Return K_k at full size (n x p), its columns 0 where nothing arrived. Arguments as in intermittent_step."""
     N = len(Phi)

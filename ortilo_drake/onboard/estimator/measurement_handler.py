@@ -190,10 +190,7 @@ def handler_out(
 
 
 HANDLER = Element(
-    "handler",
-    out=handler_out,
-    numbers=(Number("drops", kind="i8"), Number("h")),
-    work=(Array("e"), Array("S", 2)),
+    "handler", out=handler_out, numbers=(Number("drops", kind="i8"), Number("h")), work=(Array("e"), Array("S", 2))
 )
 
 

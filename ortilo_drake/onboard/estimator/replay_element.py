@@ -81,7 +81,7 @@ REPLAY = Element(
     shows="memory",
     allocates=True,
 )
-PAST = Element("past_belief", out=belief_at_stamp_out, numbers=(Number("h"),), allocates=True)
+PAST = Element("belief_at_stamp", out=belief_at_stamp_out, numbers=(Number("h"),), allocates=True)
 
 
 def replay_box(
@@ -91,13 +91,7 @@ def replay_box(
 
     It says its `belief`, [xhat, P row by row] of all its states, and after it the history.
 
-    Args:
-        model: what it believes of the vehicle.
-        measurement: over all its states.
-        hover_thrust: m g [N].
-        belief_0: first [xhat, P row by row] (n + n^2).
-        ticks: kept in the history.
-        h: tick [s].
+    Arguments as filter_box, with the ticks that are kept in the history and the tick h [s].
     """
     slot = slot_of(measurement, len(model.Phi) + N_I)
     memory = np.concatenate((belief_0, empty_history(ticks, slot).ravel()))

@@ -174,6 +174,13 @@ def with_share(believed: BoxBelief, share: float, scale: float = 1.0) -> BoxBeli
     )
 
 
+@register_jitable
+def refused_step(message: np.ndarray, believed: BoxBelief, refused: np.ndarray, out: np.ndarray) -> None:
+    """Count the images that were refused in a row, where there is a joint test: see refused_after."""
+    if believed.limits.size > 0 and message[ARRIVED] == 1.0:
+        refused[0] = refused_after(refused[0], out[ARRIVED] == 1.0, message, believed)
+
+
 def learning_step(
     n: Any,
     message: np.ndarray,
@@ -187,11 +194,8 @@ def learning_step(
     out: np.ndarray,
 ) -> None:
     """Take refused_step, and learn what a fix that was made in this tick tells of the survey."""
-    if message[ARRIVED] != 1.0:
-        return
-    if believed.limits.size > 0:
-        refused[0] = refused_after(refused[0], out[ARRIVED] == 1.0, message, believed)
-    if out[ARRIVED] == 1.0:
+    refused_step(message, believed, refused, out)
+    if message[ARRIVED] == 1.0 and out[ARRIVED] == 1.0:
         at, n_told = PAYLOAD + 42, PER_LANDMARK * believed.positions.shape[0]
         told = out[at + N_LASTING : at + N_LASTING + n_told]
         learn(learned, gathered, told, n.keeps, bank, believed.survey_sd, S, e)
@@ -213,26 +217,12 @@ def scaled_step(
     out: np.ndarray,
 ) -> None:
     """Take learning_step, and learn how large the boxes' noise is."""
-    if message[ARRIVED] != 1.0:
-        return
-    if believed.limits.size > 0:
-        refused[0] = refused_after(refused[0], out[ARRIVED] == 1.0, message, believed)
-    if out[ARRIVED] == 1.0:
+    refused_step(message, believed, refused, out)
+    if message[ARRIVED] == 1.0 and out[ARRIVED] == 1.0:
         at, n_told, end = PAYLOAD + 42, PER_LANDMARK * believed.positions.shape[0], out.size - 2
         told = out[at + N_LASTING : at + N_LASTING + n_told]
         learn_scale(learned, gathered, scale, told, out[end:], n.keeps, n.worth, bank, believed.survey_sd, Q, S, e)
         keep(learned, out[at : at + N_LASTING], out[at + N_LASTING + n_told : end])
-
-
-def refused_step(
-    message: np.ndarray,
-    believed: BoxBelief,
-    refused: np.ndarray,
-    out: np.ndarray,
-) -> None:
-    """Count the images that were refused in a row, where there is a joint test: see refused_after."""
-    if believed.limits.size > 0 and message[ARRIVED] == 1.0:
-        refused[0] = refused_after(refused[0], out[ARRIVED] == 1.0, message, believed)
 
 
 FIX_OF_BOXES, FIX_OF_COSINES = (
@@ -266,12 +256,7 @@ SCALED = replace(
     state=(*LEARNING.state, Array("scale")),
     work=(*LEARNING.work, Array("Q")),
 )
-ELEMENTS = {
-    "known_attitude": FIX_OF_BOXES,
-    "known_tilt": FIX_OF_BOXES,
-    "pose": FIX_OF_BOXES,
-    "cosine_law": FIX_OF_COSINES,
-}
+ELEMENTS = dict.fromkeys(("known_attitude", "known_tilt", "pose"), FIX_OF_BOXES) | {"cosine_law": FIX_OF_COSINES}
 
 
 def camera_fix_box(settings: LandmarkFixSettings, room: Room, width: int, period: float = 0.1) -> Box:

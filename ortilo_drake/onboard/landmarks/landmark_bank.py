@@ -225,19 +225,8 @@ def learn_scale(
 ) -> None:
     """Take learn, of the boxes' noise as well.
 
-    Args:
-        learned: as survey_bank.learned_first, with 9 n sensitivities.
-        gathered: [Lambda_i, eta_i], of Lambda_i the lower half (3 n, 4).
-        scale: q, nu and c^2 (3).
-        told: of put_information, by the noise that is told (12 n).
-        left: residuals and their sum of squares, of put_information, by the noise that is told (2).
-        keeps: what is left of what was told before [1].
-        worth: nu_0.
-        bank: c_j (m).
-        survey_sd: s [m].
-        Q: to work in (m).
-        S: to work in (3, 3).
-        e: to work in (3).
+    Arguments as learn, and scale: q, nu and c^2 (3); told and left are put_information's by the noise
+    that is told; worth is nu_0, and Q (m) is to work in.
     """
     add(gathered, told, keeps)
     scale[RESIDUALS] = keeps * scale[RESIDUALS] + left[0] / REPEATS

@@ -41,17 +41,7 @@ def landmark_fix_message(
     rows: int,
     widened: float = 1.0,
 ) -> np.ndarray:
-    """Return the fix message: value (m) and its covariance, or zeros if it yields no fix.
-
-    Args:
-        detections: the detections message; one that is there.
-        xhat: estimate (15).
-        P: its covariance row by row (225).
-        method: one of METHODS.
-        believed: of the boxes.
-        rows: m, of the value.
-        widened: see boxes_to_solve.
-    """
+    """Return the fix message of a detections message that is there: m values, their covariance; zeros without a fix."""
     centers, positions, outlines, sds, _ = boxes_to_solve(detections, xhat, P, believed, widened)
     solution = method(centers, positions, outlines, xhat, P, believed.camera, sds, believed.max_residual)
     return box_fix_message(*solution, xhat, detections[STAMP], rows)

@@ -34,13 +34,9 @@ def integral(y: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 @njit(cache=True)
 def fastest_speed(ds: np.ndarray, kappa: np.ndarray, speed: float, acceleration: float) -> np.ndarray:
-    """Return v at each sample (n) of a path: v <= speed, |(a_t, a_n)| <= acceleration, v = 0 at both ends.
+    """Return v (n) [m/s] along a path: v <= speed, |(a_t, a_n)| <= acceleration [m/s^2], v = 0 at both ends.
 
-    Args:
-        ds: length between neighbouring samples (n - 1) [m].
-        kappa: curvature (n) [1/m].
-        speed: limit of v [m/s].
-        acceleration: a_max [m/s^2].
+    Its samples are ds (n - 1) [m] apart and have curvatures kappa (n) [1/m].
     """
     n = len(kappa)
     limit = np.minimum(speed**2, acceleration / np.maximum(kappa, 1.0e-9))

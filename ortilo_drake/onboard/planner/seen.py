@@ -80,17 +80,7 @@ def landmarks_fix(
     cylinders: np.ndarray,
     camera: Camera,
 ) -> bool:
-    """Return whether the camera at p (3), attitude rpy (3), sees LANDMARKS of the landmarks whole.
-
-    Args:
-        p: p_WB.
-        rpy: roll, pitch, yaw.
-        positions: p_W of the landmarks (n, 3).
-        outlines: theirs (n, k, 3).
-        boxes: walls (m, 7).
-        cylinders: stands (l, 4).
-        camera: the camera.
-    """
+    """Return whether the camera at p_WB (3), rpy (3) sees LANDMARKS of them whole, past walls (m, 7), stands (l, 4)."""
     R_WB, box, count = rotation_matrix(rpy), np.empty(4), 0
     p_WC = p + R_WB @ camera.p_BC
     for i in range(positions.shape[0]):

@@ -27,12 +27,7 @@ NONE = 2.0  # ... and within so many standard deviations of 0 is none
 
 @register_jitable
 def offset_equations(
-    z: np.ndarray,
-    ranges: np.ndarray,
-    used: np.ndarray,
-    anchors: np.ndarray,
-    noise: np.ndarray,
-    clock: np.ndarray,
+    z: np.ndarray, ranges: np.ndarray, used: np.ndarray, anchors: np.ndarray, noise: np.ndarray, clock: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
     """Return the cost at z = [p, b] (4), N (4, 4), minus half the cost's gradient (4), and N with R_v between (4, 4).
 
@@ -66,12 +61,7 @@ def offset_equations(
 
 @register_jitable
 def fit_with_offset(
-    ranges: np.ndarray,
-    used: np.ndarray,
-    anchors: np.ndarray,
-    noise: np.ndarray,
-    p_start: np.ndarray,
-    clock: np.ndarray,
+    ranges: np.ndarray, used: np.ndarray, anchors: np.ndarray, noise: np.ndarray, p_start: np.ndarray, clock: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
     """Return the least cost, p_WB (3), its covariance (3, 3) and what is known of the clock afterwards (3).
 

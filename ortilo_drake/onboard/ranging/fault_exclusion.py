@@ -73,12 +73,7 @@ def consistency_of(settings: Exclusion, anchors: int) -> Consistency:
 
 @register_jitable
 def fit(
-    ranges: np.ndarray,
-    used: np.ndarray,
-    anchors: np.ndarray,
-    noise: np.ndarray,
-    p_last: np.ndarray,
-    clock: np.ndarray,
+    ranges: np.ndarray, used: np.ndarray, anchors: np.ndarray, noise: np.ndarray, p_last: np.ndarray, clock: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
     """Return cost, p_WB (3), its covariance (3, 3) and the clock (3) of some ranges; a cost of inf without a fix."""
     if clock[0] != 0.0:

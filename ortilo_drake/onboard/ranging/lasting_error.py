@@ -27,16 +27,9 @@ NEW_KEY: Final = 0.7  # a place is kept until less than this of an axis' error i
 def put_sensitivities(
     out: np.ndarray, p: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray
 ) -> None:
-    """Write u_i and the columns of G at p (n, 6), zeros of a range that is not there.
+    """Write u_i and the columns of G at the believed p_WB (n, 6), zeros of a range that is not there.
 
     The distances stand for the ranges, so that nothing depends on noise.
-
-    Args:
-        out: to write to (6 n).
-        p: where the vehicle is believed to be (3).
-        there: 1 where a range is there, else 0 (n).
-        anchors: a_i in W (n, 3).
-        noise: s_0 [m], s_1 and s_2 [m], see range_equations.py.
     """
     n = anchors.shape[0]
     fill(out, 0.0)

@@ -29,12 +29,7 @@ def next_nearest(ranges: np.ndarray, there: np.ndarray, used: np.ndarray) -> int
 
 @njit(cache=True)
 def three_spheres(
-    ranges: np.ndarray,
-    there: np.ndarray,
-    anchors: np.ndarray,
-    noise: np.ndarray,
-    p_last: Triple,
-    used: np.ndarray,
+    ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, p_last: Triple, used: np.ndarray
 ) -> tuple[bool, Triple, Symmetric]:
     """Intersect the spheres around the three nearest anchors (the authors' method), in closed form.
 

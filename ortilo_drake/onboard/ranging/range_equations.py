@@ -60,14 +60,7 @@ def inverse(N: Symmetric) -> tuple[bool, Symmetric]:
     if not (zz > 0.0 and a > 0.0 and determinant > REGULAR * xx * yy * zz):
         return False, N
     s = 1.0 / determinant
-    return True, (
-        a * s,
-        b * s,
-        c * s,
-        (xx * zz - xz * xz) * s,
-        (xy * xz - xx * yz) * s,
-        (xx * yy - xy * xy) * s,
-    )
+    return True, (a * s, b * s, c * s, (xx * zz - xz * xz) * s, (xy * xz - xx * yz) * s, (xx * yy - xy * xy) * s)
 
 
 @njit(cache=True)

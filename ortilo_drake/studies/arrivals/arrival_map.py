@@ -15,11 +15,7 @@ from ortilo_drake.scenario.loss_chain import loss_of
 from ortilo_drake.studies.arrivals.link_chain import link_chain
 from ortilo_drake.theory.arrivals.arrivals import Model, check_rate, never_seen, pattern_probabilities
 from ortilo_drake.theory.arrivals.expected_riccati import ROTATION, TRANSLATION, solve_coupled, vehicle_model
-from ortilo_drake.theory.arrivals.markov_riccati import (
-    ArrivalChain,
-    average_over_modes,
-    markov_translation_lower_bound,
-)
+from ortilo_drake.theory.arrivals.markov_riccati import ArrivalChain, average_over_modes, markov_translation_lower_bound
 from ortilo_drake.theory.riccati.riccati import solve
 
 

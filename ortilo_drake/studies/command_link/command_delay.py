@@ -10,7 +10,6 @@ stable if and only if the product of the augmented matrices over the sensors' pe
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +23,7 @@ from ortilo_drake.studies.command_link.command_loop import (
     delay_aware_loop,
     delay_line,
     growing_modes,
+    last_stable,
     loop_at_once,
 )
 
@@ -139,10 +139,7 @@ def critical_delay(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None 
             raise NoLimitError(f"command_link: stable with {LONGEST} ticks of delay, no limit was looked for beyond")
         rates.append(_growth_with(loop, scenario, len(rates)))
     whole = len(rates) - 1
-    low, high = whole - 1.0, float(whole)
-    while high - low > 1e-6:
-        middle = (low + high) / 2.0
-        low, high = (middle, high) if _growth_with(loop, scenario, middle) < 1.0 else (low, middle)
+    low = last_stable(lambda ticks: _growth_with(loop, scenario, ticks) < 1.0, whole - 1.0, float(whole), 1e-6)
     return CriticalDelay(
         delay=low * scenario.h,
         ticks=low,
@@ -180,15 +177,7 @@ def stable_delays(
     while low > 0.0 and is_stable(max(low - 0.25, 0.0)):
         low = max(low - 0.25, 0.0)
     if low > 0.0:
-        low = _edge(is_stable, low, max(low - 0.25, 0.0))
+        low = last_stable(is_stable, low, max(low - 0.25, 0.0), 1e-4)
     while high < longest and is_stable(high + 0.25):
         high += 0.25
-    return StableDelays(low, _edge(is_stable, high, high + 0.25) if high < longest else None)
-
-
-def _edge(is_stable: Callable[[float], bool], stable: float, unstable: float) -> float:
-    """Return the delay between two at which stability ends, to 1e-4 ticks, on the stable side."""
-    while abs(unstable - stable) > 1e-4:
-        middle = (stable + unstable) / 2.0
-        stable, unstable = (middle, unstable) if is_stable(middle) else (stable, middle)
-    return stable
+    return StableDelays(low, last_stable(is_stable, high, high + 0.25, 1e-4) if high < longest else None)

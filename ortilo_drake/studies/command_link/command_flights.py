@@ -102,13 +102,7 @@ def learned_at(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> 
 
 
 def errors_moment(scenario: Scenario, point: tuple[float, float, float], duration: float) -> float:
-    """Return the mean squared distance from r [m^2] caused by the world's errors, over the ticks that count.
-
-    Args:
-        scenario: the scenario, its filter told what it learns (sensors/learned_survey.py).
-        point: where it hovers.
-        duration: of the hovering that counts [s], after WARM_UP.
-    """
+    """Return the mean squared distance from r [m^2] that the world's errors cause in `duration` [s] after WARM_UP."""
     first, ticks = (round(time / scenario.h) for time in (WARM_UP, WARM_UP + duration))
     moments = position_moments(scenario, hover_V(scenario, point), error_inputs(scenario, hovering(point)), ticks + 1)
     return float(np.mean(np.trace(moments[first:], axis1=1, axis2=2)))

@@ -15,6 +15,7 @@ late_servo.py.
 """
 
 import math
+from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -221,6 +222,14 @@ def behind_a_link(loop: CommandedLoop, when_lost: str, delay: int = 0) -> tuple[
     N = np.zeros_like(idle)
     N[:, :n, :n] = loop.N
     return np.stack([arrived, lost], axis=1), N
+
+
+def last_stable(is_stable: Callable[[float], bool], stable: float, unstable: float, tolerance: float) -> float:
+    """Return where between two numbers stability ends, on the stable side, by bisection."""
+    while abs(unstable - stable) > tolerance:
+        middle = (stable + unstable) / 2.0
+        stable, unstable = (middle, unstable) if is_stable(middle) else (stable, middle)
+    return stable
 
 
 def growing_modes(A: np.ndarray) -> str:

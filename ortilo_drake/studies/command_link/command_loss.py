@@ -20,6 +20,7 @@ from ortilo_drake.studies.command_link.command_loop import (
     behind_a_link,
     commanded_loop,
     growing_modes,
+    last_stable,
     loop_at_once,
 )
 from ortilo_drake.studies.loop.hover_loop import hover_loop, loop_gain, over_names
@@ -73,13 +74,8 @@ def largest_loss(
     if not is_stable(0.0):
         A, _ = behind_a_link(loop, when_lost, delay)
         raise InputError(f"command_link: unstable without any loss: {growing_modes(A[:, 0])}")
-    low, high = 0.0, 1.0 if burst is None else burst / (1.0 + burst)
-    if is_stable(high):
-        return high
-    while high - low > tolerance:
-        middle = (low + high) / 2.0
-        low, high = (middle, high) if is_stable(middle) else (low, middle)
-    return low
+    high = 1.0 if burst is None else burst / (1.0 + burst)
+    return high if is_stable(high) else last_stable(is_stable, 0.0, high, tolerance)
 
 
 def largest_acknowledged_loss(scenario: Scenario) -> float:

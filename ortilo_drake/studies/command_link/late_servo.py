@@ -31,14 +31,7 @@ EARLY = 10  # ticks after the start that the present one is
 
 
 def known_timeline(us: np.ndarray, now: int, scenario: Scenario, delay: float) -> tuple[np.ndarray, float]:
-    """Return the timeline at a tick, and tau [s], of commands that act after a constant delay.
-
-    Args:
-        us: those of the ticks now - 1, now - 2, ... (D, 4).
-        now: tick.
-        scenario: its `commands` say which commands are reported, and the assumed delay tau.
-        delay: the true one [ticks].
-    """
+    """Return the timeline at tick `now`, and tau [s], of commands us (D, 4), newest first, `delay` ticks late."""
     h, commands = scenario.h, scenario.commands
     given = NONE if commands.delay is None else commands.delay
     sent, acts = none_sent(len(us)), first_acts(len(us) + 1, scenario.vehicle.hover_thrust)
@@ -61,14 +54,9 @@ def _acts(sent: np.ndarray, scenario: Scenario, delay: float, before: float) -> 
 
 
 def control_misprediction(us: np.ndarray, scenario: Scenario, delay: float) -> np.ndarray:
-    """Return the control that the last tick's prediction assumed, less the one that acted (4).
+    """Return the control that the last tick's prediction assumed, less the one that acted (4); us (D, 4), newest first.
 
     The filter knows what acted in earlier ticks. It learns of the last one in this tick and corrects the next estimate.
-
-    Args:
-        us: u_{k-1}, u_{k-2}, ... (D, 4).
-        scenario: whose commands.filter is 'acted'.
-        delay: the true one [ticks].
     """
     h, last = scenario.h, EARLY + len(us) - 1
     rows, tau = known_timeline(us[1:], last, scenario, delay)

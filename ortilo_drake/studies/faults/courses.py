@@ -62,15 +62,7 @@ def compiled_course(engine: Engine, seed: int) -> Course:
 
 
 def course_of(seed: int, time: np.ndarray, e: np.ndarray, nees: np.ndarray, lost: float | None) -> Course:
-    """Return a course.
-
-    Args:
-        seed: of all noise.
-        time: of the ticks (n) [s].
-        e: estimated less true position (n, 3) [m].
-        nees: of the position (n).
-        lost: when the flight was lost [s]; None if it was not.
-    """
+    """Return the course of a flight: times (n) [s], estimated less true position (n, 3) [m], NEES (n), its loss [s]."""
     bins = np.floor(time / BIN + 1e-6).astype(int)
     return Course(seed, lost, _means(bins, np.sum(e**2, axis=1)), _means(bins, nees))
 

@@ -181,11 +181,7 @@ def row_of(scenario: str, case: Case, courses: Sequence[Course], without: Sequen
         return FaultRow(case.name, scenario, len(courses), lost, share, None, None, None, None, False, False, False)
     square, calm, nees = (
         np.array(values)
-        for values in (
-            [a.square for a, _ in pairs],
-            [b.square for _, b in pairs],
-            [a.nees for a, _ in pairs],
-        )
+        for values in ([a.square for a, _ in pairs], [b.square for _, b in pairs], [a.nees for a, _ in pairs])
     )
     first = round(case.start / BIN)
     last = round((case.start + KNOWN if case.end is None else case.end) / BIN)

@@ -220,14 +220,7 @@ def angles_factor(pose: int, errors: int | None, rpy: np.ndarray, noise: gtsam.n
 
 
 def rows_factor(
-    pose: int,
-    velocity: int,
-    bias: int,
-    w: np.ndarray,
-    y: np.ndarray,
-    C: np.ndarray,
-    V: np.ndarray,
-    huber: float,
+    pose: int, velocity: int, bias: int, w: np.ndarray, y: np.ndarray, C: np.ndarray, V: np.ndarray, huber: float
 ) -> gtsam.CustomFactor:
     """Return the factor of values y = C x + v of the paper's twelve states.
 

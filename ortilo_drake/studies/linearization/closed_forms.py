@@ -16,15 +16,10 @@ DIFFERENTIATED = tuple(part for part in PARTS if part != "estimator")  # that on
 
 
 def rotors_and_plant_matrices(vehicle: Vehicle, lag: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return A (12 + n square) and B (12 + n x 4) of [x; W] at hover in closed form, of n rotors.
+    """Return A (12 + n square) and B (12 + n x 4) of [x; W] at hover in closed form, of n rotors with lag up or down.
 
     The wrench is M [W^2], the commanded speed sqrt(M^+ u), W_0 the speeds at hover. With 2 W_0 dW = M^+ du:
-
         x_dot = A x + B (M 2 W_0) W,   W_dot = (M^+ u / (2 W_0) - W) / tau
-
-    Args:
-        vehicle: mass, inertia and rotors.
-        lag: 'up' or 'down', whose tau is taken.
     """
     tau = with_one_lag(vehicle, lag).rotor_time_constant[0]
     n, slope = vehicle.rotor_count, 2.0 * vehicle.hover_rotor_speeds

@@ -135,15 +135,9 @@ def _systems(diagram: Any) -> tuple[Any, Any, Any]:
 
 
 def _matrix_of_tick(diagram: Any, context: Any, world: int, n: int) -> np.ndarray:
-    """Return [x; xhat; i]_k -> [x; xhat; i]_{k+1} of a closed loop at the tick of a context.
+    """Return [x; xhat; i]_k -> [x; xhat; i]_{k+1} of a closed loop at a context's tick, x of 12 or 15 numbers.
 
     The force f of the step just flown, where x is [x; f], is what the body felt: thrust less hover lift, and gust.
-
-    Args:
-        diagram: the closed loop.
-        context: its.
-        world: length of x, 12 or 15.
-        n: length of [xhat; i].
     """
     diagram_ad = diagram.ToAutoDiffXd()
     context_ad = diagram_ad.CreateDefaultContext()

@@ -95,14 +95,7 @@ class LiveBridge:
         InputError: if the map cannot be heard live, or the place to hold is far outside the anchors.
     """
 
-    def __init__(
-        self,
-        map_: Map,
-        say: Say,
-        rate: float = RATE,
-        lag: float = LAG,
-        holding: Holding | None = None,
-    ):
+    def __init__(self, map_: Map, say: Say, rate: float = RATE, lag: float = LAG, holding: Holding | None = None):
         self._map, self._rows = map_, LiveRows(map_, lag)
         if holding is not None:
             holding.check_within(self._rows.anchors)

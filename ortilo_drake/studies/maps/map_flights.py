@@ -8,13 +8,7 @@ import numpy as np
 
 from ortilo_drake.diagrams.wiring.whole import why_not
 from ortilo_drake.flight.ensemble import flight_folder, fly_many
-from ortilo_drake.flight.intervals import (
-    Interval,
-    middle_of,
-    quantile,
-    quantile_interval,
-    share_interval,
-)
+from ortilo_drake.flight.intervals import Interval, middle_of, quantile, quantile_interval, share_interval
 from ortilo_drake.flight.lost import NOT_LOST
 from ortilo_drake.flight.processes.workers import kept_workers, run_all
 from ortilo_drake.model.typed_yaml import InputError

@@ -23,11 +23,7 @@ TITLES = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}
 
 
 def tables_summary(tables: Tables) -> list[str]:
-    """Return a summary of the tables, as Markdown's list: at most five lines, whatever stands beside the paper's.
-
-    Args:
-        tables: what make_tables returned.
-    """
+    """Return a summary of the tables, as Markdown's list: at most five lines, whatever stands beside the paper's."""
     lost = [f"{TITLES.get(name, name)} {count(n, tables.flights)}" for name, n in tables.lost.items()]
     lines = [f"Flights lost: {', '.join(lost)}."]
     for name in SCENARIOS:
@@ -121,7 +117,7 @@ def _rows(tables: Tables, scenario: str, columns: dict[str, tuple[Statistics, di
 
 
 def _efficiency_rows(tables: Tables, scenario: str) -> list[str]:
-    """Return the rows of a scenario's efficiency_table."""
+    """Return the rows of a scenario's efficiencies, by axis."""
     axes, kept, lost = tables.efficiency[scenario], _kept(tables, scenario), tables.lost[scenario]
     columns, of_the_kept = list(axes.values()), _of_the_kept(tables, scenario)
 

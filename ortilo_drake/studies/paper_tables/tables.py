@@ -134,10 +134,7 @@ _PAPER_ESTIMATION = {
         "z": (0.0173, 0.0120, 0.0277, 0.0005),
     },
 }
-_PAPER_PATH = {
-    "imu_uwb": (0.0098, 0.0080, 0.0096, 0.0071),
-    "imu_uwb_yolo": (0.0101, 0.0052, 0.0066, 0.0046),
-}
+_PAPER_PATH = {"imu_uwb": (0.0098, 0.0080, 0.0096, 0.0071), "imu_uwb_yolo": (0.0101, 0.0052, 0.0066, 0.0046)}
 PAPER = PaperTables(
     estimation={
         scenario: {axis: dict(zip(STATISTICS, row, strict=True)) for axis, row in rows.items()}
@@ -198,8 +195,7 @@ def _drop(without: Sequence[float], with_camera: Sequence[float]) -> tuple[float
     """
     a, b = quantile(without), quantile(with_camera)
     low, high = (quantile_interval(values, 0.5, 0.5 * (1.0 + LEVEL)) for values in (without, with_camera))
-    drop = None if not a or b is None or math.isinf(a) else 1.0 - b / a
-    ends = None
+    drop, ends = None if not a or b is None or math.isinf(a) else 1.0 - b / a, None
     if low is not None and high is not None and 0.0 < low[0] < math.inf:
         ends = (1.0 - high[1] / low[0], 1.0 - high[0] / low[1] if high[0] < math.inf else -math.inf)
     return drop, ends
@@ -219,12 +215,8 @@ def drop_in_x(without: Sequence[float], with_camera: Sequence[float], flights: t
     return Drop(*_drop(*every), *_drop(without, with_camera))
 
 
-def efficiency_table(rows: list[Summary]) -> dict[str, AxisEfficiency]:
-    """Return each axis's efficiency over flights."""
-    return {axis: _efficiency(axis, rows) for axis in AXES}
-
-
-def _efficiency(axis: str, rows: list[Summary]) -> AxisEfficiency:
+def efficiency_of(axis: str, rows: list[Summary]) -> AxisEfficiency:
+    """Return an axis's efficiency over flights."""
     known = [s for s in rows if s.efficiency[axis] is not None]
     kept = [s for s in known if s.lost is None]
     values = [value for s in kept if (value := s.efficiency[axis]) is not None]
@@ -291,7 +283,7 @@ def make_tables(preset: str, summaries: dict[str, list[Summary]]) -> Tables:
         with_lost_intervals={
             name: {column: quantile_intervals(v) for column, v in of.items()} for name, of in every.items()
         },
-        efficiency={name: efficiency_table(rows) for name, rows in summaries.items()},
+        efficiency={name: {axis: efficiency_of(axis, rows) for axis in AXES} for name, rows in summaries.items()},
         drop_in_x=drop_in_x(columns[without]["x"], columns[with_camera]["x"], flown),
         nees={name: mean_of([s.nees for s in rows]) for name, rows in kept.items()},
         nees_with_lost={name: mean_of([s.nees for s in rows]) for name, rows in summaries.items()},

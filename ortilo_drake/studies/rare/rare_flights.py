@@ -21,16 +21,7 @@ from ortilo_drake.flight.store import in_folder, keep_json, kept_json
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.rare.log_interval import log_interval
-from ortilo_drake.studies.rare.subset import (
-    CHAIN,
-    LEAST,
-    Climb,
-    Plan,
-    climb,
-    flights_of,
-    most_levels,
-    plan_climb,
-)
+from ortilo_drake.studies.rare.subset import CHAIN, LEAST, Climb, Plan, climb, flights_of, most_levels, plan_climb
 
 LEVEL = 0.95  # of the intervals
 AT_ONCE = 500  # flights that are counted by one job

@@ -71,7 +71,7 @@ def _by_repetitions(found: Rare, probability: float) -> list[str]:
     lines = [
         f"probability {probability:.3g}, 95 % interval {found.low:.3g} to {found.high:.3g},"
         f" by {len(found.repetitions)} repetitions of subset simulation,"
-        f" {found.flights:,} flights in all, those that chose the levels among them.",
+        f" {found.flights:,} flights in all, those that chose the levels among them."
     ]
     if found.high > FAR_APART * found.low:
         lines += ["", "The repetitions differ by so much that this is no more than a magnitude: give more --paths."]
@@ -92,7 +92,7 @@ def _by_counting(found: Rare) -> list[str]:
     return [
         f"{why} It flew {found.flights:,}. The figure above is what counting says: of flights with noise of their own"
         f" it happened in {flown.events} of {flown.flights:,}, 95 % interval {flown.low:.2g} to {flown.high:.2g}"
-        " (Wilson). To know more, give more --paths or --count.",
+        " (Wilson). To know more, give more --paths or --count."
     ]
 
 

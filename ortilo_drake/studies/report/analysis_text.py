@@ -73,12 +73,7 @@ def riccati_text(found: RiccatiReport) -> list[str]:
 
 def margins_text(found: dict[str, LoopMargins]) -> list[str]:
     """Return the section on the loop's margins from margins_report."""
-    lines = [
-        "## Margins at the plant's input",
-        "",
-        "Torque about y; the last two: all at once, scaled by R.",
-        "",
-    ]
+    lines = ["## Margins at the plant's input", "", "Torque about y; the last two: all at once, scaled by R.", ""]
     rows = []
     for case, margins in found.items():
         y, joint = margins.channels and margins.channels["tau_y"], margins.joint

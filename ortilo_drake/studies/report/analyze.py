@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ortilo_drake.flight.ensemble import flights_of, fly_many
+from ortilo_drake.flight.flight import AXES
 from ortilo_drake.flight.summary import Summary
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.signals import N_X
@@ -29,7 +30,7 @@ from ortilo_drake.studies.loop.hover_loop import filter_V, hover_loop, why_no_ga
 from ortilo_drake.studies.loop.left_out import in_the_rms_alone, left_out
 from ortilo_drake.studies.loop.margins import LoopMargins, margins_report
 from ortilo_drake.studies.loop.riccati_report import RiccatiReport, riccati_report
-from ortilo_drake.studies.paper_tables.tables import AxisEfficiency, efficiency_table
+from ortilo_drake.studies.paper_tables.tables import AxisEfficiency, efficiency_of
 from ortilo_drake.studies.tube.tube_map import without_blackouts
 from ortilo_drake.studies.tube.tube_report import Step, TubeReport, tube_report, why_no_tube
 
@@ -149,13 +150,10 @@ def honesty_section(
 
     summaries = fly_many(scenario, range(flights), out / "flights", workers, count)
     flown = flights_of(scenario, range(flights), out / "flights")
-    efficiency = efficiency_table(summaries)
+    efficiency = {axis: efficiency_of(axis, summaries) for axis in AXES}
     report = Honesty(**vars(consistency_report(flown)), efficiency=efficiency)
     names = {scenario.name: flown}
-    figures = [
-        nees_figure(names, out / "nees.png"),
-        whiteness_figure({scenario.name: report}, out / "whiteness.png"),
-    ]
+    figures = [nees_figure(names, out / "nees.png"), whiteness_figure({scenario.name: report}, out / "whiteness.png")]
     return report, figures
 
 

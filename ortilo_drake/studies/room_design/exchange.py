@@ -34,11 +34,7 @@ def greedy(information: np.ndarray, there: np.ndarray, n: int, cost: Cost, tick:
 
 
 def exchange(
-    information: np.ndarray,
-    there: np.ndarray,
-    chosen: Sequence[int],
-    cost: Cost,
-    tick: Callable[[], None],
+    information: np.ndarray, there: np.ndarray, chosen: Sequence[int], cost: Cost, tick: Callable[[], None]
 ) -> list[int]:
     """Return the design after exchanges that each lower the cost, until no single one does; arguments as greedy."""
     found = list(chosen)

@@ -7,8 +7,11 @@ import numpy as np
 from pydrake.trajectories import Trajectory
 
 from ortilo_drake.model.footprints import footprints
+from ortilo_drake.model.input_error import one_line
+from ortilo_drake.model.input_files import read_text
+from ortilo_drake.model.inputs.room_text import parse_room
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.model.typed_yaml import InputError, all_problems
 from ortilo_drake.onboard.planner.free_cells import free_space
 from ortilo_drake.onboard.planner.planned import path_of
 from ortilo_drake.scenario import GcsPlanner, Scenario
@@ -160,3 +163,20 @@ def _sizes(sides: np.ndarray) -> str:
 
 def _point(p: object) -> str:
     return "(" + ", ".join(f"{value:.4g}" for value in np.asarray(p, dtype=float)) + ")"
+
+
+# Right values of what every room needs, for looking at the rest of a file where these are wrong.
+_ANY_ROOM = {
+    "interior": {"min": [0.0, 0.0, 0.0], "max": [1.0, 1.0, 1.0]},
+    "anchors": [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+}
+
+
+def room_problems(path: Path) -> list[str]:
+    """Return a line for each thing that is wrong with a room file: file, field, value and what is allowed.
+
+    Raises:
+        InputError: if the file cannot be read or is no YAML.
+    """
+    data = parse_room(read_text(path), str(path))
+    return [one_line(f"{path}: {line}") for line in all_problems(Room, data, _ANY_ROOM)]

@@ -108,11 +108,7 @@ def least_margin(corridor: np.ndarray, means: np.ndarray, covariances: np.ndarra
     Since |z - m| > x has a probability of at most exp(-x^2 / (2 s_1^2)), R <= |m| + s_1 sqrt(-2 ln outside). And R_k
     leaves no less than the margin found so far, b, where Q(corridor_k - b) <= outside.
 
-    Args:
-        corridor: (n).
-        means: m_k (n, 2).
-        covariances: C_k (n, 2, 2), symmetric, not negative.
-        outside: in (0, 1).
+    Arguments as disc_radii, and corridor (n).
     """
     n, reach = corridor.shape[0], math.sqrt(-2.0 * math.log(outside))
     m, s, at_least = np.empty((n, 2)), np.empty((n, 2)), np.empty(n)

@@ -182,12 +182,7 @@ def bursts_figure(
 ) -> Path:
     """Draw the margins over the arrival rate of both sensors and the mean length of bursts.
 
-    Args:
-        sensors: what tube_map.map_sensors returned.
-        margins: what tube_map.burst_map returned.
-        chance: the mixture's boundary, if at hand.
-        results: the points flown, if any.
-        path: the image file.
+    Arguments as rates_figure, of tube_map.burst_map's margins and the points flown, if any.
     """
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(8.0, 5.8), layout="constrained")

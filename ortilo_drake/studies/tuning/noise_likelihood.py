@@ -91,18 +91,7 @@ def predictor_step(
     noise: NoiseModel,
     work: Work,
 ) -> float:
-    """Take xhat_{k|k-1} and P_k in place to the next tick; return this tick's share of log L.
-
-    Args:
-        x: prediction (12).
-        P: its covariance (12, 12), symmetric.
-        record: what the filter was given.
-        k: tick.
-        Gamma: input (12, 4).
-        structure: where the dynamics (12, 12) are not 0.
-        noise: W, V and scale.
-        work: of work_for.
-    """
+    """Take xhat_{k|k-1} (12) and P_k (12, 12), symmetric, in place to the next tick; return its share of log L."""
     y, delta, V2 = record.y[k], record.delta[k], record.V2[k]
     states, weights, first = record.layout.states, record.layout.weights, record.layout.first
     total = 0.0

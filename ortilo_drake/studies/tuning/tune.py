@@ -118,15 +118,7 @@ def usable_part(flight: xr.Dataset, name: str, h: float) -> tuple[xr.Dataset | N
 
 
 def filter_figures(scenario: Scenario, recorded: Scenario, flights: Sequence[xr.Dataset]) -> FilterFigures:
-    """Return NEES of position by region, NIS by sensor and the MSE of a scenario's filter run over recorded flights.
-
-    Offline: the filter is given the measurements, covariances and controls that were recorded.
-
-    Args:
-        scenario: whose W and V.
-        recorded: the flights' own scenario.
-        flights: the flights.
-    """
+    """Return position's NEES by region, NIS by sensor and MSE of a scenario's filter, run over what was recorded."""
     noise = noise_model(scenario, recorded)
     Phi, Gamma = discretize(hover_A(scenario.yaw), hover_B(scenario.vehicle), scenario.h)
     measurement, nees = scenario.measurement, list[np.ndarray]()

@@ -16,12 +16,7 @@ import numpy as np
 
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.theory.arrivals.arrivals import Model
-from ortilo_drake.theory.arrivals.expected_riccati import (
-    ROTATION,
-    TRANSLATION,
-    coupled_lower_bound,
-    translation_noise,
-)
+from ortilo_drake.theory.arrivals.expected_riccati import ROTATION, TRANSLATION, coupled_lower_bound, translation_noise
 
 _RARE = 1e-14  # a mode visited less often is not visited
 

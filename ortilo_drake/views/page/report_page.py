@@ -11,14 +11,7 @@ from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.input_files import MIB, read_bytes, read_text
 from ortilo_drake.views.page.plain_markdown import html_table, markdown_html
 from ortilo_drake.views.page.shell import facts, versions, whole_page
-from ortilo_drake.views.page.written_kinds import (
-    ALLOWED,
-    command_of,
-    figures_of,
-    kind_of,
-    kinds_of_report,
-    subject_of,
-)
+from ortilo_drake.views.page.written_kinds import ALLOWED, command_of, figures_of, kind_of, kinds_of_report, subject_of
 
 LARGEST_JSON = 16 * MIB  # of short lists and objects a parser makes thirty times as much
 LARGEST_FIGURE = 16 * MIB

@@ -64,13 +64,7 @@ def held_after(message: np.ndarray, held: np.ndarray, active: bool) -> np.ndarra
 
 
 def fault_out(
-    n: Any,
-    seed: int,
-    message: np.ndarray,
-    state: np.ndarray,
-    anchors: np.ndarray,
-    faults: FaultTable,
-    out: np.ndarray,
+    n: Any, seed: int, message: np.ndarray, state: np.ndarray, anchors: np.ndarray, faults: FaultTable, out: np.ndarray
 ) -> None:
     """Output a message under a fault, see with_fault; of several samples each of them."""
     put(message, out)
@@ -80,12 +74,7 @@ def fault_out(
 
 
 def stuck_out(
-    n: Any,
-    message: np.ndarray,
-    held: np.ndarray,
-    holds: np.ndarray,
-    faults: FaultTable,
-    out: np.ndarray,
+    n: Any, message: np.ndarray, held: np.ndarray, holds: np.ndarray, faults: FaultTable, out: np.ndarray
 ) -> None:
     """Output a message of a sensor that may be stuck, see stuck_says; of several samples each of them."""
     put(message, out)
@@ -99,12 +88,7 @@ def stuck_out(
             put(said, sample)
 
 
-def stuck_step(
-    n: Any,
-    message: np.ndarray,
-    held: np.ndarray,
-    faults: FaultTable,
-) -> None:
+def stuck_step(n: Any, message: np.ndarray, held: np.ndarray, faults: FaultTable) -> None:
     """Hold this tick's message, see held_after."""
     for i in range(n.samples):
         sample = sample_of(message, i, n.samples)
@@ -112,24 +96,13 @@ def stuck_step(
             put(held_after(sample, held, is_active(faults, 0, sample[STAMP])), held)
 
 
-def lasts_out(
-    message: np.ndarray,
-    changed: np.ndarray,
-    faults: FaultTable,
-    out: np.ndarray,
-) -> None:
+def lasts_out(message: np.ndarray, changed: np.ndarray, faults: FaultTable, out: np.ndarray) -> None:
     """Output a message, changed by a registered fault while the fault lasts."""
     lasts = is_active(faults, 0, message[STAMP])
     put(changed if message[ARRIVED] != 0.0 and lasts else message, out)
 
 
-def asked_out(
-    n: Any,
-    k: int,
-    delay: np.ndarray,
-    faults: FaultTable,
-    out: np.ndarray,
-) -> None:
+def asked_out(n: Any, k: int, delay: np.ndarray, faults: FaultTable, out: np.ndarray) -> None:
     """Output a number (1) that is not negative where a sensor is to measure.
 
     That is where its message is sent, and in every tick before it is stuck, as it will repeat its last message.

@@ -20,7 +20,6 @@ from ortilo_drake.scenario.faults import (
     OutlierBursts,
     People,
     YawJump,
-    end_of,
 )
 from ortilo_drake.world.noise import stream_id
 
@@ -111,7 +110,7 @@ def table_of(faults: Sequence[Numbered], values: Sequence[Sequence[float]] | Non
         values: of each, in place of values_of_fault.
     """
     settings = [values_of_fault(its.fault) for its in faults] if values is None else values
-    ends = [end_of(its.fault) for its in faults]
+    ends = [getattr(its.fault, "end", None) for its in faults]
     return FaultTable(
         np.array([_number_of(its.fault.kind) for its in faults], dtype=np.int64),
         np.array([its.fault.start for its in faults], dtype=float),

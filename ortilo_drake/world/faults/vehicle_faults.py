@@ -67,24 +67,12 @@ def force_at(d: np.ndarray, faults: FaultTable, t: float) -> np.ndarray:
     return acting
 
 
-def wrench_out(
-    n: Any,
-    k: int,
-    control: np.ndarray,
-    faults: FaultTable,
-    out: np.ndarray,
-) -> None:
+def wrench_out(n: Any, k: int, control: np.ndarray, faults: FaultTable, out: np.ndarray) -> None:
     """Output u (4) of wrench_at."""
     put(wrench_at(control, faults, k * n.h), out)
 
 
-def force_out(
-    n: Any,
-    k: int,
-    disturbance: np.ndarray,
-    faults: FaultTable,
-    out: np.ndarray,
-) -> None:
+def force_out(n: Any, k: int, disturbance: np.ndarray, faults: FaultTable, out: np.ndarray) -> None:
     """Output d (6) of force_at."""
     put(force_at(disturbance, faults, k * n.h), out)
 

@@ -47,18 +47,7 @@ def applied_command(
     seed: int,
     stream: np.uint64,
 ) -> np.ndarray:
-    """Return the control that acts over tick k (4).
-
-    Args:
-        k: tick.
-        state: the link's state, see CommandLink.
-        u: the command sent at tick k (4); not read where the link delays.
-        loss: see world/radio/link.py, loss_parameters (4).
-        fallback: the command at hover (4).
-        holds: whether a lost packet leaves the last command in force, or hover.
-        seed: seed of all noise.
-        stream: number of this noise stream.
-    """
+    """Return the control that acts over tick k (4): what arrives; else, by `holds`, the last one or `fallback`."""
     d = (state.shape[0] - _FLYING) // _PACKET
     if d == 0:
         if not is_lost(k, state[_BAD] == 1.0, loss, seed, stream):
@@ -81,13 +70,7 @@ def arriving(k: int, state: np.ndarray, loss: np.ndarray, seed: int, stream: np.
 
 @njit(cache=True)
 def link_after(
-    k: int,
-    state: np.ndarray,
-    u: np.ndarray,
-    applied: np.ndarray,
-    loss: np.ndarray,
-    seed: int,
-    stream: np.uint64,
+    k: int, state: np.ndarray, u: np.ndarray, applied: np.ndarray, loss: np.ndarray, seed: int, stream: np.uint64
 ) -> np.ndarray:
     """Return the link's state at tick k + 1. Arguments as applied_command; applied is what that returned."""
     after = state.copy()

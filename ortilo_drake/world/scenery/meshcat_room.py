@@ -94,14 +94,7 @@ def _draw_walls(meshcat: Meshcat, room: Room) -> None:
     for i, (x, y, z, yaw, *half) in enumerate(room.wall_boxes):
         inside = bool(np.all(low < [x, y]) and np.all([x, y] < high))
         path = f"/room/walls/{'inner' if inside else 'outer'}/{i:02d}"
-        _put(
-            meshcat,
-            path,
-            Box(*2 * np.array(half)),
-            INNER_WALL if inside else OUTER_WALL,
-            np.array([x, y, z]),
-            yaw,
-        )
+        _put(meshcat, path, Box(*2 * np.array(half)), INNER_WALL if inside else OUTER_WALL, np.array([x, y, z]), yaw)
 
 
 def _draw_items(meshcat: Meshcat, room: Room) -> None:

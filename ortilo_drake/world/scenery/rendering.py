@@ -43,11 +43,7 @@ LAMPS = ((0.85, (1.0, 0.55, -0.9)), (0.65, (-1.0, 0.35, -0.5)), (0.70, (0.2, -1.
 def lamp(intensity: float, direction: Sequence[float], color: Sequence[float] = (1.0, 1.0, 1.0)) -> LightParameter:
     """Return a lamp far away that shines in a direction in W."""
     return LightParameter(
-        type="directional",
-        frame="world",
-        direction=np.array(direction),
-        intensity=intensity,
-        color=Rgba(*color),
+        type="directional", frame="world", direction=np.array(direction), intensity=intensity, color=Rgba(*color)
     )
 
 
@@ -96,9 +92,7 @@ def _egl_works() -> bool:
 
 
 def make_scene_graph(
-    items: Iterable[SceneItem],
-    lamps: Sequence[LightParameter] | None = None,
-    background: Sequence[float] = BACKGROUND,
+    items: Iterable[SceneItem], lamps: Sequence[LightParameter] | None = None, background: Sequence[float] = BACKGROUND
 ) -> SceneGraph:
     """Return a SceneGraph with a renderer in which the items stand; a landmark's label is its number.
 

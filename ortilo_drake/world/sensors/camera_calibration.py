@@ -23,8 +23,8 @@ from pydantic import Field, NonNegativeFloat, PositiveInt, model_validator
 
 from ortilo_drake.model.input_files import exists
 from ortilo_drake.model.typed_yaml import Frozen, InputError, Positive, load_yaml
+from ortilo_drake.scenario.camera import MeasuredErrors
 from ortilo_drake.scenario.link import Probability
-from ortilo_drake.scenario.sensors import MeasuredErrors
 
 CALIBRATION = Path(__file__).with_name("camera_calibration.yaml")
 OTHER = "other"  # the class of landmarks that were not measured

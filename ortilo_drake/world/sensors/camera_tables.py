@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.scenario.sensors import ParametricErrors
+from ortilo_drake.scenario.camera import ParametricErrors
 from ortilo_drake.world.sensors.camera_calibration import OTHER, QUANTILES, CameraCalibration
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values, scalars
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import PAYLOAD, uwb_size
@@ -78,28 +78,21 @@ def fitted_step(
             odd[i] = 1.0 if odd_after(odd[i] != 0.0, chance[odd.size + i], n.begins, n.ends) else 0.0
 
 
+NUMBERS = (
+    Number("settings", (5,)),
+    *scalars("far begins ends missing near_floor floor h"),
+    *scalars("stream chances lasting", "u8"),
+)
+TABLES = (
+    *(Array("anchors", 2), Array("bias"), Array("walls", 2), Array("constants")),
+    *(Array("frequencies", 3), Array("phases", 2), Array("amplitudes", 2), Array("a"), Array("q")),
+)
 FITTED = Element(
     "fitted_uwb",
     out=fitted_out,
     step=fitted_step,
-    numbers=(
-        Number("settings", (5,)),
-        Number("white"),
-        Number("far"),
-        Number("begins"),
-        Number("ends"),
-        Number("missing"),
-        Number("near_floor"),
-        Number("floor"),
-        Number("stream", kind="u8"),
-        Number("chances", kind="u8"),
-        Number("lasting", kind="u8"),
-        Number("h"),
-    ),
-    tables=(
-        *(Array("anchors", 2), Array("bias"), Array("walls", 2), Array("constants")),
-        *(Array("frequencies", 3), Array("phases", 2), Array("amplitudes", 2), Array("a"), Array("q")),
-    ),
+    numbers=(*NUMBERS, Number("white")),
+    tables=TABLES,
     state=(Array("g"), Array("odd")),
     work=(Array("v"),),
     allocates=True,
@@ -112,28 +105,35 @@ def fitted_box(settings: Uwb, room: Room, h: float) -> Box:
     What a seed draws (constants, fields, the first slow errors) is zero until it is drawn.
     """
     noise, n = noise_of(settings), len(room.anchors)
-    begins, ends = outlier_chain(noise.outliers.share, noise.outliers.burst)
-    lasting = lasting_of(noise, n, h)
-    numbers = {
-        "settings": ranging_settings(settings),
-        "white": noise.white,
-        "far": noise.outliers.sd,
-        "begins": begins,
-        "ends": ends,
-        "missing": noise.missing,
-        "near_floor": noise.near_floor,
-        "floor": float(room.interior.min[2]),
-        "stream": stream_id("uwb"),
-        "chances": stream_id(CHANCES),
-        "lasting": stream_id(LASTING),
-        "h": h,
-    }
-    tables = {"anchors": room.anchor_positions, "bias": np.zeros(n), "walls": walls_between(settings, room)}
-    tables |= {"a": lasting.a, "q": lasting.q}
-    fields = np.zeros((n, 0 if noise.field is None else FEATURES, 3))
-    tables |= {"constants": np.zeros(n), "frequencies": fields, "phases": fields[..., 0], "amplitudes": fields[..., 0]}
-    given = Values(numbers, {"g": np.zeros(n), "odd": np.zeros(n)}, tables)
+    given = given_of(noise, settings, room, lasting_of(noise, n, h), h, noise.outliers.share, (CHANCES, LASTING))
+    given = given.updated(Values({"white": noise.white}))
     return Box("uwb", FITTED, uwb_size(n), given, {"v": (n,)})
+
+
+def given_of(
+    noise: UwbNoise, settings: Uwb, room: Room, lasting: SlowNoise, h: float, share: float, streams: tuple[str, str]
+) -> Values:
+    """Return the values of NUMBERS, TABLES, g and odd; what a seed draws is zero.
+
+    Args:
+        noise: the errors of single ranges.
+        settings: the uwb's.
+        room: anchors and walls.
+        lasting: process of the slow errors g.
+        h: tick [s].
+        share: of the rows that are outliers.
+        streams: of the rows' chances and of the slow errors.
+    """
+    begins, ends = outlier_chain(share, noise.outliers.burst)
+    numbers = {"settings": ranging_settings(settings), "far": noise.outliers.sd, "begins": begins, "ends": ends}
+    numbers |= {"missing": noise.missing, "near_floor": noise.near_floor, "floor": float(room.interior.min[2]), "h": h}
+    numbers |= {name: stream_id(stream) for name, stream in zip(("chances", "lasting"), streams, strict=True)}
+    zero = np.zeros(len(room.anchors))
+    tables = {"anchors": room.anchor_positions, "bias": zero, "walls": walls_between(settings, room), "constants": zero}
+    fields = np.zeros((zero.size, 0 if noise.field is None else FEATURES, 3))
+    tables |= {"frequencies": fields, "phases": fields[..., 0], "amplitudes": fields[..., 0]}
+    tables |= {"a": lasting.a, "q": lasting.q}
+    return Values(numbers | {"stream": stream_id("uwb")}, {"g": zero.copy(), "odd": zero.copy()}, tables)
 
 
 def fitted_drawn(settings: Uwb, n: int, h: float, draw: AtStart) -> Values:

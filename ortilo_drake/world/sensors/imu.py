@@ -20,13 +20,7 @@ from ortilo_drake.world.vehicle.continuous import PASSED
 
 @register_jitable
 def put_imu_message(
-    message: np.ndarray,
-    v: np.ndarray,
-    x: np.ndarray,
-    v_dot: np.ndarray,
-    bias: np.ndarray,
-    sd: np.ndarray,
-    time: float,
+    message: np.ndarray, v: np.ndarray, x: np.ndarray, v_dot: np.ndarray, bias: np.ndarray, sd: np.ndarray, time: float
 ) -> None:
     """Write the imu message: [rpy, w_WB_B, f_B] + b + sd v, with f_B = R_WB^T (v_dot + g e_z).
 

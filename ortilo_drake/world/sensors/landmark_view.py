@@ -96,13 +96,7 @@ def cut(value: float, size: float) -> float:
 
 @register_jitable
 def view_box(
-    i: int,
-    p_WB: np.ndarray,
-    R_WB: np.ndarray,
-    room: Surroundings,
-    camera: Camera,
-    limits: np.ndarray,
-    box: np.ndarray,
+    i: int, p_WB: np.ndarray, R_WB: np.ndarray, room: Surroundings, camera: Camera, limits: np.ndarray, box: np.ndarray
 ) -> tuple[float, float]:
     """Write landmark i's whole box to box (4); return its distance [m] and its share inside the image.
 

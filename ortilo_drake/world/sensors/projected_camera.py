@@ -18,8 +18,8 @@ from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, MAX_DETECTIONS, PAYLOAD
 from ortilo_drake.scenario import Camera as CameraSettings
+from ortilo_drake.scenario.camera import ParametricErrors
 from ortilo_drake.scenario.faults import AnyFault
-from ortilo_drake.scenario.sensors import ParametricErrors
 from ortilo_drake.world.faults.scene_faults import scene_at, scene_table
 from ortilo_drake.world.faults.table import FaultTable
 from ortilo_drake.world.noise import stream_id, uniforms

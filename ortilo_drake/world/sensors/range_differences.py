@@ -20,7 +20,7 @@ import numpy as np
 from numba.extending import register_jitable
 from scipy.special import ndtr
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Array, Box, Element, Values, scalars
 from ortilo_drake.model.geometry.line_of_sight import walls_crossed
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.range_pairs import AGE, ROW, THERE, VALUE, A, B, differences_size, pairs_in_turn
@@ -31,18 +31,10 @@ from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.range_errors import UwbNoise
 from ortilo_drake.world.drawn_truth import AtStart
 from ortilo_drake.world.faults.range_faults import distance_to
-from ortilo_drake.world.noise import put_normals, stream_id, uniforms
-from ortilo_drake.world.sensors.fitted_errors import (
-    draw_day,
-    growth,
-    odd_after,
-    outlier_chain,
-    row_error,
-    share_of_pairs,
-)
-from ortilo_drake.world.sensors.fitted_uwb import field_tables, lasting_of, noise_of
-from ortilo_drake.world.sensors.matern_field import FEATURES, field_at
-from ortilo_drake.world.sensors.uwb import ranging_settings, walls_between
+from ortilo_drake.world.noise import put_normals, uniforms
+from ortilo_drake.world.sensors.fitted_errors import draw_day, growth, odd_after, row_error, share_of_pairs
+from ortilo_drake.world.sensors.fitted_uwb import NUMBERS, TABLES, field_tables, given_of, lasting_of, noise_of
+from ortilo_drake.world.sensors.matern_field import field_at
 from ortilo_drake.world.slow_error import SlowNoise, gauss_markov, slow_noise_after
 
 LASTING, CHANCES, ODD = "differences/lasting", "differences/chances", "differences/outliers"  # streams
@@ -138,27 +130,8 @@ DIFFERENCES = Element(
     "uwb_differences",
     out=differences_out,
     step=differences_step,
-    numbers=(
-        Number("settings", (5,)),
-        Number("factor"),
-        Number("far"),
-        Number("begins"),
-        Number("ends"),
-        Number("missing"),
-        Number("near_floor"),
-        Number("floor"),
-        Number("spacing"),
-        Number("rows", kind="i8"),
-        Number("every", kind="i8"),
-        Number("stream", kind="u8"),
-        Number("chances", kind="u8"),
-        Number("lasting", kind="u8"),
-        Number("h"),
-    ),
-    tables=(
-        *(Array("anchors", 2), Array("bias"), Array("walls", 2), Array("constants"), Array("pairs", 2, "i8")),
-        *(Array("frequencies", 3), Array("phases", 2), Array("amplitudes", 2), Array("a"), Array("q")),
-    ),
+    numbers=(*NUMBERS, *scalars("factor spacing"), *scalars("rows every", "i8")),
+    tables=(*TABLES, Array("pairs", 2, "i8")),
     state=(Array("g"), Array("odd")),
     work=(Array("follows"), Array("v")),
     allocates=True,
@@ -172,39 +145,10 @@ def differences_box(scenario: Scenario, room: Room) -> Box:
     """
     uwb, n, h, every = scenario.uwb, len(room.anchors), scenario.h, scenario.every("uwb")
     noise = noise_of(uwb) if uwb.errors == "fitted" else UwbNoise(white=0.0)
-    begins, ends = outlier_chain(share_of_pairs(noise.outliers.share), noise.outliers.burst)
-    rows, lasting = uwb.rows(h), _lasting(scenario, n)
-    numbers = {
-        "settings": ranging_settings(uwb),
-        "factor": 1.0,
-        "far": noise.outliers.sd,
-        "begins": begins,
-        "ends": ends,
-        "missing": noise.missing,
-        "near_floor": noise.near_floor,
-        "floor": float(room.interior.min[2]),
-        "spacing": every * h / rows,
-        "rows": rows,
-        "every": every,
-        "stream": stream_id("uwb"),
-        "chances": stream_id(CHANCES),
-        "lasting": stream_id(LASTING),
-        "h": h,
-    }
-    fields = np.zeros((n, 0 if noise.field is None else FEATURES, 3))
-    tables = {
-        "anchors": room.anchor_positions,
-        "bias": np.zeros(n),
-        "walls": walls_between(uwb, room),
-        "constants": np.zeros(n),
-        "pairs": pairs_in_turn(uwb.pairs, n),
-        "frequencies": fields,
-        "phases": fields[..., 0],
-        "amplitudes": fields[..., 0],
-        "a": lasting.a,
-        "q": lasting.q,
-    }
-    given = Values(numbers, {"g": np.zeros(n), "odd": np.zeros(n)}, tables)
+    rows, share = uwb.rows(h), share_of_pairs(noise.outliers.share)
+    own = {"factor": 1.0, "spacing": every * h / rows, "rows": rows, "every": every}
+    given = given_of(noise, uwb, room, _lasting(scenario, n), h, share, (CHANCES, LASTING))
+    given = given.updated(Values(own, tables={"pairs": pairs_in_turn(uwb.pairs, n)}))
     return Box("uwb", DIFFERENCES, differences_size(rows), given, {"follows": (n,), "v": (rows,)})
 
 

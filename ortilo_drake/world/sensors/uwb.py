@@ -73,16 +73,7 @@ def uwb_message(
 ) -> np.ndarray:
     """Return the uwb message (2 + 2 n), see put_uwb_message.
 
-    Args:
-        x: state (12); the antenna is B's origin.
-        anchors: p_WA_i (n, 3).
-        bias: b_i of each anchor [m] (n).
-        boxes: the walls that act on a range (m, 7).
-        settings: as there.
-        seed: seed of all noise.
-        stream: number of this noise stream.
-        time: t_k [s].
-        h: tick [s].
+    Its settings are as there; seed, stream and tick h [s] are of the noise.
     """
     n = anchors.shape[0]
     message = np.zeros(2 + 2 * n, x.dtype)

@@ -39,12 +39,7 @@ WHITE = Element(
 
 def disturbance_box(settings: Disturbance, h: float, stream: str = "disturbance") -> Box:
     """Return the source of white disturbance of a stream: force in W [N], torque in B [N m] (6)."""
-    numbers = {
-        "force_sd": settings.sds(h)[0],
-        "torque_sd": settings.sds(h)[1],
-        "stream": stream_id(stream),
-        "h": h,
-    }
+    numbers = {"force_sd": settings.sds(h)[0], "torque_sd": settings.sds(h)[1], "stream": stream_id(stream), "h": h}
     return Box("disturbance", WHITE, 6, Values(numbers))
 
 

@@ -34,17 +34,7 @@ def take_differences(
 ) -> tuple[int, int]:
     """Take a uwb message difference by difference; return how many were used and how many refused.
 
-    Args:
-        x: nominal state; changed.
-        C: covariance; changed.
-        layout: of both.
-        message: the uwb message, of rows as in model/range_pairs.py.
-        anchors: a_i in W (n, 3).
-        lever: l_B (3).
-        noise: s_0 [m] and s_1 of s_0 + s_1 r, of a range r (2).
-        gate: largest e^2 / S.
-        huber: see update.
-        clone: the clone that belongs to the stamp, -1 for the present.
+    Arguments as take_ranges in ranges.py; the message has rows as in model/range_pairs.py.
     """
     rows = (message.size - PAYLOAD) // ROW
     where, row = np.zeros(14, np.int64), np.zeros(14)

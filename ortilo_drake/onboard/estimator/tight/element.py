@@ -143,12 +143,7 @@ HEARD = Element(
         Number("angle_sd"),
         Number("h"),
     ),
-    tables=(
-        Array("first", kind="i8"),
-        Array("block", kind="i8"),
-        Array("own", kind="i8"),
-        Array("number", kind="i8"),
-    ),
+    tables=(Array("first", kind="i8"), Array("block", kind="i8"), Array("own", kind="i8"), Array("number", kind="i8")),
     allocates=True,
 )
 

@@ -16,14 +16,7 @@ from ortilo_drake.model.pinhole import Camera, box_and_jacobian, sines
 from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matrix
 from ortilo_drake.onboard.estimator.tight.inertial import angles_of, matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, THETA, Layout, P, Q, V
-from ortilo_drake.onboard.estimator.tight.update import (
-    Taken,
-    correct,
-    innovation_variance,
-    none_taken,
-    settle,
-    update,
-)
+from ortilo_drake.onboard.estimator.tight.update import Taken, correct, innovation_variance, none_taken, settle, update
 from ortilo_drake.onboard.landmarks.landmark_association import center_sd
 
 
