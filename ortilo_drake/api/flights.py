@@ -16,7 +16,7 @@ from ortilo_drake.flight import ensemble
 from ortilo_drake.flight.intervals import Middle, middle_of, share_interval
 from ortilo_drake.flight.processes.workers import kept_workers
 from ortilo_drake.flight.summary import Summary
-from ortilo_drake.scenario import Scenario, load_scenario
+from ortilo_drake.scenario import InputError, Scenario, load_scenario
 from ortilo_drake.scenario.load import Settings, as_settings
 from ortilo_drake.scenario.plain import plain_value
 from ortilo_drake.views.numbers import count, of_all_and_kept
@@ -92,7 +92,7 @@ def fly_many(
         if progress:
             progress(asdict(summary))
 
-    chosen, seeds = load_scenario(scenario, settings, **changes), [plain_value("seeds", seed) for seed in seeds]
+    chosen, seeds = load_scenario(scenario, settings, **changes), _listed(seeds)
     where = Path(mkdtemp(prefix="ortilo-") if out is None else out)
     try:
         summaries = ensemble.fly_many(chosen, seeds, where, workers, tell, player)
@@ -104,6 +104,12 @@ def fly_many(
     if out is None:
         finalize(flights, rmtree, where)
     return flights
+
+
+def _listed(seeds: Iterable[int]) -> list[int]:
+    if not isinstance(seeds, Iterable):
+        raise InputError(f"seeds: {seeds!r}: must be several, as range({seeds!r}) or [{seeds!r}]")
+    return [plain_value("seeds", seed) for seed in seeds]
 
 
 class Comparison(pd.DataFrame):
@@ -185,7 +191,9 @@ def compare(
     Raises:
         InputError: as fly_many.
     """
-    seeds, rows, names = list(seeds), [], []
+    if not scenarios:
+        raise InputError("scenarios: none given: must be one or more")
+    seeds, rows, names = _listed(seeds), [], []
     laid_over = as_settings(settings, changes)  # once: an iterator has no second turn
     with kept_workers():
         for scenario in scenarios:

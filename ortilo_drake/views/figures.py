@@ -15,6 +15,7 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.scenario import PositionBlackout, Scenario
 from ortilo_drake.views.palette import BLUE, COLOR, ESTIMATED, GREEN, OTHER, PLANNED, PURPLE, SKY, STYLE, TRUE
 from ortilo_drake.views.pictures import save_picture
+from ortilo_drake.views.shown_figure import ShownFigure
 
 DRAWN = ["truth", "reference", "due", "arrival"]  # variables of a flight that trajectory_figure and arrival_figure read
 TITLE = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}
@@ -85,7 +86,7 @@ def draw_flight(flight: xr.Dataset) -> Figure:
     """Return a figure of one flight: its path in the room, its errors in 3-sigma bands and the arrivals over time."""
     scenario = scenario_of(flight)
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(11, 8.2), layout="constrained")
+        figure = ShownFigure(figsize=(11, 8.2), layout="constrained")
         grid = figure.add_gridspec(5, 1, height_ratios=[5, 1.2, 1.2, 1.2, 0.9])
         room_axes = figure.add_subplot(grid[0])
         draw_room(room_axes, scenario.load_room(), scenario)
@@ -118,13 +119,13 @@ def draw_paths(axes: Axes, flight: xr.Dataset) -> None:
 def draw_arrivals(axes: Axes, flight: xr.Dataset) -> None:
     """Draw a mark where each sensor's value but the imu's was used, and a faint one where a due one is missing."""
     time, own = flight["time"].values, [s for s in flight["sensor"].values if s not in ("uwb", "camera", "imu")]
-    sensors = (*own, "camera", "uwb")
+    sensors = [s for s in (*own, "camera", "uwb") if s in own or flight["due"].sel(sensor=s).any()]
     for row, sensor in enumerate(sensors):
         due = flight["due"].sel(sensor=sensor).values
         used = flight["arrival"].sel(sensor=sensor).values
         axes.eventplot(time[due & ~used], lineoffsets=row, linelengths=0.25, colors="0.75", linewidths=0.6)
         axes.eventplot(time[used], lineoffsets=row, linelengths=0.8, colors=COLOR.get(sensor, OTHER), linewidths=0.6)
-    axes.set_yticks(range(len(sensors)), [*own, "camera", "UWB"])
+    axes.set_yticks(range(len(sensors)), ["UWB" if s == "uwb" else s for s in sensors])
     axes.set_ylim(-0.6, len(sensors) - 0.4)
     axes.set_xlabel("time [s]  (fixes used; grey: due, but none)")
 

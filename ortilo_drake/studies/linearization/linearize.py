@@ -59,6 +59,12 @@ class Linearization(NamedTuple):
     outputs: tuple[str, ...]
     units: dict[str, str]
 
+    def __repr__(self) -> str:
+        steps = "x_dot" if self.h is None else f"x after a tick of {self.h:.4g} s"
+        rows = ("states", self.states), ("inputs", self.inputs), ("outputs", self.outputs)
+        lines = [f"  {len(names)} {kind}: {', '.join(names)}" for kind, names in rows]
+        return "\n".join([f"Linearization: {steps} = A x + B u, y = C x + D u; frame('A') has names", *lines])
+
     def frame(self, matrix: str) -> pd.DataFrame:
         """Return 'A', 'B', 'C' or 'D' with the names of its rows and columns."""
         rows = self.states if matrix in ("A", "B") else self.outputs
@@ -132,6 +138,8 @@ def linearize(
     if part in ("servo", "closed_loop") and not isinstance(scenario.servo, LqServo):
         raise InputError(f"servo.kind: {scenario.servo.kind}: must be lq: Drake differentiates no other; see its gain")
     reference = np.zeros(REFERENCE_SIZE) if reference is None else np.asarray(reference, dtype=float)
+    if reference.shape != (REFERENCE_SIZE,) or not np.all(np.isfinite(reference)):
+        raise InputError(f"reference: has the shape {reference.shape}, must be r, r_dot, r_ddot: 9 finite numbers")
     vehicle, kinematics = scenario.vehicle, scenario.world.kinematics
     x, u = operating_point(vehicle, kinematics, reference, scenario.yaw)
     if part == "servo":

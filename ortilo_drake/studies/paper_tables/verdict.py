@@ -51,7 +51,7 @@ def _line(tables: Tables, scenario: str, column: str) -> str:
     interval = tables.with_lost_intervals[scenario][column]["median"]
     said = f"{TITLES[scenario]}, {column}"
     if ours is None or interval is None:
-        return f"{said}: open, too few flights have it; paper {printed}."
+        return f"{said}: open, too few flights for an interval; paper {printed}."
     beside = f"{with_interval(ours, interval)} m² beside {printed}"
     if interval[0] <= its["p75"] and its["p25"] <= interval[1]:
         return f"{said}: {'reproduced' if tables.preset in OF_THE_PAPER else 'met by another filter'}, {beside}."

@@ -4,6 +4,7 @@ from html import escape
 from typing import Any
 
 import xarray as xr
+from matplotlib.ticker import MaxNLocator
 from pydrake.trajectories import Trajectory
 
 from ortilo_drake.flight.flight import AXES, scenario_of
@@ -60,7 +61,6 @@ def flight_page(flight: xr.Dataset) -> str:
         for i, s in enumerate(data["sensors"])
     )
     plots = "".join(error_plot(data, i) for i in range(3)) + "".join(arrival_plot(data, s) for s in data["sensors"])
-    ticks = "".join(f"<span>{data['time'][0] + f * _length(data):.0f}</span>" for f in (0, 0.25, 0.5, 0.75, 1))
     title = f"{scenario.name}, seed {scenario.seed}"
     eye = '<figure id="eye"><img alt="what the camera sees"><figcaption>onboard camera</figcaption></figure>'
     body = f"""<header><h1>{escape(title)}</h1>{_ending(found)}</header>
@@ -73,7 +73,7 @@ def flight_page(flight: xr.Dataset) -> str:
 {'<span class="k zone">blackout</span>' if zones else ""}</p></div></section>
 <section class="panel">{CONTROLS}<div class="lamps">{lamps}</div></section>
 <section class="plots"><h2>Errors in their 3σ bands, and arrivals</h2>{plots}
-<div class="ticks">{ticks}</div><p class="unit">time [s]; strips: blackouts; grey marks: due, but none came</p>
+<div class="ticks">{_ticks(data)}</div><p class="unit">time [s]; strips: blackouts; grey marks: due, but none came</p>
 </section>
 <section><h2>Figures</h2>{facts(_figures(found))}</section>
 <section><h2>How it was flown</h2>{facts(_origin(flight, scenario, pictures.get("none")))}
@@ -84,8 +84,12 @@ def flight_page(flight: xr.Dataset) -> str:
     return whole_page(title, body, asset("flight.js"))
 
 
-def _length(data: dict[str, Any]) -> float:
-    return float(data["time"][-1] - data["time"][0])
+def _ticks(data: dict[str, Any]) -> str:
+    """Return round times, each at its place under the plots."""
+    start, end = float(data["time"][0]), float(data["time"][-1])
+    times = MaxNLocator(8, steps=[1, 2, 5, 10]).tick_values(start, end)
+    places = {t: 100.0 * (t - start) / max(end - start, 1e-9) for t in times}
+    return "".join(f'<span style="left:{x:.4g}%">{t:g}</span>' for t, x in places.items() if 0.0 <= x <= 100.0)
 
 
 def _ending(found: Summary) -> str:
