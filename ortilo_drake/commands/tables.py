@@ -46,7 +46,8 @@ def tables(
     preset: Annotated[
         Preset,
         typer.Option(
-            help="tuned: the default filter; nominal: the paper's in our tuning; paper: its code; printed: its text."
+            metavar="PRESET",
+            help="tuned: the default filter; nominal: the paper's in our tuning; paper: its code; printed: its text.",
         ),
     ] = Preset.tuned,
     settings: SetOption = None,
