@@ -14,7 +14,7 @@ def tables_summary(tables: Tables) -> list[str]:
     """
     lost = [f"{TITLES.get(name, name)} {count(n, tables.flights)}" for name, n in tables.lost.items()]
     lines = [f"Flights lost: {', '.join(lost)}."]
-    for name in SCENARIOS:
+    for name in filter(tables.estimation.__contains__, SCENARIOS):
         lines.append(_medians(tables, name))
     drop = tables.drop_in_x.median
     if drop is not None:
@@ -25,7 +25,7 @@ def tables_summary(tables: Tables) -> list[str]:
         if its.value is not None
     ]
     if nees:
-        lines.append(f"Mean NEES of the position, 3 if the filter claims what it knows: {', '.join(nees)}.")
+        lines.append(f"Mean NEES of the position, 3 if the filter is consistent: {', '.join(nees)}.")
     return ["## In short", "", *(f"- {line}" for line in lines), ""]
 
 
