@@ -1,5 +1,7 @@
 """The closed loop: world and onboard half joined by wires, with a log of everything at every tick."""
 
+from __future__ import annotations  # help() shows types by their names
+
 from collections.abc import Callable
 from pathlib import Path
 

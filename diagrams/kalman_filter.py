@@ -3,7 +3,7 @@
 Its name is in capitals as those of Drake's functions that make a system, such as LinearQuadraticRegulator.
 """
 
-from __future__ import annotations  # help() shows ArrayLike by its name
+from __future__ import annotations  # help() shows types by their names
 
 from collections.abc import Mapping
 

@@ -4,7 +4,7 @@ Each takes plain numbers; no scenario file is needed. `settings` are those of a 
 for a dot: `make_estimator(estimator__delay="replay")`. How to wire the parts: docs/how_to/single_parts.md.
 """
 
-from __future__ import annotations  # help() shows ArrayLike by its name
+from __future__ import annotations  # help() shows types by their names
 
 from numbers import Real
 from typing import Any

@@ -1,5 +1,7 @@
 """Many flights of a scenario, and scenarios compared by their flights."""
 
+from __future__ import annotations  # help() shows types by their names
+
 import math
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import asdict
@@ -116,7 +118,7 @@ class Comparison(pd.DataFrame):
     """A table that prints whole, each median with its interval, however narrow the screen; otherwise a DataFrame."""
 
     @property
-    def _constructor(self) -> type["Comparison"]:
+    def _constructor(self) -> type[Comparison]:
         return Comparison
 
     def __repr__(self) -> str:

@@ -1,6 +1,6 @@
 """The discrete algebraic Riccati equation of matrices of one's own."""
 
-from __future__ import annotations  # help() shows ArrayLike by its name
+from __future__ import annotations  # help() shows types by their names
 
 from typing import NamedTuple
 

@@ -1,5 +1,7 @@
 """Studies of the command line from Python: `ortilo map` and `ortilo tables`; and the matrices of a scenario's parts."""
 
+from __future__ import annotations  # help() shows types by their names
+
 import io
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager

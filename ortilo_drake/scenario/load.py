@@ -1,5 +1,7 @@
 """Scenarios by name or from files, with settings laid over them."""
 
+from __future__ import annotations  # help() shows types by their names
+
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
