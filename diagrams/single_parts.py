@@ -23,6 +23,7 @@ from ortilo_drake.model.equations import KINEMATICS
 from ortilo_drake.model.parts import find_sensor, known_sensors
 from ortilo_drake.model.room import Interior, Room
 from ortilo_drake.model.signals import N_X, N_XBAR, SENSORS
+from ortilo_drake.model.tick import check_tick
 from ortilo_drake.model.typed_yaml import InputError, nearest
 from ortilo_drake.model.vehicle import M100, Vehicle
 from ortilo_drake.scenario import Scenario, load_scenario
@@ -30,7 +31,6 @@ from ortilo_drake.sensors.described import described, port_of
 from ortilo_drake.world.vehicle.body_state import BodyState_
 from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
 
-SHORTEST, LONGEST = 1e-3, 0.2  # ticks [s]
 _WHOLE = 1e-9  # how far a rate may be from a whole number that is meant, as a share
 
 
@@ -198,8 +198,8 @@ def make_plant(
     """
     if kinematics not in KINEMATICS:
         raise InputError(f"kinematics: {kinematics!r}: must be one of {', '.join(KINEMATICS)}")
-    if not 0.0 <= time_step < float("inf"):
-        raise InputError(f"time_step: {time_step}: must be 0 or positive")
+    if not isinstance(time_step, Real) or not 0.0 <= time_step < float("inf"):
+        raise InputError(f"time_step: {time_step!r}: must be 0 or positive")
     plant: System = QuadrotorPlant_[float](_vehicle(vehicle), kinematics, time_step, _vector("x_0", x_0, N_X))
     return plant
 
@@ -223,8 +223,7 @@ def _scenario(base: str | Scenario, vehicle: Vehicle | None, h: float, settings:
 
 
 def _rate(h: float) -> float:
-    if not isinstance(h, Real) or not SHORTEST <= h <= LONGEST:
-        raise InputError(f"h: {h!r}: must be {SHORTEST:g} to {LONGEST:g} s")
+    check_tick(h)
     return float(round(1.0 / h)) if abs(round(1.0 / h) * h - 1.0) < _WHOLE else 1.0 / h
 
 

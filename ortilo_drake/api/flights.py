@@ -111,7 +111,11 @@ def fly_many(
 def _listed(seeds: Iterable[int]) -> list[int]:
     if not isinstance(seeds, Iterable):
         raise InputError(f"seeds: {seeds!r}: must be several, as range({seeds!r}) or [{seeds!r}]")
-    return [plain_value("seeds", seed) for seed in seeds]
+    found = [plain_value("seeds", seed) for seed in seeds]
+    wrong = [seed for seed in found if not isinstance(seed, int) or isinstance(seed, bool)]
+    if wrong:
+        raise InputError(f"seeds: {wrong[0]!r}: must be integers")
+    return found
 
 
 class Comparison(pd.DataFrame):

@@ -7,6 +7,7 @@ made = box(1, out, numbers={"gain": 2.0})
 """
 
 from collections.abc import Callable
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -42,8 +43,12 @@ def box(
         shows: the state that is the output, in place of `out`.
 
     Raises:
-        ValueError: if a value is no number or array of numbers.
+        ValueError: if a value is no number or array of numbers, or there is no output.
     """
+    if not isinstance(size, Integral) or size < 1:
+        raise ValueError(f"size: {size!r}: must be an integer, at least 1")
+    if out is None and shows is None:
+        raise ValueError("out: is missing: must write the output, unless shows names a state")
     numbers, tables, state, work = numbers or {}, tables or {}, state or {}, work or {}
     element = Element(
         "own",

@@ -195,6 +195,8 @@ def register_sensor(sensor: Sensor) -> None:
     Raises:
         InputError: if its name is a built-in sensor's or no plain word, its settings have no link, or tells no noise.
     """
+    if not isinstance(sensor, Sensor):
+        raise InputError(f"sensor: {sensor!r}: must be an od.Sensor")
     if not sensor.name.isidentifier() or sensor.name.lower() in _TAKEN:
         raise InputError(f"sensor: {sensor.name!r}: must be a plain word that is no built-in signal's")
     if "link" not in sensor.settings.model_fields:

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from ortilo_drake.flight.blackouts import in_blackout
 from ortilo_drake.flight.flight import AXES, scenario_of
-from ortilo_drake.scenario import PositionBlackout, Scenario
+from ortilo_drake.scenario import InputError, PositionBlackout, Scenario
 from ortilo_drake.views.palette import COLOR, ESTIMATED, GREY, OTHER, SHADE, STYLE
 from ortilo_drake.views.shown_figure import ShownFigure
 
@@ -37,6 +37,8 @@ def draw_blackout_errors(flights: dict[str, xr.Dataset], axis: str = "x") -> Fig
         flights: the flights by title, one a row.
         axis: of the position, 'x', 'y' or 'z' of the room.
     """
+    if axis not in AXES:
+        raise InputError(f"axis: {axis!r}: must be one of {', '.join(AXES)}")
     i = AXES.index(axis)
     with mpl.rc_context(STYLE):
         figure = ShownFigure(figsize=(11, 2.1 * len(flights) + 0.4), layout="constrained")

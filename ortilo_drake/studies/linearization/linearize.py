@@ -67,6 +67,8 @@ class Linearization(NamedTuple):
 
     def frame(self, matrix: str) -> pd.DataFrame:
         """Return 'A', 'B', 'C' or 'D' with the names of its rows and columns."""
+        if matrix not in ("A", "B", "C", "D"):
+            raise InputError(f"matrix: {matrix!r}: must be one of A, B, C, D")
         rows = self.states if matrix in ("A", "B") else self.outputs
         return pd.DataFrame(getattr(self, matrix), rows, self.states if matrix in ("A", "C") else self.inputs)
 
@@ -137,9 +139,10 @@ def linearize(
         raise InputError(why)
     if part in ("servo", "closed_loop") and not isinstance(scenario.servo, LqServo):
         raise InputError(f"servo.kind: {scenario.servo.kind}: must be lq: Drake differentiates no other; see its gain")
-    reference = np.zeros(REFERENCE_SIZE) if reference is None else np.asarray(reference, dtype=float)
-    if reference.shape != (REFERENCE_SIZE,) or not np.all(np.isfinite(reference)):
+    reference = np.zeros(REFERENCE_SIZE) if reference is None else np.asarray(reference)
+    if reference.shape != (REFERENCE_SIZE,) or reference.dtype.kind not in "iuf" or not np.all(np.isfinite(reference)):
         raise InputError(f"reference: has the shape {reference.shape}, must be r, r_dot, r_ddot: 9 finite numbers")
+    reference = reference.astype(float)
     vehicle, kinematics = scenario.vehicle, scenario.world.kinematics
     x, u = operating_point(vehicle, kinematics, reference, scenario.yaw)
     if part == "servo":
