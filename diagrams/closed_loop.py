@@ -1,6 +1,9 @@
 """The closed loop: world and onboard half joined by wires, with a log of everything at every tick."""
 
+from __future__ import annotations  # help() shows types by their names
+
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from pydrake.geometry import Meshcat
@@ -13,7 +16,7 @@ from ortilo_drake.diagrams.world import World
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.planned import Planned
-from ortilo_drake.scenario import Belief, Scenario
+from ortilo_drake.scenario import Belief, Scenario, load_scenario
 from ortilo_drake.world.scenery.meshcat_flight import MeshcatFlight
 
 
@@ -99,7 +102,7 @@ class ClosedLoop(Diagram):
 
 
 def make_closed_loop(
-    scenario: Scenario,
+    scenario: str | Path | Scenario,
     trajectory: Trajectory | None = None,
     meshcat: Meshcat | None = None,
     estimator: Callable[[Belief, np.ndarray], System] | None = None,
@@ -110,7 +113,7 @@ def make_closed_loop(
     """Return the closed loop of a scenario, with parts of one's own where they are given.
 
     Args:
-        scenario: the scenario.
+        scenario: as load_scenario.
         trajectory: the path to fly; by default what the planner plans.
         meshcat: if given, shows the flight in it.
         estimator: makes the estimator in place of the scenario's, see diagrams/onboard.py.
@@ -119,6 +122,6 @@ def make_closed_loop(
         fused: whether all elements of a half are one system, which is faster, or a system each.
 
     Raises:
-        InputError: as ClosedLoop.
+        InputError: as load_scenario and ClosedLoop.
     """
-    return ClosedLoop(scenario, trajectory, meshcat, Parts(estimator, servo, planner), fused)
+    return ClosedLoop(load_scenario(scenario), trajectory, meshcat, Parts(estimator, servo, planner), fused)

@@ -7,6 +7,8 @@ from ortilo_drake.loop.element import constant, outside
 from ortilo_drake.loop.shell import WiredSystem_
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.signals import N_X
+from ortilo_drake.model.tick import check_tick
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Imu
 from ortilo_drake.world.sensors.imu import imu_box
 
@@ -29,7 +31,13 @@ def make_imu(settings: Imu | None = None, h: float = 1.0 / 30.0, seed: int = 0, 
         seed: of its noise.
         stream: name of its noise, of which two of one seed have the same. Where it is given a name in its Diagram, as
             in AddNamedSystem("left", make_imu()), its noise is of that name, too.
+
+    Raises:
+        InputError: if an argument is wrong.
     """
+    check_tick(h)
+    if not isinstance(settings, Imu | None):
+        raise InputError(f"settings: {settings!r}: must be those of an IMU, as od.load_scenario('imu_uwb').imu")
     box = imu_box(settings or Imu(), h, whole=True, stream=stream)
     wiring = Wiring([outside("state", N_X), outside("acceleration", 3), constant("sent", _ALWAYS), box])
     imu: System = WiredSystem_[float](box.name, wiring, {box.name: (box.name,)}, h, seed)

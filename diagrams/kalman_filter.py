@@ -3,6 +3,8 @@
 Its name is in capitals as those of Drake's functions that make a system, such as LinearQuadraticRegulator.
 """
 
+from __future__ import annotations  # help() shows types by their names
+
 from collections.abc import Mapping
 
 import numpy as np
@@ -69,7 +71,10 @@ def IntermittentKalmanFilter(
     if not sensors:
         raise ValueError("sensors: is empty, must name a sensor at least")
     its = {}
-    for name, (given_C, given_V) in sensors.items():
+    for name, pair in sensors.items():
+        if not isinstance(pair, tuple | list) or len(pair) != 2:
+            raise ValueError(f"sensors[{name!r}]: must be C and V, a pair of matrices")
+        given_C, given_V = pair
         C = _matrix(f"sensors[{name!r}]: C", given_C)
         _has_shape(f"sensors[{name!r}]: C", C, (len(C), n))
         its[name] = C, _covariance(f"sensors[{name!r}]: V", given_V, len(C), definite=True)

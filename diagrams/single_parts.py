@@ -4,6 +4,9 @@ Each takes plain numbers; no scenario file is needed. `settings` are those of a 
 for a dot: `make_estimator(estimator__delay="replay")`. How to wire the parts: docs/how_to/single_parts.md.
 """
 
+from __future__ import annotations  # help() shows types by their names
+
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -20,6 +23,7 @@ from ortilo_drake.model.equations import KINEMATICS
 from ortilo_drake.model.parts import find_sensor, known_sensors
 from ortilo_drake.model.room import Interior, Room
 from ortilo_drake.model.signals import N_X, N_XBAR, SENSORS
+from ortilo_drake.model.tick import check_tick
 from ortilo_drake.model.typed_yaml import InputError, nearest
 from ortilo_drake.model.vehicle import M100, Vehicle
 from ortilo_drake.scenario import Scenario, load_scenario
@@ -27,7 +31,6 @@ from ortilo_drake.sensors.described import described, port_of
 from ortilo_drake.world.vehicle.body_state import BodyState_
 from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
 
-SHORTEST, LONGEST = 1e-3, 0.2  # ticks [s]
 _WHOLE = 1e-9  # how far a rate may be from a whole number that is meant, as a share
 
 
@@ -77,7 +80,9 @@ def make_estimator(
         >>> sorted(estimator.get_input_port(i).get_name() for i in range(4))
         ['control', 'imu', 'reference', 'uwb']
     """
-    changes = {"sensors": list(sensors), "camera__kind": "projected"} | settings
+    if isinstance(sensors, str):
+        raise InputError(f"sensors: {sensors!r}: must be several, as ({sensors!r},)")
+    changes = _every_tick(scenario, h) | {"sensors": list(sensors), "camera__kind": "projected"} | settings
     xbar_0 = np.zeros(N_XBAR)
     xbar_0[:N_X] = _vector("x_0", x_0, N_X)
     return Estimator(_scenario(scenario, vehicle, h, changes), xbar_0, detects=False, room=_room(room))
@@ -103,7 +108,7 @@ def make_servo(
     Raises:
         InputError: if a setting is wrong or there is no gain.
     """
-    return make_lq_servo(_scenario("imu_uwb", vehicle, h, settings), takes_force)
+    return make_lq_servo(_scenario("imu_uwb", vehicle, h, _every_tick("imu_uwb", h) | settings), takes_force)
 
 
 def make_sensor(
@@ -145,7 +150,16 @@ def make_sensor(
         raise InputError(f"name: {name}: is a System of its own, made by its make_world: add that")
     changes = {"sensors": [name], "seed": seed, "camera__kind": "projected"}
     changes |= {f"{name}__{key}": value for key, value in settings.items()}
-    scenario = _scenario(Scenario(name=name), None, h, changes)
+    try:
+        scenario = _scenario(Scenario(name=name), None, h, changes)
+    except InputError as error:
+        if f"{name}.link.rate: " not in str(error) or "link__rate" in settings:
+            raise
+        usual = Scenario(name=name).link_of(name).rate
+        raise InputError(
+            f"link__rate: must be given with h = {h:g} s, which the usual {usual:g} Hz do not suit: 1 / h divided by a "
+            "whole number, or None for a message every tick"
+        ) from None
     if scenario.samples(name) > 1:
         raise InputError(f"{name}.link.rate: {scenario.link_of(name).rate:g}: must be at most 1 / h = {1.0 / h:g} Hz")
     made = [_of_state(box) for box in sensor_boxes(scenario, _room(room) or scenario.load_room(), name, True)]
@@ -177,10 +191,9 @@ def make_plant(
     """
     if kinematics not in KINEMATICS:
         raise InputError(f"kinematics: {kinematics!r}: must be one of {', '.join(KINEMATICS)}")
-    if not 0.0 <= time_step < float("inf"):
-        raise InputError(f"time_step: {time_step}: must be 0 or positive")
-    its = M100 if vehicle is None else vehicle
-    plant: System = QuadrotorPlant_[float](its, kinematics, time_step, _vector("x_0", x_0, N_X))
+    if not isinstance(time_step, Real) or not 0.0 <= time_step < float("inf"):
+        raise InputError(f"time_step: {time_step!r}: must be 0 or positive")
+    plant: System = QuadrotorPlant_[float](_vehicle(vehicle), kinematics, time_step, _vector("x_0", x_0, N_X))
     return plant
 
 
@@ -199,10 +212,27 @@ def make_body_state(body: int) -> System:
 
 def _scenario(base: str | Scenario, vehicle: Vehicle | None, h: float, settings: dict[str, Any]) -> Scenario:
     """Return a scenario for a vehicle and a tick, with settings laid over it."""
-    if not SHORTEST <= h <= LONGEST:
-        raise InputError(f"h: {h}: must be {SHORTEST:g} to {LONGEST:g} s")
-    rate = float(round(1.0 / h)) if abs(round(1.0 / h) * h - 1.0) < _WHOLE else 1.0 / h
-    return load_scenario(base, {"control_rate": rate, "vehicle": vehicle or M100}, **settings)
+    return load_scenario(base, {"control_rate": _rate(h), "vehicle": _vehicle(vehicle)}, **settings)
+
+
+def _rate(h: float) -> float:
+    check_tick(h)
+    return float(round(1.0 / h)) if abs(round(1.0 / h) * h - 1.0) < _WHOLE else 1.0 / h
+
+
+def _vehicle(given: Vehicle | None) -> Vehicle:
+    if not isinstance(given, Vehicle | None):
+        raise InputError(f"vehicle: {given!r}: must be a Vehicle, as Vehicle(mass=1.2, inertia=(0.012, 0.013, 0.022))")
+    return given or M100
+
+
+def _every_tick(scenario: str, h: float) -> dict[str, Any]:
+    """Return the settings with which a scenario's slower sensors suit any tick.
+
+    Estimator and servo are told which messages came, so that the rates at which they are sent do not matter.
+    """
+    links = {name: load_scenario(scenario).link_of(name) for name in load_scenario(scenario).sensors}
+    return {f"{name}__link__rate": None for name, link in links.items() if (link.rate or 0.0) < _rate(h)}
 
 
 def _array(name: str, given: ArrayLike) -> np.ndarray:

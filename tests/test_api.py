@@ -3,6 +3,7 @@
 import gc
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 from distributed import LocalCluster, SpecCluster
+from IPython.core.formatters import DisplayFormatter
 from made_up_summaries import made_up_summary
 from matplotlib.figure import Figure
 from pydrake.systems.framework import Diagram
@@ -144,6 +146,15 @@ def test_a_plot_is_a_figure_with_path_errors_and_arrivals(flown: od.Flight) -> N
     figure = flown.plot()
     assert isinstance(figure, Figure)
     assert len(figure.axes) == 5
+    rows = [label.get_text() for label in figure.axes[-1].get_yticklabels()]
+    assert rows == [name.replace("uwb", "UWB") for name in ("camera", "uwb") if name in flown.scenario.sensors]
+
+
+def test_a_notebook_shows_each_figure_of_a_flight_by_itself(flown: od.Flight) -> None:
+    """Without `%matplotlib inline`, IPython shows a figure that matplotlib.pyplot did not make as text alone."""
+    for figure in (flown.plot(), flown.plot_blackouts(), flown.plot_availability()):
+        shown, _ = DisplayFormatter().format(figure)
+        assert shown["image/png"].startswith(b"\x89PNG")
 
 
 def test_blackouts_and_availability_are_figures_of_that_flight(flown: od.Flight) -> None:
@@ -310,6 +321,10 @@ def test_the_closed_loop_is_drakes() -> None:
 
 def test_linearize_tells_what_drake_would_end_python_on() -> None:
     loop = od.make_closed_loop(od.load_scenario("nominal_imu_uwb"))
+    for reference in ([0.0, 0.0, 1.5], [np.nan] * 9):
+        with pytest.raises(od.InputError, match=r"^reference: .*must be r, r_dot, r_ddot: 9 finite numbers"):
+            od.linearize("nominal_imu_uwb", "plant", reference=np.array(reference))
+    assert "12 states: x, y, z, phi" in repr(od.linearize("nominal_imu_uwb", "plant"))
     with pytest.raises(od.InputError, match=r"^scenario: a ClosedLoop: must be a scenario or its name"):
         od.linearize(loop, "plant")  # type: ignore[arg-type]
     heavier = od.linearize("nominal_imu_uwb", "plant", "vehicle.mass=5.0")
@@ -336,3 +351,32 @@ def test_a_map_has_a_row_for_each_point() -> None:
     assert [row["point"] for row in found.data["rows"]] == [{"uwb.link.loss": 0.0}, {"uwb.link.loss": 1.0}]
     with pytest.raises(od.InputError, match=r"^sweep: axes"):
         od.map(sweep | {"axes": {}})
+
+
+@pytest.mark.parametrize(
+    ("call", "line"),
+    [
+        (lambda: od.fly_many("nominal_imu_uwb", 4), r"^seeds: 4: must be several, as range\(4\) or \[4\]$"),
+        (lambda: od.compare("nominal_imu_uwb", seeds=4), "^seeds: 4: must be several"),
+        (lambda: od.compare(seeds=range(2)), "^scenarios: none given: must be one or more$"),
+        (lambda: od.fly_many("nominal_imu_uwb", [1, 2], workers=0), "^workers: 0: must be 1 or more$"),
+        (lambda: od.compare("nominal_imu_uwb", seeds="ab"), "^seeds: 'a': must be integers$"),
+        (lambda: od.load_scenario("imu_uwb", 5), "^settings: 5: must be 'key.key=value', several of these, or a dict"),
+        (
+            lambda: od.fly("imu_uwb", estimator=lambda belief, x: None),
+            "^estimator: its function returned None: must be",
+        ),
+        (lambda: od.make_imu(h=-1.0), r"^h: -1\.0: must be 0\.001 to 0\.2 s$"),
+        (lambda: od.make_imu(3), "^settings: 3: must be those of an IMU"),
+        (lambda: od.make_plant(time_step="a"), "^time_step: 'a': must be 0 or positive$"),
+        (lambda: od.register_sensor(3), r"^sensor: 3: must be an od\.Sensor$"),
+        (lambda: od.linearize("imu_uwb", "plant").frame("E"), "^matrix: 'E': must be one of A, B, C, D$"),
+        (lambda: od.linearize("imu_uwb", "plant", reference="x"), r"^reference: has the shape \(\)"),
+        (lambda: od.fly("imu_uwb", **HOVER).plot_blackouts("w"), "^axis: 'w': must be one of x, y, z$"),
+        (lambda: od.fly(3), "^scenario: 3: must be a ready-made one's name or a .yaml file$"),
+        (lambda: od.make_closed_loop("imu_ubw"), "^scenario: 'imu_ubw' is unknown"),
+    ],
+)
+def test_a_wrong_argument_is_told_in_a_line(call: Callable[[], Any], line: str) -> None:
+    with pytest.raises(od.InputError, match=line):
+        call()

@@ -27,6 +27,7 @@ import numpy as np
 from pydrake.systems.framework import System
 
 from ortilo_drake.diagrams.wiring.systems import require_ports, system_box
+from ortilo_drake.diagrams.wiring.trial import try_out
 from ortilo_drake.loop.element import Box, constant
 from ortilo_drake.loop.own import slice_box
 from ortilo_drake.model.parts import find_part
@@ -161,5 +162,8 @@ def wired(
         for port in element.inputs_of(function):
             if port not in allowed:
                 raise InputError(f"{role}.kind: {kind}: {what} reads {port!r}, must be one of {', '.join(allowed)}")
+    ports = {"force": 3, "reference": REFERENCE_SIZE, "control": N_U, "belief": N_XBAR + N_XBAR**2}
+    ports |= {port: box.size for port, box in (messages | added).items()}
+    try_out(made, ports, f"{role}.kind: {kind}")
     reads = {port: known[port] for port in element.inputs}
     return [replace(made, name=name, reads=reads), *(box for port, box in added.items() if port in element.inputs)]

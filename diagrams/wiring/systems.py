@@ -1,6 +1,6 @@
 """Boxes that a System of Drake's plays, where no element can: a renderer, a detector, a part of one's own."""
 
-from pydrake.systems.framework import PortDataType, System
+from pydrake.systems.framework import PortDataType, System, SystemBase
 
 from ortilo_drake.loop.element import Box, Element
 from ortilo_drake.model.typed_yaml import InputError
@@ -40,6 +40,8 @@ def system_box(name: str, system: System, says: tuple[str, ...], signals: dict[s
 
 def require_ports(system: System, inputs: tuple[str, ...], outputs: tuple[str, ...], role: str) -> None:
     """Refuse a part of one's own that lacks a port, naming what it has."""
+    if not isinstance(system, SystemBase):
+        raise InputError(f"{role}: its function returned {system!r}: must be a Drake System")
     has_in = [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
     has_out = [system.get_output_port(i).get_name() for i in range(system.num_output_ports())]
     for wanted, has, kind in ((inputs, has_in, "input"), (outputs, has_out, "output")):

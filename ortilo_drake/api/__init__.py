@@ -23,6 +23,7 @@ from ortilo_drake.api.parts import (
     register_planner,
     register_servo,
 )
+from ortilo_drake.api.riccati import Dare, solve_dare
 from ortilo_drake.api.studies import Study, linearize, map, tables
 from ortilo_drake.codegen.export import export
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
@@ -46,6 +47,7 @@ __all__ = [
     "Belief",
     "Box",
     "Compiled",
+    "Dare",
     "Fault",
     "FixSolver",
     "Flight",
@@ -83,5 +85,6 @@ __all__ = [
     "register_sensor",
     "register_servo",
     "row",
+    "solve_dare",
     "tables",
 ]

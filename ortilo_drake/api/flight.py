@@ -1,5 +1,7 @@
 """One flight: flown, looked at, and written in other people's formats."""
 
+from __future__ import annotations  # help() shows types by their names
+
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
@@ -33,10 +35,12 @@ class Flight:
     """One flight.
 
     Args:
-        data: its Dataset over ticks, see flight.flight_dataset.
+        data: its Dataset.
 
     Attributes:
-        data: that Dataset: truth, estimate, covariance, control, reference, measurement, innovation, arrival, ...
+        data: an xarray Dataset with a row for each tick: truth (12), estimate (15), covariance (15, 15), control (4),
+            reference (3), its velocity and acceleration; measurement and innovation (a column for each row of y, NaN
+            where nothing arrived); due and arrival (a column for each sensor). Names and units as in to_pandas.
     """
 
     def __init__(self, data: xr.Dataset):
@@ -77,7 +81,22 @@ class Flight:
         return (estimate - self.data["truth"].sel(state=axes).rename(state="axis")).rename("error")
 
     def summary(self) -> dict[str, Any]:
-        """Return the figures that `ortilo fly --json` writes."""
+        """Return the figures of the flight, as `ortilo fly --json` writes them; those of a lost flight end at its loss.
+
+        lost                        time [s] and cause, or None
+        contacts                    furniture that the vehicle touched
+        mse                         mean squared error of the estimated position, by axis [m^2]
+        floor                       the Cramer-Rao floor of that [m^2]
+        efficiency                  mse / floor; tick_efficiency: the mean over ticks of squared error / floor
+        path_mse                    mean squared distance from the path [m^2], sideways as in the paper
+        path_distance_mse           the same to the nearest point of the path
+        max_path_distance           farthest from the path [m]
+        max_reference_distance      farthest from where it should have been at that time [m]
+        arrivals                    by sensor, the share of the expected messages that the filter used
+        fix_errors                  by sensor, median and 95th percentile of its position fixes' error [m]
+        nees, nis                   3 if the filter is consistent; the NIS by sensor, its number of rows
+        real_time_factor            seconds of flight computed in a second
+        """
         return asdict(metrics.summary(self.data))
 
     def plot(self) -> Figure:

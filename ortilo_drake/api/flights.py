@@ -1,5 +1,7 @@
 """Many flights of a scenario, and scenarios compared by their flights."""
 
+from __future__ import annotations  # help() shows types by their names
+
 import math
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import asdict
@@ -16,7 +18,7 @@ from ortilo_drake.flight import ensemble
 from ortilo_drake.flight.intervals import Middle, middle_of, share_interval
 from ortilo_drake.flight.processes.workers import kept_workers
 from ortilo_drake.flight.summary import Summary
-from ortilo_drake.scenario import Scenario, load_scenario
+from ortilo_drake.scenario import InputError, Scenario, load_scenario
 from ortilo_drake.scenario.load import Settings, as_settings
 from ortilo_drake.scenario.plain import plain_value
 from ortilo_drake.views.numbers import count, of_all_and_kept
@@ -92,7 +94,7 @@ def fly_many(
         if progress:
             progress(asdict(summary))
 
-    chosen, seeds = load_scenario(scenario, settings, **changes), [plain_value("seeds", seed) for seed in seeds]
+    chosen, seeds = load_scenario(scenario, settings, **changes), _listed(seeds)
     where = Path(mkdtemp(prefix="ortilo-") if out is None else out)
     try:
         summaries = ensemble.fly_many(chosen, seeds, where, workers, tell, player)
@@ -106,11 +108,21 @@ def fly_many(
     return flights
 
 
+def _listed(seeds: Iterable[int]) -> list[int]:
+    if not isinstance(seeds, Iterable):
+        raise InputError(f"seeds: {seeds!r}: must be several, as range({seeds!r}) or [{seeds!r}]")
+    found = [plain_value("seeds", seed) for seed in seeds]
+    wrong = [seed for seed in found if not isinstance(seed, int) or isinstance(seed, bool)]
+    if wrong:
+        raise InputError(f"seeds: {wrong[0]!r}: must be integers")
+    return found
+
+
 class Comparison(pd.DataFrame):
     """A table that prints whole, each median with its interval, however narrow the screen; otherwise a DataFrame."""
 
     @property
-    def _constructor(self) -> type["Comparison"]:
+    def _constructor(self) -> type[Comparison]:
         return Comparison
 
     def __repr__(self) -> str:
@@ -185,7 +197,9 @@ def compare(
     Raises:
         InputError: as fly_many.
     """
-    seeds, rows, names = list(seeds), [], []
+    if not scenarios:
+        raise InputError("scenarios: none given: must be one or more")
+    seeds, rows, names = _listed(seeds), [], []
     laid_over = as_settings(settings, changes)  # once: an iterator has no second turn
     with kept_workers():
         for scenario in scenarios:

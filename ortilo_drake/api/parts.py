@@ -1,5 +1,7 @@
 """Parts of one's own, registered so that scenarios may name them."""
 
+from __future__ import annotations  # help() shows types by their names
+
 from collections.abc import Callable
 from typing import Any
 

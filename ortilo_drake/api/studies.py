@@ -1,5 +1,7 @@
 """Studies of the command line from Python: `ortilo map` and `ortilo tables`; and the matrices of a scenario's parts."""
 
+from __future__ import annotations  # help() shows types by their names
+
 import io
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -138,6 +140,7 @@ def tables(
     *beside: str | Path,
     flights: int = 20,
     preset: str = "tuned",
+    only: str | None = None,
     settings: Settings = (),
     out: str | Path | None = None,
     workers: int = 1,
@@ -145,7 +148,7 @@ def tables(
     player: str = "fastest",
     **changes: Any,
 ) -> Study:
-    """Fly both of the paper's scenarios as `ortilo tables` does, and set the paper's tables I and II beside ours.
+    """Fly the paper's two scenarios, or one, as `ortilo tables` does, and set the paper's tables I and II beside ours.
 
     The camera is rendered as scenarios have it: `camera__kind="projected"` flies a hundred times as fast.
 
@@ -153,6 +156,7 @@ def tables(
         beside: further scenarios for the same tables.
         flights: of each scenario, seeds from 0.
         preset: 'tuned', 'nominal', 'paper' or 'printed', see docs/concepts.md.
+        only: 'imu_uwb' or 'imu_uwb_yolo', to leave the other out.
         settings: of all scenarios, as load_scenario.
         out: folder of the flights; those that are there are not flown again. By default nothing is kept.
         workers: worker processes; 1 flies in this one. The flights do not depend on it.
@@ -170,7 +174,7 @@ def tables(
     """
     if flights < 1:
         raise InputError(f"flights: {flights}: must be 1 or more")
-    scenarios = scenarios_of_tables(preset, as_settings(settings, changes), beside=beside)
+    scenarios = scenarios_of_tables(preset, as_settings(settings, changes), beside=beside, only=only)
     with _folder(out) as folder:
         found = make_tables(preset, fly_tables(scenarios, flights, folder / "flights", workers, progress, player))
     return Study(table_text(found), _statistics(found), as_data(found))

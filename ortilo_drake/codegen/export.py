@@ -1,5 +1,7 @@
 """The export of an onboard half: object code, C header and source, golden vectors and their test, in one folder."""
 
+from __future__ import annotations  # help() shows types by their names
+
 import json
 import platform
 from collections.abc import Callable

@@ -62,7 +62,9 @@ def set_up(
             metavar="ADDRESS", help="Use the workers of this Dask scheduler: tcp:// or tls:// (docs/cluster.md)."
         ),
     ] = None,
-    theme: Annotated[Theme, typer.Option(help="The style of all figures.")] = Theme.light,
+    theme: Annotated[
+        Theme, typer.Option(metavar="THEME", help="The style of all figures: light, dark, slides or print.")
+    ] = Theme.light,
     version: Annotated[
         bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Print the versions and exit.")
     ] = False,

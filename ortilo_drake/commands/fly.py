@@ -63,14 +63,14 @@ def _print_flight(result: Summary, said: str, blackout: float, by_drake: str | N
 def _rows(result: Summary) -> dict[str, str]:
     path = "not defined on this path" if result.path_mse is None else f"{result.path_mse:.5f} m²"
     farthest = result.max_path_distance, result.max_reference_distance
-    rates = [f"{s} {'-' if r is None else format(r, '.1%')}" for s, r in result.arrivals.items()]
+    rates = [f"{sensor} {rate:.1%}" for sensor, rate in result.arrivals.items() if rate is not None]
     return {
         "estimation MSE": ", ".join(f"{axis} {value:.5f}" for axis, value in result.mse.items()) + " m²",
         "farthest from path": f"{farthest[0]:.3f} m, from the reference {farthest[1]:.3f} m",
         "path MSE": f"{path}, by distance {result.path_distance_mse:.5f} m²",
-        "fixes used": ", ".join(rates),
+        "fixes used": ", ".join(rates) or "none",
         **{
-            f"error of {sensor:6} fixes": f"median {error.median:.3f} m, 95 % within {error.p95:.3f} m"
+            f"error of {sensor}": f"median {error.median:.3f} m, 95 % of its fixes within {error.p95:.3f} m"
             for sensor, error in result.fix_errors.items()
         },
         "position NEES": f"{result.nees:.2f} (3 if consistent)",

@@ -90,6 +90,7 @@ PlayerOption = Annotated[
     PlayerName,
     typer.Option(
         "--player",
+        metavar="PLAYER",
         help="Who flies it, the same flight bit for bit: compiled code (engine); a Drake Diagram, its halves compiled "
         "(drake) or a system for each element (drake-elements); or the fastest that can.",
     ),

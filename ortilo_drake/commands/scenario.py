@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 import yaml
-from rich.markup import escape
-from rich.table import Table
+from rich.padding import Padding
+from rich.text import Text
 
 from ortilo_drake.commands.options import DEFAULT_SCENARIO, ScenarioArgument, SetOption, quiet_drake
 from ortilo_drake.commands.terminal import out, say_warnings
@@ -58,15 +58,14 @@ def list_keys(
         known = {".".join(key.key.split(".")[:n]) for key in scenario_keys() for n in range(1, 6)}
         raise InputError(f"{prefix}: no such setting{nearest(prefix, sorted(known))}")
     rows = [(k.key, k.allowed, k.unit, k.default, f"{k.kind}: {k.meaning}" if k.kind else k.meaning) for k in found]
-    heads = ("key", "allowed", "unit", "default", "meaning")
     if not out.is_terminal:
-        for row in (heads, *rows):
+        for row in (("key", "allowed", "unit", "default", "meaning"), *rows):
             typer.echo("\t".join(row))  # Rich makes spaces of tabs
         return
-    table = Table(*heads, title=f"{len(rows)} settings; of those of a kind, its name stands before the meaning")
-    for row in rows:
-        table.add_row(*map(escape, row))
-    out.print(table)
+    for key, allowed, unit, default, meaning in rows:  # no table: 80 columns would cut the keys short
+        facts = [allowed, f"[{unit}]" if unit else "", "needed" if default == "needed" else f"default {default}"]
+        out.print(Text.assemble((key, "cyan"), "  ", ", ".join(filter(None, facts))))
+        out.print(Padding(Text(meaning), (0, 0, 0, 4)))
 
 
 @scenario_app.command("schema")

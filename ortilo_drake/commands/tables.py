@@ -37,7 +37,8 @@ def tables(
     preset: Annotated[
         Preset,
         typer.Option(
-            help="tuned: the default filter; nominal: the paper's in our tuning; paper: its code; printed: its text."
+            metavar="PRESET",
+            help="tuned: the default filter; nominal: the paper's in our tuning; paper: its code; printed: its text.",
         ),
     ] = Preset.tuned,
     settings: SetOption = None,
@@ -53,12 +54,15 @@ def tables(
             autocompletion=scenarios_from,
         ),
     ] = None,
+    only: Annotated[
+        str | None, typer.Option(metavar="SCENARIO", help="Only imu_uwb, or only imu_uwb_yolo, of the paper's two.")
+    ] = None,
     out_folder: Annotated[Path, typer.Option("--out", help="Folder of flights, tables and figures.")] = Path(
         "out/tables"
     ),
     json_file: JsonOption = None,
 ) -> None:
-    """Fly both of the paper's scenarios many times and print its tables I and II beside ours.
+    """Fly the paper's two scenarios, or one, many times and print its tables I and II beside ours.
 
     --beside adds further scenarios, such as altimeter and flow, to the tables. Flights already in the folder
     are kept, so an interrupted run continues where it stopped.
@@ -68,7 +72,7 @@ def tables(
     from ortilo_drake.studies.paper_tables.tables import make_tables
 
     of_cameras = with_camera(None, camera, detector, onnx)  # so that the flights without one stay the same
-    chosen = scenarios_of_tables(preset.value, settings or (), of_cameras, beside or ())
+    chosen = scenarios_of_tables(preset.value, settings or (), of_cameras, beside or (), only)
     check_writable(json_file, out_folder / f"tables_{preset.value}.md")
     say_if_compiling()
     from ortilo_drake.diagrams.closed_loop import make_closed_loop

@@ -7,6 +7,7 @@ made = box(1, out, numbers={"gain": 2.0})
 """
 
 from collections.abc import Callable
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -26,21 +27,28 @@ def box(
     work: dict[str, tuple[int, ...]] | None = None,
     shows: str | None = None,
 ) -> Box:
-    """Return a box of an element of one's own; what its parameters mean is said in element.py.
+    """Return a box of an element of your own, made of two plain functions (docs/how_to/own_parts.md).
+
+    The names of their parameters decide what is passed: `out` the array for the output; `n` the numbers; a name in
+    tables, state or work that array; `k` the tick; `seed` the seed of its noise; any other name another part's output.
 
     Args:
-        size: of what it says.
-        out: writes what it says in a tick; None where it shows a state.
-        step: takes its state to the next tick; None where it has none.
-        numbers: constants of a fixed shape, which `n` has.
-        tables: constants that are parameters by their names.
-        state: its states at the start, of floats.
-        work: shape of each room to work in.
-        shows: the state that it says, in place of `out`.
+        size: of its output.
+        out: writes the output of a tick; None if it shows a state.
+        step: changes the state to that of the next tick; None without a state.
+        numbers: constants, attributes of `n`.
+        tables: constant arrays.
+        state: arrays of floats, as they are at the start.
+        work: shapes of arrays to work in.
+        shows: the state that is the output, in place of `out`.
 
     Raises:
-        ValueError: if a value is no number or array of numbers.
+        ValueError: if a value is no number or array of numbers, or there is no output.
     """
+    if not isinstance(size, Integral) or size < 1:
+        raise ValueError(f"size: {size!r}: must be an integer, at least 1")
+    if out is None and shows is None:
+        raise ValueError("out: is missing: must write the output, unless shows names a state")
     numbers, tables, state, work = numbers or {}, tables or {}, state or {}, work or {}
     element = Element(
         "own",

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal, get_args, get_origin
 from zlib import crc32
 
 import numpy as np
@@ -196,6 +196,8 @@ def register_sensor(sensor: Sensor) -> None:
     Raises:
         InputError: if its name is a built-in sensor's or no plain word, its settings have no link, or tells no noise.
     """
+    if not isinstance(sensor, Sensor):
+        raise InputError(f"sensor: {sensor!r}: must be an od.Sensor")
     if not sensor.name.isidentifier() or sensor.name.lower() in _TAKEN:
         raise InputError(f"sensor: {sensor.name!r}: must be a plain word that is no built-in signal's")
     if "link" not in sensor.settings.model_fields:
@@ -214,6 +216,9 @@ def register_part(role: str, part: Part) -> None:
         raise InputError(f"part: {role!r}: must be one of {', '.join(KINDS)}")
     if "kind" not in part.settings.model_fields:
         raise InputError(f"{role}: {part.kind}: its settings need a field 'kind'")
+    kind = part.settings.model_fields["kind"].annotation
+    if get_origin(kind) is not Literal or part.kind not in get_args(kind):
+        raise InputError(f"{role}: {part.kind}: the field 'kind' of its settings must be Literal[{part.kind!r}]")
     if role == "fault" and not {"start", "end", "sensor"} <= {*part.settings.model_fields}:
         raise InputError(
             f"fault: {part.kind}: its settings must be a Fault with a field 'sensor', whose messages change"

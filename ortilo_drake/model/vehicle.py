@@ -72,13 +72,6 @@ class Vehicle(Frozen):
         return self
 
     @model_validator(mode="after")
-    def _is_a_body(self) -> "Vehicle":
-        largest, total = max(self.inertia), sum(self.inertia)
-        if largest > (total - largest) * (1.0 + 1e-9):  # of a plate they are equal
-            raise ValueError(f"inertia: {self.inertia}: no moment may exceed the sum of the other two")
-        return self
-
-    @model_validator(mode="after")
     def _can_hover(self) -> "Vehicle":
         rank = np.linalg.matrix_rank(mixing_matrix(self) / _row_units(self), rtol=STEERABLE)
         if rank < 4:

@@ -1,5 +1,7 @@
 """Scenarios by name or from files, with settings laid over them."""
 
+from __future__ import annotations  # help() shows types by their names
+
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
@@ -160,6 +162,10 @@ def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
 
 def as_settings(settings: Settings, changes: Mapping[str, Any]) -> list[Setting]:
     """Return load_scenario's settings and changes one by one, in order; InputError if one is no setting."""
+    if not isinstance(settings, str | Mapping | Iterable):
+        raise InputError(
+            f"settings: {settings!r}: must be 'key.key=value', several of these, or a dict of values by key"
+        )
     given = [settings] if isinstance(settings, str) else list(getattr(settings, "items", lambda: settings)())
     for one in given:
         if not isinstance(one, str) and not (isinstance(one, tuple) and len(one) == 2 and isinstance(one[0], str)):

@@ -8,8 +8,9 @@ from matplotlib.figure import Figure
 
 from ortilo_drake.flight.blackouts import in_blackout
 from ortilo_drake.flight.flight import AXES, scenario_of
-from ortilo_drake.scenario import PositionBlackout, Scenario
+from ortilo_drake.scenario import InputError, PositionBlackout, Scenario
 from ortilo_drake.views.palette import COLOR, ESTIMATED, GREY, OTHER, SHADE, STYLE
+from ortilo_drake.views.shown_figure import ShownFigure
 
 _STEP = 0.5  # width of the bins along x [m]
 _LEAST = 1e-3  # errors are drawn from here on [m]
@@ -36,9 +37,11 @@ def draw_blackout_errors(flights: dict[str, xr.Dataset], axis: str = "x") -> Fig
         flights: the flights by title, one a row.
         axis: of the position, 'x', 'y' or 'z' of the room.
     """
+    if axis not in AXES:
+        raise InputError(f"axis: {axis!r}: must be one of {', '.join(AXES)}")
     i = AXES.index(axis)
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(11, 2.1 * len(flights) + 0.4), layout="constrained")
+        figure = ShownFigure(figsize=(11, 2.1 * len(flights) + 0.4), layout="constrained")
         rows = figure.subplots(len(flights), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
         for axes, (title, flight) in zip(rows, flights.items(), strict=True):
             time = flight["time"].values
@@ -80,7 +83,7 @@ def draw_availability(flight: xr.Dataset) -> Figure:
     x = flight["truth"].values[:, 0]
     edges = np.arange(np.floor(x.min()), np.ceil(x.max()) + _STEP, _STEP)
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(10, 4.8), layout="constrained")
+        figure = ShownFigure(figsize=(10, 4.8), layout="constrained")
         above, below = figure.subplots(2, 1, sharex=True)
         for axes in (above, below):
             shade_blackouts_along_x(axes, scenario)

@@ -15,6 +15,7 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.scenario import PositionBlackout, Scenario
 from ortilo_drake.views.palette import BLUE, COLOR, ESTIMATED, GREEN, OTHER, PLANNED, PURPLE, SKY, STYLE, TRUE
 from ortilo_drake.views.pictures import save_picture
+from ortilo_drake.views.shown_figure import ShownFigure
 
 DRAWN = ["truth", "reference", "due", "arrival"]  # variables of a flight that trajectory_figure and arrival_figure read
 TITLE = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}
@@ -94,7 +95,7 @@ def draw_flight(flight: xr.Dataset) -> Figure:
     """Return a figure of one flight: its path in the room, its errors in 3-sigma bands and the arrivals over time."""
     scenario = scenario_of(flight)
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(11, 8.2), layout="constrained")
+        figure = ShownFigure(figsize=(11, 8.2), layout="constrained")
         grid = figure.add_gridspec(5, 1, height_ratios=[5, 1.2, 1.2, 1.2, 0.9])
         room_axes = figure.add_subplot(grid[0])
         draw_room(room_axes, scenario.load_room(), scenario)

@@ -245,6 +245,56 @@ def test_a_part_that_does_not_fit_is_refused(role: str, size: int, out: Any, sai
         Engine(scenario)
 
 
+def beyond(out: np.ndarray) -> None:
+    out[7] = 1.0
+
+
+def misspelt(n: Any, estimate: np.ndarray, out: np.ndarray) -> None:
+    out[0] = n.gian * estimate[2]
+
+
+def unknown(out: np.ndarray) -> None:
+    out[0] = thrust  # type: ignore[name-defined]  # noqa: F821
+
+
+def keeps(out: np.ndarray) -> None:
+    out[:] = 0.0
+
+
+def beyond_its_state(estimate: np.ndarray, kept: np.ndarray) -> None:
+    kept[2] = estimate[15]
+
+
+@pytest.mark.parametrize(
+    ("out", "step", "said"),
+    [
+        (beyond, None, "out: index 7 is out of bounds for axis 0 with size 4"),
+        (misspelt, None, "out: n has no 'gian'"),
+        (unknown, None, "out: name 'thrust' is not defined"),
+        (keeps, beyond_its_state, "step: index 15 is out of bounds for axis 0 with size 15"),
+    ],
+)
+def test_a_slip_in_a_function_is_told_before_it_is_compiled(out: Any, step: Any, said: str) -> None:
+    """numba writes beyond an array without a word, and answers an unknown name with a page."""
+    made = od.box(4, out, step, numbers={"gain": 2.0}, state={"kept": np.zeros(2)})
+    od.register_servo("own", Own, box=lambda belief: made)
+    with pytest.raises(od.InputError, match=rf"^servo\.kind: own: {said}$"):
+        Engine(od.load_scenario("nominal_imu_uwb", servo={"kind": "own"}, **SHORT))
+
+
+class OfAnyKind(od.Frozen):
+    """Settings whose kind is no word."""
+
+    kind: str
+
+
+def test_a_kind_that_is_no_word_is_refused_where_it_is_registered() -> None:
+    said = r"^servo: own: the field 'kind' of its settings must be Literal\['own'\]$"
+    for settings in (OfAnyKind, Fails):
+        with pytest.raises(od.InputError, match=said):
+            od.register_servo("own", settings, box=lambda belief: od.box(4, keeps))
+
+
 class Fails(od.Fault):
     """A fault's settings."""
 

@@ -129,6 +129,14 @@ def test_every_part_can_be_cloned_and_differentiated() -> None:
             assert other.num_input_ports() == part.num_input_ports()
 
 
+@pytest.mark.parametrize("h", [0.03, 1.0 / 128.0])
+def test_any_tick_will_do_also_one_of_which_the_usual_10_hz_are_no_whole_number(h: float) -> None:
+    x = np.concatenate([[0.1, -0.2, 0.3], np.zeros(12)])
+    assert np.all(np.isfinite(said(od.make_servo(SMALL, h), "control", estimate=x, reference=np.zeros(9))))
+    assert said(od.make_estimator(SMALL, ANCHORS, h=h, x_0=X_0), "estimate")[:3] == pytest.approx(PLACE)
+    assert said(od.make_sensor("uwb", ANCHORS, h, link__rate=None), "uwb", state=X_0)[0] == 1.0
+
+
 @pytest.mark.parametrize(
     ("make", "line"),
     [
@@ -139,6 +147,11 @@ def test_every_part_can_be_cloned_and_differentiated() -> None:
         (lambda: od.make_estimator(x_0=[1.0]), "x_0: must be 12 finite numbers"),
         (lambda: od.make_estimator(sensors=("uwb", "sonar")), "sensors.1: 'sonar'"),
         (lambda: od.make_servo(h=-1.0), "h: -1.0: must be 0.001 to 0.2 s"),
+        (lambda: od.make_servo(h="a"), "h: 'a': must be 0.001 to 0.2 s"),
+        (lambda: od.make_servo(1.2), r"vehicle: 1\.2: must be a Vehicle"),  # type: ignore[arg-type]
+        (lambda: od.make_plant(1.2), r"vehicle: 1\.2: must be a Vehicle"),  # type: ignore[arg-type]
+        (lambda: od.make_estimator(sensors="uwb"), r"sensors: 'uwb': must be several, as \('uwb',\)"),
+        (lambda: od.make_sensor("uwb", h=0.03), r"link__rate: must be given with h = 0\.03 s, .* 10 Hz do not suit"),
         (lambda: od.make_plant(kinematics="planar"), "kinematics: 'planar': must be one of"),
         (lambda: od.make_plant(time_step=-1.0), "time_step: -1.0: must be 0 or positive"),
     ],

@@ -1,5 +1,6 @@
 """An element's function that takes a NamedTuple gets the tuple's own numbers and arrays, from every player."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from plain_box import PlainBox
 
 from ortilo_drake.loop.element import Box, Element, Number, Values, constant, group_of
+from ortilo_drake.loop.own import box
 from ortilo_drake.loop.player import Player
 from ortilo_drake.loop.wiring import Wiring
 
@@ -69,3 +71,16 @@ def test_a_flight_may_have_another_field() -> None:
 def test_what_is_no_number_is_refused_by_name(wrong: Any) -> None:
     with pytest.raises(ValueError, match=r"Settings\.size: is .*, must be a number or an array of numbers"):
         group_of("settings", SETTINGS._replace(size=wrong))
+
+
+@pytest.mark.parametrize(
+    ("made", "said"),
+    [
+        (lambda: box(4), "^out: is missing"),
+        (lambda: box("a", lambda out: None), "^size: 'a': must be an integer, at least 1$"),  # type: ignore[arg-type]
+        (lambda: box(0, lambda out: None), "^size: 0: must be an integer, at least 1$"),
+    ],
+)
+def test_a_box_without_an_output_is_refused_where_it_is_made(made: Callable[[], object], said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        made()

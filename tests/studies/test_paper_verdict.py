@@ -69,5 +69,5 @@ def test_too_few_flights_or_no_path_leave_it_open() -> None:
         "imu_uwb_yolo": [replace(s, path_mse=None) for s in flights((1.0,) * 3, 1.0)],
     }
     lines = verdict(make_tables("paper", rows))
-    assert "open, too few flights have it" in of(lines, "IMU+UWB, x")
-    assert "open, too few flights have it" in of(lines, "IMU+UWB+YOLO, path")
+    assert "open, too few flights for an interval" in of(lines, "IMU+UWB, x")
+    assert "open, too few flights for an interval" in of(lines, "IMU+UWB+YOLO, path")

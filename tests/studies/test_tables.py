@@ -13,6 +13,8 @@ from scipy.stats import binomtest, quantile_test
 from ortilo_drake.flight.efficiency import Ratio
 from ortilo_drake.flight.summary import Summary
 from ortilo_drake.model.as_data import as_data
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.studies.paper_tables.flown_tables import scenarios_of_tables
 from ortilo_drake.studies.paper_tables.report import table_text
 from ortilo_drake.studies.paper_tables.tables import (
     ENOUGH_FOR_A_MEAN,
@@ -259,6 +261,23 @@ def test_a_scenario_beside_the_papers_has_the_same_rows_and_no_paper_column() ->
         columns = {"## Table I:": 3, "## Table II:": 1}[heading]
         assert all(row.count(" | ") == columns for row in of_altimeter)
         assert rows_of(text, heading, "IMU+UWB") == rows_of(plain, heading, "IMU+UWB")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_one_scenario_alone_has_its_own_rows_and_no_drop(name: str) -> None:
+    two = {name: random_summaries(seed, 13) for seed, name in enumerate(NAMES)}
+    found = make_tables("paper", {name: two[name]})
+    both, text = table_text(make_tables("paper", two)), table_text(found)
+    title = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}[name]
+    assert found.drop_in_x == Drop(None, None, None, None)
+    for heading in ("## Table I:", "## Table II:"):
+        assert rows_of(text, heading, title) == rows_of(both, heading, title) != []
+    lines = [line for line in both.splitlines() if line.startswith(f"- {title}, ")]
+    assert [line for line in text.splitlines() if line.startswith("- IMU+UWB")][:-1] == lines
+    assert "The camera" not in text
+    assert [*scenarios_of_tables("paper", only=name)] == [name]
+    with pytest.raises(InputError, match=r"^only: 'paper_imu_uwb': must be one of imu_uwb, imu_uwb_yolo$"):
+        scenarios_of_tables("paper", only="paper_imu_uwb")
 
 
 @pytest.mark.parametrize(("flights", "known"), [(5, {"mean"}), (6, {"mean", "median"}), (13, set(STATISTICS))])

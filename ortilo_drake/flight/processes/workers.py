@@ -58,6 +58,8 @@ def run_all(
         InputError: if the script that runs would start processes again in each of them, a scheduler goes away, or
             processes are killed while they start or whenever they do a job.
     """
+    if workers < 1:
+        raise InputError(f"workers: {workers}: must be 1 or more")
     remote = remote_client()
     if remote is not None:
         with gone():

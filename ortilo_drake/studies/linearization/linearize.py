@@ -59,8 +59,16 @@ class Linearization(NamedTuple):
     outputs: tuple[str, ...]
     units: dict[str, str]
 
+    def __repr__(self) -> str:
+        steps = "x_dot" if self.h is None else f"x after a tick of {self.h:.4g} s"
+        rows = ("states", self.states), ("inputs", self.inputs), ("outputs", self.outputs)
+        lines = [f"  {len(names)} {kind}: {', '.join(names)}" for kind, names in rows]
+        return "\n".join([f"Linearization: {steps} = A x + B u, y = C x + D u; frame('A') has names", *lines])
+
     def frame(self, matrix: str) -> pd.DataFrame:
         """Return 'A', 'B', 'C' or 'D' with the names of its rows and columns."""
+        if matrix not in ("A", "B", "C", "D"):
+            raise InputError(f"matrix: {matrix!r}: must be one of A, B, C, D")
         rows = self.states if matrix in ("A", "B") else self.outputs
         return pd.DataFrame(getattr(self, matrix), rows, self.states if matrix in ("A", "C") else self.inputs)
 
@@ -131,7 +139,10 @@ def linearize(
         raise InputError(why)
     if part in ("servo", "closed_loop") and not isinstance(scenario.servo, LqServo):
         raise InputError(f"servo.kind: {scenario.servo.kind}: must be lq: Drake differentiates no other; see its gain")
-    reference = np.zeros(REFERENCE_SIZE) if reference is None else np.asarray(reference, dtype=float)
+    reference = np.zeros(REFERENCE_SIZE) if reference is None else np.asarray(reference)
+    if reference.shape != (REFERENCE_SIZE,) or reference.dtype.kind not in "iuf" or not np.all(np.isfinite(reference)):
+        raise InputError(f"reference: has the shape {reference.shape}, must be r, r_dot, r_ddot: 9 finite numbers")
+    reference = reference.astype(float)
     vehicle, kinematics = scenario.vehicle, scenario.world.kinematics
     x, u = operating_point(vehicle, kinematics, reference, scenario.yaw)
     if part == "servo":

@@ -76,7 +76,7 @@ def map_text(found: Map, theory: MapTheory | None = None) -> str:
     best, worst = best_and_worst(found)
     lines = [f"# A map of {found.sweep.scenario} over {', '.join(found.sweep.axes)}", "", "## In short", ""]
     lines += [
-        f"- {flights:,} flights at {len(rows):,} points, {lost:,} lost: {lost / flights:.2%} {share(lost, flights)}.",
+        f"- Lost: {lost:,} of {flights:,} flights {share(lost, flights)}, at {len(rows):,} points.",
         f"- Best: {_said(best)}.",
         f"- Worst: {_said(worst)}.",
     ]

@@ -36,7 +36,7 @@ class MapTheory(NamedTuple):
     Attributes:
         rms: root of the bound on the mean squared error of the position [m] (n); NaN where it says nothing.
         lost: share of lost flights [1] (n), of bursts alone; None for other axes.
-        longest: T that fits the map's own flights best [s]; None likewise.
+        longest: T that fits the map's own flights best [s]; None likewise, and where none was lost, or all were.
         silence: why it says nothing, in a line; None if it does.
     """
 
@@ -101,7 +101,10 @@ def _has_two(kind: str) -> bool:
 
 
 def _fitted(found: Map, scenarios: list[Scenario]) -> tuple[np.ndarray, float] | None:
-    """Return lost_in_bursts at each point and the T of the greatest likelihood; None where a point has no bursts."""
+    """Return lost_in_bursts at each point and the T of the greatest likelihood.
+
+    None where a point has no bursts, and where no flight was lost, or each: any T beyond some bound is as likely then.
+    """
     sensors = {key.split(".")[0] for key in found.sweep.axes}
     losses = [scenario.link_of(next(iter(sensors))).loss for scenario in scenarios]
     if len(sensors) != 1 or any(loss.kind != "bursts" for loss in losses):
@@ -109,6 +112,8 @@ def _fitted(found: Map, scenarios: list[Scenario]) -> tuple[np.ndarray, float] |
     p, L = np.array([(loss.loss, loss.mean_length) for loss in losses if loss.kind == "bursts"]).T
     D = np.array([flight_ticks(scenario) * scenario.h for scenario in scenarios])
     lost, flights = np.array([(row.lost, row.flights) for row in found.rows]).T
+    if lost.sum() in (0, flights.sum()):
+        return None
 
     def unlikely(log_T: float) -> float:
         chance = np.clip(lost_in_bursts(p, L, D, float(np.exp(log_T))), 1e-12, 1.0 - 1e-12)

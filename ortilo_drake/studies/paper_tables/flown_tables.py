@@ -13,7 +13,11 @@ from ortilo_drake.studies.paper_tables.tables import PRESETS, SCENARIOS
 
 
 def scenarios_of_tables(
-    preset: str, settings: Iterable[Setting] = (), of_cameras: Iterable[Setting] = (), beside: Iterable[str | Path] = ()
+    preset: str,
+    settings: Iterable[Setting] = (),
+    of_cameras: Iterable[Setting] = (),
+    beside: Iterable[str | Path] = (),
+    only: str | None = None,
 ) -> dict[str, Scenario]:
     """Return the scenarios of the tables by their name there: the paper's two, and those beside them.
 
@@ -22,19 +26,22 @@ def scenarios_of_tables(
         settings: laid over all of them.
         of_cameras: laid over those that fly a camera, after these.
         beside: further scenarios.
+        only: one of SCENARIOS, to leave the other out.
 
     Raises:
         InputError: if a scenario is wrong, or is there twice.
     """
     if preset not in PRESETS:
         raise InputError(f"preset: {preset!r}: must be one of {', '.join(PRESETS)}")
+    if only not in (None, *SCENARIOS):
+        raise InputError(f"only: {only!r}: must be one of {', '.join(SCENARIOS)}")
     prefix, settings = "" if preset == "tuned" else f"{preset}_", tuple(settings)
 
     def chosen(name: str | Path) -> Scenario:
         flown = load_scenario(name, settings)
         return load_scenario(name, (*settings, *of_cameras)) if flown.sees_landmarks else flown
 
-    found = {name: chosen(prefix + name) for name in SCENARIOS}
+    found = {name: chosen(prefix + name) for name in SCENARIOS if only in (None, name)}
     for further in beside:
         flown = chosen(further)
         if flown.name in found:

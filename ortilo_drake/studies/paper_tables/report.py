@@ -26,7 +26,7 @@ def tables_summary(tables: Tables) -> list[str]:
     """Return a summary of the tables, as Markdown's list: at most five lines, whatever stands beside the paper's."""
     lost = [f"{TITLES.get(name, name)} {count(n, tables.flights)}" for name, n in tables.lost.items()]
     lines = [f"Flights lost: {', '.join(lost)}."]
-    for name in SCENARIOS:
+    for name in filter(tables.estimation.__contains__, SCENARIOS):
         lines.append(_medians(tables, name))
     drop = tables.drop_in_x.median
     if drop is not None:
@@ -37,7 +37,7 @@ def tables_summary(tables: Tables) -> list[str]:
         if its.value is not None
     ]
     if nees:
-        lines.append(f"Mean NEES of the position, 3 if the filter claims what it knows: {', '.join(nees)}.")
+        lines.append(f"Mean NEES of the position, 3 if the filter is consistent: {', '.join(nees)}.")
     return ["## In short", "", *(f"- {line}" for line in lines), ""]
 
 
@@ -258,8 +258,9 @@ def verdict(tables: Tables) -> list[str]:
     Args:
         tables: what make_tables returned.
     """
-    found = [_line(tables, scenario, axis) for scenario in SCENARIOS for axis in AXES]
-    found += [_line(tables, scenario, "path") for scenario in SCENARIOS]
+    flown = [scenario for scenario in SCENARIOS if scenario in tables.estimation]
+    found = [_line(tables, scenario, axis) for scenario in flown for axis in AXES]
+    found += [_line(tables, scenario, "path") for scenario in flown]
     return ["## The verdict on the paper", "", *(f"- {line}" for line in found), ""]
 
 
@@ -271,7 +272,7 @@ def _line(tables: Tables, scenario: str, column: str) -> str:
     interval = tables.with_lost_intervals[scenario][column]["median"]
     said = f"{TITLES[scenario]}, {column}"
     if ours is None or interval is None:
-        return f"{said}: open, too few flights have it; paper {printed}."
+        return f"{said}: open, too few flights for an interval; paper {printed}."
     beside = f"{with_interval(ours, interval)} m² beside {printed}"
     if interval[0] <= its["p75"] and its["p25"] <= interval[1]:
         return f"{said}: {'reproduced' if tables.preset in OF_THE_PAPER else 'met by another filter'}, {beside}."

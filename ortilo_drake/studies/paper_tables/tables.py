@@ -93,7 +93,7 @@ class Tables:
         with_lost: median and quartiles of these columns with each lost flight as worst: null where one stands.
         with_lost_intervals: their 95 % intervals: null at an end where a lost flight stands.
         efficiency: by axis.
-        drop_in_x: of both scenarios together.
+        drop_in_x: of both scenarios together; None each where only one flew.
         nees: mean NEES of the position.
         nees_with_lost: the same with the lost flights up to their losses.
         arrivals: mean rate of arrivals by sensor.
@@ -261,14 +261,14 @@ def make_tables(preset: str, summaries: dict[str, list[Summary]]) -> Tables:
 
     Args:
         preset: one of PRESETS.
-        summaries: the flights' summaries by scenario: 'imu_uwb', 'imu_uwb_yolo' and any others to stand beside them.
+        summaries: the flights' summaries by scenario: 'imu_uwb', 'imu_uwb_yolo' or both, and any others beside them.
     """
     kept = {name: [s for s in rows if s.lost is None] for name, rows in summaries.items()}
     lost = {name: len(rows) - len(kept[name]) for name, rows in summaries.items()}
     columns = {name: _columns(rows) for name, rows in kept.items()}
     every = {name: _with_lost(rows, lost[name]) for name, rows in kept.items()}
-    without, with_camera = SCENARIOS
-    flown = len(summaries[without]), len(summaries[with_camera])
+    without, with_camera = (columns.get(name, {"x": []})["x"] for name in SCENARIOS)
+    flown = len(summaries.get(SCENARIOS[0], ())), len(summaries.get(SCENARIOS[1], ()))
     return Tables(
         preset=preset,
         flights=max(len(rows) for rows in summaries.values()),
@@ -284,7 +284,7 @@ def make_tables(preset: str, summaries: dict[str, list[Summary]]) -> Tables:
             name: {column: quantile_intervals(v) for column, v in of.items()} for name, of in every.items()
         },
         efficiency={name: {axis: efficiency_of(axis, rows) for axis in AXES} for name, rows in summaries.items()},
-        drop_in_x=drop_in_x(columns[without]["x"], columns[with_camera]["x"], flown),
+        drop_in_x=drop_in_x(without, with_camera, flown),
         nees={name: mean_of([s.nees for s in rows]) for name, rows in kept.items()},
         nees_with_lost={name: mean_of([s.nees for s in rows]) for name, rows in summaries.items()},
         arrivals={

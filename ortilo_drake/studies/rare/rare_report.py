@@ -57,7 +57,7 @@ def rare_text(scenario: Scenario, found: Rare) -> str:
             [f"{level:.3g}", f"{share:.3g}", f"{step[0]:.3g}", f"{step[1]:.3g}", f"{taken:.2f}"]
             for level, share, step, taken in zip(found.plan.levels, kept, found.plan.steps, accepted, strict=False)
         ]
-        lines += table(["level [m]", "of those before it", "all moved by", "new numbers", "steps taken"], cells)
+        lines += table(["level [m]", "share that reached it", "step", "share redrawn", "steps accepted"], cells)
     if found.repetitions:
         cells = [[str(i), _share(r.probability), f"{r.flights:,}"] for i, r in enumerate(found.repetitions)]
         lines += table(["repetition", "probability", "flights"], cells)

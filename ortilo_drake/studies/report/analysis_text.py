@@ -198,7 +198,7 @@ def analysis_summary(found: Analysis) -> list[str]:
     position = found.honesty.nees.get("position", {}).get("all") if found.honesty else None
     if found.honesty and position is not None:
         lost = f"{found.honesty.lost} of {found.honesty.flights} flights were lost"
-        lines.append(f"{lost}; the position's mean NEES is {position.mean:.2f}, 3 if the filter claims what it knows.")
+        lines.append(f"{lost}; the position's mean NEES is {position.mean:.2f}, 3 if the filter is consistent.")
     return ["## In short", "", *(f"- {line}" for line in lines), ""]
 
 

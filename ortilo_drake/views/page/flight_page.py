@@ -126,10 +126,6 @@ def flight_page(flight: xr.Dataset) -> str:
     return whole_page(title, body, asset("flight.js"))
 
 
-def _length(data: dict[str, Any]) -> float:
-    return float(data["time"][-1] - data["time"][0])
-
-
 def _ending(found: Summary) -> str:
     if found.lost is None:
         return "<p>reached its end</p>"
