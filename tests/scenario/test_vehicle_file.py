@@ -60,7 +60,7 @@ def test_a_setting_may_name_a_file_and_the_next_one_change_it(folder: Path, monk
         ("arms: [{angle: 3.0, length: 0.2, spin: 2}]\n", ["cross.yaml", "arms.0.spin", "2", "'-1', '1'"]),
         (ARMS.replace("-1}", "1}"), ["cross.yaml", "arms: 4 rotors", "rank 3", "must be 4"]),
         (f"arm_length: 0.3\n{ARMS}", ["cross.yaml", "arm_length: 0.3", "must be left out where arms are given"]),
-        ("[1, 2]\n", ["cross.yaml", "[1, 2]", "object"]),
+        ("[1, 2]\n", ["cross.yaml", "[1, 2]", "group of keys"]),
         ("mass: [1\n", ["cross.yaml", "not valid YAML"]),
         (None, ["vehicle", "cross.yaml", "no such vehicle file"]),
     ],
