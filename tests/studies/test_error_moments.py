@@ -150,11 +150,19 @@ def test_a_filter_without_banks_learns_nothing() -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    "name",
-    ["realistic", "realistic_flow", "realistic_altimeter", "imu_uwb", "imu_uwb_yolo", "datasheet_imu_uwb"],
+    ("name", "setting"),
+    [
+        ("realistic", None),
+        ("realistic_flow", None),
+        ("realistic_altimeter", None),
+        ("imu_uwb", None),
+        ("imu_uwb", "uwb.noise.fraction=0.015"),
+        ("imu_uwb_yolo", None),
+        ("datasheet_imu_uwb", None),
+    ],
 )
-def test_flights_hover_within_15_percent_of_what_is_predicted(name: str, tmp_path: Path) -> None:
-    scenario = load_scenario(name, ("camera.kind=projected",))
+def test_flights_hover_within_15_percent_of_what_is_predicted(name: str, setting: str | None, tmp_path: Path) -> None:
+    scenario = load_scenario(name, ("camera.kind=projected", *([] if setting is None else [setting])))
     (case,) = command_flights(scenario, command_cases((0.0,), ("hold",), ()), range(60), tmp_path).cases
     assert case.lost == 0
     assert case.predicted_rms is not None
