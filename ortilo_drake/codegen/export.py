@@ -30,6 +30,7 @@ from ortilo_drake.scenario import Scenario, load_scenario
 TEMPLATES: Final = Path(__file__).with_name("templates")
 TICKS: Final = 300
 PRECISIONS: Final = ("double", "single")
+UNEQUAL: Final = {("cortex-m4", "tight")}  # of which the last bits were found to differ from Python's; why is not known
 
 
 def export(
@@ -62,6 +63,9 @@ def export(
     half = onboard_half(scenario)
     if single:
         check_near(half.wiring.boxes.values())
+    for box in half.wiring.boxes.values():
+        if (target, box.element.name) in UNEQUAL:
+            raise InputError(f"export: {box.name}: the element {box.element.name!r} has other last bits on {target}")
     says(f"compiling {sum(len(box.element.functions) for box in half.wiring.boxes.values())} functions")
     irs = neutral_irs(scenario, single)
     code = object_code(irs, to)

@@ -12,6 +12,7 @@ from command_line import run
 from exports import Exported, do, golden, needs
 
 from ortilo_drake.codegen.c_source import values_text
+from ortilo_drake.codegen.export import export
 from ortilo_drake.codegen.exported_half import STRICT, build, emulated, programs_of
 from ortilo_drake.codegen.half import onboard_half
 from ortilo_drake.codegen.object_code import object_code
@@ -25,7 +26,7 @@ def test_every_bit_is_pythons(short: Scenario, exported: Exported, tmp_path: Pat
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["nominal_imu_uwb", "imu_uwb", "flow", "tight_differences"])
+@pytest.mark.parametrize("name", ["nominal_imu_uwb", "imu_uwb", "flow"])
 @pytest.mark.parametrize("target", TARGETS)
 def test_every_bit_is_pythons_on_each_processor(name: str, target: str, exported: Exported, tmp_path: Path) -> None:
     needs(*programs_of(target))
@@ -126,6 +127,13 @@ def test_what_cannot_be_exported_is_refused_in_a_line(name: str, kind: str, says
         onboard_half(load_scenario(name, f"camera.kind={kind}"))
     assert str(refused.value).startswith(says)
     assert "\n" not in str(refused.value)
+
+
+def test_an_element_that_has_other_bits_on_a_processor_is_refused_for_it(tmp_path: Path) -> None:
+    with pytest.raises(InputError) as refused:
+        export(load_scenario("tight_imu_uwb"), "cortex-m4", tmp_path)
+    assert str(refused.value) == "export: filter: the element 'tight' has other last bits on cortex-m4"
+    assert not [*tmp_path.iterdir()]
 
 
 @pytest.mark.parametrize("target", ["cortex-m7", "aarch64"])

@@ -93,6 +93,13 @@ def test_what_has_not_flown_near_doubles_is_refused_in_a_line(tmp_path: Path) ->
     assert not [*tmp_path.iterdir()]
 
 
+def test_what_flew_far_from_doubles_is_refused_in_a_line_that_says_so(tmp_path: Path) -> None:
+    with pytest.raises(InputError) as refused:
+        export(load_scenario("tight_imu_uwb"), "cortex-m4", tmp_path, precision="single")
+    said = "came 850 mm and 52 degrees within 46 ticks from doubles, 1 mm and 0.1 degree are allowed"
+    assert str(refused.value) == f"--precision: single: filter: the element 'tight' {said}"
+
+
 def test_another_precision_is_refused_in_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("export", "nominal_imu_uwb", "--precision", "half", "--out", str(tmp_path / "half")) == 2
     assert capsys.readouterr().err == "ortilo: --precision: 'half': must be one of double, single\n"
