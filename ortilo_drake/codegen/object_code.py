@@ -37,6 +37,8 @@ def object_code(irs: dict[str, str], target: Target, level: int = 2) -> bytes:
     for function in whole.functions:
         if not function.is_declaration and function.name not in irs:
             function.linkage = "internal"
+        if not function.is_declaration and target.is_arm32:
+            function.add_function_attribute("optsize")  # flash is small there; copies of loops cost a fifth more of it
     for variable in whole.global_variables:
         if not variable.is_declaration:
             variable.linkage = "internal"
