@@ -117,8 +117,10 @@ class Scenario(Belief):
                 f"estimator.V.camera: {list(V.camera)}: must be null, "
                 f"landmark_fix.method {method} gives more than a position"
             )
-        if bank is not None and getattr(its, "robust", None) is not None and "camera" in self.sensors:
-            raise ValueError(f"landmark_fix.survey_bank: {list(bank)}: must be null with estimator.robust")
+        if getattr(its, "robust", None) is not None and "camera" in self.sensors:
+            for name, learned in (("survey_bank", bank and list(bank)), ("noise_scale", self.landmark_fix.noise_scale)):
+                if learned is not None:
+                    raise ValueError(f"landmark_fix.{name}: {learned}: must be null with estimator.robust")
         return self
 
     @model_validator(mode="after")

@@ -119,7 +119,8 @@ def smooth(found: Forward) -> Smoothed:
 def is_linear(scenario: Scenario) -> bool:
     """Return whether the run of the scenario's filter can be smoothed here: it is linear, and never runs again.
 
-    A filter that learns the anchors' survey is not linear: the learned survey changes its fixes.
+    A filter that learns the anchors' survey is not linear: the learned survey changes its fixes. A learned scale of the
+    ranges' noise changes their V alone, and a log has the V of each.
     """
     settings, learns = scenario.estimator, scenario.multilateration.bias_bank is not None
     return isinstance(settings, IntermittentFilter) and settings.delay != "replay" and not learns
