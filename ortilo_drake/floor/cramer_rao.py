@@ -41,7 +41,7 @@ from ortilo_drake.model.hover import discretize, disturbance_W, drag_D, hover_A,
 from ortilo_drake.model.room import Room
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import information_of
-from ortilo_drake.sensors.imu import reads_force, specific_force_sd
+from ortilo_drake.sensors.imu import reads, specific_force_sd
 from ortilo_drake.sensors.information_rows import by_tick
 
 VELOCITY = slice(6, 9)  # in x
@@ -63,7 +63,7 @@ def position_floor(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
 def measured_share(scenario: Scenario) -> float:
     """Return k of unknown_errors.py: the share of the specific force in what is known of a step's white force."""
     sigma = scenario.world.disturbance.sds(scenario.h)[0]
-    if not reads_force(scenario) or sigma == 0.0:
+    if not reads(scenario, "force") or sigma == 0.0:
         return 0.0
     return sigma**2 / (sigma**2 + specific_force_sd(scenario) ** 2)
 

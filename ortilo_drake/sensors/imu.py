@@ -6,7 +6,7 @@ The filter reads body rates and specific force only where its settings say so; t
 from collections.abc import Mapping
 from functools import lru_cache
 from math import radians
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -87,9 +87,10 @@ def specific_force_sd(scenario: Scenario) -> float:
     return scenario.vehicle.mass * scenario.imu.sds(scenario.h)[2]
 
 
-def reads_force(scenario: Scenario) -> bool:
-    """Return whether the scenario's filter reads the specific force."""
-    return scenario.linear_filter is not None and scenario.linear_filter.force == "measured"
+def reads(scenario: Scenario, what: Literal["rates", "force"]) -> bool:
+    """Return whether body rates or specific force are read: by a filter with that setting, or that declares one."""
+    its = scenario.linear_filter or scenario.estimator  # the tight filter is no linear one
+    return "imu" in scenario.sensors and getattr(its, what, "none") == "measured"
 
 
 def rate_rows(scenario: Scenario, seen: np.ndarray) -> np.ndarray:
@@ -131,9 +132,9 @@ def information(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndar
     angles = rows["imu"].copy()
     angles[:, GRADIENT][:, 6:9] += leaning(scenario)[angles[:, SOURCE].astype(int)]
     with_errors = {"imu": angles}
-    if scenario.linear_filter is not None and scenario.linear_filter.rates == "measured":
+    if reads(scenario, "rates"):
         rows["rates"] = rate_rows(scenario, seen)
-    if reads_force(scenario):
+    if reads(scenario, "force"):
         with_errors["force"] = force_rows(scenario, seen)
     return Information(rows, with_errors=with_errors)
 

@@ -100,7 +100,7 @@ def test_a_mismatch_changes_the_world_or_its_shapes_and_nothing_else(mismatch) -
 
 def test_without_a_camera_or_a_gyroscope_nothing_is_asked_about_it() -> None:
     without, with_camera = (mismatches_of(load_scenario(name)) for name in ("nominal_imu_uwb", "imu_uwb_yolo"))
-    assert {*with_camera} == {*MISMATCHES}
+    assert {*with_camera} == {*MISMATCHES} == {*mismatches_of(load_scenario("tight_imu_uwb_yolo"))}
     assert {m.name.split()[0] for m in {*with_camera} - {*without}} == {"gyroscope", "landmarks", "only", "camera"}
     settings = dict(all_together(without).settings(2.0))
     assert settings["truth.vehicle.mass_factor"] == pytest.approx(1.06)

@@ -10,7 +10,6 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.onboard.planner.free_cells import free_space
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.sensors.described import described
 from ortilo_drake.studies.tube.nominal_flight import planned_reference
 
 ALL = "all"
@@ -72,12 +71,7 @@ def free_room(scenario: Scenario, points: np.ndarray) -> np.ndarray:
 
 def without_sensor(scenario: Scenario, sensor: str) -> Scenario:
     """Return the scenario with none of a sensor's messages."""
-    changes: dict[str, object] = {"sensors": tuple(name for name in scenario.sensors if name != sensor)}
-    its = scenario.linear_filter
-    if described(sensor).needs_forces and its is not None:  # what the filter reads of force and rates goes too
-        reads = {name: "none" for name in ("force", "rates") if getattr(its, name) == "measured"}
-        changes["estimator"] = its.model_copy(update=reads)
-    return scenario.model_copy(update=changes)
+    return scenario.model_copy(update={"sensors": tuple(name for name in scenario.sensors if name != sensor)})
 
 
 def floors(scenario: Scenario, truth: np.ndarray) -> dict[str, np.ndarray]:

@@ -9,6 +9,7 @@ from typing import Final
 from ortilo_drake.model.parts import known_sensors
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import described
+from ortilo_drake.sensors.imu import reads
 from ortilo_drake.sensors.mismatch import Mismatch, Settings, of_truth
 
 OF_ALL: Final = (
@@ -35,10 +36,8 @@ def known_mismatches() -> tuple[Mismatch, ...]:
 
 def mismatches_of(scenario: Scenario) -> tuple[Mismatch, ...]:
     """Return the mismatches that change anything with the sensors of a scenario."""
-    its = scenario.linear_filter
-    reads_rates = its is not None and its.rates == "measured"
     flown = (m for name in scenario.sensors for m in described(name).mismatches)
-    return (*OF_ALL, *(m for m in flown if reads_rates or not m.of_rates))
+    return (*OF_ALL, *(m for m in flown if not m.of_rates or reads(scenario, "rates")))
 
 
 def all_together(mismatches: tuple[Mismatch, ...]) -> Mismatch:
