@@ -121,3 +121,8 @@ def test_a_scale_needs_the_pose() -> None:
             "imu_uwb_yolo",
             ("landmark_fix.method=known_tilt", "landmark_fix.survey_bank=null", "landmark_fix.noise_scale=10"),
         )
+
+
+def test_the_robust_form_learns_no_scale() -> None:
+    with pytest.raises(InputError, match=r"landmark_fix\.noise_scale: 10\.0: must be null with estimator\.robust"):
+        load_scenario("robust_imu_uwb_yolo", ("landmark_fix.noise_scale=10",))
