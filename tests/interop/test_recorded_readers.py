@@ -199,6 +199,10 @@ def test_a_map_written_reads_back_the_same(tmp_path) -> None:
     assert load_map(tmp_path / "m.yaml") == map_
 
 
-def test_a_recording_that_is_the_working_folder_is_called_by_its_name(folder, monkeypatch) -> None:
+def test_a_recording_is_called_by_its_folder_though_that_is_a_link_or_the_working_one(
+    folder, tmp_path, monkeypatch
+) -> None:
+    (tmp_path / "linked").symlink_to(folder)
+    assert read(tmp_path / "linked", TABLE_MAP).name == "linked"
     monkeypatch.chdir(folder)
     assert read(Path(), TABLE_MAP).name == folder.name

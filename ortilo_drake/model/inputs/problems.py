@@ -118,7 +118,7 @@ def _lines(problem: ErrorDetails, model: type[BaseModel]) -> list[str]:
 
 
 def _line(problem: ErrorDetails, model: type[BaseModel]) -> str:
-    loc, schema = problem["loc"], _schema(model)
+    loc, schema = tuple(step for step in problem["loc"] if step != "[key]"), _schema(model)  # of a key that is wrong
     field, here = _place(schema, loc)
     value = shown(problem["input"])
     match problem["type"]:
