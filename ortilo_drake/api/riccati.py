@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ortilo_drake.model.input_error import InputError
 from ortilo_drake.theory.riccati import riccati
 from ortilo_drake.theory.riccati.riccati_check import RiccatiCheck, assess
 from ortilo_drake.theory.riccati.riccati_problem import real_matrices
@@ -52,6 +53,13 @@ def solve_dare(
         (1.618034, 0.618034)
     """
     given = {"A": A, "B": B, "Q": Q, "R": R} | ({} if N is None else {"N": N})
-    A, B, Q, R, *cross = real_matrices(**{name: np.asarray(matrix) for name, matrix in given.items()})
+    A, B, Q, R, *cross = real_matrices(**{name: _as_array(name, matrix) for name, matrix in given.items()})
     X = riccati.solve(A, B, Q, R, *cross, solver=solver)
     return Dare(X, riccati.gain(A, B, R, X, *cross), assess(A, B, Q, R, X, *cross))
+
+
+def _as_array(name: str, matrix: ArrayLike) -> np.ndarray:
+    try:
+        return np.asarray(matrix)
+    except ValueError:
+        raise InputError(f"{name}: its rows differ in length: must be a matrix of real numbers") from None

@@ -107,9 +107,12 @@ app.add_typer(room_app, name="room")
 
 def _plain_usage(error: Any) -> str:
     """Return what is wrong with the arguments, in a line."""
-    option = getattr(error, "option_name", None)
-    if option in ("--plugin", "--scheduler", "--theme"):
-        return f"{option}: must stand before the command: ortilo {option} ... {error.ctx.info_name} ..."
+    option, context = getattr(error, "option_name", None), error.ctx
+    if context is not None and option in ("--plugin", "--scheduler", "--theme"):
+        command = context.info_name
+        while (context := context.parent).parent is not None:
+            command = f"{context.info_name} {command}"
+        return f"{option}: must stand before the command: ortilo {option} ... {command} ..."
     what, colon, rest = " ".join(error.format_message().split()).partition("': ")
     return what + colon + (plainly(rest) if colon else "")
 

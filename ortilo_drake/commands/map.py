@@ -36,8 +36,10 @@ def map_(
     from ortilo_drake.studies.maps.sweep import load_sweep, points_of, scenario_at
 
     sweep = load_sweep(sweep_file)
-    scenarios = [scenario_at(sweep, point, str(sweep_file)) for point in points_of(sweep)]  # refuses before any flight
-    say_warnings([line for scenario in scenarios for line in believed_noise(scenario)][-1:])
+    doubted: list[str] = []
+    for point in points_of(sweep):  # refuses wrong settings before anything is flown
+        doubted = believed_noise(scenario_at(sweep, point, str(sweep_file))) or doubted
+    say_warnings(doubted)
     report, table, figure = (out_folder / name for name in ("map.md", "map.csv", "map.png"))
     check_writable(report, table, figure, json_file)
     from ortilo_drake.studies.maps.map_figure import map_figure

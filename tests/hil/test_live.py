@@ -1,5 +1,7 @@
 """A live flight: what the controls change, what they do not, and goals; the page's own controls."""
 
+import json
+import math
 import re
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -172,6 +174,15 @@ def test_a_lost_flight_stands_still_until_it_is_flown_anew() -> None:
     last, _, _ = session([*dropped, Wishes(restarts=True), NOTHING, NOTHING], fast)
     assert last.time == pytest.approx(2 * fast.h)
     assert last.note == ""
+
+
+def test_a_page_can_read_of_a_flight_that_diverged() -> None:
+    def no_number(name: str) -> None:
+        raise AssertionError(f"{name} is no JSON")
+
+    status = Status(error=math.nan, by_axis=[(math.nan, math.inf)] * 3, is_lost=True)
+    found = json.loads(status.json(), parse_constant=no_number)
+    assert found == vars(status) | {"error": None, "by_axis": [[None, None]] * 3}
 
 
 def test_it_waits_until_a_page_is_open() -> None:

@@ -354,6 +354,8 @@ def test_a_picture_of_an_unknown_kind(refused: Any, where: str) -> None:
         (["fly", "--seed", "one"], ["'--seed': must be an integer"]),
         (["rare", "--corridor", "20cm"], ["'--corridor': must be a number"]),
         (["fly", "--plugin", "mine.py"], ["--plugin: must stand before the command: ortilo --plugin ... fly ..."]),
+        (["hil", "world", "--theme", "dark"], ["must stand before the command: ortilo --theme ... hil world ..."]),
+        (["--theme"], ["'--theme' requires an argument"]),
         (["fly", "nominal_imu_uwb", "nominal_imu_uwb"], ["nominal_imu_uwb"]),
         (["fly", "--fast"], ["--fast"]),
         (["fly", "--set"], ["--set"]),

@@ -183,6 +183,10 @@ def test_unknown_topics_and_fields(tmp_path, motion, before, after, line) -> Non
         ("time: t, values", "values", "time: a table needs the column"),
         ("anchors: ", "anchors: {find: 5} #", "5 of them, but the ranges are to 6"),
         ("file: imu.csv", "file: imu.csv, axes: [x, x, z]", "must name x, y and z once each"),
+        ("file: imu.csv", "file: imu.csv, axes: flx", "imu.axes: 'flx': must be 'flu' or 'frd' or a list of 3"),
+        ("file: imu.csv", "file: imu.csv, axes: [x, y, w]", "imu.axes.2: 'w' is not one of 'x', 'y', 'z'"),
+        ("file: imu.csv", "file: 3", "imu.file: 3: must be text that is not empty or a list"),
+        ("wx, wy, wz", "0, wy, wz", "imu.rates.0: 0: must be text that is not empty or an integer from 1 to 10000"),
         ("ranges:", "filter: {gate: -1}\nranges:", "filter.gate"),
         ("ranges:", "imposed: {gaps: {last: 3, every: 2}}\nranges:", "shorter than `every`"),
     ],
@@ -199,6 +203,10 @@ def test_a_map_written_reads_back_the_same(tmp_path) -> None:
     assert load_map(tmp_path / "m.yaml") == map_
 
 
-def test_a_recording_that_is_the_working_folder_is_called_by_its_name(folder, monkeypatch) -> None:
+def test_a_recording_is_called_by_its_folder_though_that_is_a_link_or_the_working_one(
+    folder, tmp_path, monkeypatch
+) -> None:
+    (tmp_path / "linked").symlink_to(folder)
+    assert read(tmp_path / "linked", TABLE_MAP).name == "linked"
     monkeypatch.chdir(folder)
     assert read(Path(), TABLE_MAP).name == folder.name

@@ -35,6 +35,7 @@ def test_a_random_walks_filter_is_the_textbooks() -> None:
         ([[1.0, np.nan], [0.0, 1.0]], "scipy", "^A: holds NaN or infinity"),
         ([[1.0, 0.1], [0.0, 1.0]], "mine", "^solver: 'mine': must be one of"),
         ([["a", 0.1], [0.0, 1.0]], "scipy", "^A: holds .*must be a matrix of real numbers"),
+        ([[1.0, 0.1], [1.0]], "scipy", "^A: its rows differ in length: must be a matrix of real numbers"),
     ],
 )
 def test_what_has_no_solution_is_told_in_a_line(A: list[list[float]], solver: str, said: str) -> None:

@@ -13,6 +13,7 @@ from ortilo_drake.hil.goals.goal_planner import GoalPlanner
 from ortilo_drake.hil.live.live_flight import LiveFlight, ShownTick
 from ortilo_drake.hil.live.scene import Scene
 from ortilo_drake.hil.live.wishes import Wishes
+from ortilo_drake.model.as_data import as_data
 from ortilo_drake.scenario import Scenario
 
 DRAWN_EVERY: Final = 1.0 / 15.0  # a picture of the page [s of wall time]
@@ -39,7 +40,7 @@ class Status:
         lit: whether each sensor's lamp is lit; none without a scene.
         arrivals: share of each sensor's due messages that arrived in the last RECENT seconds; None where none was due.
         is_paused: whether time stands still.
-        is_lost: whether the flight has ended in a wall, or tumbled.
+        is_lost: whether the flight is lost, see flight/lost.py.
         note: the last thing that happened, such as an answer to a goal; empty if nothing did.
     """
 
@@ -54,8 +55,8 @@ class Status:
     note: str = ""
 
     def json(self) -> bytes:
-        """Return it as JSON, which the page beside Meshcat's view shows."""
-        return json.dumps(vars(self)).encode()
+        """Return it as JSON, which the page beside Meshcat's view shows; null for what is not finite."""
+        return json.dumps(as_data(self)).encode()
 
     def line(self) -> str:
         """Return it in a line."""

@@ -45,8 +45,8 @@ def log_file(path: Path) -> Path:
     files = sorted(path.glob("*.mcap"))
     if len(files) != 1:
         raise InputError(
-            f"{path}: not a log: holds {len(files)} .mcap files, not one; other recordings need --map MAP.yaml "
-            "(docs/how_to/recorded.md)"
+            f"{path}: not a log: holds {len(files)} .mcap files, not one; `ortilo replay --map MAP.yaml` "
+            "reads other recordings (docs/how_to/recorded.md)"
         )
     return files[0]
 

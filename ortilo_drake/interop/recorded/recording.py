@@ -1,5 +1,6 @@
 """A recorded motion as plain arrays: ranges, IMU and truth, in our axes, with what was rejected."""
 
+import os
 from pathlib import Path
 from typing import NamedTuple
 
@@ -288,6 +289,6 @@ def read_recording(path: Path, map_: Map) -> Recording:
         for reason, n in part.counts.items():
             counts[f"{part.source}: {reason}"] = counts.get(f"{part.source}: {reason}", 0) + n
     folder = path if path.is_dir() else path.parent
-    name = folder.resolve().name  # "." has no name of its own
+    name = Path(os.path.abspath(folder)).name  # "." has no name of its own, a link has
     tags = ONE_TAG if map_.tags is None else np.array(list(map_.tags.values()))
     return Recording(name, ranges, imu, truth, anchors, origin, truth_origin, lines, counts, looks, tags, scene)

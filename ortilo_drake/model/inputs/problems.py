@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from functools import cache
+from itertools import zip_longest
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -43,17 +44,26 @@ class SeveralProblems(ValueError):
 
 
 def _place(schema: dict[str, Any], loc: Place) -> tuple[str, dict[str, Any]]:
-    """Return the field that pydantic's loc names, without the kinds of unions in it, and the schema of that place."""
+    """Return the field that pydantic's loc names, without the kinds of unions in it, and the schema of that place.
+
+    Where the loc ends with one form of a value that has several, the schema has these as "forms".
+    """
     names = schema.get("$defs", {})
 
     def resolved(part: dict[str, Any]) -> dict[str, Any]:
         if "$ref" in part:
             return resolved(names[part["$ref"].rpartition("/")[2]])
-        groups = [resolved(m) for m in part.get("anyOf", ()) if m.get("type") != "null"]
-        return groups[0] if groups else part
+        forms = [resolved(m) for m in part.get("anyOf", ()) if m.get("type") != "null"]
+        return forms[0] if len(forms) == 1 else {"of": forms} if forms else part
 
     here, field = resolved(schema), []
-    for step in loc:
+    for step, after in zip_longest(loc, loc[1:]):
+        if forms := here.get("of"):
+            here = next((form for form in forms if _leads_on(form, step)), {})
+            if not here:  # the step is pydantic's name of a form; what comes after tells which one
+                kind = {int: "array", str: "object"}.get(type(after))
+                here = {"forms": forms} if kind is None else next((f for f in forms if f.get("type") == kind), {})
+                continue
         kinds = here.get("discriminator", {}).get("mapping", {})
         if step in kinds:
             here = resolved({"$ref": kinds[step]})
@@ -69,12 +79,41 @@ def _place(schema: dict[str, Any], loc: Place) -> tuple[str, dict[str, Any]]:
             any_key = next(iter(here.get("patternProperties", {}).values()), here.get("additionalProperties"))
             inner = here.get("properties", {}).get(step, any_key)
         here = resolved(inner) if isinstance(inner, dict) else {}
-    return ".".join(field), here
+    return ".".join(field), here["of"][0] if "of" in here else here
+
+
+def _leads_on(form: dict[str, Any], step: int | str) -> bool:
+    """Return whether a form of a value has such a part."""
+    if isinstance(step, int):
+        return form.get("type") == "array"
+    return step in form.get("properties", {}) or step in form.get("discriminator", {}).get("mapping", {})
+
+
+def _either(forms: list[dict[str, Any]]) -> str:
+    """Return what a value of several forms may be, as `text or an integer from 1 to 9`."""
+    words = list(dict.fromkeys(map(_form, forms)))
+    return ", ".join(words[:-1]) + (" or " if words[1:] else "") + words[-1]
+
+
+def _form(form: dict[str, Any]) -> str:
+    if "of" in form:
+        return _either(form["of"])
+    if "enum" in form or "const" in form:
+        return " or ".join(map(repr, form.get("enum", [form.get("const")])))
+    if "prefixItems" in form:
+        return f"a list of {len(form['prefixItems'])}"
+    word = {"string": "text", "integer": "an integer", "number": "a number", "boolean": "true or false"}.get(
+        form.get("type", ""), "a list" if form.get("type") == "array" else "a group of settings"
+    )
+    if "minimum" in form and "maximum" in form:
+        return f"{word} from {form['minimum']:g} to {form['maximum']:g}"
+    return word + (" that is not empty" if form.get("minLength") else "")
 
 
 def plainly(message: str) -> str:
     """Return a message of pydantic as what the input must be."""
-    message = re.sub("^(Input|String|List|Tuple|Dictionary) should ", "must ", message.removeprefix("Value error, "))
+    message = message.removeprefix("Value error, ")
+    message = re.sub("^(Input|String|List|Tuple|Dictionary|Value) should ", "must ", message)
     message = message[:1].lower() + message[1:]
     for said, plain in _PLAIN.items():
         message = message.replace(said, plain)
@@ -105,8 +144,13 @@ def _keys(model: type[BaseModel]) -> frozenset[Known]:
 def first_problem(error: ValidationError, model: type[BaseModel]) -> str:
     """Return the line of the problem that explains most of what pydantic found."""
     problems = error.errors()
-    # A misspelt key explains more than the errors that follow from it.
+    # A misspelt key explains more than the errors that follow from it; and of a value that may have several forms, what
+    # is wrong within the one that it has.
     problem = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
+    if "forms" in _place(_schema(model), problem["loc"])[1]:
+        whole = problem["loc"][:-1]
+        within = (p for p in problems if p["loc"][: len(whole)] == whole and len(p["loc"]) > len(whole) + 1)
+        problem = next(within, problem)
     return _lines(problem, model)[0]
 
 
@@ -118,15 +162,18 @@ def _lines(problem: ErrorDetails, model: type[BaseModel]) -> list[str]:
 
 
 def _line(problem: ErrorDetails, model: type[BaseModel]) -> str:
-    loc, schema = problem["loc"], _schema(model)
+    loc, schema = tuple(step for step in problem["loc"] if step != "[key]"), _schema(model)  # of a key that is wrong
     field, here = _place(schema, loc)
     value = shown(problem["input"])
+    if "forms" in here and problem["type"] != "value_error":
+        return f"{field}: {value}: must be {_either(here['forms'])}"
     match problem["type"]:
         case "extra_forbidden":
-            known = _place(schema, loc[:-1])[1].get("properties", {})
+            whole = _place(schema, loc[:-1])[1]
+            siblings = dict.fromkeys(key for form in whole.get("forms", [whole]) for key in form.get("properties", {}))
             group, words = tuple(field.split(".")[:-1]), words_of(str(loc[-1]), problem["input"])
-            hint = did_you_mean(_keys(model), group, words, known)
-            hint = hint or f", known are {', '.join(known)}"
+            hint = did_you_mean(_keys(model), group, words, siblings)
+            hint = hint or f", known are {', '.join(siblings)}"
             return f"{field}: unknown key (value {value}){hint}"
         case "missing":
             return f"{field}: is missing"

@@ -111,7 +111,8 @@ def _outliers(errors: Sequence[RangeErrors], lasting: Lasting, figures: Figures)
 def _of_recordings(values: np.ndarray, sds: np.ndarray) -> Interval:
     """Return the interval of a density about the recordings' median (k), of whose logarithms the deviations are known.
 
-    What the recordings differ by counts where it is more than these say.
+    What the recordings differ by counts where it is more than these say; the interval then takes it as known, and holds
+    the usual density in two thirds of all cases for two recordings, in 84 % for five.
     """
     if values.min() == 0.0:  # samples that never change
         return Interval(float(np.median(values)), 0.0, float(values.max()))

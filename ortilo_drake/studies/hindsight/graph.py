@@ -175,9 +175,9 @@ class FlightGraph:
         ranges, about = self._settings.ranges, self._about.x[k, :3]
         sds = ranges.noise.sds[0] + ranges.noise.sds[1] * np.linalg.norm(anchors - about, axis=1)
         for row in message[PAYLOAD:].reshape(-1, ROW):
-            if row[THERE] == 0.0:
-                continue
             pair = [int(row[A]), int(row[ANCHOR_B])]
+            if row[THERE] == 0.0 or pair[0] == pair[1] or min(pair) < 0 or max(pair) >= len(anchors):
+                continue  # of a log, which may say anything, as the tight filter does
             noise = weighted(np.array([max(np.linalg.norm(sds[pair]), MIN_SD)]), self._settings.huber)
             its = errors[pair[0]], errors[pair[1]]
             packet = float(row[VALUE]), float(row[AGE])

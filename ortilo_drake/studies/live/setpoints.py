@@ -17,6 +17,7 @@ from ortilo_drake.studies.live.stamped_estimate import StampedEstimate
 
 MOST_DEVIATION = 0.5  # of a position that is flown by [m]
 BEYOND = 2.0  # a place to hold may be outside the anchors by [m]
+BELOW = 10.0  # and below them by so much: all may hang from a ceiling [m]
 WINDUP = 1.0  # of the integral of the position's error, at most [m s]
 
 
@@ -47,11 +48,15 @@ class Holding:
         self._i, self._last = np.zeros(3), -np.inf
 
     def check_within(self, anchors: np.ndarray) -> None:
-        """Refuse a place that lies farther outside the box around the anchors (n, 3) [m] than BEYOND; InputError."""
+        """Refuse a place that lies farther outside the box around the anchors (n, 3) [m] than BEYOND; InputError.
+
+        Below them it may be by BELOW.
+        """
         low, high = anchors.min(axis=0), anchors.max(axis=0)
-        if np.any(self._place < low - BEYOND) or np.any(self._place > high + BEYOND):
+        if np.any(self._place < low - [BEYOND, BEYOND, BELOW]) or np.any(self._place > high + BEYOND):
             place, a, b = (", ".join(f"{value:g}" for value in one) for one in (self._place, low, high))
-            raise InputError(f"--hold: ({place}): must be within {BEYOND:g} m of the anchors, ({a}) to ({b})")
+            within = f"within {BEYOND:g} m of the anchors, ({a}) to ({b}), or {BELOW:g} m below"
+            raise InputError(f"--hold: ({place}): must be {within}")
 
     def setpoint(self, stamped: StampedEstimate, now: float) -> Setpoint:
         """Return the setpoint that follows from an estimate.

@@ -35,8 +35,8 @@ class MapTheory(NamedTuple):
 
     Attributes:
         rms: root of the bound on the mean squared error of the position [m] (n); NaN where it says nothing.
-        lost: share of lost flights [1] (n), of bursts alone; None for other axes.
-        longest: T that fits the map's own flights best [s]; None likewise, and where none was lost, or all were.
+        lost: share of lost flights [1] (n), of bursts alone; None for other axes, and where none was lost, or all were.
+        longest: T that fits the map's own flights best [s]; None likewise.
         silence: why it says nothing, in a line; None if it does.
     """
 

@@ -8,14 +8,15 @@ import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 from scipy.stats import qmc
 
-from ortilo_drake.model.inputs.problems import TAGS
+from ortilo_drake.model.inputs.problems import TAGS, shown
 from ortilo_drake.model.typed_yaml import Frozen, InputError, load_yaml
 from ortilo_drake.scenario import Scenario, load_scenario
 
 
 def _no_group(value: Any) -> Any:
-    if isinstance(value, dict | list | tuple):
-        raise ValueError("must be a number, a word, true or false: put a group into settings and vary a key of it")
+    if value is None or isinstance(value, dict | list | tuple):
+        mend = "" if value is None else "; put a group into settings and vary a key of it"
+        raise ValueError(f"{shown(value)}: must be a number, a word, true or false{mend}")
     return value
 
 

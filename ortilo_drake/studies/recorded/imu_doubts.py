@@ -51,7 +51,11 @@ def upside_doubts(imu: Imu, map_: Map) -> list[str]:
     up, size = float(imu.force[:, 2].mean()), float(np.linalg.norm(imu.force, axis=1).mean())
     if map_.imu is None or map_.command is not None or up > -DOWN * size:
         return []
-    key = {"flu": "frd", "frd": "flu"}.get(str(map_.imu.axes), "[..., ..., the other sign]")
+    if isinstance(map_.imu.axes, str):
+        key = {"flu": "frd", "frd": "flu"}[map_.imu.axes]
+    else:  # half a turn about x: the other sign of z alone would mirror
+        x, *others = map_.imu.axes
+        key = f"[{', '.join([x, *(axis[1:] if axis[0] == '-' else f'-{axis}' for axis in others)])}]"
     return [f"imu: by its force, {up:.3g} m/s² along z, the body is upside down: imu: {{axes: {key}}} turns it up"]
 
 

@@ -17,7 +17,7 @@
   document.body.prepend(aside);
   viewer.set_3d_pane_size();
   const put = (id, text) => { document.getElementById(id).textContent = text; };
-  const cm = (metres) => `${(100 * metres).toFixed(1)} cm`;
+  const cm = (metres) => metres === null ? "–" : `${(100 * metres).toFixed(1)} cm`;  // null: it has diverged
   let past = [];
 
   // The 1, 2 or 5 times a power of ten at or above a length.
@@ -89,7 +89,8 @@
 
   const show = (now) => {
     if (past.length && now.time < past.at(-1).time) past = [];  // it is flown anew
-    past = past.filter((one) => one.time > now.time - SHOWN && one.time < now.time).concat(now);
+    past = past.filter((one) => one.time > now.time - SHOWN && one.time < now.time);
+    if (now.error !== null && now.sd !== null) past.push(now);
     put("time", `${now.time.toFixed(1)} s`);
     put("state", now.is_lost ? "lost" : now.is_paused ? "paused" : "flying");
     put("error", cm(now.error));
@@ -103,8 +104,10 @@
       lamp.append(document.createElement("i"), `${sensor} ${share == null ? "–" : `${Math.round(100 * share)} %`}`);
       return lamp;
     }));
-    ["x", "y", "z"].forEach((name, axis) => drawErrors(axis, name));
-    drawStrips(sensors);
+    if (past.length) {
+      ["x", "y", "z"].forEach((name, axis) => drawErrors(axis, name));
+      drawStrips(sensors);
+    }
   };
 
   const ask = async () => {

@@ -56,5 +56,6 @@ def test_the_failsafe_refuses_what_is_old_or_uncertain(stamped: StampedEstimate,
 def test_a_place_far_outside_the_anchors_is_refused() -> None:
     anchors = np.array([(0.0, 0.0, 0.0), (4.0, 0.0, 2.0), (4.0, 3.0, 0.0), (0.0, 3.0, 2.0)])
     holding().check_within(anchors)
+    holding().check_within(anchors * [1.0, 1.0, 0.0] + [0.0, 0.0, 5.0])  # all at the ceiling
     with pytest.raises(InputError, match=r"--hold: \(1, 2, 1.5\): must be within 2 m of the anchors"):
         holding().check_within(anchors + [9.0, 0.0, 0.0])

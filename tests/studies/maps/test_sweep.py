@@ -55,7 +55,12 @@ def test_saltellis_points_exchange_one_column_at_a_time() -> None:
     [
         ("axes: {}", "axes"),
         ("axes: {uwb.link.rate: []}", "axes.uwb.link.rate: []: must have at least 1 item"),
-        ("axes: {uwb.link.loss: [{kind: bursts}]}", "axes.uwb.link.loss.0: must be a number, a word, true or false"),
+        (
+            "axes: {uwb.link.loss: [{kind: bursts}]}",
+            "loss.0: {'kind': 'bursts'}: must be a number, a word, true or false",
+        ),
+        ("axes: {uwb.link.loss: [null]}", "axes.uwb.link.loss.0: None: must be a number, a word, true or false"),
+        ("axes: {UWB-loss: [0.1]}", "axes.UWB-loss: 'UWB-loss': must match pattern"),
         ("axes: {uwb.link.rate: 5}", "axes.uwb.link.rate: 5: must be a list"),
         (
             "axes: {uwb.link.rate: {start: 5, stop: 6, cuont: 3}}",

@@ -51,6 +51,8 @@ def test_a_body_that_would_hang_upside_down_is_told_with_the_axes_that_turn_it_u
     (said,) = upside_doubts(turned, as_map())
     assert said.endswith("the body is upside down: imu: {axes: frd} turns it up")
     assert upside_doubts(recording.imu, as_map()) == []
+    listed = as_map().model_copy(update={"imu": as_map().imu.model_copy(update={"axes": ("y", "-x", "z")})})
+    assert upside_doubts(turned, listed)[0].endswith("imu: {axes: [y, x, -z]} turns it up")  # a turn, no mirror
 
 
 @pytest.mark.long
