@@ -174,13 +174,12 @@ def main() -> None:
     with get_context("spawn").Pool(given.workers) as pool:
         for kind, seed, found in pool.imap_unordered(fit_one, jobs(given.kinds, given.recordings, fits)):
             fits[kind][str(seed)] = found
-            share = {kind: coverage(its) for kind, its in fits.items()}
             partial = given.json.with_suffix(".part")
-            partial.write_text(json.dumps({"coverage": share, "fits": fits}))
+            partial.write_text(json.dumps({"coverage": {its: coverage(fits[its]) for its in fits}, "fits": fits}))
             partial.replace(given.json)
-    for kind, its in share.items():
+    for kind in fits:
         print(f"{kind}: {len(fits[kind])} recordings")
-        for name, (held, of, low, high) in its.items():
+        for name, (held, of, low, high) in coverage(fits[kind]).items():
             print(f"  {name:22} {held} of {of}: {held / of:.3f} [{low:.2f}, {high:.2f}]")
 
 

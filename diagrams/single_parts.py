@@ -6,6 +6,7 @@ for a dot: `make_estimator(estimator__delay="replay")`. How to wire the parts: d
 
 from __future__ import annotations  # help() shows types by their names
 
+from collections.abc import Iterable
 from numbers import Real
 from typing import Any
 
@@ -64,7 +65,7 @@ def make_estimator(
         room: the room, or only its anchors' places p_W (n, 3) [m]; by default the paper's room. Landmarks of a camera
             need a Room.
         sensors: which sensors' messages come.
-        h: tick of all of it [s].
+        h: tick of all of it [s]; a slower sensor's usual rate gives way to the nearest that suits it.
         x_0: first estimate (12), by default zeros.
         scenario: whose settings of the filter it begins with.
         settings: changes of them, by keyword.
@@ -82,7 +83,7 @@ def make_estimator(
     """
     if isinstance(sensors, str):
         raise InputError(f"sensors: {sensors!r}: must be several, as ({sensors!r},)")
-    changes = _every_tick(scenario, h) | {"sensors": list(sensors), "camera__kind": "projected"} | settings
+    changes = suiting_rates(scenario, h, sensors) | {"sensors": list(sensors), "camera__kind": "projected"} | settings
     xbar_0 = np.zeros(N_XBAR)
     xbar_0[:N_X] = _vector("x_0", x_0, N_X)
     return Estimator(_scenario(scenario, vehicle, h, changes), xbar_0, detects=False, room=_room(room))
@@ -108,7 +109,7 @@ def make_servo(
     Raises:
         InputError: if a setting is wrong or there is no gain.
     """
-    return make_lq_servo(_scenario("imu_uwb", vehicle, h, _every_tick("imu_uwb", h) | settings), takes_force)
+    return make_lq_servo(_scenario("imu_uwb", vehicle, h, suiting_rates("imu_uwb", h) | settings), takes_force)
 
 
 def make_sensor(
@@ -153,7 +154,7 @@ def make_sensor(
     try:
         scenario = _scenario(Scenario(name=name), None, h, changes)
     except InputError as error:
-        if f"{name}.link.rate: " not in str(error) or "link__rate" in settings:
+        if f"{name}.link.rate: " not in str(error) or {"link", "link__rate"} & settings.keys():
             raise
         usual = Scenario(name=name).link_of(name).rate
         raise InputError(
@@ -226,13 +227,20 @@ def _vehicle(given: Vehicle | None) -> Vehicle:
     return given or M100
 
 
-def _every_tick(scenario: str, h: float) -> dict[str, Any]:
-    """Return the settings with which a scenario's slower sensors suit any tick.
+def suiting_rates(scenario: str, h: float, sensors: Iterable[str] = ()) -> dict[str, float]:
+    """Return the settings with which slower sensors suit any tick: of the rates that do, the one nearest to the usual.
 
-    Estimator and servo are told which messages came, so that the rates at which they are sent do not matter.
+    The rate counts: what is learned of ranges and boxes fades from message to message (onboard/ranging/survey_bank.py).
+
+    Args:
+        scenario: whose rates are the usual ones.
+        h: tick [s].
+        sensors: beside those that fly in it; one that is unknown is left to be refused.
     """
-    links = {name: load_scenario(scenario).link_of(name) for name in load_scenario(scenario).sensors}
-    return {f"{name}__link__rate": None for name, link in links.items() if (link.rate or 0.0) < _rate(h)}
+    its, ticks = load_scenario(scenario), _rate(h)
+    known = [name for name in known_sensors() if name in {*its.sensors, *sensors}]
+    rates = {name: its.link_of(name).rate or ticks for name in known}
+    return {f"{name}__link__rate": ticks / round(ticks / rate) for name, rate in rates.items() if rate < ticks}
 
 
 def _array(name: str, given: ArrayLike) -> np.ndarray:

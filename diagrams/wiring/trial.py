@@ -5,11 +5,11 @@ lies there.
 """
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from ortilo_drake.loop.element import Box, takes
+from ortilo_drake.loop.own import plain_arguments
 from ortilo_drake.model.typed_yaml import InputError
 
 
@@ -26,15 +26,8 @@ def try_out(box: Box, sizes: Mapping[str, int], whose: str) -> None:
     Raises:
         InputError: if a name or an attribute is unknown, or an index lies outside its array.
     """
-    element, given = box.element, box.given
-    n: Any = np.zeros(1, element.dtype).view(np.recarray)[0]
-    for name, value in given.numbers.items():
-        n[name] = value
-    known: dict[str, Any] = {"n": n, "k": 0, "seed": 0, "out": np.zeros(box.size)}
-    known |= {name: np.array(value, dtype=float) for name, value in given.start.items()}
-    known |= {name: np.array(value) for name, value in given.tables.items()}
-    known |= {name: np.zeros(shape) for name, shape in box.work.items()}
-    for what, function in element.functions.items():
+    known = plain_arguments(box)
+    for what, function in box.element.functions.items():
         inputs = {name: np.zeros(sizes[name]) for name in takes(function) if name in sizes and name not in known}
         if not {*takes(function)} <= {*known, *inputs}:
             continue
@@ -42,7 +35,8 @@ def try_out(box: Box, sizes: Mapping[str, int], whose: str) -> None:
             with np.errstate(all="ignore"):
                 function(**{name: (known | inputs)[name] for name in takes(function)})
         except (NameError, AttributeError, IndexError) as error:
-            said = f"n has no {error.name!r}" if isinstance(error, AttributeError) and error.obj is n else f"{error}"
+            of_n = isinstance(error, AttributeError) and error.obj is known["n"]
+            said = f"n has no {getattr(error, 'name', '')!r}" if of_n else f"{error}"
             raise InputError(f"{whose}: {what}: {said}") from None
         except Exception:
             continue

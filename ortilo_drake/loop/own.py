@@ -66,6 +66,18 @@ def box(
     return made
 
 
+def plain_arguments(its: Box) -> dict[str, Any]:
+    """Return what the functions of a box take in tick 0 in plain Python, by name, beside inputs and groups."""
+    element, given = its.element, its.given
+    n = np.zeros(1, element.dtype).view(np.recarray)[0]
+    for name, value in given.numbers.items():
+        n[name] = value
+    known: dict[str, Any] = {"n": n, "k": 0, "seed": 0, "seeds": np.zeros(1, dtype=np.int64), "out": np.zeros(its.size)}
+    known |= {name: np.array(value, dtype=float) for name, value in given.start.items()}
+    known |= {table.name: np.array(given.tables[table.name], table.kind) for table in element.arrays}
+    return known | {name: np.zeros(shape) for name, shape in its.work.items()}
+
+
 def initial_output(its: Box, sizes: dict[str, int]) -> np.ndarray:
     """Return the output of a box in tick 0 with zeros at its inputs, computed by its plain Python function.
 
@@ -73,20 +85,14 @@ def initial_output(its: Box, sizes: dict[str, int]) -> np.ndarray:
         its: the box.
         sizes: of its inputs.
     """
-    element, given = its.element, its.given
+    element = its.element
     if element.out is None:
-        return np.array(given.start[element.shows or ""], dtype=float).ravel()
-    record = np.zeros(1, element.dtype).view(np.recarray)[0]
-    for name, value in given.numbers.items():
-        record[name] = value
-    said = np.zeros(its.size)
-    known: dict[str, Any] = {"n": record, "k": 0, "seed": 0, "seeds": np.zeros(1, dtype=np.int64), "out": said}
-    known |= {name: np.array(value, dtype=float) for name, value in given.start.items()}
-    known |= {table.name: np.array(given.tables[table.name], table.kind) for table in element.arrays}
-    known |= {name: np.zeros(shape) for name, shape in its.work.items()}
+        return np.array(its.given.start[element.shows or ""], dtype=float).ravel()
+    known = plain_arguments(its)
     known |= {name: np.zeros(sizes[name]) for name in element.inputs_of(element.out)}
-    known |= {group.name: group.filled(record, known.__getitem__) for group in element.groups}
+    known |= {group.name: group.filled(known["n"], known.__getitem__) for group in element.groups}
     element.out(**{name: known[name] for name in takes(element.out)})
+    said: np.ndarray = known["out"]
     return said
 
 

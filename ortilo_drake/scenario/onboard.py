@@ -63,12 +63,12 @@ class Multilateration(Frozen):
         others = self.method != "least_squares"
         if self.exclude is not None and others:
             raise ValueError(f".exclude: must be null with method {self.method!r}, or the method 'least_squares'")
-        if self.bias_bank is not None and (others or self.bias_sd == 0.0):
-            raise ValueError(".bias_bank: must be null without bias_sd, of which it has shares, and 'least_squares'")
-        if self.bias_bank is not None and self.exclude is not None:
-            raise ValueError(".bias_bank: must be null with exclude: it learns of ranges that are left out, too")
-        if self.noise_scale is not None and (others or self.exclude is not None):
-            raise ValueError(".noise_scale: must be null without 'least_squares', and with exclude: all ranges count")
+        learns = [name for name in ("bias_bank", "noise_scale") if getattr(self, name) is not None]
+        if learns and (others or self.exclude is not None):
+            unfit, too = f"method {self.method!r}" if others else "exclude", ", and so must ".join(["", *learns[1:]])
+            raise ValueError(f".{learns[0]}: must be null with {unfit}{too}: residuals of all ranges count")
+        if self.bias_bank is not None and self.bias_sd == 0.0:
+            raise ValueError(".bias_bank: must be null without bias_sd, of which it has shares")
         if (size := sum(self.noise.sds)) <= 0.0:
             raise ValueError(f".noise: {size}: must be greater than 0, ranges are weighted by it")
         return self

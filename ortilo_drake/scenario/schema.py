@@ -4,7 +4,7 @@ import inspect
 import json
 import re
 from collections.abc import Iterator
-from typing import Any, Final, NamedTuple, get_args
+from typing import Any, Final, Literal, NamedTuple, get_args, get_origin
 
 from pydantic import BaseModel
 
@@ -45,8 +45,9 @@ def meanings(model: type[BaseModel]) -> dict[str, str]:
         _, _, section = inspect.cleandoc(its.__doc__ or "").partition(_SECTION)
         entries = re.split(r"^    (?=\w+: )", section, flags=re.MULTILINE)[1:]
         found |= {name: " ".join(text.split()) for name, _, text in (entry.partition(": ") for entry in entries)}
-    if "kind" in model.model_fields and "kind" not in found:
-        found["kind"] = f"{get_args(model.model_fields['kind'].annotation)[0]!r}."
+    kind = model.model_fields.get("kind")
+    if kind and "kind" not in found and get_origin(kind.annotation) is Literal and len(get_args(kind.annotation)) == 1:
+        found["kind"] = f"{get_args(kind.annotation)[0]!r}."
     return {name: found.pop(name) for name in model.model_fields if name in found} | found
 
 

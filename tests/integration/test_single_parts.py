@@ -12,6 +12,7 @@ from scipy.signal import cont2discrete
 from scipy.stats import binom, chi2
 
 import ortilo_drake as od
+from ortilo_drake.diagrams.single_parts import suiting_rates
 
 H = 0.02
 SMALL = od.Vehicle(mass=1.2, inertia=(0.012, 0.013, 0.022))
@@ -129,6 +130,13 @@ def test_every_part_can_be_cloned_and_differentiated() -> None:
             assert other.num_input_ports() == part.num_input_ports()
 
 
+def test_a_tick_that_suits_the_usual_rates_leaves_them_and_another_takes_the_nearest() -> None:
+    all_three = ("uwb", "camera", "imu")
+    for h, hz in ((1.0 / 30.0, 10.0), (0.02, 10.0), (0.04, 12.5), (0.07, 1.0 / 0.07)):
+        assert suiting_rates("imu_uwb", h, all_three) == {"uwb__link__rate": hz, "camera__link__rate": hz}
+    assert suiting_rates("imu_uwb", 0.2) == {}
+
+
 @pytest.mark.parametrize("h", [0.03, 1.0 / 128.0])
 def test_any_tick_will_do_also_one_of_which_the_usual_10_hz_are_no_whole_number(h: float) -> None:
     x = np.concatenate([[0.1, -0.2, 0.3], np.zeros(12)])
@@ -151,6 +159,7 @@ def test_any_tick_will_do_also_one_of_which_the_usual_10_hz_are_no_whole_number(
         (lambda: od.make_servo(1.2), r"vehicle: 1\.2: must be a Vehicle"),  # type: ignore[arg-type]
         (lambda: od.make_plant(1.2), r"vehicle: 1\.2: must be a Vehicle"),  # type: ignore[arg-type]
         (lambda: od.make_estimator(sensors="uwb"), r"sensors: 'uwb': must be several, as \('uwb',\)"),
+        (lambda: od.make_sensor("uwb", h=0.03, link={"rate": 7.0}), r"uwb\.link\.rate: 7\.0: must divide control_rate"),
         (lambda: od.make_sensor("uwb", h=0.03), r"link__rate: must be given with h = 0\.03 s, .* 10 Hz do not suit"),
         (lambda: od.make_plant(kinematics="planar"), "kinematics: 'planar': must be one of"),
         (lambda: od.make_plant(time_step=-1.0), "time_step: -1.0: must be 0 or positive"),

@@ -48,6 +48,16 @@ def test_every_field_has_a_meaning_and_every_meaning_a_field(model: type[BaseMod
     assert all(meanings(model).values())
 
 
+def test_only_a_kind_of_one_value_needs_no_meaning() -> None:
+    class OfTwo(SensorSettings):
+        kind: Literal["near", "far"] = "near"
+
+    class OfAny(SensorSettings):
+        kind: str = "near"
+
+    assert [*meanings(OfTwo)] == [*meanings(OfAny)] == ["link"]
+
+
 def test_every_number_has_a_unit() -> None:
     for key in scenario_keys():
         is_number = "number" in key.allowed or "integer" in key.allowed

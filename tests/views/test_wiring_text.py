@@ -123,6 +123,7 @@ def test_the_papers_blocks_are_the_papers() -> None:
     wiring = wired("paper_imu_uwb")
     blocks = blocks_of(wiring)
     assert [*blocks] == ["planner", "servo", "vehicle", "uwb", "imu", "uwb fix", "handler", "filter"]
+    assert set(blocks["servo"].boxes) >= {"servo", "true_velocity"}
     signals = signals_between(wiring, blocks)
     assert signals["handler", "filter"] == ["y", "Δ", "V₂"]
     assert signals["filter", "servo"] == ["x̂, P"]

@@ -22,7 +22,7 @@ int main(void) {
     static ortilo half, resumed;
     static ortilo_inputs inputs;
     static ortilo_outputs outputs, again;
-    int differ = 0;
+    int differ = 0, stopped = 0;
     float metres = 0.0f, radians = 0.0f;
     ortilo_init(&half, NULL);
     for (int k = 0; k < TICKS; k++) {
@@ -31,7 +31,7 @@ int main(void) {
             ortilo_init(&resumed, NULL);
             resumed.state = half.state;
         }
-        ortilo_tick(&half, &inputs, &outputs);
+        stopped += ortilo_tick(&half, &inputs, &outputs);
         if (k >= TICKS / 2) {
             ortilo_tick(&resumed, &inputs, &again);
             differ += memcmp(&outputs, &again, sizeof outputs) != 0;
@@ -43,5 +43,6 @@ int main(void) {
         if (!(turned <= radians)) radians = turned;
     }
     printf("%d of %d ticks differ; at most %d um, %d urad\n", differ, TICKS, (int)(metres * 1e6f), (int)(radians * 1e6f));
+    if (stopped != 0) printf("functions stopped %d times: is ORTILO_ROOM too small?\n", stopped);
     return differ != 0;
 }

@@ -60,7 +60,8 @@ def put_imu_rows(
 ) -> None:
     """Write y, delta and V2 with the accelerometer's rows after them, and the gyroscope's where `variance` has six.
 
-    They arrive with the imu's angles; variances of v_a [m^2/s^4], then of v_g per angle [rad^2/s^2].
+    To y (p), delta (s) and V2 (q) come 3, 1 and 9 numbers for either; j is the imu's number among the sensors. They
+    arrive with its angles. `variance` (3 or 6) is of v_a per axis [m^2/s^4], then of v_g per angle [rad^2/s^2].
     """
     p, s, q, m = y.size, delta.size, V2.size, variance.size // 3
     fill(y_all, 0.0)

@@ -41,7 +41,10 @@ def landmark_fix_message(
     rows: int,
     widened: float = 1.0,
 ) -> np.ndarray:
-    """Return the fix message of a detections message that is there: m values, their covariance; zeros without a fix."""
+    """Return the fix message of a detections message that is there: m values, their covariance; zeros without a fix.
+
+    xhat (15) and P (225), row by row, are the belief; m is `rows`; widened as in boxes_to_solve.
+    """
     centers, positions, outlines, sds, _ = boxes_to_solve(detections, xhat, P, believed, widened)
     solution = method(centers, positions, outlines, xhat, P, believed.camera, sds, believed.max_residual)
     return box_fix_message(*solution, xhat, detections[STAMP], rows)

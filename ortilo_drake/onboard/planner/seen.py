@@ -80,7 +80,11 @@ def landmarks_fix(
     cylinders: np.ndarray,
     camera: Camera,
 ) -> bool:
-    """Return whether the camera at p_WB (3), rpy (3) sees LANDMARKS of them whole, past walls (m, 7), stands (l, 4)."""
+    """Return whether the camera of a body at p_WB (3), rpy (3) [rad] sees LANDMARKS landmarks whole.
+
+    They are at positions p_W (n, 3) with outlines (n, k, 3), and may be hidden by boxes, the walls (m, 7), and by
+    cylinders, the stands (l, 4).
+    """
     R_WB, box, count = rotation_matrix(rpy), np.empty(4), 0
     p_WC = p + R_WB @ camera.p_BC
     for i in range(positions.shape[0]):

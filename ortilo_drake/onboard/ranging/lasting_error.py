@@ -27,8 +27,9 @@ NEW_KEY: Final = 0.7  # a place is kept until less than this of an axis' error i
 def put_sensitivities(
     out: np.ndarray, p: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray
 ) -> None:
-    """Write u_i and the columns of G at the believed p_WB (n, 6), zeros of a range that is not there.
+    """Write u_i and the columns of G at the believed p_WB to out (6 n), zeros of a range that is not there.
 
+    Which are there (n), the anchors a_i in W (n, 3) and the noise s_0 [m], s_1, s_2 [m] are as in range_equations.py.
     The distances stand for the ranges, so that nothing depends on noise.
     """
     n = anchors.shape[0]

@@ -47,7 +47,11 @@ def applied_command(
     seed: int,
     stream: np.uint64,
 ) -> np.ndarray:
-    """Return the control that acts over tick k (4): what arrives; else, by `holds`, the last one or `fallback`."""
+    """Return the control that acts over tick k (4): what arrives; else, by `holds`, the last one or `fallback` (4).
+
+    u (4) is the command sent at tick k, which is not read where the link delays; the state is laid out above (_BAD);
+    loss (4) is as loss_parameters returns it; seed and stream are of the noise.
+    """
     d = (state.shape[0] - _FLYING) // _PACKET
     if d == 0:
         if not is_lost(k, state[_BAD] == 1.0, loss, seed, stream):

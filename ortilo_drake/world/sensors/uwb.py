@@ -73,7 +73,7 @@ def uwb_message(
 ) -> np.ndarray:
     """Return the uwb message (2 + 2 n), see put_uwb_message.
 
-    Its settings are as there; seed, stream and tick h [s] are of the noise.
+    Arguments as there, and seed, stream and tick h [s] of the noise.
     """
     n = anchors.shape[0]
     message = np.zeros(2 + 2 * n, x.dtype)
