@@ -21,7 +21,7 @@ VARIANTS = [
     ("nominal_imu_uwb", (ROBUST, "sensors=[imu]")),
     ("nominal_imu_uwb", ("sensors=[]",)),
     ("imu_uwb", (*REPLAYED, ROBUST)),
-    ("realistic_flow", (*REPLAYED, ROBUST, "multilateration.exclude={clock: true}")),
+    ("realistic_flow", (*REPLAYED, ROBUST, "multilateration={exclude: {clock: true}, noise_scale: null}")),
 ]
 
 
