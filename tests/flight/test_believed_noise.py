@@ -16,7 +16,7 @@ def test_the_ready_made_filters_know_their_ranges(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "key"),
     [
-        ("imu_uwb", "multilateration.noise the same, or let --set multilateration.noise_scale=10 learn it"),
+        ("nominal_imu_uwb", "multilateration.noise the same, or let --set multilateration.noise_scale=10 learn it"),
         ("robust_imu_uwb", "multilateration.noise the same"),
         ("tight_imu_uwb", "estimator.ranges.noise the same"),
     ],
@@ -28,4 +28,8 @@ def test_noise_that_the_filter_does_not_know_is_told_with_the_key(name: str, key
 
 @pytest.mark.parametrize("mend", ["multilateration.noise.fraction=0.05", "multilateration.noise_scale=10"])
 def test_what_the_line_says_mends_it(mend: str) -> None:
-    assert believed_noise(load_scenario("imu_uwb", (NOISY, mend))) == []
+    assert believed_noise(load_scenario("nominal_imu_uwb", (NOISY, mend))) == []
+
+
+def test_imu_uwb_learns_it() -> None:
+    assert believed_noise(load_scenario("imu_uwb", NOISY)) == []
