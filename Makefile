@@ -2,7 +2,7 @@
 #                libraries, which YES=1 allows; with EXPORT=1 the compilers and emulators that test `ortilo export`, too
 # make fly       set up, fly the paper's scenario 2, write its page and picture to out/
 # make tables    set up, fly both scenarios 20 times, print the paper's tables beside ours
-# make test      set up, run the quick tests: the equations, every command, a flight of each kind of scenario
+# make test      set up, run the quick tests: the equations, the commands, flights with each filter
 # make rest      set up, with Rerun and, where there are wheels of it, ROS 2, run the tests in processes of their own, and
 #                with PART=K/N the K-th of N parts of the nightly ones
 # make nightly   the same with all nightly tests: notebooks, training, real time, videos, every scenario compiled (hours)
@@ -24,9 +24,8 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 # a worker is one core's
 PYTEST := $(ONE_THREAD) $(BIN)/python -m pytest -n 2 --dist worksteal $(PYTEST_ARGS)
 PART ?= 0/1
 REST := notebook or training or real_time or processes or video or long
-REST_MARKS := $(subst $() or ,|,$(REST))
-REST_FILES = $(shell grep -rlE "mark\.(family|$(REST_MARKS))\b" tests --include='test_*.py') # the others are not imported
-REST_ALONE = $(shell grep -rlE "^pytestmark = .*mark\.($(REST_MARKS))\b" tests --include='test_*.py') # these, by the quick tests
+# In these files no test is quick: `make test` need not import them.
+REST_ALONE = $(shell grep -rlE "^pytestmark = .*mark\.($(subst $() or ,|,$(REST)))\b" tests --include='test_*.py')
 # Containers often forbid Python to keep its bytecode: then each process compiles 1,600 modules anew, for three seconds.
 unexport PYTHONDONTWRITEBYTECODE
 # What recorded flights the real-data test reads, where they lie beside the checkout.
@@ -66,7 +65,7 @@ test: kernels
 	@$(PYTEST) -m "not ($(REST))" $(addprefix --ignore=,$(REST_ALONE)) $(TESTS)
 
 rest: extras kernels
-	@$(PYTEST) -m "$(REST)" --part $(PART) $(REST_FILES)
+	@$(PYTEST) -m "$(REST)" --part $(PART) $(TESTS)
 
 nightly: rest
 

@@ -22,14 +22,6 @@ SHORT: Final = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]
 PROJECTED: Final = [(name, "projected") for name in scenario_names()]
 RENDERED: Final = [(name, "rendered") for name in ("nominal_imu_uwb_yolo", "paper_imu_uwb_yolo")]
 SEEDS: Final = {"projected": range(5), "rendered": range(2)}  # drawing takes minutes
-QUICK: Final = (
-    "nominal_imu_uwb_yolo",
-    "imu_uwb_yolo",
-    "robust_imu_uwb",
-    "tight_imu_uwb",
-    "realistic",
-    "flow",
-)  # a kind each
 TRACK_EVERY: Final = 600  # ticks
 
 

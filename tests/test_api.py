@@ -372,7 +372,7 @@ def test_a_map_has_a_row_for_each_point() -> None:
         (lambda: od.register_sensor(3), r"^sensor: 3: must be an od\.Sensor$"),
         (lambda: od.linearize("imu_uwb", "plant").frame("E"), "^matrix: 'E': must be one of A, B, C, D$"),
         (lambda: od.linearize("imu_uwb", "plant", reference="x"), r"^reference: has the shape \(\)"),
-        (lambda: od.fly("imu_uwb", **HOVER).plot_blackouts("w"), "^axis: 'w': must be one of x, y, z$"),
+        (lambda: od.fly("nominal_imu_uwb", **HOVER).plot_blackouts("w"), "^axis: 'w': must be one of x, y, z$"),
         (lambda: od.fly(3), "^scenario: 3: must be a ready-made one's name or a .yaml file$"),
         (lambda: od.make_closed_loop("imu_ubw"), "^scenario: 'imu_ubw' is unknown"),
     ],

@@ -4,6 +4,7 @@ import json
 import math
 import shutil
 import subprocess
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -26,8 +27,9 @@ def test_every_bit_is_pythons(short: Scenario, exported: Exported, tmp_path: Pat
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["nominal_imu_uwb", "imu_uwb", "flow"])
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize(
+    ("name", "target"), [*product(("nominal_imu_uwb", "imu_uwb", "flow"), TARGETS), ("tight_differences", "x86-64")]
+)
 def test_every_bit_is_pythons_on_each_processor(name: str, target: str, exported: Exported, tmp_path: Path) -> None:
     needs(*programs_of(target))
     folder = exported(load_scenario(name), target, ticks=300)

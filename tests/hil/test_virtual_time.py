@@ -32,8 +32,9 @@ def test_without_faults_it_is_the_flight_but_for_the_commands_millisecond() -> N
 
 
 @pytest.mark.long
-def test_a_seed_flies_the_same_bits_and_another_others() -> None:
-    one, two, other = (fly_in_virtual_time(scenario_of(), BAD, BAD, seed) for seed in (1, 1, 2))
+@pytest.mark.parametrize("settings", [(), ("estimator.delay=replay", "commands={filter: acted, servo: predicted}")])
+def test_a_seed_flies_the_same_bits_and_another_others(settings: tuple[str, ...]) -> None:
+    one, two, other = (fly_in_virtual_time(scenario_of(*settings), BAD, BAD, seed) for seed in (1, 1, 2))
     xr.testing.assert_identical(one, two)
     assert not one["truth"].equals(other["truth"])
 

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from flight_tracks import FILE, PROJECTED, QUICK, RENDERED, SEEDS, fly_ready_made, track
+from flight_tracks import FILE, PROJECTED, RENDERED, SEEDS, fly_ready_made, track
 
 KEPT: dict[str, list[list[float]]] = json.loads(FILE.read_text())
 ONE, OTHERS = SEEDS["projected"][:1], SEEDS["projected"][1:]
@@ -18,10 +18,8 @@ def check(name: str, camera: str, seeds: range, tolerance: float, player: str = 
 
 @pytest.mark.family("nominal_imu_uwb_yolo-projected-one-engine")
 @pytest.mark.parametrize("player", ["engine", "drake"])
-@pytest.mark.parametrize("seeds", [ONE, pytest.param(OTHERS, marks=pytest.mark.long)], ids=["one", "others"])
-@pytest.mark.parametrize(
-    ("name", "camera"), [pytest.param(*pair, marks=[pytest.mark.long] * (pair[0] not in QUICK)) for pair in PROJECTED]
-)
+@pytest.mark.parametrize("seeds", [ONE, OTHERS], ids=["one", "others"])
+@pytest.mark.parametrize(("name", "camera"), PROJECTED)
 def test_ready_made_flights_are_what_they_were(name: str, camera: str, seeds: range, player: str) -> None:
     check(name, camera, seeds, 1e-9, player)
 

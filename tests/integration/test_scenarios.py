@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 import yaml
 from command_line import run
-from flight_tracks import QUICK
 
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.flyable import flight_ticks
@@ -54,9 +53,7 @@ def test_a_ready_made_scenario_is_named_as_its_file_and_says_what_it_is(name: st
 
 
 @pytest.mark.family("nominal_imu_uwb")
-@pytest.mark.parametrize(  # the others fly in test_flight_tracks.py
-    "name", [pytest.param(name, marks=[pytest.mark.long] * (name in QUICK)) for name in scenario_names()]
-)
+@pytest.mark.parametrize("name", scenario_names())
 def test_a_ready_made_scenario_flies(name: str) -> None:
     found = summary(fly(load_scenario(name, (SHORT, "camera.kind=projected"))))
     # Where no fix arrives the printed integral takes in the reference: without a camera the vehicle is thrown at once.
