@@ -288,7 +288,9 @@ def test_the_scene_shows_a_flight_and_its_lamps() -> None:
     live = flight()
     scene.begin(live.path)
     for _ in range(20):
-        scene.show(live.step(Wishes(lost={"camera": 1.0})), draws=True)
+        seen = live.step(Wishes(lost={"camera": 1.0}))
+        scene.show(seen, draws=True)
+    scene.show(seen._replace(P=np.full_like(seen.P, np.nan)), draws=True)  # has diverged: nothing to draw
     scene.show_goal(1.0, 2.0, 1.5)
     assert scene.lit() == {"uwb": True, "camera": False}
     for path in ("/flight/vehicle", "/flight/goal", "/flight/lamps/uwb", "/flight/true_path"):

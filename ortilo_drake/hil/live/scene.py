@@ -70,7 +70,7 @@ class Scene:
         self._meshcat.SetTransform(GOAL, RigidTransform([x, y, z]))
 
     def show(self, seen: ShownTick, draws: bool) -> None:
-        """Show a tick; the vehicle and its flown path only if `draws`."""
+        """Show a tick; the vehicle and its flown path only if `draws`, and not where the flight has diverged."""
         for sensor in self._sensors:
             if sensor in seen.arrived:
                 self._until[sensor] = seen.time + LIT_FOR
@@ -84,7 +84,7 @@ class Scene:
             self._corner_at = seen.time + CORNER_EVERY
         if seen.path is not None:
             self.show_path(seen.path)
-        if draws:
+        if draws and np.isfinite([*seen.x, *seen.xhat[:6], *seen.P[:3, :3].flat]).all():
             show_pose(self._meshcat, seen.x, seen.xhat, seen.P[:3, :3], np.eye(3), seen.time)
             self._meshcat.SetTransform(LAMPS, RigidTransform(seen.x[:3] + [0.0, 0.0, 0.45]))
             draw_flown(self._meshcat, np.array([*self._flown, now]))
