@@ -57,7 +57,7 @@ $(STAMP)-extras: $(STAMP)
 
 kernels: $(STAMP)-kernels
 
-$(STAMP)-kernels: $(STAMP) tests/compile_kernels.py $(shell find ortilo_drake/ diagrams/ -name '*.py')
+$(STAMP)-kernels: $(STAMP) tests/compile_kernels.py $(shell find ortilo_drake/ diagrams/ -name '*.py' -not -path '*/__pycache__/*')
 	@$(ONE_THREAD) $(BIN)/python tests/compile_kernels.py
 	@touch $@
 

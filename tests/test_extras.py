@@ -50,7 +50,7 @@ def test_a_flight_is_flown_and_written_without_extras(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_a_scenario_is_analysed_without_extras(tmp_path: Path) -> None:
-    done = run(tmp_path, COMMAND, "analyze", "nominal_imu_uwb", "--flights", "3", "--step", "0.5")
+    done = run(tmp_path, COMMAND, "analyze", "nominal_imu_uwb", "--flights", "3")
     assert done.returncode == 0, done.stderr
 
 

@@ -42,8 +42,8 @@ class KeepLowered(LoweringPass):
 
     def run_pass(self, state: Any) -> bool:
         """Give the function its library; numba makes one where there is none."""
-        context, function = state.targetctx, state.func_id
-        state.library = OnlyLinked(context.codegen(), function.func_qualname)
+        name = state.func_id.func_qualname
+        state.library = OnlyLinked(state.targetctx.codegen(), name)
         return True
 
 

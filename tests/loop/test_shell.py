@@ -40,12 +40,19 @@ FLOATS_ALONE: Final = {
     "told_replay_filter": "likewise",
     "tight_handler": "asks np.isfinite, which knows floats alone",
     "tight": "asks np.isfinite, which knows floats alone",
-    "own_sensor altimeter": "np.hypot, which AutoDiffXd has not",
-    "own_fix altimeter_fix": "np.hypot, which AutoDiffXd has not",
     "own_fix flow_fix": "writes its fix to an array of floats",
 }
 # Elements whose values on AutoDiffXd are off by so much: an iteration takes one step more, its last one.
-ITERATES: Final = dict.fromkeys(("multilateration", "learning_multilateration", "tested_multilateration"), 1e-8)
+ITERATES: Final = dict.fromkeys(
+    (
+        "multilateration",
+        "learning_multilateration",
+        "tested_multilateration",
+        "scaled_multilateration",
+        "scaled_learning_multilateration",
+    ),
+    1e-8,
+)
 
 
 class Moment(NamedTuple):

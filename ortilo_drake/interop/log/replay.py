@@ -81,7 +81,7 @@ def replay_log(log: Path) -> ReplayReport:
             given += 1
         onboard.receive(messages)
         outputs = onboard.outputs()
-        if not all(np.array_equal(outputs[name], value) for name, value in recorded.items()):
+        if not all(np.array_equal(outputs[name], value, equal_nan=True) for name, value in recorded.items()):
             first = k if first is None else first
         if "estimate" in recorded:
             largest = max(largest, float(np.max(np.abs(outputs["estimate"] - recorded["estimate"]))))

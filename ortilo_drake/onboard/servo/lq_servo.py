@@ -112,7 +112,7 @@ SERVO = Element(
     numbers=(Number("mass"), Number("yaw"), Number("error_form", kind="i8")),
     tables=(Array("L", 2),),
 )
-TRUE_VELOCITY = Element("true_velocity", out=true_velocity_out)
+TRUE_VELOCITY = Element("with_true_velocity", out=true_velocity_out)
 
 
 def servo_box(L: np.ndarray, mass: float, settings: ServoSettings) -> Box:
