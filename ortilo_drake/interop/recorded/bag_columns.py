@@ -17,15 +17,32 @@ from ortilo_drake.model.typed_yaml import InputError, nearest
 
 
 def messages_of(path: Path, topic: str, topics: set[str]) -> Iterator[tuple[str, int, Callable[[], Any]]]:
-    """Yield type, time of receipt [ns] and decoder of each message; `topics` gets the names of all topics."""
-    if path.suffix == ".mcap":
-        yield from mcap_messages(path, topic, topics)
-    elif not path.is_dir():
-        yield from _of_file(path, topic, topics, False)
-    else:
-        with files_of_bag(path) as bag:
-            for file in bag.paths:
-                yield from (mcap_messages if file.suffix == ".mcap" else _of_file)(file, topic, topics, bag.packed)
+    """Yield type, time of receipt [ns] and decoder of each message of a topic; `topics` gets the names of all topics.
+
+    Raises:
+        InputError: if it is no bag or cut short, has no such topic, or holds or unpacks to more than the limits.
+    """
+    if not exists(path):
+        raise InputError(f"{path}: no such bag")
+    if not path.is_dir():
+        check_file(path)
+    try:
+        if path.suffix == ".mcap":
+            yield from mcap_messages(path, topic, topics)
+        elif not path.is_dir():
+            yield from _of_file(path, topic, topics, False)
+        else:
+            with files_of_bag(path) as bag:
+                for file in bag.paths:
+                    yield from (mcap_messages if file.suffix == ".mcap" else _of_file)(file, topic, topics, bag.packed)
+    except InputError:
+        raise
+    except Exception as error:  # rosbags and mcap raise errors of many kinds for files that are cut short or not theirs
+        line = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"{path}: cannot be read as a bag (cut short?): {line}") from None
+    if topic not in topics:
+        has = ", ".join(sorted(topics)) or "none"
+        raise InputError(f"{path}: no topic '{topic}'{nearest(topic, sorted(topics))}; has {has}")
 
 
 def _of_file(path: Path, topic: str, topics: set[str], packed: bool) -> Iterator[tuple[str, int, Callable[[], Any]]]:
@@ -51,60 +68,36 @@ def read_bag(
 
     Messages that cannot be decoded, or have another number of values than the first, are counted and left out.
 
-    Args:
-        path: the bag's file or folder.
-        topic: the topic.
-        source: its entry in the map.
-        columns: fields with numbers.
-        rejected: where to count.
-        names: the field that names each message's anchor.
-
     Raises:
-        InputError: if the file is no bag or cut short, there is no such topic or field, or hardly a message can be
-            read, or it holds or unpacks to more than the limits.
+        InputError: as messages_of, or if there is no such field, or hardly a message can be read.
     """
-    if not exists(path):
-        raise InputError(f"{path}: no such bag")
-    if not path.is_dir():
-        check_file(path)
     rejected.word = "message"
-    rows, topics, k = Rows(path), set[str](), 0
-    try:
-        for type_name, received, decode in messages_of(path, topic, topics):
-            k += 1
-            try:
-                message = decode()
-            except Exception:  # whatever a decoder raises of spoilt bytes
-                rejected.add("messages that cannot be decoded", f"in message {k}")
-                continue
-            try:
-                numbers, stamp = numbers_of(message, columns), stamp_of(message, received, source.time)
-                anchor = "" if names is None else str(field_of(message, str(names)))
-            except LookupError as error:
-                if not rows.width:  # of the first message: a wrong map, not a wrong message
-                    fields = ", ".join(name for name in getattr(message, "__dict__", {}) if not name.startswith("__"))
-                    raise InputError(
-                        f"{path}: {topic}: {type_name} has no field '{error.args[0]}'; has {fields}"
-                    ) from None
-                rejected.add("messages without a field asked for", f"in message {k}")
-                continue
-            except OverflowError:
-                rejected.add("messages with a number that is too large", f"in message {k}")
-                continue
-            except (TypeError, ValueError):
-                raise InputError(f"{path}: {topic}: a field of {list(columns)} is no number") from None
-            if rows.width and len(numbers) != rows.width:
-                rejected.add(f"messages without {rows.width} values", f"in message {k}")
-                continue
-            rows.add(k, stamp, numbers, None if names is None else anchor, received)
-    except InputError:
-        raise
-    except Exception as error:  # rosbags and mcap raise errors of many kinds for files that are cut short or not theirs
-        line = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{path}: cannot be read as a bag (cut short?): {line}") from None
-    if topic not in topics:
-        has = ", ".join(sorted(topics)) or "none"
-        raise InputError(f"{path}: no topic '{topic}'{nearest(topic, sorted(topics))}; has {has}")
+    rows, k = Rows(path), 0
+    for type_name, received, decode in messages_of(path, topic, set()):
+        k += 1
+        try:
+            message = decode()
+        except Exception:  # whatever a decoder raises of spoilt bytes
+            rejected.add("messages that cannot be decoded", f"in message {k}")
+            continue
+        try:
+            numbers, stamp = numbers_of(message, columns), stamp_of(message, received, source.time)
+            anchor = "" if names is None else str(field_of(message, str(names)))
+        except LookupError as error:
+            if not rows.width:  # of the first message: a wrong map, not a wrong message
+                fields = ", ".join(name for name in getattr(message, "__dict__", {}) if not name.startswith("__"))
+                raise InputError(f"{path}: {topic}: {type_name} has no field '{error.args[0]}'; has {fields}") from None
+            rejected.add("messages without a field asked for", f"in message {k}")
+            continue
+        except OverflowError:
+            rejected.add("messages with a number that is too large", f"in message {k}")
+            continue
+        except (TypeError, ValueError):
+            raise InputError(f"{path}: {topic}: a field of {list(columns)} is no number") from None
+        if rows.width and len(numbers) != rows.width:
+            rejected.add(f"messages without {rows.width} values", f"in message {k}")
+            continue
+        rows.add(k, stamp, numbers, None if names is None else anchor, received)
     if len(rows) < max(2, k / 2):
         raise InputError(f"{path}: {topic}: {len(rows)} of {k} messages can be read")
     return rows.table()

@@ -49,11 +49,7 @@ def mcap_messages(
 ) -> Iterator[tuple[str, int, Callable[[], Any]]]:
     """Yield type, time of logging [ns] and decoder of each of a topic's messages, in the file's order.
 
-    Args:
-        path: the file.
-        topic: the topic.
-        topics: gets the names of all topics.
-        packed: whether each message is packed with zstd of its own.
+    `topics` gets the names of all topics; each message is `packed` with zstd of its own or not.
 
     Raises:
         InputError: if the file is damaged, cut short or too large, or its messages are of an encoding that is not read;

@@ -23,7 +23,7 @@ def field_of(message: Any, path: str) -> Any:
 
 def _seconds(stamp: Any) -> float:
     """Return a stamp's seconds; its nanoseconds are called nanosec in ROS 2, nsec elsewhere."""
-    return float(stamp.sec + 1e-9 * (stamp.nanosec if hasattr(stamp, "nanosec") else stamp.nsec))
+    return float(stamp.sec + 1e-9 * getattr(stamp, "nanosec", getattr(stamp, "nsec", 0)))
 
 
 def stamp_of(message: Any, received: int, time: Column | None) -> float:

@@ -10,11 +10,8 @@ LONGEST: Final = 1000  # texts or messages in an array of fixed length: rosbags 
 def check_types(types: Any, name: str) -> None:
     """Refuse messages without fields inside others, and long arrays of fixed length whose entries are no numbers.
 
-    A message without fields takes no bytes, so one of 8 bytes may announce an array of 4 billion of them.
-
-    Args:
-        types: as rosbags' get_types_from_msg returns them.
-        name: the type; those that it uses are checked with it.
+    `types` are as rosbags' get_types_from_msg returns them; those that `name` uses are checked with it. A message
+    without fields takes no bytes, so one of 8 bytes may announce an array of 4 billion of them.
 
     Raises:
         ValueError: naming type and field.
