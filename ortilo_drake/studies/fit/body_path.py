@@ -58,11 +58,6 @@ class BodyPath(NamedTuple):
 def body_path(name: str, truth: Truth, by: Calibration) -> BodyPath:
     """Return the path of a truth in the anchors' frame, B as the truth has it.
 
-    Args:
-        name: the recording's.
-        truth: with attitude.
-        by: its clock and frame.
-
     Raises:
         InputError: if it has no attitude.
     """

@@ -14,8 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_solve, cholesky
 
-from ortilo_drake.studies.fit.greatest import deviations, greatest
-from ortilo_drake.studies.fit.interval import Interval, log_interval
+from ortilo_drake.studies.fit.greatest import Interval, deviations, greatest, log_interval
 from ortilo_drake.studies.fit.lasting_filter import PRIOR
 from ortilo_drake.studies.fit.range_errors import RangeErrors
 

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import GRAVITY, Recording
 from ortilo_drake.studies.fit.body_path import BodyPath
-from ortilo_drake.studies.recorded.aided import airborne
 from ortilo_drake.studies.recorded.calibrate import Calibration
+from ortilo_drake.studies.recorded.setups import airborne
 
 OVER, REST_OVER, TURNS_OVER = 0.25, 0.05, 0.1  # means over this time in flight, at rest, and for the mount [s]
 FULL = 0.6  # a block counts with so large a share of the most samples
@@ -65,7 +65,7 @@ def mount_of(recording: Recording, path: BodyPath, by: Calibration, map_: Map) -
         return Rotation.identity()
     if by.mount is not None:
         return Rotation.from_matrix(by.mount)
-    up = airborne(imu.t, recording.truth, by, map_)(imu.t)
+    up = airborne(recording.truth, by, map_)(imu.t)
     t, rates = imu.t[up], imu.rates[up]
     found, _ = Rotation.align_vectors(block_means(t, path.rates(t), TURNS_OVER), block_means(t, rates, TURNS_OVER))
     return found
@@ -77,7 +77,7 @@ def imu_errors(recording: Recording, path: BodyPath, mount: Rotation, by: Calibr
     if imu is None or truth is None:
         return None
     t_force, force = imu.accelerometer or (imu.t, imu.force)
-    judged = airborne(imu.t, truth, by, map_)
+    judged = airborne(truth, by, map_)
     up, up_force = judged(imu.t), judged(t_force)
     back = mount.inv()
     e = imu.rates[up] - back.apply(path.rates(imu.t[up]))

@@ -1,17 +1,16 @@
 """Lasting and white errors, outliers and constants of the anchors, fitted to recorded range errors.
 
 The likelihood of lasting_filter.py is maximised. The intervals come from fits to blocks of time: their spread holds
-also where the errors are not quite of this kind. Those of the constants come from the filter's covariance at the end.
+also where the errors are not quite of this kind. Where several recordings differ by more than their blocks, Student's t
+over the recordings counts. Those of the constants come from the filter's covariance at the end.
 """
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import t as student
 
-from ortilo_drake.studies.fit.greatest import greatest
-from ortilo_drake.studies.fit.interval import TIMES, Interval, log_interval, normal_interval
+from ortilo_drake.studies.fit.greatest import TIMES, Interval, greatest, half_width, log_interval, normal_interval
 from ortilo_drake.studies.fit.lasting_filter import PRIOR, lasting_filter
 from ortilo_drake.studies.fit.range_errors import RangeErrors
 
@@ -49,13 +48,7 @@ def _run(
 
 
 def fit_lasting(errors: Sequence[RangeErrors], n: int, count: Callable[[int], None] = lambda _: None) -> Lasting:
-    """Return the fit.
-
-    Args:
-        errors: of each recording.
-        n: number of anchors.
-        count: called with how many likelihoods were computed.
-    """
+    """Return the fit for n anchors; `count` is called with how many likelihoods were computed."""
     computed = 0
 
     def likelihood(logs: np.ndarray) -> float:
@@ -70,19 +63,29 @@ def fit_lasting(errors: Sequence[RangeErrors], n: int, count: Callable[[int], No
     def of_block(block: RangeErrors) -> np.ndarray:
         return greatest(lambda at: _run([block], n, at)[0], logs, LIMITS, NEAR)
 
-    each = np.array([of_block(block) for block in _blocks(errors)])
-    sds = each.std(axis=0, ddof=1) / np.sqrt(len(each)) * student.ppf(0.975, len(each) - 1) / TIMES
-    time, sd, white, share, far = (log_interval(at, sd) for at, sd in zip(logs, sds, strict=True))
+    halves = widest([np.array([of_block(block) for block in blocks]) for blocks in _blocks(errors)])
+    time, sd, white, share, far = (log_interval(at, half / TIMES) for at, half in zip(logs, halves, strict=True))
     return Lasting(time, sd, white, share, far, _constants(errors, n, x, C), outlier)
 
 
-def _blocks(errors: Sequence[RangeErrors]) -> list[RangeErrors]:
-    """Return the recordings cut into blocks of time, about alike in rows."""
-    rows, blocks = sum(len(one.t) for one in errors), []
+def widest(each: Sequence[np.ndarray]) -> np.ndarray:
+    """Return half the intervals of numbers fitted to blocks of each recording (blocks, k), by what differs more.
+
+    That is the blocks, or the recordings where there are several.
+    """
+    halves = [half_width(np.concatenate(each))]
+    if len(each) > 1:
+        halves.append(half_width(np.array([of_blocks.mean(axis=0) for of_blocks in each])))
+    return np.asarray(np.max(halves, axis=0))
+
+
+def _blocks(errors: Sequence[RangeErrors]) -> list[list[RangeErrors]]:
+    """Return each recording cut into blocks of time, about alike in rows."""
+    rows, found = sum(len(one.t) for one in errors), []
     for one in errors:
         count = max(2, round(BLOCKS * len(one.t) / rows))
-        blocks += [one.only(part) for part in np.array_split(np.arange(len(one.t)), count)]
-    return blocks
+        found.append([one.only(part) for part in np.array_split(np.arange(len(one.t)), count)])
+    return found
 
 
 def _constants(errors: Sequence[RangeErrors], n: int, x: np.ndarray, C: np.ndarray) -> tuple[Interval | None, ...]:

@@ -22,12 +22,8 @@ def seen_from(file: Path, other: Path) -> str:
 
 
 def scenario_text(noise: NoiseFile, noise_file: str, base: str, below: Scenario) -> str:
-    """Return a scenario file's text, laid over another scenario, whose own errors of ranges and IMU it replaces.
+    """Return a scenario's text, laid over `base`, what is `below`, whose own errors of ranges and IMU it replaces.
 
-    Args:
-        noise: what was fitted.
-        noise_file: its file, as the scenario must name it, or the name of one of the package.
-        base: the other scenario, likewise.
-        below: what that is.
+    Files are named as the scenario must name them.
     """
     return yaml.safe_dump({"base": base} | settings_of(noise, noise_file, below.truth), sort_keys=False)

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.studies.recorded.filter_types import RunLimits
-
+ASTRAY = 3.0  # deviation of a position at which ranges no longer correct it [m]
+REFUSED, SHARE = 1.0, 1.0 / 3.0  # so long [s], and of so many of the anchors, and of two
 RECENT = 5.0  # an anchor counts among those heard if its last range is not older [s]
 PATIENCE = 3.0  # so many times longer the filter is believed where all that it refuses is too long
 SETTLES = 0.5  # innovations of an anchor that was refused for long are averaged over this time [s]
@@ -39,7 +39,7 @@ def new_trust(n: int) -> Trust:
 
 
 @register_jitable
-def is_lost(t: float, trust: Trust, watch: RunLimits) -> bool:
+def is_lost(t: float, trust: Trust) -> bool:
     """Return whether the filter is lost: the refused ranges show that it is wrong, and not they.
 
     A single range that is too long says little: it may be a reflection. Three anchors that agree support the filter.
@@ -49,21 +49,21 @@ def is_lost(t: float, trust: Trust, watch: RunLimits) -> bool:
     for i in range(len(trust.heard_at)):
         if trust.heard_at[i] >= t - RECENT:
             heard += 1
-            if trust.refused_from[i] <= t - watch.refused:
+            if trust.refused_from[i] <= t - REFUSED:
                 refused += 1
                 short |= trust.mean[i] < 0.0
                 off |= trust.far[i]
-            if trust.refused_from[i] <= t - PATIENCE * watch.refused:
+            if trust.refused_from[i] <= t - PATIENCE * REFUSED:
                 long_since += 1
     if refused < 2 or not off:
         return False
     if short:
-        return heard - refused < 3 or refused > watch.share * heard
+        return heard - refused < 3 or refused > SHARE * heard
     return long_since >= 2 and heard - long_since < 3
 
 
 @register_jitable
-def accept_range(trust: Trust, i: int, t: float, e: float, S: float, passes: bool, low: bool, watch: RunLimits) -> bool:
+def accept_range(trust: Trust, i: int, t: float, e: float, S: float, passes: bool, low: bool) -> bool:
     """Return whether a range to anchor i is accepted; update the anchor's record.
 
     Args:
@@ -74,7 +74,6 @@ def accept_range(trust: Trust, i: int, t: float, e: float, S: float, passes: boo
         S: its variance [m²].
         passes: whether the gate lets it pass.
         low: whether the antenna is so near to the floor that no refusal counts.
-        watch: when the filter is lost.
     """
     z = e / np.sqrt(S)
     since = trust.refused_from[i]
@@ -82,7 +81,7 @@ def accept_range(trust: Trust, i: int, t: float, e: float, S: float, passes: boo
     trust.mean[i] += share * (min(max(z, -MOST), MOST) - trust.mean[i])
     trust.heard_at[i] = t
     trust.far[i] = (trust.far[i] and since < np.inf) or abs(e) > FAR
-    fades = trust.far[i] and t - since >= watch.refused and abs(trust.mean[i]) > SETTLED
+    fades = trust.far[i] and t - since >= REFUSED and abs(trust.mean[i]) > SETTLED
     taken = passes and not fades
     if taken:
         trust.refused_from[i] = np.inf

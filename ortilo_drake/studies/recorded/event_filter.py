@@ -16,16 +16,28 @@ b_a, this is the constant-velocity filter, driven by white acceleration. A vehic
 fails, are in imu_watch.py.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.onboard.estimator.tight.update import Taken, settle
-from ortilo_drake.studies.recorded.anchor_trust import accept_range, is_lost
-from ortilo_drake.studies.recorded.carried import BEGUN, EPOCH, FORCE_AT, GROWN, LOW, Carried
-from ortilo_drake.studies.recorded.event_rows import grown_at
+from ortilo_drake.onboard.estimator.tight.update import Taken, none_taken, settle
+from ortilo_drake.studies.recorded.anchor_trust import ASTRAY, Trust, accept_range, is_lost, new_trust
+from ortilo_drake.studies.recorded.event_rows import (
+    ROOM,
+    Now,
+    grown_at,
+    own_row,
+    take,
+    take_boxes,
+    take_level,
+    take_start,
+    variance_of,
+)
 from ortilo_drake.studies.recorded.filter_types import (
     BOXES,
+    ENTRIES,
     FLOW,
     FORCE,
     LANDED,
@@ -37,14 +49,39 @@ from ortilo_drake.studies.recorded.filter_types import (
     EventValues,
     Restart,
     Run,
-    RunLimits,
     Setup,
+    SparseRow,
     State,
 )
 from ortilo_drake.studies.recorded.imu_watch import RESTS, doubt_force, rest_again, watch_rest
-from ortilo_drake.studies.recorded.passing import accumulate, propagate_over, reset_passing
+from ortilo_drake.studies.recorded.passing import Passing, accumulate, empty_passing, propagate_over, reset_passing
 from ortilo_drake.studies.recorded.run_tape import cut_to, room_for, write_query, write_range, write_step
-from ortilo_drake.studies.recorded.taken_rows import Now, own_row, take, take_boxes, take_level, take_start, variance_of
+
+EPOCH, FORCE_AT, GROWN, LOW, BEGUN = range(5)  # what stands where in `marks`
+
+
+class Carried(NamedTuple):
+    """The values carried from one event to the next beside the state.
+
+    These are the anchors' record, the time passed, rows that wait, a blank row, and marks (5): stamps of the last epoch
+    and of the last sample of force [s], the extra error of ranges near the floor, whether it is so large that no range
+    counts, and whether the first epoch is past. A run that goes on with them gives the same numbers, bit for bit, as
+    one run over all events, if all events of one stamp are taken in by the same run.
+    """
+
+    trust: Trust
+    passing: Passing
+    waiting: Taken
+    row: SparseRow
+    marks: np.ndarray
+
+
+@njit(cache=True)
+def initial_carried(anchors: int, N: int, t: float) -> Carried:
+    """Return the values carried at the start of a run at t [s], with N error states."""
+    row = SparseRow(np.zeros(ENTRIES, np.int64), np.zeros(ENTRIES), np.empty(N))
+    marks = np.array([-np.inf, t, 1.0, 0.0, 0.0])
+    return Carried(new_trust(anchors), empty_passing(N), none_taken(ROOM, N), row, marks)
 
 
 @register_jitable
@@ -74,7 +111,7 @@ def run_filter(
     carried: Carried,
     anew: Restart,
     setup: Setup,
-    watch: RunLimits,
+    wait: float,
     whole: bool,
 ) -> tuple[Run, State, int]:
     """Run the filter over events, to their end or until it is lost.
@@ -88,7 +125,7 @@ def run_filter(
         carried: what the run before it left, or initial_carried; changed.
         anew: position and velocity to start anew from.
         setup: what holds throughout.
-        watch: when it is lost.
+        wait: before this stamp it does not stop [s].
         whole: whether to keep what a smoother needs.
     """
     total, N, noise, aids = len(events.t), start.C.shape[0], setup.noise, setup.aids
@@ -119,11 +156,11 @@ def run_filter(
         new = t > epoch
         if new:
             settle(C, waiting)
-            astray = C[0, 0] + C[1, 1] + C[2, 2] > watch.astray**2
+            astray = C[0, 0] + C[1, 1] + C[2, 2] > ASTRAY**2
             grown = grown_at(x, setup.levers[0], noise, aids)
             low = grown > 2.0  # all ranges are wrong there, and none says that the filter is lost
-            lost = astray or (not low and is_lost(t, trust, watch))
-            if lost and kind == RANGE and t >= watch.wait and watched[RESTS] == 0.0:
+            lost = astray or (not low and is_lost(t, trust))
+            if lost and kind == RANGE and t >= wait and watched[RESTS] == 0.0:
                 done = k
                 break
             epoch = t
@@ -153,7 +190,7 @@ def run_filter(
             squared = e * e / S
             taken = e * e <= noise.gate**2 * S
             if kind == RANGE:
-                taken = accept_range(trust, events.which[k], t, e, S, taken, low, watch)
+                taken = accept_range(trust, events.which[k], t, e, S, taken, low)
                 write_range(run, written, e, S, taken)
             if squared > noise.huber**2:
                 S = own + r * np.sqrt(squared) / noise.huber

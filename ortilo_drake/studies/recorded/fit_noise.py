@@ -14,12 +14,12 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ortilo_drake.interop.recorded.map_file import FilterSettings, Map
-from ortilo_drake.interop.recorded.recording import Imu, Ranges, Recording
+from ortilo_drake.interop.recorded.recording import Ranges, Recording, between
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate
 from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate, innovation_score, noise_of
-from ortilo_drake.studies.recorded.level import given_level
-from ortilo_drake.studies.recorded.replayed import calibrated_setup
+from ortilo_drake.studies.recorded.scores import nees_of
+from ortilo_drake.studies.recorded.setups import calibrated_setup, given_level
 from ortilo_drake.studies.recorded.truth_path import truth_path
 
 FITTED = ("acceleration", "range_white", "range_correlated", "correlation_time")
@@ -70,13 +70,7 @@ def _part(recording: Recording, map_: Map) -> _Part:
 
 def _score(part: _Part, settings: FilterSettings, by: By) -> float:
     imu = part.recording.imu
-    if imu is not None:
-        before_end = imu.t <= part.ranges.t[-1]
-        attitude = None if imu.attitude is None else imu.attitude[before_end]
-        own = imu.accelerometer
-        if own is not None:
-            own = own[0][own[0] <= part.ranges.t[-1]], own[1][own[0] <= part.ranges.t[-1]]
-        imu = Imu(imu.t[before_end], imu.rates[before_end], imu.force[before_end], attitude, own)
+    imu = None if imu is None else between(imu, -np.inf, part.ranges.t[-1])
     found = estimate(part.ranges, imu, part.known, settings, part.queries if by == "truth" else np.zeros(0))
     if by == "innovations":
         settled = found.range_stamps >= SETTLED
@@ -86,21 +80,15 @@ def _score(part: _Part, settings: FilterSettings, by: By) -> float:
     assert part.calibration is not None
     true = truth_path(part.recording.truth).at(found.t + part.calibration.offset)[0]
     e = found.p - part.calibration.position(true)
-    squares = np.einsum("ki,ki->k", e, np.linalg.solve(found.P, e[:, :, None])[:, :, 0])
-    return float(-0.5 * np.sum(np.linalg.slogdet(found.P)[1] + squares))
+    return float(-0.5 * np.sum(np.linalg.slogdet(found.P)[1] + nees_of(e, found.P)))
 
 
 def fit_noise(
     recordings: Sequence[Recording], map_: Map, by: By, count: Callable[[int], None], most: int = 800
 ) -> Fitted:
-    """Return the noise that fits the first parts of all motions best.
+    """Return the noise that fits the first parts of all motions best, starting from the map's.
 
-    Args:
-        recordings: the motions.
-        map_: the settings to start from.
-        by: what is made likely.
-        count: called with how many likelihoods were computed.
-        most: greatest number of them.
+    `count` is called with how many likelihoods were computed, of which there are at most so many.
 
     Raises:
         InputError: if there is no IMU, or no truth to fit by.
@@ -109,6 +97,8 @@ def fit_noise(
         raise InputError("imu: the map has none; the noise of the constant-velocity filter is not fitted")
     if by == "truth" and any(recording.truth is None for recording in recordings):
         raise InputError("truth: the map has none; fit by innovations")
+    if map_.calibration.share == 0.0:
+        raise InputError("calibration.share: 0: the noise is fitted to the first part: give its share")
     if any(isinstance(recording.anchors, int) and recording.truth is None for recording in recordings):
         raise InputError("anchors: unknown")
     parts = [_part(recording, map_) for recording in recordings]

@@ -21,14 +21,7 @@ def main_row(drawn: Drawn) -> str:
 
 
 def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Path:
-    """Draw a motion and return the file's path.
-
-    Args:
-        found: its figures.
-        drawn: its estimates.
-        below: limit of the deviation that counts as available [m].
-        path: a picture's file.
-    """
+    """Draw a motion and return the file's path; it is available where its deviation is `below` that [m]."""
     name = main_row(drawn)
     estimate, truth = drawn[name]
     anchors = np.array(found.anchors)

@@ -4,10 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ortilo_drake.studies.recorded.lost_lines import lost_lines
-from ortilo_drake.studies.recorded.replayed import Replayed
+from ortilo_drake.studies.recorded.replayed import CV, RAW, WITH_IMU, Replayed
 from ortilo_drake.studies.recorded.scores import Scores
-from ortilo_drake.studies.recorded.summary import replay_summary
 from ortilo_drake.views.markdown import table
 
 HEADER = [
@@ -29,6 +27,7 @@ LEGEND = (
     "3 if consistent, NIS about 1. Rejected: ranges that the gate left out. Available: share of the time at which the "
     "filter's own standard deviation is below the map's limit. At gaps' ends: RMS and largest position error."
 )
+MOST_LOST = 6  # times that are listed
 
 
 def _cell(value: float | None, form: str) -> str:
@@ -68,18 +67,73 @@ def _calibrated(found: Replayed) -> list[str]:
     ]
 
 
-def report_text(motions: Sequence[Replayed], share: float) -> str:
-    """Return the report in Markdown.
+def lost_line(s: Scores) -> str:
+    """Return a line on a filter's losses (number, duration, times), and on its errors at other times."""
+    times = [
+        f"lost from {since:.1f} s, " + ("not found again" if found is None else f"found again at {found:.1f} s")
+        for since, found in s.lost
+    ]
+    more = f" and {len(times) - MOST_LOST} times more" if len(times) > MOST_LOST else ""
+    line = "; ".join(times[:MOST_LOST]) + more
+    total = sum(found - since for since, found in s.lost if found is not None)
+    if len(times) > 1:
+        line += f"; {len(times)} times, {total:.1f} s in all"
+    if s.rmse_found is not None:
+        line += f"; RMS error in x, y, z at other times {', '.join(f'{axis:.3f}' for axis in s.rmse_found)} m"
+    return line
 
-    Args:
-        motions: what was found.
-        share: of each motion's time that calibrated it.
-    """
+
+def _axes(found: Replayed, name: str) -> str:
+    rmse = found.rows[name].rmse
+    assert rmse is not None
+    return ", ".join(f"{axis:.3f}" for axis in rmse)
+
+
+def replay_summary(motions: Sequence[Replayed], share: float) -> list[str]:
+    """Return a summary of the findings, as a Markdown list."""
+    lines = []
+    for found in motions:
+        if found.doubts:
+            many = "one doubt" if len(found.doubts) == 1 else f"{len(found.doubts)} doubts"
+            lines.append(f"**{found.name}: doubtful, {many}; its figures may mean nothing:**")
+            lines += [f"  {found.name}: {doubt}." for doubt in found.doubts]
+        rows = found.rows
+        main = next(name for name in (WITH_IMU, CV, *rows) if name in rows)
+        if rows[main].lost:
+            lines.append(f"{found.name}: {lost_line(rows[main])} ({main}).")
+        if rows[main].rmse is None:
+            lines.append(
+                f"{found.name}: no truth; NIS {rows[main].nis:.2f}, {rows[main].rejected:.2%} of the ranges rejected."
+            )
+            continue
+        line = (
+            f"{found.name}: RMS error in x, y, z {_axes(found, main)} m ({main}, calibrated on the first {share:.0%})"
+        )
+        if main != CV:
+            line += f"; {_axes(found, CV)} m by the constant-velocity filter"
+        lines.append(line + ".")
+        for name, scores in rows.items():
+            if name.startswith(f"{main}, ") and scores.gap_end is not None:
+                lines.append(f"{found.name}: {scores.gap_end:.2f} m RMS at the ends of {scores.gaps} gaps ({name}).")
+            elif name.startswith(f"{main}, ") and name.endswith("lost") and scores.ate is not None:
+                more = scores.ate / (rows[main].ate or 1.0) - 1.0
+                lines.append(f"{found.name}: {more:+.0%} error ({name}).")
+        if RAW in rows:
+            lines.append(f"{found.name}: {_axes(found, RAW)} m without any calibration.")
+    rejected = sum(sum(found.rejected.values()) for found in motions)
+    lines.append(f"{rejected} rows, messages or single ranges could not be used; each motion below says which.")
+    return ["## In short", "", *("  - " + line[2:] if line.startswith("  ") else f"- {line}" for line in lines), ""]
+
+
+def report_text(motions: Sequence[Replayed], share: float) -> str:
+    """Return the report in Markdown; so large a share of each motion's time calibrated it."""
     lines = ["# Recorded motions", "", *replay_summary(motions, share)]
     for found in motions:
         lines += [f"## {found.name}", "", *table(HEADER, [_cells(name, s) for name, s in found.rows.items()])]
         lines += _calibrated(found)
-        if lost := lost_lines(found.rows):
-            lines += ["The filter was lost (times since the first range):", "", *(f"- {line}" for line in lost), ""]
+        # Losses that were imposed are no news.
+        lost = [f"- {name}: {lost_line(s)}." for name, s in found.rows.items() if s.lost and "lost" not in name]
+        if lost:
+            lines += ["The filter was lost (times since the first range):", "", *lost, ""]
         lines += [f"- {note}" for note in found.notes] + [""] * bool(found.notes)
     return "\n".join([*lines, LEGEND, ""])

@@ -5,7 +5,6 @@ from numba.extending import register_jitable
 
 from ortilo_drake.model.signals import MAX_DETECTIONS
 from ortilo_drake.onboard.estimator.tight.layout import GYRO
-from ortilo_drake.studies.recorded.event_rows import SparseRow
 from ortilo_drake.studies.recorded.filter_types import (
     BOXES,
     ENTRIES,
@@ -18,6 +17,7 @@ from ortilo_drake.studies.recorded.filter_types import (
     TRANSITION,
     Events,
     Run,
+    SparseRow,
     Tape,
 )
 from ortilo_drake.studies.recorded.passing import Passing
@@ -28,13 +28,7 @@ HEARD, ON_TAPE = 3, 4  # of the numbers written so far: steps, rows, queries, ra
 
 @register_jitable
 def room_for(events: Events, N: int, whole: bool) -> tuple[Run, np.ndarray]:
-    """Return a run with arrays large enough for the events, and the number of rows written so far (5).
-
-    Args:
-        events: all that may be taken in.
-        N: error states.
-        whole: whether a tape is kept.
-    """
+    """Return a run with arrays for all events and N states, with a tape if `whole`, and what is written so far (5)."""
     ranges = queries = epochs = rows = 0
     last = -np.inf
     for k in range(len(events.t)):

@@ -84,11 +84,7 @@ def _back(tape: Tape, x: np.ndarray, P: np.ndarray, adjoint: np.ndarray, informa
 
 
 def smooth(runs: Sequence[Run]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the smoothed nominal states (q, N + 1) and covariances of the position (q, 3, 3) of the queries.
-
-    Args:
-        runs: of run_filter with `whole`, one after the other.
-    """
+    """Return smoothed nominal states (q, N + 1) and covariances of position (q, 3, 3) of runs with tapes, in order."""
     N = runs[0].tape.gain.shape[1]
     adjoint, information = np.zeros(N), np.zeros((N, N))
     x, P = [run.x.copy() for run in runs], [run.P.copy() for run in runs]

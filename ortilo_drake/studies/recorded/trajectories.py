@@ -39,12 +39,7 @@ def _text(table: np.ndarray, mark: str, head: str, stamps: np.ndarray) -> str:
 def write_trajectories(folder: Path, found: Replayed, drawn: Drawn, recording: Recording, frame: str) -> list[Path]:
     """Write NAME_estimate, NAME_smoother and NAME_truth, each .tum and .csv, and return the files' paths.
 
-    Args:
-        folder: where to.
-        found: the motion's figures.
-        drawn: its estimates, with the truth at their stamps [m].
-        recording: what was read.
-        frame: how the truth's frame was turned: yaw, se3 or same.
+    `frame` says how the truth's frame was turned: yaw, se3 or same.
 
     Raises:
         InputError: if a file cannot be written.
