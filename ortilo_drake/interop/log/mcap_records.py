@@ -89,9 +89,7 @@ def _whole_records(path: Path, whole: bool) -> Iterator[tuple[int, bytes]]:
 def read_records(path: Path, whole: bool = False) -> Iterator[Schema | Channel | Message]:
     """Yield schemas, channels and messages of an MCAP file in the order they were written.
 
-    Args:
-        path: the file.
-        whole: whether to refuse a file that was cut short; otherwise it may end anywhere.
+    One that was cut short is refused if it must be `whole`; otherwise it may end anywhere.
 
     Raises:
         InputError: if the file cannot be read, is no MCAP, is damaged before its end, or holds or unpacks to more than
@@ -117,11 +115,7 @@ def read_records(path: Path, whole: bool = False) -> Iterator[Schema | Channel |
 
 
 def read_logged(path: Path, wanted: Callable[[str], bool]) -> Iterator[LoggedMessage]:
-    """Yield the messages of an MCAP file in the order they were written.
-
-    Args:
-        path: the file; it may end anywhere.
-        wanted: whether a topic is asked for.
+    """Yield the messages of wanted topics of an MCAP file, which may end anywhere, in the order they were written.
 
     Raises:
         InputError: as read_records.

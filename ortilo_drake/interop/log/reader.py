@@ -111,10 +111,6 @@ def _bounded(file: Path, k: int, messages: Iterable[LoggedMessage]) -> Iterator[
 def read_ticks(path: Path, images: bool = True) -> Iterator[LoggedTick]:
     """Yield the ticks of a log in order; a log that a kill cut short ends at the cut.
 
-    Args:
-        path: the log's folder or its MCAP file.
-        images: whether to decode pictures.
-
     Raises:
         InputError: if there is no such log, or it is not one, or it is damaged, or its log times do not rise.
     """

@@ -1,5 +1,6 @@
 """Writing a flight, tick by tick, as a rosbag2 folder of one MCAP file."""
 
+import json
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO
@@ -68,15 +69,8 @@ def bag_metadata(file: str, topics: dict[str, str], counts: dict[str, int], end:
         "custom_data": None,
         "ros_distro": "jazzy",
     }
-    return yaml.dump({"rosbag2_bagfile_information": information}, Dumper=_NoAliases, sort_keys=False)
-
-
-class _NoAliases(yaml.SafeDumper):
-    """A dumper without aliases: an object that occurs twice is written out twice."""
-
-    def ignore_aliases(self, data: Any) -> bool:
-        """Return True: nothing is written as an alias (PyYAML's hook)."""
-        return True
+    plain = json.loads(json.dumps({"rosbag2_bagfile_information": information}))  # YAML would write one object once
+    return yaml.safe_dump(plain, sort_keys=False)
 
 
 mcap = later("mcap.writer")

@@ -6,7 +6,6 @@ flight its pictures are drawn again from the true states (drawn_again).
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -27,34 +26,19 @@ QUALITY = 85  # of the JPEG
 CameraView = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
-class Picture(NamedTuple):
-    """A picture: when it was taken [s], and its JPEG."""
-
-    time: float
-    jpeg: bytes
-
-
-class FoundBoxes(NamedTuple):
-    """The boxes found in a picture: when it was taken [s], rows (label, score, u_min, v_min, u_max, v_max) (k, 6)."""
-
-    time: float
-    rows: np.ndarray
-
-
-class Ranges(NamedTuple):
-    """Ranges to the anchors: when they were true [s], and one each, NaN if it did not come (n) [m]."""
-
-    time: float
-    values: np.ndarray
-
-
 @dataclass
 class Sightings:
-    """All that was seen in a flight, in the order in which it came."""
+    """All that was seen in a flight, each behind the time [s] at which it was true, in the order in which it came.
 
-    pictures: list[Picture] = field(default_factory=list)
-    boxes: list[FoundBoxes] = field(default_factory=list)
-    ranges: list[Ranges] = field(default_factory=list)
+    Attributes:
+        pictures: as JPEG.
+        boxes: those found in a picture, rows (label, score, u_min, v_min, u_max, v_max) (k, 6).
+        ranges: one to each anchor, NaN if it did not come (n) [m].
+    """
+
+    pictures: list[tuple[float, bytes]] = field(default_factory=list)
+    boxes: list[tuple[float, np.ndarray]] = field(default_factory=list)
+    ranges: list[tuple[float, np.ndarray]] = field(default_factory=list)
 
 
 def encode_jpeg(picture: np.ndarray) -> bytes:
@@ -63,9 +47,9 @@ def encode_jpeg(picture: np.ndarray) -> bytes:
     return data.tobytes()
 
 
-def _found(message: np.ndarray) -> FoundBoxes:
+def _found(message: np.ndarray) -> tuple[float, np.ndarray]:
     rows = message[PAYLOAD:].reshape(-1, DETECTION_SIZE)
-    return FoundBoxes(float(message[STAMP]), rows[rows[:, 0] >= 0])
+    return float(message[STAMP]), rows[rows[:, 0] >= 0]
 
 
 class SightingsRecorder:
@@ -73,9 +57,6 @@ class SightingsRecorder:
 
     A rendered camera's boxes do not cross between the halves: the detector is onboard. It looks again here, and finds
     the same ones in the same picture.
-
-    Args:
-        scenario: what is flown.
 
     Raises:
         InputError: if a file of the scenario's detector is wrong.
@@ -94,14 +75,14 @@ class SightingsRecorder:
         seen = self.sightings
         if "image" in messages:
             stamp, rgb = float(messages["shutter"][STAMP]), np.ascontiguousarray(messages["image"][..., :3])
-            seen.pictures.append(Picture(stamp, encode_jpeg(rgb[..., ::-1])))
+            seen.pictures.append((stamp, encode_jpeg(rgb[..., ::-1])))
             seen.boxes.append(_found(detections_message(stamp, *self._detect(rgb))))
         if "detections" in messages and messages["detections"][ARRIVED] == 1.0:
             seen.boxes.append(_found(messages["detections"]))
         ranges = messages.get(measuring("anchors"))
         if self._draws_ranges and ranges is not None and ranges[ARRIVED] == 1.0:
             values, there = ranges[PAYLOAD:].reshape(2, -1)
-            seen.ranges.append(Ranges(float(ranges[STAMP]), np.where(there > 0, values, np.nan)))
+            seen.ranges.append((float(ranges[STAMP]), np.where(there > 0, values, np.nan)))
 
 
 def drawn_again(flight: xr.Dataset, make_view: Callable[[Scenario], CameraView]) -> Sightings:
@@ -109,10 +90,6 @@ def drawn_again(flight: xr.Dataset, make_view: Callable[[Scenario], CameraView])
 
     Each picture that was due is drawn, also if it did not arrive. There are none without a rendered camera, and no
     ranges: a flight does not keep them.
-
-    Args:
-        flight: the flight.
-        make_view: views.scene_view.make_camera_view.
 
     Raises:
         InputError: if there is no EGL or a file of the scenario's detector is wrong.
@@ -126,6 +103,6 @@ def drawn_again(flight: xr.Dataset, make_view: Callable[[Scenario], CameraView])
         k = round(time * scenario.control_rate)
         if k % scenario.every(camera) == 0 and np.isfinite(x).all():
             picture, rows = view(float(time), x)
-            seen.pictures.append(Picture(float(time), encode_jpeg(picture)))
-            seen.boxes.append(FoundBoxes(float(time), rows))
+            seen.pictures.append((float(time), encode_jpeg(picture)))
+            seen.boxes.append((float(time), rows))
     return seen

@@ -71,11 +71,9 @@ def send_camera(recording: rr.RecordingStream, scenario: Scenario, room: Room, s
     model = room.camera.scaled_to(scenario.image_width)
     recording.log(CAMERA, rr.Transform3D(translation=model.position, mat3x3=R_BC), pinhole(model), static=True)
     if seen.pictures:
-        times = np.array([picture.time for picture in seen.pictures])
-        columns = rr.EncodedImage.columns(
-            blob=[np.frombuffer(picture.jpeg, np.uint8) for picture in seen.pictures],
-            media_type=["image/jpeg"] * len(times),
-        )
+        times = np.array([time for time, _ in seen.pictures])
+        jpegs = [np.frombuffer(jpeg, np.uint8) for _, jpeg in seen.pictures]
+        columns = rr.EncodedImage.columns(blob=jpegs, media_type=["image/jpeg"] * len(jpegs))
         recording.send_columns(PICTURE, indexes=[time_column(times)], columns=columns)
     if seen.boxes:
         _send_boxes(recording, room, seen)
@@ -96,12 +94,12 @@ def pinhole(model: CameraModel) -> rr.Pinhole:
 
 def _send_boxes(recording: rr.RecordingStream, room: Room, seen: Sightings) -> None:
     """Write the boxes of each picture as one row, also where none were found: that clears the earlier ones."""
-    rows = np.concatenate([boxes.rows for boxes in seen.boxes])
+    rows = np.concatenate([found for _, found in seen.boxes])
     labels = [f"{room.classes[int(label)]} {score:.2f}" for label, score in rows[:, :2].tolist()]
     low, high = rows[:, 2:4] + HALF_PIXEL, rows[:, 4:6] + HALF_PIXEL
     columns = rr.Boxes2D.columns(
         centers=(low + high) / 2, half_sizes=(high - low) / 2, labels=labels, class_ids=rows[:, 0].astype(int)
     )
-    parted = columns.partition(lengths=[len(boxes.rows) for boxes in seen.boxes])
-    times = np.array([boxes.time for boxes in seen.boxes])
+    parted = columns.partition(lengths=[len(found) for _, found in seen.boxes])
+    times = np.array([time for time, _ in seen.boxes])
     recording.send_columns(BOXES, indexes=[time_column(times)], columns=parted)

@@ -35,10 +35,6 @@ def fill(message: Any, fields: Fields) -> Any:
 
     The message's own values decide the types: a message within it is filled, an array keeps its element type.
 
-    Args:
-        message: an rclpy message, or anything with get_fields_and_field_types().
-        fields: nested dicts, lists, arrays, numbers and texts by the message's field names.
-
     Raises:
         AttributeError: if there is no such field.
     """

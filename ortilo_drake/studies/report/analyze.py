@@ -107,10 +107,6 @@ def theory(scenario: Scenario, step: Step = lambda what, done, total: None) -> T
 
     The linearisation alone is of the filter as it is.
 
-    Args:
-        scenario: the scenario.
-        step: called with what is being done, how far and of how much.
-
     Raises:
         InputError: naming the modes, if the sensors leave some undetected, or naming what else is wrong.
     """
