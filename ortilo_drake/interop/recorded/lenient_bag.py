@@ -16,7 +16,7 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Reader
 from rosbags.rosbag1.reader import Chunk, Header, IndexData, ReaderError, RecordType
 
-from ortilo_drake.interop.recorded.message_types import check_types
+from ortilo_drake.interop.recorded.message_fields import check_types
 from ortilo_drake.interop.ros.ros_types import typestore
 from ortilo_drake.interop.unpack import CHUNK_LIMIT, Unpacker
 from ortilo_drake.model.input_files import MIB, open_file

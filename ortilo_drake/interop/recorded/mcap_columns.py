@@ -10,7 +10,7 @@ from mcap.records import Channel, Schema
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from ortilo_drake.interop.log.mcap_records import read_records
-from ortilo_drake.interop.recorded.message_types import check_types
+from ortilo_drake.interop.recorded.message_fields import check_types
 from ortilo_drake.interop.ros.ros_types import typestore
 from ortilo_drake.interop.unpack import Unpacker
 from ortilo_drake.model.typed_yaml import InputError

@@ -1,13 +1,14 @@
-"""The vehicle in a recording: where it was and where it believed to be, its paths and its camera."""
+"""Columns of a recording over simulated time: the vehicle, where it believed to be, its paths, camera and signals."""
 
 import numpy as np
 import rerun as rr
 import xarray as xr
 
 from ortilo_drake.flight.flight import scenario_of
-from ortilo_drake.interop.rerun.sending import time_column
+from ortilo_drake.interop.rerun.series import Series
 from ortilo_drake.interop.rerun.sightings import Sightings
 from ortilo_drake.interop.ros.body_motion import quaternion
+from ortilo_drake.interop.ros.ros_fields import to_ns
 from ortilo_drake.model.pinhole import R_BC
 from ortilo_drake.model.room import CameraModel, Room
 from ortilo_drake.model.vehicle import Vehicle, rotor_places
@@ -103,3 +104,27 @@ def _send_boxes(recording: rr.RecordingStream, room: Room, seen: Sightings) -> N
     parted = columns.partition(lengths=[len(found) for _, found in seen.boxes])
     times = np.array([time for time, _ in seen.boxes])
     recording.send_columns(BOXES, indexes=[time_column(times)], columns=parted)
+
+
+TIMELINE = "time"  # simulated seconds from the flight's start
+
+
+def time_column(times: np.ndarray) -> rr.TimeColumn:
+    """Return the timeline's values at some times [s], in whole nanoseconds as in the logs."""
+    return rr.TimeColumn(TIMELINE, duration=np.array([to_ns(t) for t in times.tolist()], dtype="timedelta64[ns]"))
+
+
+def send_series(recording: rr.RecordingStream, path: str, series: Series) -> None:
+    """Write time series; a value that is not finite is left out with its row."""
+    there = np.isfinite(series.values).all(axis=1)
+    if not there.any():
+        return
+    names = list(series.names)
+    if series.is_sparse:
+        recording.log(path, rr.SeriesPoints(names=names, marker_sizes=[2.0] * len(names)), static=True)
+    else:
+        mode = rr.components.InterpolationMode.StepAfter if series.is_step else None
+        colors = list(series.colors) or None
+        recording.log(path, rr.SeriesLines(names=names, colors=colors, interpolation_mode=mode), static=True)
+    columns = rr.Scalars.columns(scalars=series.values[there])
+    recording.send_columns(path, indexes=[time_column(series.times[there])], columns=columns)

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import cho_solve, cholesky
 
 from ortilo_drake.studies.fit.greatest import Interval, deviations, greatest, log_interval
-from ortilo_drake.studies.fit.lasting_filter import PRIOR
+from ortilo_drake.studies.fit.lasting import PRIOR
 from ortilo_drake.studies.fit.range_errors import RangeErrors
 
 ROWS = 800  # of the exact likelihood

@@ -10,10 +10,9 @@ from ortilo_drake.interop.recorded.recording import Recording
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario.noise_file import ImuNoise, NoiseFile
 from ortilo_drake.scenario.range_errors import FieldNoise, LastingNoise, Outliers, UwbNoise
-from ortilo_drake.studies.fit.body_path import body_path
 from ortilo_drake.studies.fit.fields import fit_fields
 from ortilo_drake.studies.fit.greatest import TIMES, Interval, half_width
-from ortilo_drake.studies.fit.imu_errors import ImuErrors, imu_errors, mount_of
+from ortilo_drake.studies.fit.imu_errors import ImuErrors, body_path, imu_errors, mount_of
 from ortilo_drake.studies.fit.lasting import Lasting, fit_lasting
 from ortilo_drake.studies.fit.range_errors import RangeErrors, calibration_of, range_errors
 

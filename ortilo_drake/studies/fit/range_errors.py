@@ -8,9 +8,8 @@ from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import Recording
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate
-from ortilo_drake.studies.recorded.modelled import antennas, modelled
 from ortilo_drake.studies.recorded.setups import airborne
-from ortilo_drake.studies.recorded.truth_path import covered_ranges, truth_path
+from ortilo_drake.studies.recorded.truth_path import antennas, covered_ranges, modelled, truth_path
 
 FEWEST = 200  # ranges that a fit needs
 

@@ -9,8 +9,7 @@ from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import Recording
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario.noise_file import NoiseFile, as_white
-from ortilo_drake.studies.fit.body_path import body_path
-from ortilo_drake.studies.fit.imu_errors import mount_of
+from ortilo_drake.studies.fit.imu_errors import body_path, mount_of
 from ortilo_drake.studies.predict.simulated import numbers_of, simulated
 from ortilo_drake.studies.recorded.at_rest import at_rest
 from ortilo_drake.studies.recorded.calibrate import calibrate

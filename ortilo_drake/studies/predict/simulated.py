@@ -17,9 +17,9 @@ from ortilo_drake.interop.recorded.range_rows import Ranges
 from ortilo_drake.interop.recorded.recording import Imu, Recording
 from ortilo_drake.scenario.noise_file import ImuNoise, NoiseFile
 from ortilo_drake.scenario.range_errors import UwbNoise
-from ortilo_drake.studies.fit.body_path import BodyPath
+from ortilo_drake.studies.fit.imu_errors import BodyPath
 from ortilo_drake.studies.recorded.calibrate import Calibration
-from ortilo_drake.studies.recorded.modelled import modelled
+from ortilo_drake.studies.recorded.truth_path import modelled
 from ortilo_drake.world.drawn_truth import AtStart
 from ortilo_drake.world.sensors.fitted_errors import Day, growth, outlier_chain, outlier_rows, row_error, share_of_pairs
 

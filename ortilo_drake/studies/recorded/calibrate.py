@@ -20,12 +20,13 @@ from ortilo_drake.interop.recorded.recording import ONE_TAG, Ranges, Recording
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.clock_offset import offset_by_rates
 from ortilo_drake.studies.recorded.filter_types import UNKNOWN_LEVEL, Level
-from ortilo_drake.studies.recorded.modelled import antennas, modelled
 from ortilo_drake.studies.recorded.truth_path import (
     LEAST,
     TruthPath,
+    antennas,
     covered_ranges,
     first_part,
+    modelled,
     random_sample,
     truth_path,
 )

@@ -36,9 +36,9 @@ from ortilo_drake.studies.recorded.filter_types import (
     states,
 )
 from ortilo_drake.studies.recorded.first_fix import ranges_for_a_fix, solve_first_fix
-from ortilo_drake.studies.recorded.landing import Landing, landings
+from ortilo_drake.studies.recorded.imu_watch import Landing, landings
 from ortilo_drake.studies.recorded.reacquired import Lost, run_on
-from ortilo_drake.studies.recorded.smoother import smooth
+from ortilo_drake.studies.recorded.run_tape import smooth
 
 LEVEL, STANDS = 0.03, 0.1  # of a tilt on the floor [rad], and of a velocity where the vehicle is known to be [m/s]
 ANY_TILT = 1.0  # of a tilt of which nothing is known but by the force at rest [rad]
