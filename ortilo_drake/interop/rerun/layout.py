@@ -9,7 +9,7 @@ from ortilo_drake.model.room import Room
 TABS = {
     "arrivals": ["/arrivals/**"],
     "commands": ["/control/**"],
-    "ranges": ["/ranges/**"],
+    "ranges": ["/ranges/**", "/differences/**"],
     "innovations": ["/innovation/**"],
     "attitude": ["/truth/attitude", "/estimate/attitude"],
 }

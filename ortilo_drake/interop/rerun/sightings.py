@@ -4,6 +4,7 @@ While a scenario flies they are recorded from the halves' messages, as for a log
 flight its pictures are drawn again from the true states (drawn_again).
 """
 
+from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -13,6 +14,7 @@ import xarray as xr
 from ortilo_drake.flight.flight import scenario_of
 from ortilo_drake.flight.signals import Signals
 from ortilo_drake.model.optional import later
+from ortilo_drake.model.range_pairs import AGE, ROW, THERE, VALUE, A, B
 from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, PAYLOAD, STAMP
 from ortilo_drake.onboard.detector.detector import detections_message
 from ortilo_drake.onboard.detector.detector_network import load_detector
@@ -33,12 +35,12 @@ class Sightings:
     Attributes:
         pictures: as JPEG.
         boxes: those found in a picture, rows (label, score, u_min, v_min, u_max, v_max) (k, 6).
-        ranges: one to each anchor, NaN if it did not come (n) [m].
+        ranges: those that came [m], by the path at which they stand in a recording; differences likewise.
     """
 
     pictures: list[tuple[float, bytes]] = field(default_factory=list)
     boxes: list[tuple[float, np.ndarray]] = field(default_factory=list)
-    ranges: list[tuple[float, np.ndarray]] = field(default_factory=list)
+    ranges: defaultdict[str, list[tuple[float, float]]] = field(default_factory=lambda: defaultdict(list))
 
 
 def encode_jpeg(picture: np.ndarray) -> bytes:
@@ -64,7 +66,7 @@ class SightingsRecorder:
 
     def __init__(self, scenario: Scenario):
         self.sightings = Sightings()
-        self._draws_ranges = scenario.uwb.kind == "ranges"
+        self._uwb = scenario.uwb.kind
         if scenario.is_rendered:
             room = scenario.load_room()
             camera = room.camera.scaled_to(scenario.image_width)
@@ -79,10 +81,19 @@ class SightingsRecorder:
             seen.boxes.append(_found(detections_message(stamp, *self._detect(rgb))))
         if "detections" in messages and messages["detections"][ARRIVED] == 1.0:
             seen.boxes.append(_found(messages["detections"]))
-        ranges = messages.get(measuring("anchors"))
-        if self._draws_ranges and ranges is not None and ranges[ARRIVED] == 1.0:
-            values, there = ranges[PAYLOAD:].reshape(2, -1)
-            seen.ranges.append((float(ranges[STAMP]), np.where(there > 0, values, np.nan)))
+        uwb = messages.get(measuring("anchors"))
+        if uwb is None or uwb[ARRIVED] != 1.0:
+            return
+        stamp = float(uwb[STAMP])
+        if self._uwb == "ranges":
+            values, there = uwb[PAYLOAD:].reshape(2, -1)
+            for i in np.flatnonzero(there):
+                seen.ranges[f"ranges/anchor_{i}"].append((stamp, float(values[i])))
+        elif self._uwb == "differences":
+            for row in uwb[PAYLOAD:].reshape(-1, ROW):
+                if row[THERE] > 0:
+                    path = f"differences/anchor_{int(row[B])}_less_anchor_{int(row[A])}"
+                    seen.ranges[path].append((stamp - float(row[AGE]), float(row[VALUE])))
 
 
 def drawn_again(flight: xr.Dataset, make_view: Callable[[Scenario], CameraView]) -> Sightings:
