@@ -10,12 +10,11 @@ import yaml
 
 from ortilo_drake import __version__
 from ortilo_drake.flight.files import write_text
-from ortilo_drake.flight.signals import Signals, output_sizes
+from ortilo_drake.flight.signals import Signals
 from ortilo_drake.interop.ros.ros_fields import RosMessage, to_ns
-from ortilo_drake.interop.ros.ros_messages import LATCHED, TAKEN, start_messages, tick_messages
+from ortilo_drake.interop.ros.ros_messages import LATCHED, TAKEN, blank_messages, start_messages, tick_messages
 from ortilo_drake.interop.ros.ros_types import definition, to_cdr, typestore
 from ortilo_drake.model.optional import EXTRAS, check_installed, later
-from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
@@ -79,14 +78,6 @@ KEEP_EVERY = 0.5  # what is older than this survives a kill [s of flight]
 _ONE_CHUNK = 2**40  # chunks end where write_tick ends them, at whole ticks, not by size
 
 
-def _warm_up(scenario: Scenario, room: Room) -> None:
-    """Have all that is compiled for a tick compiled before the first."""
-    outputs = {name: np.zeros(size) for name, size in output_sizes(scenario.measurement).items()}
-    for state in (np.zeros(N_X), None):
-        for _, type_name, fields in tick_messages(0.0, state, {}, outputs, scenario, room):
-            to_cdr(type_name, fields)
-
-
 class LogWriter:
     """A log being written: `with LogWriter(path, scenario) as log: log.write_tick(...)`.
 
@@ -127,7 +118,9 @@ class LogWriter:
         for package in ("mcap", "rosbags", "zstandard"):
             check_installed(package, EXTRAS[package])
         first = start_messages(self._scenario, self._room, self._messages)
-        _warm_up(self._scenario, self._room)
+        for state in (np.zeros(N_X), None):  # compiled before the first tick
+            for _, type_name, fields in blank_messages(self._scenario, self._room, state):
+                to_cdr(type_name, fields)
         try:
             self.path.mkdir(parents=True)
             self._file = self.file.open("xb")

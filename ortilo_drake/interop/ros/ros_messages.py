@@ -21,7 +21,7 @@ import numpy as np
 from pydrake.trajectories import Trajectory
 
 from ortilo_drake import __version__
-from ortilo_drake.flight.signals import Signals
+from ortilo_drake.flight.signals import Signals, output_sizes
 from ortilo_drake.interop.ros.ros_fields import Fields, RosMessage
 from ortilo_drake.interop.ros.ros_motion import (
     estimate_messages,
@@ -97,6 +97,12 @@ def tick_messages(
     if "goal" in messages:
         sent.append(goal_message(t, messages["goal"]))
     return sent + sensor_messages(t, messages, scenario, room)
+
+
+def blank_messages(scenario: Scenario, room: Room, state: np.ndarray | None) -> list[RosMessage]:
+    """Return the messages of a tick of zeros, which numba compiles all functions for."""
+    outputs = {name: np.zeros(size) for name, size in output_sizes(scenario.measurement).items()}
+    return tick_messages(0.0, state, {}, outputs, scenario, room)
 
 
 def start_messages(scenario: Scenario, room: Room, messages: str = SENT) -> list[RosMessage]:
