@@ -11,9 +11,8 @@ import yaml
 from ortilo_drake import __version__
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.flight.signals import Signals
-from ortilo_drake.interop.ros.ros_fields import RosMessage, to_ns
 from ortilo_drake.interop.ros.ros_messages import LATCHED, TAKEN, blank_messages, start_messages, tick_messages
-from ortilo_drake.interop.ros.ros_types import definition, to_cdr, typestore
+from ortilo_drake.interop.ros.ros_types import RosMessage, definition, to_cdr, to_ns, typestore
 from ortilo_drake.model.optional import EXTRAS, check_installed, later
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError

@@ -13,9 +13,9 @@ from typing import Any, Final, Self
 
 import numpy as np
 
-from ortilo_drake.interop.ros.ros_fields import Fields, RosMessage
 from ortilo_drake.interop.ros.ros_messages import LATCHED
 from ortilo_drake.interop.ros.ros_sensors import IMAGE_TOPIC
+from ortilo_drake.interop.ros.ros_types import Fields, RosMessage
 from ortilo_drake.model.optional import check_installed
 from ortilo_drake.model.typed_yaml import InputError
 

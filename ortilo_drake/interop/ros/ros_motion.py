@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.trajectories import Trajectory
 
 from ortilo_drake.interop.ros.body_motion import pose_and_twist, quaternion, twist_covariance
-from ortilo_drake.interop.ros.ros_fields import (
+from ortilo_drake.interop.ros.ros_types import (
     Fields,
     RosMessage,
     header_fields,

@@ -1,12 +1,29 @@
-"""The report of recorded motions: in short, a table of rows for each, what was calibrated and what was rejected."""
+"""What is written of recorded motions: the report, a figure of each, and its trajectories as TUM and CSV.
+
+The report has all in short, a table of rows for each motion, what was calibrated and what was rejected. A figure shows
+the path, errors with three standard deviations, NIS and availability. Trajectories are in the anchors' frame and by the
+sensors' clock, stamps as the recording's files have them. TUM is what evo and others read: `timestamp tx ty tz qx qy qz
+qw`; without an attitude the quaternion is 0 0 0 1, and CSV leaves it out.
+"""
 
 from collections.abc import Sequence
+from io import StringIO
+from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
+from scipy.spatial.transform import Rotation
 
-from ortilo_drake.studies.recorded.replayed import CV, RAW, WITH_IMU, Replayed
+from ortilo_drake.flight.files import write_text
+from ortilo_drake.interop.recorded.recording import Recording
+from ortilo_drake.studies.recorded.calibrate import truth_path
+from ortilo_drake.studies.recorded.replayed import CV, CV_RAW, RAW, WITH_IMU, Drawn, Replayed
 from ortilo_drake.studies.recorded.scores import Scores
+from ortilo_drake.views.figures import STYLE
 from ortilo_drake.views.markdown import table
+from ortilo_drake.views.pictures import save_picture
 
 HEADER = [
     "",
@@ -28,6 +45,8 @@ LEGEND = (
     "filter's own standard deviation is below the map's limit. At gaps' ends: RMS and largest position error."
 )
 MOST_LOST = 6  # times that are listed
+BLUE, RED, GREY = "#0072B2", "#D55E00", "#999999"
+BIN = 1.0  # NIS is a mean over this time [s]
 
 
 def _cell(value: float | None, form: str) -> str:
@@ -137,3 +156,125 @@ def report_text(motions: Sequence[Replayed], share: float) -> str:
             lines += ["The filter was lost (times since the first range):", "", *lost, ""]
         lines += [f"- {note}" for note in found.notes] + [""] * bool(found.notes)
     return "\n".join([*lines, LEGEND, ""])
+
+
+def main_row(drawn: Drawn) -> str:
+    """Return the row to draw: the best filter that there is."""
+    return next(name for name in (WITH_IMU, CV, RAW, CV_RAW) if name in drawn)
+
+
+def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Path:
+    """Draw a motion and return the file's path; it is available where its deviation is `below` that [m]."""
+    name = main_row(drawn)
+    estimate, truth = drawn[name]
+    anchors = np.array(found.anchors)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(11, 8), layout="constrained")
+        grid = figure.add_gridspec(5, 2, width_ratios=[1, 1.5])
+        above, side = figure.add_subplot(grid[:3, 0]), figure.add_subplot(grid[3:, 0])
+        for axes, k in ((above, 1), (side, 2)):
+            axes.plot(estimate.p[:, 0], estimate.p[:, k], color=BLUE, lw=1, label=name)
+            if truth is not None:
+                axes.plot(truth[:, 0], truth[:, k], color="k", lw=0.8, label="truth")
+            axes.plot(anchors[:, 0], anchors[:, k], "^", color=RED, ms=5, label="anchors")
+            axes.set_xlabel("x [m]")
+            axes.set_ylabel(f"{'xyz'[k]} [m]")
+            axes.set_aspect("equal", adjustable="datalim")
+        above.legend(loc="upper center", fontsize=7, ncols=3)
+        t = estimate.t
+        deviations = np.sqrt(np.einsum("kii->ki", estimate.P))
+        for k in range(3):
+            axes = figure.add_subplot(grid[k, 1])
+            axes.fill_between(t, -3 * deviations[:, k], 3 * deviations[:, k], color=BLUE, alpha=0.15, lw=0)
+            if truth is not None:
+                axes.plot(t, (estimate.p - truth)[:, k], color=BLUE, lw=0.8)
+            axes.set_ylabel(f"error {'xyz'[k]} [m]\nand 3 σ")
+            _calibration(axes, found)
+        axes = figure.add_subplot(grid[3, 1])
+        taken = estimate.run.taken
+        bins = np.arange(estimate.range_stamps[0], estimate.range_stamps[-1] + BIN, BIN)
+        squares = estimate.run.innovation[taken] ** 2 / estimate.run.variance[taken]
+        sums, _ = np.histogram(estimate.range_stamps[taken], bins, weights=squares)
+        counts, _ = np.histogram(estimate.range_stamps[taken], bins)
+        axes.plot(bins[:-1] + BIN / 2, sums / np.maximum(counts, 1), color=BLUE, lw=0.9)
+        axes.axhline(1.0, color=GREY, lw=0.8)
+        axes.set_ylabel("NIS")
+        _calibration(axes, found)
+        axes = figure.add_subplot(grid[4, 1])
+        for row, (other, _) in drawn.items():
+            if row.startswith(name):
+                total = np.sqrt(np.trace(other.P, axis1=1, axis2=2))
+                axes.plot(other.t, total, lw=0.9, label=f"{row} ({found.rows[row].available:.0%})")
+        axes.axhline(below, color=RED, lw=0.8, ls="--")
+        axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_formatter(NullFormatter())
+        axes.set_ylabel("σ [m], available\nbelow the line")
+        axes.set_xlabel("time since the first range [s]")
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower right", fontsize=7, ncols=2)
+        _calibration(axes, found)
+        figure.suptitle(f"{found.name}: {name} (grey: the part that calibrates)")
+        return save_picture(figure, path)
+
+
+def _calibration(axes: mpl.axes.Axes, found: Replayed) -> None:
+    axes.axvspan(0.0, found.judged_from, color=GREY, alpha=0.15, lw=0)
+    axes.margins(x=0.01)
+
+
+def _true_attitude(found: Replayed, recording: Recording, t: np.ndarray, frame: str) -> np.ndarray | None:
+    """Return the attitude (m, 3, 3) of the truth's body; None if it is not known or more than a heading turns it."""
+    truth = recording.truth
+    if truth is None or truth.R is None or found.offset is None or found.heading is None or frame == "se3":
+        return None
+    offset = found.offset - (recording.truth_origin - recording.origin)
+    R = truth_path(truth).at(t + offset)[1]
+    assert R is not None
+    F = Rotation.from_rotvec([0.0, 0.0, found.heading]).as_matrix()
+    return np.asarray(F @ R)
+
+
+def _text(table: np.ndarray, mark: str, head: str, stamps: np.ndarray) -> str:
+    out = StringIO()
+    form = ["%.9f"] + ["%.9g"] * table.shape[1]
+    np.savetxt(out, np.column_stack([stamps, table]), form, mark, header=head, comments="")
+    return out.getvalue()
+
+
+def write_trajectories(folder: Path, found: Replayed, drawn: Drawn, recording: Recording, frame: str) -> list[Path]:
+    """Write NAME_estimate, NAME_smoother and NAME_truth, each .tum and .csv, and return the files' paths.
+
+    `frame` says how the truth's frame was turned: yaw, se3 or same.
+
+    Raises:
+        InputError: if a file cannot be written.
+    """
+    main = main_row(drawn)
+    estimate, truth = drawn[main]
+    turned = main in (WITH_IMU, RAW)
+    t = estimate.t + recording.origin
+    Part = tuple[str, np.ndarray, np.ndarray | None, np.ndarray | None]
+    parts: list[Part] = [("estimate", estimate.p, estimate.R if turned else None, estimate.P)]
+    smoothed = drawn.get(f"{main}, smoothed")
+    if smoothed is not None:
+        parts.append(("smoother", smoothed[0].p, smoothed[0].R if turned else None, smoothed[0].P))
+    if truth is not None:
+        parts.append(("truth", truth, _true_attitude(found, recording, estimate.t, frame), None))
+    written = []
+    for kind, p, R, P in parts:
+        q = np.tile([0.0, 0.0, 0.0, 1.0], (len(t), 1)) if R is None else Rotation.from_matrix(R).as_quat()
+        head, table = "t,x,y,z", p
+        if R is not None:
+            head, table = f"{head},qx,qy,qz,qw", np.hstack([table, q])
+        if P is not None:
+            head, table = f"{head},sd_x,sd_y,sd_z", np.hstack([table, np.sqrt(np.einsum("kii->ki", P))])
+        texts = {
+            "tum": _text(np.hstack([p, q]), " ", "# timestamp tx ty tz qx qy qz qw", t),
+            "csv": _text(table, ",", head, t),
+        }
+        for kind_of_file, text in texts.items():
+            path = folder / f"{found.name}_{kind}.{kind_of_file}"
+            write_text(path, text)
+            written.append(path)
+    return written
