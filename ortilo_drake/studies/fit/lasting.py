@@ -13,7 +13,7 @@ are not quite of this kind. Where several recordings differ by more than their b
 counts. Those of the constants come from the filter's covariance at the end.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -125,17 +125,9 @@ def _run(
     return total, x, C, outlier
 
 
-def fit_lasting(errors: Sequence[RangeErrors], n: int, count: Callable[[int], None] = lambda _: None) -> Lasting:
-    """Return the fit for n anchors; `count` is called with how many likelihoods were computed."""
-    computed = 0
-
-    def likelihood(logs: np.ndarray) -> float:
-        nonlocal computed
-        computed += 1
-        count(computed)
-        return _run(errors, n, logs)[0]
-
-    logs = greatest(likelihood, np.log(START), LIMITS)
+def fit_lasting(errors: Sequence[RangeErrors], n: int) -> Lasting:
+    """Return the fit to the errors of each recording, for n anchors."""
+    logs = greatest(lambda at: _run(errors, n, at)[0], np.log(START), LIMITS)
     _, x, C, outlier = _run(errors, n, logs)
 
     def of_block(block: RangeErrors) -> np.ndarray:

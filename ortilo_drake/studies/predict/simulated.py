@@ -35,16 +35,7 @@ def low_passed(t: np.ndarray, density: np.ndarray, bandwidth: float, rng: np.ran
 def simulated_imu(
     imu: Imu, path: BodyPath, mount: Rotation, noise: ImuNoise, failed: tuple[float, float], rng: np.random.Generator
 ) -> Imu:
-    """Return the samples of an IMU on the path.
-
-    Args:
-        imu: whose stamps they have.
-        path: where the body goes.
-        mount: the IMU's axes in the truth's body.
-        noise: of the IMU.
-        failed: since when the accelerometer's x and y are not to be used [s].
-        rng: draws noise and biases.
-    """
+    """Return the samples of an IMU on the path, by the stamps of another; arguments as simulated."""
     back = mount.inv()
     rates = back.apply(path.rates(imu.t)) + np.array(noise.rotation_bias) * rng.standard_normal(3)
     rates += low_passed(imu.t, np.array(noise.rotation), noise.bandwidth, rng)
@@ -89,16 +80,7 @@ def draw_outliers(ranges: Ranges, noise: UwbNoise, rng: np.random.Generator) -> 
 def draw_errors(
     ranges: Ranges, place: np.ndarray, floor: float, noise: UwbNoise, day: Day, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return the errors of ranges and differences (m) [m].
-
-    Args:
-        ranges: their stamps and anchors.
-        place: of the antenna (m, 3).
-        floor: its z [m].
-        noise: how large; of differences or of single ranges, whatever the rows are.
-        day: what is the same all day.
-        rng: draws the rest.
-    """
+    """Return the errors of ranges and differences (m) [m]; the antenna's place (m, 3), the floor's z [m]; any noise."""
     noise, n, rows = noise.of_single_ranges, len(day.constants), np.arange(len(ranges.t))
     own = np.zeros((len(rows), n))
     if noise.lasting is not None:
