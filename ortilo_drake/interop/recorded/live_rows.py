@@ -109,13 +109,7 @@ class LiveRows:
         return max(believed, default=-np.inf)
 
     def add(self, topic: str, received: int, message: Any) -> list[str]:
-        """Take a message; return lines about its problems, each once.
-
-        Args:
-            topic: where it came from; one that the map does not name is counted.
-            received: when it came [ns]; its stamp if it has none.
-            message: with attributes as the map names them.
-        """
+        """Take a message, received at so many ns; return lines about its problems, each once."""
         mine = [stream for stream in self._streams if stream.topic == topic]
         self._strangers += not mine
         wrong = [stream.add(received, message, self._given) for stream in mine]

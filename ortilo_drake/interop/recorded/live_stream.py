@@ -60,12 +60,9 @@ class LiveStream:
         self.rejected.add(reason, f"in message {self.messages}")
 
     def add(self, received: int, message: Any, given: float) -> str:
-        """Take a message; return the problem that all such messages have, empty if there is none.
+        """Take a message, received at so many ns; return the problem that all such messages have, empty without one.
 
-        Args:
-            received: when it came [ns]; its stamp if it has none.
-            message: with attributes as the map names them.
-            given: rows before this stamp have been given out [s].
+        Rows before the stamp `given` [s] have been given out.
         """
         self.messages += 1
         try:

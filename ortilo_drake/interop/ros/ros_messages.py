@@ -108,10 +108,7 @@ def blank_messages(scenario: Scenario, room: Room, state: np.ndarray | None) -> 
 def start_messages(scenario: Scenario, room: Room, messages: str = SENT) -> list[RosMessage]:
     """Return the messages sent once, before the first tick: scenario, fixed frames, planned path if there is one.
 
-    Args:
-        scenario: the scenario.
-        room: its room.
-        messages: TAKEN or SENT, whatever the ticks' messages are; a listener on the bus knows only what was sent.
+    The ticks' `messages` are TAKEN or SENT; a listener on the bus knows only what was sent.
 
     Raises:
         InputError: if there is no path.
