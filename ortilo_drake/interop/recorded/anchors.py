@@ -11,10 +11,11 @@ import numpy as np
 import yaml
 
 from ortilo_drake.interop.recorded.anchor_names import anchors_of, key_of
-from ortilo_drake.interop.recorded.csv_columns import SIGNS, cells_of, lines_of, mark_of, plain
+from ortilo_drake.interop.recorded.csv_columns import lines_of
 from ortilo_drake.interop.recorded.lec_console import is_console, lec_ranges
 from ortilo_drake.interop.recorded.rejected import Rejections, named
 from ortilo_drake.interop.recorded.sources import MOST
+from ortilo_drake.interop.recorded.table_head import SIGNS, cells_of, mark_of, plain
 from ortilo_drake.interop.recorded.tables import number
 from ortilo_drake.model.input_files import MIB
 from ortilo_drake.model.typed_yaml import InputError, parse_yaml

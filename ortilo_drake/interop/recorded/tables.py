@@ -1,21 +1,19 @@
-"""The table that every reader returns: the rows of one file as numbers, or a topic of a log of many."""
+"""The table that every reader returns: the rows of one file as numbers, each with its place."""
 
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime, time
 from pathlib import Path
-from typing import Final, NamedTuple, TypeVar
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from ortilo_drake.interop.recorded.sources import Column
-from ortilo_drake.model.typed_yaml import InputError, nearest
+from ortilo_drake.model.typed_yaml import InputError
 
 NUMBERS: Final = 2**24  # of a stream: IMU at 1 kHz for half an hour; what works on them takes 60 bytes for each
 LONGEST: Final = 257  # characters of a name that are kept; those in a map have 256 at most
 NAMES: Final = 10_000  # of anchors that the rows of a file name
 EMPTY = ("", "nan", "na", "null", "none", "-")  # cells without a number
-FEWEST = 2  # rows
 
 
 class Table(NamedTuple):
@@ -96,51 +94,3 @@ def stamp(cell: str) -> float | None:
     except ValueError:
         return None
     return 3600.0 * day.hour + 60.0 * day.minute + day.second + 1e-6 * day.microsecond
-
-
-Topic = TypeVar("Topic")
-
-
-def topic_of(path: Path, topic: str, topics: Mapping[str, Topic]) -> Topic:
-    """Return a log's topic; InputError if there is no such."""
-    if topic not in topics:
-        raise InputError(f"{path}: no topic '{topic}'{nearest(topic, topics)}; has {', '.join(topics) or 'none'}")
-    return topics[topic]
-
-
-def check_size(path: Path, topic: str, rows: int, columns: int) -> None:
-    """Raise InputError if a topic has hardly a row, or more numbers than are read."""
-    if rows < FEWEST:
-        raise InputError(f"{path}: {topic}: {rows} rows")
-    if rows * (columns + 2) > NUMBERS:
-        raise InputError(f"{path}: {topic}: more than {NUMBERS:,} numbers; cut the log into several recordings")
-
-
-def place_of(path: Path, topic: str, wanted: Column, fields: Sequence[str]) -> int:
-    """Return the index of a field, given by name or counted from 1; InputError if there is no such field."""
-    at = wanted - 1 if isinstance(wanted, int) else fields.index(wanted) if wanted in fields else -1
-    if not 0 <= at < len(fields):
-        raise InputError(f"{path}: {topic} has no field '{wanted}'; has {', '.join(fields)}")
-    return at
-
-
-def table_of(
-    path: Path,
-    topic: str,
-    t: np.ndarray,
-    fields: Sequence[str],
-    values: Sequence[np.ndarray],
-    columns: tuple[Column, ...],
-    names: Column | None,
-) -> Table:
-    """Return a topic's stamps t (n), and of the values of its fields (n each) columns and anchors' names, as a table.
-
-    Raises:
-        InputError: if there is no such field.
-    """
-    found = [values[place_of(path, topic, one, fields)].astype(float) for one in columns]
-    called = None
-    if names is not None:
-        its = values[place_of(path, topic, names, fields)].tolist()
-        called = np.array([str(name) for name in its], dtype=object)
-    return Table(t, np.column_stack(found), called, np.arange(1, len(t) + 1))

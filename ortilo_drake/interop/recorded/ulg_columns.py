@@ -12,7 +12,8 @@ from typing import Any, Final
 
 from ortilo_drake.interop.recorded.rejected import Rejections
 from ortilo_drake.interop.recorded.sources import Column
-from ortilo_drake.interop.recorded.tables import Table, check_size, place_of, table_of, topic_of
+from ortilo_drake.interop.recorded.tables import Table
+from ortilo_drake.interop.recorded.topic_table import check_size, place_of, table_of, topic_of
 from ortilo_drake.model.input_files import MIB, open_file
 from ortilo_drake.model.optional import check_installed
 from ortilo_drake.model.typed_yaml import InputError

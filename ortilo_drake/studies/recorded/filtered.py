@@ -36,7 +36,7 @@ from ortilo_drake.studies.recorded.filter_types import (
     states,
 )
 from ortilo_drake.studies.recorded.first_fix import ranges_for_a_fix, solve_first_fix
-from ortilo_drake.studies.recorded.imu_watch import Landing, landings
+from ortilo_drake.studies.recorded.landing import Landing, landings
 from ortilo_drake.studies.recorded.reacquired import Lost, run_on
 from ortilo_drake.studies.recorded.run_tape import smooth
 

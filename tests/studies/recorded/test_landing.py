@@ -11,7 +11,8 @@ from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.onboard.estimator.tight.layout import Q, V
 from ortilo_drake.studies.recorded.filter_types import NO_AIDS, nominal, states
 from ortilo_drake.studies.recorded.filtered import noise_of
-from ortilo_drake.studies.recorded.imu_watch import RESTS, TOUCHES, landings
+from ortilo_drake.studies.recorded.imu_watch import RESTS
+from ortilo_drake.studies.recorded.landing import TOUCHES, landings
 from ortilo_drake.studies.recorded.passing import accumulate, empty_passing
 
 STEP, FALLS = 1e-3, 2.5
