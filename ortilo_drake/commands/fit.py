@@ -50,8 +50,7 @@ def fit(
     from ortilo_drake.scenario.load import files_of, load_scenario
     from ortilo_drake.scenario.noise_file import noise_text
     from ortilo_drake.studies.fit.fit import fit_recordings
-    from ortilo_drake.studies.fit.fit_report import fit_lines
-    from ortilo_drake.studies.fit.scenario_text import base_seen_from, scenario_text, seen_from
+    from ortilo_drake.studies.fit.fit_report import base_seen_from, fit_lines, scenario_text, seen_from
 
     read_files = {"--map": [map_file]}
     if scenario_file is not None:

@@ -47,17 +47,13 @@ class Unpacker:
         self.left = FILE_LIMIT
 
     def pieces(self, kind: str, packed: BinaryIO, limit: int, what: str) -> Iterator[bytes]:
-        """Yield what a part unpacks to, at most PIECE bytes at a time.
+        """Yield what a part, packed with zstd, lz4 or bz2, unpacks to, at most PIECE bytes at a time.
 
-        Args:
-            kind: zstd, lz4 or bz2.
-            packed: the part.
-            limit: the most bytes that it may unpack to.
-            what: what to call it in an error.
+        It may unpack to so many bytes; `what` it is called in an error.
 
         Raises:
-            InputError: if it is damaged or unpacks to more than the limit, or all parts of the file to more than
-                FILE_LIMIT.
+                InputError: if it is damaged or unpacks to more than the limit, or all parts of the file to more than
+                    FILE_LIMIT.
         """
         size = 0
         try:

@@ -70,6 +70,7 @@ def test_what_cannot_be_used_is_counted_by_its_reason() -> None:
     bad += [("/r0", range_message(1.3, 2.0)), ("/r0", range_message(1.2, 2.0))]
     bad += [("/imu", imu_message(1.1, rates=(np.inf, 0.0, 0.0)))]
     fed(rows, *good, *bad)
+    _, block = rows.before(ended=True)
     assert rows.counts() == {
         "/r0 (ranges): ranges that are NaN or empty": 1,
         "/r0 (ranges): ranges of 0 or less": 1,
@@ -78,7 +79,6 @@ def test_what_cannot_be_used_is_counted_by_its_reason() -> None:
         "/r0 (ranges): backward stamps": 1,
         "/imu (imu): rows with NaN, infinity or an empty cell": 1,
     }
-    _, block = rows.before(ended=True)
     assert len(block.ranges.t) == 6
     assert len(block.imu.t) == 0
 

@@ -45,8 +45,8 @@ class Recorded(NamedTuple):
     entities: dict[tuple[str, str], Rows]
 
 
-def record(folder: Path, *settings: str) -> Recorded:
-    scenario = load_scenario("nominal_imu_uwb_yolo", settings)
+def record(folder: Path, *settings: str, scenario: str = "nominal_imu_uwb_yolo") -> Recorded:
+    scenario = load_scenario(scenario, settings)
     recorder = SightingsRecorder(scenario)
     flight = fly_logged(scenario, folder / "log", also=recorder.record)
     save_recording(flight, recorder.sightings, folder / "flight.rrd")
@@ -147,6 +147,27 @@ def test_ranges_are_those_of_the_log(projected: Recorded) -> None:
         assert times.tolist() == [round(message[STAMP] * 1e9) for message in there]
         assert found[:, 0].tolist() == [message[PAYLOAD + i] for message in there]
         assert len(there) > 3
+
+
+def test_differences_of_ranges_are_those_of_the_log_at_their_own_times(tmp_path: Path) -> None:
+    hover = "planner={kind: hover, point: [0.5, 0.5, 1.5], duration: 1.0}"  # out of the blackouts
+    found = record(tmp_path, hover, "settle=0", scenario="tight_differences")
+    n, sent = len(found.scenario.load_room().anchors), 0
+    for a in range(n):
+        for b in range(n):
+            rows = [
+                (message[STAMP] - row[4], row[2])
+                for message in (tick.messages.get("uwb", np.zeros(1)) for tick in found.ticks)
+                for row in (message[PAYLOAD:].reshape(-1, 5) if message[ARRIVED] == 1.0 else ())
+                if row[3] == 1.0 and (int(row[0]), int(row[1])) == (a, b)
+            ]
+            if rows:
+                times, values = scalars(found, f"/differences/anchor_{b}_less_anchor_{a}")
+                assert times.tolist() == [round(t * 1e9) for t, _ in rows]
+                assert values[:, 0].tolist() == [value for _, value in rows]
+            sent += len(rows)
+    assert sent > 20
+    assert not any(path.startswith("/ranges") for path, _ in found.entities)
 
 
 def boxes_of(recorded: Recorded) -> tuple[np.ndarray, list[np.ndarray], list[list[str]]]:

@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np, rclpy
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
-from ortilo_drake.interop.recorded.bag_player import at_pace, bag_messages
+from ortilo_drake.interop.recorded.bag_columns import at_pace, bag_messages
 from ortilo_drake.interop.ros.ros2_node import fill, message_class
 
 types = {"/imu": "sensor_msgs/msg/Imu", **{f"/r{i}": "sensor_msgs/msg/Range" for i in range(6)}}

@@ -99,7 +99,7 @@ def run_live_bridge(
             _say(f"waiting for {', '.join(bridge.topics)}")
             messages: Iterator[tuple[str, int, Any] | None] = node.messages()
         else:
-            from ortilo_drake.interop.recorded.bag_player import at_pace, bag_messages
+            from ortilo_drake.interop.recorded.bag_columns import at_pace, bag_messages
 
             played = bag_messages(Path(options.source), bridge.topics)
             messages = played if math.isinf(options.speed) else at_pace(played, options.speed)

@@ -6,7 +6,7 @@ import zlib
 from collections.abc import Callable, Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import IO, Final, NamedTuple
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -20,7 +20,7 @@ from ortilo_drake.model.typed_yaml import InputError
 MAGIC = b"\x89MCAP0\r\n"
 HEAD: Final = struct.Struct("<BQ")  # opcode and length of a record
 DEFINITIONS: Final = 64 * MIB  # of all schemas and channels, which are kept; a hundred types take 1 MiB
-_READ: Final = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
+_READ: Final = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.DATA_END)
 
 
 class LoggedMessage(NamedTuple):
@@ -32,8 +32,8 @@ class LoggedMessage(NamedTuple):
     data: bytes
 
 
-def _in_chunk(content: bytes, unpacker: Unpacker) -> Iterator[tuple[int, bytes]]:
-    """Yield (opcode, content) of a chunk's records."""
+def _unpacked(content: bytes, unpacker: Unpacker) -> bytes:
+    """Return the records of a chunk."""
     chunk = Chunk.read(ReadDataStream(BytesIO(content)))
     packed = chunk.compression != ""
     raw = unpacker.unpack(chunk.compression, chunk.data, "a chunk") if packed else chunk.data
@@ -41,47 +41,43 @@ def _in_chunk(content: bytes, unpacker: Unpacker) -> Iterator[tuple[int, bytes]]
         raise ValueError(f"a chunk holds {len(raw)} bytes, and states {chunk.uncompressed_size}")
     if chunk.uncompressed_crc and zlib.crc32(raw) != chunk.uncompressed_crc:
         raise ValueError("a chunk's checksum is wrong")
-    at = 0
-    while at < len(raw):
-        if at + HEAD.size > len(raw):
-            raise ValueError("a record goes beyond its chunk")
-        opcode, length = HEAD.unpack_from(raw, at)
-        at += HEAD.size
-        if length > len(raw) - at:
-            raise ValueError("a record goes beyond its chunk")
+    return raw
+
+
+def _records(path: Path, file: IO[bytes], left: int, in_chunk: bool) -> Iterator[tuple[int, bytes]]:
+    """Yield (opcode, content) of the records in so many bytes, up to DataEnd or to where a file was cut short."""
+    while left > 0:
+        head = file.read(HEAD.size)
+        opcode, length = HEAD.unpack(head) if len(head) == HEAD.size else (-1, left)
+        left -= HEAD.size + length
+        if left < 0:
+            if in_chunk:
+                raise ValueError("a record goes beyond its chunk")
+            return
         if opcode == 0:
             raise ValueError("a record of no kind")
-        if opcode in _READ:
-            yield opcode, raw[at : at + length]
-        at += length
+        if opcode not in _READ or (in_chunk and opcode in (Opcode.CHUNK, Opcode.DATA_END)):
+            file.seek(length, os.SEEK_CUR)
+        elif length > CHUNK_LIMIT:
+            raise InputError(f"{path}: a record of {length / MIB:.4g} MiB; at most {CHUNK_LIMIT / MIB:g} MiB are read")
+        else:
+            yield opcode, file.read(length)
 
 
 def _whole_records(path: Path, whole: bool) -> Iterator[tuple[int, bytes]]:
-    """Yield (opcode, content) of schemas, channels and messages, up to DataEnd or to where the file was cut short."""
+    """Yield (opcode, content) of schemas, channels and messages, those in chunks included."""
     unpacker = Unpacker(path)
     with open_file(path) as file:
         if file.read(len(MAGIC)) != MAGIC:
             raise InputError(f"{path}: not an MCAP file")
-        left = os.fstat(file.fileno()).st_size - len(MAGIC)
-        while len(head := file.read(HEAD.size)) == HEAD.size:
-            opcode, length = HEAD.unpack(head)
-            left -= HEAD.size + length
+        for opcode, content in _records(path, file, os.fstat(file.fileno()).st_size - len(MAGIC), False):
             if opcode == Opcode.DATA_END:
                 return
-            if left < 0:
-                break
-            if opcode == 0:
-                raise ValueError("a record of no kind")
-            if opcode not in (*_READ, Opcode.CHUNK):
-                file.seek(length, os.SEEK_CUR)
-            elif length > CHUNK_LIMIT:
-                raise InputError(
-                    f"{path}: a record of {length / MIB:.4g} MiB; at most {CHUNK_LIMIT / MIB:g} MiB are read"
-                )
-            elif opcode == Opcode.CHUNK:
-                yield from _in_chunk(file.read(length), unpacker)
+            if opcode == Opcode.CHUNK:
+                raw = _unpacked(content, unpacker)
+                yield from _records(path, BytesIO(raw), len(raw), True)
             else:
-                yield opcode, file.read(length)
+                yield opcode, content
         if whole:
             raise InputError(f"{path}: cannot be read as a bag (cut short?): its data have no end")
 
@@ -89,9 +85,7 @@ def _whole_records(path: Path, whole: bool) -> Iterator[tuple[int, bytes]]:
 def read_records(path: Path, whole: bool = False) -> Iterator[Schema | Channel | Message]:
     """Yield schemas, channels and messages of an MCAP file in the order they were written.
 
-    Args:
-        path: the file.
-        whole: whether to refuse a file that was cut short; otherwise it may end anywhere.
+    One that was cut short is refused if it must be `whole`; otherwise it may end anywhere.
 
     Raises:
         InputError: if the file cannot be read, is no MCAP, is damaged before its end, or holds or unpacks to more than
@@ -117,11 +111,7 @@ def read_records(path: Path, whole: bool = False) -> Iterator[Schema | Channel |
 
 
 def read_logged(path: Path, wanted: Callable[[str], bool]) -> Iterator[LoggedMessage]:
-    """Yield the messages of an MCAP file in the order they were written.
-
-    Args:
-        path: the file; it may end anywhere.
-        wanted: whether a topic is asked for.
+    """Yield the messages of wanted topics of an MCAP file, which may end anywhere, in the order they were written.
 
     Raises:
         InputError: as read_records.

@@ -111,10 +111,6 @@ def _bounded(file: Path, k: int, messages: Iterable[LoggedMessage]) -> Iterator[
 def read_ticks(path: Path, images: bool = True) -> Iterator[LoggedTick]:
     """Yield the ticks of a log in order; a log that a kill cut short ends at the cut.
 
-    Args:
-        path: the log's folder or its MCAP file.
-        images: whether to decode pictures.
-
     Raises:
         InputError: if there is no such log, or it is not one, or it is damaged, or its log times do not rise.
     """
@@ -164,23 +160,22 @@ def read_log(path: Path) -> xr.Dataset:
     file = log_file(path)
     description, scenario = _description(file), log_scenario(file)
     sizes = scenario.measurement.logged_sizes()
-    ticks: list[LoggedTick] = []
+    ticks: list[tuple[int, Signals]] = []
     for tick in read_ticks(file, images=False):
         signals = tick.outputs if tick.state is None else tick.outputs | {"state": tick.state}
         for name, value in signals.items():
             if value.shape != (sizes[name],):
                 raise InputError(f"{file}: {SIGNAL_PREFIX}{name}: has {value.size} numbers, not {sizes[name]}")
-        ticks.append(LoggedTick(tick.k, tick.state, {}, tick.outputs))
+        ticks.append((tick.k, signals))
         _check_extent(file, tick.k, len(ticks), 8 * sum(sizes.values()))
     if not ticks:
         raise InputError(f"{file}: cut off before its first tick")
-    logged = np.full((ticks[-1].k + 1, sum(sizes.values())), np.nan)
+    logged = np.full((ticks[-1][0] + 1, sum(sizes.values())), np.nan)
     starts = dict(zip(sizes, np.cumsum([0, *sizes.values()]).tolist(), strict=False))
-    for tick in ticks:
-        signals = tick.outputs if tick.state is None else tick.outputs | {"state": tick.state}
+    for k, signals in ticks:
         for name, value in signals.items():
-            logged[tick.k, starts[name] : starts[name] + sizes[name]] = value
-    known = [tick.k for tick in ticks if tick.state is not None]
+            logged[k, starts[name] : starts[name] + sizes[name]] = value
+    known = [k for k, signals in ticks if "state" in signals]
     lost = find_loss(logged[known, : sizes["state"]], scenario.h, scenario.load_room(), scenario.vehicle)
     if lost is not None:
         k = known[lost.tick]

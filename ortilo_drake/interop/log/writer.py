@@ -1,5 +1,6 @@
 """Writing a flight, tick by tick, as a rosbag2 folder of one MCAP file."""
 
+import json
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO
@@ -9,12 +10,10 @@ import yaml
 
 from ortilo_drake import __version__
 from ortilo_drake.flight.files import write_text
-from ortilo_drake.flight.signals import Signals, output_sizes
-from ortilo_drake.interop.ros.ros_fields import RosMessage, to_ns
-from ortilo_drake.interop.ros.ros_messages import LATCHED, TAKEN, start_messages, tick_messages
-from ortilo_drake.interop.ros.ros_types import definition, to_cdr, typestore
+from ortilo_drake.flight.signals import Signals
+from ortilo_drake.interop.ros.ros_messages import LATCHED, TAKEN, blank_messages, start_messages, tick_messages
+from ortilo_drake.interop.ros.ros_types import RosMessage, definition, to_cdr, to_ns, typestore
 from ortilo_drake.model.optional import EXTRAS, check_installed, later
-from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
@@ -68,29 +67,14 @@ def bag_metadata(file: str, topics: dict[str, str], counts: dict[str, int], end:
         "custom_data": None,
         "ros_distro": "jazzy",
     }
-    return yaml.dump({"rosbag2_bagfile_information": information}, Dumper=_NoAliases, sort_keys=False)
-
-
-class _NoAliases(yaml.SafeDumper):
-    """A dumper without aliases: an object that occurs twice is written out twice."""
-
-    def ignore_aliases(self, data: Any) -> bool:
-        """Return True: nothing is written as an alias (PyYAML's hook)."""
-        return True
+    plain = json.loads(json.dumps({"rosbag2_bagfile_information": information}))  # YAML would write one object once
+    return yaml.safe_dump(plain, sort_keys=False)
 
 
 mcap = later("mcap.writer")
 
 KEEP_EVERY = 0.5  # what is older than this survives a kill [s of flight]
 _ONE_CHUNK = 2**40  # chunks end where write_tick ends them, at whole ticks, not by size
-
-
-def _warm_up(scenario: Scenario, room: Room) -> None:
-    """Have all that is compiled for a tick compiled before the first."""
-    outputs = {name: np.zeros(size) for name, size in output_sizes(scenario.measurement).items()}
-    for state in (np.zeros(N_X), None):
-        for _, type_name, fields in tick_messages(0.0, state, {}, outputs, scenario, room):
-            to_cdr(type_name, fields)
 
 
 class LogWriter:
@@ -133,7 +117,9 @@ class LogWriter:
         for package in ("mcap", "rosbags", "zstandard"):
             check_installed(package, EXTRAS[package])
         first = start_messages(self._scenario, self._room, self._messages)
-        _warm_up(self._scenario, self._room)
+        for state in (np.zeros(N_X), None):  # compiled before the first tick
+            for _, type_name, fields in blank_messages(self._scenario, self._room, state):
+                to_cdr(type_name, fields)
         try:
             self.path.mkdir(parents=True)
             self._file = self.file.open("xb")

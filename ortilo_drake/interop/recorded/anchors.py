@@ -151,8 +151,7 @@ def _of_table(path: Path, told: Rejections) -> dict[str, Vector]:
 def read_anchors(path: Path) -> dict[str, Vector]:
     """Return the positions [m] of a file's anchors by name.
 
-    Args:
-        path: cfclient's YAML, a table `id, x, y, z`, or what a DWM1001's console printed (medians of what it says).
+    It is cfclient's YAML, a table `id, x, y, z`, or what a DWM1001's console printed (medians of what it says).
 
     Raises:
         InputError: if it cannot be read, or has fewer than three anchors.

@@ -26,8 +26,7 @@ def rotations(values: np.ndarray, source: Matrix | Quaternion, what: str) -> np.
     Raises:
         InputError: if a row is none.
     """
-    good = are_attitudes(values, source).all()
-    values = np.clip(values, -LARGEST, LARGEST)
+    good, values = are_attitudes(values, source).all(), np.clip(values, -LARGEST, LARGEST)
     if isinstance(source, Matrix):
         R = values.reshape(-1, 3, 3)
         if not good:

@@ -47,11 +47,6 @@ def read_boxes(folder: Path, source: BoxSource, told: list[Rejections]) -> tuple
 
     Rows with one stamp are of one picture.
 
-    Args:
-        folder: where the map's files are.
-        source: the map's entry.
-        told: gets what was rejected.
-
     Raises:
         InputError: if a file cannot be read, or no box is of a class that the room has.
     """
@@ -67,18 +62,15 @@ def read_boxes(folder: Path, source: BoxSource, told: list[Rejections]) -> tuple
         raise InputError(f"{stream.rejected.source}: no box is of a class that the room has: {said}, not {has}")
     none = ~np.isfinite(stream.values).all(axis=1)
     empty = ~none & ~(stream.values[:, 2:] > stream.values[:, :2]).all(axis=1)
-    called = f" ('{stream.names[np.argmax(unknown)]}')"
-    reason = "boxes of classes that the room has no landmark of"
-    stream.rejected.add(reason, stream.place(unknown) + called, int(unknown.sum()))
-    stream.rejected.add("boxes with NaN or an empty cell", stream.place(none & ~unknown), int((none & ~unknown).sum()))
-    stream.rejected.add("boxes without a size", stream.place(empty & ~unknown), int((empty & ~unknown).sum()))
+    stream.rejected.add_rows("boxes of classes that the room has no landmark of", unknown, stream.rows, stream.names)
+    stream.rejected.add_rows("boxes with NaN or an empty cell", none & ~unknown, stream.rows)
+    stream.rejected.add_rows("boxes without a size", empty & ~unknown, stream.rows)
     good = ~(unknown | none | empty)
     stream, label = stream.only(good), label[good]
     stamps, picture = np.unique(stream.t, return_inverse=True)
     place = np.arange(len(stream.t)) - np.searchsorted(stream.t, stamps)[picture]
     fits = place < MAX_DETECTIONS
-    reason = f"boxes beyond the first {MAX_DETECTIONS} of a picture"
-    stream.rejected.add(reason, stream.place(~fits), int((~fits).sum()))
+    stream.rejected.add_rows(f"boxes beyond the first {MAX_DETECTIONS} of a picture", ~fits, stream.rows)
     rows = np.full((len(stamps), MAX_DETECTIONS, DETECTION_SIZE), -1.0)
     seen = np.column_stack([label, np.ones(len(label)), stream.values])
     rows[picture[fits], place[fits]] = seen[fits]

@@ -30,9 +30,10 @@ class Stream(NamedTuple):
     rejected: Rejections
     told: tuple[Rejections, ...]
 
-    def place(self, which: np.ndarray) -> str:
-        """Return the place of the first row of a kind."""
-        return self.rejected.place(which, self.rows)
+    def without(self, which: np.ndarray, reason: str) -> "Stream":
+        """Count the rows of a kind, and return the others."""
+        self.rejected.add_rows(reason, which, self.rows)
+        return self.only(~which)
 
     def only(self, which: np.ndarray) -> "Stream":
         """Return some of the rows."""
@@ -42,10 +43,6 @@ class Stream(NamedTuple):
 
 def files_of(folder: Path, names: str | Sequence[str | OfOne]) -> list[Path]:
     """Return the files that a map names; those of a pattern in order, anchor2 before anchor10.
-
-    Args:
-        folder: where the map's files are; a file itself if the map names that one.
-        names: of the map.
 
     Raises:
         InputError: if nothing fits a pattern.
@@ -80,15 +77,9 @@ def read_stream(
     topic: str | None,
     names: Column | None = None,
 ) -> Stream:
-    """Read the columns of a source.
+    """Read the columns of a source's files, merged by their stamps; NaN where a row has none.
 
-    Args:
-        paths: its files; their rows are merged by their stamps.
-        source: the map's entry.
-        columns: what to read of it; NaN where a row has none.
-        what: what it is called in a line.
-        topic: the topic, if it is a bag.
-        names: the column that names each row's anchor.
+    `what` it is called in a line, `topic` if they are bags, `names` the column that names each row's anchor.
 
     Raises:
         InputError: if a file cannot be read or hardly anything in it.

@@ -74,28 +74,6 @@ def _index(column: Column, names: list[str] | None, path: Path) -> int:
     return names.index(name)
 
 
-class _Comments:
-    """Counts rows that are commented out, and other comments below the first row."""
-
-    def __init__(self, mark: str, first_row: int, rejected: Rejections) -> None:
-        self.mark, self.first_row, self.rejected = mark, first_row, rejected
-        self.others, self.first = 0, 0
-
-    def add(self, comment: Line) -> None:
-        """Count a comment."""
-        k, text = comment
-        cells = cells_of(plain(text), self.mark)
-        if all(number(cell) is not None for cell in cells) and any(cells):
-            self.rejected.add("rows that are commented out", f"in line {k}")
-        elif k > self.first_row:
-            self.others, self.first = self.others + 1, self.first or k
-
-    def tell(self) -> None:
-        """Add the other rejected rows to the report."""
-        if self.others:
-            self.rejected.notes.append(f"{self.others} comments among the rows, first in line {self.first}")
-
-
 def _head_of(lines: Iterator[Line], path: Path) -> list[Line]:
     """Return the first lines: what tells the layout, LOOKED_AT rows and what is above them."""
     found, rows = [], 0
@@ -117,13 +95,6 @@ def read_csv(
     Rows with fewer cells than asked for, or with a cell that is no number, are counted and left out, and so are rows
     that are commented out with `#` or `%`.
 
-    Args:
-        path: the file.
-        source: its entry in the map.
-        columns: those with numbers.
-        rejected: where to count.
-        names: the column that names each row's anchor, read as text.
-
     Raises:
         InputError: if the file cannot be read, a column is missing, or most rows are no numbers.
     """
@@ -139,14 +110,22 @@ def read_csv(
         if not layout.rows:
             raise InputError(f"{path}: holds no rows")
         places = [_index(column, layout.names, path) for column in wanted]
-        comments = _Comments(layout.mark, layout.rows[0][0], rejected)
+        others: list[int] = []
+
+        def count_comment(k: int, text: str) -> None:
+            cells = cells_of(plain(text), layout.mark)
+            if any(cells) and all(number(cell) is not None for cell in cells):
+                rejected.add("rows that are commented out", f"in line {k}")
+            elif k > layout.rows[0][0]:
+                others.append(k)
+
         for comment in layout.comments:
-            comments.add(comment)
+            count_comment(*comment)
         width, rows, count = max(places) + 1, Rows(path), 0
         at, where = places[0], places[1 : 1 + len(columns)]
         for k, text in chain(layout.rows, lines):
             if k > layout.rows[-1][0] and is_comment((k, text)):
-                comments.add((k, text))
+                count_comment(k, text)
                 continue
             count += 1
             row = cells_of(text, layout.mark)
@@ -160,7 +139,8 @@ def read_csv(
             rows.add(k, t, values, None if names is None else row[places[-1]])
     except csv.Error as error:
         raise InputError(f"{path}: cannot be read: {error}") from None
-    comments.tell()
+    if others:
+        rejected.notes.append(f"{len(others)} comments among the rows, first in line {others[0]}")
     if len(rows) < max(2, count / 2):
         why = rejected.most() or "no more"
         raise InputError(f"{path}: {len(rows)} of {count} rows can be read ({why})")

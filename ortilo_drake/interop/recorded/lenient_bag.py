@@ -16,7 +16,7 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Reader
 from rosbags.rosbag1.reader import Chunk, Header, IndexData, ReaderError, RecordType
 
-from ortilo_drake.interop.recorded.message_types import check_types
+from ortilo_drake.interop.recorded.message_fields import check_types
 from ortilo_drake.interop.ros.ros_types import typestore
 from ortilo_drake.interop.unpack import CHUNK_LIMIT, Unpacker
 from ortilo_drake.model.input_files import MIB, open_file
@@ -132,10 +132,7 @@ class LenientReader(Reader):
 def raw_messages(path: Path, topic: str, topics: set[str]) -> Iterator[tuple[AnyReader, str, int, bytes]]:
     """Yield reader, type, time of receipt [ns] and bytes of a topic's messages in a ROS 1 bag or a ROS 2 database.
 
-    Args:
-        path: the file; of a database see check_database.
-        topic: the topic.
-        topics: gets the names of all topics.
+    The database is to be checked before, see check_database; `topics` gets the names of all topics.
 
     Raises:
         InputError: if it holds or unpacks to more than the limits; rosbags raises errors of many kinds besides.

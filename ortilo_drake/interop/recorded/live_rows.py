@@ -6,21 +6,28 @@ wall clock is read: a row is given out once every topic has shown a later stamp,
 that is counted, and lost.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from ortilo_drake.interop.recorded.anchor_names import anchors_of
-from ortilo_drake.interop.recorded.attitudes import are_attitudes
-from ortilo_drake.interop.recorded.live_ranges import each_difference, each_range
-from ortilo_drake.interop.recorded.live_stream import LiveStream, Row, complete
+from ortilo_drake.interop.recorded.columns import Stream
+from ortilo_drake.interop.recorded.live_stream import LiveStream
 from ortilo_drake.interop.recorded.map_file import Find, Map
-from ortilo_drake.interop.recorded.range_rows import Ranges, surveyed
-from ortilo_drake.interop.recorded.recording import NO_AID_ROWS, AidRows, Imu, force_of, imu_columns, imu_motion
+from ortilo_drake.interop.recorded.range_rows import (
+    Ranges,
+    differences_of,
+    ranges_by_column,
+    ranges_by_name,
+    ranges_of_anchor,
+    surveyed,
+)
+from ortilo_drake.interop.recorded.recording import AidRows, Imu, columns_of, complete, imu_of, looks_of, with_attitude
 from ortilo_drake.interop.recorded.rejected import Rejections
-from ortilo_drake.interop.recorded.sources import Quaternion, Source
+from ortilo_drake.interop.recorded.sources import Column, Source
 from ortilo_drake.model.typed_yaml import InputError
 
 LAG: Final = 0.1  # by default [s]
@@ -84,14 +91,11 @@ class LiveRows:
         self._said: set[str] = set()
         self._silent: set[str] = set()
         self._strangers = 0
-        self._of_ranges = [*self._range_streams(), *self._difference_streams()]
-        self._imu = self._of("imu", imu_columns(map_) if map_.imu else (), self._imu_row)
-        self._accelerometer = self._of("accelerometer", getattr(map_.accelerometer, "force", ()), _vector_row)
-        finder = () if map_.range_finder is None else (map_.range_finder.distance,)
-        self._finder = self._of("range_finder", finder, self._finder_row)
-        self._flow = self._of("flow", getattr(map_.flow, "pixels", ()), _vector_row)
-        others = (self._imu, self._accelerometer, self._finder, self._flow)
-        self._streams = [*self._of_ranges, *(stream for stream in others if stream is not None)]
+        self._of_ranges = self._range_streams()
+        self._others = {
+            key: self._stream(key, columns_of(map_, key)[0]) for key in SOURCES[2:] if getattr(map_, key) is not None
+        }
+        self._streams = [*(stream for stream, _ in self._of_ranges), *self._others.values()]
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -105,13 +109,7 @@ class LiveRows:
         return max(believed, default=-np.inf)
 
     def add(self, topic: str, received: int, message: Any) -> list[str]:
-        """Take a message; return lines about its problems, each once.
-
-        Args:
-            topic: where it came from; one that the map does not name is counted.
-            received: when it came [ns]; its stamp if it has none.
-            message: with attributes as the map names them.
-        """
+        """Take a message, received at so many ns; return lines about its problems, each once."""
         mine = [stream for stream in self._streams if stream.topic == topic]
         self._strangers += not mine
         wrong = [stream.add(received, message, self._given) for stream in mine]
@@ -132,13 +130,21 @@ class LiveRows:
         horizon = np.inf if ended else self._horizon()
         if self.origin is not None and horizon - self.origin <= wanted:
             return None
+        ranges = self._ranges(horizon)
         if self.origin is None:
-            first = [row[0] for stream in self._of_ranges for row in stream.rows if row[0] < horizon]
-            if not first:
+            if not len(ranges.t):
                 return None
-            self.origin = min(first)
-        self._given = horizon
-        return horizon - self.origin, Block(self._ranges(horizon), self._samples(horizon), self._looks(horizon))
+            self.origin = float(ranges.t[0])
+        self._given, origin = horizon, self.origin
+
+        def read(key: str) -> Stream:
+            measured, turned = columns_of(self._map, key)[1], getattr(getattr(self._map, key), "orientation", None)
+            stream = complete(self._others[key].until(horizon), measured)
+            return stream if turned is None else with_attitude(stream, turned, measured)
+
+        imu = None if self._map.imu is None else imu_of(self._map, read, origin)
+        block = Block(ranges._replace(t=ranges.t - origin), imu, looks_of(self._map, read, origin))
+        return horizon - origin, block
 
     def counts(self) -> dict[str, int]:
         """Return the number of rows not used, by topic and reason."""
@@ -174,105 +180,50 @@ class LiveRows:
                 lines.append(f"{name}: is heard again")
         return lines
 
-    def _make(
-        self,
-        what: str,
-        source: Source,
-        topic: str,
-        columns: tuple,
-        width: int,
-        rows_of: Callable[[list[float], tuple[str, ...]], Iterable[Row | str]],
-        names: tuple = (),
+    def _stream(
+        self, key: str, columns: tuple[Column, ...], names: tuple[Column, ...] = (), topic: str = "", width: int = 0
     ) -> LiveStream:
-        return LiveStream(
-            topic, source, columns, names, width, rows_of, Rejections(f"{topic} ({what})", word="message")
-        )
+        source: Source = getattr(self._map, key)
+        topic = topic or str(source.topic)
+        rejected = Rejections(f"{topic} ({key})", word="message")
+        return LiveStream(topic, source, columns, width or len(columns), names, rejected)
 
-    def _of(self, what: str, columns: tuple, row_of: Callable[[list[float]], Row | str]) -> LiveStream | None:
-        source = getattr(self._map, what)
-        if source is None:
-            return None
-        width = len(columns)
-        return self._make(what, source, source.topic, columns, width, lambda numbers, _: (row_of(numbers),))
+    def _range_streams(self) -> list[tuple[LiveStream, Callable[[Stream], Ranges]]]:
+        """Return the topics of ranges and differences, each with what makes ranges of its rows."""
+        single, pairs, found = self._map.ranges, self._map.differences, list[tuple[LiveStream, Callable]]()
+        if single is not None:
+            scale = single.scale
+            for i, topic in enumerate(single.topics):
+                of_one = partial(ranges_of_anchor, i=i, scale=scale)
+                found.append((self._stream("ranges", single.values, topic=topic), of_one))
+            if single.topic is not None and single.anchor is not None:
+                found.append((self._stream("ranges", single.values, (single.anchor,)), self._by_name))
+            elif single.topic is not None:
+                everyone = self._stream("ranges", single.values, width=len(self.anchors))
+                found.append((everyone, lambda stream: ranges_by_column(stream, _no_tags(stream), scale)))
+        if pairs is not None:
+            found.append((self._stream("differences", (pairs.value,), (pairs.b, pairs.a)), self._differences))
+        return found
 
-    def _range_streams(self) -> Iterator[LiveStream]:
-        source = self._map.ranges
-        if source is None:
-            return
-        n = len(self.anchors)
-        for i, topic in enumerate(source.topics):
-            rows_of = each_range(source, lambda names, i=i: (i,))  # type: ignore[misc]
-            yield self._make("ranges", source, topic, source.values, 1, rows_of)
-        if source.topic is None:
-            return
-        if source.anchor is None:
-            everyone = each_range(source, lambda names: range(n))
-            yield self._make("ranges", source, source.topic, source.values, n, everyone)
-        else:
-            named = each_range(source, lambda names: (self._anchor(names[0]),))
-            yield self._make("ranges", source, source.topic, source.values, 1, named, (source.anchor,))
+    def _by_name(self, stream: Stream) -> Ranges:
+        assert self._map.ranges is not None
+        assert stream.names is not None
+        names = stream.names[:, 0]
+        anchor = anchors_of(names.tolist(), self._names)
+        return ranges_by_name(stream._replace(names=names), anchor, _no_tags(stream), self._map.ranges.scale)
 
-    def _difference_streams(self) -> Iterator[LiveStream]:
-        source = self._map.differences
-        if source is None:
-            return
-        assert source.topic is not None
-        rows_of = each_difference(source, self.anchors, self._anchor)
-        yield self._make("differences", source, source.topic, (source.value,), 1, rows_of, (source.b, source.a))
-
-    def _anchor(self, name: str) -> int:
-        return int(anchors_of([name], self._names)[0])
-
-    def _imu_row(self, numbers: list[float]) -> Row | str:
-        assert self._map.imu is not None
-        turned = self._map.imu.orientation
-        wrong = complete(numbers, 6)
-        if not wrong and turned is not None and not are_attitudes(np.array([numbers[6:]]), turned)[0]:
-            return f"rows without a {'unit quaternion' if isinstance(turned, Quaternion) else 'rotation matrix'}"
-        return wrong or tuple(numbers)
-
-    def _finder_row(self, numbers: list[float]) -> Row | str:
-        assert self._map.range_finder is not None
-        distance = numbers[0] * self._map.range_finder.scale
-        return complete(numbers, 1) or ("distances of 0 or less" if distance <= 0.0 else (distance,))
+    def _differences(self, stream: Stream) -> Ranges:
+        assert self._map.differences is not None
+        assert stream.names is not None
+        b, a = (anchors_of(names.tolist(), self._names) for names in stream.names.T)
+        stream = stream._replace(names=np.where(b < 0, *stream.names.T))
+        return differences_of(stream, b, a, _no_tags(stream), self.anchors, self._map.differences)
 
     def _ranges(self, horizon: float) -> Ranges:
-        parts = []
-        for stream in self._of_ranges:
-            rows = stream.until(horizon, 4)
-            if len(stream.names) == 1:
-                _, first = np.unique(rows[:, :2], axis=0, return_index=True)
-                if len(first) < len(rows):
-                    stream.rejected.add("duplicate stamps of one anchor", "", len(rows) - len(first))
-                rows = rows[np.sort(first)]
-            parts.append(rows)
-        t, anchor, r, other = np.concatenate(parts).T
-        anchor, other, tag = (part.astype(np.int64) for part in (anchor, other, np.zeros(len(t))))
-        ranges = Ranges(t - self.origin, anchor, r, other, tag)
+        parts = [rows_of(stream.until(horizon)) for stream, rows_of in self._of_ranges]
+        ranges = Ranges(*(np.concatenate(part) for part in zip(*parts, strict=True)))
         return ranges.only(np.lexsort((ranges.anchor, ranges.t)))
 
-    def _samples(self, horizon: float) -> Imu | None:
-        source = self._map.imu
-        if self._imu is None or source is None:
-            return None
-        rows = self._imu.until(horizon, 1 + self._imu.width)
-        rates, force, attitude = imu_motion(rows[:, 1:], source, self._imu.topic)
-        own = None
-        if self._accelerometer is not None:
-            seen = self._accelerometer.until(horizon, 4)
-            own = seen[:, 0] - self.origin, force_of(seen[:, 1:], source)
-        return Imu(rows[:, 0] - self.origin, rates, force, attitude, own)
 
-    def _looks(self, horizon: float) -> AidRows:
-        looks = NO_AID_ROWS
-        if self._finder is not None:
-            rows = self._finder.until(horizon, 2)
-            looks = looks._replace(finder_t=rows[:, 0] - self.origin, distance=rows[:, 1])
-        if self._flow is not None:
-            rows = self._flow.until(horizon, 3)
-            looks = looks._replace(flow_t=rows[:, 0] - self.origin, flow=rows[:, 1:])
-        return looks
-
-
-def _vector_row(numbers: list[float]) -> Row | str:
-    return complete(numbers, len(numbers)) or tuple(numbers)
+def _no_tags(stream: Stream) -> np.ndarray:
+    return np.zeros(len(stream.t), np.int64)

@@ -1,23 +1,25 @@
 """One use of a live topic: which fields of its messages are read, and the rows that wait for their turn."""
 
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from ortilo_drake.interop.recorded.columns import UNITS
+from ortilo_drake.interop.recorded.columns import UNITS, Stream
 from ortilo_drake.interop.recorded.message_fields import field_of, numbers_of, stamp_of
-from ortilo_drake.interop.recorded.recording import LARGEST
 from ortilo_drake.interop.recorded.rejected import HOUR, Rejections
 from ortilo_drake.interop.recorded.sources import Column, Source
 
 MOST: Final = 1_000_000  # rows that wait; the oldest go
 YOUNG, BELIEVED = 10, 3  # a stream's clock may still be set, and its stamps are believed, after so many rows
 FAR: Final = "rows with a stamp more than an hour from the others"
-INCOMPLETE: Final = "rows with NaN, infinity or an empty cell"
 
-Row = tuple[float, ...]
+
+class _Waiting(NamedTuple):
+    t: float
+    message: int
+    numbers: list[float]
+    names: tuple[str, ...]
 
 
 @dataclass
@@ -28,11 +30,10 @@ class LiveStream:
         topic: its name.
         source: the map's entry.
         columns: fields with numbers.
-        names: fields that name anchors; rows of such streams need not come in the order of their stamps.
         width: how many numbers a message has.
-        rows_of: from numbers and names of a message to rows without their stamp; a text says why there is none.
+        names: fields that name anchors; rows of such streams need not come in the order of their stamps.
         rejected: what was not used.
-        rows: those that wait, a stamp [s] before each.
+        rows: those that wait.
         newest: largest stamp that was accepted [s], -inf before the first.
         messages: how many came.
         used: how many of them had a stamp that was accepted.
@@ -41,11 +42,10 @@ class LiveStream:
     topic: str
     source: Source
     columns: tuple[Column, ...]
-    names: tuple[Column, ...]
     width: int
-    rows_of: Callable[[list[float], tuple[str, ...]], Iterable[Row | str]]
+    names: tuple[Column, ...]
     rejected: Rejections
-    rows: list[Row] = field(default_factory=list)
+    rows: list[_Waiting] = field(default_factory=list)
     newest: float = -np.inf
     messages: int = 0
     used: int = 0
@@ -60,12 +60,9 @@ class LiveStream:
         self.rejected.add(reason, f"in message {self.messages}")
 
     def add(self, received: int, message: Any, given: float) -> str:
-        """Take a message; return the problem that all such messages have, empty if there is none.
+        """Take a message, received at so many ns; return the problem that all such messages have, empty without one.
 
-        Args:
-            received: when it came [ns]; its stamp if it has none.
-            message: with attributes as the map names them.
-            given: rows before this stamp have been given out [s].
+        Rows before the stamp `given` [s] have been given out.
         """
         self.messages += 1
         try:
@@ -88,11 +85,7 @@ class LiveStream:
             self.drop(reason)
             return ""
         self.newest, self.used = max(self.newest, t), self.used + 1
-        for row in self.rows_of(numbers, names):
-            if isinstance(row, str):
-                self.drop(row)
-            else:
-                self.rows.append((t - self.source.late, *row))
+        self.rows.append(_Waiting(t - self.source.late, self.messages, numbers, names))
         if len(self.rows) > MOST:
             self.rejected.add(
                 "rows that waited too long for the filter's start", f"in message {self.messages}", MOST // 2
@@ -115,18 +108,14 @@ class LiveStream:
             return "backward stamps"
         return "rows that came too late" if t - self.source.late < given else ""
 
-    def until(self, stamp: float, width: int) -> np.ndarray:
-        """Return the waiting rows before a stamp [s], (n, width) in its order; they wait no more."""
-        early = [row for row in self.rows if row[0] < stamp]
-        if not early:
-            return np.zeros((0, width))
-        self.rows = [row for row in self.rows if row[0] >= stamp]
-        found = np.array(early)
-        return found[np.argsort(found[:, 0], kind="stable")] if self.names else found
-
-
-def complete(numbers: list[float], vectors: int) -> str:
-    """Return the reason why a row cannot be used; its first numbers are vectors, whose squares must be finite."""
-    if not np.isfinite(numbers).all():
-        return INCOMPLETE
-    return f"rows with a number beyond {LARGEST:g}" if max(map(abs, numbers[:vectors])) > LARGEST else ""
+    def until(self, stamp: float) -> Stream:
+        """Return the waiting rows before a stamp [s] in its order, names (n, their number); they wait no more."""
+        early = [row for row in self.rows if row.t < stamp]
+        if early:
+            self.rows = [row for row in self.rows if row.t >= stamp]
+        if self.names:
+            early.sort(key=lambda row: row.t)
+        values = np.array([row.numbers for row in early]).reshape(len(early), self.width)
+        names = np.array([row.names for row in early], dtype=object).reshape(len(early), len(self.names))
+        rows = np.array([row.message for row in early], dtype=np.int64)
+        return Stream(np.array([row.t for row in early]), values, names, rows, self.rejected, ())

@@ -197,11 +197,9 @@ class Map(Frozen):
 
     def without_standstill(self) -> "Map":
         """Return the map of a flight of which nothing is known to stand still; one without an imu as it is."""
-        return (
-            self
-            if self.imu is None
-            else self.model_copy(update={"imu": self.imu.model_copy(update={"standstill": 0.0})})
-        )
+        if self.imu is None:
+            return self
+        return self.model_copy(update={"imu": self.imu.model_copy(update={"standstill": 0.0})})
 
     @model_validator(mode="after")
     def _anchors_are_those_of_the_ranges(self) -> Self:

@@ -1,9 +1,13 @@
-"""Fields of a message as a map names them, whoever decoded it: rosbags, mcap or ROS itself."""
+"""Fields of a message as a map names them, whoever decoded it: rosbags, mcap or ROS itself.
+
+Types that a recording defines itself are refused where a short message would take for ever to decode.
+"""
 
 import re
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
+from rosbags.interfaces import Nodetype
 
 from ortilo_drake.interop.recorded.sources import Column
 
@@ -23,7 +27,7 @@ def field_of(message: Any, path: str) -> Any:
 
 def _seconds(stamp: Any) -> float:
     """Return a stamp's seconds; its nanoseconds are called nanosec in ROS 2, nsec elsewhere."""
-    return float(stamp.sec + 1e-9 * (stamp.nanosec if hasattr(stamp, "nanosec") else stamp.nsec))
+    return float(stamp.sec + 1e-9 * getattr(stamp, "nanosec", getattr(stamp, "nsec", 0)))
 
 
 def stamp_of(message: Any, received: int, time: Column | None) -> float:
@@ -43,3 +47,30 @@ def numbers_of(message: Any, columns: tuple[Column, ...]) -> list[float]:
         value = np.asarray(field_of(message, str(column)), dtype=float)
         found.extend(value.ravel().tolist())
     return found
+
+
+LONGEST: Final = 1000  # texts or messages in an array of fixed length: rosbags writes lines of code for each of them
+
+
+def check_types(types: Any, name: str) -> None:
+    """Refuse messages without fields inside others, and long arrays of fixed length whose entries are no numbers.
+
+    `types` are as rosbags' get_types_from_msg returns them; those that `name` uses are checked with it. A message
+    without fields takes no bytes, so one of 8 bytes may announce an array of 4 billion of them.
+
+    Raises:
+        ValueError: naming type and field.
+    """
+    checked, left = set(), {name}
+    while left:
+        name = left.pop()
+        checked.add(name)
+        for field, (kind, inner) in types[name][1] if name in types else ():
+            item, of = (kind, inner) if kind in (Nodetype.BASE, Nodetype.NAME) else inner[0]
+            if item == Nodetype.NAME:
+                if of in types and not types[of][1]:
+                    raise ValueError(f"{name}.{field}: {of} has no fields")
+                left |= {of} - checked
+            numbers = item == Nodetype.BASE and of[0] != "string"
+            if kind == Nodetype.ARRAY and not numbers and inner[1] > LONGEST:
+                raise ValueError(f"{name}.{field}: {inner[1]} items, at most {LONGEST}")

@@ -70,6 +70,13 @@ def surveyed(folder: Path, map_: Map) -> Surveyed:
     return Surveyed(*in_order(anchors, names, "ranges.names"))
 
 
+def _check_known(stream: Stream, called: Names | np.ndarray, found: np.ndarray, what: str, has: Names) -> None:
+    """Refuse a stream where no row names what the map has."""
+    if (found < 0).all():
+        shown = ", ".join(np.unique(called)[:SHOWN])
+        raise InputError(f"{stream.rejected.source}: no row names {what} of the map: {shown}, not {', '.join(has)}")
+
+
 def _tags_of(paths: Sequence[Path], source: RangeSource | DifferenceSource, stream: Stream, tags: Names) -> np.ndarray:
     """Return each row's tag (n): an index into the map's tags, -1 for none of them; 0 where rows name no tag."""
     if source.tag is None:
@@ -80,59 +87,49 @@ def _tags_of(paths: Sequence[Path], source: RangeSource | DifferenceSource, stre
         if of_column.names is None or not np.array_equal(of_column.rows, stream.rows):
             raise InputError(f"{stream.rejected.source}: rows that name an anchor and no tag")
         said.append(of_column.names.tolist())
-    called = [".".join(row) for row in zip(*said, strict=True)]
-    found = anchors_of(called, tags)
-    if (found < 0).all():
-        shown = ", ".join(np.unique(called)[:SHOWN])
-        raise InputError(f"{stream.rejected.source}: no row names a tag of the map: {shown}, not {', '.join(tags)}")
-    unknown = found < 0
-    place = f"{stream.place(unknown)} ('{called[int(np.argmax(unknown))]}')"
-    stream.rejected.add("rows of tags that the map does not name", place, int(unknown.sum()))
+    called = np.array([".".join(row) for row in zip(*said, strict=True)])
+    found = anchors_of(called.tolist(), tags)
+    _check_known(stream, called, found, "a tag", tags)
+    stream.rejected.add_rows("rows of tags that the map does not name", found < 0, stream.rows, called)
     return found
 
 
-def _of_rows(stream: Stream, names: Names, tag: np.ndarray) -> tuple[Stream, Ranges]:
-    """Return the rows whose anchor is one of these, and that have a tag; others and repetitions are counted."""
-    stream, tag = stream.only(tag >= 0), tag[tag >= 0]
-    assert stream.names is not None
-    anchor = anchors_of(stream.names.tolist(), names)
-    unknown = anchor < 0
-    if unknown.all():
-        said = ", ".join(np.unique(stream.names)[:SHOWN])
-        raise InputError(f"{stream.rejected.source}: no row names an anchor of the map: {said}, not {', '.join(names)}")
-    called = f" ('{stream.names[np.argmax(unknown)]}')"
-    reason = "ranges to anchors that the map does not name"
-    stream.rejected.add(reason, stream.place(unknown) + called, int(unknown.sum()))
-    stream, anchor, tag = stream.only(~unknown), anchor[~unknown], tag[~unknown]
-    _, first = np.unique(np.column_stack([stream.t, anchor, tag]), axis=0, return_index=True)
-    again = np.ones(len(anchor), dtype=bool)
-    again[first] = False
-    stream.rejected.add("duplicate stamps of one anchor", stream.place(again), int(again.sum()))
-    stream = stream.only(~again)
-    return stream, single_ranges(stream.t, anchor[~again], stream.values[:, 0])._replace(tag=tag[~again])
+def ranges_by_name(stream: Stream, anchor: np.ndarray, tag: np.ndarray, scale: float) -> Ranges:
+    """Return the ranges [m] of rows that name their anchor (n), -1 for an unknown one; repetitions are counted."""
+    ranges, unknown = single_ranges(stream.t, anchor, stream.values[:, 0])._replace(tag=tag), anchor < 0
+    stream.rejected.add_rows("ranges to anchors that the map does not name", unknown, stream.rows, stream.names)
+    stream, ranges = stream.only(~unknown), ranges.only(~unknown)
+    again = np.ones(len(ranges.t), dtype=bool)
+    keys = np.column_stack([ranges.t, ranges.anchor, ranges.tag])
+    again[np.unique(keys, axis=0, return_index=True)[1]] = False
+    stream = stream.without(again, "duplicate stamps of one anchor")
+    return _usable(stream, ranges.only(~again), scale)
 
 
-def _usable(stream: Stream, ranges: Ranges, in_a_row: int, scale: float, others: str = "") -> Ranges:
+def ranges_by_column(stream: Stream, tag: np.ndarray, scale: float) -> Ranges:
+    """Return the ranges [m] of rows that have one to each anchor."""
+    n, count = stream.values.shape
+    ranges = single_ranges(np.repeat(stream.t, count), np.tile(np.arange(count), n), stream.values.ravel())
+    return _usable(stream, ranges._replace(tag=np.repeat(tag, count)), scale, " (the others of their row are kept)")
+
+
+def ranges_of_anchor(stream: Stream, i: int, scale: float) -> Ranges:
+    """Return the ranges [m] of rows of one anchor."""
+    width = stream.values.shape[1]
+    if width != 1:
+        raise InputError(f"{stream.rejected.source}: {width} values in a row or message, one anchor")
+    return _usable(stream, single_ranges(stream.t, np.full(len(stream.t), i), stream.values[:, 0]), scale)
+
+
+def _usable(stream: Stream, ranges: Ranges, scale: float, others: str = "") -> Ranges:
     """Return the ranges [m] that are some; the others are counted."""
-    t, r = ranges.t, ranges.r
+    r, rows = ranges.r, np.repeat(stream.rows, stream.values.shape[1])
     none, low = ~np.isfinite(r), np.isfinite(r) & (r <= 0.0)
     far = np.isfinite(r) & (r > FARTHEST / scale)
     reasons = ("ranges that are NaN or empty", "ranges of 0 or less", f"ranges of more than {FARTHEST / 1000:g} km")
     for bad, reason in zip((none, low, far), reasons, strict=True):
-        first = int(np.argmax(bad))
-        place = (
-            f"at {t[first]:.3f} s" if in_a_row == 1 else f"in {stream.rejected.word} {stream.rows[first // in_a_row]}"
-        )
-        stream.rejected.add(reason + others, place, int(bad.sum()))
-    good = ~(none | low | far)
-    return ranges._replace(r=scale * r).only(good)
-
-
-def _of_one_anchor(stream: Stream, i: int, scale: float) -> Ranges:
-    width = stream.values.shape[1]
-    if width != 1:
-        raise InputError(f"{stream.rejected.source}: {width} values in a row or message, one anchor")
-    return _usable(stream, single_ranges(stream.t, np.full(len(stream.t), i), stream.values[:, 0]), 1, scale)
+        stream.rejected.add_rows(reason + others, bad, rows)
+    return ranges._replace(r=scale * r).only(~(none | low | far))
 
 
 def _each_of_one_anchor(folder: Path, source: RangeSource, count: int, names: Names) -> Iterator[tuple[int, Stream]]:
@@ -176,33 +173,32 @@ def _of_ranges(
     parts = []
     for i, stream in _each_of_one_anchor(folder, source, count, names):
         told += stream.told
-        parts.append(_of_one_anchor(stream, i, source.scale))
+        parts.append(ranges_of_anchor(stream, i, source.scale))
     if parts:
         return parts
     paths = files_of(folder, source.file)
     of_tag = source.tag[0] if isinstance(source.tag, tuple) else source.tag
     stream = read_stream(paths, source, source.values, "ranges", source.topic, source.anchor or of_tag)
     told += stream.told
-    tag = _tags_of(paths, source, stream, tags)
-    width = stream.values.shape[1]
-    if source.rows_name_anchors:
-        if not names:
-            raise InputError("ranges.names: are missing: what the rows call the anchors; or give `anchors` by name")
-        if width != 1:
-            raise InputError(f"{stream.rejected.source}: {width} values in a row that names one anchor")
-        return [_usable(*_of_rows(stream, names, tag), 1, source.scale)]
-    if width != count:
-        raise InputError(f"{stream.rejected.source}: {width} ranges in a row, but {count} anchors in the map")
+    tag, width = _tags_of(paths, source, stream, tags), stream.values.shape[1]
     stream, tag = stream.only(tag >= 0), tag[tag >= 0]
-    rows = single_ranges(np.repeat(stream.t, count), np.tile(np.arange(count), len(stream.t)), stream.values.ravel())
-    rows = rows._replace(tag=np.repeat(tag, count))
-    return [_usable(stream, rows, count, source.scale, " (the others of their row are kept)")]
+    if not source.rows_name_anchors:
+        if width != count:
+            raise InputError(f"{stream.rejected.source}: {width} ranges in a row, but {count} anchors in the map")
+        return [ranges_by_column(stream, tag, source.scale)]
+    if not names:
+        raise InputError("ranges.names: are missing: what the rows call the anchors; or give `anchors` by name")
+    if width != 1:
+        raise InputError(f"{stream.rejected.source}: {width} values in a row that names one anchor")
+    assert stream.names is not None
+    anchor = anchors_of(stream.names.tolist(), names)
+    _check_known(stream, stream.names, anchor, "an anchor", names)
+    return [ranges_by_name(stream, anchor, tag, source.scale)]
 
 
 def _of_differences(
     folder: Path, source: DifferenceSource, found: Surveyed, told: list[Rejections], tags: Names
 ) -> Ranges:
-    """Return the differences r_b - r_a; what is no difference is counted."""
     paths = files_of(folder, source.file)
     stream, of_a = (
         read_stream(paths, source, (source.value,), "differences", source.topic, names)
@@ -211,44 +207,45 @@ def _of_differences(
     told += stream.told
     assert stream.names is not None
     assert of_a.names is not None
-    if len(of_a.rows) != len(stream.rows) or (of_a.rows != stream.rows).any():
+    if not np.array_equal(of_a.rows, stream.rows):
         raise InputError(f"{stream.rejected.source}: rows that name one of two anchors")
-    b, a, value = (
-        anchors_of(stream.names.tolist(), found.names),
-        anchors_of(of_a.names.tolist(), found.names),
-        stream.values[:, 0],
-    )
+    b, a = (anchors_of(names.tolist(), found.names) for names in (stream.names, of_a.names))
     tag = _tags_of(paths, source, stream, tags)
-    unknown = (a < 0) | (b < 0)
-    if unknown.all():
-        said = ", ".join(np.unique(stream.names)[:SHOWN])
-        raise InputError(
-            f"{stream.rejected.source}: no row names two anchors of the map: {said}, not {', '.join(found.names)}"
-        )
-    anchors = np.asarray(found.positions)
+    _check_known(stream, stream.names, np.minimum(a, b), "two anchors", found.names)
+    stream = stream._replace(names=np.where(b < 0, stream.names, of_a.names))
+    return differences_of(stream, b, a, tag, np.asarray(found.positions), source)
+
+
+def differences_of(
+    stream: Stream, b: np.ndarray, a: np.ndarray, tag: np.ndarray, anchors: np.ndarray, source: DifferenceSource
+) -> Ranges:
+    """Return the differences r_b - r_a [m]; what is no difference is counted.
+
+    Args:
+        stream: values, and the names to blame where an anchor is unknown.
+        b: anchors (n), -1 for an unknown one.
+        a: likewise.
+        tag: which tag heard it (n), -1 for an unknown one.
+        anchors: positions (n, 3).
+        source: the map's entry.
+    """
+    value, unknown = stream.values[:, 0], (a < 0) | (b < 0)
     none, same = ~unknown & ~np.isfinite(value), ~unknown & (a == b)
     apart = np.linalg.norm(anchors[a] - anchors[b], axis=1)
     long = ~(unknown | none | same) & (np.abs(source.scale * value) > apart + LONGER)
-    who = stream.names if (b < 0)[np.argmax(unknown)] else of_a.names
+    stream.rejected.add_rows("differences to anchors that are not surveyed", unknown, stream.rows, stream.names)
     for bad, reason in (
-        (unknown, "differences to anchors that are not surveyed"),
         (none, "differences that are NaN or empty"),
         (same, "differences of one anchor to itself"),
         (long, f"differences longer by {LONGER:g} m than their anchors lie apart"),
     ):
-        called = f" ('{who[np.argmax(bad)]}')" if bad is unknown else ""
-        stream.rejected.add(reason, stream.place(bad) + called, int(bad.sum()))
+        stream.rejected.add_rows(reason, bad, stream.rows)
     good = ~(unknown | none | same | long | (tag < 0))
     return Ranges(stream.t, b, source.sign * source.scale * value, a, tag).only(good)
 
 
 def read_range_rows(folder: Path, map_: Map, told: list[Rejections]) -> tuple[Ranges, np.ndarray | int]:
     """Return ranges and differences [m] by their stamps [s], and the anchors' positions (n, 3), or their number.
-
-    Args:
-        folder: where the map's files are.
-        map_: what is what.
-        told: gets what was rejected.
 
     Raises:
         InputError: if a file cannot be read, or its ranges are not those to the map's anchors.

@@ -8,11 +8,21 @@ from ortilo_drake.interop.recorded.anchor_names import key_of
 from ortilo_drake.interop.recorded.sources import MOST, Column, Name, Source
 from ortilo_drake.model.typed_yaml import Positive
 
-TagColumns = Column | tuple[Column, Column]
-TAG = "The column that names the tag of each row, or two that do so together, as `200.1`; see `tags`."
+
+class AnchoredSource(Source):
+    """Rows to anchors by tags."""
+
+    tag: Column | tuple[Column, Column] | None = Field(
+        default=None,
+        description="The column that names the tag of each row, or two that do so together, as `200.1`; see `tags`.",
+    )
+    names: tuple[Name, ...] = Field(
+        default=(), max_length=MOST, description="What the rows call the anchors, in the order of `anchors`; as text."
+    )
+    scale: Positive = Field(default=1.0, description="Metres in one of the file's units.")
 
 
-class RangeSource(Source):
+class RangeSource(AnchoredSource):
     """Ranges to anchors [m]: a column or field for each, rows of one range that name the anchor, or a file for each."""
 
     format: Literal["columns", "lec"] = Field(
@@ -22,12 +32,7 @@ class RangeSource(Source):
         default=(), max_length=MOST, description="A column for each anchor; or one field that is a list."
     )
     anchor: Column | None = Field(default=None, description="Rows of one range: the column that names the anchor.")
-    tag: TagColumns | None = Field(default=None, description=TAG)
-    names: tuple[Name, ...] = Field(
-        default=(), max_length=MOST, description="What the rows call the anchors, in the order of `anchors`; as text."
-    )
     topics: tuple[str, ...] = Field(default=(), description="A topic for each anchor, in place of `topic`.")
-    scale: Positive = Field(default=1.0, description="Metres in one of the file's units.")
 
     @property
     def rows_name_anchors(self) -> bool:
@@ -86,15 +91,10 @@ class RangeSource(Source):
         return self
 
 
-class DifferenceSource(Source):
+class DifferenceSource(AnchoredSource):
     """Differences of the ranges to two anchors [m], one a row: r_b - r_a."""
 
     value: Column
     a: Column = Field(description="The column that names anchor a.")
     b: Column = Field(description="The column that names anchor b.")
-    tag: TagColumns | None = Field(default=None, description=TAG)
-    names: tuple[Name, ...] = Field(
-        default=(), max_length=MOST, description="What the rows call the anchors, in the order of `anchors`; as text."
-    )
-    scale: Positive = Field(default=1.0, description="Metres in one of the file's units.")
     sign: Literal[1, -1] = Field(default=1, description="1: a value is r_b - r_a; -1: it is r_a - r_b.")

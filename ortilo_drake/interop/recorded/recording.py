@@ -1,6 +1,7 @@
 """A recorded motion as plain arrays: ranges, IMU and truth, in our axes, with what was rejected."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,13 +13,21 @@ from ortilo_drake.interop.recorded.columns import Stream, files_of, read_stream
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import Ranges, read_range_rows
 from ortilo_drake.interop.recorded.rejected import Rejections
-from ortilo_drake.interop.recorded.sources import Column, ImuSource, Matrix, Quaternion, Source
+from ortilo_drake.interop.recorded.sources import Column, Matrix, Quaternion, Source
 from ortilo_drake.model.input_files import exists
 from ortilo_drake.model.signals import DETECTIONS_SIZE
 from ortilo_drake.model.typed_yaml import InputError
 
 GRAVITY = 9.81  # [m/s²]; the accelerometer's bias takes up what differs from place to place
 LARGEST = 1e12  # of a file's numbers; UTM in mm reaches 1e10
+MEASURED = {
+    "imu": ("rates", "force"),
+    "accelerometer": ("force",),
+    "command": ("thrust",),
+    "range_finder": ("distance",),
+    "flow": ("pixels",),
+    "truth": ("position",),
+}
 FORCE_UNITS = {"m/s2": 1.0, "g": GRAVITY, "mg": GRAVITY / 1000.0, "ft/s2": 0.3048}
 
 
@@ -100,69 +109,69 @@ def axes_matrix(axes: str | tuple[str, ...], what: str = "imu.axes") -> np.ndarr
     return M
 
 
-def _complete(stream: Stream, vectors: int) -> Stream:
+Read = Callable[[str], Stream]  # of a map's entry: its complete rows, with the columns of columns_of
+
+
+def columns_of(map_: Map, key: str) -> tuple[tuple[Column, ...], int]:
+    """Return the columns to read of a map's entry, and how many of them are measured; those of an attitude follow.
+
+    The force of an accelerometer with a stream of its own is not in the imu's: the rates stand in its place.
+    """
+    source, found = getattr(map_, key), list[Column]()
+    for name in ("rates", "rates") if key == "imu" and map_.accelerometer is not None else MEASURED[key]:
+        its = getattr(source, name)
+        found += its if isinstance(its, tuple) else (its,)
+    turned = getattr(source, "orientation", None) or getattr(source, "rotation", None)
+    return (*found, *(() if turned is None else turned.columns)), len(found)
+
+
+def complete(stream: Stream, vectors: int) -> Stream:
     """Return the rows without NaN or infinity, and none in its vectors whose square is; the others are counted."""
     bad = ~np.isfinite(stream.values).all(axis=1)
     far = ~bad & (np.abs(stream.values[:, :vectors]) > LARGEST).any(axis=1)
-    stream.rejected.add(f"rows with a number beyond {LARGEST:g}", stream.place(far), int(far.sum()))
-    stream.rejected.add("rows with NaN, infinity or an empty cell", stream.place(bad), int(bad.sum()))
-    bad |= far
-    if (~bad).sum() < 2:
-        raise InputError(f"{stream.rejected.source}: {(~bad).sum()} of {len(bad)} rows are complete")
-    return stream.only(~bad)
+    stream.rejected.add_rows(f"rows with a number beyond {LARGEST:g}", far, stream.rows)
+    stream.rejected.add_rows("rows with NaN, infinity or an empty cell", bad, stream.rows)
+    return stream.only(~(bad | far))
 
 
-def _with_attitude(stream: Stream, source: Matrix | Quaternion | None, begin: int) -> Stream:
-    """Return the rows whose columns from `begin` on are an attitude; the others are counted, and refused if most."""
+def with_attitude(stream: Stream, source: Matrix | Quaternion, begin: int) -> Stream:
+    """Return the rows whose columns from `begin` on are an attitude; the others are counted."""
+    kind = "unit quaternion" if isinstance(source, Quaternion) else "rotation matrix"
+    return stream.without(~are_attitudes(stream.values[:, begin:], source), f"rows without a {kind}")
+
+
+def _mostly_with_attitude(stream: Stream, source: Matrix | Quaternion | None, begin: int) -> Stream:
     if source is None:
         return stream
-    good = are_attitudes(stream.values[:, begin:], source)
-    if good.sum() < max(2, len(good) / 2):
+    kept = with_attitude(stream, source, begin)
+    if len(kept.t) < max(2, len(stream.t) / 2):
         rotations(stream.values[:, begin:], source, stream.rejected.source)  # says what is wrong
-    kind = "unit quaternion" if isinstance(source, Quaternion) else "rotation matrix"
-    stream.rejected.add(f"rows without a {kind}", stream.place(~good), int((~good).sum()))
-    return stream.only(good)
+    return kept
 
 
-def _read(
-    folder: Path, source: Source, columns: tuple[Column, ...], what: str, told: list[Rejections], vectors: int
-) -> Stream:
-    stream = read_stream(files_of(folder, source.file), source, columns, what, source.topic)
-    told += stream.told
-    return _complete(stream, vectors)
+def _reader(folder: Path, map_: Map, told: list[Rejections]) -> Read:
+    """Return a reader of files, which refuses one with hardly a row; `told` gets what was rejected."""
+
+    def read(key: str) -> Stream:
+        source, (columns, measured) = getattr(map_, key), columns_of(map_, key)
+        stream = read_stream(files_of(folder, source.file), source, columns, key, source.topic)
+        told.extend(stream.told)
+        found = complete(stream, measured)
+        if len(found.t) < 2:
+            raise InputError(f"{stream.rejected.source}: {len(found.t)} of {len(stream.t)} rows are complete")
+        return _mostly_with_attitude(found, getattr(source, "orientation", None), measured)
+
+    return read
 
 
-def imu_columns(map_: Map) -> tuple[Column, ...]:
-    """Return the columns read from the imu's stream: rates, force and, where it has one, the attitude.
-
-    An accelerometer with a stream of its own has the force; the rates then stand in its place, too.
-    """
-    source = map_.imu
-    assert source is not None
-    turned = () if source.orientation is None else source.orientation.columns
-    return (*source.rates, *(source.force if map_.accelerometer is None else source.rates), *turned)
-
-
-def force_of(values: np.ndarray, source: ImuSource) -> np.ndarray:
-    """Return the specific force [m/s²] (n, 3), body FLU, from the accelerometer's samples."""
-    return np.asarray(values @ axes_matrix(source.axes).T * FORCE_UNITS[source.force_unit])
-
-
-def imu_motion(values: np.ndarray, source: ImuSource, what: str) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Return body rates [rad/s], specific force [m/s²] (n, 3) and attitude (n, 3, 3) or None, body FLU.
-
-    Args:
-        values: rows of imu_columns.
-        source: the map's entry.
-        what: what the stream is called in an error.
-    """
-    M = axes_matrix(source.axes)
-    rates = values[:, :3] @ M.T * (np.pi / 180.0 if source.rate_unit == "deg/s" else 1.0)
-    force = force_of(values[:, 3:6], source)
-    if source.orientation is None:
-        return rates, force, None
-    # The unit's world is as its body: z down with axes frd. A half turn about x leaves the heading to be found.
-    return rates, force, M @ rotations(values[:, 6:], source.orientation, what) @ M.T
+def between(imu: Imu, after: float, until: float) -> Imu:
+    """Return the samples behind a stamp, up to another one [s]."""
+    kept, own = (imu.t > after) & (imu.t <= until), imu.accelerometer
+    if own is not None:
+        its = (own[0] > after) & (own[0] <= until)
+        own = own[0][its], own[1][its]
+    turned = None if imu.attitude is None else imu.attitude[kept]
+    return Imu(imu.t[kept], imu.rates[kept], imu.force[kept], turned, own)
 
 
 def held_at(t: np.ndarray, stamps: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -170,24 +179,30 @@ def held_at(t: np.ndarray, stamps: np.ndarray, values: np.ndarray) -> np.ndarray
     return np.asarray(values[np.clip(np.searchsorted(stamps, t, side="right") - 1, 0, len(stamps) - 1)])
 
 
-def _read_imu(folder: Path, map_: Map, origin: float, told: list[Rejections]) -> Imu:
-    source = map_.imu
+def imu_of(map_: Map, read: Read, origin: float) -> Imu:
+    """Return the imu's samples, body FLU, by stamps from the first range's on, `origin` [s].
+
+    Of an accelerometer with a stream of its own `force` is not filled in.
+    """
+    source, own = map_.imu, map_.accelerometer
     assert source is not None
-    stream = _read(folder, source, imu_columns(map_), "imu", told, 6)
-    stream = _with_attitude(stream, source.orientation, 6)
-    rates, force, attitude = imu_motion(stream.values, source, stream.rejected.source)
-    t = _counted(stream.t, source, origin)
+    turned, M = source.orientation, axes_matrix(source.axes)
+    stream = read("imu")
+    t, unit = _counted(stream.t, source, origin), FORCE_UNITS[source.force_unit]
+    rates = stream.values[:, :3] @ M.T * (np.pi / 180.0 if source.rate_unit == "deg/s" else 1.0)
+    imu = Imu(t, rates, stream.values[:, 3:6] @ M.T * unit, None)
+    if turned is not None:
+        # The unit's world is as its body: z down with axes frd. A half turn about x leaves the heading to be found.
+        imu = imu._replace(attitude=M @ rotations(stream.values[:, 6:], turned, stream.rejected.source) @ M.T)
     if map_.command is not None:
-        commanded = _read(folder, map_.command, (map_.command.thrust,), "command", told, 1)
-        t_u, thrust = commanded.t, commanded.values
-        t_u = _counted(t_u, map_.command, origin)
-        force = np.column_stack([np.zeros((len(t), 2)), held_at(t, t_u, thrust[:, 0] * map_.command.scale)])
-    own = None
-    if map_.accelerometer is not None:
-        stream = _read(folder, map_.accelerometer, map_.accelerometer.force, "accelerometer", told, 3)
-        own = _counted(stream.t, map_.accelerometer, origin), force_of(stream.values, source)
-        force = held_at(t, *own)
-    return Imu(t, rates, force, attitude, own)
+        commanded = read("command")
+        thrust = commanded.values[:, 0] * map_.command.scale
+        held = held_at(t, _counted(commanded.t, map_.command, origin), thrust)
+        imu = imu._replace(force=np.column_stack([np.zeros((len(t), 2)), held]))
+    if own is not None:
+        stream = read("accelerometer")
+        imu = imu._replace(accelerometer=(_counted(stream.t, own, origin), stream.values @ M.T * unit))
+    return imu
 
 
 def _counted(t: np.ndarray, source: Source, origin: float) -> np.ndarray:
@@ -195,22 +210,18 @@ def _counted(t: np.ndarray, source: Source, origin: float) -> np.ndarray:
     return t - (float(t[0]) if source.zero == "first" else origin)
 
 
-def _read_looks(folder: Path, map_: Map, origin: float, told: list[Rejections]) -> tuple[AidRows, Scene | None]:
-    looks, scene = NO_AID_ROWS, None
-    if map_.range_finder is not None:
-        stream = _read(folder, map_.range_finder, (map_.range_finder.distance,), "range_finder", told, 1)
-        distance = stream.values[:, 0] * map_.range_finder.scale
-        none = distance <= 0.0
-        stream.rejected.add("distances of 0 or less", stream.place(none), int(none.sum()))
-        t = _counted(stream.t, map_.range_finder, origin)
-        looks = looks._replace(finder_t=t[~none], distance=distance[~none])
-    if map_.flow is not None:
-        stream = _read(folder, map_.flow, map_.flow.pixels, "flow", told, 2)
-        looks = looks._replace(flow_t=_counted(stream.t, map_.flow, origin), flow=stream.values)
-    if map_.boxes is not None:
-        t, boxes, scene = read_boxes(folder, map_.boxes, told)
-        looks = looks._replace(boxes_t=_counted(t, map_.boxes, origin), boxes=boxes)
-    return looks, scene
+def looks_of(map_: Map, read: Read, origin: float) -> AidRows:
+    """Return the rows of range finder and flow by stamps from the first range's on, `origin` [s]."""
+    looks, finder, flow = NO_AID_ROWS, map_.range_finder, map_.flow
+    if finder is not None:
+        stream = read("range_finder")
+        stream = stream.without(stream.values[:, 0] * finder.scale <= 0.0, "distances of 0 or less")
+        distance = stream.values[:, 0] * finder.scale
+        looks = looks._replace(finder_t=_counted(stream.t, finder, origin), distance=distance)
+    if flow is not None:
+        stream = read("flow")
+        looks = looks._replace(flow_t=_counted(stream.t, flow, origin), flow=stream.values)
+    return looks
 
 
 def frozen_rows(t: np.ndarray, p: np.ndarray, longest: float) -> np.ndarray:
@@ -227,20 +238,16 @@ def frozen_rows(t: np.ndarray, p: np.ndarray, longest: float) -> np.ndarray:
     return np.asarray(~new & (lasts > longest)[run])
 
 
-def _read_truth(folder: Path, map_: Map, told: list[Rejections]) -> tuple[Truth, float]:
+def _truth(map_: Map, read: Read) -> tuple[Truth, float]:
     source = map_.truth
     assert source is not None
-    turned = () if source.rotation is None else source.rotation.columns
-    stream = _read(folder, source, (*source.position, *turned), "truth", told, 3)
+    stream = read("truth")
     if source.drop_zero_rows:
-        none = (stream.values[:, :3] == 0.0).all(axis=1)
-        stream.rejected.add("rows without a position (all zero)", stream.place(none), int(none.sum()))
-        stream = stream.only(~none)
-    stream = _with_attitude(stream, source.rotation, 3)
+        stream = stream.without((stream.values[:, :3] == 0.0).all(axis=1), "rows without a position (all zero)")
+    stream = _mostly_with_attitude(stream, source.rotation, 3)
     if source.drop_frozen is not None and len(stream.t):
         frozen = frozen_rows(stream.t, stream.values[:, :3], source.drop_frozen)
-        stream.rejected.add("rows that repeat a position (frozen)", stream.place(frozen), int(frozen.sum()))
-        stream = stream.only(~frozen)
+        stream = stream.without(frozen, "rows that repeat a position (frozen)")
     t, values = stream.t, stream.values
     if len(t) < 10:
         raise InputError(f"{stream.rejected.source}: {len(t)} rows have a position")
@@ -263,11 +270,7 @@ def _check_spans(path: Path, imu: np.ndarray, ranges: np.ndarray) -> None:
 
 
 def read_recording(path: Path, map_: Map) -> Recording:
-    """Read a motion.
-
-    Args:
-        path: the folder with the map's files, or one of them.
-        map_: what is what.
+    """Read a motion from the folder with the map's files, or from one of them.
 
     Raises:
         InputError: one line, if a file, column, topic or field is missing, or hardly anything can be read.
@@ -278,9 +281,15 @@ def read_recording(path: Path, map_: Map) -> Recording:
     ranges, anchors = read_range_rows(path, map_, told)
     origin = float(ranges.t[0])
     ranges = ranges._replace(t=ranges.t - origin)
-    looks, scene = _read_looks(path, map_, origin, told)
-    imu = None if map_.imu is None else _read_imu(path, map_, origin, told)
-    truth, truth_origin = (None, 0.0) if map_.truth is None else _read_truth(path, map_, told)
+    read, scene = _reader(path, map_, told), None
+    looks = looks_of(map_, read, origin)
+    if map_.boxes is not None:
+        t, boxes, scene = read_boxes(path, map_.boxes, told)
+        looks = looks._replace(boxes_t=_counted(t, map_.boxes, origin), boxes=boxes)
+    imu = None if map_.imu is None else imu_of(map_, read, origin)
+    if imu is not None and imu.accelerometer is not None:
+        imu = imu._replace(force=held_at(imu.t, *imu.accelerometer))
+    truth, truth_origin = (None, 0.0) if map_.truth is None else _truth(map_, read)
     if imu is not None:
         _check_spans(path, imu.t, ranges.t)
     lines = [line for part in told for line in part.lines()]

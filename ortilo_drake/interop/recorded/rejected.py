@@ -21,15 +21,18 @@ class Rejections:
     notes: list[str] = field(default_factory=list)
     word: str = "line"  # what a row is in this file
 
-    def place(self, which: np.ndarray, rows: np.ndarray) -> str:
-        """Return the place of the first row of a kind; empty if there is none."""
-        return f"in {self.word} {rows[np.argmax(which)]}" if which.any() else ""
-
     def add(self, reason: str, place: str, count: int = 1) -> None:
         """Count rejections of one reason."""
         if count:
             self.counts[reason] = self.counts.get(reason, 0) + count
             self.first.setdefault(reason, place)
+
+    def add_rows(self, reason: str, which: np.ndarray, rows: np.ndarray, names: np.ndarray | None = None) -> None:
+        """Count rejections of one reason: by a mask (n), of rows with numbers (n) and, for the report, names (n)."""
+        if which.any():
+            first = int(np.argmax(which))
+            called = "" if names is None else f" ('{names[first]}')"
+            self.add(reason, f"in {self.word} {rows[first]}{called}", int(which.sum()))
 
     def lines(self) -> list[str]:
         """Return a line for each reason and note."""
@@ -60,25 +63,23 @@ def kept_in_order(
         InputError: if more than half would go.
     """
     finite = np.isfinite(stamps)
-    rejected.add("rows without a stamp", rejected.place(~finite, rows), int(np.sum(~finite)))
+    rejected.add_rows("rows without a stamp", ~finite, rows)
     far = finite.copy()
     far[finite] = _far_away(stamps[finite])
-    rejected.add("rows with a stamp more than an hour from the others", rejected.place(far, rows), int(far.sum()))
+    rejected.add_rows("rows with a stamp more than an hour from the others", far, rows)
     good = finite & ~far
     before = np.maximum.accumulate(np.concatenate(([-np.inf], np.where(good, stamps, -np.inf))))[:-1]
     backward = good & (stamps < before)
     if names is not None:
         if backward.any():
-            found = (
-                f"{backward.sum()} rows out of order, first {rejected.place(backward, rows)}; sorted by their stamps"
-            )
-            rejected.notes.append(found)
+            first = f"in {rejected.word} {rows[np.argmax(backward)]}"
+            rejected.notes.append(f"{backward.sum()} rows out of order, first {first}; sorted by their stamps")
         keep = np.flatnonzero(good)
         keep = keep[np.argsort(stamps[keep], kind="stable")]
     else:
         same = good & (stamps == before)
-        rejected.add("duplicate stamps", rejected.place(same, rows), int(same.sum()))
-        rejected.add("backward stamps", rejected.place(backward, rows), int(backward.sum()))
+        rejected.add_rows("duplicate stamps", same, rows)
+        rejected.add_rows("backward stamps", backward, rows)
         keep = np.flatnonzero(good & ~same & ~backward)
     if len(keep) < max(2, len(stamps) / 2):
         raise InputError(f"{rejected.source}: {len(keep)} of {len(stamps)} stamps are finite and rise: wrong column?")

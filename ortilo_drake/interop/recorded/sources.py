@@ -51,10 +51,11 @@ class OfOne(Frozen):
         return self
 
 
-def check_axes(axes: str | tuple[Axis, Axis, Axis]) -> None:
+def _named_once(axes: str | tuple[Axis, Axis, Axis]) -> str | tuple[Axis, Axis, Axis]:
     """Refuse axes that do not name x, y and z once each."""
     if not isinstance(axes, str) and sorted(axis[-1] for axis in axes) != ["x", "y", "z"]:
-        raise ValueError(f"axes: {list(axes)}: must name x, y and z once each")
+        raise ValueError(f"{list(axes)}: must name x, y and z once each")
+    return axes
 
 
 def _as_tuples(value: Any) -> Any:
@@ -163,6 +164,8 @@ class ImuSource(Source):
         "are known [s].",
     )
 
+    _axes_are_all = field_validator("axes")(_named_once)
+
     @field_validator("standstill")
     @classmethod
     def _long_enough(cls, value: float) -> float:
@@ -174,11 +177,6 @@ class ImuSource(Source):
     @classmethod
     def _has_a_layout(cls, values: Any) -> Any:
         return _laid_out(values, IMUS)
-
-    @model_validator(mode="after")
-    def _axes_turn(self) -> Self:
-        check_axes(self.axes)
-        return self
 
 
 class AccelerometerSource(Source):
@@ -252,12 +250,9 @@ class TruthSource(Source):
         default=None, description="Drop rows that repeat a position for longer than this: the body was lost [s]."
     )
 
+    _axes_are_all = field_validator("axes")(_named_once)
+
     @model_validator(mode="before")
     @classmethod
     def _has_a_layout(cls, values: Any) -> Any:
         return _laid_out(values, TRUTHS)
-
-    @model_validator(mode="after")
-    def _axes_turn(self) -> Self:
-        check_axes(self.axes)
-        return self

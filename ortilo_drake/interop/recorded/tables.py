@@ -44,14 +44,7 @@ class Rows:
         return len(self._rows)
 
     def add(self, row: int, t: float, values: Sequence[float], name: str | None = None, order: int = 0) -> None:
-        """Add a row.
-
-        Args:
-            row: its number in the file.
-            t: stamp.
-            values: as many as in the other rows.
-            name: what it calls its anchor; in all rows or in none.
-            order: rows are sorted by it, those of one as they came.
+        """Add a row, with its number in the file; rows are sorted by `order`, those of one as they came.
 
         Raises:
             InputError: if there are more than NUMBERS, or more than NAMES of anchors.

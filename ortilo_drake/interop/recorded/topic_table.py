@@ -37,7 +37,23 @@ def place_of(path: Path, topic: str, wanted: Column, fields: Sequence[str]) -> i
     return at
 
 
-def table_of(t: np.ndarray, values: Sequence[np.ndarray], names: np.ndarray | None) -> Table:
-    """Return stamps, the columns' values and the anchors' names as a table."""
-    called = None if names is None else np.array([str(name) for name in names.tolist()], dtype=object)
-    return Table(t, np.column_stack([of.astype(float) for of in values]), called, np.arange(1, len(t) + 1))
+def table_of(
+    path: Path,
+    topic: str,
+    t: np.ndarray,
+    fields: Sequence[str],
+    values: Sequence[np.ndarray],
+    columns: tuple[Column, ...],
+    names: Column | None,
+) -> Table:
+    """Return a topic's stamps t (n), and of the values of its fields (n each) columns and anchors' names, as a table.
+
+    Raises:
+        InputError: if there is no such field.
+    """
+    found = [values[place_of(path, topic, one, fields)].astype(float) for one in columns]
+    called = None
+    if names is not None:
+        its = values[place_of(path, topic, names, fields)].tolist()
+        called = np.array([str(name) for name in its], dtype=object)
+    return Table(t, np.column_stack(found), called, np.arange(1, len(t) + 1))

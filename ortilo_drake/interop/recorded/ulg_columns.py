@@ -10,8 +10,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
 from ortilo_drake.interop.recorded.rejected import Rejections
 from ortilo_drake.interop.recorded.sources import Column
 from ortilo_drake.interop.recorded.tables import Table
@@ -68,14 +66,6 @@ def read_ulg(
 ) -> Table:
     """Return the messages of a topic.
 
-    Args:
-        path: the log.
-        topic: the message's name, of a further instance with its number behind.
-        time: the field of the stamps, in its own unit; None takes `timestamp`, in s then.
-        columns: names of fields with numbers, or their places from 1.
-        rejected: where to count what could not be read.
-        names: the field that names each message's anchor.
-
     Raises:
         InputError: if pyulog is not installed, the file is no such log, or there is no such topic, field or hardly a
             message.
@@ -85,11 +75,7 @@ def read_ulg(
     rejected.add("log that is cut short or spoilt: what could be read of it is used", "", int(not whole))
     topics = {f"{one.name}[{one.multi_id}]" if one.multi_id else one.name: one.data for one in log.data_list}
     data = topic_of(path, topic, topics)
-    fields = list(data)
-    check_size(path, topic, len(data[fields[0]]), len(columns))
-
-    def column(wanted: Column) -> np.ndarray:
-        return np.asarray(data[fields[place_of(path, topic, wanted, fields)]])
-
-    t = column("timestamp") * MICROSECONDS if time is None else column(time).astype(float)
-    return table_of(t, [column(one) for one in columns], None if names is None else column(names))
+    fields, values = list(data), list(data.values())
+    check_size(path, topic, len(values[0]), len(columns))
+    t = values[place_of(path, topic, "timestamp" if time is None else time, fields)].astype(float)
+    return table_of(path, topic, t * (MICROSECONDS if time is None else 1.0), fields, values, columns, names)

@@ -23,7 +23,7 @@ import numpy as np
 from ortilo_drake.interop.recorded.rejected import Rejections
 from ortilo_drake.interop.recorded.sources import Column
 from ortilo_drake.interop.recorded.tables import Table
-from ortilo_drake.interop.recorded.topic_table import check_size, place_of, table_of, topic_of
+from ortilo_drake.interop.recorded.topic_table import check_size, table_of, topic_of
 from ortilo_drake.model.input_files import MIB, open_file
 from ortilo_drake.model.typed_yaml import InputError
 
@@ -121,13 +121,6 @@ def read_usd(
 ) -> Table:
     """Return the events of a kind, stamps in s since the start.
 
-    Args:
-        path: the log.
-        topic: the kind's name, such as estTDOA.
-        columns: names of fields with numbers, or their places from 1.
-        rejected: where to count what could not be read.
-        names: the field that names each event's anchor.
-
     Raises:
         InputError: if the file is no such log, its CRC is wrong, or there is no such kind, field or hardly an event.
     """
@@ -140,9 +133,6 @@ def read_usd(
     raw = np.frombuffer(log.data, np.uint8)
     bytes_of = raw[places[:, None] + np.arange(log.head.size + kind.layout.itemsize)]
     stamp = np.ascontiguousarray(bytes_of[:, 2 : log.head.size]).view("<u8" if log.head.size > 6 else "<u4")[:, 0]
-    events = np.ascontiguousarray(bytes_of[:, log.head.size :]).view(kind.layout)[:, 0]
-
-    def column(wanted: Column) -> np.ndarray:
-        return np.asarray(events[str(place_of(path, topic, wanted, kind.fields))])
-
-    return table_of(stamp * log.unit, [column(one) for one in columns], None if names is None else column(names))
+    events = np.ascontiguousarray(bytes_of[:, log.head.size :]).view(kind.layout)[:, 0] if kind.fields else None
+    values = [] if events is None else [events[str(i)] for i in range(len(kind.fields))]
+    return table_of(path, topic, stamp * log.unit, kind.fields, values, columns, names)

@@ -3,14 +3,13 @@
 import numpy as np
 import rerun.blueprint as rrb
 
-from ortilo_drake.interop.rerun.sending import TIMELINE
-from ortilo_drake.interop.rerun.vehicle_drawn import CAMERA
+from ortilo_drake.interop.rerun.vehicle_drawn import CAMERA, TIMELINE
 from ortilo_drake.model.room import Room
 
 TABS = {
     "arrivals": ["/arrivals/**"],
     "commands": ["/control/**"],
-    "ranges": ["/ranges/**"],
+    "ranges": ["/ranges/**", "/differences/**"],
     "innovations": ["/innovation/**"],
     "attitude": ["/truth/attitude", "/estimate/attitude"],
 }

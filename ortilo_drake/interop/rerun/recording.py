@@ -48,9 +48,7 @@ def _fill(recording: "rr.RecordingStream", flight: xr.Dataset, seen: Sightings) 
     import rerun as rr
 
     from ortilo_drake.interop.rerun.layout import default_layout
-    from ortilo_drake.interop.rerun.room_drawn import send_room
-    from ortilo_drake.interop.rerun.sending import send_series
-    from ortilo_drake.interop.rerun.vehicle_drawn import send_camera, send_vehicle
+    from ortilo_drake.interop.rerun.vehicle_drawn import send_camera, send_room, send_series, send_vehicle
 
     scenario = scenario_of(flight)
     room = scenario.load_room()

@@ -111,12 +111,6 @@ def _sensors(flight: xr.Dataset) -> dict[str, Series]:
 
 
 def _ranges(seen: Sightings) -> dict[str, Series]:
-    """Return the ranges to each anchor that came [m]."""
-    if not seen.ranges:
-        return {}
-    times, values = (np.array(part) for part in zip(*seen.ranges, strict=True))
-    found = {}
-    for i in range(values.shape[1]):
-        there = np.isfinite(values[:, i])
-        found[f"ranges/anchor_{i}"] = Series(times[there], values[there, i : i + 1], (f"anchor_{i}",), is_sparse=True)
-    return found
+    """Return the ranges, and differences of them, that came [m]."""
+    rows = {path: np.array(its) for path, its in seen.ranges.items()}
+    return {path: Series(its[:, 0], its[:, 1:], (path.split("/")[1],), is_sparse=True) for path, its in rows.items()}

@@ -4,9 +4,9 @@ While a scenario flies they are recorded from the halves' messages, as for a log
 flight its pictures are drawn again from the true states (drawn_again).
 """
 
+from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -14,6 +14,7 @@ import xarray as xr
 from ortilo_drake.flight.flight import scenario_of
 from ortilo_drake.flight.signals import Signals
 from ortilo_drake.model.optional import later
+from ortilo_drake.model.range_pairs import AGE, ROW, THERE, VALUE, A, B
 from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, PAYLOAD, STAMP
 from ortilo_drake.onboard.detector.detector import detections_message
 from ortilo_drake.onboard.detector.detector_network import load_detector
@@ -27,34 +28,19 @@ QUALITY = 85  # of the JPEG
 CameraView = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
-class Picture(NamedTuple):
-    """A picture: when it was taken [s], and its JPEG."""
-
-    time: float
-    jpeg: bytes
-
-
-class FoundBoxes(NamedTuple):
-    """The boxes found in a picture: when it was taken [s], rows (label, score, u_min, v_min, u_max, v_max) (k, 6)."""
-
-    time: float
-    rows: np.ndarray
-
-
-class Ranges(NamedTuple):
-    """Ranges to the anchors: when they were true [s], and one each, NaN if it did not come (n) [m]."""
-
-    time: float
-    values: np.ndarray
-
-
 @dataclass
 class Sightings:
-    """All that was seen in a flight, in the order in which it came."""
+    """All that was seen in a flight, each behind the time [s] at which it was true, in the order in which it came.
 
-    pictures: list[Picture] = field(default_factory=list)
-    boxes: list[FoundBoxes] = field(default_factory=list)
-    ranges: list[Ranges] = field(default_factory=list)
+    Attributes:
+        pictures: as JPEG.
+        boxes: those found in a picture, rows (label, score, u_min, v_min, u_max, v_max) (k, 6).
+        ranges: those that came [m], by the path at which they stand in a recording; differences likewise.
+    """
+
+    pictures: list[tuple[float, bytes]] = field(default_factory=list)
+    boxes: list[tuple[float, np.ndarray]] = field(default_factory=list)
+    ranges: defaultdict[str, list[tuple[float, float]]] = field(default_factory=lambda: defaultdict(list))
 
 
 def encode_jpeg(picture: np.ndarray) -> bytes:
@@ -63,9 +49,9 @@ def encode_jpeg(picture: np.ndarray) -> bytes:
     return data.tobytes()
 
 
-def _found(message: np.ndarray) -> FoundBoxes:
+def _found(message: np.ndarray) -> tuple[float, np.ndarray]:
     rows = message[PAYLOAD:].reshape(-1, DETECTION_SIZE)
-    return FoundBoxes(float(message[STAMP]), rows[rows[:, 0] >= 0])
+    return float(message[STAMP]), rows[rows[:, 0] >= 0]
 
 
 class SightingsRecorder:
@@ -74,16 +60,13 @@ class SightingsRecorder:
     A rendered camera's boxes do not cross between the halves: the detector is onboard. It looks again here, and finds
     the same ones in the same picture.
 
-    Args:
-        scenario: what is flown.
-
     Raises:
         InputError: if a file of the scenario's detector is wrong.
     """
 
     def __init__(self, scenario: Scenario):
         self.sightings = Sightings()
-        self._draws_ranges = scenario.uwb.kind == "ranges"
+        self._uwb = scenario.uwb.kind
         if scenario.is_rendered:
             room = scenario.load_room()
             camera = room.camera.scaled_to(scenario.image_width)
@@ -94,14 +77,23 @@ class SightingsRecorder:
         seen = self.sightings
         if "image" in messages:
             stamp, rgb = float(messages["shutter"][STAMP]), np.ascontiguousarray(messages["image"][..., :3])
-            seen.pictures.append(Picture(stamp, encode_jpeg(rgb[..., ::-1])))
+            seen.pictures.append((stamp, encode_jpeg(rgb[..., ::-1])))
             seen.boxes.append(_found(detections_message(stamp, *self._detect(rgb))))
         if "detections" in messages and messages["detections"][ARRIVED] == 1.0:
             seen.boxes.append(_found(messages["detections"]))
-        ranges = messages.get(measuring("anchors"))
-        if self._draws_ranges and ranges is not None and ranges[ARRIVED] == 1.0:
-            values, there = ranges[PAYLOAD:].reshape(2, -1)
-            seen.ranges.append(Ranges(float(ranges[STAMP]), np.where(there > 0, values, np.nan)))
+        uwb = messages.get(measuring("anchors"))
+        if uwb is None or uwb[ARRIVED] != 1.0:
+            return
+        stamp = float(uwb[STAMP])
+        if self._uwb == "ranges":
+            values, there = uwb[PAYLOAD:].reshape(2, -1)
+            for i in np.flatnonzero(there):
+                seen.ranges[f"ranges/anchor_{i}"].append((stamp, float(values[i])))
+        elif self._uwb == "differences":
+            for row in uwb[PAYLOAD:].reshape(-1, ROW):
+                if row[THERE] > 0:
+                    path = f"differences/anchor_{int(row[B])}_less_anchor_{int(row[A])}"
+                    seen.ranges[path].append((stamp - float(row[AGE]), float(row[VALUE])))
 
 
 def drawn_again(flight: xr.Dataset, make_view: Callable[[Scenario], CameraView]) -> Sightings:
@@ -109,10 +101,6 @@ def drawn_again(flight: xr.Dataset, make_view: Callable[[Scenario], CameraView])
 
     Each picture that was due is drawn, also if it did not arrive. There are none without a rendered camera, and no
     ranges: a flight does not keep them.
-
-    Args:
-        flight: the flight.
-        make_view: views.scene_view.make_camera_view.
 
     Raises:
         InputError: if there is no EGL or a file of the scenario's detector is wrong.
@@ -126,6 +114,6 @@ def drawn_again(flight: xr.Dataset, make_view: Callable[[Scenario], CameraView])
         k = round(time * scenario.control_rate)
         if k % scenario.every(camera) == 0 and np.isfinite(x).all():
             picture, rows = view(float(time), x)
-            seen.pictures.append(Picture(float(time), encode_jpeg(picture)))
-            seen.boxes.append(FoundBoxes(float(time), rows))
+            seen.pictures.append((float(time), encode_jpeg(picture)))
+            seen.boxes.append((float(time), rows))
     return seen

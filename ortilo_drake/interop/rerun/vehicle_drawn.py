@@ -1,17 +1,19 @@
-"""The vehicle in a recording: where it was and where it believed to be, its paths and its camera."""
+"""A flight in a recording: the vehicle, where it believed to be, paths, camera, signals, and the room, in W [m]."""
 
 import numpy as np
 import rerun as rr
 import xarray as xr
 
 from ortilo_drake.flight.flight import scenario_of
-from ortilo_drake.interop.rerun.sending import time_column
+from ortilo_drake.interop.rerun.series import Series
 from ortilo_drake.interop.rerun.sightings import Sightings
 from ortilo_drake.interop.ros.body_motion import quaternion
+from ortilo_drake.interop.ros.ros_types import to_ns
 from ortilo_drake.model.pinhole import R_BC
 from ortilo_drake.model.room import CameraModel, Room
 from ortilo_drake.model.vehicle import Vehicle, rotor_places
 from ortilo_drake.scenario import Scenario, WaypointPlanner
+from ortilo_drake.world.scenery.meshcat_room import class_color
 
 TRUTH, ESTIMATE = "world/truth", "world/estimate"
 CAMERA = f"{TRUTH}/camera"
@@ -19,6 +21,9 @@ PICTURE, BOXES = f"{CAMERA}/picture", f"{CAMERA}/picture/boxes"
 COLORS = {TRUTH: (40, 160, 40), ESTIMATE: (242, 13, 153), "planned": (26, 140, 255)}
 PICTURE_AT = 1.0  # from the camera, where the picture hangs [m]
 HALF_PIXEL = 0.5  # a pixel's centre has integer coordinates here; in Rerun its corner has
+ROOM_GREY, WALL_RED, STAND_GREY, ANCHOR_YELLOW = (150, 152, 156), (173, 92, 66), (110, 112, 118), (255, 184, 0)
+ANCHOR_RADIUS = 0.1  # [m]
+TIMELINE = "time"  # simulated seconds from the flight's start
 
 
 def send_vehicle(recording: rr.RecordingStream, flight: xr.Dataset) -> None:
@@ -71,11 +76,9 @@ def send_camera(recording: rr.RecordingStream, scenario: Scenario, room: Room, s
     model = room.camera.scaled_to(scenario.image_width)
     recording.log(CAMERA, rr.Transform3D(translation=model.position, mat3x3=R_BC), pinhole(model), static=True)
     if seen.pictures:
-        times = np.array([picture.time for picture in seen.pictures])
-        columns = rr.EncodedImage.columns(
-            blob=[np.frombuffer(picture.jpeg, np.uint8) for picture in seen.pictures],
-            media_type=["image/jpeg"] * len(times),
-        )
+        times = np.array([time for time, _ in seen.pictures])
+        jpegs = [np.frombuffer(jpeg, np.uint8) for _, jpeg in seen.pictures]
+        columns = rr.EncodedImage.columns(blob=jpegs, media_type=["image/jpeg"] * len(jpegs))
         recording.send_columns(PICTURE, indexes=[time_column(times)], columns=columns)
     if seen.boxes:
         _send_boxes(recording, room, seen)
@@ -96,12 +99,95 @@ def pinhole(model: CameraModel) -> rr.Pinhole:
 
 def _send_boxes(recording: rr.RecordingStream, room: Room, seen: Sightings) -> None:
     """Write the boxes of each picture as one row, also where none were found: that clears the earlier ones."""
-    rows = np.concatenate([boxes.rows for boxes in seen.boxes])
+    rows = np.concatenate([found for _, found in seen.boxes])
     labels = [f"{room.classes[int(label)]} {score:.2f}" for label, score in rows[:, :2].tolist()]
     low, high = rows[:, 2:4] + HALF_PIXEL, rows[:, 4:6] + HALF_PIXEL
     columns = rr.Boxes2D.columns(
         centers=(low + high) / 2, half_sizes=(high - low) / 2, labels=labels, class_ids=rows[:, 0].astype(int)
     )
-    parted = columns.partition(lengths=[len(boxes.rows) for boxes in seen.boxes])
-    times = np.array([boxes.time for boxes in seen.boxes])
+    parted = columns.partition(lengths=[len(found) for _, found in seen.boxes])
+    times = np.array([time for time, _ in seen.boxes])
     recording.send_columns(BOXES, indexes=[time_column(times)], columns=parted)
+
+
+def time_column(times: np.ndarray) -> rr.TimeColumn:
+    """Return the timeline's values at some times [s], in whole nanoseconds as in the logs."""
+    return rr.TimeColumn(TIMELINE, duration=np.array([to_ns(t) for t in times.tolist()], dtype="timedelta64[ns]"))
+
+
+def send_series(recording: rr.RecordingStream, path: str, series: Series) -> None:
+    """Write time series; a value that is not finite is left out with its row."""
+    there = np.isfinite(series.values).all(axis=1)
+    if not there.any():
+        return
+    names = list(series.names)
+    if series.is_sparse:
+        recording.log(path, rr.SeriesPoints(names=names, marker_sizes=[2.0] * len(names)), static=True)
+    else:
+        mode = rr.components.InterpolationMode.StepAfter if series.is_step else None
+        colors = list(series.colors) or None
+        recording.log(path, rr.SeriesLines(names=names, colors=colors, interpolation_mode=mode), static=True)
+    columns = rr.Scalars.columns(scalars=series.values[there])
+    recording.send_columns(path, indexes=[time_column(series.times[there])], columns=columns)
+
+
+def class_colors(room: Room) -> list[tuple[int, int, int]]:
+    """Return the colour of each landmark class, red, green, blue."""
+    rgba = [class_color(room, label) for label in room.classes]
+    return [(round(255 * c.r()), round(255 * c.g()), round(255 * c.b())) for c in rgba]
+
+
+def turned(yaws: np.ndarray) -> np.ndarray:
+    """Return turns about W's z [rad] (n) as quaternions (x, y, z, w) (n, 4)."""
+    zero = np.zeros_like(yaws)
+    return np.column_stack([zero, zero, np.sin(yaws / 2), np.cos(yaws / 2)])
+
+
+def send_room(recording: rr.RecordingStream, room: Room) -> None:
+    """Write the surveyed room below world/room."""
+    recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    classes = [(i, name, color) for i, (name, color) in enumerate(zip(room.classes, class_colors(room), strict=True))]
+    recording.log("world", rr.AnnotationContext(classes), static=True)
+    low, high = np.array(room.interior.min), np.array(room.interior.max)
+    recording.log("world/room", rr.Boxes3D(mins=[low], sizes=[high - low], colors=[ROOM_GREY]), static=True)
+    walls, stands = room.wall_boxes, room.stand_cylinders
+    if len(walls):
+        boxes = rr.Boxes3D(
+            centers=walls[:, 0:3],
+            half_sizes=walls[:, 4:7],
+            quaternions=turned(walls[:, 3]),
+            colors=[WALL_RED],
+            fill_mode=rr.components.FillMode.TransparentFillMajorWireframe,
+        )
+        recording.log("world/room/walls", boxes, static=True)
+    if len(stands):
+        centers = np.column_stack([stands[:, 0:2], stands[:, 3] / 2])
+        cylinders = rr.Cylinders3D(
+            centers=centers,
+            radii=stands[:, 2],
+            lengths=stands[:, 3],
+            colors=[STAND_GREY],
+            fill_mode=rr.components.FillMode.Solid,
+        )
+        recording.log("world/room/stands", cylinders, static=True)
+    anchors = rr.Points3D(
+        room.anchor_positions,
+        colors=[ANCHOR_YELLOW],
+        radii=[ANCHOR_RADIUS],
+        labels=[f"anchor_{i}" for i in range(len(room.anchors))],
+    )
+    recording.log("world/room/anchors", anchors, static=True)
+    if room.landmarks:
+        _send_landmarks(recording, room)
+
+
+def _send_landmarks(recording: rr.RecordingStream, room: Room) -> None:
+    sizes = np.array([landmark.size or room.landmark_size[landmark.label] for landmark in room.landmarks])
+    boxes = rr.Boxes3D(
+        centers=room.landmark_positions,
+        sizes=sizes,
+        quaternions=turned(np.array([landmark.yaw for landmark in room.landmarks])),
+        class_ids=room.landmark_labels.astype(int),
+        labels=[landmark.label for landmark in room.landmarks],
+    )
+    recording.log("world/room/landmarks", boxes, static=True)

@@ -67,13 +67,9 @@ def _is_whole(compressed: bytes, height: int, row: int) -> bool:
 
 
 def decode_foreign_png(data: bytes, shape: tuple[int, int]) -> np.ndarray | None:
-    """Return the picture (height, width, 4), uint8, or None unless it is a PNG of this shape that encode_png may make.
+    """Return the picture (height, width, 4), uint8, or None unless it is a PNG of this shape [px] that we may make.
 
     Size and kind are read from the header before anything is decompressed, and no more is decompressed than fits.
-
-    Args:
-        data: any bytes.
-        shape: height and width [px].
     """
     height, width = shape
     for channels, kind in _KINDS.items():

@@ -5,9 +5,8 @@ from typing import Any, Final, Self
 import numpy as np
 
 from ortilo_drake.interop.ros.ros2_node import Ros2Node, message_class
-from ortilo_drake.interop.ros.ros_messages import start_messages, tick_messages
+from ortilo_drake.interop.ros.ros_messages import blank_messages, start_messages, tick_messages
 from ortilo_drake.interop.ros.ros_motion import GOAL_TOPIC, GOAL_TYPE
-from ortilo_drake.model.signals import N_U, N_XBAR, REFERENCE_SIZE
 from ortilo_drake.scenario import Scenario
 
 FRAME: Final = "map"
@@ -16,9 +15,6 @@ _SPINS: Final = 4  # of the executor at a time: one takes the newest goal, the r
 
 class Ros2Bridge(Ros2Node):
     """A ROS 2 node: `with Ros2Bridge(scenario) as bridge: bridge.send_tick(...)`.
-
-    Args:
-        scenario: what is flown.
 
     Raises:
         InputError: if rclpy is not installed, or, on entering, does not work or the scenario has no path.
@@ -42,9 +38,7 @@ class Ros2Bridge(Ros2Node):
 
     def _open_topics(self) -> None:
         """Make the publishers of every tick's topics, and have numba compile all that makes their messages."""
-        sizes = {"control": N_U, "estimate": N_XBAR, "covariance": N_XBAR**2, "reference": REFERENCE_SIZE}
-        outputs = {name: np.zeros(size) for name, size in sizes.items()}
-        for topic, type_name, _ in tick_messages(0.0, None, {}, outputs, self._scenario, self._room):
+        for topic, type_name, _ in blank_messages(self._scenario, self._room, None):
             self._publisher(topic, type_name)
 
     def send_tick(

@@ -20,11 +20,9 @@ _SPINS: Final = 3  # of the executor that bring no message: then none waits
 
 
 class Ros2Live(Ros2Node):
-    """The node of `ortilo hil bridge --from ros2`.
+    """The node of `ortilo hil bridge --from ros2`, which listens to topics.
 
-    Args:
-        topics: to listen to.
-        say: takes a line about a topic that is found, or whose type is not installed.
+    `say` takes a line about a topic that is found, or whose type is not installed.
 
     Raises:
         InputError: as Ros2Node.

@@ -13,9 +13,9 @@ from typing import Any, Final, Self
 
 import numpy as np
 
-from ortilo_drake.interop.ros.ros_fields import Fields, RosMessage
 from ortilo_drake.interop.ros.ros_messages import LATCHED
 from ortilo_drake.interop.ros.ros_sensors import IMAGE_TOPIC
+from ortilo_drake.interop.ros.ros_types import Fields, RosMessage
 from ortilo_drake.model.optional import check_installed
 from ortilo_drake.model.typed_yaml import InputError
 
@@ -34,10 +34,6 @@ def fill(message: Any, fields: Fields) -> Any:
     """Write plain nested fields into an rclpy message and return it; what is absent stays as it is.
 
     The message's own values decide the types: a message within it is filled, an array keeps its element type.
-
-    Args:
-        message: an rclpy message, or anything with get_fields_and_field_types().
-        fields: nested dicts, lists, arrays, numbers and texts by the message's field names.
 
     Raises:
         AttributeError: if there is no such field.

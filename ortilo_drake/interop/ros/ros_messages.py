@@ -21,8 +21,7 @@ import numpy as np
 from pydrake.trajectories import Trajectory
 
 from ortilo_drake import __version__
-from ortilo_drake.flight.signals import Signals
-from ortilo_drake.interop.ros.ros_fields import Fields, RosMessage
+from ortilo_drake.flight.signals import Signals, output_sizes
 from ortilo_drake.interop.ros.ros_motion import (
     estimate_messages,
     goal_message,
@@ -32,6 +31,7 @@ from ortilo_drake.interop.ros.ros_motion import (
     truth_messages,
 )
 from ortilo_drake.interop.ros.ros_sensors import fixed_frames_message, sensor_messages
+from ortilo_drake.interop.ros.ros_types import Fields, RosMessage
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import CONTROL_NAMES, N_XBAR, STATE_NAMES, XBAR_NAMES
 from ortilo_drake.onboard.planner.planned import planned
@@ -99,13 +99,16 @@ def tick_messages(
     return sent + sensor_messages(t, messages, scenario, room)
 
 
+def blank_messages(scenario: Scenario, room: Room, state: np.ndarray | None) -> list[RosMessage]:
+    """Return the messages of a tick of zeros, which numba compiles all functions for."""
+    outputs = {name: np.zeros(size) for name, size in output_sizes(scenario.measurement).items()}
+    return tick_messages(0.0, state, {}, outputs, scenario, room)
+
+
 def start_messages(scenario: Scenario, room: Room, messages: str = SENT) -> list[RosMessage]:
     """Return the messages sent once, before the first tick: scenario, fixed frames, planned path if there is one.
 
-    Args:
-        scenario: the scenario.
-        room: its room.
-        messages: TAKEN or SENT, whatever the ticks' messages are; a listener on the bus knows only what was sent.
+    The ticks' `messages` are TAKEN or SENT; a listener on the bus knows only what was sent.
 
     Raises:
         InputError: if there is no path.

@@ -4,7 +4,8 @@ import numpy as np
 from pydrake.trajectories import Trajectory
 
 from ortilo_drake.interop.ros.body_motion import pose_and_twist, quaternion, twist_covariance
-from ortilo_drake.interop.ros.ros_fields import (
+from ortilo_drake.interop.ros.ros_types import (
+    Fields,
     RosMessage,
     header_fields,
     pose_fields,
@@ -25,22 +26,19 @@ def _motion(x: np.ndarray) -> list[float]:
     return pose_and_twist(np.array(x[0:12])).tolist()
 
 
+def _odometry(of: str, t: float, pose: Fields, twist: Fields) -> RosMessage:
+    header = header_fields(t, "map")
+    fields = {"header": header, "child_frame_id": "base_link", "pose": pose, "twist": twist}
+    return f"/{of}/odometry", "nav_msgs/msg/Odometry", fields
+
+
 def truth_messages(t: float, state: np.ndarray) -> list[RosMessage]:
     """Return the messages of the true state x (12)."""
     motion = _motion(state)
-    header, pose = header_fields(t, "map"), pose_fields(motion)
+    pose = pose_fields(motion)
     return [
-        ("/truth/pose", "geometry_msgs/msg/PoseStamped", {"header": header, "pose": pose}),
-        (
-            "/truth/odometry",
-            "nav_msgs/msg/Odometry",
-            {
-                "header": header,
-                "child_frame_id": "base_link",
-                "pose": {"pose": pose},
-                "twist": {"twist": twist_fields(motion)},
-            },
-        ),
+        ("/truth/pose", "geometry_msgs/msg/PoseStamped", {"header": header_fields(t, "map"), "pose": pose}),
+        _odometry("truth", t, {"pose": pose}, {"twist": twist_fields(motion)}),
     ]
 
 
@@ -52,14 +50,8 @@ def estimate_messages(t: float, estimate: np.ndarray, covariance: np.ndarray) ->
     motion, P = _motion(estimate), np.array(covariance.reshape(N_XBAR, N_XBAR))
     header, pose = header_fields(t, "map"), {"pose": pose_fields(motion), "covariance": P[0:6, 0:6].ravel()}
     twist = {"twist": twist_fields(motion), "covariance": twist_covariance(np.array(estimate), P).ravel()}
-    return [
-        ("/estimate/pose", "geometry_msgs/msg/PoseWithCovarianceStamped", {"header": header, "pose": pose}),
-        (
-            "/estimate/odometry",
-            "nav_msgs/msg/Odometry",
-            {"header": header, "child_frame_id": "base_link", "pose": pose, "twist": twist},
-        ),
-    ]
+    kind = "geometry_msgs/msg/PoseWithCovarianceStamped"
+    return [("/estimate/pose", kind, {"header": header, "pose": pose}), _odometry("estimate", t, pose, twist)]
 
 
 def tf_message(t: float, x: np.ndarray) -> RosMessage:

@@ -8,15 +8,14 @@ Flying a place twice separates errors of places from errors that last. The exact
 maximised; rows that are probably outliers are left out.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky
 
-from ortilo_drake.studies.fit.greatest import deviations, greatest
-from ortilo_drake.studies.fit.interval import Interval, log_interval
-from ortilo_drake.studies.fit.lasting_filter import PRIOR
+from ortilo_drake.studies.fit.greatest import Interval, deviations, greatest, log_interval
+from ortilo_drake.studies.fit.lasting import PRIOR
 from ortilo_drake.studies.fit.range_errors import RangeErrors
 
 ROWS = 800  # of the exact likelihood
@@ -45,7 +44,6 @@ def fit_fields(
     outlier: Sequence[np.ndarray],
     n: int,
     start: tuple[float, float, float],
-    count: Callable[[int], None] = lambda _: None,
     rows: int = ROWS,
 ) -> Fields:
     """Return the fit.
@@ -55,7 +53,6 @@ def fit_fields(
         outlier: each row's probability to be one, by recording.
         n: number of anchors.
         start: time constant [s] and deviation of what lasts, and the white deviation [m], without a field.
-        count: called with how many likelihoods were computed.
         rows: how many to go by.
     """
     flight = np.concatenate([np.full(len(one.t), k) for k, one in enumerate(errors)])
@@ -69,12 +66,7 @@ def fit_fields(
     d = np.linalg.norm(place[:, None] - place[None], axis=2)
     h = np.where(flight[:, None] == flight[None], np.abs(t[:, None] - t[None]), np.inf)
 
-    computed = 0
-
     def likelihood(logs: np.ndarray) -> float:
-        nonlocal computed
-        computed += 1
-        count(computed)
         length, sd, time, lasting_sd, white = np.exp(logs)
         K = same * (PRIOR**2 + sd**2 * matern(d, length) + lasting_sd**2 * np.exp(-h / time))
         K[np.diag_indices(len(e))] += white**2

@@ -1,16 +1,47 @@
-"""Positive numbers that maximise a likelihood, and their intervals.
+"""Positive numbers that maximise a likelihood, and intervals that hold them with 95 % probability.
 
 The logarithms of the numbers are searched by Nelder and Mead's simplex, begun anew where it stopped.
 """
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
+from scipy.stats import t as student
 
 SIZES, MOST = (0.5, 0.5, 0.1), 300  # of the searches, in logarithms, and likelihoods of one
 FALL = 0.5  # of the log-likelihood over a step: a standard deviation's
 WIDEST = 1.0  # step, in logarithms
+TIMES = 1.959964  # standard deviations of a normal number to either side
+
+
+class Interval(NamedTuple):
+    """A number, and the ends of its interval."""
+
+    value: float
+    low: float
+    high: float
+
+    def holds(self, value: float) -> bool:
+        """Return whether a number lies in the interval."""
+        return self.low <= value <= self.high
+
+
+def normal_interval(value: float, sd: float) -> Interval:
+    """Return the interval of a number whose error is normal."""
+    return Interval(float(value), float(value - TIMES * sd), float(value + TIMES * sd))
+
+
+def half_width(values: np.ndarray) -> np.ndarray:
+    """Return half the width of the interval of a mean, by Student's t over its values (m, ...)."""
+    m = len(values)
+    return np.asarray(student.ppf(0.975, m - 1) * np.std(values, axis=0, ddof=1) / np.sqrt(m))
+
+
+def log_interval(log_value: float, sd: float) -> Interval:
+    """Return the interval of a positive number whose logarithm's error is normal."""
+    return Interval(*(float(np.exp(end)) for end in normal_interval(log_value, sd)))
 
 
 def greatest(
@@ -19,14 +50,7 @@ def greatest(
     limits: Sequence[tuple[float, float]],
     sizes: Sequence[float] = SIZES,
 ) -> np.ndarray:
-    """Return the logarithms of the numbers.
-
-    Args:
-        likelihood: of the numbers' logarithms.
-        start: the logarithms to start from.
-        limits: beyond these a number is none.
-        sizes: of the searches.
-    """
+    """Return the logarithms of the numbers, from some on and within limits, by searches of these sizes."""
     low, high = np.log(np.array(limits)).T
 
     def cost(logs: np.ndarray) -> float:

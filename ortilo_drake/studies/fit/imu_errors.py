@@ -1,22 +1,84 @@
-"""The errors of an IMU's samples in flight and at rest, by the truth."""
+"""The errors of an IMU's samples in flight and at rest, by the truth as a smooth path with an ideal IMU on it.
+
+Positions and quaternions are resampled evenly, passed forwards and backwards through a Butterworth filter, and joined
+by cubic splines: the second derivative of a truth that is rounded to a millimetre would otherwise be noise alone.
+"""
 
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.map_file import Map
-from ortilo_drake.interop.recorded.recording import GRAVITY, Recording
-from ortilo_drake.studies.fit.body_path import BodyPath
-from ortilo_drake.studies.recorded.aided import airborne
+from ortilo_drake.interop.recorded.recording import GRAVITY, Recording, Truth
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.calibrate import Calibration
+from ortilo_drake.studies.recorded.setups import airborne
 
+RATE, CUT = 200.0, 8.0  # of the even stamps, and of the filter [Hz]
+TURNS = 1e-3  # body rates are differences over this time to either side [s]
 OVER, REST_OVER, TURNS_OVER = 0.25, 0.05, 0.1  # means over this time in flight, at rest, and for the mount [s]
 FULL = 0.6  # a block counts with so large a share of the most samples
 FAULTY, BEYOND = 0.05, 3.0  # an axis with more than this share of samples off by more than this [m/s²] is faulty
 LEAVES = 0.05  # the vehicle rests until a second before it is so far above its first height [m]
 LEAST = 8  # blocks that tell a spread
 SPREAD = 1.3605  # variance of the logarithm of a median absolute deviation, times how many normal numbers it is of
+
+
+class BodyPath(NamedTuple):
+    """Position and quaternion by the sensors' clock; beyond first and last [s] it stands still."""
+
+    p: CubicSpline
+    q: CubicSpline
+    first: float
+    last: float
+
+    def within(self, t: np.ndarray) -> np.ndarray:
+        """Return stamps, those outside at the ends."""
+        return np.clip(t, self.first + TURNS, self.last - TURNS)
+
+    def position(self, t: np.ndarray) -> np.ndarray:
+        """Return p_WB (m, 3)."""
+        return np.asarray(self.p(self.within(t)))
+
+    def attitude(self, t: np.ndarray) -> Rotation:
+        """Return R_WB."""
+        return Rotation.from_quat(self.q(self.within(t)))
+
+    def rates(self, t: np.ndarray) -> np.ndarray:
+        """Return the body rates (m, 3) [rad/s]."""
+        moves, t = self._moves(t), self.within(t)
+        before, behind = Rotation.from_quat(self.q(t - TURNS)), Rotation.from_quat(self.q(t + TURNS))
+        return np.asarray(moves * (before.inv() * behind).as_rotvec() / (2.0 * TURNS))
+
+    def force(self, t: np.ndarray) -> np.ndarray:
+        """Return the specific force in B (m, 3) [m/s²]."""
+        moves, t = self._moves(t), self.within(t)
+        return np.asarray(self.attitude(t).inv().apply(moves * self.p(t, 2) + [0.0, 0.0, GRAVITY]))
+
+    def _moves(self, t: np.ndarray) -> np.ndarray:
+        """Return a mask (m, 1) of the stamps that are not beyond the ends."""
+        return ((t >= self.first) & (t <= self.last))[:, None]
+
+
+def body_path(name: str, truth: Truth, by: Calibration) -> BodyPath:
+    """Return the path of a truth in the anchors' frame, B as the truth has it.
+
+    Raises:
+        InputError: if it has no attitude.
+    """
+    if truth.R is None:
+        raise InputError(f"{name}: truth.rotation: the map has none, and an IMU is flown along an attitude")
+    t = np.arange(truth.t[0], truth.t[-1], 1.0 / RATE)
+    q = (Rotation.from_matrix(by.F) * Rotation.from_matrix(truth.R)).as_quat()
+    turned = np.sum(q[1:] * q[:-1], axis=1) < 0.0
+    q[1:] *= np.where(np.cumsum(turned) % 2 == 1, -1.0, 1.0)[:, None]
+    even = np.column_stack([np.interp(t, truth.t, axis) for axis in np.hstack([by.position(truth.p), q]).T])
+    smooth = sosfiltfilt(butter(2, CUT, fs=RATE, output="sos"), even, axis=0)
+    t = t - by.offset
+    return BodyPath(CubicSpline(t, smooth[:, :3]), CubicSpline(t, smooth[:, 3:]), float(t[0]), float(t[-1]))
 
 
 class ImuErrors(NamedTuple):
@@ -65,7 +127,7 @@ def mount_of(recording: Recording, path: BodyPath, by: Calibration, map_: Map) -
         return Rotation.identity()
     if by.mount is not None:
         return Rotation.from_matrix(by.mount)
-    up = airborne(imu.t, recording.truth, by, map_)(imu.t)
+    up = airborne(recording.truth, by, map_)(imu.t)
     t, rates = imu.t[up], imu.rates[up]
     found, _ = Rotation.align_vectors(block_means(t, path.rates(t), TURNS_OVER), block_means(t, rates, TURNS_OVER))
     return found
@@ -77,7 +139,7 @@ def imu_errors(recording: Recording, path: BodyPath, mount: Rotation, by: Calibr
     if imu is None or truth is None:
         return None
     t_force, force = imu.accelerometer or (imu.t, imu.force)
-    judged = airborne(imu.t, truth, by, map_)
+    judged = airborne(truth, by, map_)
     up, up_force = judged(imu.t), judged(t_force)
     back = mount.inv()
     e = imu.rates[up] - back.apply(path.rates(imu.t[up]))

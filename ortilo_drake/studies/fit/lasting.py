@@ -1,23 +1,100 @@
 """Lasting and white errors, outliers and constants of the anchors, fitted to recorded range errors.
 
-The likelihood of lasting_filter.py is maximised. The intervals come from fits to blocks of time: their spread holds
-also where the errors are not quite of this kind. Those of the constants come from the filter's covariance at the end.
+Each anchor i has a constant c_i [m], the same in all recordings, and an error g_i [m] that lasts: a first-order
+Gauss-Markov process of its own. An error of a range to b, or of a difference of the ranges to b and a, is
+
+    e = c_b + g_b (- c_a - g_a) + white,   an outlier with probability q, whose error has a further deviation o
+
+A row's density is the mixture of both. What is known behind it has the mixture's mean and covariance (Bar-Shalom, Li
+and Kirubarajan, Estimation with Applications, 2001, section 11.6.4: the first generalised pseudo-Bayesian estimator).
+
+The likelihood is maximised. The intervals come from fits to blocks of time: their spread holds also where the errors
+are not quite of this kind. Where several recordings differ by more than their blocks, Student's t over the recordings
+counts. Those of the constants come from the filter's covariance at the end.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import t as student
+from numba import njit
 
-from ortilo_drake.studies.fit.greatest import greatest
-from ortilo_drake.studies.fit.interval import TIMES, Interval, log_interval, normal_interval
-from ortilo_drake.studies.fit.lasting_filter import PRIOR, lasting_filter
+from ortilo_drake.studies.fit.greatest import TIMES, Interval, greatest, half_width, log_interval, normal_interval
 from ortilo_drake.studies.fit.range_errors import RangeErrors
 
+PRIOR = 1.0  # deviation of a constant [m]
 START = (0.5, 0.1, 0.1, 0.03, 1.0)  # time [s], deviations [m], share, deviation [m]
 LIMITS = ((0.02, 60.0), (1e-3, 5.0), (1e-3, 5.0), (1e-5, 0.4), (0.05, 30.0))
 BLOCKS, NEAR = 10, (0.3,)  # of time, and the size of the search in each, in logarithms
+
+
+@njit(cache=True)
+def lasting_filter(
+    t: np.ndarray,
+    anchor: np.ndarray,
+    other: np.ndarray,
+    e: np.ndarray,
+    x: np.ndarray,
+    C: np.ndarray,
+    numbers: np.ndarray,
+    outlier: np.ndarray,
+) -> float:
+    """Return the log-likelihood of a recording's errors; x and C become the constants' estimate after it.
+
+    Args:
+        t: stamps [s] (m).
+        anchor: b (m).
+        other: a, or -1 (m).
+        e: errors [m] (m).
+        x: the constants' means (n); changed.
+        C: their covariance (n, n); changed.
+        numbers: time constant [s], deviation of the lasting error, of the white one [m], q, and o [m].
+        outlier: gets each row's probability to be one (m).
+    """
+    n, (tau, sd, white, share, far) = len(x), numbers
+    z, S = np.zeros(2 * n), np.zeros((2 * n, 2 * n))
+    z[:n], S[:n, :n] = x, C
+    for i in range(n, 2 * n):
+        S[i, i] = sd * sd
+    column, total = np.empty(2 * n), 0.0
+    for k in range(len(t)):
+        h = t[k] - t[k - 1] if k > 0 else 0.0
+        if h > 0.0:
+            keep = np.exp(-h / tau)
+            for i in range(n, 2 * n):
+                z[i] *= keep
+                for j in range(n):
+                    S[i, j] *= keep
+                    S[j, i] = S[i, j]
+                for j in range(n, 2 * n):
+                    S[i, j] *= keep * keep
+                S[i, i] += (1.0 - keep * keep) * sd * sd
+        b, a = anchor[k], other[k]
+        for i in range(2 * n):
+            column[i] = S[i, b] + S[i, n + b]
+            if a >= 0:
+                column[i] -= S[i, a] + S[i, n + a]
+        y, V = e[k] - z[b] - z[n + b], white * white + column[b] + column[n + b]
+        if a >= 0:
+            y += z[a] + z[n + a]
+            V -= column[a] + column[n + a]
+        U = V + far * far
+        usual = np.log(1.0 - share) - 0.5 * (np.log(2.0 * np.pi * V) + y * y / V)
+        odd = np.log(share) - 0.5 * (np.log(2.0 * np.pi * U) + y * y / U)
+        most = max(usual, odd)
+        density = most + np.log(np.exp(usual - most) + np.exp(odd - most))
+        total += density
+        p = np.exp(odd - density)
+        outlier[k] = p
+        moves = y * ((1.0 - p) / V + p / U)
+        spread = (1.0 - p) * (y / V) ** 2 + p * (y / U) ** 2 - moves * moves
+        known = (1.0 - p) / V + p / U - spread
+        for i in range(2 * n):
+            z[i] += column[i] * moves
+            for j in range(2 * n):
+                S[i, j] -= column[i] * column[j] * known
+    x[:], C[:] = z[:n], S[:n, :n]
+    return total
 
 
 class Lasting(NamedTuple):
@@ -48,41 +125,37 @@ def _run(
     return total, x, C, outlier
 
 
-def fit_lasting(errors: Sequence[RangeErrors], n: int, count: Callable[[int], None] = lambda _: None) -> Lasting:
-    """Return the fit.
-
-    Args:
-        errors: of each recording.
-        n: number of anchors.
-        count: called with how many likelihoods were computed.
-    """
-    computed = 0
-
-    def likelihood(logs: np.ndarray) -> float:
-        nonlocal computed
-        computed += 1
-        count(computed)
-        return _run(errors, n, logs)[0]
-
-    logs = greatest(likelihood, np.log(START), LIMITS)
+def fit_lasting(errors: Sequence[RangeErrors], n: int) -> Lasting:
+    """Return the fit to the errors of each recording, for n anchors."""
+    logs = greatest(lambda at: _run(errors, n, at)[0], np.log(START), LIMITS)
     _, x, C, outlier = _run(errors, n, logs)
 
     def of_block(block: RangeErrors) -> np.ndarray:
         return greatest(lambda at: _run([block], n, at)[0], logs, LIMITS, NEAR)
 
-    each = np.array([of_block(block) for block in _blocks(errors)])
-    sds = each.std(axis=0, ddof=1) / np.sqrt(len(each)) * student.ppf(0.975, len(each) - 1) / TIMES
-    time, sd, white, share, far = (log_interval(at, sd) for at, sd in zip(logs, sds, strict=True))
+    halves = widest([np.array([of_block(block) for block in blocks]) for blocks in _blocks(errors)])
+    time, sd, white, share, far = (log_interval(at, half / TIMES) for at, half in zip(logs, halves, strict=True))
     return Lasting(time, sd, white, share, far, _constants(errors, n, x, C), outlier)
 
 
-def _blocks(errors: Sequence[RangeErrors]) -> list[RangeErrors]:
-    """Return the recordings cut into blocks of time, about alike in rows."""
-    rows, blocks = sum(len(one.t) for one in errors), []
+def widest(each: Sequence[np.ndarray]) -> np.ndarray:
+    """Return half the intervals of numbers fitted to blocks of each recording (blocks, k), by what differs more.
+
+    That is the blocks, or the recordings where there are several.
+    """
+    halves = [half_width(np.concatenate(each))]
+    if len(each) > 1:
+        halves.append(half_width(np.array([of_blocks.mean(axis=0) for of_blocks in each])))
+    return np.asarray(np.max(halves, axis=0))
+
+
+def _blocks(errors: Sequence[RangeErrors]) -> list[list[RangeErrors]]:
+    """Return each recording cut into blocks of time, about alike in rows."""
+    rows, found = sum(len(one.t) for one in errors), []
     for one in errors:
         count = max(2, round(BLOCKS * len(one.t) / rows))
-        blocks += [one.only(part) for part in np.array_split(np.arange(len(one.t)), count)]
-    return blocks
+        found.append([one.only(part) for part in np.array_split(np.arange(len(one.t)), count)])
+    return found
 
 
 def _constants(errors: Sequence[RangeErrors], n: int, x: np.ndarray, C: np.ndarray) -> tuple[Interval | None, ...]:

@@ -7,10 +7,9 @@ import numpy as np
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import Recording
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.recorded.aided import airborne
-from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate, uncalibrated
-from ortilo_drake.studies.recorded.modelled import antennas, modelled
-from ortilo_drake.studies.recorded.truth_path import covered_ranges, truth_path
+from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate
+from ortilo_drake.studies.recorded.setups import airborne
+from ortilo_drake.studies.recorded.truth_path import antennas, covered_ranges, modelled, truth_path
 
 FEWEST = 200  # ranges that a fit needs
 
@@ -40,19 +39,13 @@ def calibration_of(recording: Recording, map_: Map) -> Calibration:
     """
     if recording.truth is None:
         raise InputError(f"{recording.name}: truth: the map has none, and errors are counted from it")
-    if map_.calibration.share == 0.0:
-        return uncalibrated(recording, map_.calibration)
-    found = calibrate(recording, map_.calibration, lever=recording.imu is not None)
+    given = map_.calibration.share == 0.0
+    found = calibrate(recording, map_.calibration, lever=given or recording.imu is not None)
     return found._replace(biases=np.zeros_like(found.biases))
 
 
 def range_errors(recording: Recording, map_: Map, by: Calibration) -> RangeErrors:
     """Return the errors of a recording's ranges while it is airborne.
-
-    Args:
-        recording: with truth.
-        map_: says when it is airborne.
-        by: how truth and sensors go together.
 
     Raises:
         InputError: if fewer than 200 ranges fall within it.
@@ -61,7 +54,7 @@ def range_errors(recording: Recording, map_: Map, by: Calibration) -> RangeError
     assert truth is not None
     path = truth_path(truth)
     ranges = ranges.only(covered_ranges(ranges, by.offset, path))
-    ranges = ranges.only(airborne(ranges.t, truth, by, map_)(ranges.t))
+    ranges = ranges.only(airborne(truth, by, map_)(ranges.t))
     if len(ranges.t) < FEWEST:
         raise InputError(f"{recording.name}: {len(ranges.t)} ranges within the truth's time, {FEWEST} are needed")
     p, R = path.at(ranges.t + by.offset)

@@ -19,15 +19,12 @@ import numpy as np
 from ortilo_drake.interop.recorded.live_rows import Block
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import Ranges
-from ortilo_drake.interop.recorded.recording import NO_AID_ROWS, Imu, Recording, held_at
+from ortilo_drake.interop.recorded.recording import NO_AID_ROWS, Imu, Recording, between, held_at
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.recorded.aided import uncalibrated_setup
-from ortilo_drake.studies.recorded.at_rest import at_rest
-from ortilo_drake.studies.recorded.carried import Carried, initial_carried
-from ortilo_drake.studies.recorded.event_filter import run_filter
+from ortilo_drake.studies.recorded.at_rest import AT_REST, at_rest
+from ortilo_drake.studies.recorded.event_filter import Carried, initial_carried, run_filter
 from ortilo_drake.studies.recorded.filter_types import NO_AIDS, RANGE, Events, EventValues, Restart, Setup, State
 from ortilo_drake.studies.recorded.filtered import (
-    AT_REST,
     TRIAL,
     FilterSetup,
     events_of,
@@ -37,7 +34,8 @@ from ortilo_drake.studies.recorded.filtered import (
     start_of,
 )
 from ortilo_drake.studies.recorded.first_fix import LONGEST, fix_known_at
-from ortilo_drake.studies.recorded.reacquired import AGAIN, WATCH, is_astray, no_restart, restart_from
+from ortilo_drake.studies.recorded.reacquired import AGAIN, is_astray, no_restart, restart_from
+from ortilo_drake.studies.recorded.setups import uncalibrated_setup
 
 RATE = 10.0  # of the estimates by default, as replay's without a truth [Hz]
 
@@ -172,7 +170,7 @@ class LiveFilter:
         self._begin_at, self._next, self.begins_at = begin, first, begin
         self._carried = self._fresh()
         self._anew: Restart = no_restart(len(self._state.C))
-        self._watch = WATCH
+        self._wait = -np.inf
         return True
 
     def _fresh(self) -> Carried:
@@ -189,7 +187,7 @@ class LiveFilter:
                     return False
                 self._start_anew(window)
             run, self._state, done = run_filter(
-                events, heard, self._state, self._carried, self._anew, self._setup, self._watch, False
+                events, heard, self._state, self._carried, self._anew, self._setup, self._wait, False
             )
             self.ranges, self.taken = self.ranges + len(run.taken), self.taken + int(run.taken.sum())
             if done == len(events.t):
@@ -216,7 +214,7 @@ class LiveFilter:
         found = restart_from(window, self._setup, self._state, is_astray(self._state))
         self.lost += found is not None
         self._anew = found or no_restart(len(self._state.C))
-        self._watch = WATCH._replace(wait=float(window.t[0]) + AGAIN)
+        self._wait = float(window.t[0]) + AGAIN
         self._carried, self._waits = self._fresh(), False
 
 
@@ -243,19 +241,11 @@ def _joined(a: Block, b: Block) -> Block:
 def _parted(block: Block, t: float) -> tuple[Block, Block]:
     """Return the rows up to a stamp [s], that one included, and those behind it."""
     ranges, imu, looks = block
-    k = int(np.searchsorted(ranges.t, t, side="right"))
-    f, m = (int(np.searchsorted(stamps, t, side="right")) for stamps in (looks.finder_t, looks.flow_t))
-    parts = []
-    for cut in (lambda values, at: values[:at], lambda values, at: values[at:]):
-        of_imu = imu
-        if imu is not None:
-            i, own = int(np.searchsorted(imu.t, t, side="right")), imu.accelerometer
-            if own is not None:
-                j = int(np.searchsorted(own[0], t, side="right"))
-                own = cut(own[0], j), cut(own[1], j)
-            turned = None if imu.attitude is None else cut(imu.attitude, i)
-            of_imu = Imu(cut(imu.t, i), cut(imu.rates, i), cut(imu.force, i), turned, own)
-        finder = {"finder_t": cut(looks.finder_t, f), "distance": cut(looks.distance, f)}
-        flow = {"flow_t": cut(looks.flow_t, m), "flow": cut(looks.flow, m)}
-        parts.append(Block(Ranges(*(cut(part, k) for part in ranges)), of_imu, looks._replace(**finder, **flow)))
-    return parts[0], parts[1]
+
+    def part(after: float, until: float) -> Block:
+        r, f, m = ((stamps > after) & (stamps <= until) for stamps in (ranges.t, looks.finder_t, looks.flow_t))
+        finder = {"finder_t": looks.finder_t[f], "distance": looks.distance[f]}
+        seen = looks._replace(**finder, flow_t=looks.flow_t[m], flow=looks.flow[m])
+        return Block(ranges.only(r), None if imu is None else between(imu, after, until), seen)
+
+    return part(-np.inf, t), part(t, np.inf)

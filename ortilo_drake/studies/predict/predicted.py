@@ -9,19 +9,16 @@ from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import Recording
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario.noise_file import NoiseFile, as_white
-from ortilo_drake.studies.fit.body_path import body_path
-from ortilo_drake.studies.fit.imu_errors import mount_of
-from ortilo_drake.studies.predict.range_noise import numbers_of
-from ortilo_drake.studies.predict.simulated import simulated
-from ortilo_drake.studies.recorded.aided import airborne, with_aids
+from ortilo_drake.studies.fit.imu_errors import body_path, mount_of
+from ortilo_drake.studies.predict.simulated import numbers_of, simulated
 from ortilo_drake.studies.recorded.at_rest import at_rest
-from ortilo_drake.studies.recorded.calibrate import calibrate, uncalibrated
+from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.filtered import Estimate, estimate
-from ortilo_drake.studies.recorded.replayed import calibrated_setup
+from ortilo_drake.studies.recorded.scores import nees_of, nis_of
+from ortilo_drake.studies.recorded.setups import calibrated_setup, judged_part, with_aids
 from ortilo_drake.world.sensors.fitted_errors import Day, draw_day
 
 QUERY_RATE = 30.0  # of the judged stamps, at most [Hz]
-SHORTEST = 3.0  # a recording is judged on no less [s]
 SHARES = (2.5, 97.5)  # of the simulations, between which the interval lies [%]
 OF_ERROR, OF_NEES = 0.3, 1.5  # a group is predicted within this share of its error, and within this much of its NEES
 
@@ -61,26 +58,16 @@ def mean_of(runs: Sequence[Figures], of: str) -> float:
 def figures_of(found: Estimate, true: np.ndarray) -> Figures:
     """Return the figures of an estimate against true positions (m, 3)."""
     e = found.p - true
-    nees = float(np.mean(np.einsum("ki,ki->k", e, np.linalg.solve(found.P, e[:, :, None])[:, :, 0])))
-    judged = (found.range_stamps >= found.t[0]) & (found.range_stamps <= found.t[-1])
-    taken = found.run.taken & judged
-    nis = float(np.mean(found.run.innovation[taken] ** 2 / found.run.variance[taken])) if taken.any() else np.nan
     error = float(np.sqrt(np.mean(np.sum(e**2, axis=1))))
-    return Figures(error, nees, nis, float(1.0 - taken.sum() / max(1, judged.sum())))
+    return Figures(error, float(np.mean(nees_of(e, found.P))), *nis_of(found, found.t[0], found.t[-1]))
 
 
 def predict(
     recording: Recording, map_: Map, noise: NoiseFile, runs: int, seed: int, say: Callable[[str], None] = lambda _: None
 ) -> Predicted:
-    """Return a flight's figures beside those of simulations along its path.
+    """Return a flight's figures beside those of simulations along its path, each on a day of its own.
 
-    Args:
-        recording: with truth and attitude.
-        map_: the filter's settings.
-        noise: of the sensors.
-        runs: how many simulations, each on a day of its own; the same days for all recordings.
-        seed: of the days.
-        say: called before each.
+    The days are drawn by the seed, the same for all recordings; `say` is called before each flight.
 
     Raises:
         InputError: if it has no truth, or too little of it, or the noise is that of another number of anchors.
@@ -90,22 +77,15 @@ def predict(
         raise InputError(f"{recording.name}: truth: the map has none, and a prediction flies along it")
     if imu is not None and noise.imu is None:
         raise InputError("noise.imu: is missing, and the recording has an imu")
-    if map_.calibration.share == 0.0:
-        by = uncalibrated(recording, map_.calibration, lever=imu is not None)
-    else:
-        by = calibrate(recording, map_.calibration, lever=imu is not None)
+    by = calibrate(recording, map_.calibration, lever=imu is not None)
     constants, n = noise.uwb.constants, len(by.anchors)
     if constants is not None and len(constants) != n:
         raise InputError(f"noise.uwb.constants: {len(constants)} of them, but {recording.name} has {n} anchors")
     path = body_path(recording.name, truth, by)
     mount = mount_of(recording, path, by, map_)
     known = with_aids(calibrated_setup(by, recording, map_), recording, map_, False)
-    stamps = truth.t - by.offset
-    stamps = stamps[(stamps >= recording.ranges.t[0]) & (stamps <= recording.ranges.t[-1])]
-    judged = airborne(stamps, truth, by, map_)
-    stamps = stamps[judged(stamps) & (stamps > by.end - by.offset)]
-    if len(stamps) < 2 or stamps[-1] - stamps[0] < SHORTEST:
-        raise InputError(f"{recording.name}: less than {SHORTEST:g} s of the recording is left to judge")
+    stamps, _, judged = judged_part(recording, by, map_)
+    stamps = stamps[judged(stamps)]
     stamps = stamps[:: max(1, round(1.0 / (QUERY_RATE * float(np.median(np.diff(stamps))))))]
     say(f"{recording.name}, as recorded")
     found = estimate(recording.ranges, imu, known, map_.filter, stamps)

@@ -44,12 +44,7 @@ def prediction_summary(group: Group) -> str:
 
 
 def predicted_text(flights: Sequence[Predicted], noise: str) -> str:
-    """Return the report in Markdown.
-
-    Args:
-        flights: what was found.
-        noise: the name of the file of the sensors' errors.
-    """
+    """Return the report in Markdown; `noise` names the file of the sensors' errors."""
     rows = []
     for one in flights:
         rows.append([one.name, "recorded", *(f"{getattr(one.real, of):{form}}" for of, (_, form) in COLUMNS.items())])

@@ -23,6 +23,8 @@ from ortilo_drake.onboard.estimator.tight.layout import GYRO, THETA, Q
 
 BLOCK = 0.5  # means over this time are compared [s]
 TURNS, SHAKES = 0.02, 0.2  # a mean that is farther from all is no rest's, of rates [rad/s] and force [m/s²]
+TILT, BIAS = 0.05, 0.3  # standard deviations of a tilt [rad] and of the accelerometer's bias [m/s²]
+AT_REST = 1.0  # the first samples tell how the body is tilted [s]
 FAST = 0.2  # rates of a body that turns, as no gyro's bias is [rad/s]
 
 
@@ -78,19 +80,45 @@ def _mean(
     return tuple(mean.tolist()), tuple(np.sqrt(variance).tolist()), float(np.abs(means - mean).max())
 
 
+def first_tilt(imu: Imu, rest: AtRest | None = None) -> np.ndarray:
+    """Return the attitude with heading 0 (3, 3): the unit's own tilt if it computes one, else the specific force's.
+
+    It is that of the first second, or of the time at rest.
+    """
+    early = imu.t <= (imu.t[0] + AT_REST if rest is None else rest.end)
+    up_B = imu.force[early].mean(axis=0) if imu.attitude is None else imu.attitude[early][:, 2, :].mean(axis=0)
+    up_B = up_B / np.linalg.norm(up_B)
+    forward = np.array([1.0, 0.0, 0.0]) - up_B[0] * up_B
+    forward = forward / np.linalg.norm(forward)
+    return np.vstack([forward, np.cross(up_B, forward), up_B])
+
+
+def tilt_deviation(imu: Imu) -> float:
+    """Return the standard deviation of that tilt [rad]; acceleration makes it larger.
+
+    A horizontal acceleration a turns the specific force by a / G and makes it sqrt(G² + a²), which a bias may do too.
+    """
+    if imu.attitude is not None:
+        return TILT
+    force = float(np.linalg.norm(imu.force[imu.t <= imu.t[0] + AT_REST].mean(axis=0)))
+    return max(TILT, float(np.sqrt(max(0.0, force**2 - (GRAVITY + BIAS) ** 2))) / GRAVITY)
+
+
+def tilt_disagreement(imu: Imu) -> float | None:
+    """Return the angle between the unit's own up and the specific force at the start [rad]; None if it has none."""
+    if imu.attitude is None:
+        return None
+    force = imu.force[imu.t <= imu.t[0] + AT_REST].mean(axis=0)
+    return float(np.arccos(np.clip(first_tilt(imu)[2] @ force / np.linalg.norm(force), -1.0, 1.0)))
+
+
 def unlevel(rest: AtRest, R: np.ndarray) -> np.ndarray:
     """Return b + g x level error [m/s²] (3), body axes, where the attitude (3, 3) was believed."""
     return np.asarray(rest.force) - GRAVITY * R[2]
 
 
 def correct_by_rest(rest: AtRest, x: np.ndarray, C: np.ndarray) -> None:
-    """Correct a filter's first state and covariance (both changed) by the samples at rest.
-
-    Args:
-        rest: what was said.
-        x: the nominal state, with the believed level.
-        C: its covariance.
-    """
+    """Correct a filter's first nominal state and its covariance (both changed) by the samples at rest."""
     R = matrix_of(x[Q : Q + 4])
     states = np.array([[at, THETA, THETA + 1, THETA + 2] for at in range(GYRO, GYRO + 6)])  # ACCEL comes after GYRO
     weights = np.zeros((6, 4))
@@ -105,13 +133,7 @@ def correct_by_rest(rest: AtRest, x: np.ndarray, C: np.ndarray) -> None:
 
 
 def at_rest_text(rest: AtRest, R: np.ndarray, by: str) -> str:
-    """Return a sentence on the gyro's bias and the force at rest.
-
-    Args:
-        rest: what was said.
-        R: the attitude that was believed (3, 3).
-        by: what it was believed by.
-    """
+    """Return a sentence on the gyro's bias and the force at rest, R (3, 3) believed by what `by` names."""
     rates, off = (", ".join(f"{value:.5f}" for value in values) for values in (rest.rates, unlevel(rest, R)))
     rates_sd, sd = (", ".join(f"{value:.2g}" for value in values) for values in (rest.rates_sd, rest.force_sd))
     return (

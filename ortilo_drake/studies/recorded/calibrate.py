@@ -20,12 +20,13 @@ from ortilo_drake.interop.recorded.recording import ONE_TAG, Ranges, Recording
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.clock_offset import offset_by_rates
 from ortilo_drake.studies.recorded.filter_types import UNKNOWN_LEVEL, Level
-from ortilo_drake.studies.recorded.modelled import antennas, modelled
 from ortilo_drake.studies.recorded.truth_path import (
     LEAST,
     TruthPath,
+    antennas,
     covered_ranges,
     first_part,
+    modelled,
     random_sample,
     truth_path,
 )
@@ -95,29 +96,27 @@ def _solve(x: np.ndarray, fit: _Fit, ranges: Ranges, chosen: np.ndarray, path: T
     free = fit.free()
     fixed = None if fit.offset else path.at(t + x[0])
 
-    def errors(y: np.ndarray) -> tuple[np.ndarray, float]:
+    def parts(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the ranges' errors [m], and the residuals of what else is known."""
         full = x.copy()
         full[free] = y
         offset, F, shift, biases, lever, found = fit.parts(full)
         p, R = path.at(t + offset) if fixed is None else fixed
-        p = antennas(p, R, lever, fit.tags, seen.tag)
-        place = found if fit.find else anchors
-        p = p @ F.T + shift
-        return modelled(p, place, biases, seen) - seen.r, float(p[:, 2].mean())
-
-    def residuals(y: np.ndarray) -> np.ndarray:
-        full = x.copy()
-        full[free] = y
-        _, _, _, biases, lever, _ = fit.parts(full)
-        e, z = errors(y)
+        p = antennas(p, R, lever, fit.tags, seen.tag) @ F.T + shift
+        z = float(p[:, 2].mean())
         height = [(z - fit.level.height) / fit.level.deviation] * bool(fit.level.deviation < np.inf)
         total = [biases.sum() / SURE] * differ
-        return np.concatenate([e / SPREAD, lever / LEVER, biases / BIAS, height, total])
+        e = modelled(p, found if fit.find else anchors, biases, seen) - seen.r
+        return e, np.concatenate([lever / LEVER, biases / BIAS, height, total])
+
+    def residuals(y: np.ndarray) -> np.ndarray:
+        e, others = parts(y)
+        return np.concatenate([e / SPREAD, others])
 
     solved = least_squares(residuals, x[free], loss="soft_l1")
     full = x.copy()
     full[free] = solved.x
-    return full, float(solved.cost), errors(solved.x)[0]
+    return full, float(solved.cost), parts(solved.x)[0]
 
 
 def _found_roughly(p: np.ndarray, r: np.ndarray) -> np.ndarray:
@@ -145,14 +144,8 @@ def offset_centres(recording: Recording, search: float) -> list[float]:
     return [0.0, one_clock] if abs(one_clock) > search and meet > search else [0.0]
 
 
-def uncalibrated(recording: Recording, settings: Estimated, lever: bool = True) -> Calibration:
-    """Return the calibration that the map gives, where nothing is calibrated: the truth only judges.
-
-    Args:
-        recording: with truth.
-        settings: of share 0.
-        lever: whether the antenna's counts.
-    """
+def _uncalibrated(recording: Recording, settings: Estimated, lever: bool) -> Calibration:
+    """Return what the map gives where nothing is calibrated: the truth only judges."""
     truth, ranges, anchors = recording.truth, recording.ranges, np.asarray(recording.anchors)
     assert truth is not None
     assert isinstance(settings.clock, float | int)
@@ -175,7 +168,7 @@ def calibrate(
     near: float | None = None,
     level: Level = UNKNOWN_LEVEL,
 ) -> Calibration:
-    """Return the calibration of the first part.
+    """Return the calibration of the first part, or of a share of 0 the map's own.
 
     Args:
         recording: with truth.
@@ -188,6 +181,8 @@ def calibrate(
     Raises:
         InputError: if too few ranges fall in the first part, or truth and ranges do not meet.
     """
+    if settings.share == 0.0:
+        return _uncalibrated(recording, settings, lever)
     truth, ranges = recording.truth, recording.ranges
     assert truth is not None
     path, find = truth_path(truth), isinstance(recording.anchors, int)

@@ -10,9 +10,9 @@ from ortilo_drake.studies.recorded import doubts
 from ortilo_drake.studies.recorded.calibrate import Calibration, offset_centres
 from ortilo_drake.studies.recorded.first_look import CheapFit
 from ortilo_drake.studies.recorded.imu_doubts import attitude_doubts, force_doubts, rate_doubts, upside_doubts
-from ortilo_drake.studies.recorded.level import height_doubts
 from ortilo_drake.studies.recorded.plain_fit import plain_fit
 from ortilo_drake.studies.recorded.scores import Scores
+from ortilo_drake.studies.recorded.setups import height_doubts
 from ortilo_drake.studies.recorded.truth_path import truth_path
 
 CALIBRATED = ("with IMU", "constant velocity")

@@ -10,9 +10,9 @@ import numpy as np
 from ortilo_drake.interop.recorded.map_file import FilterSettings
 from ortilo_drake.interop.recorded.recording import Ranges, Truth, frozen_rows
 from ortilo_drake.studies.recorded.first_fix import LEAST, solve_first_fix
-from ortilo_drake.studies.recorded.modelled import modelled
 from ortilo_drake.studies.recorded.readings import Guess
 from ortilo_drake.studies.recorded.scores import Scores
+from ortilo_drake.studies.recorded.truth_path import modelled
 
 TIMES = 3.0  # a residual of more than so many standard deviations of the ranges
 LARGE = 0.5  # a lever or a bias [m]

@@ -10,22 +10,36 @@ A range to anchor i, and a difference of the ranges to b and a, of a tag at the 
     r_i = |p + R l - a_i| + c_i + g_i + white,   r_ab = r_b - r_a
 
 taken one at a time, and left out if its innovation exceeds the gate times its standard deviation, or if its anchor has
-yet to come back (anchor_trust.py). Boxes are given to landmarks and taken as in tight/pixels.py. Where the height is
+yet to come back (Trust). Boxes are given to landmarks and taken as in tight/pixels.py. Where the height is
 known or constant, a row of z or v_z comes first at each epoch. Without an IMU, no samples and no variance of R, b_g and
 b_a, this is the constant-velocity filter, driven by white acceleration. A vehicle that rests, and an accelerometer that
 fails, are in imu_watch.py.
+
+An anchor that was left out for a second, by far, comes back when its innovations are small on average: an error that
+fades would pull the filter along as soon as it passed the gate. The same memory says whether the filter is lost.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.onboard.estimator.tight.update import Taken, settle
-from ortilo_drake.studies.recorded.anchor_trust import accept_range, is_lost
-from ortilo_drake.studies.recorded.carried import BEGUN, EPOCH, FORCE_AT, GROWN, LOW, Carried
-from ortilo_drake.studies.recorded.event_rows import grown_at
+from ortilo_drake.onboard.estimator.tight.update import Taken, none_taken, settle
+from ortilo_drake.studies.recorded.event_rows import (
+    ROOM,
+    Now,
+    grown_at,
+    own_row,
+    take,
+    take_boxes,
+    take_level,
+    take_start,
+    variance_of,
+)
 from ortilo_drake.studies.recorded.filter_types import (
     BOXES,
+    ENTRIES,
     FLOW,
     FORCE,
     LANDED,
@@ -37,14 +51,118 @@ from ortilo_drake.studies.recorded.filter_types import (
     EventValues,
     Restart,
     Run,
-    RunLimits,
     Setup,
+    SparseRow,
     State,
 )
 from ortilo_drake.studies.recorded.imu_watch import RESTS, doubt_force, rest_again, watch_rest
-from ortilo_drake.studies.recorded.passing import accumulate, propagate_over, reset_passing
+from ortilo_drake.studies.recorded.passing import Passing, accumulate, empty_passing, propagate_over, reset_passing
 from ortilo_drake.studies.recorded.run_tape import cut_to, room_for, write_query, write_range, write_step
-from ortilo_drake.studies.recorded.taken_rows import Now, own_row, take, take_boxes, take_level, take_start, variance_of
+
+ASTRAY = 3.0  # deviation of a position at which ranges no longer correct it [m]
+REFUSED, SHARE = 1.0, 1.0 / 3.0  # so long [s], and of so many of the anchors, and of two
+RECENT = 5.0  # an anchor counts among those heard if its last range is not older [s]
+PATIENCE = 3.0  # so many times longer the filter is believed where all that it refuses is too long
+SETTLES = 0.5  # innovations of an anchor that was refused for long are averaged over this time [s]
+MOST = 8.0  # of these innovations, in standard deviations
+FAR = 1.0  # what is refused by less may be a bias that the filter does not know of [m]
+SETTLED = 1.0  # and it is heard again when their mean is below so many standard deviations
+EPOCH, FORCE_AT, GROWN, LOW, BEGUN = range(5)  # what stands where in `marks`
+
+
+class Trust(NamedTuple):
+    """The record of each anchor (n).
+
+    Since when it is refused [s], inf if it is not; when it was last heard [s], -inf if never; the mean of its
+    innovations [standard deviations]; and whether it was refused by far.
+    """
+
+    refused_from: np.ndarray
+    heard_at: np.ndarray
+    mean: np.ndarray
+    far: np.ndarray
+
+
+@register_jitable
+def new_trust(n: int) -> Trust:
+    """Return the record of n anchors before their first range."""
+    return Trust(np.full(n, np.inf), np.full(n, -np.inf), np.zeros(n), np.zeros(n, np.bool_))
+
+
+@register_jitable
+def is_lost(t: float, trust: Trust) -> bool:
+    """Return whether the filter is lost: the refused ranges show that it is wrong, and not they.
+
+    A single range that is too long says little: it may be a reflection. Three anchors that agree support the filter.
+    """
+    heard = refused = long_since = 0
+    short = off = False
+    for i in range(len(trust.heard_at)):
+        if trust.heard_at[i] >= t - RECENT:
+            heard += 1
+            if trust.refused_from[i] <= t - REFUSED:
+                refused += 1
+                short |= trust.mean[i] < 0.0
+                off |= trust.far[i]
+            if trust.refused_from[i] <= t - PATIENCE * REFUSED:
+                long_since += 1
+    if refused < 2 or not off:
+        return False
+    if short:
+        return heard - refused < 3 or refused > SHARE * heard
+    return long_since >= 2 and heard - long_since < 3
+
+
+@register_jitable
+def accept_range(trust: Trust, i: int, t: float, e: float, S: float, passes: bool, low: bool) -> bool:
+    """Return whether a range to anchor i is accepted; update the anchor's record.
+
+    Args:
+        trust: changed.
+        i: the anchor.
+        t: stamp [s].
+        e: innovation [m].
+        S: its variance [m²].
+        passes: whether the gate lets it pass.
+        low: whether the antenna is so near to the floor that no refusal counts.
+    """
+    z = e / np.sqrt(S)
+    since = trust.refused_from[i]
+    share = 1.0 if since == np.inf else 1.0 - np.exp((trust.heard_at[i] - t) / SETTLES)
+    trust.mean[i] += share * (min(max(z, -MOST), MOST) - trust.mean[i])
+    trust.heard_at[i] = t
+    trust.far[i] = (trust.far[i] and since < np.inf) or abs(e) > FAR
+    fades = trust.far[i] and t - since >= REFUSED and abs(trust.mean[i]) > SETTLED
+    taken = passes and not fades
+    if taken:
+        trust.refused_from[i] = np.inf
+    elif since == np.inf and not low:
+        trust.refused_from[i] = t
+    return taken
+
+
+class Carried(NamedTuple):
+    """The values carried from one event to the next beside the state.
+
+    These are the anchors' record, the time passed, rows that wait, a blank row, and marks (5): stamps of the last epoch
+    and of the last sample of force [s], the extra error of ranges near the floor, whether it is so large that no range
+    counts, and whether the first epoch is past. A run that goes on with them gives the same numbers, bit for bit, as
+    one run over all events, if all events of one stamp are taken in by the same run.
+    """
+
+    trust: Trust
+    passing: Passing
+    waiting: Taken
+    row: SparseRow
+    marks: np.ndarray
+
+
+@njit(cache=True)
+def initial_carried(anchors: int, N: int, t: float) -> Carried:
+    """Return the values carried at the start of a run at t [s], with N error states."""
+    row = SparseRow(np.zeros(ENTRIES, np.int64), np.zeros(ENTRIES), np.empty(N))
+    marks = np.array([-np.inf, t, 1.0, 0.0, 0.0])
+    return Carried(new_trust(anchors), empty_passing(N), none_taken(ROOM, N), row, marks)
 
 
 @register_jitable
@@ -74,7 +192,7 @@ def run_filter(
     carried: Carried,
     anew: Restart,
     setup: Setup,
-    watch: RunLimits,
+    wait: float,
     whole: bool,
 ) -> tuple[Run, State, int]:
     """Run the filter over events, to their end or until it is lost.
@@ -88,7 +206,7 @@ def run_filter(
         carried: what the run before it left, or initial_carried; changed.
         anew: position and velocity to start anew from.
         setup: what holds throughout.
-        watch: when it is lost.
+        wait: before this stamp it does not stop [s].
         whole: whether to keep what a smoother needs.
     """
     total, N, noise, aids = len(events.t), start.C.shape[0], setup.noise, setup.aids
@@ -119,11 +237,11 @@ def run_filter(
         new = t > epoch
         if new:
             settle(C, waiting)
-            astray = C[0, 0] + C[1, 1] + C[2, 2] > watch.astray**2
+            astray = C[0, 0] + C[1, 1] + C[2, 2] > ASTRAY**2
             grown = grown_at(x, setup.levers[0], noise, aids)
             low = grown > 2.0  # all ranges are wrong there, and none says that the filter is lost
-            lost = astray or (not low and is_lost(t, trust, watch))
-            if lost and kind == RANGE and t >= watch.wait and watched[RESTS] == 0.0:
+            lost = astray or (not low and is_lost(t, trust))
+            if lost and kind == RANGE and t >= wait and watched[RESTS] == 0.0:
                 done = k
                 break
             epoch = t
@@ -153,7 +271,7 @@ def run_filter(
             squared = e * e / S
             taken = e * e <= noise.gate**2 * S
             if kind == RANGE:
-                taken = accept_range(trust, events.which[k], t, e, S, taken, low, watch)
+                taken = accept_range(trust, events.which[k], t, e, S, taken, low)
                 write_range(run, written, e, S, taken)
             if squared > noise.huber**2:
                 S = own + r * np.sqrt(squared) / noise.huber

@@ -1,7 +1,8 @@
-"""Rows of the filter on recorded events: each an innovation with its gradient.
+"""Rows of the filter on recorded events: of its start, of what is known of the height, of boxes, of events.
 
-A function writes to a blank row and returns the innovation, and the number of entries where that is not always the
-same. x is the nominal state, R the body's attitude (3, 3), lever l the antenna in body axes (3).
+A row is an innovation with its gradient. A function that makes one writes to a blank row and returns the innovation,
+and the number of entries where that is not always the same. x is the nominal state, R the body's attitude (3, 3),
+lever l the antenna in body axes (3).
 """
 
 from typing import NamedTuple
@@ -11,26 +12,34 @@ from numba.extending import register_jitable
 
 from ortilo_drake.onboard.estimator.tight.floor_rows import finder_row, flow_row
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
-from ortilo_drake.onboard.estimator.tight.layout import THETA, P, Q, V
+from ortilo_drake.onboard.estimator.tight.layout import THETA, Layout, P, Q, V
+from ortilo_drake.onboard.estimator.tight.pixels import box_misfit, box_rows, pose_belief
 from ortilo_drake.onboard.estimator.tight.ranges import signed_range
-from ortilo_drake.studies.recorded.filter_types import BIASES, ENTRIES, Aids, Noise, nominal
+from ortilo_drake.onboard.estimator.tight.update import Taken, correct, innovation_variance, settle
+from ortilo_drake.onboard.landmarks.landmark_association import associate
+from ortilo_drake.studies.recorded.filter_types import (
+    BIASES,
+    ENTRIES,
+    FINDER,
+    LANDED,
+    RANGE,
+    Aids,
+    Events,
+    EventValues,
+    Level,
+    Noise,
+    Restart,
+    Setup,
+    SparseRow,
+    Tape,
+    nominal,
+)
+from ortilo_drake.studies.recorded.run_tape import write_row
 
+ROOM = 16  # rows that wait until the covariance is passed over
 NEAREST, LARGEST = 0.02, 10.0  # no antenna is nearer to the floor than this [m], and no error grows by more
-nominal_at = register_jitable(nominal)
-
-
-class SparseRow(NamedTuple):
-    """A sparse row of H: the indices and values of its entries (16 each); and C H^T (N)."""
-
-    where: np.ndarray
-    of: np.ndarray
-    PHt: np.ndarray
-
-
-@register_jitable
-def row_of(N: int) -> SparseRow:
-    """Return a blank row for N error states."""
-    return SparseRow(np.zeros(ENTRIES, np.int64), np.zeros(ENTRIES), np.empty(N))
+NEAR, UPRIGHT = 0.1, 0.5  # looking down needs this height [m] and R_33
+LANDED_SD = (0.02, 0.03)  # standard deviations of velocity and height where it has landed [m/s], [m]
 
 
 @register_jitable
@@ -80,40 +89,6 @@ def height_row(x: np.ndarray, R: np.ndarray, lever: np.ndarray, height: float, r
 
 
 @register_jitable
-def distance_down_row(x: np.ndarray, R: np.ndarray, measured: float, aids: Aids, row: SparseRow) -> float:
-    """Write the row of the range finder, of four entries, and return its innovation."""
-    return measured - finder_row(x[P : P + 3], R, aids.finder, aids.floor, row.where, row.of)
-
-
-@register_jitable
-def pixels_row(
-    axis: int,
-    x: np.ndarray,
-    R: np.ndarray,
-    rates: np.ndarray,
-    measured: float,
-    scale_at: int,
-    aids: Aids,
-    row: SparseRow,
-) -> float:
-    """Write the row of the flow along an axis, of nine entries, and return its innovation.
-
-    Args:
-        axis: 0 or 1.
-        x: nominal state.
-        R: attitude.
-        rates: body rates as measured (3).
-        measured: [px].
-        scale_at: where the error of the scale stands in the error state.
-        aids: numbers of the flow.
-        row: written to.
-    """
-    w = rates - x[Q + 4 : Q + 7]
-    p, v, scale = x[P : P + 3], x[V : V + 3], x[nominal_at(scale_at)]
-    return measured - flow_row(axis, p, v, R, w, aids.floor, aids.pixels, scale, scale_at, row.where, row.of)
-
-
-@register_jitable
 def held_back(S: float, deviation: float) -> float:
     """Return the noise of a row that brings its variance S down to deviation², and no further.
 
@@ -130,3 +105,117 @@ def grown_at(x: np.ndarray, lever: np.ndarray, noise: Noise, aids: Aids) -> floa
     down = matrix_of(x[Q : Q + 4])[2]
     z = x[P + 2] + down[0] * lever[0] + down[1] * lever[1] + down[2] * lever[2] - aids.floor
     return min(1.0 + (noise.near_floor / max(z, NEAREST)) ** 4, LARGEST)
+
+
+class Now(NamedTuple):
+    """The filter at an event: nominal state, covariance and rows that wait, all changed; a row; and the tape."""
+
+    x: np.ndarray
+    C: np.ndarray
+    waiting: Taken
+    row: SparseRow
+    tape: Tape
+    written: np.ndarray
+
+
+@register_jitable
+def take(now: Now, row: SparseRow, e: float, S: float) -> None:
+    """Take a row of innovation e, whose variance is S, and write it down."""
+    write_row(now.tape, now.written, row, e, S)
+    correct(now.x, now.waiting, row.PHt, S, e, now.C.shape[0])
+    if now.waiting.number[0] == ROOM:
+        settle(now.C, now.waiting)
+
+
+@register_jitable
+def variance_of(now: Now, row: SparseRow, m: int) -> float:
+    """Return H C H^T of a row with m entries."""
+    return innovation_variance(now.C, now.waiting, row.where, row.of, m, row.PHt)
+
+
+@register_jitable
+def take_start(now: Now, anew: Restart) -> None:
+    """Take position and velocity to start anew from."""
+    for i in range(6):
+        wipe(now.row)
+        state_row(i, now.row)
+        S = variance_of(now, now.row, 1) + anew.variances[i]
+        take(now, now.row, anew.x[i] - now.x[i], S)
+
+
+@register_jitable
+def take_level(now: Now, lever: np.ndarray, level: Level) -> None:
+    """Take what is known of climb and height, as far as it says more than the filter knows."""
+    x, row = now.x, now.row
+    if level.climb < np.inf:
+        wipe(row)
+        state_row(V + 2, row)
+        S = variance_of(now, row, 1)
+        if level.climb**2 < S:
+            take(now, row, -x[V + 2], S + held_back(S, level.climb))
+    if level.deviation < np.inf:
+        wipe(row)
+        e = height_row(x, matrix_of(x[Q : Q + 4]), lever, level.height, row)
+        S = variance_of(now, row, 4)
+        if level.deviation**2 < S:
+            take(now, row, e, S + held_back(S, level.deviation))
+
+
+@register_jitable
+def own_row(
+    k: int, axis: int, events: Events, heard_all: EventValues, now: Now, rates: np.ndarray, setup: Setup, grown: float
+) -> tuple[float, float, int]:
+    """Write the row of event k; return innovation, noise and the number of entries, 0 without a row.
+
+    Of a flow that is the row along an axis, 0 or 1; of a landing those of the velocity, 0 to 2, and of the height, 3.
+    What looks down says nothing near the floor or where the body is far from upright.
+    """
+    x, row, aids = now.x, now.row, setup.aids
+    wipe(row)
+    R, kind, seen = matrix_of(x[Q : Q + 4]), events.kind[k], events.r[k]
+    if kind == RANGE:
+        lever = setup.levers[1 + events.tag[k]]
+        e, m = distance_row(x, R, lever, setup.anchors, events.which[k], events.other[k], seen, row)
+        return e, (setup.noise.range_white * grown) ** 2, m
+    if kind == LANDED:
+        at = V + axis if axis < 3 else P + 2
+        state_row(at, row)
+        return (0.0 if axis < 3 else seen) - x[at], LANDED_SD[axis // 3] ** 2, 1
+    if R[2, 2] < UPRIGHT or x[P + 2] - aids.floor < NEAR:
+        return 0.0, 0.0, 0
+    if kind == FINDER:
+        return seen - finder_row(x[P : P + 3], R, aids.finder, aids.floor, row.where, row.of), aids.finder_sd**2, 4
+    p, v, w, at = x[P : P + 3], x[V : V + 3], rates - x[Q + 4 : Q + 7], len(row.PHt) - 2
+    scale = x[nominal(at)]
+    flow = flow_row(axis, p, v, R, w, aids.floor, aids.pixels, scale, at, row.where, row.of)
+    return heard_all.flow[events.which[k], axis] - flow, aids.flow_sd**2, 9
+
+
+@register_jitable
+def take_boxes(message: np.ndarray, now: Now, rates: np.ndarray, setup: Setup) -> None:
+    """Give the boxes of a detections message to landmarks, and take their centres."""
+    x, C, sight = now.x, now.C, setup.aids.sight
+    N, sd = C.shape[0], sight.noise
+    layout = Layout(-1, -1, -1, -1, -1, -1, -1, N, 0, N)
+    settle(C, now.waiting)
+    xhat, P_pose = pose_belief(x, C, layout, -1)
+    chosen, centers, _ = associate(
+        message, xhat, P_pose, sight.positions, sight.outlines, sight.labels, sight.camera, sd[0], sight.gates[1], sd[1]
+    )
+    where, rows = np.zeros((2, ENTRIES), np.int64), np.zeros((2, ENTRIES))
+    u, v = SparseRow(where[0], rows[0], np.empty(N)), SparseRow(where[1], rows[1], np.empty(N))
+    for b in range(chosen.size):
+        i, e, of_center = chosen[b], np.empty(2), np.zeros(2)
+        at, outline, camera, seen = sight.positions[i], sight.outlines[i], sight.camera, centers[b]
+        m = box_rows(x, layout, i, seen, at, outline, camera, sd, rates, -1, where, rows, e, of_center)
+        if m == 0:
+            continue
+        r_u, r_v = of_center[0] ** 2, of_center[1] ** 2
+        squared, S_u = box_misfit(C, now.waiting, where, rows, m, e, r_u, r_v, u.PHt, v.PHt)
+        if not squared <= sight.gates[0]:
+            continue
+        weight = max(1.0, np.sqrt(squared) / setup.noise.huber)
+        take(now, u, e[0], S_u + (weight - 1.0) * r_u)
+        m = box_rows(x, layout, i, seen, at, outline, camera, sd, rates, -1, where, rows, e, of_center)
+        if m > 0:
+            take(now, v, e[1], variance_of(now, v, m) + weight * r_v)

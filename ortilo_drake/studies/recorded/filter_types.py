@@ -7,6 +7,7 @@ numbers, as onboard/estimator/tight/layout.py has them; see event_filter.py.
 from typing import NamedTuple
 
 import numpy as np
+from numba.extending import register_jitable
 
 from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, N_INERTIAL
@@ -23,9 +24,18 @@ def states(anchors: int) -> int:
     return BIASES + 2 * anchors + 2
 
 
+@register_jitable
 def nominal(i: int) -> int:
     """Return the index of an additive error state in the nominal state."""
     return ADDITIVE + i - GYRO
+
+
+class SparseRow(NamedTuple):
+    """A sparse row of H: the indices and values of its entries (16 each); and C H^T (N)."""
+
+    where: np.ndarray
+    of: np.ndarray
+    PHt: np.ndarray
 
 
 class Events(NamedTuple):
@@ -179,18 +189,6 @@ class Restart(NamedTuple):
     x: np.ndarray
     variances: np.ndarray
     opening: np.ndarray
-
-
-class RunLimits(NamedTuple):
-    """The limits at which a run stops: from `wait` on [s], if the position's deviation exceeds `astray` [m].
-
-    It also stops if more than `share` of the anchors, and at least two, were refused for so long, `refused` [s].
-    """
-
-    wait: float
-    astray: float
-    refused: float
-    share: float
 
 
 class Tape(NamedTuple):

@@ -6,12 +6,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ortilo_drake.interop.recorded.map_file import FilterSettings
+from ortilo_drake.interop.recorded.map_file import FilterSettings, Start
 from ortilo_drake.interop.recorded.recording import GRAVITY, NO_AID_ROWS, ONE_TAG, AidRows, Imu, Ranges
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Q
-from ortilo_drake.studies.recorded.at_rest import AtRest, correct_by_rest
+from ortilo_drake.studies.recorded.at_rest import BIAS, AtRest, correct_by_rest, first_tilt, tilt_deviation
 from ortilo_drake.studies.recorded.filter_types import (
     BIASES,
     BOXES,
@@ -37,28 +37,13 @@ from ortilo_drake.studies.recorded.filter_types import (
 )
 from ortilo_drake.studies.recorded.first_fix import ranges_for_a_fix, solve_first_fix
 from ortilo_drake.studies.recorded.landing import Landing, landings
-from ortilo_drake.studies.recorded.reacquired import NEVER, WATCH, Lost, run_on
-from ortilo_drake.studies.recorded.smoother import smooth
+from ortilo_drake.studies.recorded.reacquired import Lost, run_on
+from ortilo_drake.studies.recorded.run_tape import smooth
 
-TILT, BIAS = 0.05, 0.3  # standard deviations of a tilt [rad] and of the accelerometer's bias [m/s²]
 LEVEL, STANDS = 0.03, 0.1  # of a tilt on the floor [rad], and of a velocity where the vehicle is known to be [m/s]
-AT_REST = 1.0  # the first samples tell how the body is tilted [s]
 ANY_TILT = 1.0  # of a tilt of which nothing is known but by the force at rest [rad]
 HEADINGS = 8  # tried, where none is known
 TRIAL = 30.0  # how long each is tried [s]
-
-
-class StartSetup(NamedTuple):
-    """The start: position (3) and its deviation [m], heading's deviation [rad], whether the vehicle rests there.
-
-    If it rests, it stands level and on the floor until take-off; if it lands, it does so at the same height.
-    """
-
-    position: np.ndarray
-    position_sd: float
-    heading_sd: float
-    rests: bool
-    lands: bool = False
 
 
 class Innovations(NamedTuple):
@@ -92,7 +77,7 @@ class FilterSetup(NamedTuple):
     lever: np.ndarray
     heading: float | None
     level: Level = UNKNOWN_LEVEL
-    start: StartSetup | None = None
+    start: Start | None = None
     looks: AidRows = NO_AID_ROWS
     aids: Aids = NO_AIDS
     scale_sd: float = 0.0
@@ -129,61 +114,27 @@ def noise_of(settings: FilterSettings, imu: bool) -> Noise:
     return Noise(s.baseline_acceleration, 0.0, 0.0, 0.0, s.baseline_range, 0.0, 1.0, 0.0, s.baseline_gate, *last)
 
 
-def first_tilt(imu: Imu, rest: AtRest | None = None) -> np.ndarray:
-    """Return the attitude with heading 0 (3, 3): the unit's own tilt if it computes one, else the specific force's.
-
-    It is that of the first second, or of the time at rest.
-    """
-    early = imu.t <= (imu.t[0] + AT_REST if rest is None else rest.end)
-    up_B = imu.force[early].mean(axis=0) if imu.attitude is None else imu.attitude[early][:, 2, :].mean(axis=0)
-    up_B = up_B / np.linalg.norm(up_B)
-    forward = np.array([1.0, 0.0, 0.0]) - up_B[0] * up_B
-    forward = forward / np.linalg.norm(forward)
-    return np.vstack([forward, np.cross(up_B, forward), up_B])
-
-
-def tilt_deviation(imu: Imu) -> float:
-    """Return the standard deviation of that tilt [rad]; acceleration makes it larger.
-
-    A horizontal acceleration a turns the specific force by a / G and makes it sqrt(G² + a²), which a bias may do too.
-    """
-    if imu.attitude is not None:
-        return TILT
-    force = float(np.linalg.norm(imu.force[imu.t <= imu.t[0] + AT_REST].mean(axis=0)))
-    return max(TILT, float(np.sqrt(max(0.0, force**2 - (GRAVITY + BIAS) ** 2))) / GRAVITY)
-
-
-def tilt_disagreement(imu: Imu) -> float | None:
-    """Return the angle between the unit's own up and the specific force at the start [rad]; None if it has none."""
-    if imu.attitude is None:
-        return None
-    force = imu.force[imu.t <= imu.t[0] + AT_REST].mean(axis=0)
-    return float(np.arccos(np.clip(first_tilt(imu)[2] @ force / np.linalg.norm(force), -1.0, 1.0)))
-
-
 def events_of(
     ranges: Ranges, imu: Imu | None, known: FilterSetup, landed: Sequence[Landing], queries: np.ndarray, begin: float
 ) -> tuple[Events, EventValues]:
     """Return the events from `begin` on, in order; the imu's last sample before `begin` is held at it."""
-    looks = known.looks
+    looks, start = known.looks, known.start
     rates = force = np.zeros((0, 3))
     parts = [
-        (ranges.t, RANGE, ranges.anchor, ranges.other, ranges.r, ranges.tag),
-        (looks.finder_t, FINDER, None, None, looks.distance, None),
-        (looks.flow_t, FLOW, np.arange(len(looks.flow_t)), None, None, None),
-        (looks.boxes_t, BOXES, np.arange(len(looks.boxes_t)), None, None, None),
-        (queries, QUERY, None, None, None, None),
+        _events(RANGE, ranges.t, ranges.anchor, ranges.other, ranges.r, ranges.tag),
+        _events(FINDER, looks.finder_t, r=looks.distance),
+        _events(FLOW, looks.flow_t, np.arange(len(looks.flow_t))),
+        _events(BOXES, looks.boxes_t, np.arange(len(looks.boxes_t))),
+        _events(QUERY, queries),
     ]
-    if known.start is not None:
-        rests = np.array([one.rests for one in landed])
-        parts.append((rests, LANDED, None, None, np.full(len(rests), known.start.position[2]), None))
+    if start is not None:
+        parts.append(_events(LANDED, np.array([one.rests for one in landed]), r=start.position[2]))
     if imu is not None:
         rates, (t_force, force) = imu.rates, imu.accelerometer or (imu.t, imu.force)
         for kind, stamps in ((RATES, imu.t), (FORCE, t_force)):
             first = max(0, int(np.searchsorted(stamps, begin, side="right")) - 1)
-            parts.append((np.maximum(stamps[first:], begin), kind, np.arange(first, len(stamps)), None, None, None))
-    columns = zip(*([one[0], *_filled(one)] for one in parts), strict=True)
-    t, kinds, which, other, r, tag = (np.concatenate(column) for column in columns)
+            parts.append(_events(kind, np.maximum(stamps[first:], begin), np.arange(first, len(stamps))))
+    kinds, t, which, other, r, tag = (np.concatenate(column) for column in zip(*parts, strict=True))
     order = np.lexsort((which, kinds, t))
     order = order[t[order] >= begin]
     which, other, tag = (part.astype(np.int64) for part in (which, other, tag))
@@ -192,13 +143,10 @@ def events_of(
     return events, EventValues(*heard)
 
 
-def _filled(part: tuple) -> tuple[np.ndarray, ...]:
-    """Return kind, index, other anchor, number and tag of a part's events, with 0, -1, 0 and 0 where it has none."""
-    t, kind, *columns = part
-    fill = (0, -1, 0.0, 0)
-    return np.full(len(t), kind), *(
-        np.full(len(t), of) if c is None else c for c, of in zip(columns, fill, strict=True)
-    )
+def _events(kind: int, t: np.ndarray, *columns: np.ndarray, r: np.ndarray | float = 0.0) -> list[np.ndarray]:
+    """Return kind, stamp, index, other anchor, number and tag of some events (n each)."""
+    whole = columns if len(columns) == 4 else (*(columns or (0,)), -1, r, 0)
+    return [np.broadcast_to(column, len(t)) for column in (kind, t, *whole)]
 
 
 def start_of(
@@ -285,7 +233,7 @@ def heading_of(
     tried, scores = np.arange(HEADINGS) * 2.0 * np.pi / HEADINGS, []
     for heading in tried:  # a wrong one must not be mended while it is tried
         start = start_of(ranges, imu, known, settings, heading, False)
-        runs = run_on(events, heard, start, setup, NEVER, False)[0]
+        runs = run_on(events, heard, start, setup, np.inf, False)[0]
         scores.append(innovation_score(_joined(runs), noise.gate))
     return float(tried[int(np.argmax(scores))])
 
@@ -331,7 +279,7 @@ def estimate(
     start = start_of(ranges, imu, known, settings, heading, known.heading is not None)
     aids = known.aids if imu is not None else NO_AIDS
     setup = Setup(known.anchors, levers_of(known, imu), known.level, noise, aids)
-    runs, lost, end = run_on(events, heard, start, setup, WATCH, smoothed)
+    runs, lost, end = run_on(events, heard, start, setup, -np.inf, smoothed)
     x, P = (
         smooth(runs)
         if smoothed

@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 from ortilo_drake.interop.recorded.recording import Ranges
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.filter_types import UNKNOWN_LEVEL, Level
-from ortilo_drake.studies.recorded.modelled import modelled
+from ortilo_drake.studies.recorded.truth_path import modelled
 
 FIRST_RANGES = 1.0  # the ranges that a position goes by [s]
 LONGEST = 3.0  # of slow ranges, until enough anchors are heard [s]

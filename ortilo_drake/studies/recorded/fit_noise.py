@@ -14,12 +14,12 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ortilo_drake.interop.recorded.map_file import FilterSettings, Map
-from ortilo_drake.interop.recorded.recording import Imu, Ranges, Recording
+from ortilo_drake.interop.recorded.recording import Recording, between
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate
+from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate, innovation_score, noise_of
-from ortilo_drake.studies.recorded.level import given_level
-from ortilo_drake.studies.recorded.replayed import calibrated_setup
+from ortilo_drake.studies.recorded.scores import nees_of
+from ortilo_drake.studies.recorded.setups import calibrated_setup, given_level
 from ortilo_drake.studies.recorded.truth_path import truth_path
 
 FITTED = ("acceleration", "range_white", "range_correlated", "correlation_time")
@@ -35,14 +35,6 @@ SETTLED = 3.0  # the first seconds are left out: they judge the start, not the n
 By = Literal["innovations", "truth"]
 
 
-class _Part(NamedTuple):
-    ranges: Ranges
-    recording: Recording
-    known: FilterSetup
-    calibration: Calibration | None
-    queries: np.ndarray
-
-
 class Fitted(NamedTuple):
     """The settings found, the log-likelihood before and after, its number of evaluations, and the criterion."""
 
@@ -54,53 +46,38 @@ class Fitted(NamedTuple):
     motions: tuple[str, ...]
 
 
-def _part(recording: Recording, map_: Map) -> _Part:
-    calibration, end = None, map_.calibration.share * recording.ranges.t[-1]
-    anchors = np.asarray(recording.anchors)
-    known = FilterSetup(anchors, None, np.zeros(3), None, given_level(map_), tags=recording.tags)
-    queries = np.zeros(0)
-    if recording.truth is not None:
-        calibration = calibrate(recording, map_.calibration, lever=recording.imu is not None, level=given_level(map_))
+def _likelihood_of(recording: Recording, map_: Map, by: By) -> Callable[[FilterSettings], float]:
+    """Return the function from settings to the log-likelihood of a recording's first part."""
+    truth, imu, anchors, level = recording.truth, recording.imu, np.asarray(recording.anchors), given_level(map_)
+    known = FilterSetup(anchors, None, np.zeros(3), None, level, tags=recording.tags)
+    calibration, end, queries = None, map_.calibration.share * recording.ranges.t[-1], np.zeros(0)
+    if truth is not None:
+        calibration = calibrate(recording, map_.calibration, lever=imu is not None, level=level)
         known, end = calibrated_setup(calibration, recording, map_), calibration.end - calibration.offset
-        queries = recording.truth.t - calibration.offset
-        queries = queries[(queries >= SETTLED) & (queries <= end)]
-    first = recording.ranges.t <= end
-    return _Part(recording.ranges.only(first), recording, known, calibration, queries)
+        if by == "truth":
+            queries = truth.t - calibration.offset
+            queries = queries[(queries >= SETTLED) & (queries <= end)]
+    ranges = recording.ranges.only(recording.ranges.t <= end)
+    imu = None if imu is None else between(imu, -np.inf, ranges.t[-1])
 
+    def likelihood(settings: FilterSettings) -> float:
+        found = estimate(ranges, imu, known, settings, queries)
+        if truth is None or calibration is None or by == "innovations":
+            settled = found.range_stamps >= SETTLED
+            run = found.run._replace(innovation=found.run.innovation[settled], variance=found.run.variance[settled])
+            return innovation_score(run, noise_of(settings, imu is not None).gate)
+        e = found.p - calibration.position(truth_path(truth).at(found.t + calibration.offset)[0])
+        return float(-0.5 * np.sum(np.linalg.slogdet(found.P)[1] + nees_of(e, found.P)))
 
-def _score(part: _Part, settings: FilterSettings, by: By) -> float:
-    imu = part.recording.imu
-    if imu is not None:
-        before_end = imu.t <= part.ranges.t[-1]
-        attitude = None if imu.attitude is None else imu.attitude[before_end]
-        own = imu.accelerometer
-        if own is not None:
-            own = own[0][own[0] <= part.ranges.t[-1]], own[1][own[0] <= part.ranges.t[-1]]
-        imu = Imu(imu.t[before_end], imu.rates[before_end], imu.force[before_end], attitude, own)
-    found = estimate(part.ranges, imu, part.known, settings, part.queries if by == "truth" else np.zeros(0))
-    if by == "innovations":
-        settled = found.range_stamps >= SETTLED
-        run = found.run._replace(innovation=found.run.innovation[settled], variance=found.run.variance[settled])
-        return innovation_score(run, noise_of(settings, imu is not None).gate)
-    assert part.recording.truth is not None
-    assert part.calibration is not None
-    true = truth_path(part.recording.truth).at(found.t + part.calibration.offset)[0]
-    e = found.p - part.calibration.position(true)
-    squares = np.einsum("ki,ki->k", e, np.linalg.solve(found.P, e[:, :, None])[:, :, 0])
-    return float(-0.5 * np.sum(np.linalg.slogdet(found.P)[1] + squares))
+    return likelihood
 
 
 def fit_noise(
     recordings: Sequence[Recording], map_: Map, by: By, count: Callable[[int], None], most: int = 800
 ) -> Fitted:
-    """Return the noise that fits the first parts of all motions best.
+    """Return the noise that fits the first parts of all motions best, starting from the map's.
 
-    Args:
-        recordings: the motions.
-        map_: the settings to start from.
-        by: what is made likely.
-        count: called with how many likelihoods were computed.
-        most: greatest number of them.
+    `count` is called with how many likelihoods were computed, of which there are at most so many.
 
     Raises:
         InputError: if there is no IMU, or no truth to fit by.
@@ -109,9 +86,11 @@ def fit_noise(
         raise InputError("imu: the map has none; the noise of the constant-velocity filter is not fitted")
     if by == "truth" and any(recording.truth is None for recording in recordings):
         raise InputError("truth: the map has none; fit by innovations")
+    if map_.calibration.share == 0.0:
+        raise InputError("calibration.share: 0: the noise is fitted to the first part: give its share")
     if any(isinstance(recording.anchors, int) and recording.truth is None for recording in recordings):
         raise InputError("anchors: unknown")
-    parts = [_part(recording, map_) for recording in recordings]
+    likelihoods = [_likelihood_of(recording, map_, by) for recording in recordings]
     computed = 0
 
     def settings_at(x: np.ndarray) -> FilterSettings:
@@ -124,7 +103,7 @@ def fit_noise(
         count(computed)
         if any(not np.log(LIMITS[n][0]) <= v <= np.log(LIMITS[n][1]) for n, v in zip(FITTED, x, strict=True)):
             return 1e12
-        return -sum(_score(part, settings_at(x), by) for part in parts)
+        return -sum(likelihood(settings_at(x)) for likelihood in likelihoods)
 
     start = np.log([getattr(map_.filter, name) for name in FITTED])
     before = -cost(start)

@@ -57,12 +57,7 @@ def _means(values: np.ndarray, n: int) -> np.ndarray:
 
 
 def _touched(t: np.ndarray, force: np.ndarray) -> float | None:
-    """Return the last time at which the height exceeded TOUCHES; None if it did not, as long as it can be followed.
-
-    Args:
-        t: stamps, up to the rest [s].
-        force: upward less that at rest [m/s²].
-    """
+    """Return the last time at which the height exceeded TOUCHES; None if it did not, as long as it can be followed."""
     late = t >= t[-1] - LONGEST
     back, force = t[late][::-1], force[late][::-1]
     steps = -np.diff(back)

@@ -9,8 +9,7 @@ from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.onboard.estimator.tight.drag import along_body, drag_step
 from ortilo_drake.onboard.estimator.tight.inertial import inertial_step, matrix_of, propagate_covariance
 from ortilo_drake.onboard.estimator.tight.layout import GYRO, N_INERTIAL, THETA, Q, V
-from ortilo_drake.studies.recorded.event_rows import nominal_at
-from ortilo_drake.studies.recorded.filter_types import BIASES, TRANSITION, Aids, Noise
+from ortilo_drake.studies.recorded.filter_types import BIASES, TRANSITION, Aids, Noise, nominal
 from ortilo_drake.studies.recorded.imu_watch import RESTS, SINCE
 
 STEP = 0.01  # longest step of the propagation [s]
@@ -96,7 +95,7 @@ def propagate_over(C: np.ndarray, x: np.ndarray, passing: Passing, grown: float,
         walks[BIASES + i - GYRO] = noise.bias_walk**2 * passed
         lasts = noise.range_correlated * grown
         walks[BIASES + n + i - GYRO] = lasts**2 * (1.0 - keeps[BIASES + n + i - GYRO] ** 2)
-        x[nominal_at(BIASES + n + i)] *= keeps[BIASES + n + i - GYRO]
+        x[nominal(BIASES + n + i)] *= keeps[BIASES + n + i - GYRO]
     for i in range(3):
         walks[i], walks[3 + i] = noise.rotation_bias**2 * passed, noise.acceleration_bias**2 * passed
     propagate_covariance(C, passing.A, passing.W, keeps, walks, passing.scratch)

@@ -16,8 +16,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.recording import ONE_TAG, Ranges
-from ortilo_drake.studies.recorded.modelled import antennas
-from ortilo_drake.studies.recorded.truth_path import LEAST, TruthPath, covered_ranges, random_sample
+from ortilo_drake.studies.recorded.truth_path import LEAST, TruthPath, antennas, covered_ranges, random_sample
 
 SPREAD, LEVER = 0.06, 0.1  # of a range and of the lever [m]
 FEW = 160  # ranges that a fit goes by

@@ -15,8 +15,7 @@ from ortilo_drake.interop.recorded.recording import Ranges
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import Q
-from ortilo_drake.studies.recorded.carried import initial_carried
-from ortilo_drake.studies.recorded.event_filter import run_filter
+from ortilo_drake.studies.recorded.event_filter import ASTRAY, REFUSED, initial_carried, run_filter
 from ortilo_drake.studies.recorded.filter_types import (
     BIASES,
     RANGE,
@@ -24,20 +23,15 @@ from ortilo_drake.studies.recorded.filter_types import (
     EventValues,
     Restart,
     Run,
-    RunLimits,
     Setup,
     State,
     nominal,
 )
 from ortilo_drake.studies.recorded.first_fix import agreeing, ranges_for_a_fix, solve_first_fix
 
-ASTRAY = 3.0  # deviation of a position at which ranges no longer correct it [m]
-REFUSED, SHARE = 1.0, 1.0 / 3.0  # so long [s], and of so many of the anchors
 AGAIN = 1.0  # before the next trial [s]
 SURPRISE = 3.0  # standard deviations beyond which a fix contradicts the filter
 TILT, HEADING, GYRO, ACCELEROMETER = 0.1, 0.3, 0.01, 0.1  # opened then [rad, rad, rad/s, m/s²]
-WATCH = RunLimits(-np.inf, ASTRAY, REFUSED, SHARE)
-NEVER = RunLimits(np.inf, ASTRAY, REFUSED, SHARE)
 
 
 class Lost(NamedTuple):
@@ -71,11 +65,11 @@ def is_astray(state: State) -> bool:
 
 
 def run_on(
-    events: Events, heard_all: EventValues, start: State, setup: Setup, watch: RunLimits, whole: bool
+    events: Events, heard_all: EventValues, start: State, setup: Setup, wait: float, whole: bool
 ) -> tuple[list[Run], list[Lost], State]:
     """Run the filter over all events, and return the runs between its starts, when it was lost, and how it ended.
 
-    Arguments as run_filter; the watch NEVER keeps it from starting anew.
+    Arguments as run_filter; an infinite wait keeps it from starting anew.
     """
     heard = events.kind == RANGE
     ranges = Ranges(*(part[heard] for part in (events.t, events.which, events.r, events.other, events.tag)))
@@ -89,7 +83,7 @@ def run_on(
         rest = Events(*(part[done:] for part in events))
         first = before[done]
         carried = initial_carried(n, len(state.C), state.t)
-        run, state, taken_in = run_filter(rest, heard_all, state, carried, anew, setup, watch, whole)
+        run, state, taken_in = run_filter(rest, heard_all, state, carried, anew, setup, wait, whole)
         parts.append(run)
         done += taken_in
         if since is not None and run.taken[-n:].mean() > 0.5:
@@ -103,7 +97,7 @@ def run_on(
         since = since if since is not None else last if astray else min(last, t - REFUSED)
         window = ranges.only(np.arange(before[done], len(ranges.t)))
         anew = restart_from(window, setup, state, astray) or nothing
-        watch = watch._replace(wait=t + AGAIN)
+        wait = t + AGAIN
         if anew is not nothing:
             lost.append(Lost(since, t))
             since = None
@@ -113,13 +107,9 @@ def run_on(
 
 
 def restart_from(ranges: Ranges, setup: Setup, state: State, astray: bool) -> Restart | None:
-    """Return a restart by the ranges that follow; None if no fix suits them better than the filter's state.
+    """Return a restart by the ranges from now on; None if none suits them better than the filter's state.
 
-    Args:
-        ranges: from the one on at which it was lost, for LONGEST or to their end.
-        setup: of the filter.
-        state: the filter's then.
-        astray: whether its deviation is too large for its own opinion to count.
+    The opinion of one that is `astray` does not count.
     """
     anchors, levers, level = setup.anchors, setup.levers, setup.level
     R, c = matrix_of(state.x[Q : Q + 4]), state.x[nominal(BIASES) : nominal(BIASES) + len(anchors)]

@@ -1,14 +1,29 @@
-"""The report of recorded motions: in short, a table of rows for each, what was calibrated and what was rejected."""
+"""What is written of recorded motions: the report, a figure of each, and its trajectories as TUM and CSV.
+
+The report has all in short, a table of rows for each motion, what was calibrated and what was rejected. A figure shows
+the path, errors with three standard deviations, NIS and availability. Trajectories are in the anchors' frame and by the
+sensors' clock, stamps as the recording's files have them. TUM is what evo and others read: `timestamp tx ty tz qx qy qz
+qw`; without an attitude the quaternion is 0 0 0 1, and CSV leaves it out.
+"""
 
 from collections.abc import Sequence
+from io import StringIO
+from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
+from scipy.spatial.transform import Rotation
 
-from ortilo_drake.studies.recorded.lost_lines import lost_lines
-from ortilo_drake.studies.recorded.replayed import Replayed
+from ortilo_drake.flight.files import write_text
+from ortilo_drake.interop.recorded.recording import Recording
+from ortilo_drake.studies.recorded.calibrate import truth_path
+from ortilo_drake.studies.recorded.replayed import CV, CV_RAW, RAW, WITH_IMU, Drawn, Replayed
 from ortilo_drake.studies.recorded.scores import Scores
-from ortilo_drake.studies.recorded.summary import replay_summary
+from ortilo_drake.views.figures import STYLE
 from ortilo_drake.views.markdown import table
+from ortilo_drake.views.pictures import save_picture
 
 HEADER = [
     "",
@@ -29,6 +44,9 @@ LEGEND = (
     "3 if consistent, NIS about 1. Rejected: ranges that the gate left out. Available: share of the time at which the "
     "filter's own standard deviation is below the map's limit. At gaps' ends: RMS and largest position error."
 )
+MOST_LOST = 6  # times that are listed
+BLUE, RED, GREY = "#0072B2", "#D55E00", "#999999"
+BIN = 1.0  # NIS is a mean over this time [s]
 
 
 def _cell(value: float | None, form: str) -> str:
@@ -68,18 +86,195 @@ def _calibrated(found: Replayed) -> list[str]:
     ]
 
 
-def report_text(motions: Sequence[Replayed], share: float) -> str:
-    """Return the report in Markdown.
+def lost_line(s: Scores) -> str:
+    """Return a line on a filter's losses (number, duration, times), and on its errors at other times."""
+    times = [
+        f"lost from {since:.1f} s, " + ("not found again" if found is None else f"found again at {found:.1f} s")
+        for since, found in s.lost
+    ]
+    more = f" and {len(times) - MOST_LOST} times more" if len(times) > MOST_LOST else ""
+    line = "; ".join(times[:MOST_LOST]) + more
+    total = sum(found - since for since, found in s.lost if found is not None)
+    if len(times) > 1:
+        line += f"; {len(times)} times, {total:.1f} s in all"
+    if s.rmse_found is not None:
+        line += f"; RMS error in x, y, z at other times {', '.join(f'{axis:.3f}' for axis in s.rmse_found)} m"
+    return line
 
-    Args:
-        motions: what was found.
-        share: of each motion's time that calibrated it.
-    """
+
+def _axes(found: Replayed, name: str) -> str:
+    rmse = found.rows[name].rmse
+    assert rmse is not None
+    return ", ".join(f"{axis:.3f}" for axis in rmse)
+
+
+def replay_summary(motions: Sequence[Replayed], share: float) -> list[str]:
+    """Return a summary of the findings, as a Markdown list."""
+    lines = []
+    for found in motions:
+        if found.doubts:
+            many = "one doubt" if len(found.doubts) == 1 else f"{len(found.doubts)} doubts"
+            lines.append(f"**{found.name}: doubtful, {many}; its figures may mean nothing:**")
+            lines += [f"  {found.name}: {doubt}." for doubt in found.doubts]
+        rows = found.rows
+        main = next(name for name in (WITH_IMU, CV, *rows) if name in rows)
+        if rows[main].lost:
+            lines.append(f"{found.name}: {lost_line(rows[main])} ({main}).")
+        if rows[main].rmse is None:
+            lines.append(
+                f"{found.name}: no truth; NIS {rows[main].nis:.2f}, {rows[main].rejected:.2%} of the ranges rejected."
+            )
+            continue
+        line = (
+            f"{found.name}: RMS error in x, y, z {_axes(found, main)} m ({main}, calibrated on the first {share:.0%})"
+        )
+        if main != CV:
+            line += f"; {_axes(found, CV)} m by the constant-velocity filter"
+        lines.append(line + ".")
+        for name, scores in rows.items():
+            if name.startswith(f"{main}, ") and scores.gap_end is not None:
+                lines.append(f"{found.name}: {scores.gap_end:.2f} m RMS at the ends of {scores.gaps} gaps ({name}).")
+            elif name.startswith(f"{main}, ") and name.endswith("lost") and scores.ate is not None:
+                more = scores.ate / (rows[main].ate or 1.0) - 1.0
+                lines.append(f"{found.name}: {more:+.0%} error ({name}).")
+        if RAW in rows:
+            lines.append(f"{found.name}: {_axes(found, RAW)} m without any calibration.")
+    rejected = sum(sum(found.rejected.values()) for found in motions)
+    lines.append(f"{rejected} rows, messages or single ranges could not be used; each motion below says which.")
+    return ["## In short", "", *("  - " + line[2:] if line.startswith("  ") else f"- {line}" for line in lines), ""]
+
+
+def report_text(motions: Sequence[Replayed], share: float) -> str:
+    """Return the report in Markdown; so large a share of each motion's time calibrated it."""
     lines = ["# Recorded motions", "", *replay_summary(motions, share)]
     for found in motions:
         lines += [f"## {found.name}", "", *table(HEADER, [_cells(name, s) for name, s in found.rows.items()])]
         lines += _calibrated(found)
-        if lost := lost_lines(found.rows):
-            lines += ["The filter was lost (times since the first range):", "", *(f"- {line}" for line in lost), ""]
+        # Losses that were imposed are no news.
+        lost = [f"- {name}: {lost_line(s)}." for name, s in found.rows.items() if s.lost and "lost" not in name]
+        if lost:
+            lines += ["The filter was lost (times since the first range):", "", *lost, ""]
         lines += [f"- {note}" for note in found.notes] + [""] * bool(found.notes)
     return "\n".join([*lines, LEGEND, ""])
+
+
+def main_row(drawn: Drawn) -> str:
+    """Return the row to draw: the best filter that there is."""
+    return next(name for name in (WITH_IMU, CV, RAW, CV_RAW) if name in drawn)
+
+
+def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Path:
+    """Draw a motion and return the file's path; it is available where its deviation is `below` that [m]."""
+    name = main_row(drawn)
+    estimate, truth = drawn[name]
+    anchors = np.array(found.anchors)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(11, 8), layout="constrained")
+        grid = figure.add_gridspec(5, 2, width_ratios=[1, 1.5])
+        above, side = figure.add_subplot(grid[:3, 0]), figure.add_subplot(grid[3:, 0])
+        for axes, k in ((above, 1), (side, 2)):
+            axes.plot(estimate.p[:, 0], estimate.p[:, k], color=BLUE, lw=1, label=name)
+            if truth is not None:
+                axes.plot(truth[:, 0], truth[:, k], color="k", lw=0.8, label="truth")
+            axes.plot(anchors[:, 0], anchors[:, k], "^", color=RED, ms=5, label="anchors")
+            axes.set_xlabel("x [m]")
+            axes.set_ylabel(f"{'xyz'[k]} [m]")
+            axes.set_aspect("equal", adjustable="datalim")
+        above.legend(loc="upper center", fontsize=7, ncols=3)
+        t = estimate.t
+        deviations = np.sqrt(np.einsum("kii->ki", estimate.P))
+        for k in range(3):
+            axes = figure.add_subplot(grid[k, 1])
+            axes.fill_between(t, -3 * deviations[:, k], 3 * deviations[:, k], color=BLUE, alpha=0.15, lw=0)
+            if truth is not None:
+                axes.plot(t, (estimate.p - truth)[:, k], color=BLUE, lw=0.8)
+            axes.set_ylabel(f"error {'xyz'[k]} [m]\nand 3 σ")
+            _calibration(axes, found)
+        axes = figure.add_subplot(grid[3, 1])
+        taken = estimate.run.taken
+        bins = np.arange(estimate.range_stamps[0], estimate.range_stamps[-1] + BIN, BIN)
+        squares = estimate.run.innovation[taken] ** 2 / estimate.run.variance[taken]
+        sums, _ = np.histogram(estimate.range_stamps[taken], bins, weights=squares)
+        counts, _ = np.histogram(estimate.range_stamps[taken], bins)
+        axes.plot(bins[:-1] + BIN / 2, sums / np.maximum(counts, 1), color=BLUE, lw=0.9)
+        axes.axhline(1.0, color=GREY, lw=0.8)
+        axes.set_ylabel("NIS")
+        _calibration(axes, found)
+        axes = figure.add_subplot(grid[4, 1])
+        for row, (other, _) in drawn.items():
+            if row.startswith(name):
+                total = np.sqrt(np.trace(other.P, axis1=1, axis2=2))
+                axes.plot(other.t, total, lw=0.9, label=f"{row} ({found.rows[row].available:.0%})")
+        axes.axhline(below, color=RED, lw=0.8, ls="--")
+        axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_formatter(NullFormatter())
+        axes.set_ylabel("σ [m], available\nbelow the line")
+        axes.set_xlabel("time since the first range [s]")
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower right", fontsize=7, ncols=2)
+        _calibration(axes, found)
+        figure.suptitle(f"{found.name}: {name} (grey: the part that calibrates)")
+        return save_picture(figure, path)
+
+
+def _calibration(axes: mpl.axes.Axes, found: Replayed) -> None:
+    axes.axvspan(0.0, found.judged_from, color=GREY, alpha=0.15, lw=0)
+    axes.margins(x=0.01)
+
+
+def _true_attitude(found: Replayed, recording: Recording, t: np.ndarray, frame: str) -> np.ndarray | None:
+    """Return the attitude (m, 3, 3) of the truth's body; None if it is not known or more than a heading turns it."""
+    truth = recording.truth
+    if truth is None or truth.R is None or found.offset is None or found.heading is None or frame == "se3":
+        return None
+    offset = found.offset - (recording.truth_origin - recording.origin)
+    R = truth_path(truth).at(t + offset)[1]
+    assert R is not None
+    F = Rotation.from_rotvec([0.0, 0.0, found.heading]).as_matrix()
+    return np.asarray(F @ R)
+
+
+def _text(table: np.ndarray, mark: str, head: str, stamps: np.ndarray) -> str:
+    out = StringIO()
+    form = ["%.9f"] + ["%.9g"] * table.shape[1]
+    np.savetxt(out, np.column_stack([stamps, table]), form, mark, header=head, comments="")
+    return out.getvalue()
+
+
+def write_trajectories(folder: Path, found: Replayed, drawn: Drawn, recording: Recording, frame: str) -> list[Path]:
+    """Write NAME_estimate, NAME_smoother and NAME_truth, each .tum and .csv, and return the files' paths.
+
+    `frame` says how the truth's frame was turned: yaw, se3 or same.
+
+    Raises:
+        InputError: if a file cannot be written.
+    """
+    main = main_row(drawn)
+    estimate, truth = drawn[main]
+    turned = main in (WITH_IMU, RAW)
+    t = estimate.t + recording.origin
+    Part = tuple[str, np.ndarray, np.ndarray | None, np.ndarray | None]
+    parts: list[Part] = [("estimate", estimate.p, estimate.R if turned else None, estimate.P)]
+    smoothed = drawn.get(f"{main}, smoothed")
+    if smoothed is not None:
+        parts.append(("smoother", smoothed[0].p, smoothed[0].R if turned else None, smoothed[0].P))
+    if truth is not None:
+        parts.append(("truth", truth, _true_attitude(found, recording, estimate.t, frame), None))
+    written = []
+    for kind, p, R, P in parts:
+        q = np.tile([0.0, 0.0, 0.0, 1.0], (len(t), 1)) if R is None else Rotation.from_matrix(R).as_quat()
+        head, table = "t,x,y,z", p
+        if R is not None:
+            head, table = f"{head},qx,qy,qz,qw", np.hstack([table, q])
+        if P is not None:
+            head, table = f"{head},sd_x,sd_y,sd_z", np.hstack([table, np.sqrt(np.einsum("kii->ki", P))])
+        texts = {
+            "tum": _text(np.hstack([p, q]), " ", "# timestamp tx ty tz qx qy qz qw", t),
+            "csv": _text(table, ",", head, t),
+        }
+        for kind_of_file, text in texts.items():
+            path = folder / f"{found.name}_{kind}.{kind_of_file}"
+            write_text(path, text)
+            written.append(path)
+    return written

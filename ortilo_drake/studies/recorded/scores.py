@@ -70,32 +70,34 @@ def by_evo(t: np.ndarray, p: np.ndarray, truth: np.ndarray) -> tuple[float, floa
     return before, float(np.sqrt(np.mean(aligned.error**2))), over_a_second
 
 
-def score(found: Estimate, judged: np.ndarray, truth: np.ndarray | None, available_below: float) -> Scores:
-    """Return the figures of an estimate.
+def nees_of(e: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """Return e' P^-1 e (m) of errors (m, 3) and covariances (m, 3, 3)."""
+    return np.asarray(np.einsum("ki,ki->k", e, np.linalg.solve(P, e[:, :, None])[:, :, 0]))
 
-    Args:
-        found: the estimate.
-        judged: which of its stamps are judged.
-        truth: true positions at all its stamps (m, 3), if known.
-        available_below: limit of the deviation [m].
-    """
-    deviation = np.sqrt(np.trace(found.P, axis1=1, axis2=2))[judged]
-    counted = (found.range_stamps >= found.t[judged][0]) & (found.range_stamps <= found.t[judged][-1])
+
+def nis_of(found: Estimate, begin: float, end: float) -> tuple[float, float]:
+    """Return the mean NIS of the ranges taken between two stamps [s], NaN if there is none, and the share refused."""
+    counted = (found.range_stamps >= begin) & (found.range_stamps <= end)
     taken = found.run.taken & counted
     squares = found.run.innovation[taken] ** 2 / found.run.variance[taken]
     nis = float(np.mean(squares)) if len(squares) else float("nan")
-    rejected = float(1.0 - taken.sum() / max(1, counted.sum()))
+    return nis, float(1.0 - taken.sum() / max(1, counted.sum()))
+
+
+def score(found: Estimate, judged: np.ndarray, truth: np.ndarray | None, available_below: float) -> Scores:
+    """Return the figures of an estimate at the judged (mask) of its stamps; truth (m, 3), deviation's limit [m]."""
+    deviation = np.sqrt(np.trace(found.P, axis1=1, axis2=2))[judged]
+    nis, rejected = nis_of(found, found.t[judged][0], found.t[judged][-1])
     available = float(np.mean(deviation < available_below))
     lost = tuple(found.lost)
     if truth is None:
         return Scores(None, None, None, None, None, nis, rejected, available, lost=lost)
     e, P = (found.p - truth)[judged], found.P[judged]
-    nees = float(np.mean(np.einsum("ki,ki->k", e, np.linalg.solve(P, e[:, :, None])[:, :, 0])))
     there = not_lost_at(found.t[judged], lost)
     return Scores(
         _rms(e),
         *by_evo(found.t[judged], found.p[judged], truth[judged]),
-        nees,
+        float(np.mean(nees_of(e, P))),
         nis,
         rejected,
         available,

@@ -90,11 +90,6 @@ class Analysis:
     tube: TubeReport | None
 
 
-def is_built_in(scenario: Scenario) -> bool:
-    """Return whether servo and filter are the paper's, which Drake differentiates."""
-    return isinstance(scenario.servo, LqServo) and scenario.linear_filter is scenario.estimator
-
-
 def analysis_data(analysis: Analysis) -> dict[str, Any]:
     """Return an analysis as plain data for JSON, the theory's parts beside the others, without missing parts."""
     data: dict[str, Any] = as_data(analysis)
@@ -107,32 +102,25 @@ def theory(scenario: Scenario, step: Step = lambda what, done, total: None) -> T
 
     The linearisation alone is of the filter as it is.
 
-    Args:
-        scenario: the scenario.
-        step: called with what is being done, how far and of how much.
-
     Raises:
         InputError: naming the modes, if the sensors leave some undetected, or naming what else is wrong.
     """
-
-    def begin(part: str) -> None:
-        parts = ("linearization", "riccati", "margins", "arrivals", "commands")
-        step(part, parts.index(part), len(parts))
-
     check_sensors(scenario)
     told = learned_at(scenario)
     V, loop = hover_V(told), hover_loop(told)
     rates = RATES if len(loop.names) == N_X else RATES[::4]  # a filter of twice the states takes eight times as long
     uwb, camera = (rates.tolist() if sensor in scenario.sensors else [0.0] for sensor in loop.measurement.positions[:2])
-    begin("linearization")
-    linearization = linearization_report(scenario, V=hover_V(scenario)) if is_built_in(scenario) else None
-    begin("riccati")
+    step("linearization", 0, 5)
+    # Drake differentiates the paper's servo and filter alone.
+    built_in = isinstance(scenario.servo, LqServo) and scenario.linear_filter is scenario.estimator
+    linearization = linearization_report(scenario, V=hover_V(scenario)) if built_in else None
+    step("riccati", 1, 5)
     riccati = riccati_report(told, V)
-    begin("margins")
+    step("margins", 2, 5)
     margins = margins_report(told, V)
-    begin("arrivals")
+    step("arrivals", 3, 5)
     arrivals = arrival_report(loop, filter_V(told, V), uwb, camera)
-    begin("commands")
+    step("commands", 4, 5)
     commands = command_report(told, V)
     return Theory(linearization, riccati, margins, arrivals, commands)
 
@@ -152,9 +140,9 @@ def honesty_section(
     flown = flights_of(scenario, range(flights), out / "flights")
     efficiency = {axis: efficiency_of(axis, summaries) for axis in AXES}
     report = Honesty(**vars(consistency_report(flown)), efficiency=efficiency)
-    names = {scenario.name: flown}
-    figures = [nees_figure(names, out / "nees.png"), whiteness_figure({scenario.name: report}, out / "whiteness.png")]
-    return report, figures
+    name = scenario.name
+    nees = nees_figure({name: flown}, out / "nees.png")
+    return report, [nees, whiteness_figure({name: report}, out / "whiteness.png")]
 
 
 def analyze(

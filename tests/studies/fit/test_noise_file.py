@@ -13,7 +13,7 @@ from ortilo_drake.scenario import load_scenario
 from ortilo_drake.scenario.noise_file import load_noise, noise_text, preset_names
 from ortilo_drake.scenario.truth import UwbTruth
 from ortilo_drake.studies.fit.fit import fit_recordings
-from ortilo_drake.studies.fit.scenario_text import base_seen_from, scenario_text
+from ortilo_drake.studies.fit.fit_report import base_seen_from, scenario_text
 
 
 @pytest.mark.parametrize("name", ["iasl_2023", "util_2021"])

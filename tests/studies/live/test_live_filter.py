@@ -5,15 +5,15 @@ import pytest
 from live_messages import IMU, RANGES, START, as_map, messages_of
 from made_up_motion import BAG_MAP, made_up, write_bag
 
-from ortilo_drake.interop.recorded.bag_player import at_pace, bag_messages
+from ortilo_drake.interop.recorded.bag_columns import at_pace, bag_messages
 from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import Imu, Recording, read_recording
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.live.live_bridge import LiveBridge, run_live
-from ortilo_drake.studies.recorded.aided import uncalibrated_setup
 from ortilo_drake.studies.recorded.at_rest import at_rest
 from ortilo_drake.studies.recorded.filtered import estimate
 from ortilo_drake.studies.recorded.replayed import RAW, replay
+from ortilo_drake.studies.recorded.setups import uncalibrated_setup
 
 
 def without(motion, begin, end):

@@ -15,9 +15,8 @@ from ortilo_drake.interop.recorded.recording import Imu, Recording, Truth, read_
 from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
 from ortilo_drake.scenario.noise_file import ImuNoise, NoiseFile, load_noise
 from ortilo_drake.scenario.range_errors import UwbNoise
-from ortilo_drake.studies.fit.body_path import body_path
 from ortilo_drake.studies.fit.fit import fit_recordings
-from ortilo_drake.studies.fit.imu_errors import mount_of
+from ortilo_drake.studies.fit.imu_errors import body_path, mount_of
 from ortilo_drake.studies.predict.predicted import Figures, Predicted, group_of, interval, predict
 from ortilo_drake.studies.predict.predicted_report import predicted_figure, predicted_text
 from ortilo_drake.studies.predict.simulated import simulated

@@ -15,9 +15,9 @@ from ortilo_drake.interop.recorded.recording import read_recording
 from ortilo_drake.model.inputs.known_classes import ORTILO_ROOM
 from ortilo_drake.model.room import load_room
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.recorded.aided import with_aids
 from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
 from ortilo_drake.studies.recorded.replayed import AIDED, BOXED, aided_name
+from ortilo_drake.studies.recorded.setups import with_aids
 
 HOVERS, TURNED, AT = np.array([1.0, 4.0, 1.2]), np.array([0.06, -0.04, 0.5]), np.array([0.1, 0.02, -0.03])
 K = np.array([[400.0, 0.0, 322.0], [0.0, 396.0, 243.0], [0.0, 0.0, 1.0]])

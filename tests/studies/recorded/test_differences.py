@@ -10,7 +10,7 @@ from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
 from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.doubts import of_sign
 from ortilo_drake.studies.recorded.filtered import estimate
-from ortilo_drake.studies.recorded.replayed import calibrated_setup
+from ortilo_drake.studies.recorded.setups import calibrated_setup
 
 OWN = "differences: {file: differences.csv, time: t, value: d, a: a, b: b, names: [0, 1, 2, 3, 4, 5]}\n"
 REST = TABLE_MAP[TABLE_MAP.index("anchors:") :]

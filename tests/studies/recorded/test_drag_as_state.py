@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from made_up_motion import ANCHORS
 
-from ortilo_drake.interop.recorded.map_file import FilterSettings
+from ortilo_drake.interop.recorded.map_file import FilterSettings, Start
 from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import GRAVITY, Imu
 from ortilo_drake.studies.recorded.doubts import of_failed
 from ortilo_drake.studies.recorded.filter_types import NO_AIDS
-from ortilo_drake.studies.recorded.filtered import FilterSetup, StartSetup, estimate
+from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
 
 K, TOLD, STEP = 0.6, 0.3, 1e-3
 SETTINGS = FilterSettings(acceleration=0.05, range_white=0.02, range_correlated=0.001)
@@ -43,7 +43,7 @@ def flight():
 
 def known(k_sd: float) -> FilterSetup:
     aids = NO_AIDS._replace(drag=TOLD, drag_sd=0.02, doubted=3.0)
-    start = StartSetup(np.array([2.0, 4.0, 1.2]), 0.05, 0.01, rests=False)
+    start = Start(position=(2.0, 4.0, 1.2), position_sd=0.05, heading_sd=0.01)
     return FilterSetup(ANCHORS, np.zeros(6), np.zeros(3), 0.0, start=start, aids=aids, k_sd=k_sd)
 
 

@@ -11,12 +11,12 @@ from usd_logs import FLIGHTS, util_folder, util_map
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import read_recording
 from ortilo_drake.model.typed_yaml import parse_yaml, validate
-from ortilo_drake.studies.recorded.aided import airborne, with_aids
-from ortilo_drake.studies.recorded.calibrate import uncalibrated
+from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.doubts import of_sign
 from ortilo_drake.studies.recorded.filtered import estimate
 from ortilo_drake.studies.recorded.recorded_report import report_text
-from ortilo_drake.studies.recorded.replayed import AIDED, AIDED_SMOOTH, SMOOTH, WITH_IMU, calibrated_setup, replay
+from ortilo_drake.studies.recorded.replayed import AIDED, SMOOTH, WITH_IMU, replay
+from ortilo_drake.studies.recorded.setups import airborne, calibrated_setup, with_aids
 from ortilo_drake.studies.recorded.truth_path import truth_path
 
 
@@ -29,7 +29,7 @@ def test_a_flight_with_a_faulty_accelerometer_is_replayed_and_the_fault_told() -
     map_ = as_map(util_map("0425-traj4"))
     found, _ = replay(read_recording(util_folder() / "0425-traj4", map_), map_, lambda _: None)
     rows = found.rows
-    bounds = {WITH_IMU: 0.24, SMOOTH: 0.15, AIDED: 0.13, AIDED_SMOOTH: 0.10}
+    bounds = {WITH_IMU: 0.24, SMOOTH: 0.15, AIDED: 0.13, f"{AIDED}, smoothed": 0.10}
     for name, bound in bounds.items():
         assert rows[name].ate < bound
         assert 1.0 < rows[name].nees < 6.0
@@ -57,10 +57,10 @@ def test_no_flight_diverges_and_its_landing_is_not_carried_back(names) -> None:
     for name in names:
         map_ = as_map(util_map(name))
         recording = read_recording(util_folder() / name, map_)
-        calibration = uncalibrated(recording, map_.calibration)
+        calibration = calibrate(recording, map_.calibration)
         known = with_aids(calibrated_setup(calibration, recording, map_), recording, map_, looks=False)
         t = recording.truth.t - calibration.offset
-        t = t[airborne(t, recording.truth, calibration, map_)(t)]
+        t = t[airborne(recording.truth, calibration, map_)(t)]
         for smoothed in (False, True):
             found = estimate(recording.ranges, recording.imu, known, map_.filter, t, smoothed)
             then = found.t + calibration.offset
@@ -77,7 +77,7 @@ def test_no_flight_diverges_and_its_landing_is_not_carried_back(names) -> None:
 def test_a_reversed_sign_of_a_flight_is_doubted() -> None:
     text = util_map("0425-traj20").replace("b: idB", "b: idB, sign: -1")
     recording = read_recording(util_folder() / "0425-traj20", as_map(text))
-    calibration = uncalibrated(recording, as_map(text).calibration)
+    calibration = calibrate(recording, as_map(text).calibration)
     p = truth_path(recording.truth).at(recording.ranges.t + calibration.offset)[0]
     anchors, right = np.asarray(recording.anchors), recording.ranges._replace(r=-recording.ranges.r)
     assert of_sign(right, anchors, 1, p) == []

@@ -18,7 +18,8 @@ from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
 from ortilo_drake.studies.recorded.fit_noise import fit_noise
 from ortilo_drake.studies.recorded.imposed import gap_ends, lose_gaps, lose_some
-from ortilo_drake.studies.recorded.replayed import CV, CV_SMOOTH, RAW, SMOOTH, WITH_IMU, calibrated_setup, replay
+from ortilo_drake.studies.recorded.replayed import CV, CV_SMOOTH, RAW, SMOOTH, WITH_IMU, replay
+from ortilo_drake.studies.recorded.setups import calibrated_setup
 from ortilo_drake.studies.recorded.truth_path import truth_path
 
 # RMS of x, y, z [m] that the data's notes give for the last 70 %: constant velocity, and smoothed.

@@ -14,7 +14,8 @@ from ortilo_drake.interop.recorded.recording import Imu, Recording, read_recordi
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
-from ortilo_drake.studies.recorded.replayed import RAW, calibrated_setup, replay
+from ortilo_drake.studies.recorded.replayed import RAW, replay
+from ortilo_drake.studies.recorded.setups import calibrated_setup
 
 TAGS = np.array([[0.0, 0.3, 0.05], [0.1, -0.3, 0.0]])
 HEADING, HOVERS = 1.0, np.array([2.0, 5.0, 1.2])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ortilo_drake.studies.recorded.filter_types import ENTRIES, Run, Tape
-from ortilo_drake.studies.recorded.smoother import smooth
+from ortilo_drake.studies.recorded.run_tape import smooth
 
 N, STEPS, ROWS = 18, 6, 3
 
