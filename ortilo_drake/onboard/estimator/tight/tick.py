@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.model.products import product
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matrix, wrapped
 from ortilo_drake.onboard.estimator.tight.inertial import angles_of, inertial_step, propagate_covariance
@@ -145,13 +146,7 @@ def predict_next_tick(
 
     The specific force is the last one, changed as the thrust is; the body rates change by the torque commanded.
 
-    Args:
-        x: nominal state at t_k.
-        C: its covariance.
-        kept: of imu and control (N_KEPT); thrust and torque become those of u.
-        u: control from now on (4).
-        motion: imu and vehicle.
-        ahead: written to (156).
+    Arguments as propagate_to_now, with the control from now on u (4), whose thrust and torque are kept.
     """
     kept[FORCE + 2] += (u[0] - kept[THRUST]) / motion.mass
     kept[THRUST], kept[TORQUE : TORQUE + 3] = u[0], u[1:4]
@@ -166,43 +161,15 @@ def predict_next_tick(
     ahead[0:3], ahead[3:6], ahead[6:9] = y[P : P + 3], rpy, y[V : V + 3]
     ahead[9:12] = _euler_rates(y, w, E)
     # Errors of [dp, dv, theta, db_g] ahead, then as the paper's states.
-    F = np.zeros((12, N_INERTIAL))
-    F[:9] = A
+    D, T = C[:N_INERTIAL, :N_INERTIAL].copy(), np.zeros((12, 12))
+    walks = N_INERTIAL - GYRO
+    propagate_covariance(D, A, N, np.ones(walks), np.zeros(walks), np.empty((9, N_INERTIAL)))
     for i in range(3):
-        F[9 + i, GYRO + i] = 1.0
-    T = np.zeros((12, 12))
-    for i in range(3):
+        D[GYRO + i, GYRO + i] += motion.variances[0] + motion.coasting[0]
         T[i, P + i], T[6 + i, V + i] = 1.0, 1.0
         for j in range(3):
             T[3 + i, THETA + j], T[9 + i, 9 + j] = E[i, j], -E[i, j]
-    G = np.zeros((12, N_INERTIAL))
+    P_ahead = product(product(T, D[:12, :12]), T.T)
     for i in range(12):
-        for k in range(12):
-            if T[i, k] != 0.0:
-                for j in range(N_INERTIAL):
-                    G[i, j] += T[i, k] * F[k, j]
-    noise = np.zeros((12, 12))
-    noise[:9, :9] = N
-    for i in range(3):
-        noise[9 + i, 9 + i] = motion.variances[0] + motion.coasting[0]
-    P_ahead = ahead[12:].reshape((12, 12))
-    P_ahead[:] = 0.0
-    for i in range(12):
-        own, new = np.zeros(N_INERTIAL), np.zeros(12)
-        for k in range(N_INERTIAL):
-            for j in range(N_INERTIAL):
-                own[j] += G[i, k] * C[k, j]
-        for k in range(12):
-            if T[i, k] != 0.0:
-                for j in range(12):
-                    new[j] += T[i, k] * noise[k, j]
-        for b in range(12):
-            total = 0.0
-            for j in range(N_INERTIAL):
-                total += own[j] * G[b, j]
-            for j in range(12):
-                total += new[j] * T[b, j]
-            P_ahead[i, b] = total
-    for i in range(12):
-        for j in range(i):
-            P_ahead[i, j] = P_ahead[j, i] = 0.5 * (P_ahead[i, j] + P_ahead[j, i])
+        for j in range(12):
+            ahead[12 + 12 * i + j] = 0.5 * (P_ahead[i, j] + P_ahead[j, i])
