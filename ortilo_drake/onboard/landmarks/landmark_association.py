@@ -117,10 +117,7 @@ def with_survey(sd: float, J: np.ndarray, survey_sd: float) -> float:
 @register_jitable
 def is_among(labels: np.ndarray, label: float) -> bool:
     """Return whether a class is one of some (n)."""
-    for j in range(labels.size):  # noqa: SIM110 - numba compiles no generator expression in any()
-        if labels[j] == label:
-            return True
-    return False
+    return bool(np.any(labels == label))
 
 
 @register_jitable

@@ -4,9 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numba.extending import register_jitable
 
-from ortilo_drake.model.products import product
+from ortilo_drake.model.products import product, times
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matrix, wrapped
 from ortilo_drake.onboard.estimator.tight.inertial import angles_of, inertial_step, propagate_covariance
@@ -132,12 +131,6 @@ def keep_pose(x: np.ndarray, C: np.ndarray, layout: Layout) -> None:
             row[core + k], row[core + 3 + k] = row[P + k], row[THETA + k]
 
 
-@register_jitable
-def _euler_rates(x: np.ndarray, rates: np.ndarray, E: np.ndarray) -> np.ndarray:
-    w = rates - x[ADDITIVE : ADDITIVE + 3]
-    return np.array([E[i, 0] * w[0] + E[i, 1] * w[1] + E[i, 2] * w[2] for i in range(3)])
-
-
 @njit(cache=True)
 def predict_next_tick(
     x: np.ndarray, C: np.ndarray, kept: np.ndarray, u: np.ndarray, motion: Motion, ahead: np.ndarray
@@ -159,7 +152,7 @@ def predict_next_tick(
     rpy[2] += 2.0 * np.pi * np.round((motion.yaw - rpy[2]) / (2.0 * np.pi))
     E = inverse_rate_matrix(rpy)
     ahead[0:3], ahead[3:6], ahead[6:9] = y[P : P + 3], rpy, y[V : V + 3]
-    ahead[9:12] = _euler_rates(y, w, E)
+    ahead[9:12] = times(E, w - y[ADDITIVE : ADDITIVE + 3])
     # Errors of [dp, dv, theta, db_g] ahead, then as the paper's states.
     D, T = C[:N_INERTIAL, :N_INERTIAL].copy(), np.zeros((12, 12))
     walks = N_INERTIAL - GYRO
