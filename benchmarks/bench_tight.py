@@ -14,7 +14,7 @@ import numpy as np
 
 from ortilo_drake.onboard.estimator.tight.inertial import quaternion_of
 from ortilo_drake.onboard.estimator.tight.layout import Q, nominal_size
-from ortilo_drake.onboard.estimator.tight.model import initial_covariance, layout_of, motion_of
+from ortilo_drake.onboard.estimator.tight.model import aids_of, initial_covariance, layout_of, motion_of
 from ortilo_drake.onboard.estimator.tight.ranges import take_ranges
 from ortilo_drake.onboard.estimator.tight.tick import N_KEPT, QUIET, keep_pose, propagate_to_now
 from ortilo_drake.scenario import load_scenario
@@ -51,14 +51,17 @@ def timed(name: str, rounds: int, calls: int) -> str:
     message[2 : 2 + len(anchors)] = np.linalg.norm(x[0:3] - anchors, axis=1)
     message[2 + len(anchors) :] = 1.0
     samples[:, 5] = 1e-9 * np.arange(n)  # no two alike: the watch listens to no repeated sample
-    residual, noise = np.empty(3), np.array([0.0, 0.0075])
+    residual = np.empty(3)
+    aids = aids_of(settings, room, scenario)._replace(
+        lever=np.zeros(3), range_noise=np.array([0.0, 0.0075]), differences=False, gates=np.full(3, 1e9), huber=3.0
+    )
 
     def tick(samples: np.ndarray) -> None:
         kept[6], kept[QUIET] = 0.0, np.nan
         propagate_to_now(x, C, kept, samples, scenario.h, motion, residual)
 
     def ranges() -> None:
-        take_ranges(x, C, layout, message, anchors, np.zeros(3), noise, 1e9, 3.0, -1, False)
+        take_ranges(x, C, layout, message, aids, -1)
 
     whole, one = least_us(lambda: tick(samples), rounds, calls), least_us(lambda: tick(samples[-1:]), rounds, calls)
     taken = least_us(ranges, rounds, calls)

@@ -16,7 +16,6 @@ from ortilo_drake.model.clock import history_ticks
 from ortilo_drake.model.measurement import CAMERA, UWB, Measurement
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import IMU_SIZE, N_X, N_XBAR
-from ortilo_drake.onboard.estimator.acted_element import acted_box
 from ortilo_drake.onboard.estimator.at_rest import rest_of
 from ortilo_drake.onboard.estimator.extra_states import Extra, augmented_rows, extra_states, names_of
 from ortilo_drake.onboard.estimator.filter_element import filter_box, parts_box, vehicle_belief_box
@@ -33,9 +32,8 @@ from ortilo_drake.onboard.estimator.measurement_handler import handler_box, inco
 from ortilo_drake.onboard.estimator.replay_element import belief_at_stamp_box, replay_box
 from ortilo_drake.onboard.estimator.robust.gate_element import gate_box, opening_variances
 from ortilo_drake.onboard.estimator.robust.weights import weighing_of
-from ortilo_drake.onboard.ranging.noise_scale import scaled_bank_box
+from ortilo_drake.onboard.ranging.bank_element import bank_box
 from ortilo_drake.onboard.ranging.sighted import sighted_box
-from ortilo_drake.onboard.ranging.survey_bank import bank_box
 from ortilo_drake.scenario import Belief
 from ortilo_drake.sensors.described import described_per_tick, measuring
 
@@ -179,8 +177,7 @@ def learns_landmarks(belief: Belief) -> bool:
 
 def bank_of(belief: Belief, room: Room) -> Box:
     """Return the box that learns how good the survey of a room's anchors is, and how large the noise of ranges."""
-    make = bank_box if belief.multilateration.noise_scale is None else scaled_bank_box
-    return make(belief.multilateration, room.anchor_positions, belief.every(measuring("anchors")) * belief.h)
+    return bank_box(belief.multilateration, room.anchor_positions, belief.every(measuring("anchors")) * belief.h)
 
 
 def measurement_of(box: Box) -> dict[str, str]:
@@ -222,6 +219,6 @@ def kalman_box(belief: Belief, setup: Filtering, xbar_0: np.ndarray) -> Box:
     P_0 = initial_covariance(settings, setup.extras, rest_of(belief), belief.yaw)
     belief_0 = np.concatenate((xbar_0[:N_X], np.zeros(setup.n - N_XBAR), xbar_0[N_X:], P_0.ravel()))
     if setup.replays:
-        replay = replay_box(model, setup.seen, vehicle.hover_thrust, belief_0, history_ticks(settings.horizon, h), h)
-        return acted_box(replay) if belief.commands.filter == "acted" else replay
+        ticks, acted = history_ticks(settings.horizon, h), belief.commands.filter == "acted"
+        return replay_box(model, setup.seen, vehicle.hover_thrust, belief_0, ticks, h, acted)
     return filter_box(model, setup.seen, vehicle.hover_thrust, belief_0)

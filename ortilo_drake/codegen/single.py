@@ -20,8 +20,7 @@ from ortilo_drake.model.typed_yaml import InputError
 
 # What has flown within 1 mm and 0.1 degree of doubles (scripts/export_single.py).
 NEAR: Final = {
-    "outside", "constant", "bundle", "multilateration", "learning_multilateration", "survey_bank",
-    "scaled_learning_multilateration", "scaled_survey_bank", "handler",
+    "outside", "constant", "bundle", "multilateration", "learning_multilateration", "survey_bank", "handler",
     "imu_rows", "filter", "told_filter", "vehicle_belief", "reference", "servo", "belief_parts", "extra_part",
 }  # fmt: skip
 # What flew farther than that from doubles, and how far.

@@ -107,10 +107,9 @@ def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) 
 def solver(scenario: Belief, room: Room) -> Box:
     """Return the multilateration; where the survey or the noise's scale is learned it reads what was."""
     settings, box = scenario.multilateration, fix_box(scenario.multilateration, room.anchor_positions)
-    if settings.noise_scale is None:
-        return box if settings.bias_bank is None else box.with_inputs(learned="uwb_bank")
-    box = box.with_inputs(noise="uwb_bank.noise")
-    return box if settings.bias_bank is None else box.with_inputs(learned="uwb_bank.learned")
+    if settings.noise_scale is None and settings.bias_bank is None:
+        return box
+    return box.with_inputs(noise="uwb_bank.noise", learned="uwb_bank.learned")
 
 
 def errors_drawn(scenario: Scenario, room: Room, draw: AtStart) -> dict[str, Values]:

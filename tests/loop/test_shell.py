@@ -49,7 +49,6 @@ ITERATES: Final = dict.fromkeys(
         "learning_multilateration",
         "tested_multilateration",
         "scaled_multilateration",
-        "scaled_learning_multilateration",
     ),
     1e-8,
 )

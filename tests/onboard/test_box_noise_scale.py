@@ -16,7 +16,7 @@ from ortilo_drake.onboard.landmarks.landmark_bank import (
     PER_LANDMARK,
     REPEATS,
     Solved,
-    learn_scale,
+    learn,
     put_information,
 )
 from ortilo_drake.onboard.ranging.noise_scale import NOTHING_YET, RESIDUALS, SCALE, SQUARES
@@ -75,7 +75,7 @@ def test_models_are_weighed_as_students_t_of_each_box(white: float) -> None:
     left = np.array([2.0, t @ np.linalg.solve(V, t)])
     learned, gathered, scale = learned_first(np.array(BANK), 9 * N), np.zeros((3 * N, 4)), np.array(NOTHING_YET)
     room = np.zeros(len(BANK)), np.zeros((3, 3)), np.zeros(3)
-    learn_scale(learned, gathered, scale, REPEATS * only, REPEATS * left, 1.0, WORTH, np.array(BANK), SD, *room)
+    learn(learned, gathered, scale, REPEATS * only, REPEATS * left, 1.0, WORTH, np.array(BANK), SD, *room)
     A = -J[:2, :3]
     shapes = [V + (share * SD) ** 2 * A @ A.T for share in BANK]
     likely = np.array([multivariate_t(shape=shape, df=WORTH).pdf(t) for shape in shapes])

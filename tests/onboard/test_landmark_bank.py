@@ -25,6 +25,7 @@ from ortilo_drake.onboard.landmarks.landmark_bank import (
     put_lasting,
 )
 from ortilo_drake.onboard.ranging.lasting_error import KEPT, KEY, N_LASTING, NEW_KEY, SHARE, keep
+from ortilo_drake.onboard.ranging.noise_scale import NOTHING_YET
 from ortilo_drake.onboard.ranging.survey_bank import learned_first
 from ortilo_drake.scenario import LandmarkFix as Settings
 from ortilo_drake.scenario import load_scenario
@@ -59,7 +60,8 @@ def test_the_likelihood_is_the_product_of_each_landmarks_dense_gaussian() -> Non
     J = seen(EXACT)[1].reshape(2 * M, 6)
     rest = null_space(J.T)  # what residuals say whatever the pose
     learned, gathered = learned_first(np.array(BANK), 9 * N), np.zeros((3 * N, 4))
-    learn(learned, gathered, information_of(errors)[0].ravel(), 1.0, np.array(BANK), SD, np.zeros((3, 3)), np.zeros(3))
+    told, room = information_of(errors)[0].ravel(), (np.zeros(3), np.zeros((3, 3)), np.zeros(3))
+    learn(learned, gathered, np.array(NOTHING_YET), told, np.zeros(2), 1.0, 0.0, np.array(BANK), SD, *room)
     logs = np.zeros(len(BANK))
     for i in range(M):
         A = np.zeros((2 * M, 3))

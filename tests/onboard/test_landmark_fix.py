@@ -25,8 +25,8 @@ from seen_landmarks import (
 
 from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, PAYLOAD
 from ortilo_drake.onboard.landmarks.fix_element import ELEMENTS, camera_fix_box
+from ortilo_drake.onboard.landmarks.known_attitude import pose_from_boxes
 from ortilo_drake.onboard.landmarks.landmark_fix import METHODS, LandmarkFix
-from ortilo_drake.onboard.landmarks.pnp import refine_pose
 from ortilo_drake.scenario import Camera as CameraSettings
 from ortilo_drake.scenario import LandmarkFix as Settings
 from ortilo_drake.scenario.camera import ParametricErrors
@@ -181,9 +181,8 @@ def test_boxes_of_twice_the_noise_give_four_times_the_covariance(method):
 @pytest.mark.long
 def test_two_boxes_do_not_tell_a_pose():
     xhat = state()
-    found, pose, cov = refine_pose(
-        centers(EXACT)[:2], POINTS[:2], OUTLINES[:2], xhat[:3], xhat[3:6], CAMERA, np.ones((2, 2))
-    )
+    seen = centers(EXACT)[:2], POINTS[:2], OUTLINES[:2]
+    found, pose, cov, _ = pose_from_boxes(*seen, xhat, covariance(), CAMERA, np.ones((2, 2)), np.inf, 6, np.inf)
     assert not found
     np.testing.assert_array_equal(pose, EXACT)
     np.testing.assert_array_equal(cov, np.zeros((6, 6)))
@@ -192,10 +191,8 @@ def test_two_boxes_do_not_tell_a_pose():
 @pytest.mark.long
 def test_a_start_without_numbers_is_no_fix():
     """OpenCV's RANSAC may return NaN as found, as it does for some sets of four boxes that fit no pose."""
-    found, _, _ = refine_pose(
-        centers(EXACT), POINTS, OUTLINES, np.full(3, np.nan), np.zeros(3), CAMERA, np.ones_like(centers(EXACT))
-    )
-    assert not found
+    seen, start = (centers(EXACT), POINTS, OUTLINES), np.array([np.nan] * 3 + [0.0] * 3)
+    assert not pose_from_boxes(*seen, start, covariance(), CAMERA, np.ones((7, 2)), np.inf, 6, np.inf)[0]
 
 
 def test_one_landmark_seen_twice_gives_no_position():

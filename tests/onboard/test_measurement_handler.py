@@ -11,11 +11,11 @@ from scipy.stats import chi2
 from ortilo_drake.model.hover import output_C
 from ortilo_drake.model.measurement import PAPER, Measurement, make_measurement, row
 from ortilo_drake.model.signals import SENSORS
+from ortilo_drake.onboard.estimator.kalman import innovation, squared_distance
 from ortilo_drake.onboard.estimator.measurement_handler import (
     handler_box,
     incoming_of,
     oldest_used,
-    squared_distance,
 )
 
 H = 1.0 / 30.0
@@ -120,6 +120,13 @@ def random_P(rng: np.random.Generator) -> np.ndarray:
     return 0.01 * root @ root.T
 
 
+def distance_of(p: np.ndarray, xhat: np.ndarray, P: np.ndarray, V: np.ndarray) -> float:
+    """Return the squared distance of a position from its prediction."""
+    S, GT, states = np.empty((3, 3)), np.empty((3, 13)), np.arange(3)[:, None]
+    innovation(xhat, P, p, V.ravel(), 3, 0, states, np.ones((3, 1)), S, GT)
+    return squared_distance(S, GT, 3)
+
+
 def test_distance_is_scipys_mahalanobis() -> None:
     rng = np.random.default_rng(21)
     for _ in range(20):
@@ -127,8 +134,7 @@ def test_distance_is_scipys_mahalanobis() -> None:
         V = random_P(rng)[:3, :3]
         p = xhat[:3] + rng.normal(size=3)
         expected = mahalanobis(p, xhat[:3], np.linalg.inv(P[:3, :3] + V)) ** 2
-        measured = squared_distance(p - xhat[:3], np.eye(3, 12), P.ravel(), V.ravel(), np.empty((3, 3)))
-        assert measured == pytest.approx(expected, rel=1e-10)
+        assert distance_of(p, xhat, P, V) == pytest.approx(expected, rel=1e-10)
 
 
 @pytest.mark.parametrize("sensor", [0, 1])
@@ -160,9 +166,9 @@ def test_a_sensor_that_does_not_fly_is_one_that_never_arrives(delta: np.ndarray)
 
 @pytest.mark.parametrize("where", ["position", "covariance"])
 def test_a_fix_is_infinitely_far_from_a_prediction_that_is_no_number(where: str) -> None:
-    e, P = np.ones(3), np.eye(15).ravel()
-    (e if where == "position" else P)[1] = np.nan
-    assert squared_distance(e, np.eye(3, 12), P, np.eye(3).ravel(), np.empty((3, 3))) == np.inf
+    xhat, P = np.ones(15), np.eye(15)
+    (xhat if where == "position" else P[1])[1] = np.nan
+    assert distance_of(np.ones(3), xhat, P, np.eye(3)) == np.inf
 
 
 def test_without_gates_the_handler_does_not_ask_the_filter() -> None:

@@ -11,8 +11,9 @@ from scipy.stats import invgamma, multivariate_normal, multivariate_t
 
 from ortilo_drake.model.room import ORTILO_ROOM, load_room
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.ranging.bank_element import bank_box
 from ortilo_drake.onboard.ranging.fix_element import fix_box
-from ortilo_drake.onboard.ranging.noise_scale import LIMIT, SCALE, counted, scaled_bank_box, weigh_scales
+from ortilo_drake.onboard.ranging.noise_scale import LIMIT, SCALE, counted, weigh_scales
 from ortilo_drake.onboard.ranging.survey_bank import gather
 from ortilo_drake.scenario import Multilateration, load_scenario
 
@@ -133,7 +134,7 @@ def flown(
     """
     generator = np.random.default_rng(seed)
     true = ANCHORS + generator.normal(0.0, 1.0, ANCHORS.shape) * sd
-    solver, bank = PlainBox(fix_box(its, ANCHORS)), PlainBox(scaled_bank_box(its, ANCHORS, 0.1))
+    solver, bank = PlainBox(fix_box(its, ANCHORS)), PlainBox(bank_box(its, ANCHORS, 0.1))
     for k in range(int(10 * seconds)):
         p = np.array([0.05 * k, 0.02 * k, 1.5])
         d = np.linalg.norm(p - true, axis=1)

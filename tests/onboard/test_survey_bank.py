@@ -17,9 +17,10 @@ from ortilo_drake.onboard.estimator.lasting_element import (
     told_layout,
     vary,
 )
+from ortilo_drake.onboard.ranging.bank_element import N_NOISE, bank_box
 from ortilo_drake.onboard.ranging.fix_element import fix_box
 from ortilo_drake.onboard.ranging.lasting_error import KEPT, KEY, keep, put_lasting
-from ortilo_drake.onboard.ranging.survey_bank import bank_box, gather, log_likelihood
+from ortilo_drake.onboard.ranging.survey_bank import gather, learned_first, log_likelihood
 from ortilo_drake.scenario import Multilateration, load_scenario
 
 ANCHORS = load_room(ORTILO_ROOM).anchor_positions
@@ -92,9 +93,10 @@ def flown(sd: float, seed: int, seconds: float) -> np.ndarray:
         d = np.linalg.norm(p - true, axis=1)
         uwb = message(d * (1.0 + FRACTION * generator.normal(size=N)))
         belief = np.concatenate((p, np.zeros(237)))
-        fix = solver.say(message=uwb, belief=belief, learned=bank.state["learned"])
+        said = bank.state["learned"]
+        fix = solver.say(message=uwb, belief=belief, learned=said[:-N_NOISE], noise=said[-N_NOISE:])
         bank.step(message=uwb, fix=fix)
-    return bank.state["learned"].copy()
+    return bank.state["learned"][:-N_NOISE].copy()
 
 
 @pytest.mark.long
@@ -107,7 +109,7 @@ def test_within_six_seconds_it_tells_five_centimetres_from_none(sd: float, right
 
 
 def test_before_the_first_fix_all_models_are_equally_likely() -> None:
-    learned = bank_box(SETTINGS, ANCHORS, 0.1).given.start["learned"]
+    learned = bank_box(SETTINGS, ANCHORS, 0.1).given.start["learned"][:-N_NOISE]
     assert learned[0] == pytest.approx(np.sqrt(np.mean(np.square(BANK))))
     np.testing.assert_array_equal(learned[-3:], 1.0 / 3.0)
 
@@ -126,7 +128,7 @@ def test_what_lasts_is_what_drawn_surveys_make_of_a_fix(heard: slice) -> None:
     its[heard] = 1.0
     errors = np.random.default_rng(3).normal(0.0, SD, (40_000, N, 3))
     here, there = np.array([4.0, 1.0, 1.5]), np.array([4.8, 1.2, 1.6])
-    learned = bank_box(SETTINGS, ANCHORS, 0.1).given.start["learned"].copy()
+    learned = learned_first(np.array(BANK), 6 * N)
     said = np.zeros(6 + 6 * N)
     put_lasting(said[:6], here, its, ANCHORS, NOISE, learned, said[6:])
     drawn = fix_errors(here, errors, heard), fix_errors(there, errors, heard)

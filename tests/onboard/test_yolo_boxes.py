@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import expit
 
-from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.detector.yolo_boxes import decode, non_max_suppression
 
 Detections = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -97,20 +96,6 @@ def test_cells_that_are_nan_or_overflow_give_no_box() -> None:
     boxes = decode([head], [np.array([[8.0, 8.0]])], np.array([32, 8]), np.array([32, 8]), 0.5)[2]
     assert len(boxes) == 1
     assert boxes[0, 0] + boxes[0, 2] == pytest.approx(2 * ((3 + expit(5.0)) * 8 - 0.5))
-
-
-@pytest.mark.parametrize("threshold", [0.0, 1.0, -1.0, float("nan")])
-def test_refuses_a_threshold_out_of_range(threshold: float) -> None:
-    head, size = np.zeros((6, 1, 1), dtype=np.float32), np.array([32, 32])
-    with pytest.raises(InputError, match=r"threshold: .*must be above 0 and below 1"):
-        decode([head], [np.ones((1, 2))], size, size, threshold)
-
-
-@pytest.mark.parametrize("anchors", [[np.ones((2, 2))], [np.ones((4, 2))], [np.ones((1, 2))] * 2, []])
-def test_refuses_anchors_of_another_head(anchors: list[np.ndarray]) -> None:
-    head, size = np.zeros((7, 1, 1), dtype=np.float32), np.array([32, 32])
-    with pytest.raises(InputError, match=r"heads: \[\(7, 1, 1\)\]: must be"):
-        decode([head], anchors, size, size, 0.5)
 
 
 @st.composite

@@ -193,7 +193,7 @@ def test_figures_are_drawn(tmp_path: Path) -> None:
     results = [judge(straying(share)) for share in (0.9, 1.1)]
     for file in (
         rates_figure(("uwb", "camera"), margins, chance, results, tmp_path / "rates.png"),
-        bursts_figure(("uwb", "altimeter"), margins, None, results, tmp_path / "bursts.png"),
+        bursts_figure(("uwb", "altimeter"), margins, chance, results, tmp_path / "bursts.png"),
         plan_figure(scenario, nominal, {PAIR: straying(0.9, lost=2.0)}, tmp_path / "plan.png"),
     ):
         assert file.stat().st_size > 10_000

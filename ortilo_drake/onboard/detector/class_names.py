@@ -8,6 +8,8 @@ from ortilo_drake.model.input_files import read_text
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.detector.coco import COCO_NAME
+from ortilo_drake.onboard.detector.detector import Boxes
+from ortilo_drake.onboard.detector.yolo_boxes import non_max_suppression
 
 
 def names_in_file(file: Path) -> list[str]:
@@ -36,3 +38,19 @@ def room_labels(names: list[str], room: Room, source: str) -> np.ndarray:
     if unknown:
         raise InputError(f"{source}: does not know the class '{unknown[0]}' of a landmark of room '{room.name}'")
     return np.array(labels)
+
+
+def in_room(found: Boxes, labels_of: np.ndarray, overlap: float, size: tuple[int, int]) -> Boxes:
+    """Return the boxes that are of the room's classes, each found once and cut at the image's border.
+
+    Args:
+        found: classes of the network (k), scores (k) and boxes (k, 4) [px].
+        labels_of: room_labels.
+        overlap: intersection over union above which two boxes are one object.
+        size: width and height of the picture [px].
+    """
+    labels, scores, boxes = labels_of[found[0]], found[1], found[2]
+    known = (labels >= 0) & (boxes[:, 2:] > boxes[:, :2]).all(axis=1)
+    labels, scores, boxes = labels[known], scores[known], boxes[known]
+    kept = non_max_suppression(labels, scores, boxes, overlap)
+    return labels[kept], scores[kept], np.clip(boxes[kept], -0.5, np.tile(size, 2) - 0.5)

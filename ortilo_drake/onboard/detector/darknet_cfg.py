@@ -100,7 +100,8 @@ def _strided(section: Section, size: int, padded: int) -> int:
     return (padded - size) // _stride(section) + 1
 
 
-def _convolutional(section: Section, before: Shape) -> tuple[Layer, Shape]:
+def _convolutional(section: Section, layers: list[Layer], shapes: list[Shape]) -> tuple[Layer, Shape]:
+    before = shapes[-1]
     size, filters = section.whole("size", 1, 63, 1), section.whole("filters", 1, MAX_SIZE, 1)
     padding = section.whole("padding", 0, 63, 0)
     if section.number("pad", 0):
@@ -116,16 +117,16 @@ def _convolutional(section: Section, before: Shape) -> tuple[Layer, Shape]:
     return layer, Shape(filters, height, width)
 
 
-def _maxpool(section: Section, before: Shape) -> tuple[Layer, Shape]:
-    stride = _stride(section)
+def _maxpool(section: Section, layers: list[Layer], shapes: list[Shape]) -> tuple[Layer, Shape]:
+    before, stride = shapes[-1], _stride(section)
     size = section.whole("size", 1, 63, stride)
     padding = section.whole("padding", 0, 126, size - 1)
     height, width = (_strided(section, size, cells + padding) for cells in before[1:])
     return Maxpool(size, stride, padding), Shape(before.channels, height, width)
 
 
-def _upsample(section: Section, before: Shape) -> tuple[Layer, Shape]:
-    stride = section.whole("stride", 1, 32, 2)
+def _upsample(section: Section, layers: list[Layer], shapes: list[Shape]) -> tuple[Layer, Shape]:
+    before, stride = shapes[-1], section.whole("stride", 1, 32, 2)
     return Upsample(stride), Shape(before.channels, before.height * stride, before.width * stride)
 
 
@@ -151,8 +152,9 @@ def _route(section: Section, layers: list[Layer], shapes: list[Shape]) -> tuple[
     return Route(tuple(named), groups, group), Shape(channels, found[0].height, found[0].width)
 
 
-def _yolo(section: Section, before: Shape) -> tuple[Layer, Shape]:
+def _yolo(section: Section, layers: list[Layer], shapes: list[Shape]) -> tuple[Layer, Shape]:
     """Return a head, checked against the layer before it."""
+    before = shapes[-1]
     num, classes = section.whole("num", 1, 100, 1), section.whole("classes", 1, 10_000, 20)
     flat = section.numbers("anchors", whole=False, comment=True, most=2 * num)
     mask = list(range(num)) if section.text("mask") is None else section.numbers("mask", whole=True, comment=True)
@@ -173,6 +175,12 @@ def _yolo(section: Section, before: Shape) -> tuple[Layer, Shape]:
     return Yolo(anchors, classes, scale_x_y), before
 
 
+_LAYERS = {
+    **{"convolutional": _convolutional, "maxpool": _maxpool, "upsample": _upsample},
+    **{"shortcut": _shortcut, "route": _route, "yolo": _yolo},
+}
+
+
 def _layer(section: Section, layers: list[Layer], shapes: list[Shape]) -> tuple[Layer, Shape]:
     """Return the next layer and its shape; shapes starts with the input's, so shapes[-1] is of the layer before."""
     if section.kind not in _KEYS or section.kind == "net":
@@ -181,20 +189,8 @@ def _layer(section: Section, layers: list[Layer], shapes: list[Shape]) -> tuple[
     if layers and isinstance(layers[-1], Yolo) and section.kind != "route":
         raise section.fault("only [route] may follow [yolo]")
     _check_keys(section)
-    match section.kind:
-        case "convolutional":
-            return _convolutional(section, shapes[-1])
-        case "maxpool":
-            return _maxpool(section, shapes[-1])
-        case "upsample":
-            return _upsample(section, shapes[-1])
-        case "shortcut":
-            return _shortcut(section, layers, shapes)
-        case "route":
-            return _route(section, layers, shapes)
-        case "yolo":
-            return _yolo(section, shapes[-1])
-    return Dropout(), shapes[-1]
+    read = _LAYERS.get(section.kind)
+    return (Dropout(), shapes[-1]) if read is None else read(section, layers, shapes)
 
 
 def parse_cfg(text: str, source: str) -> DarknetCfg:

@@ -6,7 +6,6 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.detector.darknet_layers import (
     Convolutional,
     DarknetCfg,
@@ -138,12 +137,7 @@ class DarknetNetwork(nn.Module):
 
         Args:
             images: RGB in [0, 1] (n, 3, height, width), height and width those of [net].
-
-        Raises:
-            InputError: if the images have another shape.
         """
-        if not torch.jit.is_tracing():  # an export must not record the check
-            self._check(tuple(images.shape))
         x, heads = images, []
         kept: dict[int, Tensor] = {}
         for number, (layer, module) in enumerate(zip(self.cfg.layers, self.layers, strict=True)):
@@ -160,8 +154,3 @@ class DarknetNetwork(nn.Module):
             if number in self._kept:
                 kept[number] = x
         return tuple(heads)
-
-    def _check(self, shape: tuple[int, ...]) -> None:
-        height, width = self.cfg.net.height, self.cfg.net.width
-        if len(shape) != 4 or shape[1:] != (3, height, width) or 0 in shape:
-            raise InputError(f"images: {shape}: must be (n, 3, {height}, {width}), as [net] says")

@@ -19,11 +19,11 @@ def _tensors(network: DarknetNetwork) -> list[torch.Tensor]:
     """Return the network's tensors in the order of the file."""
     tensors: list[torch.Tensor | None] = []
     for layer in network.convolutions():
-        norm, kernel = layer.norm, layer.convolution.weight
-        if norm is None:
-            tensors += [layer.convolution.bias, kernel]
-        else:
-            tensors += [norm.bias, norm.weight, norm.running_mean, norm.running_var, kernel]
+        norm = layer.norm
+        ahead = (
+            [layer.convolution.bias] if norm is None else [norm.bias, norm.weight, norm.running_mean, norm.running_var]
+        )
+        tensors += [*ahead, layer.convolution.weight]
     # None is only for torch's types: a convolution without norm has its bias, and norms track their statistics.
     return [tensor for tensor in tensors if tensor is not None]
 

@@ -12,14 +12,14 @@ from ortilo_drake.model.optional import later
 from ortilo_drake.model.parts import find_part
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import Frozen, InputError
-from ortilo_drake.onboard.detector.class_names import names_in_file, room_labels
+from ortilo_drake.onboard.detector.class_names import in_room, names_in_file, room_labels
 from ortilo_drake.onboard.detector.coco import COCO_CLASSES
 from ortilo_drake.onboard.detector.darknet_cfg import parse_cfg, read_cfg
 from ortilo_drake.onboard.detector.darknet_layers import DarknetCfg
 from ortilo_drake.onboard.detector.detector import Boxes
 from ortilo_drake.onboard.detector.network_backends import Compute, onnxruntime_network, opencv_network, torch_network
 from ortilo_drake.onboard.detector.onnx_detector import load_onnx
-from ortilo_drake.onboard.detector.yolo_boxes import decode, non_max_suppression
+from ortilo_drake.onboard.detector.yolo_boxes import decode
 from ortilo_drake.scenario import Detector
 
 cv2 = later("cv2")
@@ -97,19 +97,14 @@ def load_detector(settings: Frozen, room: Room, size: tuple[int, int]) -> Callab
     scales = [head.scale_x_y for head in cfg.heads]
     input_size = np.array([cfg.net.width, cfg.net.height], dtype=float)
     image_size = np.array(size, dtype=float)
-    border = np.concatenate([image_size, image_size]) - 0.5
     scale = np.float32(1.0 / 255.0)
 
     def detect(image: np.ndarray) -> Boxes:
         if (image.shape[1], image.shape[0]) != (cfg.net.width, cfg.net.height):
             image = cv2.resize(image, (cfg.net.width, cfg.net.height), interpolation=cv2.INTER_LINEAR)
         pixels = np.ascontiguousarray(image.transpose(2, 0, 1)[np.newaxis], dtype=np.float32) * scale
-        labels, scores, boxes = decode(compute(pixels), anchors, input_size, image_size, settings.threshold, scales)
-        labels = labels_of[labels]
-        known = labels >= 0
-        labels, scores, boxes = labels[known], scores[known], boxes[known]
-        kept = non_max_suppression(labels, scores, boxes, settings.overlap)
-        return labels[kept], scores[kept], np.clip(boxes[kept], -0.5, border)
+        found = decode(compute(pixels), anchors, input_size, image_size, settings.threshold, scales)
+        return in_room(found, labels_of, settings.overlap, size)
 
     return detect
 

@@ -10,13 +10,12 @@ import numpy as np
 from ortilo_drake.model.optional import later
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.detector.class_names import names_in_file, room_labels
+from ortilo_drake.onboard.detector.class_names import in_room, names_in_file, room_labels
 from ortilo_drake.onboard.detector.coco import COCO_CLASSES
 from ortilo_drake.onboard.detector.detector import Boxes
 from ortilo_drake.onboard.detector.foreign_file import check_onnx_file
 from ortilo_drake.onboard.detector.network_backends import onnxruntime_session
 from ortilo_drake.onboard.detector.onnx_head import boxes_in, head_of, names_in
-from ortilo_drake.onboard.detector.yolo_boxes import non_max_suppression
 from ortilo_drake.scenario import Detector
 
 cv2 = later("cv2")
@@ -138,15 +137,10 @@ def load_onnx(settings: Detector, room: Room, size: tuple[int, int]) -> Callable
     if not np.all((scores >= -_PROBABLE) & (scores <= 1.0 + _PROBABLE)):
         raise InputError(f"{source}: scores from {scores.min():.3g} to {scores.max():.3g}: must be between 0 and 1")
     labels_of = room_labels(names, room, named_by)
-    lies, border = letterbox(size, whole), np.tile(size, 2) - 0.5
+    lies = letterbox(size, whole)
 
     def detect(image: np.ndarray) -> Boxes:
         labels, scores, corners = boxes_in(outputs_of(lies.put(image))[0], head, settings.threshold)
-        labels, boxes = labels_of[labels], lies.back(corners)
-        known = (labels >= 0) & (boxes[:, 2:] > boxes[:, :2]).all(axis=1)
-        labels, scores, boxes = labels[known], scores[known], boxes[known]
-        kept = non_max_suppression(labels, scores, boxes, settings.overlap)
-        boxes = np.clip(boxes[kept], -0.5, border)
-        return labels[kept], scores[kept], boxes
+        return in_room((labels, scores, lies.back(corners)), labels_of, settings.overlap, size)
 
     return detect

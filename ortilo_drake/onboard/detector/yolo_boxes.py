@@ -18,8 +18,6 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.model.typed_yaml import InputError
-
 
 @register_jitable
 def _sigmoid(t: float) -> float:
@@ -102,17 +100,9 @@ def decode(
         image_size: width and height of the image [px] (2).
         threshold: smallest score of a box, above 0 and below 1.
         scales: scale_x_y of each head, by default 1.
-
-    Raises:
-        InputError: if the threshold is out of range or heads and anchors do not fit.
     """
-    if not 0.0 < threshold < 1.0:
-        raise InputError(f"threshold: {threshold}: must be above 0 and below 1")
     planes = tuple(np.ascontiguousarray(head.reshape(head.shape[-3:]), dtype=np.float32) for head in heads)
     p = tuple(np.ascontiguousarray(pairs, dtype=np.float64) for pairs in anchors)
-    sizes = [(len(plane), len(pairs)) for plane, pairs in zip(planes, p, strict=False)]
-    if len(planes) != len(p) or any(n % a or n < 6 * a for n, a in sizes):
-        raise InputError(f"heads: {[h.shape for h in planes]}: must be (a (5 + classes), n_y, n_x) of their anchors")
     s = np.ones(len(p)) if scales is None else np.array(scales, dtype=np.float64)
     return _decode(planes, p, s, np.asarray(input_size, float), np.asarray(image_size, float), threshold)
 

@@ -16,11 +16,10 @@ It also holds the body rates w at t_k. As Euler-angle rates, by the roll and pit
 with c the gyroscope's bias, to first order in the tilt.
 """
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numba import njit
-from numba.extending import register_jitable
 
 from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.elementary import cos, sin
@@ -46,57 +45,6 @@ def imu_variances(scenario: Belief) -> np.ndarray | None:
     return white_variances((*settings.V.specific_force, *rates), scenario.h)
 
 
-@register_jitable
-def put_imu_rows(
-    y_all: np.ndarray,
-    delta_all: np.ndarray,
-    V2_all: np.ndarray,
-    y: np.ndarray,
-    delta: np.ndarray,
-    V2: np.ndarray,
-    imu: np.ndarray,
-    j: int,
-    variance: np.ndarray,
-) -> None:
-    """Write y, delta and V2 with the accelerometer's rows after them, and the gyroscope's where `variance` has six.
-
-    To y (p), delta (s) and V2 (q) come 3, 1 and 9 numbers for either; j is the imu's number among the sensors. They
-    arrive with its angles. `variance` (3 or 6) is of v_a per axis [m^2/s^4], then of v_g per angle [rad^2/s^2].
-    """
-    p, s, q, m = y.size, delta.size, V2.size, variance.size // 3
-    fill(y_all, 0.0)
-    fill(delta_all, 0.0)
-    fill(V2_all, 0.0)
-    put(y, y_all)
-    put(delta, delta_all)
-    put(V2, V2_all)
-    if delta[j] != 0.0:
-        psi, f = imu[PAYLOAD + 2], imu[PAYLOAD + 6 : PAYLOAD + 9]
-        y_all[p] = cos(psi) * f[0] - sin(psi) * f[1]
-        y_all[p + 1] = sin(psi) * f[0] + cos(psi) * f[1]
-        y_all[p + 2] = f[2] - GRAVITY
-        if m > 1:
-            put(euler_rates(imu[PAYLOAD : PAYLOAD + 3], imu[PAYLOAD + 3 : PAYLOAD + 6]), y_all, p + 3)
-        for i in range(m):
-            delta_all[s + i] = 1.0
-    for i in range(3 * m):
-        V2_all[q + 9 * (i // 3) + 4 * (i % 3)] = variance[i]
-
-
-@njit(cache=True)
-def with_imu_rows(
-    y: np.ndarray, delta: np.ndarray, V2: np.ndarray, imu: np.ndarray, j: int, variance: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return y, delta and V2 of put_imu_rows, as they are if variance is empty; arguments as there."""
-    m = variance.size // 3
-    if m == 0:
-        return y, delta, V2
-    y_all, delta_all = np.empty(y.size + 3 * m, y.dtype), np.empty(delta.size + m, y.dtype)
-    V2_all = np.empty(V2.size + 9 * m, y.dtype)
-    put_imu_rows(y_all, delta_all, V2_all, y, delta, V2, imu, j, variance)
-    return y_all, delta_all, V2_all
-
-
 def imu_rows_out(
     n: Any,
     y: np.ndarray,
@@ -107,12 +55,44 @@ def imu_rows_out(
     variances: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Output [y, delta, V2, stamps] with the imu's rows, see put_imu_rows; their stamp is that of its message."""
-    m = variances.size // 3
-    p, s, q = y.size + 3 * m, delta.size + m, V2.size + 9 * m
-    put_imu_rows(out[:p], out[p : p + s], out[p + s : p + s + q], y, delta, V2, imu, n.number, variances)
-    fill(out[p + s + q :], stamps[n.number])
-    put(stamps, out, p + s + q)
+    """Output [y, delta, V2, stamps] with the accelerometer's rows after them, and the gyroscope's with six variances.
+
+    To y (p), delta (s) and V2 (q) come 3, 1 and 9 numbers for either; n.number is the imu's among the sensors. They
+    arrive with its angles, and their stamp is that of its message. The variances (3 or 6) are of v_a per axis
+    [m^2/s^4], then of v_g per angle [rad^2/s^2].
+    """
+    p, s, q, m = y.size, delta.size, V2.size, variances.size // 3
+    at_delta = p + 3 * m
+    at_V2 = at_delta + s + m
+    at_stamps = at_V2 + q + 9 * m
+    fill(out[:at_stamps], 0.0)
+    put(y, out)
+    put(delta, out, at_delta)
+    put(V2, out, at_V2)
+    fill(out[at_stamps:], stamps[n.number])
+    put(stamps, out, at_stamps)
+    if delta[n.number] != 0.0:
+        psi, f = imu[PAYLOAD + 2], imu[PAYLOAD + 6 : PAYLOAD + 9]
+        out[p] = cos(psi) * f[0] - sin(psi) * f[1]
+        out[p + 1] = sin(psi) * f[0] + cos(psi) * f[1]
+        out[p + 2] = f[2] - GRAVITY
+        if m > 1:
+            put(euler_rates(imu[PAYLOAD : PAYLOAD + 3], imu[PAYLOAD + 3 : PAYLOAD + 6]), out, p + 3)
+        for i in range(m):
+            out[at_delta + s + i] = 1.0
+    for i in range(3 * m):
+        out[at_V2 + q + 9 * (i // 3) + 4 * (i % 3)] = variances[i]
+
+
+def with_imu_rows(
+    y: np.ndarray, delta: np.ndarray, V2: np.ndarray, imu: np.ndarray, j: int, variances: np.ndarray
+) -> list[np.ndarray]:
+    """Return y, delta and V2 of imu_rows_out; j is the imu's number."""
+    m, s = len(variances) // 3, len(delta)
+    ends = np.cumsum([len(y) + 3 * m, s + m, len(V2) + 9 * m])
+    out = np.zeros(ends[-1] + s + m)
+    imu_rows_out(SimpleNamespace(number=j), y, delta, V2, np.zeros(s), imu, variances, out)
+    return np.split(out, ends)[:3]
 
 
 IMU_ROWS = Element("imu_rows", out=imu_rows_out, numbers=(Number("number", kind="i8"),), tables=(Array("variances"),))

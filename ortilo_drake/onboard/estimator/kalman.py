@@ -13,12 +13,12 @@ Rows one by one, with a gate and Huber's weight, of a state that is not linear: 
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.model.cholesky import forward_in_place
+from ortilo_drake.model.cholesky import forward_in_place, squared_norm_in_place
 from ortilo_drake.onboard.estimator.structure import Structure
 
 
 @register_jitable
-def measure(
+def innovation(
     x: np.ndarray,
     P: np.ndarray,
     y: np.ndarray,
@@ -30,10 +30,10 @@ def measure(
     S: np.ndarray,
     GT: np.ndarray,
 ) -> None:
-    """Change an estimate and its covariance by what one sensor measured.
+    """Write [C P, y - C x^] of one sensor to GT and the lower half of C P C^T + V to S.
 
     Args:
-        x: estimate, of which the N states [x; e] are changed.
+        x: estimate, of which N states [x; e] are meant.
         P: its covariance, of which N rows and columns are.
         y: values of all sensors (p).
         V: covariance of this one's, row by row, and whatever follows (m^2 or more).
@@ -41,8 +41,8 @@ def measure(
         first: row of the first of them.
         states: which states each row of y sees, see model.measurement.Layout (p, w).
         weights: with which coefficients (p, w).
-        S: to work in (m or more, m or more).
-        GT: likewise, for [G^T, L^-1 (y - C x^)] (m or more, N + 1); S then holds L below its diagonal and on it.
+        S: written to (m or more, m or more).
+        GT: likewise (m or more, N + 1).
     """
     N = GT.shape[1] - 1
     for a in range(m):
@@ -61,6 +61,41 @@ def measure(
             S[a, b] = V[m * a + b]
             for w in range(states.shape[1]):
                 S[a, b] += weights[first + b, w] * GT[a, states[first + b, w]]
+
+
+@register_jitable
+def squared_distance(S: np.ndarray, GT: np.ndarray, m: int) -> float:
+    """Return the squared Mahalanobis distance of a sensor's m values from their prediction, by what innovation wrote.
+
+    It is infinite where the prediction is no longer finite or S is not positive definite. Both are overwritten.
+    """
+    for a in range(m):
+        for b in range(a + 1):
+            if not np.isfinite(S[a, b]):
+                return np.inf
+    squared = squared_norm_in_place(S, GT[:m, GT.shape[1] - 1])
+    return squared if np.isfinite(squared) else np.inf
+
+
+@register_jitable
+def measure(
+    x: np.ndarray,
+    P: np.ndarray,
+    y: np.ndarray,
+    V: np.ndarray,
+    m: int,
+    first: int,
+    states: np.ndarray,
+    weights: np.ndarray,
+    S: np.ndarray,
+    GT: np.ndarray,
+) -> None:
+    """Change an estimate and its covariance by what one sensor measured.
+
+    Arguments as innovation. GT then holds [G^T, L^-1 (y - C x^)], and S L below its diagonal and on it.
+    """
+    N = GT.shape[1] - 1
+    innovation(x, P, y, V, m, first, states, weights, S, GT)
     forward_in_place(S, GT, m)
     for a in range(m):
         for j in range(N):

@@ -123,16 +123,8 @@ def with_acted(
     In the place of a slot's u comes the mean over its tick of what acted. From the first tick in which that is another
     than was assumed, the filter runs again. A tick that the timeline does not reach back to stays as it is.
 
-    Args:
-        history: the last ticks (N, slot.size), without tick k.
-        slot: where everything is in a row of it.
-        belief: [xhat_{k|k-1}, P_k row by row] as it was computed (n + n^2).
-        k: tick.
-        rows: timeline (n, 5), see onboard/commands/timeline.py.
-        hover: control at hover (4).
-        h: tick [s].
-        model: what the filter believes of the vehicle.
-        layout: of the measurement.
+    Arguments as replay_step, with the timeline's rows (n, 5), see onboard/commands/timeline.py, and the control at
+    hover (4); the history is without tick k.
     """
     N, first, j = history.shape[0], k, k - 1
     while j > k - N and reaches_back(history, j, k - 1) and j * h >= rows[0, 0]:

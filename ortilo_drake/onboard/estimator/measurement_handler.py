@@ -12,20 +12,17 @@ it keeps does not count as arrived.
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
-from numba.extending import register_jitable
 
 from ortilo_drake.loop.element import Array, Box, Element, Number, Values
-from ortilo_drake.model.cholesky import squared_norm_in_place
 from ortilo_drake.model.clock import history_ticks, tick_of
 from ortilo_drake.model.measurement import Layout, Measurement
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.scalars import values_of
-from ortilo_drake.model.signals import N_XBAR
+from ortilo_drake.model.signals import N_X, N_XBAR
+from ortilo_drake.onboard.estimator.kalman import innovation, squared_distance
 from ortilo_drake.onboard.gate import squared_gate
 
 MAX_AGE = 1  # of a measurement that 'drop' still uses [ticks]: a detector takes one, so none would leave no camera
-NEVER = -1  # the tick for a handler that drops nothing
 
 
 class Incoming(NamedTuple):
@@ -44,96 +41,6 @@ class Incoming(NamedTuple):
     with_message: np.ndarray
     gates: np.ndarray
     oldest: int
-
-
-@njit(cache=True)
-def squared_distance(e: np.ndarray, C: np.ndarray, P: np.ndarray, V: np.ndarray, S: np.ndarray) -> float:
-    """Return the squared Mahalanobis distance e^T (C P_xx C^T + V)^-1 e of a value from its prediction.
-
-    It is infinite where the prediction is no longer finite or S is not positive definite.
-
-    Args:
-        e: value less prediction (m); overwritten.
-        C: the sensor's rows (m, 12).
-        P: the prediction's covariance, row by row (225).
-        V: the value's covariance, row by row (m^2).
-        S: to work in (m or more, m or more).
-    """
-    m = e.size
-    for i in range(m):
-        for j in range(m):
-            total = 0.0
-            for k in range(12):
-                if C[i, k] != 0.0:
-                    for n in range(12):
-                        if C[j, n] != 0.0:
-                            total += C[i, k] * P[15 * k + n] * C[j, n]
-            S[i, j] = total + V[m * i + j]
-            if not np.isfinite(S[i, j]):
-                return np.inf
-    squared = squared_norm_in_place(S, e)
-    return squared if np.isfinite(squared) else np.inf
-
-
-@register_jitable
-def put_measurements(
-    out: np.ndarray,
-    messages: np.ndarray,
-    xhat: np.ndarray,
-    P: np.ndarray,
-    k: int,
-    h: float,
-    incoming: Incoming,
-    layout: Layout,
-    e: np.ndarray,
-    S: np.ndarray,
-) -> None:
-    """Write [y, delta, V2, stamps] of tick k.
-
-    delta_j = 1 where sensor j's value is there, within its gate, and not too late. Rows that did not arrive hold 0,
-    and so do their stamps.
-
-    Args:
-        out: zeros, to write to (p + 2 s + q).
-        messages: the messages of the sensors that fly, one after the other.
-        xhat: prediction (15), for the gates.
-        P: its covariance, row by row (225).
-        k: tick, by which late ones are dropped; NEVER if none is.
-        h: tick [s].
-        incoming: how the messages stand in that vector, and what is believed of them.
-        layout: of the measurement.
-        e: to work in (p).
-        S: to work in (p, p).
-    """
-    C, _, _, first, block, _ = layout
-    start, V2, with_message, gates, oldest = incoming
-    s, p, q = start.size, first[-1], block[-1]
-    delta, stamps = out[p : p + s], out[p + s + q :]
-    put(V2, out, p + s)
-    for j in range(s):
-        if start[j] < 0:
-            continue
-        message = messages[start[j] :]
-        if message[0] == 0.0:
-            continue
-        m = first[j + 1] - first[j]
-        V = out[p + s + block[j] : p + s + block[j + 1]]
-        if with_message[j]:
-            put(message[2 + m : 2 + m + m * m], V)
-        stamps[j] = message[1]
-        if not np.isinf(gates[j]):
-            values, x = values_of(message[2 : 2 + m]), values_of(xhat)
-            for i in range(m):
-                e[i] = values[i]
-                for n in range(12):
-                    if C[first[j] + i, n] != 0.0:
-                        e[i] -= C[first[j] + i, n] * x[n]
-            if squared_distance(e[:m], C[first[j] : first[j + 1]], values_of(P), values_of(V), S) > gates[j]:
-                continue
-        if k != NEVER and k - tick_of(values_of(message[1:2])[0], h) > oldest:
-            continue
-        put(message[2 : 2 + m], out, first[j])
-        delta[j] = 1.0
 
 
 def oldest_used(delay: str, horizon: float, h: float) -> int:
@@ -179,18 +86,57 @@ def handler_out(
     belief: np.ndarray,
     incoming: Incoming,
     layout: Layout,
-    e: np.ndarray,
     S: np.ndarray,
+    GT: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Output [y, delta, V2, stamps] of what landed in tick k, see put_measurements."""
+    """Output [y, delta, V2, stamps] of tick k.
+
+    delta_j = 1 where sensor j's value is there, within its gate, and not too late. Rows that did not arrive hold 0,
+    and so do their stamps.
+
+    Args:
+        n: whether late ones are dropped, and the tick h [s].
+        k: tick.
+        messages: the messages of the sensors that fly, one after the other.
+        belief: prediction [xhat, P row by row] (240), for the gates.
+        incoming: how the messages stand in that vector, and what is believed of them.
+        layout: of the measurement.
+        S: to work in (p, p).
+        GT: to work in (p, 13).
+        out: to write to (p + 2 s + q).
+    """
+    _, states, weights, first, block, _ = layout
+    start, V2, with_message, gates, oldest = incoming
+    s, p, q = start.size, first[-1], block[-1]
+    delta, stamps = out[p : p + s], out[p + s + q :]
     fill(out, 0.0)
-    judged = k if n.drops else NEVER
-    put_measurements(out, messages, belief[:N_XBAR], belief[N_XBAR:], judged, n.h, incoming, layout, e, S)
+    put(V2, out, p + s)
+    for j in range(s):
+        if start[j] < 0:
+            continue
+        message = messages[start[j] :]
+        if message[0] == 0.0:
+            continue
+        m = first[j + 1] - first[j]
+        V = out[p + s + block[j] : p + s + block[j + 1]]
+        if with_message[j]:
+            put(message[2 + m : 2 + m + m * m], V)
+        stamps[j] = message[1]
+        if not np.isinf(gates[j]):
+            x, P = values_of(belief[:N_XBAR]), values_of(belief[N_XBAR:]).reshape((N_XBAR, N_XBAR))
+            y = values_of(messages[start[j] + 2 - first[j] :])  # so that the value's first row stands at first[j]
+            innovation(x, P, y, values_of(V), m, first[j], states, weights, S, GT)
+            if squared_distance(S, GT, m) > gates[j]:
+                continue
+        if n.drops and k - tick_of(values_of(message[1:2])[0], n.h) > oldest:
+            continue
+        put(message[2 : 2 + m], out, first[j])
+        delta[j] = 1.0
 
 
 HANDLER = Element(
-    "handler", out=handler_out, numbers=(Number("drops", kind="i8"), Number("h")), work=(Array("e"), Array("S", 2))
+    "handler", out=handler_out, numbers=(Number("drops", kind="i8"), Number("h")), work=(Array("S", 2), Array("GT", 2))
 )
 
 
@@ -199,6 +145,5 @@ def handler_box(incoming: Incoming, layout: Layout, drops: bool, h: float) -> Bo
     s, p, q = len(incoming.start), int(layout.first[-1]), int(layout.block[-1])
     given = Values({"drops": drops, "h": h})
     parts = {"y": (0, p), "delta": (p, s), "V2": (p + s, q), "stamps": (p + s + q, s)}
-    work = {"e": (p,), "S": (p, p)}
-    box = Box("handler", HANDLER, p + 2 * s + q, given, work, parts=parts)
+    box = Box("handler", HANDLER, p + 2 * s + q, given, {"S": (p, p), "GT": (p, N_X + 1)}, parts=parts)
     return box.with_groups(incoming=incoming, layout=layout)

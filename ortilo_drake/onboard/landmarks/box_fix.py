@@ -82,13 +82,7 @@ def prior_covariance(settings: LandmarkFixSettings) -> np.ndarray | None:
 @register_jitable
 def is_usable(xhat: np.ndarray, P: np.ndarray) -> bool:
     """Return whether boxes can be associated by an estimate (15) of covariance P (225)."""
-    for value in xhat:
-        if not abs(value) < LOST:
-            return False
-    for value in P:  # noqa: SIM110 - numba compiles no generator expression in all()
-        if not np.isfinite(value):
-            return False
-    return True
+    return bool(np.all(np.abs(xhat) < LOST) and np.all(np.isfinite(P)))
 
 
 @njit(cache=True)
@@ -104,30 +98,12 @@ def boxes_to_solve(
         believed: of the boxes.
         widened: by how much the estimate's error is taken for larger than P has it, when boxes are associated [1].
     """
-    positions, outlines, camera, sd, growth = (
-        believed.positions,
-        believed.outlines,
-        believed.camera,
-        believed.sd,
-        believed.growth,
-    )
+    positions, outlines = believed.positions, believed.outlines
     if not is_usable(xhat, P):
         return np.empty((0, 2)), positions[:0].copy(), outlines[:0].copy(), np.empty((0, 2)), np.empty(0, np.int64)
-    chosen, centers, predicted = associate(
-        detections,
-        xhat,
-        widened**2 * P,
-        positions,
-        outlines,
-        believed.labels,
-        camera,
-        sd,
-        believed.gate,
-        growth,
-        believed.margin,
-        believed.inside,
-        believed.survey_sd,
-    )
+    known = positions, outlines, believed.labels, believed.camera, believed.sd, believed.gate
+    judged = believed.growth, believed.margin, believed.inside, believed.survey_sd
+    chosen, centers, predicted = associate(detections, xhat, widened**2 * P, *known, *judged)
     sds = predicted.sd
     if believed.limits.size > 0:
         P_pose = widened**2 * pose_covariance(P)

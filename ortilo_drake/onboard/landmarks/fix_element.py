@@ -1,6 +1,5 @@
 """The landmark fix as an element of the loop."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,6 @@ from ortilo_drake.onboard.landmarks.landmark_bank import (
     PER_LANDMARK,
     Solved,
     learn,
-    learn_scale,
     put_information,
     put_lasting,
 )
@@ -89,74 +87,39 @@ def learning_out(
     prior: np.ndarray,
     refused: np.ndarray,
     learned: np.ndarray,
+    scale: np.ndarray,
     out: np.ndarray,
 ) -> None:
     """Output the fix message of boxes_out by what has been learned, what lasts of its error, and what it tells.
 
-    Without a fix all that lasts of the last one's error is kept.
+    The last two numbers are how many residuals there are and the sum of their squares. That and what the boxes tell are
+    by the noise that is told. Without a fix all that lasts of the last one's error is kept.
     """
-    say_learning(out, message, belief, with_share(believed, learned[SHARE]), prior, refused, learned)
-
-
-def scaled_out(
-    n: Any,
-    message: np.ndarray,
-    belief: np.ndarray,
-    believed: BoxBelief,
-    prior: np.ndarray,
-    refused: np.ndarray,
-    learned: np.ndarray,
-    scale: np.ndarray,
-    out: np.ndarray,
-) -> None:
-    """Output what learning_out does, by the noise learned of boxes; then the number and square sum of residuals (2).
-
-    What the boxes tell, and the sum of the residuals' squares, are by the noise that is told.
-    """
-    end = out.size - 2
-    now = with_share(believed, learned[SHARE], np.sqrt(scale[SCALE]))
     fill(out, 0.0)
-    residuals, squares = say_learning(out[:end], message, belief, now, prior, refused, learned)
-    first = PAYLOAD + 42 + N_LASTING
-    for i in range(first, first + PER_LANDMARK * believed.positions.shape[0]):
-        out[i] *= scale[SCALE]
-    out[end], out[end + 1] = residuals, squares * scale[SCALE]
-
-
-@register_jitable
-def say_learning(
-    out: np.ndarray,
-    message: np.ndarray,
-    belief: np.ndarray,
-    now: BoxBelief,
-    prior: np.ndarray,
-    refused: np.ndarray,
-    learned: np.ndarray,
-) -> tuple[float, float]:
-    """Output what learning_out does, by what is believed of boxes now, and return what put_information does."""
-    fill(out, 0.0)
-    size, landmarks = PAYLOAD + 42, now.positions.shape[0]
+    size, n_told = PAYLOAD + 42, PER_LANDMARK * believed.positions.shape[0]
     put(learned[LASTING:KEPT], out, size)
     put((1.0, 1.0, 1.0), out, size + N_KEPT)
     if message[ARRIVED] != 1.0:
-        return 0.0, 0.0
+        return
+    now = with_share(believed, learned[SHARE], np.sqrt(scale[SCALE]))
     xhat, P = belief[:N_XBAR], covariance_of(belief, prior)
     boxes = boxes_to_solve(message, xhat, P, now, power_of_two(int(refused[0])))
     solution = pose_from_boxes(*boxes[:3], xhat, P, now.camera, boxes[3], now.max_residual, 6)
     fix = box_fix_message(*solution[:3], xhat, message[STAMP], 6)
     if fix[ARRIVED] != 1.0:
-        return 0.0, 0.0
+        return
     put(fix, out)
-    told = size + N_LASTING
-    here = out[told + PER_LANDMARK * landmarks :]
+    told, here = out[size + N_LASTING :][:n_told], out[size + N_LASTING + n_told : out.size - 2]
     solved = Solved(boxes[0][solution[3]], boxes[4][solution[3]], solution[1])
-    left = put_information(out[told : told + PER_LANDMARK * landmarks], here, solved, now)
+    residuals, squares = put_information(told, here, solved, now)
     put_lasting(out[size : size + N_LASTING], now.survey_sd, here, learned)
-    return left
+    for i in range(n_told):
+        told[i] *= scale[SCALE]
+    out[out.size - 2], out[out.size - 1] = residuals, squares * scale[SCALE]
 
 
 @register_jitable
-def with_share(believed: BoxBelief, share: float, scale: float = 1.0) -> BoxBelief:
+def with_share(believed: BoxBelief, share: float, scale: float) -> BoxBelief:
     """Return the model of boxes with the survey's sd times `share`, and the noise times `scale`."""
     return BoxBelief(
         believed.positions,
@@ -189,39 +152,18 @@ def learning_step(
     refused: np.ndarray,
     learned: np.ndarray,
     gathered: np.ndarray,
-    S: np.ndarray,
-    e: np.ndarray,
-    out: np.ndarray,
-) -> None:
-    """Take refused_step, and learn what a fix that was made in this tick tells of the survey."""
-    refused_step(message, believed, refused, out)
-    if message[ARRIVED] == 1.0 and out[ARRIVED] == 1.0:
-        at, n_told = PAYLOAD + 42, PER_LANDMARK * believed.positions.shape[0]
-        told = out[at + N_LASTING : at + N_LASTING + n_told]
-        learn(learned, gathered, told, n.keeps, bank, believed.survey_sd, S, e)
-        keep(learned, out[at : at + N_LASTING], out[at + N_LASTING + n_told :])
-
-
-def scaled_step(
-    n: Any,
-    message: np.ndarray,
-    believed: BoxBelief,
-    bank: np.ndarray,
-    refused: np.ndarray,
-    learned: np.ndarray,
-    gathered: np.ndarray,
     scale: np.ndarray,
     Q: np.ndarray,
     S: np.ndarray,
     e: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Take learning_step, and learn how large the boxes' noise is."""
+    """Take refused_step, and learn what a fix that was made in this tick tells of the survey and the boxes' noise."""
     refused_step(message, believed, refused, out)
     if message[ARRIVED] == 1.0 and out[ARRIVED] == 1.0:
         at, n_told, end = PAYLOAD + 42, PER_LANDMARK * believed.positions.shape[0], out.size - 2
         told = out[at + N_LASTING : at + N_LASTING + n_told]
-        learn_scale(learned, gathered, scale, told, out[end:], n.keeps, n.worth, bank, believed.survey_sd, Q, S, e)
+        learn(learned, gathered, scale, told, out[end:], n.keeps, n.worth, bank, believed.survey_sd, Q, S, e)
         keep(learned, out[at : at + N_LASTING], out[at + N_LASTING + n_told : end])
 
 
@@ -242,19 +184,10 @@ LEARNING = Element(
     allocates=True,
     out=learning_out,
     step=learning_step,
-    numbers=(Number("keeps"),),
+    numbers=(Number("keeps"), Number("worth")),
     tables=(Array("prior"), Array("bank")),
-    state=(Array("refused"), Array("learned"), Array("gathered", 2)),
-    work=(Array("S", 2), Array("e")),
-)
-SCALED = replace(
-    LEARNING,
-    name="scaled_fix_of_boxes",
-    out=scaled_out,
-    step=scaled_step,
-    numbers=(*LEARNING.numbers, Number("worth")),
-    state=(*LEARNING.state, Array("scale")),
-    work=(*LEARNING.work, Array("Q")),
+    state=(Array("refused"), Array("learned"), Array("gathered", 2), Array("scale")),
+    work=(Array("S", 2), Array("e"), Array("Q")),
 )
 ELEMENTS = dict.fromkeys(("known_attitude", "known_tilt", "pose"), FIX_OF_BOXES) | {"cosine_law": FIX_OF_COSINES}
 
@@ -284,13 +217,9 @@ def camera_fix_box(settings: LandmarkFixSettings, room: Room, width: int, period
     if settings.survey_bank is None and settings.noise_scale is None:
         return Box("camera_fix", element, size, Values({"rows": m}, start, tables)).with_groups(believed=believed)
     bank, n = np.array(settings.survey_bank or (1.0,)), len(room.landmark_positions)
-    start |= {"learned": learned_first(bank, 9 * n), "gathered": np.zeros((3 * n, 4))}
-    given, work = Values({"keeps": kept_from(period)}, start, tables | {"bank": bank}), {"S": (3, 3), "e": (3,)}
+    start |= {"learned": learned_first(bank, 9 * n), "gathered": np.zeros((3 * n, 4)), "scale": np.array(NOTHING_YET)}
+    numbers = {"keeps": kept_from(period), "worth": settings.noise_scale or 0.0}
+    given, work = Values(numbers, start, tables | {"bank": bank}), {"S": (3, 3), "e": (3,), "Q": (len(bank),)}
     parts = {"fix": (0, size), "lasting": (size, N_LASTING)}
-    size += N_LASTING + (PER_LANDMARK + 9) * n
-    if settings.noise_scale is not None:
-        scale = Values({"worth": settings.noise_scale}, {"scale": np.array(NOTHING_YET)})
-        work = work | {"Q": (len(bank),)}
-        box = Box("camera_fix", SCALED, size + 2, given.updated(scale), work, parts=parts)
-        return box.with_groups(believed=believed)
+    size += N_LASTING + (PER_LANDMARK + 9) * n + 2
     return Box("camera_fix", LEARNING, size, given, work, parts=parts).with_groups(believed=believed)

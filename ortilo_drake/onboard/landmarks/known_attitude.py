@@ -70,11 +70,12 @@ def pose_from_boxes(
     sd: np.ndarray,
     max_residual: float,
     m: int,
+    free_sd: float = FREE_SD,
 ) -> tuple[bool, np.ndarray, np.ndarray, np.ndarray]:
     """Return whether there is a fix, the part of the pose sought (m), its covariance (m x m), and the boxes kept (n).
 
     Sought are p_WB (m = 3), [p_WB, psi] (4), so that a compass that is off does not turn the position about the
-    vehicle, or [p_WB, rpy] (6). Only of the whole pose the filter's angles count, with the error FREE_SD. The box that
+    vehicle, or [p_WB, rpy] (6). Only of the whole pose the filter's angles count, with the error free_sd. The box that
     disagrees most with the rest is dropped, and the rest solved again, as long as r_i^T S_i^-1 r_i > max_residual^2.
 
     Args:
@@ -87,10 +88,10 @@ def pose_from_boxes(
         sd: error of each box centre [px] (n, 2).
         max_residual: in standard deviations.
         m: how much is sought.
+        free_sd: error of the filter's angles where the whole pose is sought [rad]; inf leaves them out.
     """
     # In the sums R_i is in units of the least error's square, so that N there is N sd^2 of the equations.
     order = TILT_HELD if m == 4 else ATTITUDE_HELD
-    free_sd = FREE_SD if m == 6 else np.inf
     n = centers.shape[0]
     pose, h = xhat[0:6].copy(), 6 - m
     P_pose = pose_covariance(P)
@@ -129,7 +130,7 @@ def pose_from_boxes(
                         for k in range(h):
                             B[j, k] += weighted * J_of[i, axis, m + k]
             for j in range(3, m):
-                weight = (least / free_sd) ** 2
+                weight = (least / free_sd) ** 2 if m == 6 else 0.0
                 N[j, j] += weight
                 b[j] += weight * (xhat[order[j]] - pose[order[j]])
             regular, N_inverse = inverse_3x3(N) if m == 3 else scaled_inverse(N, _REGULAR)
@@ -168,18 +169,3 @@ def pose_from_boxes(
         kept[worst] = False
         n_kept -= 1
     return nothing
-
-
-def solve_pose(
-    centers: np.ndarray,
-    positions: np.ndarray,
-    outlines: np.ndarray,
-    xhat: np.ndarray,
-    P: np.ndarray,
-    camera: Camera,
-    sd: np.ndarray,
-    max_residual: float,
-    m: int,
-) -> tuple[bool, np.ndarray, np.ndarray]:
-    """Return whether there is a fix, the part of the pose sought (m) and its covariance; as pose_from_boxes."""
-    return pose_from_boxes(centers, positions, outlines, xhat, P, camera, sd, max_residual, m)[:3]

@@ -117,74 +117,7 @@ def with_survey(sd: float, J: np.ndarray, survey_sd: float) -> float:
 @register_jitable
 def is_among(labels: np.ndarray, label: float) -> bool:
     """Return whether a class is one of some (n)."""
-    for j in range(labels.size):  # noqa: SIM110 - numba compiles no generator expression in any()
-        if labels[j] == label:
-            return True
-    return False
-
-
-@njit(cache=True)
-def association_costs(
-    detections: np.ndarray,
-    xhat: np.ndarray,
-    P: np.ndarray,
-    positions: np.ndarray,
-    outlines: np.ndarray,
-    labels: np.ndarray,
-    camera: Camera,
-    sd: float,
-    gate: float,
-    growth: float = 0.0,
-    inside: float = -np.inf,
-    survey_sd: float = 0.0,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, Predicted]:
-    """Return candidate landmarks (k), whole boxes' centres (m, 2), costs of pairing (k, m + k) and what is predicted.
-
-    Column m + i, at the cost of the gate, leaves landmark i without a box. Arguments as in associate.
-    """
-    width, height = camera.image[0], camera.image[1]
-    # Half an image beside the image, as slopes of the line of sight.
-    f_u, f_v, aside, above = camera.f, camera.f * camera.lens.aspect, width, height
-    if camera.lens.bend.size > 0:
-        f_u, f_v, aside, above = 1.0, 1.0, 2.0 * camera.lens.reach[0], 2.0 * camera.lens.reach[1]
-    box_labels, centers, spans = whole_boxes(detections, camera.image)
-    m, n = box_labels.size, positions.shape[0]
-    p_WB, rpy, P_pose = xhat[0:3], xhat[3:6], pose_covariance(P)
-    R_WB, of_rpy, box = rotation_matrix(rpy), sines(rpy), np.empty(4)
-    z, J, sds = np.empty((n, 2)), np.empty((n, 2, 6)), np.empty((n, 2))
-    candidates, k = np.empty(n, dtype=np.int64), 0
-    d2 = np.full((n, m), _FORBIDDEN)
-    for i in range(n):
-        # Cheap first: a class that was seen, and a place in front, within half an image of the image.
-        if not is_among(box_labels, labels[i]):
-            continue
-        q = in_body_frame(positions[i, 0], positions[i, 1], positions[i, 2], p_WB, R_WB)
-        depth = q[0] - camera.p_BC[0]
-        if depth < NEAR or f_u * abs(q[1]) > aside * depth or f_v * abs(q[2]) > above * depth:
-            continue
-        if not box_and_jacobian(positions[i], outlines[i], p_WB, of_rpy, R_WB, camera, box, J[k]):
-            continue
-        low, high = inside - 0.5, -inside - 0.5
-        if box[0] < low or box[1] < low or box[2] > width + high or box[3] > height + high:
-            continue
-        span = box[2] - box[0] + box[3] - box[1]
-        for axis in range(2):
-            z[k, axis] = 0.5 * (box[axis] + box[2 + axis])
-            sds[k, axis] = with_survey(center_sd(box[2 + axis] - box[axis], sd, growth), J[k, axis], survey_sd)
-        S_uu, S_uv, S_vv = innovation_covariance(J[k], P_pose, sds[k])
-        for j in range(m):
-            if box_labels[j] == labels[i] and span < MAX_SCALE * spans[j] and spans[j] < MAX_SCALE * span:
-                squared = squared_distance(centers[j, 0] - z[k, 0], centers[j, 1] - z[k, 1], S_uu, S_uv, S_vv)
-                if squared <= gate:
-                    d2[k, j] = squared
-        candidates[k] = i
-        k += 1
-    costs = np.full((k, m + k), _FORBIDDEN)
-    for i in range(k):
-        for j in range(m):
-            costs[i, j] = d2[i, j]
-        costs[i, m + i] = gate
-    return candidates[:k], centers, costs, Predicted(z[:k], J[:k], sds[:k])
+    return bool(np.any(labels == label))
 
 
 @register_jitable
@@ -211,7 +144,7 @@ def ambiguous(costs: np.ndarray, column: np.ndarray, n_boxes: int, margin: float
     """Return a mask (k) of the landmarks whose pairing is ambiguous: another one costs hardly more.
 
     Args:
-        costs: of association_costs (k, m + k).
+        costs: see associate (k, m + k).
         column: of the best assignment, for each landmark (k).
         n_boxes: m.
         margin: by which the best assignment with another pairing must cost more.
@@ -270,12 +203,51 @@ def associate(
             whole where the detector errs, by tens of pixels if it is large, and its centre is then half of that off.
         survey_sd: of the landmarks' positions, see with_survey [m].
     """
-    candidates, centers, costs, predicted = association_costs(
-        detections, xhat, P, positions, outlines, labels, camera, sd, gate, growth, inside, survey_sd
-    )
+    width, height = camera.image[0], camera.image[1]
+    # Half an image beside the image, as slopes of the line of sight.
+    f_u, f_v, aside, above = camera.f, camera.f * camera.lens.aspect, width, height
+    if camera.lens.bend.size > 0:
+        f_u, f_v, aside, above = 1.0, 1.0, 2.0 * camera.lens.reach[0], 2.0 * camera.lens.reach[1]
+    box_labels, centers, spans = whole_boxes(detections, camera.image)
+    m, n = box_labels.size, positions.shape[0]
+    p_WB, rpy, P_pose = xhat[0:3], xhat[3:6], pose_covariance(P)
+    R_WB, of_rpy, box = rotation_matrix(rpy), sines(rpy), np.empty(4)
+    z, J, sds = np.empty((n, 2)), np.empty((n, 2, 6)), np.empty((n, 2))
+    candidates, k = np.empty(n, dtype=np.int64), 0
+    d2 = np.full((n, m), _FORBIDDEN)
+    for i in range(n):
+        # Cheap first: a class that was seen, and a place in front, within half an image of the image.
+        if not is_among(box_labels, labels[i]):
+            continue
+        q = in_body_frame(positions[i, 0], positions[i, 1], positions[i, 2], p_WB, R_WB)
+        depth = q[0] - camera.p_BC[0]
+        if depth < NEAR or f_u * abs(q[1]) > aside * depth or f_v * abs(q[2]) > above * depth:
+            continue
+        if not box_and_jacobian(positions[i], outlines[i], p_WB, of_rpy, R_WB, camera, box, J[k]):
+            continue
+        low, high = inside - 0.5, -inside - 0.5
+        if box[0] < low or box[1] < low or box[2] > width + high or box[3] > height + high:
+            continue
+        span = box[2] - box[0] + box[3] - box[1]
+        for axis in range(2):
+            z[k, axis] = 0.5 * (box[axis] + box[2 + axis])
+            sds[k, axis] = with_survey(center_sd(box[2 + axis] - box[axis], sd, growth), J[k, axis], survey_sd)
+        S_uu, S_uv, S_vv = innovation_covariance(J[k], P_pose, sds[k])
+        for j in range(m):
+            if box_labels[j] == labels[i] and span < MAX_SCALE * spans[j] and spans[j] < MAX_SCALE * span:
+                squared = squared_distance(centers[j, 0] - z[k, 0], centers[j, 1] - z[k, 1], S_uu, S_uv, S_vv)
+                if squared <= gate:
+                    d2[k, j] = squared
+        candidates[k] = i
+        k += 1
+    costs = np.full((k, m + k), _FORBIDDEN)  # column m + i, at the cost of the gate, leaves landmark i without a box
+    for i in range(k):
+        for j in range(m):
+            costs[i, j] = d2[i, j]
+        costs[i, m + i] = gate
     column = assign(costs)
-    paired = column < len(centers)
+    paired = column < m
     if margin > 0.0:
-        paired &= ~ambiguous(costs, column, len(centers), margin)
-    found = Predicted(predicted.centers[paired], predicted.J[paired], predicted.sd[paired])
-    return candidates[paired], centers[column[paired]], found
+        paired &= ~ambiguous(costs, column, m, margin)
+    found = Predicted(z[:k][paired], J[:k][paired], sds[:k][paired])
+    return candidates[:k][paired], centers[column[paired]], found

@@ -174,42 +174,7 @@ def put_lasting(out: np.ndarray, s: float, here: np.ndarray, learned: np.ndarray
 
 
 @register_jitable
-def add(gathered: np.ndarray, told: np.ndarray, keeps: float) -> None:
-    """Add what a fix told (12 n) to what is gathered (3 n, 4), of which a share `keeps` is left."""
-    for i in range(gathered.shape[0]):
-        for j in range(4):
-            gathered[i, j] = keeps * gathered[i, j] + told[4 * i + j] / REPEATS
-
-
-@register_jitable
 def learn(
-    learned: np.ndarray,
-    gathered: np.ndarray,
-    told: np.ndarray,
-    keeps: float,
-    bank: np.ndarray,
-    survey_sd: float,
-    S: np.ndarray,
-    e: np.ndarray,
-) -> None:
-    """Add what a fix told to what is gathered, and write the share and the weights of the models to what is learned.
-
-    Args:
-        learned: as survey_bank.learned_first, with 9 n sensitivities.
-        gathered: [Lambda_i, eta_i], of Lambda_i the lower half (3 n, 4).
-        told: of put_information (12 n).
-        keeps: what is left of what was told before [1].
-        bank: c_j (m).
-        survey_sd: s [m].
-        S: to work in (3, 3).
-        e: to work in (3).
-    """
-    add(gathered, told, keeps)
-    learned[SHARE] = weigh(learned[learned.size - bank.size :], gathered, bank, survey_sd, S, e)
-
-
-@register_jitable
-def learn_scale(
     learned: np.ndarray,
     gathered: np.ndarray,
     scale: np.ndarray,
@@ -223,13 +188,29 @@ def learn_scale(
     S: np.ndarray,
     e: np.ndarray,
 ) -> None:
-    """Take learn, of the boxes' noise as well.
+    """Add what a fix told to what is gathered, and write the share and the weights of the models to what is learned.
 
-    Arguments as learn, and scale: q, nu and c^2 (3); told and left are put_information's by the noise
-    that is told; worth is nu_0, and Q (m) is to work in.
+    Args:
+        learned: as survey_bank.learned_first, with 9 n sensitivities.
+        gathered: [Lambda_i, eta_i], of Lambda_i the lower half (3 n, 4).
+        scale: q, nu and c^2 of the boxes' noise (3); changed where worth is not 0.
+        told: of put_information, by the noise that is told (12 n).
+        left: what that returned (2).
+        keeps: what is left of what was told before [1].
+        worth: nu_0; 0 keeps the noise as it is told.
+        bank: c_j (m).
+        survey_sd: s [m].
+        Q: to work in (m).
+        S: to work in (3, 3).
+        e: to work in (3).
     """
-    add(gathered, told, keeps)
+    for i in range(gathered.shape[0]):
+        for j in range(4):
+            gathered[i, j] = keeps * gathered[i, j] + told[4 * i + j] / REPEATS
+    weights = learned[learned.size - bank.size :]
+    if worth == 0.0:
+        learned[SHARE] = weigh(weights, gathered, bank, survey_sd, S, e)
+        return
     scale[RESIDUALS] = keeps * scale[RESIDUALS] + left[0] / REPEATS
     scale[SQUARES] = keeps * scale[SQUARES] + left[1] / REPEATS
-    weights = learned[learned.size - bank.size :]
     learned[SHARE] = weigh_scales(gathered, scale, bank, survey_sd, worth, weights, Q, S, e)

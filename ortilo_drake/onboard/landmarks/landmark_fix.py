@@ -1,7 +1,6 @@
 """Position from the camera's landmark boxes, by one of five methods; two give the yaw, or the attitude, as well."""
 
 from collections.abc import Callable
-from functools import partial
 from typing import Final
 
 import numpy as np
@@ -10,7 +9,6 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import ARRIVED, DETECTIONS_SIZE, N_XBAR, PAYLOAD, STAMP
 from ortilo_drake.onboard.landmarks.box_fix import (
-    BoxBelief,
     box_belief,
     box_fix_message,
     boxes_to_solve,
@@ -18,36 +16,18 @@ from ortilo_drake.onboard.landmarks.box_fix import (
     refused_after,
 )
 from ortilo_drake.onboard.landmarks.cosine_law import cosine_law
-from ortilo_drake.onboard.landmarks.known_attitude import solve_pose
+from ortilo_drake.onboard.landmarks.known_attitude import pose_from_boxes
 from ortilo_drake.onboard.landmarks.pnp import pnp
 from ortilo_drake.scenario import LandmarkFix as LandmarkFixSettings
 
 Solution = tuple[bool, np.ndarray, np.ndarray]
 METHODS: Final[dict[str, Callable[..., Solution]]] = {
-    "known_attitude": partial(solve_pose, m=3),
-    "known_tilt": partial(solve_pose, m=4),
-    "pose": partial(solve_pose, m=6),
+    "known_attitude": lambda *boxes: pose_from_boxes(*boxes, 3)[:3],
+    "known_tilt": lambda *boxes: pose_from_boxes(*boxes, 4)[:3],
+    "pose": lambda *boxes: pose_from_boxes(*boxes, 6)[:3],
     "cosine_law": cosine_law,
     "pnp": pnp,
 }
-
-
-def landmark_fix_message(
-    detections: np.ndarray,
-    xhat: np.ndarray,
-    P: np.ndarray,
-    method: Callable[..., Solution],
-    believed: BoxBelief,
-    rows: int,
-    widened: float = 1.0,
-) -> np.ndarray:
-    """Return the fix message of a detections message that is there: m values, their covariance; zeros without a fix.
-
-    xhat (15) and P (225), row by row, are the belief; m is `rows`; widened as in boxes_to_solve.
-    """
-    centers, positions, outlines, sds, _ = boxes_to_solve(detections, xhat, P, believed, widened)
-    solution = method(centers, positions, outlines, xhat, P, believed.camera, sds, believed.max_residual)
-    return box_fix_message(*solution, xhat, detections[STAMP], rows)
 
 
 class LandmarkFix(LeafSystem):
@@ -98,10 +78,11 @@ class LandmarkFix(LeafSystem):
         if detections[ARRIVED] != 1.0:  # most ticks: spare the other ports
             output.set_value(self._nothing)
             return
-        xhat = self._estimate.Eval(context)
+        xhat, believed = self._estimate.Eval(context), self._believed
         P = self._covariance.Eval(context) if self._prior is None else self._prior
-        known = self._method, self._believed, self._rows
-        output.set_value(landmark_fix_message(detections, xhat, P, *known, self._widened(context)))
+        *boxes, sds, _ = boxes_to_solve(detections, xhat, P, believed, self._widened(context))
+        solution = self._method(*boxes, xhat, P, believed.camera, sds, believed.max_residual)
+        output.set_value(box_fix_message(*solution, xhat, detections[STAMP], self._rows))
 
     def _widened(self, context: Context) -> float:
         return 1.0 if self._refused is None else float(2.0 ** context.get_discrete_state(self._refused).value()[0])

@@ -5,62 +5,13 @@ problem", ECCV 2020. The attitude found is used for p_WB and then forgotten: the
 """
 
 import numpy as np
-from numba import njit
 
 from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.optional import later
-from ortilo_drake.model.pinhole import R_BC, Camera, box_center, point_pixels, straight_pixels
+from ortilo_drake.model.pinhole import R_BC, Camera, point_pixels, straight_pixels
+from ortilo_drake.onboard.landmarks.known_attitude import pose_from_boxes
 
 cv2 = later("cv2")
-
-_ITERATIONS = 30
-_CONVERGED = 1e-7  # [m], [rad]
-
-
-@njit(cache=True)
-def refine_pose(
-    centers: np.ndarray,
-    positions: np.ndarray,
-    outlines: np.ndarray,
-    p_WB: np.ndarray,
-    rpy: np.ndarray,
-    camera: Camera,
-    sd: np.ndarray,
-) -> tuple[bool, np.ndarray, np.ndarray]:
-    """Return whether Gauss-Newton converged, the pose [p_WB, rpy] (6) and its covariance (6 x 6).
-
-    Args:
-        centers: centres of the boxes [px] (n, 2).
-        positions: p_W of the landmarks (n, 3).
-        outlines: their outlines, see pinhole.py (n, m, 3).
-        p_WB: position to start from (3).
-        rpy: attitude to start from (3).
-        camera: the camera.
-        sd: error of each box centre [px] (n, 2).
-    """
-    n = centers.shape[0]
-    least = np.min(sd)
-    pose = np.concatenate((p_WB, rpy))
-    z, J, r = np.empty(2), np.zeros((2 * n, 6)), np.empty(2 * n)
-    for iteration in range(_ITERATIONS):
-        R_WB = rotation_matrix(pose[3:6])
-        for i in range(n):
-            rows = slice(2 * i, 2 * i + 2)
-            if not box_center(positions[i], outlines[i], pose[0:3], pose[3:6], R_WB, camera, z, J[rows]):
-                return False, pose, np.zeros((6, 6))
-            r[rows] = centers[i] - z
-            for axis in range(2):
-                r[2 * i + axis] *= least / sd[i, axis]
-                J[2 * i + axis] *= least / sd[i, axis]
-        step, _, rank, _ = np.linalg.lstsq(J, r, 1e-9)
-        if rank < 6:
-            break
-        step *= min(1.0, 2.0 ** (5 - iteration))  # box centres have kinks, see known_attitude.py
-        pose = pose + step
-        if np.max(np.abs(step)) < _CONVERGED:
-            J_inverse = np.linalg.pinv(J)
-            return True, pose, least**2 * (J_inverse @ J_inverse.T)
-    return False, pose, np.zeros((6, 6))
 
 
 def pnp(
@@ -101,5 +52,6 @@ def pnp(
     roll, pitch = np.arctan2(R_WB[2, 1], R_WB[2, 2]), np.arcsin(np.clip(-R_WB[2, 0], -1.0, 1.0))
     rpy = np.array([roll, pitch, np.arctan2(R_WB[1, 0], R_WB[0, 0])])
     kept = np.sort(inliers[:, 0])
-    refined, pose, covariance = refine_pose(centers[kept], positions[kept], outlines[kept], p_WB, rpy, camera, sd[kept])
+    start, boxes = np.concatenate((p_WB, rpy)), (centers[kept], positions[kept], outlines[kept])
+    refined, pose, covariance, _ = pose_from_boxes(*boxes, start, P, camera, sd[kept], np.inf, 6, np.inf)
     return bool(refined), pose[0:3], covariance[0:3, 0:3]

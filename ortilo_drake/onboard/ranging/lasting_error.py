@@ -18,7 +18,7 @@ from numba.extending import register_jitable
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.onboard.ranging.range_equations import MIN_SD, inverse, product
 
-SHARE, LASTING, KEPT, KEY = 0, 1, 4, 7  # of what is learned, where each begins, see survey_bank.py
+SHARE, LASTING, KEPT, KEY = 0, 1, 4, 7  # of what is learned, where each begins, see survey_bank.learned_first
 N_LASTING, N_KEPT = 6, 3  # of what a fix tells; where in it stands what is kept
 NEW_KEY: Final = 0.7  # a place is kept until less than this of an axis' error is
 
@@ -80,7 +80,7 @@ def put_lasting(
         there: 1 where a range is there, else 0 (n).
         anchors: a_i in W (n, 3).
         noise: s_0 [m], s_1 and s_2 [m].
-        learned: see survey_bank.bank_box.
+        learned: see bank_element.bank_box.
         here: to write the fix's sensitivities to (6 n).
     """
     put_sensitivities(here, p, there, anchors, noise)
@@ -95,12 +95,8 @@ def put_kept(
 ) -> None:
     """Write the sd of what lasts of a fix's error along an axis [m] and how it is correlated with the fix before's.
 
-    Args:
-        out: to write to (6).
-        axis: 0, 1 or 2.
-        s: sd of the survey, as it is believed [m].
-        its_products: g . g, g . g' and g' . g' with g' of the place that is kept.
-        learned: see survey_bank.bank_box.
+    Arguments as put_lasting, with the survey's sd s as it is believed [m], and g . g, g . g' and g' . g' with g' of the
+    place that is kept.
     """
     now, both, before = its_products
     out[axis], out[N_KEPT + axis] = s * np.sqrt(now), 1.0
@@ -114,7 +110,7 @@ def keep(learned: np.ndarray, lasting: np.ndarray, here: np.ndarray) -> None:
     """Keep what a fix says lasts, and its sensitivities where it is far from the place with which it was compared.
 
     Args:
-        learned: see survey_bank.bank_box.
+        learned: see bank_element.bank_box.
         lasting: what the fix says (6).
         here: its sensitivities.
     """

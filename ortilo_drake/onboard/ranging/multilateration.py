@@ -70,14 +70,6 @@ def put_fix_message(
 
 
 @njit(cache=True)
-def fix_message(uwb: np.ndarray, anchors: np.ndarray, noise: np.ndarray, xhat: np.ndarray, three: bool) -> np.ndarray:
-    """Return the message of put_fix_message; arguments as there."""
-    message = np.zeros(14)
-    put_fix_message(uwb, anchors, noise, xhat, three, np.zeros(anchors.shape[0]), message)
-    return message
-
-
-@njit(cache=True)
 def tested_fix_message(
     uwb: np.ndarray,
     anchors: np.ndarray,
@@ -97,15 +89,36 @@ def tested_fix_message(
     return message, fix.clock
 
 
-def used_ranges(uwb: np.ndarray, three: bool) -> np.ndarray:
-    """Return 1 for each range that the method uses, else 0 (n): all that are there, or the nearest three of them."""
-    n = (uwb.size - 2) // 2
-    ranges, there = uwb[2 : 2 + n], uwb[2 + n :]
-    if not three:
-        return there
-    used = np.zeros(n)
-    used[np.argsort(np.where(there != 0.0, ranges, np.inf))[:3]] = 1.0
-    return used
+@generic_twin_of(put_fix_message)
+def put_differentiable_fix_message(
+    uwb: np.ndarray,
+    anchors: np.ndarray,
+    noise: np.ndarray,
+    xhat: np.ndarray,
+    three: bool,
+    used: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Write the message of a uwb message of AutoDiffXd, with the derivatives of position and covariance.
+
+    The position p* minimises the cost, so g(p*, r) = 0; a step p* + N^-1 g(p*, r) has the derivative of p* by r, up to
+    what the curvature of the ranges times their residuals adds (Gauss-Newton), which is 0 without noise.
+    """
+    n, values, sizes = len(anchors), values_of(uwb), np.asarray(values_of(noise), dtype=float)
+    nearest, message = np.zeros(n), np.zeros(14)
+    put_fix_message(values, anchors, sizes, values_of(xhat), three, nearest, message)
+    put(message, out)
+    if message[0] == 0.0:
+        return
+    p, ranges, there = message[2:5], uwb[2 : 2 + n], nearest if three else values[2 + n :]
+    _, N, g = normal_equations.py_func(p, ranges, there, anchors, noise)
+    _, C = inverse.py_func(N)
+    p = p + product.py_func(C, g)
+    _, N, _ = normal_equations.py_func(p, ranges, there, anchors, noise)
+    _, C = inverse.py_func(N)
+    if noise[2] > 0.0:
+        C = covariance_of_the_new.py_func(p, ranges, there, anchors, noise, C)
+    put_fix(out, uwb[1], p, C)
 
 
 @generic_twin_of(tested_fix_message)
@@ -122,52 +135,12 @@ def differentiable_tested_fix_message(
     sizes = np.asarray(values_of(noise), dtype=float)
     fix = consistent_fix(values[2 : 2 + n], values[2 + n :], anchors, sizes, values_of(xhat)[:3], known, consistency)
     if not fix.found or fix.unknowns == PLAIN:
-        used = np.concatenate((uwb[: 2 + n], fix.used if fix.found else np.zeros(n)))
-        return differentiable_fix_message(used, anchors, noise, xhat, False), fix.clock
+        used, message = fix.used if fix.found else np.zeros(n), np.zeros(14, uwb.dtype)
+        put_differentiable_fix_message(np.append(uwb[: 2 + n], used), anchors, noise, xhat, False, used, message)
+        return message, fix.clock
     prior = known if fix.unknowns == KNOWN else np.zeros(3)
     p, C = differentiable_offset_fix(fix.p, uwb[2 : 2 + n], fix.used, anchors, noise, prior)
     return np.concatenate(([1.0 + 0.0 * uwb[1], uwb[1]], p, C.ravel())), fix.clock
-
-
-@generic_twin_of(put_fix_message)
-def put_differentiable_fix_message(
-    uwb: np.ndarray,
-    anchors: np.ndarray,
-    noise: np.ndarray,
-    xhat: np.ndarray,
-    three: bool,
-    used: np.ndarray,
-    out: np.ndarray,
-) -> None:
-    """Write differentiable_fix_message; arguments as put_fix_message."""
-    put(differentiable_fix_message(uwb, anchors, noise, xhat, three), out)
-
-
-@generic_twin_of(fix_message)
-def differentiable_fix_message(
-    uwb: np.ndarray, anchors: np.ndarray, noise: np.ndarray, xhat: np.ndarray, three: bool
-) -> np.ndarray:
-    """Return fix_message of a uwb message of AutoDiffXd, with the derivatives of position and covariance.
-
-    The position p* minimises the cost, so g(p*, r) = 0; a step p* + N^-1 g(p*, r) has the derivative of p* by r, up to
-    what the curvature of the ranges times their residuals adds (Gauss-Newton), which is 0 without noise.
-    """
-    values = values_of(uwb)
-    sizes = np.asarray(values_of(noise), dtype=float)
-    message: np.ndarray = fix_message(values, anchors, sizes, values_of(xhat), three).astype(uwb.dtype)
-    if message[0] == 0.0:
-        return message
-    p, used, ranges = message[2:5], used_ranges(values, three), uwb[2 : 2 + len(anchors)]
-    _, N, g = normal_equations.py_func(p, ranges, used, anchors, noise)
-    _, C = inverse.py_func(N)
-    message[1], p[:] = uwb[1], p + product.py_func(C, g)
-    _, N, _ = normal_equations.py_func(p, ranges, used, anchors, noise)
-    _, C = inverse.py_func(N)
-    if noise[2] > 0.0:
-        C = covariance_of_the_new.py_func(p, ranges, used, anchors, noise, C)
-    xx, xy, xz, yy, yz, zz = C
-    message[5:14] = [xx, xy, xz, xy, yy, yz, xz, yz, zz]
-    return message
 
 
 def believed_noise(settings: MultilaterationSettings) -> np.ndarray:
@@ -181,6 +154,8 @@ def fix_message_at(
     """Return the fix message (14) of a uwb message that arrived, where the filter believes x to be (12 or more)."""
     noise = believed_noise(settings)
     if settings.exclude is None:
-        return np.asarray(fix_message(uwb, anchors, noise, x, settings.method == "nearest_three"))
+        message, n = np.zeros(14), len(anchors)
+        put_fix_message(uwb, anchors, noise, x, settings.method == "nearest_three", np.zeros(n), message)
+        return message
     consistency = consistency_of(settings.exclude, len(anchors))
     return np.asarray(tested_fix_message(uwb, anchors, noise, x, np.zeros(3), consistency)[0])

@@ -23,26 +23,17 @@ One fix counts at most as LIMIT times what was expected of it, c^2 nu_k + s^2 tr
 no noise. A scale that is truly larger is still found, by a few fixes one after the other.
 """
 
-from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Number
 from ortilo_drake.model.elementary import log
-from ortilo_drake.model.placing import fill
-from ortilo_drake.model.scalars import values_of
-from ortilo_drake.model.signals import ARRIVED, FIX_SIZE, PAYLOAD
-from ortilo_drake.onboard.ranging.lasting_error import N_LASTING, SHARE, keep
-from ortilo_drake.onboard.ranging.multilateration import believed_noise
-from ortilo_drake.onboard.ranging.survey_bank import BANK, bank_box, gather, log_likelihood, share_of
-from ortilo_drake.scenario import Multilateration as MultilaterationSettings
+from ortilo_drake.onboard.ranging.survey_bank import log_likelihood, share_of
 
 SQUARES, RESIDUALS, SCALE = 0, 1, 2  # of what is gathered of the scale: q, nu and c^2
 NOTHING_YET: Final = (0.0, 0.0, 1.0)
 LIMIT: Final = 4.0
-N_NOISE = 3  # s_0, s_1 and s_2 of range_equations.py
 
 
 @register_jitable
@@ -103,75 +94,3 @@ def put_noise(noise: np.ndarray, told: np.ndarray, scale: np.ndarray, share: flo
     """Write the ranges' noise (3) as it is believed, of that which is told."""
     c = np.sqrt(scale[SCALE])
     noise[0], noise[1], noise[2] = c * told[0], c * told[1], share * told[2]
-
-
-def scaled_bank_step(
-    n: Any,
-    message: np.ndarray,
-    fix: np.ndarray,
-    anchors: np.ndarray,
-    bank: np.ndarray,
-    learned: np.ndarray,
-    gathered: np.ndarray,
-    scale: np.ndarray,
-    S: np.ndarray,
-    e: np.ndarray,
-    rows: np.ndarray,
-    told: np.ndarray,
-    Q: np.ndarray,
-) -> None:
-    """Learn from the residuals of a fix that was made in this tick."""
-    its, uwb = values_of(fix), values_of(message)
-    if its[ARRIVED] != 0.0:
-        survey, noise = learned[: learned.size - N_NOISE], learned[learned.size - N_NOISE :]
-        for i in range(e.size):
-            fill(told[i], 0.0)
-        residuals, squares = gather(told, its[PAYLOAD : PAYLOAD + 3], uwb, anchors, n.noise, rows)
-        expected = scale[SCALE] * residuals
-        for i in range(e.size):
-            expected += noise[2] ** 2 * told[i, i]
-        part = counted(squares, expected)
-        for i in range(e.size):
-            for j in range(e.size):
-                gathered[i, j] = n.keeps * gathered[i, j] + told[i, j]
-            gathered[i, e.size] = n.keeps * gathered[i, e.size] + part * told[i, e.size]
-        scale[SQUARES] = n.keeps * scale[SQUARES] + part**2 * squares
-        scale[RESIDUALS] = n.keeps * scale[RESIDUALS] + residuals
-        weights = survey[survey.size - bank.size :]
-        survey[SHARE] = weigh_scales(gathered, scale, bank, n.noise[2], n.worth, weights, Q, S, e)
-        put_noise(noise, n.noise, scale, survey[SHARE])
-        if its.size > FIX_SIZE:
-            sensitivities = its.size - 6 * e.size
-            keep(survey, its[sensitivities - N_LASTING : sensitivities], its[sensitivities:])
-
-
-SCALED_BANK = replace(
-    BANK,
-    name="scaled_survey_bank",
-    step=scaled_bank_step,
-    numbers=(*BANK.numbers, Number("worth")),
-    state=(*BANK.state, Array("scale")),
-    work=(*BANK.work, Array("told", 2), Array("Q")),
-)
-
-
-def scaled_bank_box(settings: MultilaterationSettings, anchors: np.ndarray, period: float) -> Box:
-    """Return the box of survey_bank.bank_box that learns the noise's scale too, and the survey where it has a bank.
-
-    It says what is `learned` as that does, and after it the ranges' `noise` as it is believed (3).
-
-    Args:
-        settings: with noise_scale.
-        anchors: a_i in W (n, 3).
-        period: from one message to the next [s].
-    """
-    bank = settings.bias_bank or (1.0,)
-    box = bank_box(settings.model_copy(update={"bias_bank": bank}), anchors, period)
-    learned, noise, n, size = box.given.start["learned"], believed_noise(settings), len(anchors), box.size
-    noise[2] *= learned[SHARE]
-    start = {"learned": np.concatenate((learned, noise)), "scale": np.array(NOTHING_YET)}
-    given = replace(box.given, numbers=box.given.numbers | {"worth": settings.noise_scale})
-    given = replace(given, start=given.start | start)
-    work = box.work | {"told": (n, n + 1), "Q": (len(bank),)}
-    parts = {"learned": (0, size), "noise": (size, N_NOISE)}
-    return replace(box, element=SCALED_BANK, size=size + N_NOISE, given=given, work=work, parts=parts)

@@ -15,21 +15,16 @@ The models are equally likely before the first fix, and the share that is believ
 them. As the vehicle moves another part of a survey's error lies along each range: what fixes said fades with MEMORY.
 """
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.cholesky import squared_norm_in_place
 from ortilo_drake.model.elementary import exp, log
 from ortilo_drake.model.placing import fill
-from ortilo_drake.model.scalars import values_of
-from ortilo_drake.model.signals import ARRIVED, PAYLOAD
-from ortilo_drake.onboard.ranging.lasting_error import N_LASTING, SHARE, keep
-from ortilo_drake.onboard.ranging.multilateration import believed_noise
+from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.onboard.ranging.range_equations import MIN_SD, inverse, normal_equations, product
-from ortilo_drake.scenario import Multilateration as MultilaterationSettings
 
 MEMORY: Final = 10.0  # [s]
 
@@ -121,41 +116,6 @@ def share_of(weights: np.ndarray, bank: np.ndarray) -> float:
     return np.sqrt(mean)
 
 
-def bank_step(
-    n: Any,
-    message: np.ndarray,
-    fix: np.ndarray,
-    anchors: np.ndarray,
-    bank: np.ndarray,
-    learned: np.ndarray,
-    gathered: np.ndarray,
-    S: np.ndarray,
-    e: np.ndarray,
-    rows: np.ndarray,
-) -> None:
-    """Learn from the residuals of a fix that was made in this tick."""
-    its, uwb = values_of(fix), values_of(message)
-    if its[ARRIVED] != 0.0:
-        for i in range(e.size):
-            for j in range(e.size + 1):
-                gathered[i, j] *= n.keeps
-        gather(gathered, its[PAYLOAD : PAYLOAD + 3], uwb, anchors, n.noise, rows)
-        learned[SHARE] = weigh(learned[learned.size - bank.size :], gathered, bank, n.noise[2], S, e)
-        sensitivities = its.size - 6 * e.size
-        keep(learned, its[sensitivities - N_LASTING : sensitivities], its[sensitivities:])
-
-
-BANK = Element(
-    "survey_bank",
-    step=bank_step,
-    numbers=(Number("noise", (3,)), Number("keeps")),
-    tables=(Array("anchors", 2), Array("bank")),
-    state=(Array("learned"), Array("gathered", 2)),
-    work=(Array("S", 2), Array("e"), Array("rows", 2)),
-    shows="learned",
-)
-
-
 def learned_first(bank: np.ndarray, sensitivities: int) -> np.ndarray:
     """Return what is learned before the first fix.
 
@@ -169,20 +129,3 @@ def learned_first(bank: np.ndarray, sensitivities: int) -> np.ndarray:
 def kept_from(period: float) -> float:
     """Return the factor (0 to 1) by which evidence fades in a period [s]."""
     return float(np.exp(-period / MEMORY))
-
-
-def bank_box(settings: MultilaterationSettings, anchors: np.ndarray, period: float) -> Box:
-    """Return the box that learns how good the survey is; it reads the uwb message as it lands and the fix made of it.
-
-    It says what is learned, with 6 n sensitivities: see learned_first.
-
-    Args:
-        settings: with a bank.
-        anchors: a_i in W (n, 3).
-        period: from one message to the next [s].
-    """
-    bank, n = np.array(settings.bias_bank), len(anchors)
-    learned = learned_first(bank, 6 * n)
-    numbers = {"noise": believed_noise(settings), "keeps": kept_from(period)}
-    start, tables = {"learned": learned, "gathered": np.zeros((n, n + 1))}, {"anchors": anchors, "bank": bank}
-    return Box("uwb_bank", BANK, learned.size, Values(numbers, start, tables), {"S": (n, n), "e": (n,), "rows": (n, 3)})

@@ -30,8 +30,60 @@ def rpy_of(R: np.ndarray) -> np.ndarray:
     return np.array([np.arctan2(R[2, 1], R[2, 2]), np.arcsin(sine), np.arctan2(R[1, 0], R[0, 0])])
 
 
+class Reach(NamedTuple):
+    """A range in a sum of ranges: its sign, anchor a in W (3), and keys of the numbers (1 each) that it errs by [m]."""
+
+    sign: float
+    anchor: np.ndarray
+    errors: tuple[int, ...]
+
+
+def ranges_factor(
+    pose: int,
+    velocity: int | None,
+    clock: int | None,
+    ranges: tuple[Reach, ...],
+    measured: float,
+    age: float,
+    lever: np.ndarray,
+    noise: gtsam.noiseModel.Base,
+) -> gtsam.CustomFactor:
+    """Return the factor of a range or of a difference of two, see onboard/estimator/tight/ranges.py, differences.py.
+
+    Args:
+        pose: key of the pose at the message's stamp.
+        velocity: key of v_WB there; None where nothing is older than the stamp.
+        clock: key of the time by which the message is older than its stamp; None where that is known.
+        ranges: what it is the sum of.
+        measured: the sum [m].
+        age: of the packet at the message's stamp [s].
+        lever: where the antenna is in B (3).
+        noise: of the sum.
+    """
+
+    def error(_: gtsam.CustomFactor, values: gtsam.Values, H: list[np.ndarray] | None) -> np.ndarray:
+        X, v = values.atPose3(pose), np.zeros(3) if velocity is None else values.atVector(velocity)
+        R, older = X.rotation().matrix(), age + (0.0 if clock is None else values.atVector(clock)[0])
+        row, total, e = np.empty(6), np.zeros(6), -measured
+        for its in ranges:
+            r = range_row(X.translation() - older * v, R, lever, its.anchor, row)
+            e += its.sign * (r + sum(values.atVector(key)[0] for key in its.errors))
+            total += its.sign * row
+        if H is not None:
+            found = [np.concatenate((total[3:], total[:3] @ R))[np.newaxis]]
+            found += [np.array([[its.sign]]) for its in ranges for _ in its.errors]
+            found += [] if velocity is None else [-older * total[np.newaxis, :3]]
+            found += [] if clock is None else [np.array([[-total[:3] @ v]])]
+            for i, block in enumerate(found):
+                H[i] = block
+        return np.array([e])
+
+    errors = [key for its in ranges for key in its.errors]
+    return gtsam.CustomFactor(noise, [pose, *errors, *(key for key in (velocity, clock) if key is not None)], error)
+
+
 class Moving(NamedTuple):
-    """The variables by which a message's prediction changes with its clock.
+    """The variables by which a box's prediction changes with the camera's clock.
 
     Attributes:
         velocity: key of v_WB.
@@ -42,98 +94,6 @@ class Moving(NamedTuple):
     velocity: int
     clock: int
     w: np.ndarray
-
-
-def range_factor(
-    pose: int,
-    errors: tuple[int, ...],
-    moving: Moving | None,
-    measured: float,
-    anchor: np.ndarray,
-    lever: np.ndarray,
-    noise: gtsam.noiseModel.Base,
-) -> gtsam.CustomFactor:
-    """Return the factor of one range, see onboard/estimator/tight/ranges.py.
-
-    Args:
-        pose: key of the pose at its stamp.
-        errors: keys of numbers that it errs by (1 each) [m].
-        moving: of its clock; None where that is known.
-        measured: the range [m].
-        anchor: a in W (3).
-        lever: where the antenna is in B (3).
-        noise: of the range.
-    """
-    clock = len(errors) + 1  # keys: pose, errors, velocity, clock
-
-    def error(_: gtsam.CustomFactor, values: gtsam.Values, H: list[np.ndarray] | None) -> np.ndarray:
-        X, row = values.atPose3(pose), np.empty(6)
-        R = X.rotation().matrix()
-        predicted = range_row(X.translation(), R, lever, anchor, row)
-        for key in errors:
-            predicted += values.atVector(key)[0]
-        if moving is not None:
-            v, tau = values.atVector(moving.velocity), values.atVector(moving.clock)[0]
-            predicted -= row[:3] @ v * tau
-        if H is not None:
-            along = row[:3].copy()
-            if moving is not None:  # d (u . v) by p, of the direction u
-                distance = max(float(np.linalg.norm(X.translation() + R @ lever - anchor)), 1e-9)
-                bent = (v - (along @ v) * along) / distance * tau
-                row[:3] -= bent
-                row[3:] -= np.cross(lever, R.T @ bent)
-                H[clock], H[clock + 1] = -tau * along[np.newaxis], np.array([[-along @ v]])
-            H[0] = np.concatenate((row[3:], row[:3] @ R))[np.newaxis]
-            for i in range(len(errors)):
-                H[1 + i] = np.ones((1, 1))
-        return np.array([predicted - measured])
-
-    keys = [pose, *errors, *((moving.velocity, moving.clock) if moving else ())]
-    return gtsam.CustomFactor(noise, keys, error)
-
-
-def difference_factor(
-    pose: int,
-    velocity: int,
-    clock: int | None,
-    errors: tuple[tuple[int, ...], tuple[int, ...]],
-    packet: tuple[float, float],
-    anchors: np.ndarray,
-    lever: np.ndarray,
-    noise: gtsam.noiseModel.Base,
-) -> gtsam.CustomFactor:
-    """Return the factor of a difference of two ranges, see onboard/estimator/tight/differences.py.
-
-    Args:
-        pose: key of the pose at the message's stamp.
-        velocity: key of v_WB there.
-        clock: key of the time by which the message is older than its stamp; None where that is known.
-        errors: keys of numbers (1 each) by which the ranges to a and to b err [m].
-        packet: r_b - r_a [m], and its age at the message's stamp [s].
-        anchors: of a and b in W (2, 3).
-        lever: where the antenna is in B (3).
-        noise: of the difference.
-    """
-    measured, age = packet
-
-    def error(_: gtsam.CustomFactor, values: gtsam.Values, H: list[np.ndarray] | None) -> np.ndarray:
-        X, v = values.atPose3(pose), values.atVector(velocity)
-        R, older = X.rotation().matrix(), age + (0.0 if clock is None else values.atVector(clock)[0])
-        rows = np.empty((2, 6))
-        r_a, r_b = (
-            range_row(X.translation() - older * v, R, lever, anchor, row) + sum(values.atVector(key)[0] for key in its)
-            for anchor, row, its in zip(anchors, rows, errors, strict=True)
-        )
-        if H is not None:
-            row = rows[1] - rows[0]
-            H[0], H[1] = np.concatenate((row[3:], row[:3] @ R))[np.newaxis], -older * row[np.newaxis, :3]
-            of_errors = [-1.0] * len(errors[0]) + [1.0] * len(errors[1])
-            for i, by in enumerate([*of_errors, *([] if clock is None else [-row[:3] @ v])]):
-                H[2 + i] = np.array([[by]])
-        return np.array([r_b - r_a - measured])
-
-    keys = [pose, velocity, *errors[0], *errors[1], *([] if clock is None else [clock])]
-    return gtsam.CustomFactor(noise, keys, error)
 
 
 class Landmark(NamedTuple):

@@ -33,10 +33,10 @@ from ortilo_drake.sensors.described import measuring
 from ortilo_drake.studies.hindsight.factors import (
     Landmark,
     Moving,
+    Reach,
     angles_factor,
     box_factor,
-    difference_factor,
-    range_factor,
+    ranges_factor,
     rows_factor,
     rpy_of,
     weighted,
@@ -44,7 +44,7 @@ from ortilo_drake.studies.hindsight.factors import (
 from ortilo_drake.studies.hindsight.inertial_factors import InertialTick, inertial_ticks, samples_of
 from ortilo_drake.studies.hindsight.recorded_flight import RecordedFlight
 from ortilo_drake.studies.hindsight.rts import Smoothed
-from ortilo_drake.studies.hindsight.slow import Keys, Process
+from ortilo_drake.studies.hindsight.slow import Process, numbered
 from ortilo_drake.studies.hindsight.solver import eliminated, minimum
 
 
@@ -66,7 +66,7 @@ class FlightGraph:
         self._settings = believed(self._scenario)
         self._n, self._h = recorded.flight.sizes["tick"], self._scenario.h
         self._room = self._scenario.load_room()
-        self.graph, self.values, self._keys = gtsam.NonlinearFactorGraph(), gtsam.Values(), Keys()
+        self.graph, self.values, self._keys = gtsam.NonlinearFactorGraph(), gtsam.Values(), numbered()
         self._add_start()
         self._w = self._add_imu()
         self._clocks: dict[str, Process] = {}
@@ -156,17 +156,19 @@ class FlightGraph:
         clock = self._process(ranges.clock_sd) if ranges.clock_sd else None
         for k, message in self._messages(measuring("anchors")):
             t = k * self._h
+            tau = None if clock is None else clock.at(t)
             if self._scenario.uwb.kind == "differences":
                 of_anchor = [tuple(its[i].at(t) for its in (lasting, slow) if its) for i in range(n)]
-                self._add_differences(k, message, anchors, of_anchor, None if clock is None else clock.at(t))
+                self._add_differences(k, message, anchors, of_anchor, tau)
                 continue
             common = (self._process(CLOCK_SD).at(t),) if ranges.differences else ()
             for i in np.flatnonzero(message[PAYLOAD + n : PAYLOAD + 2 * n]):
                 r = float(message[PAYLOAD + i])
                 errors = tuple(its[i].at(t) for its in (lasting, slow) if its) + common
                 sd = max(noise[0] + noise[1] * r, MIN_SD)
+                reach, v = Reach(1.0, anchors[i], errors), None if tau is None else V(k)
                 its = weighted(np.array([sd]), huber)
-                self.graph.add(range_factor(X(k), errors, self._moving(k, clock), r, anchors[i], lever, its))
+                self.graph.add(ranges_factor(X(k), v, tau, (reach,), r, 0.0, lever, its))
 
     def _add_differences(
         self, k: int, message: np.ndarray, anchors: np.ndarray, errors: list[tuple[int, ...]], clock: int | None
@@ -179,10 +181,9 @@ class FlightGraph:
             if row[THERE] == 0.0 or pair[0] == pair[1] or min(pair) < 0 or max(pair) >= len(anchors):
                 continue  # of a log, which may say anything, as the tight filter does
             noise = weighted(np.array([max(np.linalg.norm(sds[pair]), MIN_SD)]), self._settings.huber)
-            its = errors[pair[0]], errors[pair[1]]
-            packet = float(row[VALUE]), float(row[AGE])
-            lever = np.array(ranges.lever)
-            self.graph.add(difference_factor(X(k), V(k), clock, its, packet, anchors[pair], lever, noise))
+            both = tuple(Reach(sign, anchors[i], errors[i]) for sign, i in zip((-1.0, 1.0), pair, strict=True))
+            packet, lever = (float(row[VALUE]), float(row[AGE])), np.array(self._settings.ranges.lever)
+            self.graph.add(ranges_factor(X(k), V(k), clock, both, *packet, lever, noise))
 
     def _add_boxes(self) -> None:
         pixels, fix, huber = self._settings.pixels, self._scenario.landmark_fix, self._settings.huber

@@ -1,6 +1,7 @@
 """The fixed-interval smoother of the paper's filter, with whatever further states it carries.
 
-Forward it is the filter itself, over [x; e] without the integral, which is a known quantity:
+Forward it is the filter itself, by the step that flew (onboard/estimator/filter_loops.py), of [x; e] without the
+integral, which is a known quantity; of each of its predictions follow
 
     S_k = H P_k H^T + V2,  L_k = Phi (I - P_k H^T S_k^-1 H),  e_k = y_k - H xhat_{k|k-1}
 
@@ -13,7 +14,7 @@ This is what Rauch, Tung and Striebel (AIAA Journal 3, 1965) compute, in the for
 Jong (J. American Statistical Association 84, 1989). RTS inverts P_{k+1|k}, which is singular here: W has rank 6, and
 states may begin without variance. This form inverts nothing but S_k.
 
-The tilted lift (intermittent_filter.tilted_lift) is a known input, as for the filter.
+The tilted lift (intermittent_filter.tilted_lift) is a known input, as for the filter, which adds it.
 """
 
 from typing import NamedTuple
@@ -22,29 +23,30 @@ import numpy as np
 
 from ortilo_drake.flight.flight import logged_rows
 from ortilo_drake.model.measurement import Measurement
-from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, N_X, PAYLOAD, samples_in
+from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, N_I, N_X, PAYLOAD, samples_in
 from ortilo_drake.onboard.estimator.at_rest import rest_of
 from ortilo_drake.onboard.estimator.extra_states import augmented_rows, extra_states
+from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial_covariance
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances, with_imu_rows
-from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel, tilted_lift
+from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
 from ortilo_drake.scenario import IntermittentFilter, Scenario
 from ortilo_drake.studies.hindsight.recorded_flight import RecordedFlight
 
 
 class Tick(NamedTuple):
-    """The matrices and measurement that a linear filter used in a tick.
+    """The signals that a linear filter took in a tick.
 
     Attributes:
-        y: the values that arrived (m).
-        H: their rows over [x; e] (m, N).
-        V: their covariance (m, m).
+        y: values (p).
+        delta: arrivals (s).
+        V2: the sensors' covariances, each row by row (q).
         u: control less hover (4).
     """
 
     y: np.ndarray
-    H: np.ndarray
-    V: np.ndarray
+    delta: np.ndarray
+    V2: np.ndarray
     u: np.ndarray
 
 
@@ -76,11 +78,20 @@ class Forward(NamedTuple):
     information: np.ndarray
 
 
-def run_forward(model: FilterModel, x_0: np.ndarray, P_0: np.ndarray, ticks: list[Tick]) -> Forward:
+def arrived(measurement: Measurement, tick: Tick) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the values that arrived (m), their rows over [x; e] (m, N) and their covariance (m, m)."""
+    there = measurement.by_row(tick.delta) > 0.0
+    return tick.y[there], measurement.layout.C[there], measurement.matrix(tick.V2)[np.ix_(there, there)]
+
+
+def run_forward(
+    model: FilterModel, measurement: Measurement, x_0: np.ndarray, P_0: np.ndarray, ticks: list[Tick]
+) -> Forward:
     """Run the filter's recursion.
 
     Args:
         model: what it believes of the vehicle; its integrator is not used.
+        measurement: over [x; e].
         x_0: first estimate of [x; e] (N).
         P_0: its covariance (N, N).
         ticks: what it took (n).
@@ -89,18 +100,15 @@ def run_forward(model: FilterModel, x_0: np.ndarray, P_0: np.ndarray, ticks: lis
     found = Forward(
         Smoothed(np.empty((n, N)), np.empty((n, N, N))), np.empty((n, N, N)), np.zeros((n, N)), np.zeros((n, N, N))
     )
-    x, P = x_0, P_0
-    for k, (y, H, V, u) in enumerate(ticks):
-        found.prior.x[k], found.prior.P[k] = x, P
+    belief = np.concatenate((x_0, np.zeros(N_I), np.pad(P_0, (0, N_I)).ravel()))
+    for k, tick in enumerate(ticks):
+        x, P = found.prior.x[k], found.prior.P[k]
+        x[:], P[:] = belief[:N], belief[N + N_I :].reshape(N + N_I, N + N_I)[:N, :N]
+        y, H, V = arrived(measurement, tick)
         HT_S = np.linalg.solve(H @ P @ H.T + V, H).T  # H^T S^-1
         found.gradient[k], found.information[k] = HT_S @ (y - H @ x), HT_S @ H
-        left = np.eye(N) - P @ found.information[k]
-        found.carries[k] = model.Phi @ left
-        u_a = model.Gamma_a @ np.array(tilted_lift(x, u, model.mass, model.yaw)) if len(x) > N_X else 0.0
-        x = model.Phi @ (x + P @ found.gradient[k]) + model.Gamma @ u + u_a
-        gain = P @ HT_S
-        P = model.Phi @ (left @ P @ left.T + gain @ V @ gain.T) @ model.Phi.T + model.W  # Joseph
-        P = (P + P.T) / 2.0
+        found.carries[k] = model.Phi @ (np.eye(N) - P @ found.information[k])
+        belief = filter_step(belief, *tick, np.zeros(N_I), model, measurement.layout)
     return found
 
 
@@ -126,8 +134,10 @@ def is_linear(scenario: Scenario) -> bool:
     return isinstance(settings, IntermittentFilter) and settings.delay != "replay" and not learns
 
 
-def linear_problem(recorded: RecordedFlight) -> tuple[FilterModel, np.ndarray, np.ndarray, list[Tick]]:
-    """Return the model, first estimate, its covariance, and the ticks of a flight with a linear filter.
+def linear_problem(
+    recorded: RecordedFlight,
+) -> tuple[FilterModel, Measurement, np.ndarray, np.ndarray, list[Tick]]:
+    """Return the model, the measurement, first estimate, its covariance, and the ticks of a flight by a linear filter.
 
     The measurements are those that its filter took: fixes as they were made and gated in flight.
     """
@@ -148,8 +158,8 @@ def linear_problem(recorded: RecordedFlight) -> tuple[FilterModel, np.ndarray, n
             j = belief.measurement.inertial
             imu = _one_sample(messages.get(belief.measurement.sensors[j]), belief.imu_samples)
             signals = with_imu_rows(*signals, imu, j, variances)
-        ticks.append(_tick(measurement, *signals, row["control"] - hover))
-    return model, x_0, initial_covariance(settings, extras, rest_of(belief), belief.yaw)[:N, :N], ticks
+        ticks.append(Tick(*signals, row["control"] - hover))
+    return model, measurement, x_0, initial_covariance(settings, extras, rest_of(belief), belief.yaw)[:N, :N], ticks
 
 
 def _one_sample(message: np.ndarray | None, n: int) -> np.ndarray:
@@ -161,11 +171,6 @@ def _one_sample(message: np.ndarray | None, n: int) -> np.ndarray:
     samples = samples_in(message, n)
     mean = np.concatenate((message[:PAYLOAD], samples[:, PAYLOAD:].mean(axis=0)))
     return mean if samples[:, ARRIVED].all() else np.zeros(IMU_SIZE)
-
-
-def _tick(measurement: Measurement, y: np.ndarray, delta: np.ndarray, V2: np.ndarray, u: np.ndarray) -> Tick:
-    there = measurement.by_row(delta) > 0.0
-    return Tick(y[there], measurement.layout.C[there], measurement.matrix(V2)[np.ix_(there, there)], u)
 
 
 def smoothed(recorded: RecordedFlight) -> Smoothed:

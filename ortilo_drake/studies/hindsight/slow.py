@@ -1,5 +1,8 @@
 """The sensors' slow errors as variables of the graph: constants, random walks, Gauss-Markov processes."""
 
+from collections.abc import Iterator
+from itertools import count
+
 import gtsam
 import numpy as np
 
@@ -19,7 +22,7 @@ class Process:
     Args:
         graph: gets the factors.
         values: get the variables, at 0.
-        keys: gives a key that is not yet used.
+        keys: gives keys that are not yet used, see numbered.
         sd: standard deviation at first (m).
         rate: of the random walk, after 1 s.
         time: correlation time T [s]; None for a random walk or a constant.
@@ -29,7 +32,7 @@ class Process:
         self,
         graph: gtsam.NonlinearFactorGraph,
         values: gtsam.Values,
-        keys: "Keys",
+        keys: Iterator[int],
         sd: np.ndarray,
         rate: float = 0.0,
         time: float | None = None,
@@ -64,18 +67,11 @@ class Process:
         return key
 
     def _add(self) -> int:
-        key = self._keys.new()
+        key = next(self._keys)
         self._values.insert(key, np.zeros(len(self._sd)))
         return key
 
 
-class Keys:
-    """Keys of the variables of Processes, each given once."""
-
-    def __init__(self) -> None:
-        self._count = 0
-
-    def new(self) -> int:
-        """Return the next key."""
-        self._count += 1
-        return int(gtsam.symbol("e", self._count))
+def numbered() -> Iterator[int]:
+    """Return keys of the variables of Processes, each given once."""
+    return (int(gtsam.symbol("e", i)) for i in count(1))

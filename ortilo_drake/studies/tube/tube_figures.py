@@ -89,27 +89,6 @@ class ChanceGrid(NamedTuple):
     chance: np.ndarray
 
 
-def _draw_margins(axes: Axes, figure: Figure, margins: MarginMap, chance: ChanceGrid | None) -> None:
-    """Fill the margins over (a, b), and draw the two boundaries."""
-    filled = fill_margins(axes, margins)
-    bar = figure.colorbar(filled, ax=axes, pad=0.02)
-    bar.set_label("least of corridor less tube [m]")
-    if chance is not None:
-        log = np.log10(np.maximum(chance.chance.T, 1e-12))
-        level = [np.log10(THREE_SIGMA)]
-        axes.contour(chance.a, chance.b, log, levels=level, colors=ORANGE, linewidths=2.2, linestyles="--")
-
-
-def _boundaries(second: str, chance: ChanceGrid | None) -> list[Line2D]:
-    lines = [
-        Line2D([], [], color="k", lw=2.2, label="3-sigma tube just inside the corridor"),
-        Line2D([], [], color="k", lw=1.4, ls=":", label=f"the same, up to the last measurement of {second}"),
-    ]
-    if chance is not None:
-        lines.append(Line2D([], [], color=ORANGE, lw=2.2, ls="--", label="0.27 % outside, mixture over arrivals"))
-    return lines
-
-
 def _draw_points(axes: Axes, results: Sequence[PointResult], floor: float) -> list[Line2D]:
     """Mark the points that were flown, those below ``floor`` at it; return what the legend says of the marks."""
     for r in results:
@@ -143,42 +122,53 @@ def _names(sensors: tuple[str, str]) -> tuple[str, str]:
     return first, second
 
 
+def _draw_map(
+    figure: Figure, axes: Axes, second: str, margins: MarginMap, chance: ChanceGrid, results: Sequence[PointResult],
+    floor: float,
+) -> None:  # fmt: skip
+    """Fill the margins over (a, b), draw the boundaries and the points flown, and say below what they are."""
+    bar = figure.colorbar(fill_margins(axes, margins), ax=axes, pad=0.02)
+    bar.set_label("least of corridor less tube [m]")
+    log, level = np.log10(np.maximum(chance.chance.T, 1e-12)), [np.log10(THREE_SIGMA)]
+    axes.contour(chance.a, chance.b, log, levels=level, colors=ORANGE, linewidths=2.2, linestyles="--")
+    lines = [
+        Line2D([], [], color="k", lw=2.2, label="3-sigma tube just inside the corridor"),
+        Line2D([], [], color="k", lw=1.4, ls=":", label=f"the same, up to the last measurement of {second}"),
+        Line2D([], [], color=ORANGE, lw=2.2, ls="--", label="0.27 % outside, mixture over arrivals"),
+    ]
+    handles = [*lines, *_draw_points(axes, results, floor)]
+    figure.legend(handles=handles, loc="outside lower center", ncols=2, fontsize=8.5, frameon=False)
+
+
 def rates_figure(
-    sensors: tuple[str, str], margins: MarginMap, chance: ChanceGrid | None, results: Sequence[PointResult], path: Path
+    sensors: tuple[str, str], margins: MarginMap, chance: ChanceGrid, results: Sequence[PointResult], path: Path
 ) -> Path:
     """Draw the margins over the arrival rates of two sensors, and the pairs that were flown.
 
     Args:
         sensors: what tube_map.map_sensors returned.
         margins: what tube_map.tube_map returned.
-        chance: the mixture's boundary, if at hand.
+        chance: the mixture's boundary.
         results: the pairs flown; a rate of 0 is drawn at the axis.
         path: the image file.
     """
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(8.6, 6.6), layout="constrained")
-        axes = figure.add_subplot()
-        _draw_margins(axes, figure, margins, chance)
-        marks = _draw_points(axes, results, _NONE)
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        axes.set_xlim(_NONE, 1.0)
-        axes.set_ylim(_NONE, 1.0)
-        ticks = [_NONE, 0.01, 0.03, 0.1, 0.3, 1.0]
-        for axis in (axes.xaxis, axes.yaxis):
-            axis.set_ticks(ticks, ["0", "0.01", "0.03", "0.1", "0.3", "1"])
+        axes, (first, second) = figure.add_subplot(), _names(sensors)
+        _draw_map(figure, axes, second, margins, chance, results, _NONE)
+        for name in ("x", "y"):
+            axis = getattr(axes, f"{name}axis")
+            axes.set(**{f"{name}scale": "log", f"{name}lim": (_NONE, 1.0)})
+            axis.set_ticks([_NONE, 0.01, 0.03, 0.1, 0.3, 1.0], ["0", "0.01", "0.03", "0.1", "0.3", "1"])
             axis.set_ticks([], minor=True)
-        first, second = _names(sensors)
         axes.set_xlabel(f"share of {first} messages that arrive")
         axes.set_ylabel(f"share of {second} messages that arrive")
         axes.set_title("How few measurements keep the vehicle in the corridor", fontsize=11, pad=16)
-        handles = [*_boundaries(second, chance), *marks]
-        figure.legend(handles=handles, loc="outside lower center", ncols=2, fontsize=8.5, frameon=False)
         return save_picture(figure, path)
 
 
 def bursts_figure(
-    sensors: tuple[str, str], margins: MarginMap, chance: ChanceGrid | None, results: Sequence[PointResult], path: Path
+    sensors: tuple[str, str], margins: MarginMap, chance: ChanceGrid, results: Sequence[PointResult], path: Path
 ) -> Path:
     """Draw the margins over the arrival rate of both sensors and the mean length of bursts.
 
@@ -186,18 +176,14 @@ def bursts_figure(
     """
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(8.0, 5.8), layout="constrained")
-        axes = figure.add_subplot()
-        _draw_margins(axes, figure, margins, chance)
-        marks = _draw_points(axes, results, 0.0)
+        axes, (first, second) = figure.add_subplot(), _names(sensors)
+        _draw_map(figure, axes, second, margins, chance, results, 0.0)
         axes.set_yscale("log")
         axes.set_yticks([0.1, 0.3, 1.0, 3.0, 10.0], ["0.1", "0.3", "1", "3", "10"])
         axes.set_yticks([], minor=True)
-        first, second = _names(sensors)
         axes.set_xlabel(f"share of the time in which a link is good ({first} and {second} alike, independent)")
         axes.set_ylabel("mean length of a burst of losses [s]")
         axes.set_title("How long bursts may last", fontsize=11)
-        handles = [*_boundaries(second, chance), *marks]
-        figure.legend(handles=handles, loc="outside lower center", ncols=2, fontsize=8.5, frameon=False)
         return save_picture(figure, path)
 
 

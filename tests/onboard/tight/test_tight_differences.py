@@ -7,13 +7,18 @@ from scipy.spatial.transform import Rotation
 from ortilo_drake.model.range_pairs import ROW
 from ortilo_drake.onboard.estimator.tight.differences import take_differences
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, Layout, Q, make_layout, nominal_size
+from ortilo_drake.onboard.estimator.tight.model import aids_of
 from ortilo_drake.onboard.estimator.tight.tick import keep_pose
 from ortilo_drake.onboard.estimator.tight.update import inject
+from ortilo_drake.scenario import load_scenario
 
 ANCHORS = np.array([[0.0, 0.0, 0.3], [8.0, 0.5, 2.0], [7.0, 6.0, 0.4], [0.5, 6.5, 2.4]])
 LEVER = np.array([0.1, -0.05, 0.2])
 NOISE = np.array([0.05, 0.01])
-OPEN = 1e9
+SCENARIO = load_scenario("tight_differences")
+AIDS = aids_of(SCENARIO.estimator, SCENARIO.load_room(), SCENARIO)._replace(
+    anchors=ANCHORS, lever=LEVER, range_noise=NOISE, gates=np.full(3, 1e9), huber=np.inf
+)
 
 
 def made(layout: Layout) -> tuple[np.ndarray, np.ndarray]:
@@ -66,15 +71,14 @@ def test_a_row_is_the_textbooks_update(clone: int) -> None:
     expected = before.copy()
     inject(expected, K * e, layout.core)
     message = message_of((a, b, value + e, 1.0, age), (0, 1, 3.0, 0.0, 0.0), (0, 9, 0.0, 1.0, 0.0))
-    its = layout, message, ANCHORS, LEVER, NOISE
-    assert take_differences(x, C, *its, OPEN, np.inf, clone) == (1, 0)  # none that is not there, or of no anchor
+    assert take_differences(x, C, layout, message, AIDS, clone) == (1, 0)  # none that is not there, or of no anchor
     np.testing.assert_allclose(x, expected, rtol=0.0, atol=1e-10)
     np.testing.assert_allclose(C, was - np.outer(K, H @ was), atol=1e-12)
     pose = [0, 6] if clone < 0 else [layout.core, layout.core + 3]
     assert np.abs(H[[*pose, 3, layout.clock, layout.range_bias + a, layout.range_slow + b]]).min() > 1e-3
     before, was = x.copy(), C.copy()
     message[2 + 2] += 50.0
-    assert take_differences(x, C, *its, 20.0, np.inf, clone) == (0, 1)  # the gate
+    assert take_differences(x, C, layout, message, AIDS._replace(gates=np.full(3, 20.0)), clone) == (0, 1)  # the gate
     np.testing.assert_array_equal(x, before)
     np.testing.assert_array_equal(C, was)
 
@@ -90,6 +94,6 @@ def test_many_differences_find_the_place_whatever_all_ranges_err_by() -> None:
     d = np.linalg.norm(truth[0:3] + R @ LEVER - ANCHORS, axis=1) + 7.0  # of a clock that nobody knows
     rows = [(i, (i + 1) % 4, d[(i + 1) % 4] - d[i], 1.0, 0.0) for i in range(4)]
     for _ in range(4):
-        take_differences(x, C, layout, message_of(*rows), ANCHORS, LEVER, np.array([1e-3, 0.0]), OPEN, np.inf, -1)
+        take_differences(x, C, layout, message_of(*rows), AIDS._replace(range_noise=np.array([1e-3, 0.0])), -1)
     assert np.linalg.norm(x[0:3] - truth[0:3]) < 3e-3
     assert len(message_of(*rows)) == 2 + 4 * ROW

@@ -9,19 +9,24 @@ from ortilo_drake.model.pinhole import box_center
 from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matrix, take_angles, take_fix
 from ortilo_drake.onboard.estimator.tight.inertial import angles_of, inertial_step, matrix_of, quaternion_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, N_INERTIAL, Layout, Q, make_layout, nominal_size
+from ortilo_drake.onboard.estimator.tight.model import aids_of
 from ortilo_drake.onboard.estimator.tight.pixels import pose_belief, take_boxes
 from ortilo_drake.onboard.estimator.tight.ranges import predicted_range, range_row, take_ranges
 from ortilo_drake.onboard.estimator.tight.tick import keep_pose
 from ortilo_drake.onboard.estimator.tight.update import none_taken, settle, update
 from ortilo_drake.scenario import load_scenario
 
-SCENARIO = load_scenario("imu_uwb_yolo")
+SCENARIO = load_scenario("tight_imu_uwb_yolo")
 ROOM = SCENARIO.load_room()
 ANCHORS = np.ascontiguousarray(ROOM.anchor_positions)
 CAMERA = ROOM.camera.scaled_to(320).constants
 LEVER = np.array([0.1, -0.05, 0.2])
 NOISE = np.array([0.05, 0.0])
 OPEN = 1e9  # a gate that refuses nothing
+AIDS = aids_of(SCENARIO.estimator, ROOM, SCENARIO)._replace(
+    lever=LEVER, range_noise=NOISE, differences=False, gates=np.full(3, OPEN), huber=np.inf
+)
+ONLY_DIFFERENCES = AIDS._replace(differences=True)
 
 
 def made(layout: Layout, seed: int = 0, scale: float = 1e-3) -> tuple[np.ndarray, np.ndarray]:
@@ -133,8 +138,8 @@ def test_ranges_without_noise_find_the_position_from_any_number_of_anchors() -> 
         C[0:3, 0:3] = 0.1**2 * np.eye(3)
         message = uwb_message(truth, matrix_of(x[Q : Q + 4]), there)
         for _ in range(2):  # the first is linearised 15 cm off
-            well = ANCHORS, LEVER, np.array([1e-3, 0.0]), OPEN, np.inf, -1, False
-            assert take_ranges(x, C, layout, message, *well)[:2] == (there, 0)
+            well = AIDS._replace(range_noise=np.array([1e-3, 0.0]))
+            assert take_ranges(x, C, layout, message, well, -1)[:2] == (there, 0)
         errors.append(np.linalg.norm(x[0:3] - truth))
     assert errors[0] < 0.15  # one is better than none
     assert errors[2] < 3e-3 < errors[0]
@@ -146,7 +151,7 @@ def test_an_offset_that_all_ranges_share_changes_nothing_where_only_differences_
     for offset in (0.0, 7.0):
         x, C = made(layout)
         message = uwb_message(x[0:3] + [0.001, -0.002, 0.003], matrix_of(x[Q : Q + 4]), offset=offset)
-        take_ranges(x, C, layout, message, ANCHORS, LEVER, NOISE, OPEN, np.inf, -1, True)
+        take_ranges(x, C, layout, message, ONLY_DIFFERENCES, -1)
         found.append((x, C))
     np.testing.assert_allclose(found[0][0], found[1][0], atol=2e-6)  # the clock's own sd is 100 m, not infinite
     np.testing.assert_allclose(found[0][1], found[1][1], atol=1e-12)
@@ -168,7 +173,7 @@ def test_differences_are_those_to_one_anchor() -> None:
     K = C @ H.T @ D.T @ np.linalg.inv(S)
     expected = C - K @ D @ H @ C
     before = x.copy()
-    take_ranges(x, C, layout, uwb_message(truth, R), ANCHORS, LEVER, NOISE, OPEN, np.inf, -1, True)
+    take_ranges(x, C, layout, uwb_message(truth, R), ONLY_DIFFERENCES, -1)
     np.testing.assert_allclose(C, expected, atol=1e-9 * np.abs(C).max() + 1e-12)
     np.testing.assert_allclose(x[0:3] - before[0:3], (K @ D @ e)[0:3], atol=2e-8)
 
@@ -184,15 +189,14 @@ def test_a_late_message_is_as_good_as_in_time() -> None:
     for late in (False, True):
         x, C = made(layout, scale=1e-4)
         message = uwb_message(x[0:3] + [1e-4, -2e-4, 1e-4], matrix_of(x[Q : Q + 4]))
-        ranges = layout, message, ANCHORS, LEVER, NOISE, OPEN, np.inf
         if not late:
-            take_ranges(x, C, *ranges, -1, False)
+            take_ranges(x, C, layout, message, AIDS, -1)
         keep_pose(x, C, layout)
         A, N = np.eye(9, N_INERTIAL), np.zeros((9, 9))
         inertial_step(x, A, N, w, f, dt, np.array([1e-6, 1e-4]))
         propagate_covariance(C, A, N, keeps, steps, np.empty((9, layout.n)))
         if late:
-            take_ranges(x, C, *ranges, 0, False)
+            take_ranges(x, C, layout, message, AIDS, 0)
         found.append((x, C))
     np.testing.assert_allclose(found[0][0], found[1][0], atol=1e-9)
     np.testing.assert_allclose(found[0][1], found[1][1], atol=1e-13)
@@ -253,12 +257,9 @@ def test_boxes_without_noise_find_the_pose(groups: dict[str, int]) -> None:
             chosen.append(i)
             centers.append(z.copy())
     assert len(chosen) >= 3
-    landmarks = ROOM.landmark_positions, ROOM.landmark_outlines
-    noise = np.array([0.01, 0.0, 0.0 if not groups else 0.01])
+    aids = AIDS._replace(pixel_noise=np.array([0.01, 0.0, 0.0 if not groups else 0.01]))
     for _ in range(3):  # as from three pictures: the first is linearised 5 cm off
-        used, refused, _ = take_boxes(
-            x, C, layout, np.array(chosen), np.array(centers), *landmarks, CAMERA, noise, np.zeros(3), OPEN, np.inf, -1
-        )
+        used, refused = take_boxes(x, C, layout, np.array(chosen), np.array(centers), aids, np.zeros(3), -1)
         assert (used, refused) == (len(chosen), 0)
     np.testing.assert_allclose(x[0:3], p, atol=2e-3)
     np.testing.assert_allclose(angles_of(x[Q : Q + 4]), rpy, atol=1e-3)

@@ -17,7 +17,7 @@ from ortilo_drake.onboard.estimator.tight.layout import (
     make_layout,
     nominal_size,
 )
-from ortilo_drake.onboard.estimator.tight.model import motion_of
+from ortilo_drake.onboard.estimator.tight.model import aids_of, motion_of
 from ortilo_drake.onboard.estimator.tight.ranges import take_ranges
 from ortilo_drake.onboard.estimator.tight.tick import N_KEPT, Motion, propagate_to_now
 from ortilo_drake.onboard.estimator.tight.watch import LAST, Watch, says_again, watch_angles, watch_ranges
@@ -139,8 +139,10 @@ def test_an_error_that_all_ranges_have_in_common_is_found_once_it_is_opened() ->
         x[0:3], x[Q : Q + 4] = p, quaternion_of(np.zeros(3))
         C[0, 0] = C[1, 1] = C[2, 2] = 0.01
         C[RANGES.range_offset, RANGES.range_offset] = variance
-        noise = np.array([0.01, 0.0])
-        used, refused, _, longer = take_ranges(x, C, RANGES, message, anchors, np.zeros(3), noise, 10.0, 1e9, -1, False)
+        aids = aids_of(SCENARIO.estimator, SCENARIO.load_room(), SCENARIO)._replace(
+            range_noise=np.array([0.01, 0.0]), differences=False, gates=np.full(3, 10.0), huber=1e9
+        )
+        used, refused, longer = take_ranges(x, C, RANGES, message, aids, -1)
         found.append((used, refused, longer))
         if variance:
             # The linear problem's weighted least squares, with the prior: gradient of each range and a column of ones.

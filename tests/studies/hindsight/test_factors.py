@@ -56,36 +56,33 @@ UNIT = {m: gtsam.noiseModel.Unit.Create(m) for m in (1, 2, 3)}
 W = np.array([0.3, -0.2, 0.4])
 
 
-def test_derivatives_of_a_range() -> None:
-    lever, anchor = np.array([0.1, -0.05, 0.2]), np.array([3.0, -1.0, 2.0])
-    moving = factors.Moving(VELOCITY, CLOCK, W)
-    for errors, its in (((), None), ((ERROR,), None), ((ERROR,), moving)):
-        factor = factors.range_factor(POSE, errors, its, 2.5, anchor, lever, UNIT[1])
-        said, found = derivatives(factor, values_at(0.02))
-        np.testing.assert_allclose(said, found, rtol=0.0, atol=1e-8)
+LEVER, ANCHORS = np.array([0.1, -0.05, 0.2]), np.array([[3.0, -1.0, 2.0], [-4.0, 2.0, 0.5]])
+RANGE, RIGHT = factors.Reach(1.0, ANCHORS[0], (ERROR,)), factors.Reach(1.0, ANCHORS[0], ())
 
 
-def test_a_range_is_the_antenna_s_distance_and_its_errors() -> None:
-    lever, anchor, values = np.array([0.1, -0.05, 0.2]), np.array([3.0, -1.0, 2.0]), values_at(0.02)
-    factor = factors.range_factor(POSE, (ERROR,), factors.Moving(VELOCITY, CLOCK, W), 2.5, anchor, lever, UNIT[1])
+@pytest.mark.parametrize(
+    ("reach", "velocity", "clock"), [(RIGHT, None, None), (RANGE, None, None), (RANGE, VELOCITY, CLOCK)]
+)
+def test_a_range_is_the_antenna_s_distance_and_its_errors(
+    reach: factors.Reach, velocity: int | None, clock: int | None
+) -> None:
+    factor, values = factors.ranges_factor(POSE, velocity, clock, (reach,), 2.5, 0.0, LEVER, UNIT[1]), values_at(0.02)
     pose = values.atPose3(POSE)
-    away = pose.translation() + pose.rotation().matrix() @ lever - anchor
-    distance = np.linalg.norm(away)
-    expected = distance + 0.07 - 0.02 * (away / distance) @ values.atVector(VELOCITY) - 2.5
+    place = pose.translation() - (0.02 * values.atVector(VELOCITY) if clock else 0.0)
+    distance = np.linalg.norm(place + pose.rotation().matrix() @ LEVER - ANCHORS[0])
+    expected = distance + 0.07 * len(reach.errors) - 2.5
     np.testing.assert_allclose(factor.unwhitenedError(values), [expected], rtol=0.0, atol=1e-12)
+    said, found = derivatives(factor, values)
+    np.testing.assert_allclose(said, found, rtol=0.0, atol=1e-8)
 
 
 @pytest.mark.parametrize("clock", [None, CLOCK])
 def test_a_difference_is_that_of_two_distances_at_the_packet_s_age(clock: int | None) -> None:
-    lever, anchors, values = (
-        np.array([0.1, -0.05, 0.2]),
-        np.array([[3.0, -1.0, 2.0], [-4.0, 2.0, 0.5]]),
-        values_at(0.02),
-    )
-    factor = factors.difference_factor(POSE, VELOCITY, clock, ((ERROR,), ()), (2.5, 0.03), anchors, lever, UNIT[1])
+    values, ranges = values_at(0.02), (factors.Reach(-1.0, ANCHORS[0], (ERROR,)), factors.Reach(1.0, ANCHORS[1], ()))
+    factor = factors.ranges_factor(POSE, VELOCITY, clock, ranges, 2.5, 0.03, LEVER, UNIT[1])
     pose, older = values.atPose3(POSE), 0.03 if clock is None else 0.05
-    antenna = pose.translation() - older * values.atVector(VELOCITY) + pose.rotation().matrix() @ lever
-    r_a, r_b = np.linalg.norm(antenna - anchors, axis=1)
+    antenna = pose.translation() - older * values.atVector(VELOCITY) + pose.rotation().matrix() @ LEVER
+    r_a, r_b = np.linalg.norm(antenna - ANCHORS, axis=1)
     np.testing.assert_allclose(factor.unwhitenedError(values), [r_b - r_a - 0.07 - 2.5], rtol=0.0, atol=1e-12)
     said, found = derivatives(factor, values)
     np.testing.assert_allclose(said, found, rtol=0.0, atol=1e-8)
@@ -228,7 +225,7 @@ def test_a_process_is_the_one_of_its_covariance_function(
     """Estimates of a linear graph are those of the dense problem, K (K + R)^-1 y, and so are their covariances."""
     t, y, r = np.array([0.5, 0.6, 1.5, 4.0, 4.1]), RNG.normal(size=5), 0.1
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    process = slow.Process(graph, values, slow.Keys(), np.array([0.3]), rate, time)
+    process = slow.Process(graph, values, slow.numbered(), np.array([0.3]), rate, time)
     keys = [process.at(its) for its in t]
     for key, value in zip(keys, y, strict=True):
         graph.add(gtsam.PriorFactorVector(key, np.array([value]), gtsam.noiseModel.Isotropic.Sigma(1, r)))

@@ -3,34 +3,53 @@
 import numpy as np
 import pytest
 
+from ortilo_drake.model.measurement import Measurement, Row
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.hindsight.recorded_flight import RecordedFlight, fly_recorded
-from ortilo_drake.studies.hindsight.rts import Forward, Tick, is_linear, linear_problem, run_forward, smooth, smoothed
+from ortilo_drake.studies.hindsight.rts import (
+    Forward,
+    Tick,
+    arrived,
+    is_linear,
+    linear_problem,
+    run_forward,
+    smooth,
+    smoothed,
+)
 
 # Through the first blackout and out of it again.
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [4, 1.5, 1.5], [7, 1.5, 1.5]]}"
 
 
-def made_up(n: int = 12, N: int = 4) -> tuple[FilterModel, np.ndarray, np.ndarray, list[Tick], np.ndarray]:
-    """Return a linear problem without structure, in which every third tick measures nothing, and its states."""
+def made_up(n: int = 12, N: int = 4) -> tuple[FilterModel, Measurement, np.ndarray, np.ndarray, list[Tick]]:
+    """Return a linear problem without structure: a sensor of its own in each tick, but for every third one."""
     rng = np.random.default_rng(5)
     Phi, Gamma = np.eye(N) + 0.2 * rng.normal(size=(N, N)), rng.normal(size=(N, 4))
     root, root_0 = 0.3 * rng.normal(size=(N, N)), rng.normal(size=(N, N))
     model = FilterModel.of(Phi, Gamma, root @ root.T, 0)
     x_0, P_0 = rng.normal(size=N), root_0 @ root_0.T
-    x, ticks, states = x_0 + root_0 @ rng.normal(size=N), [], []
+    H, states = rng.normal(size=(n, 2, N)), tuple("abcd"[:N])
+    rows = tuple(
+        (str(k), tuple(Row(f"{k}.{i}", tuple(zip(states, H[k, i].tolist(), strict=True))) for i in range(2)))
+        for k in range(n)
+    )
+    x, ticks, arrives = x_0 + root_0 @ rng.normal(size=N), [], np.eye(n) * (np.arange(n) % 3 != 2)
     for k in range(n):
-        m = 0 if k % 3 == 2 else 2
-        H, root_V, u = rng.normal(size=(m, N)), np.tril(rng.normal(size=(m, m))) + np.eye(m), rng.normal(size=4)
-        states.append(x)
-        ticks.append(Tick(H @ x + root_V @ rng.normal(size=m), H, root_V @ root_V.T, u))
+        root_V, u, y, V2 = (
+            np.tril(rng.normal(size=(2, 2))) + np.eye(2),
+            rng.normal(size=4),
+            np.zeros((n, 2)),
+            np.ones((n, 4)),
+        )
+        y[k], V2[k] = H[k] @ x + root_V @ rng.normal(size=2), (root_V @ root_V.T).ravel()
+        ticks.append(Tick(y.ravel(), arrives[k], V2.ravel(), u))
         x = Phi @ x + Gamma @ u + root @ rng.normal(size=N)
-    return model, x_0, P_0, ticks, np.array(states)
+    return model, Measurement(rows, states), x_0, P_0, ticks
 
 
 def least_squares(
-    model: FilterModel, x_0: np.ndarray, P_0: np.ndarray, ticks: list[Tick]
+    model: FilterModel, measurement: Measurement, x_0: np.ndarray, P_0: np.ndarray, ticks: list[Tick]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return all states by weighted least squares over all ticks at once, and their joint covariance."""
     n, N = len(ticks), len(x_0)
@@ -45,21 +64,24 @@ def least_squares(
         values.append(root @ value)
 
     add(P_0, {0: np.eye(N)}, x_0)
-    for k, (y, H, V, u) in enumerate(ticks):
+    for k, tick in enumerate(ticks):
+        y, H, V = arrived(measurement, tick)
         if len(y):
             add(V, {k: H}, y)
         if k + 1 < n:
-            add(model.W, {k: -model.Phi, k + 1: np.eye(N)}, model.Gamma @ u)
+            add(model.W, {k: -model.Phi, k + 1: np.eye(N)}, model.Gamma @ tick.u)
     A, b = np.vstack(rows), np.concatenate(values)
     return np.linalg.lstsq(A, b)[0].reshape(n, N), np.linalg.inv(A.T @ A)
 
 
-def rts(model: FilterModel, found: Forward, ticks: list[Tick]) -> tuple[np.ndarray, np.ndarray]:
+def rts(
+    model: FilterModel, measurement: Measurement, found: Forward, ticks: list[Tick]
+) -> tuple[np.ndarray, np.ndarray]:
     """Return what Rauch, Tung and Striebel print, from the filter's priors."""
     (priors, P_priors), n = found.prior, len(ticks)
     x, P = np.empty_like(priors), np.empty_like(P_priors)
     for k in range(n - 1, -1, -1):
-        y, H, V, _ = ticks[k]
+        y, H, V = arrived(measurement, ticks[k])
         K = P_priors[k] @ H.T @ np.linalg.inv(H @ P_priors[k] @ H.T + V)
         x[k], P[k] = priors[k] + K @ (y - H @ priors[k]), P_priors[k] - K @ H @ P_priors[k]
         if k + 1 < n:
@@ -70,7 +92,7 @@ def rts(model: FilterModel, found: Forward, ticks: list[Tick]) -> tuple[np.ndarr
 
 
 def test_it_solves_the_least_squares_problem_of_all_ticks() -> None:
-    *problem, _ = made_up()
+    problem = made_up()
     x, P = smooth(run_forward(*problem))
     expected, joint = least_squares(*problem)
     np.testing.assert_allclose(x, expected, rtol=0.0, atol=1e-9)
@@ -81,19 +103,19 @@ def test_it_solves_the_least_squares_problem_of_all_ticks() -> None:
 
 
 def test_it_is_what_rauch_tung_and_striebel_print() -> None:
-    *problem, _ = made_up(n=40)
+    problem = made_up(n=40)
     found = run_forward(*problem)
-    x, P = rts(problem[0], found, problem[3])
+    x, P = rts(*problem[:2], found, problem[4])
     np.testing.assert_allclose(smooth(found).x, x, rtol=0.0, atol=1e-8)
     np.testing.assert_allclose(smooth(found).P, P, rtol=0.0, atol=1e-8)
 
 
 def test_what_is_known_at_first_stays_known() -> None:
     """Where P_0 and W are singular there is no inverse of P; a constant of no variance stays as it is."""
-    model, x_0, P_0, ticks, _ = made_up()
+    model, measurement, x_0, P_0, ticks = made_up()
     Phi, Gamma, W = model.Phi.copy(), model.Gamma.copy(), model.W.copy()
     Gamma[3], Phi[3], W[3], W[:, 3], P_0[3], P_0[:, 3] = 0.0, np.eye(4)[3], 0.0, 0.0, 0.0, 0.0
-    x, P = smooth(run_forward(model._replace(Phi=Phi, Gamma=Gamma, W=W), x_0, P_0, ticks))
+    x, P = smooth(run_forward(FilterModel.of(Phi, Gamma, W, 0), measurement, x_0, P_0, ticks))
     np.testing.assert_allclose(x[:, 3], x_0[3], rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(P[:, 3], 0.0, rtol=0.0, atol=1e-12)
 

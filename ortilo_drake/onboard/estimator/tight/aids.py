@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.onboard.estimator.tight.watch import Watch
+from ortilo_drake.onboard.landmarks.box_fix import BoxBelief
 
 
 class Aids(NamedTuple):
@@ -17,13 +17,8 @@ class Aids(NamedTuple):
         range_noise: s_0 [m] and s_1 of s_0 + s_1 r (2).
         differences: whether only differences of ranges count.
         in_pairs: whether the uwb's messages are differences.
-        positions: p_WL of the landmarks as surveyed (l, 3) [m].
-        outlines: their outlines as they are known onboard, see model/pinhole.py (l, m, 3).
-        labels: their classes (l).
-        camera: the camera.
-        pixel_noise: see take_boxes (3).
-        margin: of the association, see onboard/landmarks/landmark_association.py.
-        inside: how far from the border a landmark's predicted box must end [px].
+        boxes: landmarks and camera, and by what boxes are given to landmarks; its errors and gate are not read.
+        pixel_noise: sd of a small box's centre [px], its growth [1/px], and the share of the variance that lasts (3).
         angle_sd: noise of a sample of the imu's angles [rad]; 0 leaves them out.
         gates: largest squared innovations of a single number and of a box, and of a box that may be a landmark's (3).
         huber: see update.
@@ -35,13 +30,8 @@ class Aids(NamedTuple):
     range_noise: np.ndarray
     differences: bool
     in_pairs: bool
-    positions: np.ndarray
-    outlines: np.ndarray
-    labels: np.ndarray
-    camera: Camera
+    boxes: BoxBelief
     pixel_noise: np.ndarray
-    margin: float
-    inside: float
     angle_sd: float
     gates: np.ndarray
     huber: float

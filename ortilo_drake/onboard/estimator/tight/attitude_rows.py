@@ -10,6 +10,7 @@ from numba.extending import register_jitable
 
 from ortilo_drake.model.cholesky import forward_in_place
 from ortilo_drake.model.elementary import cos, sin
+from ortilo_drake.model.products import times
 from ortilo_drake.onboard.estimator.tight.inertial import angles_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, THETA, Layout, P, Q, V
 from ortilo_drake.onboard.estimator.tight.update import none_taken, settle, update
@@ -99,26 +100,14 @@ def take_fix(
         huber: see update.
     """
     m = value.size
-    L = covariance.copy()
-    forward_in_place(L, np.empty((m, 0)), m)
+    inverse = np.eye(m)
+    forward_in_place(covariance.copy(), inverse, m)
     where, PHt, used, taken = np.arange(12), np.empty(C.shape[0]), False, none_taken(m, C.shape[0])
     for k in range(m):
         rpy = angles_of(x[Q : Q + 4])
         E = inverse_rate_matrix(rpy)
-        state = np.zeros(12)
-        state[0:3], state[3:6], state[6:9] = x[P : P + 3], rpy, x[V : V + 3]
-        for i in range(3):
-            for j in range(3):
-                state[9 + i] += E[i, j] * (rates[j] - x[ADDITIVE + j])
-        # Row k of L^-1 by forward substitution.
-        weights = np.zeros(m)
-        weights[k] = 1.0 / L[k, k]
-        for j in range(k - 1, -1, -1):
-            total = 0.0
-            for i in range(j + 1, k + 1):
-                total += weights[i] * L[i, j]
-            weights[j] = -total / L[j, j]
-        seen, e = np.zeros(12), 0.0
+        state = np.concatenate((x[P : P + 3], rpy, x[V : V + 3], times(E, rates - x[ADDITIVE : ADDITIVE + 3])))
+        seen, weights, e = np.zeros(12), inverse[k], 0.0
         for i in range(m):
             e += weights[i] * value[i]
             for j in range(12):

@@ -13,37 +13,26 @@ from numba import njit
 
 from ortilo_drake.model.range_pairs import AGE, ROW, THERE, VALUE, A, B
 from ortilo_drake.model.signals import PAYLOAD
+from ortilo_drake.onboard.estimator.tight.aids import Aids
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
-from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, THETA, Layout, P, Q, V
+from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, Layout, V, pose_of, put_places
 from ortilo_drake.onboard.estimator.tight.ranges import MIN_SD, signed_range
 from ortilo_drake.onboard.estimator.tight.update import none_taken, settle, update
 
 
 @njit(cache=True)
 def take_differences(
-    x: np.ndarray,
-    C: np.ndarray,
-    layout: Layout,
-    message: np.ndarray,
-    anchors: np.ndarray,
-    lever: np.ndarray,
-    noise: np.ndarray,
-    gate: float,
-    huber: float,
-    clone: int,
+    x: np.ndarray, C: np.ndarray, layout: Layout, message: np.ndarray, aids: Aids, clone: int
 ) -> tuple[int, int]:
     """Take a uwb message difference by difference; return how many were used and how many refused.
 
     Arguments as take_ranges in ranges.py; the message has rows as in model/range_pairs.py.
     """
-    rows = (message.size - PAYLOAD) // ROW
+    rows, anchors, lever, noise = (message.size - PAYLOAD) // ROW, aids.anchors, aids.lever, aids.range_noise
     where, row = np.zeros(14, np.int64), np.zeros(14)
     PHt, taken = np.empty(C.shape[0]), none_taken(rows, C.shape[0])
-    at = Q if clone < 0 else layout.core + 1 + 7 * clone + 3
-    p_at = P if clone < 0 else layout.core + 1 + 7 * clone
+    put_places(layout, clone, where)
     for k in range(3):
-        where[k] = P + k if clone < 0 else layout.core + 6 * clone + k
-        where[3 + k] = THETA + k if clone < 0 else layout.core + 6 * clone + 3 + k
         where[6 + k] = V + k
     used = refused = 0
     for j in range(rows):
@@ -54,7 +43,8 @@ def take_differences(
         age = its[AGE]
         if layout.clock >= 0:
             age += x[ADDITIVE + layout.clock - GYRO]
-        p, R = x[p_at : p_at + 3] - age * x[V : V + 3], matrix_of(x[at : at + 4])
+        p_stamp, q = pose_of(x, layout, clone)
+        p, R = p_stamp - age * x[V : V + 3], matrix_of(q)
         row[:9] = 0.0
         r_b, m = signed_range(x, p, R, lever, anchors, b, 1.0, layout.range_bias, layout.range_slow, 9, where, row)
         r_a, m = signed_range(x, p, R, lever, anchors, a, -1.0, layout.range_bias, layout.range_slow, m, where, row)
@@ -66,7 +56,7 @@ def take_differences(
             m += 1
         r = max((noise[0] + noise[1] * r_a) ** 2 + (noise[0] + noise[1] * r_b) ** 2, MIN_SD**2)
         e = its[VALUE] - (r_b - r_a)
-        if update(x, C, taken, where, row, m, e, r, gate, huber, layout.core, PHt) >= 0.0:
+        if update(x, C, taken, where, row, m, e, r, aids.gates[0], aids.huber, layout.core, PHt) >= 0.0:
             used += 1
         else:
             refused += 1

@@ -9,6 +9,9 @@ last ticks. The error state has three numbers for an attitude, R_WB = R_hat exp(
 
 from typing import Final, NamedTuple
 
+import numpy as np
+from numba.extending import register_jitable
+
 P: Final = 0  # p_WB [m]
 V: Final = 3  # v_WB [m/s]
 THETA: Final = 6  # attitude [rad]
@@ -63,3 +66,20 @@ def make_layout(sizes: dict[str, int], clones: int) -> Layout:
 def nominal_size(layout: Layout) -> int:
     """Return the size of the nominal state."""
     return layout.n + 1 + layout.clones
+
+
+@register_jitable
+def pose_of(x: np.ndarray, layout: Layout, clone: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return p_WB (3) and q_WB (4) of a clone, or of the present at clone -1."""
+    if clone < 0:
+        return x[P : P + 3], x[Q : Q + 4]
+    at = layout.core + 1 + 7 * clone
+    return x[at : at + 3], x[at + 3 : at + 7]
+
+
+@register_jitable
+def put_places(layout: Layout, clone: int, where: np.ndarray) -> None:
+    """Write where (dp, theta) of that pose stand in the error state to the first six of an array."""
+    for k in range(3):
+        where[k] = P + k if clone < 0 else layout.core + 6 * clone + k
+        where[3 + k] = THETA + k if clone < 0 else layout.core + 6 * clone + 3 + k

@@ -27,6 +27,7 @@ from ortilo_drake.onboard.estimator.tight.layout import (
 )
 from ortilo_drake.onboard.estimator.tight.tick import FORCE, N_AHEAD, N_KEPT, THRUST, Motion
 from ortilo_drake.onboard.estimator.tight.watch import Watch
+from ortilo_drake.onboard.landmarks.box_fix import box_belief
 from ortilo_drake.scenario import Belief
 from ortilo_drake.scenario.tight import DATASHEETS
 from ortilo_drake.scenario.tight import TightFilter as Settings
@@ -103,13 +104,8 @@ def aids_of(settings: Settings, room: Room, scenario: Belief) -> Aids:
         np.array(ranges.noise.sds),
         ranges.differences,
         scenario.uwb.kind == "differences",
-        known.landmark_positions,
-        known.landmark_outlines,
-        room.landmark_labels,
-        room.camera.scaled_to(scenario.image_width).constants,
+        box_belief(fix, known, scenario.image_width),
         np.array([pixels.sd, pixels.growth, pixels.slow_share]),
-        fix.margin,
-        -np.inf if fix.inside is None else fix.inside,
         white_sd(settings.imu.angle_density or 0.0, scenario.imu_period),
         np.array([float(chi2.ppf(*of)) for of in gates]),
         settings.huber,

@@ -13,20 +13,12 @@ from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.model.pinhole import Camera, box_and_jacobian, sines
+from ortilo_drake.onboard.estimator.tight.aids import Aids
 from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matrix
 from ortilo_drake.onboard.estimator.tight.inertial import angles_of, matrix_of
-from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, THETA, Layout, P, Q, V
+from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, Layout, V, pose_of, put_places
 from ortilo_drake.onboard.estimator.tight.update import Taken, correct, innovation_variance, none_taken, settle, update
 from ortilo_drake.onboard.landmarks.landmark_association import center_sd
-
-
-@njit(cache=True)
-def pose_of(x: np.ndarray, layout: Layout, clone: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return p_WB (3) and q_WB (4) of a clone, or of the present at clone -1."""
-    if clone < 0:
-        return x[P : P + 3], x[Q : Q + 4]
-    at = layout.core + 1 + 7 * clone
-    return x[at : at + 3], x[at + 3 : at + 7]
 
 
 @njit(cache=True)
@@ -40,9 +32,7 @@ def pose_belief(x: np.ndarray, C: np.ndarray, layout: Layout, clone: int) -> tup
     T[:3, :3] = np.eye(3)
     T[3:, 3:] = E
     at = np.empty(6, np.int64)
-    for k in range(3):
-        at[k] = P + k if clone < 0 else layout.core + 6 * clone + k
-        at[3 + k] = THETA + k if clone < 0 else layout.core + 6 * clone + 3 + k
+    put_places(layout, clone, at)
     whole = np.zeros((15, 15))
     for a in range(6):
         for b in range(6):
@@ -81,8 +71,8 @@ def box_rows(
         position: where it is believed to be, p_WL (3).
         outline: its outline (m, 3).
         camera: the camera.
-        noise: see take_boxes, and so are the two that follow.
-        rates: of the body.
+        noise: see Aids.pixel_noise.
+        rates: of the body at the stamp (3) [rad/s].
         clone: whose pose counts.
         where: indices of the rows' entries (2, 11 at least); written to.
         rows: the entries, likewise.
@@ -99,9 +89,8 @@ def box_rows(
         if sd[axis] == 0.0:
             sd[axis] = center_sd(box[2 + axis] - box[axis], noise[0], noise[1])
         m, e[axis] = 6, center[axis] - 0.5 * (box[axis] + box[2 + axis])
+        put_places(layout, clone, where[axis])
         for k in range(3):
-            where[axis, k] = P + k if clone < 0 else layout.core + 6 * clone + k
-            where[axis, 3 + k] = THETA + k if clone < 0 else layout.core + 6 * clone + 3 + k
             rows[axis, k] = J[axis, k]
             rows[axis, 3 + k] = J[axis, 3] * E[0, k] + J[axis, 4] * E[1, k] + J[axis, 5] * E[2, k]
         if layout.survey >= 0:  # a landmark moved is the vehicle moved the other way
@@ -166,40 +155,23 @@ def take_boxes(
     layout: Layout,
     chosen: np.ndarray,
     centers: np.ndarray,
-    positions: np.ndarray,
-    outlines: np.ndarray,
-    camera: Camera,
-    noise: np.ndarray,
+    aids: Aids,
     rates: np.ndarray,
-    gate: float,
-    huber: float,
     clone: int,
-) -> tuple[int, int, float]:
-    """Take boxes that were given to landmarks; return how many were used, how many refused, and the mean of e^T S^-1 e.
+) -> tuple[int, int]:
+    """Take boxes that were given to landmarks; return how many were used and how many refused.
 
-    Args:
-        x: nominal state; changed.
-        C: covariance; changed.
-        layout: of both.
-        chosen: landmarks (k).
-        centers: centres of their boxes (k, 2) [px].
-        positions: p_WL as surveyed (n, 3).
-        outlines: see model/pinhole.py (n, m, 3).
-        camera: the camera.
-        noise: sd of a small box's centre [px], its growth [1/px], and the share of the variance that lasts (3).
-        rates: body rates at the stamp (3) [rad/s].
-        gate: largest e^T S^-1 e of a box, two degrees of freedom.
-        huber: see update.
-        clone: the clone that belongs to the stamp, -1 for the present.
+    Arguments as take_ranges in ranges.py, with the landmarks (k), the centres of their boxes (k, 2) [px] and the body
+    rates at the stamp (3) [rad/s].
     """
+    camera, noise, outlines = aids.boxes.camera, aids.pixel_noise, aids.boxes.outlines
     PHt, first = np.empty(C.shape[0]), np.empty(C.shape[0])
     where, rows = np.zeros((2, 11), np.int64), np.zeros((2, 11))
     taken = none_taken(2 * chosen.size, C.shape[0])
     used = refused = 0
-    total = 0.0
     for b in range(chosen.size):
         i, e, sd = chosen[b], np.empty(2), np.zeros(2)
-        position = positions[i].copy()
+        position = aids.boxes.positions[i].copy()
         if layout.survey >= 0:
             for k in range(3):
                 position[k] += x[ADDITIVE + layout.survey + 3 * i + k - GYRO]
@@ -208,12 +180,11 @@ def take_boxes(
             continue
         r_u, r_v = (1.0 - noise[2]) * sd[0] ** 2, (1.0 - noise[2]) * sd[1] ** 2
         squared, S_u = box_misfit(C, taken, where, rows, m, e, r_u, r_v, first, PHt)
-        if not squared <= gate:
+        if not squared <= aids.gates[1]:
             refused += 1
             continue
         used += 1
-        total += squared
-        weight = max(1.0, np.sqrt(squared) / huber)
+        weight = max(1.0, np.sqrt(squared) / aids.huber)
         correct(x, taken, first, S_u + (weight - 1.0) * r_u, e[0], layout.core)
         m = box_rows(
             x, layout, i, centers[b], position, outlines[i], camera, noise, rates, clone, where, rows, e, sd
@@ -221,4 +192,4 @@ def take_boxes(
         if m > 0:
             update(x, C, taken, where[1], rows[1], m, e[1], weight * r_v, np.inf, np.inf, layout.core, PHt)
     settle(C, taken)
-    return used, refused, total / max(used, 1)
+    return used, refused

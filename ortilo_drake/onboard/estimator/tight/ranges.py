@@ -13,8 +13,9 @@ from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.model.signals import PAYLOAD
+from ortilo_drake.onboard.estimator.tight.aids import Aids
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
-from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, THETA, Layout, P, Q, V
+from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, Layout, V, pose_of, put_places
 from ortilo_drake.onboard.estimator.tight.update import (
     inject,
     innovation_variance,
@@ -98,74 +99,48 @@ def signed_range(
 
 @njit(cache=True)
 def take_ranges(
-    x: np.ndarray,
-    C: np.ndarray,
-    layout: Layout,
-    message: np.ndarray,
-    anchors: np.ndarray,
-    lever: np.ndarray,
-    noise: np.ndarray,
-    gate: float,
-    huber: float,
-    clone: int,
-    differences: bool,
-) -> tuple[int, int, float, int]:
+    x: np.ndarray, C: np.ndarray, layout: Layout, message: np.ndarray, aids: Aids, clone: int
+) -> tuple[int, int, int]:
     """Take a uwb message range by range.
 
-    Returns how many were used, how many refused, the mean of e^2 / S of those used, and how many more of the refused
-    ones were too long than too short.
+    Returns how many were used, how many refused, and how many more of the refused ones were too long than too short.
 
     Args:
         x: nominal state; changed.
         C: covariance; changed.
         layout: of both.
         message: the uwb message.
-        anchors: a_i in W (n, 3).
-        lever: l_B (3).
-        noise: s_0 [m] and s_1 of s_0 + s_1 r (2).
-        gate: largest e^2 / S.
-        huber: see update.
+        aids: anchors, lever arm and noise; with aids.differences a clock offset is common to all ranges of a message.
         clone: the clone that belongs to the stamp, -1 for the present.
-        differences: whether the ranges have a clock offset in common, new in every message.
     """
-    n = anchors.shape[0]
+    n, core, gate = aids.anchors.shape[0], layout.core, aids.gates[0]
     where, row = np.zeros(12, np.int64), np.zeros(12)
-    PHt, gradient, taken = np.empty(C.shape[0]), np.empty(6), none_taken(n, C.shape[0])
+    PHt, taken = np.empty(C.shape[0]), none_taken(n, C.shape[0])
     used = refused = longer = 0
-    total = 0.0
     # A common offset is a state of this message alone: its mean, variance and covariance with the error state.
-    offset, offset_variance = 0.0, CLOCK_SD**2 if differences else 0.0
+    offset, offset_variance = 0.0, CLOCK_SD**2 if aids.differences else 0.0
     with_offset = np.zeros(C.shape[0])
+    put_places(layout, clone, where)
     for i in range(n):
         if message[PAYLOAD + n + i] == 0.0:
             continue
         measured = message[PAYLOAD + i]
-        at = Q if clone < 0 else layout.core + 1 + 7 * clone + 3
-        p_at = P if clone < 0 else layout.core + 1 + 7 * clone
-        R = matrix_of(x[at : at + 4])
-        d = range_row(x[p_at : p_at + 3], R, lever, anchors[i], gradient)
-        m = 6
-        for k in range(3):
-            where[k] = P + k if clone < 0 else layout.core + 6 * clone + k
-            where[3 + k] = THETA + k if clone < 0 else layout.core + 6 * clone + 3 + k
-        row[:6] = gradient
-        for group in (layout.range_bias, layout.range_slow):
-            if group >= 0:
-                where[m], row[m] = group + i, 1.0
-                d += x[ADDITIVE + group + i - GYRO]
-                m += 1
+        p, q = pose_of(x, layout, clone)
+        row[:6] = 0.0
+        bias, slow = layout.range_bias, layout.range_slow
+        d, m = signed_range(x, p, matrix_of(q), aids.lever, aids.anchors, i, 1.0, bias, slow, 6, where, row)
         if layout.range_offset >= 0:
             where[m], row[m] = layout.range_offset, 1.0
             d += x[ADDITIVE + layout.range_offset - GYRO]
             m += 1
         if layout.clock >= 0:
-            along = gradient[0] * x[V] + gradient[1] * x[V + 1] + gradient[2] * x[V + 2]
+            along = row[0] * x[V] + row[1] * x[V + 1] + row[2] * x[V + 2]
             where[m], row[m] = layout.clock, -along
             d -= along * x[ADDITIVE + layout.clock - GYRO]
             m += 1
-        r = max(noise[0] + noise[1] * measured, MIN_SD) ** 2
-        if not differences:
-            squared = update(x, C, taken, where, row, m, measured - d, r, gate, huber, layout.core, PHt)
+        r = max(aids.range_noise[0] + aids.range_noise[1] * measured, MIN_SD) ** 2
+        if not aids.differences:
+            squared = update(x, C, taken, where, row, m, measured - d, r, gate, aids.huber, core, PHt)
         else:
             own = innovation_variance(C, taken, where, row, m, PHt)
             cross = 0.0
@@ -181,14 +156,13 @@ def take_ranges(
                 with_offset -= gain * (seen / S)
                 offset_variance -= seen * seen / S
                 offset += seen * e / S
-                inject(x, gain * (e / S), layout.core)
+                inject(x, gain * (e / S), core)
             else:
                 squared = -squared
         if squared >= 0.0:
             used += 1
-            total += squared
         else:
             refused += 1
             longer += 1 if measured > d else -1
     settle(C, taken)
-    return used, refused, total / max(used, 1), longer
+    return used, refused, longer

@@ -78,46 +78,19 @@ def take_messages(
     boxes_at = LAST + uwb.size - 2
     clone = clone_of(uwb, now, motion.h, layout.clones)
     if clone != NOT_TAKEN and _is_news(uwb, watched[LAST:boxes_at], motion.watches):
-        noise, gate = aids.range_noise, aids.gates[0]
         if aids.in_pairs:
-            take_differences(x, C, layout, uwb, aids.anchors, aids.lever, noise, gate, aids.huber, clone)
+            take_differences(x, C, layout, uwb, aids, clone)
         else:
-            used, refused, _, longer = take_ranges(
-                x, C, layout, uwb, aids.anchors, aids.lever, noise, gate, aids.huber, clone, aids.differences
-            )
+            used, refused, longer = take_ranges(x, C, layout, uwb, aids, clone)
             if motion.watches:
                 watch_ranges(C, watched, layout, used, refused, longer, aids.watch)
     clone = clone_of(detections, now, motion.h, layout.clones)
     if clone != NOT_TAKEN and _is_news(detections, watched[boxes_at:], motion.watches):
         xhat, P_pose = pose_belief(x, C, layout, clone)
+        boxes, noise = aids.boxes, aids.pixel_noise
+        known = boxes.positions, boxes.outlines, boxes.labels, boxes.camera
         chosen, centers, _ = associate(
-            detections,
-            xhat,
-            P_pose,
-            aids.positions,
-            aids.outlines,
-            aids.labels,
-            aids.camera,
-            aids.pixel_noise[0],
-            aids.gates[2],
-            aids.pixel_noise[1],
-            aids.margin,
-            aids.inside,
+            detections, xhat, P_pose, *known, noise[0], aids.gates[2], noise[1], boxes.margin, boxes.inside
         )
         rates = kept[RATES : RATES + 3] - x[ADDITIVE : ADDITIVE + 3]
-        noise, gate = aids.pixel_noise, aids.gates[1]
-        take_boxes(
-            x,
-            C,
-            layout,
-            chosen,
-            centers,
-            aids.positions,
-            aids.outlines,
-            aids.camera,
-            noise,
-            rates,
-            gate,
-            aids.huber,
-            clone,
-        )
+        take_boxes(x, C, layout, chosen, centers, aids, rates, clone)

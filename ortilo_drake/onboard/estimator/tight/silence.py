@@ -55,14 +55,10 @@ def in_silence(x: np.ndarray, C: np.ndarray, quiet: np.ndarray, now: float, h: f
 
 @register_jitable
 def end_silence(x: np.ndarray, C: np.ndarray, held: np.ndarray, quiet: np.ndarray, stamp: float) -> None:
-    """Note that a sample came; after a silence give the biases back what they were.
+    """Note that a sample came, and when [s]; after a silence give the biases back what they were.
 
-    Args:
-        x: nominal state; changed.
-        C: covariance; changed.
-        held: body rates and specific force that stood for samples (6); changed to what they were believed to be.
-        quiet: what is kept (N_QUIET); changed.
-        stamp: of the sample [s].
+    Arguments as in_silence; held, body rates and specific force that stood for samples (6), becomes what they were
+    believed to be.
     """
     quiet[_STAMP] = stamp
     if quiet[_SILENT] == 0.0:

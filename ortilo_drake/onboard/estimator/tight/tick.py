@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numba.extending import register_jitable
 
+from ortilo_drake.model.products import product, times
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matrix, wrapped
 from ortilo_drake.onboard.estimator.tight.inertial import angles_of, inertial_step, propagate_covariance
@@ -131,12 +131,6 @@ def keep_pose(x: np.ndarray, C: np.ndarray, layout: Layout) -> None:
             row[core + k], row[core + 3 + k] = row[P + k], row[THETA + k]
 
 
-@register_jitable
-def _euler_rates(x: np.ndarray, rates: np.ndarray, E: np.ndarray) -> np.ndarray:
-    w = rates - x[ADDITIVE : ADDITIVE + 3]
-    return np.array([E[i, 0] * w[0] + E[i, 1] * w[1] + E[i, 2] * w[2] for i in range(3)])
-
-
 @njit(cache=True)
 def predict_next_tick(
     x: np.ndarray, C: np.ndarray, kept: np.ndarray, u: np.ndarray, motion: Motion, ahead: np.ndarray
@@ -145,13 +139,7 @@ def predict_next_tick(
 
     The specific force is the last one, changed as the thrust is; the body rates change by the torque commanded.
 
-    Args:
-        x: nominal state at t_k.
-        C: its covariance.
-        kept: of imu and control (N_KEPT); thrust and torque become those of u.
-        u: control from now on (4).
-        motion: imu and vehicle.
-        ahead: written to (156).
+    Arguments as propagate_to_now, with the control from now on u (4), whose thrust and torque are kept.
     """
     kept[FORCE + 2] += (u[0] - kept[THRUST]) / motion.mass
     kept[THRUST], kept[TORQUE : TORQUE + 3] = u[0], u[1:4]
@@ -164,45 +152,17 @@ def predict_next_tick(
     rpy[2] += 2.0 * np.pi * np.round((motion.yaw - rpy[2]) / (2.0 * np.pi))
     E = inverse_rate_matrix(rpy)
     ahead[0:3], ahead[3:6], ahead[6:9] = y[P : P + 3], rpy, y[V : V + 3]
-    ahead[9:12] = _euler_rates(y, w, E)
+    ahead[9:12] = times(E, w - y[ADDITIVE : ADDITIVE + 3])
     # Errors of [dp, dv, theta, db_g] ahead, then as the paper's states.
-    F = np.zeros((12, N_INERTIAL))
-    F[:9] = A
+    D, T = C[:N_INERTIAL, :N_INERTIAL].copy(), np.zeros((12, 12))
+    walks = N_INERTIAL - GYRO
+    propagate_covariance(D, A, N, np.ones(walks), np.zeros(walks), np.empty((9, N_INERTIAL)))
     for i in range(3):
-        F[9 + i, GYRO + i] = 1.0
-    T = np.zeros((12, 12))
-    for i in range(3):
+        D[GYRO + i, GYRO + i] += motion.variances[0] + motion.coasting[0]
         T[i, P + i], T[6 + i, V + i] = 1.0, 1.0
         for j in range(3):
             T[3 + i, THETA + j], T[9 + i, 9 + j] = E[i, j], -E[i, j]
-    G = np.zeros((12, N_INERTIAL))
+    P_ahead = product(product(T, D[:12, :12]), T.T)
     for i in range(12):
-        for k in range(12):
-            if T[i, k] != 0.0:
-                for j in range(N_INERTIAL):
-                    G[i, j] += T[i, k] * F[k, j]
-    noise = np.zeros((12, 12))
-    noise[:9, :9] = N
-    for i in range(3):
-        noise[9 + i, 9 + i] = motion.variances[0] + motion.coasting[0]
-    P_ahead = ahead[12:].reshape((12, 12))
-    P_ahead[:] = 0.0
-    for i in range(12):
-        own, new = np.zeros(N_INERTIAL), np.zeros(12)
-        for k in range(N_INERTIAL):
-            for j in range(N_INERTIAL):
-                own[j] += G[i, k] * C[k, j]
-        for k in range(12):
-            if T[i, k] != 0.0:
-                for j in range(12):
-                    new[j] += T[i, k] * noise[k, j]
-        for b in range(12):
-            total = 0.0
-            for j in range(N_INERTIAL):
-                total += own[j] * G[b, j]
-            for j in range(12):
-                total += new[j] * T[b, j]
-            P_ahead[i, b] = total
-    for i in range(12):
-        for j in range(i):
-            P_ahead[i, j] = P_ahead[j, i] = 0.5 * (P_ahead[i, j] + P_ahead[j, i])
+        for j in range(12):
+            ahead[12 + 12 * i + j] = 0.5 * (P_ahead[i, j] + P_ahead[j, i])

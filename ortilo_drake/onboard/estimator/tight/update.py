@@ -108,16 +108,7 @@ def settle(C: np.ndarray, taken: Taken) -> None:
 def innovation_variance(
     C: np.ndarray, taken: Taken, where: np.ndarray, row: np.ndarray, m: int, PHt: np.ndarray
 ) -> float:
-    """Return H C H^T of a row, and write C H^T to PHt (n), less what the rows taken make of it.
-
-    Args:
-        C: covariance (n, n).
-        taken: rows that are not yet settled.
-        where: indices of the row's entries.
-        row: the entries.
-        m: how many of them count.
-        PHt: written to.
-    """
+    """Return H C H^T of a row, and write C H^T to PHt (n), less what the rows taken make of it; arguments as update."""
     n = C.shape[0]
     PHt[:] = 0.0
     for k in range(m):
@@ -145,13 +136,7 @@ def innovation_variance(
 def correct(x: np.ndarray, taken: Taken, PHt: np.ndarray, S: float, e: float, core: int) -> None:
     """Correct the nominal state by an innovation e of variance S, and keep what it takes from the covariance.
 
-    Args:
-        x: nominal state; changed.
-        taken: rows that are not yet settled; one more.
-        PHt: C H^T (n); becomes the error that was found.
-        S: H C H^T + r.
-        e: innovation.
-        core: numbers of the error state without clones.
+    Arguments as update; PHt is C H^T (n) and becomes the error that was found, S is H C H^T + r.
     """
     keep_row(taken, PHt, S)
     for i in range(PHt.size):

@@ -90,14 +90,7 @@ def watch_ranges(
 ) -> bool:
     """Open the error that all ranges have in common if they are refused on one side; return whether they are.
 
-    Args:
-        C: covariance (n, n); changed.
-        watched: what is kept; changed.
-        layout: of the states.
-        used: ranges of this message that were used.
-        refused: that were refused.
-        longer: of these, how many more were too long than too short.
-        watch: what to go by.
+    Arguments as watch_angles, with what take_ranges in ranges.py returned of a message.
     """
     if used + refused < _FEWEST:
         return False
