@@ -23,7 +23,7 @@ from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.loop.element import Array, Box, Element, Number, Values
-from ortilo_drake.model.elementary import cos, sin
+from ortilo_drake.model.elementary import sin_cos
 from ortilo_drake.model.equations import euler_rates
 from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.placing import fill, put
@@ -72,8 +72,9 @@ def put_imu_rows(
     put(V2, V2_all)
     if delta[j] != 0.0:
         psi, f = imu[PAYLOAD + 2], imu[PAYLOAD + 6 : PAYLOAD + 9]
-        y_all[p] = cos(psi) * f[0] - sin(psi) * f[1]
-        y_all[p + 1] = sin(psi) * f[0] + cos(psi) * f[1]
+        s_psi, c_psi = sin_cos(psi)
+        y_all[p] = c_psi * f[0] - s_psi * f[1]
+        y_all[p + 1] = s_psi * f[0] + c_psi * f[1]
         y_all[p + 2] = f[2] - GRAVITY
         if m > 1:
             put(euler_rates(imu[PAYLOAD : PAYLOAD + 3], imu[PAYLOAD + 3 : PAYLOAD + 6]), y_all, p + 3)
