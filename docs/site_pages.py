@@ -18,7 +18,7 @@ offers depends on its `kind`, which then stands before the meaning. In the termi
 # In a process of its own: the site is built without compiled functions.
 _TICK: Final = """
 import json
-from ortilo_drake.flight.played import Played
+from ortilo_drake.flight.engine import Engine
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.views.wiring_text import wiring_of
 from ortilo_drake.views.wiring_picture import wiring_picture
@@ -26,7 +26,7 @@ from ortilo_drake.views.wiring_text import wiring_text
 
 scenario = load_scenario("paper_imu_uwb")
 wiring = wiring_of(scenario)
-print(json.dumps({"svg": wiring_picture(wiring, 1), "txt": wiring_text(wiring, 2), "py": Played(scenario).text}))
+print(json.dumps({"svg": wiring_picture(wiring, 1), "txt": wiring_text(wiring, 2), "py": Engine(scenario).text}))
 """
 
 

@@ -8,17 +8,21 @@ from functools import cached_property, partial
 import numpy as np
 import xarray as xr
 
-from ortilo_drake.diagrams.wiring.whole import why_not
-from ortilo_drake.flight.figures import FIGURES, REFERENCE, TRACE_SIZE, TRUE, figures_of
+from ortilo_drake.diagrams.wiring.truth import drawn_values, normals_at_start
+from ortilo_drake.diagrams.wiring.whole import boxes_of, signals_of, why_not
+from ortilo_drake.flight.figures import FIGURES, REFERENCE, TRACE_SIZE, TRUE, figures_of, sums_of
+from ortilo_drake.flight.figures_element import figures_box
 from ortilo_drake.flight.flight import flight_dataset
-from ortilo_drake.flight.lost import CAUSES, NOT_LOST, Lost
-from ortilo_drake.flight.played import Played
+from ortilo_drake.flight.flyable import check_flyable
+from ortilo_drake.flight.lost import CAUSES, NOT_LOST, Lost, bounds_of
+from ortilo_drake.loop.player import Player
+from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, with_seed
 from ortilo_drake.world.drawn_truth import AtStart, of_seed
 from ortilo_drake.world.given_noise import GivenNoise
 
-NO_LOG = np.zeros((0, 0))
+_LOGGED = ("state", "control", "y", "delta", "V2", "belief", "reference")  # as Measurement.logged_sizes has them
 _LEARNED_BY = 4  # flights by which it is learned what noise a flight draws
 
 
@@ -34,6 +38,8 @@ class Engine:
     Attributes:
         columns: names of the figures of a flight, those of figures.py and, for each sensor that flies, how many of its
             values reached the filter and how many were due.
+        ticks: of a flight that is not lost, the first and the last included.
+        h: tick [s].
 
     Raises:
         InputError: if a part of the scenario is no element, see why_not, or if it cannot be flown.
@@ -43,16 +49,23 @@ class Engine:
         reason = why_not(scenario)
         if reason is not None:
             raise InputError(f"{scenario.name}: {reason}: Drake flies it")
-        self._scenario = scenario
-        self._flights = Played(scenario)
-        self._ticks = self._flights.ticks
-        self._sensors = scenario.measurement.sensors
-        counted = [f"{what}_{sensor}" for sensor in self._flying for what in ("arrived", "due")]
-        self.columns = (*FIGURES, *counted)
+        self._scenario, self._room, self.h = scenario, scenario.load_room(), scenario.h
+        last = check_flyable(scenario)
+        boxes, self.ticks = boxes_of(scenario, last), last + 1
+        self._signals = signals_of(boxes)
+        read = {name: self._signals[name] for name in ("state", "belief", "reference")}
+        self._wiring = Wiring([*boxes, figures_box(bounds_of(self._room, scenario.vehicle)).with_inputs(**read)])
+        self._player = self._player_of(())
+        told = scenario.measurement.sensors
+        sensors = [sensor for sensor in told if sensor in scenario.sensors]
+        self._log_from, self._flying = TRACE_SIZE + 1 + len(told), [told.index(sensor) for sensor in sensors]
+        self._periods = np.array([scenario.every(sensor) for sensor in sensors])
+        self.columns = (*FIGURES, *(f"{what}_{sensor}" for sensor in sensors for what in ("arrived", "due")))
 
     @property
-    def _flying(self) -> list[str]:
-        return [sensor for sensor in self._sensors if sensor in self._scenario.sensors]
+    def text(self) -> str:
+        """The generated source of a flight without a log."""
+        return self._player.text
 
     def fly(self, seed: int, progress: Callable[[int], None] | None = None) -> xr.Dataset:
         """Fly one seed; return its Dataset over ticks, see flight.flight.FlightSimulator.fly.
@@ -65,32 +78,26 @@ class Engine:
             InputError: if a scenario allows no such seed.
         """
         scenario = with_seed(self._scenario, seed)
-        log = np.zeros((self._ticks + 1, sum(scenario.measurement.logged_sizes().values())))
-        trace, arrived = np.zeros((self._ticks + 1, TRACE_SIZE)), np.zeros(len(self._sensors))
-        seeds = np.full(self._ticks + 1, seed, dtype=np.int64)
-        self._flights.compile_logged()
+        _ = self._logger  # compiling does not count as flying time
         started = time.perf_counter()
-        last, cause = self._flights.fly(seeds, of_seed(seed), trace, arrived, log)
+        rows = self._fly_seed(seed, self._logger.rows(self.ticks), self._logger)
         wall = time.perf_counter() - started
+        last = len(rows) - 1
         if progress:
             progress(last)
-        lost = None if cause == NOT_LOST else Lost(last, last * scenario.h, CAUSES[cause])
-        flight = flight_dataset(scenario, np.arange(last + 1) * scenario.h, log[: last + 1], lost)
-        flight.attrs |= {"player": "engine", "real_time_factor": last * scenario.h / wall}
+        flight = flight_dataset(scenario, np.arange(last + 1) * self.h, rows[:, self._log_from :], self._loss(rows))
+        flight.attrs |= {"player": "engine", "real_time_factor": last * self.h / wall}
         return flight
 
     def trace(self, seed: int) -> tuple[np.ndarray, Lost | None]:
-        """Fly one seed; return its figures, a row of figures.py for each tick flown, and its loss.
+        """Fly one seed; return rows that begin with the figures of figures.py, one for each tick flown, and its loss.
 
         Raises:
             InputError: if a scenario allows no such seed.
         """
-        scenario = with_seed(self._scenario, seed)
-        trace, arrived = np.zeros((self.ticks, TRACE_SIZE)), np.zeros(len(self._sensors))
-        seeds = np.full(self.ticks, seed, dtype=np.int64)
-        last, cause = self._flights.fly(seeds, of_seed(seed), trace, arrived, NO_LOG)
-        lost = None if cause == NOT_LOST else Lost(last, last * scenario.h, CAUSES[cause])
-        return trace[: last + 1], lost
+        with_seed(self._scenario, seed)
+        rows = self._fly_seed(seed, self._player.rows(self.ticks))
+        return rows, self._loss(rows)
 
     def figures(self, seeds: Sequence[int], threads: int = 1) -> np.ndarray:
         """Fly seeds and return the figures of each (n, columns).
@@ -99,19 +106,13 @@ class Engine:
             seeds: of all noise.
             threads: that fly.
         """
-        all_seeds = np.asarray(seeds, dtype=np.int64)
-        found, arrived = np.empty((all_seeds.size, len(FIGURES))), np.empty((all_seeds.size, len(self._sensors)))
-        to_fly = iter(range(all_seeds.size))
+        found = np.empty((len(seeds), len(self.columns)))
+        to_fly = iter(range(len(seeds)))
 
         def work() -> None:
-            trace = np.zeros((self.ticks, TRACE_SIZE))
+            rows = self._player.rows(self.ticks)
             for i in to_fly:
-                seeds_of_ticks = np.full(self.ticks, all_seeds[i])
-                draw = of_seed(int(all_seeds[i]))
-                last, cause = self._flights.fly(seeds_of_ticks, draw, trace, arrived[i], NO_LOG)
-                found[i, 0], found[i, 1] = last, cause
-                flown = trace[: last + 1]
-                figures_of(flown, np.ascontiguousarray(flown[:, REFERENCE]), found[i])
+                self._put_figures(self._fly_seed(int(seeds[i]), rows), found[i])
 
         if threads == 1:
             work()
@@ -119,22 +120,23 @@ class Engine:
             with ThreadPoolExecutor(threads) as pool:
                 for done in [pool.submit(work) for _ in range(threads)]:
                     done.result()
-        return np.column_stack((found, *self._counts(found[:, 0], arrived)))
+        return found
 
-    @property
-    def ticks(self) -> int:
-        """The number of ticks of a flight that is not lost, the first and the last included."""
-        return self._ticks + 1
+    def _put_figures(self, rows: np.ndarray, out: np.ndarray) -> None:
+        last, n = len(rows) - 1, len(FIGURES)
+        out[0], out[1] = last, rows[last, TRACE_SIZE]
+        figures_of(rows, np.ascontiguousarray(rows[:, REFERENCE]), out[:n])
+        out[n::2] = sums_of(rows, TRACE_SIZE + 1, self._log_from)[self._flying]
+        out[n + 1 :: 2] = last // self._periods + 1
 
-    @property
-    def h(self) -> float:
-        """The tick [s]."""
-        return self._scenario.h
+    def simulated_time(self, figures: np.ndarray) -> float:
+        """Return the total time of flights of these figures [s]."""
+        return float(np.sum(figures[:, FIGURES.index("ticks")])) * self.h
 
     @cached_property
     def drawn(self) -> dict[str, int]:
         """The number of standard normals that each stream gives to the draws at the start, by its name."""
-        return self._flights.normals_at_start()
+        return normals_at_start(self._wiring, self._scenario, self._room)
 
     @cached_property
     def noise(self) -> GivenNoise:
@@ -172,24 +174,39 @@ class Engine:
 
     def _fly_away(self, seeds: np.ndarray, draw: AtStart) -> np.ndarray:
         """Return the distance of one flight to its reference at each tick [m], infinity once lost."""
-        found = np.full(self.ticks, np.inf)
-        trace, arrived = np.zeros((self.ticks, TRACE_SIZE)), np.zeros(len(self._sensors))
-        last, cause = self._flights.fly(seeds, draw, trace, arrived, NO_LOG)
-        flown = slice(0, last + 1 if cause == NOT_LOST else last)
-        away = trace[flown, TRUE] - trace[flown, REFERENCE]
-        found[flown] = np.sqrt(np.sum(away**2, axis=1))
+        rows, found = self._fly(seeds, draw, self._player.rows(self.ticks)), np.full(self.ticks, np.inf)
+        rows = rows if self._loss(rows) is None else rows[:-1]
+        found[: len(rows)] = np.sqrt(np.sum((rows[:, TRUE] - rows[:, REFERENCE]) ** 2, axis=1))
         return found
 
-    def simulated_time(self, figures: np.ndarray) -> float:
-        """Return the total time of flights of these figures [s]."""
-        return float(np.sum(figures[:, FIGURES.index("ticks")])) * self._scenario.h
+    def _player_of(self, logged: tuple[str, ...]) -> Player:
+        return Player(self._wiring, ("figures", *(self._signals[name] for name in ("delta", *logged))), "figures")
 
-    def _counts(self, last: np.ndarray, arrived: np.ndarray) -> list[np.ndarray]:
-        """Return the columns of arrivals, after the figures."""
-        columns = []
-        for sensor in self._flying:
-            columns += [arrived[:, self._sensors.index(sensor)], last // self._scenario.every(sensor) + 1]
-        return columns
+    @cached_property
+    def _logger(self) -> Player:
+        player = self._player_of(_LOGGED)
+        player.fly(np.zeros(1, dtype=np.int64), player.rows(1))  # compiles
+        return player
+
+    def _fly_seed(self, seed: int, rows: np.ndarray, player: Player | None = None) -> np.ndarray:
+        return self._fly(np.full(self.ticks, seed), of_seed(seed), rows, player)
+
+    def _fly(self, seeds: np.ndarray, draw: AtStart, rows: np.ndarray, player: Player | None = None) -> np.ndarray:
+        """Fly once; return a row of each tick flown: figures.py, the cause, the arrivals and, if there is one, the log.
+
+        Args:
+            seeds: of all noise, at each tick: one and the same for a flight of a seed, another from some tick on for
+                one that branches off it.
+            draw: what is drawn at the start.
+            rows: to write to (ticks, width).
+            player: that flies; by default the one without a log.
+        """
+        given = drawn_values(self._wiring, self._scenario, self._room, draw)
+        return rows[: (player or self._player).fly(seeds, rows, given) + 1]
+
+    def _loss(self, rows: np.ndarray) -> Lost | None:
+        last, cause = len(rows) - 1, int(rows[-1, TRACE_SIZE])
+        return None if cause == NOT_LOST else Lost(last, last * self.h, CAUSES[cause])
 
 
 def _among(parts: dict[str, np.ndarray]) -> AtStart:

@@ -153,11 +153,21 @@ def path_mse(trace: np.ndarray, path: np.ndarray) -> float:
 
 
 @njit(cache=True, nogil=True)
+def sums_of(rows: np.ndarray, first: int, end: int) -> np.ndarray:
+    """Return the sums of columns of rows (n, end or more), from the first one up to the end."""
+    sums = np.zeros(end - first)
+    for k in range(rows.shape[0]):
+        for j in range(first, end):
+            sums[j - first] += rows[k, j]
+    return sums
+
+
+@njit(cache=True, nogil=True)
 def figures_of(trace: np.ndarray, path: np.ndarray, out: np.ndarray) -> None:
     """Write the errors of a flight, FIGURES but the first two, to out.
 
     Args:
-        trace: rows of TRACE_SIZE, see above, one for each tick flown; r is not read (n, TRACE_SIZE).
+        trace: rows that begin as above, one for each tick flown; r is not read (n, TRACE_SIZE or more).
         path: r at those ticks (n, 3).
         out: one for each of FIGURES.
     """

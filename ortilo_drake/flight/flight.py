@@ -130,59 +130,36 @@ def flight_dataset(scenario: Scenario, times: np.ndarray, logged: np.ndarray, lo
     predicted = estimate[:, :N_X] @ measurement.layout.C.T
     due = np.array([[k % scenario.every(s) == 0 and s in scenario.sensors for s in sensors] for k in range(n)])
     reference = signal["reference"].reshape(n, 3, 3)
+
+    def series(dimensions: str, values: np.ndarray, units: str, meaning: str | None = None) -> xr.Variable:
+        attributes = {"units": units} | ({} if meaning is None else {"long_name": meaning})
+        return xr.Variable(("tick", *dimensions.split()), values, attributes)
+
+    P, V2 = signal["covariance"].reshape(n, 15, 15), padded_covariances(measurement, signal["V2"])
+    measured, innovation = np.where(there, y, np.nan), np.where(there, y - predicted, np.nan)
+    innovation_is = "Delta_k y_k - H_k xhat_k|k-1, NaN where nothing arrived"
     return xr.Dataset(
         {
-            "truth": (("tick", "state"), signal["state"], {"units": _UNITS, "long_name": "true state x_k"}),
-            "estimate": (
-                ("tick", "xbar"),
-                estimate,
-                {"units": _UNITS + "; i in m ticks", "long_name": "prediction xhat_k|k-1"},
+            "truth": series("state", signal["state"], _UNITS, "true state x_k"),
+            "estimate": series("xbar", estimate, _UNITS + "; i in m ticks", "prediction xhat_k|k-1"),
+            "covariance": series(
+                "xbar xbar_column", P, "products of the estimate's", "covariance P_k of the prediction"
             ),
-            "covariance": (
-                ("tick", "xbar", "xbar_column"),
-                signal["covariance"].reshape(n, 15, 15),
-                {"units": "products of the estimate's", "long_name": "covariance P_k of the prediction"},
+            "control": series(
+                "control_name", signal["control"], "f_T in N; tau in N m", "commanded control u_k, f_T absolute"
             ),
-            "control": (
-                ("tick", "control_name"),
-                signal["control"],
-                {"units": "f_T in N; tau in N m", "long_name": "commanded control u_k, f_T absolute"},
+            "reference": series("axis", reference[:, 0], "m", "planned position r_k"),
+            "reference_velocity": series("axis", reference[:, 1], "m/s"),
+            "reference_acceleration": series("axis", reference[:, 2], "m/s^2"),
+            "measurement": series(
+                "output", measured, "positions in m; angles in rad", "y_k, NaN where nothing arrived"
             ),
-            "reference": (
-                ("tick", "axis"),
-                reference[:, 0],
-                {"units": "m", "long_name": "planned position r_k"},
+            "innovation": series("output", innovation, "as measurement", innovation_is),
+            "measurement_covariance": series(
+                "sensor row column", V2, "m^2, rad^2", "V_2 of each sensor, NaN beyond its rows"
             ),
-            "reference_velocity": (("tick", "axis"), reference[:, 1], {"units": "m/s"}),
-            "reference_acceleration": (("tick", "axis"), reference[:, 2], {"units": "m/s^2"}),
-            "measurement": (
-                ("tick", "output"),
-                np.where(there, y, np.nan),
-                {"units": "positions in m; angles in rad", "long_name": "y_k, NaN where nothing arrived"},
-            ),
-            "innovation": (
-                ("tick", "output"),
-                np.where(there, y - predicted, np.nan),
-                {
-                    "units": "as measurement",
-                    "long_name": "Delta_k y_k - H_k xhat_k|k-1, NaN where nothing arrived",
-                },
-            ),
-            "measurement_covariance": (
-                ("tick", "sensor", "row", "column"),
-                padded_covariances(measurement, signal["V2"]),
-                {"units": "m^2, rad^2", "long_name": "V_2 of each sensor, NaN beyond its rows"},
-            ),
-            "arrival": (
-                ("tick", "sensor"),
-                delta,
-                {"units": "1", "long_name": "delta_k: used by the filter"},
-            ),
-            "due": (
-                ("tick", "sensor"),
-                due,
-                {"units": "1", "long_name": "the sensor's rate has it send in this tick"},
-            ),
+            "arrival": series("sensor", delta, "1", "delta_k: used by the filter"),
+            "due": series("sensor", due, "1", "the sensor's rate has it send in this tick"),
         },
         coords={
             "time": ("tick", times, {"units": "s"}),

@@ -11,7 +11,7 @@ import xarray as xr
 
 from ortilo_drake.flight.flight import flight_dataset
 from ortilo_drake.flight.flyable import flight_ticks
-from ortilo_drake.flight.lost import find_loss, loss_at
+from ortilo_drake.flight.lost import find_loss
 from ortilo_drake.flight.signals import Record, output_sizes
 from ortilo_drake.flight.simulator import CHECK_EVERY
 from ortilo_drake.flight.stepped_halves import OnboardHalf, Signals, WorldHalf
@@ -67,7 +67,7 @@ def fly_lockstep(
             record(k, x, messages, outputs)
         if progress and (k % CHECK_EVERY == 0 or k == ticks):
             progress(k)
-        if loss_at(x, k, scenario.h, room, scenario.vehicle):  # tumbling, its signals exceed the limits
+        if find_loss(x[np.newaxis], scenario.h, room, scenario.vehicle):  # tumbling, its signals exceed the limits
             break
         if k < ticks:
             world.advance(outputs["control"])

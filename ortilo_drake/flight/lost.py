@@ -103,7 +103,7 @@ def first_loss(states: np.ndarray, bounds: Bounds) -> tuple[int, int]:
     return states.shape[0], NOT_LOST
 
 
-def find_loss(states: np.ndarray, h: float, room: Room, vehicle: Vehicle) -> Lost | None:
+def find_loss(states: np.ndarray, h: float, room: Room, vehicle: Vehicle, first: int = 0) -> Lost | None:
     """Return the first loss in a series of true states, if any.
 
     A flight is lost when its state is no longer finite, when the vehicle tilts by more than 60 degrees, when its
@@ -114,23 +114,10 @@ def find_loss(states: np.ndarray, h: float, room: Room, vehicle: Vehicle) -> Los
         h: tick [s].
         room: the room.
         vehicle: the vehicle.
+        first: the first of these ticks.
     """
-    tick, cause = first_loss(np.ascontiguousarray(states), bounds_of(room, vehicle))
-    return None if cause == NOT_LOST else Lost(tick, tick * h, CAUSES[cause])
-
-
-def loss_at(x: np.ndarray, tick: int, h: float, room: Room, vehicle: Vehicle) -> Lost | None:
-    """Return the loss of a flight that is flown tick by tick, if it is lost at this one; as find_loss.
-
-    Args:
-        x: the true state at the tick (12).
-        tick: its number.
-        h: tick [s].
-        room: the room.
-        vehicle: the vehicle.
-    """
-    cause = cause_of_loss(x, bounds_of(room, vehicle))
-    return None if cause == NOT_LOST else Lost(tick, tick * h, CAUSES[cause])
+    k, cause = first_loss(np.ascontiguousarray(states), bounds_of(room, vehicle))
+    return None if cause == NOT_LOST else Lost(first + k, (first + k) * h, CAUSES[cause])
 
 
 def contacts(states: np.ndarray, room: Room, vehicle: Vehicle) -> list[str]:

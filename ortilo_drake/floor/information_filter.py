@@ -17,6 +17,7 @@ from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.model.signals import N_X
+from ortilo_drake.onboard.estimator.structure import Structure, structure_of
 from ortilo_drake.sensors.information_rows import AMPLITUDE, GRADIENT, SLOW, TICK, VARIANCE
 
 
@@ -48,44 +49,23 @@ def _update(P: np.ndarray, n: int, row: np.ndarray, before: int, a: float, b: fl
 
 
 @register_jitable
-def _predict(P: np.ndarray, n: int, Phi: np.ndarray, W: np.ndarray, at: np.ndarray, work: np.ndarray) -> None:
-    """Overwrite P by Phi P Phi^T + W, the nodes of slow errors staying as they are.
-
-    at (m, a) are the columns in which a row of Phi is not 0, -1 after the last.
-    """
-    m = Phi.shape[0]
+def _predict(P: np.ndarray, n: int, structure: Structure, W: np.ndarray, work: np.ndarray) -> None:
+    """Overwrite P by Phi P Phi^T + W, the nodes of slow errors staying as they are; structure is of Phi (m, m)."""
+    columns, values, counts, _, _ = structure
+    m = W.shape[0]
     work[:m, :n] = 0.0
     for i in range(m):
-        for l in at[i]:  # noqa: E741 - i, j, l are indices
-            if l < 0:
-                break
+        for c in range(counts[i]):
             for j in range(n):
-                work[i, j] += Phi[i, l] * P[l, j]
+                work[i, j] += values[i, c] * P[columns[i, c], j]
     for i in range(m):
         for j in range(m, n):
             P[i, j] = P[j, i] = work[i, j]
         for j in range(i + 1):
             total = W[i, j]
-            for l in at[j]:  # noqa: E741
-                if l < 0:
-                    break
-                total += work[i, l] * Phi[j, l]
+            for c in range(counts[j]):
+                total += work[i, columns[j, c]] * values[j, c]
             P[i, j] = P[j, i] = total
-
-
-@register_jitable
-def _columns_at(Phi: np.ndarray) -> np.ndarray:
-    """Return the columns in which each row of Phi is not 0, -1 after the last (m, a)."""
-    m, most = Phi.shape[0], 0
-    at = np.full((m, m), -1)
-    for i in range(m):
-        a = 0
-        for j in range(m):
-            if Phi[i, j] != 0.0:
-                at[i, a] = j
-                a += 1
-        most = max(most, a)
-    return at[:, :most]
 
 
 @register_jitable
@@ -136,7 +116,7 @@ def predicted_bound(
     size = m + 2 * most
     P, work, k = np.zeros((size, size)), np.empty((m, size)), np.empty(size)
     P[:m, :m] = P_0
-    bounds, columns = np.empty((ticks, N_X, N_X)), _columns_at(Phi)
+    bounds, structure = np.empty((ticks, N_X, N_X)), structure_of(Phi)
     number, used, count = np.empty(most, dtype=np.int64), np.zeros(most, dtype=np.bool_), 0
     place = np.full(most, -1)  # where each slow error is among those in the state
     at = 0
@@ -163,5 +143,5 @@ def predicted_bound(
             amplitude = rows[at, AMPLITUDE] * scale
             _update(P, m + 2 * count, rows[at], before, amplitude * (1.0 - after), amplitude * after, k)
             at += 1
-        _predict(P, m + 2 * count, Phi, W, columns, work)
+        _predict(P, m + 2 * count, structure, W, work)
     return bounds

@@ -1,5 +1,6 @@
 """Generated modules: written once, kept beside numba's cache, and cleared where no code has asked for them for long."""
 
+import contextlib
 import os
 import sys
 import tempfile
@@ -67,22 +68,18 @@ def clear(folder: Path, most: int = MOST, longest: float = LONGEST) -> None:
         most: how many stay, those that were asked for last.
         longest: how long one stays that is not asked for [s].
     """
-    asked = dict[Path, float]()
-    for file in folder.glob("*.py"):
-        try:
-            asked[file] = file.stat().st_atime
-        except OSError:
-            continue
-    newest, now = sorted(asked, key=asked.__getitem__, reverse=True), time.time()
-    old = {file.stem for i, file in enumerate(newest) if i >= most or now - asked[file] > longest}
-    if not old:
-        return
-    compiled = (
-        kept for place in (folder / "__pycache__", *folder.parent.glob("generated_*")) for kept in place.glob("*")
-    )
-    for file in (*(folder / f"{name}.py" for name in old), *compiled):
+    newest, now = sorted(folder.glob("*.py"), key=_asked, reverse=True), time.time()
+    old = {file.stem for i, file in enumerate(newest) if i >= most or now - _asked(file) > longest}
+    places = (folder, folder / "__pycache__", *folder.parent.glob("generated_*")) if old else ()
+    for file in (file for place in places for file in place.glob("*.*")):
         if file.name.partition(".")[0] in old:
-            try:
+            with contextlib.suppress(OSError):
                 file.unlink()
-            except OSError:
-                continue
+
+
+def _asked(file: Path) -> float:
+    """Return when a file was asked for last; 0 of one that is gone meanwhile."""
+    try:
+        return file.stat().st_atime
+    except OSError:
+        return 0.0

@@ -10,7 +10,6 @@ from ortilo_drake.loop.generated import load
 from ortilo_drake.loop.source import Places, flight_text, places_of
 from ortilo_drake.loop.wiring import Wiring
 
-_KINDS = {"f8": np.float64, "i8": np.int64, "u8": np.uint64, "b1": np.bool_}
 NOTHING: dict[str, Values] = {}
 
 
@@ -33,6 +32,10 @@ class Player:
         self.text = flight_text(wiring, self._places, wires, ends)
         self._fly: Any = load(f"flight_{digest_of(self.text)}", self.text, {}).fly
         self._memory = Memory(wiring, self._places)
+
+    def rows(self, ticks: int) -> np.ndarray:
+        """Return room for what is kept of so many ticks (ticks, width)."""
+        return np.empty((ticks, self.width))
 
     def fly(self, seeds: np.ndarray, trace: np.ndarray, drawn: dict[str, Values] = NOTHING) -> int:
         """Fly once; write a row for each tick, and return the last tick.
@@ -123,7 +126,7 @@ class Memory:
             self.S[first : first + values.size] = values.ravel()
         for table in box.element.arrays:
             if table.name in given.tables:
-                values = np.ascontiguousarray(given.tables[table.name], dtype=_KINDS[table.kind])
+                values = np.ascontiguousarray(given.tables[table.name], dtype=table.kind)
                 first = self._places.tables[name, table.name]
                 self._kept[name, table.name] = values
                 self.T[first : first + 1 + table.dimensions] = values.ctypes.data, *values.shape

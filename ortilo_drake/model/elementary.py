@@ -90,6 +90,16 @@ def sine(x: float, ahead: int) -> float:
 
 
 @register_jitable
+def sine_and_cosine(x: float) -> tuple[float, float]:
+    """Return the sine and the cosine of x, which is reduced once for both."""
+    quarters, high, low = reduced(x)
+    s, c = sine_near_0(high, low), cosine_near_0(high, low)
+    if quarters & 1 != 0:
+        s, c = c, -s
+    return (s, c) if quarters & 2 == 0 else (-s, -c)
+
+
+@register_jitable
 def left_of_quotient(above: float, below: float, quotient: float) -> float:
     """Return the rounding error of above / below: the product is made exact in halves (Dekker, 1971)."""
     q, b = SPLIT * quotient, SPLIT * below
@@ -169,6 +179,11 @@ def cos(x: Any) -> Any:
     return sine(float(x), 1) if isinstance(x, float) else np.cos(x)
 
 
+def sin_cos(x: Any) -> tuple[Any, Any]:
+    """Return the sine and the cosine of a number [rad]; of AutoDiffXd and Expression their own."""
+    return sine_and_cosine(float(x)) if isinstance(x, float) else (np.sin(x), np.cos(x))
+
+
 @overload(sin, strict=False)
 def _compiled_sin(x: Any) -> Callable[[Any], Any]:
     return lambda x: sine(x, 0)
@@ -177,6 +192,11 @@ def _compiled_sin(x: Any) -> Callable[[Any], Any]:
 @overload(cos, strict=False)
 def _compiled_cos(x: Any) -> Callable[[Any], Any]:
     return lambda x: sine(x, 1)
+
+
+@overload(sin_cos, strict=False)
+def _compiled_sin_cos(x: Any) -> Callable[[Any], Any]:
+    return lambda x: sine_and_cosine(x)
 
 
 def arctan2(y: Any, x: Any) -> Any:

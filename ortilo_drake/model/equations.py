@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.model.elementary import cos, sin
+from ortilo_drake.model.elementary import sin_cos
 from ortilo_drake.model.triples import Six, Triple, Twelve
 from ortilo_drake.model.vehicle import GRAVITY
 
@@ -21,19 +21,18 @@ from ortilo_drake.model.vehicle import GRAVITY
 @register_jitable
 def thrust_direction(phi: float, theta: float, psi: float) -> Triple:
     """Return the body's z axis in W, the third column of R_WB (paper, equations of motion)."""
+    (s_phi, c_phi), (s_theta, c_theta), (s_psi, c_psi) = sin_cos(phi), sin_cos(theta), sin_cos(psi)
     return (
-        cos(phi) * sin(theta) * cos(psi) + sin(phi) * sin(psi),
-        cos(phi) * sin(theta) * sin(psi) - sin(phi) * cos(psi),
-        cos(phi) * cos(theta),
+        c_phi * s_theta * c_psi + s_phi * s_psi,
+        c_phi * s_theta * s_psi - s_phi * c_psi,
+        c_phi * c_theta,
     )
 
 
 @register_jitable
 def rotation_rows(rpy: np.ndarray) -> tuple[Triple, Triple, Triple]:
     """Return the rows of R_WB = R_z(psi) R_y(theta) R_x(phi) from roll, pitch, yaw."""
-    c_phi, s_phi = cos(rpy[0]), sin(rpy[0])
-    c_theta, s_theta = cos(rpy[1]), sin(rpy[1])
-    c_psi, s_psi = cos(rpy[2]), sin(rpy[2])
+    (s_phi, c_phi), (s_theta, c_theta), (s_psi, c_psi) = sin_cos(rpy[0]), sin_cos(rpy[1]), sin_cos(rpy[2])
     return (
         (c_theta * c_psi, s_phi * s_theta * c_psi - c_phi * s_psi, c_phi * s_theta * c_psi + s_phi * s_psi),
         (c_theta * s_psi, s_phi * s_theta * s_psi + c_phi * c_psi, c_phi * s_theta * s_psi - s_phi * c_psi),
@@ -103,8 +102,7 @@ def small_angle_accelerations(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass:
 @register_jitable
 def rates_about_axes(rpy: np.ndarray, rpy_dot: np.ndarray) -> Triple:
     """Return w_WB_B = E(rpy) rpy_dot, the body rates that go with Euler-angle rates."""
-    s_phi, c_phi = sin(rpy[0]), cos(rpy[0])
-    s_theta, c_theta = sin(rpy[1]), cos(rpy[1])
+    (s_phi, c_phi), (s_theta, c_theta) = sin_cos(rpy[0]), sin_cos(rpy[1])
     return (
         rpy_dot[0] - s_theta * rpy_dot[2],
         c_phi * rpy_dot[1] + s_phi * c_theta * rpy_dot[2],
@@ -121,9 +119,9 @@ def body_rates(rpy: np.ndarray, rpy_dot: np.ndarray) -> np.ndarray:
 @register_jitable
 def euler_rates(rpy: np.ndarray, w: np.ndarray) -> Triple:
     """Return rpy_dot = E(rpy)^-1 w, the Euler-angle rates that go with body rates; singular at theta = +-pi/2."""
-    s_phi, c_phi = sin(rpy[0]), cos(rpy[0])
-    psi_dot = (s_phi * w[1] + c_phi * w[2]) / cos(rpy[1])
-    return w[0] + sin(rpy[1]) * psi_dot, c_phi * w[1] - s_phi * w[2], psi_dot
+    (s_phi, c_phi), (s_theta, c_theta) = sin_cos(rpy[0]), sin_cos(rpy[1])
+    psi_dot = (s_phi * w[1] + c_phi * w[2]) / c_theta
+    return w[0] + s_theta * psi_dot, c_phi * w[1] - s_phi * w[2], psi_dot
 
 
 @register_jitable
@@ -143,8 +141,7 @@ def rigid_body_accelerations(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: 
     Arguments as in small_angle_accelerations.
     """
     phi_dot, theta_dot, psi_dot = x[9], x[10], x[11]
-    s_phi, c_phi = sin(x[3]), cos(x[3])
-    s_theta, c_theta = sin(x[4]), cos(x[4])
+    (s_phi, c_phi), (s_theta, c_theta) = sin_cos(x[3]), sin_cos(x[4])
     a = translational_acceleration(x, u, d, mass)
     w_dot = angular_acceleration(rates_about_axes(x[3:6], x[9:12]), u, d, inertia)
     # b = w_dot - E_dot rpy_dot

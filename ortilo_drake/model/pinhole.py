@@ -23,7 +23,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.model.elementary import cos, sin
+from ortilo_drake.model.elementary import sin_cos
 from ortilo_drake.model.lens import STRAIGHT, Lens, bent, straightened
 
 Point = tuple[float, float, float]
@@ -153,7 +153,7 @@ def _bent_gradient(p: Point, p_BC: Point, camera: Camera, axis: int) -> tuple[fl
 @register_jitable
 def sines(rpy: np.ndarray) -> Sines:
     """Return sin phi, cos phi, sin theta, cos theta of roll, pitch, yaw (3)."""
-    return sin(rpy[0]), cos(rpy[0]), sin(rpy[1]), cos(rpy[1])
+    return *sin_cos(rpy[0]), *sin_cos(rpy[1])
 
 
 @njit(cache=True)

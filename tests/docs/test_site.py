@@ -15,7 +15,7 @@ import pytest
 import typer
 
 from ortilo_drake.commands.app import app
-from ortilo_drake.flight.played import Played
+from ortilo_drake.flight.engine import Engine
 from ortilo_drake.scenario import load_scenario
 
 ROOT = Path(__file__).parents[2]
@@ -110,7 +110,7 @@ def test_the_page_of_a_module_that_is_gone_goes_with_those_that_name_it(site_pag
 
 @pytest.mark.long
 def test_the_tick_that_the_site_shows_is_the_one_that_flies(tick: Path) -> None:
-    flying = Played(load_scenario("paper_imu_uwb"))._player._fly.py_func.__code__.co_filename
+    flying = Engine(load_scenario("paper_imu_uwb"))._player._fly.py_func.__code__.co_filename
     assert (tick / "paper_imu_uwb.py").read_text(encoding="utf-8") == Path(flying).read_text(encoding="utf-8")
 
 

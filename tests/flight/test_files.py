@@ -1,13 +1,13 @@
 """Output files: whole or not at all, through links, with their mode, straight into pipes; nothing left behind."""
 
 import os
-import signal
 import socket
 import stat
 import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -16,7 +16,6 @@ import pytest
 from ortilo_drake.flight.files import check_output, remove_stale, write_bytes, write_text
 from ortilo_drake.model.typed_yaml import InputError
 
-NOBODY = 65534
 IMPORT = """
 import os, resource, sys, time
 from pathlib import Path
@@ -69,17 +68,6 @@ def test_a_file_that_is_there_keeps_its_mode(tmp_path: Path, umask: None, kept: 
     assert (path.read_text(), mode(path)) == ("new", kept)
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="not root: files cannot be given to another user")
-def test_roots_output_stays_its_owners(tmp_path: Path) -> None:
-    path = tmp_path / "a.json"
-    path.write_text("old")
-    os.chown(path, NOBODY, NOBODY)
-    path.chmod(0o640)
-    write_text(path, "new")
-    found = path.stat()
-    assert (found.st_uid, found.st_gid, mode(path), path.read_text()) == (NOBODY, NOBODY, 0o640, "new")
-
-
 @pytest.mark.parametrize("there", [True, False])
 @pytest.mark.parametrize("relative", [True, False])
 def test_a_link_stays_and_what_it_points_to_is_written(tmp_path: Path, there: bool, relative: bool) -> None:
@@ -126,13 +114,6 @@ def test_a_pipe_is_written_to_and_stays(tmp_path: Path) -> None:
     assert read == [data]
     assert stat.S_ISFIFO(pipe.lstat().st_mode)
     assert list(tmp_path.iterdir()) == [pipe]
-
-
-def test_a_pipe_that_nobody_reads_is_refused_at_once(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(InputError, match=r"pipe: cannot be written: is a pipe that nobody reads$"):
-        write_text(tmp_path / "pipe", "x")
-    assert stat.S_ISFIFO((tmp_path / "pipe").lstat().st_mode)
 
 
 def test_a_character_device_is_written_to_and_stays(tmp_path: Path) -> None:
@@ -252,33 +233,20 @@ def test_a_full_disk_leaves_the_old_file_and_no_part_of_the_new(tmp_path: Path) 
     assert list(tmp_path.iterdir()) == [old]
 
 
-HELD_UP = """
-os.replace = lambda *_: (print("about to rename", flush=True), time.sleep(600))
-write_text(Path(sys.argv[1]), "new")
-"""
-
-
-@pytest.mark.processes
 @pytest.mark.parametrize("start", [check_output, lambda path: remove_stale(path.parent)], ids=["command", "flights"])
 def test_only_what_a_dead_process_left_is_removed(tmp_path: Path, start: Callable[[Path], None]) -> None:
-    path = tmp_path / "flight.nc"
+    """A process that was killed two days ago is dead; one that writes now may be alive."""
     (tmp_path / ".ortilo-folder.partial").mkdir()
     (tmp_path / ".ortilo-link.partial").symlink_to("elsewhere")
     (tmp_path / "mine.partial").write_text("not ours")
-    foreign = {p.name for p in tmp_path.iterdir()}
-    process = python(HELD_UP, path)
-    try:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "about to rename\n"
-        (partial,) = {p.name for p in tmp_path.iterdir()} - foreign
-        start(path)
-        assert (tmp_path / partial).read_text() == "new"  # it is alive
-    finally:
-        process.send_signal(signal.SIGKILL)
-        process.communicate(timeout=60)
-    assert (tmp_path / partial).exists()
-    start(path)
-    assert {p.name for p in tmp_path.iterdir()} == foreign
+    (tmp_path / ".ortilo-new.partial").write_text("of a living process")
+    stay = {*tmp_path.iterdir()}
+    (tmp_path / ".ortilo-old.partial").write_text("of a dead one")
+    for path in tmp_path.iterdir():
+        if path.name != ".ortilo-new.partial":
+            os.utime(path, (time.time() - 2 * 86400,) * 2, follow_symlinks=False)
+    start(tmp_path / "flight.nc")
+    assert {*tmp_path.iterdir()} == stay
 
 
 def test_an_interruption_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from numba import njit
 
-from ortilo_drake.model.elementary import LARGE, arctan2, cos, exp, log, power_of_two, sin
+from ortilo_drake.model.elementary import LARGE, arctan2, cos, exp, log, power_of_two, sin, sin_cos
 
 ANGLES = (
     st.floats(-LARGE, LARGE) | st.floats(-10.0, 10.0) | st.integers(-400_000, 400_000).map(lambda n: n * np.pi / 2.0)
@@ -19,6 +19,11 @@ ANGLES = (
 @njit
 def compiled(x: float) -> tuple[float, float]:
     return sin(x), cos(x)
+
+
+@njit
+def compiled_together(x: float) -> tuple[float, float]:
+    return sin_cos(x)
 
 
 @given(ANGLES)
@@ -32,7 +37,7 @@ def test_they_are_right_to_an_ulp_and_the_same_compiled(x: float) -> None:
         exact = mpmath.sin(x), mpmath.cos(x)
         for found, its in zip((sin(x), cos(x)), exact, strict=True):
             assert abs(mpmath.mpf(found) - its) <= math.ulp(float(its)), x
-    assert compiled(x) == (sin(x), cos(x))
+    assert compiled(x) == compiled_together(x) == sin_cos(x) == (sin(x), cos(x))
 
 
 @pytest.mark.parametrize("x", [np.inf, -np.inf, np.nan, 1.1e15])

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial, Trajectory
 
-from ortilo_drake.flight.lost import Lost, loss_at
+from ortilo_drake.flight.lost import Lost, find_loss
 from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
 from ortilo_drake.hil.goals.goal_planner import GoalPlanner
 from ortilo_drake.hil.goals.goals import Goals
@@ -105,7 +105,7 @@ class LiveFlight:
         self._onboard.receive(messages)
         outputs = self._onboard.outputs()
         arrived = tuple(sensor for sensor, delta in zip(sensors, outputs["delta"], strict=False) if delta > 0.0)
-        lost = loss_at(x, self._k, self._scenario.h, self._room, self._scenario.vehicle)
+        lost = find_loss(x[np.newaxis], self._scenario.h, self._room, self._scenario.vehicle, self._k)
         if lost is None:
             self._world.advance(outputs["control"])
             self._onboard.advance()

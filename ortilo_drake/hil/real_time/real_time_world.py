@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from ortilo_drake.flight.flyable import flight_ticks
-from ortilo_drake.flight.lost import Lost, loss_at
+from ortilo_drake.flight.lost import Lost, find_loss
 from ortilo_drake.flight.signals import Record
 from ortilo_drake.flight.stepped_halves import WorldHalf
 from ortilo_drake.hil.real_time.camera_process import CameraProcess
@@ -109,7 +109,7 @@ def fly_in_real_time(
             greeter.say(k)
         if progress:
             progress(k)
-        lost = loss_at(x, k, h, room, scenario.vehicle)
+        lost = find_loss(x[np.newaxis], h, room, scenario.vehicle, k)
         if lost or k == ticks:
             break
         moments = look_times(k * h, (k + 1) * h)

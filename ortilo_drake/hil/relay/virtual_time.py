@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from ortilo_drake.flight.flyable import flight_ticks
-from ortilo_drake.flight.lost import loss_at
+from ortilo_drake.flight.lost import find_loss
 from ortilo_drake.flight.metrics import summary
 from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
 from ortilo_drake.flight.store import in_folder, keep_json, kept_json
@@ -96,7 +96,7 @@ def fly_in_virtual_time(
             there.send(Packet(name, k, value), k * h)
         there.send(Packet("tick", k, tuple(messages)), k * h)
         answer(k * h)
-        lost = loss_at(x, k, h, room, scenario.vehicle)
+        lost = find_loss(x[np.newaxis], h, room, scenario.vehicle, k)
         if lost or k == end:
             break
         for moment in look_times(k * h, (k + 1) * h):

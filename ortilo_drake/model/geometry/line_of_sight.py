@@ -14,7 +14,7 @@ anchor is mounted in its wall and sees out of it.
 import numpy as np
 from numba import njit
 
-from ortilo_drake.model.elementary import cos, sin
+from ortilo_drake.model.elementary import sin_cos
 
 
 @njit(cache=True)
@@ -40,7 +40,7 @@ def crosses_box(p: np.ndarray, q: np.ndarray, box: np.ndarray) -> bool:
     # Most boxes lie aside: in plan the line passes outside the circle around them. These need no sine.
     if (x * dy - y * dx) ** 2 > (box[4] ** 2 + box[5] ** 2) * (dx**2 + dy**2):
         return False
-    c, s = cos(box[3]), sin(box[3])
+    s, c = sin_cos(box[3])
     t_in, t_out = _slab(c * x + s * y, c * dx + s * dy, box[4], -np.inf, np.inf)
     t_in, t_out = _slab(c * y - s * x, c * dy - s * dx, box[5], t_in, t_out)
     t_in, t_out = _slab(p[2] - box[2], q[2] - p[2], box[6], t_in, t_out)

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from ortilo_drake.loop.element import Array, Box, Element, Number, Values
-from ortilo_drake.model.elementary import cos, sin
+from ortilo_drake.model.elementary import sin_cos
 from ortilo_drake.model.equations import euler_rates
 from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.placing import fill, put
@@ -73,8 +73,9 @@ def imu_rows_out(
     put(stamps, out, at_stamps)
     if delta[n.number] != 0.0:
         psi, f = imu[PAYLOAD + 2], imu[PAYLOAD + 6 : PAYLOAD + 9]
-        out[p] = cos(psi) * f[0] - sin(psi) * f[1]
-        out[p + 1] = sin(psi) * f[0] + cos(psi) * f[1]
+        s_psi, c_psi = sin_cos(psi)
+        out[p] = c_psi * f[0] - s_psi * f[1]
+        out[p + 1] = s_psi * f[0] + c_psi * f[1]
         out[p + 2] = f[2] - GRAVITY
         if m > 1:
             put(euler_rates(imu[PAYLOAD : PAYLOAD + 3], imu[PAYLOAD + 3 : PAYLOAD + 6]), out, p + 3)

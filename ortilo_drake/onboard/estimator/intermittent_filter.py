@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.model.elementary import cos, sin
+from ortilo_drake.model.elementary import sin_cos
 from ortilo_drake.model.equations import thrust_direction
 from ortilo_drake.model.measurement import Layout
 from ortilo_drake.model.scalars import solve
@@ -98,7 +98,7 @@ def tilted_lift(xbar: np.ndarray, u: np.ndarray, mass: float, yaw: float) -> Tri
     """
     lift = GRAVITY + (u[0] + xbar[N_X + 2]) / mass
     z_B = thrust_direction(xbar[3], xbar[4], xbar[5])
-    c, s = cos(yaw), sin(yaw)
+    s, c = sin_cos(yaw)
     a_x, a_y = GRAVITY * (c * xbar[4] + s * xbar[3]), GRAVITY * (s * xbar[4] - c * xbar[3])
     return lift * z_B[0] - a_x, lift * z_B[1] - a_y, lift * (z_B[2] - 1.0)
 

@@ -7,7 +7,7 @@ from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.loop.element import Array, Box, Element, Number, Values
-from ortilo_drake.model.elementary import cos, sin
+from ortilo_drake.model.elementary import sin_cos
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR, PAYLOAD
 from ortilo_drake.model.triples import Four, Triple, triple
@@ -60,8 +60,9 @@ def command(
         a_x, a_y, a_z, psi_r = reference[6], reference[7], reference[8], yaw
     if force is not None:
         a_x, a_y, a_z = a_x - force[0] / mass, a_y - force[1] / mass, a_z - force[2] / mass
-    phi_r = (a_x * sin(yaw) - a_y * cos(yaw)) / GRAVITY
-    theta_r = (a_x * cos(yaw) + a_y * sin(yaw)) / GRAVITY
+    s_psi, c_psi = sin_cos(yaw)
+    phi_r = (a_x * s_psi - a_y * c_psi) / GRAVITY
+    theta_r = (a_x * c_psi + a_y * s_psi) / GRAVITY
     x_ref = (*p_r, phi_r, theta_r, psi_r, *v_r)
     u_0 = mass * GRAVITY + mass * a_z
     return (

@@ -9,7 +9,7 @@ from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.model.cholesky import forward_in_place
-from ortilo_drake.model.elementary import cos, sin
+from ortilo_drake.model.elementary import sin_cos
 from ortilo_drake.model.products import times
 from ortilo_drake.onboard.estimator.tight.inertial import angles_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, THETA, Layout, P, Q, V
@@ -19,8 +19,9 @@ from ortilo_drake.onboard.estimator.tight.update import none_taken, settle, upda
 @register_jitable
 def inverse_rate_matrix(rpy: np.ndarray) -> np.ndarray:
     """Return E(rpy)^-1 (3, 3): body rates to Euler rates; singular at theta = +-pi/2."""
-    s, c, k = sin(rpy[0]), cos(rpy[0]), 1.0 / cos(rpy[1])
-    t = sin(rpy[1]) * k
+    (s, c), (s_theta, c_theta) = sin_cos(rpy[0]), sin_cos(rpy[1])
+    k = 1.0 / c_theta
+    t = s_theta * k
     return np.array(((1.0, s * t, c * t), (0.0, c, -s), (0.0, s * k, c * k)))
 
 

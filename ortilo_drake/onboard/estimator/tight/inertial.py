@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.model.elementary import arctan2, cos, sin
+from ortilo_drake.model.elementary import arctan2, cos, sin, sin_cos
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.onboard.estimator.tight.layout import ACCEL, GYRO, N_INERTIAL, THETA, P, Q, V
 
@@ -60,8 +60,7 @@ def matrix_of(q: np.ndarray) -> np.ndarray:
 @register_jitable
 def quaternion_of(rpy: np.ndarray) -> np.ndarray:
     """Return the unit quaternion of R_z(psi) R_y(theta) R_x(phi)."""
-    c_0, c_1, c_2 = cos(0.5 * rpy[0]), cos(0.5 * rpy[1]), cos(0.5 * rpy[2])
-    s_0, s_1, s_2 = sin(0.5 * rpy[0]), sin(0.5 * rpy[1]), sin(0.5 * rpy[2])
+    (s_0, c_0), (s_1, c_1), (s_2, c_2) = sin_cos(0.5 * rpy[0]), sin_cos(0.5 * rpy[1]), sin_cos(0.5 * rpy[2])
     return np.array(
         [
             c_0 * c_1 * c_2 + s_0 * s_1 * s_2,
