@@ -48,12 +48,7 @@ def _draw_nees(axes: Axes, flights: Sequence[xr.Dataset]) -> None:
 
 
 def nees_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
-    """Draw the average NEES of position over time with its band, one row for each scenario.
-
-    Args:
-        flights: flights by scenario.
-        path: the image file.
-    """
+    """Draw the average NEES of position over time with its band, one row for each scenario."""
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(10, 2.4 * len(flights) + 0.5), layout="constrained")
         for k, (name, rows) in enumerate(flights.items()):
@@ -67,12 +62,7 @@ def nees_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
 
 
 def whiteness_figure(reports: dict[str, ConsistencyReport], path: Path) -> Path:
-    """Draw the autocorrelation of the normalised innovations, a row for each scenario, a column for each sensor.
-
-    Args:
-        reports: what consistency_report returned, by scenario.
-        path: the image file.
-    """
+    """Draw the autocorrelation of the normalised innovations, a row for each scenario, a column for each sensor."""
     sensors = list(dict.fromkeys(s for report in reports.values() for s in report.whiteness))
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(3.4 * len(sensors) + 0.4, 2.2 * len(reports) + 0.5), layout="constrained")
@@ -108,20 +98,20 @@ def whiteness_figure(reports: dict[str, ConsistencyReport], path: Path) -> Path:
 
 def tuning_figure(tuning: Tuning, path: Path) -> Path:
     """Draw the effect of a tuning: the numbers with their 95 % intervals, NEES by region and NIS by sensor."""
-    fit = tuning.fit
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(11, 0.32 * len(fit.values) + 2.2), layout="constrained")
+        figure = Figure(figsize=(11, 0.32 * len(tuning.numbers) + 2.2), layout="constrained")
         numbers, nees, nis = figure.subplots(1, 3, width_ratios=[1.7, 1.2, 1.0])
-        for row, name in enumerate(fit.values):
-            ratio = fit.values[name] / fit.before[name]
-            error = 1.96 * (fit.robust_errors.get(name) or fit.errors.get(name, 0.0)) / fit.before[name]
-            colour = "0.6" if name in fit.kept else ORANGE
+        for row, number in enumerate(tuning.numbers.values()):
+            ratio = number.after / number.before
+            error = 1.96 * (number.robust_error or number.standard_error or 0.0) / number.before
+            colour = "0.6" if number.stays else ORANGE
             low = max(ratio - error, 0.02 * ratio)  # the axis is logarithmic
             numbers.plot([low, ratio + error], [row, row], color=colour, lw=1.5)
             numbers.plot(ratio, row, "o", color=colour, ms=5)
         numbers.axvline(1.0, color=BLUE, lw=1.0, ls="--")
         numbers.set_xscale("log")
-        numbers.set_yticks(range(len(fit.values)), [name.replace("multilateration", "multilat") for name in fit.values])
+        names = [name.replace("multilateration", "multilat") for name in tuning.numbers]
+        numbers.set_yticks(range(len(names)), names)
         numbers.invert_yaxis()
         numbers.set_xlabel("fitted / before [-], 95 % interval (grey: stays)")
         before, after = tuning.before, tuning.after
@@ -146,7 +136,7 @@ def tuning_figure(tuning: Tuning, path: Path) -> Path:
             axes.set_xticks(range(len(names)), names, rotation=30, ha="right")
             axes.set_title(f"{title} (3 if consistent)", fontsize=9)
             axes.legend(fontsize=8)
-        figure.suptitle(f"{fit.scenario.name}: fitted to {len(tuning.used)} flights", fontsize=10)
+        figure.suptitle(f"{tuning.scenario}: fitted to {len(tuning.flights)} flights", fontsize=10)
         return save_picture(figure, path)
 
 

@@ -78,9 +78,7 @@ def finite_part(flight: xr.Dataset) -> xr.Dataset:
 def nees_series(error: np.ndarray, P: np.ndarray) -> dict[str, np.ndarray]:
     """Return the NEES over ticks of position, of x, y and z alone and of all 12 states, by name.
 
-    Args:
-        error: xhat - x (n, 12).
-        P: its covariance (n, 12, 12).
+    The errors xhat - x (n, 12) have the covariance P (n, 12, 12).
     """
     series = {"position": normalized_square(error[:, :3], P[:, :3, :3])}
     series |= {axis: normalized_square(error[:, i : i + 1], P[:, i : i + 1, i : i + 1]) for i, axis in enumerate(AXES)}

@@ -68,12 +68,10 @@ def with_numbers(scenario: Scenario, numbers: dict[str, float]) -> Scenario:
 
 
 def noise_model(scenario: Scenario, recorded: Scenario, counted: tuple[str, ...] | None = None) -> NoiseModel:
-    """Return W and V of a scenario's filter for a record that another one flew.
+    """Return W and V of a scenario's filter for a record that another one, `recorded`, flew.
 
-    Args:
-        scenario: the scenario; its sensors and the sources of its V are those of the recorded one.
-        recorded: the scenario of the record.
-        counted: the sensors that the likelihood counts; by default all.
+    Its sensors and the sources of its V are those of the recorded one. The likelihood counts the sensors `counted`, by
+    default all.
 
     Raises:
         InputError: if the filter estimates a force.
