@@ -28,10 +28,9 @@ from ortilo_drake.model.typed_yaml import validate
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.faults.courses import Course
 from ortilo_drake.studies.maps import map_flights
-from ortilo_drake.studies.maps.chunks import chunk_file, read_chunk, write_chunk
+from ortilo_drake.studies.maps.chunks import chunk_file, columns_of, read_chunk, write_chunk
 from ortilo_drake.studies.maps.map_flights import fly_map
 from ortilo_drake.studies.maps.map_report import map_csv
-from ortilo_drake.studies.maps.point_flights import columns_of
 from ortilo_drake.studies.maps.sweep import Sweep
 from ortilo_drake.studies.rare import rare_flights
 from ortilo_drake.studies.rare.subset import Climb, Plan

@@ -166,23 +166,13 @@ def _lost(courses: Sequence[Course]) -> int:
 
 
 def row_of(scenario: str, case: Case, courses: Sequence[Course], without: Sequence[Course]) -> FaultRow:
-    """Return the row of a fault: its flights beside flights of the same seeds without it.
-
-    Args:
-        scenario: its name.
-        case: the fault.
-        courses: of the flights with it.
-        without: of the same seeds without it.
-    """
+    """Return the row of a fault of a scenario, by name, from the courses with it and of the same seeds without it."""
     pairs = [(a, b) for a, b in zip(courses, without, strict=True) if a.lost is None and b.lost is None]
     lost = _lost(courses)
     share = share_interval(lost, len(courses))
     if not pairs:
         return FaultRow(case.name, scenario, len(courses), lost, share, None, None, None, None, False, False, False)
-    square, calm, nees = (
-        np.array(values)
-        for values in ([a.square for a, _ in pairs], [b.square for _, b in pairs], [a.nees for a, _ in pairs])
-    )
+    square, calm, nees = map(np.array, zip(*((a.square, b.square, a.nees) for a, b in pairs), strict=True))
     first = round(case.start / BIN)
     last = round((case.start + KNOWN if case.end is None else case.end) / BIN)
     then = last if case.end is None else last + round(SETTLES / BIN)
@@ -193,9 +183,8 @@ def row_of(scenario: str, case: Case, courses: Sequence[Course], without: Sequen
     recovery = recovery_time(square, calm, first if case.end is None else last)
     good_during = during.ratio <= PASSES or during.nees <= WITHIN_3_SIGMA
     good_after = after.ratio <= PASSES
-    passed = lost == 0 and good_during and good_after
-    phases = before, during, after
-    return FaultRow(case.name, scenario, len(courses), lost, share, *phases, recovery, good_during, good_after, passed)
+    verdict = good_during, good_after, lost == 0 and good_during and good_after
+    return FaultRow(case.name, scenario, len(courses), lost, share, before, during, after, recovery, *verdict)
 
 
 def _phase(square: np.ndarray, calm: np.ndarray, nees: np.ndarray, lost: int) -> Phase:
@@ -212,12 +201,9 @@ def _phase(square: np.ndarray, calm: np.ndarray, nees: np.ndarray, lost: int) ->
 
 
 def recovery_time(square: np.ndarray, calm: np.ndarray, origin: int) -> float | None:
-    """Return the time from a bin to the first WINDOW in which the error is at most PASSES times the calm one.
+    """Return the time from a bin, origin, to the first WINDOW in which the error is at most PASSES times the calm one.
 
-    Args:
-        square: mean squared errors with the fault (flights, bins) [m^2].
-        calm: of the same seeds without it (flights, bins) [m^2].
-        origin: the bin.
+    Both are mean squared errors (flights, bins) [m^2], of the same seeds with the fault and without it.
     """
     n = round(WINDOW / BIN)
     for k in range(origin, square.shape[1] - n + 1):

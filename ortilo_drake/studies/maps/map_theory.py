@@ -17,9 +17,7 @@ from scipy.optimize import minimize_scalar
 from ortilo_drake.flight.flyable import flight_ticks
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.studies.arrivals.arrival_map import diagonals
-from ortilo_drake.studies.arrivals.arrival_report import filter_model
-from ortilo_drake.studies.arrivals.link_chain import link_chain
+from ortilo_drake.studies.arrivals.arrival_map import diagonals, filter_model, link_chain
 from ortilo_drake.studies.command_link.command_flights import hover_V, learned_at
 from ortilo_drake.studies.loop.hover_loop import filter_V, hover_loop
 from ortilo_drake.studies.maps.map_flights import Map
@@ -31,11 +29,12 @@ _SHORTEST, _LONGEST = 0.1, 1000.0  # T [s]
 
 
 class MapTheory(NamedTuple):
-    """The theory at each point of a map.
+    """The theory at each of n points of a map.
 
     Attributes:
         rms: root of the bound on the mean squared error of the position [m] (n); NaN where it says nothing.
-        lost: share of lost flights [1] (n), of bursts alone; None for other axes, and where none was lost, or all were.
+        lost: share of lost flights [1] (n), of bursts alone; None for other axes, and where none was lost, or all
+            were.
         longest: T that fits the map's own flights best [s]; None likewise.
         silence: why it says nothing, in a line; None if it does.
     """
@@ -47,13 +46,9 @@ class MapTheory(NamedTuple):
 
 
 def lost_in_bursts(share: np.ndarray, length: np.ndarray, duration: np.ndarray | float, longest: float) -> np.ndarray:
-    """Return the chance that a flight has a burst that is longer than it stands.
+    """Return the chance of a burst longer than T, `longest` [s], in a flight of D [s].
 
-    Args:
-        share: of the messages that are lost, p [1].
-        length: mean of a burst, L [s].
-        duration: of the flight, D [s].
-        longest: that it stands, T [s].
+    Its messages are lost in a share p [1], in bursts of the mean length L [s].
     """
     return np.asarray(1.0 - np.exp(-share * duration / length * np.exp(-longest / length)))
 
