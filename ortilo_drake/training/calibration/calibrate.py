@@ -17,9 +17,7 @@ from ortilo_drake.flight.flight import FlightSimulator
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.onboard.detector.detector_network import OWN_ONNX, load_detector
 from ortilo_drake.scenario import Detector, load_scenario
-from ortilo_drake.training.calibration.measured_errors import box_errors
-from ortilo_drake.training.calibration.measured_rates import detection_rates
-from ortilo_drake.training.calibration.persistence import persistence
+from ortilo_drake.training.calibration.measured_errors import box_errors, detection_rates, persistence
 from ortilo_drake.training.calibration.sightings import Sightings, detect_in_flight, sightings
 from ortilo_drake.world.sensors.camera_calibration import CameraCalibration
 
@@ -58,14 +56,9 @@ def _plain(value: Any) -> Any:
 def estimate(
     s: Sightings, classes: tuple[str, ...], size: tuple[int, int], interval: float, source: dict[str, Any]
 ) -> CameraCalibration:
-    """Return the calibration estimated from sightings.
+    """Return the calibration estimated from sightings, a time between pictures [s] apart.
 
-    Args:
-        s: the sightings.
-        classes: the room's classes.
-        size: width and height of the image [px].
-        interval: time between pictures [s].
-        source: the fields of Source.
+    The classes are the room's, the size is the image's width and height [px], the source has the fields of Source.
 
     Raises:
         InputError: if too few landmarks were found.
@@ -124,13 +117,13 @@ def calibrate(
             progress(done, total)
 
     s = sightings(room, width, [(x, detect_in_flight(room, width, x, detect, count)) for x in states])
+    network = Path(detector.weights or detector.onnx or OWN_ONNX).read_bytes()
     source = {
         "scenario": SCENARIO,
         "seeds": seeds,
         "pictures": s.pictures,
         "landmarks_found": int(s.found.sum()),
-        "detector": "sha256 "
-        + hashlib.sha256(Path(detector.weights or detector.onnx or OWN_ONNX).read_bytes()).hexdigest()[:16],
+        "detector": f"sha256 {hashlib.sha256(network).hexdigest()[:16]}",
         "width": width,
     }
     calibration = estimate(s, room.classes, size, every * scenario.h, source)

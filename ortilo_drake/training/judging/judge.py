@@ -13,8 +13,7 @@ from ortilo_drake.onboard.detector.detector_network import load_detector, own_ba
 from ortilo_drake.scenario import Detector
 from ortilo_drake.training.judging.evaluate import Detect, Evaluation, evaluate, milliseconds_per_frame
 from ortilo_drake.training.pictures.labels import BOX, LEAST_CLEAR, Frames, is_to_be_found
-from ortilo_drake.training.pictures.sets import KINDS, set_folder
-from ortilo_drake.training.pictures.shards import load_frames
+from ortilo_drake.training.pictures.sets import KINDS, load_frames, set_folder
 
 cv2 = later("cv2")
 
