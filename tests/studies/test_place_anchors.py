@@ -18,10 +18,10 @@ from ortilo_drake.studies.room_design.place import (
     place_anchors,
     planned_truth,
     range_information,
+    room_text,
     with_anchors,
     worst_floor,
 )
-from ortilo_drake.studies.room_design.room_file import room_text
 
 PATH = "planner={kind: waypoints, points: [[1, 0, 1.5], [4, 1, 1.5]]}"
 OPEN = ("uwb.walls.kind=block", "uwb.link.blackouts=[]")

@@ -18,8 +18,7 @@ from ortilo_drake.studies.room_design.landmarks import (
     standing_classes,
 )
 from ortilo_drake.studies.room_design.path_bound import step_information
-from ortilo_drake.studies.room_design.place import place_anchors, planned_truth, with_anchors, worst_floor
-from ortilo_drake.studies.room_design.room_file import room_text
+from ortilo_drake.studies.room_design.place import place_anchors, planned_truth, room_text, with_anchors, worst_floor
 
 PATH = "planner={kind: waypoints, points: [[1, 0, 1.5], [4, 1, 1.5]]}"
 SETTINGS = (PATH, "uwb.walls.kind=block", "uwb.link.blackouts=[]", "camera.kind=projected")

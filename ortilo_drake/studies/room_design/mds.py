@@ -17,10 +17,7 @@ from scipy.sparse.csgraph import shortest_path
 def all_distances(pairs: np.ndarray, distance: np.ndarray, n: int) -> np.ndarray:
     """Return the distances between n points (n, n) [m], inf where no way of pairs leads.
 
-    Args:
-        pairs: numbers of two points (l, 2); a pair may come more than once, and is averaged.
-        distance: between them (l) [m].
-        n: number of points.
+    Between two points, pairs (l, 2), there are distances (l) [m]; a pair may come more than once, and is averaged.
     """
     low, high = np.sort(pairs.reshape(-1, 2), axis=1).T
     key, which = np.unique(low * n + high, return_inverse=True)
@@ -51,11 +48,8 @@ def mirror_images(
 ) -> list[np.ndarray]:
     """Return both mirror images of the points (n, 3), the known ones at their place; none where pairs do not connect.
 
-    Args:
-        pairs: numbers of two points (l, 2).
-        distance: between them (l) [m].
-        believed: of which the known points are taken (n, 3) [m].
-        known: numbers of the known points.
+    Between two points, pairs (l, 2), there are distances (l) [m]; the known points, by number, are taken of those
+    believed (n, 3) [m].
     """
     n = len(believed)
     if not len(pairs):

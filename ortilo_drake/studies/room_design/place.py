@@ -15,6 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+import yaml
 
 from ortilo_drake.floor.cramer_rao import dynamics, information_rows, position_floor
 from ortilo_drake.floor.information_arrivals import arrived
@@ -34,7 +35,6 @@ from ortilo_drake.studies.room_design.landmarks import (
 )
 from ortilo_drake.studies.room_design.mounting import mounting_places
 from ortilo_drake.studies.room_design.path_bound import STEPS, PathModel, path_model, position_variance
-from ortilo_drake.studies.room_design.room_file import room_text
 from ortilo_drake.studies.tube.nominal_flight import aim, planned_reference
 
 POWER = 16.0
@@ -44,13 +44,9 @@ FINER = 3  # by which the grid of free spots of the floor is finer than that of 
 
 @dataclass(frozen=True)
 class Worst:
-    """The worst point of a path.
+    """The worst point of a path: least RMS error of the position there that any estimator can have, its floor [m].
 
-    Attributes:
-        floor: least RMS error of the position there that any estimator can have [m].
-        time: when [s].
-        place: where, p_WB [m].
-        no_fix: longest time without as many ranges as a fix takes [s].
+    It is at a time [s] and a place p_WB [m]; no_fix is the longest time without as many ranges as a fix takes [s].
     """
 
     floor: float
@@ -61,13 +57,9 @@ class Worst:
 
 @dataclass(frozen=True)
 class Placement:
-    """A room before and after its anchors were placed.
+    """A room before and after its anchors were placed, and its worst points with those it had and with those placed.
 
-    Attributes:
-        candidates: number of mounting places to choose from.
-        before: the worst point with the anchors that the room has.
-        after: with those that were placed.
-        room: the room with them.
+    So many candidates were there to choose from; the room is that with the anchors placed.
     """
 
     candidates: int
@@ -125,17 +117,10 @@ def longest_gap(scenario: Scenario, truth: np.ndarray) -> float:
 def range_information(
     scenario: Scenario, truth: np.ndarray, room: Room, places: np.ndarray, m: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the information on p_WB of an anchor at each place in each step, and whether it is heard there.
+    """Return the information on p_WB of an anchor at each place in each step of m ticks, and whether it is heard there.
 
-    Args:
-        scenario: noise, walls and link of the ranges.
-        truth: states x_k (n, 12).
-        room: its walls.
-        places: p_W of the anchors (c, 3) [m].
-        m: ticks of a step.
-
-    Returns:
-        J in [1/m^2] (c, steps, 3, 3) and there (c, steps).
+    They are J [1/m^2] (c, steps, 3, 3) and there (c, steps), for places p_W (c, 3) [m] in a room's walls along states
+    x_k (n, 12), with noise, walls and link of the scenario's ranges.
     """
     steps, seen = -(-len(truth) // m), arrived(scenario, measuring("anchors"), truth)
     J, there = np.zeros((len(places), steps, 3, 3)), np.zeros((len(places), steps), dtype=bool)
@@ -197,9 +182,8 @@ def place_anchors(
     better = with_anchors(room, places[sorted(chosen)])
     if landmarks:
         ranges = J[chosen].sum(axis=0) * (there[chosen].sum(axis=0) >= FIX)[:, None, None]
-        spots = floor_spots(
-            room, standing_classes(scenario.load_room()), spacing / FINER, truth[:, :3], scenario.vehicle.radius
-        )
+        classes = standing_classes(scenario.load_room())
+        spots = floor_spots(room, classes, spacing / FINER, truth[:, :3], scenario.vehicle.radius)
         if len(spots) < landmarks:
             raise InputError(f"--landmarks {landmarks}: must not exceed the {len(spots)} free spots of the floor")
         start("choosing landmarks")
@@ -230,3 +214,9 @@ def _cost(
         return float(worst * np.mean((sd / worst) ** power) ** (1.0 / power))
 
     return cost
+
+
+def room_text(room: Room, about: str) -> str:
+    """Return a room as the text of a file, with a line about it at the top."""
+    data = room.model_dump(mode="json")
+    return f"# {about}\n" + yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=120)

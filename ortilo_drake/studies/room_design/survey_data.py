@@ -37,9 +37,7 @@ _ANCHOR = re.compile(r"a(\d{1,4})")
 def flown_messages(scenario: Scenario, truth: np.ndarray) -> np.ndarray:
     """Return the uwb messages that reached the vehicle in a flight (m, 2 + 2 a), in the order in which they were taken.
 
-    Args:
-        scenario: the scenario flown, its seed included.
-        truth: true states x_k (n, 12).
+    The scenario is the one flown, its seed included, with true states x_k (n, 12).
 
     Raises:
         InputError: if the messages cannot be repeated, see messages_again.

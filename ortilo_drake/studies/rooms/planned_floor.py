@@ -19,13 +19,10 @@ NEEDED = 1.1  # by which the loss of a sensor must raise the floor for a stretch
 
 
 class PlannedFlight(NamedTuple):
-    """A path as it is planned, at every tick.
+    """A path as it is planned, at every tick: times [s] (n), and the distance flown since the start [m] (n).
 
-    Attributes:
-        time: t_k [s] (n).
-        distance: flown since the start [m] (n).
-        truth: states, position and velocity the path's, roll and pitch as its acceleration needs (n, 12).
-        free: from the vehicle's outline to walls, floor and ceiling [m] (n).
+    The truth are states, position and velocity the path's, roll and pitch as its acceleration needs (n, 12); free is
+    from the vehicle's outline to walls, floor and ceiling [m] (n).
     """
 
     time: np.ndarray
@@ -39,7 +36,7 @@ def planned_flight(scenario: Scenario) -> PlannedFlight:
     time, reference = planned_reference(scenario)
     ticks = max(len(time) - round(scenario.settle * scenario.control_rate), 2)
     time, p, v, a = time[:ticks], *(reference[:ticks, 3 * i : 3 * i + 3] for i in range(3))
-    yaw = heading(scenario)
+    yaw = scenario.yaw
     truth = np.zeros((ticks, N_X))
     truth[:, 0:3], truth[:, 6:9] = p, v
     truth[:, 3] = (a[:, 0] * np.sin(yaw) - a[:, 1] * np.cos(yaw)) / GRAVITY
@@ -48,12 +45,6 @@ def planned_flight(scenario: Scenario) -> PlannedFlight:
     truth[:, 9:12] = np.gradient(truth[:, 3:6], scenario.h, axis=0)
     steps = np.linalg.norm(np.diff(p, axis=0), axis=1)
     return PlannedFlight(time, np.concatenate([[0.0], np.cumsum(steps)]), truth, free_room(scenario, p))
-
-
-def heading(scenario: Scenario) -> float:
-    """Return the yaw at which a scenario's vehicle flies [rad]: its servo's, 0 in the paper's form."""
-    error_form = getattr(scenario.servo, "form", "error") == "error"
-    return float(getattr(scenario.servo, "yaw", 0.0)) if error_form else 0.0
 
 
 def free_room(scenario: Scenario, points: np.ndarray) -> np.ndarray:
@@ -77,11 +68,8 @@ def without_sensor(scenario: Scenario, sensor: str) -> Scenario:
 def floors(scenario: Scenario, truth: np.ndarray) -> dict[str, np.ndarray]:
     """Return the floor of the position's error at every tick [m] (n) with all sensors, and without each.
 
-    It is the root of the three axes' bounds together, sqrt(E |p_hat - p|^2) at best. See floor/cramer_rao.py.
-
-    Args:
-        scenario: what is flown.
-        truth: states (n, 12).
+    It is the root of the three axes' bounds together at states (n, 12), sqrt(E |p_hat - p|^2) at best. See
+    floor/cramer_rao.py.
 
     Raises:
         InputError: if the errors of the camera's detector have not been measured.
@@ -91,24 +79,17 @@ def floors(scenario: Scenario, truth: np.ndarray) -> dict[str, np.ndarray]:
     for name, case in cases.items():
         bound = position_floor(case, truth)
         if bound is None:
-            raise InputError(
-                "detector: is not ours, so its errors have not been measured; leave it out, or "
-                "fly with camera.kind projected and camera.errors"
-            )
+            unknown = "detector: is not ours, so its errors have not been measured"
+            raise InputError(f"{unknown}; leave it out, or fly with camera.kind projected and camera.errors")
         found[name] = np.sqrt(bound.sum(axis=1))
     return found
 
 
 class Stretch(NamedTuple):
-    """The stretch of the way where the floor is worst.
+    """The stretch of the way where the floor is worst, from its first tick to its last, with its greatest floor [m].
 
-    Attributes:
-        first: tick at which it begins.
-        last: tick at which it ends.
-        floor: greatest floor in it [m].
-        hangs_on: the sensor whose loss raises that most; None if none does by much.
-        floor_without: greatest floor in it without that sensor [m].
-        silent: sensors that tell nothing in it.
+    It hangs on the sensor whose loss raises that most, to floor_without [m]; None if none does by much. Sensors that
+    tell nothing in it are silent.
     """
 
     first: int
@@ -122,9 +103,7 @@ class Stretch(NamedTuple):
 def worst_stretch(found: dict[str, np.ndarray], tells: dict[str, np.ndarray]) -> Stretch:
     """Return the stretch around the greatest floor in which the floor is at least WORST times it.
 
-    Args:
-        found: the floors, see floors (n each).
-        tells: whether each sensor tells something, by name (n each).
+    By name there are the floors found and whether each sensor tells something (n each).
     """
     floor = found[ALL]
     peak = int(np.argmax(floor))
