@@ -24,13 +24,10 @@ WINDOW: Final = 30.0  # the least delay of the last one to two windows counts, s
 
 
 class SensorClock:
-    """The sensors' clock, extrapolated by the wall clock between and after their messages.
+    """The sensors' clock, extrapolated by the wall clock [s], which never goes back, between and after their messages.
 
     The least delay of a message seen lately gives the offset of the two clocks, as in D. L. Mills, RFC 5905, clock
     filter. A bridge that cannot keep up, or stands still, sees by it that its messages are old.
-
-    Args:
-        wall: the wall clock [s]; it never goes back.
     """
 
     def __init__(self, wall: Callable[[], float]):
@@ -184,13 +181,9 @@ class LiveBridge:
 def run_live(
     bridge: LiveBridge, messages: Iterable[tuple[str, int, Any] | None], say: Say, seconds: float | None = None
 ) -> LiveReport:
-    """Feed a bridge until its messages end, so many seconds have passed, or Ctrl-C.
+    """Feed a bridge until its messages end, so many seconds have passed by the wall clock, or Ctrl-C.
 
-    Args:
-        bridge: the bridge.
-        messages: topic, when it was received [ns], message; None from time to time where none comes.
-        say: takes a line.
-        seconds: by the wall clock; without end by default.
+    A message is its topic, when it was received [ns], and itself; None comes from time to time where there is none.
     """
     began = heard = time.monotonic()
     quiet = False

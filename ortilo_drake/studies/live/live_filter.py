@@ -12,14 +12,15 @@ all rows came in time. Where replay looks ahead, this waits:
 Meanwhile no estimate is made; those left out follow at once when it resumes.
 """
 
-from typing import NamedTuple
+from collections.abc import Iterable
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ortilo_drake.interop.recorded.live_rows import Block
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import Ranges
-from ortilo_drake.interop.recorded.recording import NO_AID_ROWS, Imu, Recording, held_at
+from ortilo_drake.interop.recorded.recording import NO_AID_ROWS, AidRows, Imu, Recording, held_at
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.aided import uncalibrated_setup
 from ortilo_drake.studies.recorded.at_rest import at_rest
@@ -105,12 +106,9 @@ class LiveFilter:
         return self._known is not None
 
     def advance(self, horizon: float, block: Block, ended: bool = False) -> list[LiveEstimate]:
-        """Take rows in, and return the estimates that are due.
+        """Take in the rows since the last call, and return the estimates that are due.
 
-        Args:
-            horizon: nothing before it is still to come [s].
-            block: the rows since the last call.
-            ended: whether there are no more.
+        Before the horizon [s] nothing is still to come; with `ended` nothing at all.
 
         Raises:
             InputError: if the imu is silent while it should say how it stands still.
@@ -210,7 +208,8 @@ class LiveFilter:
         assert self._kept is not None
         of = events.kind == RANGE
         left = Ranges(*(part[of] for part in (events.t, events.which, events.r, events.other, events.tag)))
-        return _end_to_end(left, self._kept.ranges)
+        joined: Ranges = _joined(left, self._kept.ranges)
+        return joined
 
     def _start_anew(self, window: Ranges) -> None:
         found = restart_from(window, self._setup, self._state, is_astray(self._state))
@@ -220,42 +219,29 @@ class LiveFilter:
         self._carried, self._waits = self._fresh(), False
 
 
-def _end_to_end(first: Ranges, second: Ranges) -> Ranges:
-    return Ranges(*(np.concatenate(parts) for parts in zip(first, second, strict=True)))
-
-
-def _joined(a: Block, b: Block) -> Block:
-    """Return the rows of two blocks, the second of which follows the first."""
-    looks = type(a.looks)(*(np.concatenate(parts) for parts in zip(a.looks, b.looks, strict=True)))
-    imu = a.imu
-    if a.imu is not None and b.imu is not None:
-        turned, own = None, None
-        if a.imu.attitude is not None and b.imu.attitude is not None:
-            turned = np.concatenate((a.imu.attitude, b.imu.attitude))
-        if a.imu.accelerometer is not None and b.imu.accelerometer is not None:
-            (t_a, f_a), (t_b, f_b) = a.imu.accelerometer, b.imu.accelerometer
-            own = np.concatenate((t_a, t_b)), np.concatenate((f_a, f_b))
-        t, rates, force = (np.concatenate(parts) for parts in zip(a.imu[:3], b.imu[:3], strict=True))
-        imu = Imu(t, rates, force, turned, own)
-    return Block(_end_to_end(a.ranges, b.ranges), imu, looks)
+def _joined(a: Any, b: Any) -> Any:
+    """Return the rows of a, then those of b, which follows it: arrays, or tuples of what is joined likewise."""
+    if a is None or b is None:
+        return None
+    if isinstance(a, np.ndarray):
+        return np.concatenate((a, b))
+    joined = map(_joined, a, b)
+    return a._make(joined) if hasattr(a, "_make") else tuple(joined)
 
 
 def _parted(block: Block, t: float) -> tuple[Block, Block]:
     """Return the rows up to a stamp [s], that one included, and those behind it."""
+
+    def cut(stamps: np.ndarray, rows: Iterable[Any]) -> Any:
+        k, rows = int(np.searchsorted(stamps, t, side="right")), list(rows)
+        return [[None if values is None else values[part] for values in rows] for part in (slice(k), slice(k, None))]
+
     ranges, imu, looks = block
-    k = int(np.searchsorted(ranges.t, t, side="right"))
-    f, m = (int(np.searchsorted(stamps, t, side="right")) for stamps in (looks.finder_t, looks.flow_t))
-    parts = []
-    for cut in (lambda values, at: values[:at], lambda values, at: values[at:]):
-        of_imu = imu
-        if imu is not None:
-            i, own = int(np.searchsorted(imu.t, t, side="right")), imu.accelerometer
-            if own is not None:
-                j = int(np.searchsorted(own[0], t, side="right"))
-                own = cut(own[0], j), cut(own[1], j)
-            turned = None if imu.attitude is None else cut(imu.attitude, i)
-            of_imu = Imu(cut(imu.t, i), cut(imu.rates, i), cut(imu.force, i), turned, own)
-        finder = {"finder_t": cut(looks.finder_t, f), "distance": cut(looks.distance, f)}
-        flow = {"flow_t": cut(looks.flow_t, m), "flow": cut(looks.flow, m)}
-        parts.append(Block(Ranges(*(cut(part, k) for part in ranges)), of_imu, looks._replace(**finder, **flow)))
+    imus: Any = [None, None]
+    if imu is not None:
+        own = [None, None] if imu.accelerometer is None else cut(imu.accelerometer[0], imu.accelerometer)
+        imus = [Imu._make([*rows, its and tuple(its)]) for rows, its in zip(cut(imu.t, imu[:4]), own, strict=True)]
+    finder, flow = cut(looks.finder_t, (looks.finder_t, looks.distance)), cut(looks.flow_t, (looks.flow_t, looks.flow))
+    seen = [AidRows._make([*f, *m, looks.boxes_t, looks.boxes]) for f, m in zip(finder, flow, strict=True)]
+    parts = [Block(Ranges(*rows), *rest) for rows, *rest in zip(cut(ranges.t, ranges), imus, seen, strict=True)]
     return parts[0], parts[1]

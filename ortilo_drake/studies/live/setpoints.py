@@ -31,11 +31,7 @@ class Setpoint(NamedTuple):
 
 
 class Holding:
-    """Holds a place.
-
-    Args:
-        scenario: whose servo, mass, heading and failsafe's limits.
-        place: r (3) in the anchors' frame [m].
+    """Holds a place r (3) in the anchors' frame [m], by a scenario's servo, mass, heading and failsafe's limits.
 
     Raises:
         InputError: if the servo has no gain.
@@ -59,12 +55,7 @@ class Holding:
             raise InputError(f"--hold: ({place}): must be {within}")
 
     def setpoint(self, stamped: StampedEstimate, now: float) -> Setpoint:
-        """Return the setpoint that follows from an estimate.
-
-        Args:
-            stamped: the estimate.
-            now: what the sensors' clock says now [s], by which its age is known.
-        """
+        """Return the setpoint that follows from an estimate, whose age is by the sensors' clock now [s]."""
         x, age = stamped.estimate, now - stamped.t
         refused = ""
         if age > self._timeout:
