@@ -16,6 +16,7 @@ late_servo.py.
 
 import math
 from collections.abc import Callable
+from functools import reduce
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -78,16 +79,9 @@ def periodic_predictor(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return K_k (T, n, p) and P_k (T, n, n) of the steady one-step predictor over a period of arrivals.
 
-    The Riccati recursion on the rows that arrive, gone through until it repeats; S. Bittanti and P. Colaneri,
-    "Periodic Systems" (Springer, 2009), for its convergence where (Phi, C) is detectable over the period. The columns
-    of what does not arrive are 0.
-
-    Args:
-        Phi: dynamics (n, n).
-        C: output (p, n).
-        W: covariance of the process noise (n, n).
-        V: covariance of the measurements (p, p).
-        there: which rows of C arrive in each tick of the period (T, p).
+    The Riccati recursion of Phi, W (n, n), C (p, n) and V (p, p) on the rows that arrive, gone through until it
+    repeats; S. Bittanti and P. Colaneri, "Periodic Systems" (Springer, 2009), for its convergence where (Phi, C) is
+    detectable over the period. The columns of what does not arrive in a tick, by `there` (T, p), are 0.
 
     Raises:
         InputError: if it does not settle; so it is where an unstable state stays unseen.
@@ -112,10 +106,10 @@ def periodic_predictor(
 def commanded_loop(
     scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None = None, delay: float = 0.0
 ) -> CommandedLoop:
-    """Return a scenario's loop, open at the rotors.
+    """Return a scenario's loop, open at the rotors; its sensors' losses, delays and blackouts do not enter.
 
     Args:
-        scenario: the scenario; its sensors' losses, delays and blackouts do not enter.
+        scenario: the scenario.
         V: covariance of the measurements (p x p).
         deltas: arrivals of the sensors at each tick of a period (T, s); by default what is due.
         delay: after which commands act [ticks]; read where the servo accounts for it.
@@ -232,15 +226,17 @@ def last_stable(is_stable: Callable[[float], bool], stable: float, unstable: flo
     return stable
 
 
+def over_a_period(A: np.ndarray) -> np.ndarray:
+    """Return A_{T-1} ... A_0 of A (T, n, n)."""
+    return reduce(lambda product, A_k: A_k @ product, A)
+
+
 def growing_modes(A: np.ndarray) -> str:
     """Return, in words, the eigenvalues of a period's product A_{T-1} ... A_0 that do not decay, and their states.
 
     Each mode is named by the state of the vehicle that moves most in it, scaled by the tick; growth is per tick.
     """
-    product = np.eye(A.shape[-1])
-    for A_k in A:
-        product = A_k @ product
-    values, vectors = np.linalg.eig(product)
+    values, vectors = np.linalg.eig(over_a_period(A))
     growth = np.abs(values) ** (1.0 / len(A))
     found = []
     for j in np.argsort(-growth):

@@ -7,7 +7,7 @@ import numpy as np
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import CommandLink, LqServo, Scenario
 from ortilo_drake.scenario.loss_chain import loss_of
-from ortilo_drake.studies.command_link.command_delay import CriticalDelay, NoLimitError, critical_delay
+from ortilo_drake.studies.command_link.command_delay import CriticalDelay, critical_delay
 from ortilo_drake.studies.command_link.command_loop import STRATEGIES, commanded_loop
 from ortilo_drake.studies.command_link.command_loss import (
     acknowledged_loop,
@@ -66,19 +66,10 @@ def _rms(system: JumpLinear) -> float | None:
         return None
 
 
-def _critical_delay(scenario: Scenario, V: np.ndarray) -> CriticalDelay | None:
-    try:
-        return critical_delay(scenario, V)
-    except NoLimitError:
-        return None
-
-
 def command_report(scenario: Scenario, V: np.ndarray) -> CommandReport:
-    """Return the effect of lost and late commands on a scenario's loop at hover.
+    """Return the effect of lost and late commands on a scenario's loop at hover; V covers the measurements (p x p).
 
-    Args:
-        scenario: the scenario; its own command link enters under `own_link` alone.
-        V: covariance of the measurements uwb, camera, imu (9 x 9).
+    The scenario's own command link enters under `own_link` alone.
 
     Raises:
         InputError: if the loop is unstable with a perfect link, naming the modes.
@@ -101,6 +92,6 @@ def command_report(scenario: Scenario, V: np.ndarray) -> CommandReport:
         },
         acknowledged_loss=largest_acknowledged_loss(scenario),
         acknowledged_rms={f"{p:g}": _rms(acknowledged_loop(scenario, V, p)) for p in LOSSES if weighs},
-        delay=_critical_delay(scenario, V),
+        delay=critical_delay(scenario, V),
         own_link=LinkFigures(mean_square_radius(own), _rms(own)),
     )

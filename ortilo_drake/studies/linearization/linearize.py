@@ -74,15 +74,16 @@ class Linearization(NamedTuple):
 
 
 def _named(
-    matrices: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    system: Any,
     h: float | None,
     states: tuple[str, ...],
     inputs: tuple[str, ...],
     outputs: tuple[str, ...],
     rows: Rows = (),
 ) -> Linearization:
+    A, B, C, D_ = system if isinstance(system, tuple) else (system.A(), system.B(), system.C(), system.D())
     units = {name: unit_of(name, rows) for name in (*states, *inputs, *outputs)}
-    return Linearization(*matrices, h, states, inputs, outputs, units)
+    return Linearization(A, B, C, D_, h, states, inputs, outputs, units)
 
 
 def differentiate_tick(diagram: Diagram, context: Context) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -139,7 +140,7 @@ def linearize(
         raise InputError(why)
     if part in ("servo", "closed_loop") and not isinstance(scenario.servo, LqServo):
         raise InputError(f"servo.kind: {scenario.servo.kind}: must be lq: Drake differentiates no other; see its gain")
-    reference = np.zeros(REFERENCE_SIZE) if reference is None else np.asarray(reference)
+    reference = np.asarray(np.zeros(REFERENCE_SIZE) if reference is None else reference)
     if reference.shape != (REFERENCE_SIZE,) or reference.dtype.kind not in "iuf" or not np.all(np.isfinite(reference)):
         raise InputError(f"reference: has the shape {reference.shape}, must be r, r_dot, r_ddot: 9 finite numbers")
     reference = reference.astype(float)
@@ -170,11 +171,7 @@ def linearize(
     approximate = FirstOrderTaylorApproximation if reference[3:].any() else Linearize
     ports = diagram.GetInputPort("control").get_index(), diagram.GetOutputPort("state").get_index()
     system = approximate(diagram, context, *ports)
-    return _named(_matrices(system), h, names, CONTROL_NAMES, STATE_NAMES)
-
-
-def _matrices(system: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    return system.A(), system.B(), system.C(), system.D()
+    return _named(system, h, names, CONTROL_NAMES, STATE_NAMES)
 
 
 def _resting_estimate(scenario: Scenario, x: np.ndarray) -> np.ndarray:
@@ -192,15 +189,14 @@ def _linear_servo(scenario: Scenario, x: np.ndarray, reference: np.ndarray) -> L
     values = np.concatenate([_resting_estimate(scenario, x), reference, force, velocities])
     diagram.get_input_port().FixValue(context, values)
     system = FirstOrderTaylorApproximation(diagram, context)
-    return _named(_matrices(system), None, (), names, CONTROL_NAMES)
+    return _named(system, None, (), names, CONTROL_NAMES)
 
 
 def _linear_estimator(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> Linearization:
     loop = hover_loop(scenario)
     names = (*(f"{name}_hat" for name in loop.names), *INTEGRAL_NAMES)
     inputs = (*loop.measurement.outputs, *CONTROL_NAMES, *REFERENCE_NAMES)
-    system = make_frozen_filter(scenario, K, delta)
-    return _named(_matrices(system), scenario.h, names, inputs, names, loop.measurement.rows)
+    return _named(make_frozen_filter(scenario, K, delta), scenario.h, names, inputs, names, loop.measurement.rows)
 
 
 def _linear_loop(

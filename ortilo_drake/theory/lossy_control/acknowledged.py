@@ -22,8 +22,6 @@ from ortilo_drake.theory.arrivals.critical_rate import mare_critical_rate, unsta
 from ortilo_drake.theory.arrivals.expected_riccati import upper_bound
 from ortilo_drake.theory.modes.modes import listed, unreached_modes, unseen_modes
 
-_NOTHING_OR_ALL = (False, True)
-
 
 def check_reached(A: np.ndarray, B: np.ndarray) -> None:
     """Raise InputError naming the modes of A that do not decay and that no control reaches, if there are any."""
@@ -47,20 +45,15 @@ def critical_command_rate(A: np.ndarray, B: np.ndarray) -> float:
 def acknowledged_gain(
     A: np.ndarray, B: np.ndarray, W: np.ndarray, U: np.ndarray, nu: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return L (m, n) and S (n, n).
+    """Return L (m, n) and S (n, n) for A (n, n) and B (n, m), where commands arrive with the probability nu.
 
-    Args:
-        A: dynamics (n, n).
-        B: control (n, m).
-        W: weight of the state (n, n), positive semidefinite.
-        U: weight of the control (m, m), positive definite.
-        nu: probability that a command arrives.
+    The weights are W >= 0 of the state (n, n) and U > 0 of the control (m, m).
 
     Raises:
         InputError: if (A, B) is not stabilisable or (A, W^1/2) not detectable, or if nu is no more than critical.
     """
-    rows = np.repeat(np.array(_NOTHING_OR_ALL)[:, np.newaxis], B.shape[1], axis=1)
-    dual = check_model(Model(A.T, B.T, W, U, rows))
+    nothing_or_all = np.repeat([[False], [True]], B.shape[1], axis=1)
+    dual = check_model(Model(A.T, B.T, W, U, nothing_or_all))
     nu, critical = check_rate(nu, "nu"), critical_command_rate(A, B)
     if unseen := unseen_modes(A, W):
         raise InputError(f"(A, W^1/2) is not detectable: no weight sees {listed(unseen)}")

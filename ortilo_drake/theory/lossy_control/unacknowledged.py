@@ -30,12 +30,9 @@ MOST_STEPS = 20_000
 def critical_unacknowledged_rate(A: np.ndarray, gamma: float) -> float | None:
     """Return the least nu for which the cost stays bounded, None if no nu suffices.
 
-    With a > 1 the largest |eigenvalue| of A it solves a^2 (nu + gamma - 2 nu gamma) = nu + gamma - nu gamma. It is
-    necessary for every B, and sufficient where B is square and invertible. For a <= 1 it is 0.
-
-    Args:
-        A: dynamics (n, n).
-        gamma: probability that the state arrives.
+    The state arrives with the probability gamma. With a > 1 the largest |eigenvalue| of A (n, n) it solves a^2 (nu +
+    gamma - 2 nu gamma) = nu + gamma - nu gamma. It is necessary for every B, and sufficient where B is square and
+    invertible. For a <= 1 it is 0.
     """
     gamma, a2 = check_rate(gamma, "gamma"), float(np.max(np.abs(np.linalg.eigvals(A)))) ** 2
     if a2 <= 1.0:
@@ -48,15 +45,9 @@ def critical_unacknowledged_rate(A: np.ndarray, gamma: float) -> float | None:
 def unacknowledged_gain(
     A: np.ndarray, B: np.ndarray, W: np.ndarray, U: np.ndarray, nu: float, gamma: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return L (m, n), S and T (n, n), the limit of the recursion from S = T = 0.
+    """Return L (m, n), S and T (n, n), the limit of the recursion from S = T = 0, arguments as acknowledged_gain's.
 
-    Args:
-        A: dynamics (n, n).
-        B: control (n, m).
-        W: weight of the state (n, n), positive semidefinite.
-        U: weight of the control (m, m), positive definite.
-        nu: probability that a command arrives.
-        gamma: probability that the state arrives.
+    Commands arrive with the probability nu, the state with gamma.
 
     Raises:
         InputError: if (A, B) is not stabilisable, or the cost grows without bound.
