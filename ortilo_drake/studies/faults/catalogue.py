@@ -87,13 +87,9 @@ def catalogue(scenario: Scenario, start: float = START, length: float = LENGTH) 
     end = start + length
     cases = [Case(name, fault | {"start": start, "end": end}, start, end) for name, fault in passing.items()]
     cases += [Case(name, fault | {"start": start}, start, None) for name, fault in lasting.items()]
-    return tuple(case for case in cases if (needs := needed_by(case.fault)) is None or needs in scenario.sensors)
-
-
-def needed_by(fault: dict[str, Any]) -> str | None:
-    """Return the sensor that a fault is about; None if it is about the vehicle."""
-    sensor: str | None = fault.get("sensor") or next(iter(sensors_of_kind(fault["kind"])), None)
-    return sensor
+    flown = {None, *scenario.sensors}  # a fault of the vehicle needs none
+    kinds = {case.name: next(iter(sensors_of_kind(case.fault["kind"])), None) for case in cases}
+    return tuple(case for case in cases if (case.fault.get("sensor") or kinds[case.name]) in flown)
 
 
 NAMES: Final = (

@@ -151,7 +151,11 @@ def linearize(
     if part in ("estimator", "closed_loop"):
         K, delta = frozen or frozen_gain(scenario)
         if part == "estimator":
-            return _linear_estimator(scenario, K, delta)
+            loop = hover_loop(scenario)
+            estimate = (*(f"{name}_hat" for name in loop.names), *INTEGRAL_NAMES)
+            inputs = (*loop.measurement.outputs, *CONTROL_NAMES, *REFERENCE_NAMES)
+            system = make_frozen_filter(scenario, K, delta)
+            return _named(system, scenario.h, estimate, inputs, estimate, loop.measurement.rows)
         return _linear_loop(scenario, x, reference, K, delta)
     names: tuple[str, ...] = STATE_NAMES
     h = None
@@ -190,13 +194,6 @@ def _linear_servo(scenario: Scenario, x: np.ndarray, reference: np.ndarray) -> L
     diagram.get_input_port().FixValue(context, values)
     system = FirstOrderTaylorApproximation(diagram, context)
     return _named(system, None, (), names, CONTROL_NAMES)
-
-
-def _linear_estimator(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> Linearization:
-    loop = hover_loop(scenario)
-    names = (*(f"{name}_hat" for name in loop.names), *INTEGRAL_NAMES)
-    inputs = (*loop.measurement.outputs, *CONTROL_NAMES, *REFERENCE_NAMES)
-    return _named(make_frozen_filter(scenario, K, delta), scenario.h, names, inputs, names, loop.measurement.rows)
 
 
 def _linear_loop(

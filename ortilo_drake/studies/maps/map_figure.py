@@ -132,7 +132,9 @@ def _contours(panel: Any, values: np.ndarray, names: dict[float, str], whose: st
     flown = whose == FLOWN
     style = {"colors": "k", "linewidths": 0.8} if flown else {"colors": THEORY, "linewidths": 1.6, "linestyles": "--"}
     lines = panel.contour(shown, levels=levels, **style)
-    long = [[Path(line) for line in at if _length(line) >= _SHORTEST] for at in lines.allsegs]
+    long = [
+        [Path(line) for line in at if np.hypot(*np.diff(line, axis=0).T).sum() >= _SHORTEST] for at in lines.allsegs
+    ]
     if not any(long):
         lines.remove()
         return
@@ -160,10 +162,6 @@ def _round_levels(low: float, high: float, digits: tuple[float, ...]) -> list[fl
     """Return the numbers between two that have one of these first digits and no other."""
     powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     return [float(f"{d:g}e{k}") for k in powers for d in digits if low < float(f"{d:g}e{k}") < high]
-
-
-def _length(line: np.ndarray) -> float:
-    return float(np.hypot(*np.diff(line, axis=0).T).sum())
 
 
 def _ticks(values: list[Any]) -> tuple[list[int], list[str]]:

@@ -24,6 +24,7 @@ from ortilo_drake.studies.maps.map_flights import Map
 from ortilo_drake.studies.maps.sweep import scenario_at
 
 _KNOWN = re.compile(r"(uwb|camera)\.link\.(rate|loss(\..+)?)")
+_TWO_MODES = ("bursts", "gilbert_elliott")
 MOST_MODES = 128  # of a chain of arrivals; with more, as of rates that have no short common period, a point is left out
 _SHORTEST, _LONGEST = 0.1, 1000.0  # T [s]
 
@@ -83,16 +84,12 @@ def expected_rms(scenario: Scenario) -> float:
     mapped = scenario.measurement.positions[:2]
     links = [scenario.link_of(name) if name in scenario.sensors else None for name in mapped]
     period = int(np.lcm.reduce([1 if link is None else link.every(h) for link in links]))
-    modes = period * int(np.prod([2 if link is not None and _has_two(link.loss.kind) else 1 for link in links]))
+    modes = period * int(np.prod([2 if link is not None and link.loss.kind in _TWO_MODES else 1 for link in links]))
     if modes > MOST_MODES:
         return float("nan")
     told = learned_at(scenario)
     model = filter_model(hover_loop(told), filter_V(told, hover_V(told)))
     return float(np.sqrt(np.sum(diagonals(model, link_chain(links[0], links[1], h)).upper[:3])))
-
-
-def _has_two(kind: str) -> bool:
-    return kind in ("bursts", "gilbert_elliott")
 
 
 def _fitted(found: Map, scenarios: list[Scenario]) -> tuple[np.ndarray, float] | None:

@@ -70,13 +70,6 @@ def _of_the_kept(tables: Tables, scenario: str) -> str:
     return " of the kept" if tables.lost[scenario] else ""
 
 
-def _of_flights(tables: Tables, scenario: str) -> list[str]:
-    """Return the line above a table: how many flights its numbers are of."""
-    lost = tables.lost[scenario]
-    counted = f"lost {count(lost, tables.flights)}; median and quartiles count each lost flight as worst"
-    return [f"{_title(scenario)}: of {tables.flights} flights, {counted if lost else 'none was lost'}.", ""]
-
-
 def _rows(tables: Tables, scenario: str, columns: dict[str, tuple[Statistics, dict[str, float] | None]]) -> list[str]:
     """Return the rows of a table: its columns as ours and the paper's, None where the paper has no such scenario."""
     heads = [head for name, (_, paper) in columns.items() for head in ([name, "paper"] if paper else [name])]
@@ -98,7 +91,9 @@ def _rows(tables: Tables, scenario: str, columns: dict[str, tuple[Statistics, di
         said = partial(_mean, flights=kept) if statistic == "mean" else with_interval
         cells = {name: said(ours[statistic], its[name][statistic]) for name, (ours, _) in columns.items()}
         add(_NAME[statistic] + _of_the_kept(tables, scenario), cells, statistic)
-    return [*_of_flights(tables, scenario), *table([_title(scenario), *heads], rows)]
+    counted = f"lost {count(lost, tables.flights)}; median and quartiles count each lost flight as worst"
+    above = f"{_title(scenario)}: of {tables.flights} flights, {counted if lost else 'none was lost'}."
+    return [above, "", *table([_title(scenario), *heads], rows)]
 
 
 def _efficiency_rows(tables: Tables, scenario: str) -> list[str]:

@@ -16,11 +16,6 @@ from ortilo_drake.theory.riccati.riccati_problem import real_matrices
 PATTERN_ROWS = np.array([[u] * 3 + [c] * 3 + [True] * 3 for c in (False, True) for u in (False, True)])
 
 
-def pattern_rows(p: int) -> np.ndarray:
-    """Return the patterns for p rows of y (4 x p): PATTERN_ROWS, and the sensors behind it in every one."""
-    return np.hstack([PATTERN_ROWS, np.ones((len(PATTERN_ROWS), p - PATTERN_ROWS.shape[1]), dtype=bool)])
-
-
 class Model(NamedTuple):
     """A filter's model x_{k+1} = A x_k + w_k, y_k = C x_k + v_k, of which pattern p sees rows[p] (P, m), bool.
 

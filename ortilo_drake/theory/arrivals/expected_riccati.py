@@ -16,7 +16,7 @@ import numpy as np
 from ortilo_drake.model.hover import discretize, hover_A, hover_B, output_C
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.theory.arrivals.arrivals import Model, check_arrivals, check_model, check_rate, pattern_rows
+from ortilo_drake.theory.arrivals.arrivals import PATTERN_ROWS, Model, check_arrivals, check_model, check_rate
 from ortilo_drake.theory.arrivals.expected_riccati_kernel import DIVERGED, SETTLED, coupled_fixed_point
 from ortilo_drake.theory.modes.modes import unseen_modes
 
@@ -41,7 +41,8 @@ def vehicle_model(W: np.ndarray, V: np.ndarray, h: float, C: np.ndarray | None =
     """
     C = output_C() if C is None else C
     Phi, _ = discretize(hover_A(), hover_B(M100), h)  # Phi is the same for every vehicle
-    return check_model(Model(Phi, C, W, V, pattern_rows(len(C))))
+    beside = np.ones((len(PATTERN_ROWS), len(C) - PATTERN_ROWS.shape[1]), dtype=bool)  # the sensors behind the three
+    return check_model(Model(Phi, C, W, V, np.hstack([PATTERN_ROWS, beside])))
 
 
 def solve_coupled(
