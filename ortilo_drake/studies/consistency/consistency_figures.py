@@ -41,10 +41,9 @@ def _draw_nees(axes: Axes, flights: Sequence[xr.Dataset]) -> None:
     bar = axes.inset_axes((0.0, 0.0, 1.0, 0.035))
     bar.imshow((black / count)[np.newaxis], aspect="auto", cmap="Greys", vmin=0.0, vmax=1.0)
     bar.set_axis_off()
-    axes.set_xlim(0.0, time[-1])
     shown = average[time > 1.0] if time[-1] > 1.0 else average
-    axes.set_ylim(min(0.5, 0.5 * max(float(np.nanmin(shown)), 1e-3)), max(20.0, 1.5 * float(np.nanmax(average))))
-    axes.set_ylabel("NEES of position [-]")
+    limits = min(0.5, 0.5 * max(float(np.nanmin(shown)), 1e-3)), max(20.0, 1.5 * float(np.nanmax(average)))
+    axes.set(xlim=(0.0, time[-1]), ylim=limits, ylabel="NEES of position [-]")
 
 
 def nees_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
@@ -76,8 +75,8 @@ def whiteness_figure(reports: dict[str, ConsistencyReport], path: Path) -> Path:
                 lagged = found.lag_arrivals
                 lags = np.arange(1, len(lagged.r) + 1)
                 m = max(len(value) for value in lagged.r if value is not None)
-                r = np.array([value if value is not None else [np.nan] * m for value in lagged.r], dtype=float)
-                band = np.array([np.nan if b is None else b for b in lagged.band], dtype=float)
+                r = np.array([value or [np.nan] * m for value in lagged.r], dtype=float)
+                band = np.array(lagged.band, dtype=float)
                 axes.fill_between(lags, -band, band, color="0.8", lw=0)
                 axes.axhline(0.0, color="k", lw=0.6)
                 for i, colour in zip(range(min(m, 3)), (BLUE, ORANGE, GREEN), strict=False):
@@ -114,22 +113,15 @@ def tuning_figure(tuning: Tuning, path: Path) -> Path:
         numbers.set_yticks(range(len(names)), names)
         numbers.invert_yaxis()
         numbers.set_xlabel("fitted / before [-], 95 % interval (grey: stays)")
-        before, after = tuning.before, tuning.after
-        for axes, title, averages in (
-            (nees, "NEES of position", (before.nees, after.nees)),
-            (nis, "NIS", (before.nis, after.nis)),
-        ):
-            names = [name for name, found in averages[0].items() if found]
-            for shift, colour, label, figures in zip(
-                (-0.15, 0.15), (BLUE, ORANGE), ("before", "after"), averages, strict=True
-            ):
-                for i, name in enumerate(names):
-                    found = figures[name]
+        for axes, title, kind in ((nees, "NEES of position", "nees"), (nis, "NIS", "nis")):
+            names = [name for name, found in getattr(tuning.before, kind).items() if found]
+            for shift, colour, label in ((-0.15, BLUE, "before"), (0.15, ORANGE, "after")):
+                figures = getattr(getattr(tuning, label), kind)
+                for i, found in enumerate(figures[name] for name in names):
                     if found is None:
                         continue
-                    interval = found.interval or (found.mean, found.mean)
-                    low = max(interval[0], 0.02 * found.mean)
-                    axes.plot([i + shift] * 2, [low, interval[1]], color=colour, lw=1.5)
+                    low, high = found.interval or (found.mean, found.mean)
+                    axes.plot([i + shift] * 2, [max(low, 0.02 * found.mean), high], color=colour, lw=1.5)
                     axes.plot(i + shift, found.mean, "o", color=colour, ms=5, label=label if i == 0 else None)
             axes.axhline(3.0, color="k", lw=0.8, ls="--")
             axes.set_yscale("log")
@@ -144,15 +136,11 @@ _START = 2.0  # a flight starts without error, so that the floor is 0 there and 
 
 
 def draw_floor(flights: dict[str, Sequence[xr.Dataset]], floors: dict[str, Sequence[np.ndarray]]) -> Figure:
-    """Return a figure of errors and Cramer-Rao floor over time, one row for each scenario.
+    """Return a figure of errors and their floors (n, 3) [m²], as of floor_at_ticks, over time, a row for each scenario.
 
     Left: the position's error, the filter's own sd and the floor [m], each the root of the sum over x, y and z. The
     floor is a wide line, so that a sd that coincides with it is seen. Right: the filter's own sd over the floor, axis
-    by axis. The blackouts are those of the first flight.
-
-    Args:
-        flights: flights by scenario; they are drawn up to the end of the shortest.
-        floors: what floor_at_ticks returned of each (n, 3) [m²].
+    by axis. The blackouts are those of the first flight; flights are drawn up to the end of the shortest.
     """
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(12, 2.9 * len(flights) + 0.3), layout="constrained")
@@ -171,20 +159,16 @@ def draw_floor(flights: dict[str, Sequence[xr.Dataset]], floors: dict[str, Seque
             left.plot(time, whole[0], color=GREY, lw=0.8, label=f"error, RMS of {len(group)} flights")
             left.plot(time, whole[2], color=ORANGE, lw=4.5, alpha=0.45, label="Cramér-Rao floor")
             left.plot(time, whole[1], color=BLUE, lw=1.2, label="filter's own sd")
-            left.set_ylabel("position [m]")
-            left.set_yscale("log")
+            left.set(ylabel="position [m]", yscale="log")
             late = time > _START
-            styles = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."))
-            for axis, (color, style) in zip(AXES, styles, strict=True):
-                i = AXES.index(axis)
-                ratio = np.sqrt(believed[late, i] / least[late, i])
-                right.plot(time[late], ratio, color=color, ls=style, lw=1.3, label=axis)
+            ratio = np.sqrt(believed[late] / least[late])
+            for i, (axis, color, style) in enumerate(zip(AXES, (BLUE, ORANGE, GREEN), ("-", "--", "-."), strict=True)):
+                right.plot(time[late], ratio[:, i], color=color, ls=style, lw=1.3, label=axis)
             right.axhline(1.0, color="k", lw=0.8)
             right.set_ylabel("filter's own sd / floor [-]")
         grid[0, 0].legend(loc="upper right", fontsize=8)
         grid[0, 1].legend(loc="upper right", fontsize=8, ncols=3)
-        grid[0, 0].set_xlim(time[0], time[-1])
-        grid[0, 0].set_ylim(5e-3, 3.0)
+        grid[0, 0].set(xlim=(time[0], time[-1]), ylim=(5e-3, 3.0))
         grid[0, 1].set_ylim(bottom=0.0)
         for axes in grid[-1]:
             axes.set_xlabel("time [s]")

@@ -49,16 +49,6 @@ class LiveEstimate(NamedTuple):
     t: float
     state: State
 
-    @property
-    def p(self) -> np.ndarray:
-        """Position p_WB [m] (3)."""
-        return self.state.x[:3]
-
-    @property
-    def P(self) -> np.ndarray:
-        """The position's covariance [m²] (3, 3)."""
-        return self.state.C[:3, :3]
-
 
 class LiveFilter:
     """The filter, and the events that wait for it.

@@ -80,12 +80,10 @@ def _draw_maps(figure: Any, maps: np.ndarray, found: Coverage, room: Room, wide:
         if colors == "Purples" and len(room.landmarks):
             axes.plot(*room.landmark_positions[:, :2].T, "*", ms=7, color="#6A3D9A", mew=0.5, **placed)
         _draw_way(axes, found)
-        axes.set_aspect("equal")
         axes.spines[:].set_visible(False)
-        axes.set_xlim(low[0] - 0.2, high[0] + 0.2)
-        axes.set_ylim(low[1] - 0.2, high[1] + 0.2)
+        (left, bottom), (right, top) = low[:2] - 0.2, high[:2] + 0.2
+        axes.set(aspect="equal", xlim=(left, right), ylim=(bottom, top), ylabel="y (north) [m]")
         axes.set_title(f"{title}, {over.height:.2g} m high", fontsize=9)
-        axes.set_ylabel("y (north) [m]")
         bar = figure.colorbar(drawn, ax=axes, pad=0.01, shrink=0.9, location="right" if wide else "bottom", aspect=25)
         if colors != "YlOrRd":
             whole = np.arange(1, (most if colors == "Purples" else many) + 1)
@@ -153,10 +151,8 @@ def _draw_views(figure: Any, axes: Axes, found: Coverage) -> None:
     yaw = np.degrees(found.over_floor.headings[0])
     axes.axhline(yaw, color="k", lw=1.0, ls="--")
     axes.text(along.distance[-1], yaw, " flown", va="center", fontsize=8)
-    axes.set_yticks([-180, -90, 0, 90, 180])
-    axes.set_ylim(-180.0 - half, 180.0 - half)
-    axes.set_ylabel("heading [°]")
-    axes.set_xlabel("way flown [m]")
+    limits = (-180.0 - half, 180.0 - half)
+    axes.set(yticks=[-180, -90, 0, 90, 180], ylim=limits, ylabel="heading [°]", xlabel="way flown [m]")
     axes.set_title("landmarks in view by heading", fontsize=9)
     bar = figure.colorbar(drawn, ax=axes, pad=0.04, aspect=15)
     bar.locator = MaxNLocator(6, integer=True)

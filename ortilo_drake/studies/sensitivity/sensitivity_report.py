@@ -109,8 +109,7 @@ def sensitivity_figure(found: Sensitivity, path: Path) -> Path:
         axes.text(
             1.0, 1.0, "a careful team", color=ORANGE, ha="center", va="bottom", transform=axes.get_xaxis_transform()
         )
-        axes.set_xscale("log")
-        axes.set_xlim(least, most)
+        axes.set(xscale="log", xlim=(least, most))
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.xaxis.set_major_formatter("{x:g}")
         axes.xaxis.set_minor_locator(NullLocator())
