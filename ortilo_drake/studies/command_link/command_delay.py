@@ -33,14 +33,10 @@ LONGEST = 100  # ticks of delay to look at
 
 @dataclass(frozen=True)
 class CriticalDelay:
-    """The delay that destabilises a loop.
+    """The delay that destabilises a loop: where growth first reaches 1, to 1e-6 ticks [s], and the same in ticks.
 
-    Attributes:
-        delay: where growth first reaches 1, to 1e-6 ticks [s].
-        ticks: the same in ticks.
-        whole_ticks: the least whole number of ticks with which the loop is unstable.
-        growth: by whole ticks from 0 to one beyond that.
-        modes: what grows with whole_ticks.
+    whole_ticks is the least whole number with which the loop is unstable, growth is by whole ticks from 0 to one beyond
+    that, and the modes are what grows with whole_ticks.
     """
 
     delay: float

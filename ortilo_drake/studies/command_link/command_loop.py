@@ -108,11 +108,8 @@ def commanded_loop(
 ) -> CommandedLoop:
     """Return a scenario's loop, open at the rotors; its sensors' losses, delays and blackouts do not enter.
 
-    Args:
-        scenario: the scenario.
-        V: covariance of the measurements (p x p).
-        deltas: arrivals of the sensors at each tick of a period (T, s); by default what is due.
-        delay: after which commands act [ticks]; read where the servo accounts for it.
+    V is the covariance of the measurements (p x p), deltas are arrivals of the sensors at each tick of a period (T, s),
+    by default what is due. The delay after which commands act [ticks] is read where the servo accounts for it.
 
     Raises:
         InputError: naming the modes of the vehicle that the sensors leave unseen.

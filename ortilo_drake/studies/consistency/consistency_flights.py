@@ -29,13 +29,7 @@ Averages = dict[str, Average | None]  # by region; None where there is nothing, 
 class ConsistencyReport:
     """The consistency of the filter on flights of one scenario; lost flights count up to their loss.
 
-    Attributes:
-        scenario: its name.
-        flights: how many.
-        lost: how many of them were lost.
-        nees: of position, x, y, z and state, see nees_series.
-        nis: by sensor that arrived.
-        whiteness: by sensor that arrived.
+    The NEES is of position, x, y, z and state, see nees_series; NIS and whiteness are by sensor that arrived.
     """
 
     scenario: str

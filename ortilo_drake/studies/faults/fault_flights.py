@@ -83,15 +83,10 @@ class FaultRow:
 
 @dataclass(frozen=True)
 class FaultStudy:
-    """The result of the study of faults, as `ortilo faults --json` writes it.
+    """The result of the study of faults, as `ortilo faults --json` writes it, a row by fault, then by scenario.
 
-    Attributes:
-        scenarios: their names.
-        flights: of each row.
-        start: when the faults begin [s].
-        length: of those that end [s].
-        lost_without: flights lost without a fault, of each scenario.
-        rows: by fault, then by scenario.
+    Each row has so many flights. Faults begin at the start, those that end have the length [s]. Without a fault so many
+    flights of each scenario were lost.
     """
 
     scenarios: list[str]

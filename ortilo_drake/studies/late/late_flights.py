@@ -22,12 +22,8 @@ ERRORS: Final = ("path_mse", "path_distance_mse", "estimation_mse")
 class LateLinks:
     """Loss and delay of the sensors' links, all alike, and of the command link.
 
-    Attributes:
-        loss: probability that a message is lost, independently.
-        delay: fixed delay of the sensors' messages [ticks].
-        random_delay: largest additional delay [ticks], drawn uniformly for each message.
-        command_loss: probability that a command is lost.
-        command_delay: delay of the commands [ticks].
+    Messages and commands are lost independently, with these probabilities. The delays are fixed, in ticks; a sensor's
+    message has an additional one, drawn uniformly up to random_delay ticks.
     """
 
     loss: float = 0.2
@@ -66,15 +62,10 @@ class Pairs:
 
 @dataclass(frozen=True)
 class LateReport:
-    """The three modes on the same seeds.
+    """The three modes on the same seeds, those flown in each mode, of a scenario at a control rate [Hz].
 
-    Attributes:
-        scenario: its name.
-        control_rate: [Hz].
-        seeds: flown in each mode.
-        links: loss and delay, or what stood between the halves.
-        modes: by mode.
-        against: 'replay' compared with each of the others, by ERRORS.
+    The links are loss and delay, or what stood between the halves. 'replay' is compared with each other mode, by
+    ERRORS.
     """
 
     scenario: str

@@ -96,14 +96,9 @@ def input_loop(
     """Return the loop at the plant's input with the steady predictor of those sensors, each in every tick.
 
     It is hover_loop.open_loop without the states that no sensor sees, and without those that nothing drives, such as
-    the integral where there is no fix.
-
-    Args:
-        hover: the scenario's matrices; its own true_states are not used.
-        V: covariance of all measurements that the filter gets (p x p), see hover_loop.filter_V.
-        sensors: which sensors arrive.
-        true_states: numbers of the states that the servo has from the truth; VELOCITIES for the paper's scenarios,
-            all twelve for full state feedback, whose integral then follows the true position.
+    the integral where there is no fix. V is the covariance of all measurements that the filter gets (p x p), see
+    hover_loop.filter_V. The servo has the states of these numbers from the truth, in place of hover's own: VELOCITIES
+    for the paper's scenarios, all twelve for full state feedback, whose integral then follows the true position.
 
     Raises:
         InputError: if the unseen modes are not whole states, or the filter's equation is ill-posed.
@@ -139,14 +134,11 @@ STILL = 1e-9  # a closed loop's radius this near 1 is 1: what drifts drifts on
 
 @dataclass(frozen=True)
 class LoopMargins:
-    """One loop's margins.
+    """One loop's margins, with the spectral radius of the closed loop, None where the filter has no steady gain.
 
-    Attributes:
-        spectral_radius: of the closed loop; None where the filter has no steady gain.
-        lost: states that no sensor sees.
-        channels: by control, None where nothing is fed back; None for a loop that is not stable.
-        joint: of all controls at once; None likewise.
-        note: in words, what is lost or not stable; None if nothing is.
+    The states that no sensor sees are lost. The channels' margins are by control, None where nothing is fed back; they
+    and the joint ones of all controls at once are None for a loop that is not stable. A note says what is lost or not
+    stable.
     """
 
     spectral_radius: float | None

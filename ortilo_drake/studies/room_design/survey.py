@@ -64,14 +64,10 @@ class Survey:
 def survey(
     ranges: Ranges, believed: np.ndarray, known: Sequence[int], noise: tuple[float, float], loss: str = "linear"
 ) -> Survey:
-    """Return the anchors that fit the ranges best.
+    """Return the anchors that fit the ranges best, by a loss of scipy.optimize.least_squares.
 
-    Args:
-        ranges: what was measured.
-        believed: where the anchors were believed to be, p_W (n, 3) [m].
-        known: numbers of those whose place is known; three or more, not on one line.
-        noise: s_0 [m] and s_1 of a range's standard deviation s_0 + s_1 d.
-        loss: of scipy.optimize.least_squares.
+    The anchors were believed to be at p_W (n, 3) [m], those known by number are there: three or more, not on one line.
+    The noise is s_0 [m] and s_1 of a range's standard deviation s_0 + s_1 d.
 
     Raises:
         InputError: if the known anchors are too few or on one line, or an anchor cannot be found.

@@ -69,14 +69,10 @@ class Likelihood:
 
 
 class NoiseFit(NamedTuple):
-    """The result of a fit.
+    """The result of a fit: the numbers by their place in the scenario, and the likelihood's logarithm before and after.
 
-    Attributes:
-        numbers: by their place in the scenario.
-        log_likelihood: before and after.
-        counted: the sensors whose innovations the likelihood counted.
-        tilted: share of the ticks that did not count for tilt.
-        scenario: the scenario with the fitted numbers.
+    The likelihood counted the innovations of these sensors; of the ticks a share did not count for tilt. The scenario
+    has the fitted numbers.
     """
 
     numbers: dict[str, Number]
@@ -132,13 +128,10 @@ def fit_noise(
     settle: int,
     progress: Callable[[int], None] = lambda evaluations: None,
 ) -> NoiseFit:
-    """Fit W and V of a scenario's filter to flights of it.
+    """Fit W and V of a scenario's filter to flights of it, one record of the filter's inputs a flight.
 
-    Args:
-        scenario: the scenario that was flown.
-        records: the filter's inputs, one record a flight.
-        settle: ticks that do not count, after a tilt and at the start, where a flight has less error than P_0 says.
-        progress: called with the number of likelihoods computed so far.
+    The first `settle` ticks, where a flight has less error than P_0 says, and as many after a tilt do not count. The
+    progress is told as the number of likelihoods computed so far.
 
     Raises:
         InputError: if nothing arrived near hover, or the arrivals determine no number.

@@ -43,17 +43,10 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Judged:
-    """Start and result on seeds of their own.
+    """Start and result on so many flights with seeds of their own, the mean costs of both [m].
 
-    Attributes:
-        flights: of each.
-        start: mean cost of the start [m].
-        found: mean cost of the result [m].
-        difference: mean of the result's less the start's, flight by flight [m].
-        low: lower end of its 95 % interval, by the bootstrap [m].
-        high: its upper end [m].
-        start_lost: flights of the start that were lost, with Wilson's 95 % interval of their share.
-        found_lost: likewise of the result.
+    The difference is the mean of the result's less the start's, flight by flight, with the ends of its 95 % interval by
+    the bootstrap [m]. Of each so many flights were lost, with Wilson's 95 % interval of their share.
     """
 
     flights: int

@@ -44,14 +44,10 @@ _POWER_STEPS = 400  # where they do not decide, l counts as too low, so that l_m
 
 @dataclass(frozen=True)
 class CriticalRate:
-    """The bounds on l_c for a pair (A, C), and its value where it is known.
+    """The critical rate l_c of a pair (A, C), None where only its bounds are known, in a sentence as well.
 
-    Attributes:
-        rate: l_c, or None where only the bounds are known.
-        lower: 1 - 1 / max|s|^2, 0 if no |s| exceeds 1.
-        upper: l_mare.
-        hypotheses: each hypothesis checked and what came out.
-        sentence: the result in words.
+    The lower bound is 1 - 1 / max|s|^2, 0 if no |s| exceeds 1, the upper one l_mare. Each hypothesis was checked, with
+    what came out.
     """
 
     rate: float | None

@@ -28,13 +28,11 @@ ROTATION = np.array([3, 4, 5, 9, 10, 11])  # angles and their rates; a filter ma
 
 
 def vehicle_model(W: np.ndarray, V: np.ndarray, h: float, C: np.ndarray | None = None) -> Model:
-    """Return the vehicle's filter model at hover; patterns as arrivals.PATTERN_ROWS.
+    """Return the vehicle's filter model at hover, of ticks h [s]; patterns as arrivals.PATTERN_ROWS.
 
-    Args:
-        W: process noise per tick (12 x 12).
-        V: measurement noise of uwb, camera, imu and what else flies (p x p), which arrives in every tick.
-        h: tick [s].
-        C: rows of y over the states (p x 12), uwb and camera first; by default those of the paper's three sensors.
+    W is the process noise per tick (12 x 12), V the noise of uwb, camera, imu and what else flies (p x p), which
+    arrives in every tick. The rows C of y over the states (p x 12) have uwb and camera first; by default they are those
+    of the paper's three sensors.
 
     Raises:
         InputError: if a matrix has a wrong shape or sign.

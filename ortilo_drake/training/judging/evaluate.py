@@ -113,12 +113,9 @@ def evaluate(
 ) -> Evaluation:
     """Return mAP50, AP of each class, errors of the centres, recall and false boxes, and the worst pictures.
 
-    Args:
-        detect: the detector, with a threshold far below that of flights, so that precision is known at all recalls.
-        frames: pictures and labels.
-        classes: the labels' names.
-        threshold: the threshold of flights, for centres, recall and false boxes.
-        least: limits of what must be found, see is_to_be_found.
+    The detector has a threshold far below that of flights, so that precision is known at all recalls; the threshold
+    given is that of flights, for centres, recall and false boxes. What must be found is by the limits of
+    is_to_be_found.
 
     Raises:
         InputError: if the pictures show no object to be found.

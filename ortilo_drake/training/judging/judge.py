@@ -71,14 +71,10 @@ def _worst_figure(
 
 
 def judge(settings: Detector, room: Room, pictures: Path, lowest: float, worst: Path | None = None) -> Judgement:
-    """Return the judgement of a detector.
+    """Return the judgement of a detector, its network and the score it flies with, on the test sets in a folder.
 
-    Args:
-        settings: the network and the score it flies with.
-        room: gives the classes.
-        pictures: folder of the test sets.
-        lowest: score from which detections count in a precision-recall curve.
-        worst: PNG file for the pictures with most faults.
+    The room gives the classes. Detections count in a precision-recall curve from the lowest score on. The pictures with
+    most faults are drawn to a PNG file, worst, if any.
 
     Raises:
         InputError: if the pictures or the network's files are wrong, or both sets are not of one size.
