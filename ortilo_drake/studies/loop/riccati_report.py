@@ -89,22 +89,20 @@ def four_solutions(dare: Dare, names: tuple[str, ...], dual: bool) -> Solutions:
         except InputError as error:
             notes[solver] = str(error)
     if "drake" in notes:
+        lifted = f"with {DRAKE_LIFT:g} I added to the weight of the states"
         try:
             solutions["drake"] = solve(A, B, Q + DRAKE_LIFT * np.eye(len(Q)), R, solver="drake", names=names, dual=dual)
-            notes["drake"] = (
-                f"Drake refuses the equation; solved with {DRAKE_LIFT:g} I added to the weight of the states"
-            )
+            notes["drake"] = f"Drake refuses the equation; solved {lifted}"
         except InputError:
-            notes["drake"] = f"Drake refuses the equation also with {DRAKE_LIFT:g} I added to the weight of the states"
+            notes["drake"] = f"Drake refuses the equation also {lifted}"
     rows: Solutions = {}
     for solver in RAW:
         if solver not in solutions:
             rows[solver] = Unsolved(notes[solver])
             continue
         X = solutions[solver]
-        distances = {
-            other: float(np.linalg.norm(X - Y) / np.linalg.norm(Y)) for other, Y in solutions.items() if other != solver
-        }
+        others = {other: Y for other, Y in solutions.items() if other != solver}
+        distances = {other: float(np.linalg.norm(X - Y) / np.linalg.norm(Y)) for other, Y in others.items()}
         rows[solver] = Solution(**vars(assess(A, B, Q, R, X)), difference=distances, note=notes.get(solver))
     return rows
 

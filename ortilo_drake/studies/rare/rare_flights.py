@@ -25,6 +25,9 @@ from ortilo_drake.studies.rare.subset import CHAIN, LEAST, Climb, Plan, climb, f
 
 LEVEL = 0.95  # of the intervals
 AT_ONCE = 500  # flights that are counted by one job
+Part = tuple[
+    tuple[Any, ...], Path, Any, int
+]  # a job's arguments, the file of its result, the type of that, its flights
 
 
 @dataclass(frozen=True)
@@ -163,14 +166,22 @@ def rare_flights(
         progress(done, total)
 
     advance(0)
-    files = [plan_file.with_name(f"{plan_file.stem}_repetition_{i}.json") for i in numbers]
-    jobs = [(text, corridor, plan, paths, scenario.seed, i) for i in numbers]
-    kinds: list[Any] = [Climb] * len(numbers)
-    found: list[Climb] = _run(climb_flights, jobs, files, kinds, workers, [each] * len(numbers), advance)
-    batches = [range(at, min(at + AT_ONCE, count)) for at in range(0, count, AT_ONCE)]
-    files = [folder / f"{event}_counted_{b.start:08d}_{b.stop - 1:08d}.json" for b in batches]
-    counting, kinds = [(text, corridor, b) for b in batches], [_count_of(b) for b in batches]
-    counts = _run(count_flights, counting, files, kinds, workers, [len(b) for b in batches], advance)
+    parts: list[Part] = [
+        (
+            (text, corridor, plan, paths, scenario.seed, i),
+            plan_file.with_stem(f"{plan_file.stem}_repetition_{i}"),
+            Climb,
+            each,
+        )
+        for i in numbers
+    ]
+    found: list[Climb] = _run(climb_flights, parts, workers, advance)
+    parts = []
+    for at in range(0, count, AT_ONCE):
+        batch = range(at, min(at + AT_ONCE, count))
+        file = folder / f"{event}_counted_{batch.start:08d}_{batch.stop - 1:08d}.json"
+        parts.append(((text, corridor, batch), file, _count_of(batch), len(batch)))
+    counts = _run(count_flights, parts, workers, advance)
     counted = counted_of(count, sum(counts)) if count else None
     met = plan.met + sum(one.met for one in found) + sum(counts)
     independent = counted_of(paths * (1 + len(found)) + count, met)
@@ -188,28 +199,20 @@ def _count_of(batch: range) -> Any:
     return Annotated[int, Field(ge=0, le=len(batch))]
 
 
-def _run(
-    function: Any,
-    jobs: list[Any],
-    files: list[Path],
-    kinds: list[Any],
-    workers: int,
-    flights: list[int],
-    advance: Callable[[int], None],
-) -> list[Any]:
-    """Do those jobs whose result, of these types, is not kept yet; keep and return all; each is of so many flights."""
-    results = [kept_json(file, kind, in_folder(file)) for file, kind in zip(files, kinds, strict=True)]
+def _run(function: Any, parts: list[Part], workers: int, advance: Callable[[int], None]) -> list[Any]:
+    """Do those jobs whose result is not kept yet; keep and return all."""
+    results = [kept_json(file, kind, in_folder(file)) for _, file, kind, _ in parts]
     missing = [i for i, result in enumerate(results) if result is None]
-    advance(sum(flights) - sum(flights[i] for i in missing))
+    advance(sum(flights for (*_, flights), result in zip(parts, results, strict=True) if result is not None))
 
     def take(number: int, result: Climb | int) -> None:
-        i = missing[number]
-        keep_json(files[i], result, in_folder(files[i]))
-        results[i] = result
-        advance(flights[i])
+        _, file, _, flights = parts[missing[number]]
+        keep_json(file, result, in_folder(file))
+        results[missing[number]] = result
+        advance(flights)
 
     if missing:
-        run_all(function, [jobs[i] for i in missing], workers, take)
+        run_all(function, [parts[i][0] for i in missing], workers, take)
     return results
 
 

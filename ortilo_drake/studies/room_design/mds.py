@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import shortest_path
+from scipy.spatial.transform import Rotation
 
 
 def all_distances(pairs: np.ndarray, distance: np.ndarray, n: int) -> np.ndarray:
@@ -38,9 +39,8 @@ def aligned(points: np.ndarray, known: np.ndarray, sign: float) -> np.ndarray:
     """Return points (n, 3) moved so that the first of them lie best on the known ones (m, 3), mirrored for sign -1."""
     moved = points * [1.0, 1.0, sign]
     at, to = moved[: len(known)].mean(axis=0), known.mean(axis=0)
-    U, _, Vt = np.linalg.svd((moved[: len(known)] - at).T @ (known - to))
-    turn = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
-    return np.asarray((moved - at) @ turn + to)
+    turn, _ = Rotation.align_vectors(known - to, moved[: len(known)] - at)
+    return np.asarray(turn.apply(moved - at) + to)
 
 
 def mirror_images(
