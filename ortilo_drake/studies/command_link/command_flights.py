@@ -128,17 +128,10 @@ def command_flights(
     workers: int = 1,
     progress: Callable[[CommandCase], None] | None = None,
 ) -> CommandFlights:
-    """Hover behind each link, on the same seeds, and return flown beside predicted.
+    """Hover behind each link at a point, on the same seeds, and return flown beside predicted, each case as it is done.
 
-    Args:
-        scenario: the scenario; its planner and command link are replaced.
-        links: command links to fly.
-        seeds: of the flights behind each.
-        out: folder for the flights.
-        duration: of the hovering that counts [s], after WARM_UP.
-        point: where to hover.
-        workers: processes.
-        progress: called with each case as it is done.
+    The scenario's planner and command link are replaced. The hovering that counts has a duration [s], after WARM_UP.
+    Flights are in the folder `out`, as fly_many has them.
 
     Raises:
         InputError: as hover_V.

@@ -107,17 +107,10 @@ def fault_study(
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
 ) -> FaultStudy:
-    """Fly scenarios without a fault and with each fault that applies to them.
+    """Fly scenarios without a fault and with each fault, by name, that applies to them, on so many seeds from 0.
 
-    Args:
-        vary: return the scenarios with settings laid over them.
-        names: of the catalogue's faults.
-        flights: of each row, seeds from 0.
-        out: folder for the courses of the flights.
-        start: when the faults begin [s].
-        length: of those that end [s].
-        workers: worker processes.
-        progress: called with the number of flights that came in.
+    Each scenario is one that `vary` returns with settings laid over it. The faults begin at the start, those that end
+    have the length [s]. The folder of the courses, workers and progress are as fly_kept has them.
 
     Raises:
         InputError: if a flight ends too early for anything to be seen after the fault.

@@ -80,17 +80,11 @@ def is_enough(sweep: Sweep, lost: int, flights: int) -> bool:
 def fly_map(
     sweep: Sweep, source: str, out: Path, workers: int, progress: Callable[[int], None] = lambda flown: None
 ) -> Map:
-    """Fly a map.
+    """Fly a map, whose source an error begins with, and tell how many flights came in.
 
-    Chunks that are already in the folder are not flown again. Where the number of flights is open, the points that
-    need more get a chunk each, round by round: how many fly depends on what flew alone, not on who was first.
-
-    Args:
-        sweep: the sweep.
-        source: what to call it in an error.
-        out: folder of the chunks.
-        workers: worker processes; 1 flies in this one.
-        progress: called with the number of flights that came in.
+    Chunks that are already in the folder `out` are not flown again; 1 worker flies in this process. Where the number of
+    flights is open, the points that need more get a chunk each, round by round: how many fly depends on what flew
+    alone, not on who was first.
 
     Raises:
         InputError: if a point's scenario is wrong, a flight cannot be flown or what is kept cannot be written.

@@ -57,17 +57,11 @@ class Along:
 
 @dataclass(frozen=True)
 class OverFloor:
-    """The coverage over the floor at one height, on a grid; rows are y, columns x.
+    """The coverage over the floor at one height [m], on a grid; rows are y (r), columns x (c), the cells' middles [m].
 
-    Attributes:
-        height: of the grid [m].
-        x: of the cells' middles [m] (c).
-        y: of the cells' middles [m] (r).
-        free: whether nothing of that height stands there (r, c).
-        anchors: how many are in sight (r, c).
-        pdop: position dilution of precision [1] (r, c); infinite where their ranges give no position.
-        headings: yaws [rad], the first the one that is flown (h).
-        landmarks: how many are in view at each (h, r, c).
+    Free is whether nothing of that height stands there (r, c). So many anchors are in sight, with the position dilution
+    of precision [1] (r, c), infinite where their ranges give no position, and so many landmarks in view at each heading
+    [rad], the first the one that is flown (h, r, c).
     """
 
     height: float
@@ -95,17 +89,11 @@ class Case:
 
 @dataclass(frozen=True)
 class Coverage:
-    """The coverage of a room: how well a vehicle can know its position there.
+    """The coverage of a room: how well a vehicle can know its position there, along its path and over the floor.
 
-    Attributes:
-        scenario: its name.
-        room: its name.
-        answer: in a sentence or two, where the room loses the vehicle, and on which sensor that hangs.
-        worst: the worst stretch, ticks of the control clock.
-        worst_times: when it begins and ends [s].
-        cases: the floor with 'all' sensors, and by name without each.
-        along: along the planned path.
-        over_floor: over the floor at the flying height.
+    The answer says in a sentence or two where the room loses the vehicle, and on which sensor that hangs. The worst
+    stretch is in ticks of the control clock, its times are in s. The cases are the floor with 'all' sensors, and by
+    name without each.
     """
 
     scenario: str

@@ -86,17 +86,11 @@ def sensitivity(
     say: Callable[[str], None] = lambda part: None,
     progress: Callable[[int], None] | None = None,
 ) -> Sensitivity:
-    """Fly a scenario under each mismatch that changes anything for it.
+    """Fly a scenario under each mismatch that changes anything for it, and say what is flown as it begins.
 
-    Rows fly the same seeds. A search flies each further seed at one level, so that its flights are independent.
-
-    Args:
-        vary: returns the scenario with settings laid over it; its cameras are flown projected.
-        flights: of each row, seeds from 0; a search flies at most SEARCH times as many.
-        out: folder for the outcomes of the flights.
-        workers: worker processes.
-        say: called with what is flown as it begins.
-        progress: called with the number of flights that came in.
+    Rows fly the same seeds, so many from 0. A search flies each further seed at one level, so that its flights are
+    independent, at most SEARCH times as many. `vary` returns the scenario with settings laid over it; its cameras are
+    flown projected. The folder of the outcomes, workers and progress are as fly_kept has them.
     """
 
     def fly(wanted: Sequence[Want]) -> list[list[Outcome]]:

@@ -95,17 +95,10 @@ def compare_costs(start: np.ndarray, found: np.ndarray) -> Judged:
 def search_by_flights(
     search: Search, source: str, out: Path, workers: int, say: Callable[[int, float], None] = lambda flown, least: None
 ) -> Found:
-    """Search settings by flying them.
+    """Search settings by flying them, and say after each generation how many candidates flew, and the least cost [m].
 
-    Figures of all flights are kept and not flown again: a search that was stopped goes on where it was, and finds the
-    same on any number of workers.
-
-    Args:
-        search: what to search.
-        source: what to call it in an error.
-        out: folder of the figures.
-        workers: worker processes; 1 flies in this one.
-        say: called with the number of candidates flown and the least cost [m] after each generation.
+    Figures of all flights are kept in the folder `out` and not flown again: a search that was stopped goes on where it
+    was, and finds the same on any number of workers. An error begins with the source.
 
     Raises:
         InputError: if a setting cannot be what its range says, or a flight cannot be flown or kept.

@@ -83,16 +83,11 @@ def calibrate(
     progress: Callable[[int, int], None] | None = None,
     detector: Detector = OWN_DETECTOR,
 ) -> CameraCalibration:
-    """Fly, render every picture, run a detector on it, and write the calibration measured.
+    """Fly, render every picture, run a detector on it, and write the calibration measured to a file.
 
-    The flights are the camera scenario's, with a camera of fixed errors. The vehicle's path hardly depends on the
-    camera, and so a calibration does not depend on the previous one.
-
-    Args:
-        seeds: one flight each.
-        out: the file to write.
-        progress: called with the pictures done and their number.
-        detector: the network; by default our own.
+    The flights, one a seed, are the camera scenario's, with a camera of fixed errors. The vehicle's path hardly depends
+    on the camera, and so a calibration does not depend on the previous one. The detector is by default our own; the
+    progress is told as the pictures done and their number.
 
     Raises:
         InputError: if there is no EGL, a file of the detector is wrong, too little is found, or the file cannot be

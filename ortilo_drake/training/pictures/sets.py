@@ -40,18 +40,12 @@ def render_set(
 ) -> None:
     """Render the missing scenes of a set; the result does not depend on the number of workers.
 
-    Args:
-        folder: folder of all sets.
-        part: 'train' or 'test'.
-        kind: 'paper_room' or 'random_rooms'.
-        seed: of the rooms, looks and poses.
-        scenes: number of scenes.
-        width: image width [px].
-        workers: processes.
-        progress: called for each scene.
+    A set is a part, 'train' or 'test', of a kind, 'paper_room' or 'random_rooms', in the folder of all sets, of so many
+    scenes with an image width [px]; the seed is of the rooms, looks and poses. The progress is told for each scene.
 
     Raises:
-        InputError: if there is no EGL, a file cannot be written, or the folder holds a set of another seed or width.
+        InputError: if there is no EGL, a file cannot be written, or the folder holds a set of another seed or
+            width.
     """
     target = set_folder(folder, part, kind)
     pictures = PICTURES[part][kind]
