@@ -1,6 +1,5 @@
 """Flights behind a lossy or late command link, compared with the theory's prediction."""
 
-import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ import xarray as xr
 from scipy.linalg import block_diag
 
 from ortilo_drake.flight.ensemble import flights_of, fly_many
+from ortilo_drake.flight.metrics import loss_of as end_of
 from ortilo_drake.flight.metrics import reference_distance
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError, validate
@@ -150,21 +150,16 @@ def command_flights(
         cases.append(case)
         if progress:
             progress(case)
-    agree = sum(case.agrees for case in cases)
-    return CommandFlights(scenario.name, point, duration, WARM_UP, seeds, cases, agree)
+    return CommandFlights(scenario.name, point, duration, WARM_UP, seeds, cases, sum(case.agrees for case in cases))
 
 
 def _case(link: CommandLink, system: JumpLinear, errors: float, flights: list[xr.Dataset]) -> CommandCase:
     radius = mean_square_radius(system)
     stable = radius < 1.0 - MARGIN
     rms = float(np.sqrt(np.trace(steady_second_moment(system).mean(axis=0)[:3, :3]) + errors)) if stable else None
-    lost = [json.loads(flight.attrs["lost"]) for flight in flights]
-    ends = [end for end in lost if end is not None]
-    squares = [
-        reference_distance(flight)[flight["time"].values >= WARM_UP] ** 2
-        for flight, end in zip(flights, lost, strict=True)
-        if end is None
-    ]
+    ends = [end for flight in flights if (end := end_of(flight))]
+    kept = [flight for flight in flights if end_of(flight) is None]
+    squares = [reference_distance(flight)[flight["time"].values >= WARM_UP] ** 2 for flight in kept]
     return CommandCase(
         link=link,
         growth=radius,
@@ -172,8 +167,8 @@ def _case(link: CommandLink, system: JumpLinear, errors: float, flights: list[xr
         predicted_rms=rms,
         flights=len(flights),
         lost=len(ends),
-        lost_after=float(np.mean([end["time"] for end in ends])) if ends else None,
-        causes=sorted({end["cause"] for end in ends}),
+        lost_after=float(np.mean([end.time for end in ends])) if ends else None,
+        causes=sorted({end.cause for end in ends}),
         flown_rms=float(np.sqrt(np.mean(np.concatenate(squares)))) if squares else None,
         agrees=len(ends) == (0 if stable else len(flights)),
     )

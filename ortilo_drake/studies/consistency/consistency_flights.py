@@ -1,6 +1,5 @@
 """The consistency of a scenario's filter over its flights: NEES, NIS and whiteness, in and out of the blackouts."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -10,7 +9,7 @@ import xarray as xr
 
 from ortilo_drake.flight.blackouts import in_blackout
 from ortilo_drake.flight.flight import AXES, scenario_of
-from ortilo_drake.flight.metrics import innovations
+from ortilo_drake.flight.metrics import innovations, loss_of
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
@@ -128,7 +127,7 @@ def consistency_report(flights: Sequence[xr.Dataset]) -> ConsistencyReport:
     return ConsistencyReport(
         scenario=scenario.name,
         flights=len(flights),
-        lost=sum(json.loads(flight.attrs["lost"]) is not None for flight in flights),
+        lost=sum(loss_of(flight) is not None for flight in flights),
         nees={name: over_regions([s[name] for s in series], dof) for name, dof in DOF.items()},
         nis=nis,
         whiteness=whiteness,

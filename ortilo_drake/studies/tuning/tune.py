@@ -1,6 +1,5 @@
 """Tuning: W and V fitted to recorded flights, as a scenario, with the filter's consistency before and after."""
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import log
@@ -10,7 +9,7 @@ import numpy as np
 import xarray as xr
 import yaml
 
-from ortilo_drake.flight.metrics import estimation_mse, position_nees
+from ortilo_drake.flight.metrics import estimation_mse, loss_of, position_nees
 from ortilo_drake.flight.players import player_of
 from ortilo_drake.flight.saved_flight import load_flight
 from ortilo_drake.model.hover import discretize, hover_A, hover_B
@@ -122,12 +121,11 @@ def record_of(flight: xr.Dataset, scenario: Scenario) -> Record:
 
 def usable_part(flight: xr.Dataset, name: str, h: float) -> tuple[xr.Dataset | None, str | None]:
     """Return the usable part of a flight, None if it is too short, and a note if it is not the whole flight."""
-    lost = json.loads(flight.attrs["lost"])
-    part = finite_part(flight)
+    lost, part = loss_of(flight), finite_part(flight)
     if lost is None and part.sizes["tick"] == flight.sizes["tick"]:
         return (flight, None) if flight.sizes["tick"] * h >= SHORTEST else (None, f"{name}: too short, left out")
     ticks = part.sizes["tick"] - round(BEFORE_LOSS / h)
-    cause = "lost" if lost is None else f"lost at {lost['time']:.1f} s ({lost['cause']})"
+    cause = "lost" if lost is None else f"lost at {lost.time:.1f} s ({lost.cause})"
     if ticks * h < SHORTEST:
         return None, f"{name}: {cause}, left out"
     return part.isel(tick=slice(0, ticks)), f"{name}: {cause}, used for its first {ticks * h:.1f} s"
@@ -203,14 +201,14 @@ def check_flights(tuning: Tuning, before: Scenario, count: int, progress: Callab
         for seed in seeds:
             flights[name].append(finite_part(player.fly(seed)))
             progress()
-    lost = {name: [json.loads(f.attrs["lost"]) is not None for f in rows] for name, rows in flights.items()}
-    both = [k for k in range(count) if not lost["before"][k] and not lost["after"][k]]
+    pairs = zip(flights["before"], flights["after"], strict=True)
+    both = [k for k, pair in enumerate(pairs) if all(loss_of(flight) is None for flight in pair)]
 
     def figures(name: str) -> FlownFigures:
         kept = [flights[name][k] for k in both]
         nees = [position_nees(f) for f in kept]
         return FlownFigures(
-            lost=sum(lost[name]),
+            lost=sum(loss_of(flight) is not None for flight in flights[name]),
             mse=np.mean([list(estimation_mse(f).values()) for f in kept], axis=0).tolist() if kept else None,
             nees=time_average(nees, [np.ones(len(n), dtype=bool) for n in nees], 3) if kept else None,
         )
