@@ -126,9 +126,7 @@ def rate_map(model: Model, rates_uwb: Sequence[float], rates_camera: Sequence[fl
     """Return the bounds over the arrival rates per tick of uwb (rows) and camera (columns), drawn independently.
 
     The model's patterns are none, uwb, camera and both, with all else. At rates (0, 0) position and velocity are inf.
-
-    Raises:
-        InputError: if a rate lies outside [0, 1].
+    InputError if a rate lies outside [0, 1].
     """
     uwb = [check_rate(rate, "arrival rate of uwb") for rate in rates_uwb]
     camera = [check_rate(rate, "arrival rate of camera") for rate in rates_camera]
@@ -236,10 +234,8 @@ def arrival_report(
 ) -> ArrivalReport:
     """Return the bounds over the arrival rates per tick of uwb (n) and camera (m), with the classical critical rate.
 
-    V is the covariance of all measurements that the filter gets (p x p).
-
-    Raises:
-        InputError: if a rate lies outside [0, 1], or V is no covariance.
+    V is the covariance of all measurements that the filter gets (p x p). InputError if a rate lies outside [0, 1], or V
+    is no covariance.
     """
     model = filter_model(loop, V)
     grid = rate_map(model, rates_uwb, rates_camera)

@@ -94,8 +94,7 @@ def growth_with(at_once: CommandedLoop, scenario: Scenario, delay: float) -> flo
 def critical_delay(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None = None) -> CriticalDelay | None:
     """Return the delay that destabilises the loop, None if it is stable with LONGEST ticks of it.
 
-    Raises:
-        InputError: if the loop is unstable without a delay.
+    InputError if the loop is unstable without a delay.
     """
     loop = loop_at_once(scenario, V, deltas)
 

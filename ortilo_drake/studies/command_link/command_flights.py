@@ -79,8 +79,7 @@ def hovering(p_WB: tuple[float, float, float]) -> np.ndarray:
 def hover_V(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> np.ndarray:
     """Return V (p x p) as the filter has it at a point, hovering.
 
-    Raises:
-        InputError: if a sensor that flies would give no measurement there.
+    InputError if a sensor that flies would give no measurement there.
     """
     noise = fix_noise(scenario, hovering(p_WB))
     silent = [s for s in scenario.sensors if not noise.there[s]]
@@ -92,8 +91,7 @@ def hover_V(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> np.
 def learned_at(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> Scenario:
     """Return the scenario whose filter has what its banks learn at a point, hovering.
 
-    Raises:
-        InputError: as hover_V, or if the scenario has no linear loop.
+    InputError as hover_V, or if the scenario has no linear loop.
     """
     if why := why_no_loop(scenario):
         raise InputError(why)
@@ -111,8 +109,7 @@ def errors_moment(scenario: Scenario, point: tuple[float, float, float], duratio
 def command_cases(losses: Sequence[float], strategies: Sequence[str], delays: Sequence[int]) -> list[CommandLink]:
     """Return command links to fly: every loss with every strategy without delay, then every delay without loss.
 
-    Raises:
-        InputError: naming the share, strategy or delay that cannot be, and what can.
+    InputError naming the share, strategy or delay that cannot be, and what can.
     """
     lossy = [{"loss": loss_of(p).model_dump(), "when_lost": s} for s in strategies for p in losses]
     return [validate(CommandLink, data, "command_link") for data in lossy + [{"delay": d} for d in delays]]
@@ -131,10 +128,7 @@ def command_flights(
     """Hover behind each link at a point, on the same seeds, and return flown beside predicted, each case as it is done.
 
     The scenario's planner and command link are replaced. The hovering that counts has a duration [s], after WARM_UP.
-    Flights are in the folder `out`, as fly_many has them.
-
-    Raises:
-        InputError: as hover_V.
+    Flights are in the folder `out`, as fly_many has them. InputError as hover_V.
     """
     seeds = list(seeds)
     told = learned_at(scenario, point)

@@ -81,10 +81,8 @@ def periodic_predictor(
 
     The Riccati recursion of Phi, W (n, n), C (p, n) and V (p, p) on the rows that arrive, gone through until it
     repeats; S. Bittanti and P. Colaneri, "Periodic Systems" (Springer, 2009), for its convergence where (Phi, C) is
-    detectable over the period. The columns of what does not arrive in a tick, by `there` (T, p), are 0.
-
-    Raises:
-        InputError: if it does not settle; so it is where an unstable state stays unseen.
+    detectable over the period. The columns of what does not arrive in a tick, by `there` (T, p), are 0. InputError if
+    it does not settle; so it is where an unstable state stays unseen.
     """
     n, rows = len(Phi), [np.flatnonzero(arrived) for arrived in there]
     P, Ks, Ps = np.trace(W) * np.eye(n), np.zeros((len(rows), n, len(C))), np.zeros((len(rows), n, n))
@@ -110,9 +108,7 @@ def commanded_loop(
 
     V is the covariance of the measurements (p x p), deltas are arrivals of the sensors at each tick of a period (T, s),
     by default what is due. The delay after which commands act [ticks] is read where the servo accounts for it.
-
-    Raises:
-        InputError: naming the modes of the vehicle that the sensors leave unseen.
+    InputError naming the modes of the vehicle that the sensors leave unseen.
     """
     return delay_aware_loop(loop_at_once(scenario, V, deltas), scenario, delay)
 
@@ -194,8 +190,7 @@ def delay_line(loop: CommandedLoop, delay: int, holds: bool) -> tuple[np.ndarray
 def behind_a_link(loop: CommandedLoop, when_lost: str, delay: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Return the matrices (T, 2, size, size) of a tick with arrival and one with loss, and N (T, size, size).
 
-    Raises:
-        InputError: if the strategy is neither 'hold' nor 'zero' or the delay is no whole number of ticks.
+    InputError if the strategy is neither 'hold' nor 'zero' or the delay is no whole number of ticks.
     """
     if when_lost not in STRATEGIES:
         raise InputError(f"when_lost: {when_lost!r}: must be one of {', '.join(STRATEGIES)}")

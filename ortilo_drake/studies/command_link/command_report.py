@@ -69,10 +69,8 @@ def _rms(system: JumpLinear) -> float | None:
 def command_report(scenario: Scenario, V: np.ndarray) -> CommandReport:
     """Return the effect of lost and late commands on a scenario's loop at hover; V covers the measurements (p x p).
 
-    The scenario's own command link enters under `own_link` alone.
-
-    Raises:
-        InputError: if the loop is unstable with a perfect link, naming the modes.
+    The scenario's own command link enters under `own_link` alone. InputError if the loop is unstable with a perfect
+    link, naming the modes.
     """
     loop, h, weighs = commanded_loop(scenario, V), scenario.h, isinstance(scenario.servo, LqServo)
     link = scenario.command_link

@@ -81,8 +81,7 @@ def nees_series(error: np.ndarray, P: np.ndarray) -> dict[str, np.ndarray]:
 def check_same_scenario(flights: Sequence[xr.Dataset], names: Sequence[str] | None = None) -> Scenario:
     """Return the scenario that all flights share, their seeds aside.
 
-    Raises:
-        InputError: if there is no flight, or two are of different scenarios; names say which files they are from.
+    InputError if there is no flight, or two are of different scenarios; names say which files they are from.
     """
     if not flights:
         raise InputError("flights: none given")
@@ -103,8 +102,7 @@ DOF: Final = {"position": 3, "x": 1, "y": 1, "z": 1, "state": N_X}
 def consistency_report(flights: Sequence[xr.Dataset]) -> ConsistencyReport:
     """Return the filter's consistency on flights of one scenario.
 
-    Raises:
-        InputError: if there is no flight or they are not of one scenario.
+    InputError if there is no flight or they are not of one scenario.
     """
     scenario = check_same_scenario(flights)
     whole = [finite_part(flight) for flight in flights]

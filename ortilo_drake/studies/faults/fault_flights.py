@@ -110,10 +110,8 @@ def fault_study(
     """Fly scenarios without a fault and with each fault, by name, that applies to them, on so many seeds from 0.
 
     Each scenario is one that `vary` returns with settings laid over it. The faults begin at the start, those that end
-    have the length [s]. The folder of the courses, workers and progress are as fly_kept has them.
-
-    Raises:
-        InputError: if a flight ends too early for anything to be seen after the fault.
+    have the length [s]. The folder of the courses, workers and progress are as fly_kept has them. InputError if a
+    flight ends too early for anything to be seen after the fault.
     """
     wanted: list[tuple[Scenario, Case | None]] = []
     scenarios = []

@@ -88,8 +88,7 @@ BOTH_WAYS_AT_100_HZ: Final = replace(AT_100_HZ, command_loss=0.2, command_delay=
 def late_scenario(scenario: Scenario, links: LateLinks, mode: str) -> Scenario:
     """Return a scenario behind such links, with estimator.delay as given; rates and blackouts stay.
 
-    Raises:
-        InputError: if a link or the mode cannot be.
+    InputError if a link or the mode cannot be.
     """
     data = scenario.model_dump(mode="json")
     for link in (*(data[sensor]["link"] for sensor in SENSORS), data["report_link"]):
@@ -112,10 +111,8 @@ def late_flights(
     """Fly the same seeds in each of the modes and return how they compare.
 
     The scenario's links' loss and delay, its seed and its estimator.delay are not used, but those of `links`. Flights
-    are in the folder `out`, 1 worker flies in this process, and each mode's entry of the report is told.
-
-    Raises:
-        InputError: if a flight cannot be flown, or a link cannot be.
+    are in the folder `out`, 1 worker flies in this process, and each mode's entry of the report is told. InputError if
+    a flight cannot be flown, or a link cannot be.
     """
     seeds = list(seeds)
     flown = {}

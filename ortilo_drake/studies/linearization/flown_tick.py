@@ -82,10 +82,7 @@ def differentiate_closed_loop(scenario: Scenario, tick: int = 900) -> FlownTick:
     Until that tick the loop hovers without noise (see without_noise), with ranging, multilateration, imu, handler and
     filter in place. Then the whole diagram is converted to AutoDiffXd, and the tick's update differentiated by the
     states of vehicle and estimate. The tick is to be late enough for a steady gain (gain_change says how steady it is);
-    the arrivals in it decide which matrix it is.
-
-    Raises:
-        InputError: if the tick is within the first period of the sensors.
+    the arrivals in it decide which matrix it is. InputError if the tick is within the first period of the sensors.
     """
     ideal = without_noise(scenario)
     h, period = ideal.h, int(np.lcm.reduce([ideal.every(sensor) for sensor in ideal.sensors]))

@@ -75,9 +75,7 @@ def linearization_report(scenario: Scenario, V: np.ndarray | None = None) -> Lin
     """Return the figures of Drake's matrices, eigenvalues, controllability and observability.
 
     The filter's gain is by V, the covariance of the measurements (p x p), such as fix_noise gives; see frozen_gain.
-
-    Raises:
-        InputError: naming the modes, if the sensors leave some unseen that do not decay.
+    InputError naming the modes, if the sensors leave some unseen that do not decay.
     """
     check_sensors(scenario)
     loop, scale = hover_loop(scenario), tick_scaling(scenario.h)

@@ -83,10 +83,8 @@ def frozen_gain(scenario: Scenario, V: np.ndarray | None = None) -> tuple[np.nda
     """Return K (N x p) of the steady predictor with every sensor of the scenario in every tick, and delta (s).
 
     Both are over the rows that the filter gets, see hover_loop.filter_measurement. V is the covariance of the
-    measurements (p x p), by default what the scenario believes, see believed_V.
-
-    Raises:
-        InputError: naming the modes that the sensors do not see, or the states that never change.
+    measurements (p x p), by default what the scenario believes, see believed_V. InputError naming the modes that the
+    sensors do not see, or the states that never change.
     """
     check_sensors(scenario)
     loop = hover_loop(scenario)

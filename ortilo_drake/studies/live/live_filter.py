@@ -98,10 +98,8 @@ class LiveFilter:
     def advance(self, horizon: float, block: Block, ended: bool = False) -> list[LiveEstimate]:
         """Take in the rows since the last call, and return the estimates that are due.
 
-        Before the horizon [s] nothing is still to come; with `ended` nothing at all.
-
-        Raises:
-            InputError: if the imu is silent while it should say how it stands still.
+        Before the horizon [s] nothing is still to come; with `ended` nothing at all. InputError if the imu is silent
+        while it should say how it stands still.
         """
         self._kept = block if self._kept is None else _joined(self._kept, block)
         if ended:

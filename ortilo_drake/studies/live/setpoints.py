@@ -33,8 +33,7 @@ class Setpoint(NamedTuple):
 class Holding:
     """Holds a place r (3) in the anchors' frame [m], by a scenario's servo, mass, heading and failsafe's limits.
 
-    Raises:
-        InputError: if the servo has no gain.
+    InputError if the servo has no gain.
     """
 
     def __init__(self, scenario: Scenario, place: Sequence[float]):

@@ -275,10 +275,8 @@ def arrived_rows(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a mask of the rows of y that some sensors fill (p), and the covariance of those from that of all (p x p).
 
-    The measurement is by default that of the paper's three sensors and those named.
-
-    Raises:
-        InputError: if no sensor is named or a name is unknown, or V is not positive definite where it is used.
+    The measurement is by default that of the paper's three sensors and those named. InputError if no sensor is named or
+    a name is unknown, or V is not positive definite where it is used.
     """
     V = np.asarray(V, dtype=float)
     measurement = measurement or measurement_of(sensors)

@@ -63,10 +63,8 @@ def steady_gain(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarray, un
         P_ls = Phi_l P_ls F^T + Phi_ls P_s F^T + W_ls,   F = Phi_s - K_s C_s,
 
     because the radius of Phi_l times that of F is below 1. Then K_l = (Phi_ls P_s + Phi_l P_ls) C_s^T (C_s P_s C_s^T +
-    V)^-1. What is seen is told in units of the states (N).
-
-    Raises:
-        InputError: if nothing is seen, or the seen part's equation is ill-posed.
+    V)^-1. What is seen is told in units of the states (N). InputError if nothing is seen, or the seen part's equation
+    is ill-posed.
     """
     hidden = np.linalg.qr(units[:, None] * unobservable_subspace(*rescale(Phi, C, units)))[0]
     seen, lost = len(Phi) - hidden.shape[1], hidden.shape[1]
@@ -99,9 +97,7 @@ def input_loop(
     the integral where there is no fix. V is the covariance of all measurements that the filter gets (p x p), see
     hover_loop.filter_V. The servo has the states of these numbers from the truth, in place of hover's own: VELOCITIES
     for the paper's scenarios, all twelve for full state feedback, whose integral then follows the true position.
-
-    Raises:
-        InputError: if the unseen modes are not whole states, or the filter's equation is ill-posed.
+    InputError if the unseen modes are not whole states, or the filter's equation is ill-posed.
     """
     hover = hover._replace(true_states=true_states)
     delta = arrivals_of(sensors, hover.measurement)

@@ -76,9 +76,7 @@ def four_solutions(dare: Dare, names: tuple[str, ...], dual: bool) -> Solutions:
 
     Drake may refuse a W that is only semidefinite. For Drake alone DRAKE_LIFT I is then added, and the note says so, or
     that it refuses that too. Its residual is that of the equation as posed, so the residual shows the effect.
-
-    Raises:
-        InputError: naming the modes, if the equation is ill-posed.
+    InputError naming the modes, if the equation is ill-posed.
     """
     A, B, Q, R = dare
     require_well_posed(A, B, Q, R, names=names, dual=dual)

@@ -84,10 +84,8 @@ def fly_map(
 
     Chunks that are already in the folder `out` are not flown again; 1 worker flies in this process. Where the number of
     flights is open, the points that need more get a chunk each, round by round: how many fly depends on what flew
-    alone, not on who was first.
-
-    Raises:
-        InputError: if a point's scenario is wrong, a flight cannot be flown or what is kept cannot be written.
+    alone, not on who was first. InputError if a point's scenario is wrong, a flight cannot be flown or what is kept
+    cannot be written.
     """
     points = points_of(sweep)
     scenarios = [scenario_at(sweep, point, source) for point in points]

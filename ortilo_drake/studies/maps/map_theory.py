@@ -75,10 +75,8 @@ def theory_of(found: Map) -> MapTheory:
 def expected_rms(scenario: Scenario) -> float:
     """Return the root of the bound on the trace of E[P_k] of the position, hovering [m].
 
-    Infinity where position is never seen; NaN where the arrivals have more than MOST_MODES modes.
-
-    Raises:
-        InputError: if the scenario's filter has no such bound.
+    Infinity where position is never seen; NaN where the arrivals have more than MOST_MODES modes. InputError if the
+    scenario's filter has no such bound.
     """
     h = scenario.h
     mapped = scenario.measurement.positions[:2]

@@ -22,10 +22,7 @@ def scenarios_of_tables(
     """Return the scenarios of the tables by their name there: the paper's two of a preset, and those beside them.
 
     Settings are laid over all of them, then those of cameras over those that fly one. With `only` the other one of
-    SCENARIOS is left out.
-
-    Raises:
-        InputError: if a scenario is wrong, or is there twice.
+    SCENARIOS is left out. InputError if a scenario is wrong, or is there twice.
     """
     if preset not in PRESETS:
         raise InputError(f"preset: {preset!r}: must be one of {', '.join(PRESETS)}")
@@ -57,10 +54,7 @@ def fly_tables(
     """Fly each scenario on the same seeds, from 0, and return the summaries; what is kept is not flown again.
 
     The flights are in the folder `out`, 1 worker flies in this process, progress is told the scenario of each flight,
-    and the player is as players.choose has it.
-
-    Raises:
-        InputError: as fly_many.
+    and the player is as players.choose has it. InputError as fly_many.
     """
     found = {}
     with kept_workers():

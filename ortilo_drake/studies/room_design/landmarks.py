@@ -32,8 +32,7 @@ ON_FLOOR = 0.1  # a class stands on the floor if one of the room's does, by so m
 def standing_classes(room: Room) -> list[str]:
     """Return the landmark classes that stand on the floor of a room, or all it has sizes of where it has no landmark.
 
-    Raises:
-        InputError: if there is none.
+    InputError if there is none.
     """
     found = [
         landmark.label

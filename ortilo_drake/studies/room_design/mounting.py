@@ -22,10 +22,7 @@ def mounting_places(room: Room, spacing: float, path: np.ndarray, vehicle_radius
     """Return p_W of mounting places (n, 3) on a grid of a spacing [m], always in the same order.
 
     A place lies in the interior, outside walls and whatever stands there, and keeps AWAY from the vehicle on its path,
-    p_WB (k, 3), of an outline's radius [m].
-
-    Raises:
-        InputError: if there are more than MAX_PLACES.
+    p_WB (k, 3), of an outline's radius [m]. InputError if there are more than MAX_PLACES.
     """
     length, width, height = np.subtract(room.interior.max, room.interior.min)
     about = (length * width + 2.0 * (length + width) * height) / spacing**2

@@ -83,8 +83,7 @@ class Network:
     def covariance(self, x: np.ndarray, sd: np.ndarray) -> np.ndarray:
         """Return (N_aa - N_ap N_pp^-1 N_pa)^-1 of the free anchors, row by row.
 
-        Raises:
-            InputError: if the ranges leave an anchor open in some direction.
+        InputError if the ranges leave an anchor open in some direction.
         """
         J, a = self.jacobian(x, sd), self._first
         N = (J.T @ J).tocsr()

@@ -94,8 +94,7 @@ def flown_in(scenario: Scenario, room: Room) -> Iterator[Scenario]:
 def worst_floor(scenario: Scenario) -> Worst:
     """Return the worst point of a flight as it is planned.
 
-    Raises:
-        InputError: if there is no path, or no floor, as the errors of the camera's detector have not been measured.
+    InputError if there is no path, or no floor, as the errors of the camera's detector have not been measured.
     """
     truth = planned_truth(scenario)
     floor = position_floor(scenario, truth)

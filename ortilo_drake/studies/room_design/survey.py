@@ -67,10 +67,8 @@ def survey(
     """Return the anchors that fit the ranges best, by a loss of scipy.optimize.least_squares.
 
     The anchors were believed to be at p_W (n, 3) [m], those known by number are there: three or more, not on one line.
-    The noise is s_0 [m] and s_1 of a range's standard deviation s_0 + s_1 d.
-
-    Raises:
-        InputError: if the known anchors are too few or on one line, or an anchor cannot be found.
+    The noise is s_0 [m] and s_1 of a range's standard deviation s_0 + s_1 d. InputError if the known anchors are too
+    few or on one line, or an anchor cannot be found.
     """
     refuse_known(believed, known)
     ranges = _useful(ranges)

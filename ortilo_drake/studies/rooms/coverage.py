@@ -110,9 +110,7 @@ def coverage(scenario: Scenario, progress: Callable[[float], None] = lambda shar
     """Return the coverage of a scenario's room, along a path that is planned before the flight; tell the share done.
 
     Walls take the sight of anchors unless the scenario has radio pass them (uwb.walls none); uwb.max_distance holds.
-
-    Raises:
-        InputError: if there is no path, or the errors of the camera's detector have not been measured.
+    InputError if there is no path, or the errors of the camera's detector have not been measured.
     """
     flight = planned_flight(scenario)
     found = floors(scenario, flight.truth)

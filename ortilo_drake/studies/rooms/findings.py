@@ -169,8 +169,7 @@ _ANY_ROOM = {
 def room_problems(path: Path) -> list[str]:
     """Return a line for each thing that is wrong with a room file: file, field, value and what is allowed.
 
-    Raises:
-        InputError: if the file cannot be read or is no YAML.
+    InputError if the file cannot be read or is no YAML.
     """
     data = parse_room(read_text(path), str(path))
     return [one_line(f"{path}: {line}") for line in all_problems(Room, data, _ANY_ROOM)]

@@ -57,10 +57,7 @@ def read_plan(file: Path, scale: float | None, dark: int) -> FloorPlan:
     """Return the floor plan in a picture (PNG, PGM, BMP, JPEG or TIFF), or in the .yaml of an occupancy grid.
 
     The scale is in pixels a metre, None for a grid, which has a resolution; a pixel of a picture is a wall if darker
-    than `dark`.
-
-    Raises:
-        InputError: if it cannot be read, is too large, or its scale is given twice or not at all.
+    than `dark`. InputError if it cannot be read, is too large, or its scale is given twice or not at all.
     """
     if file.suffix in (".yaml", ".yml"):
         if scale is not None:

@@ -120,11 +120,7 @@ _CLOCK = 0.4  # of the clock's middle below the ceiling, at most 2.2 m high [m]
 
 
 def parse_size(text: str) -> tuple[float, float, float]:
-    """Return length, width and height [m] of a text such as '8x6x3'.
-
-    Raises:
-        InputError: naming what is allowed.
-    """
+    """Return length, width and height [m] of a text such as '8x6x3'; InputError naming what is allowed."""
     allowed = "must read LENGTHxWIDTHxHEIGHT in metres, such as 8x6x3"
     words = re.split("[x×X]", text)
     try:

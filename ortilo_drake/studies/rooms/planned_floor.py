@@ -69,10 +69,7 @@ def floors(scenario: Scenario, truth: np.ndarray) -> dict[str, np.ndarray]:
     """Return the floor of the position's error at every tick [m] (n) with all sensors, and without each.
 
     It is the root of the three axes' bounds together at states (n, 12), sqrt(E |p_hat - p|^2) at best. See
-    floor/cramer_rao.py.
-
-    Raises:
-        InputError: if the errors of the camera's detector have not been measured.
+    floor/cramer_rao.py. InputError if the errors of the camera's detector have not been measured.
     """
     cases = {ALL: scenario} | {sensor: without_sensor(scenario, sensor) for sensor in scenario.sensors}
     found = {}

@@ -131,10 +131,8 @@ def fit_noise(
     """Fit W and V of a scenario's filter to flights of it, one record of the filter's inputs a flight.
 
     The first `settle` ticks, where a flight has less error than P_0 says, and as many after a tilt do not count. The
-    progress is told as the number of likelihoods computed so far.
-
-    Raises:
-        InputError: if nothing arrived near hover, or the arrivals determine no number.
+    progress is told as the number of likelihoods computed so far. InputError if nothing arrived near hover, or the
+    arrivals determine no number.
     """
     before = noise_numbers(scenario)
     Phi, Gamma = discretize(hover_A(scenario.yaw), hover_B(scenario.vehicle), scenario.h)

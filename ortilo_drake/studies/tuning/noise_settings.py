@@ -27,9 +27,7 @@ def noise_numbers(scenario: Scenario) -> dict[str, float]:
     """Return the numbers that state W and V, by their place in the scenario; of V only the sensors that fly.
 
     An entry of a triple is place.0 to place.2. A variance of 0 in a diagonal W is left out: it has no logarithm.
-
-    Raises:
-        InputError: if the estimator is not the paper's filter.
+    InputError if the estimator is not the paper's filter.
     """
     if not isinstance(scenario.estimator, IntermittentFilter):
         kind = scenario.estimator.kind
@@ -71,10 +69,7 @@ def noise_model(scenario: Scenario, recorded: Scenario, counted: tuple[str, ...]
     """Return W and V of a scenario's filter for a record that another one, `recorded`, flew.
 
     Its sensors and the sources of its V are those of the recorded one. The likelihood counts the sensors `counted`, by
-    default all.
-
-    Raises:
-        InputError: if the filter estimates a force.
+    default all. InputError if the filter estimates a force.
     """
     if scenario.estimator.force != "none":
         force = scenario.estimator.force

@@ -98,10 +98,8 @@ def search_by_flights(
     """Search settings by flying them, and say after each generation how many candidates flew, and the least cost [m].
 
     Figures of all flights are kept in the folder `out` and not flown again: a search that was stopped goes on where it
-    was, and finds the same on any number of workers. An error begins with the source.
-
-    Raises:
-        InputError: if a setting cannot be what its range says, or a flight cannot be flown or kept.
+    was, and finds the same on any number of workers. An error begins with the source. InputError if a setting cannot be
+    what its range says, or a flight cannot be flown or kept.
     """
     axes, own = list(search.axes.values()), base_of(search)
 

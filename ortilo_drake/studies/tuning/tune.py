@@ -160,8 +160,7 @@ def filter_figures(scenario: Scenario, recorded: Scenario, flights: Sequence[xr.
 def tune(files: Sequence[Path], progress: Callable[[int], None] = lambda evaluations: None) -> Tuning:
     """Fit W and V to flights of one scenario, saying how many likelihoods have been computed.
 
-    Raises:
-        InputError: if a file is no flight, they are of different scenarios, or there is nothing to fit to.
+    InputError if a file is no flight, they are of different scenarios, or there is nothing to fit to.
     """
     loaded = [load_flight(file) for file in files]
     scenario = check_same_scenario(loaded, [str(file) for file in files])

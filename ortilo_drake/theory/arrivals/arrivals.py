@@ -39,8 +39,7 @@ def check_rate(rate: float, name: str) -> float:
 def pattern_probabilities(uwb: float, camera: float) -> np.ndarray:
     """Return the probabilities of PATTERN_ROWS (4) for independent arrivals at these rates per tick.
 
-    Raises:
-        InputError: if a rate lies outside [0, 1].
+    InputError if a rate lies outside [0, 1].
     """
     u, c = check_rate(uwb, "arrival rate of uwb"), check_rate(camera, "arrival rate of camera")
     return np.outer([1 - c, c], [1 - u, u]).ravel()

@@ -116,8 +116,7 @@ def mare_critical_rate(A: np.ndarray, C: np.ndarray) -> float:
 def critical_rate(A: np.ndarray, C: np.ndarray) -> CriticalRate:
     """Return the bounds on the critical arrival probability of A (n, n) and C (m, n), with their hypotheses checked.
 
-    Raises:
-        InputError: if (A, C) is not detectable; its eigenvalues and states are named.
+    InputError if (A, C) is not detectable; its eigenvalues and states are named.
     """
     A, C = (np.atleast_2d(M) for M in real_matrices(A=A, C=C))
     unseen = unseen_modes(A, C)
@@ -197,10 +196,7 @@ def growth_in_bursts(modulus: float, d: int | None, failure: float, recovery: fl
     a good one a bad one with q (recovery). Of d ticks (as ticks_to_repeat has it) the first may be either and d - 1 are
     bad: the chance of that, from one first tick to the next, is the radius of a matrix of rank 1, p q (1 - q)^(d-2) +
     (1 - q)^d (You, Fu and Xie, 2011). With p = 1 - l and q = l the losses are independent. The modulus of both modes is
-    above 1.
-
-    Raises:
-        InputError: if p or q lies outside [0, 1].
+    above 1. InputError if p or q lies outside [0, 1].
     """
     for name, chance in (("failure", failure), ("recovery", recovery)):
         if not 0.0 <= chance <= 1.0:

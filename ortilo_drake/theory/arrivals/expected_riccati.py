@@ -32,10 +32,7 @@ def vehicle_model(W: np.ndarray, V: np.ndarray, h: float, C: np.ndarray | None =
 
     W is the process noise per tick (12 x 12), V the noise of uwb, camera, imu and what else flies (p x p), which
     arrives in every tick. The rows C of y over the states (p x 12) have uwb and camera first; by default they are those
-    of the paper's three sensors.
-
-    Raises:
-        InputError: if a matrix has a wrong shape or sign.
+    of the paper's three sensors. InputError if a matrix has a wrong shape or sign.
     """
     C = output_C() if C is None else C
     Phi, _ = discretize(hover_A(), hover_B(M100), h)  # Phi is the same for every vehicle
@@ -49,10 +46,8 @@ def solve_coupled(
     """Return the fixed point X (M, n, n) of X_j = sum_i backward[j, i] g_i(X_i), from a start (M, n, n) or W.
 
     The model is checked, the probabilities are those of the patterns in each mode (M, P), and backward is Pr(mode
-    before = i | mode now = j) (M, M).
-
-    Raises:
-        InputError: beginning with `what`, if some mode of A is never seen or too seldom, or X is not reached.
+    before = i | mode now = j) (M, M). InputError beginning with `what`, if some mode of A is never seen or too seldom,
+    or X is not reached.
     """
     check_arrivals(model, probabilities, what)
     X = np.repeat(model.W[None], len(probabilities), axis=0) if start is None else np.ascontiguousarray(start)
@@ -72,8 +67,7 @@ def solve_coupled(
 def upper_bound(model: Model, probabilities: np.ndarray) -> np.ndarray:
     """Return X = g(X) (n, n), which bounds the limit of E[P_k] from above, to 1e-9 relative.
 
-    Raises:
-        InputError: if the patterns' probabilities (P) are none, or X does not exist; the modes concerned are named.
+    InputError if the patterns' probabilities (P) are none, or X does not exist; the modes concerned are named.
     """
     return solve_coupled(model, np.atleast_2d(probabilities), np.ones((1, 1)), None, "expected Riccati equation")[0]
 
@@ -82,10 +76,7 @@ def lower_bound(A: np.ndarray, W: np.ndarray, arrival_rate: float) -> np.ndarray
     """Return X = (1 - l) A X A^T + W (n, n), which bounds the limit of E[P_k] from below; inf where there is none.
 
     Sinopoli et al. (2004), theorem 4: an arrival, of probability l, can at best bring the error back to W. It exists
-    while (1 - l) max|eigenvalue of A|^2 < 1.
-
-    Raises:
-        InputError: if the rate lies outside [0, 1].
+    while (1 - l) max|eigenvalue of A|^2 < 1. InputError if the rate lies outside [0, 1].
     """
     missed = np.array([1.0 - check_rate(arrival_rate, "arrival rate")])
     return coupled_lower_bound(A, W, missed, np.ones((1, 1)))[0]

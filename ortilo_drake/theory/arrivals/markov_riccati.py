@@ -37,10 +37,8 @@ class ArrivalChain(NamedTuple):
 def arrival_chain(T: np.ndarray, probabilities: np.ndarray) -> ArrivalChain:
     """Return the chain restricted to the modes in which it stays for ever, coming from the first.
 
-    T is Pr(mode j next | mode i now) (M, M), with the probabilities of the patterns in each mode (M, P).
-
-    Raises:
-        InputError: if a row of T is no probability distribution.
+    T is Pr(mode j next | mode i now) (M, M), with the probabilities of the patterns in each mode (M, P). InputError if
+    a row of T is no probability distribution.
     """
     T = np.array(T, dtype=float)
     if not np.all(T >= 0.0) or not np.allclose(T.sum(axis=1), 1.0, rtol=0.0, atol=1e-9):

@@ -102,11 +102,8 @@ def mean_square_radius(system: JumpLinear, largest_dense: int = DENSE) -> float:
 def steady_second_moment(system: JumpLinear) -> np.ndarray:
     """Return E[z z^T] in the steady state at each tick of the period (T, n, n).
 
-    It is the fixed point of (*), reached by going through it until what is left to come, judged by the spectral
-    radius, is below ACCURACY relative to the trace.
-
-    Raises:
-        InputError: if the system is not mean-square stable.
+    It is the fixed point of (*), reached by going through it until what is left to come, judged by the spectral radius,
+    is below ACCURACY relative to the trace. InputError if the system is not mean-square stable.
     """
     radius = mean_square_radius(system)
     if not radius < 1.0 - MARGIN:

@@ -33,9 +33,7 @@ def critical_command_rate(A: np.ndarray, B: np.ndarray) -> float:
     """Return the probability of arrival, to 1e-6, below which no gain keeps E[x x^T] bounded and above which one does.
 
     0 without an eigenvalue outside the unit circle; for one control, 1 - 1 / prod |s_u|^2 over those outside.
-
-    Raises:
-        InputError: if (A, B) is not stabilisable; its modes are named.
+    InputError if (A, B) is not stabilisable; its modes are named.
     """
     check_reached(A, B)
     A_u, B_u = unstable_part(A.T, B.T)
@@ -47,10 +45,8 @@ def acknowledged_gain(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return L (m, n) and S (n, n) for A (n, n) and B (n, m), where commands arrive with the probability nu.
 
-    The weights are W >= 0 of the state (n, n) and U > 0 of the control (m, m).
-
-    Raises:
-        InputError: if (A, B) is not stabilisable or (A, W^1/2) not detectable, or if nu is no more than critical.
+    The weights are W >= 0 of the state (n, n) and U > 0 of the control (m, m). InputError if (A, B) is not stabilisable
+    or (A, W^1/2) not detectable, or if nu is no more than critical.
     """
     nothing_or_all = np.repeat([[False], [True]], B.shape[1], axis=1)
     dual = check_model(Model(A.T, B.T, W, U, nothing_or_all))

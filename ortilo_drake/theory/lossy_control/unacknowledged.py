@@ -47,10 +47,8 @@ def unacknowledged_gain(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return L (m, n), S and T (n, n), the limit of the recursion from S = T = 0, arguments as acknowledged_gain's.
 
-    Commands arrive with the probability nu, the state with gamma.
-
-    Raises:
-        InputError: if (A, B) is not stabilisable, or the cost grows without bound.
+    Commands arrive with the probability nu, the state with gamma. InputError if (A, B) is not stabilisable, or the cost
+    grows without bound.
     """
     A, B, W, U = real_matrices(A=A, B=B, W=W, U=U)
     nu, gamma = check_rate(nu, "nu"), check_rate(gamma, "gamma")

@@ -71,8 +71,7 @@ def newton_step(problem: Balanced, X: np.ndarray) -> np.ndarray:
 def refine(problem: Balanced, X: np.ndarray) -> np.ndarray:
     """Return X, in balanced units, as it is if it is right to RIGHT, or else refined by Newton's method until it is.
 
-    Raises:
-        InputError: as newton_step, or if Newton's method does not converge.
+    InputError as newton_step, or if Newton's method does not converge.
     """
     for _ in range(STEPS):
         dX = newton_step(problem, X)

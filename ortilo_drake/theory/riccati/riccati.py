@@ -65,11 +65,9 @@ def by_recursion(
 ) -> np.ndarray:
     """Return X by the paper's recursion from 0, whose error shrinks by the closed loop's radius squared a step.
 
-    It stops when a step changes X by less than the tolerance, relatively, or when rounding ends its progress. The
-    limit is enough for closed loops of a radius up to about 1 - 1.5e-4.
-
-    Raises:
-        InputError: if it has not converged after that many steps, or overflows.
+    It stops when a step changes X by less than the tolerance, relatively, or when rounding ends its progress. The limit
+    is enough for closed loops of a radius up to about 1 - 1.5e-4. InputError if it has not converged after that many
+    steps, or overflows.
     """
     A, B, Q, R, N = real_matrices(A=A, B=B, Q=Q, R=R, N=np.zeros(np.shape(B)) if N is None else N)
     X, least, waited = np.zeros(Q.shape), np.inf, 0
@@ -109,10 +107,7 @@ def doubling(
     """Return X of the DARE by doubling A_0 = A - B R^-1 N^T, G_0 = B R^-1 B^T, H_0 = Q - N R^-1 N^T.
 
     Converges quadratically where the closed loop is stable. A nearly singular R is made regular first
-    (riccati_problem).
-
-    Raises:
-        InputError: if it does not converge within the limit, or overflows.
+    (riccati_problem). InputError if it does not converge within the limit, or overflows.
     """
     A, B, Q, R, N = real_matrices(A=A, B=B, Q=Q, R=R, N=np.zeros(np.shape(B)) if N is None else N)
     regular = regularise(A, B, Q, R, N)

@@ -90,10 +90,7 @@ def stability_radius(A: np.ndarray) -> float:
     complex. The search starts at the least value on a grid that has the angles of A's eigenvalues. level_angles then
     finds the arcs on which sigma_min is less still, and the least value at their midpoints is taken, until no such arc
     is left. It converges quadratically and misses no narrow dip (Boyd and Balakrishnan, Systems and Control Letters 15,
-    1990, in discrete time).
-
-    Raises:
-        InputError: if A has an eigenvalue on or outside the unit circle.
+    1990, in discrete time). InputError if A has an eigenvalue on or outside the unit circle.
     """
     z = np.linalg.eigvals(A)
     if not abs(z).max() < 1.0:

@@ -153,8 +153,7 @@ def riccati_step(
 def regularise(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, N: np.ndarray) -> RegularProblem:
     """Return the equivalent problem with R > 0, far from singular if it can be, and N = 0; X_0 = 0 where R is so.
 
-    Raises:
-        InputError: if R + B^T X B is singular after n steps of the recursion: some control has neither cost nor effect.
+    InputError if R + B^T X B is singular after n steps of the recursion: some control has neither cost nor effect.
     """
     X_0 = np.zeros_like(Q)
     for _ in range(len(A) + 2):
@@ -247,10 +246,7 @@ def require_well_posed(
     """Return a DARE that has a stabilising solution X >= 0, in balanced units; see the module.
 
     The matrices and states' names are as riccati.solve. Where it is a filter's equation (dual: A = Phi^T, B = C^T, Q =
-    W, R = V), errors speak of those.
-
-    Raises:
-        InputError: naming the matrix, or the modes that are not reached or not seen.
+    W, R = V), errors speak of those. InputError naming the matrix, or the modes that are not reached or not seen.
     """
     N = np.zeros(np.shape(B)) if N is None else N
     A, B, Q, R, N = real_matrices(A=A, B=B, Q=Q, R=R, N=N)

@@ -59,9 +59,7 @@ def estimate(
     """Return the calibration estimated from sightings, a time between pictures [s] apart.
 
     The classes are the room's, the size is the image's width and height [px], the source has the fields of Source.
-
-    Raises:
-        InputError: if too few landmarks were found.
+    InputError if too few landmarks were found.
     """
     if s.found.sum() < LEAST_FOUND:
         raise InputError(f"seeds: {int(s.found.sum())} landmarks found, fewer than {LEAST_FOUND}: fly more")
@@ -87,11 +85,8 @@ def calibrate(
 
     The flights, one a seed, are the camera scenario's, with a camera of fixed errors. The vehicle's path hardly depends
     on the camera, and so a calibration does not depend on the previous one. The detector is by default our own; the
-    progress is told as the pictures done and their number.
-
-    Raises:
-        InputError: if there is no EGL, a file of the detector is wrong, too little is found, or the file cannot be
-            written.
+    progress is told as the pictures done and their number. InputError if there is no EGL, a file of the detector is
+    wrong, too little is found, or the file cannot be written.
     """
     seeds = list(seeds)
     if not seeds:

@@ -158,9 +158,7 @@ def persistence(s: Sightings, rate: np.ndarray, scores: np.ndarray, interval: fl
     """Return the fields slow_errors and slow_misses, of pictures an interval [s] apart.
 
     Each sighting is expected with a rate (n), and has normal scores of its errors, NaN where none is known (n, 4).
-
-    Raises:
-        InputError: if no landmark was found in enough pictures one after another.
+    InputError if no landmark was found in enough pictures one after another.
     """
     errors, misses, weights = [], [], []
     telling, lags = (rate > UNSURE[0]) & (rate < UNSURE[1]), []

@@ -111,10 +111,7 @@ def detect_in_flight(
 ) -> list[Boxes]:
     """Return the boxes that a detector finds in the pictures at states (k, 12), in the flights' own light.
 
-    The image's width is in px; `done` is called after each picture.
-
-    Raises:
-        InputError: if there is no EGL.
+    The image's width is in px; `done` is called after each picture. InputError if there is no EGL.
     """
     camera = room.camera.scaled_to(width)
     (color, _), X_BC = render_cameras(camera), camera_in_body(camera)

@@ -115,10 +115,7 @@ def evaluate(
 
     The detector has a threshold far below that of flights, so that precision is known at all recalls; the threshold
     given is that of flights, for centres, recall and false boxes. What must be found is by the limits of
-    is_to_be_found.
-
-    Raises:
-        InputError: if the pictures show no object to be found.
+    is_to_be_found. InputError if the pictures show no object to be found.
     """
     _, height, width, _ = frames.images.shape
     found_all, errors, faults = [], [], []

@@ -69,10 +69,8 @@ def judge(settings: Detector, room: Room, pictures: Path, lowest: float, worst: 
     """Return the judgement of a detector, its network and the score it flies with, on the test sets in a folder.
 
     The room gives the classes. Detections count in a precision-recall curve from the lowest score on. The pictures with
-    most faults are drawn to a PNG file, worst, if any.
-
-    Raises:
-        InputError: if the pictures or the network's files are wrong, or both sets are not of one size.
+    most faults are drawn to a PNG file, worst, if any. InputError if the pictures or the network's files are wrong, or
+    both sets are not of one size.
     """
     sets = {kind: load_frames(set_folder(pictures, "test", kind)) for kind in KINDS}
     sizes = {frames.images.shape[1:3] for frames in sets.values()}

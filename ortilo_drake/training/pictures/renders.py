@@ -31,11 +31,7 @@ def _mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def landmark_meshes(room: Room) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return every landmark's mesh: vertices in W (n, 3) and triangles (m, 3).
-
-    Raises:
-        InputError: if a class has no mesh.
-    """
+    """Return every landmark's mesh: vertices in W (n, 3) and triangles (m, 3); InputError if a class has no mesh."""
     found = []
     for item in scene_items(room):
         if item.group == "landmarks":

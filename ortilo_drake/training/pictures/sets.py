@@ -42,10 +42,7 @@ def render_set(
 
     A set is a part, 'train' or 'test', of a kind, 'paper_room' or 'random_rooms', in the folder of all sets, of so many
     scenes with an image width [px]; the seed is of the rooms, looks and poses. The progress is told for each scene.
-
-    Raises:
-        InputError: if there is no EGL, a file cannot be written, or the folder holds a set of another seed or
-            width.
+    InputError if there is no EGL, a file cannot be written, or the folder holds a set of another seed or width.
     """
     target = set_folder(folder, part, kind)
     pictures = PICTURES[part][kind]
@@ -106,8 +103,7 @@ def is_rendered(path: Path) -> bool:
 def load_frames(folder: Path) -> Frames:
     """Return all pictures of a rendered set, in the order of the scenes.
 
-    Raises:
-        InputError: if there are none or a file is damaged.
+    InputError if there are none or a file is damaged.
     """
     shards = sorted(folder.glob("[0-9]*.npz"))
     if not shards:
