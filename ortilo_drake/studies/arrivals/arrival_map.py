@@ -145,20 +145,10 @@ def burst_map(
     """Return the bounds over one sensor's arrival rate (rows) and the mean length of its bursts of losses (columns).
 
     The sensor's link is a Gilbert-Elliott channel that loses everything while bad and nothing while good; the other
-    position sensor arrives independently. NaN where no such channel exists (loss_chain.loss_of); a rate of 0 is no
-    burst but no sensor.
-
-    Args:
-        W: as V and h of expected_riccati.vehicle_model.
-        V: measurement noise (p x p).
-        h: tick [s].
-        rates: arrival rates per tick, in [0, 1] (n).
-        bursts: mean lengths [s], at least a tick (m).
-        sensor: uwb or camera.
-        other_rate: arrival rate of the other.
-
-    Raises:
-        InputError: if a rate lies outside [0, 1], a burst is shorter than a tick, or the sensor is none of the two.
+    position sensor arrives independently, at other_rate. NaN where no such channel exists (loss_chain.loss_of); a rate
+    of 0 is no burst but no sensor. W, V and h are those of vehicle_model, the rates per tick in [0, 1] (n), the bursts
+    in s, at least a tick (m). InputError if a rate lies outside [0, 1], a burst is shorter than a tick, or the sensor
+    is neither uwb nor camera.
     """
     if sensor not in SENSORS[:2]:
         raise InputError(f"sensor: {sensor}: must be uwb or camera")

@@ -43,16 +43,12 @@ STRATEGIES: tuple[Literal["hold", "zero"], ...] = ("hold", "zero")
 
 
 class CommandedLoop(NamedTuple):
-    """The loop of a scenario, open at the rotors, over a period of T ticks.
+    """The loop of a scenario, open at the rotors, over a period of T ticks; F (T, n, n) and G (n, m), n = 27 in flight.
 
-    Attributes:
-        F: (T, n, n), n = 27 for the flying loop.
-        G: (n, m).
-        L: the command is -L z (m, n), less L_u of the commands before.
-        N: covariance of n_k (T, n, n).
-        L_u: of u_{k-1}, u_{k-2}, ... (D, m, m); (0, 0, 0) where the servo takes its commands to act at once.
-        G_hat: how u_k enters through a filter that takes it to act at once (n, m); read where there is L_u.
-        by_v: how the measurements' noise and errors enter in each tick (T, n, p); empty where it is not asked for.
+    The command is -L z (m, n), less L_u (D, m, m) of u_{k-1}, u_{k-2}, ...; (0, 0, 0) where the servo takes its
+    commands to act at once. N is the covariance of n_k (T, n, n). G_hat is how u_k enters through a filter that takes
+    it to act at once (n, m); read where there is L_u. by_v is how the measurements' noise and errors enter in each tick
+    (T, n, p); empty where it is not asked for.
     """
 
     F: np.ndarray

@@ -48,22 +48,13 @@ def largest_loss(
     deltas: np.ndarray | None = None,
     tolerance: float = 1e-4,
 ) -> float:
-    """Return the share of lost packets at which the loop ceases to be mean-square stable, by bisection.
+    """Return the share of lost packets at which the loop ceases to be mean-square stable, by bisection to a tolerance.
 
     The radius rises with the share from well below 1 on the loops that fly here (tested on a grid); on a loop where it
-    did not, this is one of the shares at which it crosses 1.
-
-    Args:
-        scenario: as V, deltas and delay those of commanded_loop; its own command link is not used.
-        V: covariance of the measurements (p x p).
-        when_lost: 'hold' or 'zero'.
-        burst: mean length of a burst [ticks], None for independent losses.
-        delay: of the link [ticks].
-        deltas: arrivals over a period (T, s).
-        tolerance: of the share.
-
-    Raises:
-        InputError: if the loop is unstable without any loss, naming the modes.
+    did not, this is one of the shares at which it crosses 1. Lost packets are answered by 'hold' or 'zero'. Bursts have
+    a mean length [ticks], None for independent losses; the delay is in ticks. V (p x p) and deltas (T, s) are as
+    commanded_loop has them; the scenario's own command link is not used. InputError if the loop is unstable without any
+    loss, naming the modes.
     """
     A, N = behind_a_link(commanded_loop(scenario, V, deltas, delay), when_lost, delay)
 

@@ -26,16 +26,12 @@ Settings = tuple[tuple[str, Any], ...]
 
 @dataclass(frozen=True)
 class Phase:
-    """The estimate in one part of the flights.
+    """The estimate in one part of the flights, those that were not lost all together.
 
-    Attributes:
-        error: root mean square of the distance of estimated and true position, of all flights together that were not
-            lost [m].
-        ratio: that over the error of the same seeds without the fault in the same ticks [1].
-        nees: mean of the position's NEES, 3 if the filter is consistent.
-        nees_interval: its 95 % interval over flights, by Student's t; None of fewer than two.
-        errors: median over flights of the error of each [m], with the lost ones as worst and without them.
-        ratios: likewise of the ratio of each.
+    The error is the root mean square of the distance of estimated and true position [m], the ratio that over the error
+    of the same seeds without the fault in the same ticks [1]. NEES is the mean of the position's, 3 if the filter is
+    consistent, with its 95 % interval over flights by Student's t; None of fewer than two. Errors [m] and ratios are
+    medians of those of each flight, with the lost ones as worst and without them.
     """
 
     error: float

@@ -79,17 +79,11 @@ class LiveReport:
 
 
 class LiveBridge:
-    """The filter between topics and targets.
+    """The filter between topics and targets, by a map that says what is what.
 
-    Args:
-        map_: what is what.
-        say: takes a line about what is wrong, or has changed.
-        rate: of the estimates [Hz].
-        lag: how long a silent topic holds the others back [s].
-        holding: what asks for setpoints; none by default.
-
-    Raises:
-        InputError: if the map cannot be heard live, or the place to hold is far outside the anchors.
+    Say takes a line about what is wrong, or has changed. Estimates are made at a rate [Hz], a silent topic holds the
+    others back for the lag [s], and setpoints are asked for by what is holding, if anything. InputError if the map
+    cannot be heard live, or the place to hold is far outside the anchors.
     """
 
     def __init__(self, map_: Map, say: Say, rate: float = RATE, lag: float = LAG, holding: Holding | None = None):

@@ -51,12 +51,10 @@ class LiveEstimate(NamedTuple):
 
 
 class LiveFilter:
-    """The filter, and the events that wait for it.
+    """The filter, and the events that wait for it, by replay's map, of which the truth is not heard.
 
-    Args:
-        map_: as replay's; its truth is not heard, and its calibration not made.
-        anchors: positions (n, 3).
-        rate: of the estimates [Hz].
+    The anchors have positions (n, 3), estimates are made at a rate [Hz]. InputError if the map asks for what only a
+    whole recording tells.
 
     Attributes:
         ranges: how many ranges the filter has seen.
@@ -64,9 +62,6 @@ class LiveFilter:
         lost: how often it was lost and started anew.
         begins_at: stamp of the range that it begins with [s].
         why_not_begun: what it waits for.
-
-    Raises:
-        InputError: if the map asks for what only a whole recording tells.
     """
 
     def __init__(self, map_: Map, anchors: np.ndarray, rate: float = RATE):

@@ -193,16 +193,10 @@ def plan_climb(
 ) -> Plan:
     """Return levels that each keep a share KEPT of the paths, and step sizes of which a share ACCEPTED is taken.
 
-    It ends at the goal, where no path comes higher any more, and where the next level would be rarer than `least`.
-
-    Args:
-        run: how high each path comes.
-        size: how many numbers a path is made of.
-        goal: how high a path must come, at least.
-        paths: N, a multiple of CHAIN.
-        seed: of all that is drawn.
-        least: the smallest probability that is sought [1].
-        progress: called with how many paths have run.
+    It ends at the goal, how high a path must come at least, where no path comes higher any more, and where the next
+    level would be rarer than `least`, the smallest probability that is sought [1]. A path is made of `size` numbers;
+    `run` says how high each comes. There are N paths, a multiple of CHAIN; the seed is of all that is drawn, and the
+    progress is told as how many paths have run.
     """
     random, b, flights = np.random.default_rng((seed, 0)), (ACCEPTED, ACCEPTED), 0
 

@@ -141,17 +141,10 @@ def place_anchors(
 ) -> Placement:
     """Return the room of a scenario with n anchors placed for its path, and maybe landmarks after them.
 
-    Args:
-        scenario: path, room, sensors and their links.
-        n: number of anchors.
-        spacing: of the grid of mounting places [m].
-        landmarks: number of landmarks in place of those that the room has; 0 leaves those.
-        start: called before each part of the search, with its name.
-        tick: called after each step.
-
-    Raises:
-        InputError: if there is no path or no floor, uwb (or the camera, with landmarks) does not fly or gives
-            differences, or there are fewer places than anchors or landmarks.
+    The mounting places have a spacing [m]. So many landmarks are placed in place of those that the room has; 0 leaves
+    those. `start` is told each part of the search before it, and `tick` called after each step. InputError if there is
+    no path or no floor, uwb (or the camera, with landmarks) does not fly or gives differences, or there are fewer
+    places than anchors or landmarks.
     """
     placing = {measuring(things): things for things in ("anchors", *(("landmarks",) if landmarks else ()))}
     for sensor, placed in placing.items():

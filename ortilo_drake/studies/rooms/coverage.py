@@ -28,19 +28,12 @@ HEADINGS_ALONG = 24  # and along the path
 
 @dataclass(frozen=True)
 class Along:
-    """The coverage along the planned path, at n places.
+    """The coverage along the planned path, at n places p_WB [m] (n, 3), at times and distances flown since the start.
 
-    Attributes:
-        time: since the start [s] (n).
-        distance: flown since the start [m] (n).
-        position: p_WB [m] (n, 3).
-        free: from the vehicle's outline to walls, floor and ceiling [m] (n).
-        anchors: how many are in sight (n).
-        pdop: position dilution of precision [1] (n); infinite where their ranges give no position.
-        landmarks: how many are in view at the heading that is flown (n).
-        headings: yaws [rad] (h).
-        landmarks_by_heading: how many are in view at each (n, h).
-        floor: least error of the position [m] (n) with 'all' sensors, and by name without each.
+    Free is from the vehicle's outline to walls, floor and ceiling [m] (n). So many anchors are in sight, with the
+    position dilution of precision [1] (n), infinite where their ranges give no position. So many landmarks are in view
+    at the heading that is flown (n), and at each of the headings [rad] (n, h). The floor is the least error of the
+    position [m] (n) with 'all' sensors, and by name without each.
     """
 
     time: np.ndarray

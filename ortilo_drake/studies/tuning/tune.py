@@ -64,16 +64,11 @@ class UsedFlight:
 
 @dataclass(frozen=True)
 class Tuning:
-    """The result of `ortilo tune`; --json writes all but `fitted`.
+    """The result of `ortilo tune`; --json writes all but `fitted`, the scenario with the fitted numbers.
 
-    Attributes:
-        scenario: name of the fitted one.
-        flights: that were used.
-        notes: flights left out or shortened, one line each.
-        numbers: as NoiseFit, like the next three.
-        before: NEES and NIS of the filter as it flew, see filter_figures.
-        after: the same of the fitted filter on the same measurements.
-        fitted: the scenario with the fitted numbers.
+    The scenario is the name of that. The notes say of flights that were left out or shortened; numbers, counted, tilted
+    and log_likelihood are as NoiseFit has them. Before and after are NEES and NIS of the filter as it flew, see
+    filter_figures, and of the fitted one on the same measurements.
     """
 
     scenario: str

@@ -22,16 +22,11 @@ PROBABILITY = 0.95  # of bands and intervals
 
 @dataclass(frozen=True)
 class Average:
-    """A normalised square averaged over the ticks of a mask.
+    """A normalised square of n degrees of freedom, expected, averaged over the ticks of a mask.
 
-    Attributes:
-        expected: n, the degrees of freedom.
-        mean: of the flights' means.
-        interval: of that mean; None for one flight.
-        ratio: mean / expected.
-        consistent: whether the interval contains n; None for one flight.
-        flights: how many have a number in the mask.
-        in_band: share of ticks at which the ensemble's average lies in its chi-square band; None without a tick.
+    The mean is that of the means of so many flights with a number in the mask, the ratio mean / expected; its interval,
+    and whether that contains n, consistent, are None for one flight. in_band is the share of ticks at which the
+    ensemble's average lies in its chi-square band; None without a tick.
     """
 
     expected: int

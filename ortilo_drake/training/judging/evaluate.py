@@ -75,17 +75,11 @@ class CenterError:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """A detector on labelled pictures.
+    """A detector on so many labelled pictures, images, with so many objects to be found.
 
-    Attributes:
-        map50: mean of the classes' average precisions at an overlap of 0.5.
-        ap50: the average precision by class; None for a class without objects.
-        center_error_px: of objects found whole.
-        recall: objects found at the threshold of flights over all.
-        false_boxes_per_image: at that threshold.
-        objects: to be found.
-        images: how many.
-        worst: the pictures with most faults, by number.
+    map50 is the mean of the classes' average precisions at an overlap of 0.5, ap50 by class; None for a class without
+    objects. The centres' errors are of objects found whole. Recall, objects found over all, and false boxes per image
+    are at the threshold of flights. The worst are the pictures with most faults, by number.
     """
 
     map50: float
