@@ -29,21 +29,12 @@ WARM_UP = 10.0  # a flight starts without error; from here on it counts as stead
 
 @dataclass(frozen=True)
 class CommandCase:
-    """A link, predicted and flown.
+    """A link, predicted and flown: the growth of the second moment per tick, stable if below 1.
 
-    Attributes:
-        link: its settings.
-        growth: of the second moment per tick.
-        stable: whether that is below 1.
-        predicted_rms: distance from r [m], None if not stable; with what is wrong in the world, as behind a perfect
-            link, see loop/error_moments.py.
-        flights: how many.
-        lost: how many of them.
-        lost_after: mean time of the losses [s].
-        causes: of the losses.
-        flown_rms: distance from r over the flights that were not lost [m], None if all were.
-        agrees: whether a stable link loses no flight, an unstable one all. A flight of finite length behind an unstable
-            link may well survive, so that is what may disagree.
+    The predicted rms distance from r [m], None if not stable, is with what is wrong in the world, as behind a perfect
+    link, see loop/error_moments.py. Of so many flights so many were lost, after a mean time [s], with the causes; the
+    flown rms is over those that were not, None if all were. It agrees if a stable link loses no flight, an unstable one
+    all. A flight of finite length behind an unstable link may well survive, so that is what may disagree.
     """
 
     link: CommandLink

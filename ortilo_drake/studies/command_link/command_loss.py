@@ -25,7 +25,7 @@ from ortilo_drake.studies.command_link.command_loop import (
 )
 from ortilo_drake.studies.loop.hover_loop import hover_loop, loop_gain, over_names
 from ortilo_drake.theory.jump_linear.jump_linear import MARGIN, JumpLinear, mean_square_radius
-from ortilo_drake.theory.lossy_control.acknowledged import acknowledged_gain, critical_command_rate
+from ortilo_drake.theory.lossy_control.lossy_gain import acknowledged_gain, critical_command_rate
 
 
 def lossy_loop(loop: CommandedLoop, link: CommandLink, h: float) -> JumpLinear:
@@ -76,7 +76,7 @@ def acknowledged_loop(scenario: Scenario, V: np.ndarray, share: float) -> JumpLi
     """Return the jump-linear system of a scenario's loop with a share, in [0, 1), of its commands lost independently.
 
     A lost command is a control of zero. The filter predicts with what acted, and the gain is that of
-    theory/lossy_control/acknowledged.py on the servo's own weights. It is not flown: the scenario's servo has the gain
+    theory/lossy_control/lossy_gain.py on the servo's own weights. It is not flown: the scenario's servo has the gain
     of a link without losses. The scenario's own command link, and what it makes of late commands, are not used; V is
     the covariance of the measurements (p x p).
     """

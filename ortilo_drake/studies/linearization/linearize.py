@@ -118,21 +118,12 @@ def linearize(
     lag: str = "down",
     frozen: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Linearization:
-    """Return a part of a scenario's diagram linearised by Drake.
+    """Return a part of a scenario's diagram linearised by Drake; part, reference (9) and lag as in api/studies.py.
 
-    Args:
-        scenario: the scenario.
-        part: 'plant', 'rotors_and_plant' (continuous), 'sampled_plant', 'servo', 'estimator' or 'closed_loop'. The
-            estimator is the filter with its gain frozen, from [y; u; reference] to [xhat; i]. The closed loop is the
-            sampled plant with servo and estimator, from the reference to x, state that of hover_loop.
-        reference: r, r_dot, r_ddot (9), see reference_at; by default hover at the origin. The heading is the servo's.
-        lag: 'up' or 'down': which of the rotors' time constants, see operating_point.py.
-        frozen: K (N x p) and delta (s) of the filter; by default frozen_gain: every sensor in every tick, at the gain
-            that the filter then settles to. A tick in which a slower sensor is not due has a delta of its own.
-
-    Raises:
-        InputError: if part or lag is unknown, if the servo or the estimator asked for is one that has no matrices here
-            (why_no_loop), or if the loop has no gain.
+    The estimator and the closed loop have the filter's gain frozen, K (N x p) and delta (s): by default frozen_gain,
+    every sensor in every tick, at the gain that the filter then settles to. A tick in which a slower sensor is not due
+    has a delta of its own. The heading is the servo's. InputError if part or lag is unknown, if the servo or the
+    estimator asked for is one that has no matrices here (why_no_loop), or if the loop has no gain.
     """
     if part not in PARTS:
         raise InputError(f"part: {part!r}: must be one of {', '.join(PARTS)}")

@@ -123,23 +123,14 @@ def rare_flights(
     progress: Callable[[int, int], None] = lambda done, total: None,
     least: float = LEAST,
 ) -> Rare:
-    """Return the probability that the vehicle is lost or strays; finished repetitions are kept and not flown again.
+    """Return the probability that the vehicle is lost, or strays so far from its reference, out of a corridor [m].
 
-    Where the climb that chooses the levels never comes to the event, nothing is repeated.
-
-    Args:
-        scenario: whose seed all noise is of, that of each repetition together with its number.
-        corridor: distance from the reference [m]; None for losing the vehicle.
-        paths: flights of a level, a multiple of CHAIN.
-        repetitions: with noise of their own, at least 2.
-        out: folder in which each repetition is kept.
-        workers: worker processes; 1 flies in this one.
-        count: flights to be counted beside it, seeds from 0 on.
-        progress: called with how many flights are done and how many there will be, at most.
-        least: the smallest probability that is sought [1].
-
-    Raises:
-        InputError: if the scenario has a part that is not compiled, or what is found cannot be kept.
+    Where the climb that chooses the levels never comes to the event, nothing is repeated. Finished repetitions are kept
+    in the folder `out`, and not flown again; 1 worker flies in this process. A level has so many paths, a multiple of
+    CHAIN; the repetitions, 2 at least, have noise of their own, of the scenario's seed together with their number. So
+    many flights are counted beside it, seeds from 0 on. The progress is told as how many flights are done and how many
+    there will be, at most; `least` is the smallest probability that is sought [1]. InputError if the scenario has a
+    part that is not compiled, or what is found cannot be kept.
     """
     if paths % CHAIN:
         raise InputError(f"paths: {paths}: must be a multiple of {CHAIN}")

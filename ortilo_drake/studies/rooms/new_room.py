@@ -146,18 +146,11 @@ def new_room(
     ends: tuple[np.ndarray, np.ndarray] | None = None,
     corner: np.ndarray | None = None,
 ) -> str:
-    """Return the text of a new room file.
+    """Return the text of a new room file, of a room with a name, a length, width and height [m] and so many anchors.
 
-    Args:
-        name: what figures call the room.
-        size: length, width and height [m].
-        anchors: how many.
-        walls: within the room: x, y of the middle, length along x and along y [m] (n, 4).
-        ends: start and goal (2 each) [m] from the lower left corner, as the walls; by default through the middle.
-        corner: x, y of that corner [m] (2); by default (0, 0).
-
-    Raises:
-        InputError: if there are too few or too many anchors.
+    Walls within it have x, y of the middle, length along x and along y [m] (n, 4). The ends, start and goal (2 each)
+    [m], are from the lower left corner, as the walls; by default through the middle. That corner is at x, y [m] (2), by
+    default (0, 0). InputError if there are too few or too many anchors.
     """
     if not 3 <= anchors <= MAX_ANCHORS:
         raise InputError(f"--anchors: {anchors}: must be 3 to {MAX_ANCHORS}")

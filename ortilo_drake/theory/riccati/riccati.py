@@ -150,21 +150,10 @@ def solve(
     """Return the stabilising solution X >= 0 (n x n) by one solver, right to 1e-8 of sqrt(X_ii X_jj) and better.
 
     The solver gets the equation in balanced units, and its X is returned as it is where its error is at most 1e-11, or
-    refined (refinement.py).
-
-    Args:
-        A: dynamics (n x n).
-        B: inputs (n x m).
-        Q: weight of the states (n x n), symmetric, >= 0.
-        R: weight of the inputs (m x m), symmetric, >= 0; > 0 for Drake.
-        N: cross weight (n x m).
-        solver: 'drake', 'scipy', 'doubling' or 'recursion'.
-        names: of the states, for errors.
-        dual: whether it is a filter's equation, for errors.
-
-    Raises:
-        InputError: if the problem is ill-posed, before solving and the same for every solver, naming the modes; or if
-            the solver fails on a well-posed one, its X does not stabilise, or cannot be refined.
+    refined (refinement.py). Matrices and solvers are those of api/riccati.py; errors call the states by their names,
+    and speak of Phi, C, W and V where it is a filter's equation, dual. InputError if the problem is ill-posed, before
+    solving and the same for every solver, naming the modes; or if the solver fails on a well-posed one, its X does not
+    stabilise, or cannot be refined.
     """
     if solver not in RAW:
         raise InputError(f"solver: {solver!r}: must be one of {', '.join(RAW)}")

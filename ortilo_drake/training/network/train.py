@@ -69,22 +69,13 @@ def train(
     progress: Callable[[int, int, float], None] | None = None,
     batch: int = BATCH,
 ) -> list[dict[str, float]]:
-    """Train a network in place on labelled pictures; return the loss of each epoch.
+    """Train a network in place on labelled pictures, in so many epochs; return the loss of each epoch.
 
-    After every epoch weights, averaged weights and the optimiser's state are saved in folder/checkpoint.pt. An
-    interrupted training continues from there with the same result. The network ends with the averaged weights.
-
-    Args:
-        network: the network, its weights as initialised.
-        frames: pictures and labels.
-        epochs: passes over them.
-        seed: of the order of pictures and of their augmentation.
-        folder: for checkpoint and loss curve (losses.json).
-        progress: called with epoch, step and the running loss.
-        batch: pictures a step.
-
-    Raises:
-        InputError: if there are too few pictures, or the checkpoint is damaged or of another training.
+    After every epoch weights, averaged weights and the optimiser's state are saved in folder/checkpoint.pt, and the
+    loss curve in losses.json. An interrupted training continues from there with the same result. The network, its
+    weights as initialised, ends with the averaged weights. The seed is of the order of pictures, so many a step, and of
+    their augmentation; the progress is told as epoch, step and the running loss. InputError if there are too few
+    pictures, or the checkpoint is damaged or of another training.
     """
     count, width = len(frames.images), frames.images.shape[2]
     if count < batch:
