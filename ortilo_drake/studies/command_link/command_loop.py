@@ -186,8 +186,12 @@ def delay_line(loop: CommandedLoop, delay: int, holds: bool) -> tuple[np.ndarray
 def behind_a_link(loop: CommandedLoop, when_lost: str, delay: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Return the matrices (T, 2, size, size) of a tick with arrival and one with loss, and N (T, size, size).
 
-    A lost packet is answered by 'hold' or 'zero'; the delay is a whole number of ticks.
+    InputError if the strategy is neither 'hold' nor 'zero' or the delay is no whole number of ticks.
     """
+    if when_lost not in STRATEGIES:
+        raise InputError(f"when_lost: {when_lost!r}: must be one of {', '.join(STRATEGIES)}")
+    if not (isinstance(delay, int) and delay >= 0):
+        raise InputError(f"delay: {delay!r}: must be a whole number of ticks, 0 or more")
     n, m = loop.G.shape
     holds = when_lost == "hold"
     idle, U = delay_line(loop, delay, holds)
