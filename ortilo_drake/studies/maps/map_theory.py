@@ -30,14 +30,11 @@ _SHORTEST, _LONGEST = 0.1, 1000.0  # T [s]
 
 
 class MapTheory(NamedTuple):
-    """The theory at each of n points of a map.
+    """The theory at each of n points of a map, or in a line why it says nothing, silence.
 
-    Attributes:
-        rms: root of the bound on the mean squared error of the position [m] (n); NaN where it says nothing.
-        lost: share of lost flights [1] (n), of bursts alone; None for other axes, and where none was lost, or all
-            were.
-        longest: T that fits the map's own flights best [s]; None likewise.
-        silence: why it says nothing, in a line; None if it does.
+    rms is the root of the bound on the mean squared error of the position [m] (n), NaN where it says nothing. The share
+    of flights lost [1] (n) is of bursts alone, with the longest that a flight stands, T that fits the map's own flights
+    best [s]; both are None for other axes, and where none was lost, or all were.
     """
 
     rms: np.ndarray

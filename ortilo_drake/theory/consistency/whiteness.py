@@ -21,14 +21,11 @@ from scipy.stats import chi2, norm
 
 @dataclass(frozen=True)
 class LagReport:
-    """Autocorrelation of the ensemble over one way to count lags.
+    """Autocorrelation of the ensemble over one way to count lags; r and band are None where no pair has a lag.
 
-    Attributes:
-        r: r_l of each component, a row for each of the lags 1 .. L; None where no pair has this lag.
-        band: half width of the two-sided 95 % band of r_l; None likewise.
-        Q: the portmanteau statistic of all components together.
-        dof: its degrees of freedom.
-        p_value: probability of a larger Q from white innovations.
+    r_l has the components in a row for each of the lags 1 .. L, the band is half its two-sided 95 % band. Q is the
+    portmanteau statistic of all components together, with its degrees of freedom and the probability of a larger one
+    from white innovations.
     """
 
     r: list[list[float] | None]

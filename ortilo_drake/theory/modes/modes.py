@@ -33,12 +33,9 @@ DIGITS = 10  # decimals of an eigenvalue, the rest being rounding
 class Mode:
     """An eigenvalue of a matrix, or of its part that is unobservable or uncontrollable.
 
-    Attributes:
-        eigenvalue: z.
-        multiplicity: dimension of the part's generalised eigenspace.
-        deficiency: rank that [A - z I; C] lacks: the number of eigenvectors in the kernel of C, one a block.
-        states: in which that eigenspace has a component.
-        blocks: sizes of its Jordan blocks in that part, the largest first.
+    The multiplicity is the dimension of the part's generalised eigenspace, in which these states have a component; the
+    deficiency is the rank that [A - z I; C] lacks, the number of eigenvectors in the kernel of C, one a Jordan block.
+    The blocks have these sizes, the largest first.
     """
 
     eigenvalue: complex
