@@ -21,7 +21,6 @@ from ortilo_drake.floor.cramer_rao import dynamics, information_rows, position_f
 from ortilo_drake.floor.information_arrivals import arrived
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import N_X
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import measuring
 from ortilo_drake.sensors.information_ranges import range_rows
@@ -35,7 +34,7 @@ from ortilo_drake.studies.room_design.landmarks import (
 )
 from ortilo_drake.studies.room_design.mounting import mounting_places
 from ortilo_drake.studies.room_design.path_bound import STEPS, PathModel, path_model, position_variance
-from ortilo_drake.studies.tube.nominal_flight import aim, planned_reference
+from ortilo_drake.studies.rooms.planned_floor import planned_truth
 
 POWER = 16.0
 FIX = 3  # ranges
@@ -68,15 +67,6 @@ class Placement:
     room: Room
 
 
-def planned_truth(scenario: Scenario) -> np.ndarray:
-    """Return the states x_k (n, 12) of a flight that follows its plan; InputError if there is no path."""
-    _, reference = planned_reference(scenario)
-    x_ref, _ = aim(scenario, reference)
-    truth = np.zeros((len(reference), N_X))
-    truth[:, :3], truth[:, 3:6], truth[:, 6:9] = reference[:, :3], x_ref[:, 3:6], reference[:, 3:6]
-    return truth
-
-
 def with_anchors(room: Room, anchors: np.ndarray) -> Room:
     """Return the room with other anchors, p_W (n, 3) [m]."""
     return room.model_copy(update={"anchors": tuple(tuple(p) for p in np.asarray(anchors, dtype=float).tolist())})
@@ -96,7 +86,7 @@ def worst_floor(scenario: Scenario) -> Worst:
 
     InputError if there is no path, or no floor, as the errors of the camera's detector have not been measured.
     """
-    truth = planned_truth(scenario)
+    _, truth = planned_truth(scenario)
     floor = position_floor(scenario, truth)
     if floor is None:
         raise InputError(f"{measuring('landmarks')}.errors: of these no floor is known: must be measured or parametric")
@@ -156,7 +146,7 @@ def place_anchors(
     if landmarks:  # those that the room has go, and are in nobody's way
         room = room.model_copy(update={"landmarks": ()})
     with flown_in(scenario, room) as emptied:
-        truth = planned_truth(emptied)
+        _, truth = planned_truth(emptied)
     places = mounting_places(room, spacing, truth[:, :3], scenario.vehicle.radius)
     if len(places) < n:
         raise InputError(f"N: {n}: must not exceed the {len(places)} mounting places {spacing:g} m apart of the room")

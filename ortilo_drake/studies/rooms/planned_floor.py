@@ -33,18 +33,25 @@ class PlannedFlight(NamedTuple):
 
 def planned_flight(scenario: Scenario) -> PlannedFlight:
     """Return a scenario's path as a flight that follows it without error; InputError if there is none."""
-    time, reference = planned_reference(scenario)
+    time, truth = planned_truth(scenario)
     ticks = max(len(time) - round(scenario.settle * scenario.control_rate), 2)
-    time, p, v, a = time[:ticks], *(reference[:ticks, 3 * i : 3 * i + 3] for i in range(3))
+    p = truth[:ticks, :3]
+    distance = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
+    return PlannedFlight(time[:ticks], distance, truth[:ticks], free_room(scenario, p))
+
+
+def planned_truth(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
+    """Return t_k (n) and the states (n, 12) of a flight that follows its plan, then settles; InputError as above."""
+    time, reference = planned_reference(scenario)
+    p, v, a = (reference[:, 3 * i : 3 * i + 3] for i in range(3))
     yaw = scenario.yaw
-    truth = np.zeros((ticks, N_X))
+    truth = np.zeros((len(time), N_X))
     truth[:, 0:3], truth[:, 6:9] = p, v
     truth[:, 3] = (a[:, 0] * np.sin(yaw) - a[:, 1] * np.cos(yaw)) / GRAVITY
     truth[:, 4] = (a[:, 0] * np.cos(yaw) + a[:, 1] * np.sin(yaw)) / GRAVITY
     truth[:, 5] = yaw
     truth[:, 9:12] = np.gradient(truth[:, 3:6], scenario.h, axis=0)
-    steps = np.linalg.norm(np.diff(p, axis=0), axis=1)
-    return PlannedFlight(time, np.concatenate([[0.0], np.cumsum(steps)]), truth, free_room(scenario, p))
+    return time, truth
 
 
 def free_room(scenario: Scenario, points: np.ndarray) -> np.ndarray:
