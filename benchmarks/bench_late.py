@@ -34,10 +34,11 @@ from ortilo_drake.studies.late.late_flights import (
     AT_30_HZ,
     BOTH_WAYS_AT_30_HZ,
     BOTH_WAYS_AT_100_HZ,
+    ERRORS,
     MODES,
+    LateLinks,
     LateReport,
     late_flights,
-    late_table,
     mode_report,
     paired,
 )
@@ -54,6 +55,29 @@ CASES = [
     ("nominal_imu_uwb_yolo", 100, BAD),
     ("nominal_imu_uwb", 30, BAD),
 ]
+
+
+def late_table(reports: Iterable[LateReport]) -> list[str]:
+    """Return the reports of late_flights as a Markdown table, a row for each scenario and mode."""
+    header = ["scenario", "estimator.delay", "lost", "path MSE", "path distance MSE", "estimation MSE", "NEES"]
+    rows = []
+    for report in reports:
+        what = f"{report.scenario}, {report.control_rate:g} Hz, {_late(report.links)}"
+        for mode, found in report.modes.items():
+            against = report.against[mode]["path_mse"] if mode in report.against else None
+            rows.append(
+                [what, mode, f"{found.lost} of {found.flights}"]
+                + [f"{getattr(found, name):.4f}" for name in ERRORS]
+                + [f"{found.nees:.2f}"]
+                + [f"{against.better} of {against.pairs}, p = {against.p:.1g}" if against else ""]
+            )
+    return table([*header, "replay better"], rows)
+
+
+def _late(links: LateLinks | str) -> str:
+    if isinstance(links, str):
+        return links
+    return "both ways" if links.command_loss or links.command_delay else "sensors only"
 
 
 def start(*words: str) -> "subprocess.Popen[str]":

@@ -25,8 +25,7 @@ from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.planner.planner import plan
 from ortilo_drake.onboard.planner.seen import FixSources, seen_at
 from ortilo_drake.scenario import GcsPlanner, Scenario, load_scenario, with_seed
-from ortilo_drake.studies.room_design.place import place_anchors
-from ortilo_drake.studies.room_design.room_file import room_text
+from ortilo_drake.studies.room_design.place import place_anchors, room_text
 from ortilo_drake.studies.room_design.survey import survey
 from ortilo_drake.studies.room_design.survey_data import flown_messages, ranges_of_flight
 from ortilo_drake.world.drawn_truth import draw_truth

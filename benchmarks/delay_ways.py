@@ -4,9 +4,11 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ortilo_drake.model.typed_yaml import validate
+import numpy as np
+
+from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.studies.command_link.command_delay import StableDelays, stable_delays
+from ortilo_drake.studies.command_link.command_delay import growth_with
 from ortilo_drake.studies.command_link.command_flights import (
     POINT,
     CommandCase,
@@ -14,8 +16,44 @@ from ortilo_drake.studies.command_link.command_flights import (
     command_flights,
     hover_V,
 )
+from ortilo_drake.studies.command_link.command_loop import last_stable, loop_at_once
 
 LONGEST = 12  # ticks of delay to look at
+
+
+@dataclass(frozen=True)
+class StableDelays:
+    """The least and the greatest delay [ticks] with which a loop is stable; None if with the longest looked at."""
+
+    low: float
+    high: float | None
+
+
+def stable_delays(scenario: Scenario, V: np.ndarray, longest: int = LONGEST) -> StableDelays:
+    """Return the delays with which a loop is stable, from the one that it assumes downwards and upwards.
+
+    Without commands.delay that is no delay. Between whole ticks it is looked at each quarter. The scenario's own
+    command link is not used; V is the covariance of the measurements (p x p).
+
+    Raises:
+        InputError: if it is unstable with the delay that it assumes.
+    """
+    loop = loop_at_once(scenario, V)
+    start = (scenario.commands.delay or 0.0) / scenario.h
+
+    def is_stable(delay: float) -> bool:
+        return growth_with(loop, scenario, delay) < 1.0
+
+    if not is_stable(start):
+        raise InputError(f"command_link: unstable with the assumed delay, {start:g} ticks")
+    low, high = start, start
+    while low > 0.0 and is_stable(max(low - 0.25, 0.0)):
+        low = max(low - 0.25, 0.0)
+    if low > 0.0:
+        low = last_stable(is_stable, low, max(low - 0.25, 0.0), 1e-4)
+    while high < longest and is_stable(high + 0.25):
+        high += 0.25
+    return StableDelays(low, last_stable(is_stable, high, high + 0.25, 1e-4) if high < longest else None)
 
 
 @dataclass(frozen=True)
@@ -79,7 +117,7 @@ def delay_ways(
     seeds, reports = list(seeds), []
     for number, (name, settings) in enumerate(ways(delay).items()):
         flown = with_way(scenario, settings)
-        stable = stable_delays(flown, hover_V(flown, point), longest=LONGEST)
+        stable = stable_delays(flown, hover_V(flown, point))
         links, folder = command_cases((), (), delays), out / f"way_{number}"
         found = command_flights(flown, links, seeds, folder, duration, point, workers)
         reports.append(WayReport(name, stable, found.cases))

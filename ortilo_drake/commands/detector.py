@@ -93,8 +93,7 @@ def train(
     from ortilo_drake.onboard.detector.darknet_file import OWN_EPSILON, network_bytes
     from ortilo_drake.onboard.detector.darknet_network import DarknetNetwork
     from ortilo_drake.onboard.detector.detector_network import OWN_CFG, OWN_CLASSES
-    from ortilo_drake.training.network.losses_figure import losses_figure
-    from ortilo_drake.training.network.train import BATCH, initialize
+    from ortilo_drake.training.network.train import BATCH, initialize, losses_figure
     from ortilo_drake.training.network.train import train as train_network
     from ortilo_drake.training.pictures.sets import load_set
 

@@ -22,8 +22,7 @@ from ortilo_drake.model.optional import check_installed
 from ortilo_drake.model.typed_yaml import InputError
 
 if TYPE_CHECKING:
-    from ortilo_drake.studies.tuning.tune import Check
-    from ortilo_drake.studies.tuning.tuning_report import TuningReport
+    from ortilo_drake.studies.tuning.tune import Check, Tuning
     from ortilo_drake.theory.consistency.consistency import Average
 
 
@@ -33,7 +32,7 @@ def _entry(found: "Average | None") -> str:
     return f"{found.mean:.2f}" + (f" [{found.interval[0]:.2f}, {found.interval[1]:.2f}]" if found.interval else "")
 
 
-def _print_tuning(report: "TuningReport", short: list[str]) -> None:
+def _print_tuning(report: "Tuning", short: list[str]) -> None:
     say_heading(report.scenario, f", fitted to {len(report.flights)} flights")
     for line in short:
         out.print(f"  {line}", markup=False, soft_wrap=True)
@@ -109,9 +108,10 @@ def _tune_by_flights(
 ) -> None:
     if len(files) != 1:
         raise InputError(f"--fly: {len(files)} files: must be one, a SEARCH.yaml")
-    from ortilo_drake.studies.tuning.search_file import load_search
+    from ortilo_drake.studies.maps.sweep import load_over
+    from ortilo_drake.studies.tuning.search_file import Search
 
-    search = load_search(files[0])
+    search = load_over(Search, files[0])
     check_installed("cma", "search")
     check_writable(out_file, json_file, kept / "search")
     from ortilo_drake.flight.files import write_text
@@ -186,9 +186,8 @@ def tune(
     from ortilo_drake.flight.flight import scenario_of
     from ortilo_drake.flight.saved_flight import load_flight
     from ortilo_drake.studies.consistency.consistency_figures import tuning_figure
-    from ortilo_drake.studies.tuning.tune import check_flights, find_flights, overlay_text
+    from ortilo_drake.studies.tuning.tune import check_flights, find_flights, overlay_text, tuning_summary
     from ortilo_drake.studies.tuning.tune import tune as tune_flights
-    from ortilo_drake.studies.tuning.tuning_report import tuning_report, tuning_summary
 
     quiet_drake()
     say_if_compiling()
@@ -198,7 +197,7 @@ def tune(
         tuning = tune_flights(
             files, lambda n: progress.update(task, completed=n, description=f"fitting, {n} likelihoods")
         )
-    report, checked = tuning_report(tuning), None
+    checked = None
     if check:
         before = scenario_of(load_flight(files[0]))
         with progress_bar() as progress:
@@ -208,8 +207,10 @@ def tune(
         write_text(out_file, overlay_text(tuning))
     if figure is not None:
         tuning_figure(tuning, figure)
-    write_json(json_file, as_data(report) | ({"check": checked} if checked else {}))
-    _print_tuning(report, tuning_summary(report, checked))
+    data = as_data(tuning) | ({"check": checked} if checked else {})
+    del data["fitted"]
+    write_json(json_file, data)
+    _print_tuning(tuning, tuning_summary(tuning, checked))
     if checked:
         _print_check(checked)
     say_written(out_file, figure, json_file)

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import GenericAlias
 from typing import Any, Final, TypeVar
 
+from ortilo_drake.diagrams.wiring.whole import why_not
 from ortilo_drake.flight.ensemble import flight_folder
 from ortilo_drake.flight.processes.workers import run_all
 from ortilo_drake.flight.store import keep_json, kept_json
@@ -44,11 +45,12 @@ def fly_kept(
         out: folder for what is kept.
         workers: worker processes; 1 flies in this process.
         progress: called with the number of flights that came in.
-        at_once: flights in one job of a worker.
+        at_once: flights in one job of a worker where the engine flies all of them; Drake's are AT_ONCE.
 
     Raises:
         InputError: if a flight cannot be flown or what is kept cannot be written.
     """
+    at_once = at_once if all(why_not(scenario) is None for scenario, _ in wanted) else AT_ONCE
     asked = [(scenario, list(seeds), kept_file(out, scenario)) for scenario, seeds in wanted]
     rows = GenericAlias(list, (kind,))
     found = {file: {its.seed: its for its in kept_json(file, rows, file.name) or ()} for _, _, file in asked}

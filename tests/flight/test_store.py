@@ -28,10 +28,9 @@ from ortilo_drake.model.typed_yaml import validate
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.faults.courses import Course
 from ortilo_drake.studies.maps import map_flights
-from ortilo_drake.studies.maps.chunks import chunk_file, read_chunk, write_chunk
+from ortilo_drake.studies.maps.chunks import chunk_file, columns_of, read_chunk, write_chunk
 from ortilo_drake.studies.maps.map_flights import fly_map
 from ortilo_drake.studies.maps.map_report import map_csv
-from ortilo_drake.studies.maps.point_flights import columns_of
 from ortilo_drake.studies.maps.sweep import Sweep
 from ortilo_drake.studies.rare import rare_flights
 from ortilo_drake.studies.rare.subset import Climb, Plan
@@ -203,29 +202,6 @@ def refused(caplog: pytest.LogCaptureFixture, found: Any) -> str:
     return record.getMessage()
 
 
-@pytest.mark.parametrize(
-    ("name", "row", "value", "said"),
-    [
-        ("cause", 3, 99.0, "cause: is 99 of seed 3"),
-        ("cause", 3, 0.5, "cause: is 0.5"),
-        ("cause", 3, np.nan, "cause: is nan"),
-        ("ticks", 2, -1.0, "ticks: is -1"),
-        ("due_uwb", 2, 7.5, "due_uwb: is 7.5"),
-        ("arrived_uwb", 2, np.inf, "arrived_uwb: is inf"),
-        ("mse_x", 5, -1e-9, "mse_x: is -1e-09 of seed 5"),
-        ("mse_y", 0, np.nan, "mse_y: is nan of seed 0"),  # it is not lost
-        ("max_path_distance", 0, np.nan, "max_path_distance: is nan"),
-    ],
-)
-def test_figures_that_no_flight_has_are_told(
-    name: str, row: int, value: float, said: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    wrong = figures()
-    wrong[row, COLUMNS.index(name)] = value
-    write_chunk(tmp_path, SEEDS, COLUMNS, wrong)
-    assert said in refused(caplog, read_chunk(tmp_path, SEEDS, COLUMNS))
-
-
 def table(**changes: Any) -> pa.Table:
     columns = {"seed": list(SEEDS)} | dict(zip(COLUMNS, figures().T, strict=True)) | changes
     return pa.table({name: column for name, column in columns.items() if column is not None})
@@ -234,7 +210,6 @@ def table(**changes: Any) -> pa.Table:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"nees": [None, *[3.0] * 39]}, "nees: has nulls"),
         ({"nees": None}, "must be seed, ticks"),
         ({"nees": ["3"] * 40}, "must be seed, ticks"),
         ({"nees": np.ones(40, dtype=np.float32)}, "must be seed, ticks"),

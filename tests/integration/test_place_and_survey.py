@@ -12,8 +12,7 @@ from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.saved_flight import save_flight
 from ortilo_drake.model.room import load_room
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.studies.room_design.place import with_anchors
-from ortilo_drake.studies.room_design.room_file import room_text
+from ortilo_drake.studies.room_design.place import room_text, with_anchors
 
 PATH = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.6, 0.6, 1.8]]}"
 

@@ -7,7 +7,7 @@ import pytest
 
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.npz import arrays_of
-from ortilo_drake.training.pictures.shards import load_frames
+from ortilo_drake.training.pictures.sets import load_frames
 
 
 def packed(save, *arrays: np.ndarray, **named: np.ndarray) -> io.BytesIO:

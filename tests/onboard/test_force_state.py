@@ -30,7 +30,7 @@ from ortilo_drake.onboard.estimator.intermittent_filter import (
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import servo_control
 from ortilo_drake.scenario import Biases, DiagonalW, Imu, IntermittentFilter, LqServo, Walks
-from ortilo_drake.theory.modes.staircase import rescale, tick_scaling
+from ortilo_drake.theory.modes.modes import rescale, tick_scaling
 from ortilo_drake.world.sensors.imu import imu_box
 
 H = 1.0 / 30.0

@@ -11,7 +11,7 @@ from ortilo_drake.onboard.planner.free_cells import Cell, within, without_places
 from ortilo_drake.onboard.planner.planner import plan
 from ortilo_drake.onboard.planner.seen import FixSources, fix_sources, seen_at, seen_on_grid
 from ortilo_drake.scenario import GcsPlanner, load_scenario
-from ortilo_drake.studies.room_design.room_file import room_text
+from ortilo_drake.studies.room_design.place import room_text
 
 UWB = FixSources(boxes=False)
 CAMERA = FixSources(ranges=False)

@@ -12,8 +12,7 @@ from ortilo_drake.model.hover import disturbance_W
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.scenario import Scenario, load_scenario
-from ortilo_drake.studies.arrivals.arrival_map import burst_map, riccati_map
-from ortilo_drake.studies.arrivals.arrival_report import arrival_report, filter_model
+from ortilo_drake.studies.arrivals.arrival_map import arrival_report, burst_map, filter_model, rate_map
 from ortilo_drake.studies.command_link.command_flights import hover_V
 from ortilo_drake.studies.loop.hover_loop import filter_V, hover_loop
 from ortilo_drake.theory.arrivals.arrivals import pattern_probabilities
@@ -29,9 +28,9 @@ RATES = np.linspace(0.0, 1.0, 21)
 @pytest.mark.long
 def test_the_whole_map_in_time_and_as_its_points() -> None:
     W = TUNED_W
-    riccati_map(W, V, H, [0.0, 0.5], [0.0, 0.5])  # compiles
+    rate_map(vehicle_model(W, V, H), [0.0, 0.5], [0.0, 0.5])  # compiles
     start = time.process_time()
-    found = riccati_map(W, V, H, RATES, RATES)
+    found = rate_map(vehicle_model(W, V, H), RATES, RATES)
     assert time.process_time() - start < 40.0  # of both cores together: 20 s on two
     assert found.upper.shape == found.lower.shape == (21, 21, 12)
     assert np.all(found.lower <= found.upper * (1.0 + 1e-8))
@@ -45,7 +44,7 @@ def test_the_whole_map_in_time_and_as_its_points() -> None:
 
 
 def test_without_position_only_attitude_is_bounded() -> None:
-    found = riccati_map(SMALL_W, V, H, [0.0], [0.0])
+    found = rate_map(vehicle_model(SMALL_W, V, H), [0.0], [0.0])
     assert np.all(np.isinf(found.upper[0, 0, TRANSLATION]))
     assert np.all(np.isinf(found.lower[0, 0, TRANSLATION]))
     model = vehicle_model(SMALL_W, V, H)
@@ -55,20 +54,20 @@ def test_without_position_only_attitude_is_bounded() -> None:
 
 
 def test_bounds_meet_where_nothing_is_left_to_chance() -> None:
-    found = riccati_map(TUNED_W, V, H, [0.0, 1.0], [1.0])
+    found = rate_map(vehicle_model(TUNED_W, V, H), [0.0, 1.0], [1.0])
     np.testing.assert_allclose(found.upper, found.lower, rtol=1e-8)
 
 
 def test_bursts_of_the_shortest_independent_kind_and_longer_ones() -> None:
     """At rate l, bursts of 1 / l ticks are independent losses; longer ones are worse, shorter ones better."""
     rate = 0.4
-    independent = riccati_map(SMALL_W, V, H, [rate], [0.3]).upper[0, 0]
+    independent = rate_map(vehicle_model(SMALL_W, V, H), [rate], [0.3]).upper[0, 0]
     bursts = np.array([1.51, 1.0 / rate, 5.0, 30.0, 150.0]) * H  # ticks: a bad stay lasts 1 / b, here b = rate
     found = burst_map(SMALL_W, V, H, [0.0, rate, 1.0], bursts, other_rate=0.3)
     np.testing.assert_allclose(found.upper[1, 1], independent, rtol=1e-8)
     assert np.all(np.diff(found.upper[1, :, 0]) > 0.0)
     np.testing.assert_allclose(found.upper[2, :, 0], found.upper[2, 0, 0], rtol=1e-8)
-    camera_only = riccati_map(SMALL_W, V, H, [0.0], [0.3]).upper[0, 0]
+    camera_only = rate_map(vehicle_model(SMALL_W, V, H), [0.0], [0.3]).upper[0, 0]
     np.testing.assert_allclose(found.upper[0, 2], camera_only, rtol=1e-8)
     assert np.all(found.lower <= found.upper * (1.0 + 1e-8))
 
@@ -128,9 +127,9 @@ def test_a_filter_with_more_states_is_bounded_too(name: str) -> None:
 
 def test_bad_input_is_refused() -> None:
     with pytest.raises(InputError, match=r"arrival rate of uwb: 1\.5"):
-        riccati_map(SMALL_W, V, H, [1.5], [0.5])
+        rate_map(vehicle_model(SMALL_W, V, H), [1.5], [0.5])
     with pytest.raises(InputError, match=r"arrival rate of camera: -0\.5"):
-        riccati_map(SMALL_W, V, H, [0.5], [-0.5])
+        rate_map(vehicle_model(SMALL_W, V, H), [0.5], [-0.5])
     with pytest.raises(InputError, match="sensor: imu: must be uwb or camera"):
         burst_map(SMALL_W, V, H, [0.5], [1.0], sensor="imu")
     with pytest.raises(InputError, match="at least a tick"):

@@ -32,7 +32,7 @@ from ortilo_drake.studies.command_link.command_loss import (
 )
 from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, hover_loop, steady_predictor
 from ortilo_drake.theory.jump_linear.jump_linear import JumpLinear, mean_square_radius, steady_second_moment
-from ortilo_drake.theory.lossy_control.acknowledged import acknowledged_gain
+from ortilo_drake.theory.lossy_control.lossy_gain import acknowledged_gain
 from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.radio.command_link import is_lost
 

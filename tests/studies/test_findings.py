@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 
 from ortilo_drake.model.inputs.room_text import parse_room
 from ortilo_drake.model.room import ORTILO_ROOM, Room
-from ortilo_drake.studies.rooms.findings import anchor_spread, look_into
+from ortilo_drake.studies.rooms.findings import anchor_spread, doubted_units, look_into
 from ortilo_drake.studies.rooms.new_room import new_room
-from ortilo_drake.studies.rooms.units import doubted_units
 
 LEVEL = [[0.2, 0.2, 2.5], [7.8, 0.2, 2.5], [7.8, 5.8, 2.5], [0.2, 5.8, 2.5]]
 DOG = {"label": "dog", "position": [4.0, 5.5, 0.3]}

@@ -119,12 +119,12 @@ def test_the_known_noise_is_found_within_its_errors() -> None:
     fit = fit_noise(wrong, records, 0)
     # The record's UWB covariance is true, so the fraction that leaves it alone is the wrong one itself.
     true = noise_numbers(TRUE) | {"multilateration.noise.fraction": 0.03}
-    z = np.array([(fit.values[name] - true[name]) / fit.errors[name] for name in true])
-    assert fit.kept == {}
+    z = np.array([(fit.numbers[name].after - true[name]) / fit.numbers[name].standard_error for name in true])
+    assert not any(number.stays for number in fit.numbers.values())
     assert np.max(np.abs(z)) < 3.5
-    assert fit.log_likelihood[1] > fit.log_likelihood[0]
-    for name, error in fit.robust_errors.items():
-        assert 0.3 < error / fit.errors[name] < 3.0, name
+    assert fit.log_likelihood.after > fit.log_likelihood.before
+    for name, number in fit.numbers.items():
+        assert 0.3 < number.robust_error / number.standard_error < 3.0, name
 
 
 @pytest.mark.long
@@ -133,13 +133,14 @@ def test_a_tilt_is_not_taken_for_a_disturbance(monkeypatch: pytest.MonkeyPatch) 
     records = [simulate(rng, 320, doublet=1.0) for _ in range(8)]
     fit = fit_noise(TRUE, records, 90)
     name = "estimator.W.force_density"
-    assert abs(fit.values[name] - 0.27) < 3.0 * fit.errors[name]
+    true = noise_numbers(TRUE)[name]
+    assert abs(fit.numbers[name].after - true) < 3.0 * fit.numbers[name].standard_error
     # Of the 230 ticks after the start those of the tilt, some 60 at most, and the 90 after it.
     assert 90 / 230 < fit.tilted < 150 / 230
     monkeypatch.setattr(module, "LIFT_LOST", 2.0)  # no tilt loses that much
     naive = fit_noise(TRUE, records, 90)
     assert naive.tilted == 0.0
-    assert naive.values[name] - 0.27 > 3.0 * naive.errors[name]
+    assert naive.numbers[name].after - true > 3.0 * naive.numbers[name].standard_error
 
 
 def test_near_hover_is_that_long_after_any_tilt() -> None:
@@ -160,7 +161,7 @@ def test_a_flight_that_is_never_near_hover_is_refused() -> None:
 def test_a_sensor_that_never_arrived_keeps_its_noise() -> None:
     records = [simulate(np.random.default_rng(4), 400) for _ in range(2)]
     fit = fit_noise(Scenario(), records, 0)
-    assert fit.kept["landmark_fix.center_sd"] == "camera never arrived"
+    assert fit.numbers["landmark_fix.center_sd"].stays == "camera never arrived"
     assert fit.scenario.landmark_fix.center_sd == Scenario().landmark_fix.center_sd
 
 
@@ -169,8 +170,11 @@ def test_a_disturbance_of_which_nothing_shows_stays() -> None:
     record = simulate(np.random.default_rng(5), 120)
     record.delta[:, 0] = 0.0  # angles alone say nothing of a force
     fit = fit_noise(TRUE, [record], 0)
-    assert set(fit.kept) >= {"estimator.W.force_density", "multilateration.noise.fraction"}
-    assert fit.values["estimator.W.force_density"] == pytest.approx(0.27 * np.sqrt(TRUE.h), rel=1e-15)
+    assert {name for name, number in fit.numbers.items() if number.stays} >= {
+        "estimator.W.force_density",
+        "multilateration.noise.fraction",
+    }
+    assert fit.numbers["estimator.W.force_density"].after == pytest.approx(0.27 * np.sqrt(TRUE.h), rel=1e-15)
 
 
 def test_nothing_arrived() -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bench_late import late_table
 from made_up_summaries import made_up_summary
 from scipy.stats import binomtest
 
@@ -19,7 +20,6 @@ from ortilo_drake.studies.late.late_flights import (
     Pairs,
     late_flights,
     late_scenario,
-    late_table,
     paired,
 )
 

@@ -5,20 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from delay_ways import delay_ways, ways, with_way
+from delay_ways import delay_ways, stable_delays, ways, with_way
 from scipy.linalg import block_diag
 
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.studies.command_link import command_delay as module
-from ortilo_drake.studies.command_link.command_delay import (
-    NoLimitError,
-    critical_delay,
-    delay_growth,
-    delayed_matrices,
-    stable_delays,
-)
+from ortilo_drake.studies.command_link.command_delay import critical_delay, delay_growth, delayed_matrices
 from ortilo_drake.studies.command_link.command_loop import commanded_loop
 
 V = block_diag(np.diag([0.015, 0.018, 0.04]) ** 2, np.eye(3), 1e-4 * np.eye(3))
@@ -49,8 +43,7 @@ def test_a_measured_delay_leaves_the_eigenvalues_and_adds_zeros(d: int) -> None:
 @pytest.mark.long
 def test_no_delay_that_is_measured_destabilises(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "LONGEST", 8)
-    with pytest.raises(NoLimitError, match="stable with 8 ticks"):
-        critical_delay(scenario_of(PREDICTED), V)
+    assert critical_delay(scenario_of(PREDICTED), V) is None
     assert stable_delays(scenario_of(PREDICTED), V, longest=8).high is None
 
 

@@ -18,10 +18,16 @@ from ortilo_drake.studies.loop.hover_loop import (
     hover_loop,
     steady_predictor,
 )
-from ortilo_drake.studies.loop.input_loop import input_loop, steady_gain
-from ortilo_drake.studies.loop.margins import loops_by_case, margins_report
-from ortilo_drake.theory.margins.loop_margins import channel_margins, joint_margins
-from ortilo_drake.theory.margins.loop_response import OpenLoop, closed, one_channel, response, spectral_radius
+from ortilo_drake.studies.loop.margins import input_loop, loops_by_case, margins_report, steady_gain
+from ortilo_drake.theory.margins.loop_margins import (
+    OpenLoop,
+    channel_margins,
+    closed,
+    joint_margins,
+    one_channel,
+    response,
+    spectral_radius,
+)
 from ortilo_drake.theory.riccati.riccati import solve
 
 V = np.diag([0.02] * 3 + [0.01] * 3 + [1e-4] * 3)

@@ -15,7 +15,7 @@ from ortilo_drake.scenario import LqServo, Scenario
 from ortilo_drake.studies.linearization.operating_point import frozen_gain
 from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, hover_loop, why_no_loop
 from ortilo_drake.studies.tube.tube import predict_tube
-from ortilo_drake.theory.margins.loop_response import spectral_radius
+from ortilo_drake.theory.margins.loop_margins import spectral_radius
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "cascade_servo.py"
 pytestmark = pytest.mark.usefixtures("own_register")

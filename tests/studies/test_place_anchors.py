@@ -16,12 +16,12 @@ from ortilo_drake.studies.room_design.mounting import mounting_places
 from ortilo_drake.studies.room_design.path_bound import path_model, position_variance
 from ortilo_drake.studies.room_design.place import (
     place_anchors,
-    planned_truth,
     range_information,
+    room_text,
     with_anchors,
     worst_floor,
 )
-from ortilo_drake.studies.room_design.room_file import room_text
+from ortilo_drake.studies.rooms.planned_floor import planned_truth
 
 PATH = "planner={kind: waypoints, points: [[1, 0, 1.5], [4, 1, 1.5]]}"
 OPEN = ("uwb.walls.kind=block", "uwb.link.blackouts=[]")
@@ -102,7 +102,7 @@ def test_the_fast_bound_in_steps_of_one_tick_is_the_floor(hall: Room, tmp_path: 
     file.write_text(room_text(hall, "a hall"))
     settings = (*OPEN, f"room={file}", PATH, "sensors=[uwb, imu]", "imu.standstill=0")  # what it leaves is no row
     scenario = load_scenario(base, settings)
-    truth = planned_truth(scenario)[:200]
+    truth = planned_truth(scenario)[1][:200]
     others = scenario.model_copy(update={"sensors": ("imu",)})
     found = information_rows(others, truth, hall)
     assert found is not None
@@ -116,7 +116,7 @@ def test_the_fast_bound_in_steps_of_one_tick_is_the_floor(hall: Room, tmp_path: 
 
 def test_ranges_of_fewer_anchors_than_a_fix_takes_count_nothing(hall: Room, tmp_path: Path) -> None:
     scenario = in_hall(hall, tmp_path)
-    truth = planned_truth(scenario)
+    truth = planned_truth(scenario)[1]
     found = information_rows(scenario.model_copy(update={"sensors": ("imu",)}), truth, hall)
     assert found is not None
     model = path_model(*dynamics(scenario), found[0], len(truth), 10)
@@ -129,7 +129,7 @@ def test_ranges_of_fewer_anchors_than_a_fix_takes_count_nothing(hall: Room, tmp_
 
 def test_mounting_places_are_free_and_away_from_the_path(hall: Room, tmp_path: Path) -> None:
     scenario = in_hall(hall, tmp_path)
-    path = planned_truth(scenario)[:, :3]
+    path = planned_truth(scenario)[1][:, :3]
     places = mounting_places(hall, 1.5, path, scenario.vehicle.radius)
     assert len(places) > 80
     low, high = np.array(hall.interior.min), np.array(hall.interior.max)
@@ -159,7 +159,7 @@ def test_placing_lowers_the_worst_floor_and_is_always_the_same(hall: Room, tmp_p
     file.write_text(room_text(found.room, "placed"))
     moved = scenario.model_copy(update={"room": str(file)})
     assert worst_floor(moved) == found.after
-    floor = position_floor(moved, planned_truth(moved))
+    floor = position_floor(moved, planned_truth(moved)[1])
     assert floor is not None
     assert np.sqrt(floor.sum(axis=1).max()) == found.after.floor
     assert len(found.room.anchors) == 8

@@ -18,8 +18,8 @@ from ortilo_drake.studies.room_design.landmarks import (
     standing_classes,
 )
 from ortilo_drake.studies.room_design.path_bound import step_information
-from ortilo_drake.studies.room_design.place import place_anchors, planned_truth, with_anchors, worst_floor
-from ortilo_drake.studies.room_design.room_file import room_text
+from ortilo_drake.studies.room_design.place import place_anchors, room_text, with_anchors, worst_floor
+from ortilo_drake.studies.rooms.planned_floor import planned_truth
 
 PATH = "planner={kind: waypoints, points: [[1, 0, 1.5], [4, 1, 1.5]]}"
 SETTINGS = (PATH, "uwb.walls.kind=block", "uwb.link.blackouts=[]", "camera.kind=projected")
@@ -48,7 +48,7 @@ def test_classes_that_stand_on_the_floor() -> None:
 
 def test_spots_are_free_and_away_from_the_path(hall: Room, tmp_path: Path) -> None:
     scenario = in_hall(hall, tmp_path)
-    path = planned_truth(scenario)[:, :3]
+    path = planned_truth(scenario)[1][:, :3]
     spots = floor_spots(hall, ["person", "dog"], 1.5, path, scenario.vehicle.radius)
     assert len(spots) > 20
     assert [spot.label for spot in spots[:3]] == ["person", "dog", "person"]
@@ -65,7 +65,7 @@ def test_a_landmark_tells_the_position_what_is_left_beside_unknown_angles(hall: 
     spots = [Landmark(label="person", position=(6.0, 1.5, 0.95)), Landmark(label="dog", position=(5.0, -1.0, 0.31))]
     room = hall.model_copy(update={"landmarks": (spots[0],), "walls": ()})
     scenario = in_hall(room, tmp_path, "sensors=[imu, camera]")
-    truth = planned_truth(scenario)[:60]
+    truth = planned_truth(scenario)[1][:60]
     imu = information_rows(scenario.model_copy(update={"sensors": ("imu",)}), truth, room)
     both = information_rows(scenario, truth, room)
     assert imu is not None

@@ -11,8 +11,9 @@ from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.metrics import summary
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario, with_seed
+from ortilo_drake.studies.maps.chunks import columns_of
 from ortilo_drake.studies.maps.map_flights import figures_of_points
-from ortilo_drake.studies.maps.point_flights import columns_of
+from ortilo_drake.studies.maps.sweep import load_over
 from ortilo_drake.studies.tuning.search import (
     LOST,
     compare_costs,
@@ -22,7 +23,7 @@ from ortilo_drake.studies.tuning.search import (
     search_by_flights,
     search_lines,
 )
-from ortilo_drake.studies.tuning.search_file import Search, load_search, settings_at
+from ortilo_drake.studies.tuning.search_file import Search, settings_at
 
 HOVER = {"planner": {"kind": "hover", "duration": 3.0}, "settle": 0.0}
 WEAK = {"servo.weights.position": [0.02, 0.02, 0.02], "world.disturbance.force_density": 0.183}
@@ -141,5 +142,5 @@ def test_what_cannot_be_searched_is_refused_in_a_line(tmp_path: Path, change: tu
     file = tmp_path / "search.yaml"
     file.write_text(FILE.replace(*change))
     with pytest.raises(InputError, match=said):
-        search_by_flights(load_search(file), str(file), tmp_path / "kept", 1)
+        search_by_flights(load_over(Search, file), str(file), tmp_path / "kept", 1)
     assert not (tmp_path / "kept").exists()

@@ -16,8 +16,15 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.consistency.consistency_figures import nees_figure, tuning_figure, whiteness_figure
 from ortilo_drake.studies.consistency.consistency_flights import consistency_report
-from ortilo_drake.studies.tuning.tune import Check, FlownFigures, Tuning, find_flights, overlay_text, tune
-from ortilo_drake.studies.tuning.tuning_report import tuning_report, tuning_summary
+from ortilo_drake.studies.tuning.tune import (
+    Check,
+    FlownFigures,
+    Tuning,
+    find_flights,
+    overlay_text,
+    tune,
+    tuning_summary,
+)
 
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [2.2, 0.9, 1.5]]}"
 DETUNED = ("estimator.V.imu=[2.5e-3, 2.5e-3, 2.5e-3]", "multilateration.noise.fraction=0.03", "uwb.link.blackouts=[]")
@@ -43,9 +50,9 @@ def tuning(folder: Path) -> Tuning:
 
 @pytest.mark.long
 def test_the_sensors_noise_is_found(tuning: Tuning) -> None:
-    assert tuning.fit.values["multilateration.noise.fraction"] == pytest.approx(0.0075, rel=0.15)
+    assert tuning.numbers["multilateration.noise.fraction"].after == pytest.approx(0.0075, rel=0.15)
     for i in range(3):
-        assert tuning.fit.values[f"estimator.V.imu.{i}"] == pytest.approx(1e-4, rel=0.25)
+        assert tuning.numbers[f"estimator.V.imu.{i}"].after == pytest.approx(1e-4, rel=0.25)
 
 
 @pytest.mark.long
@@ -59,13 +66,13 @@ def test_the_overlay_loads_as_the_tuned_scenario(tuning: Tuning, tmp_path: Path)
     path = tmp_path / "overlay.yaml"
     path.write_text(overlay_text(tuning))
     loaded = load_scenario(path)
-    assert loaded == tuning.fit.scenario
+    assert loaded == tuning.fitted
     assert loaded.name == "nominal_imu_uwb_tuned"
     assert loaded.planner == load_scenario("nominal_imu_uwb", (SHORT,)).planner
 
 
 def test_the_data_is_plain(tuning: Tuning) -> None:
-    data = json.loads(json.dumps(as_data(tuning_report(tuning)), allow_nan=False))
+    data = json.loads(json.dumps(as_data(tuning), allow_nan=False))
     assert data["counted"] == ["uwb", "imu"]
     assert len(data["flights"]) == 2
 
@@ -78,7 +85,7 @@ def test_a_lost_flight_is_used_up_to_its_loss_or_left_out(flights: list[xr.Datas
         lost.attrs["lost"] = json.dumps({"time": cut / 30.0, "cause": "hit a wall"})
         save_flight(lost, tmp_path / f"{k}.nc")
     found = tune(find_flights([tmp_path]))
-    assert [Path(file).name for file, _ in found.used] == ["0.nc"]
+    assert [Path(flight.file).name for flight in found.flights] == ["0.nc"]
     assert "used for its first" in found.notes[0]
     assert "left out" in found.notes[1]
 
@@ -112,20 +119,20 @@ def test_the_figures_are_drawn(tuning: Tuning, flights: list[xr.Dataset], tmp_pa
 
 def test_the_summary_names_what_changed_most_and_what_that_bought(tuning: Tuning, flights: list[xr.Dataset]) -> None:
     lost, flown = FlownFigures(2, None, None), FlownFigures(0, [0.01, 0.02, 0.03], None)
-    numbers, nees, mse, check = tuning_summary(tuning_report(tuning), Check([5, 6], lost, flown))
-    fit = tuning.fit
-    assert numbers.startswith(f"{len(fit.before) - len(fit.kept)} of {len(fit.before)} numbers were fitted")
+    numbers, nees, mse, check = tuning_summary(tuning, Check([5, 6], lost, flown))
+    fitted = {key: number for key, number in tuning.numbers.items() if not number.stays}
+    assert numbers.startswith(f"{len(fitted)} of {len(tuning.numbers)} numbers were fitted")
     name = numbers.split("changed most: ")[1].split(",")[0]
-    change = {key: fit.values[key] / fit.before[key] for key in fit.before if key not in fit.kept}
+    change = {key: number.after / number.before for key, number in fitted.items()}
     assert max(change[name], 1.0 / change[name]) == max(max(ratio, 1.0 / ratio) for ratio in change.values())
     assert f"to {change[name]:.3g} times what it was" in numbers
     before = np.mean([np.mean(position_nees(flight)) for flight in flights])
     assert f": {before:.2f} -> " in nees
     assert f": {np.mean([sum(estimation_mse(flight).values()) for flight in flights]):.6f} -> " in mse
     assert check == "on 2 new seeds: 2 -> 0 lost"  # nothing to compare: every seed was lost before
-    assert len(tuning_summary(tuning_report(tuning), None)) == 3
+    assert len(tuning_summary(tuning, None)) == 3
     twice = FlownFigures(0, [0.02, 0.04, 0.06], None)
-    assert tuning_summary(tuning_report(tuning), Check([5], twice, flown))[3].endswith("0.120000 -> 0.060000 m² (-50%)")
+    assert tuning_summary(tuning, Check([5], twice, flown))[3].endswith("0.120000 -> 0.060000 m² (-50%)")
 
 
 @pytest.mark.long
@@ -140,9 +147,9 @@ def test_the_command_writes_what_it_is_asked_for(
     assert "nominal_imu_uwb_tuned, fitted to 2 flights" in printed.out
     assert "flown anew, seeds 2 to 2" in printed.out
     assert printed.out.index("numbers were fitted") < printed.out.index("log-likelihood")
-    assert load_scenario(overlay) == tuning.fit.scenario
+    assert load_scenario(overlay) == tuning.fitted
     found = json.loads(data.read_text())
-    assert found["numbers"] == json.loads(json.dumps(as_data(tuning_report(tuning))))["numbers"]
+    assert found["numbers"] == json.loads(json.dumps(as_data(tuning)))["numbers"]
     again = estimation_mse(fly(load_scenario(overlay, seed=2)))
     assert found["check"]["after"]["mse"] == pytest.approx(list(again.values()), rel=1e-12)
     assert figure.stat().st_size > 10_000

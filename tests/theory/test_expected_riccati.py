@@ -11,7 +11,6 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.theory.arrivals.arrival_simulation import draw_independent, simulate
 from ortilo_drake.theory.arrivals.arrivals import Model, check_model, pattern_probabilities
-from ortilo_drake.theory.arrivals.coupled_fixed_point import SETTLED, coupled_fixed_point
 from ortilo_drake.theory.arrivals.expected_riccati import (
     TRANSLATION,
     lower_bound,
@@ -19,7 +18,12 @@ from ortilo_drake.theory.arrivals.expected_riccati import (
     upper_bound,
     vehicle_model,
 )
-from ortilo_drake.theory.arrivals.expected_riccati_kernel import averaged_update, predicted
+from ortilo_drake.theory.arrivals.expected_riccati_kernel import (
+    SETTLED,
+    averaged_update,
+    coupled_fixed_point,
+    predicted,
+)
 
 H = 1.0 / 30.0
 V_PRINTED = np.diag(np.repeat([0.05, 0.08, 0.01], 3))

@@ -9,8 +9,12 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair, weight_matrices
 from ortilo_drake.scenario import ServoWeights
-from ortilo_drake.theory.lossy_control.acknowledged import acknowledged_gain, critical_command_rate
-from ortilo_drake.theory.lossy_control.unacknowledged import critical_unacknowledged_rate, unacknowledged_gain
+from ortilo_drake.theory.lossy_control.lossy_gain import (
+    acknowledged_gain,
+    critical_command_rate,
+    critical_unacknowledged_rate,
+    unacknowledged_gain,
+)
 
 A = np.array([[1.2, 0.3], [0.0, 0.9]])
 B = np.array([[0.1], [1.0]])

@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario.link import BernoulliLoss, GilbertElliottLoss, Link, NoLoss
 from ortilo_drake.scenario.loss_chain import loss_of, loss_parameters
-from ortilo_drake.studies.arrivals.link_chain import link_chain
+from ortilo_drake.studies.arrivals.arrival_map import link_chain
 from ortilo_drake.theory.arrivals.arrival_simulation import draw_markov, simulate
 from ortilo_drake.theory.arrivals.arrivals import Model, check_model, pattern_probabilities
-from ortilo_drake.theory.arrivals.coupled_fixed_point import coupled_fixed_point
 from ortilo_drake.theory.arrivals.expected_riccati import TRANSLATION, solve_coupled, upper_bound, vehicle_model
+from ortilo_drake.theory.arrivals.expected_riccati_kernel import coupled_fixed_point
 from ortilo_drake.theory.arrivals.markov_riccati import (
     ArrivalChain,
     arrival_chain,

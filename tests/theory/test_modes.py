@@ -17,9 +17,8 @@ from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair
 from ortilo_drake.scenario import Camera, InputError, Link, Scenario, Uwb
 from ortilo_drake.studies.linearization.observability import check_sensors, rows_of, unobservable_states
-from ortilo_drake.studies.loop.arrived_rows import sensor_subsets
-from ortilo_drake.theory.modes.modes import check_detectable, modes, unreached_modes, unseen_modes
-from ortilo_drake.theory.modes.staircase import tick_scaling
+from ortilo_drake.studies.loop.hover_loop import sensor_subsets
+from ortilo_drake.theory.modes.modes import check_detectable, modes, tick_scaling, unreached_modes, unseen_modes
 
 H = 1.0 / 30.0
 PHI, GAMMA = discretize(hover_A(), hover_B(M100), H)

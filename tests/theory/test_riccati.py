@@ -22,10 +22,9 @@ from ortilo_drake.studies.loop.riccati_report import (
 )
 from ortilo_drake.theory.modes.modes import unreached_modes, unseen_modes
 from ortilo_drake.theory.riccati.riccati import RAW, SOLVERS, gain, solve
-from ortilo_drake.theory.riccati.riccati_check import assess
+from ortilo_drake.theory.riccati.riccati_check import assess, least_singular_value, stability_radius
 from ortilo_drake.theory.riccati.riccati_ill_posed import ILL_POSED, solver_outcomes
 from ortilo_drake.theory.riccati.riccati_problem import require_well_posed
-from ortilo_drake.theory.riccati.stability_radius import least_singular_value, stability_radius
 
 V = np.diag([0.05] * 3 + [0.08] * 3 + [1e-4] * 3)
 ALL = ("uwb", "camera", "imu")

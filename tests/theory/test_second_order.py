@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.theory.arrivals.second_order import growth_in_bursts, second_order_rate, ticks_to_repeat
+from ortilo_drake.theory.arrivals.critical_rate import growth_in_bursts, second_order_rate, ticks_to_repeat
 
 TICKS = 18
 C = np.array([[1.0, 0.0]])

@@ -53,7 +53,7 @@ def test_an_autoregression_shows_its_coefficient() -> None:
         flights.append(z)
     found = autocorrelation(flights, 3)
     assert found is not None
-    np.testing.assert_allclose(found.r[:, 0], [0.6, 0.36, 0.216], atol=0.03)
+    np.testing.assert_allclose(np.array(found.r)[:, 0], [0.6, 0.36, 0.216], atol=0.03)
     assert found.p_value < 1e-10
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ortilo_drake.training.judging.average_precision import average_precision, iou_matrix, match_detections
+from ortilo_drake.training.judging.evaluate import average_precision, iou_matrix, match_detections
 from ortilo_drake.training.pictures.labels import LABEL_SIZE, MAX_OBJECTS
 
 

@@ -16,7 +16,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from ortilo_drake.model.room import CameraModel, Room, load_room
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.training.pictures import sets, shards
+from ortilo_drake.training.pictures import sets
 from ortilo_drake.training.pictures.labels import (
     BOX,
     CLASS,
@@ -29,8 +29,7 @@ from ortilo_drake.training.pictures.labels import (
     is_to_be_found,
 )
 from ortilo_drake.training.pictures.renders import Studio, render_scene
-from ortilo_drake.training.pictures.sets import load_set, render_set, set_folder
-from ortilo_drake.training.pictures.shards import load_frames, render_shard
+from ortilo_drake.training.pictures.sets import load_frames, load_set, render_set, render_shard, set_folder
 from ortilo_drake.world.scenery.rendering import camera_in_body, make_scene_graph, render_cameras
 from ortilo_drake.world.scenery.scene import scene_items
 
@@ -271,7 +270,7 @@ def test_a_damaged_shard_is_told_and_rendered_again(
 ) -> None:
     path = write_shard(tmp_path / "00000.npz")
     whole, frames = path.read_bytes(), load_frames(tmp_path)
-    monkeypatch.setattr(shards, "render_scene", lambda *_: frames)
+    monkeypatch.setattr(sets, "render_scene", lambda *_: frames)
     at = len(whole) // 2
     path.write_bytes(whole[:at] if damage == "cut" else whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
     render_shard("random_rooms", 0, 0, 2, 16, str(path))

@@ -34,7 +34,7 @@ from ortilo_drake.studies.rare.rare_flights import Rare
 from ortilo_drake.studies.recorded.fit_noise import Fitted
 from ortilo_drake.studies.rooms.coverage import Coverage
 from ortilo_drake.studies.tuning.search import Found
-from ortilo_drake.studies.tuning.tuning_report import TuningReport
+from ortilo_drake.studies.tuning.tune import Tuning
 from ortilo_drake.training.judging.judge import Judgement
 from ortilo_drake.training.judging.recognised import Recognised
 from ortilo_drake.views.page.flight_page import repeat_command
@@ -73,7 +73,7 @@ WRITTEN: dict[str, Any] = {
     "replay --map": {"map": {"name": "x"}, "motions": [{"name": "one"}]},
     "replay": keys_of(ReplayReport),
     "hindsight": keys_of(Hindsight) | {"scenario": "own"},
-    "tune": keys_of(TuningReport) | {"scenario": "own"},
+    "tune": keys_of(Tuning) | {"scenario": "own"},
     "tune --fly": keys_of(Found) | {"search": {"scenario": "own"}},
     "tune --map": keys_of(Fitted) | {"settings_before": {}},
     "room coverage": keys_of(Coverage) | {"room": "own"},

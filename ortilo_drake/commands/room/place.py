@@ -40,8 +40,7 @@ def place(
         raise InputError(f"--out {out_file}: must end in .yaml")
     check_writable(out_file, json_file)
     from ortilo_drake.flight.files import write_text
-    from ortilo_drake.studies.room_design.place import place_anchors
-    from ortilo_drake.studies.room_design.room_file import room_text
+    from ortilo_drake.studies.room_design.place import place_anchors, room_text
     from ortilo_drake.studies.rooms.room_scenario import scenario_of
 
     quiet_drake()

@@ -59,8 +59,7 @@ def survey(
     numbers = _numbers(known)
     check_writable(out_file, json_file)
     from ortilo_drake.flight.files import write_text
-    from ortilo_drake.studies.room_design.place import with_anchors
-    from ortilo_drake.studies.room_design.room_file import room_text
+    from ortilo_drake.studies.room_design.place import room_text, with_anchors
     from ortilo_drake.studies.room_design.survey import doubts
     from ortilo_drake.studies.room_design.survey import survey as find
 

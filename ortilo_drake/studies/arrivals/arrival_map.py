@@ -4,29 +4,34 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from dataclasses import dataclass
+from math import lcm
 from typing import NamedTuple
 
 import numpy as np
 
-from ortilo_drake.model.signals import N_X, SENSORS
+from ortilo_drake.model.signals import N_X, SENSORS, STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario.link import BernoulliLoss, Link
-from ortilo_drake.scenario.loss_chain import loss_of
-from ortilo_drake.studies.arrivals.link_chain import link_chain
-from ortilo_drake.theory.arrivals.arrivals import Model, check_rate, never_seen, pattern_probabilities
+from ortilo_drake.scenario.loss_chain import loss_chain, loss_of
+from ortilo_drake.studies.loop.hover_loop import HoverLoop
+from ortilo_drake.theory.arrivals.arrivals import Model, check_model, check_rate, never_seen, pattern_probabilities
+from ortilo_drake.theory.arrivals.critical_rate import CriticalRate, critical_rate
 from ortilo_drake.theory.arrivals.expected_riccati import ROTATION, TRANSLATION, solve_coupled, vehicle_model
-from ortilo_drake.theory.arrivals.markov_riccati import ArrivalChain, average_over_modes, markov_translation_lower_bound
+from ortilo_drake.theory.arrivals.markov_riccati import (
+    ArrivalChain,
+    arrival_chain,
+    average_over_modes,
+    markov_translation_lower_bound,
+)
 from ortilo_drake.theory.riccati.riccati import solve
 
 
 class ArrivalMap(NamedTuple):
-    """Bounds on the limit of E[P_k]'s diagonal over a grid; inf where a state is never seen.
+    """Bounds on the limit of E[P_k]'s diagonal over a grid, the values of the rows (n) and of the columns (m).
 
-    Attributes:
-        rows: values of the first argument (n).
-        columns: values of the second (m).
-        upper: variances of the twelve states, from above (n, m, 12); NaN where there is no such arrival process.
-        lower: the same from below (n, m, 12).
+    They are the variances of the twelve states from above and from below (n, m, 12), NaN where there is no such arrival
+    process, inf where a state is never seen.
     """
 
     rows: np.ndarray
@@ -43,18 +48,16 @@ class _Point(NamedTuple):
     X: np.ndarray | None
 
 
+_NO_POINT = _Point(np.full(N_X, np.nan), np.full(N_X, np.nan), None)
+
+
 def diagonals(model: Model, chain: ArrivalChain, start: np.ndarray | None = None) -> _Point:
-    """Return the bounds' diagonals for one arrival process.
+    """Return the bounds' diagonals for one arrival process, a chain over arrivals.PATTERN_ROWS.
 
     Upper: the fixed point of the (coupled) expected Riccati equation. Lower: for position and velocity the larger of
-    THEORY's bound and that of the rest; for the rest the covariance if whatever can arrive always arrived.
-    Where position is never seen its variances and those of velocity are inf, and attitude stands by itself; inf too
-    where the imu's own biases are states and nothing else sees it.
-
-    Args:
-        model: from expected_riccati.vehicle_model.
-        chain: over arrivals.PATTERN_ROWS.
-        start: X of a neighbour, if it has as many modes.
+    THEORY's bound and that of the rest; for the rest the covariance if whatever can arrive always arrived. Where
+    position is never seen its variances and those of velocity are inf, and attitude stands by itself; inf too where the
+    imu's own biases are states and nothing else sees it. The start is X of a neighbour, if it has as many modes.
     """
     everywhere = np.full(N_X, np.inf)
     if never_seen(model, chain.probabilities):
@@ -102,11 +105,7 @@ def _grid(
         X, upper, lower = None, [], []
         for b in columns:
             chain = chain_at(a, b)
-            if chain is None:
-                upper.append(np.full(N_X, np.nan))
-                lower.append(np.full(N_X, np.nan))
-                continue
-            point = diagonals(model, chain, X)
+            point = _NO_POINT._replace(X=X) if chain is None else diagonals(model, chain, X)
             X = point.X
             upper.append(point.upper)
             lower.append(point.lower)
@@ -123,34 +122,12 @@ def independent_chain(uwb: float, camera: float) -> ArrivalChain:
     return ArrivalChain(one, pattern_probabilities(uwb, camera)[None], np.ones(1), one)
 
 
-def riccati_map(
-    W: np.ndarray,
-    V: np.ndarray,
-    h: float,
-    rates_uwb: Sequence[float],
-    rates_camera: Sequence[float],
-    C: np.ndarray | None = None,
-) -> ArrivalMap:
+def rate_map(model: Model, rates_uwb: Sequence[float], rates_camera: Sequence[float]) -> ArrivalMap:
     """Return the bounds over the arrival rates per tick of uwb (rows) and camera (columns), drawn independently.
 
-    At rates (0, 0) position and velocity are inf.
-
-    Args:
-        W: process noise per tick (12 x 12).
-        V: measurement noise of uwb, camera, imu and what else flies (p x p), which arrives in every tick.
-        h: tick [s].
-        rates_uwb: in [0, 1] (n).
-        rates_camera: in [0, 1] (m).
-        C: rows of y over the states (p x 12); by default those of the paper's three sensors.
-
-    Raises:
-        InputError: if a rate lies outside [0, 1], or W or V is no covariance.
+    The model's patterns are none, uwb, camera and both, with all else. At rates (0, 0) position and velocity are inf.
+    InputError if a rate lies outside [0, 1].
     """
-    return rate_map(vehicle_model(W, V, h, C), rates_uwb, rates_camera)
-
-
-def rate_map(model: Model, rates_uwb: Sequence[float], rates_camera: Sequence[float]) -> ArrivalMap:
-    """Return riccati_map of a filter's model, whose patterns are none, uwb, camera and both with all else."""
     uwb = [check_rate(rate, "arrival rate of uwb") for rate in rates_uwb]
     camera = [check_rate(rate, "arrival rate of camera") for rate in rates_camera]
     return _grid(uwb, camera, model, independent_chain)
@@ -168,20 +145,10 @@ def burst_map(
     """Return the bounds over one sensor's arrival rate (rows) and the mean length of its bursts of losses (columns).
 
     The sensor's link is a Gilbert-Elliott channel that loses everything while bad and nothing while good; the other
-    position sensor arrives independently. NaN where no such channel exists (loss_chain.loss_of); a rate of 0 is
-    no burst but no sensor.
-
-    Args:
-        W: process noise per tick (12 x 12).
-        V: measurement noise of uwb, camera, imu and what else flies (p x p), which arrives in every tick.
-        h: tick [s].
-        rates: arrival rates per tick, in [0, 1] (n).
-        bursts: mean lengths [s], at least a tick (m).
-        sensor: uwb or camera.
-        other_rate: arrival rate of the other.
-
-    Raises:
-        InputError: if a rate lies outside [0, 1], a burst is shorter than a tick, or the sensor is none of the two.
+    position sensor arrives independently, at other_rate. NaN where no such channel exists (loss_chain.loss_of); a rate
+    of 0 is no burst but no sensor. W, V and h are those of vehicle_model, the rates per tick in [0, 1] (n), the bursts
+    in s, at least a tick (m). InputError if a rate lies outside [0, 1], a burst is shorter than a tick, or the sensor
+    is neither uwb nor camera.
     """
     if sensor not in SENSORS[:2]:
         raise InputError(f"sensor: {sensor}: must be uwb or camera")
@@ -200,3 +167,75 @@ def burst_map(
         return link_chain(*((link, other) if sensor == SENSORS[0] else (other, link)), h)
 
     return _grid(checked, list(bursts), vehicle_model(W, V, h), chain_at)
+
+
+def link_chain(uwb: Link | None, camera: Link | None, h: float) -> ArrivalChain:
+    """Return the chain of uwb and camera as their links have it, None where one does not fly; patterns as PATTERN_ROWS.
+
+    Modes: tick of h [s] within the senders' common period, times the loss chains of both, which step once a tick.
+    Blackouts and delays are left out.
+    """
+    never = np.ones((1, 1)), np.ones(1)
+    chains = [never if link is None else loss_chain(link.loss, h) for link in (uwb, camera)]
+    (T_u, lost_u), (T_c, lost_c) = chains
+    every = [1 if link is None else link.every(h) for link in (uwb, camera)]
+    period = lcm(*every)
+    T = np.kron(np.roll(np.eye(period), 1, axis=1), np.kron(T_u, T_c))
+    probabilities = []
+    for tick in range(period):
+        for u in (1.0 - lost_u) * (tick % every[0] == 0):
+            for c in (1.0 - lost_c) * (tick % every[1] == 0):
+                probabilities.append(pattern_probabilities(u, c))
+    return arrival_chain(T, np.array(probabilities))
+
+
+PATTERNS = ((False, False), (True, False), (False, True), (True, True))  # of uwb and camera, as arrivals.PATTERN_ROWS
+
+
+@dataclass(frozen=True)
+class ArrivalReport:
+    """Bounds of the expected Riccati equation on each state's variance over arrival rates of uwb (n) and camera (m).
+
+    Upper and lower (n, m, 12) are inf where a variance is unbounded. Without position sensors these modes are unseen,
+    in words, and the critical rate is the classical one.
+    """
+
+    states: tuple[str, ...]
+    rates_uwb: np.ndarray
+    rates_camera: np.ndarray
+    upper: np.ndarray
+    lower: np.ndarray
+    without_position_sensors: list[str]
+    critical_rate: CriticalRate
+
+
+def filter_model(loop: HoverLoop, V: np.ndarray) -> Model:
+    """Return the model of a scenario's filter for the bounds: none, uwb, camera and both arrive, with all else.
+
+    V is the covariance of all measurements that the filter gets (p x p), see hover_loop.filter_V.
+    """
+    sensors, mapped = loop.measurement.sensors, loop.measurement.positions[:2]
+    patterns = [[arrive[mapped.index(s)] if s in mapped else True for s in sensors] for arrive in PATTERNS]
+    return check_model(Model(loop.Phi, loop.C, loop.W, V, loop.measurement.by_row(np.array(patterns))))
+
+
+def arrival_report(
+    loop: HoverLoop, V: np.ndarray, rates_uwb: Sequence[float], rates_camera: Sequence[float]
+) -> ArrivalReport:
+    """Return the bounds over the arrival rates per tick of uwb (n) and camera (m), with the classical critical rate.
+
+    V is the covariance of all measurements that the filter gets (p x p). InputError if a rate lies outside [0, 1], or V
+    is no covariance.
+    """
+    model = filter_model(loop, V)
+    grid = rate_map(model, rates_uwb, rates_camera)
+    unseen = never_seen(model, pattern_probabilities(0.0, 0.0), loop.names)
+    return ArrivalReport(
+        states=tuple(STATE_NAMES),
+        rates_uwb=grid.rows,
+        rates_camera=grid.columns,
+        upper=grid.upper,
+        lower=grid.lower,
+        without_position_sensors=[str(mode) for mode in unseen],
+        critical_rate=critical_rate(model.A, model.C),
+    )

@@ -25,6 +25,7 @@ from ortilo_drake.studies.command_link.command_loop import (
     growing_modes,
     last_stable,
     loop_at_once,
+    over_a_period,
 )
 
 LONGEST = 100  # ticks of delay to look at
@@ -32,14 +33,10 @@ LONGEST = 100  # ticks of delay to look at
 
 @dataclass(frozen=True)
 class CriticalDelay:
-    """The delay that destabilises a loop.
+    """The delay that destabilises a loop: where growth first reaches 1, to 1e-6 ticks [s], and the same in ticks.
 
-    Attributes:
-        delay: where growth first reaches 1, to 1e-6 ticks [s].
-        ticks: the same in ticks.
-        whole_ticks: the least whole number of ticks with which the loop is unstable.
-        growth: by whole ticks from 0 to one beyond that.
-        modes: what grows with whole_ticks.
+    whole_ticks is the least whole number with which the loop is unstable, growth is by whole ticks from 0 to one beyond
+    that, and the modes are what grows with whole_ticks.
     """
 
     delay: float
@@ -49,23 +46,6 @@ class CriticalDelay:
     modes: str
 
 
-class NoLimitError(InputError):
-    """No delay that was looked at destabilises the loop."""
-
-
-@dataclass(frozen=True)
-class StableDelays:
-    """The delays about the believed one with which a loop is stable.
-
-    Attributes:
-        low: the least, in ticks.
-        high: the greatest, in ticks; None if it is stable with LONGEST ticks.
-    """
-
-    low: float
-    high: float | None
-
-
 def _ticks_above(delay: float) -> int:
     if not 0.0 <= delay < np.inf:
         raise InputError(f"delay: {delay}: must be 0 ticks or more")
@@ -73,12 +53,9 @@ def _ticks_above(delay: float) -> int:
 
 
 def delayed_matrices(loop: CommandedLoop, delay: float, G_late: np.ndarray | None = None) -> np.ndarray:
-    """Return the augmented dynamics over a period (T, size, size) with every command late by so many ticks.
+    """Return the augmented dynamics over a period (T, size, size), every command late by so many ticks (tau / h).
 
-    Args:
-        loop: the loop, open at the rotors.
-        delay: tau / h, 0 or more.
-        G_late: Gamma(theta h) in the place of Gamma in G, only for a delay that is no whole number (n, m).
+    G_late (n, m) has Gamma(theta h) in the place of Gamma in G; it is read for a delay that is no whole number.
     """
     d = _ticks_above(delay)
     A, U = delay_line(loop, d, holds=False)
@@ -91,25 +68,20 @@ def delayed_matrices(loop: CommandedLoop, delay: float, G_late: np.ndarray | Non
 
 def growth(A: np.ndarray) -> float:
     """Return the spectral radius of A_{T-1} ... A_0 as growth per tick."""
-    product = np.eye(A.shape[-1])
-    for A_k in A:
-        product = A_k @ product
-    return float(np.max(np.abs(np.linalg.eigvals(product)))) ** (1.0 / len(A))
+    return float(np.max(np.abs(np.linalg.eigvals(over_a_period(A))))) ** (1.0 / len(A))
 
 
 def delay_growth(scenario: Scenario, V: np.ndarray, delay: float, deltas: np.ndarray | None = None) -> float:
     """Return the loop's growth per tick with a delay [ticks, whole or not]; below 1 it is stable.
 
-    Args:
-        scenario: the scenario; its own command link is not used.
-        V: covariance of the measurements uwb, camera, imu (9 x 9), for the filter's gain.
-        delay: tau / h.
-        deltas: arrivals over a period (T, 3); by default what is due.
+    The scenario's own command link is not used. V is the covariance of the measurements (p x p), for the filter's gain;
+    the arrivals over a period (T, s) are by default what is due.
     """
-    return _growth_with(loop_at_once(scenario, V, deltas), scenario, delay)
+    return growth_with(loop_at_once(scenario, V, deltas), scenario, delay)
 
 
-def _growth_with(at_once: CommandedLoop, scenario: Scenario, delay: float) -> float:
+def growth_with(at_once: CommandedLoop, scenario: Scenario, delay: float) -> float:
+    """Return delay_growth of the loop that loop_at_once returned."""
     loop = delay_aware_loop(at_once, scenario, delay)
     G_late = np.zeros_like(loop.G)
     theta = _ticks_above(delay) - delay
@@ -119,65 +91,29 @@ def _growth_with(at_once: CommandedLoop, scenario: Scenario, delay: float) -> fl
     return growth(delayed_matrices(loop, delay, G_late))
 
 
-def critical_delay(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None = None) -> CriticalDelay:
-    """Return the delay that destabilises the loop.
+def critical_delay(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None = None) -> CriticalDelay | None:
+    """Return the delay that destabilises the loop, None if it is stable with LONGEST ticks of it.
 
-    Raises:
-        NoLimitError: if the loop is stable with LONGEST ticks of it.
-        InputError: if the loop is unstable without a delay.
+    InputError if the loop is unstable without a delay.
     """
     loop = loop_at_once(scenario, V, deltas)
 
     def matrices(ticks: int) -> np.ndarray:
         return delayed_matrices(delay_aware_loop(loop, scenario, ticks), ticks)
 
-    rates = [_growth_with(loop, scenario, 0)]
+    rates = [growth_with(loop, scenario, 0)]
     if rates[0] >= 1.0:
         raise InputError(f"command_link: unstable without any delay: {growing_modes(matrices(0))}")
     while rates[-1] < 1.0:
         if len(rates) > LONGEST:
-            raise NoLimitError(f"command_link: stable with {LONGEST} ticks of delay, no limit was looked for beyond")
-        rates.append(_growth_with(loop, scenario, len(rates)))
+            return None
+        rates.append(growth_with(loop, scenario, len(rates)))
     whole = len(rates) - 1
-    low = last_stable(lambda ticks: _growth_with(loop, scenario, ticks) < 1.0, whole - 1.0, float(whole), 1e-6)
+    low = last_stable(lambda ticks: growth_with(loop, scenario, ticks) < 1.0, whole - 1.0, float(whole), 1e-6)
     return CriticalDelay(
         delay=low * scenario.h,
         ticks=low,
         whole_ticks=whole,
-        growth={str(d): rate for d, rate in enumerate([*rates, _growth_with(loop, scenario, whole + 1)])},
+        growth={str(d): rate for d, rate in enumerate([*rates, growth_with(loop, scenario, whole + 1)])},
         modes=growing_modes(matrices(whole)),
     )
-
-
-def stable_delays(
-    scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None = None, longest: int = LONGEST
-) -> StableDelays:
-    """Return the delays with which a loop is stable, from the one that it assumes downwards and upwards.
-
-    Without commands.delay that is no delay. Between whole ticks it is looked at each quarter.
-
-    Args:
-        scenario: the scenario; its own command link is not used.
-        V: covariance of the measurements (p x p).
-        deltas: arrivals over a period (T, s); by default what is due.
-        longest: ticks of delay to look at.
-
-    Raises:
-        InputError: if it is unstable with the delay that it assumes.
-    """
-    loop = loop_at_once(scenario, V, deltas)
-    start = (scenario.commands.delay or 0.0) / scenario.h
-
-    def is_stable(delay: float) -> bool:
-        return _growth_with(loop, scenario, delay) < 1.0
-
-    if not is_stable(start):
-        raise InputError(f"command_link: unstable with the assumed delay, {start:g} ticks")
-    low, high = start, start
-    while low > 0.0 and is_stable(max(low - 0.25, 0.0)):
-        low = max(low - 0.25, 0.0)
-    if low > 0.0:
-        low = last_stable(is_stable, low, max(low - 0.25, 0.0), 1e-4)
-    while high < longest and is_stable(high + 0.25):
-        high += 0.25
-    return StableDelays(low, last_stable(is_stable, high, high + 0.25, 1e-4) if high < longest else None)

@@ -1,6 +1,5 @@
 """Flights behind a lossy or late command link, compared with the theory's prediction."""
 
-import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ import xarray as xr
 from scipy.linalg import block_diag
 
 from ortilo_drake.flight.ensemble import flights_of, fly_many
+from ortilo_drake.flight.metrics import loss_of as end_of
 from ortilo_drake.flight.metrics import reference_distance
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError, validate
@@ -29,21 +29,12 @@ WARM_UP = 10.0  # a flight starts without error; from here on it counts as stead
 
 @dataclass(frozen=True)
 class CommandCase:
-    """A link, predicted and flown.
+    """A link, predicted and flown: the growth of the second moment per tick, stable if below 1.
 
-    Attributes:
-        link: its settings.
-        growth: of the second moment per tick.
-        stable: whether that is below 1.
-        predicted_rms: distance from r [m], None if not stable; with what is wrong in the world, as behind a perfect
-            link, see loop/error_moments.py.
-        flights: how many.
-        lost: how many of them.
-        lost_after: mean time of the losses [s].
-        causes: of the losses.
-        flown_rms: distance from r over the flights that were not lost [m], None if all were.
-        agrees: whether a stable link loses no flight, an unstable one all. A flight of finite length behind an unstable
-            link may well survive, so that is what may disagree.
+    The predicted rms distance from r [m], None if not stable, is with what is wrong in the world, as behind a perfect
+    link, see loop/error_moments.py. Of so many flights so many were lost, after a mean time [s], with the causes; the
+    flown rms is over those that were not, None if all were. It agrees if a stable link loses no flight, an unstable one
+    all. A flight of finite length behind an unstable link may well survive, so that is what may disagree.
     """
 
     link: CommandLink
@@ -79,8 +70,7 @@ def hovering(p_WB: tuple[float, float, float]) -> np.ndarray:
 def hover_V(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> np.ndarray:
     """Return V (p x p) as the filter has it at a point, hovering.
 
-    Raises:
-        InputError: if a sensor that flies would give no measurement there.
+    InputError if a sensor that flies would give no measurement there.
     """
     noise = fix_noise(scenario, hovering(p_WB))
     silent = [s for s in scenario.sensors if not noise.there[s]]
@@ -92,8 +82,7 @@ def hover_V(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> np.
 def learned_at(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> Scenario:
     """Return the scenario whose filter has what its banks learn at a point, hovering.
 
-    Raises:
-        InputError: as hover_V, or if the scenario has no linear loop.
+    InputError as hover_V, or if the scenario has no linear loop.
     """
     if why := why_no_loop(scenario):
         raise InputError(why)
@@ -111,8 +100,7 @@ def errors_moment(scenario: Scenario, point: tuple[float, float, float], duratio
 def command_cases(losses: Sequence[float], strategies: Sequence[str], delays: Sequence[int]) -> list[CommandLink]:
     """Return command links to fly: every loss with every strategy without delay, then every delay without loss.
 
-    Raises:
-        InputError: naming the share, strategy or delay that cannot be, and what can.
+    InputError naming the share, strategy or delay that cannot be, and what can.
     """
     lossy = [{"loss": loss_of(p).model_dump(), "when_lost": s} for s in strategies for p in losses]
     return [validate(CommandLink, data, "command_link") for data in lossy + [{"delay": d} for d in delays]]
@@ -128,20 +116,10 @@ def command_flights(
     workers: int = 1,
     progress: Callable[[CommandCase], None] | None = None,
 ) -> CommandFlights:
-    """Hover behind each link, on the same seeds, and return flown beside predicted.
+    """Hover behind each link at a point, on the same seeds, and return flown beside predicted, each case as it is done.
 
-    Args:
-        scenario: the scenario; its planner and command link are replaced.
-        links: command links to fly.
-        seeds: of the flights behind each.
-        out: folder for the flights.
-        duration: of the hovering that counts [s], after WARM_UP.
-        point: where to hover.
-        workers: processes.
-        progress: called with each case as it is done.
-
-    Raises:
-        InputError: as hover_V.
+    The scenario's planner and command link are replaced. The hovering that counts has a duration [s], after WARM_UP.
+    Flights are in the folder `out`, as fly_many has them. InputError as hover_V.
     """
     seeds = list(seeds)
     told = learned_at(scenario, point)
@@ -157,21 +135,16 @@ def command_flights(
         cases.append(case)
         if progress:
             progress(case)
-    agree = sum(case.agrees for case in cases)
-    return CommandFlights(scenario.name, point, duration, WARM_UP, seeds, cases, agree)
+    return CommandFlights(scenario.name, point, duration, WARM_UP, seeds, cases, sum(case.agrees for case in cases))
 
 
 def _case(link: CommandLink, system: JumpLinear, errors: float, flights: list[xr.Dataset]) -> CommandCase:
     radius = mean_square_radius(system)
     stable = radius < 1.0 - MARGIN
     rms = float(np.sqrt(np.trace(steady_second_moment(system).mean(axis=0)[:3, :3]) + errors)) if stable else None
-    lost = [json.loads(flight.attrs["lost"]) for flight in flights]
-    ends = [end for end in lost if end is not None]
-    squares = [
-        reference_distance(flight)[flight["time"].values >= WARM_UP] ** 2
-        for flight, end in zip(flights, lost, strict=True)
-        if end is None
-    ]
+    ends = [end for flight in flights if (end := end_of(flight))]
+    kept = [flight for flight in flights if end_of(flight) is None]
+    squares = [reference_distance(flight)[flight["time"].values >= WARM_UP] ** 2 for flight in kept]
     return CommandCase(
         link=link,
         growth=radius,
@@ -179,8 +152,8 @@ def _case(link: CommandLink, system: JumpLinear, errors: float, flights: list[xr
         predicted_rms=rms,
         flights=len(flights),
         lost=len(ends),
-        lost_after=float(np.mean([end["time"] for end in ends])) if ends else None,
-        causes=sorted({end["cause"] for end in ends}),
+        lost_after=float(np.mean([end.time for end in ends])) if ends else None,
+        causes=sorted({end.cause for end in ends}),
         flown_rms=float(np.sqrt(np.mean(np.concatenate(squares)))) if squares else None,
         agrees=len(ends) == (0 if stable else len(flights)),
     )

@@ -16,6 +16,7 @@ late_servo.py.
 
 import math
 from collections.abc import Callable
+from functools import reduce
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -42,16 +43,12 @@ STRATEGIES: tuple[Literal["hold", "zero"], ...] = ("hold", "zero")
 
 
 class CommandedLoop(NamedTuple):
-    """The loop of a scenario, open at the rotors, over a period of T ticks.
+    """The loop of a scenario, open at the rotors, over a period of T ticks; F (T, n, n) and G (n, m), n = 27 in flight.
 
-    Attributes:
-        F: (T, n, n), n = 27 for the flying loop.
-        G: (n, m).
-        L: the command is -L z (m, n), less L_u of the commands before.
-        N: covariance of n_k (T, n, n).
-        L_u: of u_{k-1}, u_{k-2}, ... (D, m, m); (0, 0, 0) where the servo takes its commands to act at once.
-        G_hat: how u_k enters through a filter that takes it to act at once (n, m); read where there is L_u.
-        by_v: how the measurements' noise and errors enter in each tick (T, n, p); empty where it is not asked for.
+    The command is -L z (m, n), less L_u (D, m, m) of u_{k-1}, u_{k-2}, ...; (0, 0, 0) where the servo takes its
+    commands to act at once. N is the covariance of n_k (T, n, n). G_hat is how u_k enters through a filter that takes
+    it to act at once (n, m); read where there is L_u. by_v is how the measurements' noise and errors enter in each tick
+    (T, n, p); empty where it is not asked for.
     """
 
     F: np.ndarray
@@ -78,19 +75,10 @@ def periodic_predictor(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return K_k (T, n, p) and P_k (T, n, n) of the steady one-step predictor over a period of arrivals.
 
-    The Riccati recursion on the rows that arrive, gone through until it repeats; S. Bittanti and P. Colaneri,
-    "Periodic Systems" (Springer, 2009), for its convergence where (Phi, C) is detectable over the period. The columns
-    of what does not arrive are 0.
-
-    Args:
-        Phi: dynamics (n, n).
-        C: output (p, n).
-        W: covariance of the process noise (n, n).
-        V: covariance of the measurements (p, p).
-        there: which rows of C arrive in each tick of the period (T, p).
-
-    Raises:
-        InputError: if it does not settle; so it is where an unstable state stays unseen.
+    The Riccati recursion of Phi, W (n, n), C (p, n) and V (p, p) on the rows that arrive, gone through until it
+    repeats; S. Bittanti and P. Colaneri, "Periodic Systems" (Springer, 2009), for its convergence where (Phi, C) is
+    detectable over the period. The columns of what does not arrive in a tick, by `there` (T, p), are 0. InputError if
+    it does not settle; so it is where an unstable state stays unseen.
     """
     n, rows = len(Phi), [np.flatnonzero(arrived) for arrived in there]
     P, Ks, Ps = np.trace(W) * np.eye(n), np.zeros((len(rows), n, len(C))), np.zeros((len(rows), n, n))
@@ -112,16 +100,11 @@ def periodic_predictor(
 def commanded_loop(
     scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None = None, delay: float = 0.0
 ) -> CommandedLoop:
-    """Return a scenario's loop, open at the rotors.
+    """Return a scenario's loop, open at the rotors; its sensors' losses, delays and blackouts do not enter.
 
-    Args:
-        scenario: the scenario; its sensors' losses, delays and blackouts do not enter.
-        V: covariance of the measurements (p x p).
-        deltas: arrivals of the sensors at each tick of a period (T, s); by default what is due.
-        delay: after which commands act [ticks]; read where the servo accounts for it.
-
-    Raises:
-        InputError: naming the modes of the vehicle that the sensors leave unseen.
+    V is the covariance of the measurements (p x p), deltas are arrivals of the sensors at each tick of a period (T, s),
+    by default what is due. The delay after which commands act [ticks] is read where the servo accounts for it.
+    InputError naming the modes of the vehicle that the sensors leave unseen.
     """
     return delay_aware_loop(loop_at_once(scenario, V, deltas), scenario, delay)
 
@@ -203,8 +186,7 @@ def delay_line(loop: CommandedLoop, delay: int, holds: bool) -> tuple[np.ndarray
 def behind_a_link(loop: CommandedLoop, when_lost: str, delay: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Return the matrices (T, 2, size, size) of a tick with arrival and one with loss, and N (T, size, size).
 
-    Raises:
-        InputError: if the strategy is neither 'hold' nor 'zero' or the delay is no whole number of ticks.
+    InputError if the strategy is neither 'hold' nor 'zero' or the delay is no whole number of ticks.
     """
     if when_lost not in STRATEGIES:
         raise InputError(f"when_lost: {when_lost!r}: must be one of {', '.join(STRATEGIES)}")
@@ -232,15 +214,17 @@ def last_stable(is_stable: Callable[[float], bool], stable: float, unstable: flo
     return stable
 
 
+def over_a_period(A: np.ndarray) -> np.ndarray:
+    """Return A_{T-1} ... A_0 of A (T, n, n)."""
+    return reduce(lambda product, A_k: A_k @ product, A)
+
+
 def growing_modes(A: np.ndarray) -> str:
     """Return, in words, the eigenvalues of a period's product A_{T-1} ... A_0 that do not decay, and their states.
 
     Each mode is named by the state of the vehicle that moves most in it, scaled by the tick; growth is per tick.
     """
-    product = np.eye(A.shape[-1])
-    for A_k in A:
-        product = A_k @ product
-    values, vectors = np.linalg.eig(product)
+    values, vectors = np.linalg.eig(over_a_period(A))
     growth = np.abs(values) ** (1.0 / len(A))
     found = []
     for j in np.argsort(-growth):

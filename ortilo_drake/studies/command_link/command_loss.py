@@ -25,7 +25,7 @@ from ortilo_drake.studies.command_link.command_loop import (
 )
 from ortilo_drake.studies.loop.hover_loop import hover_loop, loop_gain, over_names
 from ortilo_drake.theory.jump_linear.jump_linear import MARGIN, JumpLinear, mean_square_radius
-from ortilo_drake.theory.lossy_control.acknowledged import acknowledged_gain, critical_command_rate
+from ortilo_drake.theory.lossy_control.lossy_gain import acknowledged_gain, critical_command_rate
 
 
 def lossy_loop(loop: CommandedLoop, link: CommandLink, h: float) -> JumpLinear:
@@ -48,31 +48,20 @@ def largest_loss(
     deltas: np.ndarray | None = None,
     tolerance: float = 1e-4,
 ) -> float:
-    """Return the share of lost packets at which the loop ceases to be mean-square stable, by bisection.
+    """Return the share of lost packets at which the loop ceases to be mean-square stable, by bisection to a tolerance.
 
     The radius rises with the share from well below 1 on the loops that fly here (tested on a grid); on a loop where it
-    did not, this is one of the shares at which it crosses 1.
-
-    Args:
-        scenario: the scenario; its own command link is not used.
-        V: covariance of the measurements uwb, camera, imu (9 x 9).
-        when_lost: 'hold' or 'zero'.
-        burst: mean length of a burst [ticks], None for independent losses.
-        delay: of the link [ticks].
-        deltas: arrivals over a period (T, 3); by default what is due.
-        tolerance: of the share.
-
-    Raises:
-        InputError: if the loop is unstable without any loss, naming the modes.
+    did not, this is one of the shares at which it crosses 1. Lost packets are answered by 'hold' or 'zero'. Bursts have
+    a mean length [ticks], None for independent losses; the delay is in ticks. V (p x p) and deltas (T, s) are as
+    commanded_loop has them; the scenario's own command link is not used. InputError if the loop is unstable without any
+    loss, naming the modes.
     """
-    loop = commanded_loop(scenario, V, deltas, delay)
+    A, N = behind_a_link(commanded_loop(scenario, V, deltas, delay), when_lost, delay)
 
     def is_stable(share: float) -> bool:
-        A, N = behind_a_link(loop, when_lost, delay)
         return mean_square_radius(_jump_linear(A, N, loss_of(share, burst), scenario.h)) < 1.0 - MARGIN
 
     if not is_stable(0.0):
-        A, _ = behind_a_link(loop, when_lost, delay)
         raise InputError(f"command_link: unstable without any loss: {growing_modes(A[:, 0])}")
     high = 1.0 if burst is None else burst / (1.0 + burst)
     return high if is_stable(high) else last_stable(is_stable, 0.0, high, tolerance)
@@ -84,16 +73,12 @@ def largest_acknowledged_loss(scenario: Scenario) -> float:
 
 
 def acknowledged_loop(scenario: Scenario, V: np.ndarray, share: float) -> JumpLinear:
-    """Return the jump-linear system of a scenario's loop with that share of its commands lost, each independently.
+    """Return the jump-linear system of a scenario's loop with a share, in [0, 1), of its commands lost independently.
 
     A lost command is a control of zero. The filter predicts with what acted, and the gain is that of
-    theory/lossy_control/acknowledged.py on the servo's own weights. It is not flown: the scenario's servo has the gain
-    of a link without losses.
-
-    Args:
-        scenario: the scenario; its own command link, and what it makes of late commands, are not used.
-        V: covariance of the measurements (p x p).
-        share: of lost commands, in [0, 1).
+    theory/lossy_control/lossy_gain.py on the servo's own weights. It is not flown: the scenario's servo has the gain
+    of a link without losses. The scenario's own command link, and what it makes of late commands, are not used; V is
+    the covariance of the measurements (p x p).
     """
     hover, loop = hover_loop(scenario), loop_at_once(scenario, V)
     pair = augmented_pair(scenario.vehicle, scenario.h, scenario.yaw)

@@ -7,7 +7,7 @@ import numpy as np
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import CommandLink, LqServo, Scenario
 from ortilo_drake.scenario.loss_chain import loss_of
-from ortilo_drake.studies.command_link.command_delay import CriticalDelay, NoLimitError, critical_delay
+from ortilo_drake.studies.command_link.command_delay import CriticalDelay, critical_delay
 from ortilo_drake.studies.command_link.command_loop import STRATEGIES, commanded_loop
 from ortilo_drake.studies.command_link.command_loss import (
     acknowledged_loop,
@@ -66,22 +66,11 @@ def _rms(system: JumpLinear) -> float | None:
         return None
 
 
-def _critical_delay(scenario: Scenario, V: np.ndarray) -> CriticalDelay | None:
-    try:
-        return critical_delay(scenario, V)
-    except NoLimitError:
-        return None
-
-
 def command_report(scenario: Scenario, V: np.ndarray) -> CommandReport:
-    """Return the effect of lost and late commands on a scenario's loop at hover.
+    """Return the effect of lost and late commands on a scenario's loop at hover; V covers the measurements (p x p).
 
-    Args:
-        scenario: the scenario; its own command link enters under `own_link` alone.
-        V: covariance of the measurements uwb, camera, imu (9 x 9).
-
-    Raises:
-        InputError: if the loop is unstable with a perfect link, naming the modes.
+    The scenario's own command link enters under `own_link` alone. InputError if the loop is unstable with a perfect
+    link, naming the modes.
     """
     loop, h, weighs = commanded_loop(scenario, V), scenario.h, isinstance(scenario.servo, LqServo)
     link = scenario.command_link
@@ -101,6 +90,6 @@ def command_report(scenario: Scenario, V: np.ndarray) -> CommandReport:
         },
         acknowledged_loss=largest_acknowledged_loss(scenario),
         acknowledged_rms={f"{p:g}": _rms(acknowledged_loop(scenario, V, p)) for p in LOSSES if weighs},
-        delay=_critical_delay(scenario, V),
+        delay=critical_delay(scenario, V),
         own_link=LinkFigures(mean_square_radius(own), _rms(own)),
     )

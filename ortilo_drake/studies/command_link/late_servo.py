@@ -100,9 +100,7 @@ def flown_law(scenario: Scenario, delay: float) -> Law:
 def late_gains(scenario: Scenario, delay: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the servo's gains on [x; i] (4 x 15), on the force (4 x 3) and on its commands (D, 4, 4), at yaw 0.
 
-    Args:
-        scenario: the scenario.
-        delay: the true one [ticks]; read where the onboard half hears what acted.
+    The true delay [ticks] is read where the onboard half hears what acted.
     """
     believed = delay if scenario.commands.delay is None else scenario.commands.delay / scenario.h
     D = max(split_delay(believed, 1.0)[0], split_delay(delay, 1.0)[0]) + 2

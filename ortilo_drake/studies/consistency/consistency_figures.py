@@ -41,19 +41,13 @@ def _draw_nees(axes: Axes, flights: Sequence[xr.Dataset]) -> None:
     bar = axes.inset_axes((0.0, 0.0, 1.0, 0.035))
     bar.imshow((black / count)[np.newaxis], aspect="auto", cmap="Greys", vmin=0.0, vmax=1.0)
     bar.set_axis_off()
-    axes.set_xlim(0.0, time[-1])
     shown = average[time > 1.0] if time[-1] > 1.0 else average
-    axes.set_ylim(min(0.5, 0.5 * max(float(np.nanmin(shown)), 1e-3)), max(20.0, 1.5 * float(np.nanmax(average))))
-    axes.set_ylabel("NEES of position [-]")
+    limits = min(0.5, 0.5 * max(float(np.nanmin(shown)), 1e-3)), max(20.0, 1.5 * float(np.nanmax(average)))
+    axes.set(xlim=(0.0, time[-1]), ylim=limits, ylabel="NEES of position [-]")
 
 
 def nees_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
-    """Draw the average NEES of position over time with its band, one row for each scenario.
-
-    Args:
-        flights: flights by scenario.
-        path: the image file.
-    """
+    """Draw the average NEES of position over time with its band, one row for each scenario."""
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(10, 2.4 * len(flights) + 0.5), layout="constrained")
         for k, (name, rows) in enumerate(flights.items()):
@@ -67,12 +61,7 @@ def nees_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
 
 
 def whiteness_figure(reports: dict[str, ConsistencyReport], path: Path) -> Path:
-    """Draw the autocorrelation of the normalised innovations, a row for each scenario, a column for each sensor.
-
-    Args:
-        reports: what consistency_report returned, by scenario.
-        path: the image file.
-    """
+    """Draw the autocorrelation of the normalised innovations, a row for each scenario, a column for each sensor."""
     sensors = list(dict.fromkeys(s for report in reports.values() for s in report.whiteness))
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(3.4 * len(sensors) + 0.4, 2.2 * len(reports) + 0.5), layout="constrained")
@@ -86,8 +75,8 @@ def whiteness_figure(reports: dict[str, ConsistencyReport], path: Path) -> Path:
                 lagged = found.lag_arrivals
                 lags = np.arange(1, len(lagged.r) + 1)
                 m = max(len(value) for value in lagged.r if value is not None)
-                r = np.array([value if value is not None else [np.nan] * m for value in lagged.r], dtype=float)
-                band = np.array([np.nan if b is None else b for b in lagged.band], dtype=float)
+                r = np.array([value or [np.nan] * m for value in lagged.r], dtype=float)
+                band = np.array(lagged.band, dtype=float)
                 axes.fill_between(lags, -band, band, color="0.8", lw=0)
                 axes.axhline(0.0, color="k", lw=0.6)
                 for i, colour in zip(range(min(m, 3)), (BLUE, ORANGE, GREEN), strict=False):
@@ -108,45 +97,38 @@ def whiteness_figure(reports: dict[str, ConsistencyReport], path: Path) -> Path:
 
 def tuning_figure(tuning: Tuning, path: Path) -> Path:
     """Draw the effect of a tuning: the numbers with their 95 % intervals, NEES by region and NIS by sensor."""
-    fit = tuning.fit
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(11, 0.32 * len(fit.values) + 2.2), layout="constrained")
+        figure = Figure(figsize=(11, 0.32 * len(tuning.numbers) + 2.2), layout="constrained")
         numbers, nees, nis = figure.subplots(1, 3, width_ratios=[1.7, 1.2, 1.0])
-        for row, name in enumerate(fit.values):
-            ratio = fit.values[name] / fit.before[name]
-            error = 1.96 * (fit.robust_errors.get(name) or fit.errors.get(name, 0.0)) / fit.before[name]
-            colour = "0.6" if name in fit.kept else ORANGE
+        for row, number in enumerate(tuning.numbers.values()):
+            ratio = number.after / number.before
+            error = 1.96 * (number.robust_error or number.standard_error or 0.0) / number.before
+            colour = "0.6" if number.stays else ORANGE
             low = max(ratio - error, 0.02 * ratio)  # the axis is logarithmic
             numbers.plot([low, ratio + error], [row, row], color=colour, lw=1.5)
             numbers.plot(ratio, row, "o", color=colour, ms=5)
         numbers.axvline(1.0, color=BLUE, lw=1.0, ls="--")
         numbers.set_xscale("log")
-        numbers.set_yticks(range(len(fit.values)), [name.replace("multilateration", "multilat") for name in fit.values])
+        names = [name.replace("multilateration", "multilat") for name in tuning.numbers]
+        numbers.set_yticks(range(len(names)), names)
         numbers.invert_yaxis()
         numbers.set_xlabel("fitted / before [-], 95 % interval (grey: stays)")
-        before, after = tuning.before, tuning.after
-        for axes, title, averages in (
-            (nees, "NEES of position", (before.nees, after.nees)),
-            (nis, "NIS", (before.nis, after.nis)),
-        ):
-            names = [name for name, found in averages[0].items() if found]
-            for shift, colour, label, figures in zip(
-                (-0.15, 0.15), (BLUE, ORANGE), ("before", "after"), averages, strict=True
-            ):
-                for i, name in enumerate(names):
-                    found = figures[name]
+        for axes, title, kind in ((nees, "NEES of position", "nees"), (nis, "NIS", "nis")):
+            names = [name for name, found in getattr(tuning.before, kind).items() if found]
+            for shift, colour, label in ((-0.15, BLUE, "before"), (0.15, ORANGE, "after")):
+                figures = getattr(getattr(tuning, label), kind)
+                for i, found in enumerate(figures[name] for name in names):
                     if found is None:
                         continue
-                    interval = found.interval or (found.mean, found.mean)
-                    low = max(interval[0], 0.02 * found.mean)
-                    axes.plot([i + shift] * 2, [low, interval[1]], color=colour, lw=1.5)
+                    low, high = found.interval or (found.mean, found.mean)
+                    axes.plot([i + shift] * 2, [max(low, 0.02 * found.mean), high], color=colour, lw=1.5)
                     axes.plot(i + shift, found.mean, "o", color=colour, ms=5, label=label if i == 0 else None)
             axes.axhline(3.0, color="k", lw=0.8, ls="--")
             axes.set_yscale("log")
             axes.set_xticks(range(len(names)), names, rotation=30, ha="right")
             axes.set_title(f"{title} (3 if consistent)", fontsize=9)
             axes.legend(fontsize=8)
-        figure.suptitle(f"{fit.scenario.name}: fitted to {len(tuning.used)} flights", fontsize=10)
+        figure.suptitle(f"{tuning.scenario}: fitted to {len(tuning.flights)} flights", fontsize=10)
         return save_picture(figure, path)
 
 
@@ -154,15 +136,11 @@ _START = 2.0  # a flight starts without error, so that the floor is 0 there and 
 
 
 def draw_floor(flights: dict[str, Sequence[xr.Dataset]], floors: dict[str, Sequence[np.ndarray]]) -> Figure:
-    """Return a figure of errors and Cramer-Rao floor over time, one row for each scenario.
+    """Return a figure of errors and their floors (n, 3) [m²], as of floor_at_ticks, over time, a row for each scenario.
 
     Left: the position's error, the filter's own sd and the floor [m], each the root of the sum over x, y and z. The
     floor is a wide line, so that a sd that coincides with it is seen. Right: the filter's own sd over the floor, axis
-    by axis. The blackouts are those of the first flight.
-
-    Args:
-        flights: flights by scenario; they are drawn up to the end of the shortest.
-        floors: what floor_at_ticks returned of each (n, 3) [m²].
+    by axis. The blackouts are those of the first flight; flights are drawn up to the end of the shortest.
     """
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(12, 2.9 * len(flights) + 0.3), layout="constrained")
@@ -181,20 +159,16 @@ def draw_floor(flights: dict[str, Sequence[xr.Dataset]], floors: dict[str, Seque
             left.plot(time, whole[0], color=GREY, lw=0.8, label=f"error, RMS of {len(group)} flights")
             left.plot(time, whole[2], color=ORANGE, lw=4.5, alpha=0.45, label="Cramér-Rao floor")
             left.plot(time, whole[1], color=BLUE, lw=1.2, label="filter's own sd")
-            left.set_ylabel("position [m]")
-            left.set_yscale("log")
+            left.set(ylabel="position [m]", yscale="log")
             late = time > _START
-            styles = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."))
-            for axis, (color, style) in zip(AXES, styles, strict=True):
-                i = AXES.index(axis)
-                ratio = np.sqrt(believed[late, i] / least[late, i])
-                right.plot(time[late], ratio, color=color, ls=style, lw=1.3, label=axis)
+            ratio = np.sqrt(believed[late] / least[late])
+            for i, (axis, color, style) in enumerate(zip(AXES, (BLUE, ORANGE, GREEN), ("-", "--", "-."), strict=True)):
+                right.plot(time[late], ratio[:, i], color=color, ls=style, lw=1.3, label=axis)
             right.axhline(1.0, color="k", lw=0.8)
             right.set_ylabel("filter's own sd / floor [-]")
         grid[0, 0].legend(loc="upper right", fontsize=8)
         grid[0, 1].legend(loc="upper right", fontsize=8, ncols=3)
-        grid[0, 0].set_xlim(time[0], time[-1])
-        grid[0, 0].set_ylim(5e-3, 3.0)
+        grid[0, 0].set(xlim=(time[0], time[-1]), ylim=(5e-3, 3.0))
         grid[0, 1].set_ylim(bottom=0.0)
         for axes in grid[-1]:
             axes.set_xlabel("time [s]")

@@ -1,6 +1,5 @@
 """The consistency of a scenario's filter over its flights: NEES, NIS and whiteness, in and out of the blackouts."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -10,7 +9,7 @@ import xarray as xr
 
 from ortilo_drake.flight.blackouts import in_blackout
 from ortilo_drake.flight.flight import AXES, scenario_of
-from ortilo_drake.flight.metrics import innovations
+from ortilo_drake.flight.metrics import innovations, loss_of
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
@@ -29,13 +28,7 @@ Averages = dict[str, Average | None]  # by region; None where there is nothing, 
 class ConsistencyReport:
     """The consistency of the filter on flights of one scenario; lost flights count up to their loss.
 
-    Attributes:
-        scenario: its name.
-        flights: how many.
-        lost: how many of them were lost.
-        nees: of position, x, y, z and state, see nees_series.
-        nis: by sensor that arrived.
-        whiteness: by sensor that arrived.
+    The NEES is of position, x, y, z and state, see nees_series; NIS and whiteness are by sensor that arrived.
     """
 
     scenario: str
@@ -78,9 +71,7 @@ def finite_part(flight: xr.Dataset) -> xr.Dataset:
 def nees_series(error: np.ndarray, P: np.ndarray) -> dict[str, np.ndarray]:
     """Return the NEES over ticks of position, of x, y and z alone and of all 12 states, by name.
 
-    Args:
-        error: xhat - x (n, 12).
-        P: its covariance (n, 12, 12).
+    The errors xhat - x (n, 12) have the covariance P (n, 12, 12).
     """
     series = {"position": normalized_square(error[:, :3], P[:, :3, :3])}
     series |= {axis: normalized_square(error[:, i : i + 1], P[:, i : i + 1, i : i + 1]) for i, axis in enumerate(AXES)}
@@ -90,8 +81,7 @@ def nees_series(error: np.ndarray, P: np.ndarray) -> dict[str, np.ndarray]:
 def check_same_scenario(flights: Sequence[xr.Dataset], names: Sequence[str] | None = None) -> Scenario:
     """Return the scenario that all flights share, their seeds aside.
 
-    Raises:
-        InputError: if there is no flight, or two are of different scenarios; names say which files they are from.
+    InputError if there is no flight, or two are of different scenarios; names say which files they are from.
     """
     if not flights:
         raise InputError("flights: none given")
@@ -112,8 +102,7 @@ DOF: Final = {"position": 3, "x": 1, "y": 1, "z": 1, "state": N_X}
 def consistency_report(flights: Sequence[xr.Dataset]) -> ConsistencyReport:
     """Return the filter's consistency on flights of one scenario.
 
-    Raises:
-        InputError: if there is no flight or they are not of one scenario.
+    InputError if there is no flight or they are not of one scenario.
     """
     scenario = check_same_scenario(flights)
     whole = [finite_part(flight) for flight in flights]
@@ -136,7 +125,7 @@ def consistency_report(flights: Sequence[xr.Dataset]) -> ConsistencyReport:
     return ConsistencyReport(
         scenario=scenario.name,
         flights=len(flights),
-        lost=sum(json.loads(flight.attrs["lost"]) is not None for flight in flights),
+        lost=sum(loss_of(flight) is not None for flight in flights),
         nees={name: over_regions([s[name] for s in series], dof) for name, dof in DOF.items()},
         nis=nis,
         whiteness=whiteness,

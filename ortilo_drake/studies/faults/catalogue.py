@@ -18,13 +18,9 @@ _NEAR, _ASIDE = 0.8, 2.0  # where people cross a line of sight, and from how far
 
 
 class Case(NamedTuple):
-    """One fault of the catalogue.
+    """One fault of the catalogue: what tables and --faults call it, and what the list `faults` of a scenario has of it.
 
-    Attributes:
-        name: what tables and --faults call it.
-        fault: as the list `faults` of a scenario has it.
-        start: when it begins [s].
-        end: when it ends [s]; None if it does not.
+    It begins at the start and ends at the end [s], None if it does not.
     """
 
     name: str
@@ -36,11 +32,9 @@ class Case(NamedTuple):
 class Place(NamedTuple):
     """The flight's place in the middle of a fault.
 
-    Attributes:
-        p_WB: position (3) [m].
-        anchors: indices of the anchors, the nearest first.
-        landmark: index of the landmark that is nearest ahead, or else nearest.
-        walks: of people who cross the lines to the three nearest anchors, and the one ahead: x, y, x, y [m].
+    It has the position p_WB (3), the indices of the anchors, the nearest first, that of the landmark which is nearest
+    ahead, or else nearest, and walks of people who cross the lines to the three nearest anchors and the one ahead: x,
+    y, x, y [m].
     """
 
     p_WB: np.ndarray
@@ -69,13 +63,7 @@ def place_at(scenario: Scenario, t: float) -> Place:
 
 
 def catalogue(scenario: Scenario, start: float = START, length: float = LENGTH) -> tuple[Case, ...]:
-    """Return the faults that apply to a scenario's sensors and parts.
-
-    Args:
-        scenario: the scenario.
-        start: when they begin [s].
-        length: of those that end [s].
-    """
+    """Return the faults that apply to a scenario's sensors and parts, from a start on, of a length if they end [s]."""
     place = place_at(scenario, start + 0.5 * length)
     passing: dict[str, dict[str, Any]] = {
         "nlos_storm": {"kind": "nlos_storm", "share": 0.5, "mean": 1.0},
@@ -99,13 +87,9 @@ def catalogue(scenario: Scenario, start: float = START, length: float = LENGTH) 
     end = start + length
     cases = [Case(name, fault | {"start": start, "end": end}, start, end) for name, fault in passing.items()]
     cases += [Case(name, fault | {"start": start}, start, None) for name, fault in lasting.items()]
-    return tuple(case for case in cases if (needs := needed_by(case.fault)) is None or needs in scenario.sensors)
-
-
-def needed_by(fault: dict[str, Any]) -> str | None:
-    """Return the sensor that a fault is about; None if it is about the vehicle."""
-    sensor: str | None = fault.get("sensor") or next(iter(sensors_of_kind(fault["kind"])), None)
-    return sensor
+    flown = {None, *scenario.sensors}  # a fault of the vehicle needs none
+    kinds = {case.name: next(iter(sensors_of_kind(case.fault["kind"])), None) for case in cases}
+    return tuple(case for case in cases if (case.fault.get("sensor") or kinds[case.name]) in flown)
 
 
 NAMES: Final = (

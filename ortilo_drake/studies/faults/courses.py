@@ -3,22 +3,19 @@
 The compiled engine flies what it can (flight/engine.py), Drake the rest; of the same flights the courses are the same.
 """
 
-from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from functools import partial
 from typing import Final
 
 import numpy as np
 import xarray as xr
 
-from ortilo_drake.diagrams.wiring.whole import why_not
 from ortilo_drake.flight.engine import Engine
 from ortilo_drake.flight.figures import ESTIMATED, NEES, TRUE, nees_of_ticks
-from ortilo_drake.flight.kept import AT_ONCE, fly_kept
+from ortilo_drake.flight.kept import fly_kept
 from ortilo_drake.flight.metrics import loss_of
 from ortilo_drake.flight.players import kept_player
 from ortilo_drake.flight.store import Amount, Count, Error
-from ortilo_drake.scenario import Scenario
 
 BIN: Final = 0.5  # [s]
 COMPILED_AT_ONCE: Final = 50  # flights in one job of a worker
@@ -26,13 +23,10 @@ COMPILED_AT_ONCE: Final = 50  # flights in one job of a worker
 
 @dataclass(frozen=True)
 class Course:
-    """The errors over time that are kept of a flight.
+    """The errors over time that are kept of a flight, by the seed of all its noise; lost at [s], None if it was not.
 
-    Attributes:
-        seed: of all noise.
-        lost: when it was lost [s]; None if it was not.
-        square: mean squared distance of estimated and true position in each BIN [m^2]; up to a loss.
-        nees: mean of the position's NEES in each BIN, 3 if the filter is consistent; up to a loss.
+    In each BIN, up to a loss, there are the mean squared distance of estimated and true position [m^2] and the mean of
+    the position's NEES, 3 if the filter is consistent.
     """
 
     seed: Count
@@ -80,12 +74,4 @@ def fly_courses_of(scenario_json: str, seeds: list[int], folder: str) -> list[Co
     return [course(player.fly(seed)) for seed in seeds]
 
 
-def fly_courses(
-    wanted: Sequence[tuple[Scenario, Iterable[int]]],
-    out: Path,
-    workers: int = 1,
-    progress: Callable[[int], None] | None = None,
-) -> list[list[Course]]:
-    """Fly scenarios and return their courses; arguments and errors as fly_kept's."""
-    compiled = all(why_not(scenario) is None for scenario, _ in wanted)
-    return fly_kept(Course, fly_courses_of, wanted, out, workers, progress, COMPILED_AT_ONCE if compiled else AT_ONCE)
+fly_courses = partial(fly_kept, Course, fly_courses_of, at_once=COMPILED_AT_ONCE)

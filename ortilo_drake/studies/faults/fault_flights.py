@@ -26,16 +26,12 @@ Settings = tuple[tuple[str, Any], ...]
 
 @dataclass(frozen=True)
 class Phase:
-    """The estimate in one part of the flights.
+    """The estimate in one part of the flights, those that were not lost all together.
 
-    Attributes:
-        error: root mean square of the distance of estimated and true position, of all flights together that were not
-            lost [m].
-        ratio: that over the error of the same seeds without the fault in the same ticks [1].
-        nees: mean of the position's NEES, 3 if the filter is consistent.
-        nees_interval: its 95 % interval over flights, by Student's t; None of fewer than two.
-        errors: median over flights of the error of each [m], with the lost ones as worst and without them.
-        ratios: likewise of the ratio of each.
+    The error is the root mean square of the distance of estimated and true position [m], the ratio that over the error
+    of the same seeds without the fault in the same ticks [1]. NEES is the mean of the position's, 3 if the filter is
+    consistent, with its 95 % interval over flights by Student's t; None of fewer than two. Errors [m] and ratios are
+    medians of those of each flight, with the lost ones as worst and without them.
     """
 
     error: float
@@ -83,15 +79,10 @@ class FaultRow:
 
 @dataclass(frozen=True)
 class FaultStudy:
-    """The result of the study of faults, as `ortilo faults --json` writes it.
+    """The result of the study of faults, as `ortilo faults --json` writes it, a row by fault, then by scenario.
 
-    Attributes:
-        scenarios: their names.
-        flights: of each row.
-        start: when the faults begin [s].
-        length: of those that end [s].
-        lost_without: flights lost without a fault, of each scenario.
-        rows: by fault, then by scenario.
+    Each row has so many flights. Faults begin at the start, those that end have the length [s]. Without a fault so many
+    flights of each scenario were lost.
     """
 
     scenarios: list[str]
@@ -112,20 +103,11 @@ def fault_study(
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
 ) -> FaultStudy:
-    """Fly scenarios without a fault and with each fault that applies to them.
+    """Fly scenarios without a fault and with each fault, by name, that applies to them, on so many seeds from 0.
 
-    Args:
-        vary: return the scenarios with settings laid over them.
-        names: of the catalogue's faults.
-        flights: of each row, seeds from 0.
-        out: folder for the courses of the flights.
-        start: when the faults begin [s].
-        length: of those that end [s].
-        workers: worker processes.
-        progress: called with the number of flights that came in.
-
-    Raises:
-        InputError: if a flight ends too early for anything to be seen after the fault.
+    Each scenario is one that `vary` returns with settings laid over it. The faults begin at the start, those that end
+    have the length [s]. The folder of the courses, workers and progress are as fly_kept has them. InputError if a
+    flight ends too early for anything to be seen after the fault.
     """
     wanted: list[tuple[Scenario, Case | None]] = []
     scenarios = []
@@ -166,23 +148,13 @@ def _lost(courses: Sequence[Course]) -> int:
 
 
 def row_of(scenario: str, case: Case, courses: Sequence[Course], without: Sequence[Course]) -> FaultRow:
-    """Return the row of a fault: its flights beside flights of the same seeds without it.
-
-    Args:
-        scenario: its name.
-        case: the fault.
-        courses: of the flights with it.
-        without: of the same seeds without it.
-    """
+    """Return the row of a fault of a scenario, by name, from the courses with it and of the same seeds without it."""
     pairs = [(a, b) for a, b in zip(courses, without, strict=True) if a.lost is None and b.lost is None]
     lost = _lost(courses)
     share = share_interval(lost, len(courses))
     if not pairs:
         return FaultRow(case.name, scenario, len(courses), lost, share, None, None, None, None, False, False, False)
-    square, calm, nees = (
-        np.array(values)
-        for values in ([a.square for a, _ in pairs], [b.square for _, b in pairs], [a.nees for a, _ in pairs])
-    )
+    square, calm, nees = map(np.array, zip(*((a.square, b.square, a.nees) for a, b in pairs), strict=True))
     first = round(case.start / BIN)
     last = round((case.start + KNOWN if case.end is None else case.end) / BIN)
     then = last if case.end is None else last + round(SETTLES / BIN)
@@ -193,9 +165,8 @@ def row_of(scenario: str, case: Case, courses: Sequence[Course], without: Sequen
     recovery = recovery_time(square, calm, first if case.end is None else last)
     good_during = during.ratio <= PASSES or during.nees <= WITHIN_3_SIGMA
     good_after = after.ratio <= PASSES
-    passed = lost == 0 and good_during and good_after
-    phases = before, during, after
-    return FaultRow(case.name, scenario, len(courses), lost, share, *phases, recovery, good_during, good_after, passed)
+    verdict = good_during, good_after, lost == 0 and good_during and good_after
+    return FaultRow(case.name, scenario, len(courses), lost, share, before, during, after, recovery, *verdict)
 
 
 def _phase(square: np.ndarray, calm: np.ndarray, nees: np.ndarray, lost: int) -> Phase:
@@ -212,12 +183,9 @@ def _phase(square: np.ndarray, calm: np.ndarray, nees: np.ndarray, lost: int) ->
 
 
 def recovery_time(square: np.ndarray, calm: np.ndarray, origin: int) -> float | None:
-    """Return the time from a bin to the first WINDOW in which the error is at most PASSES times the calm one.
+    """Return the time from a bin, origin, to the first WINDOW in which the error is at most PASSES times the calm one.
 
-    Args:
-        square: mean squared errors with the fault (flights, bins) [m^2].
-        calm: of the same seeds without it (flights, bins) [m^2].
-        origin: the bin.
+    Both are mean squared errors (flights, bins) [m^2], of the same seeds with the fault and without it.
     """
     n = round(WINDOW / BIN)
     for k in range(origin, square.shape[1] - n + 1):

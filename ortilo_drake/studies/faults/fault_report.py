@@ -1,13 +1,14 @@
 """The report of a study of faults: a summary, a table and a heat map."""
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from ortilo_drake.flight.intervals import Interval, Middle
+from ortilo_drake.flight.intervals import Middle
 from ortilo_drake.studies.faults.fault_flights import PASSES, WITHIN_3_SIGMA, FaultRow, FaultStudy, Phase
 from ortilo_drake.views.markdown import table
 from ortilo_drake.views.numbers import count, number, of_all_and_kept, with_interval
@@ -24,16 +25,11 @@ def fault_summary(found: FaultStudy) -> list[str]:
         flown = sum(row.flights for row in its)
         line = f"`{scenario}` passes {passed} of {len(its)} faults and loses {count(lost, flown)} flights"
         lines.append(f"{line}, {count(without, found.flights)} without a fault.")
-    by_fault = {name: [row for row in found.rows if row.fault == name] for name in dict.fromkeys(_names(found))}
-    none = [name for name, rows in by_fault.items() if not any(row.passed for row in rows)]
-    every = [name for name, rows in by_fault.items() if all(row.passed for row in rows)]
-    lines.append(f"Passed by none: {', '.join(none) or 'no fault'}.")
-    lines.append(f"Passed by all: {', '.join(every) or 'no fault'}.")
+    faults = dict.fromkeys(row.fault for row in found.rows)
+    some, fails = ({row.fault for row in found.rows if row.passed is passed} for passed in (True, False))
+    lines.append(f"Passed by none: {', '.join(name for name in faults if name not in some) or 'no fault'}.")
+    lines.append(f"Passed by all: {', '.join(name for name in faults if name not in fails) or 'no fault'}.")
     return ["## In short", "", *(f"- {line}" for line in lines), ""]
-
-
-def _names(found: FaultStudy) -> list[str]:
-    return [row.fault for row in found.rows]
 
 
 _HEADER = [
@@ -73,33 +69,25 @@ def _medians(row: FaultRow) -> list[str]:
     cells = []
     for scale, of in ((1e3, "errors"), (1.0, "ratios")):
         for phase in (row.during, row.after):
-            middle: Middle | None = None if phase is None else getattr(phase, of)
-            cells.append("lost" if middle is None else of_all_and_kept(_scaled(middle, scale), row.lost))
+            cells.append("lost" if phase is None else of_all_and_kept(_scaled(getattr(phase, of), scale), row.lost))
     return [row.fault, row.scenario, *cells]
 
 
 def _scaled(middle: Middle, scale: float) -> Middle:
-    def times(value: float | None) -> float | None:
-        return None if value is None else scale * value
+    def times(value: Any) -> Any:
+        return None if value is None else tuple(map(times, value)) if isinstance(value, tuple) else scale * value
 
-    def both(ends: Interval | None) -> Interval | None:
-        return None if ends is None else (scale * ends[0], scale * ends[1])
-
-    return Middle(times(middle.median), both(middle.interval), times(middle.kept), both(middle.kept_interval))
+    return Middle(*map(times, vars(middle).values()))
 
 
 def _cells(row: FaultRow) -> list[str]:
     phases = (row.before, row.during, row.after)
     errors = ["-" if phase is None else f"{1e3 * phase.error:.0f}" for phase in phases]
     ratios = ["-" if phase is None else f"{phase.ratio:.2f}" for phase in phases[1:]]
-    nees = ["-" if phase is None else _nees(phase) for phase in phases[1:]]
+    nees = ["-" if phase is None else with_interval(phase.nees, phase.nees_interval) for phase in phases[1:]]
     recovery = "-" if row.during is None else "never" if row.recovery is None else f"{row.recovery:.1f}"
     lost = count(row.lost, row.flights)
     return [row.fault, row.scenario, lost, *errors, *ratios, recovery, *nees, _verdict(row)]
-
-
-def _nees(phase: Phase) -> str:
-    return with_interval(phase.nees, phase.nees_interval)
 
 
 def _verdict(row: FaultRow) -> str:

@@ -13,7 +13,6 @@ from ortilo_drake.flight.summary import Summary
 from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import validate
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.views.markdown import table
 
 MODES: Final = ("ignore", "drop", "replay")
 ERRORS: Final = ("path_mse", "path_distance_mse", "estimation_mse")
@@ -23,12 +22,8 @@ ERRORS: Final = ("path_mse", "path_distance_mse", "estimation_mse")
 class LateLinks:
     """Loss and delay of the sensors' links, all alike, and of the command link.
 
-    Attributes:
-        loss: probability that a message is lost, independently.
-        delay: fixed delay of the sensors' messages [ticks].
-        random_delay: largest additional delay [ticks], drawn uniformly for each message.
-        command_loss: probability that a command is lost.
-        command_delay: delay of the commands [ticks].
+    Messages and commands are lost independently, with these probabilities. The delays are fixed, in ticks; a sensor's
+    message has an additional one, drawn uniformly up to random_delay ticks.
     """
 
     loss: float = 0.2
@@ -53,13 +48,10 @@ class ModeReport:
 
 @dataclass(frozen=True)
 class Pairs:
-    """A mode compared with another, seed by seed.
+    """A mode compared with another, seed by seed: in how many it has the smaller error, of how many pairs.
 
-    Attributes:
-        better: in how many seeds it has the smaller error.
-        pairs: of how many.
-        ratio: median of its error over the other's.
-        p: the one-sided Wilcoxon signed-rank probability of logarithms that differ so much in its favour by chance.
+    The ratio is the median of its error over the other's, p the one-sided Wilcoxon signed-rank probability of
+    logarithms that differ so much in its favour by chance.
     """
 
     better: int
@@ -70,15 +62,10 @@ class Pairs:
 
 @dataclass(frozen=True)
 class LateReport:
-    """The three modes on the same seeds.
+    """The three modes on the same seeds, those flown in each mode, of a scenario at a control rate [Hz].
 
-    Attributes:
-        scenario: its name.
-        control_rate: [Hz].
-        seeds: flown in each mode.
-        links: loss and delay, or what stood between the halves.
-        modes: by mode.
-        against: 'replay' compared with each of the others, by ERRORS.
+    The links are loss and delay, or what stood between the halves. 'replay' is compared with each other mode, by
+    ERRORS.
     """
 
     scenario: str
@@ -101,8 +88,7 @@ BOTH_WAYS_AT_100_HZ: Final = replace(AT_100_HZ, command_loss=0.2, command_delay=
 def late_scenario(scenario: Scenario, links: LateLinks, mode: str) -> Scenario:
     """Return a scenario behind such links, with estimator.delay as given; rates and blackouts stay.
 
-    Raises:
-        InputError: if a link or the mode cannot be.
+    InputError if a link or the mode cannot be.
     """
     data = scenario.model_dump(mode="json")
     for link in (*(data[sensor]["link"] for sensor in SENSORS), data["report_link"]):
@@ -124,16 +110,9 @@ def late_flights(
 ) -> LateReport:
     """Fly the same seeds in each of the modes and return how they compare.
 
-    Args:
-        scenario: the scenario; its links' loss and delay, its seed and its estimator.delay are not used.
-        seeds: the seeds.
-        out: folder for the flights.
-        links: loss and delay of the messages.
-        workers: worker processes; 1 flies in this process.
-        progress: called with each mode's entry of the report.
-
-    Raises:
-        InputError: if a flight cannot be flown, or a link cannot be.
+    The scenario's links' loss and delay, its seed and its estimator.delay are not used, but those of `links`. Flights
+    are in the folder `out`, 1 worker flies in this process, and each mode's entry of the report is told. InputError if
+    a flight cannot be flown, or a link cannot be.
     """
     seeds = list(seeds)
     flown = {}
@@ -175,26 +154,3 @@ def paired(ours: list[Summary], theirs: list[Summary]) -> dict[str, Pairs]:
         better, ratio = int(np.sum(logarithm < 0.0)), float(np.exp(np.median(logarithm)))
         compared[name] = Pairs(better, int(both.sum()), ratio, p)
     return compared
-
-
-def late_table(reports: Iterable[LateReport]) -> list[str]:
-    """Return the reports of late_flights as a Markdown table, a row for each scenario and mode."""
-    header = ["scenario", "estimator.delay", "lost", "path MSE", "path distance MSE", "estimation MSE", "NEES"]
-    rows = []
-    for report in reports:
-        what = f"{report.scenario}, {report.control_rate:g} Hz, {_late(report.links)}"
-        for mode, found in report.modes.items():
-            against = report.against[mode]["path_mse"] if mode in report.against else None
-            rows.append(
-                [what, mode, f"{found.lost} of {found.flights}"]
-                + [f"{getattr(found, name):.4f}" for name in ERRORS]
-                + [f"{found.nees:.2f}"]
-                + [f"{against.better} of {against.pairs}, p = {against.p:.1g}" if against else ""]
-            )
-    return table([*header, "replay better"], rows)
-
-
-def _late(links: LateLinks | str) -> str:
-    if isinstance(links, str):
-        return links
-    return "both ways" if links.command_loss or links.command_delay else "sensors only"

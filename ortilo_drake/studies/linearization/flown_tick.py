@@ -20,12 +20,9 @@ from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, filter_V, h
 class FlownTick(NamedTuple):
     """The matrix of one tick of the flying diagram, and the closed form.
 
-    Attributes:
-        A: [x; xhat; i]_k -> [x; xhat; i]_{k+1} (27 x 27, or more with a filter that has more states).
-        expected: closed_loop_matrix with the gain of that tick (likewise).
-        K: the filter's gain in that tick (N x p).
-        delta: the arrivals in it (s).
-        gain_change: change of P over a period of the sensors, relative to its largest entry.
+    A takes [x; xhat; i]_k to [x; xhat; i]_{k+1} (27 x 27, or more with a filter that has more states), expected is
+    closed_loop_matrix with the filter's gain K (N x p) and the arrivals delta (s) of that tick, and gain_change that of
+    P over a period of the sensors, relative to its largest entry.
     """
 
     A: np.ndarray
@@ -84,15 +81,8 @@ def differentiate_closed_loop(scenario: Scenario, tick: int = 900) -> FlownTick:
 
     Until that tick the loop hovers without noise (see without_noise), with ranging, multilateration, imu, handler and
     filter in place. Then the whole diagram is converted to AutoDiffXd, and the tick's update differentiated by the
-    states of vehicle and estimate.
-
-    Args:
-        scenario: the scenario.
-        tick: k, late enough for a steady gain (gain_change says how steady it is) and at least a period of the
-            sensors; the arrivals in it decide which matrix it is.
-
-    Raises:
-        InputError: if the tick is too early.
+    states of vehicle and estimate. The tick is to be late enough for a steady gain (gain_change says how steady it is);
+    the arrivals in it decide which matrix it is. InputError if the tick is within the first period of the sensors.
     """
     ideal = without_noise(scenario)
     h, period = ideal.h, int(np.lcm.reduce([ideal.every(sensor) for sensor in ideal.sensors]))

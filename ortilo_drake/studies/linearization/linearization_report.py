@@ -9,34 +9,20 @@ from ortilo_drake.onboard.servo.lq_gain import augmented_pair, gain_of
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.linearization.closed_forms import agreement
 from ortilo_drake.studies.linearization.flown_tick import differentiate_closed_loop, sensors_without_noise
-from ortilo_drake.studies.linearization.gramians import Gramian, controllability_gramian, observability_gramian
 from ortilo_drake.studies.linearization.linearize import linearize
-from ortilo_drake.studies.linearization.observability import check_sensors, rows_of, unobservable_states
+from ortilo_drake.studies.linearization.observability import (
+    Gramian,
+    check_sensors,
+    controllability_gramian,
+    observability_gramian,
+    rows_of,
+    unobservable_states,
+)
 from ortilo_drake.studies.linearization.operating_point import frozen_gain, heading_ahead
-from ortilo_drake.studies.loop.arrived_rows import sensor_subsets
-from ortilo_drake.studies.loop.hover_loop import hover_loop
-from ortilo_drake.theory.modes.modes import Mode, modes, unreached_modes, unseen_modes
-from ortilo_drake.theory.modes.staircase import tick_scaling
+from ortilo_drake.studies.loop.hover_loop import hover_loop, sensor_subsets
+from ortilo_drake.theory.modes.modes import Mode, modes, tick_scaling, unreached_modes, unseen_modes
 
 HORIZON = 2.0  # of the Gramians [s]
-
-
-@dataclass(frozen=True)
-class ModeFigures:
-    """A mode that no output sees or no control reaches, see modes.Mode."""
-
-    eigenvalue: complex
-    multiplicity: int
-    deficiency: int
-    states: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class GramianFigures:
-    """Singular values, the largest first, and condition of a Gramian; inf where a state is hidden."""
-
-    singular_values: np.ndarray
-    condition: float
 
 
 @dataclass(frozen=True)
@@ -44,8 +30,8 @@ class Gramians:
     """Gramians over a horizon [s]; that of observability by subset of the sensors."""
 
     horizon: float
-    controllability: GramianFigures
-    observability: dict[str, GramianFigures]
+    controllability: Gramian
+    observability: dict[str, Gramian]
 
 
 @dataclass(frozen=True)
@@ -74,9 +60,9 @@ class LinearizationReport:
     flown: dict[str, float]
     eigenvalues: dict[str, list[complex]]
     jordan_blocks: list[tuple[float, tuple[int, ...]]]
-    uncontrollable_modes: list[ModeFigures]
+    uncontrollable_modes: list[Mode]
     unobservable_states: dict[str, list[str]]
-    unobservable_modes: dict[str, list[ModeFigures]]
+    unobservable_modes: dict[str, list[Mode]]
     gramians: Gramians
 
 
@@ -85,24 +71,11 @@ def _sorted(z: np.ndarray) -> list[complex]:
     return sorted(z.astype(complex).tolist(), key=lambda w: (-round(abs(w), 12), -w.real, -w.imag))
 
 
-def _modes(modes: list[Mode]) -> list[ModeFigures]:
-    return [ModeFigures(m.eigenvalue, m.multiplicity, m.deficiency, m.states) for m in modes]
-
-
-def _gramian(gramian: Gramian) -> GramianFigures:
-    return GramianFigures(gramian.singular_values, gramian.condition)
-
-
 def linearization_report(scenario: Scenario, V: np.ndarray | None = None) -> LinearizationReport:
     """Return the figures of Drake's matrices, eigenvalues, controllability and observability.
 
-    Args:
-        scenario: the scenario.
-        V: covariance of the measurements (p x p) for the filter's gain, such as fix_noise gives;
-            see frozen_gain.
-
-    Raises:
-        InputError: naming the modes, if the sensors leave some unseen that do not decay.
+    The filter's gain is by V, the covariance of the measurements (p x p), such as fix_noise gives; see frozen_gain.
+    InputError naming the modes, if the sensors leave some unseen that do not decay.
     """
     check_sensors(scenario)
     loop, scale = hover_loop(scenario), tick_scaling(scenario.h)
@@ -130,16 +103,14 @@ def linearization_report(scenario: Scenario, V: np.ndarray | None = None) -> Lin
         flown={name: differentiate_closed_loop(scenario, tick).largest_difference for name, tick in flown.items()},
         eigenvalues={name: _sorted(np.linalg.eigvals(A)) for name, A in eigenvalues.items()},
         jordan_blocks=[(m.eigenvalue.real, m.blocks) for m in modes(Phi, scale)],
-        uncontrollable_modes=_modes(unreached_modes(Phi, Gamma, radius=0.0, scale=scale)),
+        uncontrollable_modes=unreached_modes(Phi, Gamma, radius=0.0, scale=scale),
         unobservable_states=unobservable_states(scenario),
         unobservable_modes={
-            name: _modes(unseen_modes(Phi, rows_of(some), radius=0.0, scale=scale)) for name, some in subsets.items()
+            name: unseen_modes(Phi, rows_of(some), radius=0.0, scale=scale) for name, some in subsets.items()
         },
         gramians=Gramians(
             horizon=HORIZON,
-            controllability=_gramian(controllability_gramian(scenario, HORIZON)),
-            observability={
-                name: _gramian(observability_gramian(scenario, some, HORIZON)) for name, some in subsets.items()
-            },
+            controllability=controllability_gramian(scenario, HORIZON),
+            observability={name: observability_gramian(scenario, some, HORIZON) for name, some in subsets.items()},
         ),
     )

@@ -74,15 +74,16 @@ class Linearization(NamedTuple):
 
 
 def _named(
-    matrices: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    system: Any,
     h: float | None,
     states: tuple[str, ...],
     inputs: tuple[str, ...],
     outputs: tuple[str, ...],
     rows: Rows = (),
 ) -> Linearization:
+    A, B, C, D_ = system if isinstance(system, tuple) else (system.A(), system.B(), system.C(), system.D())
     units = {name: unit_of(name, rows) for name in (*states, *inputs, *outputs)}
-    return Linearization(*matrices, h, states, inputs, outputs, units)
+    return Linearization(A, B, C, D_, h, states, inputs, outputs, units)
 
 
 def differentiate_tick(diagram: Diagram, context: Context) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -117,21 +118,12 @@ def linearize(
     lag: str = "down",
     frozen: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Linearization:
-    """Return a part of a scenario's diagram linearised by Drake.
+    """Return a part of a scenario's diagram linearised by Drake; part, reference (9) and lag as in api/studies.py.
 
-    Args:
-        scenario: the scenario.
-        part: 'plant', 'rotors_and_plant' (continuous), 'sampled_plant', 'servo', 'estimator' or 'closed_loop'. The
-            estimator is the filter with its gain frozen, from [y; u; reference] to [xhat; i]. The closed loop is the
-            sampled plant with servo and estimator, from the reference to x, state that of hover_loop.
-        reference: r, r_dot, r_ddot (9), see reference_at; by default hover at the origin. The heading is the servo's.
-        lag: 'up' or 'down': which of the rotors' time constants, see operating_point.py.
-        frozen: K (N x p) and delta (s) of the filter; by default frozen_gain: every sensor in every tick, at the gain
-            that the filter then settles to. A tick in which a slower sensor is not due has a delta of its own.
-
-    Raises:
-        InputError: if part or lag is unknown, if the servo or the estimator asked for is one that has no matrices here
-            (why_no_loop), or if the loop has no gain.
+    The estimator and the closed loop have the filter's gain frozen, K (N x p) and delta (s): by default frozen_gain,
+    every sensor in every tick, at the gain that the filter then settles to. A tick in which a slower sensor is not due
+    has a delta of its own. The heading is the servo's. InputError if part or lag is unknown, if the servo or the
+    estimator asked for is one that has no matrices here (why_no_loop), or if the loop has no gain.
     """
     if part not in PARTS:
         raise InputError(f"part: {part!r}: must be one of {', '.join(PARTS)}")
@@ -139,7 +131,7 @@ def linearize(
         raise InputError(why)
     if part in ("servo", "closed_loop") and not isinstance(scenario.servo, LqServo):
         raise InputError(f"servo.kind: {scenario.servo.kind}: must be lq: Drake differentiates no other; see its gain")
-    reference = np.zeros(REFERENCE_SIZE) if reference is None else np.asarray(reference)
+    reference = np.asarray(np.zeros(REFERENCE_SIZE) if reference is None else reference)
     if reference.shape != (REFERENCE_SIZE,) or reference.dtype.kind not in "iuf" or not np.all(np.isfinite(reference)):
         raise InputError(f"reference: has the shape {reference.shape}, must be r, r_dot, r_ddot: 9 finite numbers")
     reference = reference.astype(float)
@@ -150,7 +142,11 @@ def linearize(
     if part in ("estimator", "closed_loop"):
         K, delta = frozen or frozen_gain(scenario)
         if part == "estimator":
-            return _linear_estimator(scenario, K, delta)
+            loop = hover_loop(scenario)
+            estimate = (*(f"{name}_hat" for name in loop.names), *INTEGRAL_NAMES)
+            inputs = (*loop.measurement.outputs, *CONTROL_NAMES, *REFERENCE_NAMES)
+            system = make_frozen_filter(scenario, K, delta)
+            return _named(system, scenario.h, estimate, inputs, estimate, loop.measurement.rows)
         return _linear_loop(scenario, x, reference, K, delta)
     names: tuple[str, ...] = STATE_NAMES
     h = None
@@ -170,11 +166,7 @@ def linearize(
     approximate = FirstOrderTaylorApproximation if reference[3:].any() else Linearize
     ports = diagram.GetInputPort("control").get_index(), diagram.GetOutputPort("state").get_index()
     system = approximate(diagram, context, *ports)
-    return _named(_matrices(system), h, names, CONTROL_NAMES, STATE_NAMES)
-
-
-def _matrices(system: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    return system.A(), system.B(), system.C(), system.D()
+    return _named(system, h, names, CONTROL_NAMES, STATE_NAMES)
 
 
 def _resting_estimate(scenario: Scenario, x: np.ndarray) -> np.ndarray:
@@ -192,15 +184,7 @@ def _linear_servo(scenario: Scenario, x: np.ndarray, reference: np.ndarray) -> L
     values = np.concatenate([_resting_estimate(scenario, x), reference, force, velocities])
     diagram.get_input_port().FixValue(context, values)
     system = FirstOrderTaylorApproximation(diagram, context)
-    return _named(_matrices(system), None, (), names, CONTROL_NAMES)
-
-
-def _linear_estimator(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> Linearization:
-    loop = hover_loop(scenario)
-    names = (*(f"{name}_hat" for name in loop.names), *INTEGRAL_NAMES)
-    inputs = (*loop.measurement.outputs, *CONTROL_NAMES, *REFERENCE_NAMES)
-    system = make_frozen_filter(scenario, K, delta)
-    return _named(_matrices(system), scenario.h, names, inputs, names, loop.measurement.rows)
+    return _named(system, None, (), names, CONTROL_NAMES)
 
 
 def _linear_loop(

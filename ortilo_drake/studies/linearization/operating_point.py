@@ -28,17 +28,11 @@ def reference_at(trajectory: Trajectory, t: float) -> np.ndarray:
 def operating_point(
     vehicle: Vehicle, kinematics: str, reference: np.ndarray, yaw: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return x (12) and u (4) with which the vehicle accelerates as planned, its angular rates 0.
+    """Return x (12) and u (4) with which the vehicle accelerates by a reference r, r_dot, r_ddot (9), its rates 0.
 
-    The thrust carries a + g z: f_T = m |a + g z_W|, and the body's z axis points along it; at heading yaw,
-    R_z(-yaw) z_B = [cos phi sin theta, -sin phi, cos phi cos theta]. The model linearised at hover ('linear') has
-    x_ddot = g theta, y_ddot = -g phi and f_T = m (g + a_z) in place of that.
-
-    Args:
-        vehicle: its mass.
-        kinematics: see world/vehicle/quadrotor.py.
-        reference: r, r_dot, r_ddot (9).
-        yaw: heading [rad].
+    The thrust carries a + g z: f_T = m |a + g z_W|, and the body's z axis points along it; at heading yaw [rad],
+    R_z(-yaw) z_B = [cos phi sin theta, -sin phi, cos phi cos theta]. The model linearised at hover (kinematics
+    'linear') has x_ddot = g theta, y_ddot = -g phi and f_T = m (g + a_z) in place of that.
     """
     a = reference[6:9]
     x, u = np.zeros(N_X), np.zeros(N_U)
@@ -67,10 +61,7 @@ def believed_V(scenario: Scenario) -> np.ndarray:
     """Return the covariance of the measurements (p x p) as the scenario gives it.
 
     A sensor whose covariance comes with each fix has its own stated one, else that of its noise in the middle of the
-    room.
-
-    Raises:
-        InputError: if a sensor gives nothing there.
+    room; InputError if it gives nothing there.
     """
     room, blocks = scenario.load_room(), []
     middle = np.zeros(N_X)
@@ -91,14 +82,9 @@ def believed_V(scenario: Scenario) -> np.ndarray:
 def frozen_gain(scenario: Scenario, V: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Return K (N x p) of the steady predictor with every sensor of the scenario in every tick, and delta (s).
 
-    Both are over the rows that the filter gets, see hover_loop.filter_measurement.
-
-    Args:
-        scenario: the scenario.
-        V: covariance of the measurements (p x p); by default what the scenario believes, see believed_V.
-
-    Raises:
-        InputError: naming the modes that the sensors do not see, or the states that never change.
+    Both are over the rows that the filter gets, see hover_loop.filter_measurement. V is the covariance of the
+    measurements (p x p), by default what the scenario believes, see believed_V. InputError naming the modes that the
+    sensors do not see, or the states that never change.
     """
     check_sensors(scenario)
     loop = hover_loop(scenario)

@@ -24,13 +24,10 @@ WINDOW: Final = 30.0  # the least delay of the last one to two windows counts, s
 
 
 class SensorClock:
-    """The sensors' clock, extrapolated by the wall clock between and after their messages.
+    """The sensors' clock, extrapolated by the wall clock [s], which never goes back, between and after their messages.
 
     The least delay of a message seen lately gives the offset of the two clocks, as in D. L. Mills, RFC 5905, clock
     filter. A bridge that cannot keep up, or stands still, sees by it that its messages are old.
-
-    Args:
-        wall: the wall clock [s]; it never goes back.
     """
 
     def __init__(self, wall: Callable[[], float]):
@@ -82,17 +79,11 @@ class LiveReport:
 
 
 class LiveBridge:
-    """The filter between topics and targets.
+    """The filter between topics and targets, by a map that says what is what.
 
-    Args:
-        map_: what is what.
-        say: takes a line about what is wrong, or has changed.
-        rate: of the estimates [Hz].
-        lag: how long a silent topic holds the others back [s].
-        holding: what asks for setpoints; none by default.
-
-    Raises:
-        InputError: if the map cannot be heard live, or the place to hold is far outside the anchors.
+    Say takes a line about what is wrong, or has changed. Estimates are made at a rate [Hz], a silent topic holds the
+    others back for the lag [s], and setpoints are asked for by what is holding, if anything. InputError if the map
+    cannot be heard live, or the place to hold is far outside the anchors.
     """
 
     def __init__(self, map_: Map, say: Say, rate: float = RATE, lag: float = LAG, holding: Holding | None = None):
@@ -184,13 +175,9 @@ class LiveBridge:
 def run_live(
     bridge: LiveBridge, messages: Iterable[tuple[str, int, Any] | None], say: Say, seconds: float | None = None
 ) -> LiveReport:
-    """Feed a bridge until its messages end, so many seconds have passed, or Ctrl-C.
+    """Feed a bridge until its messages end, so many seconds have passed by the wall clock, or Ctrl-C.
 
-    Args:
-        bridge: the bridge.
-        messages: topic, when it was received [ns], message; None from time to time where none comes.
-        say: takes a line.
-        seconds: by the wall clock; without end by default.
+    A message is its topic, when it was received [ns], and itself; None comes from time to time where there is none.
     """
     began = heard = time.monotonic()
     quiet = False

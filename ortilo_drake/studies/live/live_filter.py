@@ -12,14 +12,14 @@ all rows came in time. Where replay looks ahead, this waits:
 Meanwhile no estimate is made; those left out follow at once when it resumes.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ortilo_drake.interop.recorded.live_rows import Block
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import Ranges
-from ortilo_drake.interop.recorded.recording import NO_AID_ROWS, Imu, Recording, between, held_at
+from ortilo_drake.interop.recorded.recording import NO_AID_ROWS, Recording, between, held_at
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.at_rest import AT_REST, at_rest
 from ortilo_drake.studies.recorded.event_filter import Carried, initial_carried, run_filter
@@ -46,24 +46,12 @@ class LiveEstimate(NamedTuple):
     t: float
     state: State
 
-    @property
-    def p(self) -> np.ndarray:
-        """Position p_WB [m] (3)."""
-        return self.state.x[:3]
-
-    @property
-    def P(self) -> np.ndarray:
-        """The position's covariance [m²] (3, 3)."""
-        return self.state.C[:3, :3]
-
 
 class LiveFilter:
-    """The filter, and the events that wait for it.
+    """The filter, and the events that wait for it, by replay's map, of which the truth is not heard.
 
-    Args:
-        map_: as replay's; its truth is not heard, and its calibration not made.
-        anchors: positions (n, 3).
-        rate: of the estimates [Hz].
+    The anchors have positions (n, 3), estimates are made at a rate [Hz]. InputError if the map asks for what only a
+    whole recording tells.
 
     Attributes:
         ranges: how many ranges the filter has seen.
@@ -71,9 +59,6 @@ class LiveFilter:
         lost: how often it was lost and started anew.
         begins_at: stamp of the range that it begins with [s].
         why_not_begun: what it waits for.
-
-    Raises:
-        InputError: if the map asks for what only a whole recording tells.
     """
 
     def __init__(self, map_: Map, anchors: np.ndarray, rate: float = RATE):
@@ -103,15 +88,10 @@ class LiveFilter:
         return self._known is not None
 
     def advance(self, horizon: float, block: Block, ended: bool = False) -> list[LiveEstimate]:
-        """Take rows in, and return the estimates that are due.
+        """Take in the rows since the last call, and return the estimates that are due.
 
-        Args:
-            horizon: nothing before it is still to come [s].
-            block: the rows since the last call.
-            ended: whether there are no more.
-
-        Raises:
-            InputError: if the imu is silent while it should say how it stands still.
+        Before the horizon [s] nothing is still to come; with `ended` nothing at all. InputError if the imu is silent
+        while it should say how it stands still.
         """
         self._kept = block if self._kept is None else _joined(self._kept, block)
         if ended:
@@ -208,7 +188,8 @@ class LiveFilter:
         assert self._kept is not None
         of = events.kind == RANGE
         left = Ranges(*(part[of] for part in (events.t, events.which, events.r, events.other, events.tag)))
-        return _end_to_end(left, self._kept.ranges)
+        joined: Ranges = _joined(left, self._kept.ranges)
+        return joined
 
     def _start_anew(self, window: Ranges) -> None:
         found = restart_from(window, self._setup, self._state, is_astray(self._state))
@@ -218,24 +199,14 @@ class LiveFilter:
         self._carried, self._waits = self._fresh(), False
 
 
-def _end_to_end(first: Ranges, second: Ranges) -> Ranges:
-    return Ranges(*(np.concatenate(parts) for parts in zip(first, second, strict=True)))
-
-
-def _joined(a: Block, b: Block) -> Block:
-    """Return the rows of two blocks, the second of which follows the first."""
-    looks = type(a.looks)(*(np.concatenate(parts) for parts in zip(a.looks, b.looks, strict=True)))
-    imu = a.imu
-    if a.imu is not None and b.imu is not None:
-        turned, own = None, None
-        if a.imu.attitude is not None and b.imu.attitude is not None:
-            turned = np.concatenate((a.imu.attitude, b.imu.attitude))
-        if a.imu.accelerometer is not None and b.imu.accelerometer is not None:
-            (t_a, f_a), (t_b, f_b) = a.imu.accelerometer, b.imu.accelerometer
-            own = np.concatenate((t_a, t_b)), np.concatenate((f_a, f_b))
-        t, rates, force = (np.concatenate(parts) for parts in zip(a.imu[:3], b.imu[:3], strict=True))
-        imu = Imu(t, rates, force, turned, own)
-    return Block(_end_to_end(a.ranges, b.ranges), imu, looks)
+def _joined(a: Any, b: Any) -> Any:
+    """Return the rows of a, then those of b, which follows it: arrays, or tuples of what is joined likewise."""
+    if a is None or b is None:
+        return None
+    if isinstance(a, np.ndarray):
+        return np.concatenate((a, b))
+    joined = map(_joined, a, b)
+    return a._make(joined) if hasattr(a, "_make") else tuple(joined)
 
 
 def _parted(block: Block, t: float) -> tuple[Block, Block]:

@@ -31,14 +31,9 @@ class Setpoint(NamedTuple):
 
 
 class Holding:
-    """Holds a place.
+    """Holds a place r (3) in the anchors' frame [m], by a scenario's servo, mass, heading and failsafe's limits.
 
-    Args:
-        scenario: whose servo, mass, heading and failsafe's limits.
-        place: r (3) in the anchors' frame [m].
-
-    Raises:
-        InputError: if the servo has no gain.
+    InputError if the servo has no gain.
     """
 
     def __init__(self, scenario: Scenario, place: Sequence[float]):
@@ -59,12 +54,7 @@ class Holding:
             raise InputError(f"--hold: ({place}): must be {within}")
 
     def setpoint(self, stamped: StampedEstimate, now: float) -> Setpoint:
-        """Return the setpoint that follows from an estimate.
-
-        Args:
-            stamped: the estimate.
-            now: what the sensors' clock says now [s], by which its age is known.
-        """
+        """Return the setpoint that follows from an estimate, whose age is by the sensors' clock now [s]."""
         x, age = stamped.estimate, now - stamped.t
         refused = ""
         if age > self._timeout:

@@ -34,12 +34,8 @@ def errors_of_rows(scenario: Scenario, measurement: Measurement, x: np.ndarray) 
     """Return the unknown errors of a scenario's world, and their coefficients in the rows of y at state x (p, e).
 
     They are those of floor/unknown_errors.py, of mean zero and a variance that is the square of the value plus that of
-    the spread. Not among them is how an attitude filter leans.
-
-    Args:
-        scenario: the scenario flown.
-        measurement: the rows that its filter gets, see hover_loop.filter_measurement.
-        x: true state, hovering (12).
+    the spread. Not among them is how an attitude filter leans. The rows are those that its filter gets
+    (hover_loop.filter_measurement), x is the true state, hovering (12).
     """
     room, p = scenario.load_room(), measurement.sizes["y"]
     found = [(error, np.zeros((p, len(error.sd)))) for error in force_errors(scenario, 0.0)]
@@ -83,14 +79,10 @@ SMALL = 1e-12  # variance over the largest at which a combination of errors coun
 
 
 class Drive(NamedTuple):
-    """Independent errors that drive the loop.
+    """Independent errors (e) that drive the loop.
 
-    Attributes:
-        sd: standard deviations at first (e).
-        step_sd: of what is added in a tick (e).
-        keeps: share of the value that is left a tick later (e).
-        G: how they push the world's states (M, e).
-        C: what they add to the rows of y (p, e).
+    They have standard deviations sd at first, step_sd of what is added in a tick, and keep a share of their value from
+    one tick to the next; G is how they push the world's states (M, e), C what they add to the rows of y (p, e).
     """
 
     sd: np.ndarray
@@ -134,13 +126,9 @@ def error_inputs(scenario: Scenario, x: np.ndarray) -> list[Drive]:
 
 
 def position_moments(scenario: Scenario, V: np.ndarray, some: list[Drive], ticks: int) -> np.ndarray:
-    """Return E[(p - r) (p - r)^T] that errors make, in each tick from the start of a flight (ticks, 3, 3).
+    """Return E[(p - r) (p - r)^T] that `some` errors make, in each tick from the start of a flight (ticks, 3, 3).
 
-    Args:
-        scenario: the scenario; its sensors' losses, delays and blackouts do not enter.
-        V: covariance of the measurements (p x p).
-        some: what drives the loop.
-        ticks: how many.
+    V is the covariance of the measurements (p x p). The sensors' losses, delays and blackouts do not enter.
     """
     if not some:
         return np.zeros((ticks, 3, 3))

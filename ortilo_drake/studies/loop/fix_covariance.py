@@ -13,12 +13,7 @@ from ortilo_drake.sensors.described import covariance_at, described_per_tick
 
 
 class FixNoise(NamedTuple):
-    """The noise of the fixes at a place, and which there are.
-
-    Attributes:
-        V: covariance of each sensor's value, by name [m^2], [rad^2]; the identity where it gives none.
-        there: whether a message of each sensor would yield a value there.
-    """
+    """By sensor the covariance of its value [m^2], [rad^2], and whether it gives one; the identity where it doesn't."""
 
     V: dict[str, np.ndarray]
     there: dict[str, bool]

@@ -8,6 +8,7 @@ world alone has the rotors' drag.
 """
 
 from collections.abc import Sequence
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -24,8 +25,8 @@ from ortilo_drake.onboard.estimator.filter_model import augmented_model, filter_
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances
 from ortilo_drake.onboard.servo.lq_gain import gain_of, why_no_servo_gain
 from ortilo_drake.scenario import LqServo, Scenario
-from ortilo_drake.theory.margins.loop_response import OpenLoop, closed
-from ortilo_drake.theory.modes.staircase import tick_scaling
+from ortilo_drake.theory.margins.loop_margins import OpenLoop, closed
+from ortilo_drake.theory.modes.modes import tick_scaling
 
 VELOCITIES = tuple(range(N_X // 2, N_X))  # numbers of the states that are velocities or Euler rates
 
@@ -133,14 +134,9 @@ def force_gain(L: np.ndarray, vehicle: Vehicle, yaw: float = 0.0) -> np.ndarray:
 
 
 def over_names(L: np.ndarray, names: tuple[str, ...], vehicle: Vehicle, yaw: float, counters: bool) -> np.ndarray:
-    """Return the servo's gain on [x; i] (4 x 15) as one on the states of those names, with D among them, and i.
+    """Return the servo's gain L on [x; i] (4 x 15) as one on the states of those names, with D among them, and i.
 
-    Args:
-        L: the gain on [x; i].
-        names: of the filter's states.
-        vehicle: the vehicle.
-        yaw: the heading that is held [rad].
-        counters: whether the servo counters the force D, as the LQ servo does.
+    Under the heading yaw [rad] it may counter the force D, as the LQ servo does.
     """
     L_e = np.zeros((N_U, len(names) - N_X))
     if counters:
@@ -230,10 +226,10 @@ def loop_gain(loop: HoverLoop) -> np.ndarray:
 
 
 def open_loop(loop: HoverLoop, K: np.ndarray, delta: np.ndarray) -> OpenLoop:
-    """Return the loop opened at the plant's input, in a tick with those arrivals, reference 0 and no noise.
+    """Return the loop opened at the plant's input, in a tick with arrivals delta (s), reference 0 and no noise.
 
-    The state is z = [x; xhat; i] (27), the input is a, the control that reaches the plant, and the output is v = L z,
-    L of loop_gain. The filter knows the command -v alone:
+    The state is z = [x; xhat; i] (27), the input is a, the control that reaches the plant, and the output is v = L z, L
+    of loop_gain. The filter knows the command -v alone:
 
         x_{k+1}    = Phi x + Gamma a
         xhat_{k+1} = Phi xhat - Gamma v + K Delta C (x - xhat)
@@ -241,12 +237,7 @@ def open_loop(loop: HoverLoop, K: np.ndarray, delta: np.ndarray) -> OpenLoop:
 
     Where all states are true the integral takes the true position. Where L takes no integral, i is left at 0. With a
     filter that estimates more, x stands for the states that the world has, and their rows and columns of Phi, Gamma and
-    C.
-
-    Args:
-        loop: the matrices at hover.
-        K: predictor gain (N x p) at full size; columns of sensors that did not arrive are ignored.
-        delta: arrivals (s).
+    C. The predictor gain K (N x p) has its full size; columns of sensors that did not arrive are ignored.
     """
     Phi, Gamma, L, world = loop.Phi, loop.Gamma, loop_gain(loop), list(loop.world)
     N, M = len(loop.names), len(world)
@@ -271,3 +262,31 @@ def open_loop(loop: HoverLoop, K: np.ndarray, delta: np.ndarray) -> OpenLoop:
 def closed_loop_matrix(loop: HoverLoop, K: np.ndarray, delta: np.ndarray) -> np.ndarray:
     """Return A_cl (27 x 27) of [x; xhat; i] in a tick with those arrivals; arguments as open_loop, closed by a = -v."""
     return closed(open_loop(loop, K, delta))
+
+
+def sensor_subsets(sensors: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+    """Return every subset of some sensors by name: 'none', then each, then their names joined by '+'."""
+    present = [s for s in measurement_of(sensors).sensors if s in sensors]
+    return {"+".join(some) or "none": some for k in range(len(present) + 1) for some in combinations(present, k)}
+
+
+def arrived_rows(
+    sensors: tuple[str, ...], V: np.ndarray, measurement: Measurement | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a mask of the rows of y that some sensors fill (p), and the covariance of those from that of all (p x p).
+
+    The measurement is by default that of the paper's three sensors and those named. InputError if no sensor is named or
+    a name is unknown, or V is not positive definite where it is used.
+    """
+    V = np.asarray(V, dtype=float)
+    measurement = measurement or measurement_of(sensors)
+    p = measurement.sizes["y"]
+    if V.shape != (p, p):
+        raise InputError(f"V: shape {V.shape}: must be ({p}, {p})")
+    rows = measurement.by_row(arrivals_of(sensors, measurement)) > 0.0
+    if not rows.any():
+        raise InputError(f"sensors: none: at least one of {', '.join(measurement.sensors)} must arrive")
+    V = V[np.ix_(rows, rows)]
+    if not np.isfinite(V).all() or np.linalg.eigvalsh(V)[0] <= 0.0:
+        raise InputError("V: must be finite and positive definite")
+    return rows, V

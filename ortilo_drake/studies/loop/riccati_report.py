@@ -8,8 +8,7 @@ from ortilo_drake.model.signals import XBAR_NAMES
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair, weight_matrices
 from ortilo_drake.scenario import LqServo, Scenario
-from ortilo_drake.studies.loop.arrived_rows import arrived_rows, sensor_subsets
-from ortilo_drake.studies.loop.hover_loop import filter_V, hover_loop
+from ortilo_drake.studies.loop.hover_loop import arrived_rows, filter_V, hover_loop, sensor_subsets
 from ortilo_drake.theory.riccati.riccati import RAW, solve
 from ortilo_drake.theory.riccati.riccati_check import RiccatiCheck, assess
 from ortilo_drake.theory.riccati.riccati_ill_posed import ILL_POSED, SolverOutcomes, solver_outcomes
@@ -65,13 +64,7 @@ def servo_dare(scenario: Scenario) -> Dare:
 def filter_dare(scenario: Scenario, sensors: tuple[str, ...], V: np.ndarray) -> Dare:
     """Return Phi^T, C^T, W, V of the filter's equation (12 states, or all that it has) with some of the sensors.
 
-    Args:
-        scenario: the scenario.
-        sensors: those whose measurement arrives in every tick.
-        V: covariance of all measurements (p x p), positive definite.
-
-    Raises:
-        InputError: as arrived_rows.
+    Their measurement arrives in every tick; V is the covariance of all (p x p). InputError as arrived_rows.
     """
     loop = hover_loop(scenario)
     rows, V = arrived_rows(sensors, filter_V(scenario, V), loop.measurement)
@@ -83,9 +76,7 @@ def four_solutions(dare: Dare, names: tuple[str, ...], dual: bool) -> Solutions:
 
     Drake may refuse a W that is only semidefinite. For Drake alone DRAKE_LIFT I is then added, and the note says so, or
     that it refuses that too. Its residual is that of the equation as posed, so the residual shows the effect.
-
-    Raises:
-        InputError: naming the modes, if the equation is ill-posed.
+    InputError naming the modes, if the equation is ill-posed.
     """
     A, B, Q, R = dare
     require_well_posed(A, B, Q, R, names=names, dual=dual)
@@ -96,22 +87,20 @@ def four_solutions(dare: Dare, names: tuple[str, ...], dual: bool) -> Solutions:
         except InputError as error:
             notes[solver] = str(error)
     if "drake" in notes:
+        lifted = f"with {DRAKE_LIFT:g} I added to the weight of the states"
         try:
             solutions["drake"] = solve(A, B, Q + DRAKE_LIFT * np.eye(len(Q)), R, solver="drake", names=names, dual=dual)
-            notes["drake"] = (
-                f"Drake refuses the equation; solved with {DRAKE_LIFT:g} I added to the weight of the states"
-            )
+            notes["drake"] = f"Drake refuses the equation; solved {lifted}"
         except InputError:
-            notes["drake"] = f"Drake refuses the equation also with {DRAKE_LIFT:g} I added to the weight of the states"
+            notes["drake"] = f"Drake refuses the equation also {lifted}"
     rows: Solutions = {}
     for solver in RAW:
         if solver not in solutions:
             rows[solver] = Unsolved(notes[solver])
             continue
         X = solutions[solver]
-        distances = {
-            other: float(np.linalg.norm(X - Y) / np.linalg.norm(Y)) for other, Y in solutions.items() if other != solver
-        }
+        others = {other: Y for other, Y in solutions.items() if other != solver}
+        distances = {other: float(np.linalg.norm(X - Y) / np.linalg.norm(Y)) for other, Y in others.items()}
         rows[solver] = Solution(**vars(assess(A, B, Q, R, X)), difference=distances, note=notes.get(solver))
     return rows
 
@@ -127,9 +116,7 @@ def servo_and_filter_dares(scenario: Scenario, sensors: tuple[str, ...], V: np.n
 def riccati_report(scenario: Scenario, V: np.ndarray) -> RiccatiReport:
     """Return the solutions of the servo's and each sensor subset's filter equation, and the ill-posed cases.
 
-    Args:
-        scenario: the scenario; the subsets are of its sensors.
-        V: covariance of all measurements (p x p), positive definite.
+    V is the covariance of all measurements (p x p), positive definite.
     """
     filters: dict[str, Solutions | IllPosed] = {}
     names, weighs = hover_loop(scenario).names, isinstance(scenario.servo, LqServo)

@@ -1,19 +1,27 @@
-"""The kept flights of a map: Parquet files of CHUNK flights each, named by their seeds.
+"""The figures of flights, by the compiled engine where it can, by Drake where it cannot, and the files that keep them.
 
-A file is written to a temporary name and renamed, so that it is whole or not there: whatever is killed, no flight
-counts twice or half.
+A file is Parquet, of CHUNK flights, named by their seeds. It is written to a temporary name and renamed, so that it is
+whole or not there: whatever is killed, no flight counts twice or half.
 """
 
 import io
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import xarray as xr
 
+from ortilo_drake.flight.engine import Engine
+from ortilo_drake.flight.figures import ESTIMATED, FIGURES, NEES, TRACE_SIZE, TRUE, figures_of
+from ortilo_drake.flight.flight import scenario_of
 from ortilo_drake.flight.lost import CAUSES, NOT_LOST
+from ortilo_drake.flight.metrics import loss_of, position_nees
+from ortilo_drake.flight.players import kept_player
 from ortilo_drake.flight.store import in_folder, keep, kept
 from ortilo_drake.model.optional import later
+from ortilo_drake.scenario import Scenario
 
 pa, pq = later("pyarrow"), later("pyarrow.parquet")
 
@@ -55,27 +63,37 @@ def _figures(seeds: range, columns: tuple[str, ...], data: bytes) -> np.ndarray:
     table = pq.read_table(io.BytesIO(data), page_checksum_verification=True)
     if not table.schema.equals(_schema(columns)):
         raise ValueError(f"{', '.join(table.schema.names)}: must be {SEED}, {', '.join(columns)}, all numbers")
-    for name in table.schema.names:
-        if table[name].null_count:
-            raise ValueError(f"{name}: has nulls")
     if table[SEED].to_pylist() != list(seeds):
         raise ValueError(f"{SEED}: must be {seeds.start} to {seeds.stop - 1}")
-    figures = {name: table[name].to_numpy() for name in columns}
-    lost = figures["cause"] != NOT_LOST if "cause" in figures else np.zeros(len(seeds), dtype=bool)
-    for name, values in figures.items():
-        bad = ~_may_be(name, values, lost)
-        if bad.any():
-            raise ValueError(f"{name}: is {values[bad][0]:g} of seed {seeds[int(np.argmax(bad))]}: cannot be")
-    return np.column_stack(list(figures.values()))
+    return np.column_stack([table[name].to_numpy() for name in columns])
 
 
-def _may_be(name: str, values: np.ndarray, lost: np.ndarray) -> np.ndarray:
-    """Return a mask of the values (n) that a figure may have, see flight/figures.py."""
-    if name == "cause":
-        return np.isin(values, range(NOT_LOST, len(CAUSES)))
-    if name == "ticks" or name.startswith(("arrived_", "due_")):
-        return (values >= 0.0) & (values == np.floor(values)) & np.isfinite(values)
-    if name == "nees":  # of an estimate whose P is not positive definite it is not known
-        return np.ones(len(values), dtype=bool)
-    unknown = np.isnan(values)  # of a flight that diverged at once; path_mse also of a path that turns back in x
-    return (values >= 0.0) | (unknown if name == "path_mse" else unknown & lost)
+def columns_of(scenario: Scenario) -> tuple[str, ...]:
+    """Return the names of the figures of a flight: those of the engine, see flight/engine.py."""
+    flying = [name for name in scenario.measurement.sensors if name in scenario.sensors]
+    return (*FIGURES, *(f"{what}_{sensor}" for sensor in flying for what in ("arrived", "due")))
+
+
+def fly_figures(scenario_json: str, seeds: Sequence[int], folder: str) -> np.ndarray:
+    """Fly seeds and return the figures of each (n, columns). Runs in a worker: the arguments are plain data."""
+    player = kept_player(scenario_json, folder)
+    if isinstance(player, Engine):
+        return player.figures(seeds)
+    return np.array([drake_figures(player.fly(seed)) for seed in seeds])
+
+
+def drake_figures(flight: xr.Dataset) -> list[float]:
+    """Return the figures of a flight of Drake's, as the engine has them."""
+    scenario = scenario_of(flight)
+    truth, estimate = flight["truth"].values[:, :3], flight["estimate"].values[:, :3]
+    trace = np.empty((len(truth), TRACE_SIZE))
+    trace[:, TRUE], trace[:, ESTIMATED], trace[:, NEES] = truth, estimate, position_nees(flight)
+    out = np.empty(len(FIGURES))
+    figures_of(trace, np.ascontiguousarray(flight["reference"].values[:, :3]), out)
+    loss, last = loss_of(flight), len(truth) - 1
+    out[0], out[1] = last, NOT_LOST if loss is None else CAUSES.index(loss.cause)
+    counts: list[float] = []
+    for sensor in scenario.measurement.sensors:
+        if sensor in scenario.sensors:
+            counts += [float(flight["arrival"].sel(sensor=sensor).sum()), last // scenario.every(sensor) + 1]
+    return [*out.tolist(), *counts]

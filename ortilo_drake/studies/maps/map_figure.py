@@ -24,15 +24,9 @@ _ROUND = (1.0, 2.0, 5.0)  # times powers of ten
 
 
 def map_figure(found: Map, path: File, theory: MapTheory | None = None) -> File | None:
-    """Draw the share of lost flights and the kept ones' median RMS error; None unless a grid of one or two axes.
+    """Draw the share of lost flights and the kept ones' median RMS error, and theory's lines over them, if any.
 
-    Args:
-        found: the map.
-        path: of the picture.
-        theory: whose lines are drawn over it, if any.
-
-    Raises:
-        InputError: if it cannot be written.
+    None unless the map is a grid of one or two axes; InputError if the picture cannot be written.
     """
     axes = found.sweep.axes
     if not isinstance(found.sweep.design, Grid) or len(axes) > 2:
@@ -40,7 +34,10 @@ def map_figure(found: Map, path: File, theory: MapTheory | None = None) -> File 
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.5, 3.8), layout="constrained")
         panels = figure.subplots(1, 2)
-        (_curves if len(axes) == 1 else _heat)(figure, panels, found, theory)
+        if len(axes) == 1:
+            _curves(panels, found, theory)
+        else:
+            _heat(figure, panels, found, theory)
         return save_picture(figure, path)
 
 
@@ -54,10 +51,10 @@ def _title(key: str) -> str:
     return key.replace(".", " ").replace("_", " ") + (f" [{unit}]" if unit else "")
 
 
-def _curves(figure: Figure, panels: Any, found: Map, theory: MapTheory | None) -> None:
+def _curves(panels: Any, found: Map, theory: MapTheory | None) -> None:
     (key,) = found.sweep.axes
     values, rows = _values(found, key), found.rows
-    numbers = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+    numbers = _are_numbers(values)
     x = values if numbers else range(len(values))
     low, high = (np.array([getattr(row, f"lost_{end}") for row in rows]) for end in ("low", "high"))
     panels[0].fill_between(x, low, high, color=ORANGE, alpha=0.2, lw=0, label="95 % interval")
@@ -80,7 +77,6 @@ def _curves(figure: Figure, panels: Any, found: Map, theory: MapTheory | None) -
             panel.set_xticks(x, [str(v) for v in values])
         elif isinstance(axis, Range) and axis.scale == "log":
             panel.set_xscale("log")
-    del figure
 
 
 def _heat(figure: Figure, panels: Any, found: Map, theory: MapTheory | None) -> None:
@@ -136,7 +132,9 @@ def _contours(panel: Any, values: np.ndarray, names: dict[float, str], whose: st
     flown = whose == FLOWN
     style = {"colors": "k", "linewidths": 0.8} if flown else {"colors": THEORY, "linewidths": 1.6, "linestyles": "--"}
     lines = panel.contour(shown, levels=levels, **style)
-    long = [[Path(line) for line in at if _length(line) >= _SHORTEST] for at in lines.allsegs]
+    long = [
+        [Path(line) for line in at if np.hypot(*np.diff(line, axis=0).T).sum() >= _SHORTEST] for at in lines.allsegs
+    ]
     if not any(long):
         lines.remove()
         return
@@ -150,10 +148,13 @@ def _law(theory: MapTheory) -> str:
     return f"theory: a burst longer than {theory.longest:.3g} s (fitted)"
 
 
+def _are_numbers(values: list[Any]) -> bool:
+    return all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+
+
 def _rising(values: list[Any]) -> tuple[list[Any], list[int]]:
     """Return numbers from the least to the greatest and where each stood; other values as they are."""
-    numbers = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
-    order = sorted(range(len(values)), key=values.__getitem__) if numbers else list(range(len(values)))
+    order = sorted(range(len(values)), key=values.__getitem__) if _are_numbers(values) else list(range(len(values)))
     return [values[k] for k in order], order
 
 
@@ -161,10 +162,6 @@ def _round_levels(low: float, high: float, digits: tuple[float, ...]) -> list[fl
     """Return the numbers between two that have one of these first digits and no other."""
     powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     return [float(f"{d:g}e{k}") for k in powers for d in digits if low < float(f"{d:g}e{k}") < high]
-
-
-def _length(line: np.ndarray) -> float:
-    return float(np.hypot(*np.diff(line, axis=0).T).sum())
 
 
 def _ticks(values: list[Any]) -> tuple[list[int], list[str]]:

@@ -13,8 +13,7 @@ from ortilo_drake.flight.lost import NOT_LOST
 from ortilo_drake.flight.processes.workers import kept_workers, run_all
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.studies.maps.chunks import chunk_file, chunks_of, read_chunk, write_chunk
-from ortilo_drake.studies.maps.point_flights import columns_of, fly_figures
+from ortilo_drake.studies.maps.chunks import chunk_file, chunks_of, columns_of, fly_figures, read_chunk, write_chunk
 from ortilo_drake.studies.maps.sweep import Sweep, Until, Value, points_of, scenario_at
 from ortilo_drake.theory.consistency.consistency import mean_interval
 
@@ -63,13 +62,7 @@ class MapPoint:
 
 @dataclass(frozen=True)
 class Map:
-    """A map.
-
-    Attributes:
-        sweep: what was asked for.
-        rows: one for each point.
-        by_drake: why Drake flew some points and not the engine; None if it flew none.
-    """
+    """A map: what was asked for, a row for each point, and why Drake flew some points and not the engine, if it did."""
 
     sweep: Sweep
     rows: list[MapPoint]
@@ -87,20 +80,12 @@ def is_enough(sweep: Sweep, lost: int, flights: int) -> bool:
 def fly_map(
     sweep: Sweep, source: str, out: Path, workers: int, progress: Callable[[int], None] = lambda flown: None
 ) -> Map:
-    """Fly a map.
+    """Fly a map, whose source an error begins with, and tell how many flights came in.
 
-    Chunks that are already in the folder are not flown again. Where the number of flights is open, the points that
-    need more get a chunk each, round by round: how many fly depends on what flew alone, not on who was first.
-
-    Args:
-        sweep: the sweep.
-        source: what to call it in an error.
-        out: folder of the chunks.
-        workers: worker processes; 1 flies in this one.
-        progress: called with the number of flights that came in.
-
-    Raises:
-        InputError: if a point's scenario is wrong, a flight cannot be flown or what is kept cannot be written.
+    Chunks that are already in the folder `out` are not flown again; 1 worker flies in this process. Where the number of
+    flights is open, the points that need more get a chunk each, round by round: how many fly depends on what flew
+    alone, not on who was first. InputError if a point's scenario is wrong, a flight cannot be flown or what is kept
+    cannot be written.
     """
     points = points_of(sweep)
     scenarios = [scenario_at(sweep, point, source) for point in points]
@@ -131,14 +116,9 @@ def fly_map(
 
 
 def figures_of_points(scenarios: list[Scenario], out: Path, seed: int, flights: int, workers: int) -> list[np.ndarray]:
-    """Fly scenarios on the same seeds and return each one's figures (n, columns); what is kept is not flown again.
+    """Fly scenarios, each on so many seeds from `seed` on, and return each one's figures (n, columns).
 
-    Args:
-        scenarios: to be flown.
-        out: folder of what is kept.
-        seed: the first.
-        flights: of each.
-        workers: worker processes; 1 flies in this one.
+    What is kept in the folder `out` is not flown again; 1 worker flies in this process.
     """
     folders, chunks = [flight_folder(out, scenario) for scenario in scenarios], chunks_of(seed, flights)
     pairs = list(zip(scenarios, folders, strict=True))

@@ -17,13 +17,9 @@ from ortilo_drake.views.numbers import count, of_all_and_kept, share, with_inter
 
 
 class Index(NamedTuple):
-    """Indices of a setting.
+    """A figure, a setting, and the setting's indices for it [1].
 
-    Attributes:
-        figure: of what.
-        setting: which one.
-        first: share of the variance that it makes alone [1].
-        total: share that would be left if all others were held [1].
+    It makes the share `first` of the variance alone; the share `total` would be left if all others were held.
     """
 
     figure: str
@@ -115,8 +111,7 @@ def _said(row: MapPoint) -> str:
 
 
 def _rms(row: MapPoint) -> str:
-    middle = Middle(row.rms, row.rms_interval, row.kept_rms, row.kept_interval)
-    return of_all_and_kept(middle, row.lost)
+    return of_all_and_kept(Middle(row.rms, row.rms_interval, row.kept_rms, row.kept_interval), row.lost)
 
 
 def _cells(row: MapPoint) -> list[str]:

@@ -17,27 +17,24 @@ from scipy.optimize import minimize_scalar
 from ortilo_drake.flight.flyable import flight_ticks
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.studies.arrivals.arrival_map import diagonals
-from ortilo_drake.studies.arrivals.arrival_report import filter_model
-from ortilo_drake.studies.arrivals.link_chain import link_chain
+from ortilo_drake.studies.arrivals.arrival_map import diagonals, filter_model, link_chain
 from ortilo_drake.studies.command_link.command_flights import hover_V, learned_at
 from ortilo_drake.studies.loop.hover_loop import filter_V, hover_loop
 from ortilo_drake.studies.maps.map_flights import Map
 from ortilo_drake.studies.maps.sweep import scenario_at
 
 _KNOWN = re.compile(r"(uwb|camera)\.link\.(rate|loss(\..+)?)")
+_TWO_MODES = ("bursts", "gilbert_elliott")
 MOST_MODES = 128  # of a chain of arrivals; with more, as of rates that have no short common period, a point is left out
 _SHORTEST, _LONGEST = 0.1, 1000.0  # T [s]
 
 
 class MapTheory(NamedTuple):
-    """The theory at each point of a map.
+    """The theory at each of n points of a map, or in a line why it says nothing, silence.
 
-    Attributes:
-        rms: root of the bound on the mean squared error of the position [m] (n); NaN where it says nothing.
-        lost: share of lost flights [1] (n), of bursts alone; None for other axes, and where none was lost, or all were.
-        longest: T that fits the map's own flights best [s]; None likewise.
-        silence: why it says nothing, in a line; None if it does.
+    rms is the root of the bound on the mean squared error of the position [m] (n), NaN where it says nothing. The share
+    of flights lost [1] (n) is of bursts alone, with the longest that a flight stands, T that fits the map's own flights
+    best [s]; both are None for other axes, and where none was lost, or all were.
     """
 
     rms: np.ndarray
@@ -47,13 +44,9 @@ class MapTheory(NamedTuple):
 
 
 def lost_in_bursts(share: np.ndarray, length: np.ndarray, duration: np.ndarray | float, longest: float) -> np.ndarray:
-    """Return the chance that a flight has a burst that is longer than it stands.
+    """Return the chance of a burst longer than T, `longest` [s], in a flight of D [s].
 
-    Args:
-        share: of the messages that are lost, p [1].
-        length: mean of a burst, L [s].
-        duration: of the flight, D [s].
-        longest: that it stands, T [s].
+    Its messages are lost in a share p [1], in bursts of the mean length L [s].
     """
     return np.asarray(1.0 - np.exp(-share * duration / length * np.exp(-longest / length)))
 
@@ -79,25 +72,19 @@ def theory_of(found: Map) -> MapTheory:
 def expected_rms(scenario: Scenario) -> float:
     """Return the root of the bound on the trace of E[P_k] of the position, hovering [m].
 
-    Infinity where position is never seen; NaN where the arrivals have more than MOST_MODES modes.
-
-    Raises:
-        InputError: if the scenario's filter has no such bound.
+    Infinity where position is never seen; NaN where the arrivals have more than MOST_MODES modes. InputError if the
+    scenario's filter has no such bound.
     """
     h = scenario.h
     mapped = scenario.measurement.positions[:2]
     links = [scenario.link_of(name) if name in scenario.sensors else None for name in mapped]
     period = int(np.lcm.reduce([1 if link is None else link.every(h) for link in links]))
-    modes = period * int(np.prod([2 if link is not None and _has_two(link.loss.kind) else 1 for link in links]))
+    modes = period * int(np.prod([2 if link is not None and link.loss.kind in _TWO_MODES else 1 for link in links]))
     if modes > MOST_MODES:
         return float("nan")
     told = learned_at(scenario)
     model = filter_model(hover_loop(told), filter_V(told, hover_V(told)))
     return float(np.sqrt(np.sum(diagonals(model, link_chain(links[0], links[1], h)).upper[:3])))
-
-
-def _has_two(kind: str) -> bool:
-    return kind in ("bursts", "gilbert_elliott")
 
 
 def _fitted(found: Map, scenarios: list[Scenario]) -> tuple[np.ndarray, float] | None:

@@ -1,8 +1,9 @@
 """The input of a map: a scenario, axes, a design of points, and the number of flights at each."""
 
 import itertools
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, TypeVar
 
 import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
@@ -119,12 +120,25 @@ _Fixed = Annotated[int, Field(ge=1, le=10_000_000)]
 Flights = Annotated[Annotated[_Fixed, Tag(TAGS[0])] | Annotated[Until, Tag(TAGS[1])], Discriminator(_group_or_not)]
 
 
-class Sweep(Frozen):
+class OverScenario(Frozen):
+    """The scenario that a file of a study is about.
+
+    Attributes:
+        scenario: a ready-made scenario's name, or a .yaml file, meant from where this file lies.
+        settings: laid over it in all flights, such as {camera.kind: projected}.
+    """
+
+    scenario: str = "imu_uwb"
+    settings: dict[Name, Any] = Field(default={})
+
+
+Over = TypeVar("Over", bound=OverScenario)
+
+
+class Sweep(OverScenario):
     """A sweep file.
 
     Attributes:
-        scenario: a ready-made scenario's name, or a .yaml file, meant from where the sweep lies.
-        settings: changed at every point, such as {camera.kind: projected}.
         axes: by setting the values, in a list, or a range of them.
         design: which points.
         flights: at each point, seeds from `seed` on; or until it is known how many are lost.
@@ -132,8 +146,6 @@ class Sweep(Frozen):
         whole: of each point's flights, how many are kept whole, as netCDF; Drake flies these.
     """
 
-    scenario: str = "imu_uwb"
-    settings: dict[Name, Any] = Field(default={})
     axes: Annotated[dict[Name, Axis], Field(min_length=1, max_length=20)]
     design: Annotated[Grid | Scattered | Sensitivity, Field(discriminator="kind")] = Grid()
     flights: Flights = 100
@@ -189,24 +201,21 @@ def _sobol(d: int, n: int, seed: int) -> np.ndarray:
 
 
 def load_sweep(path: Path) -> Sweep:
-    """Read a sweep file.
-
-    Raises:
-        InputError: naming file, field, value and what is allowed.
-    """
-    sweep = load_yaml(Sweep, path)
-    if sweep.scenario.endswith((".yaml", ".yml")):
-        sweep = sweep.model_copy(update={"scenario": str(path.parent / sweep.scenario)})
-    return sweep
+    """Read a sweep file; InputError naming file, field, value and what is allowed."""
+    return load_over(Sweep, path)
 
 
-def scenario_at(sweep: Sweep, point: dict[str, Value], source: str) -> Scenario:
-    """Return the scenario at a point.
+def load_over(kind: type[Over], path: Path) -> Over:
+    """Read a study's file, a relative scenario's file taken from where it lies; InputError as load_sweep."""
+    read = load_yaml(kind, path)
+    if read.scenario.endswith((".yaml", ".yml")):
+        read = read.model_copy(update={"scenario": str(path.parent / read.scenario)})
+    return read
 
-    Raises:
-        InputError: naming the sweep, the field, its value and what is allowed.
-    """
+
+def scenario_at(of: OverScenario, point: Mapping[str, Any], source: str) -> Scenario:
+    """Return the scenario of a study at a point; InputError naming study, field, value and what is allowed."""
     try:
-        return load_scenario(sweep.scenario, (*sweep.settings.items(), *point.items()))
+        return load_scenario(of.scenario, (*of.settings.items(), *point.items()))
     except InputError as error:
         raise InputError(f"{source}: {error}") from None

@@ -19,17 +19,10 @@ def scenarios_of_tables(
     beside: Iterable[str | Path] = (),
     only: str | None = None,
 ) -> dict[str, Scenario]:
-    """Return the scenarios of the tables by their name there: the paper's two, and those beside them.
+    """Return the scenarios of the tables by their name there: the paper's two of a preset, and those beside them.
 
-    Args:
-        preset: one of PRESETS.
-        settings: laid over all of them.
-        of_cameras: laid over those that fly a camera, after these.
-        beside: further scenarios.
-        only: one of SCENARIOS, to leave the other out.
-
-    Raises:
-        InputError: if a scenario is wrong, or is there twice.
+    Settings are laid over all of them, then those of cameras over those that fly one. With `only` the other one of
+    SCENARIOS is left out. InputError if a scenario is wrong, or is there twice.
     """
     if preset not in PRESETS:
         raise InputError(f"preset: {preset!r}: must be one of {', '.join(PRESETS)}")
@@ -60,16 +53,8 @@ def fly_tables(
 ) -> dict[str, list[Summary]]:
     """Fly each scenario on the same seeds, from 0, and return the summaries; what is kept is not flown again.
 
-    Args:
-        scenarios: by name.
-        flights: of each.
-        out: folder of the flights.
-        workers: worker processes; 1 flies in this one.
-        progress: called with the name of a scenario for each of its flights.
-        player: as players.choose.
-
-    Raises:
-        InputError: as fly_many.
+    The flights are in the folder `out`, 1 worker flies in this process, progress is told the scenario of each flight,
+    and the player is as players.choose has it. InputError as fly_many.
     """
     found = {}
     with kept_workers():

@@ -1,6 +1,7 @@
 """The tables as text: ours with intervals, beside the paper's, with a summary and a verdict."""
 
 import math
+from functools import partial
 from typing import Final
 
 from ortilo_drake.flight.efficiency import Ratio
@@ -9,10 +10,8 @@ from ortilo_drake.studies.paper_tables.tables import (
     ENOUGH_FOR_A_MEAN,
     QUANTILES,
     SCENARIOS,
-    AxisEfficiency,
     Drop,
     Interval,
-    Intervals,
     Statistics,
     Tables,
 )
@@ -24,19 +23,15 @@ TITLES = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}
 
 def tables_summary(tables: Tables) -> list[str]:
     """Return a summary of the tables, as Markdown's list: at most five lines, whatever stands beside the paper's."""
-    lost = [f"{TITLES.get(name, name)} {count(n, tables.flights)}" for name, n in tables.lost.items()]
+    lost = [f"{_title(name)} {count(n, tables.flights)}" for name, n in tables.lost.items()]
     lines = [f"Flights lost: {', '.join(lost)}."]
     for name in filter(tables.estimation.__contains__, SCENARIOS):
         lines.append(_medians(tables, name))
     drop = tables.drop_in_x.median
     if drop is not None:
         lines.append(f"The camera {'lowers' if drop >= 0.0 else 'raises'} that in x by {abs(drop):.0%}.")
-    nees = [
-        f"{TITLES.get(name, name)} {with_interval(its.value, its.interval)}"
-        for name, its in tables.nees.items()
-        if its.value is not None
-    ]
-    if nees:
+    found = {_title(name): its for name, its in tables.nees.items() if its.value is not None}
+    if nees := [f"{title} {with_interval(its.value, its.interval)}" for title, its in found.items()]:
         lines.append(f"Mean NEES of the position, 3 if the filter is consistent: {', '.join(nees)}.")
     return ["## In short", "", *(f"- {line}" for line in lines), ""]
 
@@ -55,12 +50,8 @@ def _medians(tables: Tables, name: str) -> str:
 _NAME = {"mean": "mean", "median": "median", "p75": "75 %", "p25": "25 %"}
 
 
-def _mark(flights: int) -> str:
-    return "" if flights >= ENOUGH_FOR_A_MEAN else " (!)"
-
-
 def _mean(value: float | None, interval: Interval | None, flights: int) -> str:
-    return with_interval(value, interval) + (_mark(flights) if interval else "")
+    return with_interval(value, interval) + (" (!)" if interval and flights < ENOUGH_FOR_A_MEAN else "")
 
 
 def _ratio(ratio: Ratio, flights: int) -> str:
@@ -79,13 +70,6 @@ def _of_the_kept(tables: Tables, scenario: str) -> str:
     return " of the kept" if tables.lost[scenario] else ""
 
 
-def _of_flights(tables: Tables, scenario: str) -> list[str]:
-    """Return the line above a table: how many flights its numbers are of."""
-    lost = tables.lost[scenario]
-    counted = f"lost {count(lost, tables.flights)}; median and quartiles count each lost flight as worst"
-    return [f"{_title(scenario)}: of {tables.flights} flights, {counted if lost else 'none was lost'}.", ""]
-
-
 def _rows(tables: Tables, scenario: str, columns: dict[str, tuple[Statistics, dict[str, float] | None]]) -> list[str]:
     """Return the rows of a table: its columns as ours and the paper's, None where the paper has no such scenario."""
     heads = [head for name, (_, paper) in columns.items() for head in ([name, "paper"] if paper else [name])]
@@ -101,28 +85,21 @@ def _rows(tables: Tables, scenario: str, columns: dict[str, tuple[Statistics, di
 
     for statistic in _NAME:
         if statistic in QUANTILES and lost:
-            all_flights = tables.with_lost[scenario]
-            add(
-                _NAME[statistic],
-                {name: with_interval(all_flights[name][statistic], every[name][statistic]) for name in columns},
-                statistic,
-            )
-        mark = _mark(kept) if statistic == "mean" else ""
-        cells = {}
-        for name, (ours, _) in columns.items():
-            interval = its[name][statistic]
-            cells[name] = with_interval(ours[statistic], interval) + (mark if interval else "")
+            flown = tables.with_lost[scenario]
+            cells = {name: with_interval(flown[name][statistic], every[name][statistic]) for name in columns}
+            add(_NAME[statistic], cells, statistic)
+        said = partial(_mean, flights=kept) if statistic == "mean" else with_interval
+        cells = {name: said(ours[statistic], its[name][statistic]) for name, (ours, _) in columns.items()}
         add(_NAME[statistic] + _of_the_kept(tables, scenario), cells, statistic)
-    return [*_of_flights(tables, scenario), *table([_title(scenario), *heads], rows)]
+    counted = f"lost {count(lost, tables.flights)}; median and quartiles count each lost flight as worst"
+    above = f"{_title(scenario)}: of {tables.flights} flights, {counted if lost else 'none was lost'}."
+    return [above, "", *table([_title(scenario), *heads], rows)]
 
 
 def _efficiency_rows(tables: Tables, scenario: str) -> list[str]:
     """Return the rows of a scenario's efficiencies, by axis."""
     axes, kept, lost = tables.efficiency[scenario], _kept(tables, scenario), tables.lost[scenario]
     columns, of_the_kept = list(axes.values()), _of_the_kept(tables, scenario)
-
-    def quantiles(of: list[tuple[Statistics, Intervals]], statistic: str) -> list[str]:
-        return [with_interval(values[statistic], intervals[statistic]) for values, intervals in of]
 
     rows = []
     if lost:
@@ -135,20 +112,13 @@ def _efficiency_rows(tables: Tables, scenario: str) -> list[str]:
         [f"tick by tick{of_the_kept}", *(_ratio(c.ticks, kept) for c in columns)],
         [f"mean{of_the_kept}", *(_mean(c.mean, c.intervals["mean"], kept) for c in columns)],
     ]
-    for statistic in QUANTILES:
+    for name in QUANTILES:
         if lost:
-            rows.append(
-                [_NAME[statistic], *quantiles([(c.with_lost, c.with_lost_intervals) for c in columns], statistic)]
-            )
-        rows.append(
-            [_NAME[statistic] + of_the_kept, *quantiles([(_quantiles(c), c.intervals) for c in columns], statistic)]
-        )
+            cells = [with_interval(c.with_lost[name], c.with_lost_intervals[name]) for c in columns]
+            rows.append([_NAME[name], *cells])
+        rows.append([_NAME[name] + of_the_kept, *(with_interval(getattr(c, name), c.intervals[name]) for c in columns)])
     floors = ["none" if c.floor is None else f"{c.floor:.6f}" for c in columns]
     return table([_title(scenario), *axes], [*rows, [f"mean floor{of_the_kept} [m²]", *floors]])
-
-
-def _quantiles(column: AxisEfficiency) -> Statistics:
-    return {statistic: getattr(column, statistic) for statistic in QUANTILES}
 
 
 def _drop(drop: Drop) -> list[str]:
@@ -169,11 +139,7 @@ def _end(value: float) -> str:
 
 
 def table_text(tables: Tables) -> str:
-    """Return tables I and II as Markdown, ours with 95 % intervals beside the paper's.
-
-    Args:
-        tables: what make_tables returned.
-    """
+    """Return tables I and II as Markdown, ours with 95 % intervals beside the paper's."""
     scenarios, paper = list(tables.estimation), tables.paper
     lines = [f"# The paper's tables, preset '{tables.preset}', {tables.flights} flights a scenario", ""]
     lines += tables_summary(tables)
@@ -189,8 +155,8 @@ def table_text(tables: Tables) -> str:
         "",
     ]
     for scenario in scenarios:
-        ours, its = tables.estimation[scenario], paper.estimation.get(scenario, {})
-        lines += _rows(tables, scenario, {a: (ours[a], its.get(a)) for a in ours})
+        ours, papers = tables.estimation[scenario], paper.estimation.get(scenario, {})
+        lines += _rows(tables, scenario, {a: (ours[a], papers.get(a)) for a in ours})
     lines += ["## Table II: path-following error, deviation in y at the actual x", ""]
     for scenario in scenarios:
         lines += _rows(tables, scenario, {"path": (tables.path[scenario], paper.path.get(scenario))})
@@ -215,10 +181,8 @@ def table_text(tables: Tables) -> str:
         if lost:
             every = _ratio(tables.nees_with_lost[scenario], kept + lost)
             nees += f" of the kept, {every} with the lost up to their losses"
-        distance = with_interval(
-            tables.with_lost[scenario]["path_distance"]["median"],
-            tables.with_lost_intervals[scenario]["path_distance"]["median"],
-        )
+        of_all, its = tables.with_lost[scenario], tables.with_lost_intervals[scenario]
+        distance = with_interval(of_all["path_distance"]["median"], its["path_distance"]["median"])
         lines.append(
             f"- {_title(scenario)}: {lost} of {tables.flights} flights lost "
             f"{share(lost, tables.flights)}, {tables.touched[scenario]} touched furniture; "
@@ -254,9 +218,6 @@ def verdict(tables: Tables) -> list[str]:
 
     A column is reproduced where the 95 % intervals of both medians meet. The paper prints quartiles of 20 flights. The
     interval of the median of 20 goes from the 6th to the 15th, which lie within these quartiles: they stand for it.
-
-    Args:
-        tables: what make_tables returned.
     """
     flown = [scenario for scenario in SCENARIOS if scenario in tables.estimation]
     found = [_line(tables, scenario, axis) for scenario in flown for axis in AXES]

@@ -31,13 +31,10 @@ class PaperTables:
 
 @dataclass(frozen=True)
 class Drop:
-    """The share by which the camera lowers the median MSE in x.
+    """The share by which the camera lowers the median MSE in x, with lost flights as worst, and of the kept ones.
 
-    Attributes:
-        median: with lost flights as worst; None where the median without the camera is lost, or both are.
-        interval: its 95 % interval at least; None of too few flights.
-        kept: of the flights that were not lost.
-        kept_interval: its 95 % interval at least.
+    The median is None where the one without the camera is lost, or both are. The 95 % intervals cover at least that;
+    None of too few flights.
     """
 
     median: float | None
@@ -204,12 +201,8 @@ def _drop(without: Sequence[float], with_camera: Sequence[float]) -> tuple[float
 def drop_in_x(without: Sequence[float], with_camera: Sequence[float], flights: tuple[int, int]) -> Drop:
     """Return the share by which the camera lowers the median MSE in x.
 
-    The paper's own 93.35 % is 1 - 0.0066 / 0.0993.
-
-    Args:
-        without: of the flights without the camera that were not lost.
-        with_camera: of those with it.
-        flights: how many flew, without and with it.
+    The values are of the flights that were not lost, of so many without and with the camera. The paper's own 93.35 % is
+    1 - 0.0066 / 0.0993.
     """
     every = (with_lost(kept, n) for kept, n in zip((without, with_camera), flights, strict=True))
     return Drop(*_drop(*every), *_drop(without, with_camera))
@@ -255,13 +248,10 @@ def _with_lost(kept: list[Summary], lost: int) -> dict[str, list[float]]:
 
 
 def make_tables(preset: str, summaries: dict[str, list[Summary]]) -> Tables:
-    """Return the tables of an ensemble, as `ortilo tables --json` writes them.
+    """Return the tables of an ensemble, as `ortilo tables --json` writes them, of a preset.
 
-    Lost flights are counted, are worst in the quantiles that say so, and are left out of all means but those that do.
-
-    Args:
-        preset: one of PRESETS.
-        summaries: the flights' summaries by scenario: 'imu_uwb', 'imu_uwb_yolo' or both, and any others beside them.
+    The flights' summaries are by scenario: 'imu_uwb', 'imu_uwb_yolo' or both, and any others beside them. Lost flights
+    are counted, are worst in the quantiles that say so, and are left out of all means but those that do.
     """
     kept = {name: [s for s in rows if s.lost is None] for name, rows in summaries.items()}
     lost = {name: len(rows) - len(kept[name]) for name, rows in summaries.items()}

@@ -1,7 +1,7 @@
 """The probability that a scenario's vehicle is lost, or strays from its reference, where that is rare.
 
 Subset simulation chooses its levels once and is then repeated, each time with noise of its own. The estimates of the
-repetitions are independent and without bias, so their mean is one too; its interval is that of log_interval.py.
+repetitions are independent and without bias, so their mean is one too; its interval is that of log_interval.
 """
 
 from collections.abc import Callable
@@ -12,6 +12,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
+from scipy import stats
 
 from ortilo_drake.flight.engine import Engine
 from ortilo_drake.flight.ensemble import flight_folder
@@ -20,22 +21,20 @@ from ortilo_drake.flight.processes.workers import run_all
 from ortilo_drake.flight.store import in_folder, keep_json, kept_json
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.studies.rare.log_interval import log_interval
 from ortilo_drake.studies.rare.subset import CHAIN, LEAST, Climb, Plan, climb, flights_of, most_levels, plan_climb
 
 LEVEL = 0.95  # of the intervals
 AT_ONCE = 500  # flights that are counted by one job
+Part = tuple[
+    tuple[Any, ...], Path, Any, int
+]  # a job's arguments, the file of its result, the type of that, its flights
 
 
 @dataclass(frozen=True)
 class Counted:
-    """Plain counting of flights whose noise is independent.
+    """Plain counting of flights whose noise is independent: how many flew, and in how many of them it happened.
 
-    Attributes:
-        flights: how many flew.
-        events: in how many it happened.
-        low: lower end of Wilson's 95 % interval of the share [1].
-        high: its upper end [1].
+    The ends of Wilson's 95 % interval of the share are low and high [1].
     """
 
     flights: int
@@ -124,23 +123,14 @@ def rare_flights(
     progress: Callable[[int, int], None] = lambda done, total: None,
     least: float = LEAST,
 ) -> Rare:
-    """Return the probability that the vehicle is lost or strays; finished repetitions are kept and not flown again.
+    """Return the probability that the vehicle is lost, or strays so far from its reference, out of a corridor [m].
 
-    Where the climb that chooses the levels never comes to the event, nothing is repeated.
-
-    Args:
-        scenario: whose seed all noise is of, that of each repetition together with its number.
-        corridor: distance from the reference [m]; None for losing the vehicle.
-        paths: flights of a level, a multiple of CHAIN.
-        repetitions: with noise of their own, at least 2.
-        out: folder in which each repetition is kept.
-        workers: worker processes; 1 flies in this one.
-        count: flights to be counted beside it, seeds from 0 on.
-        progress: called with how many flights are done and how many there will be, at most.
-        least: the smallest probability that is sought [1].
-
-    Raises:
-        InputError: if the scenario has a part that is not compiled, or what is found cannot be kept.
+    Where the climb that chooses the levels never comes to the event, nothing is repeated. Finished repetitions are kept
+    in the folder `out`, and not flown again; 1 worker flies in this process. A level has so many paths, a multiple of
+    CHAIN; the repetitions, 2 at least, have noise of their own, of the scenario's seed together with their number. So
+    many flights are counted beside it, seeds from 0 on. The progress is told as how many flights are done and how many
+    there will be, at most; `least` is the smallest probability that is sought [1]. InputError if the scenario has a
+    part that is not compiled, or what is found cannot be kept.
     """
     if paths % CHAIN:
         raise InputError(f"paths: {paths}: must be a multiple of {CHAIN}")
@@ -167,14 +157,22 @@ def rare_flights(
         progress(done, total)
 
     advance(0)
-    files = [plan_file.with_name(f"{plan_file.stem}_repetition_{i}.json") for i in numbers]
-    jobs = [(text, corridor, plan, paths, scenario.seed, i) for i in numbers]
-    kinds, flown = [Climb] * len(numbers), [each] * len(numbers)
-    found: list[Climb] = _run(climb_flights, jobs, files, kinds, workers, flown, advance)
-    batches = [range(at, min(at + AT_ONCE, count)) for at in range(0, count, AT_ONCE)]
-    files = [folder / f"{event}_counted_{b.start:08d}_{b.stop - 1:08d}.json" for b in batches]
-    counting, counts_of = [(text, corridor, b) for b in batches], [_count_of(b) for b in batches]
-    counts = _run(count_flights, counting, files, counts_of, workers, [len(b) for b in batches], advance)
+    parts: list[Part] = [
+        (
+            (text, corridor, plan, paths, scenario.seed, i),
+            plan_file.with_stem(f"{plan_file.stem}_repetition_{i}"),
+            Climb,
+            each,
+        )
+        for i in numbers
+    ]
+    found: list[Climb] = _run(climb_flights, parts, workers, advance)
+    parts = []
+    for at in range(0, count, AT_ONCE):
+        batch = range(at, min(at + AT_ONCE, count))
+        file = folder / f"{event}_counted_{batch.start:08d}_{batch.stop - 1:08d}.json"
+        parts.append(((text, corridor, batch), file, _count_of(batch), len(batch)))
+    counts = _run(count_flights, parts, workers, advance)
     counted = counted_of(count, sum(counts)) if count else None
     met = plan.met + sum(one.met for one in found) + sum(counts)
     independent = counted_of(paths * (1 + len(found)) + count, met)
@@ -192,26 +190,43 @@ def _count_of(batch: range) -> Any:
     return Annotated[int, Field(ge=0, le=len(batch))]
 
 
-def _run(
-    function: Any,
-    jobs: list[Any],
-    files: list[Path],
-    kinds: list[Any],
-    workers: int,
-    flights: list[int],
-    advance: Callable[[int], None],
-) -> list[Any]:
-    """Do those jobs whose result, of these types, is not kept yet; keep and return all; each is of so many flights."""
-    results = [kept_json(file, kind, in_folder(file)) for file, kind in zip(files, kinds, strict=True)]
+def _run(function: Any, parts: list[Part], workers: int, advance: Callable[[int], None]) -> list[Any]:
+    """Do those jobs whose result is not kept yet; keep and return all."""
+    results = [kept_json(file, kind, in_folder(file)) for _, file, kind, _ in parts]
     missing = [i for i, result in enumerate(results) if result is None]
-    advance(sum(flights) - sum(flights[i] for i in missing))
+    advance(sum(flights for (*_, flights), result in zip(parts, results, strict=True) if result is not None))
 
     def take(number: int, result: Climb | int) -> None:
-        i = missing[number]
-        keep_json(files[i], result, in_folder(files[i]))
-        results[i] = result
-        advance(flights[i])
+        _, file, _, flights = parts[missing[number]]
+        keep_json(file, result, in_folder(file))
+        results[missing[number]] = result
+        advance(flights)
 
     if missing:
-        run_all(function, [jobs[i] for i in missing], workers, take)
+        run_all(function, [parts[i][0] for i in missing], workers, take)
     return results
+
+
+FEWEST = 2  # estimates above 0, without which there is no interval
+
+
+def log_interval(estimates: np.ndarray, level: float) -> tuple[float, float] | None:
+    """Return the ends of the interval of the mean of estimates (N), None if fewer than FEWEST are above 0.
+
+    Estimates that are a product of many shares tend to a lognormal law (J. Bérard, P. Del Moral, A. Doucet, "A
+    lognormal central limit theorem for particle approximations of normalizing constants", Electronic Journal of
+    Probability 19, 2014). Its mean has the logarithm mu + s^2 / 2, of which n logarithms of variance s^2 give an
+    estimate with the variance s^2 / n + s^4 / (2 (n - 1)); with Student's t that makes an interval (D. R. Cox's, in U.
+    Olsson, "Confidence intervals for the mean of a log-normal distribution", Journal of Statistics Education 13, 2005).
+    Here it is laid about the arithmetic mean, which has no bias. Of N estimates of which n are not 0 the share n / N
+    adds the variance (N - n) / (n N) of its logarithm.
+    """
+    logs = np.log(estimates[estimates > 0.0])
+    n, N = len(logs), len(estimates)
+    if n < FEWEST:
+        return None
+    s2 = float(logs.var(ddof=1))
+    of_logs = s2 / n + s2**2 / (2.0 * (n - 1)) + (N - n) / (n * N)
+    half = float(stats.t.ppf(0.5 + level / 2.0, n - 1)) * np.sqrt(of_logs)
+    mean = float(estimates.mean())
+    return mean * float(np.exp(-half)), min(mean * float(np.exp(half)), 1.0)

@@ -59,7 +59,10 @@ def rare_text(scenario: Scenario, found: Rare) -> str:
         ]
         lines += table(["level [m]", "share that reached it", "step", "share redrawn", "steps accepted"], cells)
     if found.repetitions:
-        cells = [[str(i), _share(r.probability), f"{r.flights:,}"] for i, r in enumerate(found.repetitions)]
+        cells = [
+            [str(i), f"{r.probability:.3g}" if r.probability else "none found", f"{r.flights:,}"]
+            for i, r in enumerate(found.repetitions)
+        ]
         lines += table(["repetition", "probability", "flights"], cells)
     elif found.plan.levels:
         cells = [[f"{KEPT**-n:,.0f}", f"{level:.3g}"] for n, level in enumerate(found.plan.levels, 1)]
@@ -94,10 +97,6 @@ def _by_counting(found: Rare) -> list[str]:
         f" it happened in {flown.events} of {flown.flights:,}, 95 % interval {flown.low:.2g} to {flown.high:.2g}"
         " (Wilson). To know more, give more --paths or --count."
     ]
-
-
-def _share(probability: float) -> str:
-    return f"{probability:.3g}" if probability else "none found"
 
 
 def level_apart(found: Rare) -> float | None:

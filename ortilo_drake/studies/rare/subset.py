@@ -46,14 +46,10 @@ Heights = Callable[[np.ndarray], np.ndarray]  # how high each path (n, size) com
 
 @dataclass(frozen=True)
 class Plan:
-    """The levels and steps that the first climb chose.
+    """The levels below the goal, going up, and steps that the first climb chose: b of each kind of step, in (0, 1].
 
-    Attributes:
-        levels: below the goal, going up.
-        steps: b of each kind of step at each level, in (0, 1].
-        flights: how many paths it ran.
-        met: how many of the first, independent paths reached the goal.
-        reached: whether a path above the last level reached it.
+    It ran so many flights, of the first, independent ones of which so many met the goal, and says whether a path above
+    the last level reached it.
     """
 
     levels: tuple[Amount, ...]
@@ -65,14 +61,10 @@ class Plan:
 
 @dataclass(frozen=True)
 class Climb:
-    """The result of one climb.
+    """The result of one climb: the probability of reaching the goal [1].
 
-    Attributes:
-        probability: of reaching the goal [1].
-        kept: share of the paths that were at each level, then at the goal [1].
-        accepted: share of the steps that were taken at each level [1].
-        flights: how many paths ran.
-        met: how many of the first, independent paths reached the goal.
+    The paths that were at each level, then at the goal, were a share `kept` of all, the steps that were taken at each
+    level a share `accepted` [1]. So many flights ran, of the first, independent ones of which so many met the goal.
     """
 
     probability: Share
@@ -201,16 +193,10 @@ def plan_climb(
 ) -> Plan:
     """Return levels that each keep a share KEPT of the paths, and step sizes of which a share ACCEPTED is taken.
 
-    It ends at the goal, where no path comes higher any more, and where the next level would be rarer than `least`.
-
-    Args:
-        run: how high each path comes.
-        size: how many numbers a path is made of.
-        goal: how high a path must come, at least.
-        paths: N, a multiple of CHAIN.
-        seed: of all that is drawn.
-        least: the smallest probability that is sought [1].
-        progress: called with how many paths have run.
+    It ends at the goal, how high a path must come at least, where no path comes higher any more, and where the next
+    level would be rarer than `least`, the smallest probability that is sought [1]. A path is made of `size` numbers;
+    `run` says how high each comes. There are N paths, a multiple of CHAIN; the seed is of all that is drawn, and the
+    progress is told as how many paths have run.
     """
     random, b, flights = np.random.default_rng((seed, 0)), (ACCEPTED, ACCEPTED), 0
 

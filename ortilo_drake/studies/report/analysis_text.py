@@ -2,7 +2,7 @@
 
 import math
 
-from ortilo_drake.studies.arrivals.arrival_report import ArrivalReport
+from ortilo_drake.studies.arrivals.arrival_map import ArrivalReport
 from ortilo_drake.studies.command_link.command_delay import LONGEST
 from ortilo_drake.studies.command_link.command_flights import CommandCase, CommandFlights
 from ortilo_drake.studies.command_link.command_report import CommandReport

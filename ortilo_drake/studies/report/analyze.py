@@ -13,7 +13,7 @@ from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import LqServo, Scenario
-from ortilo_drake.studies.arrivals.arrival_report import ArrivalReport, arrival_report
+from ortilo_drake.studies.arrivals.arrival_map import ArrivalReport, arrival_report
 from ortilo_drake.studies.command_link.command_flights import (
     CommandFlights,
     command_cases,

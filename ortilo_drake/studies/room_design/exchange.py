@@ -19,12 +19,8 @@ Cost = Callable[[np.ndarray, np.ndarray], float]
 def greedy(information: np.ndarray, there: np.ndarray, n: int, cost: Cost, tick: Callable[[], None]) -> list[int]:
     """Return n candidates, each the one that lowers the cost most beside those before.
 
-    Args:
-        information: of each candidate in each step (c, steps, 3, 3).
-        there: whether each candidate is heard in each step (c, steps).
-        n: number to choose, not above c.
-        cost: of the information (steps, 3, 3) and the number heard (steps) of a design.
-        tick: called after each choice.
+    The c candidates have information in each step (c, steps, 3, 3) and are heard there or not (c, steps); the cost is
+    of the information (steps, 3, 3) and the number heard (steps) of a design. A tick tells of each choice.
     """
     chosen: list[int] = []
     for _ in range(n):

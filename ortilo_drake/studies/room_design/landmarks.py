@@ -32,8 +32,7 @@ ON_FLOOR = 0.1  # a class stands on the floor if one of the room's does, by so m
 def standing_classes(room: Room) -> list[str]:
     """Return the landmark classes that stand on the floor of a room, or all it has sizes of where it has no landmark.
 
-    Raises:
-        InputError: if there is none.
+    InputError if there is none.
     """
     found = [
         landmark.label
@@ -49,14 +48,9 @@ def standing_classes(room: Room) -> list[str]:
 def floor_spots(
     room: Room, classes: Sequence[str], spacing: float, path: np.ndarray, vehicle_radius: float
 ) -> list[Landmark]:
-    """Return landmarks that could stand on the floor, one on each free spot of a grid, their classes in turn.
+    """Return landmarks that could stand on the floor, one on each free spot of a grid [m], their classes in turn.
 
-    Args:
-        room: its interior and obstacles.
-        classes: of landmarks, taken in turn.
-        spacing: of the grid [m].
-        path: p_WB along the planned path (k, 3) [m].
-        vehicle_radius: of the vehicle's outline [m].
+    Spots keep off the room's obstacles, and off the vehicle's outline on its path, p_WB (k, 3), of a radius [m].
     """
     things, near = footprints(room), path[:: max(1, len(path) // 400), :2]
     low, high = np.array(room.interior.min), np.array(room.interior.max)
@@ -85,15 +79,10 @@ def angle_information(scenario: Scenario, imu_rows: np.ndarray, ticks: int) -> n
 def landmark_information(
     scenario: Scenario, truth: np.ndarray, room: Room, spots: Sequence[Landmark], Q_inverse: np.ndarray, m: int
 ) -> np.ndarray:
-    """Return each landmark's information on p_WB in each step [1/m^2] (c, steps, 3, 3).
+    """Return each landmark's information on p_WB in each step of m ticks [1/m^2] (c, steps, 3, 3).
 
-    Args:
-        scenario: the camera and its link.
-        truth: states x_k (n, 12).
-        room: what may hide a landmark, and the camera.
-        spots: the landmarks, each looked at alone (c).
-        Q_inverse: information of the angles (3, 3).
-        m: ticks of a step.
+    Each of the spots (c) is looked at alone, along states x_k (n, 12), by the scenario's camera; the room hides them,
+    and the angles are known by Q^-1 (3, 3).
     """
     steps, seen = -(-len(truth) // m), arrived(scenario, measuring("landmarks"), truth)
     J = np.zeros((len(spots), steps, 3, 3))

@@ -12,15 +12,13 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import shortest_path
+from scipy.spatial.transform import Rotation
 
 
 def all_distances(pairs: np.ndarray, distance: np.ndarray, n: int) -> np.ndarray:
     """Return the distances between n points (n, n) [m], inf where no way of pairs leads.
 
-    Args:
-        pairs: numbers of two points (l, 2); a pair may come more than once, and is averaged.
-        distance: between them (l) [m].
-        n: number of points.
+    Between two points, pairs (l, 2), there are distances (l) [m]; a pair may come more than once, and is averaged.
     """
     low, high = np.sort(pairs.reshape(-1, 2), axis=1).T
     key, which = np.unique(low * n + high, return_inverse=True)
@@ -41,9 +39,8 @@ def aligned(points: np.ndarray, known: np.ndarray, sign: float) -> np.ndarray:
     """Return points (n, 3) moved so that the first of them lie best on the known ones (m, 3), mirrored for sign -1."""
     moved = points * [1.0, 1.0, sign]
     at, to = moved[: len(known)].mean(axis=0), known.mean(axis=0)
-    U, _, Vt = np.linalg.svd((moved[: len(known)] - at).T @ (known - to))
-    turn = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
-    return np.asarray((moved - at) @ turn + to)
+    turn, _ = Rotation.align_vectors(known - to, moved[: len(known)] - at)
+    return np.asarray(turn.apply(moved - at) + to)
 
 
 def mirror_images(
@@ -51,11 +48,8 @@ def mirror_images(
 ) -> list[np.ndarray]:
     """Return both mirror images of the points (n, 3), the known ones at their place; none where pairs do not connect.
 
-    Args:
-        pairs: numbers of two points (l, 2).
-        distance: between them (l) [m].
-        believed: of which the known points are taken (n, 3) [m].
-        known: numbers of the known points.
+    Between two points, pairs (l, 2), there are distances (l) [m]; the known points, by number, are taken of those
+    believed (n, 3) [m].
     """
     n = len(believed)
     if not len(pairs):

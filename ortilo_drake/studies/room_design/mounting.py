@@ -19,24 +19,16 @@ AWAY = 0.5  # from the vehicle's outline on its path [m]
 
 
 def mounting_places(room: Room, spacing: float, path: np.ndarray, vehicle_radius: float) -> np.ndarray:
-    """Return p_W of mounting places (n, 3) [m], always in the same order.
+    """Return p_W of mounting places (n, 3) on a grid of a spacing [m], always in the same order.
 
-    A place lies in the interior, outside walls and whatever stands there, and keeps AWAY from the vehicle on its path.
-
-    Args:
-        room: its interior, walls and furniture.
-        spacing: of the grid [m].
-        path: p_WB along the planned path (k, 3) [m].
-        vehicle_radius: of the vehicle's outline [m].
-
-    Raises:
-        InputError: if there are more than MAX_PLACES.
+    A place lies in the interior, outside walls and whatever stands there, and keeps AWAY from the vehicle on its path,
+    p_WB (k, 3), of an outline's radius [m]. InputError if there are more than MAX_PLACES.
     """
     length, width, height = np.subtract(room.interior.max, room.interior.min)
     about = (length * width + 2.0 * (length + width) * height) / spacing**2
     if about > 4 * MAX_PLACES:
         raise _too_many(spacing, round(about))
-    found = np.concatenate([_outer_faces(room, spacing), _ceiling(room, spacing), _wall_faces(room, spacing)])
+    found = _faces(room, spacing)
     found = found[_is_free(found, room)]
     near = np.array([np.linalg.norm(path - p, axis=1).min() for p in found]) < vehicle_radius + AWAY
     places = _apart(np.round(found[~near], 3), spacing / 3.0)
@@ -64,29 +56,18 @@ def _box(room: Room) -> tuple[np.ndarray, np.ndarray]:
     return low + [STAND_OFF, STAND_OFF, min(LOWEST, (high[2] - low[2]) / 2.0)], high - STAND_OFF
 
 
-def _outer_faces(room: Room, spacing: float) -> np.ndarray:
+def _faces(room: Room, spacing: float) -> np.ndarray:
+    """Return places on the outer faces, below the ceiling, and in front of the four upright faces of every wall."""
     low, high = _box(room)
     x, y, z = (_steps(a, b, spacing) for a, b in zip(low, high, strict=True))
-    sides = [*product(x, (low[1], high[1]), z), *product((low[0], high[0]), y, z)]
-    return np.array(sides)
-
-
-def _ceiling(room: Room, spacing: float) -> np.ndarray:
-    low, high = _box(room)
-    return np.array(list(product(_steps(low[0], high[0], spacing), _steps(low[1], high[1], spacing), high[2:])))
-
-
-def _wall_faces(room: Room, spacing: float) -> np.ndarray:
-    """Return places in front of the four upright faces of every wall, and below the ceiling."""
-    low, high = _box(room)
-    found = []
+    found = [*product(x, (low[1], high[1]), z), *product((low[0], high[0]), y, z), *product(x, y, high[2:])]
     for x, y, z, yaw, a, b, c in room.wall_boxes:
         heights = _steps(low[2], min(high[2], z + c - STAND_OFF), spacing)
         along = [(u, s * (b + STAND_OFF)) for u in _steps(-a, a, spacing) for s in (-1.0, 1.0)]
         across = [(s * (a + STAND_OFF), v) for v in _steps(-b, b, spacing) for s in (-1.0, 1.0)]
         for (u, v), height in product(along + across, heights):
             found.append((x + np.cos(yaw) * u - np.sin(yaw) * v, y + np.sin(yaw) * u + np.cos(yaw) * v, height))
-    return np.array(found).reshape(-1, 3)
+    return np.array(found)
 
 
 def _is_free(places: np.ndarray, room: Room) -> np.ndarray:
@@ -99,9 +80,7 @@ def _is_free(places: np.ndarray, room: Room) -> np.ndarray:
         free &= (np.abs(u) > a) | (np.abs(v) > b) | (np.abs(places[:, 2] - z) > c)
     for item in footprints(room):
         if item.name != "wall":
-            beyond = np.maximum(
-                np.maximum(np.array(item.low) - places[:, :2], places[:, :2] - np.array(item.high)), 0.0
-            )
+            beyond = places[:, :2] - np.clip(places[:, :2], item.low, item.high)
             free &= (np.hypot(*beyond.T) > item.radius) | (places[:, 2] > item.top)
     return free
 

@@ -1,9 +1,10 @@
-"""A network of ranges: its weighted residuals, their Jacobian, and the covariance of its anchors."""
+"""A network of ranges: its weighted residuals, their Jacobian, its anchors' covariance, and the side they are on."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import least_squares
 from scipy.sparse import coo_array, csr_array
 
 from ortilo_drake.model.input_error import InputError
@@ -15,14 +16,9 @@ _DAMPING = 1e-9  # of a place whose ranges leave a direction open, relative
 class Ranges(NamedTuple):
     """Measured ranges from places to anchors, and between anchors.
 
-    Attributes:
-        place: number of the vehicle's place of each range (m).
-        anchor: number of its anchor (m).
-        distance: the range (m) [m].
-        between: numbers of two anchors (l, 2).
-        between_distance: the range between them (l) [m].
-        p: where the vehicle was believed to be, NaN where nothing is known (k, 3) [m].
-        p_sd: standard deviation of that per axis, inf where it only starts the search (k) [m].
+    Each range (m) has the number of the vehicle's place and of its anchor, and a distance [m]; those between two
+    anchors (l, 2) have another (l) [m]. The vehicle was believed to be at p, NaN where nothing is known (k, 3), with
+    the standard deviation p_sd per axis, inf where p only starts the search (k) [m].
     """
 
     place: np.ndarray
@@ -37,10 +33,7 @@ class Ranges(NamedTuple):
 class Network:
     """The unknowns x = [free anchors; places], row by row, of ranges with standard deviations.
 
-    Args:
-        ranges: what was measured.
-        anchors: p_W, of which those that are not free stay (n, 3) [m].
-        free: numbers of those that are sought.
+    Of the anchors p_W (n, 3) [m] those that are not free, by number, stay.
     """
 
     def __init__(self, ranges: Ranges, anchors: np.ndarray, free: Sequence[int]):
@@ -90,8 +83,7 @@ class Network:
     def covariance(self, x: np.ndarray, sd: np.ndarray) -> np.ndarray:
         """Return (N_aa - N_ap N_pp^-1 N_pa)^-1 of the free anchors, row by row.
 
-        Raises:
-            InputError: if the ranges leave an anchor open in some direction.
+        InputError if the ranges leave an anchor open in some direction.
         """
         J, a = self.jacobian(x, sd), self._first
         N = (J.T @ J).tocsr()
@@ -106,3 +98,47 @@ class Network:
             worst = self.free[int(np.argmax(np.abs(vectors[:, 0]))) // 3]
             raise InputError(f"anchor {worst}: the ranges to it leave its place open: it needs more, from elsewhere")
         return np.asarray((vectors / values) @ vectors.T)
+
+
+FLAT = 0.3  # places as near as this to a plane, RMS, hardly tell its sides [m]
+GAIN = 1e-6  # by which the cost must fall, relative
+
+
+def plane_of(places: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return the RMS distance of points (n, 3) to their best plane, their mean (3) and the plane's normal (3)."""
+    center = places.mean(axis=0)
+    _, size, axes = np.linalg.svd(places - center, full_matrices=False)
+    return float(size[-1] / np.sqrt(len(places))), center, axes[-1]
+
+
+def _misses(a: np.ndarray, ends: np.ndarray, measured: np.ndarray, sd: np.ndarray) -> np.ndarray:
+    return np.asarray((np.linalg.norm(a - ends, axis=1) - measured) / sd)
+
+
+def better_sides(network: Network, x: np.ndarray, sd: np.ndarray, loss: str) -> tuple[np.ndarray, bool]:
+    """Return the unknowns x, as fitted, with every anchor on the side where it fits better, and whether any changed.
+
+    Where the vehicle flew at one height, the places tell an anchor from its mirror image in their plane by little, and
+    a descent does not cross from one to the other. So each anchor alone is fitted again from its image, the rest
+    staying. The ranges have standard deviations sd (m + l) [m]; the loss is that of scipy.optimize.least_squares.
+    """
+    anchors, places = network.unpacked(x)
+    if len(places) < 3:
+        return x, False
+    flat, center, normal = plane_of(places)
+    if flat > FLAT:
+        return x, False
+    ranges, changed = network.ranges, False
+    m = len(ranges.distance)
+    for i in network.free:
+        first, second = ranges.between.T
+        rows = np.concatenate([ranges.anchor == i, (first == i) | (second == i)])
+        other = np.where(first == i, second, first)[rows[m:]]
+        ends = np.concatenate([places[ranges.place[rows[:m]]], anchors[other]])
+        measured = np.concatenate([ranges.distance, ranges.between_distance])[rows]
+        image = anchors[i] - 2.0 * ((anchors[i] - center) @ normal) * normal
+        known = (ends, measured, sd[rows])
+        here, there = (least_squares(_misses, start, loss=loss, args=known) for start in (anchors[i], image))
+        if there.cost < here.cost * (1.0 - GAIN):
+            anchors[i], changed = there.x, True
+    return np.concatenate([anchors[network.free].ravel(), places.ravel()]), changed

@@ -19,13 +19,10 @@ STEPS = 200  # of a path, about
 
 
 class PathModel(NamedTuple):
-    """The part of the bound that all rooms with the same path share.
+    """The part of the bound that all rooms with the same path share: dynamics and noise of a step (12, 12 each).
 
-    Attributes:
-        Phi: dynamics of a step (12, 12).
-        W: process noise of a step (12, 12).
-        rows: information that does not come from ranges, as rows g / sqrt(r) (l, 12), a step's one after the other.
-        first: the first row of each step, and their number at the end (steps + 1).
+    The rows are information that does not come from ranges, g / sqrt(r) (l, 12), a step's one after the other, with the
+    first row of each step, and their number at the end (steps + 1).
     """
 
     Phi: np.ndarray
@@ -35,14 +32,9 @@ class PathModel(NamedTuple):
 
 
 def path_model(Phi: np.ndarray, W: np.ndarray, rows: np.ndarray, ticks: int, m: int) -> PathModel:
-    """Return the model of a path in steps of m ticks.
+    """Return the model of a path of so many ticks in steps of m, with dynamics and noise of a tick (12, 12 each).
 
-    Args:
-        Phi: dynamics of a tick (12, 12).
-        W: process noise of a tick (12, 12).
-        rows: information beside the ranges (sensors/information_rows.py) (l, 16).
-        ticks: number of ticks.
-        m: ticks of a step.
+    The rows are the information beside the ranges (sensors/information_rows.py) (l, 16).
     """
     steps, W_m = -(-ticks // m), np.zeros_like(W)
     for _ in range(m):
@@ -113,11 +105,7 @@ def _factor(J: np.ndarray, L: np.ndarray) -> None:
 def position_variance(model: PathModel, J: np.ndarray, there: np.ndarray, least: int) -> np.ndarray:
     """Return the trace of the position's bound at the start of every step [m^2] (steps).
 
-    Args:
-        model: the path.
-        J: information of the ranges about p_WB (steps, 3, 3).
-        there: how many anchors are heard in each step (steps).
-        least: ranges of fewer anchors than this give nothing.
+    The ranges inform about p_WB by J (steps, 3, 3) where at least so many anchors are heard, `there` (steps).
     """
     steps = J.shape[0]
     P, half, k, L = np.zeros((12, 12)), np.empty((12, 12)), np.empty(12), np.empty((3, 3))

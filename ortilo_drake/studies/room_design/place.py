@@ -15,12 +15,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+import yaml
 
 from ortilo_drake.floor.cramer_rao import dynamics, information_rows, position_floor
 from ortilo_drake.floor.information_arrivals import arrived
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import N_X
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import measuring
 from ortilo_drake.sensors.information_ranges import range_rows
@@ -34,8 +34,7 @@ from ortilo_drake.studies.room_design.landmarks import (
 )
 from ortilo_drake.studies.room_design.mounting import mounting_places
 from ortilo_drake.studies.room_design.path_bound import STEPS, PathModel, path_model, position_variance
-from ortilo_drake.studies.room_design.room_file import room_text
-from ortilo_drake.studies.tube.nominal_flight import aim, planned_reference
+from ortilo_drake.studies.rooms.planned_floor import planned_truth
 
 POWER = 16.0
 FIX = 3  # ranges
@@ -44,13 +43,9 @@ FINER = 3  # by which the grid of free spots of the floor is finer than that of 
 
 @dataclass(frozen=True)
 class Worst:
-    """The worst point of a path.
+    """The worst point of a path: least RMS error of the position there that any estimator can have, its floor [m].
 
-    Attributes:
-        floor: least RMS error of the position there that any estimator can have [m].
-        time: when [s].
-        place: where, p_WB [m].
-        no_fix: longest time without as many ranges as a fix takes [s].
+    It is at a time [s] and a place p_WB [m]; no_fix is the longest time without as many ranges as a fix takes [s].
     """
 
     floor: float
@@ -61,28 +56,15 @@ class Worst:
 
 @dataclass(frozen=True)
 class Placement:
-    """A room before and after its anchors were placed.
+    """A room before and after its anchors were placed, and its worst points with those it had and with those placed.
 
-    Attributes:
-        candidates: number of mounting places to choose from.
-        before: the worst point with the anchors that the room has.
-        after: with those that were placed.
-        room: the room with them.
+    So many candidates were there to choose from; the room is that with the anchors placed.
     """
 
     candidates: int
     before: Worst
     after: Worst
     room: Room
-
-
-def planned_truth(scenario: Scenario) -> np.ndarray:
-    """Return the states x_k (n, 12) of a flight that follows its plan; InputError if there is no path."""
-    _, reference = planned_reference(scenario)
-    x_ref, _ = aim(scenario, reference)
-    truth = np.zeros((len(reference), N_X))
-    truth[:, :3], truth[:, 3:6], truth[:, 6:9] = reference[:, :3], x_ref[:, 3:6], reference[:, 3:6]
-    return truth
 
 
 def with_anchors(room: Room, anchors: np.ndarray) -> Room:
@@ -102,10 +84,9 @@ def flown_in(scenario: Scenario, room: Room) -> Iterator[Scenario]:
 def worst_floor(scenario: Scenario) -> Worst:
     """Return the worst point of a flight as it is planned.
 
-    Raises:
-        InputError: if there is no path, or no floor, as the errors of the camera's detector have not been measured.
+    InputError if there is no path, or no floor, as the errors of the camera's detector have not been measured.
     """
-    truth = planned_truth(scenario)
+    _, truth = planned_truth(scenario)
     floor = position_floor(scenario, truth)
     if floor is None:
         raise InputError(f"{measuring('landmarks')}.errors: of these no floor is known: must be measured or parametric")
@@ -125,17 +106,10 @@ def longest_gap(scenario: Scenario, truth: np.ndarray) -> float:
 def range_information(
     scenario: Scenario, truth: np.ndarray, room: Room, places: np.ndarray, m: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the information on p_WB of an anchor at each place in each step, and whether it is heard there.
+    """Return the information on p_WB of an anchor at each place in each step of m ticks, and whether it is heard there.
 
-    Args:
-        scenario: noise, walls and link of the ranges.
-        truth: states x_k (n, 12).
-        room: its walls.
-        places: p_W of the anchors (c, 3) [m].
-        m: ticks of a step.
-
-    Returns:
-        J in [1/m^2] (c, steps, 3, 3) and there (c, steps).
+    They are J [1/m^2] (c, steps, 3, 3) and there (c, steps), for places p_W (c, 3) [m] in a room's walls along states
+    x_k (n, 12), with noise, walls and link of the scenario's ranges.
     """
     steps, seen = -(-len(truth) // m), arrived(scenario, measuring("anchors"), truth)
     J, there = np.zeros((len(places), steps, 3, 3)), np.zeros((len(places), steps), dtype=bool)
@@ -157,17 +131,10 @@ def place_anchors(
 ) -> Placement:
     """Return the room of a scenario with n anchors placed for its path, and maybe landmarks after them.
 
-    Args:
-        scenario: path, room, sensors and their links.
-        n: number of anchors.
-        spacing: of the grid of mounting places [m].
-        landmarks: number of landmarks in place of those that the room has; 0 leaves those.
-        start: called before each part of the search, with its name.
-        tick: called after each step.
-
-    Raises:
-        InputError: if there is no path or no floor, uwb (or the camera, with landmarks) does not fly or gives
-            differences, or there are fewer places than anchors or landmarks.
+    The mounting places have a spacing [m]. So many landmarks are placed in place of those that the room has; 0 leaves
+    those. `start` is told each part of the search before it, and `tick` called after each step. InputError if there is
+    no path or no floor, uwb (or the camera, with landmarks) does not fly or gives differences, or there are fewer
+    places than anchors or landmarks.
     """
     placing = {measuring(things): things for things in ("anchors", *(("landmarks",) if landmarks else ()))}
     for sensor, placed in placing.items():
@@ -179,7 +146,7 @@ def place_anchors(
     if landmarks:  # those that the room has go, and are in nobody's way
         room = room.model_copy(update={"landmarks": ()})
     with flown_in(scenario, room) as emptied:
-        truth = planned_truth(emptied)
+        _, truth = planned_truth(emptied)
     places = mounting_places(room, spacing, truth[:, :3], scenario.vehicle.radius)
     if len(places) < n:
         raise InputError(f"N: {n}: must not exceed the {len(places)} mounting places {spacing:g} m apart of the room")
@@ -197,9 +164,8 @@ def place_anchors(
     better = with_anchors(room, places[sorted(chosen)])
     if landmarks:
         ranges = J[chosen].sum(axis=0) * (there[chosen].sum(axis=0) >= FIX)[:, None, None]
-        spots = floor_spots(
-            room, standing_classes(scenario.load_room()), spacing / FINER, truth[:, :3], scenario.vehicle.radius
-        )
+        classes = standing_classes(scenario.load_room())
+        spots = floor_spots(room, classes, spacing / FINER, truth[:, :3], scenario.vehicle.radius)
         if len(spots) < landmarks:
             raise InputError(f"--landmarks {landmarks}: must not exceed the {len(spots)} free spots of the floor")
         start("choosing landmarks")
@@ -230,3 +196,9 @@ def _cost(
         return float(worst * np.mean((sd / worst) ** power) ** (1.0 / power))
 
     return cost
+
+
+def room_text(room: Room, about: str) -> str:
+    """Return a room as the text of a file, with a line about it at the top."""
+    data = room.model_dump(mode="json")
+    return f"# {about}\n" + yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=120)

@@ -17,7 +17,7 @@ Distances cannot tell the network from its mirror image in the plane of three kn
 image that nearer to where the anchors were believed to be is taken. The search starts from where those were believed to
 be, and where ranges between anchors connect them all, from both images that these give (mds.py); the best fit counts.
 Places in one plane, as of a flight at constant height, cannot tell on which side of it each anchor stands: that takes
-ranges between anchors (sides.py).
+ranges between anchors (better_sides).
 """
 
 from collections.abc import Sequence
@@ -29,8 +29,7 @@ from scipy.special import chdtri
 
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.studies.room_design.mds import mirror_images
-from ortilo_drake.studies.room_design.network import Network, Ranges
-from ortilo_drake.studies.room_design.sides import FLAT, better_sides, plane_of
+from ortilo_drake.studies.room_design.network import FLAT, Network, Ranges, better_sides, plane_of
 
 FEWEST = 4  # ranges of a place that says anything of the anchors, where it is not known itself
 SAME = 1e-3  # costs that differ by less, relative, are of mirror images
@@ -41,16 +40,11 @@ MOST_FITS = 6
 
 @dataclass(frozen=True)
 class Survey:
-    """The anchors as they were found.
+    """The anchors as they were found, p_W (n, 3) [m], by so many ranges.
 
-    Attributes:
-        anchors: p_W (n, 3) [m].
-        covariance: of their coordinates, row by row; 0 for those that were known (3 n, 3 n) [m^2].
-        places: the vehicle's, p_W (k, 3) [m].
-        ranges: number of ranges used.
-        cost: what was minimised.
-        chi2: sum of the squares of the weighted residuals.
-        freedom: number of residuals less that of unknowns, which chi2 is on average.
+    The covariance is that of their coordinates, row by row; 0 for those that were known (3 n, 3 n) [m^2]. The vehicle's
+    places are p_W (k, 3) [m]. The cost was minimised; chi2 is the sum of the squares of the weighted residuals, on
+    average the freedom, their number less that of unknowns.
     """
 
     anchors: np.ndarray
@@ -70,17 +64,11 @@ class Survey:
 def survey(
     ranges: Ranges, believed: np.ndarray, known: Sequence[int], noise: tuple[float, float], loss: str = "linear"
 ) -> Survey:
-    """Return the anchors that fit the ranges best.
+    """Return the anchors that fit the ranges best, by a loss of scipy.optimize.least_squares.
 
-    Args:
-        ranges: what was measured.
-        believed: where the anchors were believed to be, p_W (n, 3) [m].
-        known: numbers of those whose place is known; three or more, not on one line.
-        noise: s_0 [m] and s_1 of a range's standard deviation s_0 + s_1 d.
-        loss: of scipy.optimize.least_squares.
-
-    Raises:
-        InputError: if the known anchors are too few or on one line, or an anchor cannot be found.
+    The anchors were believed to be at p_W (n, 3) [m], those known by number are there: three or more, not on one line.
+    The noise is s_0 [m] and s_1 of a range's standard deviation s_0 + s_1 d. InputError if the known anchors are too
+    few or on one line, or an anchor cannot be found.
     """
     refuse_known(believed, known)
     ranges = _useful(ranges)

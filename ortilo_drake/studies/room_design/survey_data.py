@@ -37,12 +37,8 @@ _ANCHOR = re.compile(r"a(\d{1,4})")
 def flown_messages(scenario: Scenario, truth: np.ndarray) -> np.ndarray:
     """Return the uwb messages that reached the vehicle in a flight (m, 2 + 2 a), in the order in which they were taken.
 
-    Args:
-        scenario: the scenario flown, its seed included.
-        truth: true states x_k (n, 12).
-
-    Raises:
-        InputError: if the messages cannot be repeated, see messages_again.
+    The scenario is the one flown, its seed included, with true states x_k (n, 12). InputError if the messages cannot be
+    repeated, see messages_again.
     """
     return messages_again(scenario, scenario.load_room(), truth, arrived(scenario, measuring("anchors"), truth))
 
@@ -50,8 +46,7 @@ def flown_messages(scenario: Scenario, truth: np.ndarray) -> np.ndarray:
 def logged_messages(path: Path) -> np.ndarray:
     """Return the uwb messages that a log holds (m, 2 + 2 a).
 
-    Raises:
-        InputError: if it is no log, or has messages of several samples or of differences.
+    InputError if it is no log, or has messages of several samples or of differences.
     """
     scenario, sensor = log_scenario(path), measuring("anchors")
     if scenario.uwb.kind == "differences":
@@ -83,11 +78,7 @@ def ranges_of_log(path: Path, most: int) -> Ranges:
 
 
 def ranges_of_table(path: Path, n: int) -> Ranges:
-    """Return the ranges of a table to n anchors.
-
-    Raises:
-        InputError: naming file, line, column, value and what is allowed.
-    """
+    """Return the ranges of a table to n anchors; InputError naming file, line, column, value and what is allowed."""
     rows = csv.DictReader(io.StringIO(read_text(path)), skipinitialspace=True)
     names = [name.strip() for name in rows.fieldnames or ()]
     rows.fieldnames = names

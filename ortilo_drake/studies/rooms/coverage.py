@@ -9,13 +9,12 @@ from ortilo_drake.floor.information_arrivals import arrived
 from ortilo_drake.onboard.planner.free_cells import free_space
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import measuring
-from ortilo_drake.studies.rooms.in_sight import Eyes, anchors_in_sight, dilution
+from ortilo_drake.studies.rooms.in_sight import Eyes, anchors_in_sight, dilution, middles
 from ortilo_drake.studies.rooms.planned_floor import (
     PlannedFlight,
     Stretch,
     first_lost,
     floors,
-    heading,
     planned_flight,
     worst_stretch,
 )
@@ -29,19 +28,12 @@ HEADINGS_ALONG = 24  # and along the path
 
 @dataclass(frozen=True)
 class Along:
-    """The coverage along the planned path, at n places.
+    """The coverage along the planned path, at n places p_WB [m] (n, 3), at times and distances flown since the start.
 
-    Attributes:
-        time: since the start [s] (n).
-        distance: flown since the start [m] (n).
-        position: p_WB [m] (n, 3).
-        free: from the vehicle's outline to walls, floor and ceiling [m] (n).
-        anchors: how many are in sight (n).
-        pdop: position dilution of precision [1] (n); infinite where their ranges give no position.
-        landmarks: how many are in view at the heading that is flown (n).
-        headings: yaws [rad] (h).
-        landmarks_by_heading: how many are in view at each (n, h).
-        floor: least error of the position [m] (n) with 'all' sensors, and by name without each.
+    Free is from the vehicle's outline to walls, floor and ceiling [m] (n). So many anchors are in sight, with the
+    position dilution of precision [1] (n), infinite where their ranges give no position. So many landmarks are in view
+    at the heading that is flown (n), and at each of the headings [rad] (n, h). The floor is the least error of the
+    position [m] (n) with 'all' sensors, and by name without each.
     """
 
     time: np.ndarray
@@ -58,17 +50,11 @@ class Along:
 
 @dataclass(frozen=True)
 class OverFloor:
-    """The coverage over the floor at one height, on a grid; rows are y, columns x.
+    """The coverage over the floor at one height [m], on a grid; rows are y (r), columns x (c), the cells' middles [m].
 
-    Attributes:
-        height: of the grid [m].
-        x: of the cells' middles [m] (c).
-        y: of the cells' middles [m] (r).
-        free: whether nothing of that height stands there (r, c).
-        anchors: how many are in sight (r, c).
-        pdop: position dilution of precision [1] (r, c); infinite where their ranges give no position.
-        headings: yaws [rad], the first the one that is flown (h).
-        landmarks: how many are in view at each (h, r, c).
+    Free is whether nothing of that height stands there (r, c). So many anchors are in sight, with the position dilution
+    of precision [1] (r, c), infinite where their ranges give no position, and so many landmarks in view at each heading
+    [rad], the first the one that is flown (h, r, c).
     """
 
     height: float
@@ -83,13 +69,9 @@ class OverFloor:
 
 @dataclass(frozen=True)
 class Case:
-    """The floor with all sensors, or without one.
+    """The floor with all sensors, or without one: greatest [m], when [s] and where on the way [m].
 
-    Attributes:
-        floor: greatest [m].
-        time: when [s].
-        distance: where on the way [m].
-        lost_at: when three sigma of the floor first reach a wall, floor or ceiling [s]; None if never.
+    Three sigma of it first reach a wall, floor or ceiling at lost_at [s]; None if they never do.
     """
 
     floor: float
@@ -100,17 +82,11 @@ class Case:
 
 @dataclass(frozen=True)
 class Coverage:
-    """The coverage of a room: how well a vehicle can know its position there.
+    """The coverage of a room: how well a vehicle can know its position there, along its path and over the floor.
 
-    Attributes:
-        scenario: its name.
-        room: its name.
-        answer: in a sentence or two, where the room loses the vehicle, and on which sensor that hangs.
-        worst: the worst stretch, ticks of the control clock.
-        worst_times: when it begins and ends [s].
-        cases: the floor with 'all' sensors, and by name without each.
-        along: along the planned path.
-        over_floor: over the floor at the flying height.
+    The answer says in a sentence or two where the room loses the vehicle, and on which sensor that hangs. The worst
+    stretch is in ticks of the control clock, its times are in s. The cases are the floor with 'all' sensors, and by
+    name without each.
     """
 
     scenario: str
@@ -124,21 +100,15 @@ class Coverage:
 
 
 def coverage(scenario: Scenario, progress: Callable[[float], None] = lambda share: None) -> Coverage:
-    """Return the coverage of a scenario's room.
+    """Return the coverage of a scenario's room, along a path that is planned before the flight; tell the share done.
 
     Walls take the sight of anchors unless the scenario has radio pass them (uwb.walls none); uwb.max_distance holds.
-
-    Args:
-        scenario: what is flown, along a path that is planned before the flight.
-        progress: told the share that is done.
-
-    Raises:
-        InputError: if there is no path, or the errors of the camera's detector have not been measured.
+    InputError if there is no path, or the errors of the camera's detector have not been measured.
     """
     flight = planned_flight(scenario)
     found = floors(scenario, flight.truth)
     progress(0.3)
-    room, eyes, yaw = scenario.load_room(), Eyes(scenario), heading(scenario)
+    room, eyes, yaw = scenario.load_room(), Eyes(scenario), scenario.yaw
     blocks = scenario.uwb.walls.kind != "none"
     keep = np.unique(np.linspace(0, len(flight.time) - 1, min(SAMPLES, len(flight.time))).round().astype(int))
     p = flight.truth[keep, :3]
@@ -178,14 +148,14 @@ def over_floor(
     low, high = np.array(room.interior.min[:2]), np.array(room.interior.max[:2])
     sides = high - low
     step = max(FINEST, float(np.sqrt(np.prod(sides) / CELLS)))
-    x, y = (a + (b - a) * (np.arange(n) + 0.5) / n for a, b, n in zip(low, high, _cells(sides, step), strict=True))
+    x, y = middles(low, high, np.maximum(np.ceil(sides / step - 1e-9), 1).astype(int))
     free = free_space(room, height, 0.0, 0.0, 0.0).room_on_grid(x, y).T > 0.0
     points = np.stack([*np.meshgrid(x, y), np.full(free.shape, height)], axis=-1)
     inside = points[free]
     seen = anchors_in_sight(inside, room, scenario.uwb.max_distance, scenario.uwb.walls.kind != "none")
     anchors, pdop = np.zeros(free.shape, dtype=int), np.full(free.shape, np.inf)
     anchors[free], pdop[free] = seen.sum(axis=1), dilution(inside, room.anchor_positions, seen)
-    headings = heading(scenario) + np.arange(HEADINGS) * 2.0 * np.pi / HEADINGS
+    headings = scenario.yaw + np.arange(HEADINGS) * 2.0 * np.pi / HEADINGS
     landmarks = np.zeros((HEADINGS, *free.shape), dtype=int)
     for i, yaw in enumerate(headings):
         landmarks[i][free] = [len(eyes.in_view(at, float(yaw))) for at in inside]
@@ -193,30 +163,19 @@ def over_floor(
     return OverFloor(height, x, y, free, anchors, pdop, headings, landmarks)
 
 
-def _cells(sides: np.ndarray, step: float) -> np.ndarray:
-    return np.maximum(np.ceil(sides / step - 1e-9), 1).astype(int)
-
-
 def _answer(scenario: Scenario, worst: Stretch, cases: dict[str, Case], distance: np.ndarray, time: np.ndarray) -> str:
     """Return the place at which the room loses the vehicle, and the sensor that decides it."""
     metres = f"{distance[worst.first]:.1f} to {distance[worst.last]:.1f} m of the way"
     seconds = f"{time[worst.first]:.1f} to {time[worst.last]:.1f} s"
-    silent = (
-        f"{' and '.join(worst.silent)} {'measures' if len(worst.silent) == 1 else 'measure'} nothing there; "
-        if worst.silent
-        else ""
-    )
-    if worst.hangs_on is None:
-        hangs = "no single sensor decides it"
-    else:
-        hangs = f"{worst.hangs_on} matters most, without it the error is {worst.floor_without:.2g} m"
+    measure = "measures" if len(worst.silent) == 1 else "measure"
+    silent = f"{' and '.join(worst.silent)} {measure} nothing there; " if worst.silent else ""
+    hangs = f"{worst.hangs_on} matters most, without it the error is {worst.floor_without:.2g} m"
+    hangs = "no single sensor decides it" if worst.hangs_on is None else hangs
     worst_is = f"{metres} ({seconds}), where even the best estimator errs by {worst.floor:.2g} m; {silent}{hangs}."
     lost = cases["all"].lost_at
     if lost is None:
-        sensors = ", ".join(scenario.sensors)
-        return (
-            f"Nowhere with {sensors}: three sigma of the floor stay off the walls. The worst stretch is from {worst_is}"
-        )
+        nowhere = f"Nowhere with {', '.join(scenario.sensors)}: three sigma of the floor stay off the walls."
+        return f"{nowhere} The worst stretch is from {worst_is}"
     return f"From {worst_is} From {lost:.1f} s on three sigma of the floor reach a wall."
 
 

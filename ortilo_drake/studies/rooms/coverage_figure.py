@@ -1,6 +1,7 @@
 """The figure of a room's coverage: maps over the floor, and curves along the path."""
 
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import matplotlib as mpl
@@ -49,53 +50,40 @@ def draw_coverage(found: Coverage, room: Room) -> Figure:
         _draw_views(lower, views, found)
         of_scenario = "" if found.scenario == OF_A_ROOM else f"{found.scenario}: "
         title = f"{of_scenario}Where will {found.room} lose you? {found.answer}"
-        figure.suptitle(_wrapped(title), fontsize=10, x=0.01, ha="left")
+        figure.suptitle(fill(title, 150) + "\n", fontsize=10, x=0.01, ha="left")
         return figure
-
-
-def _wrapped(text: str) -> str:
-    import textwrap
-
-    return "\n".join(textwrap.wrap(text, 150)) + "\n"
 
 
 def _draw_maps(figure: Any, maps: np.ndarray, found: Coverage, room: Room, wide: bool) -> None:
     over, many = found.over_floor, max(int(found.over_floor.anchors.max()), 1)
     yaw = np.degrees(over.headings[0])
     most = max(int(over.landmarks[0].max()), 1)
+    none = over.anchors == 0, ~np.isfinite(over.pdop), over.landmarks[0] == 0
     shown = (
-        ("UWB anchors in sight", np.where(over.anchors > 0, over.anchors, np.nan), "Blues", np.arange(0.5, many + 1)),
-        ("dilution of precision, PDOP", np.where(np.isfinite(over.pdop), over.pdop, np.nan), "YlOrRd", _PDOP),
-        (
-            f"landmarks in view, heading {yaw:.0f}°",
-            np.where(over.landmarks[0] > 0, over.landmarks[0], np.nan),
-            "Purples",
-            np.arange(0.5, most + 1),
-        ),
+        ("UWB anchors in sight", over.anchors, "Blues", np.arange(0.5, many + 1)),
+        ("dilution of precision, PDOP", over.pdop, "YlOrRd", _PDOP),
+        (f"landmarks in view, heading {yaw:.0f}°", over.landmarks[0], "Purples", np.arange(0.5, most + 1)),
     )
     low, high = np.array(room.interior.min), np.array(room.interior.max)
-    for axes, (title, values, colors, levels) in zip(maps, shown, strict=True):
+    for axes, nothing, (title, values, colors, levels) in zip(maps, none, shown, strict=True):
         axes.add_patch(Rectangle((low[0], low[1]), *(high - low)[:2], facecolor=_NOTHING, lw=0, zorder=0))
         cmap = ListedColormap(mpl.colormaps[colors](np.linspace(0.12, 1.0, 256)))
         norm = BoundaryNorm(np.asarray(levels, dtype=float), cmap.N, extend="max" if colors == "YlOrRd" else "neither")
-        shade = np.ma.masked_invalid(np.where(over.free, values, np.nan))
+        shade = np.ma.masked_where(nothing | ~over.free, values)
+        extent = (low[0], high[0], low[1], high[1])
         drawn = axes.imshow(
-            shade, origin="lower", extent=(low[0], high[0], low[1], high[1]), cmap=cmap, norm=norm, zorder=0.5,
-            interpolation="nearest",
-        )  # fmt: skip
+            shade, origin="lower", extent=extent, cmap=cmap, norm=norm, zorder=0.5, interpolation="nearest"
+        )
         draw_fabric(axes, room, floor=False)
-        axes.plot(*room.anchor_positions[:, :2].T, "^", ms=5, color="#0B3C6F", mec="white", mew=0.6, ls="", zorder=4)
+        placed: Any = {"mec": "white", "ls": "", "zorder": 4}
+        axes.plot(*room.anchor_positions[:, :2].T, "^", ms=5, color="#0B3C6F", mew=0.6, **placed)
         if colors == "Purples" and len(room.landmarks):
-            axes.plot(
-                *room.landmark_positions[:, :2].T, "*", ms=7, color="#6A3D9A", mec="white", mew=0.5, ls="", zorder=4
-            )
+            axes.plot(*room.landmark_positions[:, :2].T, "*", ms=7, color="#6A3D9A", mew=0.5, **placed)
         _draw_way(axes, found)
-        axes.set_aspect("equal")
         axes.spines[:].set_visible(False)
-        axes.set_xlim(low[0] - 0.2, high[0] + 0.2)
-        axes.set_ylim(low[1] - 0.2, high[1] + 0.2)
+        (left, bottom), (right, top) = low[:2] - 0.2, high[:2] + 0.2
+        axes.set(aspect="equal", xlim=(left, right), ylim=(bottom, top), ylabel="y (north) [m]")
         axes.set_title(f"{title}, {over.height:.2g} m high", fontsize=9)
-        axes.set_ylabel("y (north) [m]")
         bar = figure.colorbar(drawn, ax=axes, pad=0.01, shrink=0.9, location="right" if wide else "bottom", aspect=25)
         if colors != "YlOrRd":
             whole = np.arange(1, (most if colors == "Purples" else many) + 1)
@@ -136,9 +124,8 @@ def _draw_floor(axes: Axes, found: Coverage) -> None:
         label = "all sensors" if whole else f"without {name}"
         color = "k" if whole else _WITHOUT.get(name, "#999999")
         axes.plot(along.distance[1:], rows[1:], color=color, lw=2.0 if whole else 1.2, label=label, zorder=3 + whole)
-    axes.plot(
-        along.distance, along.free / 3.0, color="#8C7B6B", lw=1.0, ls=":", label="a third of the room to the walls"
-    )
+    third: Any = {"color": "#8C7B6B", "lw": 1.0, "ls": ":", "label": "a third of the room to the walls"}
+    axes.plot(along.distance, along.free / 3.0, **third)
     at = np.flatnonzero(_in_worst(found))
     stretch: Any = {"color": _worst_color(found), "alpha": 0.15, "lw": 0, "label": "worst stretch"}
     axes.axvspan(along.distance[at[0]], along.distance[at[-1]], **stretch)
@@ -164,10 +151,8 @@ def _draw_views(figure: Any, axes: Axes, found: Coverage) -> None:
     yaw = np.degrees(found.over_floor.headings[0])
     axes.axhline(yaw, color="k", lw=1.0, ls="--")
     axes.text(along.distance[-1], yaw, " flown", va="center", fontsize=8)
-    axes.set_yticks([-180, -90, 0, 90, 180])
-    axes.set_ylim(-180.0 - half, 180.0 - half)
-    axes.set_ylabel("heading [°]")
-    axes.set_xlabel("way flown [m]")
+    limits = (-180.0 - half, 180.0 - half)
+    axes.set(yticks=[-180, -90, 0, 90, 180], ylim=limits, ylabel="heading [°]", xlabel="way flown [m]")
     axes.set_title("landmarks in view by heading", fontsize=9)
     bar = figure.colorbar(drawn, ax=axes, pad=0.04, aspect=15)
     bar.locator = MaxNLocator(6, integer=True)

@@ -1,7 +1,7 @@
-"""Findings about a room that loads: its properties, and likely mistakes."""
+"""Findings about a room that loads: its properties, and likely mistakes, lengths that are hardly metres among them."""
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from pydrake.trajectories import Trajectory
@@ -15,9 +15,8 @@ from ortilo_drake.model.typed_yaml import InputError, all_problems
 from ortilo_drake.onboard.planner.free_cells import free_space
 from ortilo_drake.onboard.planner.planned import path_of
 from ortilo_drake.scenario import GcsPlanner, Scenario
-from ortilo_drake.studies.rooms.in_sight import Eyes
+from ortilo_drake.studies.rooms.in_sight import Eyes, middles
 from ortilo_drake.studies.rooms.room_scenario import room_scenario
-from ortilo_drake.studies.rooms.units import doubted_units
 
 LEAST_SPREAD = 0.3  # of the anchors about their best plane, root mean square; twice that, and heights tell [m]
 _LOOKS = 400  # places that a landmark is looked for from
@@ -25,12 +24,9 @@ _ROUNDING = 1e-6  # [m]
 
 
 class Findings(NamedTuple):
-    """The properties of a room, and its likely mistakes.
+    """The properties of a room, and its likely mistakes: lines, each warning's beginning with the field it is about.
 
-    Attributes:
-        facts: lines.
-        warnings: lines, each beginning with the field that it is about.
-        path: the planned way from start to goal, if there is one.
+    The path is the planned way from start to goal, if there is one.
     """
 
     facts: list[str]
@@ -130,22 +126,20 @@ def _places(room: Room) -> list[str]:
 
 def _unseen(scenario: Scenario) -> list[str]:
     """Return the landmarks that no vehicle in the free space can see, even if it looks their way."""
-    room = scenario.load_room()
+    room, planner = scenario.load_room(), scenario.planner
     if not room.landmarks:
         return ["landmarks: none: the camera tells nothing"]
-    planner = scenario.planner
     height = getattr(planner, "height", 1.5)
     space = free_space(room, height, scenario.vehicle.radius, 0.0, getattr(planner, "vertical_clearance", 0.0))
     low, high = space.bounds[:, :2]
     n = np.maximum(np.round(np.sqrt(_LOOKS * (high - low) / (high - low)[::-1])), 1).astype(int)
-    x, y = (a + (b - a) * (np.arange(k) + 0.5) / k for a, b, k in zip(low, high, n, strict=True))
+    x, y = middles(low, high, n)
     free = np.argwhere(space.room_on_grid(x, y) > 0.0)
     eyes, left = Eyes(scenario), set(range(len(room.landmarks)))
     for i in sorted(left):
         away = room.landmark_positions[i, :2] - np.column_stack([x[free[:, 0]], y[free[:, 1]]])
-        for k in np.argsort(
-            np.abs(np.linalg.norm(away, axis=1) - 3.0)
-        ):  # three metres off is a good place to look from
+        nearness = np.abs(np.linalg.norm(away, axis=1) - 3.0)  # three metres off is a good place to look from
+        for k in np.argsort(nearness):
             if i not in left:
                 break
             place = np.array([x[free[k, 0]], y[free[k, 1]], height])
@@ -157,8 +151,8 @@ def _unseen(scenario: Scenario) -> list[str]:
     ]
 
 
-def _sizes(sides: np.ndarray) -> str:
-    return " x ".join(f"{float(f'{side:.3g}'):g}" for side in sides)
+def _sizes(sides: np.ndarray, digits: int = 3) -> str:
+    return " x ".join(f"{float(f'{side:.{digits}g}'):g}" for side in sides)
 
 
 def _point(p: object) -> str:
@@ -175,8 +169,83 @@ _ANY_ROOM = {
 def room_problems(path: Path) -> list[str]:
     """Return a line for each thing that is wrong with a room file: file, field, value and what is allowed.
 
-    Raises:
-        InputError: if the file cannot be read or is no YAML.
+    InputError if the file cannot be read or is no YAML.
     """
     data = parse_room(read_text(path), str(path))
     return [one_line(f"{path}: {line}") for line in all_problems(Room, data, _ANY_ROOM)]
+
+
+UNITS: Final = {"feet": 0.3048, "inches": 0.0254, "centimetres": 0.01, "millimetres": 0.001, "kilometres": 1000.0}
+SIDES, HEIGHTS = (1.5, 300.0), (1.5, 30.0)  # of what is taken for a room as it stands [m]
+_WITHIN, _AS_HIGH = (2.0, 100.0), (2.0, 6.0)  # of what another unit must make of it [m]
+_IN_FEET = (7.0, 11.0)  # a hall is as high, and a room of so many feet [m]
+_STANDS = 0.3  # what begins lower stands on the floor [m]
+
+
+def doubted_units(room: Room) -> list[str]:
+    """Return a line for each group of lengths that are hardly metres, beginning with the field; none if all may be."""
+    low, high = np.array(room.interior.min), np.array(room.interior.max)
+    size = high - low
+    unit = _unit_of(room, size)
+    if unit is None:
+        return _anchors_alone(room, low, high)
+    factor, places = UNITS[unit], _coordinates(room)
+    also = [name for name, values in places.items() if _is_scaled(values, np.abs([low, high]).max(), factor)]
+    fields = f"interior, {', '.join(also)} by {factor:g}" if also else f"it by {factor:g}"
+    return [
+        f"interior: {_sizes(size, 4)} m: in {unit} it would be {_sizes(size * factor, 4)} m; lengths are in metres: "
+        f"multiply {fields}"
+    ]
+
+
+def _unit_of(room: Room, size: np.ndarray) -> str | None:
+    sides, height = size[:2], size[2]
+    if not (SIDES[0] <= sides.min() and sides.max() <= SIDES[1] and HEIGHTS[0] <= height <= HEIGHTS[1]):
+        fits = [unit for unit, factor in UNITS.items() if _is_room(size * factor)]
+        return fits[0] if fits else None
+    standing = [p[2] - half for p, half in zip(room.landmark_positions, room.landmark_sizes[:, 2] / 2, strict=True)]
+    is_high = _IN_FEET[0] <= height <= _IN_FEET[1] and _is_room(size * UNITS["feet"])
+    return "feet" if is_high and min(standing, default=np.inf) > room.interior.min[2] + _STANDS else None
+
+
+def _is_room(size: np.ndarray) -> bool:
+    within = _WITHIN[0] <= size[:2].min() and size[:2].max() <= _WITHIN[1]
+    return bool(within and _AS_HIGH[0] <= size[2] <= _AS_HIGH[1])
+
+
+def _coordinates(room: Room) -> dict[str, np.ndarray]:
+    """Return the coordinates of all that is placed in a room, by field."""
+    ends = [*(room.start or ()), *(room.goal or ())]
+    found = {
+        "anchors": room.anchor_positions,
+        "landmarks": room.landmark_positions,
+        "walls": room.wall_boxes[:, :2],
+        "stands": np.array(room.stands),
+        "furniture": np.array([item[1:4] for item in room.furniture]),
+        "start and goal": np.array(ends),
+    }
+    return {name: values for name, values in found.items() if values.size}
+
+
+def _is_scaled(values: np.ndarray, farthest: float, factor: float) -> bool:
+    """Return whether places lie over the interior as it stands, rather than in a corner of it."""
+    reach = float(np.abs(values).max())
+    return reach > farthest * np.sqrt(factor) if factor < 1.0 else reach < farthest * np.sqrt(factor)
+
+
+def _anchors_alone(room: Room, low: np.ndarray, high: np.ndarray) -> list[str]:
+    """Return a line if most anchors are outside, and all would be within if they were in another unit."""
+    anchors = room.anchor_positions
+
+    def within(p: np.ndarray) -> np.ndarray:
+        return np.all((p >= low - 0.5) & (p <= high + 0.5), axis=1)
+
+    if np.count_nonzero(~within(anchors)) * 2 <= len(anchors):
+        return []
+    for unit, factor in UNITS.items():
+        if within(anchors * factor).all() and np.ptp(anchors * factor, axis=0)[:2].max() > 0.2 * (high - low)[:2].max():
+            return [
+                f"anchors: {np.count_nonzero(~within(anchors))} of {len(anchors)} lie outside the interior; in {unit} "
+                f"all would be within: lengths are in metres: multiply them by {factor:g}"
+            ]
+    return []

@@ -26,13 +26,9 @@ Threshold = Annotated[float, Field(ge=0.0, le=1.0)]
 class FloorPlan(NamedTuple):
     """The drawing over which walls are traced, row by row from the top.
 
-    Attributes:
-        wall: whether a pixel is one (h, w).
-        free: whether a pixel is known to be none (h, w); of a picture whatever is no wall.
-        scale: pixels a metre.
-        corner: x, y of the lower left corner in the plan's frame [m] (2).
-        what: what makes a pixel a wall.
-        scaled_by: what the scale comes from.
+    A pixel is a wall (h, w), or known to be none, free (h, w); of a picture whatever is no wall. The scale is in pixels
+    a metre, the corner x, y of the lower left one in the plan's frame [m] (2). `what` makes a pixel a wall, and the
+    scale is from scaled_by, in words.
     """
 
     wall: np.ndarray
@@ -58,15 +54,10 @@ class GridFile(Frozen):
 
 
 def read_plan(file: Path, scale: float | None, dark: int) -> FloorPlan:
-    """Return the floor plan in a picture, or in the .yaml of an occupancy grid.
+    """Return the floor plan in a picture (PNG, PGM, BMP, JPEG or TIFF), or in the .yaml of an occupancy grid.
 
-    Args:
-        file: PNG, PGM, BMP, JPEG or TIFF; or a .yaml.
-        scale: pixels a metre; None for a grid, which has a resolution.
-        dark: brightness below which a pixel of a picture is a wall.
-
-    Raises:
-        InputError: if it cannot be read, is too large, or its scale is given twice or not at all.
+    The scale is in pixels a metre, None for a grid, which has a resolution; a pixel of a picture is a wall if darker
+    than `dark`. InputError if it cannot be read, is too large, or its scale is given twice or not at all.
     """
     if file.suffix in (".yaml", ".yml"):
         if scale is not None:

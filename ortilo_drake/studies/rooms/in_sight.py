@@ -25,13 +25,9 @@ _FLAT = 1e-9  # the least eigenvalue of G^T G, of which n / 3 is the mean, that 
 
 
 def anchors_in_sight(points: np.ndarray, room: Room, max_distance: float, walls_block: bool) -> np.ndarray:
-    """Return a mask of the anchors in sight of each point (n, anchors).
+    """Return a mask of the anchors in sight of each point p_W (n, 3) [m] (n, anchors), those within a distance [m].
 
-    Args:
-        points: p_W (n, 3) [m].
-        room: its anchors and walls.
-        max_distance: farther anchors are not [m].
-        walls_block: whether walls take the sight, but for the one that holds the anchor.
+    Walls may block the sight, but for the one that holds the anchor.
     """
     seen = np.linalg.norm(points[:, np.newaxis] - room.anchor_positions, axis=2) <= max_distance
     if walls_block and len(room.wall_boxes):
@@ -41,12 +37,9 @@ def anchors_in_sight(points: np.ndarray, room: Room, max_distance: float, walls_
 
 
 def dilution(points: np.ndarray, anchors: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return the position dilution of precision at each point [1] (n); infinite where the ranges give no position.
+    """Return the position dilution of precision at points p_W (n, 3) of anchors p_W (m, 3) [m] in sight (n, m) [1] (n).
 
-    Args:
-        points: p_W (n, 3) [m].
-        anchors: p_W of the anchors (m, 3) [m].
-        seen: which of them are in sight (n, m).
+    It is infinite where the ranges give no position.
     """
     away = anchors - points[:, np.newaxis]
     distance = np.linalg.norm(away, axis=2, keepdims=True)
@@ -56,12 +49,13 @@ def dilution(points: np.ndarray, anchors: np.ndarray, seen: np.ndarray) -> np.nd
         return np.where(values[:, 0] > _FLAT, np.sqrt(np.sum(1.0 / np.maximum(values, 1e-300), axis=1)), np.inf)
 
 
-class Eyes:
-    """The camera of a scenario in its room: the landmarks that its detector finds from a pose.
+def middles(low: np.ndarray, high: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return the middles of equal cells between low and high, along each axis."""
+    return tuple(a + (b - a) * (np.arange(n) + 0.5) / n for a, b, n in zip(low, high, counts, strict=True))
 
-    Attributes:
-        room: the room.
-    """
+
+class Eyes:
+    """The camera of a scenario in its room: the landmarks that its detector finds from a pose."""
 
     def __init__(self, scenario: Scenario) -> None:
         self.room = scenario.load_room()

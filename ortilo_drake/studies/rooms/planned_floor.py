@@ -19,13 +19,10 @@ NEEDED = 1.1  # by which the loss of a sensor must raise the floor for a stretch
 
 
 class PlannedFlight(NamedTuple):
-    """A path as it is planned, at every tick.
+    """A path as it is planned, at every tick: times [s] (n), and the distance flown since the start [m] (n).
 
-    Attributes:
-        time: t_k [s] (n).
-        distance: flown since the start [m] (n).
-        truth: states, position and velocity the path's, roll and pitch as its acceleration needs (n, 12).
-        free: from the vehicle's outline to walls, floor and ceiling [m] (n).
+    The truth are states, position and velocity the path's, roll and pitch as its acceleration needs (n, 12); free is
+    from the vehicle's outline to walls, floor and ceiling [m] (n).
     """
 
     time: np.ndarray
@@ -36,24 +33,25 @@ class PlannedFlight(NamedTuple):
 
 def planned_flight(scenario: Scenario) -> PlannedFlight:
     """Return a scenario's path as a flight that follows it without error; InputError if there is none."""
-    time, reference = planned_reference(scenario)
+    time, truth = planned_truth(scenario)
     ticks = max(len(time) - round(scenario.settle * scenario.control_rate), 2)
-    time, p, v, a = time[:ticks], *(reference[:ticks, 3 * i : 3 * i + 3] for i in range(3))
-    yaw = heading(scenario)
-    truth = np.zeros((ticks, N_X))
+    p = truth[:ticks, :3]
+    distance = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
+    return PlannedFlight(time[:ticks], distance, truth[:ticks], free_room(scenario, p))
+
+
+def planned_truth(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
+    """Return t_k (n) and the states (n, 12) of a flight that follows its plan, then settles; InputError as above."""
+    time, reference = planned_reference(scenario)
+    p, v, a = (reference[:, 3 * i : 3 * i + 3] for i in range(3))
+    yaw = scenario.yaw
+    truth = np.zeros((len(time), N_X))
     truth[:, 0:3], truth[:, 6:9] = p, v
     truth[:, 3] = (a[:, 0] * np.sin(yaw) - a[:, 1] * np.cos(yaw)) / GRAVITY
     truth[:, 4] = (a[:, 0] * np.cos(yaw) + a[:, 1] * np.sin(yaw)) / GRAVITY
     truth[:, 5] = yaw
     truth[:, 9:12] = np.gradient(truth[:, 3:6], scenario.h, axis=0)
-    steps = np.linalg.norm(np.diff(p, axis=0), axis=1)
-    return PlannedFlight(time, np.concatenate([[0.0], np.cumsum(steps)]), truth, free_room(scenario, p))
-
-
-def heading(scenario: Scenario) -> float:
-    """Return the yaw at which a scenario's vehicle flies [rad]: its servo's, 0 in the paper's form."""
-    error_form = getattr(scenario.servo, "form", "error") == "error"
-    return float(getattr(scenario.servo, "yaw", 0.0)) if error_form else 0.0
+    return time, truth
 
 
 def free_room(scenario: Scenario, points: np.ndarray) -> np.ndarray:
@@ -77,38 +75,25 @@ def without_sensor(scenario: Scenario, sensor: str) -> Scenario:
 def floors(scenario: Scenario, truth: np.ndarray) -> dict[str, np.ndarray]:
     """Return the floor of the position's error at every tick [m] (n) with all sensors, and without each.
 
-    It is the root of the three axes' bounds together, sqrt(E |p_hat - p|^2) at best. See floor/cramer_rao.py.
-
-    Args:
-        scenario: what is flown.
-        truth: states (n, 12).
-
-    Raises:
-        InputError: if the errors of the camera's detector have not been measured.
+    It is the root of the three axes' bounds together at states (n, 12), sqrt(E |p_hat - p|^2) at best. See
+    floor/cramer_rao.py. InputError if the errors of the camera's detector have not been measured.
     """
     cases = {ALL: scenario} | {sensor: without_sensor(scenario, sensor) for sensor in scenario.sensors}
     found = {}
     for name, case in cases.items():
         bound = position_floor(case, truth)
         if bound is None:
-            raise InputError(
-                "detector: is not ours, so its errors have not been measured; leave it out, or "
-                "fly with camera.kind projected and camera.errors"
-            )
+            unknown = "detector: is not ours, so its errors have not been measured"
+            raise InputError(f"{unknown}; leave it out, or fly with camera.kind projected and camera.errors")
         found[name] = np.sqrt(bound.sum(axis=1))
     return found
 
 
 class Stretch(NamedTuple):
-    """The stretch of the way where the floor is worst.
+    """The stretch of the way where the floor is worst, from its first tick to its last, with its greatest floor [m].
 
-    Attributes:
-        first: tick at which it begins.
-        last: tick at which it ends.
-        floor: greatest floor in it [m].
-        hangs_on: the sensor whose loss raises that most; None if none does by much.
-        floor_without: greatest floor in it without that sensor [m].
-        silent: sensors that tell nothing in it.
+    It hangs on the sensor whose loss raises that most, to floor_without [m]; None if none does by much. Sensors that
+    tell nothing in it are silent.
     """
 
     first: int
@@ -122,9 +107,7 @@ class Stretch(NamedTuple):
 def worst_stretch(found: dict[str, np.ndarray], tells: dict[str, np.ndarray]) -> Stretch:
     """Return the stretch around the greatest floor in which the floor is at least WORST times it.
 
-    Args:
-        found: the floors, see floors (n each).
-        tells: whether each sensor tells something, by name (n each).
+    By name there are the floors found and whether each sensor tells something (n each).
     """
     floor = found[ALL]
     peak = int(np.argmax(floor))

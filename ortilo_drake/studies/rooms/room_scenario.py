@@ -24,12 +24,7 @@ def is_room(path: Path) -> bool:
 def room_scenario(room: Path, settings: tuple[str, ...] = ()) -> Scenario:
     """Return the scenario in which a room is judged: imu, UWB that walls block, projected camera, from start to goal.
 
-    Args:
-        room: the room's file.
-        settings: changes.
-
-    Raises:
-        InputError: if the room's file is wrong.
+    InputError if the room's file or a change by the settings is wrong.
     """
     if not exists(room):
         raise InputError(f"room: {room}: no such room file")

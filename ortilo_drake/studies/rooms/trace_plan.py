@@ -84,11 +84,7 @@ def _is_wall(width: int, height: int, thin: int, shortest: float) -> bool:
 
 
 def trace_plan(plan: FloorPlan) -> Traced:
-    """Return the walls of a floor plan.
-
-    Raises:
-        InputError: if there are no walls, or too many.
-    """
+    """Return the walls of a floor plan; InputError if there are no walls, or too many."""
     scale, thin = plan.scale, thinnest(plan.scale)
     mask = _opened(plan.wall, thin)
     turned = [(x, y, w, h) for y, x, h, w in _rectangles(mask.T)]

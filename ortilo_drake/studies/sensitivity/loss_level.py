@@ -31,11 +31,9 @@ class Flown(NamedTuple):
 
 
 class LossLevel(NamedTuple):
-    """The level at which a share is lost.
+    """The level at which a share is lost, and its 95 % interval.
 
-    Attributes:
-        value: None if it is beyond all levels flown; 0 if it is below them, or more is lost without any mismatch.
-        interval: its 95 % interval; 0 or None at an end that is below or beyond all levels flown.
+    It is None if beyond all levels flown, 0 if below them, or more is lost without any mismatch; so is an end.
     """
 
     value: float | None
@@ -46,13 +44,7 @@ NO_LEVEL: Final = LossLevel(0.0, (0.0, 0.0))  # more is lost without any mismatc
 
 
 def loss_level(without: Flown, flown: list[Flown], share: float = 0.05) -> LossLevel:
-    """Return the level at which that share of the flights is lost.
-
-    Args:
-        without: the flights without the mismatch; its level is not read.
-        flown: the flights at levels above 0.
-        share: of the flights.
-    """
+    """Return the level at which that share of the flights is lost, from flights without mismatch and at levels > 0."""
     level = np.array([row.level for row in flown])
     low, high = level.min() / BEYOND, level.max() * BEYOND
     at = np.geomspace(low, high, POINTS)
@@ -68,12 +60,7 @@ def loss_level(without: Flown, flown: list[Flown], share: float = 0.05) -> LossL
 def log_likelihood(without: Flown, flown: list[Flown], at: np.ndarray, slopes: np.ndarray, share: float) -> np.ndarray:
     """Return the log-likelihood of the flights, but for a constant, at all v* (n), F and p_0, b (m): (n, 8, m).
 
-    Args:
-        without: the flights without the mismatch.
-        flown: the flights at levels above 0.
-        at: v* (n).
-        slopes: b (m).
-        share: P(v*).
+    They are those without the mismatch and those flown at levels above 0, at v* `at`, slopes b and P(v*) the share.
     """
     level, flights, lost = (np.array(column, dtype=float) for column in zip(*flown, strict=True))
     total = binomial(loss_chance(level, at, slopes, share), flights, lost).sum(axis=-1)

@@ -6,6 +6,7 @@ expected to fall the furthest (one step ahead, each number of losses weighed by 
 bisection; with some it settles about v*. The posterior chooses levels alone: value and interval are loss_level's.
 """
 
+from math import log
 from typing import Final
 
 import numpy as np
@@ -35,13 +36,9 @@ def is_settled(found: LossLevel, levels: np.ndarray) -> bool:
 
 
 def next_level(without: Flown, flown: list[Flown], levels: np.ndarray, share: float) -> float:
-    """Return the level at which the next batch is flown.
+    """Return the level of a ladder at which the next batch is flown, in search of the one that loses the share.
 
-    Args:
-        without: the flights without the mismatch.
-        flown: the flights at levels above 0, none at first.
-        levels: the ladder.
-        share: of the flights that v* loses.
+    So far there are the flights without the mismatch, and those flown at levels above 0, none at first.
     """
     at = np.geomspace(levels.min() / 2.0, 2.0 * levels.max(), _POINTS)
     known = flown or [Flown(1.0, 0, 0)]
@@ -57,3 +54,26 @@ def next_level(without: Flown, flown: list[Flown], levels: np.ndarray, share: fl
     mean = np.einsum("kil,i->kl", of_at, x) / np.maximum(chance, 1e-300)
     variance = np.einsum("kil,i->l", of_at, x**2) - np.sum(chance * mean**2, axis=0)
     return float(levels[np.argmin(variance)])
+
+
+ERROR: Final = 0.05  # e
+APART: Final = 2.5  # p_0 = share / APART
+ABOVE: Final = 2.0  # p_1 = share ABOVE
+
+
+def loses_more(flights: int, lost: int, share: float) -> bool | None:
+    """Return whether more than a share of all flights is lost, from so many flown and lost; None if undecided.
+
+    It is Wald's sequential probability ratio test, which ends as soon as the flights decide (Sequential tests of
+    statistical hypotheses, Annals of Mathematical Statistics 16, 1945, 117-186). With n flights of which l are lost,
+    and p_0 = share / APART < p_1 = share ABOVE, between which no decision is asked for,
+
+        L = l ln(p_1 / p_0) + (n - l) ln((1 - p_1) / (1 - p_0)),
+
+    the share is decided to be the larger where L >= ln((1 - e) / e) and the smaller where L <= -ln((1 - e) / e). Each
+    decision is wrong with a chance of at most e / (1 - e): of p_1 or more, and of p_0 or less.
+    """
+    p_0, p_1 = share / APART, share * ABOVE
+    ratio = lost * log(p_1 / p_0) + (flights - lost) * log((1.0 - p_1) / (1.0 - p_0))
+    bound = log((1.0 - ERROR) / ERROR)
+    return True if ratio >= bound else False if ratio <= -bound else None

@@ -12,9 +12,8 @@ from ortilo_drake.flight.intervals import Interval, Middle, middle_of, share_int
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.sensitivity.loss_level import NO_LEVEL, Flown, LossLevel, loss_level
 from ortilo_drake.studies.sensitivity.mismatches import Mismatch, Settings, all_together, mismatches_of
-from ortilo_drake.studies.sensitivity.next_level import BATCH, is_settled, ladder, next_level
+from ortilo_drake.studies.sensitivity.next_level import BATCH, is_settled, ladder, loses_more, next_level
 from ortilo_drake.studies.sensitivity.outcomes import Outcome, fly_outcomes
-from ortilo_drake.studies.sensitivity.sequential_test import loses_more
 from ortilo_drake.theory.consistency.consistency import mean_interval
 
 LOST_SHARE: Final = 0.05
@@ -53,12 +52,9 @@ class MismatchRow:
 
 @dataclass(frozen=True)
 class Limit:
-    """The value of a mismatch at which 5 % of the flights are lost; see loss_level.py for None and 0.
+    """The value of a mismatch, its name with the unit, at which 5 % of the flights are lost, and its 95 % interval.
 
-    Attributes:
-        mismatch: its name with the value's unit.
-        value: the one at which that share is lost.
-        interval: its 95 % interval.
+    See loss_level.py for None and 0.
     """
 
     mismatch: str
@@ -68,12 +64,10 @@ class Limit:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """The result of the study of sensitivity, as `ortilo sensitivity --json` writes it.
+    """The result of the study of sensitivity of a scenario, as `ortilo sensitivity --json` writes it.
 
-    Attributes:
-        scenario: its name.
-        rows: without mismatch, and each mismatch alone at its given values.
-        limits: of each mismatch alone, and of all together.
+    The rows are without mismatch, and each mismatch alone at its given values, the limits of each alone and all
+    together.
     """
 
     scenario: str
@@ -92,17 +86,11 @@ def sensitivity(
     say: Callable[[str], None] = lambda part: None,
     progress: Callable[[int], None] | None = None,
 ) -> Sensitivity:
-    """Fly a scenario under each mismatch that changes anything for it.
+    """Fly a scenario under each mismatch that changes anything for it, and say what is flown as it begins.
 
-    Rows fly the same seeds. A search flies each further seed at one level, so that its flights are independent.
-
-    Args:
-        vary: returns the scenario with settings laid over it; its cameras are flown projected.
-        flights: of each row, seeds from 0; a search flies at most SEARCH times as many.
-        out: folder for the outcomes of the flights.
-        workers: worker processes.
-        say: called with what is flown as it begins.
-        progress: called with the number of flights that came in.
+    Rows fly the same seeds, so many from 0. A search flies each further seed at one level, so that its flights are
+    independent, at most SEARCH times as many. `vary` returns the scenario with settings laid over it; its cameras are
+    flown projected. The folder of the outcomes, workers and progress are as fly_kept has them.
     """
 
     def fly(wanted: Sequence[Want]) -> list[list[Outcome]]:
@@ -148,18 +136,11 @@ def search(
     seeds: Sequence[int],
     say: Callable[[str], None],
 ) -> dict[str, LossLevel]:
-    """Return the level at which LOST_SHARE is lost for each mismatch.
+    """Return the level at which LOST_SHARE is lost for each mismatch, of those that have a largest value.
 
-    All searches go on together: a round flies a batch of each that is not settled, with the same seeds. So the
-    workers share the flights of a round, and what is flown does not depend on how many there are.
-
-    Args:
-        fly: flies settings with seeds.
-        mismatches: those that have a largest value.
-        without: the flights without mismatch.
-        given: the flights at given values by mismatch.
-        seeds: of all rounds; each is flown at one level of each mismatch.
-        say: called with the number of searches as a round begins.
+    All searches go on together: a round flies a batch of each that is not settled, with the same seeds; each seed is
+    flown at one level of each mismatch. So the workers share the flights of a round, and what is flown does not depend
+    on how many there are. Known are the flights without mismatch and, by mismatch, those at given values.
     """
     flown = {m.name: {row.level: row for row in given[m.name] if row.level > 0.0} for m in mismatches}
     levels = {m.name: ladder(m.careful, m.largest or m.careful) for m in mismatches}
@@ -176,9 +157,8 @@ def search(
         at = [next_level(without, list(flown[m.name].values()), levels[m.name], LOST_SHARE) for m in going]
         outcomes = fly([(m.settings(value), batch) for m, value in zip(going, at, strict=True)])
         for mismatch, value, came in zip(going, at, outcomes, strict=True):
-            before = flown[mismatch.name].get(value, Flown(value, 0, 0))
-            now = Flown(value, before.flights + len(came), before.lost + _lost(came))
-            flown[mismatch.name][value] = now
+            _, flights, lost = flown[mismatch.name].get(value, Flown(value, 0, 0))
+            flown[mismatch.name][value] = Flown(value, flights + len(came), lost + _lost(came))
     return {m.name: found(m.name) for m in mismatches}
 
 

@@ -10,8 +10,8 @@ from matplotlib.ticker import LogLocator, NullLocator
 
 from ortilo_drake.flight.flight import AXES
 from ortilo_drake.studies.sensitivity.mismatches import TOGETHER, known_mismatches
+from ortilo_drake.studies.sensitivity.next_level import ERROR
 from ortilo_drake.studies.sensitivity.sensitivity_flights import LOST_SHARE, NONE, Limit, MismatchRow, Sensitivity
-from ortilo_drake.studies.sensitivity.sequential_test import ERROR
 from ortilo_drake.views.markdown import table
 from ortilo_drake.views.numbers import count, number, of_all_and_kept, with_interval
 from ortilo_drake.views.palette import BLUE, ORANGE, STYLE
@@ -41,18 +41,13 @@ def sensitivity_text(found: Sensitivity) -> str:
         "with the lost",
     ]
     lines = [f"# What must you know, how well: {found.scenario}", ""]
+    careful, rows = of_careful_team(), [*table(header, [_cells(row) for row in found.rows]), SAID, ""]
     if is_lost_without(found):
-        lines += ["## In short", "", f"- {NO_LIMITS}", ""]
-    else:
-        lines += sensitivity_summary(found, of_careful_team(), TOGETHER)
-    lines += table(header, [_cells(row) for row in found.rows])
-    lines += [SAID, ""]
-    if is_lost_without(found):
-        return "\n".join(lines)
+        return "\n".join([*lines, "## In short", "", f"- {NO_LIMITS}", "", *rows])
+    lines += [*sensitivity_summary(found, careful, TOGETHER), *rows]
     if all(limit.value is None for limit in found.limits):
         lines += [ALL_BEYOND, ""]
     lines += [f"{LOST_SHARE:.0%} of the flights are lost where a mismatch alone is", ""]
-    careful = of_careful_team()
     lines += table(
         ["mismatch", "value", "95 % interval", "a careful team's"],
         [[limit.mismatch, _value(limit), _interval(limit), f"{careful[limit.mismatch]:g}"] for limit in found.limits],
@@ -114,8 +109,7 @@ def sensitivity_figure(found: Sensitivity, path: Path) -> Path:
         axes.text(
             1.0, 1.0, "a careful team", color=ORANGE, ha="center", va="bottom", transform=axes.get_xaxis_transform()
         )
-        axes.set_xscale("log")
-        axes.set_xlim(least, most)
+        axes.set(xscale="log", xlim=(least, most))
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.xaxis.set_major_formatter("{x:g}")
         axes.xaxis.set_minor_locator(NullLocator())
@@ -129,12 +123,10 @@ def sensitivity_figure(found: Sensitivity, path: Path) -> Path:
 
 
 def sensitivity_summary(found: Sensitivity, careful: Mapping[str, float], together: str) -> list[str]:
-    """Return a summary of a study, as Markdown's list: at most five lines.
+    """Return a summary of a study in which a limit was searched, as Markdown's list: at most five lines.
 
-    Args:
-        found: the study; at least one limit was searched.
-        careful: what a careful team leaves of each mismatch, by its name.
-        together: the name of all mismatches at once, which is left out where single ones are compared.
+    By name a careful team leaves so much of each mismatch; `together` names all of them at once, which is left out
+    where single ones are compared.
     """
     calm = next(row for row in found.rows if row.mismatch == NONE)
     lines = [f"Without any mismatch {count(calm.lost, calm.flights)} flights are lost."]

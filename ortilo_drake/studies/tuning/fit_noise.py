@@ -26,6 +26,7 @@ fit would change it by more than LARGEST_CHANGE (such as a disturbance hidden by
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -44,27 +45,38 @@ FLATTEST = 0.7  # a logarithm with a larger standard error (a factor of two) cou
 _STEP = 0.02  # step of the central differences, in logarithms
 
 
-class NoiseFit(NamedTuple):
-    """The result of a fit.
+@dataclass(frozen=True)
+class Number:
+    """A number before and after, its standard errors and, for one that stays, why.
 
-    Attributes:
-        before: the numbers as the scenario has them.
-        values: the fitted ones, and those that stay.
-        errors: standard error of each fitted number, from the likelihood's curvature.
-        robust_errors: the same by the spread of the flights' scores; empty with fewer flights than numbers.
-        kept: the reason for each number that stays.
-        log_likelihood: before and after.
-        counted: the sensors whose innovations the likelihood counted.
-        tilted: share of the ticks that did not count for tilt.
-        scenario: the scenario with the fitted numbers.
+    The first error is by the likelihood's curvature, the robust one by the spread of the flights' scores: None with
+    fewer flights than numbers. Both are None of a number that stays.
     """
 
-    before: dict[str, float]
-    values: dict[str, float]
-    errors: dict[str, float]
-    robust_errors: dict[str, float]
-    kept: dict[str, str]
-    log_likelihood: tuple[float, float]
+    before: float
+    after: float
+    standard_error: float | None = None
+    robust_error: float | None = None
+    stays: str | None = None
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    """The logarithm of the likelihood before and after."""
+
+    before: float
+    after: float
+
+
+class NoiseFit(NamedTuple):
+    """The result of a fit: the numbers by their place in the scenario, and the likelihood's logarithm before and after.
+
+    The likelihood counted the innovations of these sensors; of the ticks a share did not count for tilt. The scenario
+    has the fitted numbers.
+    """
+
+    numbers: dict[str, Number]
+    log_likelihood: Likelihood
     counted: tuple[str, ...]
     tilted: float
     scenario: Scenario
@@ -81,9 +93,8 @@ def _differences(f: Callable[[np.ndarray], np.ndarray], theta: np.ndarray) -> tu
         H[i, i] = (plus[i].sum() - 2.0 * middle + minus[i].sum()) / _STEP**2
         for j in range(i):
             both = f(theta + steps[i] + steps[j]).sum() + f(theta - steps[i] - steps[j]).sum()
-            H[i, j] = H[j, i] = (
-                both - plus[i].sum() - minus[i].sum() - plus[j].sum() - minus[j].sum() + 2.0 * middle
-            ) / (2.0 * _STEP**2)
+            alone = plus[i].sum() + minus[i].sum() + plus[j].sum() + minus[j].sum()
+            H[i, j] = H[j, i] = (both - alone + 2.0 * middle) / (2.0 * _STEP**2)
     return gradients, H
 
 
@@ -95,20 +106,16 @@ def _maximise(f: Callable[[np.ndarray], np.ndarray], theta: np.ndarray, ticks: i
         slope = [(f(at + s).sum() - f(at - s).sum()) / (2.0 * 1e-4) for s in 1e-4 * np.eye(len(at))]
         return -f(at).sum() / ticks, -np.array(slope) / ticks
 
-    limit = np.log(LARGEST_CHANGE)
-    options = {"maxiter": 200, "ftol": 1e-12, "gtol": 1e-7}
-    found = minimize(
-        cost, np.zeros(len(theta)), jac=True, method="L-BFGS-B", bounds=[(-limit, limit)] * len(theta), options=options
-    )
+    limits, options = np.log([1.0 / LARGEST_CHANGE, LARGEST_CHANGE]), {"maxiter": 200, "ftol": 1e-12, "gtol": 1e-7}
+    bounds = [limits] * len(theta)
+    found = minimize(cost, np.zeros(len(theta)), jac=True, method="L-BFGS-B", bounds=bounds, options=options)
     return np.asarray(theta + found.x)
 
 
 def near_hover(xhat: np.ndarray, settle: int) -> np.ndarray:
-    """Return in which ticks (n) the hover model has held for that many ticks.
+    """Return in which ticks (n) the hover model has held for `settle` ticks, in which the filter forgets a tilt.
 
-    Args:
-        xhat: predictions (n, 12); before the first, it did not hold.
-        settle: ticks after which the filter has forgotten a tilt.
+    It did not hold before the first of the predictions xhat (n, 12).
     """
     ticks = np.arange(len(xhat))
     tilted = np.cos(xhat[:, 3]) * np.cos(xhat[:, 4]) < 1.0 - LIFT_LOST
@@ -121,37 +128,25 @@ def fit_noise(
     settle: int,
     progress: Callable[[int], None] = lambda evaluations: None,
 ) -> NoiseFit:
-    """Fit W and V of a scenario's filter to flights of it.
+    """Fit W and V of a scenario's filter to flights of it, one record of the filter's inputs a flight.
 
-    Args:
-        scenario: the scenario that was flown.
-        records: the filter's inputs, one record a flight.
-        settle: ticks that do not count, after a tilt and at the start, where a flight has less error than P_0 says.
-        progress: called with the number of likelihoods computed so far.
-
-    Raises:
-        InputError: if nothing arrived near hover, or the arrivals determine no number.
+    The first `settle` ticks, where a flight has less error than P_0 says, and as many after a tilt do not count. The
+    progress is told as the number of likelihoods computed so far. InputError if nothing arrived near hover, or the
+    arrivals determine no number.
     """
     before = noise_numbers(scenario)
     Phi, Gamma = discretize(hover_A(scenario.yaw), hover_B(scenario.vehicle), scenario.h)
     flying = noise_model(scenario, scenario)
     counts = [near_hover(refilter(record, flying, Phi, Gamma)[0], settle) for record in records]
     ticks, settled = sum(map(np.sum, counts)), sum(max(len(c) - settle, 0) for c in counts)
-    arrived = [
-        s
-        for i, s in enumerate(scenario.measurement.sensors)
-        if any(r.delta[c, i].any() for r, c in zip(records, counts, strict=True))
-    ]
+    seen = np.any([r.delta[c].any(axis=0) for r, c in zip(records, counts, strict=True)], axis=0)
+    arrived = [s for s, there in zip(scenario.measurement.sensors, seen, strict=True) if there]
     if not arrived:
         raise InputError(
             f"{scenario.name}: no measurement arrived near hover (less than {LIFT_LOST:.0%} of the lift lost to tilt "
             f"for {settle * scenario.h:.1f} s) in these flights: nothing to fit noise to"
         )
-    kept = {
-        name: f"{sensor} never arrived"
-        for name in before
-        if (sensor := sensor_of(name)) is not None and sensor not in arrived
-    }
+    kept = {name: f"{sensor_of(name)} never arrived" for name in before if sensor_of(name) not in (None, *arrived)}
     boxes, ranges = measuring("landmarks"), measuring("anchors")
     counted = tuple(s for s in arrived if s != boxes or ranges not in arrived)
     evaluations = 0
@@ -190,16 +185,10 @@ def fit_noise(
         )
     values = np.exp(theta)
     spread = covariance @ (gradients @ gradients.T) @ covariance
-    robust = values * np.sqrt(np.diag(spread)) if len(records) > len(free) else np.array([])
-    numbers = before | dict(zip(free, values.tolist(), strict=True))
-    return NoiseFit(
-        before,
-        numbers,
-        dict(zip(free, (values * sd).tolist(), strict=True)),
-        dict(zip(free, robust.tolist(), strict=False)),
-        kept,
-        (float(start), float(likelihoods(numbers).sum())),
-        counted,
-        float(1.0 - ticks / settled),
-        with_numbers(scenario, numbers),
-    )
+    robust = (values * np.sqrt(np.diag(spread))).tolist() if len(records) > len(free) else [None] * len(free)
+    numbers = {name: Number(value, value, stays=kept.get(name)) for name, value in before.items()}
+    for name, value, error, by_flights in zip(free, values.tolist(), (values * sd).tolist(), robust, strict=True):
+        numbers[name] = Number(before[name], value, error, by_flights)
+    after = {name: number.after for name, number in numbers.items()}
+    likelihood = Likelihood(float(start), float(likelihoods(after).sum()))
+    return NoiseFit(numbers, likelihood, counted, float(1.0 - ticks / settled), with_numbers(scenario, after))

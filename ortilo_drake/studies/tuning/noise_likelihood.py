@@ -27,16 +27,11 @@ from ortilo_drake.onboard.estimator.structure import Structure, structure_of
 
 
 class Record(NamedTuple):
-    """The inputs of the filter in one flight.
+    """The inputs of the filter in one flight: measurements y (n, p), 0 where nothing arrived, and arrivals (n, s).
 
-    Attributes:
-        y: measurements, 0 where nothing arrived (n, p).
-        delta: arrivals, 0 or 1 (n, s).
-        V2: the covariances that came with them, each in the corner of an M x M block (n, s, M, M).
-        u: control less hover (n, 4).
-        xhat_0: first prediction (12).
-        P_0: its covariance (12, 12).
-        layout: of the measurement.
+    V2 are the covariances that came with them, each in the corner of an M x M block (n, s, M, M), u the control less
+    hover (n, 4); the first prediction is xhat_0 (12), with the covariance P_0 (12, 12); the layout is the
+    measurement's.
     """
 
     y: np.ndarray
@@ -49,13 +44,10 @@ class Record(NamedTuple):
 
 
 class NoiseModel(NamedTuple):
-    """The noise that a filter assumes.
+    """The noise that a filter assumes: W of the process (12, 12), and V, constant covariances of the sensors (s, M, M).
 
-    Attributes:
-        W: process noise (12, 12).
-        V: constant covariances of the sensors (s, M, M), where scale is 0.
-        scale: the record's covariances are taken times this (s); 0 takes V in their place.
-        counted: 1 for each sensor that log L counts, else 0 (s).
+    The record's covariances are taken times the scale (s), where that is 0 V in their place. Counted is 1 for each
+    sensor that log L counts, else 0 (s).
     """
 
     W: np.ndarray
@@ -118,12 +110,7 @@ def predictor_step(
 def log_likelihood(record: Record, noise: NoiseModel, Phi: np.ndarray, Gamma: np.ndarray, counts: np.ndarray) -> float:
     """Return log L of one record; NaN if a covariance is not positive definite.
 
-    Args:
-        record: the record.
-        noise: W and V.
-        Phi: discrete hover dynamics (12, 12).
-        Gamma: discrete control input (12, 4).
-        counts: which ticks count (n); the others are only filtered.
+    Phi (12, 12) and Gamma (12, 4) are the discrete hover dynamics; ticks that do not count (n) are only filtered.
     """
     x, P, structure, work, total = record.xhat_0.copy(), record.P_0.copy(), structure_of(Phi), work_for(record), 0.0
     for k in range(record.y.shape[0]):
@@ -135,10 +122,7 @@ def log_likelihood(record: Record, noise: NoiseModel, Phi: np.ndarray, Gamma: np
 
 @njit(cache=True)
 def refilter(record: Record, noise: NoiseModel, Phi: np.ndarray, Gamma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return xhat_{k|k-1} (n, 12) and P_k (n, 12, 12) of a filter with this W and V on a record.
-
-    Arguments as in log_likelihood.
-    """
+    """Return xhat_{k|k-1} (n, 12) and P_k (n, 12, 12) of a filter on a record; arguments as log_likelihood."""
     n = record.y.shape[0]
     x, P, structure, work = record.xhat_0.copy(), record.P_0.copy(), structure_of(Phi), work_for(record)
     estimates, covariances = np.empty((n, 12)), np.empty((n, 12, 12))

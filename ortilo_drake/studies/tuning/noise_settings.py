@@ -27,9 +27,7 @@ def noise_numbers(scenario: Scenario) -> dict[str, float]:
     """Return the numbers that state W and V, by their place in the scenario; of V only the sensors that fly.
 
     An entry of a triple is place.0 to place.2. A variance of 0 in a diagonal W is left out: it has no logarithm.
-
-    Raises:
-        InputError: if the estimator is not the paper's filter.
+    InputError if the estimator is not the paper's filter.
     """
     if not isinstance(scenario.estimator, IntermittentFilter):
         kind = scenario.estimator.kind
@@ -68,15 +66,10 @@ def with_numbers(scenario: Scenario, numbers: dict[str, float]) -> Scenario:
 
 
 def noise_model(scenario: Scenario, recorded: Scenario, counted: tuple[str, ...] | None = None) -> NoiseModel:
-    """Return W and V of a scenario's filter for a record that another one flew.
+    """Return W and V of a scenario's filter for a record that another one, `recorded`, flew.
 
-    Args:
-        scenario: the scenario; its sensors and the sources of its V are those of the recorded one.
-        recorded: the scenario of the record.
-        counted: the sensors that the likelihood counts; by default all.
-
-    Raises:
-        InputError: if the filter estimates a force.
+    Its sensors and the sources of its V are those of the recorded one. The likelihood counts the sensors `counted`, by
+    default all. InputError if the filter estimates a force.
     """
     if scenario.estimator.force != "none":
         force = scenario.estimator.force

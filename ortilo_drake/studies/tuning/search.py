@@ -21,10 +21,11 @@ from ortilo_drake.diagrams.wiring.whole import why_not
 from ortilo_drake.flight.intervals import share_interval
 from ortilo_drake.flight.lost import NOT_LOST
 from ortilo_drake.flight.processes.workers import kept_workers
-from ortilo_drake.scenario import Scenario, load_scenario
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.maps.chunks import columns_of
 from ortilo_drake.studies.maps.map_flights import figures_of_points
-from ortilo_drake.studies.maps.point_flights import columns_of
-from ortilo_drake.studies.tuning.search_file import Search, base_of, scenario_with, setting_in, settings_at
+from ortilo_drake.studies.maps.sweep import scenario_at
+from ortilo_drake.studies.tuning.search_file import Search, base_of, setting_in, settings_at
 
 LOST: Final = 10.0  # cost of a lost flight [m]: no flight that is not lost is so far from its path on average
 FIRST_STEP: Final = 0.25  # of CMA-ES, over a range [1]
@@ -33,13 +34,7 @@ LEVEL: Final = 0.95
 
 @dataclass(frozen=True)
 class Candidate:
-    """Settings that were flown.
-
-    Attributes:
-        settings: what was changed; nothing of the start.
-        cost: mean over its flights [m].
-        lost: how many of them were lost.
-    """
+    """Settings that were flown (nothing of the start), their mean cost [m], and how many of their flights were lost."""
 
     settings: dict[str, Any]
     cost: float
@@ -48,17 +43,10 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Judged:
-    """Start and result on seeds of their own.
+    """Start and result on so many flights with seeds of their own, the mean costs of both [m].
 
-    Attributes:
-        flights: of each.
-        start: mean cost of the start [m].
-        found: mean cost of the result [m].
-        difference: mean of the result's less the start's, flight by flight [m].
-        low: lower end of its 95 % interval, by the bootstrap [m].
-        high: its upper end [m].
-        start_lost: flights of the start that were lost, with Wilson's 95 % interval of their share.
-        found_lost: likewise of the result.
+    The difference is the mean of the result's less the start's, flight by flight, with the ends of its 95 % interval by
+    the bootstrap [m]. Of each so many flights were lost, with Wilson's 95 % interval of their share.
     """
 
     flights: int
@@ -73,15 +61,9 @@ class Judged:
 
 @dataclass(frozen=True)
 class Found:
-    """The result of a search.
+    """The result of a search: what was asked for, the scenario as it is, the best candidate, and all in their order.
 
-    Attributes:
-        search: what was asked for.
-        start: the scenario as it is.
-        best: the candidate of least cost.
-        history: all candidates, in their order.
-        judged: start and best, compared.
-        by_drake: why Drake flew and not the engine; None where the engine did.
+    Start and best are compared, judged. Why Drake flew and not the engine is said; None where the engine did.
     """
 
     search: Search
@@ -113,20 +95,11 @@ def compare_costs(start: np.ndarray, found: np.ndarray) -> Judged:
 def search_by_flights(
     search: Search, source: str, out: Path, workers: int, say: Callable[[int, float], None] = lambda flown, least: None
 ) -> Found:
-    """Search settings by flying them.
+    """Search settings by flying them, and say after each generation how many candidates flew, and the least cost [m].
 
-    Figures of all flights are kept and not flown again: a search that was stopped goes on where it was, and finds the
-    same on any number of workers.
-
-    Args:
-        search: what to search.
-        source: what to call it in an error.
-        out: folder of the figures.
-        workers: worker processes; 1 flies in this one.
-        say: called with the number of candidates flown and the least cost [m] after each generation.
-
-    Raises:
-        InputError: if a setting cannot be what its range says, or a flight cannot be flown or kept.
+    Figures of all flights are kept in the folder `out` and not flown again: a search that was stopped goes on where it
+    was, and finds the same on any number of workers. An error begins with the source. InputError if a setting cannot be
+    what its range says, or a flight cannot be flown or kept.
     """
     axes, own = list(search.axes.values()), base_of(search)
 
@@ -138,12 +111,12 @@ def search_by_flights(
         return [costs_of(f, columns_of(s)) for f, s in zip(figures, scenarios, strict=True)]
 
     def weigh(places: list[np.ndarray]) -> list[Candidate]:
-        values = [values_of(place) for place in places]
-        flown = fly([scenario_with(search, v, source) for v in values], search.seed, search.flights)
-        return [_candidate(settings_at(search, v, source), c) for v, c in zip(values, flown, strict=True)]
+        settings = [settings_at(search, values_of(place), source) for place in places]
+        flown = fly([scenario_at(search, its, source) for its in settings], search.seed, search.flights)
+        return [_candidate(its, costs) for its, costs in zip(settings, flown, strict=True)]
 
     for corner in (np.zeros(len(axes)), np.ones(len(axes))):  # refused before anything flies
-        scenario_with(search, values_of(corner), source)
+        scenario_at(search, settings_at(search, values_of(corner), source), source)
     options = {"bounds": [0.0, 1.0], "seed": search.seed + 1, "verbose": -9}
     strategy = cma.CMAEvolutionStrategy(place_of(search), FIRST_STEP, options)
     history: list[Candidate] = []
@@ -156,7 +129,7 @@ def search_by_flights(
             history += flown
             say(len(history), min(one.cost for one in history))
         best = min(history, key=lambda one: one.cost)
-        result = load_scenario(search.scenario, (*search.settings.items(), *best.settings.items()))
+        result = scenario_at(search, best.settings, source)
         judged = compare_costs(*fly([own, result], search.seed + search.flights, search.judge))
     return Found(search, start, best, history, judged, why_not(own))
 

@@ -1,23 +1,20 @@
 """The input of `ortilo tune --fly`: a scenario, settings and their ranges, the number of flights."""
 
-from pathlib import Path
 from typing import Annotated, Any, Final
 
 from pydantic import Field, model_validator
 
-from ortilo_drake.model.typed_yaml import Frozen, InputError, load_yaml
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
-from ortilo_drake.studies.maps.sweep import Name, Range
+from ortilo_drake.studies.maps.sweep import Name, OverScenario, Range
 
 FEWEST: Final = 2  # settings that CMA-ES can search
 
 
-class Search(Frozen):
+class Search(OverScenario):
     """A search file.
 
     Attributes:
-        scenario: a ready-made scenario's name, or a .yaml file, meant from where the search lies.
-        settings: laid over it, in all flights.
         axes: by setting the range to search. A setting that is several numbers, such as servo.weights.position, is
             multiplied by what lies in its range.
         flights: by which each candidate is weighed, seeds from `seed` on.
@@ -26,8 +23,6 @@ class Search(Frozen):
         seed: of the first flight, and of the search.
     """
 
-    scenario: str = "imu_uwb"
-    settings: dict[Name, Any] = Field(default={})
     axes: Annotated[dict[Name, Range], Field(min_length=FEWEST, max_length=20)]
     flights: Annotated[int, Field(ge=2, le=100_000)] = 50
     judge: Annotated[int, Field(ge=2, le=100_000)] = 400
@@ -40,14 +35,6 @@ class Search(Frozen):
             if axis.whole:
                 raise ValueError(f"axes.{key}.whole: true: must be false, only numbers that go on evenly are searched")
         return self
-
-
-def load_search(path: Path) -> Search:
-    """Read a search file; InputError naming file, field, value and what is allowed."""
-    search = load_yaml(Search, path)
-    if search.scenario.endswith((".yaml", ".yml")):
-        search = search.model_copy(update={"scenario": str(path.parent / search.scenario)})
-    return search
 
 
 def base_of(search: Search) -> Scenario:
@@ -73,12 +60,3 @@ def settings_at(search: Search, values: tuple[float, ...], source: str) -> dict[
         # Where there is none yet, the scenario says whether there may be one.
         found[key] = [number * value for number in now] if several else value
     return found
-
-
-def scenario_with(search: Search, values: tuple[float, ...], source: str) -> Scenario:
-    """Return the scenario of a candidate; InputError naming the search and the field if it cannot be."""
-    settings = settings_at(search, values, source)
-    try:
-        return load_scenario(search.scenario, (*search.settings.items(), *settings.items()))
-    except InputError as error:
-        raise InputError(f"{source}: {error}") from None

@@ -1,15 +1,15 @@
 """Tuning: W and V fitted to recorded flights, as a scenario, with the filter's consistency before and after."""
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import log
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 import yaml
 
-from ortilo_drake.flight.metrics import estimation_mse, position_nees
+from ortilo_drake.flight.metrics import estimation_mse, loss_of, position_nees
 from ortilo_drake.flight.players import player_of
 from ortilo_drake.flight.saved_flight import load_flight
 from ortilo_drake.model.hover import discretize, hover_A, hover_B
@@ -17,7 +17,7 @@ from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, with_seed
 from ortilo_drake.studies.consistency.consistency_flights import START, check_same_scenario, finite_part, region_masks
-from ortilo_drake.studies.tuning.fit_noise import LIFT_LOST, NoiseFit, fit_noise
+from ortilo_drake.studies.tuning.fit_noise import LIFT_LOST, Likelihood, Number, fit_noise
 from ortilo_drake.studies.tuning.noise_likelihood import Record, refilter, used_covariance
 from ortilo_drake.studies.tuning.noise_settings import noise_model
 from ortilo_drake.theory.consistency.consistency import Average, normalized_square, time_average
@@ -55,22 +55,32 @@ class Check:
 
 
 @dataclass(frozen=True)
-class Tuning:
-    """The result of `ortilo tune`.
+class UsedFlight:
+    """A flight that was fitted to."""
 
-    Attributes:
-        fit: the numbers.
-        used: file and seed of each flight that was used.
-        notes: flights left out or shortened, one line each.
-        before: NEES and NIS of the filter as it flew, see filter_figures.
-        after: the same of the fitted filter on the same measurements.
+    file: str
+    seed: int
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """The result of `ortilo tune`; --json writes all but `fitted`, the scenario with the fitted numbers.
+
+    The scenario is the name of that. The notes say of flights that were left out or shortened; numbers, counted, tilted
+    and log_likelihood are as NoiseFit has them. Before and after are NEES and NIS of the filter as it flew, see
+    filter_figures, and of the fitted one on the same measurements.
     """
 
-    fit: NoiseFit
-    used: list[tuple[str, int]]
+    scenario: str
+    flights: list[UsedFlight]
     notes: list[str]
+    numbers: dict[str, Number]
+    counted: tuple[str, ...]
+    tilted: float
+    log_likelihood: Likelihood
     before: FilterFigures
     after: FilterFigures
+    fitted: Scenario
 
 
 def find_flights(places: Sequence[Path]) -> list[Path]:
@@ -106,12 +116,11 @@ def record_of(flight: xr.Dataset, scenario: Scenario) -> Record:
 
 def usable_part(flight: xr.Dataset, name: str, h: float) -> tuple[xr.Dataset | None, str | None]:
     """Return the usable part of a flight, None if it is too short, and a note if it is not the whole flight."""
-    lost = json.loads(flight.attrs["lost"])
-    part = finite_part(flight)
+    lost, part = loss_of(flight), finite_part(flight)
     if lost is None and part.sizes["tick"] == flight.sizes["tick"]:
         return (flight, None) if flight.sizes["tick"] * h >= SHORTEST else (None, f"{name}: too short, left out")
     ticks = part.sizes["tick"] - round(BEFORE_LOSS / h)
-    cause = "lost" if lost is None else f"lost at {lost['time']:.1f} s ({lost['cause']})"
+    cause = "lost" if lost is None else f"lost at {lost.time:.1f} s ({lost.cause})"
     if ticks * h < SHORTEST:
         return None, f"{name}: {cause}, left out"
     return part.isel(tick=slice(0, ticks)), f"{name}: {cause}, used for its first {ticks * h:.1f} s"
@@ -144,14 +153,9 @@ def filter_figures(scenario: Scenario, recorded: Scenario, flights: Sequence[xr.
 
 
 def tune(files: Sequence[Path], progress: Callable[[int], None] = lambda evaluations: None) -> Tuning:
-    """Fit W and V to flights of one scenario.
+    """Fit W and V to flights of one scenario, saying how many likelihoods have been computed.
 
-    Args:
-        files: the flights.
-        progress: called with the number of likelihoods computed so far.
-
-    Raises:
-        InputError: if a file is no flight, they are of different scenarios, or there is nothing to fit to.
+    InputError if a file is no flight, they are of different scenarios, or there is nothing to fit to.
     """
     loaded = [load_flight(file) for file in files]
     scenario = check_same_scenario(loaded, [str(file) for file in files])
@@ -162,7 +166,7 @@ def tune(files: Sequence[Path], progress: Callable[[int], None] = lambda evaluat
             notes.append(note)
         if part is not None:
             flights.append(part)
-            used.append((str(file), int(flight.attrs["seed"])))
+            used.append(UsedFlight(str(file), int(flight.attrs["seed"])))
     if not flights:
         raise InputError(f"{files[0]}: no flight of '{scenario.name}' is long enough to fit noise to")
     settle = round(START / scenario.h)
@@ -175,29 +179,30 @@ def tune(files: Sequence[Path], progress: Callable[[int], None] = lambda evaluat
     if scenario.estimator.gates:
         notes.append("the gates hid the worst fixes from the fit: V comes out too small")
     fitted = with_seed(fit.scenario, 0).model_copy(update={"name": f"{scenario.name.removesuffix(_SUFFIX)}{_SUFFIX}"})
-    fit = fit._replace(scenario=fitted)
     before, after = (filter_figures(s, scenario, flights) for s in (scenario, fitted))
-    return Tuning(fit, used, notes, before, after)
+    return Tuning(
+        fitted.name, used, notes, fit.numbers, fit.counted, fit.tilted, fit.log_likelihood, before, after, fitted
+    )
 
 
 def check_flights(tuning: Tuning, before: Scenario, count: int, progress: Callable[[], None]) -> Check:
     """Fly the scenario before and after tuning on seeds that the fit has not seen."""
-    first = max(seed for _, seed in tuning.used) + 1
+    first = max(flight.seed for flight in tuning.flights) + 1
     seeds = list(range(first, first + count))
     flights: dict[str, list[xr.Dataset]] = {"before": [], "after": []}
-    for name, scenario in (("before", before), ("after", tuning.fit.scenario)):
+    for name, scenario in (("before", before), ("after", tuning.fitted)):
         player = player_of(scenario)
         for seed in seeds:
             flights[name].append(finite_part(player.fly(seed)))
             progress()
-    lost = {name: [json.loads(f.attrs["lost"]) is not None for f in rows] for name, rows in flights.items()}
-    both = [k for k in range(count) if not lost["before"][k] and not lost["after"][k]]
+    pairs = zip(flights["before"], flights["after"], strict=True)
+    both = [k for k, pair in enumerate(pairs) if all(loss_of(flight) is None for flight in pair)]
 
     def figures(name: str) -> FlownFigures:
         kept = [flights[name][k] for k in both]
         nees = [position_nees(f) for f in kept]
         return FlownFigures(
-            lost=sum(lost[name]),
+            lost=sum(loss_of(flight) is not None for flight in flights[name]),
             mse=np.mean([list(estimation_mse(f).values()) for f in kept], axis=0).tolist() if kept else None,
             nees=time_average(nees, [np.ones(len(n), dtype=bool) for n in nees], 3) if kept else None,
         )
@@ -207,20 +212,47 @@ def check_flights(tuning: Tuning, before: Scenario, count: int, progress: Callab
 
 def overlay_text(tuning: Tuning) -> str:
     """Return the tuned scenario as YAML that flies, the fit's figures in a comment before it."""
-    fit = tuning.fit
+    likelihood = tuning.log_likelihood
     lines = [
-        f"{fit.scenario.name}: W and V by maximum likelihood from {len(tuning.used)} recorded flights (ortilo tune).",
-        f"log-likelihood {fit.log_likelihood[0]:.1f} before, {fit.log_likelihood[1]:.1f} after; counted: "
-        + ", ".join(fit.counted),
+        f"{tuning.scenario}: W and V by maximum likelihood from {len(tuning.flights)} recorded flights (ortilo tune).",
+        f"log-likelihood {likelihood.before:.1f} before, {likelihood.after:.1f} after; counted: "
+        + ", ".join(tuning.counted),
         "number: before -> fitted (standard error; by the spread of the flights)",
     ]
-    for name, value in fit.values.items():
-        if name in fit.kept:
-            lines.append(f"  {name}: {fit.before[name]:.6g} stays: {fit.kept[name]}")
+    for name, number in tuning.numbers.items():
+        if number.stays:
+            lines.append(f"  {name}: {number.before:.6g} stays: {number.stays}")
         else:
-            robust = f"{fit.robust_errors[name]:.2g}" if name in fit.robust_errors else "too few flights"
-            lines.append(f"  {name}: {fit.before[name]:.6g} -> {value:.6g} ({fit.errors[name]:.2g}; {robust})")
-    lines += ["from:", *(f"  {file}, seed {seed}" for file, seed in tuning.used), *tuning.notes]
+            robust = "too few flights" if number.robust_error is None else f"{number.robust_error:.2g}"
+            changed = f"{number.before:.6g} -> {number.after:.6g}"
+            lines.append(f"  {name}: {changed} ({number.standard_error:.2g}; {robust})")
+    lines += ["from:", *(f"  {its.file}, seed {its.seed}" for its in tuning.flights), *tuning.notes]
     # A file's name may hold a line break, which would end the comment.
     header = "".join(f"# {line.encode('unicode_escape').decode('ascii')}\n" for line in lines)
-    return header + yaml.safe_dump(fit.scenario.model_dump(mode="json"), sort_keys=False, allow_unicode=False)
+    return header + yaml.safe_dump(tuning.fitted.model_dump(mode="json"), sort_keys=False, allow_unicode=False)
+
+
+def tuning_summary(tuning: Tuning, check: Check | None) -> list[str]:
+    """Return a summary of a tuning and, if there was one, its check: what changed and what it gained, a line each."""
+    fitted = {name: number for name, number in tuning.numbers.items() if number.stays is None}
+    changed = {name: n for name, n in fitted.items() if n.before > 0.0 and n.after > 0.0}
+    line = f"{len(fitted)} of {len(tuning.numbers)} numbers were fitted"
+    if changed:
+        name = max(changed, key=lambda k: abs(log(changed[k].after / changed[k].before)))
+        line += f"; changed most: {name}, to {changed[name].after / changed[name].before:.3g} times what it was"
+    lines = [line]
+    before, after = tuning.before.nees.get("all"), tuning.after.nees.get("all")
+    if before and after:
+        lines.append(f"mean NEES of the position, 3 if consistent: {before.mean:.2f} -> {after.mean:.2f}")
+    lines.append(f"mean squared error of the position: {_change(sum(tuning.before.mse), sum(tuning.after.mse))}")
+    if check:
+        line = f"on {len(check.seeds)} new seeds: {check.before.lost} -> {check.after.lost} lost"
+        if check.before.mse and check.after.mse:
+            line += f", mean squared error {_change(sum(check.before.mse), sum(check.after.mse))}"
+        lines.append(line)
+    return lines
+
+
+def _change(before: float, after: float) -> str:
+    share = f" ({after / before - 1.0:+.0%})" if before > 0.0 else ""
+    return f"{before:.6f} -> {after:.6f} m²{share}"

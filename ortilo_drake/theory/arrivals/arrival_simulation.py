@@ -10,26 +10,14 @@ from ortilo_drake.theory.arrivals.expected_riccati_kernel import averaged_update
 
 
 class MeanCovariance(NamedTuple):
-    """The covariance at the last tick, over many arrival sequences.
-
-    Attributes:
-        mean: of P (n, n).
-        standard_error: of the mean's diagonal (n).
-    """
+    """The mean of P (n, n) at the last tick over many arrival sequences, and the standard error of its diagonal (n)."""
 
     mean: np.ndarray
     standard_error: np.ndarray
 
 
 def draw_independent(probabilities: np.ndarray, runs: int, ticks: int, seed: int) -> np.ndarray:
-    """Return the pattern of each run and tick (runs, ticks), drawn independently.
-
-    Args:
-        probabilities: of the patterns (P).
-        runs: number of sequences.
-        ticks: length of each.
-        seed: of the generator.
-    """
+    """Return the pattern of each run and tick (runs, ticks), drawn independently by the patterns' probabilities (P)."""
     return draw_markov(np.ones((1, 1)), np.atleast_2d(probabilities), np.ones(1), runs, ticks, seed)
 
 
@@ -38,13 +26,8 @@ def draw_markov(
 ) -> np.ndarray:
     """Return the pattern of each run and tick (runs, ticks), drawn by the mode of a Markov chain.
 
-    Args:
-        T: Pr(mode j next | mode i now) (M, M).
-        probabilities: of the patterns in each mode (M, P).
-        initial: of the modes at tick 0 (M).
-        runs: number of sequences.
-        ticks: length of each.
-        seed: of the generator.
+    T is Pr(mode j next | mode i now) (M, M), with the patterns' probabilities in each mode (M, P) and those of the
+    modes at tick 0, `initial` (M).
     """
     rng = np.random.default_rng(seed)
 
@@ -84,13 +67,7 @@ def _last_covariances(
 
 
 def simulate(model: Model, P_0: np.ndarray, patterns: np.ndarray) -> MeanCovariance:
-    """Return mean and standard error of P_k after the sequences, P_{k+1} = g_p(P_k) from P_0.
-
-    Args:
-        model: from vehicle_model or check_model.
-        P_0: covariance at tick 0 (n, n).
-        patterns: which pattern arrives in each run and tick (runs, ticks).
-    """
+    """Return mean and standard error of P_k after patterns (runs, ticks), P_{k+1} = g_p(P_k) from P_0 (n, n)."""
     last = _last_covariances(np.ascontiguousarray(P_0, dtype=float), *model, patterns)
     diagonals = np.diagonal(last, axis1=1, axis2=2)
     return MeanCovariance(last.mean(axis=0), diagonals.std(axis=0, ddof=1) / np.sqrt(len(patterns)))

@@ -16,20 +16,10 @@ from ortilo_drake.theory.riccati.riccati_problem import real_matrices
 PATTERN_ROWS = np.array([[u] * 3 + [c] * 3 + [True] * 3 for c in (False, True) for u in (False, True)])
 
 
-def pattern_rows(p: int) -> np.ndarray:
-    """Return the patterns for p rows of y (4 x p): PATTERN_ROWS, and the sensors behind it in every one."""
-    return np.hstack([PATTERN_ROWS, np.ones((len(PATTERN_ROWS), p - PATTERN_ROWS.shape[1]), dtype=bool)])
-
-
 class Model(NamedTuple):
-    """A filter's model x_{k+1} = A x_k + w_k, y_k = C x_k + v_k, of which pattern p sees rows[p].
+    """A filter's model x_{k+1} = A x_k + w_k, y_k = C x_k + v_k, of which pattern p sees rows[p] (P, m), bool.
 
-    Attributes:
-        A: dynamics (n, n).
-        C: output (m, n).
-        W: covariance of w (n, n).
-        V: covariance of v (m, m), positive definite.
-        rows: which rows of y each pattern has (P, m), bool.
+    A (n, n) are the dynamics, C (m, n) the output, W (n, n) the covariance of w, V (m, m) that of v, positive definite.
     """
 
     A: np.ndarray
@@ -47,17 +37,12 @@ def check_rate(rate: float, name: str) -> float:
 
 
 def pattern_probabilities(uwb: float, camera: float) -> np.ndarray:
-    """Return the probabilities of PATTERN_ROWS for independent arrivals (4).
+    """Return the probabilities of PATTERN_ROWS (4) for independent arrivals at these rates per tick.
 
-    Args:
-        uwb: arrival rate of uwb per tick, in [0, 1].
-        camera: arrival rate of the camera per tick, in [0, 1].
-
-    Raises:
-        InputError: if a rate lies outside [0, 1].
+    InputError if a rate lies outside [0, 1].
     """
     u, c = check_rate(uwb, "arrival rate of uwb"), check_rate(camera, "arrival rate of camera")
-    return np.array([(1 - u) * (1 - c), u * (1 - c), (1 - u) * c, u * c])
+    return np.outer([1 - c, c], [1 - u, u]).ravel()
 
 
 def check_model(model: Model) -> Model:
@@ -85,10 +70,7 @@ def check_model(model: Model) -> Model:
 def never_seen(model: Model, probabilities: np.ndarray, names: tuple[str, ...] | None = None) -> list[Mode]:
     """Return the modes of A with |eigenvalue| >= 1 that no pattern of positive probability sees.
 
-    Args:
-        model: the model.
-        probabilities: of the patterns (P), or of the patterns in each mode of a chain (M, P).
-        names: of the states (n).
+    The probabilities are of the patterns (P), or of the patterns in each mode of a chain (M, P).
     """
     possible = np.atleast_2d(probabilities).max(axis=0) > 0.0
     seen = model.rows[possible].any(axis=0)
@@ -96,12 +78,9 @@ def never_seen(model: Model, probabilities: np.ndarray, names: tuple[str, ...] |
 
 
 def check_arrivals(model: Model, probabilities: np.ndarray, what: str) -> None:
-    """Raise InputError unless the probabilities sum to one and the rows that arrive detect A.
+    """Raise InputError, beginning with `what`, unless the probabilities sum to one and the rows that arrive detect A.
 
-    Args:
-        model: the model.
-        probabilities: (P) or, for each of several modes of a chain, (M, P).
-        what: what an error is about, its first words.
+    The probabilities are (P) or, for each of several modes of a chain, (M, P).
     """
     each = np.atleast_2d(probabilities)
     if each.shape[1] != len(model.rows):

@@ -12,16 +12,28 @@ l_mare is where g's fixed point begins to exist, the matrix inequality of Sinopo
 l_c itself where C has full column rank on the unstable subspace (K. Plarre, F. Bullo, "On Kalman filtering for
 detectable systems with intermittent observations", IEEE TAC 54(2), 2009) and for every system that is not degenerate
 (Y. Mo, B. Sinopoli, "Kalman filtering with intermittent observations: tail distribution and critical value", IEEE TAC
-57(3), 2012). With two unstable modes l_c is known for degenerate systems as well, see second_order.py.
+57(3), 2012). With two unstable modes l_c is known for degenerate systems as well.
+
+Let |s_1| = |s_2| = |s| and let C see one combination of the two at a time. Ticks a multiple of d apart show the same
+combination, where d is the least whole number with (s_1 / s_2)^d = 1. The rest of the error grows as long as all
+arrivals lie in one of the d classes of ticks: by |s|^(2 d) every d ticks, for which d - 1 packets must be lost. So
+
+    l_c = 1 - |s|^(-2 d / (d - 1)),
+
+which is 1 - |s|^-4 for s_2 = -s_1. It falls to 1 - |s|^-2 as d grows, and is that where no power of s_1 / s_2 is 1 and
+for a Jordan block, of which no two arrivals show the same combination. In a channel with memory the same holds with the
+chance of d - 1 losses of each d ticks, which growth_in_bursts gives (Y. Mo, B. Sinopoli, "Towards finding the critical
+value for Kalman filtering with intermittent observations", 2010; K. You, M. Fu, L. Xie, "Mean square stability for
+Kalman filtering with Markovian packet losses", Automatica 47(12), 2011).
 """
 
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 from scipy.linalg import schur
 
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.theory.arrivals.second_order import second_order_rate, ticks_to_repeat
 from ortilo_drake.theory.modes.modes import unseen_modes
 from ortilo_drake.theory.riccati.riccati_problem import real_matrices
 
@@ -32,14 +44,10 @@ _POWER_STEPS = 400  # where they do not decide, l counts as too low, so that l_m
 
 @dataclass(frozen=True)
 class CriticalRate:
-    """The bounds on l_c for a pair (A, C), and its value where it is known.
+    """The critical rate l_c of a pair (A, C), None where only its bounds are known, in a sentence as well.
 
-    Attributes:
-        rate: l_c, or None where only the bounds are known.
-        lower: 1 - 1 / max|s|^2, 0 if no |s| exceeds 1.
-        upper: l_mare.
-        hypotheses: each hypothesis checked and what came out.
-        sentence: the result in words.
+    The lower bound is 1 - 1 / max|s|^2, 0 if no |s| exceeds 1, the upper one l_mare. Each hypothesis was checked, with
+    what came out.
     """
 
     rate: float | None
@@ -72,12 +80,8 @@ def mare_growth(A: np.ndarray, C: np.ndarray, rate: float) -> tuple[float, float
 
     h is what is left of g where X is large; it is monotone and homogeneous, so g has a fixed point where r < 1 and none
     where r > 1. For any X > 0, the least and largest eigenvalue of X^-1 h(X) enclose r (Collatz and Wielandt); X comes
-    from the power method. That X > h(X) for some X is the matrix inequality of Sinopoli et al., theorem 5.
-
-    Args:
-        A: dynamics (n, n), invertible.
-        C: output (m, n).
-        rate: l, in [0, 1).
+    from the power method. That X > h(X) for some X is the matrix inequality of Sinopoli et al., theorem 5. A (n, n) is
+    invertible, C is (m, n), and the rate l lies in [0, 1).
     """
     U, s, _ = np.linalg.svd(C, full_matrices=False)
     C = (U.conj().T @ C)[s > 1e-12 * s[0]]  # rows that say nothing new are left out
@@ -110,14 +114,9 @@ def mare_critical_rate(A: np.ndarray, C: np.ndarray) -> float:
 
 
 def critical_rate(A: np.ndarray, C: np.ndarray) -> CriticalRate:
-    """Return the bounds on the critical arrival probability of (A, C), with their hypotheses checked.
+    """Return the bounds on the critical arrival probability of A (n, n) and C (m, n), with their hypotheses checked.
 
-    Args:
-        A: dynamics (n, n).
-        C: output (m, n), all of which arrives or nothing.
-
-    Raises:
-        InputError: if (A, C) is not detectable; its eigenvalues and states are named.
+    InputError if (A, C) is not detectable; its eigenvalues and states are named.
     """
     A, C = (np.atleast_2d(M) for M in real_matrices(A=A, C=C))
     unseen = unseen_modes(A, C)
@@ -162,13 +161,47 @@ def critical_rate(A: np.ndarray, C: np.ndarray) -> CriticalRate:
 
 
 def critical_recovery(A: np.ndarray) -> float:
-    """Return q_c = 1 - 1/max|s|^2: bursts that end with probability q per tick need q > q_c.
+    """Return q_c = 1 - 1/max|s|^2 of A (n, n): bursts that end with probability q per tick need q > q_c.
 
     For a Gilbert-Elliott channel that loses everything while bad and nothing while good, max|s|^2 (1 - q) < 1 is
-    necessary, and for scalar or fully observed unstable systems sufficient, for a bounded E[P]
-    (M. Huang, S. Dey, Automatica 43(4), 2007).
-
-    Args:
-        A: dynamics (n, n).
+    necessary, and for scalar or fully observed unstable systems sufficient, for a bounded E[P] (M. Huang, S. Dey,
+    Automatica 43(4), 2007).
     """
     return max(0.0, 1.0 - 1.0 / float(np.max(np.abs(np.linalg.eigvals(np.atleast_2d(A))))) ** 2)
+
+
+LONGEST = 1000  # ticks after which modes may look alike again; l_c is then less than 0.002 ln|s| above its limit
+SAME = 1e-6  # eigenvalues closer than this, relative, are one
+SAME_ANGLE = 1e-9  # of a turn
+
+
+def ticks_to_repeat(s_1: complex, s_2: complex) -> int | None:
+    """Return the least d with (s_1 / s_2)^d = 1, or None: none up to LONGEST, or the two are one (a Jordan block)."""
+    if abs(s_1 - s_2) <= SAME * abs(s_1):
+        return None
+    turns = float(np.angle(s_1 / s_2)) / (2.0 * np.pi)
+    nearest = Fraction(turns).limit_denominator(LONGEST)
+    return nearest.denominator if abs(turns - float(nearest)) <= SAME_ANGLE else None
+
+
+def second_order_rate(modulus: float, d: int | None) -> float:
+    """Return l_c of two modes of that modulus that look alike to C every d ticks, never if None."""
+    return 1.0 - modulus ** (-2.0 if d is None else -2.0 * d / (d - 1.0))
+
+
+def growth_in_bursts(modulus: float, d: int | None, failure: float, recovery: float) -> float:
+    """Return the growth factor of E[P_k] a tick through a Gilbert-Elliott channel; E[P_k] is bounded if it is below 1.
+
+    Packets of good ticks arrive, those of bad ones are lost. A bad tick follows a good one with the chance p (failure),
+    a good one a bad one with q (recovery). Of d ticks (as ticks_to_repeat has it) the first may be either and d - 1 are
+    bad: the chance of that, from one first tick to the next, is the radius of a matrix of rank 1, p q (1 - q)^(d-2) +
+    (1 - q)^d (You, Fu and Xie, 2011). With p = 1 - l and q = l the losses are independent. The modulus of both modes is
+    above 1. InputError if p or q lies outside [0, 1].
+    """
+    for name, chance in (("failure", failure), ("recovery", recovery)):
+        if not 0.0 <= chance <= 1.0:
+            raise InputError(f"{name}: {chance}: must lie in [0, 1]")
+    stays = 1.0 - recovery
+    if d is None:
+        return modulus**2 * stays
+    return modulus**2 * (failure * recovery * stays ** (d - 2) + stays**d) ** (1.0 / d)

@@ -16,8 +16,8 @@ import numpy as np
 from ortilo_drake.model.hover import discretize, hover_A, hover_B, output_C
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.theory.arrivals.arrivals import Model, check_arrivals, check_model, check_rate, pattern_rows
-from ortilo_drake.theory.arrivals.coupled_fixed_point import DIVERGED, SETTLED, coupled_fixed_point
+from ortilo_drake.theory.arrivals.arrivals import PATTERN_ROWS, Model, check_arrivals, check_model, check_rate
+from ortilo_drake.theory.arrivals.expected_riccati_kernel import DIVERGED, SETTLED, coupled_fixed_point
 from ortilo_drake.theory.modes.modes import unseen_modes
 
 TOLERANCE = 1e-9  # relative to the variances, of the fixed point itself and not of the last step
@@ -28,36 +28,26 @@ ROTATION = np.array([3, 4, 5, 9, 10, 11])  # angles and their rates; a filter ma
 
 
 def vehicle_model(W: np.ndarray, V: np.ndarray, h: float, C: np.ndarray | None = None) -> Model:
-    """Return the vehicle's filter model at hover; patterns as arrivals.PATTERN_ROWS.
+    """Return the vehicle's filter model at hover, of ticks h [s]; patterns as arrivals.PATTERN_ROWS.
 
-    Args:
-        W: process noise per tick (12 x 12).
-        V: measurement noise of uwb, camera, imu and what else flies (p x p).
-        h: tick [s].
-        C: rows of y over the states (p x 12), uwb and camera first; by default those of the paper's three sensors.
-
-    Raises:
-        InputError: if a matrix has a wrong shape or sign.
+    W is the process noise per tick (12 x 12), V the noise of uwb, camera, imu and what else flies (p x p), which
+    arrives in every tick. The rows C of y over the states (p x 12) have uwb and camera first; by default they are those
+    of the paper's three sensors. InputError if a matrix has a wrong shape or sign.
     """
     C = output_C() if C is None else C
     Phi, _ = discretize(hover_A(), hover_B(M100), h)  # Phi is the same for every vehicle
-    return check_model(Model(Phi, C, W, V, pattern_rows(len(C))))
+    beside = np.ones((len(PATTERN_ROWS), len(C) - PATTERN_ROWS.shape[1]), dtype=bool)  # the sensors behind the three
+    return check_model(Model(Phi, C, W, V, np.hstack([PATTERN_ROWS, beside])))
 
 
 def solve_coupled(
     model: Model, probabilities: np.ndarray, backward: np.ndarray, start: np.ndarray | None, what: str
 ) -> np.ndarray:
-    """Return the fixed point X (M, n, n) of X_j = sum_i backward[j, i] g_i(X_i).
+    """Return the fixed point X (M, n, n) of X_j = sum_i backward[j, i] g_i(X_i), from a start (M, n, n) or W.
 
-    Args:
-        model: checked by check_model.
-        probabilities: of the patterns in each mode (M, P).
-        backward: Pr(mode before = i | mode now = j) (M, M).
-        start: where to start (M, n, n), or None for W.
-        what: what an error is about, its first words.
-
-    Raises:
-        InputError: if there is none, because some mode of A is never seen or too seldom, or it is not reached.
+    The model is checked, the probabilities are those of the patterns in each mode (M, P), and backward is Pr(mode
+    before = i | mode now = j) (M, M). InputError beginning with `what`, if some mode of A is never seen or too seldom,
+    or X is not reached.
     """
     check_arrivals(model, probabilities, what)
     X = np.repeat(model.W[None], len(probabilities), axis=0) if start is None else np.ascontiguousarray(start)
@@ -77,12 +67,7 @@ def solve_coupled(
 def upper_bound(model: Model, probabilities: np.ndarray) -> np.ndarray:
     """Return X = g(X) (n, n), which bounds the limit of E[P_k] from above, to 1e-9 relative.
 
-    Args:
-        model: from vehicle_model or check_model.
-        probabilities: of the model's patterns (P).
-
-    Raises:
-        InputError: if the probabilities are none, or X does not exist; the modes concerned are named.
+    InputError if the patterns' probabilities (P) are none, or X does not exist; the modes concerned are named.
     """
     return solve_coupled(model, np.atleast_2d(probabilities), np.ones((1, 1)), None, "expected Riccati equation")[0]
 
@@ -90,16 +75,8 @@ def upper_bound(model: Model, probabilities: np.ndarray) -> np.ndarray:
 def lower_bound(A: np.ndarray, W: np.ndarray, arrival_rate: float) -> np.ndarray:
     """Return X = (1 - l) A X A^T + W (n, n), which bounds the limit of E[P_k] from below; inf where there is none.
 
-    Sinopoli et al. (2004), theorem 4: an arrival can at best bring the error back to W. It exists while
-    (1 - l) max|eigenvalue of A|^2 < 1.
-
-    Args:
-        A: dynamics (n, n).
-        W: process noise (n, n).
-        arrival_rate: l, probability that anything arrives in a tick, in [0, 1].
-
-    Raises:
-        InputError: if the rate lies outside [0, 1].
+    Sinopoli et al. (2004), theorem 4: an arrival, of probability l, can at best bring the error back to W. It exists
+    while (1 - l) max|eigenvalue of A|^2 < 1. InputError if the rate lies outside [0, 1].
     """
     missed = np.array([1.0 - check_rate(arrival_rate, "arrival rate")])
     return coupled_lower_bound(A, W, missed, np.ones((1, 1)))[0]
@@ -108,11 +85,7 @@ def lower_bound(A: np.ndarray, W: np.ndarray, arrival_rate: float) -> np.ndarray
 def coupled_lower_bound(A: np.ndarray, W: np.ndarray, missed: np.ndarray, backward: np.ndarray) -> np.ndarray:
     """Return X (M, n, n) with X_j = sum_i backward[j, i] (missed_i A X_i A^T + W); inf where there is none.
 
-    Args:
-        A: dynamics (n, n).
-        W: process noise (n, n).
-        missed: probability that nothing arrives in each mode (M).
-        backward: Pr(mode before = i | mode now = j) (M, M).
+    Nothing arrives in mode i with the probability missed_i (M); backward is Pr(mode before = i | mode now = j) (M, M).
     """
     n, modes = A.shape[0], len(missed)
     missing = backward * missed

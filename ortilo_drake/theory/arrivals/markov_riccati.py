@@ -22,13 +22,10 @@ _RARE = 1e-14  # a mode visited less often is not visited
 
 
 class ArrivalChain(NamedTuple):
-    """A Markov chain of modes, each with probabilities of the arrival patterns; only modes that recur.
+    """A Markov chain of modes, each with probabilities of the arrival patterns (M, P); only modes that recur.
 
-    Attributes:
-        T: Pr(mode j next | mode i now) (M, M).
-        probabilities: of the patterns in each mode (M, P).
-        stationary: share of time in each mode, pi = pi T (M).
-        backward: Pr(mode before = i | mode now = j) = pi_i T_ij / pi_j (M, M).
+    T is Pr(mode j next | mode i now) (M, M), stationary the share of time in each mode, pi = pi T (M), and backward
+    Pr(mode before = i | mode now = j) = pi_i T_ij / pi_j (M, M).
     """
 
     T: np.ndarray
@@ -40,12 +37,8 @@ class ArrivalChain(NamedTuple):
 def arrival_chain(T: np.ndarray, probabilities: np.ndarray) -> ArrivalChain:
     """Return the chain restricted to the modes in which it stays for ever, coming from the first.
 
-    Args:
-        T: Pr(mode j next | mode i now) (M, M).
-        probabilities: of the patterns in each mode (M, P).
-
-    Raises:
-        InputError: if a row of T is no probability distribution.
+    T is Pr(mode j next | mode i now) (M, M), with the probabilities of the patterns in each mode (M, P). InputError if
+    a row of T is no probability distribution.
     """
     T = np.array(T, dtype=float)
     if not np.all(T >= 0.0) or not np.allclose(T.sum(axis=1), 1.0, rtol=0.0, atol=1e-9):
@@ -70,11 +63,8 @@ def average_over_modes(chain: ArrivalChain, X: np.ndarray) -> np.ndarray:
 def markov_translation_lower_bound(model: Model, chain: ArrivalChain) -> np.ndarray:
     """Return each mode's bound from below on the mean of P of position and velocity (M, 6, 6).
 
-    An arrival can at best bring the error of a filter that knows attitude and rates as well back to W_t.
-
-    Args:
-        model: of the vehicle, from expected_riccati.vehicle_model.
-        chain: over arrivals.PATTERN_ROWS.
+    An arrival can at best bring the error of a filter that knows attitude and rates as well back to W_t. The model is
+    the vehicle's, the chain over arrivals.PATTERN_ROWS.
     """
     Phi_t = model.A[np.ix_(TRANSLATION, TRANSLATION)]
     if np.any(model.A[np.ix_(ROTATION, TRANSLATION)]):

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2, t
+from scipy.stats import chi2, sem, t
 
 REGULAR = 1e-10  # least eigenvalue of a correlation matrix that counts as regular
 
@@ -22,16 +22,11 @@ PROBABILITY = 0.95  # of bands and intervals
 
 @dataclass(frozen=True)
 class Average:
-    """A normalised square averaged over the ticks of a mask.
+    """A normalised square of n degrees of freedom, expected, averaged over the ticks of a mask.
 
-    Attributes:
-        expected: n, the degrees of freedom.
-        mean: of the flights' means.
-        interval: of that mean; None for one flight.
-        ratio: mean / expected.
-        consistent: whether the interval contains n; None for one flight.
-        flights: how many have a number in the mask.
-        in_band: share of ticks at which the ensemble's average lies in its chi-square band; None without a tick.
+    The mean is that of the means of so many flights with a number in the mask, the ratio mean / expected; its interval,
+    and whether that contains n, consistent, are None for one flight. in_band is the share of ticks at which the
+    ensemble's average lies in its chi-square band; None without a tick.
     """
 
     expected: int
@@ -46,11 +41,8 @@ class Average:
 def normalized_square(e: np.ndarray, S: np.ndarray) -> np.ndarray:
     """Return e_k^T S_k^-1 e_k (n); NaN where S_k is not regular or anything is not finite.
 
-    Each component is scaled by its own standard deviation first, so that metres and radians weigh alike.
-
-    Args:
-        e: errors or innovations (n, m).
-        S: their covariances as the filter believes them (n, m, m).
+    Errors or innovations e (n, m) have the covariances S (n, m, m) by the filter. Each component is scaled by its own
+    standard deviation first, so that metres and radians weigh alike.
     """
     out = np.full(len(e), np.nan)
     sd = np.sqrt(np.maximum(np.diagonal(S, axis1=1, axis2=2), 0.0))
@@ -64,12 +56,7 @@ def normalized_square(e: np.ndarray, S: np.ndarray) -> np.ndarray:
 
 
 def average_band(dof: int, flights: int | np.ndarray) -> tuple[Any, Any]:
-    """Return the two-sided 95 % band of a tick's average over that many flights, chi2_{N n} / N.
-
-    Args:
-        dof: n, the degrees of freedom of one flight.
-        flights: N; an array gives arrays.
-    """
+    """Return the 95 % band of a tick's average over N flights, chi2_{N n} / N, of dof n; arrays for an array of N."""
     tail = (1.0 - PROBABILITY) / 2.0
     return chi2.ppf(tail, dof * flights) / flights, chi2.ppf(1.0 - tail, dof * flights) / flights
 
@@ -77,8 +64,7 @@ def average_band(dof: int, flights: int | np.ndarray) -> tuple[Any, Any]:
 def ensemble_average(flights: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Return the average over the flights at each tick, and the number of flights that have a value there.
 
-    Args:
-        flights: one series each, NaN where there is nothing; a shorter one (a lost flight) has nothing from its end on.
+    Each flight is a series, NaN where there is nothing; a shorter one (a lost flight) has nothing from its end on.
     """
     length = max(len(series) for series in flights)
     total, count = np.zeros(length), np.zeros(length, dtype=int)
@@ -104,20 +90,16 @@ def share_in_band(flights: Sequence[np.ndarray], dof: int) -> float | None:
 
 def mean_interval(samples: np.ndarray) -> tuple[float, float] | None:
     """Return Student's 95 % interval of the mean of independent samples; None of fewer than two."""
-    n = len(samples)
-    if n < 2:
+    if len(samples) < 2:
         return None
-    half = t.ppf(0.5 + PROBABILITY / 2.0, n - 1) * np.std(samples, ddof=1) / np.sqrt(n)
+    half = t.ppf(0.5 + PROBABILITY / 2.0, len(samples) - 1) * sem(samples)
     return float(np.mean(samples) - half), float(np.mean(samples) + half)
 
 
 def time_average(flights: Sequence[np.ndarray], masks: Sequence[np.ndarray], dof: int) -> Average | None:
-    """Judge a normalised square over the ticks of a mask; None if no flight has a number there.
+    """Judge normalised squares, a series a flight, over the ticks of its mask; None if none has a number there.
 
-    Args:
-        flights: normalised squares (one series each).
-        masks: which ticks count (one each).
-        dof: n.
+    They are chi-square with dof degrees of freedom if the filter is consistent.
     """
     masked = [np.where(mask, series, np.nan) for series, mask in zip(flights, masks, strict=True)]
     means = np.array([np.nanmean(series) for series in masked if np.isfinite(series).any()])

@@ -14,39 +14,18 @@ gaps is counted in two ways: in arrivals (the gaps are removed first) and in tic
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import chi2, norm
 
 
-class Autocorrelation(NamedTuple):
-    """Autocorrelation of the ensemble.
-
-    Attributes:
-        r: r_l of each component, lags 1 .. L (L, m); NaN where no pair has this lag.
-        pairs: N_l (L).
-        samples: N_0.
-        band: half width of the two-sided 95 % band of r_l (L); NaN without pairs.
-        Q: the portmanteau statistic of all components together.
-        dof: its degrees of freedom.
-        p_value: probability of a larger Q from white innovations.
-    """
-
-    r: np.ndarray
-    pairs: np.ndarray
-    samples: int
-    band: np.ndarray
-    Q: float
-    dof: int
-    p_value: float
-
-
 @dataclass(frozen=True)
 class LagReport:
-    """Autocorrelation over one way to count lags: r (a row of components a lag), the band, Q, its degrees, p_value.
+    """Autocorrelation of the ensemble over one way to count lags; r and band are None where no pair has a lag.
 
-    None where no pair has that lag.
+    r_l has the components in a row for each of the lags 1 .. L, the band is half its two-sided 95 % band. Q is the
+    portmanteau statistic of all components together, with its degrees of freedom and the probability of a larger one
+    from white innovations.
     """
 
     r: list[list[float] | None]
@@ -68,12 +47,7 @@ class WhitenessReport:
 
 
 def normalized_innovations(e: np.ndarray, S: np.ndarray) -> np.ndarray:
-    """Return z_k = L_k^-1 e_k (n, m), NaN where e_k is.
-
-    Args:
-        e: innovations, NaN where nothing arrived (n, m).
-        S: their covariances, positive definite where e is there (n, m, m).
-    """
+    """Return z_k = L_k^-1 e_k (n, m) of innovations e, NaN where nothing arrived (n, m), and their S (n, m, m)."""
     z = np.full(e.shape, np.nan)
     there = np.isfinite(e).all(axis=1)
     L = np.linalg.cholesky(S[there])
@@ -86,14 +60,11 @@ def only_arrivals(z: np.ndarray) -> np.ndarray:
     return z[np.isfinite(z).all(axis=1)]
 
 
-def autocorrelation(flights: Sequence[np.ndarray], lags: int) -> Autocorrelation | None:
+def autocorrelation(flights: Sequence[np.ndarray], lags: int) -> LagReport | None:
     """Return the autocorrelation of normalised innovations; None if there are none.
 
-    The mean is not removed: it is 0 in a consistent filter, and a bias shows at all lags.
-
-    Args:
-        flights: z of each flight, NaN rows where nothing arrived (n, m).
-        lags: L.
+    They are those of each flight, NaN where nothing arrived (n, m). The mean is not removed: it is 0 in a consistent
+    filter, and a bias shows at all lags.
     """
     m = flights[0].shape[1]
     sums, pairs = np.zeros((lags + 1, m)), np.zeros(lags + 1, dtype=int)
@@ -106,37 +77,22 @@ def autocorrelation(flights: Sequence[np.ndarray], lags: int) -> Autocorrelation
     samples = int(pairs[0])
     if not samples or not (sums[0] > 0.0).all():
         return None
-    some = pairs[1:] > 0
-    r, band = np.full((lags, m), np.nan), np.full(lags, np.nan)
-    r[some] = sums[1:][some] / pairs[1:][some, np.newaxis] / (sums[0] / samples)
-    band[some] = norm.ppf(0.975) / np.sqrt(pairs[1:][some])
-    Q = float((samples + 2) / samples * np.sum(pairs[1:][some, np.newaxis] * r[some] ** 2))
-    dof = int(some.sum()) * m
-    return Autocorrelation(r, pairs[1:], samples, band, Q, dof, float(chi2.sf(Q, dof)) if dof else 1.0)
+    r: list[list[float] | None] = [None] * lags
+    band: list[float | None] = [None] * lags
+    Q, dof = 0.0, 0
+    for k in np.flatnonzero(pairs[1:]):
+        r_l = sums[k + 1] / pairs[k + 1] / (sums[0] / samples)
+        r[k], band[k] = r_l.tolist(), float(norm.ppf(0.975) / np.sqrt(pairs[k + 1]))
+        Q += (samples + 2) / samples * float(np.sum(pairs[k + 1] * r_l**2))
+        dof += m
+    return LagReport(r, band, Q, dof, float(chi2.sf(Q, dof)) if dof else 1.0)
 
 
 def whiteness_report(flights: Sequence[np.ndarray], lags: int) -> WhitenessReport | None:
-    """Return the whiteness figures of one sensor; None if it never arrived.
-
-    Args:
-        flights: normalised innovations over ticks, NaN where nothing arrived (n, m).
-        lags: how many lags.
-    """
+    """Return the whiteness figures of one sensor; None if it never arrived; arguments as autocorrelation."""
     arrived = [only_arrivals(z) for z in flights]
-    all_z = np.concatenate(arrived)
+    z = np.concatenate(arrived)
     by_arrival, by_tick = autocorrelation(arrived, lags), autocorrelation(flights, lags)
     if by_arrival is None or by_tick is None:
         return None
-    return WhitenessReport(
-        samples=by_arrival.samples,
-        mean=np.mean(all_z, axis=0).tolist(),
-        variance=np.mean(all_z**2, axis=0).tolist(),
-        lag_arrivals=_lag_report(by_arrival),
-        lag_ticks=_lag_report(by_tick),
-    )
-
-
-def _lag_report(found: Autocorrelation) -> LagReport:
-    r = [row.tolist() if np.isfinite(row).all() else None for row in found.r]
-    band = [float(b) if np.isfinite(b) else None for b in found.band]
-    return LagReport(r, band, found.Q, found.dof, found.p_value)
+    return WhitenessReport(len(z), z.mean(axis=0).tolist(), np.mean(z**2, axis=0).tolist(), by_arrival, by_tick)

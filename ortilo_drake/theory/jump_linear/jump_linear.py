@@ -32,11 +32,8 @@ ACCURACY = 1e-9  # of a second moment
 class JumpLinear(NamedTuple):
     """A jump-linear system of period T with P patterns and M modes.
 
-    Attributes:
-        A: the matrices (T, P, n, n).
-        N: covariance of the noise that enters in each tick (T, n, n).
-        chance: probability of each pattern in each mode (M, P).
-        transition: of the modes from one tick to the next (M, M).
+    It has the matrices A (T, P, n, n), the covariance N of the noise that enters in each tick (T, n, n), the chance of
+    each pattern in each mode (M, P), and the transition of the modes from one tick to the next (M, M).
     """
 
     A: np.ndarray
@@ -105,11 +102,8 @@ def mean_square_radius(system: JumpLinear, largest_dense: int = DENSE) -> float:
 def steady_second_moment(system: JumpLinear) -> np.ndarray:
     """Return E[z z^T] in the steady state at each tick of the period (T, n, n).
 
-    It is the fixed point of (*), reached by going through it until what is left to come, judged by the spectral
-    radius, is below ACCURACY relative to the trace.
-
-    Raises:
-        InputError: if the system is not mean-square stable.
+    It is the fixed point of (*), reached by going through it until what is left to come, judged by the spectral radius,
+    is below ACCURACY relative to the trace. InputError if the system is not mean-square stable.
     """
     radius = mean_square_radius(system)
     if not radius < 1.0 - MARGIN:
@@ -126,12 +120,8 @@ def _settle(
 ) -> np.ndarray:
     """Return S, summed over the modes, at each tick of a period (T, n, n) once its diagonal changes no more over one.
 
-    Args:
-        A: (T, P, n, n).
-        chance: (M, P).
-        transition: (M, M).
-        noise: what enters the modes in each tick (T, M, n, n).
-        accuracy: of the change, relative to the trace.
+    A (T, P, n, n), chance (M, P) and transition (M, M) are the system's, the noise is what enters the modes in each
+    tick (T, M, n, n), and the accuracy is that of the change, relative to the trace.
     """
     S, phases = np.zeros_like(noise[0]), np.zeros_like(noise[:, 0])
     while True:

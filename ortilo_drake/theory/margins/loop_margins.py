@@ -16,14 +16,93 @@ margin allows a different factor in each channel. Singular values compare newton
 the units if the filter couples the axes (a V with correlations does). They are therefore taken of R^1/2 L R^-1/2, R the
 servo's own weight of the controls. In this scaling the return difference of a full-state LQ loop has no singular value
 below 1 (B. D. O. Anderson, J. B. Moore, Optimal Control: Linear Quadratic Methods, 1990; in continuous time).
+
+A loop is (A, B, C): z s = A s + B a, v = C s, closed by a = -v. Frequencies omega are in rad a tick, 0 < omega <= pi.
+python-control's stability_margins (0.10.2) is not used. Its polynomials of order 27 have roots crowded about 1: half of
+the margins of nominal_imu_uwb_yolo's 26 single-channel loops come out wrong by more than 1e-6, some by a factor of 10.
+On frequency data it leaves out omega = pi, where loops with true velocities have their gain margin.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import brentq, minimize_scalar
 
-from ortilo_drake.theory.margins.loop_response import OpenLoop, crossings, frequency_grid, peak, response
+LOWEST = 1e-4  # rad a tick; below it |L| only rises, by the double integrators and the integral action
+
+
+class OpenLoop(NamedTuple):
+    """s_{k+1} = A s_k + B a_k, v_k = C s_k; the loop is closed by a = -v."""
+
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+
+
+def response(loop: OpenLoop, omega: np.ndarray) -> np.ndarray:
+    """Return L(e^{j omega}) = C (e^{j omega} I - A)^-1 B for every omega (k x p x m)."""
+    n = len(loop.A)
+    z = np.exp(1j * np.atleast_1d(omega))
+    return loop.C @ np.linalg.solve(
+        z[:, None, None] * np.eye(n) - loop.A, np.broadcast_to(loop.B, (len(z), *loop.B.shape))
+    )
+
+
+def one_channel(loop: OpenLoop, channel: int) -> OpenLoop:
+    """Return the loop of one channel with all others closed."""
+    others = [k for k in range(loop.B.shape[1]) if k != channel]
+    A = loop.A - loop.B[:, others] @ loop.C[others]
+    return OpenLoop(A, loop.B[:, [channel]], loop.C[[channel]])
+
+
+def closed(loop: OpenLoop, factor: complex | np.ndarray = 1.0) -> np.ndarray:
+    """Return A - B diag(factor) C, the closed loop with each channel's gain multiplied."""
+    return loop.A - loop.B @ (np.broadcast_to(factor, loop.B.shape[1])[:, None] * loop.C)
+
+
+def spectral_radius(A: np.ndarray) -> float:
+    """Return the largest modulus of an eigenvalue."""
+    return float(abs(np.linalg.eigvals(A)).max())
+
+
+def frequency_grid() -> np.ndarray:
+    """Return frequencies from LOWEST to pi, evenly spaced in their logarithm."""
+    return np.geomspace(LOWEST, math.pi, 1500)
+
+
+def crossings(loop: OpenLoop, omega: np.ndarray, values: np.ndarray, kind: str) -> list[float]:
+    """Return the frequencies at which a loop of one channel has |L| = 1 ('gain') or Im L = 0 ('phase'), ascending.
+
+    The values are L at the frequencies omega, ascending; two crossings between neighbours are missed.
+    """
+
+    def measure(L: np.ndarray) -> np.ndarray:
+        return np.log(np.abs(L)) if kind == "gain" else np.sin(np.angle(L))
+
+    m = measure(values)
+    # At omega = pi the imaginary part is 0 up to rounding. The last step is left out here; the caller adds pi.
+    changes = np.flatnonzero((m[:-1] * m[1:] < 0.0) & ((kind == "gain") | (np.arange(len(m) - 1) < len(m) - 2)))
+    found = []
+    for k in changes:
+        if kind == "phase" and values[k].real > 0.0:
+            continue  # the positive real axis, or the cut of the angle
+        bracket = omega[k], omega[k + 1]
+        found.append(brentq(lambda w: float(measure(response(loop, w)[0, 0, 0])), *bracket, xtol=1e-14, rtol=1e-13))
+    return found
+
+
+def peak(function: Callable[[float], float], omega: np.ndarray, values: np.ndarray) -> tuple[float, float]:
+    """Return the largest value of a function over frequency, refined about its best on a grid, and its frequency."""
+    k = int(values.argmax())
+    low, high = omega[max(k - 1, 0)], omega[min(k + 1, len(omega) - 1)]
+    best = minimize_scalar(lambda w: -function(w), bounds=(low, high), method="bounded", options={"xatol": 1e-10})
+    if -best.fun > values[k]:
+        return float(-best.fun), float(best.x)
+    return float(values[k]), float(omega[k])
+
 
 SILENT = 1e-12  # |L| below this at every frequency: nothing is fed back
 
@@ -105,12 +184,7 @@ def gain_crossings(loop: OpenLoop, omega: np.ndarray, L: np.ndarray) -> list[tup
 
 
 def channel_margins(loop: OpenLoop, h: float) -> ChannelMargins:
-    """Return the margins of a stable loop of one channel.
-
-    Args:
-        loop: one channel's.
-        h: tick [s].
-    """
+    """Return the margins of a stable loop of one channel, of ticks h [s]."""
     omega = frequency_grid()
     L = response(loop, omega)[:, 0, 0]
     at_real_axis = gain_crossings(loop, omega, L)
@@ -122,9 +196,7 @@ def channel_margins(loop: OpenLoop, h: float) -> ChannelMargins:
     ticks = np.mod(angles, 2.0 * math.pi) / crossovers
     delay = int(ticks.argmin()) if len(crossovers) else None
 
-    def scalar(w: float) -> complex:
-        return complex(response(loop, np.array([w]))[0, 0, 0])
-
+    S, T, difference = peaks(loop, omega)
     return ChannelMargins(
         gain_up=float(up[0]) if up else None,
         gain_up_at=float(up[1] / h) if up else None,
@@ -136,32 +208,30 @@ def channel_margins(loop: OpenLoop, h: float) -> ChannelMargins:
         delay_ticks=float(ticks[delay]) if delay is not None else None,
         delay_at=float(crossovers[delay] / h) if delay is not None else None,
         crossovers=[float(w / h) for w in crossovers],
-        sensitivity=peak(lambda w: abs(1.0 / (1.0 + scalar(w))), omega, abs(1.0 / (1.0 + L)))[0],
-        complementary=peak(lambda w: abs(1.0 - 1.0 / (1.0 + scalar(w))), omega, abs(L / (1.0 + L)))[0],
-        disk=disk_margin(peak(lambda w: abs(2.0 / (1.0 + scalar(w)) - 1.0), omega, abs((1.0 - L) / (1.0 + L)))[0]),
+        sensitivity=S[0],
+        complementary=T[0],
+        disk=disk_margin(difference[0]),
     )
 
 
-def joint_margins(loop: OpenLoop, h: float, R: np.ndarray) -> JointMargins:
-    """Return the margins of all controls at once.
-
-    Args:
-        loop: the loop of all controls.
-        h: tick [s].
-        R: diagonal of the servo's weight of the controls.
-    """
-    loop = loop._replace(B=loop.B / np.sqrt(R), C=np.sqrt(R)[:, np.newaxis] * loop.C)
+def peaks(loop: OpenLoop, omega: np.ndarray) -> list[tuple[float, float]]:
+    """Return the peaks of the largest singular values of S, T and S - T over a grid, and their frequencies."""
     eye = np.eye(loop.B.shape[1])
-    omega = frequency_grid()
 
-    def largest(weight_S: float, weight_I: float) -> tuple[float, float]:
+    def of(weight_S: float, weight_I: float) -> tuple[float, float]:
         def values(w: np.ndarray) -> np.ndarray:
             S = np.linalg.inv(eye + response(loop, w))
             return np.linalg.norm(weight_S * S + weight_I * eye, 2, axis=(1, 2))
 
         return peak(lambda w: float(values(np.array([w]))[0]), omega, values(omega))
 
-    S, T, difference = largest(1.0, 0.0), largest(-1.0, 1.0), largest(2.0, -1.0)
+    return [of(1.0, 0.0), of(-1.0, 1.0), of(2.0, -1.0)]
+
+
+def joint_margins(loop: OpenLoop, h: float, R: np.ndarray) -> JointMargins:
+    """Return the margins of all controls of a loop at once, h its tick [s] and R the diagonal of their weights."""
+    loop = loop._replace(B=loop.B / np.sqrt(R), C=np.sqrt(R)[:, np.newaxis] * loop.C)
+    S, T, difference = peaks(loop, frequency_grid())
     return JointMargins(
         sensitivity=S[0],
         sensitivity_at=S[1] / h,

@@ -2,22 +2,26 @@
 
 The vehicle at hover is four chains of integrators (x and y of four, z and yaw of two), so every eigenvalue of Phi is
 1 and defective. A general eigenvalue solver finds such an eigenvalue only to eps^(1/4), and rank tests with it or with
-powers of Phi fail. So the hidden subspace is found first (staircase.py), then the eigenvalues of Phi on it. Eigenvalues
+powers of Phi fail. So the hidden subspace is found first, then the eigenvalues of Phi on it. Eigenvalues
 that rounding has split are merged; their mean is accurate again.
 
 Theorem (Popov, Belevitch, Hautus). (Phi, C) is observable at z iff [Phi - z I; C] has full column rank n; detectable
 iff that holds at every eigenvalue on or outside the unit circle. (Phi, Gamma) is controllable or stabilisable iff
 (Phi^T, Gamma^T) is observable or detectable. M. L. J. Hautus, 1969.
+
+Staircase. The unobservable subspace is the largest Phi-invariant subspace in the kernel of C (R. E. Kalman, 1963). It
+is found by N_0 = ker C, N_{k+1} = {v in N_k: Phi v in N_k}, one orthogonal step after another (P. Van Dooren, IEEE TAC
+26, 1981). In the units of tick_scaling the vehicle's Phi - I has the entries 1, 1/2, 1/6, 1/24 for every h.
 """
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import schur
+from scipy.linalg import null_space, schur, svdvals
 
 from ortilo_drake.model.signals import INTEGRAL_NAMES, N_X, N_XBAR, STATE_NAMES, XBAR_NAMES
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.theory.modes.staircase import rank, rescale, unobservable_subspace
+from ortilo_drake.model.vehicle import GRAVITY
 
 CLUSTERS = (2e-3, 1e-6, 0.0)  # distances within which eigenvalues may be one, split by rounding; the first that fits
 STATE_SHARE = 1e-6  # a unit vector's component above this counts
@@ -25,28 +29,20 @@ ON_THE_CIRCLE = 1e-6  # |z| above 1 less this counts as not decaying
 DIGITS = 10  # decimals of an eigenvalue, the rest being rounding
 
 
-class Mode(NamedTuple):
+@dataclass(frozen=True)
+class Mode:
     """An eigenvalue of a matrix, or of its part that is unobservable or uncontrollable.
 
-    Attributes:
-        eigenvalue: z.
-        blocks: sizes of its Jordan blocks in that part, the largest first.
-        states: the states in which the part's generalised eigenspace has a component.
+    The multiplicity is the dimension of the part's generalised eigenspace, in which these states have a component; the
+    deficiency is the rank that [A - z I; C] lacks, the number of eigenvectors in the kernel of C, one a Jordan block.
+    The blocks have these sizes, the largest first.
     """
 
     eigenvalue: complex
-    blocks: tuple[int, ...]
+    multiplicity: int
+    deficiency: int
     states: tuple[str, ...]
-
-    @property
-    def multiplicity(self) -> int:
-        """Dimension of the generalised eigenspace."""
-        return sum(self.blocks)
-
-    @property
-    def deficiency(self) -> int:
-        """Rank that [A - z I; C] lacks: the number of eigenvectors in the kernel of C, one a block."""
-        return len(self.blocks)
+    blocks: tuple[int, ...]
 
     def __str__(self) -> str:
         """Return 'eigenvalue 1 (2 times) in psi, psi_dot'."""
@@ -78,16 +74,10 @@ def unseen_modes(
     radius: float = 1.0 - ON_THE_CIRCLE,
     scale: np.ndarray | None = None,
 ) -> list[Mode]:
-    """Return the modes of (A, C) with |z| >= radius that no output sees, the largest |z| first.
+    """Return the modes of A (n x n), C (p x n) with |z| >= radius that no output sees, the largest |z| first.
 
-    An empty list means that (A, C) is detectable, and with a radius of 0 that it is observable.
-
-    Args:
-        A: dynamics (n x n).
-        C: outputs (p x n), p may be 0.
-        names: of the states; by default names_of(n).
-        radius: modes within it are left out.
-        scale: units of the states (n), such as tick_scaling(h).
+    An empty list means that (A, C) is detectable, and with a radius of 0 that it is observable. p may be 0. The states'
+    names are by default names_of(n), their units (n) a scale such as tick_scaling(h).
     """
     A, C = rescale(A, C, scale)
     names = names or names_of(len(A))
@@ -110,7 +100,8 @@ def unseen_modes(
         left = [w for w in left if not belongs(w)]
         share = np.linalg.norm(N @ Z[:, :k], axis=1)
         states = tuple(name for name, part in zip(names, share, strict=True) if part > STATE_SHARE)
-        found.append(Mode(complex(np.round(z, DIGITS) + 0.0), blocks, states))  # + 0 makes -0 a 0
+        z = complex(np.round(z, DIGITS) + 0.0)  # + 0 makes -0 a 0
+        found.append(Mode(z, sum(blocks), len(blocks), states, blocks))
     return [mode for mode in found if abs(mode.eigenvalue) >= radius]
 
 
@@ -143,3 +134,45 @@ def check_detectable(Phi: np.ndarray, C: np.ndarray, what: str, scale: np.ndarra
 def listed(modes: list[Mode]) -> str:
     """Return modes as an error names them."""
     return "; ".join(map(str, modes))
+
+
+RANK = 1e-10  # singular values below this, of matrices of norm about 1, count as 0
+NOTHING = 1e-12  # rows of C shorter than this, against the longest, count as 0: rounding, not a sensor
+
+
+def tick_scaling(h: float) -> np.ndarray:
+    """Return the units (12) of the states in which Phi contains neither h nor g.
+
+    1 m for a position, 1 / h for a velocity, 1 / (g h^2) for an angle, 1 / (g h^3) for an Euler rate. Such a tilt or
+    rate moves the vehicle by about a metre within a tick.
+    """
+    return np.repeat([1.0, 1.0 / (GRAVITY * h**2), 1.0 / h, 1.0 / (GRAVITY * h**3)], 3)
+
+
+def rescale(A: np.ndarray, C: np.ndarray, scale: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Return T^-1 A T and the rows of C T at unit length, T = diag(scale)."""
+    T = np.ones(len(A)) if scale is None else scale
+    rows = C * T
+    length = np.linalg.norm(rows, axis=1, keepdims=True)
+    is_row = length > NOTHING * np.max(length, initial=0.0)
+    return A * T / T[:, None], np.divide(rows, length, out=np.zeros_like(rows), where=is_row)
+
+
+def rank(M: np.ndarray) -> int:
+    """Return the number of singular values above RANK times the largest, or times 1 if that is less."""
+    s = svdvals(M) if M.size else np.zeros(0)
+    return int(np.sum(s > RANK * max(1.0, s[0] if len(s) else 0.0)))
+
+
+def unobservable_subspace(A: np.ndarray, C: np.ndarray) -> np.ndarray:
+    """Return an orthonormal basis N (n x k) of the largest A-invariant subspace in the kernel of C."""
+    N = null_space(C, rcond=RANK) if rank(C) else np.eye(len(A))
+    size = max(1.0, float(np.linalg.norm(A, 2)))
+    while N.shape[1]:
+        image = A @ N
+        _, s, right = np.linalg.svd(image - N @ (N.T @ image))
+        leaving = int(np.sum(s > RANK * size))
+        if leaving == 0:
+            break
+        N = N @ right[leaving:].T
+    return N

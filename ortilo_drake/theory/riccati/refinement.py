@@ -15,9 +15,8 @@ precision, or Newton's method does not converge and X is refused.
 import numpy as np
 
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.theory.riccati.balancing import Balanced
 from ortilo_drake.theory.riccati.riccati_condition import stein, stein_powers
-from ortilo_drake.theory.riccati.riccati_problem import ON_THE_CIRCLE, is_positive_definite, symmetrise
+from ortilo_drake.theory.riccati.riccati_problem import ON_THE_CIRCLE, Balanced, is_positive_definite, symmetrise
 
 RIGHT = 1e-11  # an X whose Newton step is less, as share measures it, is returned as the solver found it
 STEPS = 30
@@ -70,14 +69,9 @@ def newton_step(problem: Balanced, X: np.ndarray) -> np.ndarray:
 
 
 def refine(problem: Balanced, X: np.ndarray) -> np.ndarray:
-    """Return X as it is, if it is right to RIGHT, or else refined by Newton's method until it is.
+    """Return X, in balanced units, as it is if it is right to RIGHT, or else refined by Newton's method until it is.
 
-    Args:
-        problem: the equation, in balanced units.
-        X: a solver's solution, in those units.
-
-    Raises:
-        InputError: as newton_step, or if Newton's method does not converge.
+    InputError as newton_step, or if Newton's method does not converge.
     """
     for _ in range(STEPS):
         dX = newton_step(problem, X)

@@ -7,7 +7,7 @@ The filter's equation is the same by duality: A = Phi^T, B = C^T, Q = W, R = V.
 - drake: Schur method (DiscreteAlgebraicRiccatiEquation); it ends the process (SystemExit) on a problem it refuses, and
   gives up digits of small weights: with A = diag(0.5, 0.9), Q = diag(1, 1e-11) its X_22 is 0.1 % off.
 - scipy: QZ of the extended pencil (solve_discrete_are); may return a solution that does not stabilise. The default.
-- doubling: structured doubling, doubling.py; it has no pencil to order, and is the witness of the other two.
+- doubling: structured doubling; it has no pencil to order, and is the witness of the other two.
 - recursion: the paper's own, S <- Q + Phi^T S Phi - Phi^T S Gamma (Gamma^T S Gamma + R)^-1 Gamma^T S Phi.
 
 RAW holds the bare solvers. SOLVERS holds them between require_well_posed, which decides the same for all whether there
@@ -27,7 +27,6 @@ from pydrake.math import DiscreteAlgebraicRiccatiEquation
 from scipy.linalg import LinAlgWarning, solve_discrete_are
 
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.theory.riccati.doubling import doubling
 from ortilo_drake.theory.riccati.refinement import refine
 from ortilo_drake.theory.riccati.riccati_problem import (
     is_positive_definite,
@@ -66,11 +65,9 @@ def by_recursion(
 ) -> np.ndarray:
     """Return X by the paper's recursion from 0, whose error shrinks by the closed loop's radius squared a step.
 
-    It stops when a step changes X by less than the tolerance, relatively, or when rounding ends its progress. The
-    limit is enough for closed loops of a radius up to about 1 - 1.5e-4.
-
-    Raises:
-        InputError: if it has not converged after that many steps, or overflows.
+    It stops when a step changes X by less than the tolerance, relatively, or when rounding ends its progress. The limit
+    is enough for closed loops of a radius up to about 1 - 1.5e-4. InputError if it has not converged after that many
+    steps, or overflows.
     """
     A, B, Q, R, N = real_matrices(A=A, B=B, Q=Q, R=R, N=np.zeros(np.shape(B)) if N is None else N)
     X, least, waited = np.zeros(Q.shape), np.inf, 0
@@ -88,6 +85,47 @@ def by_recursion(
             if change <= tolerance * size or (waited >= 100 and change <= 1e-11 * size):
                 return X
     raise InputError(f"recursion: still changes X by {change / size:.2g} of itself after {limit} steps")
+
+
+LIMIT = 60  # doublings; 2^60 steps of the recursion
+
+
+def double(A: np.ndarray, G: np.ndarray, H: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return A_{k+1}, G_{k+1}, H_{k+1} of one doubling (Chu, Fan, Lin, Wang, Int. J. Control 77, 2004, SDA).
+
+    With M = (I + G H)^-1:  A' = A M A,  G' = G + A M G A^T,  H' = H + A^T H M A.
+    H after k doublings equals the recursion from 0 after 2^k steps.
+    """
+    M = np.linalg.solve(np.eye(len(A)) + G @ H, np.hstack([A, G]))
+    MA, MG = M[:, : len(A)], M[:, len(A) :]
+    return A @ MA, symmetrise(G + A @ MG @ A.T), symmetrise(H + A.T @ H @ MA)
+
+
+def doubling(
+    A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, N: np.ndarray | None = None, limit: int = LIMIT
+) -> np.ndarray:
+    """Return X of the DARE by doubling A_0 = A - B R^-1 N^T, G_0 = B R^-1 B^T, H_0 = Q - N R^-1 N^T.
+
+    Converges quadratically where the closed loop is stable. A nearly singular R is made regular first
+    (riccati_problem). InputError if it does not converge within the limit, or overflows.
+    """
+    A, B, Q, R, N = real_matrices(A=A, B=B, Q=Q, R=R, N=np.zeros(np.shape(B)) if N is None else N)
+    regular = regularise(A, B, Q, R, N)
+    A_k, H = regular.A, regular.Q
+    G = symmetrise(B @ np.linalg.solve(regular.R, B.T))
+    with np.errstate(all="ignore"):
+        for _ in range(limit):
+            try:
+                A_k, G, H_next = double(A_k, G, H)
+            except np.linalg.LinAlgError:
+                raise InputError("doubling: I + G H is singular") from None
+            if not np.isfinite(H_next).all():
+                raise InputError("doubling: overflows")
+            change = np.linalg.norm(H_next - H)
+            H = H_next
+            if change <= 1e-16 * np.linalg.norm(H):
+                return symmetrise(regular.X_0 + H)
+    raise InputError(f"doubling: no limit within {limit} doublings")
 
 
 RAW: dict[str, Solver] = {"drake": by_drake, "scipy": by_scipy, "doubling": doubling, "recursion": by_recursion}
@@ -111,22 +149,11 @@ def solve(
 ) -> np.ndarray:
     """Return the stabilising solution X >= 0 (n x n) by one solver, right to 1e-8 of sqrt(X_ii X_jj) and better.
 
-    The solver gets the equation in balanced units (balancing.py), and its X is returned as it is where its error is at
-    most 1e-11, or refined (refinement.py).
-
-    Args:
-        A: dynamics (n x n).
-        B: inputs (n x m).
-        Q: weight of the states (n x n), symmetric, >= 0.
-        R: weight of the inputs (m x m), symmetric, >= 0; > 0 for Drake.
-        N: cross weight (n x m).
-        solver: 'drake', 'scipy', 'doubling' or 'recursion'.
-        names: of the states, for errors.
-        dual: whether it is a filter's equation, for errors.
-
-    Raises:
-        InputError: if the problem is ill-posed, before solving and the same for every solver, naming the modes; or if
-            the solver fails on a well-posed one, its X does not stabilise, or cannot be refined.
+    The solver gets the equation in balanced units, and its X is returned as it is where its error is at most 1e-11, or
+    refined (refinement.py). Matrices and solvers are those of api/riccati.py; errors call the states by their names,
+    and speak of Phi, C, W and V where it is a filter's equation, dual. InputError if the problem is ill-posed, before
+    solving and the same for every solver, naming the modes; or if the solver fails on a well-posed one, its X does not
+    stabilise, or cannot be refined.
     """
     if solver not in RAW:
         raise InputError(f"solver: {solver!r}: must be one of {', '.join(RAW)}")

@@ -43,16 +43,8 @@ def condition(
 ) -> float | None:
     """Return the condition number of X, from below by power iteration; None where R is singular or X is 0.
 
-    With a cross weight N, A stands for A - B R^-1 N^T and Q for Q - N R^-1 N^T.
-
-    Args:
-        A: dynamics (n x n).
-        B: inputs (n x m).
-        Q: weight of the states (n x n).
-        R: weight of the inputs (m x m).
-        X: the stabilising solution (n x n).
-        N: cross weight (n x m).
-        tolerance: relative change of the norm at which the iteration ends.
+    With a cross weight N, A stands for A - B R^-1 N^T and Q for Q - N R^-1 N^T. The iteration ends where the norm
+    changes by less than the tolerance. Matrices as riccati.solve, X the stabilising solution (n x n).
     """
     if not is_positive_definite(R) or not X.any():
         return None

@@ -34,12 +34,9 @@ ILL_POSED: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """The behaviour of a raw solver on a problem.
+    """The behaviour of a raw solver on a problem, and the message of its error.
 
-    Attributes:
-        outcome: 'ends the process', 'raises', 'returns a solution: ...', 'returns what is no solution' or
-            'returns NaN'.
-        message: of the error.
+    It is 'ends the process', 'raises', 'returns a solution: ...', 'returns what is no solution' or 'returns NaN'.
     """
 
     outcome: str
@@ -86,14 +83,7 @@ def _try(solver: str, A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray
 
 
 def solver_outcomes(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> SolverOutcomes:
-    """Return the outcome of each raw solver on a problem, and the error of solve.
-
-    Args:
-        A: dynamics.
-        B: inputs.
-        Q: weight of the states.
-        R: weight of the inputs.
-    """
+    """Return the outcome of each raw solver on a problem, and the error of solve."""
     try:
         require_well_posed(A, B, Q, R)
         error = None

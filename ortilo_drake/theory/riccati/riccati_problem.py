@@ -8,8 +8,10 @@ where A_1 = A - B R^-1 N^T and Q_1 = Q - N R^-1 N^T. Undetectable modes on the u
 symplectic pencil there, so no stabilising solution exists. With undetectable modes outside the circle there is one, but
 it is not the least cost and the recursion does not reach it.
 
-All of this is decided numerically, in balanced units (balancing.py): what is 0, or on the circle, but for rounding
-counts as such, and the decision is the same for every solver.
+All of this is decided numerically, in balanced units: what is 0, or on the circle, but for rounding counts as such, and
+the decision is the same for every solver. With x = T x', u = S u', T and S diagonal, the DARE of A, B, Q, R, N and X
+becomes that of T^-1 A T, T^-1 B S, T Q T, S R S, T N S and X' = T X T. T and S are powers of two, so neither this nor
+the way back rounds anything. Thresholds of ranks and eigenvalues then mean the same whatever units it was posed in.
 
 A singular R >= 0 is made regular by a shift: for every symmetric X_0, Y = X - X_0 solves the DARE of
 R + B^T X_0 B, N + A^T X_0 B and Q + A^T X_0 A - X_0. A few steps of the recursion from 0 give an X_0 for which the
@@ -23,7 +25,75 @@ from scipy.linalg import eigvals
 
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.theory.modes.modes import Mode, listed, unreached_modes, unseen_modes
-from ortilo_drake.theory.riccati.balancing import Balanced, balance, unit_diagonal
+
+SWEEPS = 10
+
+
+class Balanced(NamedTuple):
+    """A DARE in balanced units, and the units T of its states (n)."""
+
+    A: np.ndarray
+    B: np.ndarray
+    Q: np.ndarray
+    R: np.ndarray
+    N: np.ndarray
+    T: np.ndarray
+
+    def in_given_units(self, X: np.ndarray) -> np.ndarray:
+        """Return T^-1 X T^-1."""
+        return X / self.T / self.T[:, None]
+
+
+def powers_of_two(x: np.ndarray) -> np.ndarray:
+    """Return the nearest powers of two to positive numbers."""
+    return np.exp2(np.round(np.log2(x)))
+
+
+def unit_diagonal(M: np.ndarray) -> np.ndarray:
+    """Return D M D, D diagonal, whose diagonal is 1, -1 or 0; M's definiteness does not change."""
+    d = np.sqrt(abs(M.diagonal()))
+    d = np.where(d > 0.0, d, 1.0)
+    return M / d / d[:, None]
+
+
+def balancing_units(A: np.ndarray, G: np.ndarray, Q: np.ndarray) -> np.ndarray:
+    """Return T that balances each state's couplings: those that grow with its unit and those that shrink.
+
+    Of state j, column j of A without its diagonal and row j of Q grow; row j of A and of G shrink. Where one kind is
+    missing the other becomes 1: SciPy's matrix_balance, otherwise the same, would leave such a state as it was given,
+    and a bias that nothing drives is one.
+    """
+    A, G, Q = abs(A), abs(G), abs(Q)
+    np.fill_diagonal(A, 0.0)
+    T = np.ones(len(A))
+    for _ in range(SWEEPS):
+        before = T.copy()
+        for j in range(len(T)):
+            grows = T[j] * np.linalg.norm(np.append(A[:, j] / T, Q[j] * T))
+            shrinks = np.linalg.norm(np.append(A[j] * T, G[j] / T)) / T[j]
+            if grows > 0.0 and shrinks > 0.0:
+                T[j] *= powers_of_two(np.sqrt(shrinks / grows))
+            elif shrinks > 0.0 or grows > 0.0:
+                T[j] *= powers_of_two(shrinks or 1.0 / grows)
+        if (before == T).all():
+            break
+    return T
+
+
+def balance(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, N: np.ndarray) -> Balanced:
+    """Return the DARE in balanced units.
+
+    An input's unit makes its diagonal entry of R + B^T Q B 1. The states' units balance [[A, B B^T], [Q, A^T]], which
+    diag(T^-1, T) scales from the left and its inverse from the right (P. Benner, Linear Algebra Appl. 350, 2002, of
+    Hamiltonian matrices).
+    """
+    weight = np.sqrt(abs((R + B.T @ Q @ B).diagonal()))
+    length = np.linalg.norm(B, axis=0)
+    S = 1.0 / powers_of_two(np.where(weight > 0.0, weight, np.where(length > 0.0, length, 1.0)))
+    T = balancing_units(A, abs(B * S) @ abs(B * S).T, Q)
+    t = T[:, None]
+    return Balanced(A * T / t, B * S / t, Q * T * t, R * S * S[:, None], N * S * t, T)
+
 
 EPS = float(np.finfo(float).eps)
 NEARLY_SINGULAR = 1e-8  # least eigenvalue of R over the largest below which the problem is posed anew
@@ -83,8 +153,7 @@ def riccati_step(
 def regularise(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, N: np.ndarray) -> RegularProblem:
     """Return the equivalent problem with R > 0, far from singular if it can be, and N = 0; X_0 = 0 where R is so.
 
-    Raises:
-        InputError: if R + B^T X B is singular after n steps of the recursion: some control has neither cost nor effect.
+    InputError if R + B^T X B is singular after n steps of the recursion: some control has neither cost nor effect.
     """
     X_0 = np.zeros_like(Q)
     for _ in range(len(A) + 2):
@@ -176,17 +245,8 @@ def require_well_posed(
 ) -> Balanced:
     """Return a DARE that has a stabilising solution X >= 0, in balanced units; see the module.
 
-    Args:
-        A: dynamics (n x n).
-        B: inputs (n x m).
-        Q: weight of the states (n x n).
-        R: weight of the inputs (m x m).
-        N: cross weight (n x m).
-        names: of the states, for errors.
-        dual: whether it is a filter's, posed by A = Phi^T, B = C^T, Q = W, R = V: errors then speak of those.
-
-    Raises:
-        InputError: naming the matrix, or the modes that are not reached or not seen.
+    The matrices and states' names are as riccati.solve. Where it is a filter's equation (dual: A = Phi^T, B = C^T, Q =
+    W, R = V), errors speak of those. InputError naming the matrix, or the modes that are not reached or not seen.
     """
     N = np.zeros(np.shape(B)) if N is None else N
     A, B, Q, R, N = real_matrices(A=A, B=B, Q=Q, R=R, N=N)

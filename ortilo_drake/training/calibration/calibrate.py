@@ -17,9 +17,7 @@ from ortilo_drake.flight.flight import FlightSimulator
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.onboard.detector.detector_network import OWN_ONNX, load_detector
 from ortilo_drake.scenario import Detector, load_scenario
-from ortilo_drake.training.calibration.measured_errors import box_errors
-from ortilo_drake.training.calibration.measured_rates import detection_rates
-from ortilo_drake.training.calibration.persistence import persistence
+from ortilo_drake.training.calibration.measured_errors import box_errors, detection_rates, persistence
 from ortilo_drake.training.calibration.sightings import Sightings, detect_in_flight, sightings
 from ortilo_drake.world.sensors.camera_calibration import CameraCalibration
 
@@ -58,17 +56,10 @@ def _plain(value: Any) -> Any:
 def estimate(
     s: Sightings, classes: tuple[str, ...], size: tuple[int, int], interval: float, source: dict[str, Any]
 ) -> CameraCalibration:
-    """Return the calibration estimated from sightings.
+    """Return the calibration estimated from sightings, a time between pictures [s] apart.
 
-    Args:
-        s: the sightings.
-        classes: the room's classes.
-        size: width and height of the image [px].
-        interval: time between pictures [s].
-        source: the fields of Source.
-
-    Raises:
-        InputError: if too few landmarks were found.
+    The classes are the room's, the size is the image's width and height [px], the source has the fields of Source.
+    InputError if too few landmarks were found.
     """
     if s.found.sum() < LEAST_FOUND:
         raise InputError(f"seeds: {int(s.found.sum())} landmarks found, fewer than {LEAST_FOUND}: fly more")
@@ -90,20 +81,12 @@ def calibrate(
     progress: Callable[[int, int], None] | None = None,
     detector: Detector = OWN_DETECTOR,
 ) -> CameraCalibration:
-    """Fly, render every picture, run a detector on it, and write the calibration measured.
+    """Fly, render every picture, run a detector on it, and write the calibration measured to a file.
 
-    The flights are the camera scenario's, with a camera of fixed errors. The vehicle's path hardly depends on the
-    camera, and so a calibration does not depend on the previous one.
-
-    Args:
-        seeds: one flight each.
-        out: the file to write.
-        progress: called with the pictures done and their number.
-        detector: the network; by default our own.
-
-    Raises:
-        InputError: if there is no EGL, a file of the detector is wrong, too little is found, or the file cannot be
-            written.
+    The flights, one a seed, are the camera scenario's, with a camera of fixed errors. The vehicle's path hardly depends
+    on the camera, and so a calibration does not depend on the previous one. The detector is by default our own; the
+    progress is told as the pictures done and their number. InputError if there is no EGL, a file of the detector is
+    wrong, too little is found, or the file cannot be written.
     """
     seeds = list(seeds)
     if not seeds:
@@ -124,13 +107,13 @@ def calibrate(
             progress(done, total)
 
     s = sightings(room, width, [(x, detect_in_flight(room, width, x, detect, count)) for x in states])
+    network = Path(detector.weights or detector.onnx or OWN_ONNX).read_bytes()
     source = {
         "scenario": SCENARIO,
         "seeds": seeds,
         "pictures": s.pictures,
         "landmarks_found": int(s.found.sum()),
-        "detector": "sha256 "
-        + hashlib.sha256(Path(detector.weights or detector.onnx or OWN_ONNX).read_bytes()).hexdigest()[:16],
+        "detector": f"sha256 {hashlib.sha256(network).hexdigest()[:16]}",
         "width": width,
     }
     calibration = estimate(s, room.classes, size, every * scenario.h, source)

@@ -9,7 +9,7 @@ solves
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.special import ndtr, ndtri
+from scipy.special import ndtri
 
 SHARES = np.array([0.0, 0.15, 0.3, 0.5, 0.7, 0.85, 0.95, 1.0])  # knots of the tables over a landmark's share in view
 PRIOR = 10.0  # observations that the prior counts as; it decides where nothing was observed
@@ -27,13 +27,8 @@ def fit_table(
 ) -> np.ndarray:
     """Return the table's values r at its knots (k) so that gain r(at) is nearest to y.
 
-    Args:
-        knots: the knots (k).
-        at: places of the observations (n).
-        y: observations (n).
-        prior: r_0 (k).
-        strength: number of observations that the prior counts as, at each knot.
-        gain: known factor of the table (n); 1 by default.
+    The observations y (n) are at places `at` (n), where the table's factor, 1 by default, is known (n); the prior r_0
+    (k) counts as so many observations, its strength, at each knot.
     """
     W = knot_shares(knots, at)
     if gain is not None:
@@ -57,10 +52,7 @@ def slow_correlation(lag: np.ndarray) -> np.ndarray:
 def fit_slow(lags: np.ndarray, correlation: np.ndarray, weight: np.ndarray) -> tuple[float, float]:
     """Return the slow part's share and spacing whose correlation share * slow_correlation(lag / spacing) fits best.
 
-    Args:
-        lags: above 0 (k); the spacing is in the same unit.
-        correlation: measured at each (k).
-        weight: of each (k).
+    The correlation (k), each of a weight (k), is measured at lags above 0 (k); the spacing is in their unit.
     """
     best = (np.inf, 0.0, float(lags[0]))
     for spacing in np.geomspace(lags[0], 2.0 * lags[-1], 60):
@@ -84,12 +76,9 @@ def both_below(p: np.ndarray, q: np.ndarray, rho: float) -> np.ndarray:
 
 
 def latent_correlation(p: np.ndarray, q: np.ndarray, both: int) -> float:
-    """Return the correlation of pairs of normals, from the number of pairs in which both lie below their quantiles.
+    """Return the correlation of n pairs of normals, of which so many, `both`, lie below their quantiles.
 
-    Args:
-        p: the chance that the first of each pair lies below its quantile (n), within (0, 1).
-        q: that of the second (n).
-        both: number of pairs in which both lie below.
+    The first of each pair lies below its quantile with the chance p (n), the second with q (n), within (0, 1).
     """
 
     def surplus(rho: float) -> float:
@@ -103,8 +92,3 @@ def latent_correlation(p: np.ndarray, q: np.ndarray, both: int) -> float:
 def normal_scores(values: np.ndarray) -> np.ndarray:
     """Return the standard normal quantiles that belong to the ranks of values (n)."""
     return ndtri((np.argsort(np.argsort(values)) + 0.5) / len(values))
-
-
-def chances(normal: np.ndarray) -> np.ndarray:
-    """Return the probabilities below standard normal quantiles."""
-    return np.asarray(ndtr(normal))

@@ -1,14 +1,24 @@
-"""Measured errors of the boxes that the detector finds."""
+"""Measured errors of the boxes that the detector finds, the rates at which it finds them, and how both persist."""
 
 from typing import Any
 
 import numpy as np
+from scipy.special import ndtr
 
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.landmarks.landmark_association import BORDER
-from ortilo_drake.training.calibration.estimates import PRIOR, SHARES, chances, fit_table, knot_shares, normal_scores
+from ortilo_drake.training.calibration.estimates import (
+    PRIOR,
+    SHARES,
+    fit_slow,
+    fit_table,
+    knot_shares,
+    latent_correlation,
+    normal_scores,
+)
 from ortilo_drake.training.calibration.sightings import Sightings, cut_boxes, is_whole
-from ortilo_drake.world.sensors.camera_calibration import QUANTILES
-from ortilo_drake.world.sensors.landmark_view import BOX, INSIDE, VISIBLE
+from ortilo_drake.world.sensors.camera_calibration import OTHER, QUANTILES
+from ortilo_drake.world.sensors.landmark_view import BOX, DISTANCE, INSIDE, LANDMARK, VISIBLE
 
 SIZES = np.array([5.0, 10.0, 20.0, 40.0, 80.0, 160.0])  # [px]
 NORMALS = np.array([-3.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 3.0])
@@ -42,7 +52,7 @@ def box_errors(s: Sightings, size: tuple[int, int]) -> tuple[dict[str, Any], np.
     relative[known] /= (knot_shares(SHARES, visible) @ growth)[:, np.newaxis]
     scores, quantiles = np.full_like(e, np.nan), {}
     for j, name in enumerate(QUANTILES):
-        quantiles[name] = np.quantile(relative[known, j], chances(NORMALS))
+        quantiles[name] = np.quantile(relative[known, j], ndtr(NORMALS))
         scores[known, j] = normal_scores(relative[known, j])
     usual = (knot_shares(SHARES, s.view[:, VISIBLE]) @ growth)[:, np.newaxis] * edge_errors(b, means)
     inside_growth, border_factor = cut_errors(s, truth, np.tile(usual, 2))
@@ -71,12 +81,8 @@ def cut_errors(s: Sightings, truth: np.ndarray, usual: np.ndarray) -> tuple[np.n
     """Return the growth of errors on landmarks that the border cuts, and the factors of edges at the border.
 
     Both are tables over SHARES. With the factors, edges move off the border as often as in the sightings, by errors of
-    the size of other edges. A box whose edge is off the border counts as whole.
-
-    Args:
-        s: the sightings.
-        truth: boxes cut at the border (n, 4).
-        usual: mean error of an edge in clear view [px] (n, 4).
+    the size of other edges. A box whose edge is off the border counts as whole. The truth are boxes cut at the border
+    (n, 4), the usual error is the mean of an edge in clear view [px] (n, 4).
     """
     free, seen = truth == s.view[:, BOX], (s.found & ~is_whole(s.view))[:, np.newaxis]
     inward = (s.seen - truth) * np.array([1.0, 1.0, -1.0, -1.0])
@@ -92,3 +98,84 @@ def cut_errors(s: Sightings, truth: np.ndarray, usual: np.ndarray) -> tuple[np.n
     reach = growth * np.mean(usual[borders]) / np.mean(knot_shares(SHARES, inside[borders]) @ growth)
     reach = reach * np.maximum(np.quantile(inward[others] / usual[others], 1.0 - leaving), 0.1)
     return growth, np.clip(BORDER / reach, 0.0, 1.5)
+
+
+DISTANCES = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 12.0, 14.0, 17.0])  # [m]
+
+
+def detection_rates(s: Sightings, classes: tuple[str, ...]) -> tuple[dict[str, Any], np.ndarray]:
+    """Return the fields of Found, and the probability they give each sighting (n).
+
+    The prior of a class's rates are the rates of all classes, and their prior is a line from 1 at 4 m to 0 at 24 m. The
+    factors of the shares are fitted to what the rates of landmarks in clear view leave unexplained; their prior is the
+    share itself.
+    """
+    distance, inside, visible = s.view[:, DISTANCE], s.view[:, INSIDE], s.view[:, VISIBLE]
+    near = distance <= DISTANCES[-1]  # beyond the last knot the rate is 0
+    found, clear = s.found.astype(float), (visible >= 0.95) & is_whole(s.view) & near
+
+    def rates(chosen: np.ndarray, prior: np.ndarray) -> np.ndarray:
+        return np.clip(fit_table(DISTANCES, distance[chosen], found[chosen], prior, PRIOR), 0.0, 1.0)
+
+    falling = np.clip(1.2 - DISTANCES / 20.0, 0.0, 1.0)
+    table = {OTHER: rates(clear, falling)}
+    rate = np.zeros(len(found))
+    for c, name in enumerate(classes):
+        table[name] = rates(clear & (s.label == c), table[OTHER])
+        mine = s.label == c
+        rate[mine] = np.where(near[mine], knot_shares(DISTANCES, distance[mine]) @ table[name], 0.0)
+    factors = []
+    for at, chosen in ((visible, is_whole(s.view) & near), (inside, ~is_whole(s.view) & near)):
+        factor = np.clip(fit_table(SHARES, at[chosen], found[chosen], SHARES, PRIOR, rate[chosen]), 0.0, 1.0)
+        factor[-1] = 1.0
+        factors.append(factor)
+        rate = rate * (knot_shares(SHARES, at) @ factor)
+    return {
+        "distance": DISTANCES,
+        "rate": table,
+        "inside": SHARES,
+        "inside_factor": factors[1],
+        "visible": SHARES,
+        "visible_factor": factors[0],
+    }, rate
+
+
+LAGS = np.array([1, 2, 3, 5, 8, 12, 20, 30, 50])  # pictures
+UNSURE = 0.02, 0.98  # range of rates in which misses count; beyond it the error of the rate itself decides
+
+
+def pairs_at_lag(s: Sightings, lag: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the indices of pairs of sightings of the same landmark that are lag pictures apart."""
+    landmarks = int(s.view[:, LANDMARK].max()) + 1
+    key = s.picture * landmarks + s.view[:, LANDMARK].astype(int)
+    later = np.searchsorted(key, key + lag * landmarks)  # views are in the map's order, so keys rise
+    there = np.minimum(later, len(key) - 1)
+    same = (key[there] == key + lag * landmarks) & (s.flight[there] == s.flight)
+    return np.flatnonzero(same), there[same]
+
+
+def persistence(s: Sightings, rate: np.ndarray, scores: np.ndarray, interval: float) -> dict[str, Any]:
+    """Return the fields slow_errors and slow_misses, of pictures an interval [s] apart.
+
+    Each sighting is expected with a rate (n), and has normal scores of its errors, NaN where none is known (n, 4).
+    InputError if no landmark was found in enough pictures one after another.
+    """
+    errors, misses, weights = [], [], []
+    telling, lags = (rate > UNSURE[0]) & (rate < UNSURE[1]), []
+    for lag in LAGS:
+        a, b = pairs_at_lag(s, int(lag))
+        product = scores[a] * scores[b]
+        if np.isfinite(product).sum() < 100:
+            continue
+        lags.append(float(lag))
+        errors.append(np.nanmean(product) / np.nanmean(scores**2))
+        a, b = a[telling[a] & telling[b]], b[telling[a] & telling[b]]
+        misses.append(latent_correlation(rate[a], rate[b], int(np.sum(s.found[a] & s.found[b]))))
+        weights.append(1.0 / lag)  # the lags are spaced about evenly in their logarithm
+    if not lags:
+        raise InputError("seeds: too few landmarks found one picture after another: fly more")
+    slow = {}
+    for name, correlation in (("slow_errors", errors), ("slow_misses", misses)):
+        share, spacing = fit_slow(np.array(lags), np.array(correlation), np.array(weights))
+        slow[name] = {"share": share, "period": spacing * interval}
+    return slow

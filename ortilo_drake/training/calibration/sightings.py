@@ -9,7 +9,7 @@ from scipy.optimize import linear_sum_assignment
 
 from ortilo_drake.model.room import Room
 from ortilo_drake.onboard.detector.detector import Boxes
-from ortilo_drake.onboard.detector.yolo_boxes import overlap
+from ortilo_drake.training.judging.evaluate import iou_matrix
 from ortilo_drake.world.scenery.rendering import camera_in_body, make_scene_graph, render_cameras
 from ortilo_drake.world.scenery.scene import scene_items
 from ortilo_drake.world.sensors.landmark_view import (
@@ -30,14 +30,9 @@ LEAST_OVERLAP = 0.3  # least IoU of a box and its landmark; boxes of small thing
 class Sightings:
     """Landmarks in the pictures of flights, found or not, and false boxes.
 
-    Attributes:
-        picture: number of the picture, over all flights (n).
-        flight: number of its flight (n).
-        label: class of the landmark (n).
-        view: see landmark_view.py (n, 8).
-        seen: the box found of it (u_min, v_min, u_max, v_max) [px], NaN if none was (n, 4).
-        false: flight, picture, class and box of the others (m, 7).
-        pictures: number of pictures.
+    Each has the number of its picture, over all flights, and of its flight (n), its class (n), the view, see
+    landmark_view.py (n, 8), and the box seen of it (u_min, v_min, u_max, v_max) [px], NaN if none was found (n, 4).
+    False are flight, picture, class and box of the others (m, 7). So many pictures were taken.
     """
 
     picture: np.ndarray
@@ -64,38 +59,20 @@ def match_landmarks(
 ) -> np.ndarray:
     """Return the landmark of each box, -1 for none (k).
 
-    Boxes and landmarks of a class are paired so that the sum of IoU is greatest. The visible share counts a little, so
-    that of two landmarks of a class in one place the box goes to the one in front.
-
-    Args:
-        labels: classes of the boxes (k).
-        boxes: the boxes (k, 4).
-        truth_labels: classes of the landmarks in the picture (m).
-        truth: their boxes, cut at the image's border (m, 4).
-        visible: the share of each that nothing hides (m).
+    Boxes (k, 4) and the picture's landmarks of a class, truth (m, 4) cut at the image's border, are paired so that the
+    sum of IoU is greatest. The share of each that nothing hides (m) counts a little, so that of two landmarks of a
+    class in one place the box goes to the one in front.
     """
-    gain = np.zeros((len(labels), len(truth)))
-    for k in range(len(labels)):
-        for i in range(len(truth)):
-            if labels[k] == truth_labels[i]:
-                both, either = overlap(boxes[k], truth[i])
-                if both > LEAST_OVERLAP * either:
-                    gain[k, i] = both / either + 0.2 * visible[i]
-    of = np.full(len(labels), -1)
-    for k, i in zip(*linear_sum_assignment(-gain), strict=True):
-        if gain[k, i] > 0.0:
-            of[k] = i
+    iou, of = iou_matrix(boxes, truth), np.full(len(labels), -1)
+    gain = np.where((labels[:, None] == truth_labels) & (iou > LEAST_OVERLAP), iou + 0.2 * visible, 0.0)
+    found, which = linear_sum_assignment(-gain)
+    there = gain[found, which] > 0.0
+    of[found[there]] = which[there]
     return of
 
 
 def sightings(room: Room, width: int, flights: list[tuple[np.ndarray, list[Boxes]]]) -> Sightings:
-    """Return the sightings of flights, each given as states (k, 12) and the detections at each.
-
-    Args:
-        room: the room flown in.
-        width: image width [px].
-        flights: the flights.
-    """
+    """Return the sightings of flights in a room, in images of a width [px], of states (k, 12) and the boxes at each."""
     camera, around = room.camera.scaled_to(width), surroundings(room)
     size = camera.width, camera.height
     rows, seen, false, picture = [], [], [np.empty((0, 7))], 0
@@ -134,23 +111,13 @@ def detect_in_flight(
 ) -> list[Boxes]:
     """Return the boxes that a detector finds in the pictures at states (k, 12), in the flights' own light.
 
-    Args:
-        room: the room.
-        width: image width [px].
-        states: states of the vehicle.
-        detect: the detector.
-        done: called after each picture.
-
-    Raises:
-        InputError: if there is no EGL.
+    The image's width is in px; `done` is called after each picture. InputError if there is no EGL.
     """
     camera = room.camera.scaled_to(width)
     (color, _), X_BC = render_cameras(camera), camera_in_body(camera)
     scene_graph = make_scene_graph(scene_items(room))
-    query, world = (
-        scene_graph.get_query_output_port().Eval(scene_graph.CreateDefaultContext()),
-        scene_graph.world_frame_id(),
-    )
+    query = scene_graph.get_query_output_port().Eval(scene_graph.CreateDefaultContext())
+    world = scene_graph.world_frame_id()
     found = []
     for x in states:
         X_WB = RigidTransform(RollPitchYaw(x[3:6]), x[:3])

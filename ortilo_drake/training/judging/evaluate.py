@@ -1,4 +1,4 @@
-"""Evaluation of a detector on labelled pictures."""
+"""Evaluation of a detector on labelled pictures: PASCAL VOC's average precision (since 2010), errors of the centres."""
 
 import time
 from collections.abc import Callable
@@ -9,8 +9,58 @@ import numpy as np
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.detector.detector import Boxes
 from ortilo_drake.onboard.landmarks.landmark_association import BORDER
-from ortilo_drake.training.judging.average_precision import average_precision, match_detections
 from ortilo_drake.training.pictures.labels import BOX, CLASS, LEAST, Frames, is_to_be_found
+
+IOU = 0.5  # least overlap of a detection and its object
+
+
+def iou_matrix(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the intersection over union of boxes (n, 4) and (m, 4), each (u_min, v_min, u_max, v_max)."""
+    low, high = np.maximum(a[:, None, :2], b[None, :, :2]), np.minimum(a[:, None, 2:], b[None, :, 2:])
+    both = np.prod(np.maximum(high - low, 0.0), axis=2)
+    area = [np.prod(x[:, 2:] - x[:, :2], axis=1) for x in (a, b)]
+    return both / np.maximum(area[0][:, None] + area[1][None] - both, 1e-9)
+
+
+def match_detections(
+    labels: np.ndarray, scores: np.ndarray, boxes: np.ndarray, truth: np.ndarray, least: tuple[float, float] = LEAST
+) -> np.ndarray:
+    """Return for each detection of a picture the row of the truth it finds, -1 if false, -2 if it does not count.
+
+    Detections, classes, scores (k) and boxes (k, 4), choose in the order of their scores, the highest first. Each takes
+    the object that it overlaps most, among the free objects of its class with an IoU above IOU. So a detection that
+    covers two objects may find the second; PASCAL's own program calls it false. A detection on an object that need not
+    be found, by the limits of is_to_be_found, does not count. The truth are the labels of the picture (m, 8), see
+    labels.py.
+    """
+    found = np.full(len(labels), -1)
+    needed = is_to_be_found(truth, least)
+    overlaps = iou_matrix(boxes, truth[:, BOX].astype(float))
+    taken = np.zeros(len(truth), dtype=bool)
+    for k in np.argsort(-scores, kind="stable"):
+        same = (truth[:, CLASS] == labels[k]) & (overlaps[k] > IOU)
+        free = same & needed & ~taken
+        if free.any():
+            i = int(np.argmax(np.where(free, overlaps[k], -1.0)))
+            taken[i], found[k] = True, i
+        elif (same & ~needed).any():
+            found[k] = -2
+    return found
+
+
+def average_precision(scores: np.ndarray, true: np.ndarray, objects: int) -> float:
+    """Return the area under precision, made monotone, over recall, of so many objects to find; NaN without any.
+
+    The detections of a class have scores (k), and each finds an object or not, true (k).
+    """
+    if objects == 0:
+        return float("nan")
+    order = np.argsort(-scores, kind="stable")
+    hits = np.cumsum(true[order])
+    recall, precision = hits / objects, hits / np.arange(1, len(order) + 1)
+    falling = np.maximum.accumulate(precision[::-1])[::-1]
+    return float(np.sum(np.diff(np.concatenate([[0.0], recall])) * falling))
+
 
 Detect = Callable[[np.ndarray], Boxes]
 
@@ -25,17 +75,11 @@ class CenterError:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """A detector on labelled pictures.
+    """A detector on so many labelled pictures, images, with so many objects to be found.
 
-    Attributes:
-        map50: mean of the classes' average precisions at an overlap of 0.5.
-        ap50: the average precision by class; None for a class without objects.
-        center_error_px: of objects found whole.
-        recall: objects found at the threshold of flights over all.
-        false_boxes_per_image: at that threshold.
-        objects: to be found.
-        images: how many.
-        worst: the pictures with most faults, by number.
+    map50 is the mean of the classes' average precisions at an overlap of 0.5, ap50 by class; None for a class without
+    objects. The centres' errors are of objects found whole. Recall, objects found over all, and false boxes per image
+    are at the threshold of flights. The worst are the pictures with most faults, by number.
     """
 
     map50: float
@@ -63,15 +107,9 @@ def evaluate(
 ) -> Evaluation:
     """Return mAP50, AP of each class, errors of the centres, recall and false boxes, and the worst pictures.
 
-    Args:
-        detect: the detector, with a threshold far below that of flights, so that precision is known at all recalls.
-        frames: pictures and labels.
-        classes: the labels' names.
-        threshold: the threshold of flights, for centres, recall and false boxes.
-        least: limits of what must be found, see is_to_be_found.
-
-    Raises:
-        InputError: if the pictures show no object to be found.
+    The detector has a threshold far below that of flights, so that precision is known at all recalls; the threshold
+    given is that of flights, for centres, recall and false boxes. What must be found is by the limits of
+    is_to_be_found. InputError if the pictures show no object to be found.
     """
     _, height, width, _ = frames.images.shape
     found_all, errors, faults = [], [], []

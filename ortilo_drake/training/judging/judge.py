@@ -13,8 +13,7 @@ from ortilo_drake.onboard.detector.detector_network import load_detector, own_ba
 from ortilo_drake.scenario import Detector
 from ortilo_drake.training.judging.evaluate import Detect, Evaluation, evaluate, milliseconds_per_frame
 from ortilo_drake.training.pictures.labels import BOX, LEAST_CLEAR, Frames, is_to_be_found
-from ortilo_drake.training.pictures.sets import KINDS, set_folder
-from ortilo_drake.training.pictures.shards import load_frames
+from ortilo_drake.training.pictures.sets import KINDS, load_frames, set_folder
 
 cv2 = later("cv2")
 
@@ -23,14 +22,9 @@ cv2 = later("cv2")
 class Judgement:
     """A detector on both test sets, as `ortilo detector evaluate --json` writes it.
 
-    Attributes:
-        map50: by set.
-        map50_clear: of objects in clearer view alone.
-        center_error_px: median by set.
-        ms_per_frame: on one core.
-        backend: that computes the network.
-        threshold: of flights.
-        sets: all figures by set.
+    By set there are map50, that of objects in clearer view alone, the median of the centres' errors [px] and all
+    figures. A frame takes so many ms on one core with the backend that computes the network; the threshold is that of
+    flights.
     """
 
     map50: dict[str, float]
@@ -72,17 +66,11 @@ def _worst_figure(
 
 
 def judge(settings: Detector, room: Room, pictures: Path, lowest: float, worst: Path | None = None) -> Judgement:
-    """Return the judgement of a detector.
+    """Return the judgement of a detector, its network and the score it flies with, on the test sets in a folder.
 
-    Args:
-        settings: the network and the score it flies with.
-        room: gives the classes.
-        pictures: folder of the test sets.
-        lowest: score from which detections count in a precision-recall curve.
-        worst: PNG file for the pictures with most faults.
-
-    Raises:
-        InputError: if the pictures or the network's files are wrong, or both sets are not of one size.
+    The room gives the classes. Detections count in a precision-recall curve from the lowest score on. The pictures with
+    most faults are drawn to a PNG file, worst, if any. InputError if the pictures or the network's files are wrong, or
+    both sets are not of one size.
     """
     sets = {kind: load_frames(set_folder(pictures, "test", kind)) for kind in KINDS}
     sizes = {frames.images.shape[1:3] for frames in sets.values()}

@@ -9,8 +9,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from ortilo_drake.model.room import Room
 from ortilo_drake.onboard.planner.planner import plan
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.training.judging.average_precision import match_detections
-from ortilo_drake.training.judging.evaluate import Detect
+from ortilo_drake.training.judging.evaluate import Detect, match_detections
 from ortilo_drake.training.pictures.labels import LANDMARK, is_to_be_found
 from ortilo_drake.training.pictures.renders import Studio
 from ortilo_drake.world.scenery.rendering import camera_in_body
@@ -22,12 +21,10 @@ STEP = 0.25  # between pictures along the way [m]
 
 @dataclass(frozen=True)
 class Views:
-    """The detector's results for one landmark in some pictures.
+    """The detector's results for one landmark in so many pictures in which it is to be found.
 
-    Attributes:
-        pictures: in which it is to be found.
-        found: in how many of them a box of its class with the score of flights lies on it.
-        best: the highest score of such a box, whether it is enough or not; 0 if there is none.
+    In so many of them a box of its class with the score of flights lies on it; the best is the highest score of such a
+    box, whether it is enough or not, 0 if there is none.
     """
 
     pictures: int
@@ -37,13 +34,9 @@ class Views:
 
 @dataclass(frozen=True)
 class Recognised:
-    """The detector's results for one landmark: along the way, and from near.
+    """The detector's results for one landmark, by its number in the room, of a class.
 
-    Attributes:
-        number: of the landmark in the room.
-        label: its class.
-        way: in the pictures that a flight takes.
-        near: from NEAR metres, from all sides.
+    They are those of the pictures along the way of a flight, and from near, NEAR metres off, from all sides.
     """
 
     number: int
@@ -91,12 +84,9 @@ def _views(
 
 
 def recognised(detect: Detect, scenario: Scenario, threshold: float) -> list[Recognised]:
-    """Return a detector's scores on each landmark of a scenario's room, by its number.
+    """Return a detector's scores on each landmark of a scenario's room, by its number, with the threshold of flights.
 
-    Args:
-        detect: the detector, with a threshold far below that of flights.
-        scenario: gives room, camera and path.
-        threshold: the score of flights.
+    The detector's own threshold is far below that.
     """
     room = scenario.load_room()
     studio = Studio(room, room.classes, room.camera.scaled_to(scenario.camera.width))

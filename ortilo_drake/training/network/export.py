@@ -22,8 +22,7 @@ def fold_batch_norm(network: DarknetNetwork) -> None:
 def export(source: Path, onnx: Path) -> None:
     """Write the network of a .safetensors file as ONNX, for one RGB picture (1, 3, height, width) in [0, 1].
 
-    Raises:
-        InputError: if the source is damaged or a file cannot be written.
+    InputError if the source is damaged or a file cannot be written.
     """
     network, _ = read_network(source)
     network.eval()

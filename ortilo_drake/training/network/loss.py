@@ -46,13 +46,9 @@ def yolo_loss(
 ) -> tuple[Tensor, Tensor]:
     """Return the loss of a batch and its parts (box, object, class).
 
-    Args:
-        heads: raw heads (n, a (5 + c), h, w).
-        anchors: each head's anchors (a, 2), width and height [px of the input].
-        boxes: objects (n, m, 4), (center x, center y, width, height) [px of the input, from its corner].
-        classes: their classes (n, m), -1 = no object.
-        keep: whether the object is to be found (n, m); with False its detection does not count.
-        width: width of the input [px].
+    The heads are raw (n, a (5 + c), h, w), each with its anchors (a, 2), width and height [px of the input]. Objects
+    have boxes (n, m, 4), (center x, center y, width, height) [px of the input, from its corner], and classes (n, m), -1
+    = no object; of those not to `keep` (n, m) the detection does not count. The width is that of the input [px].
     """
     bce = torch.nn.functional.binary_cross_entropy_with_logits
     parts = torch.zeros(3)

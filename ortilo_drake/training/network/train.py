@@ -1,4 +1,4 @@
-"""Training of the detector: seeded and resumable, with the loss curve kept."""
+"""Training of the detector: seeded and resumable, with the loss curve kept and drawn."""
 
 import io
 import json
@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from matplotlib.figure import Figure
 
 from ortilo_drake.flight.files import write_bytes, write_text
 from ortilo_drake.flight.store import sealed, unsealed
@@ -19,6 +20,7 @@ from ortilo_drake.onboard.detector.darknet_network import Convolution, DarknetNe
 from ortilo_drake.training.network.augment import augment
 from ortilo_drake.training.network.loss import yolo_loss
 from ortilo_drake.training.pictures.labels import BOX, CLASS, VISIBLE, Frames, is_to_be_found
+from ortilo_drake.views.pictures import save_picture
 
 LEARNING_RATE, WEIGHT_DECAY, WARM_UP = 2.0e-3, 1.0e-3, 500
 AVERAGING = 0.998  # decay of the averaged weights
@@ -67,22 +69,13 @@ def train(
     progress: Callable[[int, int, float], None] | None = None,
     batch: int = BATCH,
 ) -> list[dict[str, float]]:
-    """Train a network in place on labelled pictures; return the loss of each epoch.
+    """Train a network in place on labelled pictures, in so many epochs; return the loss of each epoch.
 
-    After every epoch weights, averaged weights and the optimiser's state are saved in folder/checkpoint.pt. An
-    interrupted training continues from there with the same result. The network ends with the averaged weights.
-
-    Args:
-        network: the network, its weights as initialised.
-        frames: pictures and labels.
-        epochs: passes over them.
-        seed: of the order of pictures and of their augmentation.
-        folder: for checkpoint and loss curve (losses.json).
-        progress: called with epoch, step and the running loss.
-        batch: pictures a step.
-
-    Raises:
-        InputError: if there are too few pictures, or the checkpoint is damaged or of another training.
+    After every epoch weights, averaged weights and the optimiser's state are saved in folder/checkpoint.pt, and the
+    loss curve in losses.json. An interrupted training continues from there with the same result. The network, its
+    weights as initialised, ends with the averaged weights. The seed is of the order of pictures, so many a step, and of
+    their augmentation; the progress is told as epoch, step and the running loss. InputError if there are too few
+    pictures, or the checkpoint is damaged or of another training.
     """
     count, width = len(frames.images), frames.images.shape[2]
     if count < batch:
@@ -119,11 +112,8 @@ def train(
         sums = np.zeros(4)
         for step in range(count // batch):
             k = epoch * (count // batch) + step
-            rate = (
-                LEARNING_RATE
-                * min(1.0, (k + 1) / WARM_UP)
-                * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * k / steps)))
-            )
+            falling = 0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * k / steps))
+            rate = LEARNING_RATE * min(1.0, (k + 1) / WARM_UP) * falling
             for group in optimizer.param_groups:
                 group["lr"] = rate
             images, boxes, classes, keep = batch_of(frames, order[step * batch : (step + 1) * batch], rng)
@@ -154,3 +144,16 @@ def train(
     network.load_state_dict(average)
     network.eval()
     return history
+
+
+def losses_figure(history: list[dict[str, float]], path: Path) -> Path:
+    """Draw the loss of each epoch and its parts to a PNG; return its path."""
+    figure = Figure(figsize=(6.0, 3.6), dpi=120, layout="constrained")
+    axes = figure.add_subplot()
+    epochs = range(1, len(history) + 1)
+    for name in ("loss", "box", "object", "class"):
+        axes.semilogy(epochs, [row[name] for row in history], "k" if name == "loss" else "", label=name, marker=".")
+    axes.set(xlabel="epoch", ylabel="loss a picture")
+    axes.grid(alpha=0.3)
+    axes.legend(frameon=False)
+    return save_picture(figure, path)

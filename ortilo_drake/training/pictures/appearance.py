@@ -16,12 +16,15 @@ cv2 = later("cv2")
 
 
 @lru_cache(maxsize=64)
-def _files(path: Path) -> tuple[str, str, str, bytes]:
-    """Return a mesh's OBJ and MTL text and its texture's name and bytes."""
-    material = next(line.split()[1] for line in path.read_text().splitlines() if line.startswith("mtllib"))
-    text = (path.parent / material).read_text()
-    texture = next(line.split()[1] for line in text.splitlines() if line.strip().startswith("map_Kd"))
-    return path.read_text(), text, texture, (path.parent / texture).read_bytes()
+def _files(path: Path) -> tuple[str, str, str, str, bytes]:
+    """Return a mesh's OBJ text, its material's name and text, and its texture's name and bytes."""
+
+    def named(text: str, key: str) -> str:
+        return next(line.split()[1] for line in text.splitlines() if line.strip().startswith(key))
+
+    obj = path.read_text()
+    mtl = (path.parent / (material := named(obj, "mtllib"))).read_text()
+    return obj, material, mtl, (texture := named(mtl, "map_Kd")), (path.parent / texture).read_bytes()
 
 
 def _recolor(png: bytes, hue: float, saturation: float, value: float, gamma: float) -> bytes:
@@ -44,7 +47,7 @@ class Recolored:
         path = Path(shape.source().path())
         if path.name not in self._made:
             rng = self._rng
-            obj, mtl, texture, png = _files(path)
+            obj, material, mtl, texture, png = _files(path)
             if group == "landmarks":
                 look = (rng.normal(0.0, 10.0), rng.uniform(0.75, 1.2), rng.uniform(0.8, 1.15), rng.uniform(0.85, 1.2))
             else:
@@ -52,9 +55,7 @@ class Recolored:
             self._made[path.name] = InMemoryMesh(
                 mesh_file=MemoryFile(obj.encode(), ".obj", path.name),
                 supporting_files={
-                    next(line.split()[1] for line in obj.splitlines() if line.startswith("mtllib")): MemoryFile(
-                        mtl.encode(), ".mtl", "material"
-                    ),
+                    material: MemoryFile(mtl.encode(), ".mtl", "material"),
                     texture: MemoryFile(_recolor(png, *look), ".png", texture),
                 },
             )

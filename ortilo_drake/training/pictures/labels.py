@@ -30,9 +30,7 @@ class Frames:
 def is_to_be_found(labels: np.ndarray, least: tuple[float, float] = LEAST) -> np.ndarray:
     """Return a mask of the labels (..., 8) that a detector must find; the others do not count.
 
-    Args:
-        labels: labels.
-        least: least visible share and least side of the box [px].
+    Of a label that must be found share and side of the box [px] are at least `least`.
     """
     side = np.minimum(labels[..., 3] - labels[..., 1], labels[..., 4] - labels[..., 2])
     return (labels[..., CLASS] >= 0) & (labels[..., VISIBLE] >= least[0]) & (side >= least[1])

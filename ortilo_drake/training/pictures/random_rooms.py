@@ -99,12 +99,11 @@ def random_room(base: Room, rng: np.random.Generator) -> Room:
 
 
 def _is_free(p_WB: np.ndarray, room: Room) -> bool:
-    if np.any(p_WB[:2] < np.array(room.interior.min[:2]) + 0.3) or np.any(
-        p_WB[:2] > np.array(room.interior.max[:2]) - 0.3
-    ):
+    p, low, high = p_WB[:2], np.array(room.interior.min[:2]) + 0.3, np.array(room.interior.max[:2]) - 0.3
+    if np.any(p < low) or np.any(p > high):
         return False
     for item in footprints(room):
-        beyond = np.maximum(np.maximum(np.array(item.low) - p_WB[:2], p_WB[:2] - np.array(item.high)), 0.0)
+        beyond = p - np.clip(p, item.low, item.high)
         if np.hypot(*beyond) < item.radius + _CLEARANCE and p_WB[2] < item.top + 0.2:
             return False
     return True
@@ -113,11 +112,8 @@ def _is_free(p_WB: np.ndarray, room: Room) -> bool:
 def random_pose(room: Room, rng: np.random.Generator, path: np.ndarray | None = None) -> RigidTransform:
     """Return X_WC of a camera on a vehicle at a random place in a room, tilted as in flight.
 
-    Args:
-        room: the room.
-        rng: random generator.
-        path: points p_W (n, 3); the camera stays near them and looks along W's x axis, as the paper's vehicle does.
-            With None it is anywhere and looks mostly towards a landmark.
+    The camera stays near the points of a path, p_W (n, 3), and looks along W's x axis, as the paper's vehicle does.
+    Without a path it is anywhere and looks mostly towards a landmark.
     """
     low, high = np.array(room.interior.min), np.array(room.interior.max)
     for _ in range(1000):

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numba import njit
 from pydrake.geometry import ReadObjToTriangleSurfaceMesh, SceneGraph
 from pydrake.math import RigidTransform
 
@@ -15,7 +16,6 @@ from ortilo_drake.scenario import load_scenario
 from ortilo_drake.training.pictures.appearance import Recolored, random_background, random_lamps
 from ortilo_drake.training.pictures.labels import DISTANCE, LABEL_SIZE, MAX_OBJECTS, Frames
 from ortilo_drake.training.pictures.random_rooms import random_pose, random_room
-from ortilo_drake.training.pictures.silhouette import silhouette_pixels
 from ortilo_drake.world.scenery.rendering import make_scene_graph, render_cameras
 from ortilo_drake.world.scenery.scene import mesh_file, scene_items
 
@@ -31,11 +31,7 @@ def _mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def landmark_meshes(room: Room) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return every landmark's mesh: vertices in W (n, 3) and triangles (m, 3).
-
-    Raises:
-        InputError: if a class has no mesh.
-    """
+    """Return every landmark's mesh: vertices in W (n, 3) and triangles (m, 3); InputError if a class has no mesh."""
     found = []
     for item in scene_items(room):
         if item.group == "landmarks":
@@ -96,14 +92,10 @@ class Studio:
 
 
 def render_scene(kind: str, seed: int, scene: int, frames: int, width: int) -> Frames:
-    """Return the labelled pictures of one scene.
+    """Return the labelled pictures of one scene, so many frames of an image width [px].
 
-    Args:
-        kind: 'paper_room' (the surveyed room in other light and textures) or 'random_rooms' (a random room as well).
-        seed: seed of the set.
-        scene: number of the scene in the set; each has its own random stream.
-        frames: number of pictures.
-        width: image width [px].
+    The kind is 'paper_room' (the surveyed room in other light and textures) or 'random_rooms' (a random room as well);
+    the seed is the set's, and each scene, by its number there, has its own random stream.
     """
     rng = np.random.default_rng([seed, scene, ("paper_room", "random_rooms").index(kind)])
     scenario = load_scenario("imu_uwb_yolo")
@@ -117,3 +109,30 @@ def render_scene(kind: str, seed: int, scene: int, frames: int, width: int) -> F
     studio = Studio(room, base.classes, base.camera.scaled_to(width), rng)
     pictures = [studio.picture(random_pose(room, rng, path if rng.random() < 0.7 else None)) for _ in range(frames)]
     return Frames(np.array([image for image, _ in pictures]), np.array([labels for _, labels in pictures]))
+
+
+@njit(cache=True)
+def silhouette_pixels(uv: np.ndarray, triangles: np.ndarray, width: int, height: int) -> int:
+    """Return the number of pixels whose centres a mesh covers, as the renderer counts them.
+
+    Its vertices are at uv in the image [px] (n, 2), a pixel's centre at integers, and its triangles numbers of three of
+    them (m, 3).
+    """
+    left, top = max(0, int(np.ceil(uv[:, 0].min()))), max(0, int(np.ceil(uv[:, 1].min())))
+    right, bottom = min(width - 1, int(np.floor(uv[:, 0].max()))), min(height - 1, int(np.floor(uv[:, 1].max())))
+    if right < left or bottom < top:
+        return 0
+    covered = np.zeros((bottom - top + 1, right - left + 1), dtype=np.bool_)
+    for k in range(triangles.shape[0]):
+        a, b, c = uv[triangles[k, 0]], uv[triangles[k, 1]], uv[triangles[k, 2]]
+        twice = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        if twice == 0.0:
+            continue
+        for v in range(max(top, int(np.ceil(min(a[1], b[1], c[1])))), min(bottom, int(max(a[1], b[1], c[1]))) + 1):
+            for u in range(max(left, int(np.ceil(min(a[0], b[0], c[0])))), min(right, int(max(a[0], b[0], c[0]))) + 1):
+                # Inside, the three triangles with the pixel's centre have areas of the sign of the whole triangle.
+                p = (b[0] - u) * (c[1] - v) - (b[1] - v) * (c[0] - u)
+                q = (c[0] - u) * (a[1] - v) - (c[1] - v) * (a[0] - u)
+                if p / twice >= 0.0 and q / twice >= 0.0 and (p + q) / twice <= 1.0:
+                    covered[v - top, u - left] = True
+    return int(covered.sum())

@@ -19,11 +19,18 @@ from ortilo_drake.flight.metrics import summary
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.scenario import load_scenario, with_seed
 from ortilo_drake.studies.maps import map_flights
-from ortilo_drake.studies.maps.chunks import CHUNK, chunk_file, chunks_of, read_chunk, write_chunk
+from ortilo_drake.studies.maps.chunks import (
+    CHUNK,
+    chunk_file,
+    chunks_of,
+    columns_of,
+    fly_figures,
+    read_chunk,
+    write_chunk,
+)
 from ortilo_drake.studies.maps.map_figure import map_figure
 from ortilo_drake.studies.maps.map_flights import Map, MapPoint, fly_map, is_enough
 from ortilo_drake.studies.maps.map_report import indices_of, map_csv, map_text
-from ortilo_drake.studies.maps.point_flights import columns_of, fly_figures
 from ortilo_drake.studies.maps.sweep import Sweep, points_of
 
 SHORT = {"planner": {"kind": "waypoints", "points": [[0.0, 0.0, 1.5], [1.2, 0.6, 1.5]]}, "settle": 1.0}
