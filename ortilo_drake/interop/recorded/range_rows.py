@@ -229,6 +229,11 @@ def _of_differences(
     none, same = ~unknown & ~np.isfinite(value), ~unknown & (a == b)
     apart = np.linalg.norm(anchors[a] - anchors[b], axis=1)
     long = ~(unknown | none | same) & (np.abs(source.scale * value) > apart + LONGER)
+    if long.sum() > len(long) / 2:
+        raise InputError(
+            f"{stream.rejected.source}: differences of {np.median(np.abs(source.scale * value[long])):.3g} m and more "
+            f"for anchors up to {apart.max():.3g} m apart: in mm or cm? differences: {{scale: }} makes them metres"
+        )
     who = stream.names if (b < 0)[np.argmax(unknown)] else of_a.names
     for bad, reason in (
         (unknown, "differences to anchors that are not surveyed"),

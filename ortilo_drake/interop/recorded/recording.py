@@ -13,13 +13,13 @@ from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import Ranges, read_range_rows
 from ortilo_drake.interop.recorded.rejected import Rejections
 from ortilo_drake.interop.recorded.sources import Column, ImuSource, Matrix, Quaternion, Source
+from ortilo_drake.interop.recorded.units import FORCE_UNITS, RATE_UNITS, axes_matrix, in_axes, size_of
 from ortilo_drake.model.input_files import exists
 from ortilo_drake.model.signals import DETECTIONS_SIZE
 from ortilo_drake.model.typed_yaml import InputError
 
 GRAVITY = 9.81  # [m/s²]; the accelerometer's bias takes up what differs from place to place
 LARGEST = 1e12  # of a file's numbers; UTM in mm reaches 1e10
-FORCE_UNITS = {"m/s2": 1.0, "g": GRAVITY, "mg": GRAVITY / 1000.0, "ft/s2": 0.3048}
 
 
 class Imu(NamedTuple):
@@ -85,21 +85,6 @@ class Recording(NamedTuple):
     scene: Scene | None = None
 
 
-def axes_matrix(axes: str | tuple[str, ...], what: str = "imu.axes") -> np.ndarray:
-    """Return the matrix from the unit's axes to ours; InputError if it mirrors.
-
-    Entry k of a list says which of the unit's axes ours (x forward, y left, z up) is.
-    """
-    if isinstance(axes, str):
-        return np.diag([1.0, 1.0, 1.0] if axes == "flu" else [1.0, -1.0, -1.0])
-    M = np.zeros((3, 3))
-    for k, axis in enumerate(axes):
-        M[k, "xyz".index(axis[-1])] = -1.0 if axis[0] == "-" else 1.0
-    if np.linalg.det(M) < 0:
-        raise InputError(f"{what}: {list(axes)}: mirrors space; change one sign")
-    return M
-
-
 def _complete(stream: Stream, vectors: int) -> Stream:
     """Return the rows without NaN or infinity, and none in its vectors whose square is; the others are counted."""
     bad = ~np.isfinite(stream.values).all(axis=1)
@@ -145,7 +130,7 @@ def imu_columns(map_: Map) -> tuple[Column, ...]:
 
 def force_of(values: np.ndarray, source: ImuSource) -> np.ndarray:
     """Return the specific force [m/s²] (n, 3), body FLU, from the accelerometer's samples."""
-    return np.asarray(values @ axes_matrix(source.axes).T * FORCE_UNITS[source.force_unit])
+    return np.asarray(values @ axes_matrix(source.axes).T * size_of(source.force_unit, FORCE_UNITS))
 
 
 def imu_motion(values: np.ndarray, source: ImuSource, what: str) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
@@ -157,7 +142,7 @@ def imu_motion(values: np.ndarray, source: ImuSource, what: str) -> tuple[np.nda
         what: what the stream is called in an error.
     """
     M = axes_matrix(source.axes)
-    rates = values[:, :3] @ M.T * (np.pi / 180.0 if source.rate_unit == "deg/s" else 1.0)
+    rates = values[:, :3] @ M.T * size_of(source.rate_unit, RATE_UNITS)
     force = force_of(values[:, 3:6], source)
     if source.orientation is None:
         return rates, force, None
@@ -244,19 +229,24 @@ def _read_truth(folder: Path, map_: Map, told: list[Rejections]) -> tuple[Truth,
     t, values = stream.t, stream.values
     if len(t) < 10:
         raise InputError(f"{stream.rejected.source}: {len(t)} rows have a position")
-    M = axes_matrix(source.axes, "truth.axes")
+    M = axes_matrix(source.axes, "truth.axes", mirrors=True)
     R = None if source.rotation is None else rotations(values[:, 3:], source.rotation, stream.rejected.source)
     p = values[:, :3] @ M.T * source.scale
-    return Truth(t - t[0], p, None if R is None else M @ R), float(t[0])
+    return Truth(t - t[0], p, None if R is None else in_axes(R, M)), float(t[0])
 
 
-def _check_spans(path: Path, imu: np.ndarray, ranges: np.ndarray) -> None:
-    """Refuse stamps [s] that do not overlap, or whose spans differ by a factor of about a thousand or a million."""
-    ratio = max(np.ptp(imu), 1e-9) / max(np.ptp(ranges), 1e-9)
-    power = 3.0 * round(float(np.log10(ratio)) / 3.0)
-    if power and abs(ratio / 10.0**power - 1.0) < 0.3:
-        line = f"{np.ptp(imu):.3g} s, the ranges' {np.ptp(ranges):.3g} s: imu.unit or ranges.unit is wrong"
-        raise InputError(f"{path}: the imu's stamps span {line}")
+def _check_spans(path: Path, ranges: np.ndarray, others: dict[str, np.ndarray]) -> None:
+    """Refuse stamps [s] whose spans differ by a factor of about a thousand or a million from the ranges'."""
+    for name, t in others.items():
+        ratio = max(np.ptp(t), 1e-9) / max(np.ptp(ranges), 1e-9)
+        power = 3.0 * round(float(np.log10(ratio)) / 3.0)
+        if power and abs(ratio / 10.0**power - 1.0) < 0.3:
+            line = f"{np.ptp(t):.3g} s, the ranges' {np.ptp(ranges):.3g} s: {name}.unit or ranges.unit is wrong"
+            raise InputError(f"{path}: the {name}'s stamps span {line}")
+
+
+def _check_overlap(path: Path, ranges: np.ndarray, imu: np.ndarray) -> None:
+    """Refuse an imu whose stamps [s] lie before or after the ranges'."""
     if imu[-1] < 0.0 or imu[0] > ranges[-1]:
         line = f"from {imu[0]:.6g} to {imu[-1]:.6g} s after the first range; give imu.late or imu.zero: first"
         raise InputError(f"{path}: the imu's stamps do not overlap the ranges': {line}")
@@ -281,8 +271,9 @@ def read_recording(path: Path, map_: Map) -> Recording:
     looks, scene = _read_looks(path, map_, origin, told)
     imu = None if map_.imu is None else _read_imu(path, map_, origin, told)
     truth, truth_origin = (None, 0.0) if map_.truth is None else _read_truth(path, map_, told)
+    _check_spans(path, ranges.t, {n: one.t for n, one in (("imu", imu), ("truth", truth)) if one is not None})
     if imu is not None:
-        _check_spans(path, imu.t, ranges.t)
+        _check_overlap(path, ranges.t, imu.t)
     lines = [line for part in told for line in part.lines()]
     counts: dict[str, int] = {}
     for part in told:

@@ -11,7 +11,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.aided import airborne, uncalibrated_setup, with_aids
 from ortilo_drake.studies.recorded.at_rest import AtRest, at_rest, at_rest_text, level_source, standstill_doubts
 from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate, uncalibrated
-from ortilo_drake.studies.recorded.doubted import doubts_of
+from ortilo_drake.studies.recorded.doubted import doubts_of, stamp_doubts
 from ortilo_drake.studies.recorded.doubts import of_failed, range_noise
 from ortilo_drake.studies.recorded.filtered import Estimate, FilterSetup, estimate, first_tilt, tilt_disagreement
 from ortilo_drake.studies.recorded.first_look import first_look
@@ -137,7 +137,8 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
     judged = airborne(t, truth, calibration, map_)
     t_judged = t[judged(t) & (t > first)]
     if len(t_judged) < 2 or t_judged[-1] - t_judged[0] < SHORTEST:
-        raise InputError(f"{recording.name}: less than {SHORTEST:g} s of the recording is left to judge")
+        why = "".join(f"; {line}" for line in stamp_doubts(recording, map_))
+        raise InputError(f"{recording.name}: less than {SHORTEST:g} s of the recording is left to judge{why}")
 
     def true_at(t: np.ndarray, by: Calibration | None) -> np.ndarray | None:
         if truth is None or by is None:
