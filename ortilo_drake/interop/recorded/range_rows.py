@@ -203,6 +203,13 @@ def _of_differences(
     b, a = (anchors_of(called.tolist(), names) for called in (stream.names, of_a.names))
     tag = _tags_of(paths, source, stream, tags)
     _check_known(stream, stream.names, np.minimum(a, b), "two anchors", names)
+    value, apart = np.abs(source.scale * stream.values[:, 0]), np.linalg.norm(anchors[a] - anchors[b], axis=1)
+    long = (np.minimum(a, b) >= 0) & (a != b) & (value > apart + LONGER)
+    if long.sum() > len(long) / 2:
+        raise InputError(
+            f"{stream.rejected.source}: differences of {np.median(value[long]):.3g} m and more for anchors up to "
+            f"{apart.max():.3g} m apart: in mm or cm? differences: {{scale: }} makes them metres"
+        )
     stream = stream._replace(names=np.where(b < 0, stream.names, of_a.names))
     return differences_of(stream, b, a, tag, anchors, source)
 

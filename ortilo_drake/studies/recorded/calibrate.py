@@ -12,7 +12,7 @@ sum of the constants, which is held at 0.
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.map_file import Estimated
@@ -119,8 +119,8 @@ def _solve(x: np.ndarray, fit: _Fit, ranges: Ranges, chosen: np.ndarray, path: T
     return full, float(solved.cost), parts(solved.x)[0]
 
 
-def _found_roughly(p: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Return an anchor's rough position from places p (m, 3) and ranges to it (m): the best of eight starts around."""
+def found_roughly(p: np.ndarray, r: np.ndarray) -> OptimizeResult:
+    """Return an anchor's rough position x (3) from places p (m, 3) and ranges to it (m): the best of eight starts."""
     middle, far = p.mean(axis=0), np.median(r)
     signs = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-0.3, 0.3)])
     fits = [
@@ -129,7 +129,7 @@ def _found_roughly(p: np.ndarray, r: np.ndarray) -> np.ndarray:
         )
         for s in signs
     ]
-    return min(fits, key=lambda found: found.cost).x
+    return min(fits, key=lambda found: found.cost)
 
 
 def offset_centres(recording: Recording, search: float) -> list[float]:
@@ -231,7 +231,7 @@ def calibrate(
                     f"{recording.name}: an anchor to be found has fewer than {LEAST} ranges in the first part"
                 )
             few = [part[:: max(1, len(part) // 100)] for part in few]
-            found = np.concatenate([_found_roughly(p[part], ranges.r[chosen[part]]) for part in few])
+            found = np.concatenate([found_roughly(p[part], ranges.r[chosen[part]]).x for part in few])
         x = np.concatenate([[offset, 0.0, 0.0, yaw], shift, start_lever, np.zeros(n), found])
         return x, chosen
 

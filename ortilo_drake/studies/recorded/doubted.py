@@ -38,12 +38,12 @@ def doubts_of(
         found: estimates in the anchors' frame (m, 3), and the truth at their stamps, if known.
     """
     truth, imu, settings = recording.truth, recording.imu, map_.calibration
-    said = doubts.of_guess(look.guess)
-    if map_.differences is not None:
-        p = None  # a frame that was fitted by the wrong sign says nothing of it
-        if truth is not None and calibration is not None and settings.frame == "same":
-            p = calibration.position(truth_path(truth).at(recording.ranges.t + calibration.offset)[0])
-        said += doubts.of_sign(recording.ranges, np.asarray(recording.anchors), map_.differences.sign, p)
+    said = stamp_doubts(recording, map_)
+    said += doubts.of_cover(recording.ranges, imu) if imu is not None else []
+    said += doubts.of_guess(look.guess)
+    noise = doubts.range_noise(map_.filter, imu is not None)
+    if truth is None and look.fit is not None and look.guess is None:
+        said += doubts.of_agreement(look.fit.left, noise)
     frozen: list[tuple[float, float]] = []
     moving = recording
     if truth is not None and calibration is not None:
@@ -63,7 +63,6 @@ def doubts_of(
             if look.guess is None or "clock" not in look.guess.key:
                 said += attitude_doubts(moving, map_, calibration.offset, up)
     if calibration is not None and truth is not None:
-        noise = doubts.range_noise(map_.filter, imu is not None)
         lever = calibration.lever if settings.lever == "estimate" else None
         said += doubts.of_calibration(calibration.left, noise, lever, calibration.biases)
         centres = offset_centres(recording, settings.search)
@@ -75,9 +74,15 @@ def doubts_of(
     return said
 
 
+def stamp_doubts(recording: Recording, map_: Map) -> list[str]:
+    """Return a doubt about the unit of the ranges' stamps."""
+    unit = next(source.unit for source in (map_.ranges, map_.differences) if source is not None)
+    return doubts.of_stamps(recording.ranges, unit)
+
+
 def _left(recording: Recording, map_: Map, calibration: Calibration) -> float | None:
     """Return the residual of a cheap fit to a motion, by the clock that was found [m]."""
-    if recording.truth is None or isinstance(recording.anchors, int) or (recording.ranges.other >= 0).any():
+    if recording.truth is None or isinstance(recording.anchors, int):
         return None
     path, offset = truth_path(recording.truth), np.array([calibration.offset])
     fit = plain_fit(
