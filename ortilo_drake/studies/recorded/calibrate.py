@@ -25,6 +25,7 @@ from ortilo_drake.studies.recorded.truth_path import (
     TruthPath,
     antennas,
     covered_ranges,
+    far_away,
     first_part,
     modelled,
     random_sample,
@@ -185,7 +186,11 @@ def calibrate(
         return _uncalibrated(recording, settings, lever)
     truth, ranges = recording.truth, recording.ranges
     assert truth is not None
-    path, find = truth_path(truth), isinstance(recording.anchors, int)
+    find = isinstance(recording.anchors, int)
+    kind = "same" if find else settings.frame
+    middle = truth.p.mean(axis=0) if far_away(truth.p) and kind != "same" else np.zeros(3)
+    truth = truth._replace(p=truth.p - middle)
+    path = truth_path(truth)
     n = recording.anchors if isinstance(recording.anchors, int) else len(recording.anchors)
     shift_of_files = recording.truth_origin - recording.origin
     centres = offset_centres(recording, settings.search)
@@ -199,7 +204,6 @@ def calibrate(
         rates = offset_by_rates(recording.imu, truth, part, settings.search, known, centres)
     given = settings.lever if isinstance(settings.lever, tuple) else None
     frees_lever = lever and rates is not None and given is None
-    kind = "same" if find else settings.frame
     mount = np.eye(3) if rates is None else rates.mount
     start_lever = mount @ np.array(given if given is not None and lever else (0.0, 0.0, 0.0))
     if settings.clock != "estimate":
@@ -222,7 +226,7 @@ def calibrate(
         if level.deviation < np.inf and kind != "same":
             shift[2] = level.height - turned[2]
         elif flat and kind != "same":
-            shift[2] = 0.0  # of two mirror images the one whose frames have their floor in common
+            shift[2] = middle[2]  # of two mirror images the one whose frames have their floor in common
         found = np.zeros(0)
         if find:
             few = [np.flatnonzero(ranges.anchor[chosen] == i) for i in range(n)]
@@ -263,5 +267,5 @@ def calibrate(
     anchors = found if find else np.asarray(recording.anchors)
     kept = np.sort(np.abs(errors))[: max(1, int(0.99 * len(errors)))]
     left = float(np.sqrt(np.mean(kept**2)))
-    told_mount = None if rates is None else mount
+    told_mount, shift = None if rates is None else mount, shift - F @ middle
     return Calibration(offset, told_by, F, shift, told_mount, mount.T @ lever_T, biases, anchors, part(offset)[1], left)

@@ -20,6 +20,7 @@ SPAN = 1.0  # over this time the force keeps its direction, but for the turn [s]
 LOSES = 0.05  # share of the force that its mean over a span loses, if it is turned wrongly
 SPANS = 40  # tried
 AROUND = 0.3  # clock offsets tried around the one found [s]
+SURE = 0.02  # and no more than this share: right readings leave 0.3 % of real motions
 BETTER = 4.0  # another reading of the attitude leaves less of the turns by this factor
 TURNED = np.radians(20.0)  # a body that turned by less tells nothing of its attitude
 OTHER = 1.2  # rates that are larger or smaller by this factor are of another unit
@@ -144,13 +145,17 @@ def attitude_doubts(recording: Recording, map_: Map, offset: float, up: np.ndarr
             said.append(f"imu: {{rate_unit: {_unit_of(map_.imu.rate_unit, sign * turning.scale)}}}")
         found[", ".join(said)] = turning.scaled + off
     better = [
-        key for key, left in found.items() if key and left * BETTER <= now and left < TELLS and now > TELLS / BETTER
+        key for key, left in found.items() if key and left * BETTER <= now and left < SURE and now > TELLS / BETTER
     ]
     if better:
         least = min(found[key] for key in better)
         key = min(better, key=lambda one: (found[one] > 1.5 * least, "rate_unit: -" in one, one.count(":")))
         return [f"{_says(now)}: {key} leaves {found[key]:.1%}"]
-    return [] if now < TELLS else [f"{_says(now)}: other axes, another body, or a clock beyond `search`?"]
+    return (
+        []
+        if now < TELLS
+        else [f"{_says(now)}: other axes, one sign of them, another body, or a clock beyond `search`?"]
+    )
 
 
 def _unit_of(unit: str | float, by: float) -> str:

@@ -17,7 +17,15 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.recording import ONE_TAG, Ranges
-from ortilo_drake.studies.recorded.truth_path import LEAST, TruthPath, antennas, covered_ranges, modelled, random_sample
+from ortilo_drake.studies.recorded.truth_path import (
+    LEAST,
+    TruthPath,
+    antennas,
+    covered_ranges,
+    far_away,
+    modelled,
+    random_sample,
+)
 
 SPREAD, LEVER = 0.06, 0.1  # of a range and of the lever [m]
 FEW = 160  # ranges that a fit goes by
@@ -118,7 +126,12 @@ def left_of(errors: np.ndarray) -> float:
 def _fit(
     seen: _Seen, F0: np.ndarray, shift: np.ndarray, anchors: np.ndarray, frame: str, moves: bool, most: int
 ) -> PlainFit:
-    """Return the fit from one start; unknowns: shift (3), bias, lever (3), offset, and the free turn."""
+    """Return the fit from one start; unknowns: shift (3), bias, lever (3), offset, and the free turn.
+
+    Places count from their middle, which may be far away, as in UTM.
+    """
+    middle = seen.p.mean(axis=0) if far_away(seen.p) and frame != "same" else np.zeros(3)
+    seen, shift = seen._replace(p=seen.p - middle), shift + F0 @ middle
     heard, counts = seen.heard, seen.counts
     m, free, two = len(heard.r), TURNED[frame], heard.other >= 0
     a, of = anchors[heard.anchor], anchors[heard.other[two]]
@@ -160,7 +173,8 @@ def _fit(
     F, q = placed(x.x)
     left = left_of(errors(x.x)[counts > 0.0])
     cost = float(x.cost) / max(1.0, counts.sum())
-    return PlainFit(seen.offset + float(x.x[7]), F, x.x[:3], left, cost, heard, q @ F.T + x.x[:3], float(x.x[3]))
+    places, shift = q @ F.T + x.x[:3], x.x[:3] - F @ middle
+    return PlainFit(seen.offset + float(x.x[7]), F, shift, left, cost, heard, places, float(x.x[3]))
 
 
 def toward(d: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.doubted import doubts_of
 from ortilo_drake.studies.recorded.first_look import first_look
 from ortilo_drake.studies.recorded.imu_doubts import attitude_doubts, force_doubts, rate_doubts, upside_doubts
+from ortilo_drake.studies.recorded.replayed import replay
 from ortilo_drake.studies.recorded.scores import Scores, by_evo
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -271,6 +272,8 @@ def test_rates_in_degrees_are_told_with_and_without_the_truths_attitude(recordin
     assert float(re.search(r": imu: {rate_unit: (.*)} leaves 0\.", said)[1]) == pytest.approx(1.064e-3, rel=0.01)
     turned = recording._replace(imu=recording.imu._replace(rates=-recording.imu.rates))
     assert ": imu: {rate_unit: -" in attitude_doubts(turned, as_map(), offset, UP)[0]
+    sign = recording._replace(imu=recording.imu._replace(rates=recording.imu.rates * [1.0, 1.0, -1.0]))
+    assert "other axes, one sign of them" in attitude_doubts(sign, as_map(), offset, UP)[0]  # no key of ours mends it
 
 
 @pytest.mark.long
@@ -368,3 +371,28 @@ def test_attitudes_that_froze_with_the_positions_are_no_doubt_of_their_own(recor
     said = doubts_of(frozen, as_map(), first_look(recording, as_map()), right, {}, (p, None))
     assert len(said) == 1
     assert "truth: {drop_frozen: 0.5} drops these rows: range errors 0." in said[0]
+
+
+@pytest.mark.long
+def test_a_truth_in_utm_is_calibrated_as_one_in_the_room(recording) -> None:
+    """Only its shift differs: p = F (p_T + far) + s - F far."""
+    far = np.array([456_789.0, 5_412_345.0, 321.0])
+    near, there = (
+        calibrate(with_truth(recording, p=recording.truth.p + by), as_map().calibration) for by in (0.0 * far, far)
+    )
+    assert there.left == pytest.approx(near.left, rel=1e-3)
+    np.testing.assert_allclose(there.lever, near.lever, atol=1e-3)
+    moved = there.position(recording.truth.p + far)
+    np.testing.assert_allclose(moved, near.position(recording.truth.p), atol=2e-3)
+    assert first_look(with_truth(recording, p=recording.truth.p + far), as_map()).guess is None
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("error")
+def test_a_filter_that_diverges_leaves_its_row_out(recording) -> None:
+    """Body rates in mrad/s, 300 rad/s of RMS: the key that mends it is told, and no warning of NumPy's."""
+    imu = recording.imu._replace(rates=1000.0 * recording.imu.rates)
+    found, drawn = replay(recording._replace(imu=imu), as_map("imposed: {lost: 0, gaps: null}"), lambda _: None)
+    assert "with IMU" not in drawn
+    assert any("with IMU: this row is left out: the filter diverged" in note for note in found.notes)
+    assert any("imu: {rate_unit: mrad/s} leaves" in doubt for doubt in found.doubts)
