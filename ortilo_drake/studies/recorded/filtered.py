@@ -250,15 +250,8 @@ def estimate(
 ) -> Estimate:
     """Run the filter and return its estimates at the stamps asked for, those at or after the first range.
 
-    With an IMU that stood still it begins with the first range after that.
-
-    Args:
-        ranges: single ranges.
-        imu: its samples; None flies the constant-velocity filter.
-        known: the filter's settings.
-        settings: noise and gate.
-        queries: stamps, rising [s].
-        smoothed: whether to smooth.
+    With an IMU that stood still it begins with the first range after that; without one it is the constant-velocity
+    filter. The stamps rise [s].
 
     Raises:
         InputError: if fewer than three anchors are heard at the start, or the filter diverges.
