@@ -38,7 +38,8 @@ def doubts_of(
         found: estimates in the anchors' frame (m, 3), and the truth at their stamps, if known.
     """
     truth, imu, settings = recording.truth, recording.imu, map_.calibration
-    said = stamp_doubts(recording, map_)
+    if said := stamp_doubts(recording, map_):
+        return said  # nothing else means anything then
     said += doubts.of_cover(recording.ranges, imu) if imu is not None else []
     said += doubts.of_guess(look.guess)
     noise = doubts.range_noise(map_.filter, imu is not None)
@@ -70,7 +71,8 @@ def doubts_of(
         said += height_doubts(map_, calibration, recording)
     said += doubts.of_rows(rows, BARE if calibration is None else CALIBRATED)
     if not isinstance(recording.anchors, int) and map_.height is None:
-        said += doubts.of_plane(np.asarray(recording.anchors), *found, map_.planar)
+        heard = np.union1d(recording.ranges.anchor, recording.ranges.other[recording.ranges.other >= 0])
+        said += doubts.of_plane(np.asarray(recording.anchors)[heard], *found, map_.planar)
     return said
 
 

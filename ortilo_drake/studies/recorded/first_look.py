@@ -64,7 +64,7 @@ def first_look(recording: Recording, map_: Map) -> CheapFit:
     better = None
     if fit.left > SUSPECT * noise:
         trial = Trial(now, fit, offsets, moves, noise, recording.origin - recording.truth_origin)
-        better = _all_small(trial, map_) or better_reading(trial, recording, map_)
+        better = _all_small(trial, map_) or better_reading(trial, map_)
         better = better or matched_order(trial, map_)
         if moves:  # one or two anchors hardly hide the clock
             trial = trial._replace(offsets=fit.offset + np.array([-COARSE, 0.0, COARSE]))

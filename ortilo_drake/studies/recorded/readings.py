@@ -137,9 +137,12 @@ def _names(M: np.ndarray) -> str:
     return f"[{', '.join(rows)}]"
 
 
-def clocks(now: Reading, recording: Recording, map_: Map) -> Iterator[Reading]:
-    """Yield the clock estimated, where the map gives it, and a wider search for it."""
-    truth, ranges = now.truth, now.ranges
+def clocks(trial: "Trial", map_: Map) -> Iterator[Reading]:
+    """Yield the clock estimated, where the map gives it, and a wider search for it.
+
+    Where the body rates told it, the ranges may have another clock than the imu.
+    """
+    now, truth, ranges = trial.now, trial.now.truth, trial.now.ranges
     if truth is None:
         return
     longest = min(FAR, max(ranges.t[-1], truth.t[-1]))
@@ -149,6 +152,9 @@ def clocks(now: Reading, recording: Recording, map_: Map) -> Iterator[Reading]:
     few = wide[np.abs(wide) <= map_.calibration.search]
     if map_.calibration.clock != "estimate":
         yield now._replace(key="calibration: {clock: estimate}", offsets=few)
+    elif map_.imu is not None and not trial.moves:
+        yield now._replace(key="imu: {late: LATE}", offsets=wide)
+        return
     if len(few) < len(wide):
         yield now._replace(key="calibration: {clock: estimate, search: SEARCH}", offsets=wide)
 
@@ -193,15 +199,14 @@ class Trial(NamedTuple):
         return bool(fit.left <= NEAR * self.noise and BETTER * after <= before)
 
 
-def better_reading(trial: Trial, recording: Recording, map_: Map) -> Guess | None:
+def better_reading(trial: Trial, map_: Map) -> Guess | None:
     """Return the reading that is clearly better than the map's, if there is one.
 
     Args:
         trial: what the fits go by.
-        recording: as the map says.
         map_: what it says.
     """
-    for tried in (readings(trial.now, map_), clocks(trial.now, recording, map_)):
+    for tried in (readings(trial.now, map_), clocks(trial, map_)):
         good: list[Guess] = []
         read, path = trial.now.truth, path_of(trial.now)
         for reading in tried:
@@ -212,7 +217,10 @@ def better_reading(trial: Trial, recording: Recording, map_: Map) -> Guess | Non
             fit = trial.fit_of(reading, path)
             if fit is not None and trial.is_better(fit, reading):
                 reach = np.ceil(min(abs(fit.offset), abs(fit.offset - trial.one_clock)) + 1.0)
-                good.append(Guess(reading.key.replace("SEARCH", f"{reach:g}"), trial.fit.left, fit.left))
+                key = reading.key.replace("SEARCH", f"{reach:g}")
+                if map_.imu is not None:
+                    key = key.replace("LATE", f"{map_.imu.late + fit.offset - trial.fit.offset:.3f}")
+                good.append(Guess(key, trial.fit.left, fit.left))
                 if fit.left <= trial.noise:
                     break  # none can be told from it
         if good:

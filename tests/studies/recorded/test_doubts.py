@@ -14,7 +14,7 @@ from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
 from ortilo_drake.studies.recorded import doubts
 from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.doubted import doubts_of
-from ortilo_drake.studies.recorded.first_look import first_look
+from ortilo_drake.studies.recorded.first_look import CheapFit, first_look
 from ortilo_drake.studies.recorded.imu_doubts import attitude_doubts, force_doubts, rate_doubts, upside_doubts
 from ortilo_drake.studies.recorded.replayed import replay
 from ortilo_drake.studies.recorded.scores import Scores, by_evo
@@ -184,6 +184,8 @@ def test_stamps_in_another_unit_and_an_imu_that_covers_little_are_told(recording
     assert "ranges: {unit: ms} would make it 0.05 s" in doubts.of_stamps(slow, "s")[0]
     assert "ranges: {unit: s} would make it 0.05 s" in doubts.of_stamps(fast, "ms")[0]
     assert doubts.of_stamps(recording.ranges, "s") == []
+    told = doubts_of(recording._replace(ranges=slow), as_map(), CheapFit(None, None), None, {}, (ANCHORS, None))
+    assert told == doubts.of_stamps(slow, "s")  # nothing else means anything then
     late = recording.imu._replace(t=recording.imu.t + 18.0)  # GPS' time less UTC
     assert "cover 58% of the ranges" in doubts.of_cover(recording.ranges, late)[0]
     assert doubts.of_cover(recording.ranges, recording.imu) == []
@@ -371,6 +373,12 @@ def test_attitudes_that_froze_with_the_positions_are_no_doubt_of_their_own(recor
     said = doubts_of(frozen, as_map(), first_look(recording, as_map()), right, {}, (p, None))
     assert len(said) == 1
     assert "truth: {drop_frozen: 0.5} drops these rows: range errors 0." in said[0]
+
+
+def test_an_imu_by_another_clock_than_the_ranges_is_told_with_how_late_it_is(recording) -> None:
+    late = recording._replace(imu=recording.imu._replace(t=recording.imu.t + 0.4))
+    key = first_look(late, as_map()).guess.key
+    assert float(re.fullmatch(r"imu: {late: (.*)}", key)[1]) == pytest.approx(0.4, abs=0.03)
 
 
 @pytest.mark.long
