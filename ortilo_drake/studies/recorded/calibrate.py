@@ -146,13 +146,16 @@ def offset_centres(recording: Recording, search: float) -> list[float]:
     return [0.0, one_clock] if abs(one_clock) > search and meet > search else [0.0]
 
 
-def uncalibrated(recording: Recording, settings: Estimated, lever: bool = True) -> Calibration:
+def uncalibrated(
+    recording: Recording, settings: Estimated, lever: bool = True, airborne: float | None = None
+) -> Calibration:
     """Return the calibration that the map gives, where nothing is calibrated: the truth only judges.
 
     Args:
         recording: with truth.
         settings: of share 0.
         lever: whether the antenna's counts.
+        airborne: the errors left are those so far above the truth's first height [m]: on a floor ranges may be wrong.
     """
     truth, ranges, anchors = recording.truth, recording.ranges, np.asarray(recording.anchors)
     assert truth is not None
@@ -164,7 +167,9 @@ def uncalibrated(recording: Recording, settings: Estimated, lever: bool = True) 
     p, R = path.at(seen.t + offset)
     c = np.zeros(len(anchors))
     p = antennas(p, R, arm, recording.tags * lever, seen.tag)
-    errors = np.sort(np.abs(modelled(p, anchors, c, seen) - seen.r))
+    errors = np.abs(modelled(p, anchors, c, seen) - seen.r)
+    up = p[:, 2] > truth.p[0, 2] + (-np.inf if airborne is None else airborne)
+    errors = np.sort(errors[up] if up.any() else errors)
     left = float(np.sqrt(np.mean(errors[: max(1, int(0.99 * len(errors)))] ** 2)))
     return Calibration(offset, "map", np.eye(3), np.zeros(3), None, arm, c, anchors, float(truth.t[0]), left)
 

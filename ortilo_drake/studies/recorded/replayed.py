@@ -125,8 +125,8 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
     else:
         say("calibration")
         if map_.calibration.share == 0.0:
-            calibration = uncalibrated(recording, map_.calibration)
-            own = uncalibrated(recording, map_.calibration, lever=False)
+            calibration = uncalibrated(recording, map_.calibration, airborne=map_.airborne)
+            own = uncalibrated(recording, map_.calibration, lever=False, airborne=map_.airborne)
         else:
             calibration = calibrate(recording, map_.calibration, level=given)
             own = calibrate(recording, map_.calibration, lever=False, near=calibration.offset, level=given)
