@@ -145,8 +145,11 @@ def offset_centres(recording: Recording, search: float) -> list[float]:
     return [0.0, one_clock] if abs(one_clock) > search and meet > search else [0.0]
 
 
-def _uncalibrated(recording: Recording, settings: Estimated, lever: bool) -> Calibration:
-    """Return what the map gives where nothing is calibrated: the truth only judges."""
+def _uncalibrated(recording: Recording, settings: Estimated, lever: bool, airborne: float | None) -> Calibration:
+    """Return what the map gives where nothing is calibrated: the truth only judges.
+
+    The errors left are those so far above the truth's first height [m]: on a floor ranges may be wrong.
+    """
     truth, ranges, anchors = recording.truth, recording.ranges, np.asarray(recording.anchors)
     assert truth is not None
     assert isinstance(settings.clock, float | int)
@@ -157,7 +160,9 @@ def _uncalibrated(recording: Recording, settings: Estimated, lever: bool) -> Cal
     p, R = path.at(seen.t + offset)
     c = np.zeros(len(anchors))
     p = antennas(p, R, arm, recording.tags * lever, seen.tag)
-    errors = np.sort(np.abs(modelled(p, anchors, c, seen) - seen.r))
+    errors = np.abs(modelled(p, anchors, c, seen) - seen.r)
+    up = p[:, 2] > truth.p[0, 2] + (-np.inf if airborne is None else airborne)
+    errors = np.sort(errors[up] if up.any() else errors)
     left = float(np.sqrt(np.mean(errors[: max(1, int(0.99 * len(errors)))] ** 2)))
     return Calibration(offset, "map", np.eye(3), np.zeros(3), None, arm, c, anchors, float(truth.t[0]), left)
 
@@ -168,6 +173,7 @@ def calibrate(
     lever: bool = True,
     near: float | None = None,
     level: Level = UNKNOWN_LEVEL,
+    airborne: float | None = None,
 ) -> Calibration:
     """Return the calibration of the first part, or of a share of 0 the map's own.
 
@@ -178,12 +184,13 @@ def calibrate(
             without IMU.
         near: where to start the search for the clock's offset, if that is roughly known [s].
         level: what is known of the antenna's height in the anchors' frame.
+        airborne: of a share of 0, only what is so far above the truth's first height tells the errors left [m].
 
     Raises:
         InputError: if too few ranges fall in the first part, or truth and ranges do not meet.
     """
     if settings.share == 0.0:
-        return _uncalibrated(recording, settings, lever)
+        return _uncalibrated(recording, settings, lever, airborne)
     truth, ranges = recording.truth, recording.ranges
     assert truth is not None
     find = isinstance(recording.anchors, int)

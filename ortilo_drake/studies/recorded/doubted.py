@@ -48,7 +48,9 @@ def doubts_of(
     frozen: list[tuple[float, float]] = []
     moving = recording
     if truth is not None and calibration is not None:
-        frozen = doubts.freezes(truth, recording.ranges, calibration.offset)
+        up = truth.p[0, 2] + (-np.inf if map_.airborne is None else map_.airborne)  # on the floor it may rest
+        found_frozen = doubts.freezes(truth, recording.ranges, calibration.offset)
+        frozen = [one for one in found_frozen if truth.p[np.searchsorted(truth.t, one[0]), 2] > up]
         kept = ~frozen_rows(truth.t, truth.p, doubts.FROZEN)
         if frozen:
             R = None if truth.R is None else truth.R[kept]
@@ -60,16 +62,17 @@ def doubts_of(
             said += rate_doubts(imu, map_)
         else:
             # A frame that does not fit says nothing of up, a wrong clock nothing of turns.
-            up = calibration.F.T[:, 2] if look.fit is not None and not said else None
+            up_T = calibration.F.T[:, 2] if look.fit is not None and not said else None
             if look.guess is None or "clock" not in look.guess.key:
-                said += attitude_doubts(moving, map_, calibration.offset, up)
+                said += attitude_doubts(moving, map_, calibration.offset, up_T)
     if calibration is not None and truth is not None:
         lever = calibration.lever if settings.lever == "estimate" else None
         said += doubts.of_calibration(calibration.left, noise, lever, calibration.biases)
         centres = offset_centres(recording, settings.search)
         said += doubts.of_offset(calibration.offset, centres, settings.search, calibration.told_by)
         said += height_doubts(map_, calibration, recording)
-    said += doubts.of_rows(rows, BARE if calibration is None else CALIBRATED)
+    main = [name for name in (BARE if calibration is None else CALIBRATED) if name in rows][:1]
+    said += doubts.of_rows(rows, tuple(main))
     if not isinstance(recording.anchors, int) and map_.height is None:
         heard = np.union1d(recording.ranges.anchor, recording.ranges.other[recording.ranges.other >= 0])
         said += doubts.of_plane(np.asarray(recording.anchors)[heard], *found, map_.planar)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ortilo_drake.interop.recorded.map_file import Map
-from ortilo_drake.interop.recorded.recording import Recording
+from ortilo_drake.interop.recorded.recording import Recording, Truth
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.calibrate import offset_centres
 from ortilo_drake.studies.recorded.clock_offset import offset_by_rates
@@ -14,7 +14,7 @@ from ortilo_drake.studies.recorded.lone_fit import lone_fit
 from ortilo_drake.studies.recorded.moved_anchors import exchanged_order, matched_order, moved_anchor
 from ortilo_drake.studies.recorded.plain_fit import PlainFit, plain_fit
 from ortilo_drake.studies.recorded.readings import NEAR, UNITS, Guess, Trial, as_read, better_reading, path_of
-from ortilo_drake.studies.recorded.truth_path import first_part
+from ortilo_drake.studies.recorded.truth_path import LEAST, first_part
 
 SUSPECT = 1.5  # other readings are tried where more than so many standard deviations of a range are left
 COARSE = 1.0  # clock offsets tried where nothing tells them [s]
@@ -51,6 +51,7 @@ def first_look(recording: Recording, map_: Map) -> CheapFit:
     far = float(np.median(r)) > FAR * room
     now, noise = as_read(recording, map_), range_noise(map_.filter, recording.imu is not None)
     offsets, moves = (np.zeros(1), False) if recording.truth is None else _offsets(recording, map_)
+    now = now._replace(truth=_airborne(now.truth, map_))
     path = path_of(now)
     if path is None:
         fit = None if far else lone_fit(ranges, anchors)
@@ -80,6 +81,17 @@ def first_look(recording: Recording, map_: Map) -> CheapFit:
             hint = f"{better.key} fits: range errors {better.before:.3g} m RMS -> {better.after:.3f} m"
         raise InputError(f"{said} and a truth {size:.3g} m across do not fit together ({fit.left:.3g} m RMS): {hint}")
     return CheapFit(fit, better)
+
+
+def _airborne(truth: Truth | None, map_: Map) -> Truth | None:
+    """Return the truth from its first to its last stamp in the air: on a floor ranges may mean nothing."""
+    if truth is None or map_.airborne is None:
+        return truth
+    up = np.flatnonzero(truth.p[:, 2] > truth.p[0, 2] + map_.airborne)
+    if len(up) < LEAST:
+        return truth
+    part = slice(up[0], up[-1] + 1)
+    return Truth(truth.t[part], truth.p[part], None if truth.R is None else truth.R[part])
 
 
 def _all_small(trial: Trial, map_: Map) -> Guess | None:

@@ -112,8 +112,10 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
     look = first_look(recording, map_)
     if truth is not None:
         say("calibration")
-        calibration = calibrate(recording, map_.calibration, level=given)
-        own = calibrate(recording, map_.calibration, lever=False, near=calibration.offset, level=given)
+        up = map_.airborne
+        calibration = calibrate(recording, map_.calibration, level=given, airborne=up)
+        near = calibration.offset
+        own = calibrate(recording, map_.calibration, lever=False, near=near, level=given, airborne=up)
     try:
         t, first, judged = judged_part(recording, calibration, map_)
     except InputError as error:

@@ -34,7 +34,7 @@ def test_a_flight_with_a_faulty_accelerometer_is_replayed_and_the_fault_told() -
         assert 1.0 < rows[name].nees < 6.0
     failed = [note for note in found.notes if "contradicts drag" in note]
     assert [note.split("accelerometer's ")[1][0] for note in failed] == ["x", "y"]
-    assert not any("sign" in doubt for doubt in found.doubts)
+    assert found.doubts == ()
     assert "range finder and flow" in report_text([found], 0.0)
 
 
@@ -80,5 +80,5 @@ def test_a_reversed_sign_and_exchanged_anchors_of_a_flight_are_doubted() -> None
     wrong = as_map(util_map("0425-traj20").replace("b: idB", "b: idB, sign: -1"))
     turned = recording._replace(ranges=recording.ranges._replace(r=-recording.ranges.r))
     assert first_look(turned, wrong).guess.key == "differences: {sign: 1}"
-    swapped = recording._replace(anchors=np.asarray(recording.anchors)[[0, 1, 5, 3, 4, 2, 6, 7]])
-    assert first_look(swapped, right).guess.key == "anchors: entries '2' and '5' change places"
+    swapped = recording._replace(anchors=np.asarray(recording.anchors)[[0, 1, 2, 3, 5, 4, 6, 7]])
+    assert first_look(swapped, right).guess.key == "anchors: entries '4' and '5' change places"
