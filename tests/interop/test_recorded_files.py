@@ -87,6 +87,33 @@ def test_a_sign_before_the_head_is_taken_off(folder, motion, head, mark, told) -
     check_ranges(read(folder, by_sign), motion)
 
 
+def excel_text(head: str, rows: list[str]) -> bytes:
+    """Return a table as Excel saves its Unicode text: UTF-16, tabs, Windows' line ends, decimal commas."""
+    return "\r\n".join(line.replace(",", "\t").replace(".", ",") for line in [head, *rows]).encode("utf-16")
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        lambda head, rows: "\n".join([head, *rows]).replace(",", ";").replace(".", ",").encode(),
+        lambda head, rows: "\n".join([head, *rows]).replace(",", " ").replace(".", ",").encode(),
+        lambda head, rows: ("sep=;\n" + "\n".join([head, *rows]).replace(",", ";")).encode(),
+        lambda head, rows: "\n".join(
+            [head, *(f'"{row}"'.replace(",", '","').replace(".", ",") for row in rows)]
+        ).encode(),
+        lambda head, rows: "\n".join(["Log of 3 May", "rate,10,Hz", "NO_OF_TAGS\t6", "", head, *rows]).encode(),
+        excel_text,
+    ],
+    ids=["semicolons", "spaces", "sep=", "quotes", "lines above", "Excel"],
+)
+def test_tables_as_spreadsheets_write_them(folder, motion, written) -> None:
+    head, *rows = (folder / "ranges.csv").read_text().splitlines()
+    (folder / "ranges.csv").write_bytes(written(head, rows))
+    recording = read(folder, TABLE_MAP)
+    check_ranges(recording, motion)
+    assert recording.rejected == {}
+
+
 def test_a_column_called_by_a_sign_is_a_column(folder, motion) -> None:
     table = np.column_stack([np.arange(len(motion.t_r)), motion.t_r, motion.r])
     np.savetxt(folder / "ranges.csv", table, "%.9g", header="# t r0 r1 r2 r3 r4 r5", comments="")
@@ -199,6 +226,7 @@ def test_a_table_that_is_no_utf8_is_read_and_told(folder, motion) -> None:
         ("[0E15, 1516, 41B1, 089F, 0715, 2E03]", lambda name: f"0x{name}"),
         ("[0x0E15, 0x1516, 0x41B1, 0x089F, 0x0715, 0x2E03]", lambda name: str(int(name, 16))),
         ("[0x0E15, 0x1516, 0x41B1, 0x089F, 0x0715, 0x2E03]", lambda name: f"{int(name, 16)}.0"),  # pandas
+        ("['0E:15', '15:16', '41:B1', '08:9F', '07:15', '2E:03']", lambda name: f"{name[:2]}-{name[2:]}".lower()),
     ],
 )
 def test_anchors_are_named_by_text(folder, motion, names, written) -> None:

@@ -7,7 +7,8 @@ import pytest
 from made_up_motion import BAG_MAP, OFFSET, TABLE_MAP, made_up, write_bag, write_tables
 
 from ortilo_drake.interop.recorded.map_file import Map, load_map, map_text
-from ortilo_drake.interop.recorded.recording import axes_matrix, read_recording
+from ortilo_drake.interop.recorded.recording import read_recording
+from ortilo_drake.interop.recorded.units import axes_matrix
 from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
 
 

@@ -7,8 +7,12 @@ import numpy as np
 
 
 def key_of(name: str) -> str:
-    """Return the form in which anchors' names are compared: lower case, no 0x, no leading zeros, 3 for 3.0."""
+    """Return the form in which anchors' names are compared: lower case, no 0x, no leading zeros, 3 for 3.0.
+
+    An address 00:1A:2B:3C is 1a2b3c, whatever is between its bytes.
+    """
     text = name.strip().casefold().removeprefix("0x")
+    text = re.sub(r"[:-]", "", text) if re.fullmatch(r"[0-9a-f]{2}([:-][0-9a-f]{2})+", text) else text
     text = re.sub(r"^(\d+)\.0*$", r"\1", text)
     return text.lstrip("0") or "0"
 

@@ -164,7 +164,7 @@ def read_anchors(path: Path) -> dict[str, Vector]:
             said.setdefault(heard.anchor, []).append(heard.position)
         found = {name: _position(np.median(at, axis=0).tolist(), name) for name, at in said.items()}
     else:
-        found = _of_yaml(path, text) if path.suffix in (".yaml", ".yml") else _of_table(path, told)
+        found = _of_yaml(path, text) if path.suffix in (".yaml", ".yml", ".json") else _of_table(path, told)
     if not FEWEST <= len(found) <= MOST:
         raise InputError(f"{path}: {len(found)} anchors, must be {FEWEST} to {MOST}")
     return found

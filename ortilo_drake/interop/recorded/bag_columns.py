@@ -44,9 +44,9 @@ def messages_of(path: Path, topic: str, topics: set[str]) -> Iterator[tuple[str,
         elif not path.is_dir():
             yield from _of_file(path, topic, topics, False)
         else:
-            with files_of_bag(path) as bag:
-                for file in bag.paths:
-                    yield from (mcap_messages if file.suffix == ".mcap" else _of_file)(file, topic, topics, bag.packed)
+            with files_of_bag(path) as (files, packed):
+                for file in files:
+                    yield from (mcap_messages if file.suffix == ".mcap" else _of_file)(file, topic, topics, packed)
     except InputError:
         raise
     except Exception as error:  # rosbags and mcap raise errors of many kinds for files that are cut short or not theirs

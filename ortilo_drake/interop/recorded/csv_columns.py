@@ -1,7 +1,7 @@
 """Tables of text: a header or none, any delimiter, comments, empty lines and broken rows."""
 
 import csv
-from codecs import getincrementaldecoder
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE, getincrementaldecoder
 from collections.abc import Iterator
 from io import TextIOWrapper
 from itertools import chain
@@ -22,6 +22,10 @@ HEAD: Final = 10_000  # lines above the rows
 
 def _encoding(file: BinaryIO, path: Path, rejected: Rejections) -> str:
     """Return a table's encoding: Latin-1, with a note, where it is no UTF-8 (a degree sign in a head)."""
+    begin = file.read(64)
+    file.seek(0)
+    if begin[:2] in (BOM_UTF16_LE, BOM_UTF16_BE) and begin.count(0) > max(3, len(begin) // 2 - 2):
+        return "utf-16"  # as Excel saves text
     decoder, line, nul, bad = getincrementaldecoder("utf-8")(), 1, False, False
     while block := file.read(BLOCK):
         nul |= b"\0" in block
@@ -47,7 +51,7 @@ def lines_of(path: Path, rejected: Rejections, limit: int = DATA_LIMIT) -> Itera
     Raises:
         InputError: if it cannot be read, is no text, has no lines or one of more than LINE characters.
     """
-    with open_file(path, limit) as file, TextIOWrapper(file, _encoding(file, path, rejected)) as text:
+    with open_file(path, limit) as file, TextIOWrapper(file, _encoding(file, path, rejected), "replace") as text:
         empty = True
         for k, line in enumerate(iter(lambda: text.readline(LINE + 1), ""), 1):
             if len(line) > LINE:

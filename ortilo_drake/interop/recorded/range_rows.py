@@ -46,28 +46,19 @@ def single_ranges(t: np.ndarray, anchor: np.ndarray, r: np.ndarray) -> Ranges:
     return Ranges(t, anchor, r, np.full(len(t), -1), np.zeros(len(t), np.int64))
 
 
-class Surveyed(NamedTuple):
-    """The anchors' names in the rows, empty if not known, and positions (n, 3) or the number to be found."""
+def surveyed(folder: Path, map_: Map) -> tuple[Names, np.ndarray | int]:
+    """Return the anchors' names in the rows, () if not known, and positions (n, 3) or the number to be found.
 
-    names: Names
-    positions: np.ndarray | int
-
-    @property
-    def number(self) -> int:
-        """Return the number of anchors."""
-        return self.positions if isinstance(self.positions, int) else len(self.positions)
-
-
-def surveyed(folder: Path, map_: Map) -> Surveyed:
-    """Return the map's anchors in the order of its ranges; InputError if their file is wrong or one is not in it."""
+    They are in the order of the map's ranges; InputError if their file is wrong or one is not in it.
+    """
     anchors, names = map_.anchors, map_.names
     if isinstance(anchors, Find):
-        return Surveyed(names, anchors.find)
+        return names, anchors.find
     if isinstance(anchors, tuple):
-        return Surveyed(names, np.array(anchors))
+        return names, np.array(anchors)
     if isinstance(anchors, str):
         anchors = read_anchors(files_of(folder, anchors)[0])
-    return Surveyed(*in_order(anchors, names, "ranges.names"))
+    return in_order(anchors, names, "ranges.names")
 
 
 def _check_known(stream: Stream, called: Names | np.ndarray, found: np.ndarray, what: str, has: Names) -> None:
@@ -197,23 +188,30 @@ def _of_ranges(
 
 
 def _of_differences(
-    folder: Path, source: DifferenceSource, found: Surveyed, told: list[Rejections], tags: Names
+    folder: Path, source: DifferenceSource, names: Names, anchors: np.ndarray, told: list[Rejections], tags: Names
 ) -> Ranges:
     paths = files_of(folder, source.file)
     stream, of_a = (
-        read_stream(paths, source, (source.value,), "differences", source.topic, names)
-        for names in (source.b, source.a)
+        read_stream(paths, source, (source.value,), "differences", source.topic, called)
+        for called in (source.b, source.a)
     )
     told += stream.told
     assert stream.names is not None
     assert of_a.names is not None
     if not np.array_equal(of_a.rows, stream.rows):
         raise InputError(f"{stream.rejected.source}: rows that name one of two anchors")
-    b, a = (anchors_of(names.tolist(), found.names) for names in (stream.names, of_a.names))
+    b, a = (anchors_of(called.tolist(), names) for called in (stream.names, of_a.names))
     tag = _tags_of(paths, source, stream, tags)
-    _check_known(stream, stream.names, np.minimum(a, b), "two anchors", found.names)
+    _check_known(stream, stream.names, np.minimum(a, b), "two anchors", names)
+    value, apart = np.abs(source.scale * stream.values[:, 0]), np.linalg.norm(anchors[a] - anchors[b], axis=1)
+    long = (np.minimum(a, b) >= 0) & (a != b) & (value > apart + LONGER)
+    if long.sum() > len(long) / 2:
+        raise InputError(
+            f"{stream.rejected.source}: differences of {np.median(value[long]):.3g} m and more for anchors up to "
+            f"{apart.max():.3g} m apart: in mm or cm? differences: {{scale: }} makes them metres"
+        )
     stream = stream._replace(names=np.where(b < 0, stream.names, of_a.names))
-    return differences_of(stream, b, a, tag, np.asarray(found.positions), source)
+    return differences_of(stream, b, a, tag, anchors, source)
 
 
 def differences_of(
@@ -250,14 +248,15 @@ def read_range_rows(folder: Path, map_: Map, told: list[Rejections]) -> tuple[Ra
     Raises:
         InputError: if a file cannot be read, or its ranges are not those to the map's anchors.
     """
-    found, tags = surveyed(folder, map_), tuple(map_.tags or ())
+    (names, anchors), tags = surveyed(folder, map_), tuple(map_.tags or ())
+    count = anchors if isinstance(anchors, int) else len(anchors)
     parts: list[Ranges] = []
     for i, source in () if map_.ranges is None else _each_tag(map_.ranges, tags):
-        rows = _of_ranges(folder, source, found.names, found.number, told, tags)
+        rows = _of_ranges(folder, source, names, count, told, tags)
         parts += [one._replace(tag=one.tag + i) for one in rows]
     if map_.differences is not None:
-        parts.append(_of_differences(folder, map_.differences, found, told, tags))
+        parts.append(_of_differences(folder, map_.differences, names, np.asarray(anchors), told, tags))
     ranges = Ranges(*(np.concatenate(part) for part in zip(*parts, strict=True)))
     if len(ranges.t) < FEWEST:
         raise InputError(f"{told[-1].source}: {len(ranges.t)} ranges")
-    return ranges.only(np.lexsort((ranges.tag, ranges.anchor, ranges.t))), found.positions
+    return ranges.only(np.lexsort((ranges.tag, ranges.anchor, ranges.t))), anchors

@@ -14,6 +14,7 @@ from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import Ranges, read_range_rows
 from ortilo_drake.interop.recorded.rejected import Rejections
 from ortilo_drake.interop.recorded.sources import Column, Matrix, Quaternion, Source
+from ortilo_drake.interop.recorded.units import FORCE_UNITS, RATE_UNITS, axes_matrix, in_axes, size_of
 from ortilo_drake.model.input_files import exists
 from ortilo_drake.model.signals import DETECTIONS_SIZE
 from ortilo_drake.model.typed_yaml import InputError
@@ -28,7 +29,6 @@ MEASURED = {
     "flow": ("pixels",),
     "truth": ("position",),
 }
-FORCE_UNITS = {"m/s2": 1.0, "g": GRAVITY, "mg": GRAVITY / 1000.0, "ft/s2": 0.3048}
 
 
 class Imu(NamedTuple):
@@ -92,21 +92,6 @@ class Recording(NamedTuple):
     looks: AidRows = NO_AID_ROWS
     tags: np.ndarray = ONE_TAG
     scene: Scene | None = None
-
-
-def axes_matrix(axes: str | tuple[str, ...], what: str = "imu.axes") -> np.ndarray:
-    """Return the matrix from the unit's axes to ours; InputError if it mirrors.
-
-    Entry k of a list says which of the unit's axes ours (x forward, y left, z up) is.
-    """
-    if isinstance(axes, str):
-        return np.diag([1.0, 1.0, 1.0] if axes == "flu" else [1.0, -1.0, -1.0])
-    M = np.zeros((3, 3))
-    for k, axis in enumerate(axes):
-        M[k, "xyz".index(axis[-1])] = -1.0 if axis[0] == "-" else 1.0
-    if np.linalg.det(M) < 0:
-        raise InputError(f"{what}: {list(axes)}: mirrors space; change one sign")
-    return M
 
 
 Read = Callable[[str], Stream]  # of a map's entry: its complete rows, with the columns of columns_of
@@ -188,8 +173,8 @@ def imu_of(map_: Map, read: Read, origin: float) -> Imu:
     assert source is not None
     turned, M = source.orientation, axes_matrix(source.axes)
     stream = read("imu")
-    t, unit = _counted(stream.t, source, origin), FORCE_UNITS[source.force_unit]
-    rates = stream.values[:, :3] @ M.T * (np.pi / 180.0 if source.rate_unit == "deg/s" else 1.0)
+    t, unit = _counted(stream.t, source, origin), size_of(source.force_unit, FORCE_UNITS)
+    rates = stream.values[:, :3] @ M.T * size_of(source.rate_unit, RATE_UNITS)
     imu = Imu(t, rates, stream.values[:, 3:6] @ M.T * unit, None)
     if turned is not None:
         # The unit's world is as its body: z down with axes frd. A half turn about x leaves the heading to be found.
@@ -251,19 +236,24 @@ def _truth(map_: Map, read: Read) -> tuple[Truth, float]:
     t, values = stream.t, stream.values
     if len(t) < 10:
         raise InputError(f"{stream.rejected.source}: {len(t)} rows have a position")
-    M = axes_matrix(source.axes, "truth.axes")
+    M = axes_matrix(source.axes, "truth.axes", mirrors=True)
     R = None if source.rotation is None else rotations(values[:, 3:], source.rotation, stream.rejected.source)
     p = values[:, :3] @ M.T * source.scale
-    return Truth(t - t[0], p, None if R is None else M @ R), float(t[0])
+    return Truth(t - t[0], p, None if R is None else in_axes(R, M)), float(t[0])
 
 
-def _check_spans(path: Path, imu: np.ndarray, ranges: np.ndarray) -> None:
-    """Refuse stamps [s] that do not overlap, or whose spans differ by a factor of about a thousand or a million."""
-    ratio = max(np.ptp(imu), 1e-9) / max(np.ptp(ranges), 1e-9)
-    power = 3.0 * round(float(np.log10(ratio)) / 3.0)
-    if power and abs(ratio / 10.0**power - 1.0) < 0.3:
-        line = f"{np.ptp(imu):.3g} s, the ranges' {np.ptp(ranges):.3g} s: imu.unit or ranges.unit is wrong"
-        raise InputError(f"{path}: the imu's stamps span {line}")
+def _check_spans(path: Path, ranges: np.ndarray, others: dict[str, np.ndarray]) -> None:
+    """Refuse stamps [s] whose spans differ by a factor of about a thousand or a million from the ranges'."""
+    for name, t in others.items():
+        ratio = max(np.ptp(t), 1e-9) / max(np.ptp(ranges), 1e-9)
+        power = 3.0 * round(float(np.log10(ratio)) / 3.0)
+        if power and abs(ratio / 10.0**power - 1.0) < 0.3:
+            line = f"{np.ptp(t):.3g} s, the ranges' {np.ptp(ranges):.3g} s: {name}.unit or ranges.unit is wrong"
+            raise InputError(f"{path}: the {name}'s stamps span {line}")
+
+
+def _check_overlap(path: Path, ranges: np.ndarray, imu: np.ndarray) -> None:
+    """Refuse an imu whose stamps [s] lie before or after the ranges'."""
     if imu[-1] < 0.0 or imu[0] > ranges[-1]:
         line = f"from {imu[0]:.6g} to {imu[-1]:.6g} s after the first range; give imu.late or imu.zero: first"
         raise InputError(f"{path}: the imu's stamps do not overlap the ranges': {line}")
@@ -290,8 +280,9 @@ def read_recording(path: Path, map_: Map) -> Recording:
     if imu is not None and imu.accelerometer is not None:
         imu = imu._replace(force=held_at(imu.t, *imu.accelerometer))
     truth, truth_origin = (None, 0.0) if map_.truth is None else _truth(map_, read)
+    _check_spans(path, ranges.t, {n: one.t for n, one in (("imu", imu), ("truth", truth)) if one is not None})
     if imu is not None:
-        _check_spans(path, imu.t, ranges.t)
+        _check_overlap(path, ranges.t, imu.t)
     lines = [line for part in told for line in part.lines()]
     counts: dict[str, int] = {}
     for part in told:

@@ -5,7 +5,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path, PurePath
-from typing import Final, NamedTuple
+from typing import Final
 from urllib.parse import quote
 
 from ortilo_drake.interop.unpack import CHUNK_LIMIT, FILE_LIMIT, Unpacker
@@ -14,13 +14,6 @@ from ortilo_drake.model.typed_yaml import InputError, parse_yaml
 
 MOST: Final = 4096  # files of a bag
 STORAGES: Final = {"mcap": ".mcap", "sqlite3": ".db3"}
-
-
-class BagFiles(NamedTuple):
-    """The files of a bag, mcap or db3, and whether each message in them is packed."""
-
-    paths: list[Path]
-    packed: bool
 
 
 def _metadata(path: Path) -> tuple[list[str], str, str]:
@@ -46,8 +39,10 @@ def _metadata(path: Path) -> tuple[list[str], str, str]:
 
 
 @contextmanager
-def files_of_bag(folder: Path) -> Iterator[BagFiles]:
-    """Give the files of a ROS 2 bag, those packed as a whole unpacked to a temporary folder.
+def files_of_bag(folder: Path) -> Iterator[tuple[list[Path], bool]]:
+    """Give the files of a ROS 2 bag, mcap or db3, and whether each message in them is packed.
+
+    Those packed as a whole are unpacked to a temporary folder.
 
     Raises:
         InputError: if metadata.yaml is wrong, a file it names is not there, no regular one or too large, or all of them
@@ -58,7 +53,7 @@ def files_of_bag(folder: Path) -> Iterator[BagFiles]:
     for path in paths:
         check_file(path)
     if mode != "file":
-        yield BagFiles(paths, mode == "message")
+        yield paths, mode == "message"
         return
     tried, unpacker = Unpacker(folder), Unpacker(folder)
     with tempfile.TemporaryDirectory(prefix="ortilo-") as place:
@@ -71,7 +66,7 @@ def files_of_bag(folder: Path) -> Iterator[BagFiles]:
             with open_file(path) as packed, unpacked[-1].open("wb") as file:
                 for piece in unpacker.pieces("zstd", packed, FILE_LIMIT, path.name):
                     file.write(piece)
-        yield BagFiles(unpacked, False)
+        yield unpacked, False
 
 
 def check_database(path: Path) -> None:

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
 
 from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive
 
@@ -20,6 +20,15 @@ TRUTHS: dict[str, dict[str, Any]] = {
         "rotation": {"columns": (5, 6, 7, 8), "order": "wxyz"},
     },
 }
+
+
+def _not_zero(value: float) -> float:
+    if value == 0.0:
+        raise ValueError("0: a unit must not be 0")
+    return value
+
+
+Unit = Annotated[float, Field(ge=-1e6, le=1e6), AfterValidator(_not_zero)]
 
 
 def _word(value: Any) -> Any:
@@ -154,8 +163,12 @@ class ImuSource(Source):
         description="The unit's axes: forward left up, forward right down, or which of them ours (x forward, y left, "
         "z up) are, as [y, -x, z].",
     )
-    rate_unit: Literal["rad/s", "deg/s"] = "rad/s"
-    force_unit: Literal["m/s2", "g", "mg", "ft/s2"] = "m/s2"
+    rate_unit: Literal["rad/s", "deg/s", "mrad/s", "mdeg/s"] | Unit = Field(
+        default="rad/s", description="Or rad/s in one of the file's units; a negative one turns the signs."
+    )
+    force_unit: Literal["m/s2", "g", "mg", "ft/s2"] | Unit = Field(
+        default="m/s2", description="Or m/s² in one of the file's units; -1 where gravity itself is reported."
+    )
     standstill: float = Field(
         default=0.0,
         ge=0.0,

@@ -3,6 +3,7 @@
 import csv
 from collections import Counter
 from collections.abc import Callable, Sequence
+from itertools import takewhile
 from typing import NamedTuple
 
 from ortilo_drake.interop.recorded.tables import number
@@ -41,7 +42,14 @@ def cells_of(line: str, mark: str) -> list[str]:
 
 
 def mark_of(line: str) -> str:
-    """Return the delimiter of a line: tab, comma or semicolon, whichever it has most, else space."""
+    """Return the delimiter of a line: tab, comma or semicolon, whichever it has most, else space.
+
+    In numbers such as 3,62 between other delimiters the comma is none.
+    """
+    for mark in "\t; " if "," in line else "":
+        cells = cells_of(line, mark)
+        if len(cells) > 1 and all("," not in cell or number(cell) is not None for cell in cells):
+            return mark
     return max("\t,;", key=line.count) if any(mark in line for mark in "\t,;") else " "
 
 
@@ -63,12 +71,16 @@ def _all_numbers(cells: list[str]) -> bool:
     return all(number(cell) is not None for cell in cells)
 
 
+def _has_numbers(cells: list[str], is_row: Callable[[list[str]], bool]) -> bool:
+    return _all_numbers(cells) or is_row(cells)
+
+
 def layout_of(
     lines: list[Line], delimiter: str, header: str, columns: Sequence[str | int], is_row: Callable[[list[str]], bool]
 ) -> Layout:
     """Find the head of a table: the line that has the columns asked for, and as many as the rows have.
 
-    Candidates are the first line that is no comment, unless it is all numbers, and the comments above it, from below.
+    Candidates are the lines above the first one with numbers, and the comments above them, from below.
 
     Args:
         lines: number and text of the lines that are not empty.
@@ -87,10 +99,11 @@ def layout_of(
     first = cells_of(rows[0][1], mark) if rows else []
     if header == "no" or not rows or (header == "auto" and not asked and is_row(first)):
         return Layout(None, mark, rows, comments)
-    width = len(cells_of(rows[min(1, len(rows) - 1)][1], mark))
+    lead = list(takewhile(lambda row: not _has_numbers(cells_of(row[1], mark), is_row), rows))
+    width = len(cells_of(rows[len(lead) if len(lead) < len(rows) else min(1, len(rows) - 1)][1], mark))
     lines_above = [line for line in comments[::-1] if line[0] < rows[0][0]]
     text_first = not _all_numbers(first)
-    maybe = [rows[0]] * text_first + lines_above + [rows[0]] * (header == "yes" and not text_first)
+    maybe = lead + lines_above + [rows[0]] * (header == "yes" and not text_first)
     heads = [head for line in maybe for head in _readings(line, mark)]
     with_all = [head for head in heads if asked and asked <= set(head[1])]
     found = next((head for head in with_all or heads if len(head[1]) == width), next(iter(with_all), None))
@@ -99,4 +112,5 @@ def layout_of(
     if found is None:
         return Layout(None, mark, rows, comments)
     line, names = found
-    return Layout(names, mark, rows[rows[0] == line :], [comment for comment in comments if comment != line])
+    below = rows.index(line) + 1 if line in rows else 0
+    return Layout(names, mark, rows[below:], [comment for comment in comments if comment != line])

@@ -1,5 +1,6 @@
 """The table that every reader returns: the rows of one file as numbers, each with its place."""
 
+import re
 from array import array
 from collections.abc import Sequence
 from datetime import UTC, datetime, time
@@ -13,7 +14,8 @@ from ortilo_drake.model.typed_yaml import InputError
 NUMBERS: Final = 2**24  # of a stream: IMU at 1 kHz for half an hour; what works on them takes 60 bytes for each
 LONGEST: Final = 257  # characters of a name that are kept; those in a map have 256 at most
 NAMES: Final = 10_000  # of anchors that the rows of a file name
-EMPTY = ("", "nan", "na", "null", "none", "-")  # cells without a number
+EMPTY = ("", "nan", "na", "n/a", "#n/a", "null", "none", "-")  # cells without a number
+_COMMA = re.compile(r"[-+]?\d+,\d+(e[-+]?\d+)?", re.IGNORECASE)
 
 
 class Table(NamedTuple):
@@ -70,11 +72,11 @@ class Rows:
 
 
 def number(cell: str) -> float | None:
-    """Return a cell's number, NaN if it is empty, None if it is neither."""
+    """Return a cell's number, NaN if it is empty, None if it is neither; 3,62 is 3.62."""
     if cell.lower() in EMPTY:
         return np.nan
     try:
-        return float(cell)
+        return float(cell.replace(",", ".") if _COMMA.fullmatch(cell) else cell)
     except ValueError:
         return None
 

@@ -12,7 +12,7 @@ sum of the constants, which is held at 0.
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.map_file import Estimated
@@ -25,6 +25,7 @@ from ortilo_drake.studies.recorded.truth_path import (
     TruthPath,
     antennas,
     covered_ranges,
+    far_away,
     first_part,
     modelled,
     random_sample,
@@ -119,8 +120,8 @@ def _solve(x: np.ndarray, fit: _Fit, ranges: Ranges, chosen: np.ndarray, path: T
     return full, float(solved.cost), parts(solved.x)[0]
 
 
-def _found_roughly(p: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Return an anchor's rough position from places p (m, 3) and ranges to it (m): the best of eight starts around."""
+def found_roughly(p: np.ndarray, r: np.ndarray) -> OptimizeResult:
+    """Return an anchor's rough position x (3) from places p (m, 3) and ranges to it (m): the best of eight starts."""
     middle, far = p.mean(axis=0), np.median(r)
     signs = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-0.3, 0.3)])
     fits = [
@@ -129,7 +130,7 @@ def _found_roughly(p: np.ndarray, r: np.ndarray) -> np.ndarray:
         )
         for s in signs
     ]
-    return min(fits, key=lambda found: found.cost).x
+    return min(fits, key=lambda found: found.cost)
 
 
 def offset_centres(recording: Recording, search: float) -> list[float]:
@@ -144,8 +145,11 @@ def offset_centres(recording: Recording, search: float) -> list[float]:
     return [0.0, one_clock] if abs(one_clock) > search and meet > search else [0.0]
 
 
-def _uncalibrated(recording: Recording, settings: Estimated, lever: bool) -> Calibration:
-    """Return what the map gives where nothing is calibrated: the truth only judges."""
+def _uncalibrated(recording: Recording, settings: Estimated, lever: bool, airborne: float | None) -> Calibration:
+    """Return what the map gives where nothing is calibrated: the truth only judges.
+
+    The errors left are those so far above the truth's first height [m]: on a floor ranges may be wrong.
+    """
     truth, ranges, anchors = recording.truth, recording.ranges, np.asarray(recording.anchors)
     assert truth is not None
     assert isinstance(settings.clock, float | int)
@@ -156,7 +160,9 @@ def _uncalibrated(recording: Recording, settings: Estimated, lever: bool) -> Cal
     p, R = path.at(seen.t + offset)
     c = np.zeros(len(anchors))
     p = antennas(p, R, arm, recording.tags * lever, seen.tag)
-    errors = np.sort(np.abs(modelled(p, anchors, c, seen) - seen.r))
+    errors = np.abs(modelled(p, anchors, c, seen) - seen.r)
+    up = p[:, 2] > truth.p[0, 2] + (-np.inf if airborne is None else airborne)
+    errors = np.sort(errors[up] if up.any() else errors)
     left = float(np.sqrt(np.mean(errors[: max(1, int(0.99 * len(errors)))] ** 2)))
     return Calibration(offset, "map", np.eye(3), np.zeros(3), None, arm, c, anchors, float(truth.t[0]), left)
 
@@ -167,6 +173,7 @@ def calibrate(
     lever: bool = True,
     near: float | None = None,
     level: Level = UNKNOWN_LEVEL,
+    airborne: float | None = None,
 ) -> Calibration:
     """Return the calibration of the first part, or of a share of 0 the map's own.
 
@@ -177,15 +184,20 @@ def calibrate(
             without IMU.
         near: where to start the search for the clock's offset, if that is roughly known [s].
         level: what is known of the antenna's height in the anchors' frame.
+        airborne: of a share of 0, only what is so far above the truth's first height tells the errors left [m].
 
     Raises:
         InputError: if too few ranges fall in the first part, or truth and ranges do not meet.
     """
     if settings.share == 0.0:
-        return _uncalibrated(recording, settings, lever)
+        return _uncalibrated(recording, settings, lever, airborne)
     truth, ranges = recording.truth, recording.ranges
     assert truth is not None
-    path, find = truth_path(truth), isinstance(recording.anchors, int)
+    find = isinstance(recording.anchors, int)
+    kind = "same" if find else settings.frame
+    middle = truth.p.mean(axis=0) if far_away(truth.p) and kind != "same" else np.zeros(3)
+    truth = truth._replace(p=truth.p - middle)
+    path = truth_path(truth)
     n = recording.anchors if isinstance(recording.anchors, int) else len(recording.anchors)
     shift_of_files = recording.truth_origin - recording.origin
     centres = offset_centres(recording, settings.search)
@@ -199,7 +211,6 @@ def calibrate(
         rates = offset_by_rates(recording.imu, truth, part, settings.search, known, centres)
     given = settings.lever if isinstance(settings.lever, tuple) else None
     frees_lever = lever and rates is not None and given is None
-    kind = "same" if find else settings.frame
     mount = np.eye(3) if rates is None else rates.mount
     start_lever = mount @ np.array(given if given is not None and lever else (0.0, 0.0, 0.0))
     if settings.clock != "estimate":
@@ -222,7 +233,7 @@ def calibrate(
         if level.deviation < np.inf and kind != "same":
             shift[2] = level.height - turned[2]
         elif flat and kind != "same":
-            shift[2] = 0.0  # of two mirror images the one whose frames have their floor in common
+            shift[2] = middle[2]  # of two mirror images the one whose frames have their floor in common
         found = np.zeros(0)
         if find:
             few = [np.flatnonzero(ranges.anchor[chosen] == i) for i in range(n)]
@@ -231,7 +242,7 @@ def calibrate(
                     f"{recording.name}: an anchor to be found has fewer than {LEAST} ranges in the first part"
                 )
             few = [part[:: max(1, len(part) // 100)] for part in few]
-            found = np.concatenate([_found_roughly(p[part], ranges.r[chosen[part]]) for part in few])
+            found = np.concatenate([found_roughly(p[part], ranges.r[chosen[part]]).x for part in few])
         x = np.concatenate([[offset, 0.0, 0.0, yaw], shift, start_lever, np.zeros(n), found])
         return x, chosen
 
@@ -263,5 +274,5 @@ def calibrate(
     anchors = found if find else np.asarray(recording.anchors)
     kept = np.sort(np.abs(errors))[: max(1, int(0.99 * len(errors)))]
     left = float(np.sqrt(np.mean(kept**2)))
-    told_mount = None if rates is None else mount
+    told_mount, shift = None if rates is None else mount, shift - F @ middle
     return Calibration(offset, told_by, F, shift, told_mount, mount.T @ lever_T, biases, anchors, part(offset)[1], left)

@@ -21,11 +21,16 @@ TELLS = 0.1  # the body rates tell the clock if they leave less of the turns' me
 
 
 class ByRates(NamedTuple):
-    """Offset [s], M (3, 3) from the IMU's body axes to the truth's, and the share of the turns that is left."""
+    """Offset [s], M (3, 3) from the IMU's body axes to the truth's, and the share of the turns that is left.
+
+    `scale` is the factor by which the rates would leave least, `scaled` the share that they would leave then.
+    """
 
     offset: float
     mount: np.ndarray
     left: float
+    scale: float
+    scaled: float
 
 
 def intervals_apart(t: np.ndarray, R: Rotation) -> int:
@@ -78,8 +83,12 @@ def best_by_rates(
     search: float,
     known: float | None,
     centres: Sequence[float] = (0.0,),
+    any_scale: bool = False,
 ) -> ByRates:
-    """Return the best offset, however much of the turns it leaves; arguments as above."""
+    """Return the best offset, however much of the turns it leaves; arguments as above.
+
+    With `any_scale` it is the one that leaves least once the rates are scaled.
+    """
     assert truth.R is not None
     R = Rotation.from_matrix(truth.R)
     apart = intervals_apart(truth.t, R)
@@ -92,23 +101,29 @@ def best_by_rates(
     def at(t: np.ndarray) -> np.ndarray:
         return np.column_stack([np.interp(t, imu.t, axis) for axis in swept.T])
 
-    def fit(offset: float) -> tuple[float, np.ndarray]:
+    def fit(offset: float) -> ByRates:
         begin, end = part(offset)
         usable = whole & (begins >= begin) & (ends <= end)
         turns, first, last = all_turns[usable], begins[usable], ends[usable]
         both = (first - offset >= imu.t[0]) & (last - offset <= imu.t[-1])
         if both.sum() < max(20, 0.3 * len(both)):
-            return np.inf, np.eye(3)
+            return ByRates(offset, np.eye(3), np.inf, 1.0, np.inf)
         seen, swept_then = turns[both], at(last[both] - offset) - at(first[both] - offset)
         seen, swept_then = seen - seen.mean(axis=0), swept_then - swept_then.mean(axis=0)  # without a gyro's bias
         U, _, Vt = np.linalg.svd(seen.T @ swept_then)
         M = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-        return float(np.mean((seen - swept_then @ M.T) ** 2) / max(np.mean(seen**2), 1e-12)), M
+        turned, size = swept_then @ M.T, max(np.mean(seen**2), 1e-12)
+        scale = float(np.sum(seen * turned) / max(np.sum(turned**2), 1e-12))
+        left, scaled = (float(np.mean((seen - by * turned) ** 2) / size) for by in (1.0, scale))
+        return ByRates(offset, M, left, scale, scaled)
+
+    def badness(offset: float) -> float:
+        found = fit(offset)
+        return found.scaled if any_scale else found.left
 
     best = known
     if best is None:
         tried = np.concatenate([centre + np.arange(-search, search + COARSE, COARSE) for centre in centres])
-        best = min(tried, key=lambda offset: fit(offset)[0])
-        best = min(np.arange(best - COARSE, best + COARSE + FINE, FINE), key=lambda offset: fit(offset)[0])
-    left, M = fit(best)
-    return ByRates(float(best), M, left)
+        best = min(tried, key=badness)
+        best = min(np.arange(best - COARSE, best + COARSE + FINE, FINE), key=badness)
+    return fit(float(best))

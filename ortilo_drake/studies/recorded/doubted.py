@@ -38,16 +38,19 @@ def doubts_of(
         found: estimates in the anchors' frame (m, 3), and the truth at their stamps, if known.
     """
     truth, imu, settings = recording.truth, recording.imu, map_.calibration
-    said = doubts.of_guess(look.guess)
-    if map_.differences is not None:
-        p = None  # a frame that was fitted by the wrong sign says nothing of it
-        if truth is not None and calibration is not None and settings.frame == "same":
-            p = calibration.position(truth_path(truth).at(recording.ranges.t + calibration.offset)[0])
-        said += doubts.of_sign(recording.ranges, np.asarray(recording.anchors), map_.differences.sign, p)
+    if said := stamp_doubts(recording, map_):
+        return said  # nothing else means anything then
+    said += doubts.of_cover(recording.ranges, imu) if imu is not None else []
+    said += doubts.of_guess(look.guess)
+    noise = doubts.range_noise(map_.filter, imu is not None)
+    if truth is None and look.fit is not None and look.guess is None:
+        said += doubts.of_agreement(look.fit.left, noise)
     frozen: list[tuple[float, float]] = []
     moving = recording
     if truth is not None and calibration is not None:
-        frozen = doubts.freezes(truth, recording.ranges, calibration.offset)
+        up = truth.p[0, 2] + (-np.inf if map_.airborne is None else map_.airborne)  # on the floor it may rest
+        found_frozen = doubts.freezes(truth, recording.ranges, calibration.offset)
+        frozen = [one for one in found_frozen if truth.p[np.searchsorted(truth.t, one[0]), 2] > up]
         kept = ~frozen_rows(truth.t, truth.p, doubts.FROZEN)
         if frozen:
             R = None if truth.R is None else truth.R[kept]
@@ -59,25 +62,32 @@ def doubts_of(
             said += rate_doubts(imu, map_)
         else:
             # A frame that does not fit says nothing of up, a wrong clock nothing of turns.
-            up = calibration.F.T[:, 2] if look.fit is not None and not said else None
+            up_T = calibration.F.T[:, 2] if look.fit is not None and not said else None
             if look.guess is None or "clock" not in look.guess.key:
-                said += attitude_doubts(moving, map_, calibration.offset, up)
+                said += attitude_doubts(moving, map_, calibration.offset, up_T)
     if calibration is not None and truth is not None:
-        noise = doubts.range_noise(map_.filter, imu is not None)
         lever = calibration.lever if settings.lever == "estimate" else None
         said += doubts.of_calibration(calibration.left, noise, lever, calibration.biases)
         centres = offset_centres(recording, settings.search)
         said += doubts.of_offset(calibration.offset, centres, settings.search, calibration.told_by)
         said += height_doubts(map_, calibration, recording)
-    said += doubts.of_rows(rows, BARE if calibration is None else CALIBRATED)
+    main = [name for name in (BARE if calibration is None else CALIBRATED) if name in rows][:1]
+    said += doubts.of_rows(rows, tuple(main))
     if not isinstance(recording.anchors, int) and map_.height is None:
-        said += doubts.of_plane(np.asarray(recording.anchors), *found, map_.planar)
+        heard = np.union1d(recording.ranges.anchor, recording.ranges.other[recording.ranges.other >= 0])
+        said += doubts.of_plane(np.asarray(recording.anchors)[heard], *found, map_.planar)
     return said
+
+
+def stamp_doubts(recording: Recording, map_: Map) -> list[str]:
+    """Return a doubt about the unit of the ranges' stamps."""
+    unit = next(source.unit for source in (map_.ranges, map_.differences) if source is not None)
+    return doubts.of_stamps(recording.ranges, unit)
 
 
 def _left(recording: Recording, map_: Map, calibration: Calibration) -> float | None:
     """Return the residual of a cheap fit to a motion, by the clock that was found [m]."""
-    if recording.truth is None or isinstance(recording.anchors, int) or (recording.ranges.other >= 0).any():
+    if recording.truth is None or isinstance(recording.anchors, int):
         return None
     path, offset = truth_path(recording.truth), np.array([calibration.offset])
     fit = plain_fit(

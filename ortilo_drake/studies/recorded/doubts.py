@@ -7,12 +7,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ortilo_drake.interop.recorded.columns import UNITS
 from ortilo_drake.interop.recorded.map_file import FilterSettings
-from ortilo_drake.interop.recorded.recording import Ranges, Truth, frozen_rows
-from ortilo_drake.studies.recorded.first_fix import LEAST, solve_first_fix
+from ortilo_drake.interop.recorded.recording import Imu, Ranges, Truth, frozen_rows
 from ortilo_drake.studies.recorded.readings import Guess
 from ortilo_drake.studies.recorded.scores import Scores
-from ortilo_drake.studies.recorded.truth_path import modelled
 
 TIMES = 3.0  # a residual of more than so many standard deviations of the ranges
 LARGE = 0.5  # a lever or a bias [m]
@@ -21,8 +20,8 @@ REFUSED = 0.2  # share of the ranges
 OFF_PLANE = 0.3  # of the anchors, root mean square [m]
 FROZEN = 0.5  # a position that stands still for longer [s]
 JUMP, STEPS = 0.05, 5.0  # and then goes on so far away [m], and so many usual steps
-WINDOWS, WINDOW, MOST = 7, 0.5, 120  # differences of so many times so long [s], at most so many, tell their sign
-CLEARLY = 0.2  # share by which the other sign must be better
+OFTEN = (3e-4, 5.0)  # the time between two ranges of an anchor lies in between [s]
+COVERED, MISSED = 0.9, 1.0  # share of the ranges for which there is an imu, but for so long at either end [s]
 MOVED = 0.3  # or ranges that change by so much meanwhile [m]
 
 
@@ -55,38 +54,38 @@ def of_calibration(left: float, noise: float, lever: np.ndarray | None, biases: 
     return found
 
 
-def of_sign(ranges: Ranges, anchors: np.ndarray, sign: int, p: np.ndarray | None = None) -> list[str]:
-    """Return a doubt if differences fit places much better with the other sign; it names the key to set.
-
-    Anchors alternately high and low are nearly their own mirror image, so without a truth the sign is hard to tell.
-
-    Args:
-        ranges: what was heard.
-        anchors: positions (n, 3).
-        sign: the map's.
-        p: the truth's places at these stamps, in the anchors' frame (n, 3), if they are known.
-    """
-    differences = ranges.other >= 0
-    ranges = ranges.only(differences)
-    if p is not None and len(ranges.t):
-        made = modelled(p[differences], anchors, np.zeros(len(anchors)), ranges)
-        before, after = (float(np.median(np.abs(made - by * ranges.r))) for by in (1.0, -1.0))
-        said = (
-            f"differences: errors of {before:.3g} m, with the other sign {after:.3g} m: differences: {{sign: {-sign}}}"
-        )
-        return [said] if 2.0 * after < before else []
-    shares = []
-    for t in np.linspace(ranges.t[0], ranges.t[-1], WINDOWS + 2)[1:-1] if len(ranges.t) else ():
-        window = ranges.only(np.flatnonzero((ranges.t >= t) & (ranges.t < t + WINDOW))[:MOST])
-        if len(np.unique(window.anchor)) > LEAST:
-            both = (window, window._replace(r=-window.r))
-            shares.append([solve_first_fix(one, anchors, np.zeros(len(anchors))).agreeing for one in both])
-    now, then = np.median(shares, axis=0) if shares else (1.0, 0.0)
-    if then < now + CLEARLY:
+def of_agreement(left: float, noise: float) -> list[str]:
+    """Return a doubt if the ranges of one time fit no place, RMS error left [m]; noise: of a range [m]."""
+    if left <= TIMES * noise:
         return []
     return [
-        f"differences: {now:.0%} of them agree on a place, with the other sign {then:.0%}: "
-        f"differences: {{sign: {-sign}}}"
+        f"the ranges of one time fit no place: {left:.3g} m RMS are left, {left / noise:.0f} times the range noise "
+        f"({noise:.3f} m): anchors, units, biases?"
+    ]
+
+
+def of_stamps(ranges: Ranges, unit: str) -> list[str]:
+    """Return a doubt if an anchor is heard so seldom, or so often, that the unit of the stamps is wrong."""
+    steps = [np.diff(np.unique(ranges.t[ranges.anchor == i])) for i in np.unique(ranges.anchor)]
+    step = float(np.median(np.concatenate(steps))) if any(map(len, steps)) else 1.0
+    for other, size in UNITS.items():
+        then = step * size / UNITS[unit]
+        if not OFTEN[0] < step < OFTEN[1] and OFTEN[0] < then < OFTEN[1]:
+            return [
+                f"an anchor is heard every {step:.3g} s: ranges: {{unit: {other}}} would make it {then:.3g} s; the "
+                "other files' stamps likewise?"
+            ]
+    return []
+
+
+def of_cover(ranges: Ranges, imu: Imu) -> list[str]:
+    """Return a doubt if the imu's stamps cover only a part of the ranges'."""
+    covered = float(np.mean((ranges.t >= imu.t[0] - MISSED) & (ranges.t <= imu.t[-1] + MISSED)))
+    if covered > COVERED:
+        return []
+    return [
+        f"imu: its stamps, {imu.t[0]:.4g} to {imu.t[-1]:.4g} s after the first range, cover {covered:.0%} of the "
+        "ranges: another clock? imu: {late: SECONDS} takes what it is late off"
     ]
 
 
@@ -105,8 +104,7 @@ def of_guess(guess: Guess | None) -> list[str]:
     """Return the reading that fits better."""
     if guess is None:
         return []
-    errors = f"range errors {guess.before:.3g} m RMS -> {guess.after:.3f} m"
-    return [f"{guess.key} would fit better: {errors} (one bias for all ranges)"]
+    return [f"{guess.key} would fit better: range errors {guess.before:.3g} m RMS -> {guess.after:.3f} m"]
 
 
 def of_offset(offset: float, centres: list[float], search: float, told_by: str) -> list[str]:

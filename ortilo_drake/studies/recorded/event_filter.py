@@ -10,13 +10,10 @@ A range to anchor i, and a difference of the ranges to b and a, of a tag at the 
     r_i = |p + R l - a_i| + c_i + g_i + white,   r_ab = r_b - r_a
 
 taken one at a time, and left out if its innovation exceeds the gate times its standard deviation, or if its anchor has
-yet to come back (Trust). Boxes are given to landmarks and taken as in tight/pixels.py. Where the height is
+yet to come back (anchor_trust.py). Boxes are given to landmarks and taken as in tight/pixels.py. Where the height is
 known or constant, a row of z or v_z comes first at each epoch. Without an IMU, no samples and no variance of R, b_g and
 b_a, this is the constant-velocity filter, driven by white acceleration. A vehicle that rests, and an accelerometer that
 fails, are in imu_watch.py.
-
-An anchor that was left out for a second, by far, comes back when its innovations are small on average: an error that
-fades would pull the filter along as soon as it passed the gate. The same memory says whether the filter is lost.
 """
 
 from typing import NamedTuple
@@ -26,6 +23,7 @@ from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.onboard.estimator.tight.update import Taken, none_taken, settle
+from ortilo_drake.studies.recorded.anchor_trust import ASTRAY, Trust, accept_range, is_lost, new_trust
 from ortilo_drake.studies.recorded.event_rows import (
     ROOM,
     Now,
@@ -59,86 +57,7 @@ from ortilo_drake.studies.recorded.imu_watch import RESTS, doubt_force, rest_aga
 from ortilo_drake.studies.recorded.passing import Passing, accumulate, empty_passing, propagate_over, reset_passing
 from ortilo_drake.studies.recorded.run_tape import cut_to, room_for, write_query, write_range, write_step
 
-ASTRAY = 3.0  # deviation of a position at which ranges no longer correct it [m]
-REFUSED, SHARE = 1.0, 1.0 / 3.0  # so long [s], and of so many of the anchors, and of two
-RECENT = 5.0  # an anchor counts among those heard if its last range is not older [s]
-PATIENCE = 3.0  # so many times longer the filter is believed where all that it refuses is too long
-SETTLES = 0.5  # innovations of an anchor that was refused for long are averaged over this time [s]
-MOST = 8.0  # of these innovations, in standard deviations
-FAR = 1.0  # what is refused by less may be a bias that the filter does not know of [m]
-SETTLED = 1.0  # and it is heard again when their mean is below so many standard deviations
 EPOCH, FORCE_AT, GROWN, LOW, BEGUN = range(5)  # what stands where in `marks`
-
-
-class Trust(NamedTuple):
-    """The record of each anchor (n).
-
-    Since when it is refused [s], inf if it is not; when it was last heard [s], -inf if never; the mean of its
-    innovations [standard deviations]; and whether it was refused by far.
-    """
-
-    refused_from: np.ndarray
-    heard_at: np.ndarray
-    mean: np.ndarray
-    far: np.ndarray
-
-
-@register_jitable
-def new_trust(n: int) -> Trust:
-    """Return the record of n anchors before their first range."""
-    return Trust(np.full(n, np.inf), np.full(n, -np.inf), np.zeros(n), np.zeros(n, np.bool_))
-
-
-@register_jitable
-def is_lost(t: float, trust: Trust) -> bool:
-    """Return whether the filter is lost: the refused ranges show that it is wrong, and not they.
-
-    A single range that is too long says little: it may be a reflection. Three anchors that agree support the filter.
-    """
-    heard = refused = long_since = 0
-    short = off = False
-    for i in range(len(trust.heard_at)):
-        if trust.heard_at[i] >= t - RECENT:
-            heard += 1
-            if trust.refused_from[i] <= t - REFUSED:
-                refused += 1
-                short |= trust.mean[i] < 0.0
-                off |= trust.far[i]
-            if trust.refused_from[i] <= t - PATIENCE * REFUSED:
-                long_since += 1
-    if refused < 2 or not off:
-        return False
-    if short:
-        return heard - refused < 3 or refused > SHARE * heard
-    return long_since >= 2 and heard - long_since < 3
-
-
-@register_jitable
-def accept_range(trust: Trust, i: int, t: float, e: float, S: float, passes: bool, low: bool) -> bool:
-    """Return whether a range to anchor i is accepted; update the anchor's record.
-
-    Args:
-        trust: changed.
-        i: the anchor.
-        t: stamp [s].
-        e: innovation [m].
-        S: its variance [m²].
-        passes: whether the gate lets it pass.
-        low: whether the antenna is so near to the floor that no refusal counts.
-    """
-    z = e / np.sqrt(S)
-    since = trust.refused_from[i]
-    share = 1.0 if since == np.inf else 1.0 - np.exp((trust.heard_at[i] - t) / SETTLES)
-    trust.mean[i] += share * (min(max(z, -MOST), MOST) - trust.mean[i])
-    trust.heard_at[i] = t
-    trust.far[i] = (trust.far[i] and since < np.inf) or abs(e) > FAR
-    fades = trust.far[i] and t - since >= REFUSED and abs(trust.mean[i]) > SETTLED
-    taken = passes and not fades
-    if taken:
-        trust.refused_from[i] = np.inf
-    elif since == np.inf and not low:
-        trust.refused_from[i] = t
-    return taken
 
 
 class Carried(NamedTuple):

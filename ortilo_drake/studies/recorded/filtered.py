@@ -207,6 +207,8 @@ def levers_of(known: FilterSetup, imu: Imu | None) -> np.ndarray:
 
 def innovation_score(run: Innovations, gate: float) -> float:
     """Return the log-likelihood of the innovations, each counted at most as if it lay on the gate."""
+    if not (run.variance > 0.0).all():  # it diverged
+        return -np.inf
     return float(-0.5 * np.sum(np.log(run.variance) + np.minimum(run.innovation**2 / run.variance, gate**2)))
 
 
@@ -248,18 +250,11 @@ def estimate(
 ) -> Estimate:
     """Run the filter and return its estimates at the stamps asked for, those at or after the first range.
 
-    With an IMU that stood still it begins with the first range after that.
-
-    Args:
-        ranges: single ranges.
-        imu: its samples; None flies the constant-velocity filter.
-        known: the filter's settings.
-        settings: noise and gate.
-        queries: stamps, rising [s].
-        smoothed: whether to smooth.
+    With an IMU that stood still it begins with the first range after that; without one it is the constant-velocity
+    filter. The stamps rise [s].
 
     Raises:
-        InputError: if fewer than three anchors are heard at the start.
+        InputError: if fewer than three anchors are heard at the start, or the filter diverges.
     """
     if imu is not None and known.rest is not None:
         ranges = ranges.only(np.flatnonzero(ranges.t >= known.rest.end))
@@ -285,6 +280,8 @@ def estimate(
         if smoothed
         else tuple(np.concatenate(part) for part in zip(*(one[:2] for one in runs), strict=True))
     )
+    if not (np.isfinite(x).all() and (np.einsum("kii->ki", P) >= 0.0).all() and x[:, Q:ADDITIVE].any(axis=1).all()):
+        raise InputError("the filter diverged: its numbers are none any more")
     R = Rotation.from_quat(x[:, Q:ADDITIVE], scalar_first=True).as_matrix() if len(x) else np.zeros((0, 3, 3))
     failed = (float(end.watched[4]), float(end.watched[5]))
     drag = (float(end.x[-1]), float(np.sqrt(end.C[-1, -1])))

@@ -5,56 +5,73 @@ from typing import NamedTuple
 import numpy as np
 
 from ortilo_drake.interop.recorded.map_file import Map
-from ortilo_drake.interop.recorded.recording import Recording
+from ortilo_drake.interop.recorded.recording import Recording, Truth
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.calibrate import offset_centres
 from ortilo_drake.studies.recorded.clock_offset import offset_by_rates
 from ortilo_drake.studies.recorded.doubts import range_noise
+from ortilo_drake.studies.recorded.lone_fit import lone_fit
+from ortilo_drake.studies.recorded.moved_anchors import exchanged_order, matched_order, moved_anchor
 from ortilo_drake.studies.recorded.plain_fit import PlainFit, plain_fit
-from ortilo_drake.studies.recorded.readings import UNITS, Guess, better_reading
-from ortilo_drake.studies.recorded.truth_path import first_part, truth_path
+from ortilo_drake.studies.recorded.readings import NEAR, UNITS, Guess, Trial, as_read, better_reading, path_of
+from ortilo_drake.studies.recorded.truth_path import LEAST, first_part
 
 SUSPECT = 1.5  # other readings are tried where more than so many standard deviations of a range are left
 COARSE = 1.0  # clock offsets tried where nothing tells them [s]
 LEAST_MISFIT = 1.0  # errors larger than this and than the motion itself leave nothing to calibrate [m]
 STILL = 0.1  # a truth smaller than this stands still [m]
+OUTDOORS = 100.0  # a range that no room has [m]
+FITS = 0.05  # share of the ranges that may be left: what is made small fits well in metres
+SCALED = ("ranges", "differences", "truth")
 FAR = 10.0  # ranges are in metres if their median is less than so many sizes of the anchors' room
 
 
 class CheapFit(NamedTuple):
-    """The cheap fit of the map's reading, and a reading that is clearly better; None without truth or anchors."""
+    """The cheap fit of the map's reading, and a reading that is clearly better; None without anchors or enough ranges.
+
+    Without a truth it is that of the ranges to one another.
+    """
 
     fit: PlainFit | None
     guess: Guess | None
 
 
 def first_look(recording: Recording, map_: Map) -> CheapFit:
-    """Fit clock and frame of the truth cheaply, before the filter runs.
+    """Fit clock and frame of the truth cheaply, or the ranges to one another, before the filter runs.
 
     Raises:
         InputError: if ranges, anchors and truth are not of one size, so that nothing can be made of them.
     """
-    anchors = recording.anchors
-    if isinstance(anchors, int) or map_.ranges is None:
+    anchors, ranges = recording.anchors, recording.ranges
+    if isinstance(anchors, int):
         return CheapFit(None, None)
-    recording = recording._replace(ranges=recording.ranges.only(recording.ranges.other < 0))
-    r, room = recording.ranges.r, float(np.linalg.norm(np.ptp(anchors, axis=0)))
+    r, room = np.abs(ranges.r), float(np.linalg.norm(np.ptp(anchors, axis=0)))
     said = f"{recording.name}: ranges of {np.quantile(r, 0.02):.3g} to {np.quantile(r, 0.98):.3g} m"
     said += f" for anchors {room:.3g} m apart"
     far = float(np.median(r)) > FAR * room
-    if recording.truth is None:
-        if far:
-            raise InputError(f"{said}: {_unit(float(np.median(r)), room, map_)}")
-        return CheapFit(None, None)
-    offsets, moves = _offsets(recording, map_)
-    path, frame = truth_path(recording.truth), map_.calibration.frame
-    fit = plain_fit(recording.ranges, anchors, path, offsets, frame=frame, moves=moves, tags=recording.tags)
+    now, noise = as_read(recording, map_), range_noise(map_.filter, recording.imu is not None)
+    offsets, moves = (np.zeros(1), False) if recording.truth is None else _offsets(recording, map_)
+    now = now._replace(truth=_airborne(now.truth, map_))
+    path = path_of(now)
+    if path is None:
+        fit = None if far else lone_fit(ranges, anchors)
+    else:
+        fit = plain_fit(ranges, anchors, path, offsets, frame=now.frame, moves=moves, tags=now.tags)
+    noise *= np.sqrt(2.0) if (ranges.other >= 0).all() else 1.0  # a difference has the errors of two ranges
     if fit is None:
         if far:
             raise InputError(f"{said}: {_unit(float(np.median(r)), room, map_)}")
         return CheapFit(None, None)
-    noise = range_noise(map_.filter, recording.imu is not None)
-    better = better_reading(recording, map_, offsets, moves, fit, noise) if fit.left > SUSPECT * noise else None
+    better = None
+    if fit.left > SUSPECT * noise:
+        trial = Trial(now, fit, offsets, moves, noise, recording.origin - recording.truth_origin)
+        better = _all_small(trial, map_) or better_reading(trial, map_)
+        better = better or matched_order(trial, map_)
+        if moves:  # one or two anchors hardly hide the clock
+            trial = trial._replace(offsets=fit.offset + np.array([-COARSE, 0.0, COARSE]))
+        better = better or moved_anchor(trial, map_) or exchanged_order(trial, map_)
+    if recording.truth is None:
+        return CheapFit(fit, better)
     size = float(np.linalg.norm(np.ptp(np.percentile(recording.truth.p, [2, 98], axis=0), axis=0)))
     if far or fit.left > max(size, LEAST_MISFIT) or size > FAR * room:
         hint = _unit(float(np.median(r)), room, map_) if far else "ranges, anchors and truth must all be in metres"
@@ -66,11 +83,42 @@ def first_look(recording: Recording, map_: Map) -> CheapFit:
     return CheapFit(fit, better)
 
 
+def _airborne(truth: Truth | None, map_: Map) -> Truth | None:
+    """Return the truth from its first to its last stamp in the air: on a floor ranges may mean nothing."""
+    if truth is None or map_.airborne is None:
+        return truth
+    up = np.flatnonzero(truth.p[:, 2] > truth.p[0, 2] + map_.airborne)
+    if len(up) < LEAST:
+        return truth
+    part = slice(up[0], up[-1] + 1)
+    return Truth(truth.t[part], truth.p[part], None if truth.R is None else truth.R[part])
+
+
+def _all_small(trial: Trial, map_: Map) -> Guess | None:
+    """Return the unit of all lengths, where ranges have a hundred metres and more, and it makes them fit."""
+    now, middle = trial.now, float(np.median(np.abs(trial.now.ranges.r)))
+    for unit in ("mm", "cm"):
+        by = UNITS[unit]
+        if middle * by < OUTDOORS < middle:
+            truth = None if now.truth is None else now.truth._replace(p=now.truth.p * by)
+            ranges = now.ranges._replace(r=now.ranges.r * by)
+            small = now._replace(ranges=ranges, anchors=now.anchors * by, truth=truth)
+            fit = trial.fit_of(small, path_of(small))
+            if fit is not None and fit.left < min(NEAR * trial.noise, FITS * middle * by):
+                keys = [
+                    f"{key}: {{scale: {getattr(map_, key).scale * by:.6g}}}" for key in SCALED if getattr(map_, key)
+                ]
+                said = f"{', '.join(keys)}, anchors: in metres, those of the map times {by:g} ({unit})"
+                return Guess(said, trial.fit.left, fit.left)
+    return None
+
+
 def _unit(middle: float, room: float, map_: Map) -> str:
     """Return the unit that brings the ranges nearest to the room's size."""
-    assert map_.ranges is not None
+    sources = {key: source for key in ("ranges", "differences") if (source := getattr(map_, key)) is not None}
     unit = min(UNITS, key=lambda one: abs(np.log(middle * UNITS[one] / (0.6 * room))))
-    return f"in {unit}? ranges: {{scale: {map_.ranges.scale * UNITS[unit]:.6g}}} makes them metres"
+    keys = (f"{key}: {{scale: {source.scale * UNITS[unit]:.6g}}}" for key, source in sources.items())
+    return f"in {unit}? {', '.join(keys)} makes them metres"
 
 
 def _offsets(recording: Recording, map_: Map) -> tuple[np.ndarray, bool]:

@@ -6,9 +6,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.map_file import Map
-from ortilo_drake.interop.recorded.recording import FORCE_UNITS, GRAVITY, Imu, Recording, Truth, axes_matrix
+from ortilo_drake.interop.recorded.recording import GRAVITY, Imu, Recording, Truth
 from ortilo_drake.interop.recorded.sources import Quaternion
-from ortilo_drake.studies.recorded.clock_offset import TELLS, best_by_rates
+from ortilo_drake.interop.recorded.units import FORCE_UNITS, RATE_UNITS, axes_matrix, in_axes, size_of
+from ortilo_drake.studies.recorded.clock_offset import TELLS, ByRates, best_by_rates
 
 OFF = 1.5  # of the force at rest from gravity; some units are 6 % wrong [m/s²]
 TELLING = 0.1  # a unit is told if it brings the force this near to gravity, as a share
@@ -19,9 +20,11 @@ SPAN = 1.0  # over this time the force keeps its direction, but for the turn [s]
 LOSES = 0.05  # share of the force that its mean over a span loses, if it is turned wrongly
 SPANS = 40  # tried
 AROUND = 0.3  # clock offsets tried around the one found [s]
+SURE = 0.02  # and no more than this share: right readings leave 0.3 % of real motions
 BETTER = 4.0  # another reading of the attitude leaves less of the turns by this factor
 TURNED = np.radians(20.0)  # a body that turned by less tells nothing of its attitude
-RATES = {"rad/s": 1.0, "deg/s": np.pi / 180.0}
+OTHER = 1.2  # rates that are larger or smaller by this factor are of another unit
+NAMED = 0.03  # a unit of rates is named that is so near, as a share
 
 
 def force_doubts(imu: Imu, map_: Map) -> list[str]:
@@ -35,7 +38,7 @@ def force_doubts(imu: Imu, map_: Map) -> list[str]:
     if map_.command is not None:
         return [f"{said}: command: {{scale: {map_.command.scale * GRAVITY / rest:.4g}}} makes it so"]
     assert map_.imu is not None
-    in_file = rest / FORCE_UNITS[map_.imu.force_unit]
+    in_file = rest / abs(size_of(map_.imu.force_unit, FORCE_UNITS))
     unit = min(FORCE_UNITS, key=lambda one: abs(in_file * FORCE_UNITS[one] - GRAVITY))
     there = in_file * FORCE_UNITS[unit]
     low, high = np.quantile(size, [0.1, 0.9])
@@ -43,7 +46,8 @@ def force_doubts(imu: Imu, map_: Map) -> list[str]:
         return [f"{said}: gravity was taken out of it? The filter needs it: log the accelerometer as it is"]
     if abs(there - GRAVITY) < TELLING * GRAVITY and unit != map_.imu.force_unit:
         return [f"{said}: imu: {{force_unit: {unit}}} makes it {there:.2f}"]
-    return [f"{said}: another unit (imu: force_unit), or other columns (imu: force)?"]
+    made = f"imu: {{force_unit: {GRAVITY / in_file:.4g}}} makes it {GRAVITY:g}"
+    return [f"{said}: {made}, if `imu: force` names the right columns"]
 
 
 def upside_doubts(imu: Imu, map_: Map) -> list[str]:
@@ -56,24 +60,32 @@ def upside_doubts(imu: Imu, map_: Map) -> list[str]:
     else:  # half a turn about x: the other sign of z alone would mirror
         x, *others = map_.imu.axes
         key = f"[{', '.join([x, *(axis[1:] if axis[0] == '-' else f'-{axis}' for axis in others)])}]"
-    return [f"imu: by its force, {up:.3g} m/s² along z, the body is upside down: imu: {{axes: {key}}} turns it up"]
+    turned = f"imu: {{force_unit: {-size_of(map_.imu.force_unit, FORCE_UNITS):.6g}}} if it reports gravity itself"
+    return [
+        f"imu: by its force, {up:.3g} m/s² along z, the body is upside down: imu: {{axes: {key}}} turns it up, or "
+        f"{turned}"
+    ]
 
 
 def rate_doubts(imu: Imu, map_: Map) -> list[str]:
-    """Return a doubt if body rates look like degrees per second, by the force alone; for a truth without attitude."""
+    """Return a doubt if body rates look like those of a smaller unit, by the force alone.
+
+    That is for a truth without attitude; the largest unit is named with which the force keeps its direction.
+    """
     assert map_.imu is not None
-    if map_.imu.rate_unit == "deg/s":
-        return []
+    now = size_of(map_.imu.rate_unit, RATE_UNITS)
+    smaller = sorted((unit for unit in RATE_UNITS if RATE_UNITS[unit] < abs(now) / OTHER), key=lambda u: -RATE_UNITS[u])
     fast = float(np.sqrt(np.mean(np.sum(imu.rates**2, axis=1))))
-    now, then = (force_kept(imu, by) for by in RATES.values())
-    if 1.0 - now > max(LOSES, BETTER * (1.0 - then)):
-        return [
-            f"imu: the body rates look like degrees (RMS {fast:.3g} rad/s): turned by them the force keeps {now:.0%} "
-            f"of its size over {SPAN:g} s, with imu: {{rate_unit: deg/s}} {then:.0%}"
-        ]
-    if fast > FAST:
-        return [f"imu: the body rates look like degrees (RMS {fast:.3g} rad/s): imu: {{rate_unit: deg/s}}?"]
-    return []
+    said, kept = f"imu: the body rates look like another unit's (RMS {fast:.3g} rad/s)", force_kept(imu, 1.0)
+    for unit in smaller:
+        then = force_kept(imu, RATE_UNITS[unit] / abs(now))
+        if 1.0 - kept > max(LOSES, BETTER * (1.0 - then)) and fast * RATE_UNITS[unit] / abs(now) < FAST:
+            return [
+                f"{said}: turned by them the force keeps {kept:.0%} of its size over {SPAN:g} s, with imu: "
+                f"{{rate_unit: {unit}}} {then:.0%}"
+            ]
+    slow = next((unit for unit in smaller if fast * RATE_UNITS[unit] / abs(now) < FAST), None)
+    return [f"{said}: imu: {{rate_unit: {slow}}}?"] if fast > FAST and slow is not None else []
 
 
 def force_kept(imu: Imu, by: float) -> float:
@@ -113,23 +125,44 @@ def attitude_doubts(recording: Recording, map_: Map, offset: float, up: np.ndarr
     rotation = map_.truth.rotation
     orders = ("xyzw", "wxyz") if isinstance(rotation, Quaternion) else (None,)
     found: dict[str, float] = {}
-    for rate, of, order in product(RATES, ("body", "world"), orders):
+    now = np.inf
+    signs = (1.0, -1.0) if force_kept(imu, -1.0) > force_kept(imu, 1.0) else (1.0,)  # all three may be turned
+    for sign, of, order in product(signs, ("body", "world"), orders):
         keys = []
         if order is not None and isinstance(rotation, Quaternion) and order != rotation.order:
             keys.append(f"order: {order}")
         if of != rotation.of:
             keys.append(f"of: {of}")
         said = [f"truth: {{rotation: {{{', '.join(keys)}}}}}"] if keys else []
-        said += [] if rate == map_.imu.rate_unit else [f"imu: {{rate_unit: {rate}}}"]
         read = truth._replace(R=_read_as(truth.R, map_, of, order))
-        turning = imu._replace(rates=imu.rates * RATES[rate] / RATES[map_.imu.rate_unit])
-        found[", ".join(said)] = _left(turning, read, offset, up)
-    now = found[""]
-    better = [key for key, left in found.items() if left * BETTER <= now and left < TELLS and now > TELLS / BETTER]
+        turning = best_by_rates(
+            imu._replace(rates=sign * imu.rates), read, lambda _: (-np.inf, np.inf), AROUND, None, (offset,), True
+        )
+        off = _off_up(imu, read, turning, up)
+        if not said and sign > 0.0:
+            now = turning.left + off
+        if sign < 0.0 or not 1.0 / OTHER < turning.scale < OTHER:
+            said.append(f"imu: {{rate_unit: {_unit_of(map_.imu.rate_unit, sign * turning.scale)}}}")
+        found[", ".join(said)] = turning.scaled + off
+    better = [
+        key for key, left in found.items() if key and left * BETTER <= now and left < SURE and now > TELLS / BETTER
+    ]
     if better:
-        key = min(better, key=lambda one: (found[one] > 1.5 * min(found.values()), one.count(":")))
+        least = min(found[key] for key in better)
+        key = min(better, key=lambda one: (found[one] > 1.5 * least, "rate_unit: -" in one, one.count(":")))
         return [f"{_says(now)}: {key} leaves {found[key]:.1%}"]
-    return [] if now < TELLS else [f"{_says(now)}: other axes, another body, or a clock beyond `search`?"]
+    return (
+        []
+        if now < TELLS
+        else [f"{_says(now)}: other axes, one sign of them, another body, or a clock beyond `search`?"]
+    )
+
+
+def _unit_of(unit: str | float, by: float) -> str:
+    """Return the unit of body rates that is `by` of another, by its name if it has one."""
+    size = size_of(unit, RATE_UNITS) * by
+    named = min(RATE_UNITS, key=lambda one: abs(size / RATE_UNITS[one] - 1.0))
+    return named if abs(size / RATE_UNITS[named] - 1.0) < NAMED else f"{size:.4g}"
 
 
 def _says(left: float) -> str:
@@ -142,26 +175,23 @@ def _read_as(R: np.ndarray, map_: Map, of: str, order: str | None) -> np.ndarray
     assert map_.truth is not None
     rotation = map_.truth.rotation
     assert rotation is not None
-    A = axes_matrix(map_.truth.axes, "truth.axes")
-    in_file = A.T @ R
+    A = axes_matrix(map_.truth.axes, mirrors=True)
+    in_file = in_axes(R, A.T)
     in_file = in_file if rotation.of == "body" else in_file.transpose(0, 2, 1)
     if isinstance(rotation, Quaternion) and order is not None:
         q = Rotation.from_matrix(in_file).as_quat()
         columns = q if rotation.order == "xyzw" else q[:, [3, 0, 1, 2]]
         in_file = Rotation.from_quat(columns if order == "xyzw" else columns[:, [1, 2, 3, 0]]).as_matrix()
-    return np.asarray(A @ (in_file if of == "body" else in_file.transpose(0, 2, 1)))
+    return in_axes(in_file if of == "body" else in_file.transpose(0, 2, 1), A)
 
 
-def _left(imu: Imu, truth: Truth, offset: float, up: np.ndarray | None) -> float:
-    """Return the share of the turns that the rates leave, plus how far the force is from up: 0 alike, 1 opposite."""
-    found = best_by_rates(imu, truth, lambda _: (-np.inf, np.inf), AROUND, None, (offset,))
-    if not np.isfinite(found.left):
-        return np.inf
-    if up is None:
-        return found.left
+def _off_up(imu: Imu, truth: Truth, turning: ByRates, up: np.ndarray | None) -> float:
+    """Return how far the force is from up (3), if that is known: 0 alike, 1 opposite."""
+    if up is None or not np.isfinite(turning.left):
+        return 0.0
     assert truth.R is not None
-    then = np.clip(truth.t - found.offset, imu.t[0], imu.t[-1])
+    then = np.clip(truth.t - turning.offset, imu.t[0], imu.t[-1])
     force = np.column_stack([np.interp(then, imu.t, axis) for axis in imu.force.T])
-    up_T = np.mean(np.einsum("kij,jl,kl->ki", truth.R, found.mount, force), axis=0)
+    up_T = np.mean(np.einsum("kij,jl,kl->ki", truth.R, turning.mount, force), axis=0)
     size = float(np.mean(np.linalg.norm(force, axis=1)))
-    return found.left + 0.5 * (1.0 - float(up_T @ up) / max(size, 1e-9))
+    return 0.5 * (1.0 - float(up_T @ up) / max(size, 1e-9))

@@ -6,7 +6,8 @@ minimises
     Σ rho((|F (p(t_k + d) + R l) + s - a_i| + c - r_ki) / 0.06 m) + |l|² / (0.1 m)²,   rho = soft L1
 
 over the heading or the whole turn F, the shift s, one bias c, the lever l where the truth has an attitude, and the
-clock's offset d where it is not held. The residual compares one reading of the files with another.
+clock's offset d where it is not held. Of a difference r_b - r_a the distance to a is taken off, and c is in none. The
+residual compares one reading of the files with another.
 """
 
 from typing import NamedTuple
@@ -16,7 +17,15 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.recording import ONE_TAG, Ranges
-from ortilo_drake.studies.recorded.truth_path import LEAST, TruthPath, antennas, covered_ranges, random_sample
+from ortilo_drake.studies.recorded.truth_path import (
+    LEAST,
+    TruthPath,
+    antennas,
+    covered_ranges,
+    far_away,
+    modelled,
+    random_sample,
+)
 
 SPREAD, LEVER = 0.06, 0.1  # of a range and of the lever [m]
 FEW = 160  # ranges that a fit goes by
@@ -28,24 +37,30 @@ FLAT, NUDGE = 0.3, 0.7  # anchors less than this off a plane [m]: the fit starts
 
 
 class PlainFit(NamedTuple):
-    """Offset [s], turn F (3, 3) and shift s (3), RMS of the range errors left, the largest 5 % aside [m], and cost."""
+    """Offset [s], turn F (3, 3) and shift s (3), RMS of the range errors left, the largest 5 % aside [m], and cost.
+
+    Then the ranges that it goes by, the antenna's place at each, in the anchors' frame (m, 3), and the bias [m].
+    """
 
     offset: float
     F: np.ndarray
     shift: np.ndarray
     left: float
     cost: float
+    heard: Ranges
+    places: np.ndarray
+    bias: float
 
 
 class _Seen(NamedTuple):
-    """At an offset, for each range: place, velocity and attitude of the truth, the anchor and the range."""
+    """At an offset, for each range: place, velocity and attitude of the truth, the range, and whether it counts."""
 
     offset: float
     p: np.ndarray
     v: np.ndarray
     R: np.ndarray | None
-    a: np.ndarray
-    r: np.ndarray
+    heard: Ranges
+    counts: np.ndarray
 
 
 def plain_fit(
@@ -58,11 +73,12 @@ def plain_fit(
     moves: bool = False,
     near: PlainFit | None = None,
     tags: np.ndarray = ONE_TAG,
+    without: int = -1,
 ) -> PlainFit | None:
     """Return the best fit from several starts, or None if truth and ranges hardly meet.
 
     Args:
-        ranges: single ranges.
+        ranges: what was heard.
         anchors: positions (n, 3).
         path: the truth.
         offsets: of the clocks, to start from [s].
@@ -70,6 +86,7 @@ def plain_fit(
         moves: whether the offset is fitted, too.
         near: a fit whose frame to start from, in place of four headings.
         tags: where the tags are, truth's body axes (m, 3).
+        without: an anchor whose ranges do not count.
     """
     starts = []
     flat = float(np.linalg.svd(anchors - anchors.mean(axis=0))[1][-1]) < FLAT * np.sqrt(len(anchors))
@@ -80,23 +97,44 @@ def plain_fit(
         t = np.clip(ranges.t[chosen] + offset, path.first, path.last)
         p, R = path.at(t)
         p = antennas(p, R, np.zeros(3), tags, ranges.tag[chosen])
-        seen = _Seen(float(offset), p, path.p(t, 1), R, anchors[ranges.anchor[chosen]], ranges.r[chosen])
+        heard = ranges.only(chosen)
+        middle = anchors[np.unique(heard.anchor[counted(heard, without) > 0.0])].mean(axis=0)
+        seen = _Seen(float(offset), p, path.p(t, 1), R, heard, counted(heard, without))
         if near is not None:
             starts.append((seen, near.F, near.shift))
             continue
         for yaw in YAWS if frame != "same" else (0.0,):
             F = Rotation.from_rotvec([0.0, 0.0, yaw]).as_matrix()
-            shift = anchors.mean(axis=0) - F @ p.mean(axis=0) + [0.0, 0.0, NUDGE if flat else 0.0]
+            shift = middle - F @ p.mean(axis=0) + [0.0, 0.0, NUDGE if flat else 0.0]
             starts.append((seen, F, np.zeros(3) if frame == "same" else shift))
     if len(starts) > BEST:
-        costs = [_fit(*start, frame, moves, SCREEN).cost for start in starts]
+        costs = [_fit(*start, anchors, frame, moves, SCREEN).cost for start in starts]
         starts = [starts[k] for k in np.argsort(costs)[:BEST]]
-    return min((_fit(*start, frame, moves, MOST) for start in starts), key=lambda fit: fit.cost, default=None)
+    return min((_fit(*start, anchors, frame, moves, MOST) for start in starts), key=lambda fit: fit.cost, default=None)
 
 
-def _fit(seen: _Seen, F0: np.ndarray, shift: np.ndarray, frame: str, moves: bool, most: int) -> PlainFit:
-    """Return the fit from one start; unknowns: shift (3), bias, lever (3), offset, and the free turn."""
-    m, free = len(seen.r), TURNED[frame]
+def counted(heard: Ranges, without: int) -> np.ndarray:
+    """Return which ranges are not to an anchor that is left out, as 1 and 0 (n)."""
+    return ((heard.anchor != without) & ((heard.other != without) | (heard.other < 0))).astype(float)
+
+
+def left_of(errors: np.ndarray) -> float:
+    """Return the RMS of errors [m], the largest 5 % aside."""
+    return float(np.sqrt(np.mean(np.sort(np.abs(errors))[: max(1, int(KEPT * len(errors)))] ** 2)))
+
+
+def _fit(
+    seen: _Seen, F0: np.ndarray, shift: np.ndarray, anchors: np.ndarray, frame: str, moves: bool, most: int
+) -> PlainFit:
+    """Return the fit from one start; unknowns: shift (3), bias, lever (3), offset, and the free turn.
+
+    Places count from their middle, which may be far away, as in UTM.
+    """
+    middle = seen.p.mean(axis=0) if far_away(seen.p) and frame != "same" else np.zeros(3)
+    seen, shift = seen._replace(p=seen.p - middle), shift + F0 @ middle
+    heard, counts = seen.heard, seen.counts
+    m, free, two = len(heard.r), TURNED[frame], heard.other >= 0
+    a, of = anchors[heard.anchor], anchors[heard.other[two]]
     stiff = np.array([1.0 / LEVER] * 3 + [1.0 if moves else 1e6])
 
     def placed(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -107,33 +145,41 @@ def _fit(seen: _Seen, F0: np.ndarray, shift: np.ndarray, frame: str, moves: bool
 
     def errors(x: np.ndarray) -> np.ndarray:
         F, q = placed(x)
-        return np.linalg.norm(q @ F.T + x[:3] - seen.a, axis=1) + x[3] - seen.r
+        return modelled(q @ F.T + x[:3], anchors, np.full(len(anchors), x[3]), heard) - heard.r
 
     def residuals(x: np.ndarray) -> np.ndarray:
-        return np.concatenate([errors(x) / SPREAD, x[4:8] * stiff])
+        return np.concatenate([counts * errors(x) / SPREAD, x[4:8] * stiff])
 
     def slopes(x: np.ndarray) -> np.ndarray:
         F, q = placed(x)
-        d = q @ F.T + x[:3] - seen.a
-        u = d / np.maximum(np.linalg.norm(d, axis=1), 1e-9)[:, None]
+        at = q @ F.T + x[:3]
+        u = toward(at - a)
+        u[two] -= toward(at[two] - of)
         J = np.zeros((m + 4, 8 + free))
         J[:m, :3] = 0.0 if frame == "same" else u
-        J[:m, 3] = 1.0
+        J[:m, 3] = ~two
         if seen.R is not None:
             J[:m, 4:7] = np.einsum("ki,kij->kj", u @ F, seen.R)
         J[:m, 7] = np.einsum("ki,ki->k", u @ F, seen.v)
         if free:  # u . (w x Fq) = w . (Fq x u)
             around = np.cross(q @ F.T, u) @ _left_jacobian(np.pad(x[8:], (3 - free, 0)))
             J[:m, 8:] = around[:, 3 - free :]
-        J[:m] /= SPREAD
+        J[:m] *= counts[:, None] / SPREAD
         J[m:, 4:8] = np.diag(stiff)
         return J
 
     start = np.concatenate([shift, np.zeros(5 + free)])
     x = least_squares(residuals, start, jac=slopes, loss="soft_l1", x_scale="jac", max_nfev=most)
-    kept = np.sort(np.abs(errors(x.x)))[: max(1, int(KEPT * m))]
-    left = float(np.sqrt(np.mean(kept**2)))
-    return PlainFit(seen.offset + float(x.x[7]), placed(x.x)[0], x.x[:3], left, float(x.cost) / m)
+    F, q = placed(x.x)
+    left = left_of(errors(x.x)[counts > 0.0])
+    cost = float(x.cost) / max(1.0, counts.sum())
+    places, shift = q @ F.T + x.x[:3], x.x[:3] - F @ middle
+    return PlainFit(seen.offset + float(x.x[7]), F, shift, left, cost, heard, places, float(x.x[3]))
+
+
+def toward(d: np.ndarray) -> np.ndarray:
+    """Return the directions of vectors (n, 3)."""
+    return np.asarray(d / np.maximum(np.linalg.norm(d, axis=1), 1e-9)[:, None])
 
 
 def _left_jacobian(a: np.ndarray) -> np.ndarray:

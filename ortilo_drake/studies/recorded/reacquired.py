@@ -15,7 +15,8 @@ from ortilo_drake.interop.recorded.recording import Ranges
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import Q
-from ortilo_drake.studies.recorded.event_filter import ASTRAY, REFUSED, initial_carried, run_filter
+from ortilo_drake.studies.recorded.anchor_trust import ASTRAY, REFUSED
+from ortilo_drake.studies.recorded.event_filter import initial_carried, run_filter
 from ortilo_drake.studies.recorded.filter_types import (
     BIASES,
     RANGE,

@@ -19,7 +19,7 @@ from ortilo_drake.studies.recorded.at_rest import (
     tilt_disagreement,
 )
 from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate
-from ortilo_drake.studies.recorded.doubted import doubts_of
+from ortilo_drake.studies.recorded.doubted import doubts_of, stamp_doubts
 from ortilo_drake.studies.recorded.doubts import of_failed, range_noise
 from ortilo_drake.studies.recorded.filtered import Estimate, FilterSetup, estimate
 from ortilo_drake.studies.recorded.first_look import first_look
@@ -112,9 +112,14 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
     look = first_look(recording, map_)
     if truth is not None:
         say("calibration")
-        calibration = calibrate(recording, map_.calibration, level=given)
-        own = calibrate(recording, map_.calibration, lever=False, near=calibration.offset, level=given)
-    t, first, judged = judged_part(recording, calibration, map_)
+        up = map_.airborne
+        calibration = calibrate(recording, map_.calibration, level=given, airborne=up)
+        near = calibration.offset
+        own = calibrate(recording, map_.calibration, lever=False, near=near, level=given, airborne=up)
+    try:
+        t, first, judged = judged_part(recording, calibration, map_)
+    except InputError as error:
+        raise InputError("; ".join([str(error), *stamp_doubts(recording, map_)])) from None
 
     def true_at(t: np.ndarray, by: Calibration | None) -> np.ndarray | None:
         if truth is None or by is None:

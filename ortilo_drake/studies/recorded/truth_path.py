@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from ortilo_drake.interop.recorded.recording import Ranges, Truth
 
 GAP = 5.0  # an interval of the truth longer than this many medians is a gap
+FAR = 1e3  # [m]
 LEAST = 50  # ranges that a calibration needs
 WAITS = 5.0  # a truth that is this much longer than the ranges at either end counts only while there are ranges [s]
 
@@ -25,6 +26,11 @@ class TruthPath(NamedTuple):
         """Return positions (m, 3) and attitudes (m, 3, 3)."""
         t = np.clip(t, self.first, self.last)
         return self.p(t), None if self.R is None else self.R(t).as_matrix()
+
+
+def far_away(p: np.ndarray) -> bool:
+    """Return whether places (n, 3) are so far from 0 that they are better counted from their middle."""
+    return bool(np.abs(p).max() > FAR)
 
 
 def truth_path(truth: Truth) -> TruthPath:

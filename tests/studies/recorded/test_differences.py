@@ -1,5 +1,7 @@
 """Differences of ranges in a replay: counted, calibrated, filtered, beside single ranges, with the sign reversed."""
 
+import re
+
 import numpy as np
 import pytest
 from made_up_motion import ANCHORS, BIASES, TABLE_MAP, made_up, write_tables
@@ -8,8 +10,8 @@ from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import read_recording
 from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
 from ortilo_drake.studies.recorded.calibrate import calibrate
-from ortilo_drake.studies.recorded.doubts import of_sign
 from ortilo_drake.studies.recorded.filtered import estimate
+from ortilo_drake.studies.recorded.first_look import first_look
 from ortilo_drake.studies.recorded.setups import calibrated_setup
 
 OWN = "differences: {file: differences.csv, time: t, value: d, a: a, b: b, names: [0, 1, 2, 3, 4, 5]}\n"
@@ -74,10 +76,32 @@ def test_constants_are_found_but_for_their_sum_and_the_filter_follows(folder) ->
         assert at.run.taken.mean() > 0.98
 
 
+def placed(recording, anchors):
+    return recording._replace(anchors=np.asarray(anchors))
+
+
 @pytest.mark.long
-def test_a_reversed_sign_is_doubted_with_the_key_that_mends_it(folder) -> None:
-    right = read_recording(folder, as_map(OWN + REST))
-    wrong = read_recording(folder, as_map(OWN.replace("b: b,", "b: b, sign: -1,") + REST))
-    assert of_sign(right.ranges, ANCHORS, 1) == []
-    (said,) = of_sign(wrong.ranges, ANCHORS, -1)
-    assert said.endswith("differences: {sign: 1}")
+@pytest.mark.parametrize("truth", [True, False])
+def test_what_differences_tell_of_a_wrong_map(folder, truth) -> None:
+    """The key that mends it is named, by the truth or by the differences alone."""
+    text = OWN + REST if truth else OWN + REST[: REST.index("truth:")]
+    map_ = as_map(text)
+    right = read_recording(folder, map_)
+    assert first_look(right, map_).guess is None
+    sign = as_map(text.replace("b: b,", "b: b, sign: -1,"))
+    assert first_look(read_recording(folder, sign), sign).guess.key == "differences: {sign: 1}"
+    swapped = first_look(placed(right, ANCHORS[[0, 4, 2, 3, 1, 5]]), map_).guess
+    assert swapped.key == "anchors: entries '1' and '4' change places"
+    assert swapped.after < 0.2 < 0.5 < swapped.before
+    if truth:
+        typed = ANCHORS.copy()
+        typed[2] = [6.0, 4.0, 0.2]
+        key = first_look(placed(right, typed), map_).guess.key
+        at = re.fullmatch(r"anchors: entry '2' at \[6, (.*), 0\.2\], not \[6, 4, 0\.2\],", key)[1]
+        assert float(at) == pytest.approx(8.0, abs=0.3)
+
+
+def test_differences_in_mm_are_told(folder) -> None:
+    in_mm = as_map((OWN + REST).replace("b: b,", "b: b, scale: 1000,"))
+    with pytest.raises(InputError, match=r"m apart: in mm or cm\? differences: {scale: } makes them metres"):
+        read_recording(folder, in_mm)

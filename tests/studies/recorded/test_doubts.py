@@ -14,8 +14,9 @@ from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
 from ortilo_drake.studies.recorded import doubts
 from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.doubted import doubts_of
-from ortilo_drake.studies.recorded.first_look import first_look
+from ortilo_drake.studies.recorded.first_look import CheapFit, first_look
 from ortilo_drake.studies.recorded.imu_doubts import attitude_doubts, force_doubts, rate_doubts, upside_doubts
+from ortilo_drake.studies.recorded.replayed import replay
 from ortilo_drake.studies.recorded.scores import Scores, by_evo
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -49,10 +50,10 @@ def doubted(recording: Recording, map_: Map) -> list[str]:
 def test_a_body_that_would_hang_upside_down_is_told_with_the_axes_that_turn_it_up(recording) -> None:
     turned = recording.imu._replace(force=recording.imu.force * [1.0, -1.0, -1.0])  # frd read as flu
     (said,) = upside_doubts(turned, as_map())
-    assert said.endswith("the body is upside down: imu: {axes: frd} turns it up")
+    assert ": imu: {axes: frd} turns it up, or imu: {force_unit: -1} if it reports gravity itself" in said
     assert upside_doubts(recording.imu, as_map()) == []
     listed = as_map().model_copy(update={"imu": as_map().imu.model_copy(update={"axes": ("y", "-x", "z")})})
-    assert upside_doubts(turned, listed)[0].endswith("imu: {axes: [y, x, -z]} turns it up")  # a turn, no mirror
+    assert "imu: {axes: [y, x, -z]} turns it up, or" in upside_doubts(turned, listed)[0]  # a turn, no mirror
 
 
 @pytest.mark.long
@@ -81,8 +82,17 @@ def read_otherwise(recording: Recording) -> dict[str, Recording]:
     truth, ranges = recording.truth, recording.ranges
     y_up, ned = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), np.diag([1.0, -1.0, -1.0])
     tilt = Rotation.from_rotvec([0.3, -0.2, 0.0]).as_matrix()
-    swapped = np.arange(6)
-    swapped[[1, 4]] = 4, 1
+    left_handed = np.array([[0, -1.0, 0], [0, 0, 1], [1, 0, 0]])  # Unity's: right, up, forward
+    mirrored = with_truth(recording, p=truth.p @ left_handed.T, R=left_handed @ truth.R @ left_handed.T)
+
+    def ordered(*order: int) -> Recording:
+        return recording._replace(anchors=ANCHORS[list(order)])
+
+    def typed(i: int, *place: float) -> Recording:
+        anchors = ANCHORS.copy()
+        anchors[i] = place
+        return recording._replace(anchors=anchors)
+
     return {
         "ranges: {scale: 0.3048} (ft)": recording._replace(ranges=ranges._replace(r=ranges.r / 0.3048)),
         "truth: {axes: [x, -z, y]} (y is up)": with_truth(recording, p=truth.p @ y_up.T, R=y_up @ truth.R),
@@ -91,19 +101,36 @@ def read_otherwise(recording: Recording) -> dict[str, Recording]:
             recording, p=1000 * truth.p @ y_up.T, R=y_up @ truth.R
         ),
         "calibration: {frame: se3}": with_truth(recording, p=truth.p @ tilt.T, R=tilt @ truth.R),
-        "anchors: entries 2 and 5 change places": recording._replace(anchors=ANCHORS[swapped]),
-        "anchors: in reverse order": recording._replace(anchors=ANCHORS[::-1]),
+        "truth: {axes: [x, z, y]} (left-handed, y is up)": mirrored,
+        "ranges: {scale: 0.5} (there and back)": recording._replace(ranges=ranges._replace(r=2.0 * ranges.r)),
+        "anchors: entries 2 and 5 change places": ordered(0, 4, 2, 3, 1, 5),
+        "anchors: entries 1 and 4, 2 and 6 change places": ordered(3, 5, 2, 0, 4, 1),
+        "anchors: in the order 3, 1, 2, 4, 5, 6": ordered(1, 2, 0, 3, 4, 5),
+        "anchors: in reverse order": ordered(5, 4, 3, 2, 1, 0),
+        "anchors: the last one first": ordered(1, 2, 3, 4, 5, 0),
+        "anchors: entry 3 at [6, 8, 0.2], not [8, 6, 0.2],": typed(2, 8.0, 6.0, 0.2),
+        "anchors: entry 4 at [0, 8, 2.8], not [0, -8, 2.8],": typed(3, 0.0, -8.0, 2.8),
+        LEFT_HANDED: recording._replace(anchors=ANCHORS[:, [1, 0, 2]]),
         "anchors: in metres, those of the map times 0.01 (cm)": recording._replace(anchors=ANCHORS * 100),
     }
 
 
+LEFT_HANDED = "anchors: x and y of each change places, or truth: {axes: [x, -y, z]} (left-handed)"
 KEYS = (
     "ranges: {scale: 0.3048} (ft)",
     "truth: {axes: [x, -z, y]} (y is up)",
     "truth: {axes: [x, -y, -z]} (z is down)",
     "calibration: {frame: se3}",
+    "truth: {axes: [x, z, y]} (left-handed, y is up)",
+    "ranges: {scale: 0.5} (there and back)",
     "anchors: entries 2 and 5 change places",
+    "anchors: entries 1 and 4, 2 and 6 change places",
+    "anchors: in the order 3, 1, 2, 4, 5, 6",
     "anchors: in reverse order",
+    "anchors: the last one first",
+    "anchors: entry 3 at [6, 8, 0.2], not [8, 6, 0.2],",
+    "anchors: entry 4 at [0, 8, 2.8], not [0, -8, 2.8],",
+    LEFT_HANDED,
 )
 
 
@@ -114,6 +141,54 @@ def test_the_key_that_mends_it_is_named_with_how_much_better_the_fit_is(recordin
     assert guess.key == key
     assert guess.after < 0.1 < guess.before  # the biases differ by up to 0.15 m from their mean
     assert doubts.of_guess(guess)[0].startswith(f"{key} would fit better: range errors ")
+
+
+def test_an_anchor_mistyped_by_a_metre_is_told_with_where_it_is(recording) -> None:
+    """A metre in one coordinate; its bias of -0.2 m moves where its ranges have it by about as much."""
+    anchors = ANCHORS + np.array([[0, 0, 0], [0, 0, 0], [0, 1, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]])
+    key = first_look(recording._replace(anchors=anchors), as_map()).guess.key
+    found = re.fullmatch(r"anchors: entry 3 at \[6, (.*), 0\.2\], not \[6, 9, 0\.2\],", key)
+    assert float(found[1]) == pytest.approx(8.0, abs=0.25)
+
+
+@pytest.mark.long
+def test_an_anchor_whose_ranges_alone_are_too_long_is_not_moved(recording) -> None:
+    """As behind metal: no place explains them; with a truth the bias is told, without one that they do not agree."""
+    r = recording.ranges.r + 1.5 * (recording.ranges.anchor == 1)
+    wrong = recording._replace(ranges=recording.ranges._replace(r=r))
+    assert first_look(wrong, as_map()).guess is None
+    alone = first_look(wrong._replace(truth=None), as_map())
+    assert alone.guess is None
+    assert "the ranges of one time fit no place: 0." in doubts.of_agreement(alone.fit.left, 0.058)[0]
+
+
+@pytest.mark.family
+@pytest.mark.parametrize("key", ["ranges: {scale: 0.3048} (ft)", "anchors: entries 2 and 5 change places"])
+def test_without_truth_ranges_tell_by_one_another(recording, key) -> None:
+    guess = first_look(read_otherwise(recording)[key]._replace(truth=None), as_map()).guess
+    assert guess.key == key
+    assert guess.after < 0.15 < 0.3 < guess.before
+    assert first_look(recording._replace(truth=None), as_map()).guess is None
+
+
+def test_lengths_that_are_all_in_mm_are_told_by_their_size(recording) -> None:
+    ranges = recording.ranges._replace(r=1000.0 * recording.ranges.r)
+    large = with_truth(recording._replace(ranges=ranges, anchors=1000.0 * ANCHORS), p=1000.0 * recording.truth.p)
+    key = "ranges: {scale: 0.001}, truth: {scale: 0.001}, anchors: in metres, those of the map times 0.001 (mm)"
+    assert first_look(large, as_map()).guess.key == key
+    assert first_look(large._replace(truth=None), as_map()).guess.key == key
+
+
+def test_stamps_in_another_unit_and_an_imu_that_covers_little_are_told(recording) -> None:
+    slow, fast = (recording.ranges._replace(t=recording.ranges.t * by) for by in (1e3, 1e-3))
+    assert "ranges: {unit: ms} would make it 0.05 s" in doubts.of_stamps(slow, "s")[0]
+    assert "ranges: {unit: s} would make it 0.05 s" in doubts.of_stamps(fast, "ms")[0]
+    assert doubts.of_stamps(recording.ranges, "s") == []
+    told = doubts_of(recording._replace(ranges=slow), as_map(), CheapFit(None, None), None, {}, (ANCHORS, None))
+    assert told == doubts.of_stamps(slow, "s")  # nothing else means anything then
+    late = recording.imu._replace(t=recording.imu.t + 18.0)  # GPS' time less UTC
+    assert "cover 58% of the ranges" in doubts.of_cover(recording.ranges, late)[0]
+    assert doubts.of_cover(recording.ranges, recording.imu) == []
 
 
 @pytest.mark.family("anchors: in metres, those of the map times 0.01 (cm)")
@@ -161,16 +236,21 @@ def test_a_clock_beyond_the_search_is_found_by_a_wider_one(recording) -> None:
 
 @pytest.mark.parametrize(
     ("text", "metres", "unit"),
-    [("", GRAVITY, "g"), ("", 0.3048, "ft/s2"), ("", GRAVITY / 1000, "mg"), ("g", 1 / GRAVITY, "m/s2")],
+    [
+        ("", GRAVITY, "g"),
+        ("", 0.3048, "ft/s2"),
+        ("", GRAVITY / 1000, "mg"),
+        ("g", 1 / GRAVITY, "m/s2"),
+        ("", GRAVITY / 16384, "0.0005"),  # counts of +-2 g in 16 bit
+    ],
 )
 def test_a_force_in_another_unit_is_told_by_gravity(recording, text, metres, unit) -> None:
     map_ = validate(Map, parse_yaml(TABLE_MAP.replace("force: [", f"force_unit: {text or 'm/s2'}, force: ["), "M"), "M")
     imu = recording.imu._replace(force=recording.imu.force / metres)
     said = force_doubts(imu, map_)
     assert len(said) == 1
-    assert (
-        f"imu: {{force_unit: {unit}}} makes it 9." in said[0] or f"imu: {{force_unit: {unit}}} makes it 10." in said[0]
-    )
+    assert f"imu: {{force_unit: {unit}" in said[0]
+    assert re.search(r"makes it (9|10)\.", said[0])
     assert force_doubts(recording.imu._replace(force=recording.imu.force * 1.06), as_map()) == []  # a unit 6 % wrong
     gone = force_doubts(recording.imu._replace(force=recording.imu.force - [0, 0, GRAVITY]), as_map())
     assert "gravity was taken out" in gone[0]
@@ -189,6 +269,13 @@ def test_rates_in_degrees_are_told_with_and_without_the_truths_attitude(recordin
     radians = validate(Map, parse_yaml(TABLE_MAP.replace("rates: [", "rate_unit: deg/s, rates: ["), "M"), "M")
     slow = recording._replace(imu=recording.imu._replace(rates=np.radians(recording.imu.rates)))
     assert ": imu: {rate_unit: rad/s} leaves" in attitude_doubts(slow, radians, offset, UP)[0]
+    counts = recording._replace(imu=recording.imu._replace(rates=recording.imu.rates / 1.064e-3))  # of 2000 deg/s
+    said = attitude_doubts(counts, as_map(), offset, UP)[0]
+    assert float(re.search(r": imu: {rate_unit: (.*)} leaves 0\.", said)[1]) == pytest.approx(1.064e-3, rel=0.01)
+    turned = recording._replace(imu=recording.imu._replace(rates=-recording.imu.rates))
+    assert ": imu: {rate_unit: -" in attitude_doubts(turned, as_map(), offset, UP)[0]
+    sign = recording._replace(imu=recording.imu._replace(rates=recording.imu.rates * [1.0, 1.0, -1.0]))
+    assert "other axes, one sign of them" in attitude_doubts(sign, as_map(), offset, UP)[0]  # no key of ours mends it
 
 
 @pytest.mark.long
@@ -286,3 +373,34 @@ def test_attitudes_that_froze_with_the_positions_are_no_doubt_of_their_own(recor
     said = doubts_of(frozen, as_map(), first_look(recording, as_map()), right, {}, (p, None))
     assert len(said) == 1
     assert "truth: {drop_frozen: 0.5} drops these rows: range errors 0." in said[0]
+
+
+def test_an_imu_by_another_clock_than_the_ranges_is_told_with_how_late_it_is(recording) -> None:
+    late = recording._replace(imu=recording.imu._replace(t=recording.imu.t + 0.4))
+    key = first_look(late, as_map()).guess.key
+    assert float(re.fullmatch(r"imu: {late: (.*)}", key)[1]) == pytest.approx(0.4, abs=0.03)
+
+
+@pytest.mark.long
+def test_a_truth_in_utm_is_calibrated_as_one_in_the_room(recording) -> None:
+    """Only its shift differs: p = F (p_T + far) + s - F far."""
+    far = np.array([456_789.0, 5_412_345.0, 321.0])
+    near, there = (
+        calibrate(with_truth(recording, p=recording.truth.p + by), as_map().calibration) for by in (0.0 * far, far)
+    )
+    assert there.left == pytest.approx(near.left, rel=1e-3)
+    np.testing.assert_allclose(there.lever, near.lever, atol=1e-3)
+    moved = there.position(recording.truth.p + far)
+    np.testing.assert_allclose(moved, near.position(recording.truth.p), atol=2e-3)
+    assert first_look(with_truth(recording, p=recording.truth.p + far), as_map()).guess is None
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("error")
+def test_a_filter_that_diverges_leaves_its_row_out(recording) -> None:
+    """Body rates in mrad/s, 300 rad/s of RMS: the key that mends it is told, and no warning of NumPy's."""
+    imu = recording.imu._replace(rates=1000.0 * recording.imu.rates)
+    found, drawn = replay(recording._replace(imu=imu), as_map("imposed: {lost: 0, gaps: null}"), lambda _: None)
+    assert "with IMU" not in drawn
+    assert any("with IMU: this row is left out: the filter diverged" in note for note in found.notes)
+    assert any("imu: {rate_unit: mrad/s} leaves" in doubt for doubt in found.doubts)

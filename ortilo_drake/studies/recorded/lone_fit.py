@@ -1,0 +1,79 @@
+"""A cheap fit of ranges to one another, where no truth is known: do they agree on places at all?
+
+In each of some short times it minimises, over a position p and a velocity v,
+
+    Σ rho((|p + v (t_k - t_0) - a_i| - r_ki) / 0.06 m) + |v|² / (2 m/s)²,   rho = soft L1
+
+and of a difference r_b - r_a the distance to a is taken off. What is left compares one reading of the files with
+another. The mirror image of a room fits as well as the room.
+"""
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from ortilo_drake.interop.recorded.recording import Ranges
+from ortilo_drake.studies.recorded.first_fix import LEAST, SPEED
+from ortilo_drake.studies.recorded.plain_fit import SPREAD, PlainFit, counted, left_of, toward
+from ortilo_drake.studies.recorded.truth_path import modelled, random_sample
+
+WINDOWS, MOST = 8, 60  # times, and ranges in each at most
+SPAN, LONGEST = 0.5, 3.0  # how long each lasts, of slow ranges until there are enough [s]
+ENOUGH = 12  # ranges
+STEPS = 40
+
+
+def lone_fit(ranges: Ranges, anchors: np.ndarray, without: int = -1) -> PlainFit | None:
+    """Return the fit of a recording's windows, or None if hardly one has ranges enough; offset and frame are none.
+
+    Args:
+        ranges: what was heard.
+        anchors: positions (n, 3).
+        without: an anchor whose ranges do not count.
+    """
+    found = []
+    for heard in _windows(ranges):
+        counts = counted(heard, without)
+        to = np.concatenate([heard.anchor[counts > 0.0], heard.other[(counts > 0.0) & (heard.other >= 0)]])
+        if len(np.unique(to)) > LEAST:
+            found.append((heard, counts, *_fit(heard, anchors, counts)))
+    if len(found) < WINDOWS / 2:
+        return None
+    heards, counts, costs, places = zip(*found, strict=True)
+    heard, p = Ranges(*(np.concatenate(part) for part in zip(*heards, strict=True))), np.concatenate(places)
+    use = np.concatenate(counts) > 0.0
+    errors = modelled(p, anchors, np.zeros(len(anchors)), heard) - heard.r
+    return PlainFit(0.0, np.eye(3), np.zeros(3), left_of(errors[use]), float(sum(costs)) / use.sum(), heard, p, 0.0)
+
+
+def _windows(ranges: Ranges) -> list[Ranges]:
+    """Return the ranges of some short times, evenly spread."""
+    found = []
+    for t in np.linspace(ranges.t[0], ranges.t[-1], WINDOWS + 2)[1:-1]:
+        first = int(np.searchsorted(ranges.t, t))
+        within = np.searchsorted(ranges.t, [t + SPAN, t + LONGEST], side="right")
+        last = int(np.clip(first + ENOUGH, *within))
+        if last > first:
+            found.append(ranges.only(random_sample(np.arange(first, last), MOST)))
+    return found
+
+
+def _fit(heard: Ranges, anchors: np.ndarray, counts: np.ndarray) -> tuple[float, np.ndarray]:
+    """Return cost and places (m, 3) of the better of two starts, above the anchors' middle and below it."""
+    after, two, none = (heard.t - heard.t[0])[:, None], heard.other >= 0, np.zeros(len(anchors))
+
+    def residuals(x: np.ndarray) -> np.ndarray:
+        e = modelled(x[:3] + after * x[3:], anchors, none, heard) - heard.r
+        return np.concatenate([counts * e / SPREAD, x[3:] / SPEED])
+
+    def slopes(x: np.ndarray) -> np.ndarray:
+        at = x[:3] + after * x[3:]
+        u = toward(at - anchors[heard.anchor])
+        u[two] -= toward(at[two] - anchors[heard.other[two]])
+        u *= counts[:, None] / SPREAD
+        return np.vstack([np.hstack([u, after * u]), np.hstack([np.zeros((3, 3)), np.eye(3) / SPEED])])
+
+    middle = anchors[np.unique(heard.anchor[counts > 0.0])].mean(axis=0)
+    starts = [np.array([*middle[:2], middle[2] + dz, 0.0, 0.0, 0.0]) for dz in (-0.5, 0.5)]
+    fits = [least_squares(residuals, x, jac=slopes, loss="soft_l1", max_nfev=STEPS) for x in starts]
+    best = min(fits, key=lambda fit: fit.cost)
+    return float(best.cost), best.x[:3] + after * best.x[3:]

@@ -1,0 +1,199 @@
+"""Anchors that are not where the map has them: some change places, or one was surveyed or typed wrongly.
+
+With a truth each anchor's ranges tell where it is in the truth's frame, and the places so found are matched with the
+map's. Else, and for differences, the places are exchanged two at a time, going on from the exchanges that fit best. One
+anchor alone is wrong where the others fit without it; where it is, its ranges then tell.
+"""
+
+from itertools import combinations, permutations
+
+import numpy as np
+from scipy.optimize import least_squares, linear_sum_assignment
+
+from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.studies.recorded.calibrate import found_roughly
+from ortilo_drake.studies.recorded.plain_fit import SPREAD, PlainFit
+from ortilo_drake.studies.recorded.readings import ALIKE, Guess, Reading, Trial, path_of
+from ortilo_drake.studies.recorded.truth_path import LEAST, TruthPath, covered_ranges, modelled
+
+EXCHANGES, BEST = 2, 3  # of two places, one after the other; and how many go on to the next
+HEADINGS, SOME = 36, 60  # of the places found beside the map's; ranges that an anchor's place goes by
+ALL_HEADINGS = 8  # with more anchors, pairs are tried from the frame found only
+ALONE = 1.5  # one anchor is wrong if leaving out any other leaves more by this factor
+TYPED = 0.5  # a slip of the pen is told if it costs a range no more than this more: errors of 0.07 m
+BIAS = 0.15  # of that anchor's ranges [m]
+FEWEST = 6  # anchors of which one may be left out without a truth
+
+Order = tuple[int, ...]  # which of the map's places each anchor has
+
+
+def names_of(map_: Map, n: int) -> list[str]:
+    """Return what the map calls its anchors, or their places in the list, from 1."""
+    named = map_.names or (tuple(map_.anchors) if isinstance(map_.anchors, dict) else ())
+    return [f"'{name}'" for name in named] if len(named) == n else [str(i + 1) for i in range(n)]
+
+
+def matched_order(trial: Trial, map_: Map) -> Guess | None:
+    """Return the order of the anchors by where the truth's ranges have them, if it fits clearly better."""
+    path = path_of(trial.now)
+    order = tuple(range(len(trial.now.anchors))) if path is None else _matched(trial, path)
+    return _best_of(trial, map_, _fits(trial, [order], path, None))
+
+
+def exchanged_order(trial: Trial, map_: Map) -> Guess | None:
+    """Return the order of the anchors that fits clearly better, some of them exchanged, if there is one."""
+    n, path = len(trial.now.anchors), path_of(trial.now)
+    near = trial.fit if path is not None and n > ALL_HEADINGS else None
+    own = tuple(range(n))
+    best, known = [own], {own}
+    for k in range(EXCHANGES):
+        tried = {_exchanged(order, i, j) for order in best for i, j in combinations(range(n), 2)}
+        tried = (tried | ({own[::-1], (*own[1:], 0), (n - 1, *own[:-1])} if k == 0 else set())) - known
+        known |= tried
+        fits = _fits(trial, sorted(tried), path, near)
+        if guess := _best_of(trial, map_, fits):
+            return guess
+        best = [order for order, _ in fits[:BEST]]
+    return None
+
+
+def _fits(
+    trial: Trial, orders: list[Order], path: TruthPath | None, near: PlainFit | None
+) -> list[tuple[Order, PlainFit]]:
+    """Return orders and their fits, the best first."""
+    read = [trial.now._replace(anchors=trial.now.anchors[list(order)]) for order in orders]
+    fits = [(order, trial.fit_of(one, path, near)) for order, one in zip(orders, read, strict=True)]
+    return sorted(((order, fit) for order, fit in fits if fit is not None), key=lambda one: one[1].cost)
+
+
+def _best_of(trial: Trial, map_: Map, fits: list[tuple[Order, PlainFit]]) -> Guess | None:
+    """Return the best order; without a truth all that fit as well, as a room's mirror image does."""
+    good = [(order, fit.left) for order, fit in fits if trial.is_better(fit, trial.now)]
+    if not good:
+        return None
+    least = min(left for _, left in good)
+    alike = [order for order, left in good if left <= ALIKE * least][: None if trial.now.truth is None else 1]
+    names = names_of(map_, len(trial.now.anchors))
+    said = " or ".join(dict.fromkeys(_said(order, names) for order in alike))
+    return Guess(f"anchors: {said}", trial.fit.left, least)
+
+
+def _matched(trial: Trial, path: TruthPath) -> Order:
+    """Return which of the map's places is nearest to where each anchor's ranges have it; the map's order if unknown."""
+    now, n = trial.now, len(trial.now.anchors)
+    own, best = tuple(range(n)), (np.inf, tuple(range(n)))
+    ranges = now.ranges.only(np.flatnonzero(now.ranges.other < 0))
+    for offset in trial.offsets:
+        chosen = covered_ranges(ranges, float(offset), path)
+        of_each = [chosen[ranges.anchor[chosen] == i] for i in range(n)]
+        if min(map(len, of_each)) < LEAST:
+            continue
+        of_each = [at[:: max(1, len(at) // SOME)] for at in of_each]
+        fits = [found_roughly(path.at(ranges.t[at] + offset)[0], ranges.r[at]) for at in of_each]
+        cost = sum(one.cost / len(at) for one, at in zip(fits, of_each, strict=True))
+        if cost < best[0]:
+            best = cost, _alike(np.array([one.x for one in fits]), now.anchors, now.frame == "same")
+    return best[1] if np.isfinite(best[0]) else own
+
+
+def _alike(found: np.ndarray, anchors: np.ndarray, same: bool) -> Order:
+    """Return for each of n places found which of the anchors it is, whatever the heading and shift between the two.
+
+    Args:
+        found: places in the truth's frame (n, 3).
+        anchors: those of the map (n, 3).
+        same: whether both have one frame.
+    """
+    best: tuple[float, Order] = (np.inf, ())
+    for yaw in (0.0,) if same else np.linspace(0.0, 2.0 * np.pi, HEADINGS, endpoint=False):
+        c, s = np.cos(yaw), np.sin(yaw)
+        p = found @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        p = p if same else p - p.mean(axis=0) + anchors.mean(axis=0)
+        apart = np.linalg.norm(p[:, None] - anchors, axis=2)
+        order = linear_sum_assignment(apart)[1]
+        total = float(apart[np.arange(len(order)), order].sum())
+        if total < best[0]:
+            best = total, tuple(int(i) for i in order)
+    return best[1]
+
+
+def _exchanged(order: Order, i: int, j: int) -> Order:
+    new = list(order)
+    new[i], new[j] = order[j], order[i]
+    return tuple(new)
+
+
+def _said(order: Order, names: list[str]) -> str:
+    n = len(order)
+    pairs = [(i, j) for i, j in enumerate(order) if order[j] == i and i < j]
+    if order == tuple(range(n))[::-1] and n > 3:
+        return "in reverse order"
+    if sum(i != j for i, j in enumerate(order)) == 2 * len(pairs):
+        return f"entries {', '.join(f'{names[i]} and {names[j]}' for i, j in pairs)} change places"
+    if order == (*range(1, n), 0):
+        return "the first one last"
+    if order == (n - 1, *range(n - 1)):
+        return "the last one first"
+    return f"in the order {', '.join(names[i] for i in order)}"
+
+
+def moved_anchor(trial: Trial, map_: Map) -> Guess | None:
+    """Return where the one anchor is whose entry is wrong, if the others fit clearly better without it."""
+    now, n, path = trial.now, len(trial.now.anchors), path_of(trial.now)
+    if path is None and n < FEWEST:
+        return None
+    fits = [trial.fit_of(now._replace(without=i), path) for i in range(n)]
+    order = sorted((i for i in range(n) if fits[i] is not None), key=lambda i: fits[i].left)  # type: ignore[union-attr]
+    if len(order) < 2:
+        return None
+    i, fit, second = order[0], fits[order[0]], fits[order[1]]
+    assert fit is not None
+    assert second is not None
+    if not trial.is_better(fit, now) or second.left < ALONE * fit.left:
+        return None
+    name, own = names_of(map_, n)[i], now.anchors[i]
+    place = _place(fit, now, i)
+    moved = now.anchors.copy()
+    moved[i] = place
+    whole = trial.fit_of(now._replace(anchors=moved), path)
+    if whole is None or not trial.is_better(whole, now):
+        return None  # its ranges are wrong, as behind metal
+    return Guess(f"anchors: entry {name} at {_point(place)}, not {_point(own)},", trial.fit.left, whole.left)
+
+
+def _place(fit: PlainFit, now: Reading, i: int) -> np.ndarray:
+    """Return an anchor's place (3) by its ranges, from the antenna's places: what was typed wrongly, the least first.
+
+    That is its axes exchanged or a sign turned, one coordinate, or all three; of mirror images the nearer one.
+    """
+    rows = np.flatnonzero((fit.heard.anchor == i) | (fit.heard.other == i))
+    heard, p, anchors, c = fit.heard.only(rows), fit.places[rows], now.anchors.copy(), np.zeros(len(now.anchors))
+    own, none = now.anchors[i], np.zeros((3, 0))
+
+    def fitted(start: np.ndarray, free: np.ndarray) -> tuple[float, np.ndarray]:
+        """Return cost and place: the start, moved along free axes (3, k), with a bias of this anchor's own."""
+
+        def residuals(y: np.ndarray) -> np.ndarray:
+            anchors[i] = start + free @ y[1:]
+            c[:], c[i] = fit.bias, fit.bias + y[0]
+            return np.append((modelled(p, anchors, c, heard) - heard.r) / SPREAD, y[0] / BIAS)
+
+        found = least_squares(residuals, np.zeros(1 + free.shape[1]), loss="soft_l1")
+        return float(found.cost), start + free @ found.x[1:]
+
+    middle, axes = now.anchors.mean(axis=0), np.eye(3)
+    around = [own + 0.1, *(own + 2.0 * (middle - own) * axis for axis in axes), middle]
+    anywhere = [fitted(start, axes) for start in around]
+    least = min(cost for cost, _ in anywhere)
+    swapped = [own[list(order)] for order in permutations(range(3))] + [own * (1 - 2 * axis) for axis in axes]
+    edits = [fitted(edit, none) for edit in swapped]
+    edits += [
+        min((fitted(own + by * axis, axis[:, None]) for by in (-1.0, 1.0)), key=lambda one: one[0]) for axis in axes
+    ]
+    good = [place for cost, place in edits if cost <= least + TYPED * len(rows)]
+    near = [place for cost, place in anywhere if cost <= ALIKE * least]
+    return np.round(good[0] if good else min(near, key=lambda a: float(np.linalg.norm(a - own))), 2)
+
+
+def _point(p: np.ndarray) -> str:
+    return f"[{', '.join(f'{v:g}' for v in p)}]"
