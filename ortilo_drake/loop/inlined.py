@@ -1,18 +1,24 @@
-"""How numba compiles a function that is called from one place alone, and is inlined there.
+"""How numba compiles a function that only compiled code calls, and that is linked into its callers.
 
-By default numba optimises such a function and makes machine code of it, and then does both again where it is inlined.
+By default numba optimises such a function and makes machine code of it, and then does both again in each caller.
 Here it stays as it was lowered, without the wrappers that Python and C call.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import LoweringPass, register_pass
+from numba.core.target_extension import jit_registry, target_registry
 from numba.core.typed_passes import AnnotateTypes
 
-OPTIONS = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+NO_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+OPTIONS = {"forceinline": True, **NO_WRAPPERS}
 
 
 class OnlyLinked(JITCodeLibrary):
@@ -56,3 +62,20 @@ class Inlined(CompilerBase):
         passes.add_pass_after(KeepLowered, AnnotateTypes)  # the last one before the lowering
         passes.finalize()
         return [passes]
+
+
+@contextmanager
+def helpers_only_linked() -> Iterator[None]:
+    """Compile what is register_jitable, and NumPy's functions as numba has them, in the same way meanwhile.
+
+    Python cannot call what numba makes of them, only its callers' code can.
+    """
+    processor = target_registry["cpu"]
+    with global_compiler_lock:
+        usual = jit_registry.pop(processor)  # only what is not there can be set
+        jit_registry[processor] = partial(usual, pipeline_class=Inlined, **NO_WRAPPERS)
+        try:
+            yield
+        finally:
+            del jit_registry[processor]
+            jit_registry[processor] = usual

@@ -22,7 +22,7 @@ from numba import njit
 from ortilo_drake.loop.digest import digest_of, modules_of, plain
 from ortilo_drake.loop.element import Array, Element, Group, Number, takes
 from ortilo_drake.loop.generated import load
-from ortilo_drake.loop.inlined import OPTIONS, Inlined
+from ortilo_drake.loop.inlined import OPTIONS, Inlined, helpers_only_linked
 
 _KINDS = {"f8": "types.float64", "i8": "types.int64", "u8": "types.uint64", "b1": "types.boolean"}
 _WHOLE = {"k": "types.int64", "seed": "types.int64"}
@@ -131,7 +131,9 @@ def native_of(element: Element) -> dict[str, Native]:
     """Return an element's functions, compiled, by name: `out` and `step`, those that it has."""
     text = native_text(element)
     name = f"{element.name}_{digest_of(text, *element.functions.values())}"
-    module, found = load(name, text, known_to(element)), {}
+    with helpers_only_linked():
+        module = load(name, text, known_to(element))
+    found = {}
     for what, function in element.functions.items():
         its = getattr(module, f"{what}_c")
         count = sum(1 + max(dimensions, 0) for _, dimensions, _ in parameters(element, function))

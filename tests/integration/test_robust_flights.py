@@ -21,7 +21,7 @@ ALL_USED = (
 )
 
 
-@pytest.mark.family("nominal_imu_uwb")
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["nominal_imu_uwb", "imu_uwb", "imu_uwb_yolo"])
 def test_where_nothing_is_refused_it_is_the_plain_flight_bit_for_bit(name: str) -> None:
     learns_nothing = ("multilateration={bias_bank: null, noise_scale: null}", "landmark_fix.survey_bank=null")

@@ -75,8 +75,7 @@ def test_uwb_covariance_is_the_inverse_of_the_information() -> None:
 
 
 def test_constant_V_stands_in_for_the_geometry() -> None:
-    scenario = load_scenario("paper_imu_uwb_yolo", ("camera.kind=projected",))
-    V, there = fix_noise(scenario, AT)
+    V, there = fix_noise(load_scenario("paper_imu_uwb"), AT)
     assert there["uwb"]
     np.testing.assert_array_equal(V["uwb"], 0.05 * np.eye(3))
 
