@@ -15,14 +15,14 @@ from ortilo_drake.studies.recorded.event_rows import SparseRow, row_of
 from ortilo_drake.studies.recorded.passing import Passing, empty_passing
 
 ROOM = 16  # rows that wait until the covariance is passed over
-EPOCH, FORCE_AT, GROWN, LOW, BEGUN = range(5)  # what stands where in `marks`
+EPOCH, FORCE_AT, RATES_AT, GROWN, LOW, BEGUN = range(6)  # what stands where in `marks`
 
 
 class Carried(NamedTuple):
-    """The anchors' record, the time passed, rows that wait, a blank row, and marks (5).
+    """The anchors' record, the time passed, rows that wait, a blank row, and marks (6).
 
-    The marks: stamps of the last epoch and of the last sample of force [s], the extra error of ranges near the floor,
-    whether it is so large that no range counts, and whether the first epoch is past.
+    The marks: stamps of the last epoch and of the last samples of force and rates [s], the extra error of ranges near
+    the floor, whether it is so large that no range counts, and whether the first epoch is past.
     """
 
     trust: Trust
@@ -35,5 +35,5 @@ class Carried(NamedTuple):
 @njit(cache=True)
 def initial_carried(anchors: int, N: int, t: float) -> Carried:
     """Return the values carried at the start of a run at t [s], with N error states."""
-    marks = np.array([-np.inf, t, 1.0, 0.0, 0.0])
+    marks = np.array([-np.inf, t, t, 1.0, 0.0, 0.0])
     return Carried(new_trust(anchors), empty_passing(N), none_taken(ROOM, N), row_of(N), marks)

@@ -16,6 +16,7 @@ from ortilo_drake.onboard.estimator.tight.ranges import signed_range
 from ortilo_drake.studies.recorded.filter_types import BIASES, ENTRIES, Aids, Noise, nominal
 
 NEAREST, LARGEST = 0.02, 10.0  # no antenna is nearer to the floor than this [m], and no error grows by more
+MAY = 2.0  # standard deviations by which a height may be more than is believed
 nominal_at = register_jitable(nominal)
 
 
@@ -123,10 +124,15 @@ def held_back(S: float, deviation: float) -> float:
 
 
 @register_jitable
-def grown_at(x: np.ndarray, lever: np.ndarray, noise: Noise, aids: Aids) -> float:
-    """Return the extra error of ranges near the floor, at most LARGEST: a lost filter must still accept some."""
+def grown_at(x: np.ndarray, variance: float, lever: np.ndarray, noise: Noise, aids: Aids) -> float:
+    """Return the extra error of ranges near the floor, at most LARGEST: a lost filter must still accept some.
+
+    It is that at the height that the antenna may have, given its variance: a filter that is too low by mistake would
+    else believe in no range that tells it so.
+    """
     if noise.near_floor == 0.0:
         return 1.0
     down = matrix_of(x[Q : Q + 4])[2]
     z = x[P + 2] + down[0] * lever[0] + down[1] * lever[1] + down[2] * lever[2] - aids.floor
+    z += MAY * np.sqrt(variance)
     return min(1.0 + (noise.near_floor / max(z, NEAREST)) ** 4, LARGEST)

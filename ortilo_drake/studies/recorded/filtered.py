@@ -36,6 +36,7 @@ from ortilo_drake.studies.recorded.filter_types import (
     states,
 )
 from ortilo_drake.studies.recorded.first_fix import ranges_for_a_fix, solve_first_fix
+from ortilo_drake.studies.recorded.imu_watch import watched_from
 from ortilo_drake.studies.recorded.landing import Landing, landings
 from ortilo_drake.studies.recorded.reacquired import NEVER, WATCH, Lost, run_on
 from ortilo_drake.studies.recorded.smoother import smooth
@@ -240,13 +241,15 @@ def start_of(
     x[nominal(BIASES) : nominal(BIASES) + n], x[-1] = c, known.aids.drag
     C = np.diag(variances)
     if imu is not None:
+        if known.biases is None:
+            C[BIASES : BIASES + n, BIASES : BIASES + n] += settings.bias_common**2
         C[6:9, 6:9] = tilts
         if known.rest is not None:
             correct_by_rest(known.rest, x, C)
             R = matrix_of(x[Q:ADDITIVE])
     at_rest = np.append(np.zeros(3), R.T @ [0.0, 0.0, GRAVITY])  # holds until the first sample, and without any
     rests = known.start is not None and known.start.rests and imu is not None
-    return State(float(ranges.t[0]), x, C, at_rest, np.array([float(rests), 0.0, 0.0, 0.0, np.inf, np.inf, 0.0]))
+    return State(float(ranges.t[0]), x, C, at_rest, watched_from(rests))
 
 
 def levers_of(known: FilterSetup, imu: Imu | None) -> np.ndarray:

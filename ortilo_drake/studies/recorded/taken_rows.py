@@ -24,6 +24,7 @@ from ortilo_drake.studies.recorded.event_rows import (
 from ortilo_drake.studies.recorded.filter_types import (
     ENTRIES,
     FINDER,
+    FORCE,
     LANDED,
     RANGE,
     Events,
@@ -33,6 +34,7 @@ from ortilo_drake.studies.recorded.filter_types import (
     Setup,
     Tape,
 )
+from ortilo_drake.studies.recorded.imu_watch import AVERAGED, HELD, force_row
 from ortilo_drake.studies.recorded.run_tape import write_row
 
 NEAR, UPRIGHT = 0.1, 0.5  # looking down needs this height [m] and R_33
@@ -40,7 +42,7 @@ LANDED_SD = (0.02, 0.03)  # standard deviations of velocity and height where it 
 
 
 class Now(NamedTuple):
-    """The filter at an event: nominal state, covariance and rows that wait, all changed; a row; and the tape."""
+    """The filter at an event: nominal state, covariance and rows that wait, all changed; a row; tape; and `watched`."""
 
     x: np.ndarray
     C: np.ndarray
@@ -48,6 +50,7 @@ class Now(NamedTuple):
     row: SparseRow
     tape: Tape
     written: np.ndarray
+    watched: np.ndarray
 
 
 @register_jitable
@@ -99,7 +102,8 @@ def own_row(
 ) -> tuple[float, float, int]:
     """Write the row of event k; return innovation, noise and the number of entries, 0 without a row.
 
-    Of a flow that is the row along an axis, 0 or 1; of a landing those of the velocity, 0 to 2, and of the height, 3.
+    Of flow and force that is the row along an axis, 0 or 1; of a landing those of the velocity, 0 to 2, and of the
+    height, 3.
     What looks down says nothing near the floor or where the body is far from upright.
     """
     x, row, aids = now.x, now.row, setup.aids
@@ -113,6 +117,11 @@ def own_row(
         at = V + axis if axis < 3 else P + 2
         state_row(at, row)
         return (0.0 if axis < 3 else seen) - x[at], LANDED_SD[axis // 3] ** 2, 1
+    if kind == FORCE:
+        if now.watched[HELD + axis] < AVERAGED / 2.0:
+            return 0.0, 0.0, 0
+        variance = aids.drag_sd**2 / now.watched[HELD + axis]
+        return force_row(x, R, axis, now.watched, row.where, row.of), variance, 8
     if R[2, 2] < UPRIGHT or x[P + 2] - aids.floor < NEAR:
         return 0.0, 0.0, 0
     if kind == FINDER:
