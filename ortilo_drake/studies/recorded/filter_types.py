@@ -66,6 +66,7 @@ class Noise(NamedTuple):
     gate: float
     huber: float = np.inf
     near_floor: float = 0.0
+    range_tail: float = 0.0
 
 
 class Level(NamedTuple):

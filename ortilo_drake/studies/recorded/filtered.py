@@ -123,7 +123,7 @@ class Estimate(NamedTuple):
 def noise_of(settings: FilterSettings, imu: bool) -> Noise:
     """Return the filter's noise; without an IMU that of the constant-velocity filter."""
     s = settings
-    last = (np.inf if s.huber is None else s.huber, s.near_floor)
+    last = (np.inf if s.huber is None else s.huber, s.near_floor, s.range_tail)
     if imu:
         white = (s.acceleration, s.rotation, s.acceleration_bias, s.rotation_bias, s.range_white, s.range_correlated)
         return Noise(*white, s.correlation_time, s.bias_walk, s.gate, *last)
@@ -241,8 +241,6 @@ def start_of(
     x[nominal(BIASES) : nominal(BIASES) + n], x[-1] = c, known.aids.drag
     C = np.diag(variances)
     if imu is not None:
-        if known.biases is None:
-            C[BIASES : BIASES + n, BIASES : BIASES + n] += settings.bias_common**2
         C[6:9, 6:9] = tilts
         if known.rest is not None:
             correct_by_rest(known.rest, x, C)

@@ -105,14 +105,14 @@ def accumulate(
 def propagate_over(C: np.ndarray, x: np.ndarray, passing: Passing, grown: float, n: int, noise: Noise) -> None:
     """Propagate the covariance, and the errors of n anchors, over the time passed; call reset_passing afterwards.
 
-    A lasting error that is large is expected to stay so: behind metal an anchor errs by many standard deviations, and a
-    filter that expects no more of it believes a wrong place instead.
+    By range_tail a lasting error that is large is expected to stay so: behind metal an anchor errs by many standard
+    deviations, and a filter that expects no more of it believes a wrong place instead.
     """
     keeps, walks, passed = passing.keeps, passing.walks, passing.time[0]
     for i in range(n):
         keeps[BIASES + n + i - GYRO] = np.exp(-passed / noise.correlation_time)
         walks[BIASES + i - GYRO] = noise.bias_walk**2 * passed
-        lasts = max(noise.range_correlated * grown, abs(x[nominal_at(BIASES + n + i)]))
+        lasts = max(noise.range_correlated * grown, noise.range_tail * abs(x[nominal_at(BIASES + n + i)]))
         walks[BIASES + n + i - GYRO] = lasts**2 * (1.0 - keeps[BIASES + n + i - GYRO] ** 2)
         x[nominal_at(BIASES + n + i)] *= keeps[BIASES + n + i - GYRO]
     for i in range(3):
