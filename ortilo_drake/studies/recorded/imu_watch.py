@@ -46,7 +46,7 @@ def watch_rest(x: np.ndarray, C: np.ndarray, watched: np.ndarray, up: float, h: 
     watched[ROSE] = max(0.0, watched[ROSE] + h * (up - usual - SLACK))
     watched[LASTS] = watched[LASTS] + h if watched[ROSE] > 0.0 else 0.0
     if watched[ROSE] > RISE:  # off, as if the force had been one since the sum was 0
-        watched[RESTS], x[V + 2] = 0.0, watched[ROSE] + SLACK * watched[LASTS]
+        watched[RESTS], x[V + 2] = 0.0, watched[ROSE] + (SLACK + usual - GRAVITY) * watched[LASTS]
         x[P + 2] += x[V + 2] * watched[LASTS] / 2.0
         for i in range(3):
             C[P + i, P + i] += OFF[0] ** 2
