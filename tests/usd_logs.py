@@ -45,8 +45,8 @@ FLIGHTS = {  # which day's anchors, and by how much the sensors look down below 
 TUNED_ON = ("0425-traj2", "0426-traj2", "0426-traj9")
 FILTER = """
   {acceleration: 0.05, acceleration_bias: 0.004, rotation: 0.005, rotation_bias: 0.0005, bias_start: 0.07,
-   bias_walk: 0.0005, range_white: 0.2, range_correlated: 0.18, correlation_time: 1.0, near_floor: 0.5, huber: 1.2,
-   gate: 5}"""
+   bias_walk: 0.0005, range_white: 0.2, range_correlated: 0.18, correlation_time: 1.0, range_tail: 0.5, near_floor: 0.5,
+   huber: 1.2, gate: 5}"""
 
 
 def util_map(name: str, settings: str = FILTER) -> str:
@@ -62,7 +62,7 @@ accelerometer: {{file: {name}, topic: estAcceleration, force: [acc.x, acc.y, acc
 truth: {{file: {name}, topic: estPose, position: [locSrv.x, locSrv.y, locSrv.z], late: 0.004}}
 start: {{position: [1.5, 0.04, 0.03], heading: 0, rests: true, lands: true}}
 calibration: {{share: 0, clock: 0, frame: same, biases: online, lever: [-0.01245, 0.00127, 0.0908]}}
-drag: {{k: 0.38, noise: 0.15}}
+drag: {{k: 0.38, k_sd: 0.1, noise: 0.08}}
 airborne: 0.25
 imposed: {{lost: 0, gaps: null}}
 filter: {settings}

@@ -69,6 +69,12 @@ class FilterSettings(Frozen):
     range_correlated: Positive = Field(
         default=0.05, description="Of the error that lasts, first-order Gauss-Markov [m]."
     )
+    range_tail: float = Field(
+        default=0.3,
+        ge=0.0,
+        le=1.0,
+        description="Share of its estimate that a lasting error is expected to have: above 0 an anchor may err by far.",
+    )
     correlation_time: Positive = Field(default=0.7, description="How long it lasts [s].")
     bias_walk: Positive = Field(default=0.001, description="Random walk of an anchor's bias [m/√s].")
     bias_start: Positive = Field(default=0.2, description="Standard deviation of a bias that was not calibrated [m].")

@@ -87,13 +87,14 @@ def imu_rows_out(
 
 def with_imu_rows(
     y: np.ndarray, delta: np.ndarray, V2: np.ndarray, imu: np.ndarray, j: int, variances: np.ndarray
-) -> list[np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return y, delta and V2 of imu_rows_out; j is the imu's number."""
     m, s = len(variances) // 3, len(delta)
     ends = np.cumsum([len(y) + 3 * m, s + m, len(V2) + 9 * m])
     out = np.zeros(ends[-1] + s + m)
     imu_rows_out(SimpleNamespace(number=j), y, delta, V2, np.zeros(s), imu, variances, out)
-    return np.split(out, ends)[:3]
+    y_all, delta_all, V2_all, _ = np.split(out, ends)
+    return y_all, delta_all, V2_all
 
 
 IMU_ROWS = Element("imu_rows", out=imu_rows_out, numbers=(Number("number", kind="i8"),), tables=(Array("variances"),))

@@ -53,20 +53,35 @@ from ortilo_drake.studies.recorded.filter_types import (
     SparseRow,
     State,
 )
-from ortilo_drake.studies.recorded.imu_watch import RESTS, doubt_force, rest_again, watch_rest
-from ortilo_drake.studies.recorded.passing import Passing, accumulate, empty_passing, propagate_over, reset_passing
+from ortilo_drake.studies.recorded.imu_watch import (
+    AVERAGED,
+    HELD,
+    RESTS,
+    doubt_force,
+    force_agrees,
+    rest_again,
+    watch_rest,
+)
+from ortilo_drake.studies.recorded.passing import (
+    STALE,
+    Passing,
+    accumulate,
+    empty_passing,
+    propagate_over,
+    reset_passing,
+)
 from ortilo_drake.studies.recorded.run_tape import cut_to, room_for, write_query, write_range, write_step
 
-EPOCH, FORCE_AT, GROWN, LOW, BEGUN = range(5)  # what stands where in `marks`
+EPOCH, FORCE_AT, RATES_AT, GROWN, LOW, BEGUN = range(6)  # what stands where in `marks`
 
 
 class Carried(NamedTuple):
     """The values carried from one event to the next beside the state.
 
-    These are the anchors' record, the time passed, rows that wait, a blank row, and marks (5): stamps of the last epoch
-    and of the last sample of force [s], the extra error of ranges near the floor, whether it is so large that no range
-    counts, and whether the first epoch is past. A run that goes on with them gives the same numbers, bit for bit, as
-    one run over all events, if all events of one stamp are taken in by the same run.
+    These are the anchors' record, the time passed, rows that wait, a blank row, and marks (6): stamps of the last epoch
+    and of the last samples of force and rates [s], the extra error of ranges near the floor, whether it is so large
+    that no range counts, and whether the first epoch is past. A run that goes on with them gives the same numbers, bit
+    for bit, as one run over all events, if all events of one stamp are taken in by the same run.
     """
 
     trust: Trust
@@ -80,7 +95,7 @@ class Carried(NamedTuple):
 def initial_carried(anchors: int, N: int, t: float) -> Carried:
     """Return the values carried at the start of a run at t [s], with N error states."""
     row = SparseRow(np.zeros(ENTRIES, np.int64), np.zeros(ENTRIES), np.empty(N))
-    marks = np.array([-np.inf, t, 1.0, 0.0, 0.0])
+    marks = np.array([-np.inf, t, t, 1.0, 0.0, 0.0])
     return Carried(new_trust(anchors), empty_passing(N), none_taken(ROOM, N), row, marks)
 
 
@@ -132,23 +147,25 @@ def run_filter(
     t, x, C, held, watched = start.t, start.x.copy(), start.C.copy(), start.held.copy(), start.watched.copy()
     run, written = room_for(events, N, whole)
     trust, passing, waiting, row, marks = carried.trust, carried.passing, carried.waiting, carried.row, carried.marks
-    now = Now(x, C, waiting, row, run.tape, written)
-    epoch, force_at, grown = marks[EPOCH], marks[FORCE_AT], marks[GROWN]
+    now = Now(x, C, waiting, row, run.tape, written, watched)
+    epoch, force_at, rates_at, grown = marks[EPOCH], marks[FORCE_AT], marks[RATES_AT], marks[GROWN]
+    imu = len(heard_all.rates) > 0
     low, begun, done = marks[LOW] > 0.0, marks[BEGUN] > 0.0, total
     for k in range(total):
         h, kind = events.t[k] - t, events.kind[k]
         if h > 0.0:
             settle(C, waiting)
-            accumulate(x, passing, h, held, watched, t, noise, aids)
+            accumulate(x, passing, h, held, watched, t, noise, aids, t - min(force_at, rates_at) > STALE and imu)
             t = events.t[k]
         if kind == RATES:
-            held[:3] = heard_all.rates[events.which[k]]
+            held[:3], rates_at = heard_all.rates[events.which[k]], t
             continue
         if kind == FORCE:
             f = heard_all.force[events.which[k]].copy()
             _take_force(f, x, C, waiting, watched, t, t - force_at, aids)
             held[3:], force_at = f, t
-            continue
+            if watched[RESTS] > 0.0 or max(watched[HELD], watched[HELD + 1]) < AVERAGED:
+                continue
         if passing.time[0] > 0.0:
             propagate_over(C, x, passing, grown, len(setup.anchors), noise)
             write_step(run.tape, written, passing)
@@ -157,7 +174,7 @@ def run_filter(
         if new:
             settle(C, waiting)
             astray = C[0, 0] + C[1, 1] + C[2, 2] > ASTRAY**2
-            grown = grown_at(x, setup.levers[0], noise, aids)
+            grown = grown_at(x, C[2, 2], setup.levers[0], noise, aids)
             low = grown > 2.0  # all ranges are wrong there, and none says that the filter is lost
             lost = astray or (not low and is_lost(t, trust))
             if lost and kind == RANGE and t >= wait and watched[RESTS] == 0.0:
@@ -180,7 +197,7 @@ def run_filter(
             if watched[RESTS] == 0.0:
                 take_boxes(heard_all.boxes[events.which[k]], now, held[:3], setup)
             continue
-        rows = 0 if watched[RESTS] > 0.0 else 2 if kind == FLOW else 4 if kind == LANDED else 1
+        rows = 0 if watched[RESTS] > 0.0 else 2 if kind in (FORCE, FLOW) else 4 if kind == LANDED else 1
         for axis in range(rows):
             e, r, m = own_row(k, axis, events, heard_all, now, held[:3], setup, grown)
             if m == 0:
@@ -192,6 +209,8 @@ def run_filter(
             if kind == RANGE:
                 taken = accept_range(trust, events.which[k], t, e, S, taken, low)
                 write_range(run, written, e, S, taken)
+            if kind == FORCE:
+                taken = force_agrees(watched, axis, squared) and taken
             if squared > noise.huber**2:
                 S = own + r * np.sqrt(squared) / noise.huber
             if taken:
@@ -202,5 +221,6 @@ def run_filter(
         if kind == RANGE and rows == 0:
             write_range(run, written, 0.0, 1.0, False)
     settle(C, waiting)
-    marks[EPOCH], marks[FORCE_AT], marks[GROWN], marks[LOW], marks[BEGUN] = epoch, force_at, grown, low, begun
+    marks[EPOCH], marks[FORCE_AT], marks[RATES_AT] = epoch, force_at, rates_at
+    marks[GROWN], marks[LOW], marks[BEGUN] = grown, low, begun
     return cut_to(run, written), State(t, x, C, held, watched), done

@@ -21,6 +21,7 @@ from ortilo_drake.studies.recorded.filter_types import (
     BIASES,
     ENTRIES,
     FINDER,
+    FORCE,
     LANDED,
     RANGE,
     Aids,
@@ -34,12 +35,14 @@ from ortilo_drake.studies.recorded.filter_types import (
     Tape,
     nominal,
 )
+from ortilo_drake.studies.recorded.imu_watch import AVERAGED, HELD, force_row
 from ortilo_drake.studies.recorded.run_tape import write_row
 
 ROOM = 16  # rows that wait until the covariance is passed over
 NEAREST, LARGEST = 0.02, 10.0  # no antenna is nearer to the floor than this [m], and no error grows by more
 NEAR, UPRIGHT = 0.1, 0.5  # looking down needs this height [m] and R_33
 LANDED_SD = (0.02, 0.03)  # standard deviations of velocity and height where it has landed [m/s], [m]
+MAY = 2.0  # standard deviations by which a height may be more than is believed
 
 
 @register_jitable
@@ -98,17 +101,22 @@ def held_back(S: float, deviation: float) -> float:
 
 
 @register_jitable
-def grown_at(x: np.ndarray, lever: np.ndarray, noise: Noise, aids: Aids) -> float:
-    """Return the extra error of ranges near the floor, at most LARGEST: a lost filter must still accept some."""
+def grown_at(x: np.ndarray, variance: float, lever: np.ndarray, noise: Noise, aids: Aids) -> float:
+    """Return the extra error of ranges near the floor, at most LARGEST: a lost filter must still accept some.
+
+    It is that at the height that the antenna may have, given its variance: a filter that is too low by mistake would
+    else believe in no range that tells it so.
+    """
     if noise.near_floor == 0.0:
         return 1.0
     down = matrix_of(x[Q : Q + 4])[2]
     z = x[P + 2] + down[0] * lever[0] + down[1] * lever[1] + down[2] * lever[2] - aids.floor
+    z += MAY * np.sqrt(variance)
     return min(1.0 + (noise.near_floor / max(z, NEAREST)) ** 4, LARGEST)
 
 
 class Now(NamedTuple):
-    """The filter at an event: nominal state, covariance and rows that wait, all changed; a row; and the tape."""
+    """The filter at an event: nominal state, covariance and rows that wait, all changed; a row; tape; and `watched`."""
 
     x: np.ndarray
     C: np.ndarray
@@ -116,6 +124,7 @@ class Now(NamedTuple):
     row: SparseRow
     tape: Tape
     written: np.ndarray
+    watched: np.ndarray
 
 
 @register_jitable
@@ -167,7 +176,8 @@ def own_row(
 ) -> tuple[float, float, int]:
     """Write the row of event k; return innovation, noise and the number of entries, 0 without a row.
 
-    Of a flow that is the row along an axis, 0 or 1; of a landing those of the velocity, 0 to 2, and of the height, 3.
+    Of flow and force that is the row along an axis, 0 or 1; of a landing those of the velocity, 0 to 2, and of the
+    height, 3.
     What looks down says nothing near the floor or where the body is far from upright.
     """
     x, row, aids = now.x, now.row, setup.aids
@@ -181,6 +191,11 @@ def own_row(
         at = V + axis if axis < 3 else P + 2
         state_row(at, row)
         return (0.0 if axis < 3 else seen) - x[at], LANDED_SD[axis // 3] ** 2, 1
+    if kind == FORCE:
+        if now.watched[HELD + axis] < AVERAGED / 2.0:
+            return 0.0, 0.0, 0
+        variance = aids.drag_sd**2 / now.watched[HELD + axis]
+        return force_row(x, R, axis, now.watched, row.where, row.of), variance, 8
     if R[2, 2] < UPRIGHT or x[P + 2] - aids.floor < NEAR:
         return 0.0, 0.0, 0
     if kind == FINDER:

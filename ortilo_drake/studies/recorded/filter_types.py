@@ -76,6 +76,7 @@ class Noise(NamedTuple):
     gate: float
     huber: float = np.inf
     near_floor: float = 0.0
+    range_tail: float = 0.0
 
 
 class Level(NamedTuple):
@@ -168,9 +169,10 @@ class Setup(NamedTuple):
 class State(NamedTuple):
     """The filter between two events.
 
-    t [s]; nominal x (N + 1); covariance C (N, N); the samples of the imu that hold (6); watched (7): whether it rests,
+    t [s]; nominal x (N + 1); covariance C (N, N); the samples of the imu that hold (6); watched (13): whether it rests,
     the speed upward that its force has added up to [m/s], share of doubted samples and the stamp since when the
-    accelerometer is not used, inf if it is (2 each, x and y), and for how long that speed has been above 0 [s].
+    accelerometer is not used, inf if it is (2 each, x and y), for how long that speed has been above 0 [s]; and (2
+    each) the force less drag added up [m/s], for how long [s], and how badly they agree, see imu_watch.py.
     """
 
     t: float

@@ -36,6 +36,7 @@ from ortilo_drake.studies.recorded.filter_types import (
     states,
 )
 from ortilo_drake.studies.recorded.first_fix import ranges_for_a_fix, solve_first_fix
+from ortilo_drake.studies.recorded.imu_watch import watched_from
 from ortilo_drake.studies.recorded.landing import Landing, landings
 from ortilo_drake.studies.recorded.reacquired import Lost, run_on
 from ortilo_drake.studies.recorded.run_tape import smooth
@@ -107,7 +108,7 @@ class Estimate(NamedTuple):
 def noise_of(settings: FilterSettings, imu: bool) -> Noise:
     """Return the filter's noise; without an IMU that of the constant-velocity filter."""
     s = settings
-    last = (np.inf if s.huber is None else s.huber, s.near_floor)
+    last = (np.inf if s.huber is None else s.huber, s.near_floor, s.range_tail)
     if imu:
         white = (s.acceleration, s.rotation, s.acceleration_bias, s.rotation_bias, s.range_white, s.range_correlated)
         return Noise(*white, s.correlation_time, s.bias_walk, s.gate, *last)
@@ -194,7 +195,7 @@ def start_of(
             R = matrix_of(x[Q:ADDITIVE])
     at_rest = np.append(np.zeros(3), R.T @ [0.0, 0.0, GRAVITY])  # holds until the first sample, and without any
     rests = known.start is not None and known.start.rests and imu is not None
-    return State(float(ranges.t[0]), x, C, at_rest, np.array([float(rests), 0.0, 0.0, 0.0, np.inf, np.inf, 0.0]))
+    return State(float(ranges.t[0]), x, C, at_rest, watched_from(rests))
 
 
 def levers_of(known: FilterSetup, imu: Imu | None) -> np.ndarray:

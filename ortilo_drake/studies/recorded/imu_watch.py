@@ -1,11 +1,13 @@
 """The recorded filter's watch over its IMU: take-off, and an accelerometer that fails.
 
 Until take-off, and after a landing (landing.py), the vehicle may be known to rest: then no force is integrated and
-nothing else is taken in. Take-off is where the force upward, less gravity and SLACK, has added up to RISE (Page's
-cumulative sum, Biometrika 41, 1954).
+nothing else is taken in. Take-off is where the force upward, less its mean so far and SLACK, has added up to RISE
+(Page's cumulative sum, Biometrika 41, 1954).
 
 Where drag is given, an accelerometer is checked axis by axis: a sample farther than `doubted` from drag's force is not
 used, and an axis with more than a share FAILS of such samples in a second is not used any more. Drag takes its place.
+Where both agree, their mean difference over AVERAGED is a row: the force tells the velocity. They agree while that
+row's squared innovation, divided by its variance, is on average below AGREES; a body that no rotor carries has no drag.
 
 `watched` is State's; RESTS and so on are indices into it.
 """
@@ -16,33 +18,47 @@ from numba.extending import register_jitable
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.onboard.estimator.tight.drag import along_body
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
-from ortilo_drake.onboard.estimator.tight.layout import ACCEL, P, Q, V
+from ortilo_drake.onboard.estimator.tight.layout import ACCEL, THETA, P, Q, V
 from ortilo_drake.studies.recorded.filter_types import Aids
 
-RESTS, ROSE, SHARE, SINCE, LASTS = 0, 1, 2, 4, 6
+RESTS, ROSE, SHARE, SINCE, LASTS, DIFFERS, HELD, MISFIT, WATCHED = 0, 1, 2, 4, 6, 7, 9, 11, 13
 SLACK, RISE = 0.15, 0.2  # of the force upward at rest [m/s²], and of the speed upward that is no rest [m/s]
 OFF = (0.05, 0.2)  # standard deviations of position and velocity that take-off adds [m], [m/s]
+USUAL, SETTLES = 0.5, 0.5  # a mean force at rest is no farther from gravity [m/s²], and is known after so long [s]
 SPAN, FAILS = 1.0, 0.1  # share of doubted samples over so long [s] at which an axis has failed
 UNKNOWN = 0.3  # standard deviation of what drag does not tell of the force then [m/s²]
+AVERAGED, LONGEST = 0.1, 0.01  # force less drag is averaged over so long, a sample counts for no more than [s]
+AGREES, AGREED_FOR, MOST = 2.0, 2.0, 9.0  # mean of e²/S up to which they agree, over so long [s]; no more of one counts
+
+
+def watched_from(rests: bool) -> np.ndarray:
+    """Return State's `watched` at the start: nothing is doubted, and drag has yet to agree with the force."""
+    watched = np.zeros(WATCHED)
+    watched[RESTS], watched[SINCE : SINCE + 2], watched[MISFIT : MISFIT + 2] = rests, np.inf, 2.0 * AGREES
+    return watched
 
 
 @register_jitable
 def watch_rest(x: np.ndarray, C: np.ndarray, watched: np.ndarray, up: float, h: float) -> None:
     """Add up the force upward (up [m/s²], for h [s]) of a vehicle at rest, and let it take off."""
-    watched[ROSE] = max(0.0, watched[ROSE] + h * (up - GRAVITY - SLACK))
+    usual = GRAVITY + min(max(watched[DIFFERS] / (watched[HELD] + SETTLES), -USUAL), USUAL)
+    watched[DIFFERS], watched[HELD] = watched[DIFFERS] + h * (up - GRAVITY), watched[HELD] + h
+    watched[ROSE] = max(0.0, watched[ROSE] + h * (up - usual - SLACK))
     watched[LASTS] = watched[LASTS] + h if watched[ROSE] > 0.0 else 0.0
     if watched[ROSE] > RISE:  # off, as if the force had been one since the sum was 0
-        watched[RESTS], x[V + 2] = 0.0, watched[ROSE] + SLACK * watched[LASTS]
+        watched[RESTS], x[V + 2] = 0.0, watched[ROSE] + (SLACK + usual - GRAVITY) * watched[LASTS]
         x[P + 2] += x[V + 2] * watched[LASTS] / 2.0
         for i in range(3):
             C[P + i, P + i] += OFF[0] ** 2
             C[V + i, V + i] += OFF[1] ** 2
+        watched[DIFFERS], watched[HELD] = 0.0, 0.0
 
 
 @register_jitable
 def rest_again(watched: np.ndarray) -> None:
     """Let the vehicle rest until its specific force shows the take-off."""
     watched[RESTS], watched[ROSE], watched[LASTS] = 1.0, 0.0, 0.0
+    watched[DIFFERS : HELD + 2] = 0.0
 
 
 @register_jitable
@@ -62,3 +78,28 @@ def doubt_force(
                 C[ACCEL + i, ACCEL + i] += UNKNOWN**2
         if doubted:
             f[i] = made
+        elif watched[SINCE + i] == np.inf:
+            watched[DIFFERS + i] += min(h, LONGEST) * (f[i] - made)
+            watched[HELD + i] += min(h, LONGEST)
+
+
+@register_jitable
+def force_row(x: np.ndarray, R: np.ndarray, i: int, watched: np.ndarray, where: np.ndarray, row: np.ndarray) -> float:
+    """Write the row of b_a - k v_B along axis i, of eight entries, and return the mean of the force less it."""
+    v, k, last = x[V : V + 3], x[-1], len(x) - 2
+    a, b = (i + 1) % 3, (i + 2) % 3
+    for j in range(3):
+        where[j], row[j] = V + j, -k * R[j, i]
+        where[3 + j], row[3 + j] = THETA + j, 0.0
+    row[3 + a], row[3 + b] = k * along_body(R, v, b), -k * along_body(R, v, a)
+    where[6], row[6] = ACCEL + i, 1.0
+    where[7], row[7] = last, -along_body(R, v, i)
+    return float(watched[DIFFERS + i] / watched[HELD + i])
+
+
+@register_jitable
+def force_agrees(watched: np.ndarray, i: int, squared: float) -> bool:
+    """Return whether force and drag along axis i agree so far; squared is e²/S of their row, which begins anew."""
+    watched[MISFIT + i] += watched[HELD + i] / AGREED_FOR * (min(squared, MOST) - watched[MISFIT + i])
+    watched[DIFFERS + i], watched[HELD + i] = 0.0, 0.0
+    return bool(watched[MISFIT + i] < AGREES)

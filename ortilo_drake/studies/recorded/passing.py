@@ -13,6 +13,7 @@ from ortilo_drake.studies.recorded.filter_types import BIASES, TRANSITION, Aids,
 from ortilo_drake.studies.recorded.imu_watch import RESTS, SINCE
 
 STEP = 0.01  # longest step of the propagation [s]
+STALE, HOVERS = 0.1, (0.3, 2.0)  # age of a sample that no longer holds [s], and the noise then [rad/s/√Hz, m/s²/√Hz]
 
 
 class Passing(NamedTuple):
@@ -46,7 +47,15 @@ def empty_passing(N: int) -> Passing:
 
 @register_jitable
 def accumulate(
-    x: np.ndarray, passing: Passing, h: float, held: np.ndarray, watched: np.ndarray, t: float, noise: Noise, aids: Aids
+    x: np.ndarray,
+    passing: Passing,
+    h: float,
+    held: np.ndarray,
+    watched: np.ndarray,
+    t: float,
+    noise: Noise,
+    aids: Aids,
+    stale: bool,
 ) -> None:
     """Propagate the nominal state, transition and noise by h, in steps; the errors that fade wait for propagate_over.
 
@@ -59,21 +68,26 @@ def accumulate(
         t: stamp before it [s].
         noise: the noise.
         aids: drag, which may take the accelerometer's place; its k is the last state.
+        stale: whether the samples are too old to hold: then the body is taken to hover.
     """
     A, W = passing.A, passing.W
     passing.time[0] += h
     steps = int(np.ceil(h / STEP))
     dt = h / steps
     variances = np.array([noise.rotation**2 / dt, noise.acceleration**2 / dt])
+    if stale:
+        variances = np.array([max(noise.rotation, HOVERS[0]) ** 2 / dt, max(noise.acceleration, HOVERS[1]) ** 2 / dt])
     for _ in range(steps):
-        f, R, v = held[3:].copy(), matrix_of(x[Q : Q + 4]), x[V : V + 3].copy()
+        w, f, R, v = held[:3].copy(), held[3:].copy(), matrix_of(x[Q : Q + 4]), x[V : V + 3].copy()
+        if stale:
+            w, f = x[Q + 4 : Q + 7].copy(), R[2] * GRAVITY + x[Q + 7 : Q + 10]
         if watched[RESTS] > 0.0:
             f = R[2] * GRAVITY + x[Q + 7 : Q + 10]
         for i in range(2):
             if watched[RESTS] == 0.0 and watched[SINCE + i] <= t:
                 f[i] = x[Q + 7 + i] - x[-1] * along_body(R, v, i)
         place = x[:THETA].copy()
-        inertial_step(x, A, W, held[:3], f, dt, variances if watched[RESTS] == 0.0 else np.array([variances[0], 0.0]))
+        inertial_step(x, A, W, w, f, dt, variances if watched[RESTS] == 0.0 else np.array([variances[0], 0.0]))
         if watched[RESTS] > 0.0:  # position and velocity are as they were, whatever tilt and biases are
             x[:THETA] = place
             A[:THETA], W[:THETA], W[:, :THETA] = 0.0, 0.0, 0.0
@@ -88,12 +102,16 @@ def accumulate(
 
 @register_jitable
 def propagate_over(C: np.ndarray, x: np.ndarray, passing: Passing, grown: float, n: int, noise: Noise) -> None:
-    """Propagate the covariance, and the errors of n anchors, over the time passed; call reset_passing afterwards."""
+    """Propagate the covariance, and the errors of n anchors, over the time passed; call reset_passing afterwards.
+
+    By range_tail a lasting error that is large is expected to stay so: behind metal an anchor errs by many standard
+    deviations, and a filter that expects no more of it believes a wrong place instead.
+    """
     keeps, walks, passed = passing.keeps, passing.walks, passing.time[0]
     for i in range(n):
         keeps[BIASES + n + i - GYRO] = np.exp(-passed / noise.correlation_time)
         walks[BIASES + i - GYRO] = noise.bias_walk**2 * passed
-        lasts = noise.range_correlated * grown
+        lasts = max(noise.range_correlated * grown, noise.range_tail * abs(x[nominal(BIASES + n + i)]))
         walks[BIASES + n + i - GYRO] = lasts**2 * (1.0 - keeps[BIASES + n + i - GYRO] ** 2)
         x[nominal(BIASES + n + i)] *= keeps[BIASES + n + i - GYRO]
     for i in range(3):

@@ -37,6 +37,7 @@ from ortilo_drake.studies.recorded.filter_types import (
     SparseRow,
     Tape,
 )
+from ortilo_drake.studies.recorded.imu_watch import AVERAGED
 from ortilo_drake.studies.recorded.passing import Passing
 
 STEP, ROW, ASKED = 0, 1, 2  # what stands on the tape
@@ -56,6 +57,8 @@ def room_for(events: Events, N: int, whole: bool) -> tuple[Run, np.ndarray]:
         rows += 2 * MAX_DETECTIONS * (kind == BOXES)
         if kind > FORCE and events.t[k] > last:
             epochs, last = epochs + 1, events.t[k]
+    averages = 0 if len(events.t) == 0 else int((events.t[-1] - events.t[0]) / AVERAGED) + 2  # of force, two rows each
+    epochs, rows = epochs + averages, rows + 2 * averages
     steps = epochs if whole else 0
     rows = rows + 6 + 2 * epochs if whole else 0  # a new start's rows, and two of the height at each epoch
     asked = queries if whole else 0

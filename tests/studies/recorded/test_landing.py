@@ -89,8 +89,8 @@ def test_what_rests_stays_where_it_is_whatever_speed_was_left_of_the_landing() -
     x[:3], x[V : V + 3], x[Q] = [1.0, 2.0, 0.1], [0.02, -0.01, 0.03], 1.0
     before, watched, passing = x.copy(), np.array([1.0, 0.0, 0.0, 0.0, np.inf, np.inf, 0.0]), empty_passing(states(n))
     held = np.array([0.0, 0.0, 0.0, 0.3, -0.2, 9.7])
-    accumulate(x, passing, 10.0, held, watched, 0.0, noise_of(FilterSettings(), True), NO_AIDS)
+    accumulate(x, passing, 10.0, held, watched, 0.0, noise_of(FilterSettings(), True), NO_AIDS, False)
     np.testing.assert_array_equal(x[: V + 3], before[: V + 3])
     watched[RESTS] = 0.0
-    accumulate(x, passing, 10.0, held, watched, 10.0, noise_of(FilterSettings(), True), NO_AIDS)
+    accumulate(x, passing, 10.0, held, watched, 10.0, noise_of(FilterSettings(), True), NO_AIDS, False)
     assert np.abs(x[:3] - before[:3]).max() > 1.0
