@@ -20,7 +20,9 @@ from ortilo_drake.loop.native import parameters
 from ortilo_drake.loop.source import Places, place_of, places_of
 from ortilo_drake.loop.wiring import Wire
 
-ROOM_TEXT: Final = Path(__file__).with_name("templates").joinpath("room.c").read_text()
+TEMPLATES: Final = Path(__file__).with_name("templates")
+ROOM_TEXT: Final = (TEMPLATES / "room.c").read_text()
+SUM_TEXT: Final = (TEMPLATES / "sum.c").read_text()
 
 
 def number_text(value: float) -> str:
@@ -101,7 +103,7 @@ def call(half: Half, places: Places, box: Box, what: str) -> str:
     return f"    stopped += {symbol_of(box.name, what)}({', '.join(said)}) != 0;"
 
 
-def source_text(half: Half, makes_arrays: bool, single: bool = False) -> tuple[str, dict[str, int]]:
+def source_text(half: Half, makes_arrays: bool, own_sums: bool, single: bool = False) -> tuple[str, dict[str, int]]:
     """Return ortilo.c, with floats if single, and the numbers that states, work space and outputs of boxes take."""
     wiring, places = half.wiring, places_of(half.wiring)
     declared = [declaration(box, what) for box in computed_boxes(half) for what in box.element.functions]
@@ -120,6 +122,7 @@ def source_text(half: Half, makes_arrays: bool, single: bool = False) -> tuple[s
         "#include <stddef.h>",
         "#include <string.h>\n",
         *([ROOM_TEXT] if makes_arrays else []),
+        *([SUM_TEXT] if own_sums else []),
         f"#define ROOM {'room_of(self)' if makes_arrays else 'NULL'}",
         *declared,
         "",

@@ -14,7 +14,6 @@ EXACT = "sqrt|fmod|floor|ceil|trunc|rint|nearbyint|round"
 LIBRARY = re.compile(
     rf"llvm\.(?:a?(?:sin|cos|tan)h?|atan2|sincos\w*|(?:exp|log)(?:2|10)?|powi?)\.|(?!llvm\.|ortilo_|(?:{EXACT})f?$)"
 )
-IN_REGISTERS = "arm_aapcs_vfpcc"  # how a function of ARM takes doubles where the triple ends with 'hf'
 
 
 def object_code(irs: dict[str, str], target: Target, level: int = 2) -> bytes:
@@ -52,15 +51,14 @@ def object_code(irs: dict[str, str], target: Target, level: int = 2) -> bytes:
         if target.cpu != "x86-64":
             caller = next(its.name for its in whole.functions if not its.is_declaration and f"@{name}(" in str(its))
             raise InputError(f"export: {caller}: calls {name} of the processor's library, which has other bits")
-    code: bytes = machine.emit_object(whole)
-    return with_any_float_abi(code) if target.is_arm32 else code
+    return bytes(machine.emit_object(whole))
 
 
 def linked(irs: Iterable[str], target: Target, layout: str) -> llvm.ModuleRef:
     """Return one module of all IR, for a processor."""
     whole = None
     for ir in irs:
-        module = llvm.parse_assembly(with_hard_floats(ir, target) if target.is_arm32 else ir)
+        module = llvm.parse_assembly(with_own_sums(ir) if target.adds_in_library else ir)
         module.triple, module.data_layout = target.triple, layout
         if whole is None:
             whole = module
@@ -69,35 +67,12 @@ def linked(irs: Iterable[str], target: Target, layout: str) -> llvm.ModuleRef:
     return whole
 
 
-def with_any_float_abi(code: bytes) -> bytes:
-    """Return an object file of ARM marked as compatible with both ABIs of floats.
-
-    llvmlite cannot say it. The attribute Tag_ABI_FP_number_model (23) = 3 is overwritten by Tag_ABI_VFP_args (28) = 3,
-    "compatible with both", of "ABI for the Arm Architecture: Addenda". What is exported takes no floats by value.
-    """
-    at = code.index(b"aeabi\x00")
-    told = code.index(bytes((23, 3)), at)
-    return code[:told] + bytes((28, 3)) + code[told + 2 :]
-
-
-def with_hard_floats(ir: str, target: Target) -> str:
-    """Return IR in which an ARM of 32 bits calls exact functions of its library as the library takes numbers.
-
-    LLVM would hand them over in other registers, without a word. No ARM has a remainder; one without doubles has no
-    square root of doubles, and does not round floats either. What is exported takes pointers and whole numbers alone,
-    and is the same either way.
-    """
-    for kind, bits, suffix in (("double", "f64", ""), ("float", "f32", "f")):
-        remainder = rf"= frem ((?:\w+ )*?){kind} ([^,\s]+), ([^,\s]+)"
-        if re.search(remainder, ir):
-            ir = re.sub(remainder, rf"= call \1{IN_REGISTERS} {kind} @fmod{suffix}({kind} \2, {kind} \3)", ir)
-            ir += f"\ndeclare {IN_REGISTERS} {kind} @fmod{suffix}({kind}, {kind})\n"
-        if target.rounds_in_library:
-            own = EXACT if kind == "double" else EXACT.removeprefix("sqrt|")
-            ir = re.sub(
-                rf"declare {kind} @llvm\.({own})\.{bits}\(.*", rf"declare {IN_REGISTERS} {kind} @\1{suffix}({kind})", ir
-            )
-            ir = re.sub(
-                rf"call ((?:\w+ )*?){kind} @llvm\.({own})\.{bits}\(", rf"call \1{IN_REGISTERS} {kind} @\2{suffix}(", ir
-            )
+def with_own_sums(ir: str) -> str:
+    """Return IR that adds and subtracts doubles by templates/sum.c, which rounds where libgcc does not."""
+    for did, name in (("fadd", "ortilo_sum"), ("fsub", "ortilo_difference")):
+        ir, count = re.subn(
+            rf"= {did} double ([^,\n]+), ([^,\n]+)$", rf"= call double @{name}(double \1, double \2)", ir, flags=re.M
+        )
+        if count:
+            ir += f"\ndeclare double @{name}(double, double) nounwind willreturn memory(none)\n"
     return ir

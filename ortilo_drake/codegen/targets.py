@@ -22,22 +22,22 @@ class Target(NamedTuple):
 
     @property
     def is_arm32(self) -> bool:
-        """Whether it is an ARM of 32 bits, whose objects name their ABI of floats."""
+        """Whether it is an ARM of 32 bits."""
         return self.triple.endswith("hf")
 
     @property
-    def rounds_in_library(self) -> bool:
-        """Whether its library has the square root of doubles, and rounds doubles and floats to whole numbers."""
+    def adds_in_library(self) -> bool:
+        """Whether it computes doubles in software."""
         return self.cpu == "cortex-m4"
 
 
 TARGETS: Final = {
     "cortex-m7": Target(
-        "thumbv7em-none-eabihf", "cortex-m7", "+fp-armv8d16",
+        "thumbv7em-unknown-none-gnueabihf", "cortex-m7", "+fp-armv8d16",
         "-mcpu=cortex-m7 -mthumb -mfloat-abi=hard -mfpu=fpv5-d16",
     ),
     "cortex-m4": Target(
-        "thumbv7em-none-eabihf", "cortex-m4", "",
+        "thumbv7em-unknown-none-gnueabihf", "cortex-m4", "",
         "-mcpu=cortex-m4 -mthumb -mfloat-abi=hard -mfpu=fpv4-sp-d16",
     ),
     "aarch64": Target("aarch64-none-elf", "generic", "", "-ffp-contract=off"),
