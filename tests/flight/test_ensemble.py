@@ -2,6 +2,7 @@
 
 import json
 import os
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -147,7 +148,10 @@ def test_a_write_that_fails_leaves_no_partial_file(tmp_path: Path, monkeypatch: 
 def test_what_a_killed_run_left_half_written_is_removed(tmp_path: Path, flown: list[int]) -> None:
     folder = flight_folder(tmp_path, SCENARIO)
     folder.mkdir()
-    (folder / ".ortilo-0123456789abcdef.partial").write_bytes(b"half a flight")
+    half = folder / ".ortilo-0123456789abcdef.partial"
+    half.write_bytes(b"half a flight")
+    two_days_ago = time.time() - 2 * 86400.0
+    os.utime(half, (two_days_ago, two_days_ago))
     fly_many(SCENARIO, [0], tmp_path)
     assert [p.name for p in folder.iterdir()] == ["seed_000000.nc"]
 

@@ -81,10 +81,10 @@ def test_quaternion_order_matrix_and_axes(folder, motion) -> None:
     np.testing.assert_allclose(read(folder, wxyz).truth.R, motion.R, atol=1e-6)
     inverse = TABLE_MAP.replace("order: xyzw", "order: xyzw, of: world")
     np.testing.assert_allclose(read(folder, inverse).truth.R, motion.R.transpose(0, 2, 1), atol=1e-6)
-    np.testing.assert_array_equal(axes_matrix("frd"), np.diag([1, -1, -1]))
-    np.testing.assert_array_equal(axes_matrix(("y", "-x", "z")) @ [1, 2, 3], [2, -1, 3])
+    np.testing.assert_array_equal(axes_matrix("frd", "imu.axes"), np.diag([1, -1, -1]))
+    np.testing.assert_array_equal(axes_matrix(("y", "-x", "z"), "imu.axes") @ [1, 2, 3], [2, -1, 3])
     with pytest.raises(InputError, match="mirrors"):
-        axes_matrix(("y", "x", "z"))
+        axes_matrix(("y", "x", "z"), "imu.axes")
 
 
 def test_what_cannot_be_used_is_counted(folder, motion) -> None:

@@ -171,7 +171,7 @@ def imu_of(map_: Map, read: Read, origin: float) -> Imu:
     """
     source, own = map_.imu, map_.accelerometer
     assert source is not None
-    turned, M = source.orientation, axes_matrix(source.axes)
+    turned, M = source.orientation, axes_matrix(source.axes, "imu.axes")
     stream = read("imu")
     t, unit = _counted(stream.t, source, origin), size_of(source.force_unit, FORCE_UNITS)
     rates = stream.values[:, :3] @ M.T * size_of(source.rate_unit, RATE_UNITS)

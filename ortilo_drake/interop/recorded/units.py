@@ -14,7 +14,7 @@ def size_of(unit: str | float, units: dict[str, float]) -> float:
     return units[unit] if isinstance(unit, str) else unit
 
 
-def axes_matrix(axes: str | tuple[str, ...], what: str = "imu.axes", mirrors: bool = False) -> np.ndarray:
+def axes_matrix(axes: str | tuple[str, ...], what: str, mirrors: bool = False) -> np.ndarray:
     """Return the matrix from the unit's axes to ours; InputError if it mirrors and may not.
 
     Entry k of a list says which of the unit's axes ours (x forward, y left, z up) is.

@@ -175,7 +175,7 @@ def _read_as(R: np.ndarray, map_: Map, of: str, order: str | None) -> np.ndarray
     assert map_.truth is not None
     rotation = map_.truth.rotation
     assert rotation is not None
-    A = axes_matrix(map_.truth.axes, mirrors=True)
+    A = axes_matrix(map_.truth.axes, "truth.axes", mirrors=True)
     in_file = in_axes(R, A.T)
     in_file = in_file if rotation.of == "body" else in_file.transpose(0, 2, 1)
     if isinstance(rotation, Quaternion) and order is not None:

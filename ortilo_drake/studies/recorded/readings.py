@@ -108,18 +108,19 @@ def _lengths(now: Reading, map_: Map) -> Iterator[Reading]:
 def _frames(now: Reading, truth: Truth, map_: Map) -> Iterator[Reading]:
     """Yield other frames of the truth, and of the anchors."""
     assert map_.truth is not None
-    own = axes_matrix(map_.truth.axes, mirrors=True)
+    own = axes_matrix(map_.truth.axes, "truth.axes", mirrors=True)
     for order in ((1, 0, 2), (0, 2, 1), (2, 1, 0)):
         first, second = ("xyz"[i] for i, j in enumerate(order) if i != j)
         key = f"anchors: {first} and {second} of each change places"
         if order[2] == 2 and now.frame != "same":  # no fit can tell one from the other
-            key += f", or truth: {{axes: {_names(axes_matrix(UPS['left-handed'], mirrors=True) @ own)}}} (left-handed)"
+            left = axes_matrix(UPS["left-handed"], "truth.axes", mirrors=True)
+            key += f", or truth: {{axes: {_names(left @ own)}}} (left-handed)"
         yield now._replace(key=key, anchors=now.anchors[:, order])
     if now.frame == "same":
         now = now._replace(frame="yaw")
         yield now._replace(key="calibration: {frame: yaw}")
     for what, axes in UPS.items():
-        A = axes_matrix(axes, mirrors=True)
+        A = axes_matrix(axes, "truth.axes", mirrors=True)
         turned = truth._replace(p=truth.p @ A.T, R=None if truth.R is None else in_axes(truth.R, A))
         names = _names(A @ own)
         key = f"truth: {{axes: {names}}}"

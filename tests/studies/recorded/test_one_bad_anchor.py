@@ -5,13 +5,13 @@ import pytest
 from made_up_motion import ANCHORS
 from scipy.spatial.transform import Rotation
 
-from ortilo_drake.interop.recorded.map_file import FilterSettings
+from ortilo_drake.interop.recorded.map_file import FilterSettings, Start
 from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import GRAVITY, Imu
 from ortilo_drake.onboard.estimator.tight.layout import ACCEL, THETA, Q, V
 from ortilo_drake.studies.recorded.event_rows import grown_at
 from ortilo_drake.studies.recorded.filter_types import NO_AIDS, nominal, states
-from ortilo_drake.studies.recorded.filtered import FilterSetup, StartSetup, estimate, noise_of
+from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate, noise_of
 from ortilo_drake.studies.recorded.imu_watch import (
     DIFFERS,
     HELD,
@@ -34,7 +34,7 @@ def hover(tail: float, far: float) -> float:
     r = np.linalg.norm(p - ANCHORS, axis=1) + 0.05 * rng.standard_normal((len(heard), len(ANCHORS)))
     r[:, 0] += far * np.clip((heard - 2.0) / 4.0, 0.0, 1.0)
     ranges = single_ranges(np.repeat(heard, len(ANCHORS)), np.tile(np.arange(len(ANCHORS)), len(heard)), r.ravel())
-    known = FilterSetup(ANCHORS, None, np.zeros(3), 0.0, start=StartSetup(p, 0.03, 0.05, rests=False))
+    known = FilterSetup(ANCHORS, None, np.zeros(3), 0.0, start=Start(position=tuple(p), heading_sd=0.05))
     settings = SETTINGS.model_copy(update={"range_tail": tail})
     found = estimate(ranges, Imu(t, imu[:, :3], imu[:, 3:], None), known, settings, np.arange(1.0, 11.9, 0.1))
     return float(np.sqrt(np.mean(np.sum((found.p - p) ** 2, axis=1))))
