@@ -16,6 +16,7 @@ from ortilo_drake.model.clock import history_ticks
 from ortilo_drake.model.measurement import CAMERA, UWB, Measurement
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import IMU_SIZE, N_X, N_XBAR
+from ortilo_drake.onboard.estimator.acted_element import acted_box
 from ortilo_drake.onboard.estimator.at_rest import rest_of
 from ortilo_drake.onboard.estimator.extra_states import Extra, augmented_rows, extra_states, names_of
 from ortilo_drake.onboard.estimator.filter_element import filter_box, parts_box, vehicle_belief_box
@@ -219,6 +220,6 @@ def kalman_box(belief: Belief, setup: Filtering, xbar_0: np.ndarray) -> Box:
     P_0 = initial_covariance(settings, setup.extras, rest_of(belief), belief.yaw)
     belief_0 = np.concatenate((xbar_0[:N_X], np.zeros(setup.n - N_XBAR), xbar_0[N_X:], P_0.ravel()))
     if setup.replays:
-        ticks, acted = history_ticks(settings.horizon, h), belief.commands.filter == "acted"
-        return replay_box(model, setup.seen, vehicle.hover_thrust, belief_0, ticks, h, acted)
+        replay = replay_box(model, setup.seen, vehicle.hover_thrust, belief_0, history_ticks(settings.horizon, h), h)
+        return acted_box(replay) if belief.commands.filter == "acted" else replay
     return filter_box(model, setup.seen, vehicle.hover_thrust, belief_0)

@@ -163,8 +163,9 @@ def test_a_filter_without_banks_learns_nothing() -> None:
 )
 def test_flights_hover_within_15_percent_of_what_is_predicted(name: str, setting: str | None, tmp_path: Path) -> None:
     scenario = load_scenario(name, ("camera.kind=projected", *([] if setting is None else [setting])))
-    (case,) = command_flights(scenario, command_cases((0.0,), ("hold",), ()), range(60), tmp_path).cases
+    flights = 200 if name == "realistic" else 60  # most of its error is along z, so that 60 tell it to 9 % alone
+    (case,) = command_flights(scenario, command_cases((0.0,), ("hold",), ()), range(flights), tmp_path).cases
     assert case.lost == 0
     assert case.predicted_rms is not None
-    # The offsets of 60 flights tell their rms to about 6 %.
+    # The offsets of that many flights tell their rms to about 6 %.
     assert case.flown_rms == pytest.approx(case.predicted_rms, rel=0.15)

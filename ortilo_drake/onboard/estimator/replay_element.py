@@ -1,10 +1,9 @@
 """The filter that puts late measurements into the tick of their stamp, as elements of the loop.
 
-REPLAY   the filter with its history, see late_measurements.py; it may know of commands in which ticks they acted
+REPLAY   the filter with its history, see late_measurements.py
 PAST     the belief of the tick of a message's stamp
 """
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,17 +14,9 @@ from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.measurement import Layout, Measurement
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import ARRIVED, N_I, N_U, STAMP
-from ortilo_drake.onboard.commands.timeline import mean_control, unpacked, with_command
 from ortilo_drake.onboard.estimator.filter_element import open_belief
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
-from ortilo_drake.onboard.estimator.late_measurements import (
-    Slot,
-    empty_history,
-    replay_step,
-    row_of_past,
-    slot_of,
-    with_acted,
-)
+from ortilo_drake.onboard.estimator.late_measurements import Slot, empty_history, replay_step, row_of_past, slot_of
 
 
 @register_jitable
@@ -50,7 +41,6 @@ def replay_filter_step(
     V2: np.ndarray,
     stamps: np.ndarray,
     control: np.ndarray,
-    timeline: np.ndarray,
     reference: np.ndarray,
     opening: np.ndarray,
     memory: np.ndarray,
@@ -59,25 +49,13 @@ def replay_filter_step(
     layout: Layout,
     slot: Slot,
 ) -> None:
-    """Take what arrived in tick k, each value in the tick of its stamp, and predict tick k + 1, see replay_step.
-
-    With a timeline of the commands, see commands/command_log.py, the mean over each tick of what acted in it is in the
-    place of the command that was sent; an empty one says nothing.
-    """
+    """Take what arrived in tick k, each value in the tick of its stamp, and predict tick k + 1, see replay_step."""
     put(control, deviation)
     deviation[0] -= n.hover_thrust
     belief, history = belief_in(memory, slot), history_in(memory, slot)
     open_belief(belief, opening)
     for row in range(history.shape[0]):  # run again from a past tick, the filter would forget what it is told now
         open_belief(history[row, slot.belief : slot.y], opening)
-    if timeline.size > 0:
-        hover = np.zeros(N_U)
-        hover[0] = n.hover_thrust
-        start, end = k * n.h, (k + 1) * n.h
-        sent = control - hover + hover  # rounded as in Drake, where the filter takes what differs from hover
-        rows = with_command(unpacked(timeline), start + timeline[0], sent)
-        put(with_acted(history, slot, belief, k, rows, hover, n.h, model, layout), belief)
-        put(mean_control(rows, start, end) - hover, deviation)
     after = replay_step(history, slot, belief, k, y, delta, V2, stamps, n.h, deviation, reference, model, layout)
     put(after, belief)
 
@@ -98,40 +76,27 @@ REPLAY = Element(
     "replay_filter",
     step=replay_filter_step,
     numbers=(Number("hover_thrust"), Number("h")),
-    tables=(Array("timeline"),),
     state=(Array("memory"),),
     work=(Array("deviation"),),
     shows="memory",
     allocates=True,
 )
-ACTED = replace(REPLAY, name="acted_filter", tables=())
 PAST = Element("belief_at_stamp", out=belief_at_stamp_out, numbers=(Number("h"),), allocates=True)
 
 
 def replay_box(
-    model: FilterModel,
-    measurement: Measurement,
-    hover_thrust: float,
-    belief_0: np.ndarray,
-    ticks: int,
-    h: float,
-    acted: bool = False,
+    model: FilterModel, measurement: Measurement, hover_thrust: float, belief_0: np.ndarray, ticks: int, h: float
 ) -> Box:
     """Return the filter: it reads y, delta, V2, stamps, the control, the reference and what is opened of P.
 
     It says its `belief`, [xhat, P row by row] of all its states, and after it the history.
 
-    Arguments as filter_box, with the ticks that are kept in the history, the tick h [s], and whether it reads the
-    timeline of the commands as well.
+    Arguments as filter_box, with the ticks that are kept in the history and the tick h [s].
     """
     slot = slot_of(measurement, len(model.Phi) + N_I)
     memory = np.concatenate((belief_0, empty_history(ticks, slot).ravel()))
-    given = Values(
-        {"hover_thrust": hover_thrust, "h": h}, {"memory": memory}, {} if acted else {"timeline": np.zeros(0)}
-    )
-    element, parts = ACTED if acted else REPLAY, {"belief": (0, belief_0.size)}
-    work: dict[str, tuple[int, ...]] = {"deviation": (N_U,)}
-    box = Box("filter", element, memory.size, given, work, {"timeline": "command_log"} if acted else {}, parts)
+    given, parts = Values({"hover_thrust": hover_thrust, "h": h}, {"memory": memory}), {"belief": (0, belief_0.size)}
+    box = Box("filter", REPLAY, memory.size, given, {"deviation": (N_U,)}, parts=parts)
     return box.with_groups(model=model, layout=measurement.layout, slot=slot)
 
 
