@@ -30,6 +30,7 @@ from ortilo_drake.model.measurement import Layout, Measurement, Row
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import N_I
+from ortilo_drake.onboard.estimator.acted_element import acted_filter_step
 from ortilo_drake.onboard.estimator.filter_element import filter_step
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
 from ortilo_drake.onboard.estimator.late_measurements import Slot
@@ -121,6 +122,15 @@ def vary(belief: np.ndarray, n: int, told: LearnedCoefficients, lasting: np.ndar
             belief[n + (n + 1) * state] += (1.0 - r * r) * told.sd[i] ** 2
 
 
+@register_jitable
+def vary_all(memory: np.ndarray, slot: Slot, n: int, told: LearnedCoefficients, lasting: np.ndarray) -> None:
+    """Change the present belief and those of the history by vary: run again from a past tick it would be forgotten."""
+    vary(belief_in(memory, slot), n, told, lasting)
+    history = history_in(memory, slot)
+    for row in range(history.shape[0]):
+        vary(history[row, slot.belief : slot.y], n, told, lasting)
+
+
 def told_filter_step(
     n: Any,
     y: np.ndarray,
@@ -157,7 +167,6 @@ def told_replay_step(
     V2: np.ndarray,
     stamps: np.ndarray,
     control: np.ndarray,
-    timeline: np.ndarray,
     reference: np.ndarray,
     opening: np.ndarray,
     lasting: np.ndarray,
@@ -175,21 +184,54 @@ def told_replay_step(
     put(values_of(lasting), both)
     put(values_of(camera_lasting), both, N_LASTING)
     its = told_layout(layout, told, both, weights)
-    size, history = layout.C.shape[1] + N_I, history_in(memory, slot)
-    vary(belief_in(memory, slot), size, told, both)
-    for row in range(history.shape[0]):  # run again from a past tick it would be forgotten
-        vary(history[row, slot.belief : slot.y], size, told, both)
-    replay_filter_step(
+    vary_all(memory, slot, layout.C.shape[1] + N_I, told, both)
+    replay_filter_step(n, k, y, delta, V2, stamps, control, reference, opening, memory, deviation, model, its, slot)
+
+
+def told_acted_step(
+    n: Any,
+    k: int,
+    y: np.ndarray,
+    delta: np.ndarray,
+    V2: np.ndarray,
+    stamps: np.ndarray,
+    control: np.ndarray,
+    timeline: np.ndarray,
+    reference: np.ndarray,
+    opening: np.ndarray,
+    lasting: np.ndarray,
+    camera_lasting: np.ndarray,
+    memory: np.ndarray,
+    deviation: np.ndarray,
+    weights: np.ndarray,
+    both: np.ndarray,
+    model: FilterModel,
+    layout: Layout,
+    told: LearnedCoefficients,
+    slot: Slot,
+) -> None:
+    """Take acted_filter_step with the coefficients that are told."""
+    put(values_of(lasting), both)
+    put(values_of(camera_lasting), both, N_LASTING)
+    its = told_layout(layout, told, both, weights)
+    vary_all(memory, slot, layout.C.shape[1] + N_I, told, both)
+    acted_filter_step(
         n, k, y, delta, V2, stamps, control, timeline, reference, opening, memory, deviation, model, its, slot
     )
+
+
+STEPS: dict[str, Callable[..., None]] = {
+    "filter": told_filter_step,
+    "replay_filter": told_replay_step,
+    "acted_filter": told_acted_step,
+}
 
 
 def told_box(filter_: Box, told: LearnedCoefficients) -> Box:
     """Return one of the paper's filters that reads what is `lasting` and `camera_lasting` (6) of fixes as well."""
     element = filter_.element
     work = (*element.work, Array("weights", 2), Array("both"))
-    step: Callable[..., None] = told_filter_step if element.step is filter_step else told_replay_step
-    element = replace(element, name=f"told_{element.name}", step=step, work=work)
+    element = replace(element, name=f"told_{element.name}", step=STEPS[element.name], work=work)
     shape = filter_.given.tables["layout_weights"].shape
     box = replace(filter_, element=element, work=filter_.work | {"weights": shape, "both": (2 * N_LASTING,)})
     return box.with_groups(told=told)
