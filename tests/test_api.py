@@ -47,6 +47,7 @@ def test_importing_loads_neither_drake_nor_numpy_and_dir_shows_what_there_is() -
     modules, names = (set(line.split()) for line in done.stdout.splitlines())
     assert not {"pydrake", "numpy", "ortilo_drake.api"} & modules
     assert {"Flight", "compare", "fly", "fly_many", "load_scenario", "make_closed_loop"} <= names
+    assert not {"Any", "TYPE_CHECKING", "import_module"} & names
 
 
 def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
@@ -174,9 +175,13 @@ def test_netcdf_comes_back(flown: od.Flight, tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_a_page_tells_of_its_flight(flown: od.Flight, tmp_path: Path) -> None:
-    page = flown.to_html(tmp_path / "flight.html").read_text(encoding="utf-8")
+def test_a_page_tells_of_its_flight_and_the_terminal_nothing(
+    flown: od.Flight, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level("INFO", "drake"):  # Drake's own level
+        page = flown.to_html(tmp_path / "flight.html").read_text(encoding="utf-8")
     assert f"<h1>{flown.scenario.name}, seed {flown.seed}</h1>" in page
+    assert not caplog.records
 
 
 def test_a_table_has_every_number_of_the_flight_and_its_unit(flown: od.Flight) -> None:

@@ -214,16 +214,17 @@ def fly(
         16
 
     Args:
-        scenario: as load_scenario.
-        settings: as load_scenario.
-        seed: as load_scenario.
+        scenario: name of a scenario that comes with the package, a file, or a Scenario.
+        settings: changes as the command line takes them: "uwb.link.loss=0.3", several of these, or a mapping.
+        seed: seed of all noise; by default the scenario's own.
         progress: called with the number of ticks flown.
-        estimator: makes the estimator in place of the scenario's, see diagrams/onboard.py; or its settings.
-        servo: makes the servo; or its settings.
-        planner: makes the path, or the System that gives the reference; or its settings.
+        estimator: makes, of what onboard may know (Belief) and the state at the start, a System in place of the
+            scenario's estimator; or its settings, as {"kind": "intermittent"}.
+        servo: makes a System in place of the scenario's servo, of the Belief; or its settings.
+        planner: makes the path, or the System that gives the reference, of the Belief; or its settings.
         player: 'engine' flies compiled code, 'drake' a Drake Diagram whose halves are compiled, 'drake-elements' one
             with a system for each element; 'fastest' takes the engine where it can. The flight is the same.
-        changes: as load_scenario.
+        changes: settings by keyword, two underscores for the dot: `uwb__link__loss=0.3`.
 
     Raises:
         InputError: if the scenario is wrong, or the player cannot fly it.
