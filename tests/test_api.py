@@ -174,6 +174,14 @@ def test_netcdf_comes_back(flown: od.Flight, tmp_path: Path) -> None:
     xr.testing.assert_identical(again.data, flown.data)
 
 
+def test_an_entry_of_the_covariance_has_names_and_the_error_its_unit(flown: od.Flight) -> None:
+    np.testing.assert_array_equal(
+        flown.data["covariance"].sel(xbar="x", xbar_column="y_dot"), flown.data["covariance"].values[:, 0, 7]
+    )
+    assert list(flown.data["xbar"].values[[0, 7]]) == ["x", "y_dot"]
+    assert flown.error.attrs == {"units": "m", "long_name": "error of the estimated position"}
+
+
 @pytest.mark.long
 def test_a_page_tells_of_its_flight_and_the_terminal_nothing(
     flown: od.Flight, tmp_path: Path, caplog: pytest.LogCaptureFixture

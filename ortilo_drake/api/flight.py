@@ -78,7 +78,8 @@ class Flight:
         """The estimate of the position less the truth at every tick (tick, axis) [m]."""
         axes = list(flight.AXES)
         estimate = self.data["estimate"].sel(xbar=axes).rename(xbar="axis")
-        return (estimate - self.data["truth"].sel(state=axes).rename(state="axis")).rename("error")
+        error = (estimate - self.data["truth"].sel(state=axes).rename(state="axis")).rename("error")
+        return error.assign_attrs(units="m", long_name="error of the estimated position")
 
     def summary(self) -> dict[str, Any]:
         """Return the figures of the flight, as `ortilo fly --json` writes them; those of a lost flight end at its loss.
