@@ -15,6 +15,7 @@ import xarray as xr
 from distributed import LocalCluster, SpecCluster
 from IPython.core.formatters import DisplayFormatter
 from made_up_summaries import made_up_summary
+from matplotlib import image
 from matplotlib.figure import Figure
 from pydrake.systems.framework import Diagram
 from scipy.spatial.transform import Rotation
@@ -158,6 +159,14 @@ def test_a_notebook_shows_each_figure_of_a_flight_by_itself(flown: od.Flight) ->
         assert shown["image/png"].startswith(b"\x89PNG")
 
 
+def test_a_plot_takes_the_command_lines_themes(flown: od.Flight, tmp_path: Path) -> None:
+    flown.plot("slides").savefig(tmp_path / "slides.png")
+    assert image.imread(tmp_path / "slides.png").shape[1] == 1920  # a slide's width [px]
+    flown.plot_blackouts(theme="dark").savefig(tmp_path / "dark.png")
+    assert image.imread(tmp_path / "dark.png")[0, 0, :3].max() < 0.2  # the ground
+    assert flown.plot_availability(theme="print").dpi == 300
+
+
 def test_blackouts_and_availability_are_figures_of_that_flight(flown: od.Flight) -> None:
     (axes,) = flown.plot_blackouts("z").axes
     np.testing.assert_array_equal(axes.get_lines()[0].get_ydata(), abs(flown.error.sel(axis="z")))
@@ -276,8 +285,9 @@ def test_a_comparison_has_medians_of_the_same_seeds() -> None:
     assert found.loc["nominal_imu_uwb", "lost"] == 0
     with pd.option_context("display.width", 40, "display.max_columns", 3):  # a narrow screen
         shown = f"{found}".splitlines()
-    assert len(shown) == 1 + len(found)
-    assert all(column in shown[0] for column in ("lost", "mse x", "path mse", "nees", "player"))
+    assert len(shown) == 1 + len(found) + 1
+    assert all(column in shown[0] for column in ("lost", "mse x [m^2]", "path mse [m^2]", "nees [1]", "player"))
+    assert shown[-1].startswith("[?]: too few flights for the 95 % interval")
     assert "0 of 3 [0, 56 %]" in shown[1]
     assert f"{number(float(np.median(each)))} [?]" in shown[1]  # three flights have no interval
     assert np.isnan(found.loc["nominal_imu_uwb", "mse x low"])
@@ -386,6 +396,7 @@ def test_a_map_has_a_row_for_each_point() -> None:
         (lambda: od.linearize("imu_uwb", "plant").frame("E"), "^matrix: 'E': must be one of A, B, C, D$"),
         (lambda: od.linearize("imu_uwb", "plant", reference="x"), r"^reference: has the shape \(\)"),
         (lambda: od.fly("nominal_imu_uwb", **HOVER).plot_blackouts("w"), "^axis: 'w': must be one of x, y, z$"),
+        (lambda: od.fly("nominal_imu_uwb", **HOVER).plot("slide"), "^theme: 'slide': must be one of light, dark, sl"),
         (lambda: od.fly(3), "^scenario: 3: must be a ready-made one's name or a .yaml file$"),
         (lambda: od.make_closed_loop("imu_ubw"), "^scenario: 'imu_ubw' is unknown"),
     ],

@@ -29,6 +29,7 @@ from ortilo_drake.views.blackout_figures import draw_availability, draw_blackout
 from ortilo_drake.views.figures import draw_flight
 from ortilo_drake.views.page.flight_page import flight_page
 from ortilo_drake.views.scene_view import make_camera_view
+from ortilo_drake.views.themes import in_theme
 
 
 class Flight:
@@ -100,17 +101,22 @@ class Flight:
         """
         return asdict(metrics.summary(self.data))
 
-    def plot(self) -> Figure:
-        """Return a figure of the path, the errors in their 3-sigma bands and the arrivals."""
-        return draw_flight(self.data)
+    def plot(self, theme: str = "light") -> Figure:
+        """Return a figure of the path, the errors in their 3-sigma bands and the arrivals.
 
-    def plot_blackouts(self, axis: str = "x") -> Figure:
+        Args:
+            theme: 'light', 'dark', 'slides' or 'print', as the command line's --theme.
+        """
+        return in_theme(draw_flight(self.data), theme)
+
+    def plot_blackouts(self, axis: str = "x", theme: str = "light") -> Figure:
         """Return a figure of the error along an axis and the filter's own sd over time, UWB blackouts shaded."""
-        return draw_blackout_errors({f"{self.scenario.name}, seed {self.seed}": self.data}, axis)
+        figure = draw_blackout_errors({f"{self.scenario.name}, seed {self.seed}": self.data}, axis)
+        return in_theme(figure, theme)
 
-    def plot_availability(self) -> Figure:
+    def plot_availability(self, theme: str = "light") -> Figure:
         """Return a figure along x of the camera fixes' errors and of the share of due fixes that were used."""
-        return draw_availability(self.data)
+        return in_theme(draw_availability(self.data), theme)
 
     def to_netcdf(self, path: str | Path) -> Path:
         """Write the flight as netCDF with a digest; return the path."""
