@@ -30,4 +30,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *import_module("ortilo_drake.api").__all__})
+    return sorted({"__version__", *import_module("ortilo_drake.api").__all__})

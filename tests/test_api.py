@@ -15,6 +15,7 @@ import xarray as xr
 from distributed import LocalCluster, SpecCluster
 from IPython.core.formatters import DisplayFormatter
 from made_up_summaries import made_up_summary
+from matplotlib import image
 from matplotlib.figure import Figure
 from pydrake.systems.framework import Diagram
 from scipy.spatial.transform import Rotation
@@ -47,6 +48,7 @@ def test_importing_loads_neither_drake_nor_numpy_and_dir_shows_what_there_is() -
     modules, names = (set(line.split()) for line in done.stdout.splitlines())
     assert not {"pydrake", "numpy", "ortilo_drake.api"} & modules
     assert {"Flight", "compare", "fly", "fly_many", "load_scenario", "make_closed_loop"} <= names
+    assert not {"Any", "TYPE_CHECKING", "import_module"} & names
 
 
 def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
@@ -157,6 +159,14 @@ def test_a_notebook_shows_each_figure_of_a_flight_by_itself(flown: od.Flight) ->
         assert shown["image/png"].startswith(b"\x89PNG")
 
 
+def test_a_plot_takes_the_command_lines_themes(flown: od.Flight, tmp_path: Path) -> None:
+    flown.plot("slides").savefig(tmp_path / "slides.png")
+    assert image.imread(tmp_path / "slides.png").shape[1] == 1920  # a slide's width [px]
+    flown.plot_blackouts(theme="dark").savefig(tmp_path / "dark.png")
+    assert image.imread(tmp_path / "dark.png")[0, 0, :3].max() < 0.2  # the ground
+    assert flown.plot_availability(theme="print").dpi == 300
+
+
 def test_blackouts_and_availability_are_figures_of_that_flight(flown: od.Flight) -> None:
     (axes,) = flown.plot_blackouts("z").axes
     np.testing.assert_array_equal(axes.get_lines()[0].get_ydata(), abs(flown.error.sel(axis="z")))
@@ -173,10 +183,22 @@ def test_netcdf_comes_back(flown: od.Flight, tmp_path: Path) -> None:
     xr.testing.assert_identical(again.data, flown.data)
 
 
+def test_an_entry_of_the_covariance_has_names_and_the_error_its_unit(flown: od.Flight) -> None:
+    np.testing.assert_array_equal(
+        flown.data["covariance"].sel(xbar="x", xbar_column="y_dot"), flown.data["covariance"].values[:, 0, 7]
+    )
+    assert list(flown.data["xbar"].values[[0, 7]]) == ["x", "y_dot"]
+    assert flown.error.attrs == {"units": "m", "long_name": "error of the estimated position"}
+
+
 @pytest.mark.long
-def test_a_page_tells_of_its_flight(flown: od.Flight, tmp_path: Path) -> None:
-    page = flown.to_html(tmp_path / "flight.html").read_text(encoding="utf-8")
+def test_a_page_tells_of_its_flight_and_the_terminal_nothing(
+    flown: od.Flight, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level("INFO", "drake"):  # Drake's own level
+        page = flown.to_html(tmp_path / "flight.html").read_text(encoding="utf-8")
     assert f"<h1>{flown.scenario.name}, seed {flown.seed}</h1>" in page
+    assert not caplog.records
 
 
 def test_a_table_has_every_number_of_the_flight_and_its_unit(flown: od.Flight) -> None:
@@ -263,8 +285,9 @@ def test_a_comparison_has_medians_of_the_same_seeds() -> None:
     assert found.loc["nominal_imu_uwb", "lost"] == 0
     with pd.option_context("display.width", 40, "display.max_columns", 3):  # a narrow screen
         shown = f"{found}".splitlines()
-    assert len(shown) == 1 + len(found)
-    assert all(column in shown[0] for column in ("lost", "mse x", "path mse", "nees", "player"))
+    assert len(shown) == 1 + len(found) + 1
+    assert all(column in shown[0] for column in ("lost", "mse x [m^2]", "path mse [m^2]", "nees [1]", "player"))
+    assert shown[-1].startswith("[?]: too few flights for the 95 % interval")
     assert "0 of 3 [0, 56 %]" in shown[1]
     assert f"{number(float(np.median(each)))} [?]" in shown[1]  # three flights have no interval
     assert np.isnan(found.loc["nominal_imu_uwb", "mse x low"])
@@ -373,6 +396,7 @@ def test_a_map_has_a_row_for_each_point() -> None:
         (lambda: od.linearize("imu_uwb", "plant").frame("E"), "^matrix: 'E': must be one of A, B, C, D$"),
         (lambda: od.linearize("imu_uwb", "plant", reference="x"), r"^reference: has the shape \(\)"),
         (lambda: od.fly("nominal_imu_uwb", **HOVER).plot_blackouts("w"), "^axis: 'w': must be one of x, y, z$"),
+        (lambda: od.fly("nominal_imu_uwb", **HOVER).plot("slide"), "^theme: 'slide': must be one of light, dark, sl"),
         (lambda: od.fly(3), "^scenario: 3: must be a ready-made one's name or a .yaml file$"),
         (lambda: od.make_closed_loop("imu_ubw"), "^scenario: 'imu_ubw' is unknown"),
     ],

@@ -29,6 +29,7 @@ from ortilo_drake.views.blackout_figures import draw_availability, draw_blackout
 from ortilo_drake.views.figures import draw_flight
 from ortilo_drake.views.page.flight_page import flight_page
 from ortilo_drake.views.scene_view import make_camera_view
+from ortilo_drake.views.themes import in_theme
 
 
 class Flight:
@@ -78,7 +79,8 @@ class Flight:
         """The estimate of the position less the truth at every tick (tick, axis) [m]."""
         axes = list(flight.AXES)
         estimate = self.data["estimate"].sel(xbar=axes).rename(xbar="axis")
-        return (estimate - self.data["truth"].sel(state=axes).rename(state="axis")).rename("error")
+        error = (estimate - self.data["truth"].sel(state=axes).rename(state="axis")).rename("error")
+        return error.assign_attrs(units="m", long_name="error of the estimated position")
 
     def summary(self) -> dict[str, Any]:
         """Return the figures of the flight, as `ortilo fly --json` writes them; those of a lost flight end at its loss.
@@ -99,17 +101,22 @@ class Flight:
         """
         return asdict(metrics.summary(self.data))
 
-    def plot(self) -> Figure:
-        """Return a figure of the path, the errors in their 3-sigma bands and the arrivals."""
-        return draw_flight(self.data)
+    def plot(self, theme: str = "light") -> Figure:
+        """Return a figure of the path, the errors in their 3-sigma bands and the arrivals.
 
-    def plot_blackouts(self, axis: str = "x") -> Figure:
+        Args:
+            theme: 'light', 'dark', 'slides' or 'print', as the command line's --theme.
+        """
+        return in_theme(draw_flight(self.data), theme)
+
+    def plot_blackouts(self, axis: str = "x", theme: str = "light") -> Figure:
         """Return a figure of the error along an axis and the filter's own sd over time, UWB blackouts shaded."""
-        return draw_blackout_errors({f"{self.scenario.name}, seed {self.seed}": self.data}, axis)
+        figure = draw_blackout_errors({f"{self.scenario.name}, seed {self.seed}": self.data}, axis)
+        return in_theme(figure, theme)
 
-    def plot_availability(self) -> Figure:
+    def plot_availability(self, theme: str = "light") -> Figure:
         """Return a figure along x of the camera fixes' errors and of the share of due fixes that were used."""
-        return draw_availability(self.data)
+        return in_theme(draw_availability(self.data), theme)
 
     def to_netcdf(self, path: str | Path) -> Path:
         """Write the flight as netCDF with a digest; return the path."""
@@ -214,16 +221,17 @@ def fly(
         16
 
     Args:
-        scenario: as load_scenario.
-        settings: as load_scenario.
-        seed: as load_scenario.
+        scenario: name of a scenario that comes with the package, a file, or a Scenario.
+        settings: changes as the command line takes them: "uwb.link.loss=0.3", several of these, or a mapping.
+        seed: seed of all noise; by default the scenario's own.
         progress: called with the number of ticks flown.
-        estimator: makes the estimator in place of the scenario's, see diagrams/onboard.py; or its settings.
-        servo: makes the servo; or its settings.
-        planner: makes the path, or the System that gives the reference; or its settings.
+        estimator: makes, of what onboard may know (Belief) and the state at the start, a System in place of the
+            scenario's estimator; or its settings, as {"kind": "intermittent"}.
+        servo: makes a System in place of the scenario's servo, of the Belief; or its settings.
+        planner: makes the path, or the System that gives the reference, of the Belief; or its settings.
         player: 'engine' flies compiled code, 'drake' a Drake Diagram whose halves are compiled, 'drake-elements' one
             with a system for each element; 'fastest' takes the engine where it can. The flight is the same.
-        changes: as load_scenario.
+        changes: settings by keyword, two underscores for the dot: `uwb__link__loss=0.3`.
 
     Raises:
         InputError: if the scenario is wrong, or the player cannot fly it.

@@ -129,10 +129,13 @@ class Comparison(pd.DataFrame):
         if not set(_FIGURES) <= set(self.columns):  # a part of it
             return self.to_string(float_format=lambda value: f"{value:.4g}")
         rows = [_shown(row) for row in self.to_dict("records")]
-        return pd.DataFrame(rows, index=self.index).to_string()
+        text = pd.DataFrame(rows, index=self.index).to_string()
+        return f"{text}\n{_FOOTNOTE}" if "[?]" in text else text
 
 
-_FIGURES = ("mse x", "mse y", "mse z", "path mse", "farthest from path", "nees")
+_UNITS = {"mse x": "m^2", "mse y": "m^2", "mse z": "m^2", "path mse": "m^2", "farthest from path": "m", "nees": "1"}
+_FIGURES = tuple(_UNITS)
+_FOOTNOTE = "[?]: too few flights for the 95 % interval of a median, which takes six."
 _ENDS = ("", " low", " high", " kept", " kept low", " kept high")
 
 
@@ -146,7 +149,7 @@ def _shown(row: dict[Hashable, Any]) -> dict[str, str]:
             None if math.isnan(kept_low) else (kept_low, kept_high),
         )
         middle = Middle(_known(median), ends, _known(kept), kept_ends)
-        shown[name] = of_all_and_kept(middle, row["lost"])
+        shown[f"{name} [{_UNITS[name]}]"] = of_all_and_kept(middle, row["lost"])
     return shown | {"player": row["player"]}
 
 
@@ -183,7 +186,7 @@ def compare(
     position (3 if consistent): the median, a lost flight being worse than any that was kept, so that it is infinite
     where half or more are lost; its 95 % interval, ' low' and ' high', NaN of fewer than six flights; and ' kept',
     ' kept low', ' kept high', of the flights that were not lost, NaN where all were. It prints as medians with their
-    intervals in brackets.
+    intervals in brackets, [?] where there are too few flights for one.
 
     Args:
         scenarios: each as load_scenario.

@@ -35,6 +35,10 @@ def solve_dare(
     X is right to 1e-8 of sqrt(X_ii X_jj) and better with each solver. A Kalman filter's equation is the same with
     A = Phi^T, B = C^T, Q = W and R = V: X is its covariance before a measurement, L^T its predictor gain.
 
+    The stabilising solution exists if (A, B) is stabilisable and Q sees all modes on the unit circle. Modes outside it
+    may be unseen, as with Q = 0 (minimum energy): 'scipy' finds the solution then. Of the others, doubling and the
+    recursion go to the least cost, which does not stabilise, and Drake refuses what is not detectable.
+
     Args:
         A: dynamics (n, n).
         B: inputs (n, m).
@@ -44,7 +48,8 @@ def solve_dare(
         solver: 'scipy', 'drake', 'doubling' (structured doubling) or 'recursion'.
 
     Raises:
-        InputError: if there is no stabilising solution, naming the modes in the way, or a matrix is wrong.
+        InputError: if there is no stabilising solution, or the solver does not reach it, naming the modes in the way;
+            or if a matrix is wrong.
 
     Example:
         >>> import ortilo_drake as od
@@ -54,7 +59,7 @@ def solve_dare(
     """
     given = {"A": A, "B": B, "Q": Q, "R": R} | ({} if N is None else {"N": N})
     A, B, Q, R, *cross = real_matrices(**{name: _as_array(name, matrix) for name, matrix in given.items()})
-    X = riccati.solve(A, B, Q, R, *cross, solver=solver)
+    X = riccati.solve(A, B, Q, R, *cross, solver=solver, least_cost=solver != "scipy")
     return Dare(X, riccati.gain(A, B, R, X, *cross), assess(A, B, Q, R, X, *cross))
 
 

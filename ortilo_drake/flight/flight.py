@@ -165,6 +165,7 @@ def flight_dataset(scenario: Scenario, times: np.ndarray, logged: np.ndarray, lo
             "time": ("tick", times, {"units": "s"}),
             "state": list(STATE_NAMES),
             "xbar": list(XBAR_NAMES),
+            "xbar_column": list(XBAR_NAMES),
             "control_name": list(CONTROL_NAMES),
             "axis": list(AXES),
             "output": list(measurement.outputs),

@@ -66,6 +66,8 @@ def load_flight(path: Path) -> xr.Dataset:
             warnings.simplefilter("ignore")  # a foreign file may be odd in many ways; it is refused below
             with xr.open_dataset(io.BytesIO(data), engine="h5netcdf") as dataset:
                 flight = dataset.load()
+        if "xbar" in flight and "xbar_column" not in flight:  # written before the columns of P had names
+            flight = flight.assign_coords(xbar_column=flight["xbar"].values)
         _require_flight(flight)
     except Exception as error:  # xarray, h5netcdf and h5py raise a dozen kinds for foreign files
         raise InputError(f"{path}: not a flight: {reason_of(error)}") from None

@@ -10,6 +10,8 @@ from contextvars import ContextVar
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Final
 
+from ortilo_drake.model.input_error import InputError
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -59,6 +61,17 @@ def apply_theme(figure: "Figure") -> dict[str, Any]:
     elif theme is Theme.print:
         return {"dpi": PRINTED}
     return {"dpi": "figure"}
+
+
+def in_theme(figure: "Figure", name: str) -> "Figure":
+    """Return a figure in a look, chosen by its name; savefig and a notebook show it so. InputError for another name."""
+    if name not in list(Theme):
+        raise InputError(f"theme: {name!r}: must be one of {', '.join(Theme)}")
+    with themed(Theme(name)):
+        dpi = apply_theme(figure)["dpi"]
+    if dpi != "figure":
+        figure.set_dpi(dpi)
+    return figure
 
 
 def _wrap_titles(figure: "Figure") -> None:

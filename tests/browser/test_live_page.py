@@ -113,6 +113,14 @@ STOPS = """new Promise((done) => {
 })"""  # with the message that stops a flight
 
 
+def test_before_the_first_tick_the_page_says_what_it_waits_for(tab: Page) -> None:
+    meshcat = hidden_meshcat()
+    with Guard(meshcat, Panel(), None, lambda: b"null") as guard:
+        tab.open(guard.url, 720, 320)
+        tab.until("document.body.innerText.includes('waiting for the first tick')")
+        tab.call("Page.navigate", url="about:blank")
+
+
 def test_a_page_of_elsewhere_is_refused_though_it_knows_the_address(tab: Page, flying: Flying, elsewhere: str) -> None:
     tab.open(elsewhere)
     tab.run("window.txt = (text) => Array.from(text, (c) => c.charCodeAt(0)), 0")

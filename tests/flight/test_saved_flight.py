@@ -378,3 +378,9 @@ def test_a_full_disk_is_told_in_one_line_and_leaves_nothing(tmp_path: Path) -> N
     assert (ended.returncode, ended.stderr) == (0, "")  # HDF5 ended the process by signal 11 here
     assert ended.stdout == f"{tmp_path}/flight.nc: cannot be written: File too large\n"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_flight_saved_before_the_columns_of_p_had_names_is_given_them(tmp_path: Path) -> None:
+    flight = made_up()
+    save_flight(flight.drop_vars("xbar_column"), tmp_path / "old.nc")
+    xr.testing.assert_identical(load_flight(tmp_path / "old.nc"), flight)

@@ -11,13 +11,23 @@ from matplotlib.figure import Figure
 from matplotlib.path import Path
 
 from ortilo_drake.scenario.schema import scenario_keys
+from ortilo_drake.sensors.described import title_of
 from ortilo_drake.studies.maps.map_flights import Map, MapPoint
 from ortilo_drake.studies.maps.map_theory import MapTheory
 from ortilo_drake.studies.maps.sweep import Grid, Range
 from ortilo_drake.views.palette import BLUE, ORANGE, STYLE
 from ortilo_drake.views.pictures import save_picture
 
-FLOWN, BOUND = "flown", "theory: bound on the mean error, hovering"
+FLOWN, BOUND = "flown", "theory: bound on the mean,\napproximate, near hover"
+LINK_NAMES = {
+    "rate": "{} rate",
+    "delay": "{} delay",
+    "random_delay": "largest additional {} delay",
+    "loss": "{} messages lost",
+    "loss.probability": "{} messages lost",
+    "loss.loss": "{} messages lost",
+    "loss.mean_length": "mean burst of lost {} messages",
+}
 THEORY = "magenta"  # stands out of both maps' colours
 _SHORTEST = 2.0  # a line that crosses fewer cells is not drawn
 _ROUND = (1.0, 2.0, 5.0)  # times powers of ten
@@ -38,6 +48,7 @@ def map_figure(found: Map, path: File, theory: MapTheory | None = None) -> File 
             _curves(panels, found, theory)
         else:
             _heat(figure, panels, found, theory)
+        figure.suptitle(_heading(found))
         return save_picture(figure, path)
 
 
@@ -46,9 +57,31 @@ def _values(found: Map, key: str) -> list[Any]:
 
 
 def _title(key: str) -> str:
-    """Return a setting's name with its unit, as on an axis."""
-    unit = next((its.unit for its in scenario_keys(key) if its.key == key), "1" if key.endswith(".loss") else "")
-    return key.replace(".", " ").replace("_", " ") + (f" [{unit}]" if unit else "")
+    """Return a setting's plain name with its unit, as on an axis."""
+    unit = next((its.unit for its in scenario_keys(key) if its.key == key), "")
+    group, _, of_link = key.partition(".link.")
+    if of_link in LINK_NAMES:
+        name = LINK_NAMES[of_link].format(title_of(group))
+    else:
+        name = key.replace(".", " ").replace("_", " ")
+    return name + (f" [{unit}]" if unit and unit != "1" else "")
+
+
+def _heading(found: Map) -> str:
+    fewest, most = min(row.flights for row in found.rows), max(row.flights for row in found.rows)
+    return f"{found.sweep.scenario}, {fewest if fewest == most else f'{fewest} to {most}'} flights at each point"
+
+
+def _say_none_lost(panel: Any, found: Map) -> None:
+    flights = sum(row.flights for row in found.rows)
+    highest = max(row.lost_high for row in found.rows)
+    said = f"None of the {flights:,} flights was lost:\nat each point at most {100.0 * highest:.2g} % are lost (95 %)."
+    panel.text(0.5, 0.5, said, ha="center", va="center", transform=panel.transAxes)
+    panel.set_axis_off()
+
+
+def _legend_above(panel: Any) -> None:
+    panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, fontsize=7, frameon=False)
 
 
 def _curves(panels: Any, found: Map, theory: MapTheory | None) -> None:
@@ -56,20 +89,25 @@ def _curves(panels: Any, found: Map, theory: MapTheory | None) -> None:
     values, rows = _values(found, key), found.rows
     numbers = _are_numbers(values)
     x = values if numbers else range(len(values))
-    low, high = (np.array([getattr(row, f"lost_{end}") for row in rows]) for end in ("low", "high"))
-    panels[0].fill_between(x, low, high, color=ORANGE, alpha=0.2, lw=0, label="95 % interval")
-    panels[0].plot(x, [row.lost / row.flights for row in rows], "o-", color=ORANGE)
-    if theory is not None and theory.lost is not None:
-        panels[0].plot(x, theory.lost, "--", color="k", lw=1.0, label=_law(theory))
-    panels[0].set(ylabel="flights lost [-]", ylim=(0.0, min(1.0, 1.1 * max(high.max(), 0.05))))
-    panels[0].legend()
+    if any(row.lost for row in rows):
+        low, high = (np.array([getattr(row, f"lost_{end}") for row in rows]) for end in ("low", "high"))
+        panels[0].fill_between(x, low, high, color=ORANGE, alpha=0.2, lw=0, label="95 % interval")
+        panels[0].plot(x, [row.lost / row.flights for row in rows], "o-", color=ORANGE, label=FLOWN, clip_on=False)
+        if theory is not None and theory.lost is not None:
+            panels[0].plot(x, theory.lost, "--", color="k", lw=1.0, label=_law(theory))
+        panels[0].set(ylabel="flights lost", ylim=(0.0, min(1.0, 1.1 * high.max())))
+        _legend_above(panels[0])
+    else:
+        _say_none_lost(panels[0], found)
     rms = np.array([[np.nan if v is None else v for v in (row.rms_low, row.kept_rms, row.rms_high)] for row in rows])
-    panels[1].fill_between(x, rms[:, 0], rms[:, 2], color=BLUE, alpha=0.2, lw=0, label="middle half of the flights")
-    panels[1].plot(x, rms[:, 1], "o-", color=BLUE)
+    ends = np.array([row.kept_interval or (np.nan, np.nan) for row in rows])
+    bars = np.abs(ends - rms[:, 1:2]).T
+    panels[1].fill_between(x, rms[:, 0], rms[:, 2], color=BLUE, alpha=0.2, lw=0, label="middle half of the kept")
+    panels[1].errorbar(x, rms[:, 1], bars, fmt="o-", color=BLUE, capsize=2, label="median of the kept,\n95 % interval")
     if theory is not None and np.isfinite(theory.rms).any():
         panels[1].plot(x, np.where(np.isfinite(theory.rms), theory.rms, np.nan), "--", color="k", lw=1.0, label=BOUND)
-    panels[1].set(ylabel="RMS error of the position, of the kept [m]", ylim=(0.0, None))
-    panels[1].legend()
+    panels[1].set(ylabel="RMS error [m]", ylim=(0.0, None))
+    _legend_above(panels[1])
     axis = found.sweep.axes[key]
     for panel in panels:
         panel.set_xlabel(_title(key))
@@ -95,10 +133,13 @@ def _heat(figure: Figure, panels: Any, found: Map, theory: MapTheory | None) -> 
     finite = rms[np.isfinite(rms)]
     spread = LogNorm(finite.min(), max(finite.max(), 1.01 * finite.min())) if finite.size else Normalize()
     drawn = (
-        (panels[0], lost, Normalize(0.0, max(lost.max(), 0.05)), "YlOrRd", "flights lost [-]"),
-        (panels[1], rms, spread, "viridis", "median RMS error of the kept [m]; white: all lost"),
+        (panels[0], lost, Normalize(0.0, max(lost.max(), 0.05)), "YlOrRd", "flights lost"),
+        (panels[1], rms, spread, "viridis", "RMS error [m]; white: all lost"),
     )
-    for panel, values, norm, colors, label in drawn:
+    none_lost = not lost.any()
+    if none_lost:
+        _say_none_lost(panels[0], found)
+    for panel, values, norm, colors, label in drawn[none_lost:]:
         image = panel.imshow(values, origin="lower", aspect="auto", cmap=colors, norm=norm)
         panel.set(xlabel=_title(second), ylabel=_title(first))
         panel.set_xticks(*_ticks(columns))
@@ -141,7 +182,7 @@ def _contours(panel: Any, values: np.ndarray, names: dict[float, str], whose: st
     lines.set_paths([Path.make_compound_path(*paths) for paths in long])
     panel.clabel(lines, fmt=names, fontsize=7)
     panel.plot([], [], "-" if flown else "--", color="k" if flown else THEORY, lw=0.8 if flown else 1.6, label=whose)
-    panel.legend(loc="upper center", bbox_to_anchor=(0.5, 1.16), ncols=2, fontsize=7, frameon=False)
+    _legend_above(panel)
 
 
 def _law(theory: MapTheory) -> str:

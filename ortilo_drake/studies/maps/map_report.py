@@ -98,7 +98,10 @@ def map_text(found: Map, theory: MapTheory | None = None) -> str:
 def _on(theory: MapTheory) -> str:
     if theory.silence is not None:
         return f"No lines of theory: {theory.silence}"
-    said = "Dashed in the figure, by theory: the bound on the filter's mean error (expected Riccati equation, hovering)"
+    said = (
+        "Dashed in the figure, by theory: the bound on the filter's mean error (expected Riccati equation), "
+        "approximate, near hover"
+    )
     if theory.longest is not None:
         said += f"; the share of flights with a burst longer than {theory.longest:.3g} s, fitted to this map's losses"
     return said

@@ -146,18 +146,19 @@ def solve(
     solver: str = "scipy",
     names: tuple[str, ...] | None = None,
     dual: bool = False,
+    least_cost: bool = True,
 ) -> np.ndarray:
     """Return the stabilising solution X >= 0 (n x n) by one solver, right to 1e-8 of sqrt(X_ii X_jj) and better.
 
     The solver gets the equation in balanced units, and its X is returned as it is where its error is at most 1e-11, or
     refined (refinement.py). Matrices and solvers are those of api/riccati.py; errors call the states by their names,
-    and speak of Phi, C, W and V where it is a filter's equation, dual. InputError if the problem is ill-posed, before
-    solving and the same for every solver, naming the modes; or if the solver fails on a well-posed one, its X does not
-    stabilise, or cannot be refined.
+    and speak of Phi, C, W and V where it is a filter's equation, dual. Filter and servo take only an X that is the
+    recursion's limit, least_cost. InputError if the problem is ill-posed, before solving and the same for every solver,
+    naming the modes; or if the solver fails on a well-posed one, its X does not stabilise, or cannot be refined.
     """
     if solver not in RAW:
         raise InputError(f"solver: {solver!r}: must be one of {', '.join(RAW)}")
-    problem = require_well_posed(A, B, Q, R, N, names, dual)
+    problem = require_well_posed(A, B, Q, R, N, names, dual, least_cost)
     if solver == "drake" and not is_positive_definite(problem.R):
         raise InputError("R: Drake takes positive definite ones only: use another solver")
     try:

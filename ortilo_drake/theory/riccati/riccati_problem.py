@@ -6,7 +6,7 @@ has a unique stabilising solution X >= 0, the limit of the recursion from X = 0,
 stabilisable and (A_1, Q_1) is detectable (Lancaster and Rodman, Algebraic Riccati Equations, 1995, chapters 12 to 16),
 where A_1 = A - B R^-1 N^T and Q_1 = Q - N R^-1 N^T. Undetectable modes on the unit circle are eigenvalues of the
 symplectic pencil there, so no stabilising solution exists. With undetectable modes outside the circle there is one, but
-it is not the least cost and the recursion does not reach it.
+it is not the least cost and the recursion does not reach it: SciPy's solver does, where that is asked for.
 
 All of this is decided numerically, in balanced units: what is 0, or on the circle, but for rounding counts as such, and
 the decision is the same for every solver. With x = T x', u = S u', T and S diagonal, the DARE of A, B, Q, R, N and X
@@ -242,8 +242,11 @@ def require_well_posed(
     N: np.ndarray | None = None,
     names: tuple[str, ...] | None = None,
     dual: bool = False,
+    least_cost: bool = True,
 ) -> Balanced:
     """Return a DARE that has a stabilising solution X >= 0, in balanced units; see the module.
+
+    That is to be the least cost, the limit of the recursion, as well; or need not be so (least_cost: False).
 
     The matrices and states' names are as riccati.solve. Where it is a filter's equation (dual: A = Phi^T, B = C^T, Q =
     W, R = V), errors speak of those. InputError naming the matrix, or the modes that are not reached or not seen.
@@ -261,13 +264,15 @@ def require_well_posed(
         what = "(Phi, W) is not stabilisable: no noise drives" if dual else "(A, Q) is not detectable: no weight sees"
         if regular.X_0.any():
             what = f"with the controls that {'V' if dual else 'R'} makes free, {what}"
-        circle = any(abs(mode.eigenvalue) < 1.0 + ON_THE_CIRCLE for mode in modes)
-        why = (
-            "numerically on the unit circle, an eigenvalue of the symplectic pencil, so no stabilising solution exists"
-            if circle
-            else "outside the unit circle, so the recursion's limit does not stabilise"
-        )
-        raise InputError(f"Riccati equation: {what} {listed(modes)}, {why}")
+        if any(abs(abs(mode.eigenvalue) - 1.0) < ON_THE_CIRCLE for mode in modes):
+            why = (
+                "numerically on the unit circle, an eigenvalue of the symplectic pencil: no stabilising solution exists"
+            )
+            raise InputError(f"Riccati equation: {what} {listed(modes)}, {why}")
+        if least_cost:
+            why = "outside the unit circle, so the recursion's limit, the least cost, does not stabilise"
+            instead = "od.solve_dare's solver 'scipy' gives the solution that does"
+            raise InputError(f"Riccati equation: {what} {listed(modes)}, {why}: {instead}")
     if (distance := distance_to_circle(problem)) < ON_THE_CIRCLE:
         raise InputError(
             f"Riccati equation: an eigenvalue of the symplectic pencil is {distance:.1g} from the unit circle, "

@@ -10,7 +10,7 @@
       <tr><td>time<td id="time">–<tr><td>state<td id="state">–
       <tr><td>error of the estimate<td id="error">–<tr><td>its 3 sigma<td id="sd">–
     </table>
-    <div id="note"></div>
+    <div id="note">waiting for the first tick</div>
     <h2>Arriving, as the lamps above the vehicle show; share of the last 5 s</h2><div id="lamps"></div>
     ${["x", "y", "z"].map((axis) => `<h2>Error in ${axis} [m], 3 sigma in blue</h2><canvas id="of-${axis}"></canvas>`).join("")}
     <h2>Arrived, over time [s]</h2><canvas id="strips"></canvas>`;

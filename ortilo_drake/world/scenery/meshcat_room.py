@@ -1,6 +1,7 @@
 """Draw a room in Meshcat: floor, walls, stands, furniture, anchors and landmarks under the path /room."""
 
 import itertools
+import logging
 
 import numpy as np
 from pydrake.geometry import Box, Mesh, Meshcat, MeshcatParams, Rgba, Shape, Sphere
@@ -35,8 +36,17 @@ FIELD_OF_VIEW = 40.0  # vertical [deg]; narrow, so that a long room is not disto
 
 
 def make_meshcat(port: int | None = None, host: str = "localhost") -> Meshcat:
-    """Return a Meshcat that listens on the loopback interface only, on a free port unless one is given."""
-    return Meshcat(MeshcatParams(host=host, port=port, show_stats_plot=False))
+    """Return a Meshcat that listens on the loopback interface only, on a free port unless one is given.
+
+    Drake would print its address, also where it only makes a page.
+    """
+    drake = logging.getLogger("drake")
+    level = drake.level
+    drake.setLevel(logging.WARNING)
+    try:
+        return Meshcat(MeshcatParams(host=host, port=port, show_stats_plot=False))
+    finally:
+        drake.setLevel(level)
 
 
 def class_color(room: Room, label: str) -> Rgba:

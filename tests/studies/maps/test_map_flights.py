@@ -1,5 +1,6 @@
 """Maps: figures by engine and Drake, chunks that are kept, points that fly until enough is known."""
 
+import dataclasses
 import io
 import logging
 import math
@@ -185,6 +186,27 @@ def test_one_and_two_axes_are_drawn_and_others_are_not(axes: dict, tmp_path: Pat
     assert file.stat().st_size > 10_000
     three = sweep(axes=axes | {"uwb.link.delay": [0], "imu.link.loss": [0.0, 0.1]})
     assert map_figure(made_map(np.ones(three.count), three), tmp_path / "none.png") is None
+
+
+def test_a_curve_has_the_tables_intervals_and_its_names(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ortilo_drake.studies.maps.map_figure.save_picture", lambda figure, path: figure)
+    of = sweep(axes={"uwb.link.loss": [0.0, 0.5, 0.9]})
+    rows = [row_of(point, 0.2, lost) for point, lost in zip(points_of(of), (0, 2, 3), strict=True)]
+    rows = [dataclasses.replace(row, kept_interval=(0.1, 0.4)) for row in rows]
+    figure = map_figure(Map(of, rows, None), Path())
+    lost, errors = figure.axes
+    assert [axes.get_xlabel() for axes in figure.axes] == ["UWB messages lost"] * 2
+    assert (lost.get_ylabel(), errors.get_ylabel()) == ("flights lost", "RMS error [m]")
+    assert figure.get_suptitle() == "nominal_imu_uwb, 10 flights at each point"
+    (bars,) = errors.containers
+    np.testing.assert_allclose([bar[:, 1] for bar in bars.lines[2][0].get_segments()], [[0.1, 0.4]] * 3)
+    figure.draw_without_rendering()
+    for axes in figure.axes:  # the legend is above what is drawn
+        assert axes.get_legend().get_window_extent().y0 >= axes.bbox.y1
+    kept = [dataclasses.replace(row, lost=0) for row in rows]
+    empty = map_figure(Map(of, kept, None), Path()).axes[0]
+    assert not empty.lines
+    assert empty.texts[0].get_text().startswith("None of the 30 flights was lost")
 
 
 @pytest.mark.processes

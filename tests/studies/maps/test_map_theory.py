@@ -118,7 +118,7 @@ def test_a_heat_map_rises_along_named_axes_with_round_lines_and_no_fragment(monk
     found = made(axes, lambda p: 900 * (p["uwb.link.rate"] == 1.0 and p["uwb.link.delay"] == 0))
     rows = [dataclasses.replace(row, kept_rms=0.3 / row.point["uwb.link.rate"]) for row in found.rows]
     lost, errors = map_figure(dataclasses.replace(found, rows=rows), Path()).axes[:2]
-    assert (errors.get_xlabel(), errors.get_ylabel()) == ("uwb link delay [ticks]", "uwb link rate [Hz]")
+    assert (errors.get_xlabel(), errors.get_ylabel()) == ("UWB delay [ticks]", "UWB rate [Hz]")
     assert [text.get_text() for text in errors.get_yticklabels()] == ["1", "2", "4", "5"]
     np.testing.assert_allclose(errors.images[0].get_array()[:, 0], [0.3, 0.15, 0.075, 0.06])
     assert {text.get_text() for text in errors.texts} == {"0.1 m", "0.2 m"}
