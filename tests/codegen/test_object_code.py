@@ -135,6 +135,16 @@ def test_what_cannot_be_exported_is_refused_in_a_line(name: str, kind: str, says
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.parametrize("target", ["cortex-m7", "cortex-m4", "aarch64"])
+def test_a_function_of_the_processors_library_is_refused_in_a_line(target: str) -> None:
+    cosine = "declare double @llvm.cos.f64(double)\ndefine void @ortilo_f(ptr %x) {\n %a = load double, ptr %x\n"
+    cosine += " %c = call double @llvm.cos.f64(double %a)\n store double %c, ptr %x\n ret void\n}\n"
+    with pytest.raises(InputError) as refused:
+        object_code({"ortilo_f": cosine}, TARGETS[target])
+    assert str(refused.value) == "export: ortilo_f: calls llvm.cos.f64 of the processor's library, which has other bits"
+    assert object_code({"ortilo_f": cosine.replace("cos", "fabs")}, TARGETS[target])
+
+
 EXACT = """
 declare double @llvm.floor.f64(double)
 declare double @llvm.rint.f64(double)

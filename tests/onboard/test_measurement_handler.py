@@ -137,6 +137,19 @@ def test_distance_is_scipys_mahalanobis() -> None:
         assert distance_of(p, xhat, P, V) == pytest.approx(expected, rel=1e-10)
 
 
+@pytest.mark.parametrize(("sensor", "first"), [("camera", 3), ("imu", 6)])
+@pytest.mark.parametrize("off", [0.0, 100.0])
+def test_a_gate_reads_the_value_of_a_sensor_before_which_others_do_not_fly(sensor: str, first: int, off: float) -> None:
+    its = {"camera": P_CAMERA, "imu": RPY}[sensor]
+    xhat = np.zeros(15)
+    xhat[{"camera": 0, "imu": 3}[sensor] :][:3] = its + off
+    flying = SENSORS[SENSORS.index(sensor) :]
+    sharp = FIXED | {sensor: 1e-6 * np.eye(3)}
+    said = handle(np.ones(3), {sensor: 0.99}, sharp, xhat, 1e-6 * np.eye(15), flying)
+    assert said["delta"][SENSORS.index(sensor)] == float(off == 0.0)
+    np.testing.assert_array_equal(said["y"][first : first + 3], its if off == 0.0 else np.zeros(3))
+
+
 @pytest.mark.parametrize("sensor", [0, 1])
 @pytest.mark.parametrize("gate", [0.5, 0.9, 0.999])
 def test_gate_stands_at_the_chi_square_quantile(sensor: int, gate: float) -> None:

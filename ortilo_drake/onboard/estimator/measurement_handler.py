@@ -123,15 +123,15 @@ def handler_out(
         if with_message[j]:
             put(message[2 + m : 2 + m + m * m], V)
         stamps[j] = message[1]
-        if not np.isinf(gates[j]):
-            x, P = values_of(belief[:N_XBAR]), values_of(belief[N_XBAR:]).reshape((N_XBAR, N_XBAR))
-            y = values_of(messages[start[j] + 2 - first[j] :])  # so that the value's first row stands at first[j]
-            innovation(x, P, y, values_of(V), m, first[j], states, weights, S, GT)
-            if squared_distance(S, GT, m) > gates[j]:
-                continue
         if n.drops and k - tick_of(values_of(message[1:2])[0], n.h) > oldest:
             continue
         put(message[2 : 2 + m], out, first[j])
+        if not np.isinf(gates[j]):
+            x, P = values_of(belief[:N_XBAR]), values_of(belief[N_XBAR:]).reshape((N_XBAR, N_XBAR))
+            innovation(x, P, values_of(out[:p]), values_of(V), m, first[j], states, weights, S, GT)
+            if squared_distance(S, GT, m) > gates[j]:
+                fill(out[first[j] : first[j + 1]], 0.0)
+                continue
         delta[j] = 1.0
 
 

@@ -1,0 +1,42 @@
+"""Helpers that are compiled for their callers alone: they compute the same, and numba's own way comes back."""
+
+import pytest
+from numba import njit
+from numba.core.target_extension import jit_registry, target_registry
+from numba.extending import register_jitable
+
+from ortilo_drake.loop.inlined import OnlyLinked, helpers_only_linked
+
+
+@register_jitable
+def helper(x: float) -> float:
+    return x / 3.0 + 0.1
+
+
+def caller(x: float) -> float:
+    return helper(helper(x)) - x
+
+
+def linked_only(compiled: object) -> bool:
+    """Whether some code that is linked into a compiled function has no addresses of its own."""
+    (result,) = compiled.overloads.values()  # type: ignore[attr-defined]
+    return any(isinstance(its, OnlyLinked) for its in result.library._linking_libraries)
+
+
+def test_a_helper_is_only_linked_there_and_gives_the_bits_of_python() -> None:
+    with helpers_only_linked():
+        there = njit("float64(float64)")(caller)
+    assert linked_only(there)
+    assert there(0.7) == caller(0.7)
+
+
+def failing() -> None:
+    with helpers_only_linked():
+        raise ZeroDivisionError
+
+
+def test_numbas_own_way_comes_back_also_after_an_error() -> None:
+    usual = jit_registry[target_registry["cpu"]]
+    with pytest.raises(ZeroDivisionError):
+        failing()
+    assert jit_registry[target_registry["cpu"]] is usual
