@@ -80,8 +80,8 @@ def check_output(path: Path) -> None:
 
 def remove_stale(folder: Path) -> None:
     """Remove the temporary files of killed processes from a folder."""
-    with contextlib.suppress(OSError):
-        for file in folder.glob(f"{_PREFIX}*{_SUFFIX}"):
+    for file in folder.glob(f"{_PREFIX}*{_SUFFIX}"):
+        with contextlib.suppress(OSError):
             found = file.lstat()
             if stat.S_ISREG(found.st_mode) and found.st_mtime < time.time() - _STALE:
                 file.unlink()
