@@ -46,7 +46,7 @@ class Incoming(NamedTuple):
     oldest: int
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def squared_distance(e: np.ndarray, C: np.ndarray, P: np.ndarray, V: np.ndarray, S: np.ndarray) -> float:
     """Return the squared Mahalanobis distance e^T (C P_xx C^T + V)^-1 e of a value from its prediction.
 
@@ -75,7 +75,7 @@ def squared_distance(e: np.ndarray, C: np.ndarray, P: np.ndarray, V: np.ndarray,
     return squared if np.isfinite(squared) else np.inf
 
 
-@register_jitable
+@register_jitable(_nrt=False)
 def put_measurements(
     out: np.ndarray,
     messages: np.ndarray,
