@@ -222,7 +222,7 @@ def fly(
 
     Args:
         scenario: name of a scenario that comes with the package, a file, or a Scenario.
-        settings: changes as the command line takes them: "uwb.link.loss=0.3", several of these, or a mapping.
+        settings: changes as the command line takes them: "vehicle.mass=1.2", several of these, or a mapping.
         seed: seed of all noise; by default the scenario's own.
         progress: called with the number of ticks flown.
         estimator: makes, of what onboard may know (Belief) and the state at the start, a System in place of the

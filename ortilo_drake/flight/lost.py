@@ -73,7 +73,7 @@ def bounds_of(room: Room, vehicle: Vehicle) -> Bounds:
     return Bounds(np.array(room.interior.min, dtype=float), np.array(room.interior.max, dtype=float), walls)
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def cause_of_loss(x: np.ndarray, bounds: Bounds) -> int:
     """Return the cause that ends a flight at the state x (12), an index in CAUSES; NOT_LOST if none does."""
     low, high, walls = bounds

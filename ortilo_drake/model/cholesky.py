@@ -5,7 +5,7 @@ from numba import njit
 from numba.extending import register_jitable
 
 
-@register_jitable(error_model="numpy")
+@register_jitable(error_model="numpy", _nrt=False)
 def forward_in_place(S: np.ndarray, Y: np.ndarray, size: int) -> None:
     """Overwrite the first `size` rows of Y by L^-1 Y; L overwrites S's lower half.
 
@@ -41,7 +41,7 @@ def solve_in_place(S: np.ndarray, X: np.ndarray) -> None:
             X[i, c] /= S[i, i]
 
 
-@register_jitable(error_model="numpy")
+@register_jitable(error_model="numpy", _nrt=False)
 def squared_norm_in_place(S: np.ndarray, e: np.ndarray) -> float:
     """Return e^T S^-1 e = |L^-1 e|^2 of e (n); L overwrites S's lower half and L^-1 e overwrites e.
 

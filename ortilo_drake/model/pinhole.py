@@ -28,6 +28,8 @@ from ortilo_drake.model.lens import STRAIGHT, Lens, bent, straightened
 
 Point = tuple[float, float, float]
 Sines = tuple[float, float, float, float]
+Pair = tuple[float, float]
+View = tuple[Point, Pair, Pair, float]  # p_BC, f along u and v, c, and the farthest point that a lens bends, see Camera
 
 R_BC = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
@@ -63,21 +65,28 @@ def in_body_frame(x: float, y: float, z: float, p_WB: np.ndarray, R_WB: np.ndarr
     )
 
 
-@register_jitable
-def _pixel(p_BL: Point, camera: Camera) -> Point:
+@register_jitable(error_model="numpy", _nrt=False)
+def _view_of(camera: Camera) -> View:
+    """Return the camera's numbers but for its lens's bend, read once for all points."""
+    p_BC, c, f = camera.p_BC, camera.c, camera.f
+    return (p_BC[0], p_BC[1], p_BC[2]), (f, f * camera.lens.aspect), (c[0], c[1]), camera.lens.farthest
+
+
+@register_jitable(error_model="numpy", _nrt=False)
+def _pixel(p_BL: Point, view: View, bend: np.ndarray) -> Point:
     """Return u, v and the depth q_x; u and v NaN without a projection, and the depth too where the lens turns back."""
-    depth = p_BL[0] - camera.p_BC[0]
+    p_BC, f, c, farthest = view
+    depth = p_BL[0] - p_BC[0]
     if not depth >= NEAR:  # so that NaN has none either
         return np.nan, np.nan, depth
-    f_v = camera.f * camera.lens.aspect
-    if camera.lens.bend.size > 0:
-        x, y = (camera.p_BC[1] - p_BL[1]) / depth, (camera.p_BC[2] - p_BL[2]) / depth
-        if not x * x + y * y < camera.lens.farthest:
+    if bend.size > 0:
+        x, y = (p_BC[1] - p_BL[1]) / depth, (p_BC[2] - p_BL[2]) / depth
+        if not x * x + y * y < farthest:
             return np.nan, np.nan, np.nan
-        x, y, _, _, _ = bent(x, y, camera.lens.bend)
-        return camera.c[0] + camera.f * x, camera.c[1] + f_v * y, depth
-    u = camera.c[0] - camera.f * (p_BL[1] - camera.p_BC[1]) / depth
-    v = camera.c[1] - f_v * (p_BL[2] - camera.p_BC[2]) / depth
+        x, y, _, _, _ = bent(x, y, bend)
+        return c[0] + f[0] * x, c[1] + f[1] * y, depth
+    u = c[0] - f[0] * (p_BL[1] - p_BC[1]) / depth
+    v = c[1] - f[1] * (p_BL[2] - p_BC[2]) / depth
     return u, v, depth
 
 
@@ -93,7 +102,7 @@ def project(p_WL: np.ndarray, p_WB: np.ndarray, R_WB: np.ndarray, camera: Camera
         R_WB: the body's attitude (3 x 3).
         camera: the camera.
     """
-    return _pixel(in_body_frame(p_WL[0], p_WL[1], p_WL[2], p_WB, R_WB), camera)
+    return _pixel(in_body_frame(p_WL[0], p_WL[1], p_WL[2], p_WB, R_WB), _view_of(camera), camera.lens.bend)
 
 
 @register_jitable
@@ -103,7 +112,7 @@ def _outline_point(k: int, p_WL: np.ndarray, outline: np.ndarray, p_WB: np.ndarr
     return in_body_frame(x, y, z, p_WB, R_WB)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", _nrt=False)
 def extent_box(
     p_WL: np.ndarray, outline: np.ndarray, p_WB: np.ndarray, R_WB: np.ndarray, camera: Camera, box: np.ndarray
 ) -> bool:
@@ -111,17 +120,19 @@ def extent_box(
 
     False if a point has no projection. Arguments as in project, and outline (m, 3) [m].
     """
-    box[0] = box[1] = np.inf
-    box[2] = box[3] = -np.inf
+    u_low = v_low = np.inf
+    u_high = v_high = -np.inf
+    view, bend = _view_of(camera), camera.lens.bend
     for k in range(outline.shape[0]):
-        u, v, depth = _pixel(_outline_point(k, p_WL, outline, p_WB, R_WB), camera)
+        u, v, depth = _pixel(_outline_point(k, p_WL, outline, p_WB, R_WB), view, bend)
         if not depth >= NEAR:
             return False
-        box[0], box[1], box[2], box[3] = min(box[0], u), min(box[1], v), max(box[2], u), max(box[3], v)
+        u_low, v_low, u_high, v_high = min(u_low, u), min(v_low, v), max(u_high, u), max(v_high, v)
+    box[0], box[1], box[2], box[3] = u_low, v_low, u_high, v_high
     return True
 
 
-@register_jitable
+@register_jitable(error_model="numpy", _nrt=False)
 def _gradient(p: Point, p_BC: Point, f: float, axis: int) -> tuple[float, float, float, float, float, float]:
     """Return g = d u / d p_BL_B (axis 0) or d v / d p_BL_B (axis 1) at p, and g x p."""
     depth = p[0] - p_BC[0]
@@ -133,7 +144,7 @@ def _gradient(p: Point, p_BC: Point, f: float, axis: int) -> tuple[float, float,
     return g_x, 0.0, scale, -scale * p[1], scale * p[0] - g_x * p[2], g_x * p[1]
 
 
-@register_jitable
+@register_jitable(error_model="numpy", _nrt=False)
 def _bent_gradient(p: Point, p_BC: Point, camera: Camera, axis: int) -> tuple[float, float, float, float, float, float]:
     """Return _gradient's result through a lens with distortion."""
     depth = p[0] - p_BC[0]
@@ -156,7 +167,7 @@ def sines(rpy: np.ndarray) -> Sines:
     return *sin_cos(rpy[0]), *sin_cos(rpy[1])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", _nrt=False)
 def box_and_jacobian(
     p_WL: np.ndarray,
     outline: np.ndarray,
@@ -176,8 +187,9 @@ def box_and_jacobian(
     u_low = v_low = np.inf
     u_high = v_high = -np.inf
     left = right = top = bottom = 0
+    view, bend = _view_of(camera), camera.lens.bend
     for k in range(outline.shape[0]):
-        u, v, depth = _pixel(_outline_point(k, p_WL, outline, p_WB, R_WB), camera)
+        u, v, depth = _pixel(_outline_point(k, p_WL, outline, p_WB, R_WB), view, bend)
         if not depth >= NEAR:
             return False
         if u < u_low:
@@ -191,10 +203,10 @@ def box_and_jacobian(
     box[0], box[1], box[2], box[3] = u_low, v_low, u_high, v_high
     # d p_BL_B = -R_WB^T d p_WB + p_BL_B x E d rpy, and g . (p x e) = (g x p) . e; E(rpy) column by column.
     s_phi, c_phi, s_theta, c_theta = of_rpy
-    p_BC, is_bent = (camera.p_BC[0], camera.p_BC[1], camera.p_BC[2]), camera.lens.bend.size > 0
+    p_BC = view[0]
     for axis, low, high in ((0, left, right), (1, top, bottom)):
         p, q = _outline_point(low, p_WL, outline, p_WB, R_WB), _outline_point(high, p_WL, outline, p_WB, R_WB)
-        if is_bent:
+        if bend.size > 0:
             a, b = _bent_gradient(p, p_BC, camera, axis), _bent_gradient(q, p_BC, camera, axis)
         else:
             f = camera.f if axis == 0 else camera.f * camera.lens.aspect

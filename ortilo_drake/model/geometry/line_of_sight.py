@@ -32,7 +32,7 @@ def _outside_and_through(t_in: float, t_out: float) -> bool:
     return 0.0 < t_in < t_out < 1.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", _nrt=False)
 def crosses_box(p: np.ndarray, q: np.ndarray, box: np.ndarray) -> bool:
     """Return whether the line from p to q (3, in W) goes through a box (7) that holds neither end."""
     x, y = p[0] - box[0], p[1] - box[1]
@@ -47,7 +47,7 @@ def crosses_box(p: np.ndarray, q: np.ndarray, box: np.ndarray) -> bool:
     return _outside_and_through(t_in, t_out)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", _nrt=False)
 def crosses_cylinder(p: np.ndarray, q: np.ndarray, cylinder: np.ndarray) -> bool:
     """Return whether the line from p to q (3, in W) goes through a cylinder (4) that holds neither end."""
     x, y = p[0] - cylinder[0], p[1] - cylinder[1]
@@ -68,7 +68,7 @@ def crosses_cylinder(p: np.ndarray, q: np.ndarray, cylinder: np.ndarray) -> bool
     return _outside_and_through(t_in, t_out)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", _nrt=False)
 def walls_crossed(p: np.ndarray, q: np.ndarray, boxes: np.ndarray) -> int:
     """Return the number of boxes (n, 7) that the line from p to q (3, in W) goes through.
 

@@ -29,7 +29,7 @@ def to_work_in(n: int, p: int) -> tuple[np.ndarray, np.ndarray]:
     return np.empty((max(n - N_I, p), n - N_I + 1)), np.empty((p, p))
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def step_in_place(
     rows: np.ndarray,
     S: np.ndarray,

@@ -17,7 +17,7 @@ from ortilo_drake.model.cholesky import forward_in_place, squared_norm_in_place
 from ortilo_drake.onboard.estimator.structure import Structure
 
 
-@register_jitable
+@register_jitable(_nrt=False)
 def innovation(
     x: np.ndarray,
     P: np.ndarray,
@@ -63,7 +63,7 @@ def innovation(
                 S[a, b] += weights[first + b, w] * GT[a, states[first + b, w]]
 
 
-@register_jitable
+@register_jitable(_nrt=False)
 def squared_distance(S: np.ndarray, GT: np.ndarray, m: int) -> float:
     """Return the squared Mahalanobis distance of a sensor's m values from their prediction, by what innovation wrote.
 
@@ -77,7 +77,7 @@ def squared_distance(S: np.ndarray, GT: np.ndarray, m: int) -> float:
     return squared if np.isfinite(squared) else np.inf
 
 
-@register_jitable
+@register_jitable(_nrt=False)
 def measure(
     x: np.ndarray,
     P: np.ndarray,
@@ -113,7 +113,7 @@ def measure(
                 P[i, j] -= g * GT[a, j]
 
 
-@register_jitable
+@register_jitable(_nrt=False)
 def propagate(P: np.ndarray, W: np.ndarray, structure: Structure, rows: np.ndarray) -> None:
     """Change P, of which N rows and columns are meant, to Phi P Phi^T + W, symmetric.
 
@@ -152,7 +152,7 @@ def propagate(P: np.ndarray, W: np.ndarray, structure: Structure, rows: np.ndarr
             P[i, j] = kept * keeps[j] * P[i, j] + W[i, j]
 
 
-@register_jitable
+@register_jitable(_nrt=False)
 def predict(x: np.ndarray, u: np.ndarray, Gamma: np.ndarray, structure: Structure, after: np.ndarray) -> None:
     """Write Phi x + Gamma u (N) to `after`; x may be longer.
 

@@ -37,7 +37,7 @@ def put_fix(out: np.ndarray, stamp: float, p: Triple, C: Symmetric) -> None:
     put((xx, xy, xz, xy, yy, yz, xz, yz, zz), out, 5)
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def put_fix_message(
     uwb: np.ndarray,
     anchors: np.ndarray,

@@ -27,7 +27,7 @@ def next_nearest(ranges: np.ndarray, there: np.ndarray, used: np.ndarray) -> int
     return best
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def three_spheres(
     ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, p_last: Triple, used: np.ndarray
 ) -> tuple[bool, Triple, Symmetric]:

@@ -26,7 +26,7 @@ Symmetric = tuple[float, float, float, float, float, float]  # xx, xy, xz, yy, y
 NONE: Symmetric = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # the covariance of no fix
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False)
 def normal_equations(
     p: Triple | np.ndarray, ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray
 ) -> tuple[float, Symmetric, Triple]:
@@ -73,7 +73,7 @@ def product(C: Symmetric, g: Triple | np.ndarray) -> Triple:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False)
 def covariance_of_the_new(
     p: Triple | np.ndarray, ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, C: Symmetric
 ) -> Symmetric:
@@ -92,7 +92,7 @@ def covariance_of_the_new(
     return xx, xy, xz, yy, yz, zz
 
 
-@register_jitable
+@register_jitable(_nrt=False)
 def fix_with_covariance(
     p: Triple, ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray
 ) -> tuple[bool, Triple, Symmetric]:

@@ -23,7 +23,7 @@ POOR = 2.0  # a fit with a greater mean of (e_i / sd_i)^2 may sit in a wrong min
 FLAT = 0.01  # anchors within about this of one plane count as in one plane [m]
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def linear_start(ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray) -> tuple[bool, Triple]:
     """Return whether there is a first guess of p without an estimate (not with anchors in one plane), and it.
 
@@ -50,7 +50,7 @@ def linear_start(ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray) -> 
     return definite and C[0] + C[3] + C[5] < 1.0 / FLAT**2, product(C, g)
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def descend(
     ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, p: Triple
 ) -> tuple[float, Triple]:
@@ -79,7 +79,7 @@ def descend(
     return np.inf, p
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def fit_all(
     ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, p_last: Triple
 ) -> tuple[bool, Triple, Symmetric]:

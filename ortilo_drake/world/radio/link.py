@@ -26,7 +26,7 @@ _TIME = 3  # a blackout's axis, after x, y, z
 _LOST, _DELAY, _CHAIN = 0, 1, 2  # what each uniform number of a tick decides
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def delay_of_message(
     k: int,
     p_WB: np.ndarray,
@@ -81,7 +81,7 @@ def delay_of_tick(
     return delay_of_message(k, p_WB, bad, loss, blackouts, delays, seed, stream)
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def chain_after(k: int, bad: bool, loss: np.ndarray, seed: int, stream: np.uint64) -> bool:
     """Return whether the chain is bad at tick k + 1, from what it is at tick k."""
     u = four_uniforms(seed, stream, k)[_CHAIN]

@@ -58,7 +58,7 @@ def surroundings(room: Room) -> Surroundings:
 @njit(cache=True)
 def visible_share(p_WC: np.ndarray, i: int, room: Surroundings) -> float:
     """Return the share of landmark i's sample points that the camera at p_WC (3, in W) sees."""
-    p_WL, size = room.positions[i], room.sizes[i]
+    p_WL, size, boxes, cylinders = room.positions[i], room.sizes[i], room.boxes, room.cylinders
     points, hidden, n_hidden = np.empty_like(_SAMPLES), np.zeros(len(_SAMPLES), dtype=np.bool_), 0
     for k in range(len(_SAMPLES)):
         for axis in range(3):
@@ -68,21 +68,21 @@ def visible_share(p_WC: np.ndarray, i: int, room: Surroundings) -> float:
     dx, dy = p_WL[0] - p_WC[0], p_WL[1] - p_WC[1]
     length = max(np.sqrt(dx**2 + dy**2), 1e-9)
     dx, dy = dx / length, dy / length
-    for j in range(room.boxes.shape[0]):
-        ox, oy, reach = room.boxes[j, 0] - p_WC[0], room.boxes[j, 1] - p_WC[1], room.boxes[j, 7] + aside
+    for j in range(boxes.shape[0]):
+        ox, oy, reach = boxes[j, 0] - p_WC[0], boxes[j, 1] - p_WC[1], boxes[j, 7] + aside
         if abs(ox * dy - oy * dx) <= reach and -reach <= ox * dx + oy * dy <= length + reach:
             for k in range(points.shape[0]):
-                if not hidden[k] and crosses_box(p_WC, points[k], room.boxes[j]):
+                if not hidden[k] and crosses_box(p_WC, points[k], boxes[j]):
                     hidden[k] = True
                     n_hidden += 1
     lowest = min(p_WC[2], p_WL[2] - 0.5 * size[2])
-    for j in range(room.cylinders.shape[0]):
-        if room.cylinders[j, 3] <= lowest:  # it ends below every line of sight
+    for j in range(cylinders.shape[0]):
+        if cylinders[j, 3] <= lowest:  # it ends below every line of sight
             continue
-        ox, oy, reach = room.cylinders[j, 0] - p_WC[0], room.cylinders[j, 1] - p_WC[1], room.cylinders[j, 2] + aside
+        ox, oy, reach = cylinders[j, 0] - p_WC[0], cylinders[j, 1] - p_WC[1], cylinders[j, 2] + aside
         if abs(ox * dy - oy * dx) <= reach and -reach <= ox * dx + oy * dy <= length + reach:
             for k in range(points.shape[0]):
-                if not hidden[k] and crosses_cylinder(p_WC, points[k], room.cylinders[j]):
+                if not hidden[k] and crosses_cylinder(p_WC, points[k], cylinders[j]):
                     hidden[k] = True
                     n_hidden += 1
     return 1.0 - n_hidden / points.shape[0]
@@ -94,7 +94,7 @@ def cut(value: float, size: float) -> float:
     return min(max(value, -0.5), size - 0.5)
 
 
-@register_jitable
+@register_jitable(error_model="numpy", _nrt=False)
 def view_box(
     i: int, p_WB: np.ndarray, R_WB: np.ndarray, room: Surroundings, camera: Camera, limits: np.ndarray, box: np.ndarray
 ) -> tuple[float, float]:
