@@ -65,7 +65,22 @@ def _figures(seeds: range, columns: tuple[str, ...], data: bytes) -> np.ndarray:
         raise ValueError(f"{', '.join(table.schema.names)}: must be {SEED}, {', '.join(columns)}, all numbers")
     if table[SEED].to_pylist() != list(seeds):
         raise ValueError(f"{SEED}: must be {seeds.start} to {seeds.stop - 1}")
-    return np.column_stack([table[name].to_numpy() for name in columns])
+    figures = {name: table[name].to_numpy() for name in columns}
+    kept = figures.get("cause", np.full(len(seeds), NOT_LOST)) == NOT_LOST
+    for name, values in figures.items():
+        if (wrong := ~_may_be(name, values, kept)).any():
+            raise ValueError(f"{name}: is {values[wrong][0]:g} of seed {seeds[int(np.argmax(wrong))]}: cannot be")
+    return np.column_stack(list(figures.values()))
+
+
+def _may_be(name: str, values: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """Return a mask of the values (n) that a figure may have, see flight/figures.py, of flights kept or lost (n)."""
+    if name == "cause":
+        return np.isin(values, range(NOT_LOST, len(CAUSES)))
+    if name == "ticks" or name.startswith(("arrived_", "due_")):
+        return (values >= 0.0) & (values == np.floor(values)) & np.isfinite(values)
+    # An error is not known of a flight that diverged at once, path_mse of a path that turns back in x, NEES of a bad P.
+    return (values >= 0.0) | (np.isnan(values) & (~kept | (name == "path_mse"))) | (name == "nees")
 
 
 def columns_of(scenario: Scenario) -> tuple[str, ...]:
