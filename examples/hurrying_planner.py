@@ -11,7 +11,6 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 import ortilo_drake as od
-from ortilo_drake.onboard.planner.planned import path_of
 
 UNSURE = 0.15  # [m] standard deviation of the position from which it hurries
 FASTEST, CHANGE = 1.8, 0.4  # times the planned speed, and by how much that changes in a second
@@ -25,7 +24,7 @@ class HurryingPlanner(LeafSystem):
 
     def __init__(self, scenario: od.Scenario):
         super().__init__()
-        self._h, self._path = scenario.h, path_of(scenario)
+        self._h, self._path = scenario.h, od.path_of(scenario)
         self._covariance = self.DeclareVectorInputPort("covariance", 225)
         self._progress = self.DeclareDiscreteState([self._path.start_time(), 1.0])
         needs = {self._covariance.ticket(), self.xd_ticket()}

@@ -30,6 +30,9 @@ from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.diagrams.imu import make_imu
 from ortilo_drake.diagrams.kalman_filter import IntermittentKalmanFilter
 from ortilo_drake.diagrams.single_parts import make_body_state, make_estimator, make_plant, make_sensor, make_servo
+from ortilo_drake.flight.engine import Engine
+from ortilo_drake.interop.recorded.map_file import load_map
+from ortilo_drake.interop.recorded.recording import read_recording
 from ortilo_drake.loop.element import Box
 from ortilo_drake.loop.own import box
 from ortilo_drake.model.measurement import row
@@ -38,9 +41,11 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import Frozen
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.onboard.fix_solver import FixSolver
+from ortilo_drake.onboard.planner.planned import path_of
 from ortilo_drake.scenario import Belief, InputError, IntermittentFilter, Scenario, load_scenario
 from ortilo_drake.scenario.faults import Fault
 from ortilo_drake.scenario.own_parts import SensorSettings
+from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.world.sensors.state_sensor import StateSensor
 
 __all__ = [
@@ -48,6 +53,7 @@ __all__ = [
     "Box",
     "Compiled",
     "Dare",
+    "Engine",
     "Fault",
     "FixSolver",
     "Flight",
@@ -64,11 +70,13 @@ __all__ = [
     "Study",
     "Vehicle",
     "box",
+    "calibrate",
     "compare",
     "export",
     "fly",
     "fly_many",
     "linearize",
+    "load_map",
     "load_scenario",
     "make_body_state",
     "make_closed_loop",
@@ -78,6 +86,8 @@ __all__ = [
     "make_sensor",
     "make_servo",
     "map",
+    "path_of",
+    "read_recording",
     "register_detector",
     "register_estimator",
     "register_fault",

@@ -77,14 +77,14 @@ def fly_many(
     """Fly a scenario once for each seed. Flights that are in the folder already are not flown again.
 
     Args:
-        scenario: as load_scenario.
+        scenario: a ready-made scenario's name, a .yaml file, or a Scenario.
         seeds: the seeds.
-        settings: as load_scenario.
+        settings: 'uwb.link.loss=0.3' with the value in YAML, several of these, or values by key in a dict.
         out: folder for the flights; by default one that goes with the object returned.
         workers: worker processes; 1 flies in this process. The flights do not depend on it.
         progress: called with each summary as it comes in.
         player: as fly; each summary says who flew.
-        changes: as load_scenario.
+        changes: the same by keyword, two underscores for a dot: `uwb__link__loss=0.3`.
 
     Raises:
         InputError: if the scenario is wrong, the player cannot fly it, or a flight cannot be flown or written.
@@ -189,16 +189,16 @@ def compare(
     intervals in brackets, [?] where there are too few flights for one.
 
     Args:
-        scenarios: each as load_scenario.
+        scenarios: each a ready-made scenario's name, a .yaml file, or a Scenario.
         seeds: the seeds.
-        out: as fly_many.
-        workers: as fly_many.
-        settings: of all of them, as load_scenario.
+        out: folder for the flights, which are not flown again; by default none is kept.
+        workers: worker processes; 1 flies in this process. The flights do not depend on it.
+        settings: laid over all of them: 'uwb.link.loss=0.3', several of these, or values by key in a dict.
         player: as fly.
-        changes: of all of them, as load_scenario.
+        changes: the same by keyword, two underscores for a dot: `uwb__link__loss=0.3`.
 
     Raises:
-        InputError: as fly_many.
+        InputError: if no scenario is given, one is wrong, the player cannot fly it, or a flight cannot be written.
     """
     if not scenarios:
         raise InputError("scenarios: none given: must be one or more")

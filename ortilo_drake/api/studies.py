@@ -74,15 +74,15 @@ def linearize(
     arrives.
 
     Args:
-        scenario: as load_scenario.
+        scenario: a ready-made scenario's name, a .yaml file, or a Scenario.
         part: 'plant' and 'rotors_and_plant' are continuous, 'sampled_plant', 'estimator' and 'closed_loop' step by a
             tick, 'servo' has no state. The estimator is the filter with its gain frozen where it settles, from
             [y; u; reference] to [xhat; i]; the closed loop joins sampled plant, servo and estimator, from the reference
             to x.
-        settings: as load_scenario.
+        settings: 'uwb.link.loss=0.3' with the value in YAML, several of these, or values by key in a dict.
         reference: r, r_dot, r_ddot (9) [m, m/s, m/s^2] of the point; by default hover at the origin.
         lag: 'up' or 'down': which of the rotors' two time constants 'rotors_and_plant' takes.
-        changes: as load_scenario.
+        changes: the same by keyword, two underscores for a dot: `uwb__link__loss=0.3`.
 
     Returns:
         A, B, C, D in deviations from the point; tick h [s], None of a continuous part or one without a state; names
@@ -153,16 +153,16 @@ def tables(
     The camera is rendered as scenarios have it: `camera__kind="projected"` flies a hundred times as fast.
 
     Args:
-        beside: further scenarios for the same tables.
+        beside: further scenarios for the same tables: names of ready-made ones, or .yaml files.
         flights: of each scenario, seeds from 0.
         preset: 'tuned', 'nominal', 'paper' or 'printed', see docs/concepts.md.
         only: 'imu_uwb' or 'imu_uwb_yolo', to leave the other out.
-        settings: of all scenarios, as load_scenario.
+        settings: laid over all of them: 'uwb.link.loss=0.3', several of these, or values by key in a dict.
         out: folder of the flights; those that are there are not flown again. By default nothing is kept.
         workers: worker processes; 1 flies in this one. The flights do not depend on it.
         progress: called with the name of a scenario for each flight that came in.
         player: as fly; the report says who flew.
-        changes: of all scenarios, as load_scenario.
+        changes: the same by keyword, two underscores for a dot: `uwb__link__loss=0.3`.
 
     Returns:
         Report and data; the table has a row for each scenario and statistic, and as columns the mean squared errors

@@ -44,7 +44,7 @@ def export(
     `od.export("imu_uwb", "cortex-m7", "half")` does so. All is made before anything is written.
 
     Args:
-        scenario: as load_scenario; its seed is that of the golden vectors.
+        scenario: a ready-made scenario's name, a .yaml file, or a Scenario; its seed is that of the golden vectors.
         target: a processor of codegen/targets.py.
         folder: where to write ortilo_elements.o, ortilo.c, ortilo.h, golden.h, test_golden.c, README.md, manifest.json
             and the files of cmake_files.py.

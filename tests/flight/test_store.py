@@ -202,6 +202,29 @@ def refused(caplog: pytest.LogCaptureFixture, found: Any) -> str:
     return record.getMessage()
 
 
+@pytest.mark.parametrize(
+    ("name", "row", "value", "said"),
+    [
+        ("cause", 3, 99.0, "cause: is 99 of seed 3"),
+        ("cause", 3, 0.5, "cause: is 0.5"),
+        ("cause", 3, np.nan, "cause: is nan"),
+        ("ticks", 2, -1.0, "ticks: is -1"),
+        ("due_uwb", 2, 7.5, "due_uwb: is 7.5"),
+        ("arrived_uwb", 2, np.inf, "arrived_uwb: is inf"),
+        ("mse_x", 5, -1e-9, "mse_x: is -1e-09 of seed 5"),
+        ("mse_y", 0, np.nan, "mse_y: is nan of seed 0"),  # it is not lost
+        ("max_path_distance", 0, np.nan, "max_path_distance: is nan"),
+    ],
+)
+def test_figures_that_no_flight_has_are_told(
+    name: str, row: int, value: float, said: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    wrong = figures()
+    wrong[row, COLUMNS.index(name)] = value
+    write_chunk(tmp_path, SEEDS, COLUMNS, wrong)
+    assert said in refused(caplog, read_chunk(tmp_path, SEEDS, COLUMNS))
+
+
 def table(**changes: Any) -> pa.Table:
     columns = {"seed": list(SEEDS)} | dict(zip(COLUMNS, figures().T, strict=True)) | changes
     return pa.table({name: column for name, column in columns.items() if column is not None})
@@ -244,6 +267,7 @@ def test_tables_that_are_no_chunk_are_told(
         (list[Course], '[{"seed": 1, "lost": -1.0, "square": [], "nees": []}]', "0.lost: "),
         (list[Course], '[{"seed": 1, "lost": null, "square": [-0.5], "nees": []}]', "0.square.0: "),
         (list[Outcome], '[{"seed": -1, "lost": true, "mse": {}, "nees": 3.0}]', "0.seed: "),
+        (list[Outcome], '[{"seed": 1, "lost": false, "mse": {"x": -0.5}, "nees": 3.0}]', "0.mse.x: "),
         (list[Outcome], '[{"seed": 1, "lost": 2, "mse": {}, "nees": 3.0}]', "0.lost: "),
         (Summary, summary_text(SUMMARY).replace("tumbled", "melted"), "lost.cause: "),
         (Summary, summary_text(SUMMARY).replace('"time": 1.25', '"time": NaN'), "lost.time: "),

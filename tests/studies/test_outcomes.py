@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from ortilo_drake.flight.figures import NEES
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.metrics import summary
 from ortilo_drake.scenario import Scenario, load_scenario, with_seed
-from ortilo_drake.studies.maps.chunks import drake_figures
+from ortilo_drake.studies.maps.chunks import drake_figures, trace_of
 from ortilo_drake.studies.sensitivity.outcomes import Outcome, fly_outcomes, outcome
 
 HOVER = ("planner={kind: hover, point: [9.0, 0.5, 1.5], duration: 1.0}", "settle=0.0")
@@ -72,3 +73,13 @@ def test_a_damaged_file_is_flown_again(tmp_path: Path, caplog: pytest.LogCapture
     assert fly_outcomes([(CALM, [1])], tmp_path) == [before]
     assert "flown again" in caplog.text
     assert file.read_text() == whole
+
+
+def test_a_tick_whose_covariance_is_singular_does_not_end_the_study() -> None:
+    """A flight of Drake's whose P lost its rank raised LinAlgError; the engine's NEES of such a tick is not known."""
+    flight = fly(CALM)
+    spoilt = flight.assign(covariance=flight["covariance"].where(flight["time"] < 0.5, 0.0))
+    assert np.isnan(trace_of(spoilt)[-1, NEES])
+    found = outcome_of(spoilt)
+    assert not found.lost
+    assert found.mse == outcome_of(flight).mse

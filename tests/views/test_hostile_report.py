@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 
 from ortilo_drake.commands.report import report
 from ortilo_drake.model.input_error import InputError
-from ortilo_drake.views.page.plain_markdown import markdown_html
-from ortilo_drake.views.page.report_page import report_page
+from ortilo_drake.views.page.report_page import markdown_html, report_page
 from ortilo_drake.views.page.written_kinds import KINDS, Kind
 
 
@@ -112,5 +111,11 @@ def test_texts_and_keys_of_a_json_file_are_text_on_the_page(kind: Kind, tmp_path
 @example("|---|")
 @given(st.text("#|-:*` ab\n<>&'\"\x0c\u2028", max_size=60))
 def test_any_markdown_gives_a_page_without_a_tag_of_its_own(text: str) -> None:
-    ours = {"h1", "h2", "h3", "h4", "h5", "p", "ul", "li", "table", "thead", "tbody", "tr", "th", "td", "code", "b"}
-    assert Tags(markdown_html(text)).names <= ours
+    headings, cells = {f"h{level}" for level in range(1, 7)}, {"table", "thead", "tbody", "tr", "th", "td"}
+    words = {"p", "ul", "ol", "li", "code", "pre", "strong", "em", "blockquote", "hr", "br"}
+    assert Tags(markdown_html(text)).names <= headings | cells | words
+
+
+@pytest.mark.parametrize("text", ["![a](http://b/c.png)", "[a](javascript:b)", "<http://b>", "[a]\n\n[a]: http://b"])
+def test_nothing_in_a_text_leads_out_of_the_page(text: str) -> None:
+    assert Tags(markdown_html(text)).names == {"p"}

@@ -38,8 +38,7 @@ from ortilo_drake.studies.tuning.tune import Tuning
 from ortilo_drake.training.judging.judge import Judgement
 from ortilo_drake.training.judging.recognised import Recognised
 from ortilo_drake.views.page.flight_page import repeat_command
-from ortilo_drake.views.page.plain_markdown import markdown_html
-from ortilo_drake.views.page.report_page import data_html, report_page
+from ortilo_drake.views.page.report_page import data_html, markdown_html, report_page
 
 SENSITIVITY = """# What must you know, how well: own_room
 
@@ -213,7 +212,7 @@ def test_rows_alike_are_a_table() -> None:
 
 
 def test_html_in_a_text_is_shown_as_it_stands() -> None:
-    assert markdown_html("a <script>b</script>") == "<p>a &lt;script&gt;b&lt;/script&gt;</p>"
+    assert markdown_html("a <script>b</script>") == "<p>a &lt;script&gt;b&lt;/script&gt;</p>\n"
     assert "<script>" not in data_html({"<script>": {"<script>": "<script>"}})
 
 

@@ -14,12 +14,13 @@ import numpy as np
 import xarray as xr
 
 from ortilo_drake.flight.engine import Engine
-from ortilo_drake.flight.figures import ESTIMATED, FIGURES, NEES, TRACE_SIZE, TRUE, figures_of
-from ortilo_drake.flight.flight import scenario_of
-from ortilo_drake.flight.lost import CAUSES, NOT_LOST
-from ortilo_drake.flight.metrics import loss_of, position_nees
+from ortilo_drake.flight.figures import FIGURES, figures_of, nees_of_ticks
+from ortilo_drake.flight.flight import FlightSimulator, scenario_of
+from ortilo_drake.flight.lost import CAUSES, NOT_LOST, Lost
+from ortilo_drake.flight.metrics import loss_of
 from ortilo_drake.flight.players import kept_player
 from ortilo_drake.flight.store import in_folder, keep, kept
+from ortilo_drake.flight.summary import Loss
 from ortilo_drake.model.optional import later
 from ortilo_drake.scenario import Scenario
 
@@ -65,7 +66,22 @@ def _figures(seeds: range, columns: tuple[str, ...], data: bytes) -> np.ndarray:
         raise ValueError(f"{', '.join(table.schema.names)}: must be {SEED}, {', '.join(columns)}, all numbers")
     if table[SEED].to_pylist() != list(seeds):
         raise ValueError(f"{SEED}: must be {seeds.start} to {seeds.stop - 1}")
-    return np.column_stack([table[name].to_numpy() for name in columns])
+    figures = {name: table[name].to_numpy() for name in columns}
+    kept = figures.get("cause", np.full(len(seeds), NOT_LOST)) == NOT_LOST
+    for name, values in figures.items():
+        if (wrong := ~_may_be(name, values, kept)).any():
+            raise ValueError(f"{name}: is {values[wrong][0]:g} of seed {seeds[int(np.argmax(wrong))]}: cannot be")
+    return np.column_stack(list(figures.values()))
+
+
+def _may_be(name: str, values: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """Return a mask of the values (n) that a figure may have, see flight/figures.py, of flights kept or lost (n)."""
+    if name == "cause":
+        return np.isin(values, range(NOT_LOST, len(CAUSES)))
+    if name == "ticks" or name.startswith(("arrived_", "due_")):
+        return (values >= 0.0) & (values == np.floor(values)) & np.isfinite(values)
+    # An error is not known of a flight that diverged at once, path_mse of a path that turns back in x, NEES of a bad P.
+    return (values >= 0.0) | (np.isnan(values) & (~kept | (name == "path_mse"))) | (name == "nees")
 
 
 def columns_of(scenario: Scenario) -> tuple[str, ...]:
@@ -82,15 +98,27 @@ def fly_figures(scenario_json: str, seeds: Sequence[int], folder: str) -> np.nda
     return np.array([drake_figures(player.fly(seed)) for seed in seeds])
 
 
+def trace_of(flight: xr.Dataset) -> np.ndarray:
+    """Return what the engine leaves behind of each tick of a flight (n, TRACE_SIZE), see flight/figures.py."""
+    x, xhat, reference = (np.ascontiguousarray(flight[name].values) for name in ("truth", "estimate", "reference"))
+    nees = nees_of_ticks(x, xhat, flight["covariance"].values.reshape(len(x), -1))
+    return np.column_stack([x[:, :3], xhat[:, :3], nees, reference[:, :3]])
+
+
+def traced(player: Engine | FlightSimulator, seed: int) -> tuple[np.ndarray, Loss | Lost | None]:
+    """Fly a seed; return rows that begin with the figures of flight/figures.py, one for each tick, and its loss."""
+    if isinstance(player, Engine):
+        return player.trace(seed)
+    flight = player.fly(seed)
+    return trace_of(flight), loss_of(flight)
+
+
 def drake_figures(flight: xr.Dataset) -> list[float]:
     """Return the figures of a flight of Drake's, as the engine has them."""
-    scenario = scenario_of(flight)
-    truth, estimate = flight["truth"].values[:, :3], flight["estimate"].values[:, :3]
-    trace = np.empty((len(truth), TRACE_SIZE))
-    trace[:, TRUE], trace[:, ESTIMATED], trace[:, NEES] = truth, estimate, position_nees(flight)
+    scenario, trace = scenario_of(flight), trace_of(flight)
     out = np.empty(len(FIGURES))
     figures_of(trace, np.ascontiguousarray(flight["reference"].values[:, :3]), out)
-    loss, last = loss_of(flight), len(truth) - 1
+    loss, last = loss_of(flight), len(trace) - 1
     out[0], out[1] = last, NOT_LOST if loss is None else CAUSES.index(loss.cause)
     counts: list[float] = []
     for sensor in scenario.measurement.sensors:

@@ -5,11 +5,12 @@ import json
 import os
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
+
+from markdown_it import MarkdownIt
 
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.input_files import MIB, read_bytes, read_text
-from ortilo_drake.views.page.plain_markdown import html_table, markdown_html
 from ortilo_drake.views.page.shell import facts, versions, whole_page
 from ortilo_drake.views.page.written_kinds import ALLOWED, command_of, figures_of, kind_of, kinds_of_report, subject_of
 
@@ -18,6 +19,14 @@ LARGEST_FIGURE = 16 * MIB
 LARGEST_FOLDER = 64 * MIB  # of its figures and the HTML of its reports
 DEEPEST = 32
 _PNG = b"\x89PNG\r\n\x1a\n"
+# HTML in a report is shown as text, and nothing leads out of the page.
+_MARKDOWN: Final = MarkdownIt("commonmark", {"html": False}).enable("table")
+_MARKDOWN.disable(["link", "image", "autolink", "reference"])
+
+
+def markdown_html(text: str) -> str:
+    """Return HTML of a Markdown text; HTML in it is shown as text."""
+    return str(_MARKDOWN.render(text))
 
 
 def report_page(path: Path) -> str:
@@ -151,8 +160,14 @@ def _nested(value: Any, level: int) -> str:
     if len(rows) > 1 and all(isinstance(row, dict) and row.keys() == rows[0].keys() for row in rows):
         header = ["", *(_words(name) for name in rows[0])]
         if all(not _is_deep(part) for row in rows for part in row.values()):
-            return html_table(header, [[_words(name), *map(cell, row.values())] for name, row in value.items()])
+            return _table(header, [[_words(name), *map(cell, row.values())] for name, row in value.items()])
     return data_html(value, level)
+
+
+def _table(header: list[str], rows: list[list[str]]) -> str:
+    head = "".join(f"<th>{escape(cell)}</th>" for cell in header)
+    body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
 def _is_nested(value: Any) -> bool:
