@@ -79,12 +79,12 @@ def fly_many(
     Args:
         scenario: a ready-made scenario's name, a .yaml file, or a Scenario.
         seeds: the seeds.
-        settings: 'uwb.link.loss=0.3' with the value in YAML, several of these, or values by key in a dict.
+        settings: 'vehicle.mass=3.0' with the value in YAML, several of these, or values by key in a dict.
         out: folder for the flights; by default one that goes with the object returned.
         workers: worker processes; 1 flies in this process. The flights do not depend on it.
         progress: called with each summary as it comes in.
         player: as fly; each summary says who flew.
-        changes: the same by keyword, two underscores for a dot: `uwb__link__loss=0.3`.
+        changes: the same by keyword, two underscores for a dot: `vehicle__mass=3.0`.
 
     Raises:
         InputError: if the scenario is wrong, the player cannot fly it, or a flight cannot be flown or written.
@@ -193,9 +193,9 @@ def compare(
         seeds: the seeds.
         out: folder for the flights, which are not flown again; by default none is kept.
         workers: worker processes; 1 flies in this process. The flights do not depend on it.
-        settings: laid over all of them: 'uwb.link.loss=0.3', several of these, or values by key in a dict.
+        settings: laid over all of them: 'vehicle.mass=3.0', several of these, or values by key in a dict.
         player: as fly.
-        changes: the same by keyword, two underscores for a dot: `uwb__link__loss=0.3`.
+        changes: the same by keyword, two underscores for a dot: `vehicle__mass=3.0`.
 
     Raises:
         InputError: if no scenario is given, one is wrong, the player cannot fly it, or a flight cannot be written.

@@ -79,10 +79,10 @@ def linearize(
             tick, 'servo' has no state. The estimator is the filter with its gain frozen where it settles, from
             [y; u; reference] to [xhat; i]; the closed loop joins sampled plant, servo and estimator, from the reference
             to x.
-        settings: 'uwb.link.loss=0.3' with the value in YAML, several of these, or values by key in a dict.
+        settings: 'vehicle.mass=3.0' with the value in YAML, several of these, or values by key in a dict.
         reference: r, r_dot, r_ddot (9) [m, m/s, m/s^2] of the point; by default hover at the origin.
         lag: 'up' or 'down': which of the rotors' two time constants 'rotors_and_plant' takes.
-        changes: the same by keyword, two underscores for a dot: `uwb__link__loss=0.3`.
+        changes: the same by keyword, two underscores for a dot: `vehicle__mass=3.0`.
 
     Returns:
         A, B, C, D in deviations from the point; tick h [s], None of a continuous part or one without a state; names
@@ -157,12 +157,12 @@ def tables(
         flights: of each scenario, seeds from 0.
         preset: 'tuned', 'nominal', 'paper' or 'printed', see docs/concepts.md.
         only: 'imu_uwb' or 'imu_uwb_yolo', to leave the other out.
-        settings: laid over all of them: 'uwb.link.loss=0.3', several of these, or values by key in a dict.
+        settings: laid over all of them: 'vehicle.mass=3.0', several of these, or values by key in a dict.
         out: folder of the flights; those that are there are not flown again. By default nothing is kept.
         workers: worker processes; 1 flies in this one. The flights do not depend on it.
         progress: called with the name of a scenario for each flight that came in.
         player: as fly; the report says who flew.
-        changes: the same by keyword, two underscores for a dot: `uwb__link__loss=0.3`.
+        changes: the same by keyword, two underscores for a dot: `vehicle__mass=3.0`.
 
     Returns:
         Report and data; the table has a row for each scenario and statistic, and as columns the mean squared errors
