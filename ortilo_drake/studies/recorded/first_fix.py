@@ -6,7 +6,8 @@ Least squares over the antenna's p and v at the first stamp t_0, robust against 
 
 and, where the height is known or constant, (z - height)² / sd² and v_z² / sd². A vehicle that moves at the first stamp
 is found moving. Three anchors, or all in one plane, leave a mirror image: the one near the last estimate is taken, or
-at the start the one near z = 0.5 m, as no vehicle is under the floor and few are above the ceiling.
+at the start the one near z = 0.5 m, as no vehicle is under the floor and few are above the ceiling. Anchors almost in one
+plane leave a local minimum on its wrong side: the search starts near their plane and far from it, on both sides.
 """
 
 from typing import NamedTuple
@@ -28,6 +29,7 @@ SURE = 0.3  # no fix is better than this, as its ranges are filtered once more [
 UNSEEN = 1.0  # nor is it worse: it is in the room, even where no range tells its height [m], [m/s]
 FITS = 0.3  # a range agrees that is this near [m]
 FLOOR = 0.5  # of two mirror images the one near this height is taken at the start [m]
+STARTS = (-1.5, -0.5, 0.5, 1.5)  # of the search, from the anchors' mean along the normal of their plane [m]
 MIRROR = 3.0  # costs that differ by less do not tell one position from another
 
 Arms = np.ndarray | float
@@ -102,9 +104,10 @@ def solve_first_fix(
         found = least_squares(residuals, start, loss=loss)
         return float(found.cost), found.x, found.jac
 
-    middle = anchors[np.unique(ranges.anchor)].mean(axis=0)
-    starts = [middle + [0.0, 0.0, dz] for dz in (-0.5, 0.5)]
-    fits = [solved(np.append(start, np.zeros(3)), "soft_l1") for start in starts]
+    heard = anchors[np.unique(ranges.anchor)]
+    middle = heard.mean(axis=0)
+    normal = np.linalg.svd(heard - middle)[2][2]
+    fits = [solved(np.append(middle + step * normal, np.zeros(3)), "soft_l1") for step in STARTS]
     best = min(fits, key=lambda found: found[0])
     near = np.array([*middle[:2], FLOOR]) if near is None else near
     nearest = min(fits, key=lambda found: float(np.linalg.norm(found[1][:3] - near)))
