@@ -47,9 +47,24 @@ def test_a_topic_that_is_silent_holds_the_others_back_by_the_lag_and_is_named() 
     assert len(block.ranges.t) == 6  # those at 5.0; 5.1 is not before the horizon
     lines = [line for k in range(25) for line in fed(rows, *all_ranges(5.4 + 0.1 * k))]
     assert lines == ["/imu (imu): silent for 2 s"]
-    assert fed(rows, ("/imu", imu_message(7.8))) == ["/imu (imu): is heard again"]
+    assert fed(rows, ("/imu", imu_message(7.8))) == ["/imu (imu): heard again"]
     fed(rows, ("/imu", imu_message(6.0)))
     assert rows.counts() == {"/imu (imu): backward stamps": 1}
+
+
+def test_topics_that_fall_silent_together_are_told_of_in_one_line() -> None:
+    """A gap of all ranges was told twelve times in a room of twelve anchors, and its end again."""
+    rows, lines = LiveRows(as_map(RANGES + IMU)), []
+    for k in range(160):
+        t = 5.0 + 0.1 * k
+        lines += fed(rows, ("/imu", imu_message(t)))
+        if t > 6.0 and not 7.0 < t < 11.0:
+            lines += fed(rows, *all_ranges(t)[: 6 if t < 14.0 else 5])
+    assert lines == [
+        "all topics of ranges: silent for 2 s",
+        "all topics of ranges: heard again",
+        "/r5 (ranges): silent for 2 s",
+    ]
 
 
 def test_a_row_that_comes_after_its_turn_is_counted_and_left_out() -> None:

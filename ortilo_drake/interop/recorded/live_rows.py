@@ -32,6 +32,7 @@ from ortilo_drake.model.typed_yaml import InputError
 
 LAG: Final = 0.1  # by default [s]
 SILENT: Final = 2.0  # a topic so far behind the others is called silent [s]
+AGAIN: Final = ": heard again"
 SOURCES: Final = ("ranges", "differences", "imu", "accelerometer", "range_finder", "flow")
 
 
@@ -87,15 +88,18 @@ class LiveRows:
         self._names, positions = surveyed(Path(), map_)
         self.anchors = np.asarray(positions, dtype=float)
         self.origin: float | None = None
-        self._given, self._first = -np.inf, np.inf
+        self._given = -np.inf
         self._said: set[str] = set()
         self._silent: set[str] = set()
+        self._since: dict[str, float] = {}  # from when on a silence counts [s]
         self._strangers = 0
         self._of_ranges = self._range_streams()
         self._others = {
             key: self._stream(key, columns_of(map_, key)[0]) for key in SOURCES[2:] if getattr(map_, key) is not None
         }
         self._streams = [*(stream for stream, _ in self._of_ranges), *self._others.values()]
+        ranging = [stream for stream, _ in self._of_ranges]
+        self._sources = [*([ranging] if ranging else []), *([stream] for stream in self._others.values())]
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -163,22 +167,32 @@ class LiveRows:
         return max(shown, self.newest - self._lag)
 
     def _silences(self) -> list[str]:
-        """Return a line for each topic that fell silent or speaks again."""
-        lines, newest = [], self.newest
-        self._first = min(self._first, newest) if newest > -np.inf else np.inf
-        for stream in self._streams:
-            name = stream.rejected.source
-            behind = newest - max(stream.newest - stream.source.late, self._first)
-            if (behind > SILENT) == (name in self._silent):
-                continue
-            if behind > SILENT:
-                self._silent.add(name)
-                why = stream.rejected.most()
-                lines.append(f"{name}: silent for {SILENT:g} s" + (f": {why}" if why else ""))
-            else:
-                self._silent.remove(name)
-                lines.append(f"{name}: is heard again")
+        """Return a line for each source, and each of a source's several topics, that fell silent or speaks again."""
+        newest, lines = self.newest, list[str]()
+        for streams in self._sources:
+            heard, beside = [stream.newest - stream.source.late for stream in streams], newest
+            if len(streams) > 1:
+                beside = max(heard)
+                of_all = self._silence("all topics of ranges", beside, newest, streams)
+                if of_all == ["all topics of ranges" + AGAIN]:
+                    self._since |= {stream.rejected.source: beside for stream in streams}  # each speaks in its turn
+                lines += of_all
+            for stream, stamp in zip(streams, heard, strict=True):
+                lines += self._silence(stream.rejected.source, stamp, beside, [stream])
         return lines
+
+    def _silence(self, name: str, stamp: float, newest: float, streams: list[LiveStream]) -> list[str]:
+        """Return a line if a name fell silent, heard at a stamp [s] when others are at the newest, or speaks again."""
+        if newest == -np.inf:
+            return []
+        behind = newest - max(stamp, self._since.setdefault(name, newest))
+        if (behind > SILENT) == (name in self._silent):
+            return []
+        self._silent ^= {name}
+        if behind <= SILENT:
+            return [name + AGAIN]
+        why = next((why for stream in streams if (why := stream.rejected.most())), "")
+        return [f"{name}: silent for {SILENT:g} s" + (f": {why}" if why else "")]
 
     def _stream(
         self, key: str, columns: tuple[Column, ...], names: tuple[Column, ...] = (), topic: str = "", width: int = 0
