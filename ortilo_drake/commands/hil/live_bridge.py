@@ -90,7 +90,8 @@ def run_live_bridge(
     with contextlib.ExitStack() as stack:
         if mavlink is not None:
             sender = stack.enter_context(contextlib.closing(MavlinkBridge(mavlink)))
-            bridge.add_target("mavlink", _to_mavlink(sender, vision, options))
+            # An autopilot fuses an estimate at its own stamp, a fraction of a second ago at most.
+            bridge.add_target("mavlink", _to_mavlink(sender, vision, options), scenario.failsafe.timeout)
         if options.source == ROS2:
             from ortilo_drake.interop.ros.ros2_live import Ros2Live
 
@@ -126,7 +127,7 @@ def _armed(options: LiveOptions, scenario: Scenario, mavlink: str) -> str:
 
 
 def _to_mavlink(sender: Any, vision: bool, options: LiveOptions) -> Callable[..., None]:
-    """Return a target that sends every estimate, a heartbeat a second, and if armed what is asked for."""
+    """Return a target that sends the estimates that it is given, a heartbeat a second, and if armed what is asked for."""
     from ortilo_drake.model.vehicle import GRAVITY
 
     first, beat = math.nan, -math.inf

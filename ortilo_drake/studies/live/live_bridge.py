@@ -60,6 +60,7 @@ class LiveReport:
         estimates: how many were made.
         lost: how often the filter was lost and started anew.
         late_ms: median and largest age of an estimate against the newest stamp of a sensor [ms].
+        old: how many estimates were too old for a target that asks for fresh ones.
         refused: estimates for which the failsafe let no setpoint through; None where no place is held.
         rejected: rows that were not used, by topic and reason.
         failed: why targets failed.
@@ -72,6 +73,7 @@ class LiveReport:
     estimates: int
     lost: int
     late_ms: tuple[float, float] | None
+    old: int
     refused: int | None
     rejected: dict[str, int]
     failed: dict[str, str]
@@ -91,12 +93,12 @@ class LiveBridge:
         if holding is not None:
             holding.check_within(self._rows.anchors)
         self._filter = LiveFilter(map_, self._rows.anchors, rate)
-        self._targets: dict[str, Target] = {}
+        self._targets: dict[str, tuple[Target, float]] = {}
         self._clock = SensorClock(time.monotonic)
         self._say, self._imu, self._holding = say, map_.imu is not None, holding
         self._failed: dict[str, str] = {}
         self._ages: list[float] = []
-        self._refused, self._why = 0, ""
+        self._old, self._refused, self._why = 0, 0, ""
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -107,9 +109,12 @@ class LiveBridge:
         """Compile or load all that the filter needs, which takes seconds, before messages come."""
         warm_up(self._map, self._rows.anchors)
 
-    def add_target(self, name: str, target: Target) -> None:
-        """Give the estimates to a target from now on. A target that raises is dropped, with a warning."""
-        self._targets[name] = target
+    def add_target(self, name: str, target: Target, oldest: float = np.inf) -> None:
+        """Give a target the estimates from now on that are no older than `oldest` [s], by the sensors' clock.
+
+        A target that raises is dropped, with a warning.
+        """
+        self._targets[name] = target, oldest
 
     def receive(self, topic: str, received: int, message: Any) -> list[StampedEstimate]:
         """Take a message, received at so many ns, and return the estimates that it made due."""
@@ -131,7 +136,7 @@ class LiveBridge:
         found = self._filter.advance(*due, ended=ended)
         origin, newest = self._rows.origin or 0.0, self._rows.newest
         if self._filter.begun and not begun:
-            self._say(f"the filter begins {self._filter.begins_at:.1f} s after the first range")
+            self._say(f"the filter has begun, by the ranges from {self._filter.begins_at:.1f} s after the first on")
         if self._filter.lost > lost:
             self._say("the filter was lost, and starts anew from the ranges")
         made = [estimate_at(origin + one.t, one.state, self._imu) for one in found]
@@ -141,13 +146,17 @@ class LiveBridge:
         return made
 
     def _hand_on(self, one: StampedEstimate, newest: float) -> None:
-        wanted = None if self._holding is None else self._holding.setpoint(one, self._clock.now(newest))
+        now = self._clock.now(newest)
+        wanted = None if self._holding is None else self._holding.setpoint(one, now)
         if wanted is not None:
             self._refused += bool(wanted.refused)
             if wanted.refused != self._why:
                 self._why = wanted.refused
                 self._say(f"failsafe: no setpoints: {self._why}" if self._why else "failsafe: setpoints again")
-        for name, target in list(self._targets.items()):
+        self._old += any(now - one.t > oldest for _, oldest in self._targets.values())
+        for name, (target, oldest) in list(self._targets.items()):
+            if now - one.t > oldest:
+                continue
             try:
                 target(one, wanted, self._filter.lost)
             except Exception as error:  # whatever a library raises, the other targets go on
@@ -165,6 +174,7 @@ class LiveBridge:
             len(ages),
             self._filter.lost,
             (round(float(np.median(ages)), 1), round(float(ages.max()), 1)) if len(ages) else None,
+            self._old,
             None if self._holding is None else self._refused,
             self._rows.counts(),
             self._failed,

@@ -67,7 +67,7 @@ def test_with_an_imu_each_estimate_is_the_replayed_one_bit_for_bit() -> None:
     assert motion.r.size - 12 <= report.ranges  # those after the last estimate are not needed
     assert report.taken == expected.run.taken[: report.ranges].sum() < report.ranges
     assert report.rejected == report.failed == {}
-    assert lines == ["the filter begins 0.0 s after the first range"]
+    assert lines == ["the filter has begun, by the ranges from 0.0 s after the first on"]
 
 
 def test_topics_that_come_late_and_in_turns_make_no_difference() -> None:
@@ -91,7 +91,7 @@ def test_at_rest_the_filter_begins_when_replay_does() -> None:
     motion, map_ = as_stamped(made_up(5.0)), as_map(RANGES + IMU.replace("/imu}", "/imu, standstill: 2}") + START)
     _, found, lines = live(map_, messages_of(motion))
     expected = replayed(motion, map_)
-    assert lines == ["the filter begins 2.0 s after the first range"] or "begins 1.9" in lines[0]
+    assert lines == ["the filter has begun, by the ranges from 2.0 s after the first on"] or "from 1.9" in lines[0]
     assert_same(found, expected)
 
 
