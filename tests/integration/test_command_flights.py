@@ -12,7 +12,13 @@ from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.room import ORTILO_ROOM, load_room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import CommandLink, load_scenario
-from ortilo_drake.studies.command_link.command_flights import POINT, command_cases, command_flights, hover_V
+from ortilo_drake.studies.command_link.command_flights import (
+    POINT,
+    command_cases,
+    command_flights,
+    hover_point,
+    hover_V,
+)
 from ortilo_drake.studies.command_link.command_loop import commanded_loop
 from ortilo_drake.studies.command_link.command_loss import lossy_loop
 from ortilo_drake.theory.jump_linear.jump_linear import steady_second_moment
@@ -53,6 +59,18 @@ def test_the_covariance_at_hover_is_that_of_the_geometry() -> None:
     np.testing.assert_allclose(V[6:, 6:], 1e-4 * np.eye(3))
     with pytest.raises(InputError, match="no measurement of camera there"):
         hover_V(load_scenario("nominal_imu_uwb_yolo", ("camera.kind=projected",)), (20.5, -3.2, 1.5))
+
+
+def test_in_a_room_of_one_s_own_it_hovers_where_the_vehicle_can_be(tmp_path: Path) -> None:
+    """`ortilo analyze` hovered at the authors' place, on the wall of a room of 8 x 6 m, and ended after minutes."""
+    (tmp_path / "lab.yaml").write_text(
+        "name: lab\ninterior: {min: [0, 0, 0], max: [8, 6, 3]}\nstart: [1.2, 2]\ngoal: [5.5, 4]\nlandmarks: []\n"
+        "anchors: [[0.2, 0.2, 2.8], [4, 0.2, 0.2], [7.8, 0.2, 2.8], [7.8, 5.8, 0.2], [4, 5.8, 2.8], [0.2, 5.8, 0.2]]\n"
+    )
+    (tmp_path / "mine.yaml").write_text("base: imu_uwb\nroom: lab.yaml\nuwb: {link: {blackouts: []}}\n")
+    x, y, _ = hover_point(load_scenario(tmp_path / "mine.yaml"))
+    assert np.hypot(x - (1.2 + 5.5) / 2, y - (2.0 + 4.0) / 2) < 0.5  # half-way from start to goal
+    assert hover_point(load_scenario("nominal_imu_uwb")) == POINT
 
 
 def test_a_place_without_a_measurement_is_refused_before_anything_is_learned_there(tmp_path: Path) -> None:

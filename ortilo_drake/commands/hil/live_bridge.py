@@ -127,7 +127,7 @@ def _armed(options: LiveOptions, scenario: Scenario, mavlink: str) -> str:
 
 
 def _to_mavlink(sender: Any, vision: bool, options: LiveOptions) -> Callable[..., None]:
-    """Return a target that sends the estimates that it is given, a heartbeat a second, and if armed what is asked for."""
+    """Return a target that sends its estimates, a heartbeat a second, and if armed what is asked for."""
     from ortilo_drake.model.vehicle import GRAVITY
 
     first, beat = math.nan, -math.inf

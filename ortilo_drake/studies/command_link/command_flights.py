@@ -13,6 +13,7 @@ from ortilo_drake.flight.metrics import loss_of as end_of
 from ortilo_drake.flight.metrics import reference_distance
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError, validate
+from ortilo_drake.onboard.planner.planned import path_of
 from ortilo_drake.scenario import CommandLink, HoverPlanner, Scenario
 from ortilo_drake.scenario.loss_chain import loss_of
 from ortilo_drake.sensors.described import as_learned
@@ -23,7 +24,8 @@ from ortilo_drake.studies.loop.fix_covariance import fix_noise
 from ortilo_drake.studies.loop.hover_loop import why_no_loop
 from ortilo_drake.theory.jump_linear.jump_linear import MARGIN, JumpLinear, mean_square_radius, steady_second_moment
 
-POINT = (8.0, 1.0, 1.5)  # out of the authors' blackouts and far from walls
+POINT = (8.0, 1.0, 1.5)  # in the authors' room, out of their blackouts and far from walls
+PLACES = 41  # of a path that are tried in another room
 WARM_UP = 10.0  # a flight starts without error; from here on it counts as steady [s]
 
 
@@ -77,6 +79,33 @@ def hover_V(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> np.
     if silent:
         raise InputError(f"point: {p_WB}: no measurement of {', '.join(silent)} there")
     return np.asarray(block_diag(*noise.V.values()))
+
+
+def hover_point(scenario: Scenario) -> tuple[float, float, float]:
+    """Return the place to hover at: POINT, or where a vehicle cannot be there, a place of the scenario's path.
+
+    That is the place nearest the middle of the path's duration at which every sensor that flies gives a measurement.
+    InputError if there is none.
+    """
+
+    def why_not(p_WB: tuple[float, float, float]) -> InputError | None:
+        hover = HoverPlanner(kind="hover", point=p_WB, duration=1.0)
+        try:
+            path_of(scenario.model_copy(update={"planner": hover}))
+            hover_V(scenario, p_WB)
+        except InputError as error:
+            return error
+        return None
+
+    if (why := why_not(POINT)) is None:
+        return POINT
+    path = path_of(scenario)
+    times = np.linspace(path.start_time(), path.end_time(), PLACES)
+    for i in sorted(range(PLACES), key=lambda i: abs(i - PLACES // 2)):
+        x, y, z = path.value(times[i]).ravel().tolist()
+        if (why := why_not((x, y, z))) is None:
+            return x, y, z
+    raise why
 
 
 def learned_at(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> Scenario:

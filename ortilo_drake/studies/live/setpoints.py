@@ -16,6 +16,7 @@ from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.live.stamped_estimate import StampedEstimate
 
 MOST_DEVIATION = 0.5  # of a position that is flown by [m]
+MOST_YAW = 0.2  # standard deviation of the heading: thrust that leans the wrong way drives the vehicle off [rad]
 BEYOND = 2.0  # a place to hold may be outside the anchors by [m]
 BELOW = 10.0  # and below them by so much: all may hang from a ceiling [m]
 WINDUP = 1.0  # of the integral of the position's error, at most [m s]
@@ -61,6 +62,8 @@ class Holding:
             refused = f"the estimate is older than {self._timeout:g} s"
         elif not stamped.deviation <= MOST_DEVIATION:
             refused = f"its standard deviation is above {MOST_DEVIATION:g} m"
+        elif not stamped.yaw_deviation <= MOST_YAW:
+            refused = f"the standard deviation of its heading is above {MOST_YAW:g} rad"
         e = x[0:3] - self._place
         if refused:
             self._i[:] = 0.0

@@ -25,6 +25,11 @@ class StampedEstimate(NamedTuple):
         """The position's standard deviation, all three axes together [m]."""
         return float(np.sqrt(np.trace(self.covariance[:3, :3])))
 
+    @property
+    def yaw_deviation(self) -> float:
+        """The yaw's standard deviation [rad]."""
+        return float(np.sqrt(self.covariance[5, 5]))
+
 
 def estimate_at(t: float, state: State, imu: bool) -> StampedEstimate:
     """Return the pose and velocities, with covariances, of a filter state at a stamp [s].

@@ -18,7 +18,7 @@ from ortilo_drake.flight.flyable import flight_ticks
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.arrivals.arrival_map import diagonals, filter_model, link_chain
-from ortilo_drake.studies.command_link.command_flights import hover_V, learned_at
+from ortilo_drake.studies.command_link.command_flights import hover_point, hover_V, learned_at
 from ortilo_drake.studies.loop.hover_loop import filter_V, hover_loop
 from ortilo_drake.studies.maps.map_flights import Map
 from ortilo_drake.studies.maps.sweep import scenario_at
@@ -82,8 +82,9 @@ def expected_rms(scenario: Scenario) -> float:
     modes = period * int(np.prod([2 if link is not None and link.loss.kind in _TWO_MODES else 1 for link in links]))
     if modes > MOST_MODES:
         return float("nan")
-    told = learned_at(scenario)
-    model = filter_model(hover_loop(told), filter_V(told, hover_V(told)))
+    point = hover_point(scenario)
+    told = learned_at(scenario, point)
+    model = filter_model(hover_loop(told), filter_V(told, hover_V(told, point)))
     return float(np.sqrt(np.sum(diagonals(model, link_chain(links[0], links[1], h)).upper[:3])))
 
 

@@ -6,8 +6,8 @@ Least squares over the antenna's p and v at the first stamp t_0, robust against 
 
 and, where the height is known or constant, (z - height)² / sd² and v_z² / sd². A vehicle that moves at the first stamp
 is found moving. Three anchors, or all in one plane, leave a mirror image: the one near the last estimate is taken, or
-at the start the one near z = 0.5 m, as no vehicle is under the floor and few are above the ceiling. Anchors almost in one
-plane leave a local minimum on its wrong side: the search starts near their plane and far from it, on both sides.
+at the start the one near z = 0.5 m, as no vehicle is under the floor and few are above the ceiling. Anchors almost in
+one plane leave a local minimum on its wrong side: the search starts near their plane and far from it, on both sides.
 """
 
 from typing import NamedTuple

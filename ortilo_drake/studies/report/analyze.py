@@ -18,6 +18,7 @@ from ortilo_drake.studies.command_link.command_flights import (
     CommandFlights,
     command_cases,
     command_flights,
+    hover_point,
     hover_V,
     learned_at,
 )
@@ -106,14 +107,15 @@ def theory(scenario: Scenario, step: Step = lambda what, done, total: None) -> T
         InputError: naming the modes, if the sensors leave some undetected, or naming what else is wrong.
     """
     check_sensors(scenario)
-    told = learned_at(scenario)
-    V, loop = hover_V(told), hover_loop(told)
+    point = hover_point(scenario)
+    told = learned_at(scenario, point)
+    V, loop = hover_V(told, point), hover_loop(told)
     rates = RATES if len(loop.names) == N_X else RATES[::4]  # a filter of twice the states takes eight times as long
     uwb, camera = (rates.tolist() if sensor in scenario.sensors else [0.0] for sensor in loop.measurement.positions[:2])
     step("linearization", 0, 5)
     # Drake differentiates the paper's servo and filter alone.
     built_in = isinstance(scenario.servo, LqServo) and scenario.linear_filter is scenario.estimator
-    linearization = linearization_report(scenario, V=hover_V(scenario)) if built_in else None
+    linearization = linearization_report(scenario, V=hover_V(scenario, point)) if built_in else None
     step("riccati", 1, 5)
     riccati = riccati_report(told, V)
     step("margins", 2, 5)
@@ -172,6 +174,7 @@ def analyze(
             command_cases(LOSSES, ("hold", "zero"), DELAYS),
             COMMAND_SEEDS,
             out / "flights",
+            point=hover_point(scenario),
             workers=workers,
             progress=lambda case: step("command flights", 0, 1),
         )

@@ -10,10 +10,10 @@ from ortilo_drake.studies.live.setpoints import MOST_DEVIATION, Holding
 from ortilo_drake.studies.live.stamped_estimate import StampedEstimate
 
 
-def at(t, p, sd=0.01):
-    estimate = np.zeros(15)
-    estimate[:3] = p
-    return StampedEstimate(t, estimate, sd**2 / 3.0 * np.eye(15))
+def at(t, p, sd=0.01, yaw_sd=0.01):
+    estimate, covariance = np.zeros(15), sd**2 / 3.0 * np.eye(15)
+    estimate[:3], covariance[5, 5] = p, yaw_sd**2
+    return StampedEstimate(t, estimate, covariance)
 
 
 def holding():
@@ -47,6 +47,7 @@ def test_an_error_that_lasts_is_leant_against_more_and_more() -> None:
         (at(0.7, (1.0, 2.0, 1.5)), "older than 0.2 s"),
         (at(1.0, (1.0, 2.0, 1.5), 1.01 * MOST_DEVIATION), "deviation"),
         (at(1.0, (1.0, 2.0, 1.5), np.nan), "deviation"),
+        (at(1.0, (1.0, 2.0, 1.5), yaw_sd=np.radians(23.0)), "heading"),  # of a body at rest, whose heading is guessed
     ],
 )
 def test_the_failsafe_refuses_what_is_old_or_uncertain(stamped: StampedEstimate, why: str) -> None:
