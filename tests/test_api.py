@@ -41,6 +41,17 @@ def flown() -> od.Flight:
     return od.fly("nominal_imu_uwb", seed=3, uwb__link__loss=0.3, **HOVER)
 
 
+def test_errors_and_deviations_of_the_whole_state_have_the_names_and_units_of_the_truth(flown: od.Flight) -> None:
+    """estimate - truth of the Dataset has two dimensions of states, which xarray multiplies out."""
+    truth, estimate, P = (flown.data[name].values for name in ("truth", "estimate", "covariance"))
+    assert flown.errors.dims == flown.sigma.dims == ("tick", "state")
+    np.testing.assert_allclose(flown.errors.values, estimate[:, :12] - truth, atol=1e-12)
+    np.testing.assert_array_equal(flown.errors.sel(state=["x", "y", "z"]).values, flown.error.values)
+    np.testing.assert_allclose(flown.sigma.values**2, P[:, range(12), range(12)])
+    turned = od.Flight(flown.data.assign(truth=flown.data["truth"] + 2.0 * np.pi * (flown.data["state"] == "psi")))
+    np.testing.assert_allclose(turned.errors.values, flown.errors.values, atol=1e-12)
+
+
 @pytest.mark.long
 def test_importing_loads_neither_drake_nor_numpy_and_dir_shows_what_there_is() -> None:
     program = "import sys, ortilo_drake as od; print(*sys.modules); print(*dir(od))"

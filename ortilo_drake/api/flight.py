@@ -22,6 +22,7 @@ from ortilo_drake.flight.flight_table import flight_table
 from ortilo_drake.interop.log.writer import LogWriter
 from ortilo_drake.interop.rerun.recording import check_recording, save_recording
 from ortilo_drake.interop.rerun.sightings import drawn_again
+from ortilo_drake.model.signals import STATE_NAMES
 from ortilo_drake.onboard.planner.planned import Planned
 from ortilo_drake.scenario import Belief, InputError, Scenario, load_scenario
 from ortilo_drake.scenario.load import Settings
@@ -81,6 +82,21 @@ class Flight:
         estimate = self.data["estimate"].sel(xbar=axes).rename(xbar="axis")
         error = (estimate - self.data["truth"].sel(state=axes).rename(state="axis")).rename("error")
         return error.assign_attrs(units="m", long_name="error of the estimated position")
+
+    @property
+    def errors(self) -> xr.DataArray:
+        """The estimate of the whole state less the truth (tick, state), angles in [-pi, pi); units as truth's."""
+        estimate = self.data["estimate"].sel(xbar=list(STATE_NAMES)).rename(xbar="state")
+        errors = (estimate - self.data["truth"]).rename("errors")
+        angles = {"state": list(STATE_NAMES[3:6])}
+        errors.loc[angles] = np.remainder(errors.loc[angles] + np.pi, 2.0 * np.pi) - np.pi
+        return errors
+
+    @property
+    def sigma(self) -> xr.DataArray:
+        """The standard deviations of errors by the filter's own covariance (tick, state)."""
+        variances = np.diagonal(self.data["covariance"].values, axis1=1, axis2=2)[:, : len(STATE_NAMES)]
+        return xr.zeros_like(self.data["truth"]).copy(data=np.sqrt(variances)).rename("sigma")
 
     def summary(self) -> dict[str, Any]:
         """Return the figures of the flight, as `ortilo fly --json` writes them; those of a lost flight end at its loss.
