@@ -9,19 +9,25 @@ from ortilo_drake.views.markdown import table
 
 FAR_APART = 30.0  # of the interval's ends, from which the figure is said to be a magnitude [1]
 _MILLIARD = 1e9  # flights, from which their number is written with an exponent
+OFTEN = 0.1  # a larger share of flights is given in percent [1]
 APART = 0.25  # of acceptances at one level, from which repetitions are said to have gone different ways [1]
 
 
 def verdict(scenario: Scenario, found: Rare) -> str:
     """Return the verdict in one line: how often it happens."""
     event = "loses its vehicle" if found.corridor is None else f"strays {found.corridor:g} m or more from its reference"
-    if found.probability is not None:
-        one_in, low, high = (_one_in(p) for p in (found.probability, found.high, found.low))
-        return f"{scenario.name}: about one flight in {one_in} {event} (95 %: one in {low} to {high})"
     flown = found.independent
+    if found.probability is not None:
+        p, low, high = found.probability, found.low, found.high
+        if p > OFTEN:
+            return f"{scenario.name} {event} in about {p:.0%} of flights (95 %: {low:.0%} to {min(high, 1.0):.0%})"
+        one_in = [_one_in(p) for p in (p, high, low)]
+        return f"{scenario.name}: about one flight in {one_in[0]} {event} (95 %: one in {one_in[1]} to {one_in[2]})"
     if flown.events:
-        share = f"one flight in {flown.flights / flown.events:,.0f}"
-        return f"{scenario.name}: about {share} {event}, by counting: {flown.events} of {flown.flights:,}"
+        p, counted = flown.events / flown.flights, f"by counting: {flown.events} of {flown.flights:,}"
+        if p > OFTEN:
+            return f"{scenario.name} {event} in about {p:.0%} of flights, {counted}"
+        return f"{scenario.name}: about one flight in {1.0 / p:,.0f} {event}, {counted}"
     return f"{scenario.name} {event}: fewer than {flown.high:.2g} (95 %), none in {flown.flights:,} flights"
 
 

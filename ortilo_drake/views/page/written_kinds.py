@@ -33,7 +33,10 @@ class Kind(NamedTuple):
         return self.command.split(" --")[0]
 
 
-_RARE = r"# (.+?)(?:: about one flight in | loses its vehicle: fewer | strays \S+ m or more from its reference: fewer )"
+_RARE = (
+    r"# (.+?)(?:: about one flight in "
+    r"| (?:loses its vehicle|strays \S+ m or more from its reference)(?:: fewer | in about \d+% of flights))"
+)
 KINDS: Final = (
     Kind("ortilo fly", frozenset({"scenario", "seed", "mse", "arrivals"}), "scenario"),
     Kind(

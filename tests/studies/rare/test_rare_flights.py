@@ -189,6 +189,8 @@ def test_the_first_line_has_the_interval_and_says_where_there_is_none() -> None:
     found = replace(made([Climb(2e-4, (0.1, 0.1), (0.3,), 40, 0)] * 2, 2.04e-4), low=1.1e-4, high=3.9e-4)
     first = rare_text(SCENARIO, found).splitlines()[0]
     assert first == "# nominal_imu_uwb: about one flight in 4,900 loses its vehicle (95 %: one in 2,600 to 9,100)"
+    often = rare_text(SCENARIO, replace(found, probability=0.7, low=0.63, high=0.78)).splitlines()[0]
+    assert often == "# nominal_imu_uwb loses its vehicle in about 70% of flights (95 %: 63% to 78%)"
     assert "No interval can be given: none of 2 repetitions" in rare_text(SCENARIO, made(NEVER))
 
 
