@@ -23,11 +23,14 @@ from ortilo_drake.interop.log.logged_flight import fly_logged
 from ortilo_drake.interop.log.mcap_records import read_logged
 from ortilo_drake.interop.log.reader import log_file, log_scenario, read_log, read_messages, read_ticks
 from ortilo_drake.interop.log.writer import KEEP_EVERY, LogWriter
+from ortilo_drake.interop.recorded.map_file import load_map
+from ortilo_drake.interop.recorded.recording import read_recording
 from ortilo_drake.interop.ros.ros_messages import ARRAY_TYPE, SCENARIO_TOPIC
 from ortilo_drake.interop.ros.ros_sensors import image_message, image_of
 from ortilo_drake.interop.ros.ros_types import definition, from_cdr, message_maker, to_cdr, typestore
 from ortilo_drake.model.signals import STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.scenario import load_scenario
 
 FROM_OUTSIDE = ("goal", "shutter", "image")  # put into the ticks by hand: the onboard half has no ports for them
@@ -43,6 +46,20 @@ def write(path, flown=None, sent=None):
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     return write(tmp_path_factory.mktemp("logs") / "flight")
+
+
+def test_a_log_is_read_as_a_recording_by_the_map_beside_it(folder: Path) -> None:
+    map_ = load_map(folder / "map.yaml")
+    recording = read_recording(folder, map_)
+    room = scenario().load_room()
+    np.testing.assert_allclose(recording.anchors, room.anchor_positions)
+    assert recording.truth is not None
+    p = recording.truth.p[0]
+    of_first = recording.ranges.t < 0.1
+    d = np.linalg.norm(room.anchor_positions[recording.ranges.anchor[of_first]] - p, axis=1)
+    np.testing.assert_allclose(recording.ranges.r[of_first], d, rtol=0.05)  # the ranges' noise is 0.75 %
+    assert recording.imu is not None
+    assert np.linalg.norm(recording.imu.force, axis=1).mean() == pytest.approx(GRAVITY, rel=0.02)
 
 
 def without_speed(data):

@@ -81,8 +81,9 @@ class LogWriter:
     """A log being written: `with LogWriter(path, scenario) as log: log.write_tick(...)`.
 
     Path NAME becomes the folder NAME with NAME.mcap and, once the log is closed, metadata.yaml: what rosbags, ros2 bag
-    and Foxglove open. Every half second of flight goes to the file as one whole chunk, so that a killed process loses
-    at most that much and read_log reads the rest; a machine without power may lose more, nothing is synced to disk.
+    and Foxglove open; with ranges and imu also map.yaml, for `ortilo replay --map`. Every half second of flight goes to
+    the file as one whole chunk, so that a killed process loses at most that much and read_log reads the rest; a machine
+    without power may lose more, nothing is synced to disk.
     Log times are t_k in ns from the flight's start, not the date.
 
     Args:
@@ -199,9 +200,26 @@ class LogWriter:
                 self._writer.add_metadata("rosbag2", {"serialized_metadata": text})
                 self._writer.finish()
             write_text(self.path / "metadata.yaml", text)
+            if ranging := self._map():
+                write_text(self.path / "map.yaml", ranging)
         except (OSError, InputError) as failure:
             if error is None:
                 raise (failure if isinstance(failure, InputError) else self._not_written(failure)) from None
+
+    def _map(self) -> str:
+        """Return the map by which `ortilo replay --map` reads the log as a recording; empty without ranges or imu."""
+        heard = [i for i in range(len(self._room.anchors)) if f"/uwb/anchor_{i}" in self._topics]
+        if not heard or "/imu/data" not in self._topics:
+            return ""
+        found: dict[str, Any] = {
+            "ranges": {"file": ".", "topics": [f"/uwb/anchor_{i}" for i in heard], "values": ["range"]},
+            "anchors": [list(self._room.anchors[i]) for i in heard],
+            "imu": {"file": ".", "topic": "/imu/data", "axes": "flu"},
+        }
+        if "/truth/pose" in self._topics:
+            position = [f"pose.position.{axis}" for axis in "xyz"]
+            found["truth"] = {"file": ".", "topic": "/truth/pose", "position": position}
+        return yaml.safe_dump(found, sort_keys=False, default_flow_style=None, width=1000)
 
     def _not_written(self, error: OSError) -> InputError:
         return InputError(f"{self.path}: cannot be written: {error.strerror or error}")
