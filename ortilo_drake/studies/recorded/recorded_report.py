@@ -196,7 +196,8 @@ def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Pa
         squares = estimate.run.innovation[taken] ** 2 / estimate.run.variance[taken]
         sums, _ = np.histogram(estimate.range_stamps[taken], bins, weights=squares)
         counts, _ = np.histogram(estimate.range_stamps[taken], bins)
-        axes.plot(bins[:-1] + BIN / 2, sums / np.maximum(counts, 1), color=BLUE, lw=0.9)
+        means = np.divide(sums, counts, out=np.full(len(counts), np.nan), where=counts > 0)  # no line without ranges
+        axes.plot(bins[:-1] + BIN / 2, means, color=BLUE, lw=0.9)
         axes.axhline(1.0, color=GREY, lw=0.8)
         axes.set_ylabel("NIS")
         _calibration(axes, found)
