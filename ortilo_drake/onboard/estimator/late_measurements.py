@@ -80,10 +80,10 @@ def reaches_back(history: np.ndarray, j: int, k: int) -> bool:
     """Return whether the history holds every tick from j to k; after a restart it has a gap."""
     if not 0 <= j <= k or k - j >= history.shape[0]:
         return False
-    for i in range(j, k + 1):  # noqa: SIM110 - numba compiles no generator expression in all()
-        if history[i % history.shape[0], 0] != i:
-            return False
-    return True
+    there = True
+    for i in range(j, k + 1):
+        there = there and history[i % history.shape[0], 0] == i
+    return there
 
 
 @register_jitable(_nrt=False)

@@ -73,7 +73,12 @@ def gather(
 @register_jitable
 def log_likelihood(gathered: np.ndarray, s: float, S: np.ndarray, e: np.ndarray) -> float:
     """Return log L of an sd s [m] by [Lambda, eta] (n, n + 1); S (n, n) and e (n) are to work in."""
-    n = e.size
+    n, told = e.size, False
+    for i in range(n):
+        told = told or gathered[i, i] != 0.0 or gathered[i, n] != 0.0
+    if s == 0.0 or not told:
+        fill(e, 0.0)
+        return 0.0
     for i in range(n):
         for j in range(i + 1):
             S[i, j] = s * s * gathered[i, j]
