@@ -332,6 +332,21 @@ def test_a_wrong_file_of_anchors_names_the_line(tmp_path, text, line) -> None:
     assert line in str(error.value)
 
 
+def test_anchors_in_json_are_read_as_json_or_refused_in_a_line(tmp_path) -> None:
+    """Tabs and 1e-3 are none of YAML's; names stay text."""
+    path = tmp_path / "a.json"
+    path.write_text('{"anchors": {\n\t"0E15": [1e-3, 0, 0],\n\t"7": {"x": 0, "y": 8, "z": 2},\n\t"A": [9, 8, 2]}}')
+    assert read_anchors(path) == {"0E15": (0.001, 0.0, 0.0), "7": (0.0, 8.0, 2.0), "A": (9.0, 8.0, 2.0)}
+    for text, said in (
+        ("{", "not valid JSON"),
+        ('{"a": 1, "a": 2}', "a, a: a name stands twice"),
+        ("[1]", "anchors.0"),
+    ):
+        path.write_text(text)
+        with pytest.raises(InputError, match=rf"a\.json: .*{said}"):
+            read_anchors(path)
+
+
 @pytest.mark.parametrize("kind", ["lec", "les"])
 @pytest.mark.parametrize("stamp", ["{:.3f},", "{:.3f} ", "[{:.3f}] ", "2024-05-03T10:00:{:06.3f}+00:00 "])
 def test_a_dwm1001_console_is_read(folder, motion, kind, stamp) -> None:

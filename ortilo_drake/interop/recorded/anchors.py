@@ -1,8 +1,9 @@
-"""Surveyed anchors in the forms that people keep them in: lists, cfclient's YAML, CSV, and a DWM1001's console.
+"""Surveyed anchors in the forms that people keep them in: lists, cfclient's YAML, JSON, CSV, and a DWM1001's console.
 
 A list has them in the order of the ranges; the others have them by name, which is text.
 """
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -102,8 +103,20 @@ def _names_in_file(document: yaml.Node) -> Iterator[yaml.Node]:
             yield from _keys(value)
 
 
+def _of_json(path: Path, text: str) -> Any:
+    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        if len({key for key, _ in pairs}) < len(pairs):
+            raise ValueError(f"{', '.join(key for key, _ in pairs)}: a name stands twice")
+        return dict(pairs)
+
+    try:
+        return json.loads(text, object_pairs_hook=once)
+    except ValueError as error:
+        raise InputError(f"{path}: not valid JSON: {error}") from None
+
+
 def _of_yaml(path: Path, text: str) -> dict[str, Vector]:
-    data = parse_yaml(text, str(path), _names_in_file)
+    data = _of_json(path, text) if path.suffix == ".json" else parse_yaml(text, str(path), _names_in_file)
     if isinstance(data, dict) and "anchors" in data:
         data = data["anchors"]
     try:

@@ -11,6 +11,7 @@ from ortilo_drake.interop.recorded.range_sources import RangeSource
 from ortilo_drake.interop.recorded.rejected import Rejections, kept_in_order, named
 from ortilo_drake.interop.recorded.sources import MOST, Column, OfOne, Source
 from ortilo_drake.interop.recorded.tables import Table
+from ortilo_drake.interop.recorded.units import size_of
 from ortilo_drake.model.input_files import exists
 from ortilo_drake.model.typed_yaml import InputError
 
@@ -129,7 +130,7 @@ def _read_file(
     else:
         table = read_bag(path, topic, source, columns, rejected, names)
     in_unit = source.time is not None or topic is None
-    t = table.t * UNITS[source.unit] if in_unit else table.t
+    t = table.t * size_of(source.unit, UNITS) if in_unit else table.t
     keep = kept_in_order(t, table.rows, rejected, table.names)
     called = None if table.names is None else table.names[keep]
     return Stream(t[keep] - source.late, table.values[keep], called, table.rows[keep], rejected, (rejected,))

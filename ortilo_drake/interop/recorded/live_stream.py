@@ -9,6 +9,7 @@ from ortilo_drake.interop.recorded.columns import UNITS, Stream
 from ortilo_drake.interop.recorded.message_fields import field_of, numbers_of, stamp_of
 from ortilo_drake.interop.recorded.rejected import HOUR, Rejections
 from ortilo_drake.interop.recorded.sources import Column, Source
+from ortilo_drake.interop.recorded.units import size_of
 
 MOST: Final = 1_000_000  # rows that wait; the oldest go
 YOUNG, BELIEVED = 10, 3  # a stream's clock may still be set, and its stamps are believed, after so many rows
@@ -79,7 +80,7 @@ class LiveStream:
             self.drop(f"messages without {self.width} values")
             return f"{len(numbers)} values in a message, not {self.width}"
         if self.source.time is not None:
-            t *= UNITS[self.source.unit]
+            t *= size_of(self.source.unit, UNITS)
         reason = self._why_not(t, given)
         if reason:
             self.drop(reason)

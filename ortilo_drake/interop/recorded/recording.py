@@ -172,10 +172,14 @@ def imu_of(map_: Map, read: Read, origin: float) -> Imu:
     source, own = map_.imu, map_.accelerometer
     assert source is not None
     turned, M = source.orientation, axes_matrix(source.axes, "imu.axes")
+    of_rates, of_force = (
+        M if own_axes is None else axes_matrix(own_axes, "imu", mirrors=True)
+        for own_axes in (source.rate_axes, source.force_axes)
+    )
     stream = read("imu")
     t, unit = _counted(stream.t, source, origin), size_of(source.force_unit, FORCE_UNITS)
-    rates = stream.values[:, :3] @ M.T * size_of(source.rate_unit, RATE_UNITS)
-    imu = Imu(t, rates, stream.values[:, 3:6] @ M.T * unit, None)
+    rates = stream.values[:, :3] @ of_rates.T * size_of(source.rate_unit, RATE_UNITS)
+    imu = Imu(t, rates, stream.values[:, 3:6] @ of_force.T * unit, None)
     if turned is not None:
         # The unit's world is as its body: z down with axes frd. A half turn about x leaves the heading to be found.
         imu = imu._replace(attitude=M @ rotations(stream.values[:, 6:], turned, stream.rejected.source) @ M.T)
@@ -186,7 +190,7 @@ def imu_of(map_: Map, read: Read, origin: float) -> Imu:
         imu = imu._replace(force=np.column_stack([np.zeros((len(t), 2)), held]))
     if own is not None:
         stream = read("accelerometer")
-        imu = imu._replace(accelerometer=(_counted(stream.t, own, origin), stream.values @ M.T * unit))
+        imu = imu._replace(accelerometer=(_counted(stream.t, own, origin), stream.values @ of_force.T * unit))
     return imu
 
 

@@ -98,7 +98,9 @@ class Source(Frozen):
         default=None,
         description="Column of the stamp; in a bag the header's stamp if there is one, else the time of receipt.",
     )
-    unit: Literal["s", "ms", "us", "ns"] = Field(default="s", description="Unit of `time`.")
+    unit: Literal["s", "ms", "us", "ns"] | Positive = Field(
+        default="s", description="Unit of `time`, or seconds in one of the file's: 0.999 of a clock that is fast."
+    )
     delimiter: Literal["auto", "tab", "space"] | Annotated[str, Field(min_length=1, max_length=1)] = "auto"
     header: Annotated[Literal["auto", "yes", "no"], BeforeValidator(_word)] = Field(
         default="auto", description="Whether a table's first line has names; a `#` or `%` before them is taken off."
@@ -163,6 +165,10 @@ class ImuSource(Source):
         description="The unit's axes: forward left up, forward right down, or which of them ours (x forward, y left, "
         "z up) are, as [y, -x, z].",
     )
+    rate_axes: tuple[Axis, Axis, Axis] | None = Field(
+        default=None, description="Those of the body rates alone, if they differ: [x, y, -z] turns one sign."
+    )
+    force_axes: tuple[Axis, Axis, Axis] | None = Field(default=None, description="Likewise of the specific force.")
     rate_unit: Literal["rad/s", "deg/s", "mrad/s", "mdeg/s"] | Unit = Field(
         default="rad/s", description="Or rad/s in one of the file's units; a negative one turns the signs."
     )
@@ -178,6 +184,11 @@ class ImuSource(Source):
     )
 
     _axes_are_all = field_validator("axes")(_named_once)
+
+    @field_validator("rate_axes", "force_axes")
+    @classmethod
+    def _own_axes_are_all(cls, value: tuple[Axis, Axis, Axis] | None) -> str | tuple[Axis, Axis, Axis] | None:
+        return None if value is None else _named_once(value)
 
     @field_validator("standstill")
     @classmethod

@@ -32,3 +32,9 @@ def axes_matrix(axes: str | tuple[str, ...], what: str, mirrors: bool = False) -
 def in_axes(R: np.ndarray, M: np.ndarray) -> np.ndarray:
     """Return attitudes (n, 3, 3) in other axes of the world; where M mirrors, the body's are mirrored alike."""
     return np.asarray(M @ R if np.linalg.det(M) > 0.0 else M @ R @ M.T)
+
+
+def axes_names(M: np.ndarray) -> str:
+    """Return the axes of a matrix as a map lists them."""
+    rows = [("-" if row.sum() < 0 else "") + "xyz"[int(np.argmax(np.abs(row)))] for row in M]
+    return f"[{', '.join(rows)}]"

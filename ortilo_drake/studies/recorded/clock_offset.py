@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.recording import Imu, Truth
 
-COARSE, FINE = 0.02, 0.001  # steps of the search [s]
+COARSE, FINE, NEAR = 0.02, 0.001, 1.0  # steps of the search, and how far from an offset that is about known [s]
 SPANS = (0.05, 1.0)  # the shortest and about the longest interval [s]
 STANDS_OUT = 6.0  # of the turns' RMS beside the attitude's noise
 LONGEST = 3.0  # an interval of the truth longer than this many medians has no one turn
@@ -127,3 +127,12 @@ def best_by_rates(
         best = min(tried, key=badness)
         best = min(np.arange(best - COARSE, best + COARSE + FINE, FINE), key=badness)
     return fit(float(best))
+
+
+def gains_by_rates(imu: Imu, truth: Truth, offset: float) -> float | None:
+    """Return by how much a second the truth's clock gains on the imu's, by its two halves; None if they do not tell."""
+    middle = (truth.t[0] + truth.t[-1]) / 2.0
+    first = best_by_rates(imu, truth, lambda _: (-np.inf, middle), NEAR, None, (offset,))
+    second = best_by_rates(imu, truth, lambda _: (middle, np.inf), NEAR, None, (offset,))
+    told = max(first.left, second.left) < TELLS
+    return (second.offset - first.offset) / ((truth.t[-1] - truth.t[0]) / 2.0) if told else None

@@ -9,7 +9,14 @@ from ortilo_drake.interop.recorded.recording import Recording, Truth, frozen_row
 from ortilo_drake.studies.recorded import doubts
 from ortilo_drake.studies.recorded.calibrate import Calibration, offset_centres
 from ortilo_drake.studies.recorded.first_look import CheapFit
-from ortilo_drake.studies.recorded.imu_doubts import attitude_doubts, force_doubts, rate_doubts, upside_doubts
+from ortilo_drake.studies.recorded.imu_axes import axes_doubts
+from ortilo_drake.studies.recorded.imu_doubts import (
+    attitude_doubts,
+    drift_doubts,
+    force_doubts,
+    rate_doubts,
+    upside_doubts,
+)
 from ortilo_drake.studies.recorded.plain_fit import plain_fit
 from ortilo_drake.studies.recorded.scores import Scores
 from ortilo_drake.studies.recorded.setups import height_doubts
@@ -64,7 +71,9 @@ def doubts_of(
             # A frame that does not fit says nothing of up, a wrong clock nothing of turns.
             up_T = calibration.F.T[:, 2] if look.fit is not None and not said else None
             if look.guess is None or "clock" not in look.guess.key:
-                said += attitude_doubts(moving, map_, calibration.offset, up_T)
+                told = [] if up_T is None else axes_doubts(moving, map_, calibration.offset)
+                said += told or attitude_doubts(moving, map_, calibration.offset, up_T)
+                said += [] if said else drift_doubts(moving, map_, calibration.offset)
     if calibration is not None and truth is not None:
         lever = calibration.lever if settings.lever == "estimate" else None
         said += doubts.of_calibration(calibration.left, noise, lever, calibration.biases)
@@ -73,6 +82,8 @@ def doubts_of(
         said += height_doubts(map_, calibration, recording)
     main = [name for name in (BARE if calibration is None else CALIBRATED) if name in rows][:1]
     said += doubts.of_rows(rows, tuple(main))
+    if not said:
+        said += doubts.of_imu(rows, *(BARE if calibration is None else CALIBRATED))
     if not isinstance(recording.anchors, int) and map_.height is None:
         heard = np.union1d(recording.ranges.anchor, recording.ranges.other[recording.ranges.other >= 0])
         said += doubts.of_plane(np.asarray(recording.anchors)[heard], *found, map_.planar)

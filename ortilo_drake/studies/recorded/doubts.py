@@ -10,6 +10,7 @@ import numpy as np
 from ortilo_drake.interop.recorded.columns import UNITS
 from ortilo_drake.interop.recorded.map_file import FilterSettings
 from ortilo_drake.interop.recorded.recording import Imu, Ranges, Truth, frozen_rows
+from ortilo_drake.interop.recorded.units import size_of
 from ortilo_drake.studies.recorded.readings import Guess
 from ortilo_drake.studies.recorded.scores import Scores
 
@@ -17,6 +18,7 @@ TIMES = 3.0  # a residual of more than so many standard deviations of the ranges
 LARGE = 0.5  # a lever or a bias [m]
 EDGE = 0.3  # an offset so near the end of its search [s]
 REFUSED = 0.2  # share of the ranges
+WORSE, NIS = 1.5, 1.6  # times the error without the imu, and the mean NIS: an imu read rightly does better
 OFF_PLANE = 0.3  # of the anchors, root mean square [m]
 FROZEN = 0.5  # a position that stands still for longer [s]
 JUMP, STEPS = 0.05, 5.0  # and then goes on so far away [m], and so many usual steps
@@ -64,12 +66,12 @@ def of_agreement(left: float, noise: float) -> list[str]:
     ]
 
 
-def of_stamps(ranges: Ranges, unit: str) -> list[str]:
+def of_stamps(ranges: Ranges, unit: str | float) -> list[str]:
     """Return a doubt if an anchor is heard so seldom, or so often, that the unit of the stamps is wrong."""
     steps = [np.diff(np.unique(ranges.t[ranges.anchor == i])) for i in np.unique(ranges.anchor)]
     step = float(np.median(np.concatenate(steps))) if any(map(len, steps)) else 1.0
     for other, size in UNITS.items():
-        then = step * size / UNITS[unit]
+        then = step * size / size_of(unit, UNITS)
         if not OFTEN[0] < step < OFTEN[1] and OFTEN[0] < then < OFTEN[1]:
             return [
                 f"an anchor is heard every {step:.3g} s: ranges: {{unit: {other}}} would make it {then:.3g} s; the "
@@ -104,7 +106,7 @@ def of_guess(guess: Guess | None) -> list[str]:
     """Return the reading that fits better."""
     if guess is None:
         return []
-    return [f"{guess.key} would fit better: range errors {guess.before:.3g} m RMS -> {guess.after:.3f} m"]
+    return [f"{guess.key} would fit better: {guess.of} errors {guess.before:.3g} m RMS -> {guess.after:.3f} m"]
 
 
 def of_offset(offset: float, centres: list[float], search: float, told_by: str) -> list[str]:
@@ -129,6 +131,21 @@ def of_rows(rows: Mapping[str, Scores], main: tuple[str, ...]) -> list[str]:
         elif name in rows and rows[name].rejected > REFUSED:
             found.append(f"{name}: {rows[name].rejected:.0%} of the ranges were refused")
     return found
+
+
+def of_imu(rows: Mapping[str, Scores], name: str, bare: str) -> list[str]:
+    """Return a doubt if the filter with IMU does worse than it expects, or than the one without it (rows' names)."""
+    if name not in rows:
+        return []
+    said, s = "axes, signs, units or clock of the imu", rows[name]
+    without = None if bare not in rows else rows[bare].rmse
+    if s.rmse is not None and without is not None:
+        error, other = float(np.linalg.norm(s.rmse)), float(np.linalg.norm(without))
+        if error > WORSE * other:
+            return [f"{name}: {error:.2f} m RMS, without it {other:.2f} m: {said}?"]
+    if s.nis > NIS:
+        return [f"{name}: its innovations are larger than it expects, NIS is {s.nis:.1f}, not 1: {said}, or the noise?"]
+    return []
 
 
 def of_plane(anchors: np.ndarray, p: np.ndarray, truth: np.ndarray | None, planar: bool = False) -> list[str]:

@@ -8,10 +8,17 @@ from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import Recording, Truth
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.calibrate import offset_centres
-from ortilo_drake.studies.recorded.clock_offset import offset_by_rates
+from ortilo_drake.studies.recorded.clock_offset import gains_by_rates, offset_by_rates
 from ortilo_drake.studies.recorded.doubts import range_noise
+from ortilo_drake.studies.recorded.freed import freed_guess
 from ortilo_drake.studies.recorded.lone_fit import lone_fit
-from ortilo_drake.studies.recorded.moved_anchors import exchanged_order, matched_order, moved_anchor
+from ortilo_drake.studies.recorded.moved_anchors import (
+    exchanged_order,
+    exchanged_pair,
+    matched_order,
+    moved_anchor,
+    worst_anchor,
+)
 from ortilo_drake.studies.recorded.plain_fit import PlainFit, plain_fit
 from ortilo_drake.studies.recorded.readings import NEAR, UNITS, Guess, Trial, as_read, better_reading, path_of
 from ortilo_drake.studies.recorded.truth_path import LEAST, first_part
@@ -63,13 +70,17 @@ def first_look(recording: Recording, map_: Map) -> CheapFit:
             raise InputError(f"{said}: {_unit(float(np.median(r)), room, map_)}")
         return CheapFit(None, None)
     better = None
+    trial = Trial(now, fit, offsets, moves, noise, recording.origin - recording.truth_origin)
     if fit.left > SUSPECT * noise:
-        trial = Trial(now, fit, offsets, moves, noise, recording.origin - recording.truth_origin)
         better = _all_small(trial, map_) or better_reading(trial, map_)
         better = better or matched_order(trial, map_)
         if moves:  # one or two anchors hardly hide the clock
             trial = trial._replace(offsets=fit.offset + np.array([-COARSE, 0.0, COARSE]))
+        better = better or freed_guess(trial, map_, _gained(recording, offsets))
         better = better or moved_anchor(trial, map_) or exchanged_order(trial, map_)
+    else:
+        better = exchanged_pair(trial, map_) if worst_anchor(fit, anchors) > noise else None
+        better = better or freed_guess(trial, map_, _gained(recording, offsets))
     if recording.truth is None:
         return CheapFit(fit, better)
     size = float(np.linalg.norm(np.ptp(np.percentile(recording.truth.p, [2, 98], axis=0), axis=0)))
@@ -81,6 +92,13 @@ def first_look(recording: Recording, map_: Map) -> CheapFit:
             hint = f"{better.key} fits: range errors {better.before:.3g} m RMS -> {better.after:.3f} m"
         raise InputError(f"{said} and a truth {size:.3g} m across do not fit together ({fit.left:.3g} m RMS): {hint}")
     return CheapFit(fit, better)
+
+
+def _gained(recording: Recording, offsets: np.ndarray) -> float | None:
+    """Return by how much a second the truth's clock gains on the imu's; None if it is not known."""
+    imu, truth = recording.imu, recording.truth
+    known = imu is not None and truth is not None and truth.R is not None and len(offsets) == 1
+    return gains_by_rates(imu, truth, float(offsets[0])) if known else None  # type: ignore[arg-type]
 
 
 def _airborne(truth: Truth | None, map_: Map) -> Truth | None:

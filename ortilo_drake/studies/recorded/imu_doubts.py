@@ -9,7 +9,8 @@ from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import GRAVITY, Imu, Recording, Truth
 from ortilo_drake.interop.recorded.sources import Quaternion
 from ortilo_drake.interop.recorded.units import FORCE_UNITS, RATE_UNITS, axes_matrix, in_axes, size_of
-from ortilo_drake.studies.recorded.clock_offset import TELLS, ByRates, best_by_rates
+from ortilo_drake.studies.recorded.clock_offset import TELLS, ByRates, best_by_rates, gains_by_rates
+from ortilo_drake.studies.recorded.freed import DRIFT, unit_key
 
 OFF = 1.5  # of the force at rest from gravity; some units are 6 % wrong [m/s²]
 TELLING = 0.1  # a unit is told if it brings the force this near to gravity, as a share
@@ -156,6 +157,16 @@ def attitude_doubts(recording: Recording, map_: Map, offset: float, up: np.ndarr
         if now < TELLS
         else [f"{_says(now)}: other axes, one sign of them, another body, or a clock beyond `search`?"]
     )
+
+
+def drift_doubts(recording: Recording, map_: Map, offset: float) -> list[str]:
+    """Return a doubt if the clock of the imu drifts against that of the truth, by their turns."""
+    assert recording.imu is not None
+    known = recording.truth is not None and recording.truth.R is not None
+    gains = gains_by_rates(recording.imu, recording.truth, offset) if known else None  # type: ignore[arg-type]
+    if gains is None or abs(gains) < DRIFT:
+        return []
+    return [f"imu: the truth's clock gains {gains:.2%} on it, not on the ranges': {unit_key(map_, 'imu', 1.0 + gains)}"]
 
 
 def _unit_of(unit: str | float, by: float) -> str:

@@ -9,6 +9,7 @@ another. The mirror image of a room fits as well as the room.
 """
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 
 from ortilo_drake.interop.recorded.recording import Ranges
@@ -22,33 +23,36 @@ ENOUGH = 12  # ranges
 STEPS = 40
 
 
-def lone_fit(ranges: Ranges, anchors: np.ndarray, without: int = -1) -> PlainFit | None:
+def lone_fit(ranges: Ranges, anchors: np.ndarray, without: int = -1, windows: int = WINDOWS) -> PlainFit | None:
     """Return the fit of a recording's windows, or None if hardly one has ranges enough; offset and frame are none.
 
     Args:
         ranges: what was heard.
         anchors: positions (n, 3).
         without: an anchor whose ranges do not count.
+        windows: how many times, if there are as many.
     """
     found = []
-    for heard in _windows(ranges):
+    for heard in _windows(ranges, windows):
         counts = counted(heard, without)
         to = np.concatenate([heard.anchor[counts > 0.0], heard.other[(counts > 0.0) & (heard.other >= 0)]])
         if len(np.unique(to)) > LEAST:
             found.append((heard, counts, *_fit(heard, anchors, counts)))
-    if len(found) < WINDOWS / 2:
+    if len(found) < windows / 2:
         return None
-    heards, counts, costs, places = zip(*found, strict=True)
+    heards, counts, costs, places, slopes = zip(*found, strict=True)
     heard, p = Ranges(*(np.concatenate(part) for part in zip(*heards, strict=True))), np.concatenate(places)
     use = np.concatenate(counts) > 0.0
     errors = modelled(p, anchors, np.zeros(len(anchors)), heard) - heard.r
-    return PlainFit(0.0, np.eye(3), np.zeros(3), left_of(errors[use]), float(sum(costs)) / use.sum(), heard, p, 0.0)
+    left, cost = left_of(errors[use]), float(sum(costs)) / use.sum()
+    J = np.vstack([block_diag(*(part[:-3] for part in slopes)), block_diag(*(part[-3:] for part in slopes))])
+    return PlainFit(0.0, np.eye(3), np.zeros(3), left, cost, heard, p, 0.0, J)
 
 
-def _windows(ranges: Ranges) -> list[Ranges]:
+def _windows(ranges: Ranges, windows: int) -> list[Ranges]:
     """Return the ranges of some short times, evenly spread."""
     found = []
-    for t in np.linspace(ranges.t[0], ranges.t[-1], WINDOWS + 2)[1:-1]:
+    for t in np.linspace(ranges.t[0], ranges.t[-1], windows + 2)[1:-1]:
         first = int(np.searchsorted(ranges.t, t))
         within = np.searchsorted(ranges.t, [t + SPAN, t + LONGEST], side="right")
         last = int(np.clip(first + ENOUGH, *within))
@@ -57,8 +61,8 @@ def _windows(ranges: Ranges) -> list[Ranges]:
     return found
 
 
-def _fit(heard: Ranges, anchors: np.ndarray, counts: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return cost and places (m, 3) of the better of two starts, above the anchors' middle and below it."""
+def _fit(heard: Ranges, anchors: np.ndarray, counts: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return cost, places (m, 3) and slopes (m + 3, 6) of the better start, above the anchors' middle or below it."""
     after, two, none = (heard.t - heard.t[0])[:, None], heard.other >= 0, np.zeros(len(anchors))
 
     def residuals(x: np.ndarray) -> np.ndarray:
@@ -76,4 +80,4 @@ def _fit(heard: Ranges, anchors: np.ndarray, counts: np.ndarray) -> tuple[float,
     starts = [np.array([*middle[:2], middle[2] + dz, 0.0, 0.0, 0.0]) for dz in (-0.5, 0.5)]
     fits = [least_squares(residuals, x, jac=slopes, loss="soft_l1", max_nfev=STEPS) for x in starts]
     best = min(fits, key=lambda fit: fit.cost)
-    return float(best.cost), best.x[:3] + after * best.x[3:]
+    return float(best.cost), best.x[:3] + after * best.x[3:], slopes(best.x)

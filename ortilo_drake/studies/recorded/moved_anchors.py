@@ -12,11 +12,13 @@ from scipy.optimize import least_squares, linear_sum_assignment
 
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.studies.recorded.calibrate import found_roughly
-from ortilo_drake.studies.recorded.plain_fit import SPREAD, PlainFit
-from ortilo_drake.studies.recorded.readings import ALIKE, Guess, Reading, Trial, path_of
+from ortilo_drake.studies.recorded.plain_fit import SPREAD, PlainFit, left_of
+from ortilo_drake.studies.recorded.readings import ALIKE, BETTER, Guess, Reading, Trial, path_of
 from ortilo_drake.studies.recorded.truth_path import LEAST, TruthPath, covered_ranges, modelled
 
-EXCHANGES, BEST = 2, 3  # of two places, one after the other; and how many go on to the next
+BEST = 3  # orders that go on to the next exchange of two places
+CLEARLY = 1.4  # a pair is told that leaves less by this factor: on real recordings no wrong one leaves less at all
+SAME = 1.2  # of orders whose distances add up to so many times the least, or less, the map's is the likeliest
 HEADINGS, SOME = 36, 60  # of the places found beside the map's; ranges that an anchor's place goes by
 ALL_HEADINGS = 8  # with more anchors, pairs are tried from the frame found only
 ALONE = 1.5  # one anchor is wrong if leaving out any other leaves more by this factor
@@ -25,6 +27,16 @@ BIAS = 0.15  # of that anchor's ranges [m]
 FEWEST = 6  # anchors of which one may be left out without a truth
 
 Order = tuple[int, ...]  # which of the map's places each anchor has
+
+
+def worst_anchor(fit: PlainFit, anchors: np.ndarray) -> float:
+    """Return the RMS error of the ranges that fit worst, those of one anchor, with a constant of its own [m]."""
+    heard, worst = fit.heard, 0.0
+    errors = modelled(fit.places, anchors, np.full(len(anchors), fit.bias), heard) - heard.r
+    for i in range(len(anchors)):
+        e = np.concatenate([errors[heard.anchor == i], -errors[heard.other == i]])
+        worst = max(worst, left_of(e - np.median(e))) if len(e) else worst
+    return worst
 
 
 def names_of(map_: Map, n: int) -> list[str]:
@@ -40,18 +52,23 @@ def matched_order(trial: Trial, map_: Map) -> Guess | None:
     return _best_of(trial, map_, _fits(trial, [order], path, None))
 
 
-def exchanged_order(trial: Trial, map_: Map) -> Guess | None:
-    """Return the order of the anchors that fits clearly better, some of them exchanged, if there is one."""
+def exchanged_pair(trial: Trial, map_: Map) -> Guess | None:
+    """Return the exchange of two anchors that fits better, where the whole fits about as well as the noise allows."""
+    return exchanged_order(trial, map_, 1, CLEARLY)
+
+
+def exchanged_order(trial: Trial, map_: Map, exchanges: int = 2, by: float = BETTER) -> Guess | None:
+    """Return the order that leaves less by a factor, with so many exchanges of two anchors, if there is one."""
     n, path = len(trial.now.anchors), path_of(trial.now)
     near = trial.fit if path is not None and n > ALL_HEADINGS else None
     own = tuple(range(n))
     best, known = [own], {own}
-    for k in range(EXCHANGES):
+    for k in range(exchanges):
         tried = {_exchanged(order, i, j) for order in best for i, j in combinations(range(n), 2)}
         tried = (tried | ({own[::-1], (*own[1:], 0), (n - 1, *own[:-1])} if k == 0 else set())) - known
         known |= tried
         fits = _fits(trial, sorted(tried), path, near)
-        if guess := _best_of(trial, map_, fits):
+        if guess := _best_of(trial, map_, fits, by):
             return guess
         best = [order for order, _ in fits[:BEST]]
     return None
@@ -66,9 +83,9 @@ def _fits(
     return sorted(((order, fit) for order, fit in fits if fit is not None), key=lambda one: one[1].cost)
 
 
-def _best_of(trial: Trial, map_: Map, fits: list[tuple[Order, PlainFit]]) -> Guess | None:
+def _best_of(trial: Trial, map_: Map, fits: list[tuple[Order, PlainFit]], by: float = BETTER) -> Guess | None:
     """Return the best order; without a truth all that fit as well, as a room's mirror image does."""
-    good = [(order, fit.left) for order, fit in fits if trial.is_better(fit, trial.now)]
+    good = [(order, fit.left) for order, fit in fits if trial.is_better(fit, trial.now, by)]
     if not good:
         return None
     least = min(left for _, left in good)
@@ -104,17 +121,16 @@ def _alike(found: np.ndarray, anchors: np.ndarray, same: bool) -> Order:
         anchors: those of the map (n, 3).
         same: whether both have one frame.
     """
-    best: tuple[float, Order] = (np.inf, ())
+    tried: list[tuple[float, Order]] = []
     for yaw in (0.0,) if same else np.linspace(0.0, 2.0 * np.pi, HEADINGS, endpoint=False):
         c, s = np.cos(yaw), np.sin(yaw)
         p = found @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
         p = p if same else p - p.mean(axis=0) + anchors.mean(axis=0)
         apart = np.linalg.norm(p[:, None] - anchors, axis=2)
         order = linear_sum_assignment(apart)[1]
-        total = float(apart[np.arange(len(order)), order].sum())
-        if total < best[0]:
-            best = total, tuple(int(i) for i in order)
-    return best[1]
+        tried.append((float(apart[np.arange(len(order)), order].sum()), tuple(int(i) for i in order)))
+    most = SAME * min(tried)[0]
+    return max((sum(i == j for i, j in enumerate(order)), -total, order) for total, order in tried if total <= most)[2]
 
 
 def _exchanged(order: Order, i: int, j: int) -> Order:
@@ -158,7 +174,7 @@ def moved_anchor(trial: Trial, map_: Map) -> Guess | None:
     whole = trial.fit_of(now._replace(anchors=moved), path)
     if whole is None or not trial.is_better(whole, now):
         return None  # its ranges are wrong, as behind metal
-    return Guess(f"anchors: entry {name} at {_point(place)}, not {_point(own)},", trial.fit.left, whole.left)
+    return Guess(f"anchors: entry {name} at {point_text(place)}, not {point_text(own)},", trial.fit.left, whole.left)
 
 
 def _place(fit: PlainFit, now: Reading, i: int) -> np.ndarray:
@@ -195,5 +211,6 @@ def _place(fit: PlainFit, now: Reading, i: int) -> np.ndarray:
     return np.round(good[0] if good else min(near, key=lambda a: float(np.linalg.norm(a - own))), 2)
 
 
-def _point(p: np.ndarray) -> str:
+def point_text(p: np.ndarray) -> str:
+    """Return a place as a list of YAML."""
     return f"[{', '.join(f'{v:g}' for v in p)}]"

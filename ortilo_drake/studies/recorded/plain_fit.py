@@ -27,7 +27,7 @@ from ortilo_drake.studies.recorded.truth_path import (
     random_sample,
 )
 
-SPREAD, LEVER = 0.06, 0.1  # of a range and of the lever [m]
+SPREAD, LEVER, CLOCK = 0.06, 0.1, 7  # of a range and of the lever [m]; the clock's column in `slopes`
 FEW = 160  # ranges that a fit goes by
 KEPT = 0.95  # share of the errors that counts: the rest may be outliers
 YAWS = (0.0, np.pi / 2, np.pi, -np.pi / 2)
@@ -39,7 +39,8 @@ FLAT, NUDGE = 0.3, 0.7  # anchors less than this off a plane [m]: the fit starts
 class PlainFit(NamedTuple):
     """Offset [s], turn F (3, 3) and shift s (3), RMS of the range errors left, the largest 5 % aside [m], and cost.
 
-    Then the ranges that it goes by, the antenna's place at each, in the anchors' frame (m, 3), and the bias [m].
+    Then the ranges that it goes by, the antenna's place at each, in the anchors' frame (m, 3), the bias [m], and the
+    slopes (m + q, k) by k unknowns: of the m errors, over SPREAD, and of q more residuals that say what else is known.
     """
 
     offset: float
@@ -50,6 +51,7 @@ class PlainFit(NamedTuple):
     heard: Ranges
     places: np.ndarray
     bias: float
+    slopes: np.ndarray
 
 
 class _Seen(NamedTuple):
@@ -74,6 +76,7 @@ def plain_fit(
     near: PlainFit | None = None,
     tags: np.ndarray = ONE_TAG,
     without: int = -1,
+    few: int = FEW,
 ) -> PlainFit | None:
     """Return the best fit from several starts, or None if truth and ranges hardly meet.
 
@@ -87,11 +90,12 @@ def plain_fit(
         near: a fit whose frame to start from, in place of four headings.
         tags: where the tags are, truth's body axes (m, 3).
         without: an anchor whose ranges do not count.
+        few: ranges that it goes by, at most.
     """
     starts = []
     flat = float(np.linalg.svd(anchors - anchors.mean(axis=0))[1][-1]) < FLAT * np.sqrt(len(anchors))
     for offset in offsets:
-        chosen = random_sample(covered_ranges(ranges, float(offset), path), FEW)
+        chosen = random_sample(covered_ranges(ranges, float(offset), path), few)
         if len(chosen) < LEAST:
             continue
         t = np.clip(ranges.t[chosen] + offset, path.first, path.last)
@@ -174,7 +178,8 @@ def _fit(
     left = left_of(errors(x.x)[counts > 0.0])
     cost = float(x.cost) / max(1.0, counts.sum())
     places, shift = q @ F.T + x.x[:3], x.x[:3] - F @ middle
-    return PlainFit(seen.offset + float(x.x[7]), F, shift, left, cost, heard, places, float(x.x[3]))
+    offset = seen.offset + float(x.x[7])
+    return PlainFit(offset, F, shift, left, cost, heard, places, float(x.x[3]), slopes(x.x))
 
 
 def toward(d: np.ndarray) -> np.ndarray:

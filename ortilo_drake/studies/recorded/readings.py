@@ -11,7 +11,7 @@ import numpy as np
 
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import ONE_TAG, Ranges, Recording, Truth
-from ortilo_drake.interop.recorded.units import axes_matrix, in_axes
+from ortilo_drake.interop.recorded.units import axes_matrix, axes_names, in_axes
 from ortilo_drake.studies.recorded.lone_fit import lone_fit
 from ortilo_drake.studies.recorded.plain_fit import PlainFit, plain_fit
 from ortilo_drake.studies.recorded.truth_path import TruthPath, truth_path
@@ -55,11 +55,12 @@ class Reading(NamedTuple):
 
 
 class Guess(NamedTuple):
-    """The key that mends it, and the RMS of the ranges' errors with one bias for all, before and after [m]."""
+    """The key that mends it, and the RMS of the ranges' errors, before and after [m], and of which ranges."""
 
     key: str
     before: float
     after: float
+    of: str = "range"
 
 
 def as_read(recording: Recording, map_: Map) -> Reading:
@@ -114,7 +115,7 @@ def _frames(now: Reading, truth: Truth, map_: Map) -> Iterator[Reading]:
         key = f"anchors: {first} and {second} of each change places"
         if order[2] == 2 and now.frame != "same":  # no fit can tell one from the other
             left = axes_matrix(UPS["left-handed"], "truth.axes", mirrors=True)
-            key += f", or truth: {{axes: {_names(left @ own)}}} (left-handed)"
+            key += f", or truth: {{axes: {axes_names(left @ own)}}} (left-handed)"
         yield now._replace(key=key, anchors=now.anchors[:, order])
     if now.frame == "same":
         now = now._replace(frame="yaw")
@@ -122,7 +123,7 @@ def _frames(now: Reading, truth: Truth, map_: Map) -> Iterator[Reading]:
     for what, axes in UPS.items():
         A = axes_matrix(axes, "truth.axes", mirrors=True)
         turned = truth._replace(p=truth.p @ A.T, R=None if truth.R is None else in_axes(truth.R, A))
-        names = _names(A @ own)
+        names = axes_names(A @ own)
         key = f"truth: {{axes: {names}}}"
         yield now._replace(key=f"{key} ({what})", truth=turned)
         for unit, by in UNITS.items():
@@ -131,11 +132,6 @@ def _frames(now: Reading, truth: Truth, map_: Map) -> Iterator[Reading]:
             yield now._replace(key=both, truth=small)
     if now.frame != "se3":
         yield now._replace(key="calibration: {frame: se3}", frame="se3")
-
-
-def _names(M: np.ndarray) -> str:
-    rows = [("-" if row.sum() < 0 else "") + "xyz"[int(np.argmax(np.abs(row)))] for row in M]
-    return f"[{', '.join(rows)}]"
 
 
 def clocks(trial: "Trial", map_: Map) -> Iterator[Reading]:
@@ -193,11 +189,11 @@ class Trial(NamedTuple):
             without=reading.without,
         )
 
-    def is_better(self, fit: PlainFit, reading: Reading) -> bool:
+    def is_better(self, fit: PlainFit, reading: Reading, by: float = BETTER) -> bool:
         """Return whether a fit leaves clearly less, in metres and beside the ranges: what is made small fits well."""
         before = self.fit.left / np.median(np.abs(self.now.ranges.r))
         after = fit.left / np.median(np.abs(reading.ranges.r))
-        return bool(fit.left <= NEAR * self.noise and BETTER * after <= before)
+        return bool(fit.left <= NEAR * self.noise and by * after <= before)
 
 
 def better_reading(trial: Trial, map_: Map) -> Guess | None:

@@ -1,0 +1,181 @@
+"""What one more unknown explains: an anchor's place, the ranges' scale, or how fast the truth's clock runs.
+
+A cheap fit leaves errors e at known places; its unknowns y, and a constant c_i of each anchor, may still move:
+
+    minimise  Σ rho((e + J y + c_i [- c_j] + X z) / 0.06 m) + |c|² / (0.2 m)² + what is known of y,   rho = soft L1
+
+over y, c and z, once without z and once for each z that may be wrong. The one that gains most is told if it explains a
+good part of the errors and is far more likely than what the map has. Errors that last, as those of ranges
+do, count as one sample for as long as they last, twice the filter's `correlation_time`.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from ortilo_drake.interop.recorded.columns import UNITS as CLOCK_UNITS
+from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.interop.recorded.recording import Ranges
+from ortilo_drake.interop.recorded.units import size_of
+from ortilo_drake.studies.recorded.lone_fit import lone_fit
+from ortilo_drake.studies.recorded.moved_anchors import names_of, point_text
+from ortilo_drake.studies.recorded.plain_fit import CLOCK, SPREAD, PlainFit, left_of, plain_fit, toward
+from ortilo_drake.studies.recorded.readings import NEAR, Guess, Trial, path_of
+from ortilo_drake.studies.recorded.truth_path import LEAST, modelled
+
+RANGES, WINDOWS = 1500, 24  # that it goes by, at most; times of a fit without a truth
+BIAS, STEPS = 0.2, 6  # of an anchor's constant [m]; steps of a solution
+EXPLAINS, SURE = 1.35, 4.5  # an anchor's own errors shrink by this factor, by a move of so many standard deviations
+MOVED = 0.3  # at least [m]
+ONE_AXIS, OTHERS = 0.7, 0.8  # share of the gain by one axis alone, if no other has so much of that
+CERTAIN, SCALE, DRIFT = 8.0, 0.01, 0.001  # of a scale or a drift: deviations, and the least that is told
+
+Extra = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # z: places of the anchors (n, 3), and X (m, d) [m]
+
+
+class _Solved(NamedTuple):
+    """Cost, the errors left (m) [m], and z with its standard deviations before anything lasts (d)."""
+
+    cost: float
+    errors: np.ndarray
+    z: np.ndarray
+    sd: np.ndarray
+
+
+def freed_guess(trial: Trial, map_: Map, imu_gains: float | None) -> Guess | None:
+    """Return the anchor's place, the scale or the clock's rate that clearly explains what the fit leaves.
+
+    Args:
+        trial: what the fits go by.
+        map_: what it says.
+        imu_gains: by how much a second the truth's clock gains on the imu's, if the body rates tell it.
+    """
+    now, path, anchors = trial.now, path_of(trial.now), trial.now.anchors
+    if path is None:
+        fit = lone_fit(now.ranges, anchors, windows=WINDOWS)
+    else:
+        at, moves = np.array([trial.fit.offset]), trial.moves
+        near = None if now.frame == "same" else trial.fit
+        fit = plain_fit(
+            now.ranges, anchors, path, at, frame=now.frame, moves=moves, near=near, tags=now.tags, few=RANGES
+        )
+    if fit is None or fit.left > NEAR * trial.noise:
+        return None
+    heard = fit.heard
+    before = _solved(fit, anchors, lambda _: (anchors, np.zeros((len(heard.r), 0))), 0)
+    found: list[tuple[float, Guess | None]] = []
+    for i in range(len(anchors)):
+        its = (heard.anchor == i) | (heard.other == i)
+        if its.sum() >= LEAST:
+            found.append(_moved(fit, trial, map_, i, its, before))
+    if path is not None:
+        found += _of_scale_and_clock(fit, trial, map_, before, imu_gains)
+    return max(found, key=lambda one: one[0])[1] if found else None
+
+
+def _solved(fit: PlainFit, anchors: np.ndarray, extra: Extra, d: int) -> _Solved:
+    """Return the solution with d more unknowns."""
+    heard, n, k = fit.heard, len(anchors), fit.slopes.shape[1]
+    m, two = len(heard.r), heard.other >= 0
+    own = np.zeros((m, n))
+    own[np.arange(m), heard.anchor] = 1.0
+    own[two, heard.other[two]] -= 1.0
+    known = np.hstack([block_diag(fit.slopes[m:], np.eye(n) / BIAS), np.zeros((len(fit.slopes) - m + n, d))])
+    x = np.zeros(k + n + d)
+    for step in range(STEPS + 1):
+        places, X = extra(x[k + n :])
+        e = (modelled(fit.places, places, fit.bias + x[k : k + n], heard) - heard.r) / SPREAD + fit.slopes[:m] @ x[:k]
+        if places is anchors:
+            e = e + X @ x[k + n :] / SPREAD
+        rho = np.sqrt(1.0 + e**2)
+        L = np.vstack([np.hstack([fit.slopes[:m], own / SPREAD, X / SPREAD]) / np.sqrt(rho)[:, None], known])
+        normal = L.T @ L + 1e-9 * np.eye(len(x))
+        if step < STEPS:
+            x = x - np.linalg.solve(normal, L.T @ np.concatenate([e / np.sqrt(rho), known @ x]))
+    sd = np.sqrt(np.diag(np.linalg.inv(normal))[k + n :])
+    cost = float(np.sum(rho - 1.0) + 0.5 * np.sum((known @ x) ** 2))
+    return _Solved(cost, SPREAD * e, x[k + n :], sd)
+
+
+def _lasting(heard: Ranges, its: np.ndarray, map_: Map, apart: bool) -> float:
+    """Return the factor of a standard deviation as the errors last; `apart`: each anchor has its own."""
+    then = np.floor(heard.t[its] / (2.0 * map_.filter.correlation_time))
+    samples = len(np.unique(then)) * (len(np.unique(heard.anchor[its])) if apart else 1)
+    return float(np.sqrt(max(1.0, its.sum() / samples)))
+
+
+def _moved(
+    fit: PlainFit, trial: Trial, map_: Map, i: int, its: np.ndarray, before: _Solved
+) -> tuple[float, Guess | None]:
+    """Return the gain by another place of an anchor, and that place if it is clearly better."""
+    heard, anchors = fit.heard, trial.now.anchors
+
+    def along(axes: np.ndarray) -> _Solved:
+        def extra(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            places, X = anchors.copy(), np.zeros((len(heard.r), 3))
+            places[i] += axes @ z
+            X[heard.anchor == i] -= toward(fit.places[heard.anchor == i] - places[i])
+            X[heard.other == i] += toward(fit.places[heard.other == i] - places[i])
+            return places, X @ axes
+
+        return _solved(fit, anchors, extra, axes.shape[1])
+
+    now = along(np.eye(3))
+    was, left, gain = left_of(before.errors[its]), left_of(now.errors[its]), before.cost - now.cost
+    sure = np.sqrt(max(0.0, 2.0 * gain)) * SPREAD / left / _lasting(heard, its, map_, False)  # by the likelihoods
+    if (
+        sure < SURE
+        or np.linalg.norm(now.z) < MOVED
+        or was < EXPLAINS * left
+        or max(left, left_of(now.errors)) > trial.noise
+    ):
+        return gain, None
+    single = [along(np.eye(3)[:, [axis]]) for axis in range(3)]
+    gains = np.array([before.cost - one.cost for one in single])
+    axis, second = np.argsort(gains)[::-1][:2]
+    move = now.z
+    if gains[axis] > ONE_AXIS * gain and gains[second] < OTHERS * gains[axis]:
+        move = np.eye(3)[axis] * single[axis].z
+    at, own = point_text(np.round(anchors[i] + move, 1)), point_text(anchors[i])
+    name = names_of(map_, len(anchors))[i]
+    return gain, Guess(f"anchors: entry {name} at about {at}, not {own},", was, left, "its range")
+
+
+def _of_scale_and_clock(
+    fit: PlainFit, trial: Trial, map_: Map, before: _Solved, imu_gains: float | None
+) -> list[tuple[float, Guess | None]]:
+    """Return the gains by a scale of the ranges and by the rate of the truth's clock, and the keys that mend them."""
+    heard, m = fit.heard, len(fit.heard.r)
+    widens = _lasting(heard, np.ones(m, dtype=bool), map_, True)
+
+    def by(X: np.ndarray, least: float, key: Callable[[float], str]) -> tuple[float, Guess | None]:
+        now = _solved(fit, trial.now.anchors, lambda _: (trial.now.anchors, X), X.shape[1])
+        was, left, z = left_of(before.errors), left_of(now.errors), float(now.z[-1])
+        clear = abs(z) > max(least, CERTAIN * now.sd[-1] * left / SPREAD * widens)
+        return before.cost - now.cost, Guess(key(z), was, left) if clear else None
+
+    clock = fit.slopes[:m, [CLOCK]] * SPREAD
+    drifts = np.hstack([clock, clock * (heard.t - heard.t.mean())[:, None]])
+    return [
+        by(-heard.r[:, None], SCALE, lambda z: _scale_key(map_, 1.0 + z)),
+        by(drifts, DRIFT, lambda z: _clock_key(map_, z, imu_gains)),
+    ]
+
+
+def _scale_key(map_: Map, by: float) -> str:
+    sources = {key: source for key in ("ranges", "differences") if (source := getattr(map_, key)) is not None}
+    return ", ".join(f"{key}: {{scale: {source.scale * by:.4g}}}" for key, source in sources.items())
+
+
+def _clock_key(map_: Map, gains: float, imu_gains: float | None) -> str:
+    """Return the key that mends a truth's clock that gains so much a second on the ranges'."""
+    if imu_gains is not None and abs(imu_gains) < abs(gains) / 2.0:  # truth and imu agree: the ranges' clock it is
+        return " and ".join(unit_key(map_, key, 1.0 + gains) for key in ("ranges", "differences") if getattr(map_, key))
+    return unit_key(map_, "truth", 1.0 / (1.0 + gains))
+
+
+def unit_key(map_: Map, key: str, by: float) -> str:
+    """Return the key that makes a source's stamps `by` times as large, as its clock drifts."""
+    return f"{key}: {{unit: {size_of(getattr(map_, key).unit, CLOCK_UNITS) * by:.6g}}} (its clock drifts)"
