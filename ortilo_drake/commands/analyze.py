@@ -8,6 +8,7 @@ import typer
 
 from ortilo_drake.commands.options import (
     DEFAULT_SCENARIO,
+    FolderOption,
     JsonOption,
     ScenarioArgument,
     SetOption,
@@ -25,9 +26,7 @@ def analyze(
     ] = 20,
     workers: WorkersOption = None,
     settings: SetOption = None,
-    out_folder: Annotated[Path, typer.Option("--out", help="Folder of report, figures and flights.")] = Path(
-        "out/analysis"
-    ),
+    out_folder: FolderOption = Path("out/analysis"),
     json_file: JsonOption = None,
 ) -> None:
     """Linearise a scenario and check its Riccati equations, margins, arrival rates, delays, tube and consistency.

@@ -6,6 +6,8 @@ import platform
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -138,46 +140,21 @@ def kernels() -> Finding:
     return Finding("compiled functions kept", kept, WANTED, str(folder), mend)
 
 
+# What a package of an extra is for.
+PACKAGES: Final = (
+    ("onnxruntime", "onnxruntime", "onnx", "detects objects twice as fast as OpenCV"),
+    ("logs and bags", "mcap", "log", "ortilo fly --log DIR, ortilo replay"),
+    ("maps", "pyarrow", "map", "ortilo map, ortilo rare"),
+    ("worker processes", "distributed", "workers", "many processes, clusters; else one process does all"),
+    ("videos", "av", "video", "ortilo fly --video F.mp4"),
+    ("recordings", "rerun-sdk", "rerun", "ortilo fly --rerun F.rrd"),
+    ("torch", "torch", "torch", "trains the detector, and runs Darknet's networks"),
+)
+
+
 def _package(name: str, package: str, extra: str, what_for: str) -> Finding:
-    found = _installed(package)
-    return Finding(
-        name, bool(found), WANTED, found or "not installed", f"pip install 'ortilo-drake[{extra}]': {what_for}"
-    )
-
-
-def onnxruntime() -> Finding:
-    """Look for onnxruntime."""
-    return _package("onnxruntime", "onnxruntime", "onnx", "detects objects twice as fast as OpenCV")
-
-
-def torch() -> Finding:
-    """Look for torch."""
-    return _package("torch", "torch", "torch", "trains the detector, and runs Darknet's networks")
-
-
-def logs() -> Finding:
-    """Check the packages that read and write logs and bags."""
-    return _package("logs and bags", "mcap", "log", "ortilo fly --log DIR, ortilo replay")
-
-
-def maps() -> Finding:
-    """Check the packages that store the figures of many flights."""
-    return _package("maps", "pyarrow", "map", "ortilo map, ortilo rare")
-
-
-def workers() -> Finding:
-    """Check the package that starts worker processes."""
-    return _package("worker processes", "distributed", "workers", "many processes, clusters; else one process does all")
-
-
-def videos() -> Finding:
-    """Check the program that writes .mp4."""
-    return _package("videos", "av", "video", "ortilo fly --video F.mp4")
-
-
-def recordings() -> Finding:
-    """Check the package that writes recordings for the Rerun viewer, and the viewer."""
-    return _package("recordings", "rerun-sdk", "rerun", "ortilo fly --rerun F.rrd")
+    found, mend = _installed(package), f"pip install 'ortilo-drake[{extra}]': {what_for}"
+    return Finding(name, bool(found), WANTED, found or "not installed", mend)
 
 
 def ros() -> Finding:
@@ -221,13 +198,8 @@ def memory() -> Finding:
     """Look how much memory is free."""
     known = "SC_AVPHYS_PAGES" if "SC_AVPHYS_PAGES" in os.sysconf_names else "SC_PHYS_PAGES"  # macOS knows only all
     free = os.sysconf(known) * os.sysconf("SC_PAGE_SIZE") / 1e9
-    return Finding(
-        "memory",
-        free > LEAST_MEMORY,
-        WANTED,
-        f"{free:.1f} GB free",
-        f"a flight with pictures takes {LEAST_MEMORY:.0f} GB",
-    )
+    mend = f"a flight with pictures takes {LEAST_MEMORY:.0f} GB"
+    return Finding("memory", free > LEAST_MEMORY, WANTED, f"{free:.1f} GB free", mend)
 
 
 def disk() -> Finding:
@@ -236,7 +208,8 @@ def disk() -> Finding:
     return Finding("disk", free > LEAST_DISK, WANTED, f"{free:.1f} GB free here", "a hundred flights take 0.2 GB")
 
 
-CHECKS: Final = (
+CHECKS: Final[tuple[Callable[[], Finding], ...]] = (
     *(machine, python, drake, opencv, pictures, kernels, cores, memory, shared_memory, disk),
-    *(onnxruntime, logs, maps, workers, videos, recordings, encrypted_link, graphviz, browser, ros, torch),
+    *(partial(_package, *package) for package in PACKAGES),
+    *(encrypted_link, graphviz, browser, ros),
 )

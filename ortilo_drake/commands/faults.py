@@ -6,7 +6,15 @@ from typing import Annotated, Any
 
 import typer
 
-from ortilo_drake.commands.options import JsonOption, SetOption, WorkersOption, finite, quiet_drake, scenarios_from
+from ortilo_drake.commands.options import (
+    FolderOption,
+    JsonOption,
+    SetOption,
+    WorkersOption,
+    finite,
+    quiet_drake,
+    scenarios_from,
+)
 from ortilo_drake.commands.terminal import check_writable, hand_over, progress_bar, say_if_compiling
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
@@ -36,9 +44,7 @@ def faults(
     ] = 5.0,
     workers: WorkersOption = None,
     settings: SetOption = None,
-    out_folder: Annotated[Path, typer.Option("--out", help="Folder of flights, report and figure.")] = Path(
-        "out/faults"
-    ),
+    out_folder: FolderOption = Path("out/faults"),
     json_file: JsonOption = None,
 ) -> None:
     """Fly scenarios with one fault at a time, and the same seeds without any fault.

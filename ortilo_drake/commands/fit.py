@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.options import JsonOption
+from ortilo_drake.commands.options import JsonOption, MapOption
 from ortilo_drake.commands.terminal import (
     check_writable,
     out,
@@ -22,9 +22,7 @@ from ortilo_drake.model.typed_yaml import InputError
 
 def fit(
     recordings: Annotated[list[Path], typer.Argument(help="Folders of recordings that one map describes.")],
-    map_file: Annotated[
-        Path, typer.Option("--map", help="MAP.yaml: which column or topic is what (docs/how_to/recorded.md).")
-    ],
+    map_file: MapOption,
     out_file: Annotated[Path, typer.Option("--out", help="File to write, for `ortilo predict`.")] = Path("NOISE.yaml"),
     places: Annotated[
         bool,

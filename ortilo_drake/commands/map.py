@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.options import JsonOption, WorkersOption, quiet_drake
+from ortilo_drake.commands.options import FolderOption, JsonOption, WorkersOption, quiet_drake
 from ortilo_drake.commands.terminal import (
     check_writable,
     hand_over,
@@ -22,9 +22,7 @@ def map_(
         Path, typer.Argument(metavar="SWEEP.yaml", help="Its axes, design and flights: docs/how_to/maps.md.")
     ],
     workers: WorkersOption = None,
-    out_folder: Annotated[Path, typer.Option("--out", help="Folder of flights, table, report and figure.")] = Path(
-        "out/map"
-    ),
+    out_folder: FolderOption = Path("out/map"),
     json_file: JsonOption = None,
 ) -> None:
     """Fly a map: a number of flights at each point of a design over any settings.

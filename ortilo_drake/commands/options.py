@@ -55,6 +55,21 @@ def _of_picture(file: Path | None) -> Path | None:
     return file
 
 
+def yaml_option(said: str) -> Any:
+    """The option --out of a YAML file."""
+    return typer.Option("--out", help=said, callback=_of_yaml)
+
+
+def _of_yaml(file: Path | None) -> Path | None:
+    if file is not None and file.suffix not in (".yaml", ".yml"):
+        raise InputError(f"--out {file}: must end in .yaml")
+    return file
+
+
+RoomFileOption = Annotated[Path | None, yaml_option("Write the room to this .yaml.")]
+FolderOption = Annotated[Path, typer.Option("--out", help="Folder of the report, its figures and data.")]
+MAP_OPTION = typer.Option("--map", help="MAP.yaml: which column or topic is what (docs/how_to/recorded.md).")
+MapOption = Annotated[Path, MAP_OPTION]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON to this file.")]
 
 

@@ -5,20 +5,18 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.options import JsonOption
+from ortilo_drake.commands.options import FolderOption, JsonOption, MapOption
 from ortilo_drake.commands.terminal import check_writable, hand_over, progress_bar, say_if_compiling
 from ortilo_drake.model.typed_yaml import InputError
 
 
 def predict(
     recordings: Annotated[list[Path], typer.Argument(help="Folders of recordings that one map describes.")],
-    map_file: Annotated[
-        Path, typer.Option("--map", help="MAP.yaml: which column or topic is what (docs/how_to/recorded.md).")
-    ],
+    map_file: MapOption,
     noise: Annotated[str, typer.Option("--noise", help="NOISE.yaml of `ortilo fit`, or util_2021 or iasl_2023.")],
     runs: Annotated[int, typer.Option("--runs", min=2, max=1000, help="Simulations of each kind and flight.")] = 20,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the simulated errors.")] = 0,
-    out_folder: Annotated[Path, typer.Option("--out", help="Folder of report and figure.")] = Path("out/predicted"),
+    out_folder: FolderOption = Path("out/predicted"),
     json_file: JsonOption = None,
 ) -> None:
     """Simulate recorded flights, and compare error, NEES, NIS and refused ranges with the recorded ones.

@@ -8,6 +8,7 @@ import typer
 
 from ortilo_drake.commands.options import (
     CameraOption,
+    FolderOption,
     JsonOption,
     ScenarioArgument,
     SetOption,
@@ -40,7 +41,7 @@ def rare(
     camera: CameraOption = None,
     settings: SetOption = None,
     workers: WorkersOption = None,
-    out_folder: Annotated[Path, typer.Option("--out", help="Folder of the results.")] = Path("out/rare"),
+    out_folder: FolderOption = Path("out/rare"),
     json_file: JsonOption = None,
 ) -> None:
     """Estimate the probability that the vehicle is lost, or strays from its reference, where that is rare.

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.options import JsonOption, quiet_drake
+from ortilo_drake.commands.options import MAP_OPTION, JsonOption, quiet_drake
 from ortilo_drake.commands.terminal import (
     check_writable,
     err,
@@ -25,9 +25,7 @@ DOUBTFUL = 3  # exit code of a replay that has doubts
 
 def replay(
     log: Annotated[list[Path], typer.Argument(help="A log's folder or .mcap file; with --map, folders of recordings.")],
-    map_file: Annotated[
-        Path | None, typer.Option("--map", help="MAP.yaml: which column or topic is what (docs/how_to/recorded.md).")
-    ] = None,
+    map_file: Annotated[Path | None, MAP_OPTION] = None,
     out_folder: Annotated[
         Path, typer.Option("--out", help="With --map, folder of report, figures and trajectories.")
     ] = Path("out/recorded"),

@@ -8,6 +8,7 @@ import typer
 
 from ortilo_drake.commands.options import (
     DEFAULT_SCENARIO,
+    FolderOption,
     JsonOption,
     ScenarioArgument,
     SetOption,
@@ -23,9 +24,7 @@ def sensitivity(
     flights: Annotated[int, typer.Option(min=1, max=100_000, help="Flights at each value, seeds from 0.")] = 8,
     workers: WorkersOption = None,
     settings: SetOption = None,
-    out_folder: Annotated[Path, typer.Option("--out", help="Folder of flights, report and figure.")] = Path(
-        "out/sensitivity"
-    ),
+    out_folder: FolderOption = Path("out/sensitivity"),
     json_file: JsonOption = None,
 ) -> None:
     """Fly a scenario in worlds that differ from what its filter believes, one mismatch at a time and all together.

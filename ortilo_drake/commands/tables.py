@@ -10,6 +10,7 @@ import typer
 from ortilo_drake.commands.options import (
     CameraOption,
     DetectorOption,
+    FolderOption,
     JsonOption,
     OnnxOption,
     PlayerName,
@@ -57,9 +58,7 @@ def tables(
     only: Annotated[
         str | None, typer.Option(metavar="SCENARIO", help="Only imu_uwb, or only imu_uwb_yolo, of the paper's two.")
     ] = None,
-    out_folder: Annotated[Path, typer.Option("--out", help="Folder of flights, tables and figures.")] = Path(
-        "out/tables"
-    ),
+    out_folder: FolderOption = Path("out/tables"),
     json_file: JsonOption = None,
 ) -> None:
     """Fly the paper's two scenarios, or one, many times and print its tables I and II beside ours.

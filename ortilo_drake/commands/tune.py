@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from ortilo_drake.commands.options import JsonOption, WorkersOption, picture_option, quiet_drake
+from ortilo_drake.commands.options import JsonOption, WorkersOption, picture_option, quiet_drake, yaml_option
 from ortilo_drake.commands.terminal import (
     check_writable,
     out,
@@ -145,7 +145,7 @@ def tune(
         list[Path],
         typer.Argument(help="Flights (netCDF) of one scenario, or folders of them; with --fly a SEARCH.yaml."),
     ],
-    out_file: Annotated[Path | None, typer.Option("--out", help="Write the tuned scenario to this .yaml.")] = None,
+    out_file: Annotated[Path | None, yaml_option("Write the tuned scenario to this .yaml.")] = None,
     json_file: JsonOption = None,
     figure: Annotated[Path | None, picture_option("Draw numbers, NEES and NIS before and after")] = None,
     check: Annotated[
@@ -169,8 +169,6 @@ def tune(
     searches any settings (servo weights, gates, noise) for the least distance from the path in flights, and what it
     finds is judged on flights with other seeds.
     """
-    if out_file is not None and out_file.suffix not in (".yaml", ".yml"):
-        raise InputError(f"--out {out_file}: must end in .yaml")
     if fly:
         if figure is not None or check or map_file is not None:
             raise InputError("--figure, --check, --map: are not for --fly")

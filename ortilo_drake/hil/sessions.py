@@ -18,7 +18,7 @@ from ortilo_drake.hil.real_time.detector_thread import DetectorThread
 from ortilo_drake.hil.real_time.real_time_onboard import answer_in_real_time
 from ortilo_drake.hil.real_time.real_time_world import COMMAND_PERIOD, Statistics, fly_in_real_time
 from ortilo_drake.hil.real_time.warm_up import no_collecting
-from ortilo_drake.hil.reports import OnboardFigures, OnboardReport, WorldReport
+from ortilo_drake.hil.reports import OnboardReport, WorldReport
 from ortilo_drake.hil.restart.checkpoint import session_of
 from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.greeter import Greeter, meet_onboard
@@ -135,10 +135,8 @@ def run_onboard(
             raise InputError("--exported: flies in lockstep; start the world with --lockstep")
         else:
             goals = Goals(scenario, planner) if planner else None
-            done = answer_in_real_time(
+            ticks, real_time = answer_in_real_time(
                 scenario, onboard, outbox, inbox, detector, progress, record, checkpoint, goals, say
             )
-            ages = {str(age): count for age, count in sorted(done.ages.items())}
-            ticks, real_time = done.ticks, OnboardFigures(done.silent, ages, done.overtaken)
         skipped = detector.skipped if detector and not met.lockstep else None
         return OnboardReport(ticks, inbox.counts("tick"), real_time, skipped)

@@ -105,7 +105,7 @@ def test_the_limits_are_what_they_say() -> None:
     np.testing.assert_allclose(limits["command"].high, 8 * np.array([52.2, 3.138, 3.138, 1.110]), rtol=1e-3)
     assert 3 * np.pi / 4 < limits["imu"].high[PAYLOAD] < np.pi  # of tilt: 60 degrees, and what a tick may add
     assert limits["velocity"].high[PAYLOAD] == pytest.approx(np.sqrt(2 * (8 * 53.2 / 2.7) * diagonal), rel=0.05)
-    assert (limits["uwb"].high[PAYLOAD : PAYLOAD + FLIGHT.anchors] < 1.5 * diagonal).all()
+    assert (limits["uwb"].high[PAYLOAD : PAYLOAD + len(SCENARIO.load_room().anchors)] < 1.5 * diagonal).all()
     assert limits["uwb"].low.min() == -np.inf  # the stamp's, which has a check of its own
     row, classes = limits["detections"].high[PAYLOAD : PAYLOAD + 6], len(room.classes)
     np.testing.assert_array_equal(row, [classes - 1, 1, 319.5, 239.5, 319.5, 239.5])
@@ -167,7 +167,7 @@ def test_limits_grow_with_what_they_come_from() -> None:
     np.testing.assert_allclose(noisy["imu"].high[2:5] - here["imu"].high[2:5], 0.1)
     biased = limits_of(load_scenario("nominal_imu_uwb_yolo", (*SETTINGS, "uwb.walls={kind: bias, per_wall: 1}")))
     walls = len(SCENARIO.load_room().wall_boxes)
-    ranges = slice(PAYLOAD, PAYLOAD + FLIGHT.anchors)
+    ranges = slice(PAYLOAD, PAYLOAD + len(SCENARIO.load_room().anchors))
     np.testing.assert_allclose(biased["uwb"].high[ranges] - here["uwb"].high[ranges], walls)
 
 

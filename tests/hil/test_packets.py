@@ -31,11 +31,12 @@ from ortilo_drake.hil.wire.packets import (
 from ortilo_drake.hil.wire.plain_text import plain
 from ortilo_drake.hil.wire.unpack import Packet, decode, largest_to_world
 from ortilo_drake.model.measurement import make_measurement
+from ortilo_drake.model.room import load_room
 from ortilo_drake.model.signals import ACTED_SIZE, IMU_SIZE, MAX_DETECTIONS, VELOCITY_SIZE
 
 SESSION, TICK, SHAPE = 77, 30, (6, 9)
 FLIGHT = flight_for_packets(SESSION, SHAPE)
-ANCHORS, CLASSES = FLIGHT.anchors, round(FLIGHT.limits["detections"].high[2]) + 1
+ANCHORS, CLASSES = len(load_room().anchors), round(FLIGHT.limits["detections"].high[2]) + 1
 REASONS = ("length", "fingerprint", "foreign", "tick", "stamp", "value", "text", "picture")
 RNG = np.random.default_rng(5)
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ortilo_drake.commands.options import JsonOption, finite, quiet_drake
+from ortilo_drake.commands.options import JsonOption, RoomFileOption, finite, quiet_drake
 from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_written, write_json
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.inputs.numbers import whole
@@ -45,7 +45,7 @@ def survey(
         float | None, typer.Option(min=0.0, callback=finite, help="Its growth with each metre of distance.")
     ] = None,
     most: Annotated[int, typer.Option(min=4, max=5000, help="Largest number of places used of a flight.")] = 200,
-    out_file: Annotated[Path | None, typer.Option("--out", help="Write the room to this .yaml.")] = None,
+    out_file: RoomFileOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """Find the anchors' positions from ranges to the vehicle and between anchors; three anchors fix the frame.
@@ -54,8 +54,6 @@ def survey(
     names in `from` are places of the vehicle. Without --range-sd and --range-fraction the noise is as the flights'
     multilateration believes, or 0.0075 of the distance.
     """
-    if out_file is not None and out_file.suffix not in (".yaml", ".yml"):
-        raise InputError(f"--out {out_file}: must end in .yaml")
     numbers = _numbers(known)
     check_writable(out_file, json_file)
     from ortilo_drake.flight.files import write_text

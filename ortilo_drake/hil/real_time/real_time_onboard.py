@@ -6,7 +6,6 @@ onboard_ticks.py decides when it ticks and which messages it takes.
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from ortilo_drake.flight.stepped_halves import OnboardHalf
 from ortilo_drake.hil.goals.goals import Goals
 from ortilo_drake.hil.real_time.detector_thread import DetectorThread
 from ortilo_drake.hil.real_time.onboard_ticks import OnboardTicks
+from ortilo_drake.hil.reports import OnboardFigures
 from ortilo_drake.hil.restart.checkpoint import Checkpoint, load_checkpoint, load_path, save_checkpoint, save_path
 from ortilo_drake.hil.restart.until_it_fails import UntilItFails
 from ortilo_drake.hil.wire.handshake import PATIENCE
@@ -22,22 +22,6 @@ from ortilo_drake.hil.wire.inbox import Inbox
 from ortilo_drake.hil.wire.packets import FINISHED
 from ortilo_drake.hil.wire.wire import Outbox, publish_command, publish_goal, publish_telemetry
 from ortilo_drake.scenario import Scenario
-
-
-class OnboardSummary(NamedTuple):
-    """A summary of an onboard half's flight.
-
-    Attributes:
-        ticks: how many it answered.
-        ages: how many messages it took at each age in ticks.
-        overtaken: how many messages it dropped for a newer one.
-        silent: the tick at which the world fell silent for PATIENCE before it had finished; None if it finished.
-    """
-
-    ticks: int
-    ages: dict[int, int]
-    overtaken: int
-    silent: int | None
 
 
 def answer_in_real_time(
@@ -51,7 +35,7 @@ def answer_in_real_time(
     checkpoint: Path | None = None,
     goals: Goals | None = None,
     say: Callable[[str], None] = print,
-) -> OnboardSummary:
+) -> tuple[int, OnboardFigures]:
     """Answer the world as its onboard half until it says that it has finished, or is silent for PATIENCE.
 
     Args:
@@ -65,6 +49,9 @@ def answer_in_real_time(
         checkpoint: a file to write at every tick; from it this half goes on if the flight has begun already.
         goals: takes the goals of a user; by default they are not heard.
         say: takes a line about a checkpoint that cannot be written; the flight goes on without it.
+
+    Returns:
+        How many ticks it answered, and its figures.
     """
     ticks, session = OnboardTicks(scenario), outbox.session
     heard = time.perf_counter()
@@ -80,7 +67,7 @@ def answer_in_real_time(
             heard = received
             if packet.name == "hello":
                 if packet.value.role == "world" and packet.value.state == FINISHED:
-                    return _summary(ticks, None)
+                    return _report(ticks, None)
             elif packet.name != "image":
                 joins = ticks.first is None
                 ticks.receive(packet, received)
@@ -117,11 +104,12 @@ def answer_in_real_time(
             if progress:
                 progress(ticks.next)
         elif time.perf_counter() > heard + PATIENCE:
-            return _summary(ticks, ticks.next)
+            return _report(ticks, ticks.next)
 
 
-def _summary(ticks: OnboardTicks, silent: int | None) -> OnboardSummary:
-    return OnboardSummary(ticks.next - (ticks.first or 0), dict(ticks.ages), ticks.overtaken, silent)
+def _report(ticks: OnboardTicks, silent: int | None) -> tuple[int, OnboardFigures]:
+    ages = {str(age): count for age, count in sorted(ticks.ages.items())}
+    return ticks.next - (ticks.first or 0), OnboardFigures(silent, ages, ticks.overtaken)
 
 
 def join_flight(onboard: OnboardHalf, checkpoint: Path | None, session: int, tick: int, h: float) -> None:

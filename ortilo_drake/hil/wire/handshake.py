@@ -46,12 +46,11 @@ def flight_of(scenario: Scenario, session: int) -> Flight:
         scenario: the scenario.
         session: the flight's number.
     """
-    room = scenario.load_room()
     shape = None
     if scenario.is_rendered:
-        camera = room.camera.scaled_to(scenario.camera.width)
+        camera = scenario.load_room().camera.scaled_to(scenario.camera.width)
         shape = camera.height, camera.width
-    return Flight(session, scenario.h, len(room.anchors), shape, limits_of(scenario))
+    return Flight(session, scenario.h, shape, limits_of(scenario))
 
 
 def say_hello(bus: Bus, hello: Hello) -> None:

@@ -41,14 +41,12 @@ class Flight(NamedTuple):
     Attributes:
         session: the number of the flight, positive.
         h: the ticks' period [s].
-        anchors: number of UWB anchors.
         shape: height and width of a picture [px]; None where none is sent.
         limits: of every signal, see limits.py.
     """
 
     session: int
     h: float
-    anchors: int
     shape: tuple[int, int] | None
     limits: dict[str, Limits]
 
