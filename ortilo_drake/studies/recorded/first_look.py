@@ -10,7 +10,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.calibrate import offset_centres
 from ortilo_drake.studies.recorded.clock_offset import gains_by_rates, offset_by_rates
 from ortilo_drake.studies.recorded.doubts import range_noise
-from ortilo_drake.studies.recorded.freed import freed_guess
+from ortilo_drake.studies.recorded.freed import feet_or_nanoseconds, freed_guess
 from ortilo_drake.studies.recorded.lone_fit import lone_fit
 from ortilo_drake.studies.recorded.moved_anchors import (
     exchanged_order,
@@ -20,7 +20,16 @@ from ortilo_drake.studies.recorded.moved_anchors import (
     worst_anchor,
 )
 from ortilo_drake.studies.recorded.plain_fit import PlainFit, plain_fit
-from ortilo_drake.studies.recorded.readings import NEAR, UNITS, Guess, Trial, as_read, better_reading, path_of
+from ortilo_drake.studies.recorded.readings import (
+    NEAR,
+    UNITS,
+    Guess,
+    Trial,
+    as_read,
+    better_reading,
+    path_of,
+    scale_key,
+)
 from ortilo_drake.studies.recorded.truth_path import LEAST, first_part
 
 SUSPECT = 1.5  # other readings are tried where more than so many standard deviations of a range are left
@@ -73,6 +82,7 @@ def first_look(recording: Recording, map_: Map) -> CheapFit:
     trial = Trial(now, fit, offsets, moves, noise, recording.origin - recording.truth_origin)
     if fit.left > SUSPECT * noise:
         better = _all_small(trial, map_) or better_reading(trial, map_)
+        better = better and feet_or_nanoseconds(trial, map_, better)
         better = better or matched_order(trial, map_)
         if moves:  # one or two anchors hardly hide the clock
             trial = trial._replace(offsets=fit.offset + np.array([-COARSE, 0.0, COARSE]))
@@ -133,10 +143,8 @@ def _all_small(trial: Trial, map_: Map) -> Guess | None:
 
 def _unit(middle: float, room: float, map_: Map) -> str:
     """Return the unit that brings the ranges nearest to the room's size."""
-    sources = {key: source for key in ("ranges", "differences") if (source := getattr(map_, key)) is not None}
     unit = min(UNITS, key=lambda one: abs(np.log(middle * UNITS[one] / (0.6 * room))))
-    keys = (f"{key}: {{scale: {source.scale * UNITS[unit]:.6g}}}" for key, source in sources.items())
-    return f"in {unit}? {', '.join(keys)} makes them metres"
+    return f"in {unit}? {scale_key(map_, UNITS[unit])} makes them metres"
 
 
 def _offsets(recording: Recording, map_: Map) -> tuple[np.ndarray, bool]:

@@ -22,7 +22,7 @@ from ortilo_drake.interop.recorded.units import size_of
 from ortilo_drake.studies.recorded.lone_fit import lone_fit
 from ortilo_drake.studies.recorded.moved_anchors import names_of, point_text
 from ortilo_drake.studies.recorded.plain_fit import CLOCK, SPREAD, PlainFit, left_of, plain_fit, toward
-from ortilo_drake.studies.recorded.readings import NEAR, Guess, Trial, path_of
+from ortilo_drake.studies.recorded.readings import NEAR, OF_RANGES, UNITS, Guess, Reading, Trial, path_of, scale_key
 from ortilo_drake.studies.recorded.truth_path import LEAST, modelled
 
 RANGES, WINDOWS = 1500, 24  # that it goes by, at most; times of a fit without a truth
@@ -30,6 +30,7 @@ BIAS, STEPS = 0.2, 6  # of an anchor's constant [m]; steps of a solution
 EXPLAINS, SURE = 1.35, 4.5  # an anchor's own errors shrink by this factor, by a move of so many standard deviations
 MOVED = 0.3  # at least [m]
 ONE_AXIS, OTHERS = 0.7, 0.8  # share of the gain by one axis alone, if no other has so much of that
+TOLD_APART = 3.0  # standard deviations between two readings
 CERTAIN, SCALE, DRIFT = 8.0, 0.01, 0.001  # of a scale or a drift: deviations, and the least that is told
 
 Extra = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # z: places of the anchors (n, 3), and X (m, d) [m]
@@ -52,27 +53,56 @@ def freed_guess(trial: Trial, map_: Map, imu_gains: float | None) -> Guess | Non
         map_: what it says.
         imu_gains: by how much a second the truth's clock gains on the imu's, if the body rates tell it.
     """
-    now, path, anchors = trial.now, path_of(trial.now), trial.now.anchors
-    if path is None:
-        fit = lone_fit(now.ranges, anchors, windows=WINDOWS)
-    else:
-        at, moves = np.array([trial.fit.offset]), trial.moves
-        near = None if now.frame == "same" else trial.fit
-        fit = plain_fit(
-            now.ranges, anchors, path, at, frame=now.frame, moves=moves, near=near, tags=now.tags, few=RANGES
-        )
+    anchors, fit = trial.now.anchors, _by_more(trial, trial.now)
     if fit is None or fit.left > NEAR * trial.noise:
         return None
-    heard = fit.heard
-    before = _solved(fit, anchors, lambda _: (anchors, np.zeros((len(heard.r), 0))), 0)
+    heard, before = fit.heard, _as_it_is(fit, anchors)
     found: list[tuple[float, Guess | None]] = []
     for i in range(len(anchors)):
         its = (heard.anchor == i) | (heard.other == i)
         if its.sum() >= LEAST:
             found.append(_moved(fit, trial, map_, i, its, before))
-    if path is not None:
+    if trial.now.truth is not None:
         found += _of_scale_and_clock(fit, trial, map_, before, imu_gains)
     return max(found, key=lambda one: one[0])[1] if found else None
+
+
+def feet_or_nanoseconds(trial: Trial, map_: Map, guess: Guess) -> Guess:
+    """Return a guess that says feet or nanoseconds of flight with the one that is likelier; both if neither is.
+
+    They differ by 1.6 %, which constants of the anchors and more ranges tell apart.
+    """
+    units = {"ft": UNITS["ft"], "ns of flight": OF_RANGES["ns of flight"]}
+    if not any(guess.key == scale_key(map_, by, unit) for unit, by in units.items()):
+        return guess
+    tried = []
+    for unit, by in units.items():
+        ranges = trial.now.ranges._replace(r=trial.now.ranges.r * by)
+        fit = _by_more(trial, trial.now._replace(ranges=ranges))
+        if fit is not None:
+            tried.append((_as_it_is(fit, trial.now.anchors), fit, scale_key(map_, by, unit)))
+    if len(tried) < 2:
+        return guess
+    (best, fit, key), (other, _, other_key) = sorted(tried, key=lambda one: one[0].cost)
+    widens = _lasting(fit.heard, np.ones(len(fit.heard.r), dtype=bool), map_, True)
+    sure = np.sqrt(2.0 * (other.cost - best.cost)) * SPREAD / left_of(best.errors) / widens
+    return guess._replace(key=key if sure > TOLD_APART else f"{key} or {other_key}")
+
+
+def _by_more(trial: Trial, now: Reading) -> PlainFit | None:
+    """Return the cheap fit of a reading by more of the ranges; with a truth near where the clock is."""
+    path = path_of(now)
+    if path is None:
+        return lone_fit(now.ranges, now.anchors, windows=WINDOWS)
+    at, same = np.array([trial.fit.offset]), now.ranges is trial.now.ranges and now.frame != "same"
+    moves, near = trial.moves, trial.fit if same else None
+    return plain_fit(
+        now.ranges, now.anchors, path, at, frame=now.frame, moves=moves, near=near, tags=now.tags, few=RANGES
+    )
+
+
+def _as_it_is(fit: PlainFit, anchors: np.ndarray) -> _Solved:
+    return _solved(fit, anchors, lambda _: (anchors, np.zeros((len(fit.heard.r), 0))), 0)
 
 
 def _solved(fit: PlainFit, anchors: np.ndarray, extra: Extra, d: int) -> _Solved:
@@ -159,14 +189,9 @@ def _of_scale_and_clock(
     clock = fit.slopes[:m, [CLOCK]] * SPREAD
     drifts = np.hstack([clock, clock * (heard.t - heard.t.mean())[:, None]])
     return [
-        by(-heard.r[:, None], SCALE, lambda z: _scale_key(map_, 1.0 + z)),
+        by(-heard.r[:, None], SCALE, lambda z: scale_key(map_, round(1.0 + z, 4))),
         by(drifts, DRIFT, lambda z: _clock_key(map_, z, imu_gains)),
     ]
-
-
-def _scale_key(map_: Map, by: float) -> str:
-    sources = {key: source for key in ("ranges", "differences") if (source := getattr(map_, key)) is not None}
-    return ", ".join(f"{key}: {{scale: {source.scale * by:.4g}}}" for key, source in sources.items())
 
 
 def _clock_key(map_: Map, gains: float, imu_gains: float | None) -> str:

@@ -31,6 +31,7 @@ UPS = {  # which of the axes so far are ours
 }
 BETTER = 2.0  # a reading is told where it leaves less by this factor
 NEAR = 3.0  # and at most this many standard deviations of the ranges
+SMALL = 0.2  # and this share of the ranges: what is made small fits well
 ALIKE = 1.2  # of readings that leave this much more than the best, the first, which is the simplest, is told
 FAR = 100.0  # clock offsets tried, at most [s]
 LEAST_TIME, MEET = 5.0, 0.4  # truth and ranges meet for so long [s], and for this share of the shorter one
@@ -82,11 +83,9 @@ def readings(now: Reading, map_: Map) -> Iterator[Reading]:
 
 def _lengths(now: Reading, map_: Map) -> Iterator[Reading]:
     """Yield other units of length."""
-    sources = {key: source for key in ("ranges", "differences") if (source := getattr(map_, key)) is not None}
 
     def heard(by: float) -> tuple[str, Ranges]:
-        key = ", ".join(f"{key}: {{scale: {source.scale * by:.6g}}}" for key, source in sources.items())
-        return key, now.ranges._replace(r=now.ranges.r * by)
+        return scale_key(map_, by), now.ranges._replace(r=now.ranges.r * by)
 
     for unit, by in {**UNITS, **BACK}.items():
         key, scaled = heard(by)
@@ -104,6 +103,13 @@ def _lengths(now: Reading, map_: Map) -> Iterator[Reading]:
     for unit, by in OF_RANGES.items():
         key, scaled = heard(by)
         yield now._replace(key=f"{key} ({unit})", ranges=scaled)
+
+
+def scale_key(map_: Map, by: float, unit: str = "") -> str:
+    """Return the keys that make ranges and differences `by` times as long."""
+    sources = {key: source for key in ("ranges", "differences") if (source := getattr(map_, key)) is not None}
+    keys = ", ".join(f"{key}: {{scale: {source.scale * by:.6g}}}" for key, source in sources.items())
+    return f"{keys} ({unit})" if unit else keys
 
 
 def _frames(now: Reading, truth: Truth, map_: Map) -> Iterator[Reading]:
@@ -190,10 +196,10 @@ class Trial(NamedTuple):
         )
 
     def is_better(self, fit: PlainFit, reading: Reading, by: float = BETTER) -> bool:
-        """Return whether a fit leaves clearly less, in metres and beside the ranges: what is made small fits well."""
+        """Return whether a fit leaves clearly less, in metres and beside the ranges."""
         before = self.fit.left / np.median(np.abs(self.now.ranges.r))
         after = fit.left / np.median(np.abs(reading.ranges.r))
-        return bool(fit.left <= NEAR * self.noise and by * after <= before)
+        return bool(fit.left <= NEAR * self.noise and after < SMALL and by * after <= before)
 
 
 def better_reading(trial: Trial, map_: Map) -> Guess | None:
