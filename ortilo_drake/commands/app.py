@@ -30,6 +30,7 @@ from ortilo_drake.commands.tune import tune
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.inputs.problems import plainly
 from ortilo_drake.model.parts import load_plugin
+from ortilo_drake.views.pictures import Format, drawn_as
 from ortilo_drake.views.themes import Theme, themed
 
 app = typer.Typer(
@@ -65,12 +66,16 @@ def set_up(
     theme: Annotated[
         Theme, typer.Option(metavar="THEME", help="The style of all figures: light, dark, slides or print.")
     ] = Theme.light,
+    figures: Annotated[
+        Format, typer.Option(metavar="FORMAT", help="The format of figures in an --out folder: png, svg or pdf.")
+    ] = Format.png,
     version: Annotated[
         bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Print the versions and exit.")
     ] = False,
 ) -> None:
     """Run the files that register parts, before the command reads a scenario that names them; join a cluster."""
     context.with_resource(themed(theme))
+    context.with_resource(drawn_as(figures))
     for file in plugin or ():
         load_plugin(file)
     if scheduler is not None:
@@ -108,7 +113,7 @@ app.add_typer(room_app, name="room")
 def _plain_usage(error: Any) -> str:
     """Return what is wrong with the arguments, in a line."""
     option, context = getattr(error, "option_name", None), error.ctx
-    if context is not None and option in ("--plugin", "--scheduler", "--theme"):
+    if context is not None and option in ("--plugin", "--scheduler", "--theme", "--figures"):
         command = context.info_name
         while (context := context.parent).parent is not None:
             command = f"{context.info_name} {command}"

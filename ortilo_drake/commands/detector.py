@@ -11,6 +11,7 @@ from ortilo_drake.commands.options import JsonOption, OnnxOption, SetOption, Wor
 from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_written, write_json
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.scenario import Detector, load_scenario
+from ortilo_drake.views.pictures import figure_file
 
 detector_app = typer.Typer(
     help="Render pictures, train, judge, export and calibrate the detector.", no_args_is_help=True
@@ -119,7 +120,7 @@ def train(
     write_bytes(target, network_bytes(network, list(OWN_CLASSES), str(target)))
     for file in (OWN_CFG, OWN_CFG.with_suffix(".names")):  # --detector looks for them beside the weights
         write_text(out_folder / file.name, read_text(file))
-    figure = losses_figure(history, out_folder / "losses.png")
+    figure = losses_figure(history, figure_file(out_folder, "losses"))
     say_written(target, out_folder / "losses.json", figure)
 
 

@@ -19,6 +19,7 @@ from ortilo_drake.commands.terminal import check_writable, hand_over, progress_b
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.scenario.load import PROJECTED
+from ortilo_drake.views.pictures import figure_file
 
 DEFAULT_SCENARIOS = ("nominal_imu_uwb_yolo", "imu_uwb_yolo", "robust_imu_uwb_yolo", "tight_imu_uwb_yolo")
 
@@ -69,7 +70,7 @@ def faults(
     flown = [make((("faults", []),)).name for make in vary]  # refuses wrong settings before anything is flown
     if len(set(flown)) != len(flown):
         raise InputError(f"SCENARIO: {', '.join(flown)}: must differ by name")
-    report, figure = out_folder / "faults.md", out_folder / "faults.png"
+    report, figure = out_folder / "faults.md", figure_file(out_folder, "faults")
     check_writable(report, figure, json_file)
     from ortilo_drake.flight.processes.workers import kept_workers
     from ortilo_drake.studies.faults.fault_flights import fault_study

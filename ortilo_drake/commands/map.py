@@ -15,6 +15,7 @@ from ortilo_drake.commands.terminal import (
     say_warnings,
 )
 from ortilo_drake.flight.files import write_text
+from ortilo_drake.views.pictures import figure_file
 
 
 def map_(
@@ -38,7 +39,7 @@ def map_(
     for point in points_of(sweep):  # refuses wrong settings before anything is flown
         doubted = believed_noise(scenario_at(sweep, point, str(sweep_file))) or doubted
     say_warnings(doubted)
-    report, table, figure = (out_folder / name for name in ("map.md", "map.csv", "map.png"))
+    report, table, figure = out_folder / "map.md", out_folder / "map.csv", figure_file(out_folder, "map")
     check_writable(report, table, figure, json_file)
     from ortilo_drake.studies.maps.map_figure import map_figure
     from ortilo_drake.studies.maps.map_flights import fly_map

@@ -8,6 +8,7 @@ import typer
 from ortilo_drake.commands.options import FolderOption, JsonOption, MapOption
 from ortilo_drake.commands.terminal import check_writable, hand_over, progress_bar, say_if_compiling
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.views.pictures import figure_file
 
 
 def predict(
@@ -23,7 +24,7 @@ def predict(
 
     Each simulation follows the recorded path, at the recorded stamps, through the same filter.
     """
-    report, picture = out_folder / "predicted.md", out_folder / "predicted.png"
+    report, picture = out_folder / "predicted.md", figure_file(out_folder, "predicted")
     check_writable(report, picture, json_file)
     from ortilo_drake.interop.recorded.map_file import load_map
     from ortilo_drake.interop.recorded.recording import read_recording

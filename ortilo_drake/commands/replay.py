@@ -19,6 +19,7 @@ from ortilo_drake.commands.terminal import (
     write_json,
 )
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.views.pictures import figure_file
 
 DOUBTFUL = 3  # exit code of a replay that has doubts
 
@@ -82,7 +83,7 @@ def _replay_recorded(paths: list[Path], map_file: Path, out_folder: Path, json_f
             err.print(f"{recording.name} ...", markup=False, highlight=False)
             found, drawn = replay_recording(recording, map_, say)
             motions.append(found)
-            figures.append(motion_figure(found, drawn, map_.available, out_folder / f"{recording.name}.png"))
+            figures.append(motion_figure(found, drawn, map_.available, figure_file(out_folder, recording.name)))
             tracks += write_trajectories(out_folder, found, drawn, recording, map_.calibration.frame)
     text = report_text(motions, map_.calibration.share)
     hand_over(text, report, {"map": map_, "motions": motions}, json_file, *figures, *tracks)

@@ -17,6 +17,7 @@ from ortilo_drake.commands.options import (
 )
 from ortilo_drake.commands.terminal import check_writable, err, hand_over, progress_bar, say_if_compiling
 from ortilo_drake.scenario import Scenario, load_scenario
+from ortilo_drake.views.pictures import figure_file
 
 
 def sensitivity(
@@ -34,7 +35,7 @@ def sensitivity(
     """
     laid_over = tuple(settings or ())
     name = load_scenario(scenario, laid_over).name  # refuses wrong settings before anything is flown
-    report, figure = out_folder / f"{name}.md", out_folder / f"{name}.png"
+    report, figure = out_folder / f"{name}.md", figure_file(out_folder, name)
     check_writable(report, figure, json_file)
     from ortilo_drake.flight.processes.workers import kept_workers
     from ortilo_drake.studies.sensitivity.mismatches import Settings

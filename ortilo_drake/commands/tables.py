@@ -21,6 +21,7 @@ from ortilo_drake.commands.options import (
     with_camera,
 )
 from ortilo_drake.commands.terminal import check_writable, hand_over, progress_bar, say_if_compiling
+from ortilo_drake.views.pictures import figure_file
 
 
 class Preset(StrEnum):
@@ -97,8 +98,8 @@ def tables(
         for name, flown in chosen.items()
     }
     written = [
-        trajectory_figure(first, out_folder / f"trajectories_{preset.value}.png"),
-        error_figure(summaries, out_folder / f"errors_{preset.value}.png"),
-        arrival_figure({n: rows[0] for n, rows in first.items()}, out_folder / f"arrivals_{preset.value}.png"),
+        trajectory_figure(first, figure_file(out_folder, f"trajectories_{preset.value}")),
+        error_figure(summaries, figure_file(out_folder, f"errors_{preset.value}")),
+        arrival_figure({n: rows[0] for n, rows in first.items()}, figure_file(out_folder, f"arrivals_{preset.value}")),
     ]
     hand_over(text, out_folder / f"tables_{preset.value}.md", result, json_file, *written)

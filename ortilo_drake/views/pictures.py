@@ -1,6 +1,10 @@
 """Files of matplotlib figures."""
 
 import io
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -14,7 +18,34 @@ if TYPE_CHECKING:
 ENDINGS: Final = ("png", "svg", "pdf", "eps", "jpg", "jpeg", "tif", "tiff", "webp")
 # A figure drawn twice gives the same bytes: no date, no names drawn at random.
 _UNDATED: Final = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
-_KEPT: Any = {"svg.hashsalt": "ortilo", "pdf.fonttype": 42}  # 42: letters stay letters in a PDF
+# Text stays text: searched and edited in both, the fonts are embedded in a PDF.
+_KEPT: Any = {"svg.hashsalt": "ortilo", "svg.fonttype": "none", "pdf.fonttype": 42}
+
+
+class Format(StrEnum):
+    """Formats of the figures that a command names itself."""
+
+    png = "png"
+    svg = "svg"
+    pdf = "pdf"
+
+
+_chosen: ContextVar[Format] = ContextVar("format", default=Format.png)
+
+
+@contextmanager
+def drawn_as(format_: Format) -> Iterator[None]:
+    """Have figure_file name files of a format until the block ends."""
+    before = _chosen.set(format_)
+    try:
+        yield
+    finally:
+        _chosen.reset(before)
+
+
+def figure_file(folder: Path, stem: str) -> Path:
+    """The path of a command's figure in its folder, in the format of `ortilo --figures`; PNG without it."""
+    return folder / f"{stem}.{_chosen.get()}"
 
 
 def check_picture(path: Path, endings: tuple[str, ...] = ENDINGS) -> None:

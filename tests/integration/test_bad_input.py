@@ -355,6 +355,7 @@ def test_a_picture_of_an_unknown_kind(refused: Any, where: str) -> None:
         (["rare", "--corridor", "20cm"], ["'--corridor': must be a number"]),
         (["fly", "--plugin", "mine.py"], ["--plugin: must stand before the command: ortilo --plugin ... fly ..."]),
         (["hil", "world", "--theme", "dark"], ["must stand before the command: ortilo --theme ... hil world ..."]),
+        (["faults", "--figures", "pdf"], ["must stand before the command: ortilo --figures ... faults ..."]),
         (["--theme"], ["'--theme' requires an argument"]),
         (["fly", "nominal_imu_uwb", "nominal_imu_uwb"], ["nominal_imu_uwb"]),
         (["fly", "--fast"], ["--fast"]),

@@ -191,6 +191,18 @@ def test_the_folder_of_each_study_is_known_by_its_report(tmp_path: Path, name: s
     assert page.count("<figure>") == (picture is not None)
 
 
+def test_a_page_shows_svg_figures_as_images_and_no_pdf(folder: Path) -> None:
+    (folder / "own_room.png").unlink()
+    drawn = b'<?xml version="1.0"?><svg xmlns="http://www.w3.org/2000/svg"><text>said</text></svg>'
+    (folder / "own_room.svg").write_bytes(drawn)
+    (folder / "own_room.pdf").write_bytes(b"%PDF-1.4")
+    (picture,) = re.findall(r'src="data:image/svg\+xml;base64,([^"]+)"', report_page(folder))
+    assert base64.b64decode(picture) == drawn
+    (folder / "own_room.svg").write_text("no picture")
+    with pytest.raises(InputError, match=r"own_room\.svg: is no SVG"):
+        report_page(folder)
+
+
 def test_a_figure_of_another_folder_is_not_taken(tmp_path: Path) -> None:
     inside = tmp_path / "inside"
     inside.mkdir()

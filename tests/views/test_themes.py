@@ -1,5 +1,6 @@
 """Looks and endings of the files of figures; the contrast is WCAG's, the files are read by others' readers."""
 
+import re
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -10,6 +11,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 
+import ortilo_drake
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.views.palette import BLUE, GREEN, ORANGE, PURPLE, SKY
 from ortilo_drake.views.pictures import save_picture
@@ -88,8 +90,31 @@ def test_svg_and_pdf_are_read_and_are_the_same_each_time(tmp_path: Path) -> None
     assert ElementTree.fromstring(svg).tag == "{http://www.w3.org/2000/svg}svg"
     assert pdf.startswith(b"%PDF-")
     assert pdf.rstrip().endswith(b"%%EOF")
+    said = [text.text for text in ElementTree.fromstring(svg).iter("{http://www.w3.org/2000/svg}text")]
+    assert {"x [m]", "truth", "0.5"} <= set(said)  # text, no outlines
+    assert b"/FontFile2" in pdf  # the whole TrueType font, not drawn glyphs
+    assert b"/Type3" not in pdf
     assert svg == save_picture(drawn(), tmp_path / "b.svg").read_bytes()
     assert pdf == save_picture(drawn(), tmp_path / "b.pdf").read_bytes()
+
+
+def test_a_command_writes_its_figures_in_the_format_asked_for(tmp_path: Path) -> None:
+    sweep = tmp_path / "sweep.yaml"
+    sweep.write_text(
+        "scenario: nominal_imu_uwb\nsettings: {planner: {kind: hover, duration: 1.0}}\n"
+        "axes: {uwb.link.loss: [0.0, 0.5]}\nflights: 1\n"
+    )
+    for ending, start in (("svg", b"<?xml"), ("pdf", b"%PDF-"), ("png", b"\x89PNG")):
+        assert run("--figures", ending, "map", str(sweep), "--workers", "1", "--out", str(tmp_path / ending)) == 0
+        (figure,) = (tmp_path / ending).glob(f"map.{ending}")
+        assert figure.read_bytes().startswith(start)
+
+
+def test_no_command_names_the_format_of_a_figure_in_its_folder() -> None:
+    """`--figures` holds for every command: each has the file's name from figure_file."""
+    package = Path(ortilo_drake.__file__).parent
+    for file in [*package.glob("commands/**/*.py"), *package.glob("studies/**/*.py")]:
+        assert not re.search(r'/ f?"[^"]*\.(png|svg|pdf)"', file.read_text()), file
 
 
 def test_an_unknown_ending_is_refused_before_anything_is_done(capsys: pytest.CaptureFixture[str]) -> None:

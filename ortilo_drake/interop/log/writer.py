@@ -11,6 +11,7 @@ import yaml
 from ortilo_drake import __version__
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.flight.signals import Signals
+from ortilo_drake.interop.recorded.map_file import logged_map
 from ortilo_drake.interop.ros.ros_messages import LATCHED, TAKEN, blank_messages, start_messages, tick_messages
 from ortilo_drake.interop.ros.ros_types import RosMessage, definition, to_cdr, to_ns, typestore
 from ortilo_drake.model.optional import EXTRAS, check_installed, later
@@ -211,15 +212,7 @@ class LogWriter:
         heard = [i for i in range(len(self._room.anchors)) if f"/uwb/anchor_{i}" in self._topics]
         if not heard or "/imu/data" not in self._topics:
             return ""
-        found: dict[str, Any] = {
-            "ranges": {"file": ".", "topics": [f"/uwb/anchor_{i}" for i in heard], "values": ["range"]},
-            "anchors": [list(self._room.anchors[i]) for i in heard],
-            "imu": {"file": ".", "topic": "/imu/data", "axes": "flu"},
-        }
-        if "/truth/pose" in self._topics:
-            position = [f"pose.position.{axis}" for axis in "xyz"]
-            found["truth"] = {"file": ".", "topic": "/truth/pose", "position": position}
-        return yaml.safe_dump(found, sort_keys=False, default_flow_style=None, width=1000)
+        return logged_map([f"/uwb/anchor_{i}" for i in heard], [self._room.anchors[i] for i in heard], self._topics)
 
     def _not_written(self, error: OSError) -> InputError:
         return InputError(f"{self.path}: cannot be written: {error.strerror or error}")

@@ -166,7 +166,7 @@ def drift_doubts(recording: Recording, map_: Map, offset: float) -> list[str]:
     gains = gains_by_rates(recording.imu, recording.truth, offset) if known else None  # type: ignore[arg-type]
     if gains is None or abs(gains) < DRIFT:
         return []
-    return [f"imu: the truth's clock gains {gains:.2%} on it, not on the ranges': {unit_key(map_, 'imu', 1.0 + gains)}"]
+    return [f"imu: the truth's clock gains {gains:.2%} on it, not on the ranges': {unit_key(map_, SOURCES[2], 1.0 + gains)}"]
 
 
 def _unit_of(unit: str | float, by: float) -> str:

@@ -34,6 +34,7 @@ from ortilo_drake.studies.loop.riccati_report import RiccatiReport, riccati_repo
 from ortilo_drake.studies.paper_tables.tables import AxisEfficiency, efficiency_of
 from ortilo_drake.studies.tube.tube_map import without_blackouts
 from ortilo_drake.studies.tube.tube_report import Step, TubeReport, tube_report, why_no_tube
+from ortilo_drake.views.pictures import figure_file
 
 RATES = np.linspace(0.0, 1.0, 21)  # of the bounds' map
 LOSSES, DELAYS = (0.2, 0.5, 0.8), (1, 2, 3, 4, 5)  # of commands, flown
@@ -143,8 +144,8 @@ def honesty_section(
     efficiency = {axis: efficiency_of(axis, summaries) for axis in AXES}
     report = Honesty(**vars(consistency_report(flown)), efficiency=efficiency)
     name = scenario.name
-    nees = nees_figure({name: flown}, out / "nees.png")
-    return report, [nees, whiteness_figure({name: report}, out / "whiteness.png")]
+    nees = nees_figure({name: flown}, figure_file(out, "nees"))
+    return report, [nees, whiteness_figure({name: report}, figure_file(out, "whiteness"))]
 
 
 def analyze(

@@ -31,6 +31,7 @@ from ortilo_drake.studies.tube.tube_map import (
     tube_map,
     without_blackouts,
 )
+from ortilo_drake.views.pictures import figure_file
 
 RATES = np.geomspace(0.003, 1.0, 21)
 BURST_RATES = np.linspace(0.1, 1.0, 17)
@@ -119,11 +120,11 @@ def tube_report(scenario: Scenario, flights: int, out: Path, workers: int, step:
         if kind == "rates" and point in SHOWN:
             shown[point] = flown
     figures = [
-        rates_figure(sensors, rates, rates_chance, results["rates"], out / "tube_rates.png"),
-        bursts_figure(sensors, bursts, bursts_chance, results["bursts"], out / "tube_bursts.png"),
+        rates_figure(sensors, rates, rates_chance, results["rates"], figure_file(out, "tube_rates")),
+        bursts_figure(sensors, bursts, bursts_chance, results["bursts"], figure_file(out, "tube_bursts")),
     ]
     if shown:
-        figures.append(plan_figure(calm, nominal, shown, out / "tube_plan.png"))
+        figures.append(plan_figure(calm, nominal, shown, figure_file(out, "tube_plan")))
     maps = (
         dict.fromkeys(sensors, RATES) | {"margin": rates.whole},
         BurstMargins(BURST_RATES, BURST_LENGTHS, bursts.whole),

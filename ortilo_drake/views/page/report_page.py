@@ -12,7 +12,15 @@ from markdown_it import MarkdownIt
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.input_files import MIB, read_bytes, read_text
 from ortilo_drake.views.page.shell import facts, versions, whole_page
-from ortilo_drake.views.page.written_kinds import ALLOWED, command_of, figures_of, kind_of, kinds_of_report, subject_of
+from ortilo_drake.views.page.written_kinds import (
+    ALLOWED,
+    SHOWN,
+    command_of,
+    figures_of,
+    kind_of,
+    kinds_of_report,
+    subject_of,
+)
 
 LARGEST_JSON = 16 * MIB  # of short lists and objects a parser makes thirty times as much
 LARGEST_FIGURE = 16 * MIB
@@ -77,7 +85,7 @@ def _of_folder(path: Path) -> str:
         size += len(data)
         if size > LARGEST_FOLDER:
             raise InputError(f"{path}: its reports and figures must have at most {LARGEST_FOLDER // MIB} MiB in all")
-        parts.append(_figure(file.stem, data))
+        parts.append(_figure(file, data))
     title = _unicode(os.path.basename(os.path.realpath(path)))
     return _page(title, "".join(parts), path, commands)
 
@@ -91,15 +99,16 @@ def _check_inside(folder: Path, file: Path) -> None:
 
 def _picture(file: Path) -> bytes:
     data = read_bytes(file, LARGEST_FIGURE)
-    if not data.startswith(_PNG):
-        raise InputError(f"{file}: is no PNG picture")
+    if not data.startswith(_PNG if file.suffix == ".png" else b"<?xml"):
+        raise InputError(f"{file}: is no {file.suffix[1:].upper()} picture")
     return data
 
 
-def _figure(stem: str, data: bytes) -> str:
-    name = escape(_unicode(stem).replace("_", " "))
-    picture = base64.b64encode(data).decode()
-    return f'<figure><img alt="{name}" src="data:image/png;base64,{picture}"><figcaption>{name}</figcaption></figure>'
+def _figure(file: Path, data: bytes) -> str:
+    """Return the HTML of a picture; an image element runs no script of an SVG and loads nothing that it names."""
+    name = escape(_unicode(file.stem).replace("_", " "))
+    source = f"data:{SHOWN[file.suffix]};base64,{base64.b64encode(data).decode()}"
+    return f'<figure><img alt="{name}" src="{source}"><figcaption>{name}</figcaption></figure>'
 
 
 def _page(title: str, body: str, path: Path, commands: list[str]) -> str:

@@ -16,7 +16,7 @@ class Kind(NamedTuple):
         keys: of its JSON file, or of each row where that is a list, by which it is known.
         subject: the key of its scenario or preset in there, dotted; None if it is not in there.
         heading: of its .md file, a pattern whose group is the scenario or preset; None if it writes none.
-        figures: which files in its folder are its figures, {} standing for the scenario or preset.
+        figures: the stem of its figures in its folder, PNG or SVG, as a pattern; {} stands for the scenario or preset.
         takes_subject: whether the scenario or preset is the command's argument; a sweep's file, say, is not named.
     """
 
@@ -33,6 +33,7 @@ class Kind(NamedTuple):
         return self.command.split(" --")[0]
 
 
+SHOWN: Final = {".png": "image/png", ".svg": "image/svg+xml"}  # pictures that a page can hold; a PDF it cannot
 _RARE = (
     r"# (.+?)(?:: about one flight in "
     r"| (?:loses its vehicle|strays \S+ m or more from its reference)(?:: fewer | in about \d+% of flights))"
@@ -44,28 +45,28 @@ KINDS: Final = (
         frozenset({"preset", "flights", "estimation", "path", "paper"}),
         "preset",
         r"# The paper's tables, preset '(\w+)'",
-        "*_{}.png",
+        "*_{}",
     ),
     Kind(
         "ortilo analyze",
         frozenset({"scenario", "flights", "no_theory", "no_tube"}),
         "scenario",
         r"# Analysis of (\S+)",
-        "*.png",
+        "*",
     ),
     Kind(
         "ortilo sensitivity",
         frozenset({"scenario", "rows", "limits"}),
         "scenario",
         r"# What must you know, how well: (\S+)",
-        "{}.png",
+        "{}",
     ),
     Kind(
         "ortilo faults",
         frozenset({"scenarios", "flights", "start", "rows"}),
         None,
         r"# Faults in flight()",
-        "faults.png",
+        "faults",
     ),
     Kind("ortilo rare", frozenset({"scenario", "verdict", "probability", "independent"}), "scenario", _RARE),
     Kind(
@@ -73,12 +74,12 @@ KINDS: Final = (
         frozenset({"sweep", "rows", "by_drake"}),
         "sweep.scenario",
         r"# A map of (.+) over ",
-        "map.png",
+        "map",
         False,
     ),
-    Kind("ortilo replay --map", frozenset({"map", "motions"}), None, r"# Recorded motions()", "*.png"),
+    Kind("ortilo replay --map", frozenset({"map", "motions"}), None, r"# Recorded motions()", "*"),
     Kind("ortilo fit", frozenset({"uwb", "imu", "intervals", "recordings"})),
-    Kind("ortilo predict", frozenset({"noise", "flights", "group"}), None, r"# Predicted flights()", "predicted.png"),
+    Kind("ortilo predict", frozenset({"noise", "flights", "group"}), None, r"# Predicted flights()", "predicted"),
     Kind("ortilo replay", frozenset({"ticks", "identical", "first_difference"})),
     Kind("ortilo hindsight", frozenset({"scenario", "estimator", "rows", "flights"}), "scenario"),
     Kind(
@@ -123,7 +124,9 @@ def command_of(kind: Kind, subject: str) -> str:
 def figures_of(kind: Kind, subject: str, folder: Path) -> list[Path]:
     """Return the figures of a report in its folder; none of another folder, whatever the subject is called."""
     pattern = kind.figures.format(glob.escape(subject))
-    return [file for file in sorted(folder.iterdir()) if fnmatch.fnmatchcase(file.name, pattern)]
+    return [
+        file for file in sorted(folder.iterdir()) if file.suffix in SHOWN and fnmatch.fnmatchcase(file.stem, pattern)
+    ]
 
 
 def subject_of(kind: Kind, data: Any) -> str:
