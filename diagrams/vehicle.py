@@ -10,21 +10,18 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort, System
 from pydrake.systems.primitives import ZeroOrderHold
 
-from ortilo_drake.diagrams.wiring.vehicle import disturbance_boxes
+from ortilo_drake.diagrams.wiring.vehicle import disturbance_boxes, wrench_changes
 from ortilo_drake.loop.diagram import add_wiring, connect_chance, system_of
 from ortilo_drake.loop.element import Box, outside
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.signals import N_U, N_X
 from ortilo_drake.scenario import CommandLink as CommandLinkSettings
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.scenario.truth import VehicleTruth
-from ortilo_drake.world.faults.vehicle_faults import wrench_faults_box, wrench_table
 from ortilo_drake.world.radio.command_link import command_link_box
 from ortilo_drake.world.vehicle.acted_report import ActedReport
 from ortilo_drake.world.vehicle.failsafe import Failsafe
 from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
 from ortilo_drake.world.vehicle.rotors import Rotors_
-from ortilo_drake.world.vehicle.wrench_error import wrench_error_box
 
 _INSTANT = 1e-6  # s: the tick of what changes a wrench at any time
 
@@ -69,7 +66,7 @@ def add_vehicle(
     disturbance = builder.AddNamedSystem("disturbance_hold", ZeroOrderHold(h, 6))
     builder.Connect(pushes.outputs["disturbance"], disturbance.get_input_port())
     builder.Connect(disturbance.get_output_port(), plant.GetInputPort("disturbance"))
-    changes = {box.name: box.with_inputs(control="control") for box in _changes(scenario)}
+    changes = {box.name: box.with_inputs(control="control") for box in wrench_changes(scenario, _INSTANT)}
     made = {name: system_of(Wiring([box, outside("control", N_U)]), _INSTANT) for name, box in changes.items()}
     changing = [builder.AddSystem(system) for system in made.values()]
     acting: list[System] = [*changing, hold]
@@ -97,16 +94,6 @@ def add_vehicle(
 
 def _control_of(system: System) -> InputPort:
     return system.GetInputPort("control") if system.HasInputPort("control") else system.get_input_port()
-
-
-def _changes(scenario: Scenario) -> list[Box]:
-    """Return the boxes that change the wrench on its way to the body, in order."""
-    boxes, faults = list[Box](), wrench_table(scenario.faults, scenario.vehicle)
-    if scenario.truth.vehicle != VehicleTruth():
-        boxes.append(wrench_error_box())
-    if faults.kinds.size:
-        boxes.append(wrench_faults_box(faults, _INSTANT))
-    return boxes
 
 
 def _command(

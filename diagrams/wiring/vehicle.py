@@ -66,12 +66,19 @@ def wrench_boxes(scenario: Scenario, control: str) -> list[Box]:
 
     Rotors with dynamics have these changes behind them: world/vehicle/continuous.py.
     """
-    boxes: list[Box] = []
     if scenario.world.rotors.kind == "first_order":
-        return boxes
+        return []
+    changes = wrench_changes(scenario, scenario.h)
+    return [
+        box.with_inputs(control=said) for said, box in zip([control, *(b.name for b in changes)], changes, strict=False)
+    ]
+
+
+def wrench_changes(scenario: Scenario, h: float) -> list[Box]:
+    """Return the boxes that change the wrench on its way to the body, in order, at ticks of h [s]."""
+    boxes, faults = list[Box](), wrench_table(scenario.faults, scenario.vehicle)
     if scenario.truth.vehicle != VehicleTruth():
-        boxes.append(wrench_error_box().with_inputs(control=control))
-    faults = wrench_table(scenario.faults, scenario.vehicle)
+        boxes.append(wrench_error_box())
     if faults.kinds.size:
-        boxes.append(wrench_faults_box(faults, scenario.h).with_inputs(control=boxes[-1].name if boxes else control))
+        boxes.append(wrench_faults_box(faults, h))
     return boxes

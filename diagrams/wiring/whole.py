@@ -3,7 +3,7 @@
 from pydrake.systems.framework import System
 
 from ortilo_drake.diagrams.faults import check_room
-from ortilo_drake.diagrams.wiring.onboard import NO_PARTS, Parts, belief_in, measurement_in, onboard_boxes, system_of
+from ortilo_drake.diagrams.wiring.onboard import belief_in, measurement_in, onboard_boxes, system_of
 from ortilo_drake.diagrams.wiring.pictures import detected
 from ortilo_drake.diagrams.wiring.world import is_system, world_boxes
 from ortilo_drake.loop.element import Box
@@ -13,7 +13,7 @@ from ortilo_drake.scenario.tight import TightFilter
 from ortilo_drake.sensors.described import described
 
 
-def boxes_of(scenario: Scenario, ticks: int, parts: Parts = NO_PARTS) -> list[Box]:
+def boxes_of(scenario: Scenario, ticks: int) -> list[Box]:
     """Return the boxes of a scenario's flight of so many ticks; its own seed is not used.
 
     Raises:
@@ -21,10 +21,10 @@ def boxes_of(scenario: Scenario, ticks: int, parts: Parts = NO_PARTS) -> list[Bo
     """
     room = scenario.load_room()
     check_room(scenario, room)
-    plan = planned(scenario, parts.planner)
+    plan = planned(scenario)
     world, messages = world_boxes(scenario, room, start_of(plan))
     seeing, messages = detected(scenario.belief, room, messages)
-    return [*world, *seeing, *onboard_boxes(scenario.belief, room, plan, ticks, messages, parts)]
+    return [*world, *seeing, *onboard_boxes(scenario.belief, room, plan, ticks, messages)]
 
 
 def signals_of(boxes: list[Box]) -> dict[str, str]:

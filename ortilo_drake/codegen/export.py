@@ -4,7 +4,6 @@ from __future__ import annotations  # help() shows types by their names
 
 import json
 import platform
-from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
@@ -37,7 +36,6 @@ def export(
     folder: str | Path,
     ticks: int = TICKS,
     precision: str = "double",
-    says: Callable[[str], None] = lambda line: None,
 ) -> dict[str, Any]:
     """Write the onboard half of a scenario for a processor; return the manifest.
 
@@ -50,7 +48,6 @@ def export(
             and the files of cmake_files.py.
         ticks: of the golden vectors.
         precision: "double", with the bits of Python, or "single", for processors without doubles: see single.py.
-        says: called with a line for each step.
 
     Raises:
         InputError: if a part cannot be exported, or there is no such processor.
@@ -61,12 +58,10 @@ def export(
     half = onboard_half(scenario)
     if single:
         check_near(half.wiring.boxes.values())
-    says(f"compiling {sum(len(box.element.functions) for box in half.wiring.boxes.values())} functions")
     irs = neutral_irs(scenario, single)
     code = object_code(irs, to)
     makes = any(map(makes_arrays, irs.values()))
     source, sizes = source_text(half, makes, to.adds_in_library and not single, single)
-    says(f"flying {ticks} ticks for the golden vectors")
     golden = golden_text(*flown_ticks(scenario, ticks), single)
     header = header_text(half, scenario, sizes, makes)
     width = 4 if single else 8

@@ -74,7 +74,6 @@ class ExportedHalf:
     Args:
         scenario: what was exported.
         folder: where it lies.
-        flags: for the compiler, beside those of the target.
 
     Attributes:
         target: its processor.
@@ -84,13 +83,13 @@ class ExportedHalf:
         InputError: if the folder holds no export of this scenario, or a program that it needs is not there.
     """
 
-    def __init__(self, scenario: Scenario, folder: str | Path, flags: Sequence[str] = ()):
+    def __init__(self, scenario: Scenario, folder: str | Path):
         self._half, manifest = onboard_half(scenario), manifest_in(Path(folder), scenario)
         self.target: str = manifest["target"]["name"]
         self.kind = np.dtype(np.float32 if manifest["precision"] == "single" else np.float64)
         self._room = TemporaryDirectory()
         made = Path(self._room.name) / "serve"
-        build(Path(folder).resolve(), self.target, TEMPLATES / "serve.c", made, flags)
+        build(Path(folder).resolve(), self.target, TEMPLATES / "serve.c", made)
         command = emulated(self.target, made, "-display", "none", "-monitor", "none", "-serial", "stdio")
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         self._inputs, self._anew, self._said, self.stopped = np.zeros(0), True, dict[str, np.ndarray](), 0

@@ -8,6 +8,7 @@ import llvmlite.binding as llvm
 from ortilo_drake.codegen.targets import Target
 from ortilo_drake.model.typed_yaml import InputError
 
+LEVEL = 2  # of optimisation
 # What a processor's C library computes exactly, so that every library has the same bits of it.
 EXACT = "sqrt|fmod|floor|ceil|trunc|rint|nearbyint|round"
 # What else it computes it rounds otherwise than the library that Python flies with.
@@ -16,7 +17,7 @@ LIBRARY = re.compile(
 )
 
 
-def object_code(irs: dict[str, str], target: Target, level: int = 2) -> bytes:
+def object_code(irs: dict[str, str], target: Target) -> bytes:
     """Return the object file of neutral IR; the names by which the IR is given are seen by a linker, no others.
 
     Raises:
@@ -30,7 +31,7 @@ def object_code(irs: dict[str, str], target: Target, level: int = 2) -> bytes:
         raise InputError(f"--target: {target.cpu}: {error}") from None
     reloc = "static" if target.is_arm32 else "pic"
     machine = found.create_target_machine(
-        cpu=target.cpu, features=target.features, opt=level, reloc=reloc, codemodel="default"
+        cpu=target.cpu, features=target.features, opt=LEVEL, reloc=reloc, codemodel="default"
     )
     whole = linked(irs.values(), target, str(machine.target_data))
     for function in whole.functions:
@@ -42,7 +43,7 @@ def object_code(irs: dict[str, str], target: Target, level: int = 2) -> bytes:
         if not variable.is_declaration:
             variable.linkage = "internal"
     whole.verify()
-    options = llvm.create_pipeline_tuning_options(speed_level=level)
+    options = llvm.create_pipeline_tuning_options(speed_level=LEVEL)
     options.loop_vectorization = options.slp_vectorization = False
     for _ in range(2):  # the second sees what the first found unreachable
         builder = llvm.create_pass_builder(machine, options)

@@ -13,7 +13,6 @@ from ortilo_drake.commands.options import (
     ScenarioArgument,
     SetOption,
     WorkersOption,
-    quiet_drake,
 )
 from ortilo_drake.commands.terminal import check_writable, err, hand_over, progress_bar, say_if_compiling
 from ortilo_drake.scenario import load_scenario
@@ -36,13 +35,12 @@ def analyze(
     """
     chosen = load_scenario(scenario, tuple(settings or ()))
     report = out_folder / f"{chosen.name}.md"
-    check_writable(json_file, report)
+    check_writable(report)
     from ortilo_drake.flight.processes.workers import kept_workers
     from ortilo_drake.studies.report.analysis_text import analysis_text
     from ortilo_drake.studies.report.analyze import analysis_data
     from ortilo_drake.studies.report.analyze import analyze as analyze_scenario
 
-    quiet_drake()
     say_if_compiling()
     if chosen.is_rendered:
         err.print("the camera is projected here, not rendered")

@@ -1,5 +1,6 @@
 """The command line `ortilo`: all its commands, and their exit codes."""
 
+import logging
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -50,6 +51,10 @@ def _say_version(asked: bool) -> None:
         raise typer.Exit
 
 
+def _warns(record: logging.LogRecord) -> bool:
+    return record.levelno >= logging.WARNING
+
+
 @app.callback()
 def set_up(
     context: typer.Context,
@@ -74,6 +79,7 @@ def set_up(
     ] = False,
 ) -> None:
     """Run the files that register parts, before the command reads a scenario that names them; join a cluster."""
+    logging.getLogger("drake").addFilter(_warns)  # Drake, imported later, sets the level to INFO
     context.with_resource(themed(theme))
     context.with_resource(drawn_as(figures))
     for file in plugin or ():

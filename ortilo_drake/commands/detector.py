@@ -140,7 +140,7 @@ def evaluate(
     json_file: JsonOption = None,
 ) -> None:
     """Test the detector on pictures it has never seen; missing pictures are rendered first."""
-    check_writable(json_file, worst, pictures / "test" / "x.npz")
+    check_writable(worst, pictures / "test" / "x.npz")
     if worst is not None and worst.suffix != ".png":
         raise InputError(f"--worst {worst}: must end in .png")
     from ortilo_drake.onboard.detector.detector_network import load_detector
@@ -176,7 +176,6 @@ def recognise(
     json_file: JsonOption = None,
 ) -> None:
     """Say which landmarks of the room the detector recognises, along the way and from 2 m on all sides."""
-    check_writable(json_file)
     chosen = load_scenario(scenario, tuple(settings or ()))
     from ortilo_drake.onboard.detector.detector_network import load_detector
     from ortilo_drake.training.judging.recognised import recognised

@@ -4,12 +4,11 @@ import typer
 from rich.markup import escape
 
 from ortilo_drake.commands.options import JsonOption
-from ortilo_drake.commands.terminal import check_writable, out, write_json
+from ortilo_drake.commands.terminal import out, write_json
 
 
 def doctor(json_file: JsonOption = None) -> None:
     """Check this machine for all that flights need or can use; exit code 1 if something needed is missing."""
-    check_writable(json_file)
     from ortilo_drake.commands.doctor_checks import CHECKS, NEEDED, Finding
 
     findings: list[Finding] = []

@@ -12,7 +12,6 @@ from ortilo_drake.commands.options import (
     SetOption,
     WorkersOption,
     finite,
-    quiet_drake,
     scenarios_from,
 )
 from ortilo_drake.commands.terminal import check_writable, hand_over, progress_bar, say_if_compiling
@@ -71,12 +70,11 @@ def faults(
     if len(set(flown)) != len(flown):
         raise InputError(f"SCENARIO: {', '.join(flown)}: must differ by name")
     report, figure = out_folder / "faults.md", figure_file(out_folder, "faults")
-    check_writable(report, figure, json_file)
+    check_writable(report, figure)
     from ortilo_drake.flight.processes.workers import kept_workers
     from ortilo_drake.studies.faults.fault_flights import fault_study
     from ortilo_drake.studies.faults.fault_report import fault_figure, fault_text
 
-    quiet_drake()
     say_if_compiling()
     count = workers or os.cpu_count() or 1
     with progress_bar() as progress, kept_workers():

@@ -41,7 +41,7 @@ def fit(
     Fitted are each anchor's constant, an error that lasts (Gauss-Markov), white noise, outliers and their bursts, and
     the IMU's noise in flight and at rest.
     """
-    check_writable(out_file, scenario_file, json_file)
+    check_writable(out_file, scenario_file)
     from ortilo_drake.flight.files import write_text
     from ortilo_drake.interop.recorded.map_file import load_map
     from ortilo_drake.interop.recorded.recording import read_recording

@@ -18,7 +18,6 @@ from ortilo_drake.commands.options import (
     SeedOption,
     SetOption,
     picture_option,
-    quiet_drake,
     with_camera,
 )
 from ortilo_drake.commands.terminal import (
@@ -114,7 +113,7 @@ def fly(
     for option, asked in (("--meshcat", meshcat), ("--log", log), ("--rerun", rerun)):
         if asked and player not in (PlayerName.fastest, PlayerName.drake):
             raise InputError(f"--player: {player}: does not take {option}, for which 'drake' flies")
-    check_writable(html, png, video, out_file, rerun, json_file)
+    check_writable(html, video, out_file, rerun)
     # Imported only now and as needed: Drake, numba and matplotlib take seconds; a wrong argument fails at once.
     from ortilo_drake.flight.blackouts import in_blackout
     from ortilo_drake.flight.cautions import cautions
@@ -136,7 +135,6 @@ def fly(
 
         check_recording(rerun)
         recorder = SightingsRecorder(chosen)
-    quiet_drake()
     say_warnings(cautions(chosen, scenario, settings or ()))
     say_if_compiling()
 

@@ -11,12 +11,10 @@ from ortilo_drake.commands.options import (
     JsonOption,
     SetOption,
     WorkersOption,
-    quiet_drake,
     scenarios_from,
     with_camera,
 )
 from ortilo_drake.commands.terminal import (
-    check_writable,
     progress_bar,
     say_if_compiling,
     say_written,
@@ -51,7 +49,6 @@ def hindsight(
     It shows the filter that flew, the smoother of a linear filter, the batch factor graph of ranges, boxes and imu
     (needs the extra `smoother`), and the Cramer-Rao floor of a filter.
     """
-    check_writable(json_file)
     log, laid_over = Path(flown), with_camera(settings, camera, None)
     is_log = log.is_dir() or log.suffix == ".mcap"
     if is_log and (laid_over or flights is not None or workers is not None):
@@ -60,7 +57,6 @@ def hindsight(
     from ortilo_drake.studies.hindsight.hindsight import fly_in_hindsight, hindsight_text, in_hindsight, study_of
     from ortilo_drake.studies.hindsight.recorded_flight import read_recorded
 
-    quiet_drake()
     say_if_compiling()
     if scenario is None:
         recorded = read_recorded(log)

@@ -13,7 +13,6 @@ from ortilo_drake.commands.options import (
     ScenarioArgument,
     SeedOption,
     SetOption,
-    quiet_drake,
     with_camera,
 )
 from ortilo_drake.commands.terminal import err, out, say_error, say_if_compiling, say_warnings
@@ -52,7 +51,6 @@ def live(
     from ortilo_drake.views.guarded.guard import Guard, hidden_meshcat
     from ortilo_drake.views.guarded.panel import Panel
 
-    quiet_drake()
     say_warnings(cautions(chosen, scenario, settings or ()))
     say_if_compiling()
     path = planned(chosen)

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.options import FolderOption, JsonOption, WorkersOption, quiet_drake
+from ortilo_drake.commands.options import FolderOption, JsonOption, WorkersOption
 from ortilo_drake.commands.terminal import (
     check_writable,
     hand_over,
@@ -40,13 +40,12 @@ def map_(
         doubted = believed_noise(scenario_at(sweep, point, str(sweep_file))) or doubted
     say_warnings(doubted)
     report, table, figure = out_folder / "map.md", out_folder / "map.csv", figure_file(out_folder, "map")
-    check_writable(report, table, figure, json_file)
+    check_writable(report, table, figure)
     from ortilo_drake.studies.maps.map_figure import map_figure
     from ortilo_drake.studies.maps.map_flights import fly_map
     from ortilo_drake.studies.maps.map_report import map_csv, map_text
     from ortilo_drake.studies.maps.map_theory import theory_of
 
-    quiet_drake()
     say_if_compiling()
     with progress_bar() as progress:
         task = progress.add_task("flights", total=sweep.count * sweep.most_flights)

@@ -1,7 +1,6 @@
 """Options that several commands share."""
 
 import json
-import logging
 import math
 from enum import StrEnum
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from ortilo_drake.flight.files import check_output
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import scenario_names
 from ortilo_drake.views.pictures import check_picture
@@ -49,9 +49,15 @@ def picture_option(said: str) -> Any:
 
 
 def _of_picture(file: Path | None) -> Path | None:
-    """Refuse a file of an ending that no figure has, before any work is done."""
+    """Refuse a file of an ending that no figure has, or that cannot be written, before any work is done."""
     if file is not None:
         check_picture(file)
+    return _to_write(file)
+
+
+def _to_write(file: Path | None) -> Path | None:
+    if file is not None:
+        check_output(file)
     return file
 
 
@@ -63,19 +69,15 @@ def yaml_option(said: str) -> Any:
 def _of_yaml(file: Path | None) -> Path | None:
     if file is not None and file.suffix not in (".yaml", ".yml"):
         raise InputError(f"--out {file}: must end in .yaml")
-    return file
+    return _to_write(file)
 
 
 RoomFileOption = Annotated[Path | None, yaml_option("Write the room to this .yaml.")]
 FolderOption = Annotated[Path, typer.Option("--out", help="Folder of the report, its figures and data.")]
 MAP_OPTION = typer.Option("--map", help="MAP.yaml: which column or topic is what (docs/how_to/recorded.md).")
 MapOption = Annotated[Path, MAP_OPTION]
-JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON to this file.")]
-
-
-def quiet_drake() -> None:
-    """Let Drake log warnings and errors only; call it after Drake is imported, which sets the level to INFO."""
-    logging.getLogger("drake").setLevel(logging.WARNING)
+_JSON = typer.Option("--json", help="Write the result as JSON to this file.", callback=_to_write)
+JsonOption = Annotated[Path | None, _JSON]
 
 
 def finite(value: float | None) -> float | None:

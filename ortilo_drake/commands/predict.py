@@ -25,7 +25,7 @@ def predict(
     Each simulation follows the recorded path, at the recorded stamps, through the same filter.
     """
     report, picture = out_folder / "predicted.md", figure_file(out_folder, "predicted")
-    check_writable(report, picture, json_file)
+    check_writable(report, picture)
     from ortilo_drake.interop.recorded.map_file import load_map
     from ortilo_drake.interop.recorded.recording import read_recording
     from ortilo_drake.scenario.noise_file import load_noise

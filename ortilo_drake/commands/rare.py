@@ -13,7 +13,6 @@ from ortilo_drake.commands.options import (
     ScenarioArgument,
     SetOption,
     WorkersOption,
-    quiet_drake,
     with_camera,
 )
 from ortilo_drake.commands.terminal import check_writable, flights_to_go, hand_over, say_if_compiling, say_warnings
@@ -55,8 +54,7 @@ def rare(
     from ortilo_drake.studies.rare.rare_report import rare_text, verdict
 
     flown = with_seed(load_scenario(scenario, with_camera(settings, camera, None)), seed)
-    check_writable(report := out_folder / "rare.md", json_file)
-    quiet_drake()
+    check_writable(report := out_folder / "rare.md")
     say_warnings(cautions(flown, scenario, settings or ()))
     say_if_compiling()
     workers = workers or os.cpu_count() or 1

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.options import MAP_OPTION, JsonOption, quiet_drake
+from ortilo_drake.commands.options import MAP_OPTION, JsonOption
 from ortilo_drake.commands.terminal import (
     check_writable,
     err,
@@ -43,10 +43,8 @@ def replay(
         return
     if len(log) != 1:
         raise InputError(f"{len(log)} logs given: one is replayed at a time; recordings of others need --map")
-    check_writable(json_file)
     from ortilo_drake.interop.log.replay import replay_log
 
-    quiet_drake()
     say_if_compiling()
     result = replay_log(log[0])
     write_json(json_file, result)
@@ -57,7 +55,7 @@ def replay(
 
 def _replay_recorded(paths: list[Path], map_file: Path, out_folder: Path, json_file: Path | None) -> None:
     report = out_folder / "recorded.md"
-    check_writable(report, json_file)
+    check_writable(report)
     from ortilo_drake.interop.recorded.map_file import load_map
     from ortilo_drake.interop.recorded.recording import read_recording
     from ortilo_drake.model.optional import check_installed

@@ -6,7 +6,6 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.options import quiet_drake
 from ortilo_drake.commands.terminal import check_writable, say_written
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.model.input_error import InputError
@@ -39,7 +38,6 @@ def report(
         from ortilo_drake.flight.saved_flight import load_flight
         from ortilo_drake.views.page.flight_page import flight_page
 
-        quiet_drake()
         text = flight_page(load_flight(path))
     else:
         from ortilo_drake.views.page.report_page import report_page
@@ -60,7 +58,6 @@ def _write_recording(path: Path, rerun: Path) -> None:
     from ortilo_drake.views.scene_view import make_camera_view
 
     check_recording(rerun)
-    quiet_drake()
     flight = load_flight(path)
     save_recording(flight, drawn_again(flight, make_camera_view), rerun)
     say_written(rerun)

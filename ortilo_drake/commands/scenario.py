@@ -8,7 +8,7 @@ import yaml
 from rich.padding import Padding
 from rich.text import Text
 
-from ortilo_drake.commands.options import DEFAULT_SCENARIO, ScenarioArgument, SetOption, quiet_drake
+from ortilo_drake.commands.options import DEFAULT_SCENARIO, ScenarioArgument, SetOption
 from ortilo_drake.commands.terminal import out, say_warnings
 from ortilo_drake.model.input_files import read_text
 from ortilo_drake.model.typed_yaml import InputError, nearest
@@ -40,7 +40,6 @@ def check_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetO
     from ortilo_drake.flight.cautions import cautions
     from ortilo_drake.flight.flyable import check_flyable
 
-    quiet_drake()
     seconds = check_flyable(chosen) * chosen.h
     say_warnings(cautions(chosen, scenario, settings or ()))
     out.print(

@@ -13,7 +13,6 @@ from ortilo_drake.commands.options import (
     ScenarioArgument,
     SetOption,
     WorkersOption,
-    quiet_drake,
 )
 from ortilo_drake.commands.terminal import check_writable, err, hand_over, progress_bar, say_if_compiling
 from ortilo_drake.scenario import Scenario, load_scenario
@@ -36,13 +35,12 @@ def sensitivity(
     laid_over = tuple(settings or ())
     name = load_scenario(scenario, laid_over).name  # refuses wrong settings before anything is flown
     report, figure = out_folder / f"{name}.md", figure_file(out_folder, name)
-    check_writable(report, figure, json_file)
+    check_writable(report, figure)
     from ortilo_drake.flight.processes.workers import kept_workers
     from ortilo_drake.studies.sensitivity.mismatches import Settings
     from ortilo_drake.studies.sensitivity.sensitivity_flights import sensitivity as study
     from ortilo_drake.studies.sensitivity.sensitivity_report import sensitivity_figure, sensitivity_text
 
-    quiet_drake()
     say_if_compiling()
 
     def vary(under: Settings) -> Scenario:

@@ -73,7 +73,7 @@ def tables(
 
     of_cameras = with_camera(None, camera, detector, onnx)  # so that the flights without one stay the same
     chosen = scenarios_of_tables(preset.value, settings or (), of_cameras, beside or (), only)
-    check_writable(json_file, out_folder / f"tables_{preset.value}.md")
+    check_writable(out_folder / f"tables_{preset.value}.md")
     say_if_compiling()
     from ortilo_drake.diagrams.closed_loop import make_closed_loop
     from ortilo_drake.flight.ensemble import flight_file

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from ortilo_drake.commands.options import JsonOption, WorkersOption, picture_option, quiet_drake, yaml_option
+from ortilo_drake.commands.options import JsonOption, WorkersOption, picture_option, yaml_option
 from ortilo_drake.commands.terminal import (
     check_writable,
     out,
@@ -78,7 +78,6 @@ class FitBy(StrEnum):
 
 
 def _tune_recorded(paths: list[Path], map_file: Path, by: FitBy, out_file: Path | None, json_file: Path | None) -> None:
-    check_writable(out_file, json_file)
     from ortilo_drake.flight.files import write_text
     from ortilo_drake.interop.recorded.map_file import load_map, map_text
     from ortilo_drake.interop.recorded.recording import read_recording
@@ -113,11 +112,10 @@ def _tune_by_flights(
 
     search = load_over(Search, files[0])
     check_installed("cma", "search")
-    check_writable(out_file, json_file, kept / "search")
+    check_writable(kept / "search")
     from ortilo_drake.flight.files import write_text
     from ortilo_drake.studies.tuning.search import found_text, search_by_flights, search_lines
 
-    quiet_drake()
     say_if_compiling()
     with progress_bar() as progress:
         task = progress.add_task("searching", total=search.evaluations)
@@ -179,7 +177,6 @@ def tune(
             raise InputError("--figure, --check: are for flights of ours; with --map see `ortilo replay`")
         _tune_recorded(flights, map_file, by, out_file, json_file)
         return
-    check_writable(out_file, json_file, figure)
     from ortilo_drake.flight.files import write_text
     from ortilo_drake.flight.flight import scenario_of
     from ortilo_drake.flight.saved_flight import load_flight
@@ -187,7 +184,6 @@ def tune(
     from ortilo_drake.studies.tuning.tune import check_flights, find_flights, overlay_text, tuning_summary
     from ortilo_drake.studies.tuning.tune import tune as tune_flights
 
-    quiet_drake()
     say_if_compiling()
     files = find_flights(flights)
     with progress_bar() as progress:

@@ -34,7 +34,8 @@ def write_bytes(path: Path, data: bytes, sync: bool = True) -> None:
     """Write a file.
 
     A link stays one: what it points to is written, whether it is there yet or not. A file that is there keeps its mode;
-    a new one gets the usual one, as do folders that are missing. Pipes and character devices are written to.
+    a new one gets the usual one, as do folders that are missing. Pipes and character devices are written to; a pipe
+    that nobody reads is waited for until somebody does, as by the shell's `> PIPE`.
 
     Args:
         path: the file.

@@ -112,16 +112,13 @@ class OnboardHalf:
 
     Args:
         scenario: the scenario, of which the belief is all that is taken.
-        trajectory: the path to fly; by default what the scenario's planner plans.
         detects: whether it looks at a rendered camera's pictures; if not, it takes detections.
         fused: whether all its elements are one system, which is faster, or a system each.
     """
 
-    def __init__(
-        self, scenario: Belief, trajectory: Trajectory | None = None, detects: bool = True, fused: bool = True
-    ):
+    def __init__(self, scenario: Belief, detects: bool = True, fused: bool = True):
         scenario = scenario.belief
-        plan = trajectory or planned(scenario)
+        plan = planned(scenario)
         self._path = plan if isinstance(plan, Trajectory) else None
         self._diagram = make_onboard(scenario, self._path, detects, takes_paths=True, fused=fused)
         ports = [self._diagram.get_input_port(i) for i in range(self._diagram.num_input_ports())]

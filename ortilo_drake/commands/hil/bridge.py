@@ -15,9 +15,8 @@ from ortilo_drake.commands.options import (
     SeedOption,
     SetOption,
     finite,
-    quiet_drake,
 )
-from ortilo_drake.commands.terminal import check_writable, say_written, show_report, write_json
+from ortilo_drake.commands.terminal import say_written, show_report, write_json
 from ortilo_drake.hil.wire.urls import DEFAULT_URL
 from ortilo_drake.scenario import InputError, load_scenario
 
@@ -101,13 +100,11 @@ def bridge(
         raise InputError("--ros2, --mavlink: give one of them or both")
     if vision and mavlink is None:
         raise InputError("--vision: is how the estimate is sent to --mavlink, which is not given")
-    check_writable(json_file)
     from ortilo_drake.hil.bridge import Goals, Target, mavlink_target, ros2_target, run_bridge
     from ortilo_drake.hil.wire.key_file import choose_key
     from ortilo_drake.interop.mavlink import MavlinkBridge
     from ortilo_drake.interop.ros.ros2 import Ros2Bridge
 
-    quiet_drake()
     secret = choose_key(url, key, insecure)
     targets: dict[str, Target] = {}
     goals: Goals | None = None

@@ -21,10 +21,8 @@ from ortilo_drake.commands.options import (
     SeedOption,
     SetOption,
     picture_option,
-    quiet_drake,
 )
 from ortilo_drake.commands.terminal import (
-    check_writable,
     out,
     say_heading,
     say_if_compiling,
@@ -97,14 +95,12 @@ def check(
     chosen = load_scenario(scenario, tuple(settings or ()), seed)
     if lockstep and (seconds is not None or png is not None):
         raise InputError("--seconds, --png: belong to a flight in real time, not to --lockstep")
-    check_writable(png, json_file)
     from ortilo_drake.flight.flight import fly
     from ortilo_drake.flight.flyable import flight_ticks
     from ortilo_drake.hil.real_time.tick_timing import Quantiles
     from ortilo_drake.hil.sessions import run_world
     from ortilo_drake.hil.wire.key_file import new_key
 
-    quiet_drake()
     say_if_compiling()
     url, key = url or _bus_of_our_own(), new_key()
     with (

@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from ortilo_drake.commands.hil.options import InsecureOption, KeyOption, UrlOption
-from ortilo_drake.commands.options import DEFAULT_SCENARIO, ScenarioArgument, SeedOption, SetOption, finite, quiet_drake
+from ortilo_drake.commands.options import DEFAULT_SCENARIO, ScenarioArgument, SeedOption, SetOption, finite
 from ortilo_drake.commands.terminal import out
 from ortilo_drake.hil.wire.urls import DEFAULT_URL
 from ortilo_drake.scenario import load_scenario
@@ -34,6 +34,5 @@ def goal(
     from ortilo_drake.hil.goals.goal_link import ask_goal
     from ortilo_drake.hil.wire.key_file import choose_key
 
-    quiet_drake()
     ask_goal(url, choose_key(url, key, insecure), chosen, x, y, wait)
     out.print(f"goal ({x:g}, {y:g}): flies there", markup=False)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ortilo_drake.commands.terminal import check_writable, say_if_compiling, say_written, show_report, write_json
+from ortilo_drake.commands.terminal import say_if_compiling, say_written, show_report, write_json
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
@@ -73,7 +73,6 @@ def run_live_bridge(
 ) -> None:
     """Run the bridge until its source ends, the time is over, or Ctrl-C; then print its report."""
     place = check_live(options, mavlink, ros2)
-    check_writable(json_file)
     from ortilo_drake.interop.mavlink import MavlinkBridge
     from ortilo_drake.interop.recorded.map_file import load_map
     from ortilo_drake.studies.live.live_bridge import LiveBridge, run_live

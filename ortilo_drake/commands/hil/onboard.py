@@ -14,7 +14,6 @@ from ortilo_drake.commands.options import (
     ScenarioArgument,
     SeedOption,
     SetOption,
-    quiet_drake,
 )
 from ortilo_drake.commands.terminal import (
     check_writable,
@@ -77,7 +76,7 @@ def onboard(
         raise InputError("--exported: flies in lockstep; leave --profile, --keep-alive and --checkpoint out")
     if keep and log:
         raise InputError("--log: a process that is started again cannot go on in it; leave --keep-alive out")
-    check_writable(json_file, checkpoint)
+    check_writable(checkpoint)
     from ortilo_drake.codegen.exported_half import ExportedHalf
     from ortilo_drake.flight.flyable import flight_ticks
     from ortilo_drake.hil.goals.goal_planner import GoalPlanner
@@ -89,7 +88,6 @@ def onboard(
     from ortilo_drake.hil.wire.key_file import choose_key
     from ortilo_drake.interop.log.writer import LogWriter
 
-    quiet_drake()
     if profile:
         _profile(chosen, json_file)
         return

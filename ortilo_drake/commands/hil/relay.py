@@ -5,8 +5,8 @@ from typing import Annotated
 import typer
 
 from ortilo_drake.commands.hil.options import InsecureOption, KeyOption
-from ortilo_drake.commands.options import JsonOption, finite, quiet_drake
-from ortilo_drake.commands.terminal import check_writable, say_written, show_report, write_json
+from ortilo_drake.commands.options import JsonOption, finite
+from ortilo_drake.commands.terminal import say_written, show_report, write_json
 from ortilo_drake.hil.wire.urls import DEFAULT_URL, ONBOARD_URL
 
 
@@ -27,14 +27,12 @@ def relay(
     json_file: JsonOption = None,
 ) -> None:
     """Forward packets between the halves, each at an address of its own, with faults."""
-    check_writable(json_file)
     from ortilo_drake.hil.relay.faults import Faults
     from ortilo_drake.hil.relay.relay import run_relay
     from ortilo_drake.hil.wire.address import leaves_machine
     from ortilo_drake.hil.wire.key_file import choose_key
     from ortilo_drake.model.typed_yaml import parse_yaml, validate
 
-    quiet_drake()
     there, back = (
         validate(Faults, parse_yaml(text, option), option)
         for option, text in (

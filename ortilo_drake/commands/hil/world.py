@@ -22,7 +22,6 @@ from ortilo_drake.commands.options import (
     ScenarioArgument,
     SeedOption,
     SetOption,
-    quiet_drake,
 )
 from ortilo_drake.commands.terminal import check_writable, say_error, say_heading, say_written, show_report, write_json
 from ortilo_drake.hil.wire.urls import DEFAULT_URL
@@ -47,7 +46,7 @@ def world(
     chosen = load_scenario(scenario, tuple(settings or ()), seed)
     if seconds is not None and lockstep:
         raise InputError("--seconds: ends a flight in real time, not in --lockstep")
-    check_writable(out_file, json_file)
+    check_writable(out_file)
     from ortilo_drake.flight.flyable import flight_ticks
     from ortilo_drake.flight.saved_flight import save_flight
     from ortilo_drake.hil.restart.until_it_fails import UntilItFails
@@ -56,7 +55,6 @@ def world(
     from ortilo_drake.interop.log.writer import LogWriter
     from ortilo_drake.interop.ros.ros_messages import SENT, TAKEN
 
-    quiet_drake()
     secret = choose_key(url, key, insecure)
     with contextlib.ExitStack() as stack:
         writer = stack.enter_context(LogWriter(log, chosen, TAKEN if lockstep else SENT)) if log else None

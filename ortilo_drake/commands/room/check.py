@@ -5,7 +5,6 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.options import quiet_drake
 from ortilo_drake.commands.terminal import out, say_error
 from ortilo_drake.model.input_error import one_line
 
@@ -26,7 +25,6 @@ def check(room: RoomArgument) -> None:
         raise typer.Exit(2)
     from ortilo_drake.studies.rooms.findings import look_into
 
-    quiet_drake()
     found = look_into(room)
     for line in found.facts:
         out.print(f"OK       {one_line(line)}", markup=False, soft_wrap=True)

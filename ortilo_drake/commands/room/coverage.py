@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ortilo_drake.commands.options import JsonOption, SetOption, quiet_drake
+from ortilo_drake.commands.options import JsonOption, SetOption
 from ortilo_drake.commands.room.show import PngOption
-from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_written, write_json
+from ortilo_drake.commands.terminal import out, progress_bar, say_written, write_json
 
 if TYPE_CHECKING:
     from ortilo_drake.scenario import Scenario
@@ -33,11 +33,9 @@ def coverage(
     from ortilo_drake.studies.rooms.room_scenario import scenario_of
 
     scenario = scenario_of(what, tuple(settings or ()))
-    check_writable(png, json_file)
     from ortilo_drake.studies.rooms.coverage import coverage as cover
     from ortilo_drake.studies.rooms.coverage_figure import coverage_figure
 
-    quiet_drake()
     with progress_bar() as bar:
         task = bar.add_task("looking around", total=100)
         found = cover(scenario, lambda share: bar.update(task, completed=round(100 * share)))

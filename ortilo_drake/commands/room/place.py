@@ -4,8 +4,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ortilo_drake.commands.options import JsonOption, RoomFileOption, SetOption, finite, quiet_drake
-from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_if_compiling, say_written, write_json
+from ortilo_drake.commands.options import JsonOption, RoomFileOption, SetOption, finite
+from ortilo_drake.commands.terminal import out, progress_bar, say_if_compiling, say_written, write_json
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.room import MAX_ANCHORS, MAX_LANDMARKS
 
@@ -35,12 +35,10 @@ def place(
         raise InputError(f"N: {n}: must be {FIX} to {MAX_ANCHORS}")
     if not 0 <= landmarks <= MAX_LANDMARKS:
         raise InputError(f"--landmarks {landmarks}: must be 0 to {MAX_LANDMARKS}")
-    check_writable(out_file, json_file)
     from ortilo_drake.flight.files import write_text
     from ortilo_drake.studies.room_design.place import place_anchors, room_text
     from ortilo_drake.studies.rooms.room_scenario import scenario_of
 
-    quiet_drake()
     say_if_compiling()
     chosen = scenario_of(what, tuple(settings or ()))
     with progress_bar() as progress:

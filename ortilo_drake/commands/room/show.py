@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Annotated
 
-from ortilo_drake.commands.options import picture_option, quiet_drake
+from ortilo_drake.commands.options import picture_option
 from ortilo_drake.commands.room.check import RoomArgument
-from ortilo_drake.commands.terminal import check_writable, out, say_written
+from ortilo_drake.commands.terminal import out, say_written
 
 PngOption = Annotated[Path | None, picture_option("Draw it to this file")]
 
@@ -15,12 +15,10 @@ def show(room: RoomArgument, png: PngOption = None) -> None:
     from ortilo_drake.model.room import load_room
 
     found = load_room(room)
-    check_writable(png)
     from ortilo_drake.studies.rooms.findings import look_into
     from ortilo_drake.views.room_plan import save_plan
     from ortilo_drake.views.room_text import room_text
 
-    quiet_drake()
     looked = look_into(room)
     if png is not None:
         save_plan(found, looked.path, png)

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ortilo_drake.commands.options import JsonOption, RoomFileOption, finite, quiet_drake
-from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_written, write_json
+from ortilo_drake.commands.options import JsonOption, RoomFileOption, finite
+from ortilo_drake.commands.terminal import out, progress_bar, say_written, write_json
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.inputs.numbers import whole
 
@@ -55,13 +55,11 @@ def survey(
     multilateration believes, or 0.0075 of the distance.
     """
     numbers = _numbers(known)
-    check_writable(out_file, json_file)
     from ortilo_drake.flight.files import write_text
     from ortilo_drake.studies.room_design.place import room_text, with_anchors
     from ortilo_drake.studies.room_design.survey import doubts
     from ortilo_drake.studies.room_design.survey import survey as find
 
-    quiet_drake()
     with progress_bar() as progress:
         progress.add_task("surveying", total=None)
         surveyed, ranges, scenario = _read(sources, room, most)

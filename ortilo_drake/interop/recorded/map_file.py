@@ -11,6 +11,7 @@ import yaml
 from pydantic import BeforeValidator, Field, model_validator
 
 from ortilo_drake.interop.recorded.anchors import Vector, as_anchors, names_in_map, read_anchors
+from ortilo_drake.interop.recorded.columns import UNITS
 from ortilo_drake.interop.recorded.range_sources import DifferenceSource, RangeSource
 from ortilo_drake.interop.recorded.sources import (
     MOST,
@@ -22,6 +23,7 @@ from ortilo_drake.interop.recorded.sources import (
     ImuSource,
     TruthSource,
 )
+from ortilo_drake.interop.recorded.units import size_of
 from ortilo_drake.model.input_files import exists, read_text
 from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive, parse_yaml, validate
 
@@ -279,3 +281,8 @@ def logged_map(ranges: Sequence[str], anchors: Sequence[Sequence[float]], topics
         found["truth"] = {"file": ".", "topic": "/truth/pose", "position": position}
     text: str = yaml.safe_dump(found, sort_keys=False, default_flow_style=None, width=1000)
     return text
+
+
+def unit_key(map_: Map, by: float, key: str = "imu") -> str:
+    """Return the key that makes a source's stamps `by` times as large, as its clock drifts."""
+    return f"{key}: {{unit: {size_of(getattr(map_, key).unit, UNITS) * by:.6g}}} (its clock drifts)"

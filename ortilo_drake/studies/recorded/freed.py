@@ -15,10 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import block_diag
 
-from ortilo_drake.interop.recorded.columns import UNITS as CLOCK_UNITS
-from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.interop.recorded.map_file import Map, unit_key
 from ortilo_drake.interop.recorded.recording import Ranges
-from ortilo_drake.interop.recorded.units import size_of
 from ortilo_drake.studies.recorded.lone_fit import lone_fit
 from ortilo_drake.studies.recorded.moved_anchors import names_of, point_text
 from ortilo_drake.studies.recorded.plain_fit import CLOCK, SPREAD, PlainFit, left_of, plain_fit, toward
@@ -197,10 +195,5 @@ def _of_scale_and_clock(
 def _clock_key(map_: Map, gains: float, imu_gains: float | None) -> str:
     """Return the key that mends a truth's clock that gains so much a second on the ranges'."""
     if imu_gains is not None and abs(imu_gains) < abs(gains) / 2.0:  # truth and imu agree: the ranges' clock it is
-        return " and ".join(unit_key(map_, key, 1.0 + gains) for key in ("ranges", "differences") if getattr(map_, key))
-    return unit_key(map_, "truth", 1.0 / (1.0 + gains))
-
-
-def unit_key(map_: Map, key: str, by: float) -> str:
-    """Return the key that makes a source's stamps `by` times as large, as its clock drifts."""
-    return f"{key}: {{unit: {size_of(getattr(map_, key).unit, CLOCK_UNITS) * by:.6g}}} (its clock drifts)"
+        return " and ".join(unit_key(map_, 1.0 + gains, key) for key in ("ranges", "differences") if getattr(map_, key))
+    return unit_key(map_, 1.0 / (1.0 + gains), "truth")

@@ -5,12 +5,12 @@ from itertools import product
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.interop.recorded.map_file import Map, unit_key
 from ortilo_drake.interop.recorded.recording import GRAVITY, Imu, Recording, Truth
 from ortilo_drake.interop.recorded.sources import Quaternion
 from ortilo_drake.interop.recorded.units import FORCE_UNITS, RATE_UNITS, axes_matrix, in_axes, size_of
 from ortilo_drake.studies.recorded.clock_offset import TELLS, ByRates, best_by_rates, gains_by_rates
-from ortilo_drake.studies.recorded.freed import DRIFT, unit_key
+from ortilo_drake.studies.recorded.freed import DRIFT
 
 OFF = 1.5  # of the force at rest from gravity; some units are 6 % wrong [m/s²]
 TELLING = 0.1  # a unit is told if it brings the force this near to gravity, as a share
@@ -166,7 +166,7 @@ def drift_doubts(recording: Recording, map_: Map, offset: float) -> list[str]:
     gains = gains_by_rates(recording.imu, recording.truth, offset) if known else None  # type: ignore[arg-type]
     if gains is None or abs(gains) < DRIFT:
         return []
-    return [f"imu: the truth's clock gains {gains:.2%} on it, not on the ranges': {unit_key(map_, SOURCES[2], 1.0 + gains)}"]
+    return [f"imu: the truth's clock gains {gains:.2%} on it, not on the ranges': {unit_key(map_, 1.0 + gains)}"]
 
 
 def _unit_of(unit: str | float, by: float) -> str:
