@@ -14,7 +14,6 @@ import numpy as np
 from numba.extending import register_jitable
 
 from ortilo_drake.model.cholesky import forward_in_place, squared_norm_in_place
-from ortilo_drake.model.placing import place
 from ortilo_drake.onboard.estimator.structure import Structure
 
 
@@ -145,10 +144,8 @@ def propagate(P: np.ndarray, W: np.ndarray, structure: Structure, rows: np.ndarr
                 for j in range(N):
                     P[i, j] = rows[a, j]
     for a in range(mixing.size):
-        i = place(mixing[a])
         for b in range(a):
-            k = place(mixing[b])
-            P[i, k] = P[k, i]
+            P[mixing[a], mixing[b]] = P[mixing[b], mixing[a]]
     for i in range(N):
         kept = keeps[i]
         for j in range(N):

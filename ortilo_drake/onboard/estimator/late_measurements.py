@@ -200,7 +200,7 @@ def replay_in_place(
     now = history[k % N]
     fill(now, 0.0)
     now[slot.tick] = k
-    put(belief, now, slot.belief)
+    put(belief, now[slot.belief : slot.y])  # a part: compiled code copies several numbers at once
     put(u, now, slot.u)
     put(r[:3], now, slot.r)
     first = k

@@ -73,12 +73,7 @@ def gather(
 @register_jitable
 def log_likelihood(gathered: np.ndarray, s: float, S: np.ndarray, e: np.ndarray) -> float:
     """Return log L of an sd s [m] by [Lambda, eta] (n, n + 1); S (n, n) and e (n) are to work in."""
-    n, told = e.size, False
-    for i in range(n):
-        told = told or gathered[i, i] != 0.0 or gathered[i, n] != 0.0
-    if s == 0.0 or not told:
-        fill(e, 0.0)
-        return 0.0
+    n = e.size
     for i in range(n):
         for j in range(i + 1):
             S[i, j] = s * s * gathered[i, j]
@@ -88,6 +83,15 @@ def log_likelihood(gathered: np.ndarray, s: float, S: np.ndarray, e: np.ndarray)
     for i in range(n):
         found -= log(S[i, i])
     return found
+
+
+@register_jitable
+def is_told(gathered: np.ndarray, n: int) -> bool:
+    """Return whether any fix has told of a part's errors (n)."""
+    told = False
+    for i in range(n):
+        told = told or gathered[i, i] != 0.0
+    return told
 
 
 @register_jitable
@@ -102,7 +106,8 @@ def weigh(
     for j in range(bank.size):
         weights[j] = 0.0
         for i in range(0, gathered.shape[0], n):
-            weights[j] += log_likelihood(gathered[i : i + n], bank[j] * s_2, S, e)
+            if bank[j] > 0.0 and is_told(gathered[i : i + n], n):  # else log L is 0
+                weights[j] += log_likelihood(gathered[i : i + n], bank[j] * s_2, S, e)
     return share_of(weights, bank)
 
 
