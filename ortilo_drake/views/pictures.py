@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 ENDINGS: Final = ("png", "svg", "pdf", "eps", "jpg", "jpeg", "tif", "tiff", "webp")
 # A figure drawn twice gives the same bytes: no date, no names drawn at random.
 _UNDATED: Final = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
-_KEPT: Any = {"svg.hashsalt": "ortilo", "pdf.fonttype": 42}  # 42: letters stay letters in a PDF
+# Letters stay letters, which a slide program can edit and search.
+_KEPT: Any = {"svg.hashsalt": "ortilo", "svg.fonttype": "none", "pdf.fonttype": 42}
 
 
 def check_picture(path: Path, endings: tuple[str, ...] = ENDINGS) -> None:
