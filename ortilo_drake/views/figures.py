@@ -111,7 +111,7 @@ def draw_flight(flight: xr.Dataset) -> Figure:
             axes.plot(time, error[:, i], color="k", lw=0.8, label="error of the estimate")
             axes.set_ylabel(f"error\n{axis} [m]")
             axes.tick_params(labelbottom=False)
-        figure.axes[1].legend(loc="lower right", bbox_to_anchor=(1.0, 0.92), ncols=2, fontsize=7)
+        figure.axes[1].legend(loc="lower right", bbox_to_anchor=(1.0, 0.92), ncols=2, fontsize=8)
         draw_arrivals(figure.add_subplot(grid[4]), flight)
         for axes in figure.axes[1:]:
             axes.set_xlim(time[0], time[-1])

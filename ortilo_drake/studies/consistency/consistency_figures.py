@@ -42,7 +42,10 @@ def _draw_nees(axes: Axes, flights: Sequence[xr.Dataset]) -> None:
     bar.imshow((black / count)[np.newaxis], aspect="auto", cmap="Greys", vmin=0.0, vmax=1.0)
     bar.set_axis_off()
     shown = average[time > 1.0] if time[-1] > 1.0 else average
-    limits = min(0.5, 0.5 * max(float(np.nanmin(shown)), 1e-3)), max(20.0, 1.5 * float(np.nanmax(average)))
+    limits = (
+        min(0.5, 0.5 * max(float(np.nanmin(shown)), 1e-3)),
+        max(20.0, 5.0 * float(np.nanmax(average))),
+    )  # room for a legend
     axes.set(xlim=(0.0, time[-1]), ylim=limits, ylabel="NEES of position [-]")
 
 
@@ -65,8 +68,9 @@ def whiteness_figure(reports: dict[str, ConsistencyReport], path: Path) -> Path:
     sensors = list(dict.fromkeys(s for report in reports.values() for s in report.whiteness))
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(3.4 * len(sensors) + 0.4, 2.2 * len(reports) + 0.5), layout="constrained")
-        grid = figure.subplots(len(reports), len(sensors), squeeze=False, sharex=True)
+        grid = figure.subplots(len(reports), len(sensors), squeeze=False, sharex=True, sharey="row")
         for row, (name, report) in zip(grid, reports.items(), strict=True):
+            low, high = -0.15, 0.15
             for axes, sensor in zip(row, sensors, strict=True):
                 found = report.whiteness.get(sensor)
                 if found is None:
@@ -82,8 +86,10 @@ def whiteness_figure(reports: dict[str, ConsistencyReport], path: Path) -> Path:
                 for i, colour in zip(range(min(m, 3)), (BLUE, ORANGE, GREEN), strict=False):
                     label = (described(sensor).components or "123")[i]
                     axes.plot(lags + 0.16 * (i - 1), r[:, i], "o", ms=3, color=colour, label=label)
-                axes.set_ylim(min(-0.15, 1.1 * float(np.nanmin(r))), max(0.15, 1.1 * float(np.nanmax(r))))
-                axes.set_title(f"{TITLE.get(name, name)}: {title_of(sensor)}, p = {lagged.p_value:.2g}", fontsize=8)
+                low, high = min(low, 1.1 * float(np.nanmin(r))), max(high, 1.1 * float(np.nanmax(r)))
+                p = "p < 1e-16" if lagged.p_value < 1e-16 else f"p = {lagged.p_value:.2g}"
+                axes.set_title(f"{TITLE.get(name, name)}: {title_of(sensor)}, {p}", fontsize=8)
+            row[0].set_ylim(low, high)
         for axes in grid[-1]:
             axes.set_xlabel("lag [arrivals]")
             axes.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -99,6 +99,10 @@ def _verdict(row: FaultRow) -> str:
     return f"no: {', '.join(fails)}" if fails else "yes"
 
 
+def _in_words(fault: str) -> str:
+    return fault.replace("_", " ").replace("nlos", "NLOS").replace("uwb", "UWB").replace("imu", "IMU")
+
+
 def fault_figure(found: FaultStudy, path: Path) -> Path:
     """Draw how many times the error grows during and after each fault, and how many flights are lost."""
     faults = list(dict.fromkeys(row.fault for row in found.rows))
@@ -118,12 +122,14 @@ def fault_figure(found: FaultStudy, path: Path) -> Path:
                 dark = values[i, j] > _WORST**0.6
                 axes.text(j, i, text, ha="center", va="center", color="w" if dark else "k", fontsize=8)
             drawn = axes.imshow(values, aspect="auto", cmap=colors, norm=LogNorm(1.0, _WORST))
-            axes.set_xticks(range(len(found.scenarios)), found.scenarios, rotation=20, ha="right")
-            axes.set_yticks(range(len(faults)), faults)
+            several = {"rotation": 20, "ha": "right"} if len(found.scenarios) > 1 else {}
+            axes.set_xticks(range(len(found.scenarios)), found.scenarios, **several)
+            axes.set_yticks(range(len(faults)), [_in_words(fault) for fault in faults])
             axes.set_title(f"{part} the fault")
             axes.tick_params(length=0)
             axes.spines[:].set_visible(False)
-        bar = figure.colorbar(drawn, ax=panels, label="error with the fault /\nerror without it [-]")
+        bar = figure.colorbar(drawn, ax=panels, label="error with the fault /\nerror without it [1]")
+        figure.suptitle("How many times larger the position error is with a fault")
         bar.set_ticks(_TICKS, labels=[f"{tick:g}" for tick in _TICKS[:-1]] + [f"{_WORST:g} or more"])
         bar.minorticks_off()
         return save_picture(figure, path)

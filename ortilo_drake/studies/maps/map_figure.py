@@ -9,6 +9,8 @@ import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.path import Path
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import PercentFormatter
 
 from ortilo_drake.scenario.schema import scenario_keys
 from ortilo_drake.sensors.described import title_of
@@ -18,14 +20,15 @@ from ortilo_drake.studies.maps.sweep import Grid, Range
 from ortilo_drake.views.palette import BLUE, ORANGE, STYLE
 from ortilo_drake.views.pictures import save_picture
 
+LOST = "share of flights lost"
 FLOWN, BOUND = "flown", "theory: bound on the mean,\napproximate, near hover"
 LINK_NAMES = {
     "rate": "{} rate",
     "delay": "{} delay",
     "random_delay": "largest additional {} delay",
-    "loss": "{} messages lost",
-    "loss.probability": "{} messages lost",
-    "loss.loss": "{} messages lost",
+    "loss": "share of {} messages lost",
+    "loss.probability": "share of {} messages lost",
+    "loss.loss": "share of {} messages lost",
     "loss.mean_length": "mean burst of lost {} messages",
 }
 THEORY = "magenta"  # stands out of both maps' colours
@@ -63,13 +66,14 @@ def _title(key: str) -> str:
     if of_link in LINK_NAMES:
         name = LINK_NAMES[of_link].format(title_of(group))
     else:
-        name = key.replace(".", " ").replace("_", " ")
-    return name + (f" [{unit}]" if unit and unit != "1" else "")
+        name = key.replace(".", " ").replace("_", " ").replace("uwb", "UWB").replace("imu", "IMU")
+    return name + (f" [{unit}]" if unit else "")
 
 
 def _heading(found: Map) -> str:
     fewest, most = min(row.flights for row in found.rows), max(row.flights for row in found.rows)
-    return f"{found.sweep.scenario}, {fewest if fewest == most else f'{fewest} to {most}'} flights at each point"
+    name = File(found.sweep.scenario).stem
+    return f"{name}, {fewest if fewest == most else f'{fewest} to {most}'} flights at each point"
 
 
 def _say_none_lost(panel: Any, found: Map) -> None:
@@ -95,7 +99,8 @@ def _curves(panels: Any, found: Map, theory: MapTheory | None) -> None:
         panels[0].plot(x, [row.lost / row.flights for row in rows], "o-", color=ORANGE, label=FLOWN, clip_on=False)
         if theory is not None and theory.lost is not None:
             panels[0].plot(x, theory.lost, "--", color="k", lw=1.0, label=_law(theory))
-        panels[0].set(ylabel="flights lost", ylim=(0.0, min(1.0, 1.1 * high.max())))
+        panels[0].set(ylabel=LOST, ylim=(0.0, min(1.0, 1.1 * high.max())))
+        panels[0].yaxis.set_major_formatter(PercentFormatter(1.0))
         _legend_above(panels[0])
     else:
         _say_none_lost(panels[0], found)
@@ -133,7 +138,7 @@ def _heat(figure: Figure, panels: Any, found: Map, theory: MapTheory | None) -> 
     finite = rms[np.isfinite(rms)]
     spread = LogNorm(finite.min(), max(finite.max(), 1.01 * finite.min())) if finite.size else Normalize()
     drawn = (
-        (panels[0], lost, Normalize(0.0, max(lost.max(), 0.05)), "YlOrRd", "flights lost"),
+        (panels[0], lost, Normalize(0.0, 1.0), "YlOrRd", LOST),
         (panels[1], rms, spread, "viridis", "RMS error [m]; white: all lost"),
     )
     none_lost = not lost.any()
@@ -146,7 +151,8 @@ def _heat(figure: Figure, panels: Any, found: Map, theory: MapTheory | None) -> 
         panel.set_yticks(*_ticks(rows))
         panel.tick_params(length=0)
         panel.spines[:].set_visible(False)
-        bar = figure.colorbar(image, ax=panel, label=label)
+        percent_of = PercentFormatter(1.0) if label == LOST else None
+        bar = figure.colorbar(image, ax=panel, label=label, format=percent_of)
         if isinstance(norm, LogNorm):
             round_ticks = _round_levels(finite.min(), finite.max(), (1.0, 2.0, 3.0, 5.0))
             if len(round_ticks) > 1:
@@ -162,6 +168,10 @@ def _heat(figure: Figure, panels: Any, found: Map, theory: MapTheory | None) -> 
             lines.append((panels[0], in_order(theory.lost), percent, _law(theory)))
     for panel, values, names, whose in lines:
         _contours(panel, values, names, whose)
+    if theory is not None:  # alone, the lines have their values beside them
+        for panel in panels:
+            if panel.get_legend_handles_labels()[0]:
+                _legend_above(panel)
 
 
 def _contours(panel: Any, values: np.ndarray, names: dict[float, str], whose: str) -> None:
@@ -180,9 +190,11 @@ def _contours(panel: Any, values: np.ndarray, names: dict[float, str], whose: st
         lines.remove()
         return
     lines.set_paths([Path.make_compound_path(*paths) for paths in long])
-    panel.clabel(lines, fmt=names, fontsize=7)
+    halo = [withStroke(linewidth=2.2, foreground="white", alpha=0.85)]
+    lines.set_path_effects(halo)
+    for text in panel.clabel(lines, fmt=names, fontsize=8):
+        text.set_path_effects(halo)
     panel.plot([], [], "-" if flown else "--", color="k" if flown else THEORY, lw=0.8 if flown else 1.6, label=whose)
-    _legend_above(panel)
 
 
 def _law(theory: MapTheory) -> str:

@@ -78,6 +78,8 @@ def fill_margins(axes: Axes, margins: MarginMap) -> QuadContourSet:
 
 
 _STYLE: Any = {"font.size": 10, "axes.spines.top": False, "axes.spines.right": False, "figure.dpi": 130}
+_NO_LINK = "0.9"
+_MANY = 20  # flights, below which their share in the tube says little
 _NONE = 3e-3  # where a rate of 0 is drawn on a logarithmic axis
 
 
@@ -99,7 +101,7 @@ def _draw_points(axes: Axes, results: Sequence[PointResult], floor: float) -> li
         axes.annotate(
             f"{100 * r.contained:.1f} %" + (f"\n{r.lost} lost" if r.lost else ""),
             at,
-            xytext=(8 * side, 0),
+            xytext=(9 * side, -9 if r.at[1] >= 0.85 else 0),
             textcoords="offset points",
             ha="right" if side < 0 else "left",
             va="center",
@@ -109,11 +111,12 @@ def _draw_points(axes: Axes, results: Sequence[PointResult], floor: float) -> li
         )
     if not results:
         return []
-    of = f"{results[0].flights} flights"
-    held = f"{of}, {SHARE:.0%} of their ticks in the tube,\nlost only where it leaves the corridor"
+    n = results[0].flights
+    few = f" ({n} flights are too few to refute it)" if n < _MANY else f" ({n} flights)"
+    held = f"as predicted: {SHARE:.0%} of the ticks in the tube,\nnone of {n} flights lost where the tube is inside"
     return [
         Line2D([], [], ls="", marker="o", ms=8, mfc=GREEN, mec="k", label=held),
-        Line2D([], [], ls="", marker="X", ms=9, mfc=ORANGE, mec="k", label=f"{of}, fewer ticks in it or others lost"),
+        Line2D([], [], ls="", marker="X", ms=9, mfc=ORANGE, mec="k", label=f"not as predicted{few}"),
     ]
 
 
@@ -128,7 +131,7 @@ def _draw_map(
 ) -> None:  # fmt: skip
     """Fill the margins over (a, b), draw the boundaries and the points flown, and say below what they are."""
     bar = figure.colorbar(fill_margins(axes, margins), ax=axes, pad=0.02)
-    bar.set_label("least of corridor less tube [m]")
+    bar.set_label("smallest margin: corridor radius minus tube radius [m]")
     log, level = np.log10(np.maximum(chance.chance.T, 1e-12)), [np.log10(THREE_SIGMA)]
     axes.contour(chance.a, chance.b, log, levels=level, colors=ORANGE, linewidths=2.2, linestyles="--")
     lines = [
@@ -177,6 +180,14 @@ def bursts_figure(
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(8.0, 5.8), layout="constrained")
         axes, (first, second) = figure.add_subplot(), _names(sensors)
+        axes.set_facecolor(_NO_LINK)
+        axes.text(
+            0.01,
+            0.01,
+            "grey: no such link, its good stretches\nwould be shorter than a tick",
+            transform=axes.transAxes,
+            fontsize=7,
+        )
         _draw_map(figure, axes, second, margins, chance, results, 0.0)
         axes.set_yscale("log")
         axes.set_yticks([0.1, 0.3, 1.0, 3.0, 10.0], ["0.1", "0.3", "1", "3", "10"])
@@ -198,7 +209,10 @@ def plan_figure(scenario: Scenario, nominal: NominalFlight, flights: dict[Point,
             tube = predict_tube(with_rates(scenario, *pair), nominal)
             for r, radius in zip(tube.r[::4], tube.radius[::4], strict=True):
                 axes.add_patch(Circle((r[0], r[1]), radius, facecolor=INSIDE, lw=0, zorder=0.5))
-            axes.plot(*tube.r[:, :2].T, "k--", lw=1.0, zorder=3)
+            axes.plot(*tube.r[:, :2].T, "k--", lw=1.0, zorder=3, label="planned")
+            axes.plot([], [], "o", color=INSIDE, ms=9, label="3-sigma tube")
+            axes.plot([], [], color=BLUE, label="flights")
+            axes.plot([], [], color=ORANGE, marker="X", mec="k", label="lost flights")
             for flight in flown:
                 n = len(flight.deviation)
                 track = tube.r[:n, :2] + flight.deviation[:, :2]
@@ -207,6 +221,7 @@ def plan_figure(scenario: Scenario, nominal: NominalFlight, flights: dict[Point,
                 if flight.lost is not None:
                     axes.plot(*track[-1], "X", color=ORANGE, mec="k", ms=7, zorder=4)
             lost = sum(flight.lost is not None for flight in flown)
-            rates = ", ".join(f"{name} {rate:g}" for name, rate in zip(names, pair, strict=True))
-            axes.set_title(f"{rates} of the messages: {len(flown)} flights, {lost} lost", fontsize=10)
+            rates = " and ".join(f"{100 * rate:g} % of the {name}" for name, rate in zip(names, pair, strict=True))
+            axes.set_title(f"{rates} messages arrive: {len(flown)} flights, {lost} lost", fontsize=10)
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=6, fontsize=8)
         return save_picture(figure, path)
