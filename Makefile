@@ -11,6 +11,7 @@
 # make bench     set up, measure the speed
 # make docs      set up, with Sphinx, build the documentation site, say where it is; with NOTEBOOKS=1 run the notebooks
 #                before, so that it shows their outputs (minutes; what has been run is kept in out/notebooks)
+# make exercises set up, copy the notebooks without the solutions of their exercises to out/exercises, for students
 # make linkcheck set up, with Sphinx, ask every page that the documentation links to whether it is there (network)
 # make mutants   set up, change the code in 400 places and see whether a test notices (docs/mutants.md)
 
@@ -34,7 +35,7 @@ export ORTILO_FLIGHT_DATA ?= $(abspath ../shared/data)
 endif
 STAMP := $(VENV)/.set-up-$(shell cat pyproject.toml constraints.txt scripts/setup.sh | cksum | cut -d' ' -f1)
 
-.PHONY: setup extras kernels fly tables test rest nightly fuzz export-check check bench docs linkcheck mutants clean
+.PHONY: setup extras kernels fly tables test rest nightly fuzz export-check check bench docs exercises linkcheck mutants clean
 
 setup: $(STAMP)
 
@@ -100,6 +101,9 @@ ifneq ($(NOTEBOOKS),)
 endif
 	@$(ONE_THREAD) $(BIN)/python -m sphinx -W --keep-going -b html -d out/doctrees docs out/docs
 	@echo "documentation: out/docs/index.html"
+
+exercises: setup
+	@$(BIN)/python scripts/make_exercises.py
 
 linkcheck: $(STAMP)-docs
 	@$(ONE_THREAD) $(BIN)/python -m sphinx -q -b linkcheck -d out/doctrees docs out/linkcheck

@@ -36,17 +36,21 @@ from ortilo_drake.commands.terminal import (
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.flight.summary import Summary
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.scenario import load_scenario
+from ortilo_drake.scenario import Scenario, load_scenario
 
 LOST = 3  # exit code of a flight that was lost
 
 
-def _print_flight(result: Summary, said: str, blackout: float, by_drake: str | None) -> None:
+def _print_flight(result: Summary, chosen: Scenario, said: str, blackout: float, by_drake: str | None) -> None:
     from ortilo_drake.sensors.described import described
 
     say_heading(result.scenario, f", seed {result.seed}")
     out.print(f"  [{'red' if result.lost else 'green'}]{escape(said)}[/]", soft_wrap=True)
-    show_rows(_rows(result) | {"flown by": f"{result.player}{f' ({by_drake})' if by_drake else ''}"})
+    show_rows(
+        _rows(result)
+        | _loss_rows(chosen, result)
+        | {"flown by": f"{result.player}{f' ({by_drake})' if by_drake else ''}"}
+    )
     if result.contacts:
         out.print(f"  [yellow]touched[/yellow]             {escape(', '.join(result.contacts))}", soft_wrap=True)
 
@@ -75,6 +79,19 @@ def _rows(result: Summary) -> dict[str, str]:
         "position NEES": f"{result.nees:.2f} (3 if consistent)",
         "real-time factor": three_digits(result.real_time_factor),
     }
+
+
+def _loss_rows(scenario: Scenario, result: Summary) -> dict[str, str]:
+    """Return the random losses of the scenario beside the share of due fixes that was missing, whatever lost it."""
+    from ortilo_drake.scenario.loss_chain import mean_loss
+
+    asked = {sensor: mean_loss(scenario.link_of(sensor).loss, scenario.h) for sensor in result.arrivals}
+    said = [
+        f"{sensor} set to {asked[sensor]:.1%}, in this flight {1.0 - rate:.1%} with blackouts and refused fixes"
+        for sensor, rate in result.arrivals.items()
+        if rate is not None and asked[sensor] > 0.0
+    ]
+    return {"loss": ", ".join(said)} if said else {}
 
 
 def fly(
@@ -176,7 +193,7 @@ def fly(
     write_json(json_file, result)
     blackout = in_blackout(flight["truth"].values, chosen).mean() if chosen.measures_ranges else 0.0
     by_drake = why_not_engine(chosen) if player is PlayerName.fastest else None
-    _print_flight(result, verdict(flight), float(blackout), by_drake)
+    _print_flight(result, chosen, verdict(flight), float(blackout), by_drake)
     say_written(html, png, video, out_file, log, rerun, json_file)
     if result.lost:
         raise typer.Exit(LOST)

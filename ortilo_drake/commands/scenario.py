@@ -35,7 +35,7 @@ def show_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetOp
 
 @scenario_app.command("check")
 def check_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetOption = None) -> None:
-    """Check a scenario: the errors and warnings are those of `ortilo fly`."""
+    """Check a scenario and say what its vehicle can do: the errors and warnings are those of `ortilo fly`."""
     chosen = load_scenario(scenario, tuple(settings or ()))
     from ortilo_drake.flight.cautions import cautions
     from ortilo_drake.flight.flyable import check_flyable
@@ -44,6 +44,15 @@ def check_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetO
     say_warnings(cautions(chosen, scenario, settings or ()))
     out.print(
         f"{chosen.name}: valid; flies {seconds:.1f} s with {', '.join(chosen.sensors)}", markup=False, soft_wrap=True
+    )
+    vehicle = chosen.vehicle
+    hover = vehicle.hover_rotor_speeds.max()
+    out.print(
+        f"  vehicle: {vehicle.mass:g} kg, {vehicle.rotor_count} rotors; hovers at {hover:.3g} rad/s, "
+        f"{hover / vehicle.rotor_max_speed:.0%} of the largest speed; "
+        f"lifts at most {vehicle.largest_thrust / vehicle.hover_thrust:.1f} times its weight",
+        markup=False,
+        soft_wrap=True,
     )
 
 

@@ -41,6 +41,12 @@ def loss_chain(loss: Loss, h: float) -> tuple[np.ndarray, np.ndarray]:
     return np.array([[1.0 - to_bad, to_bad], [to_good, 1.0 - to_good]]), np.array([good, bad])
 
 
+def mean_loss(loss: Loss, h: float) -> float:
+    """Return the share of the packets that are lost in the long run. Arguments and errors as loss_parameters."""
+    to_bad, to_good, good, bad = loss_parameters(loss, h)
+    return float(good if to_bad == 0.0 else (to_good * good + to_bad * bad) / (to_good + to_bad))
+
+
 def loss_of(share: float, burst: float | None = None) -> Loss:
     """Return the loss that loses a share of the packets, independently or in bursts.
 

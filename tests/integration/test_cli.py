@@ -293,6 +293,29 @@ def test_without_graphviz_a_picture_of_boxes_is_refused_in_one_line(
 # --- help and errors ------------------------------------------------------------------------------------------
 
 
+def test_a_flight_with_losses_says_what_was_set_and_what_was_missing(capsys: pytest.CaptureFixture[str]) -> None:
+    settings = ("--set", SHORT, "--set", "uwb.link.blackouts=[]")
+    assert run("fly", "nominal_imu_uwb", *settings, "--set", "uwb.link.loss=0.5") == 0
+    said = " ".join(capsys.readouterr().out.split())
+    used = re.search(r"fixes used uwb ([0-9.]+)%", said)
+    loss = re.search(r"loss uwb set to 50.0%, in this flight ([0-9.]+)%", said)
+    assert used is not None
+    assert loss is not None
+    assert float(used[1]) + float(loss[1]) == pytest.approx(100.0, abs=0.11)
+    assert run("fly", "nominal_imu_uwb", *settings) == 0
+    assert "set to" not in capsys.readouterr().out
+
+
+def test_a_checked_scenario_says_what_its_vehicle_can_do(capsys: pytest.CaptureFixture[str]) -> None:
+    vehicle = {"mass": 1.2, "rotor_lift": 0.00002, "rotor_drag": 0.0000004, "rotor_max_speed": 900.0}
+    settings = [word for key, value in vehicle.items() for word in ("--set", f"vehicle.{key}={value:.7f}")]
+    assert run("scenario", "check", "nominal_imu_uwb", *settings) == 0
+    hover = (1.2 * 9.81 / (4 * 0.00002)) ** 0.5
+    said = capsys.readouterr().out
+    assert f"1.2 kg, 4 rotors; hovers at {hover:.3g} rad/s, {hover / 900.0:.0%} of the largest speed" in said
+    assert f"lifts at most {(900.0 / hover) ** 2:.1f} times its weight" in said
+
+
 @pytest.mark.family
 @pytest.mark.parametrize(
     "words", [[], ["fly"], ["tables"], ["diagram"], ["scenario"], ["scenario", "check"], ["scenario", "show"]]

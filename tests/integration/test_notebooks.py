@@ -15,7 +15,11 @@ each_notebook = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path
 
 
 def runner() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("run_notebooks", ROOT / "scripts/run_notebooks.py")
+    return script("run_notebooks")
+
+
+def script(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, ROOT / f"scripts/{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -111,3 +115,14 @@ def test_a_kept_run_is_of_its_cells_alone_and_has_no_widgets(tmp_path: Path):
     assert not notebooks.kept_file(path, kept).exists()
     notebooks.keep(path, small_notebook("1 + 2"), kept)
     assert list(kept.iterdir()) == [notebooks.kept_file(path, kept)]
+
+
+@each_notebook
+def test_the_copy_for_students_has_the_exercises_and_no_solution(path: Path) -> None:
+    whole = nbformat.read(path, as_version=4)
+    copy = script("make_exercises").without_solutions(nbformat.read(path, as_version=4))
+    nbformat.validate(copy)
+    changed = [(old, new) for old, new in zip(whole.cells, copy.cells, strict=True) if old.source != new.source]
+    assert [old.cell_type for old, _ in changed] == ["markdown", "code"] * 2
+    assert not any("Solution" in cell.source for cell in copy.cells)
+    assert [new.source for _, new in changed][1::2] == ["# your solution\n"] * 2

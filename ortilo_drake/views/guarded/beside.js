@@ -2,6 +2,7 @@
 (() => {
   const SHOWN = 20;  // of the flight [s]
   const INK = "#1f2733", FAINT = "#5a6675", BAND = "#bfe0f5", LIT = "#0072b2", DARK = "#dfe3e8";
+  const SPARSE = 0.5;  // readings farther apart than that are marked [s]
   const LEFT = 44, RIGHT = 8;  // margins of a plot [px]
   const aside = document.createElement("aside");
   aside.id = "flight";
@@ -13,8 +14,9 @@
     <div id="note">waiting for the first tick</div>
     <h2>Arriving, as the lamps above the vehicle show; share of the last 5 s</h2><div id="lamps"></div>
     ${["x", "y", "z"].map((axis) => `<h2>Error in ${axis} [m], 3 sigma in blue</h2><canvas id="of-${axis}"></canvas>`).join("")}
-    <h2>Arrived, over time [s]</h2><canvas id="strips"></canvas>`;
+    <h2>Arrived, over the last 20 s of the flight</h2><canvas id="strips"></canvas>`;
   document.body.prepend(aside);
+  document.title = "ortilo live";
   viewer.set_3d_pane_size();
   const put = (id, text) => { document.getElementById(id).textContent = text; };
   const cm = (metres) => metres === null ? "–" : `${(100 * metres).toFixed(1)} cm`;  // null: it has diverged
@@ -44,7 +46,7 @@
     pen.fillStyle = FAINT;
     pen.textAlign = "center";
     for (let time = 5 * Math.ceil((end - SHOWN) / 5); time <= end; time += 5) {
-      pen.fillText(time, at(time), height - 6);
+      pen.fillText(`${time} s`, at(time), height - 6);
     }
   };
 
@@ -69,6 +71,10 @@
     pen.strokeStyle = INK;
     pen.lineWidth = 1.3;
     pen.stroke();
+    pen.fillStyle = INK;
+    past.forEach((one, k) => {  // a slow browser: the points, of which the line between is a guess
+      if (k && one.time - past[k - 1].time > SPARSE) pen.fillRect(at(one.time) - 2, up(one.by_axis[axis][0]) - 2, 4, 4);
+    });
     drawTimes(plot);
   };
 
