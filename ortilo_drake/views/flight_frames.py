@@ -12,7 +12,7 @@ from ortilo_drake.flight.flight import AXES, scenario_of
 from ortilo_drake.model.optional import later
 from ortilo_drake.scenario import PositionBlackout
 from ortilo_drake.views.figures import COLOR, draw_arrivals
-from ortilo_drake.views.scene_view import draw_boxes, make_camera_view, make_room_view
+from ortilo_drake.views.scene_view import FLOWN, PLANNED, draw_boxes, make_camera_view, make_room_view
 
 cv2 = later("cv2")
 
@@ -52,7 +52,7 @@ def error_strip(flight: xr.Dataset, width: int, height: int) -> tuple[np.ndarray
             axes = figure.add_subplot(grid[i])
             axes.fill_between(time, -3 * sigma[:, i], 3 * sigma[:, i], color="#56B4E9", alpha=0.35, lw=0)
             axes.plot(time, error[:, i], color="k", lw=0.7)
-            axes.set_ylabel(f"{axis} [m]")
+            axes.set_ylabel(f"error\n{axis} [m]")
             axes.tick_params(labelbottom=False)
         draw_arrivals(figure.add_subplot(grid[3]), flight)
         for axes in figure.axes:
@@ -74,6 +74,15 @@ def _write(picture: np.ndarray, text: str) -> None:
     (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.4, 1)
     cv2.rectangle(picture, (0, 0), (width + 12, height + 11), (0, 0, 0), cv2.FILLED)
     cv2.putText(picture, text, (6, height + 6), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (255, 255, 255), 1, cv2.LINE_AA)
+
+
+def _name_paths(picture: np.ndarray) -> None:
+    """Write the names of the two paths beside lines of their colours into the lower left corner."""
+    low, width = picture.shape[0], 160
+    cv2.rectangle(picture, (0, low - 20), (width, low), (255, 255, 255), cv2.FILLED)
+    for left, name, color in ((6, "planned", PLANNED), (92, "flown", FLOWN)):
+        cv2.line(picture, (left, low - 10), (left + 16, low - 10), color, 2)
+        cv2.putText(picture, name, (left + 20, low - 6), cv2.FONT_HERSHEY_SIMPLEX, 0.38, (0, 0, 0), 1, cv2.LINE_AA)
 
 
 def _thinned(points: np.ndarray) -> np.ndarray:
@@ -121,6 +130,7 @@ def make_views(flight: xr.Dataset, panel: int) -> Callable[[int], np.ndarray]:
         flown = x[np.append(shown[shown < tick], tick), :3]
         right = room_view(x[tick], flown)
         _write(right, f"{time[tick]:5.1f} s   {scenario.name}, seed {scenario.seed}")
+        _name_paths(right)
         return np.hstack([camera_picture(tick), right])
 
     return views

@@ -75,6 +75,8 @@ def place(
     for its in found.room.landmarks if landmarks else ():
         out.print(f"  {its.label:12} ({', '.join(f'{value:.3f}' for value in its.position)})", markup=False)
     say_written(out_file, json_file)
+    if out_file is not None:
+        out.print(f"  next: ortilo room show {out_file} --png out/room.png", markup=False, soft_wrap=True)
 
 
 def _print_worst(when: str, worst: "Worst") -> None:

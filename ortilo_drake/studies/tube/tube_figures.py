@@ -128,7 +128,7 @@ def _draw_map(
 ) -> None:  # fmt: skip
     """Fill the margins over (a, b), draw the boundaries and the points flown, and say below what they are."""
     bar = figure.colorbar(fill_margins(axes, margins), ax=axes, pad=0.02)
-    bar.set_label("least of corridor less tube [m]")
+    bar.set_label("smallest margin: corridor minus tube [m]")
     log, level = np.log10(np.maximum(chance.chance.T, 1e-12)), [np.log10(THREE_SIGMA)]
     axes.contour(chance.a, chance.b, log, levels=level, colors=ORANGE, linewidths=2.2, linestyles="--")
     lines = [
@@ -191,14 +191,14 @@ def plan_figure(scenario: Scenario, nominal: NominalFlight, flights: dict[Point,
     """Draw the room from above with the tube along the path and the flights on it, one plan for each pair of rates."""
     names = _names(map_sensors(scenario))
     with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(9.5, 3.6 * len(flights)), layout="constrained")
+        figure = Figure(figsize=(9.5, 3.6 * len(flights) + 0.3), layout="constrained")
         for row, (pair, flown) in enumerate(flights.items()):
             axes = figure.add_subplot(len(flights), 1, row + 1)
             draw_room(axes, scenario.load_room(), scenario)
             tube = predict_tube(with_rates(scenario, *pair), nominal)
             for r, radius in zip(tube.r[::4], tube.radius[::4], strict=True):
                 axes.add_patch(Circle((r[0], r[1]), radius, facecolor=INSIDE, lw=0, zorder=0.5))
-            axes.plot(*tube.r[:, :2].T, "k--", lw=1.0, zorder=3)
+            axes.plot(*tube.r[:, :2].T, "k--", lw=1.0, zorder=3, label="planned")
             for flight in flown:
                 n = len(flight.deviation)
                 track = tube.r[:n, :2] + flight.deviation[:, :2]
@@ -207,6 +207,13 @@ def plan_figure(scenario: Scenario, nominal: NominalFlight, flights: dict[Point,
                 if flight.lost is not None:
                     axes.plot(*track[-1], "X", color=ORANGE, mec="k", ms=7, zorder=4)
             lost = sum(flight.lost is not None for flight in flown)
-            rates = ", ".join(f"{name} {rate:g}" for name, rate in zip(names, pair, strict=True))
-            axes.set_title(f"{rates} of the messages: {len(flown)} flights, {lost} lost", fontsize=10)
+            rates = " and ".join(f"{100.0 * rate:g} % of {name}" for name, rate in zip(names, pair, strict=True))
+            axes.set_title(f"{rates} messages arrive: {len(flown)} flights, {lost} lost", fontsize=10)
+        drawn = [
+            Line2D([], [], color=INSIDE, lw=8, label="3-sigma tube"),
+            Line2D([], [], color=BLUE, lw=1.5, label="a flight"),
+            Line2D([], [], color=ORANGE, marker="X", mec="k", label="a lost flight"),
+        ]
+        handles = [*axes.get_legend_handles_labels()[0], *drawn]
+        figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=9, frameon=False)
         return save_picture(figure, path)
