@@ -12,7 +12,7 @@ from ortilo_drake.flight.flight import AXES, scenario_of
 from ortilo_drake.model.optional import later
 from ortilo_drake.scenario import PositionBlackout
 from ortilo_drake.views.figures import COLOR, draw_arrivals
-from ortilo_drake.views.scene_view import draw_boxes, make_camera_view, make_room_view
+from ortilo_drake.views.scene_view import FLOWN, PLANNED, draw_boxes, make_camera_view, make_room_view
 
 cv2 = later("cv2")
 
@@ -76,6 +76,15 @@ def _write(picture: np.ndarray, text: str) -> None:
     cv2.putText(picture, text, (6, height + 6), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (255, 255, 255), 1, cv2.LINE_AA)
 
 
+def _name_paths(picture: np.ndarray) -> None:
+    """Write the names of the two paths beside lines of their colours into the lower left corner."""
+    low, width = picture.shape[0], 160
+    cv2.rectangle(picture, (0, low - 20), (width, low), (255, 255, 255), cv2.FILLED)
+    for left, name, color in ((6, "planned", PLANNED), (92, "flown", FLOWN)):
+        cv2.line(picture, (left, low - 10), (left + 16, low - 10), color, 2)
+        cv2.putText(picture, name, (left + 20, low - 6), cv2.FONT_HERSHEY_SIMPLEX, 0.38, (0, 0, 0), 1, cv2.LINE_AA)
+
+
 def _thinned(points: np.ndarray) -> np.ndarray:
     """Return the indices of points about _PATH_STEP apart along a path, the last point included."""
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
@@ -121,6 +130,7 @@ def make_views(flight: xr.Dataset, panel: int) -> Callable[[int], np.ndarray]:
         flown = x[np.append(shown[shown < tick], tick), :3]
         right = room_view(x[tick], flown)
         _write(right, f"{time[tick]:5.1f} s   {scenario.name}, seed {scenario.seed}")
+        _name_paths(right)
         return np.hstack([camera_picture(tick), right])
 
     return views

@@ -1,6 +1,7 @@
 """The study of faults: its catalogue, its phases and recovery, its report, and a small one flown by the command."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -169,7 +170,9 @@ def test_the_report_has_a_row_for_each_fault_and_scenario(tmp_path: Path) -> Non
     assert "| gust | mine | 20 [?] | 20 [?] | 2.0 [?] | 2.0 [?] |" in text
     assert "| clock_jump | yours | lost | lost | lost | lost |" in text
     assert "| clock_jump | yours | 1 of 1 [21, 100 %] | - | - | - | - | - | - | - | - | no: lost |" in text
-    assert fault_figure(found, tmp_path / "faults.png").stat().st_size > 5000
+    said = re.findall(r"<text[^>]*>([^<]+)</text>", fault_figure(found, tmp_path / "faults.svg").read_text())
+    assert {"gust", "clock jump", "mine", "yours", "during the fault", "all lost"} <= set(said)
+    assert any(line.startswith("Error of the estimated position") for line in said)
 
 
 @pytest.mark.long

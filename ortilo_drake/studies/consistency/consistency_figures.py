@@ -22,6 +22,8 @@ from ortilo_drake.views.figures import TITLE
 from ortilo_drake.views.palette import BLUE, GREEN, GREY, ORANGE, SKY, STYLE
 from ortilo_drake.views.pictures import save_picture
 
+_SMALLEST_P = 1e-16  # what double precision tells from 0
+
 
 def _draw_nees(axes: Axes, flights: Sequence[xr.Dataset]) -> None:
     """Draw the flights' average NEES of position at each tick, its 95 % band and how many are in a blackout."""
@@ -35,31 +37,27 @@ def _draw_nees(axes: Axes, flights: Sequence[xr.Dataset]) -> None:
         black[: len(here)] += here
     axes.fill_between(time, low, high, color=SKY, alpha=0.4, lw=0, label="95 % band if consistent")
     axes.plot(time, np.maximum(average, 1e-4), color="k", lw=0.9, label=f"mean of {len(flights)} flights")
-    axes.axhline(3.0, color=BLUE, lw=0.8, ls="--")
+    axes.axhline(3.0, color=BLUE, lw=0.8, ls="--", label="3, its mean if consistent")
     axes.set_yscale("log")
     # The bar below the curve shows the share of flights in a UWB blackout, dark where it is all of them.
     bar = axes.inset_axes((0.0, 0.0, 1.0, 0.035))
     bar.imshow((black / count)[np.newaxis], aspect="auto", cmap="Greys", vmin=0.0, vmax=1.0)
     bar.set_axis_off()
     shown = average[time > 1.0] if time[-1] > 1.0 else average
-    limits = (
-        min(0.5, 0.5 * max(float(np.nanmin(shown)), 1e-3)),
-        max(20.0, 5.0 * float(np.nanmax(average))),
-    )  # room for a legend
+    limits = min(0.5, 0.5 * max(float(np.nanmin(shown)), 1e-3)), max(20.0, 1.5 * float(np.nanmax(average)))
     axes.set(xlim=(0.0, time[-1]), ylim=limits, ylabel="NEES of position [-]")
 
 
 def nees_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
     """Draw the average NEES of position over time with its band, one row for each scenario."""
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(10, 2.4 * len(flights) + 0.5), layout="constrained")
+        figure = Figure(figsize=(10, 2.4 * len(flights) + 0.7), layout="constrained")
         for k, (name, rows) in enumerate(flights.items()):
             axes = figure.add_subplot(len(flights), 1, k + 1)
             _draw_nees(axes, rows)
-            axes.set_title(f"{TITLE.get(name, name)}  (3 if consistent; black bar: flights in a blackout)", loc="left")
-            if k == 0:
-                axes.legend(loc="upper right", ncols=2, fontsize=8)
+            axes.set_title(f"{TITLE.get(name, name)}  (black bar: flights in a blackout)", loc="left")
         figure.axes[-1].set_xlabel("time [s]")
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
         return save_picture(figure, path)
 
 
@@ -68,9 +66,8 @@ def whiteness_figure(reports: dict[str, ConsistencyReport], path: Path) -> Path:
     sensors = list(dict.fromkeys(s for report in reports.values() for s in report.whiteness))
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(3.4 * len(sensors) + 0.4, 2.2 * len(reports) + 0.5), layout="constrained")
-        grid = figure.subplots(len(reports), len(sensors), squeeze=False, sharex=True, sharey="row")
+        grid = figure.subplots(len(reports), len(sensors), squeeze=False, sharex=True)
         for row, (name, report) in zip(grid, reports.items(), strict=True):
-            low, high = -0.15, 0.15
             for axes, sensor in zip(row, sensors, strict=True):
                 found = report.whiteness.get(sensor)
                 if found is None:
@@ -86,10 +83,9 @@ def whiteness_figure(reports: dict[str, ConsistencyReport], path: Path) -> Path:
                 for i, colour in zip(range(min(m, 3)), (BLUE, ORANGE, GREEN), strict=False):
                     label = (described(sensor).components or "123")[i]
                     axes.plot(lags + 0.16 * (i - 1), r[:, i], "o", ms=3, color=colour, label=label)
-                low, high = min(low, 1.1 * float(np.nanmin(r))), max(high, 1.1 * float(np.nanmax(r)))
-                p = "p < 1e-16" if lagged.p_value < 1e-16 else f"p = {lagged.p_value:.2g}"
-                axes.set_title(f"{TITLE.get(name, name)}: {title_of(sensor)}, {p}", fontsize=8)
-            row[0].set_ylim(low, high)
+                axes.set_ylim(min(-0.15, 1.1 * float(np.nanmin(r))), max(0.15, 1.1 * float(np.nanmax(r))))
+                p = f"= {lagged.p_value:.2g}" if lagged.p_value >= _SMALLEST_P else f"< {_SMALLEST_P:g}"
+                axes.set_title(f"{TITLE.get(name, name)}: {title_of(sensor)}, p {p}", fontsize=8)
         for axes in grid[-1]:
             axes.set_xlabel("lag [arrivals]")
             axes.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -1,6 +1,7 @@
 """The report of a study of faults: a summary, a table and a heat map."""
 
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import matplotlib as mpl
@@ -39,6 +40,8 @@ _HEADER = [
 _MEDIANS = ["fault", "scenario", "during [mm]", "after [mm]", "during, times", "after, times"]
 _WORST = 10.0  # times; more is drawn in the same colour
 _TICKS = (1.0, 2.0, 3.0, 5.0, 10.0)  # of the colour bar
+_ACRONYMS = ["imu", "nlos", "uwb", "yolo"]
+_WIDEST = 13  # letters of a column's label in a line
 _LOST = "#404040"  # where all flights are lost
 
 
@@ -99,16 +102,15 @@ def _verdict(row: FaultRow) -> str:
     return f"no: {', '.join(fails)}" if fails else "yes"
 
 
-def _in_words(fault: str) -> str:
-    return fault.replace("_", " ").replace("nlos", "NLOS").replace("uwb", "UWB").replace("imu", "IMU")
+def _in_words(name: str) -> str:
+    return " ".join(word.upper() if word in _ACRONYMS else word for word in name.split("_"))
 
 
 def fault_figure(found: FaultStudy, path: Path) -> Path:
     """Draw how many times the error grows during and after each fault, and how many flights are lost."""
     faults = list(dict.fromkeys(row.fault for row in found.rows))
     with mpl.rc_context(STYLE):
-        width = 3.2 + 1.7 * len(found.scenarios)
-        figure = Figure(figsize=(width + 2.0, 0.32 * len(faults) + 1.9), layout="constrained")
+        figure = Figure(figsize=(4.6 + 1.7 * len(found.scenarios), 0.28 * len(faults) + 1.6), layout="constrained")
         panels = figure.subplots(1, 2, sharey=True)
         colors = mpl.colormaps["YlOrRd"].with_extremes(over=_LOST)
         for axes, part in zip(panels, ("during", "after"), strict=True):
@@ -122,14 +124,18 @@ def fault_figure(found: FaultStudy, path: Path) -> Path:
                 dark = values[i, j] > _WORST**0.6
                 axes.text(j, i, text, ha="center", va="center", color="w" if dark else "k", fontsize=8)
             drawn = axes.imshow(values, aspect="auto", cmap=colors, norm=LogNorm(1.0, _WORST))
-            several = {"rotation": 20, "ha": "right"} if len(found.scenarios) > 1 else {}
-            axes.set_xticks(range(len(found.scenarios)), found.scenarios, **several)
-            axes.set_yticks(range(len(faults)), [_in_words(fault) for fault in faults])
+            axes.set_xticks(range(len(found.scenarios)), [fill(_in_words(name), _WIDEST) for name in found.scenarios])
+            axes.set_yticks(range(len(faults)), map(_in_words, faults))
             axes.set_title(f"{part} the fault")
             axes.tick_params(length=0)
             axes.spines[:].set_visible(False)
-        bar = figure.colorbar(drawn, ax=panels, label="error with the fault /\nerror without it [1]")
-        figure.suptitle("How many times larger the position error is with a fault")
-        bar.set_ticks(_TICKS, labels=[f"{tick:g}" for tick in _TICKS[:-1]] + [f"{_WORST:g} or more"])
+        bar = figure.colorbar(drawn, ax=panels, label="error with the fault / error without it [-]", pad=0.01)
+        bar.set_ticks(_TICKS, labels=[f"{tick:g}" for tick in _TICKS[:-1]] + [f"≥ {_WORST:g}"])
         bar.minorticks_off()
+        flown = "1 flight" if found.flights == 1 else f"{found.flights} flights"
+        figure.suptitle(
+            "Error of the estimated position with a fault, divided by that without it\n"
+            f"{flown} with each fault, which begins at {found.start:g} s",
+            fontsize=10,
+        )
         return save_picture(figure, path)

@@ -13,15 +13,14 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import PercentFormatter
 
 from ortilo_drake.scenario.schema import scenario_keys
-from ortilo_drake.sensors.described import title_of
+from ortilo_drake.sensors.described import BUILT_IN, title_of
 from ortilo_drake.studies.maps.map_flights import Map, MapPoint
 from ortilo_drake.studies.maps.map_theory import MapTheory
 from ortilo_drake.studies.maps.sweep import Grid, Range
 from ortilo_drake.views.palette import BLUE, ORANGE, STYLE
 from ortilo_drake.views.pictures import save_picture
 
-LOST = "share of flights lost"
-FLOWN, BOUND = "flown", "theory: bound on the mean,\napproximate, near hover"
+BOUND = "theory: bound on the mean,\napproximate, near hover"
 LINK_NAMES = {
     "rate": "{} rate",
     "delay": "{} delay",
@@ -31,7 +30,9 @@ LINK_NAMES = {
     "loss.loss": "share of {} messages lost",
     "loss.mean_length": "mean burst of lost {} messages",
 }
+LOST = "flights lost [%]"
 THEORY = "magenta"  # stands out of both maps' colours
+_REDDEST = 0.5  # least share of lost flights that has the darkest colour
 _SHORTEST = 2.0  # a line that crosses fewer cells is not drawn
 _ROUND = (1.0, 2.0, 5.0)  # times powers of ten
 
@@ -59,21 +60,23 @@ def _values(found: Map, key: str) -> list[Any]:
     return list(dict.fromkeys(row.point[key] for row in found.rows))
 
 
-def _title(key: str) -> str:
-    """Return a setting's plain name with its unit, as on an axis."""
+def _title(key: str, numbers: bool) -> str:
+    """Return a setting's plain name, with the unit of its numbers, as on an axis."""
     unit = next((its.unit for its in scenario_keys(key) if its.key == key), "")
     group, _, of_link = key.partition(".link.")
     if of_link in LINK_NAMES:
         name = LINK_NAMES[of_link].format(title_of(group))
     else:
-        name = key.replace(".", " ").replace("_", " ").replace("uwb", "UWB").replace("imu", "IMU")
-    return name + (f" [{unit}]" if unit else "")
+        first, _, rest = key.replace("_", " ").partition(".")
+        name = f"{title_of(first) if first in BUILT_IN else first} {rest.replace('.', ' ')}".rstrip()
+    return f"{name} [{'-' if unit in ('', '1') else unit}]" if numbers else name
 
 
 def _heading(found: Map) -> str:
     fewest, most = min(row.flights for row in found.rows), max(row.flights for row in found.rows)
-    name = File(found.sweep.scenario).stem
-    return f"{name}, {fewest if fewest == most else f'{fewest} to {most}'} flights at each point"
+    name = found.sweep.scenario
+    name = File(name).stem if name.endswith((".yaml", ".yml")) else name
+    return f"{name}: {fewest if fewest == most else f'{fewest} to {most}'} flights at each point"
 
 
 def _say_none_lost(panel: Any, found: Map) -> None:
@@ -96,11 +99,13 @@ def _curves(panels: Any, found: Map, theory: MapTheory | None) -> None:
     if any(row.lost for row in rows):
         low, high = (np.array([getattr(row, f"lost_{end}") for row in rows]) for end in ("low", "high"))
         panels[0].fill_between(x, low, high, color=ORANGE, alpha=0.2, lw=0, label="95 % interval")
-        panels[0].plot(x, [row.lost / row.flights for row in rows], "o-", color=ORANGE, label=FLOWN, clip_on=False)
+        panels[0].plot(
+            x, [row.lost / row.flights for row in rows], "o-", color=ORANGE, label="of the flights flown", clip_on=False
+        )
         if theory is not None and theory.lost is not None:
             panels[0].plot(x, theory.lost, "--", color="k", lw=1.0, label=_law(theory))
         panels[0].set(ylabel=LOST, ylim=(0.0, min(1.0, 1.1 * high.max())))
-        panels[0].yaxis.set_major_formatter(PercentFormatter(1.0))
+        panels[0].yaxis.set_major_formatter(PercentFormatter(1.0, symbol=""))
         _legend_above(panels[0])
     else:
         _say_none_lost(panels[0], found)
@@ -115,7 +120,7 @@ def _curves(panels: Any, found: Map, theory: MapTheory | None) -> None:
     _legend_above(panels[1])
     axis = found.sweep.axes[key]
     for panel in panels:
-        panel.set_xlabel(_title(key))
+        panel.set_xlabel(_title(key, numbers))
         if not numbers:
             panel.set_xticks(x, [str(v) for v in values])
         elif isinstance(axis, Range) and axis.scale == "log":
@@ -137,22 +142,24 @@ def _heat(figure: Figure, panels: Any, found: Map, theory: MapTheory | None) -> 
     rms = cells(lambda row: np.nan if row.kept_rms is None else row.kept_rms)
     finite = rms[np.isfinite(rms)]
     spread = LogNorm(finite.min(), max(finite.max(), 1.01 * finite.min())) if finite.size else Normalize()
+    label = "median RMS error [m]" + ("" if len(finite) == rms.size else "; white: all lost")
     drawn = (
-        (panels[0], lost, Normalize(0.0, 1.0), "YlOrRd", LOST),
-        (panels[1], rms, spread, "viridis", "RMS error [m]; white: all lost"),
+        (panels[0], lost, Normalize(0.0, max(lost.max(), _REDDEST)), "YlOrRd", LOST),
+        (panels[1], rms, spread, "viridis", label),
     )
     none_lost = not lost.any()
     if none_lost:
         _say_none_lost(panels[0], found)
     for panel, values, norm, colors, label in drawn[none_lost:]:
         image = panel.imshow(values, origin="lower", aspect="auto", cmap=colors, norm=norm)
-        panel.set(xlabel=_title(second), ylabel=_title(first))
+        panel.set(xlabel=_title(second, _are_numbers(columns)), ylabel=_title(first, _are_numbers(rows)))
         panel.set_xticks(*_ticks(columns))
         panel.set_yticks(*_ticks(rows))
         panel.tick_params(length=0)
         panel.spines[:].set_visible(False)
-        percent_of = PercentFormatter(1.0) if label == LOST else None
-        bar = figure.colorbar(image, ax=panel, label=label, format=percent_of)
+        bar = figure.colorbar(image, ax=panel, label=label)
+        if panel is panels[0]:
+            bar.formatter = PercentFormatter(1.0, symbol="")
         if isinstance(norm, LogNorm):
             round_ticks = _round_levels(finite.min(), finite.max(), (1.0, 2.0, 3.0, 5.0))
             if len(round_ticks) > 1:
@@ -161,28 +168,22 @@ def _heat(figure: Figure, panels: Any, found: Map, theory: MapTheory | None) -> 
     percent, metres = {0.05: "5 %", 0.5: "50 %"}, {}
     if finite.size:
         metres = {level: f"{level:g} m" for level in _round_levels(finite.min(), finite.max(), _ROUND)}
-    lines = [(panels[0], lost, percent, FLOWN), (panels[1], rms, metres, FLOWN)]
+    _contours(panels[0], lost, percent, "equal share lost of the flights flown")
+    _contours(panels[1], rms, metres, "equal error of the flights kept")
     if theory is not None:
-        lines.append((panels[1], in_order(theory.rms), metres, BOUND))
+        _contours(panels[1], in_order(theory.rms), metres, BOUND, THEORY)
         if theory.lost is not None:
-            lines.append((panels[0], in_order(theory.lost), percent, _law(theory)))
-    for panel, values, names, whose in lines:
-        _contours(panel, values, names, whose)
-    if theory is not None:  # alone, the lines have their values beside them
-        for panel in panels:
-            if panel.get_legend_handles_labels()[0]:
-                _legend_above(panel)
+            _contours(panels[0], in_order(theory.lost), percent, _law(theory), THEORY)
 
 
-def _contours(panel: Any, values: np.ndarray, names: dict[float, str], whose: str) -> None:
-    """Draw the lines of those levels, and whose they are; nothing where there are none."""
+def _contours(panel: Any, values: np.ndarray, names: dict[float, str], said: str, color: str = "k") -> None:
+    """Draw the lines of those levels, with a halo that sets them off from the map; nothing where there are none."""
     shown = np.ma.masked_invalid(values)
     levels = sorted(level for level in names if shown.count() and shown.min() < level < shown.max())
     if not levels or min(values.shape) < 2:
         return
-    flown = whose == FLOWN
-    style = {"colors": "k", "linewidths": 0.8} if flown else {"colors": THEORY, "linewidths": 1.6, "linestyles": "--"}
-    lines = panel.contour(shown, levels=levels, **style)
+    width, dashes = (1.6, "--") if color == THEORY else (0.8, "-")
+    lines = panel.contour(shown, levels=levels, colors=color, linewidths=width, linestyles=dashes)
     long = [
         [Path(line) for line in at if np.hypot(*np.diff(line, axis=0).T).sum() >= _SHORTEST] for at in lines.allsegs
     ]
@@ -190,11 +191,11 @@ def _contours(panel: Any, values: np.ndarray, names: dict[float, str], whose: st
         lines.remove()
         return
     lines.set_paths([Path.make_compound_path(*paths) for paths in long])
-    halo = [withStroke(linewidth=2.2, foreground="white", alpha=0.85)]
-    lines.set_path_effects(halo)
-    for text in panel.clabel(lines, fmt=names, fontsize=8):
-        text.set_path_effects(halo)
-    panel.plot([], [], "-" if flown else "--", color="k" if flown else THEORY, lw=0.8 if flown else 1.6, label=whose)
+    lines.set_path_effects([withStroke(linewidth=width + 1.6, foreground="white", alpha=0.7)])
+    for text in panel.clabel(lines, fmt=names, fontsize=8, inline_spacing=2):
+        text.set_path_effects([withStroke(linewidth=2.5, foreground="white", alpha=0.9)])
+    panel.plot([], [], dashes, color=color, lw=width, label=said)
+    _legend_above(panel)
 
 
 def _law(theory: MapTheory) -> str:

@@ -67,8 +67,9 @@ CONTROLS = """<div class="bar">
 <select id="speed" aria-label="speed"><option value="0.25">¼×</option><option value="0.5">½×</option>
 <option value="1" selected>1×</option><option value="2">2×</option><option value="5">5×</option></select>
 </div>"""
-# Meshcat's own controls would play another time than the page's; its legend covers a small window.
-IN_SCENE = """<style>.dg { display: none !important } #legend { font-size: 11px; padding: 4px 8px }
+# Meshcat's own controls would play another time than the page's; its legend stands above the room, left of
+# the page's buttons, and would cover a small window.
+IN_SCENE = """<style>.dg { display: none !important } #legend { font-size: 11px; padding: 4px 8px; right: 205px }
 @media (max-width: 600px), (max-height: 300px) { #legend { display: none } }</style></body>"""
 VIEWS = """<div class="views"><button id="fit" type="button" aria-pressed="true">Whole room</button>
 <button id="follow" type="button" aria-pressed="false">Follow</button></div>"""

@@ -25,8 +25,8 @@ from ortilo_drake.world.scenery.meshcat_zones import Zone, draw_zones
 
 FRAME_RATE = 15.0  # of a replay [Hz]
 LEGEND_STYLE = """
-#legend { position: fixed; left: 10px; bottom: 10px; padding: 8px 12px; columns: 2;
-  background: rgba(255, 255, 255, 0.8); font: 13px/1.5 sans-serif }
+#legend { position: fixed; left: 0; top: 0; right: 250px; padding: 6px 10px; display: flex; flex-wrap: wrap;
+  gap: 0 14px; background: rgba(255, 255, 255, 0.8); font: 13px/1.5 sans-serif }
 #legend span { display: inline-block; width: 12px; height: 12px; margin-right: 6px }
 """
 AROUND = np.array([1.5, 3.5, 1.5])  # [m] of the room to show around a replayed flight

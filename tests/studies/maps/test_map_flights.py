@@ -195,9 +195,9 @@ def test_a_curve_has_the_tables_intervals_and_its_names(monkeypatch: pytest.Monk
     rows = [dataclasses.replace(row, kept_interval=(0.1, 0.4)) for row in rows]
     figure = map_figure(Map(of, rows, None), Path())
     lost, errors = figure.axes
-    assert [axes.get_xlabel() for axes in figure.axes] == ["share of UWB messages lost"] * 2
-    assert (lost.get_ylabel(), errors.get_ylabel()) == ("share of flights lost", "RMS error [m]")
-    assert figure.get_suptitle() == "nominal_imu_uwb, 10 flights at each point"
+    assert [axes.get_xlabel() for axes in figure.axes] == ["share of UWB messages lost [-]"] * 2
+    assert (lost.get_ylabel(), errors.get_ylabel()) == ("flights lost [%]", "RMS error [m]")
+    assert figure.get_suptitle() == "nominal_imu_uwb: 10 flights at each point"
     (bars,) = errors.containers
     np.testing.assert_allclose([bar[:, 1] for bar in bars.lines[2][0].get_segments()], [[0.1, 0.4]] * 3)
     figure.draw_without_rendering()

@@ -125,6 +125,24 @@ def test_a_heat_map_rises_along_named_axes_with_round_lines_and_no_fragment(monk
     assert not lost.texts
 
 
+def test_one_lost_flight_of_twenty_is_no_catastrophe_and_lines_stand_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The colours' scale has at least half of the flights; a halo makes the lines readable on dark cells."""
+    monkeypatch.setattr("ortilo_drake.studies.maps.map_figure.save_picture", lambda figure, path: figure)
+    axes = {LOSS: [0.2, 0.5, 0.8], "uwb.noise.fraction": [0.01, 0.02, 0.1]}
+    found = made(axes, lambda p: 100 * (p[LOSS] > 0.6))
+    of = found.sweep.model_copy(update={"scenario": "rooms/mine.yaml"})
+    rows = [dataclasses.replace(row, kept_rms=10.0 * row.point["uwb.noise.fraction"]) for row in found.rows]
+    figure = map_figure(dataclasses.replace(found, sweep=of, rows=rows), Path())
+    lost, errors, bar, _ = figure.axes
+    assert lost.images[0].get_clim() == (0.0, 0.5)
+    assert bar.get_ylabel() == "flights lost [%]"
+    assert figure.get_suptitle().startswith("mine: ")
+    for axes in (lost, errors):
+        assert axes.get_xlabel() == "UWB noise fraction [-]"
+        assert all(drawn.get_path_effects() for drawn in (*axes.texts, *axes.collections))
+    assert errors.texts
+
+
 @pytest.mark.parametrize(
     ("axes", "why"),
     [
