@@ -1,12 +1,11 @@
 """The command `ortilo room place`: where anchors best stand for a scenario's path."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ortilo_drake.commands.options import JsonOption, SetOption, finite, quiet_drake
-from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_if_compiling, say_written, write_json
+from ortilo_drake.commands.options import JsonOption, RoomFileOption, SetOption, finite
+from ortilo_drake.commands.terminal import out, progress_bar, say_if_compiling, say_written, write_json
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.room import MAX_ANCHORS, MAX_LANDMARKS
 
@@ -24,7 +23,7 @@ def place(
         float, typer.Option(min=0.25, max=100.0, callback=finite, help="Spacing of the grid of mounting places, in m.")
     ] = 1.5,
     settings: SetOption = None,
-    out_file: Annotated[Path | None, typer.Option("--out", help="Write the room to this .yaml.")] = None,
+    out_file: RoomFileOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """Place N anchors on walls and ceiling to minimise the largest position error along the path.
@@ -36,14 +35,10 @@ def place(
         raise InputError(f"N: {n}: must be {FIX} to {MAX_ANCHORS}")
     if not 0 <= landmarks <= MAX_LANDMARKS:
         raise InputError(f"--landmarks {landmarks}: must be 0 to {MAX_LANDMARKS}")
-    if out_file is not None and out_file.suffix not in (".yaml", ".yml"):
-        raise InputError(f"--out {out_file}: must end in .yaml")
-    check_writable(out_file, json_file)
     from ortilo_drake.flight.files import write_text
     from ortilo_drake.studies.room_design.place import place_anchors, room_text
     from ortilo_drake.studies.rooms.room_scenario import scenario_of
 
-    quiet_drake()
     say_if_compiling()
     chosen = scenario_of(what, tuple(settings or ()))
     with progress_bar() as progress:
@@ -76,7 +71,7 @@ def place(
         out.print(f"  {its.label:12} ({', '.join(f'{value:.3f}' for value in its.position)})", markup=False)
     say_written(out_file, json_file)
     if out_file is not None:
-        out.print(f"  next: ortilo room show {out_file} --png out/room.png", markup=False, soft_wrap=True)
+        out.print(f"  to see it: ortilo room show {out_file} --png out/room.png", markup=False, soft_wrap=True)
 
 
 def _print_worst(when: str, worst: "Worst") -> None:
