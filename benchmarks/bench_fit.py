@@ -32,21 +32,25 @@ REST, FLIGHT, RATE, IMU_RATE, TRUTH_RATE = 3.0, 40.0, 320, 250, 100
 ROTATION, FORCE = np.array([0.004, 0.005, 0.006]), np.array([0.05, 0.06, 0.07])  # densities of the IMU
 LIKE_RANGES = UwbNoise(
     white=0.03,
+    freedom=4.0,
     lasting=LastingNoise(time=0.55, sd=0.045),
     outliers=Outliers(share=0.01, sd=0.5, burst=1.5),
     constants_sd=0.07,
 )
 LIKE_DIFFERENCES = UwbNoise(
-    white=0.06,
-    lasting=LastingNoise(time=0.6, sd=0.2),
-    outliers=Outliers(share=0.06, sd=0.8, burst=1.5),
+    white=0.035,
+    freedom=1.4,
+    lasting=LastingNoise(time=0.6, sd=0.17),
+    outliers=Outliers(share=0.03, sd=1.0, burst=1.5),
     constants_sd=0.08,
     differences=True,
 )
 KINDS = {
     "ranges": LIKE_RANGES,
     "differences": LIKE_DIFFERENCES,
-    "places": LIKE_DIFFERENCES.model_copy(update={"field": FieldNoise(length=0.8, sd=0.2)}),
+    "places": LIKE_DIFFERENCES.model_copy(
+        update={"white": 0.06, "freedom": None, "field": FieldNoise(length=0.8, sd=0.2)}
+    ),
 }
 NAMES = list(map(str, range(len(ANCHORS))))
 MAP = f"""
@@ -118,6 +122,8 @@ def true_numbers(noise: UwbNoise, constants: np.ndarray) -> dict[str, float]:
         "uwb.outliers.share": noise.outliers.share,
         "uwb.outliers.sd": noise.outliers.sd,
     }
+    if noise.freedom is not None:
+        found["uwb.freedom"] = noise.freedom
     if noise.field is not None:
         found |= {"uwb.field.length": noise.field.length, "uwb.field.sd": noise.field.sd}
     found |= {f"uwb.constants.{i}": float(c) for i, c in enumerate(constants)}

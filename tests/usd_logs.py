@@ -45,7 +45,7 @@ FLIGHTS = {  # which day's anchors, and by how much the sensors look down below 
 TUNED_ON = ("0425-traj2", "0426-traj2", "0426-traj9")
 FILTER = """
   {acceleration: 0.05, acceleration_bias: 0.004, rotation: 0.005, rotation_bias: 0.0005, bias_start: 0.07,
-   bias_walk: 0.0005, range_white: 0.2, range_correlated: 0.18, correlation_time: 1.0, range_tail: 0.5, near_floor: 0.5,
+   bias_walk: 0.0005, range_white: 0.2, range_correlated: 0.14, correlation_time: 1.0, range_tail: 0.7, near_floor: 0.5,
    huber: 1.2, gate: 5}"""
 
 

@@ -78,9 +78,11 @@ def as_white(noise: NoiseFile) -> NoiseFile:
     """Return white noise of the same size: what lasts of the errors is drawn anew for each row."""
     uwb = noise.uwb
     lasts = sum(part.sd**2 for part in (uwb.lasting, uwb.field) if part is not None)
-    white = math.sqrt(uwb.white**2 + (2.0 if uwb.differences else 1.0) * lasts)
+    white = math.sqrt(uwb.white_rms**2 + (2.0 if uwb.differences else 1.0) * lasts)
     outliers = Outliers(share=uwb.outliers.share, sd=uwb.outliers.sd)
-    plain = uwb.model_copy(update={"white": white, "lasting": None, "field": None, "outliers": outliers})
+    plain = uwb.model_copy(
+        update={"white": white, "freedom": None, "lasting": None, "field": None, "outliers": outliers}
+    )
     return noise.model_copy(update={"uwb": plain})
 
 

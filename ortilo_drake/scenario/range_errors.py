@@ -3,12 +3,28 @@
 import math
 from typing import Annotated
 
+import numpy as np
 from pydantic import Field, NonNegativeFloat
+from scipy.special import gammaincinv
 
 from ortilo_drake.model.typed_yaml import Frozen, Positive
 
 Share = Annotated[float, Field(ge=0.0, le=0.5)]
 Length = Annotated[float, Field(ge=-100.0, le=100.0)]
+
+
+SCALES = 6  # normals of a heavy tail
+
+
+def white_scales(freedom: float | None) -> np.ndarray:
+    """Return the factors of the white deviation, each as likely: one, or those of Student's t.
+
+    Student's t is a mixture of normals, of variances n / chi^2 at n degrees of freedom (Lange, Little and Taylor,
+    J. Am. Stat. Assoc. 84, 1989). The quantiles of six equal parts stand for all, so that no row errs without bounds.
+    """
+    if freedom is None:
+        return np.ones(1)
+    return np.asarray(np.sqrt(0.5 * freedom / gammaincinv(0.5 * freedom, (np.arange(SCALES) + 0.5) / SCALES)))
 
 
 class LastingNoise(Frozen):
@@ -53,7 +69,8 @@ class UwbNoise(Frozen):
     """Errors of ranges, or of each anchor in a difference of ranges.
 
     Attributes:
-        white: standard deviation of a row's white error [m].
+        white: standard deviation of a row's white error [m]; Student's t scale if `freedom` is given.
+        freedom: Student's t degrees of freedom of the white error, less for a heavier tail; null if it is normal.
         lasting: the lasting part of each anchor's error; null for none.
         field: the part that belongs to places; null for none.
         outliers: rows that err by more.
@@ -67,6 +84,7 @@ class UwbNoise(Frozen):
     """
 
     white: NonNegativeFloat
+    freedom: Annotated[float, Field(ge=0.5, le=100.0)] | None = None
     lasting: LastingNoise | None = None
     field: FieldNoise | None = None
     outliers: Outliers = Outliers()
@@ -76,6 +94,11 @@ class UwbNoise(Frozen):
     near_floor: NonNegativeFloat = 0.0
     rate: NonNegativeFloat = 0.0
     missing: Share = 0.0
+
+    @property
+    def white_rms(self) -> float:
+        """The root mean square of the white error, its tail with it [m]."""
+        return self.white * float(np.sqrt(np.mean(white_scales(self.freedom) ** 2)))
 
     @property
     def of_single_ranges(self) -> "UwbNoise":

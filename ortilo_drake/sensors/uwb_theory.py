@@ -149,6 +149,7 @@ def left_out(scenario: Scenario) -> tuple[dict[str, bool], dict[str, bool]]:
         return out, {}
     return out | {
         "uwb.fitted.outliers": noise.outliers.share > 0.0 and noise.outliers.sd > 0.0,
+        "uwb.fitted.freedom": noise.freedom is not None,
         "uwb.fitted.constants": any(noise.constants or ()),
         "uwb.fitted.near_floor": noise.near_floor > 0.0,
         "uwb.fitted.missing": noise.missing > 0.0,

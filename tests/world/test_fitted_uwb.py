@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drake_box import PlayedBox
+from scipy.stats import t as student
 
 from ortilo_drake.loop.element import Box, Values
 from ortilo_drake.model.room import load_room
@@ -67,6 +68,12 @@ def test_white_noise_is_drawn_anew_and_grows_near_the_floor() -> None:
     near = errors(uwb_of(white=0.1, near_floor=1.4), 10)  # at that height the floor doubles errors
     np.testing.assert_allclose(near, 2.0 * e[:10], rtol=1e-9)
     assert [growth(z, 1.0) for z in (np.inf, 1.0, -1.0)] == [1.0, 2.0, 10.0]
+
+
+def test_a_heavy_tail_is_that_of_student_s_t() -> None:
+    e = np.abs(errors(uwb_of(white=0.1, freedom=2.0), 2500)).ravel()
+    for share in (0.3, 0.5, 0.8):  # six normals err by less far out
+        assert np.quantile(e, share) == pytest.approx(0.1 * student.ppf(0.5 + 0.5 * share, 2.0), rel=0.06)
 
 
 def test_its_white_noise_is_that_of_the_paper_s_receiver() -> None:

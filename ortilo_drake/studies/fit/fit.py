@@ -47,8 +47,10 @@ def fit_recordings(
             notes.append(f"{one.name}: the truth has no attitude: nothing is said of the imu")
     n = len(np.asarray(recordings[0].anchors))
     say("errors that last")
-    lasting = fit_lasting(errors, n)
+    lasting = fit_lasting(errors, n, tail=not places)
     figures: Figures = {"uwb.white": lasting.white, "uwb.lasting.time": lasting.time, "uwb.lasting.sd": lasting.sd}
+    if lasting.freedom is not None:
+        figures["uwb.freedom"] = lasting.freedom
     field = None
     if places:
         say("errors of places")
@@ -62,6 +64,7 @@ def fit_recordings(
     rate, missing = _rate([one.ranges.t for one in recordings])
     uwb = UwbNoise(
         white=at["uwb.white"],
+        freedom=at.get("uwb.freedom"),
         lasting=LastingNoise(time=at["uwb.lasting.time"], sd=at["uwb.lasting.sd"]),
         field=field,
         outliers=_outliers(errors, lasting, figures),

@@ -5,7 +5,8 @@ Gauss-Markov process of its own. An error of a range to b, or of a difference of
 
     e = c_b + g_b (- c_a - g_a) + white,   an outlier with probability q, whose error has a further deviation o
 
-A row's density is the mixture of both. What is known behind it has the mixture's mean and covariance (Bar-Shalom, Li
+The white part may have a heavy tail: it is Student's t by six normals (scenario/range_errors.py).
+A row's density is the mixture of all. What is known behind it has the mixture's mean and covariance (Bar-Shalom, Li
 and Kirubarajan, Estimation with Applications, 2001, section 11.6.4: the first generalised pseudo-Bayesian estimator).
 
 The likelihood is maximised. The intervals come from fits to blocks of time: their spread holds also where the errors
@@ -19,12 +20,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from ortilo_drake.scenario.range_errors import white_scales
 from ortilo_drake.studies.fit.greatest import TIMES, Interval, greatest, half_width, log_interval, normal_interval
 from ortilo_drake.studies.fit.range_errors import RangeErrors
 
 PRIOR = 1.0  # deviation of a constant [m]
-START = (0.5, 0.1, 0.1, 0.03, 1.0)  # time [s], deviations [m], share, deviation [m]
-LIMITS = ((0.02, 60.0), (1e-3, 5.0), (1e-3, 5.0), (1e-5, 0.4), (0.05, 30.0))
+START = (0.5, 0.1, 0.1, 0.03, 1.0, 3.0)  # time [s], deviations [m], share, deviation [m], degrees of freedom
+LIMITS = ((0.02, 60.0), (1e-3, 5.0), (1e-3, 5.0), (1e-5, 0.4), (0.05, 30.0), (0.5, 100.0))
 BLOCKS, NEAR = 10, (0.3,)  # of time, and the size of the search in each, in logarithms
 
 
@@ -37,6 +39,7 @@ def lasting_filter(
     x: np.ndarray,
     C: np.ndarray,
     numbers: np.ndarray,
+    scales: np.ndarray,
     outlier: np.ndarray,
 ) -> float:
     """Return the log-likelihood of a recording's errors; x and C become the constants' estimate after it.
@@ -49,6 +52,7 @@ def lasting_filter(
         x: the constants' means (n); changed.
         C: their covariance (n, n); changed.
         numbers: time constant [s], deviation of the lasting error, of the white one [m], q, and o [m].
+        scales: of the white deviation, as likely as each other (k).
         outlier: gets each row's probability to be one (m).
     """
     n, (tau, sd, white, share, far) = len(x), numbers
@@ -56,7 +60,9 @@ def lasting_filter(
     z[:n], S[:n, :n] = x, C
     for i in range(n, 2 * n):
         S[i, i] = sd * sd
-    column, total = np.empty(2 * n), 0.0
+    column, total, m = np.empty(2 * n), 0.0, len(scales)
+    variance, density, prior = np.empty(m + 1), np.empty(m + 1), np.full(m + 1, np.log((1.0 - share) / m))
+    prior[m] = np.log(share)
     for k in range(len(t)):
         h = t[k] - t[k - 1] if k > 0 else 0.0
         if h > 0.0:
@@ -74,21 +80,21 @@ def lasting_filter(
             column[i] = S[i, b] + S[i, n + b]
             if a >= 0:
                 column[i] -= S[i, a] + S[i, n + a]
-        y, V = e[k] - z[b] - z[n + b], white * white + column[b] + column[n + b]
+        y, V = e[k] - z[b] - z[n + b], column[b] + column[n + b]
         if a >= 0:
             y += z[a] + z[n + a]
             V -= column[a] + column[n + a]
-        U = V + far * far
-        usual = np.log(1.0 - share) - 0.5 * (np.log(2.0 * np.pi * V) + y * y / V)
-        odd = np.log(share) - 0.5 * (np.log(2.0 * np.pi * U) + y * y / U)
-        most = max(usual, odd)
-        density = most + np.log(np.exp(usual - most) + np.exp(odd - most))
-        total += density
-        p = np.exp(odd - density)
-        outlier[k] = p
-        moves = y * ((1.0 - p) / V + p / U)
-        spread = (1.0 - p) * (y / V) ** 2 + p * (y / U) ** 2 - moves * moves
-        known = (1.0 - p) / V + p / U - spread
+        variance[:m] = V + white * white * scales * scales
+        variance[m] = V + white * white + far * far
+        density[:] = prior - 0.5 * (np.log(2.0 * np.pi * variance) + y * y / variance)
+        most = density.max()
+        both = most + np.log(np.sum(np.exp(density - most)))
+        total += both
+        p = np.exp(density - both)
+        outlier[k] = p[m]
+        inverse = np.sum(p / variance)
+        moves = y * inverse
+        known = inverse - np.sum(p * (y / variance) ** 2) + moves * moves
         for i in range(2 * n):
             z[i] += column[i] * moves
             for j in range(2 * n):
@@ -101,8 +107,8 @@ class Lasting(NamedTuple):
     """The fitted lasting error.
 
     Time constant [s] and deviation of the lasting error [m], deviation of the white one [m], share of outliers and
-    their deviation [m]; constants by anchor [m], None of one that was not heard; and of each recording's rows the
-    probability to be outliers.
+    their deviation [m]; degrees of freedom of the white one, None if it is normal; constants by anchor [m], None of
+    one that was not heard; and of each recording's rows the probability to be outliers.
     """
 
     time: Interval
@@ -110,6 +116,7 @@ class Lasting(NamedTuple):
     white: Interval
     outliers: Interval
     outlier_sd: Interval
+    freedom: Interval | None
     constants: tuple[Interval | None, ...]
     outlier: list[np.ndarray]
 
@@ -118,24 +125,29 @@ def _run(
     errors: Sequence[RangeErrors], n: int, logs: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray, list[np.ndarray]]:
     x, C, total, outlier = np.zeros(n), PRIOR**2 * np.eye(n), 0.0, []
+    numbers = np.exp(logs)
+    scales = white_scales(float(numbers[5]) if len(numbers) > 5 else None)
     for one in errors:
         odd = np.empty(len(one.t))
-        total += lasting_filter(one.t, one.anchor, one.other, one.e, x, C, np.exp(logs), odd)
+        total += lasting_filter(one.t, one.anchor, one.other, one.e, x, C, numbers[:5], scales, odd)
         outlier.append(odd)
     return total, x, C, outlier
 
 
-def fit_lasting(errors: Sequence[RangeErrors], n: int) -> Lasting:
-    """Return the fit to the errors of each recording, for n anchors."""
-    logs = greatest(lambda at: _run(errors, n, at)[0], np.log(START), LIMITS)
+def fit_lasting(errors: Sequence[RangeErrors], n: int, tail: bool = True) -> Lasting:
+    """Return the fit to the errors of each recording, for n anchors; the white one normal without a tail."""
+    start, limits = (START, LIMITS) if tail else (START[:-1], LIMITS[:-1])
+    logs = greatest(lambda at: _run(errors, n, at)[0], np.log(start), limits)
     _, x, C, outlier = _run(errors, n, logs)
 
     def of_block(block: RangeErrors) -> np.ndarray:
-        return greatest(lambda at: _run([block], n, at)[0], logs, LIMITS, NEAR)
+        return greatest(lambda at: _run([block], n, at)[0], logs, limits, NEAR)
 
     halves = widest([np.array([of_block(block) for block in blocks]) for blocks in _blocks(errors)])
-    time, sd, white, share, far = (log_interval(at, half / TIMES) for at, half in zip(logs, halves, strict=True))
-    return Lasting(time, sd, white, share, far, _constants(errors, n, x, C), outlier)
+    found = [log_interval(at, half / TIMES) for at, half in zip(logs, halves, strict=True)]
+    time, sd, white, share, far = found[:5]
+    freedom = found[5] if tail else None
+    return Lasting(time, sd, white, share, far, freedom, _constants(errors, n, x, C), outlier)
 
 
 def widest(each: Sequence[np.ndarray]) -> np.ndarray:

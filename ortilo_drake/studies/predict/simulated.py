@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from ortilo_drake.interop.recorded.range_rows import Ranges
 from ortilo_drake.interop.recorded.recording import Imu, Recording
 from ortilo_drake.scenario.noise_file import ImuNoise, NoiseFile
-from ortilo_drake.scenario.range_errors import UwbNoise
+from ortilo_drake.scenario.range_errors import UwbNoise, white_scales
 from ortilo_drake.studies.fit.imu_errors import BodyPath
 from ortilo_drake.studies.recorded.calibrate import Calibration
 from ortilo_drake.studies.recorded.truth_path import modelled
@@ -93,7 +93,10 @@ def draw_errors(
     white = noise.white * np.where(is_difference, np.sqrt(2.0), 1.0)
     constant = day.constants[ranges.anchor] - np.where(is_difference, day.constants[a], 0.0)
     lasts = own[rows, ranges.anchor] - np.where(is_difference, own[rows, a], 0.0)
-    return np.asarray(row_error(constant, lasts, s, white, far, rng.standard_normal(len(rows))))
+    v = rng.standard_normal(len(rows))
+    if noise.freedom is not None:
+        white = white * np.where(far > 0.0, 1.0, rng.choice(white_scales(noise.freedom), len(rows)))
+    return np.asarray(row_error(constant, lasts, s, white, far, v))
 
 
 def simulated(

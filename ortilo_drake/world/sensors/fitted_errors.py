@@ -8,6 +8,8 @@ c_i is a constant, g_i first-order Gauss-Markov noise (slow_error.py), f_i a fie
 standard normal. Outliers are a two-state chain along the rows of an anchor: they begin with probability q / ((1 - q) b)
 and end with 1 / b, so that a share q of all rows are some, b in a row on average (E. N. Gilbert, "Capacity of a
 burst-noise channel", 1960). Constants and fields are the same in all flights of a day.
+
+With a heavy tail w is that times one of six factors, drawn for each row that is no outlier (white_scales).
 """
 
 from typing import NamedTuple
@@ -16,8 +18,9 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.scenario.range_errors import UwbNoise
+from ortilo_drake.scenario.range_errors import UwbNoise, white_scales
 from ortilo_drake.world.drawn_truth import AtStart
+from ortilo_drake.world.noise import uniforms
 from ortilo_drake.world.sensors.matern_field import FEATURES, NUMBERS, MaternField, field_of
 
 NEAREST, LARGEST = 0.02, 10.0  # no antenna is nearer to the floor than this [m], and no error grows by more
@@ -63,6 +66,17 @@ def growth(height: float, near_floor: float) -> float:
 
 
 @register_jitable
+def drawn_scales(scales: np.ndarray, seed: int, stream: np.uint64, tick: int, rows: int) -> np.ndarray:
+    """Return the factor of each row's white deviation, drawn of some as likely (rows)."""
+    found = np.ones(rows)
+    if scales.size > 1:
+        chance = uniforms(seed, stream, tick, rows)
+        for j in range(rows):
+            found[j] = scales[int(chance[j] * scales.size)]
+    return found
+
+
+@register_jitable
 def row_error(constant: float, own: float, s: float, white: float, far: float, v: float) -> float:
     """Return c + s (g + f + d v) of a row, far the deviation of what an outlier adds, 0 in another row [m]."""
     return constant + s * (own + np.sqrt(white * white + far * far) * v)
@@ -72,8 +86,9 @@ def largest_sd(noise: UwbNoise) -> float:
     """Return the root mean square of a row's error at worst: an outlier, beside the floor if that counts [m]."""
     lasts = [part.sd for part in (noise.lasting, noise.field) if part is not None]
     s = LARGEST if noise.near_floor > 0.0 else 1.0
+    white = noise.white * white_scales(noise.freedom).max()
     constant = noise.constants_sd if noise.constants is None else max(map(abs, noise.constants), default=0.0)
-    return constant + s * float(np.linalg.norm([noise.white, noise.outliers.sd, *lasts]))
+    return constant + s * float(np.linalg.norm([white, noise.outliers.sd, *lasts]))
 
 
 @njit(cache=True)

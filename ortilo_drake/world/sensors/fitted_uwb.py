@@ -14,15 +14,24 @@ from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import PAYLOAD, uwb_size
 from ortilo_drake.scenario import Uwb
-from ortilo_drake.scenario.range_errors import UwbNoise
+from ortilo_drake.scenario.range_errors import UwbNoise, white_scales
 from ortilo_drake.world.drawn_truth import AtStart
 from ortilo_drake.world.noise import put_normals, stream_id, uniforms
-from ortilo_drake.world.sensors.fitted_errors import Day, draw_day, growth, odd_after, outlier_chain, row_error
+from ortilo_drake.world.sensors.fitted_errors import (
+    Day,
+    draw_day,
+    drawn_scales,
+    growth,
+    odd_after,
+    outlier_chain,
+    row_error,
+)
 from ortilo_drake.world.sensors.matern_field import FEATURES, field_at
 from ortilo_drake.world.sensors.uwb import put_uwb_message, ranging_settings, walls_between
 from ortilo_drake.world.slow_error import SlowNoise, gauss_markov, slow_noise_after
 
 LASTING, CHANCES, ODD = "fitted/lasting", "fitted/chances", "fitted/outliers"  # streams
+TAILS = "fitted/tails"
 
 
 def fitted_out(
@@ -38,6 +47,7 @@ def fitted_out(
     frequencies: np.ndarray,
     phases: np.ndarray,
     amplitudes: np.ndarray,
+    scales: np.ndarray,
     g: np.ndarray,
     odd: np.ndarray,
     v: np.ndarray,
@@ -53,6 +63,7 @@ def fitted_out(
     put_normals(v, seed, n.stream, k)
     chance = uniforms(seed, n.chances, k, 2 * count)
     s = growth(state[2] - n.floor, n.near_floor)
+    scale = drawn_scales(scales, seed, n.tails, k, count)
     for i in range(count):
         if out[PAYLOAD + count + i] == 0.0:
             continue
@@ -60,9 +71,9 @@ def fitted_out(
             out[PAYLOAD + i] = 0.0
             out[PAYLOAD + count + i] = 0.0
             continue
-        far = n.far if odd[i] != 0.0 else 0.0
+        far, white = (n.far, n.white) if odd[i] != 0.0 else (0.0, n.white * scale[i])
         own = g[i] + field_at(frequencies[i], phases[i], amplitudes[i], state)
-        out[PAYLOAD + i] = max(out[PAYLOAD + i] + row_error(constants[i], own, s, n.white, far, v[i]), 0.0)
+        out[PAYLOAD + i] = max(out[PAYLOAD + i] + row_error(constants[i], own, s, white, far, v[i]), 0.0)
 
 
 def fitted_step(
@@ -81,11 +92,11 @@ def fitted_step(
 NUMBERS = (
     Number("settings", (5,)),
     *scalars("far begins ends missing near_floor floor h"),
-    *scalars("stream chances lasting", "u8"),
+    *scalars("stream chances lasting tails", "u8"),
 )
 TABLES = (
     *(Array("anchors", 2), Array("bias"), Array("walls", 2), Array("constants")),
-    *(Array("frequencies", 3), Array("phases", 2), Array("amplitudes", 2), Array("a"), Array("q")),
+    *(Array("frequencies", 3), Array("phases", 2), Array("amplitudes", 2), Array("scales"), Array("a"), Array("q")),
 )
 FITTED = Element(
     "fitted_uwb",
@@ -128,10 +139,12 @@ def given_of(
     numbers = {"settings": ranging_settings(settings), "far": noise.outliers.sd, "begins": begins, "ends": ends}
     numbers |= {"missing": noise.missing, "near_floor": noise.near_floor, "floor": float(room.interior.min[2]), "h": h}
     numbers |= {name: stream_id(stream) for name, stream in zip(("chances", "lasting"), streams, strict=True)}
+    numbers["tails"] = stream_id(TAILS)
     zero = np.zeros(len(room.anchors))
     tables = {"anchors": room.anchor_positions, "bias": zero, "walls": walls_between(settings, room), "constants": zero}
     fields = np.zeros((zero.size, 0 if noise.field is None else FEATURES, 3))
     tables |= {"frequencies": fields, "phases": fields[..., 0], "amplitudes": fields[..., 0]}
+    tables["scales"] = white_scales(noise.freedom)
     tables |= {"a": lasting.a, "q": lasting.q}
     return Values(numbers | {"stream": stream_id("uwb")}, {"g": zero.copy(), "odd": zero.copy()}, tables)
 

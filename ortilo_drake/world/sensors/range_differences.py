@@ -32,7 +32,14 @@ from ortilo_drake.scenario.range_errors import UwbNoise
 from ortilo_drake.world.drawn_truth import AtStart
 from ortilo_drake.world.faults.range_faults import distance_to
 from ortilo_drake.world.noise import put_normals, uniforms
-from ortilo_drake.world.sensors.fitted_errors import draw_day, growth, odd_after, row_error, share_of_pairs
+from ortilo_drake.world.sensors.fitted_errors import (
+    draw_day,
+    drawn_scales,
+    growth,
+    odd_after,
+    row_error,
+    share_of_pairs,
+)
 from ortilo_drake.world.sensors.fitted_uwb import NUMBERS, TABLES, field_tables, given_of, lasting_of, noise_of
 from ortilo_drake.world.sensors.matern_field import field_at
 from ortilo_drake.world.slow_error import SlowNoise, gauss_markov, slow_noise_after
@@ -68,6 +75,7 @@ def differences_out(
     frequencies: np.ndarray,
     phases: np.ndarray,
     amplitudes: np.ndarray,
+    scales: np.ndarray,
     pairs: np.ndarray,
     g: np.ndarray,
     odd: np.ndarray,
@@ -83,6 +91,7 @@ def differences_out(
     put_normals(v, seed, n.stream, k)
     chance = uniforms(seed, n.chances, k, 2 * n.rows)
     put(odd, follows)
+    scale = drawn_scales(scales, seed, n.tails, k, n.rows)
     for j in range(n.rows):
         pair, at = in_turn(n, k, j, pairs), PAYLOAD + ROW * j
         a, b = pair[0], pair[1]
@@ -101,6 +110,7 @@ def differences_out(
         own -= g[a] + field_at(frequencies[a], phases[a], amplitudes[a], p)
         white = np.sqrt((n.settings[0] + n.settings[1] * d_a) ** 2 + (n.settings[0] + n.settings[1] * d_b) ** 2)
         far = n.far if is_odd else 0.0
+        white *= 1.0 if is_odd else scale[j]
         constant = bias[b] + constants[b] - bias[a] - constants[a]
         out[at + VALUE] = n.factor * (d_b - d_a + row_error(constant, own, s, white, far, v[j]))
         out[at + THERE], out[at + AGE] = 1.0, age

@@ -14,12 +14,13 @@ from ortilo_drake.world.sensors.fitted_errors import draw_day
 ANCHORS = 6
 NOISE = UwbNoise(
     white=0.05,
+    freedom=2.0,
     lasting=LastingNoise(time=0.5, sd=0.15),
     outliers=Outliers(share=0.05, sd=0.8),
     constants_sd=0.1,
     differences=True,
 )
-MADE_BY = (0.5, 0.15, 0.05, 0.05, 0.8)
+MADE_BY = (0.5, 0.15, 0.05, 0.05, 0.8, 2.0)
 
 
 def made(seed: int, rows: int = 6000, seconds: float = 40.0) -> tuple[np.ndarray, RangeErrors]:
@@ -40,7 +41,7 @@ def test_the_likelihood_without_outliers_is_that_of_the_joint_gaussian() -> None
     lasts = sd**2 * np.exp(-np.abs(t[:, None] - t) / tau)
     K = B @ B.T * (PRIOR**2 + lasts) + white**2 * np.eye(rows)
     x, C, p = np.zeros(3), PRIOR**2 * np.eye(3), np.empty(rows)
-    found = lasting_filter(t, b, a, e, x, C, np.array([tau, sd, white, 1e-12, 1.0]), p)
+    found = lasting_filter(t, b, a, e, x, C, np.array([tau, sd, white, 1e-12, 1.0]), np.ones(1), p)
     assert found == pytest.approx(multivariate_normal(np.zeros(rows), K).logpdf(e), abs=1e-5)
     np.testing.assert_allclose(x, PRIOR**2 * B.T @ np.linalg.solve(K, e), atol=1e-6)
     np.testing.assert_allclose(C, PRIOR**2 * np.eye(3) - PRIOR**4 * B.T @ np.linalg.solve(K, B), atol=1e-6)
@@ -50,7 +51,7 @@ def test_a_row_that_is_far_off_is_an_outlier_and_moves_nothing() -> None:
     t, b, e = np.arange(40) * 0.01, np.zeros(40, np.int64), np.zeros(40)
     e[20] = 5.0
     x, C, p = np.zeros(1), np.eye(1), np.empty(40)
-    lasting_filter(t, b, np.full(40, -1), e, x, C, np.array([0.5, 0.1, 0.05, 0.05, 3.0]), p)
+    lasting_filter(t, b, np.full(40, -1), e, x, C, np.array([0.5, 0.1, 0.05, 0.05, 3.0]), np.ones(1), p)
     assert p[20] > 0.999
     assert np.delete(p, 20).max() < 0.05
     assert abs(x[0]) < 0.02
@@ -71,7 +72,7 @@ def test_where_recordings_differ_more_than_their_blocks_the_interval_holds_the_u
 def test_what_made_the_errors_is_found() -> None:
     constants, errors = made(2)
     found = fit_lasting([errors], ANCHORS)
-    for number, true in zip(found[:5], MADE_BY, strict=True):
+    for number, true in zip(found[:6], MADE_BY, strict=True):
         assert number.value == pytest.approx(true, rel=0.2)
         assert number.holds(true)
     assert all(at.holds(c) for at, c in zip(found.constants, constants, strict=True))
@@ -84,6 +85,6 @@ def test_the_intervals_hold_what_made_the_errors() -> None:
     for seed in range(100, 124):
         constants, errors = made(seed)
         found = fit_lasting([errors], ANCHORS)
-        held += [number.holds(true) for number, true in zip(found[:5], MADE_BY, strict=True)]
+        held += [number.holds(true) for number, true in zip(found[:6], MADE_BY, strict=True)]
         held += [at.holds(c) for at, c in zip(found.constants, constants, strict=True)]
     assert 0.88 < np.mean(held) <= 0.995

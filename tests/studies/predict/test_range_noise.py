@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import t as student
 
 from ortilo_drake.interop.recorded.range_rows import Ranges
 from ortilo_drake.scenario.noise_file import NoiseFile
@@ -45,6 +46,18 @@ def test_noise_of_differences_is_scaled_to_ranges_and_back(fitted_on) -> None:
     assert e[is_difference].std() == pytest.approx(single * np.sqrt(2.0), rel=0.02)
     white = as_white(NoiseFile(uwb=noise.model_copy(update={"lasting": LastingNoise(time=1.0, sd=0.2)}))).uwb
     assert white.of_single_ranges.white == pytest.approx(np.hypot(single, 0.2))
+
+
+def test_a_heavy_tail_is_that_of_student_s_t_and_white_noise_has_its_size() -> None:
+    rows = 100_000
+    ranges = Ranges(np.arange(rows) * 1.0, np.zeros(rows, int), np.zeros(rows), np.full(rows, -1), np.zeros(rows, int))
+    noise = UwbNoise(white=0.1, freedom=2.0)
+    e = draw_errors(ranges, np.ones((rows, 3)), 0.0, noise, Day(np.zeros(2), ()), np.random.default_rng(4))
+    for share in (0.3, 0.5, 0.8):  # six normals err by less far out
+        assert np.quantile(np.abs(e), share) == pytest.approx(0.1 * student.ppf(0.5 + 0.5 * share, 2.0), rel=0.05)
+    white = as_white(NoiseFile(uwb=noise)).uwb
+    assert white.freedom is None
+    assert white.white == pytest.approx(e.std(), rel=0.03)
 
 
 def test_a_difference_has_the_errors_of_two_anchors_and_a_day_keeps_its_own() -> None:
