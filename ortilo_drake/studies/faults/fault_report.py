@@ -1,5 +1,6 @@
 """The report of a study of faults: a summary, a table and a heat map."""
 
+import re
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -40,7 +41,7 @@ _HEADER = [
 _MEDIANS = ["fault", "scenario", "during [mm]", "after [mm]", "during, times", "after, times"]
 _WORST = 10.0  # times; more is drawn in the same colour
 _TICKS = (1.0, 2.0, 3.0, 5.0, 10.0)  # of the colour bar
-_ACRONYMS = ["imu", "nlos", "uwb", "yolo"]
+_ACRONYMS = re.compile(r"\b(imu|nlos|uwb|yolo)\b")
 _WIDEST = 13  # letters of a column's label in a line
 _LOST = "#404040"  # where all flights are lost
 
@@ -103,7 +104,7 @@ def _verdict(row: FaultRow) -> str:
 
 
 def _in_words(name: str) -> str:
-    return " ".join(word.upper() if word in _ACRONYMS else word for word in name.split("_"))
+    return _ACRONYMS.sub(lambda word: word[0].upper(), name.replace("_", " "))
 
 
 def fault_figure(found: FaultStudy, path: Path) -> Path:
