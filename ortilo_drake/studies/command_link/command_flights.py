@@ -85,8 +85,10 @@ def hover_point(scenario: Scenario) -> tuple[float, float, float]:
     """Return the place to hover at: POINT, or where a vehicle cannot be there, a place of the scenario's path.
 
     That is the place nearest the middle of the path's duration at which every sensor that flies gives a measurement.
-    InputError if there is none.
+    InputError if there is none, or the scenario has no linear loop.
     """
+    if why := why_no_loop(scenario):
+        raise InputError(why)
 
     def why_not(p_WB: tuple[float, float, float]) -> InputError | None:
         hover = HoverPlanner(kind="hover", point=p_WB, duration=1.0)
@@ -97,15 +99,15 @@ def hover_point(scenario: Scenario) -> tuple[float, float, float]:
             return error
         return None
 
-    if (why := why_not(POINT)) is None:
+    if (error := why_not(POINT)) is None:
         return POINT
     path = path_of(scenario)
     times = np.linspace(path.start_time(), path.end_time(), PLACES)
     for i in sorted(range(PLACES), key=lambda i: abs(i - PLACES // 2)):
         x, y, z = path.value(times[i]).ravel().tolist()
-        if (why := why_not((x, y, z))) is None:
+        if (error := why_not((x, y, z))) is None:
             return x, y, z
-    raise why
+    raise error
 
 
 def learned_at(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> Scenario:
