@@ -147,6 +147,7 @@ def test_the_user_changes_the_world_and_the_flight_follows(tab: Page, flying: Fl
     click(tab, PAUSE)
     held = flying.until(lambda s: s.is_paused).time
     time.sleep(0.3)
+    assert tab.run("document.title") == "imu_uwb_yolo, live"
     assert flying.status.time == held
     stands = flying.status
     read = {"time": f"{held:.1f} s", "state": "paused"}

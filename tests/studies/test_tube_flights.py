@@ -197,3 +197,6 @@ def test_figures_are_drawn(tmp_path: Path) -> None:
         plan_figure(scenario, nominal, {PAIR: straying(0.9, lost=2.0)}, tmp_path / "plan.png"),
     ):
         assert file.stat().st_size > 10_000
+    plan = plan_figure(scenario, nominal, {PAIR: straying(0.9, lost=2.0)}, tmp_path / "plan.svg").read_text()
+    for named in ("anchor", "landmark", "planned", "3-sigma tube", "a flight", "a lost flight"):
+        assert f">{named}</text>" in plan, named

@@ -105,7 +105,9 @@ def test_bad_input_is_refused(flights: list[xr.Dataset], tmp_path: Path) -> None
 
 
 @pytest.mark.long
-def test_the_figures_are_drawn(tuning: Tuning, flights: list[xr.Dataset], tmp_path: Path) -> None:
+def test_the_figures_are_drawn(
+    tuning: Tuning, flights: list[xr.Dataset], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     report = consistency_report(flights)
     paths = [
         tuning_figure(tuning, tmp_path / "tuning.png"),
@@ -115,6 +117,13 @@ def test_the_figures_are_drawn(tuning: Tuning, flights: list[xr.Dataset], tmp_pa
     assert all(path.stat().st_size > 10_000 for path in paths)
     with pytest.raises(InputError, match=r"x\.frog"):
         tuning_figure(tuning, tmp_path / "x.frog")
+    monkeypatch.setattr(
+        "ortilo_drake.studies.consistency.consistency_figures.save_picture", lambda figure, path: figure
+    )
+    figure = nees_figure({"nominal_imu_uwb": flights}, Path())
+    figure.draw_without_rendering()
+    (legend,) = figure.legends  # below what it would cover
+    assert legend.get_window_extent().y1 <= figure.axes[0].bbox.y0
 
 
 def test_the_summary_names_what_changed_most_and_what_that_bought(tuning: Tuning, flights: list[xr.Dataset]) -> None:

@@ -42,6 +42,7 @@ class Status:
         is_paused: whether time stands still.
         is_lost: whether the flight is lost, see flight/lost.py.
         note: the last thing that happened, such as an answer to a goal; empty if nothing did.
+        scenario: its name.
     """
 
     time: float = 0.0
@@ -53,6 +54,7 @@ class Status:
     is_paused: bool = False
     is_lost: bool = False
     note: str = ""
+    scenario: str = ""
 
     def json(self) -> bytes:
         """Return it as JSON, which the page beside Meshcat's view shows; null for what is not finite."""
@@ -121,14 +123,14 @@ def fly_live(
         clock: has monotonic() and sleep().
     """
     due: dict[str, int] = {sensor: scenario.every(sensor) for sensor in scenario.sensors}
-    status, drawn_at, begins = Status(), -np.inf, True
+    status, drawn_at, begins = Status(scenario=scenario.name), -np.inf, True
     while True:
         wishes = controls.wishes()
         if wishes.ends:
             return status
         if begins or wishes.restarts:
             flight, shares, begins = LiveFlight(scenario, planner), Shares(due, round(RECENT / scenario.h)), False
-            status, next_at = Status(), clock.monotonic()
+            status, next_at = Status(scenario=scenario.name), clock.monotonic()
             if scene:
                 scene.begin(flight.path)
         status.is_paused = wishes.pauses and not status.is_lost

@@ -13,10 +13,9 @@
     </table>
     <div id="note">waiting for the first tick</div>
     <h2>Arriving, as the lamps above the vehicle show; share of the last 5 s</h2><div id="lamps"></div>
-    ${["x", "y", "z"].map((axis) => `<h2>Error in ${axis} [m], 3 sigma in blue</h2><canvas id="of-${axis}"></canvas>`).join("")}
-    <h2>Arrived, over the last 20 s of the flight</h2><canvas id="strips"></canvas>`;
+    ${["x", "y", "z"].map((axis) => `<h2>Error in ${axis} [m] over time [s], 3 sigma in blue</h2><canvas id="of-${axis}"></canvas>`).join("")}
+    <h2>Arrived, over time [s]</h2><canvas id="strips"></canvas>`;
   document.body.prepend(aside);
-  document.title = "ortilo live";
   viewer.set_3d_pane_size();
   const put = (id, text) => { document.getElementById(id).textContent = text; };
   const cm = (metres) => metres === null ? "–" : `${(100 * metres).toFixed(1)} cm`;  // null: it has diverged
@@ -97,6 +96,7 @@
     if (past.length && now.time < past.at(-1).time) past = [];  // it is flown anew
     past = past.filter((one) => one.time > now.time - SHOWN && one.time < now.time);
     if (now.error !== null && now.sd !== null) past.push(now);
+    document.title = `${now.scenario}, live`;
     put("time", `${now.time.toFixed(1)} s`);
     put("state", now.is_lost ? "lost" : now.is_paused ? "paused" : "flying");
     put("error", cm(now.error));
