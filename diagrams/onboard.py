@@ -20,10 +20,14 @@ import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.trajectories import Trajectory
 
-from ortilo_drake.diagrams.estimator import has_history, set_belief
-from ortilo_drake.diagrams.wiring.half import half_of
-from ortilo_drake.diagrams.wiring.onboard import NO_PARTS, Parts
+from ortilo_drake.diagrams.estimator import belief_part_boxes, has_history, set_belief, settable
+from ortilo_drake.diagrams.wiring.messages import message_boxes
+from ortilo_drake.diagrams.wiring.onboard import NO_PARTS, Parts, measurement_in, onboard_boxes
+from ortilo_drake.diagrams.wiring.pictures import detected
 from ortilo_drake.loop.diagram import add_wiring
+from ortilo_drake.loop.element import outside
+from ortilo_drake.loop.wiring import Wiring
+from ortilo_drake.model.signals import ACTED_SIZE, VELOCITY_SIZE
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.planned import planned, start_of
 from ortilo_drake.scenario import Belief
@@ -75,15 +79,32 @@ class Onboard(Diagram):
         fused: bool = False,
     ):
         super().__init__()
-        self._belief = belief = scenario.belief
-        plan, builder = trajectory or planned(belief, parts.planner), DiagramBuilder()
+        belief = scenario.belief
+        self._settable, self._has_history = settable(belief), has_history(belief)
+        plan, room, builder = trajectory or planned(belief, parts.planner), belief.load_room(), DiagramBuilder()
         self.r_0 = start_of(plan)
-        wiring, said = half_of(belief, plan, detects, parts, takes_paths)
+        messages = message_boxes(belief, room, detects)
+        around = [*messages.values(), outside("velocity", VELOCITY_SIZE), outside("acted_delivered", ACTED_SIZE)]
+        seeing, messages = detected(belief, room, messages) if detects else ([], messages)
+        ticks = int(plan.end_time() * belief.control_rate) + 2 if isinstance(plan, Trajectory) else 0
+        boxes = onboard_boxes(belief, room, plan, ticks, messages, parts, takes_paths)
+        boxes += belief_part_boxes(belief, boxes)
+        wiring = Wiring([*around, *seeing, *boxes])
         self._own = wiring.boxes["estimator"].system if "estimator" in wiring.boxes else None
-        logged = tuple(said[name] for name in belief.measurement.logged_sizes() if name != "state")
-        signals: dict[str, Any] = said | {"logged": logged}
-        named, grain = {"acted_delivered": "acted"}, "elements" if fused else None
-        self._added = add_wiring(builder, wiring, signals, belief.h, fused=grain, inputs_named=named)
+        signals: dict[str, Any] = {
+            "control": "servo",
+            "estimate": "belief_parts.estimate",
+            "covariance": "belief_parts.covariance",
+        }
+        signals |= {"reference": "reference"} | measurement_in(boxes)
+        if "vehicle_belief" in wiring.boxes:
+            signals |= {"force": "vehicle_belief.force", "extra": "extra"}
+        sizes = belief.measurement.logged_sizes()
+        signals["logged"] = tuple(signals[name] for name in sizes if name != "state")
+        named = {"acted_delivered": "acted"}
+        self._added = add_wiring(
+            builder, wiring, signals, belief.h, fused="elements" if fused else None, inputs_named=named
+        )
         for name, port in self._added.outputs.items():
             builder.ExportOutput(port, name)
         builder.BuildInto(self)
@@ -96,7 +117,7 @@ class Onboard(Diagram):
             InputError: if the estimator cannot be set.
         """
         if self._own is None:
-            set_belief(self._added, self._belief, context, xbar, P)
+            set_belief(self._added, self._settable, context, xbar, P)
         elif hasattr(self._own, "SetBelief"):
             self._own.SetBelief(context, xbar, P)
         else:
@@ -105,7 +126,16 @@ class Onboard(Diagram):
     @property
     def has_history(self) -> bool:
         """True if the next estimates depend on past ticks as well as on the present belief."""
-        return has_history(self._belief) if self._own is None else bool(getattr(self._own, "has_history", True))
+        return self._has_history if self._own is None else bool(getattr(self._own, "has_history", True))
 
 
-make_onboard = Onboard
+def make_onboard(
+    scenario: Belief,
+    trajectory: Trajectory | None = None,
+    detects: bool = True,
+    parts: Parts = NO_PARTS,
+    takes_paths: bool = False,
+    fused: bool = False,
+) -> Onboard:
+    """Return the onboard half of a scenario; arguments and errors as Onboard's."""
+    return Onboard(scenario, trajectory, detects, parts, takes_paths, fused)

@@ -2,13 +2,14 @@
 
 import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.primitives import Multiplexer
 
 from ortilo_drake.diagrams.faults import check_room
 from ortilo_drake.diagrams.rendered_camera import add_rendered_camera, move_scene, seen_by_camera
 from ortilo_drake.diagrams.vehicle import add_vehicle
 from ortilo_drake.diagrams.wiring.truth import drawn_values, of_body, payloads_of
 from ortilo_drake.diagrams.wiring.world import is_system, report_link_boxes, sensors_boxes, world_boxes
-from ortilo_drake.loop.diagram import add_wiring, together
+from ortilo_drake.loop.diagram import add_wiring
 from ortilo_drake.loop.element import OUTSIDE, Box, Values, outside
 from ortilo_drake.loop.seeds import add_chance
 from ortilo_drake.loop.wiring import Wiring
@@ -184,7 +185,7 @@ def _integrated(
     builder: DiagramBuilder, scenario: Scenario, vehicle: dict[str, OutputPort]
 ) -> tuple[list[Box], dict[str, OutputPort]]:
     """Return boxes in the place of those of a vehicle that Drake integrates, and the ports that they stand for."""
-    felt = together(builder, [vehicle["control"], vehicle["disturbance"]])
+    felt = _together(builder, vehicle["control"], vehicle["disturbance"])
     parts = {"control": (0, N_U), "disturbance": (N_U, 6)}
     boxes = [outside("plant", N_X), Box("felt", OUTSIDE, N_U + 6, parts=parts), outside("rotors_felt", N_U)]
     boxes.append(outside("acceleration", 3))
@@ -195,7 +196,7 @@ def _integrated(
     if samples > 1:
         size = (samples - 1) * PASSED
         passed = builder.AddSystem(Passed(PASSED, samples, scenario.h))
-        builder.Connect(together(builder, [vehicle["state"], vehicle["acceleration"]]), passed.get_input_port())
+        builder.Connect(_together(builder, vehicle["state"], vehicle["acceleration"]), passed.get_input_port())
         boxes.append(Box("vehicle", OUTSIDE, size, parts={"passed": (0, size)}))
         sources |= dict.fromkeys(("vehicle", "vehicle.passed"), passed.get_output_port())
     if "acted" in vehicle:
@@ -205,9 +206,21 @@ def _integrated(
     return boxes, sources
 
 
+def _together(builder: DiagramBuilder, first: OutputPort, second: OutputPort) -> OutputPort:
+    both = builder.AddSystem(Multiplexer([first.size(), second.size()]))
+    builder.Connect(first, both.get_input_port(0))
+    builder.Connect(second, both.get_input_port(1))
+    joined: OutputPort = both.get_output_port()
+    return joined
+
+
 def _port_of(scenario: Scenario, sensor: str) -> str:
     """Return the name of the output of a sensor's messages."""
     return "shutter" if scenario.is_picture(sensor) else port_of(sensor)
 
 
-make_world = World
+def make_world(
+    scenario: Scenario, command_period: float | None = None, fused: bool = False, r_0: np.ndarray | None = None
+) -> World:
+    """Return the world of a scenario; arguments and errors as World's."""
+    return World(scenario, command_period, fused, r_0)

@@ -5,7 +5,6 @@ blocks.py          the paper's block diagram of it, to be looked at
 truth.py           how the world of one seed differs
 world.py           the sensors and their links
 vehicle.py         the vehicle and what acts on it
-half.py            the onboard half alone
 onboard.py         an estimator, the servo and the planner
 intermittent.py    the paper's estimator
 fixes.py           what makes fixes of messages

@@ -29,16 +29,17 @@ from pydrake.systems.framework import System
 from ortilo_drake.diagrams.wiring.systems import require_ports, system_box
 from ortilo_drake.diagrams.wiring.trial import try_out
 from ortilo_drake.loop.element import Box, constant
+from ortilo_drake.loop.own import slice_box
 from ortilo_drake.model.parts import find_part
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_U, N_X, N_XBAR, PAYLOAD, REFERENCE_SIZE, SENSORS
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.estimator.filter_element import parts_box
 from ortilo_drake.onboard.estimator.whole_belief import together_box, widened_box
 from ortilo_drake.scenario import Belief
 
 BELIEF = N_XBAR + N_XBAR * N_XBAR
 OF_VEHICLE = N_X + N_X * N_X
+CUTS = {"estimate": (0, N_XBAR), "covariance": (N_XBAR, N_XBAR * N_XBAR)}
 SAYS = {"estimator": (BELIEF, OF_VEHICLE), "servo": (N_U,), "planner": (REFERENCE_SIZE,)}
 LATER = {"estimator": ("reference", "control"), "servo": ("control",)}  # of a planner: onboard/planner/planned.py
 
@@ -150,19 +151,19 @@ def wired(
         sizes = " or ".join(map(str, SAYS[role]))
         raise InputError(f"{role}.kind: {kind}: says {made.size} numbers, must say {sizes}")
     added = {sensor: constant(f"{name}_no_{sensor}", np.zeros(PAYLOAD)) for sensor in SENSORS if sensor not in messages}
-    known = {port: box.name for port, box in messages.items()} | says | {port: box.name for port, box in added.items()}
-    parts = parts_box(f"{name}_belief")
     if belief:
-        known |= {part: f"{parts.name}.{part}" for part in parts.parts} | {"belief": belief}
+        added |= {part: slice_box(f"{name}_{part}", *its).with_inputs(whole=belief) for part, its in CUTS.items()}
+    known = (
+        {sensor: box.name for sensor, box in messages.items()} | says | {part: box.name for part, box in added.items()}
+    )
+    known |= {"belief": belief} if belief else {}
     for what, function in element.functions.items():
         allowed = [port for port in known if what == "step" or port not in LATER.get(role, ())]
         for port in element.inputs_of(function):
             if port not in allowed:
                 raise InputError(f"{role}.kind: {kind}: {what} reads {port!r}, must be one of {', '.join(allowed)}")
-    ports = {"force": 3, "reference": REFERENCE_SIZE, "control": N_U, "belief": BELIEF}
-    ports |= {part: size for part, (_, size) in parts.parts.items()}
+    ports = {"force": 3, "reference": REFERENCE_SIZE, "control": N_U, "belief": N_XBAR + N_XBAR**2}
     ports |= {port: box.size for port, box in (messages | added).items()}
     try_out(made, ports, f"{role}.kind: {kind}")
     reads = {port: known[port] for port in element.inputs}
-    boxes = [replace(made, name=name, reads=reads), *(box for port, box in added.items() if port in element.inputs)]
-    return [*boxes, parts.with_inputs(belief=belief)] if belief and {*parts.parts} & {*element.inputs} else boxes
+    return [replace(made, name=name, reads=reads), *(box for port, box in added.items() if port in element.inputs)]

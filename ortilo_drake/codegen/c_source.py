@@ -17,7 +17,7 @@ from ortilo_drake.codegen.ir import symbol_of
 from ortilo_drake.codegen.single import NARROW, with_floats
 from ortilo_drake.loop.element import Box
 from ortilo_drake.loop.native import parameters
-from ortilo_drake.loop.source import Places, handed, place_of, places_of
+from ortilo_drake.loop.source import Places, place_of, places_of
 from ortilo_drake.loop.wiring import Wire
 
 TEMPLATES: Final = Path(__file__).with_name("templates")
@@ -84,16 +84,22 @@ def address(half: Half, places: Places, wire: Wire) -> str:
 
 def call(half: Half, places: Places, box: Box, what: str) -> str:
     """Return the call of a box's `out` or `step`."""
-    said = ["ROOM"]
-    for name, letter, at, shape in handed(half.wiring, places, box, what):
-        if not letter:
-            said.append(name)
-        elif letter == "N":
-            said.append(f"&n->{box.name}" if box.element.constants else "n")
-        elif letter == "T":
+    element, said = box.element, ["ROOM"]
+    tables = {table.name for table in element.arrays}
+    for name, _, _ in parameters(element, element.functions[what]):
+        if name == "n":
+            said.append(f"&n->{box.name}" if element.constants else "n")
+        elif name == "k":
+            said.append("k")
+        elif name in tables:
             said += [f"n->{box.name}.{name}", *map(str, np.shape(box.given.tables[name]))]
-        else:
+        elif name in element.own:
+            where, letter = (places.work, "W") if name in box.work else (places.state, "S")
+            at, shape = where[box.name, name]
             said += [f"{letter} + {at}", *map(str, shape)]
+        else:
+            wire = Wire(box.name, 0, box.size) if name == "out" else half.wiring.wires[box.name, name]
+            said += [address(half, places, wire), str(wire.size)]
     return f"    stopped += {symbol_of(box.name, what)}({', '.join(said)}) != 0;"
 
 

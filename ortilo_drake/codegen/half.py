@@ -4,9 +4,12 @@ from typing import NamedTuple
 
 from pydrake.trajectories import Trajectory
 
-from ortilo_drake.diagrams.wiring.half import half_of
-from ortilo_drake.loop.element import OUTSIDE, takes
+from ortilo_drake.diagrams.estimator import belief_part_boxes
+from ortilo_drake.diagrams.wiring.messages import message_boxes
+from ortilo_drake.diagrams.wiring.onboard import measurement_in, onboard_boxes
+from ortilo_drake.loop.element import OUTSIDE, Element, outside, takes
 from ortilo_drake.loop.wiring import Wire, Wiring
+from ortilo_drake.model.signals import ACTED_SIZE, VELOCITY_SIZE
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.planned import planned
 from ortilo_drake.scenario import Belief
@@ -39,17 +42,32 @@ def onboard_half(scenario: Belief) -> Half:
         raise InputError("export: camera.kind: rendered: its network is not exported; with projected boxes come in")
     if belief.sees_landmarks and belief.landmark_fix.method == "cosine_law":
         raise InputError("export: landmark_fix.method: cosine_law: its pseudoinverse comes from LAPACK")
-    plan = planned(belief)
+    room, plan = belief.load_room(), planned(belief)
     if not isinstance(plan, Trajectory):
         raise InputError("export: planner: must be a path; one that is a System or an element is not exported")
-    wiring, signals = half_of(belief, plan)
+    messages = message_boxes(belief, room, detects=True)
+    around = [*messages.values(), outside("velocity", VELOCITY_SIZE), outside("acted_delivered", ACTED_SIZE)]
+    ticks = int(plan.end_time() * belief.control_rate) + 2
+    boxes = onboard_boxes(belief, room, plan, ticks, messages)
+    boxes += belief_part_boxes(belief, boxes)
+    wiring = Wiring([*around, *boxes])
     for box in wiring.boxes.values():
         if box.system is not None:
             raise InputError(f"export: {box.name}: {box.system.get_name()}: is a System of Drake's, must be an element")
-        if any({"seed", "seeds"} & {*takes(function)} for function in box.element.functions.values()):
-            raise InputError(f"export: {box.name}: the element {box.element.name!r} draws noise")
+        if why := why_not(box.element):
+            raise InputError(f"export: {box.name}: the element {box.element.name!r} {why}")
     read = {wire.box for wire in wiring.wires.values()}
     read |= {held for name in read for held in wiring.boxes[name].holds}
     inputs = {name: box.size for name, box in wiring.boxes.items() if box.element is OUTSIDE and name in read}
-    signals.pop("extra", None)
+    signals = {"control": "servo", "estimate": "belief_parts.estimate", "covariance": "belief_parts.covariance"}
+    signals |= {"reference": "reference"} | measurement_in(boxes)
+    if "vehicle_belief" in wiring.boxes:
+        signals["force"] = "vehicle_belief.force"
     return Half(wiring, inputs, {name: wiring.wire(said, "outputs") for name, said in signals.items()})
+
+
+def why_not(element: Element) -> str | None:
+    """Return the reason why an element cannot be exported; None if it can."""
+    if any({"seed", "seeds"} & {*takes(function)} for function in element.functions.values()):
+        return "draws noise"
+    return None

@@ -1,9 +1,8 @@
 """The calls that a tick of a wiring makes, of compiled functions and of plain source."""
 
 import ctypes
-import math
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -14,8 +13,8 @@ from ortilo_drake.loop.generated import load
 from ortilo_drake.loop.native import native_of
 from ortilo_drake.loop.plain import plain_source
 from ortilo_drake.loop.player import Memory
-from ortilo_drake.loop.source import handed, line_of, part_text, places_of
-from ortilo_drake.loop.wiring import Wiring
+from ortilo_drake.loop.source import line_of, part_text, place_of, places_of
+from ortilo_drake.loop.wiring import Wire, Wiring
 
 Calls = list[tuple[Box, str]]
 
@@ -114,9 +113,9 @@ class PlainCalls:
     """
 
     def __init__(self, wiring: Wiring, T: type):
-        self._places, self._T = places_of(wiring), T
+        self._wiring, self._places, self._T = wiring, places_of(wiring), T
         self._functions = {
-            (box.name, what): (plain_source(f), takes(f), list(handed(wiring, self._places, box, what)))
+            (box.name, what): (plain_source(f), takes(f))
             for box in wiring.boxes.values()
             for what, f in box.element.functions.items()
         }
@@ -129,17 +128,27 @@ class PlainCalls:
         """
         work = np.full(self._places.sizes[2], self._T(0.0))
         for box, what in calls:
-            function, names, its = self._functions[box.name, what]
-            known: dict[str, Any] = {"k": k, "seed": int(memory.seeds[0]), "seeds": memory.seeds}
-            known["n"], arrays = memory.numbers_of(box.name), {"S": S, "Y": Y, "W": work}
-            for name, letter, at, shape in its:
-                if letter == "T":
-                    known[name] = memory.table_of(box.name, name)
-                elif letter in arrays:
-                    known[name] = arrays[letter][at : at + math.prod(shape)].reshape(shape)
-            groups = box.element.grouped
-            known |= {n: groups[n].filled(known["n"], known.__getitem__) for n in names if n in groups}
+            function, names = self._functions[box.name, what]
+            common = {"k": k, "seed": int(memory.seeds[0]), "seeds": memory.seeds}
+            known = memory, S, Y, work
+            arguments = [common[name] if name in common else self._argument(box, name, *known) for name in names]
             try:
-                function(*(known[name] for name in names))
+                function(*arguments)
             except (TypeError, AttributeError, RuntimeError) as error:
                 raise RuntimeError(f"{box.name}: its {what} takes no {self._T.__name__}: {error}") from error
+
+    def _argument(self, box: Box, name: str, memory: Memory, S: np.ndarray, Y: np.ndarray, work: np.ndarray) -> Any:
+        if name == "n":
+            return memory.numbers_of(box.name)
+        if name in box.element.grouped:
+            arrays = partial(memory.table_of, box.name)
+            return box.element.grouped[name].filled(memory.numbers_of(box.name), arrays)
+        if name in box.element.own:
+            for places, array in ((self._places.state, S), (self._places.work, work)):
+                if (box.name, name) in places:
+                    at, shape = places[box.name, name]
+                    return array[at : at + int(np.prod(shape))].reshape(shape)
+            return memory.table_of(box.name, name)
+        wire = Wire(box.name, 0, box.size) if name == "out" else self._wiring.wires[box.name, name]
+        letter, at = place_of(self._wiring, self._places, wire)
+        return (S if letter == "S" else Y)[at : at + wire.size]

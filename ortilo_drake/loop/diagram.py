@@ -33,6 +33,10 @@ class Added(NamedTuple):
     def _wired(self) -> Iterable[Any]:
         return (system for system in self.systems.values() if hasattr(system, "boxes"))
 
+    def holder(self, box: str) -> Any:
+        """Return the system that plays a box by its element."""
+        return next(system for system in self._wired() if box in system.boxes())
+
     def set_seed(self, context: Context, seed: int) -> None:
         """Set the seed of all noise; the context is the root's."""
         seeded: list[Any] = [system for system in self.systems.values() if hasattr(system, "set_seed_in")]
@@ -54,11 +58,12 @@ class Added(NamedTuple):
 
     def set_state(self, context: Context, box: str, state: str, values: np.ndarray) -> None:
         """Set a state of a box; the context is the root's."""
-        self.give(context, {box: Values(start={state: values})})
+        system = self.holder(box)
+        system.set_state(system.GetMyMutableContextFromRoot(context), box, state, values)
 
     def state_of(self, context: Context, box: str, state: str) -> np.ndarray:
         """Return a state of a box; the context is the root's."""
-        system = next(system for system in self._wired() if box in system.boxes())
+        system = self.holder(box)
         values: np.ndarray = system.state_of(system.GetMyContextFromRoot(context), box, state)
         return values
 
@@ -147,7 +152,7 @@ def add_wiring(
             connect_chance(builder, chance, box.system)
             readers += [(box.system.GetInputPort(p), said) for p, said in _reads(wiring, box).items()]
             ports |= {f"{box.name}.{part}": box.system.GetOutputPort(part) for part in box.parts}
-            ports[box.name] = together(builder, [ports[f"{box.name}.{part}"] for part in box.parts])
+            ports[box.name] = _together(builder, [ports[f"{box.name}.{part}"] for part in box.parts])
         elif box.element.shows and not box.element.functions and not fused:
             ports |= _constant_ports(builder, box)
         elif not fused and box.element is not OUTSIDE and not box.element.functions:  # a bundle
@@ -179,7 +184,7 @@ def add_wiring(
     for port in (port for box in wiring.boxes.values() for port in _unread(box)):
         inputs[port.get_name()] = builder.ExportInput(port, port.get_name())
     outputs |= {
-        name: together(builder, [ports[one] for one in said]) for name, said in shows.items() if name not in joined
+        name: _together(builder, [ports[one] for one in said]) for name, said in shows.items() if name not in joined
     }
     return Added(systems, outputs, inputs)
 
@@ -234,7 +239,7 @@ def _unread(box: Box) -> list[InputPort]:
     return [port for port in ports if port.get_name() not in box.element.reads and not _is_chance(box.system, port)]
 
 
-def together(builder: DiagramBuilder, ports: list[OutputPort]) -> OutputPort:
+def _together(builder: DiagramBuilder, ports: list[OutputPort]) -> OutputPort:
     """Return output ports as one, one after the other."""
     if len(ports) == 1:
         return ports[0]

@@ -75,14 +75,7 @@ def _of_code(code: CodeType) -> Iterator[str]:
 
 
 def _used(function: FunctionType) -> Iterator[tuple[str, Any]]:
-    """Yield the globals and closure variables that a function reads, by name."""
-    yield from globals_read(function)
-    for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
-        yield name, cell.cell_contents
-
-
-def globals_read(function: FunctionType) -> Iterator[tuple[str, Any]]:
-    """Yield the globals that a function and those within it read, by name."""
+    """Return the globals and closure variables that a function reads, by name."""
     codes = [function.__code__]
     names: dict[str, None] = {}
     while codes:
@@ -92,6 +85,8 @@ def globals_read(function: FunctionType) -> Iterator[tuple[str, Any]]:
     for name in names:
         if name in function.__globals__:
             yield name, function.__globals__[name]
+    for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
+        yield name, cell.cell_contents
 
 
 def plain(function: Callable[..., Any] | Any) -> Any:

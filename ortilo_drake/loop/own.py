@@ -94,3 +94,16 @@ def initial_output(its: Box, sizes: dict[str, int]) -> np.ndarray:
     element.out(**{name: known[name] for name in takes(element.out)})
     said: np.ndarray = known["out"]
     return said
+
+
+def _cut_out(n: Any, whole: np.ndarray, out: np.ndarray) -> None:
+    for i in range(out.size):
+        out[i] = whole[n.first + i]
+
+
+CUT = Element("cut", out=_cut_out, numbers=(Number("first", kind="i8"),))
+
+
+def slice_box(name: str, first: int, size: int) -> Box:
+    """Return a box that says a part of the `whole` that it reads."""
+    return Box(name, CUT, size, Values({"first": first}))

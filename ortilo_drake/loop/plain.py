@@ -8,10 +8,8 @@ scalars: an iteration is not differentiated, only its last step; noise is drawn 
 """
 
 from collections.abc import Callable
-from types import CellType, FunctionType
+from types import CellType, CodeType, FunctionType
 from typing import Any
-
-from ortilo_drake.loop.digest import globals_read
 
 _INSTEAD: dict[int, Any] = {}
 _PLAIN: dict[int, tuple[Any, Any]] = {}  # with the function, so that its id stays its own
@@ -42,9 +40,9 @@ def plain_source(function: Any) -> Any:
 
 def _with_plain_callees(source: FunctionType) -> FunctionType:
     globals_, changed = source.__globals__, dict[str, Any]()
-    for name, value in globals_read(source):
-        if plain_source(value) is not value:
-            changed[name] = plain_source(value)
+    for name in _names(source.__code__):
+        if name in globals_ and plain_source(globals_[name]) is not globals_[name]:
+            changed[name] = plain_source(globals_[name])
     cells = source.__closure__ or ()
     plain_cells = tuple(CellType(plain_source(cell.cell_contents)) for cell in cells)
     if not changed and all(a.cell_contents is b.cell_contents for a, b in zip(cells, plain_cells, strict=True)):
@@ -52,3 +50,8 @@ def _with_plain_callees(source: FunctionType) -> FunctionType:
     made = FunctionType(source.__code__, globals_ | changed, source.__name__, source.__defaults__, plain_cells)
     made.__kwdefaults__ = source.__kwdefaults__
     return made
+
+
+def _names(code: CodeType) -> set[str]:
+    nested = [constant for constant in code.co_consts if isinstance(constant, CodeType)]
+    return set(code.co_names).union(*(_names(one) for one in nested))

@@ -4,9 +4,7 @@ Floats run through compiled functions: of one box each function is called by its
 calls them one after the other. AutoDiffXd and Expression run through the plain source (plain.py).
 """
 
-import math
 import sys
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -117,12 +115,8 @@ def WiredSystem_(T: type) -> type:
                 name = self.GetSystemPathname().split("::")[-2]
             return "" if name == self._arguments["name"] else name
 
-        def _memory_in(self, context: Any) -> Memory:
-            memory: Memory = context.get_abstract_parameter(self._given).get_value()
-            return memory
-
         def _calc_seeded(self, context: Any, cached: Any) -> None:
-            memory = self._memory_in(context)
+            memory = context.get_abstract_parameter(self._given).get_value()
             chance = _value_of(self._chance.Eval(context)[0]) if self._chance.HasValue(context) else 0.0
             own = int(memory.seeds[0])
             seed = seed_of(own, chance, self._place())
@@ -135,8 +129,9 @@ def WiredSystem_(T: type) -> type:
             size = self._places.sizes[3]
 
             def calc(context: Any, cached: Any) -> None:
+                inputs = {name: self._ports[name].Eval(context) for name in needs}
                 Y = self._groups[frozenset()].Eval(context).copy() if needs else zeros(size)
-                self._put(needs, context, Y)
+                self._put(inputs, Y)
                 self._make(f"said_{i}", context, self._state_in(context), Y)
                 cached.set_value(Y)
 
@@ -170,19 +165,20 @@ def WiredSystem_(T: type) -> type:
 
         def _state_in(self, context: Any) -> Any:
             if self._state is None:
-                constants = self._memory_in(context).S
+                constants = context.get_abstract_parameter(self._given).get_value().S
                 return constants if T is float else np.array([T(value) for value in constants], dtype=object)
             state = context.get_discrete_state_vector()
             return state.value() if T is float else state.CopyToVector()
 
-        def _put(self, names: Iterable[str], context: Any, Y: Any) -> None:
-            for name in names:
+        def _put(self, inputs: dict[str, Any], Y: Any) -> None:
+            for name, values in inputs.items():
                 at, size = self._at[name]
-                Y[at : at + size] = self._ports[name].Eval(context)
+                Y[at : at + size] = values
 
         def _make(self, what: str, context: Any, S: Any, Y: Any) -> None:
             """Make the calls of one kind, on states and on what is said."""
-            memory = self._memory_in(context) if self._chance is None else self._seeded.Eval(context)
+            drawn = self._chance is not None
+            memory = self._seeded.Eval(context) if drawn else context.get_abstract_parameter(self._given).get_value()
             k = int(_value_of(context.get_time()) / self._h + 0.5)
             if T is float:
                 self._compiled[what](memory, S, Y, k)
@@ -197,18 +193,18 @@ def WiredSystem_(T: type) -> type:
         def _update(self, context: Any, values: Any) -> None:
             said = self._groups.get(self._all)
             Y = np.zeros(0) if said is None else said.Eval(context).copy()  # with the inputs that it was made of
-            self._put(self._unsaid, context, Y)
+            self._put({name: self._ports[name].Eval(context) for name in self._unsaid}, Y)
             S = context.get_discrete_state(self._state).CopyToVector()
             self._make("step", context, S, Y)
             values.set_value(self._state, S)
 
         def seed_in(self, context: Any) -> int:
             """Return the seed in a context of this system."""
-            return int(self._memory_in(context).seeds[0])
+            return int(context.get_abstract_parameter(self._given).get_value().seeds[0])
 
         def set_seed_in(self, context: Any, seed: int) -> None:
             """Set the seed in a context of this system."""
-            memory = self._memory_in(context).copy()
+            memory = context.get_abstract_parameter(self._given).get_value().copy()
             memory.seeds = np.array([seed])
             context.get_mutable_abstract_parameter(self._given).set_value(memory)
 
@@ -218,21 +214,31 @@ def WiredSystem_(T: type) -> type:
 
         def give(self, context: Any, given: dict[str, Values]) -> None:
             """Give boxes other numbers, tables or states in a context of this system, by their names."""
-            memory = self._memory_in(context).copy()
+            memory = context.get_abstract_parameter(self._given).get_value().copy()
             for name, its in given.items():
                 memory.put(name, its)
+                for state in its.start:
+                    self.set_state(context, name, state, its.start[state])
             context.get_mutable_abstract_parameter(self._given).set_value(memory)
-            if self._state is not None and any(its.start for its in given.values()):
-                whole = context.get_discrete_state(self._state).CopyToVector()
-                for at, shape in (self._places.state[box, state] for box, its in given.items() for state in its.start):
-                    its_range = slice(at, at + math.prod(shape))
-                    whole[its_range] = memory.S[its_range]
-                context.SetDiscreteState(whole)
 
         def state_of(self, context: Any, box: str, state: str) -> Any:
             """Return a box's state in a context of this system, in its shape."""
             at, shape = self._places.state[box, state]
-            return self._state_in(context)[at : at + math.prod(shape)].reshape(shape).copy()
+            return self._state_in(context)[at : at + int(np.prod(shape))].reshape(shape).copy()
+
+        def set_state(self, context: Any, box: str, state: str, values: np.ndarray) -> None:
+            """Set a box's state in a context of this system."""
+            at, shape = self._places.state[box, state]
+            if np.shape(values) != shape:
+                raise ValueError(f"{box}: {state}: has the shape {np.shape(values)}, must have {shape}")
+            if self._state is None:
+                memory = context.get_abstract_parameter(self._given).get_value().copy()
+                memory.put(box, Values(start={state: values}))
+                context.get_mutable_abstract_parameter(self._given).set_value(memory)
+                return
+            whole = context.get_discrete_state(self._state).CopyToVector()
+            whole[at : at + int(np.prod(shape))] = np.ravel(values)
+            context.SetDiscreteState(whole)
 
     return Impl
 

@@ -1,7 +1,6 @@
 """A flight of a wiring as straight-line source text: each line of a tick is a call of one element's function."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,38 +68,33 @@ def places_of(wiring: Wiring) -> Places:
     return Places(numbers, state, work, said, tables, (at[0], at[1], at[2], at[3], at[4]))
 
 
-def handed(wiring: Wiring, places: Places, box: Box, what: str) -> Iterator[tuple[str, str, int, tuple[int, ...]]]:
-    """Yield what a call of a box's `out` or `step` is handed, in order.
-
-    Yields:
-        Name; array, N, S, W, Y or T, '' of what is the tick's own; the index in it; shape, of a table only as long.
-    """
-    for name, dimensions, _ in parameters(box.element, box.element.functions[what]):
-        if name == "n":
-            yield name, "N", places.numbers[box.name], ()
-        elif dimensions < 0 or name == "seeds":
-            yield name, "", 0, ()
-        elif (box.name, name) in places.tables:
-            yield name, "T", places.tables[box.name, name], (0,) * dimensions
-        elif name in box.element.own:
-            where, letter = (places.work, "W") if name in box.work else (places.state, "S")
-            yield name, letter, *where[box.name, name]
-        else:
-            wire = Wire(box.name, 0, box.size) if name == "out" else wiring.wires[box.name, name]
-            yield name, *place_of(wiring, places, wire), (wire.size,)
-
-
 def line_of(wiring: Wiring, places: Places, box: Box, what: str) -> str:
     """Return one line of a tick: the call of a box's `out` or `step`."""
     said: list[str] = []
-    for name, letter, at, shape in handed(wiring, places, box, what):
-        if not letter:
-            said.append("seeds.ctypes.data, seeds.shape[0]" if name == "seeds" else name)
-        elif letter == "T":
-            said += [f"T[{at + i}]" for i in range(1 + len(shape))]
+    for name, dimensions, _ in parameters(box.element, box.element.functions[what]):
+        if name == "n":
+            said.append(f"N + {places.numbers[box.name]}")
+        elif dimensions < 0:
+            said.append(name)
+        elif name == "seeds":
+            said.append("seeds.ctypes.data, seeds.shape[0]")
+        elif (box.name, name) in places.tables:
+            at = places.tables[box.name, name]
+            said += [f"T[{at + i}]" for i in range(1 + dimensions)]
+        elif name in box.element.own:
+            where, letter = (places.work, "W") if name in box.work else (places.state, "S")
+            at, shape = where[box.name, name]
+            said += [f"{letter} + {8 * at}", *map(str, shape)]
         else:
-            said += [f"{letter} + {at if letter == 'N' else 8 * at}", *map(str, shape)]
+            wire = Wire(box.name, 0, box.size) if name == "out" else wiring.wires[box.name, name]
+            said += [address(wiring, places, wire), str(wire.size)]
     return f"{box.name}_{what}({', '.join(said)})"
+
+
+def address(wiring: Wiring, places: Places, wire: Wire) -> str:
+    """Return the address of what a wire reads, as text."""
+    letter, at = place_of(wiring, places, wire)
+    return f"{letter} + {8 * at}"
 
 
 def place_of(wiring: Wiring, places: Places, wire: Wire) -> tuple[str, int]:

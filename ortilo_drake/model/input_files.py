@@ -45,9 +45,9 @@ def open_file(path: Path, limit: int = DATA_LIMIT) -> BinaryIO:
     return os.fdopen(descriptor, "rb")
 
 
-def check_file(path: Path) -> None:
+def check_file(path: Path, limit: int = DATA_LIMIT) -> None:
     """Refuse the files that open_file refuses, before a library opens the file by its name."""
-    open_file(path).close()
+    open_file(path, limit).close()
 
 
 def exists(path: Path) -> bool:

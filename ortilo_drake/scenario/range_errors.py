@@ -70,7 +70,7 @@ class UwbNoise(Frozen):
 
     Attributes:
         white: standard deviation of a row's white error [m]; Student's t scale if `freedom` is given.
-        freedom: Student's t degrees of freedom of the white error, less for a heavier tail; null if it is normal.
+        freedom: Student's t degrees of freedom of the white error [1], fewer for a heavier tail; null if it is normal.
         lasting: the lasting part of each anchor's error; null for none.
         field: the part that belongs to places; null for none.
         outliers: rows that err by more.
