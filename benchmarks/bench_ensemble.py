@@ -1,12 +1,10 @@
 """The speed of the ensemble engine: simulated seconds per second of wall time, by scenario.
 
-    python benchmarks/bench_ensemble.py --warm      # the figures of docs/how_to/ensemble.md
-    python benchmarks/bench_ensemble.py --json F    # the times of compilation as well
+    python benchmarks/bench_ensemble.py --json F    # the figures of docs/how_to/ensemble.md
     python benchmarks/bench_ensemble.py --smoke     # a quick look that everything still runs
 
-`simulated_s_per_s` is with two threads, `one_thread` with one; each is the best of twelve rounds of four flights, for
-on a machine that others use as well every other round is theirs. `per_cpu_s` is by processor time, on one thread:
-others disturb it less.
+`simulated_s_per_s` is with two threads, `one_thread` with one; each is the best of a few rounds, for on a machine that
+others use as well every other round is theirs. `per_cpu_s` is by processor time, on one thread: others disturb it less.
 `compile_s` is the time to the first figures with numba's cache empty, in a process of its own, and `cached_s` the same
 once it is filled.
 """
@@ -90,14 +88,13 @@ def main() -> None:
     """Print the figures as JSON, and write them if asked to."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", type=Path, help="file to write")
-    parser.add_argument("--warm", action="store_true", help="no times of compilation")
     parser.add_argument("--smoke", action="store_true", help="the first scenario, few flights, one round")
     arguments = parser.parse_args()
-    flights, rounds = (2, 1) if arguments.smoke else (4, 12)
+    flights, rounds = (2, 1) if arguments.smoke else (32, 3)
     found: dict[str, dict[str, float]] = {}
-    for name in list(SCENARIOS)[: 1 if arguments.smoke else None]:  # each kind of flight compiles for a while
+    for name in list(SCENARIOS)[: 1 if arguments.smoke else None]:  # each kind of flight compiles for a minute
         figures = speeds(name, flights, rounds)
-        if not (arguments.smoke or arguments.warm):
+        if not arguments.smoke:
             figures["compile_s"], figures["cached_s"] = first_flights(name)
         for key, value in figures.items():
             found.setdefault(key, {})[name] = round(value, 1)

@@ -17,7 +17,6 @@ from types import ModuleType
 from typing import Final
 
 from numba import cloudpickle
-from numba.core.compiler import Compiler
 
 from ortilo_drake.codegen.half import onboard_half
 from ortilo_drake.codegen.single import compute_in_floats, narrow_record, with_whole_words
@@ -133,7 +132,7 @@ def box_ir(box: str, element: Element, single: bool) -> dict[str, str]:
         InputError: if a function calls what is not there without Python.
     """
     module = ModuleType("ortilo_exported")
-    vars(module).update(known_to(element), counted=Compiler)  # numba's counting is replaced here
+    vars(module).update(known_to(element))
     text = native_text(element).replace("cache=True", "cache=False")
     if single:
         text = text.replace("from_dtype(", "narrow_record(")

@@ -42,7 +42,6 @@ class KeepLowered(LoweringPass):
     """Lowers into code that is only linked into other code."""
 
     _name = "keep_lowered"
-    library = OnlyLinked
 
     def __init__(self) -> None:
         LoweringPass.__init__(self)
@@ -50,20 +49,17 @@ class KeepLowered(LoweringPass):
     def run_pass(self, state: Any) -> bool:
         """Give the function its library; numba makes one where there is none."""
         name = state.func_id.func_qualname
-        state.library = self.library(state.targetctx.codegen(), name)
-        state.library.enable_object_caching()
+        state.library = OnlyLinked(state.targetctx.codegen(), name)
         return True
 
 
 class Inlined(CompilerBase):
     """numba's compiler, with that library."""
 
-    lowering: type[LoweringPass] = KeepLowered
-
     def define_pipelines(self) -> list[Any]:
         """Return numba's passes, and before the lowering that one."""
         passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
-        passes.add_pass_after(self.lowering, AnnotateTypes)  # the last one before the lowering
+        passes.add_pass_after(KeepLowered, AnnotateTypes)  # the last one before the lowering
         passes.finalize()
         return [passes]
 

@@ -19,7 +19,6 @@ from typing import Any
 import llvmlite.binding as llvm
 from numba import njit
 
-from ortilo_drake.loop.counting import Counted
 from ortilo_drake.loop.digest import digest_of, modules_of, plain
 from ortilo_drake.loop.element import Array, Element, Group, Number, takes
 from ortilo_drake.loop.generated import load
@@ -75,7 +74,7 @@ def native_text(element: Element) -> str:
     text += "from ortilo_drake.loop.addresses import array_at, record_at\n\n"
     fields = [(number.name, number.kind, number.shape) for number in element.constants] or [("nothing", "f8", ())]
     text += f"record = types.CPointer(from_dtype(np.dtype({fields!r}, align=True)))\n"
-    memory = "pipeline_class=counted" if element.allocates else "_nrt=False"
+    without = "" if element.allocates else ", _nrt=False"
     for what, function in element.functions.items():
         types_of, names = [], []
         for name, dimensions, kind in parameters(element, function):
@@ -91,7 +90,7 @@ def native_text(element: Element) -> str:
         made = ", ".join(name if name in element.grouped else _argument(element, name) for name in takes(function))
         text += f"""
 
-@cfunc(types.void({", ".join(types_of)}), cache={is_kept(element)}, error_model="numpy", {memory})
+@cfunc(types.void({", ".join(types_of)}), cache={is_kept(element)}, error_model="numpy"{without})
 def {what}_c({", ".join(names)}):
 {put}    its_{what}({made})
 """
@@ -124,7 +123,7 @@ def known_to(element: Element) -> dict[str, Any]:
     # Inlined, descriptors of arrays stay in registers.
     compiled = njit(error_model="numpy", pipeline_class=Inlined, **options)
     jitted = {f"its_{what}": compiled(plain(f)) for what, f in element.functions.items()}
-    return jitted | {"counted": Counted} | _classes(element.groups)
+    return jitted | _classes(element.groups)
 
 
 @lru_cache(maxsize=256)

@@ -211,8 +211,8 @@ def plan_figure(scenario: Scenario, nominal: NominalFlight, flights: dict[Point,
                 axes.add_patch(Circle((r[0], r[1]), radius, facecolor=INSIDE, lw=0, zorder=0.5))
             axes.plot(*tube.r[:, :2].T, "k--", lw=1.0, zorder=3, label="planned")
             axes.plot([], [], "o", color=INSIDE, ms=9, label="3-sigma tube")
-            axes.plot([], [], color=BLUE, label="flights")
-            axes.plot([], [], color=ORANGE, marker="X", mec="k", label="lost flights")
+            axes.plot([], [], color=BLUE, label="a flight")
+            axes.plot([], [], color=ORANGE, marker="X", mec="k", label="a lost flight")
             for flight in flown:
                 n = len(flight.deviation)
                 track = tube.r[:n, :2] + flight.deviation[:, :2]
