@@ -81,13 +81,13 @@ def _tune_recorded(paths: list[Path], map_file: Path, by: FitBy, out_file: Path 
     from ortilo_drake.flight.files import write_text
     from ortilo_drake.interop.recorded.map_file import load_map, map_text
     from ortilo_drake.interop.recorded.recording import read_recording
-    from ortilo_drake.studies.recorded.fit_noise import FITTED, fit_noise
+    from ortilo_drake.studies.recorded.fit_noise import FITTED, MOST, fit_noise
 
     map_ = load_map(map_file)
     recordings = [read_recording(path, map_) for path in paths]
     say_if_compiling()
     with progress_bar() as progress:
-        task = progress.add_task("fitting", total=None)
+        task = progress.add_task("fitting", total=MOST)  # at most
         kind: Literal["innovations", "truth"] = "truth" if by is FitBy.truth else "innovations"
         fitted = fit_noise(recordings, map_, kind, lambda n: progress.update(task, completed=n))
     if out_file is not None:

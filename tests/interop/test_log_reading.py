@@ -60,6 +60,11 @@ def test_a_log_is_read_as_a_recording_by_the_map_beside_it(folder: Path) -> None
     np.testing.assert_allclose(recording.ranges.r[of_first], d, rtol=0.05)  # the ranges' noise is 0.75 %
     assert recording.imu is not None
     assert np.linalg.norm(recording.imu.force, axis=1).mean() == pytest.approx(GRAVITY, rel=0.02)
+    rms = np.sqrt(np.mean(recording.ranges.r**2))
+    assert map_.filter.range_white == pytest.approx(scenario().uwb.noise.fraction * rms, rel=0.05)  # two digits
+    assert map_.filter.acceleration == pytest.approx(scenario().imu.specific_force_density, rel=0.05)
+    assert map_.calibration.clock == 0.0
+    assert map_.calibration.frame == "same"
 
 
 def without_speed(data):

@@ -75,6 +75,7 @@ def bag_metadata(file: str, topics: dict[str, str], counts: dict[str, int], end:
 mcap = later("mcap.writer")
 
 KEEP_EVERY = 0.5  # what is older than this survives a kill [s of flight]
+LEAST_RANGE, LEAST_ACCELERATION, LEAST_ROTATION = 0.01, 0.005, 0.0001  # of map.yaml's noise: a filter needs some
 _ONE_CHUNK = 2**40  # chunks end where write_tick ends them, at whole ticks, not by size
 
 
@@ -103,6 +104,7 @@ class LogWriter:
         self._last, self._kept = -1, -1
         self._topics: dict[str, str] = {}
         self._counts: dict[str, int] = {}
+        self._heard: list[float] = []  # the ranges, by which map.yaml gives their noise [m]
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._file: BinaryIO
@@ -160,6 +162,8 @@ class LogWriter:
         log_time = to_ns(t)
         for message in tick_messages(t, state, messages, outputs, self._scenario, self._room):
             self._write(message, log_time)
+            if message[0].startswith("/uwb/anchor_"):
+                self._heard.append(message[2]["range"])
         if k - self._kept >= self._keep_every:
             self._kept = k
             try:
@@ -212,7 +216,21 @@ class LogWriter:
         heard = [i for i in range(len(self._room.anchors)) if f"/uwb/anchor_{i}" in self._topics]
         if not heard or "/imu/data" not in self._topics:
             return ""
-        return logged_map([f"/uwb/anchor_{i}" for i in heard], [self._room.anchors[i] for i in heard], self._topics)
+        anchors = [self._room.anchors[i] for i in heard]
+        return logged_map([f"/uwb/anchor_{i}" for i in heard], anchors, self._topics, self._noise())
+
+    def _noise(self) -> dict[str, float]:
+        """Return the noise that a filter of the log should count on: the simulator's, of imu and white ranges."""
+        imu, uwb = self._scenario.imu, self._scenario.uwb
+        noise = {
+            "acceleration": max(imu.specific_force_density, LEAST_ACCELERATION),
+            "rotation": max(imu.rate_density, LEAST_ROTATION),
+        }
+        if uwb.errors == "white":
+            constant, share = uwb.noise.sds
+            white = float(np.mean((constant + share * np.array(self._heard)) ** 2)) ** 0.5
+            noise |= {"range_white": max(white, LEAST_RANGE), "range_correlated": LEAST_RANGE}
+        return noise
 
     def _not_written(self, error: OSError) -> InputError:
         return InputError(f"{self.path}: cannot be written: {error.strerror or error}")

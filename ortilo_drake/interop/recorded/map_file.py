@@ -3,7 +3,7 @@
 Names of files are relative to the folder that the command is given, so one map serves every motion recorded alike.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -269,18 +269,34 @@ def map_text(map_: Map) -> str:
     return yaml.safe_dump(map_.model_dump(mode="json", exclude_defaults=True), sort_keys=False, allow_unicode=True)
 
 
-def logged_map(ranges: Sequence[str], anchors: Sequence[Sequence[float]], topics: Collection[str]) -> str:
-    """Return the map of a log of ours as YAML: its topics of ranges, their anchors, the imu, and the truth if there."""
+LOGGED = """\
+# Of a simulated flight. Its truth is in the anchors' frame, by the sensors' clock, at the antenna; the filter's noise
+# is the simulator's. Of a real recording `ortilo replay` finds the first three, and `ortilo tune` the noise.
+"""
+
+
+def logged_map(
+    ranges: Sequence[str], anchors: Sequence[Sequence[float]], topics: Collection[str], noise: Mapping[str, float]
+) -> str:
+    """Return the map of a log of ours as YAML.
+
+    Args:
+        ranges: their topics.
+        anchors: their positions, one for each topic (3 each) [m].
+        topics: of the whole log: whether it has the truth.
+        noise: numbers of FilterSettings.
+    """
     found: dict[str, Any] = {
         "ranges": {"file": ".", "topics": list(ranges), "values": ["range"]},
         "anchors": [list(p_W) for p_W in anchors],
         "imu": {"file": ".", "topic": "/imu/data", "axes": "flu"},
+        "filter": {name: float(f"{value:.2g}") for name, value in noise.items()},
     }
     if "/truth/pose" in topics:
         position = [f"pose.position.{axis}" for axis in "xyz"]
         found["truth"] = {"file": ".", "topic": "/truth/pose", "position": position}
-    text: str = yaml.safe_dump(found, sort_keys=False, default_flow_style=None, width=1000)
-    return text
+        found["calibration"] = {"clock": 0.0, "frame": "same", "lever": [0.0, 0.0, 0.0], "biases": "online"}
+    return LOGGED + str(yaml.safe_dump(found, sort_keys=False, default_flow_style=None, width=1000))
 
 
 def unit_key(map_: Map, by: float, key: str = "imu") -> str:

@@ -1,5 +1,6 @@
 """Rows that a reader cannot use: counted with their reason, never dropped in silence."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -94,6 +95,18 @@ def kept_in_order(
     if gaps.any():
         rejected.notes.append(f"{gaps.sum()} gaps between stamps, the longest {steps.max():.4g} s (kept)")
     return keep
+
+
+def lines_of(parts: Iterable[Rejections]) -> list[str]:
+    """Return the lines of several sources; one that several have alike is said once."""
+    sources: dict[str, list[str]] = {}
+    for part in parts:
+        for line in part.lines():
+            sources.setdefault(line.removeprefix(f"{part.source}: "), []).append(part.source)
+    return [
+        f"{first}: {line}" if not more else f"{first} and {len(more)} more: {line}"
+        for line, (first, *more) in sources.items()
+    ]
 
 
 def _far_away(stamps: np.ndarray) -> np.ndarray:

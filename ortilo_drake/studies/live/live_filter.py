@@ -27,8 +27,8 @@ from ortilo_drake.studies.recorded.filter_types import NO_AIDS, RANGE, Events, E
 from ortilo_drake.studies.recorded.filtered import (
     TRIAL,
     FilterSetup,
+    begin_of,
     events_of,
-    heading_of,
     levers_of,
     noise_of,
     start_of,
@@ -138,8 +138,8 @@ class LiveFilter:
         queries = np.arange(first, int(horizon / self._period) + 2) * self._period
         queries = queries[queries < horizon]
         try:
-            heading = heading_of(ranges, imu, known, map_.filter, self._noise, queries)
-            self._state = start_of(ranges, imu, known, map_.filter, heading, known.heading is not None)
+            found = begin_of(ranges, imu, known, map_.filter, self._noise, queries)
+            self._state = start_of(ranges, imu, known, map_.filter, found, known.heading is not None)
         except InputError as error:
             self.why_not_begun = str(error)
             late = self._kept.ranges

@@ -35,7 +35,7 @@ from ortilo_drake.studies.recorded.filter_types import (
     nominal,
     states,
 )
-from ortilo_drake.studies.recorded.first_fix import ranges_for_a_fix, solve_first_fix
+from ortilo_drake.studies.recorded.first_fix import Fix, ranges_for_a_fix, solve_first_fix
 from ortilo_drake.studies.recorded.imu_watch import watched_from
 from ortilo_drake.studies.recorded.landing import Landing, landings
 from ortilo_drake.studies.recorded.reacquired import Lost, run_on
@@ -53,6 +53,13 @@ class Innovations(NamedTuple):
     innovation: np.ndarray
     variance: np.ndarray
     taken: np.ndarray
+
+
+class Begin(NamedTuple):
+    """The start: heading [rad], and the antenna's position and velocity if found by the ranges alone."""
+
+    heading: float
+    fix: Fix | None
 
 
 class FilterSetup(NamedTuple):
@@ -91,7 +98,7 @@ class Estimate(NamedTuple):
     """At the stamps asked for: position (m, 3), covariance (m, 3, 3), attitude (m, 3, 3).
 
     Then the innovations of the ranges, and their stamps; when the filter was lost; since when the accelerometer's x and
-    y are not used [s], inf if they are; and drag's k at the end, and its deviation [1/s].
+    y are not used [s], inf if they are; drag's k at the end, and its deviation [1/s]; and where it began.
     """
 
     t: np.ndarray
@@ -103,6 +110,7 @@ class Estimate(NamedTuple):
     lost: list[Lost]
     failed: tuple[float, float] = (np.inf, np.inf)
     drag: tuple[float, float] = (0.0, 0.0)
+    begin: Begin = Begin(0.0, None)
 
 
 def noise_of(settings: FilterSettings, imu: bool) -> Noise:
@@ -151,7 +159,7 @@ def _events(kind: int, t: np.ndarray, *columns: np.ndarray, r: np.ndarray | floa
 
 
 def start_of(
-    ranges: Ranges, imu: Imu | None, known: FilterSetup, settings: FilterSettings, heading: float, sure: bool
+    ranges: Ranges, imu: Imu | None, known: FilterSetup, settings: FilterSettings, begin: Begin, sure: bool
 ) -> State:
     """Return the state at the first range, whose heading is `sure` where it was given and not tried.
 
@@ -164,7 +172,9 @@ def start_of(
     R = np.eye(3)
     if imu is not None:
         rest = known.start is not None and known.start.rests
-        R = Rotation.from_rotvec([0.0, 0.0, heading]).as_matrix() @ (np.eye(3) if rest else first_tilt(imu, known.rest))
+        R = Rotation.from_rotvec([0.0, 0.0, begin.heading]).as_matrix() @ (
+            np.eye(3) if rest else first_tilt(imu, known.rest)
+        )
         up = known.start.heading_sd if known.start is not None else 0.1 if sure else 0.4
         by_force = known.rest is not None and imu.attitude is None
         tilt = LEVEL if rest else ANY_TILT if by_force else tilt_deviation(imu)
@@ -175,10 +185,8 @@ def start_of(
         variances[BIASES + n : -2] = settings.range_correlated**2
     variances[-2:] = known.scale_sd**2, known.k_sd**2 if imu is not None else 0.0
     if known.start is None:
-        window = ranges_for_a_fix(ranges)
-        arms = known.tags[window.tag] @ R.T if imu is not None else 0.0
-        fix = solve_first_fix(window, known.anchors, c, known.level, arms=arms)
-        place, variances[:6] = fix.x, fix.variances
+        fix = begin.fix or _fix_of(ranges, known, R if imu is not None else np.zeros((3, 3)))
+        place, variances[:6] = fix.x.copy(), fix.variances
         place[:3] -= R @ known.lever
     else:
         place = np.append(known.start.position, np.zeros(3))
@@ -198,6 +206,13 @@ def start_of(
     return State(float(ranges.t[0]), x, C, at_rest, watched_from(rests))
 
 
+def _fix_of(ranges: Ranges, known: FilterSetup, R: np.ndarray) -> Fix:
+    """Return position and velocity at the first range; R turns the tags' places into W, where the attitude is known."""
+    window = ranges_for_a_fix(ranges)
+    c = np.zeros(len(known.anchors)) if known.biases is None else known.biases
+    return solve_first_fix(window, known.anchors, c, known.level, arms=known.tags[window.tag] @ R.T)
+
+
 def levers_of(known: FilterSetup, imu: Imu | None) -> np.ndarray:
     """Return the places in the body of the tags' origin and of each tag (1 + m, 3) [m].
 
@@ -213,7 +228,7 @@ def innovation_score(run: Innovations, gate: float) -> float:
     return float(-0.5 * np.sum(np.log(run.variance) + np.minimum(run.innovation**2 / run.variance, gate**2)))
 
 
-def heading_of(
+def begin_of(
     ranges: Ranges,
     imu: Imu | None,
     known: FilterSetup,
@@ -221,24 +236,26 @@ def heading_of(
     noise: Noise,
     queries: np.ndarray,
     landed: Sequence[Landing] = (),
-) -> float:
-    """Return the heading at the first range [rad]: the known one, else that of eight with the likeliest innovations.
+) -> Begin:
+    """Return where the filter begins: its heading is the known one, else that of eight with the likeliest innovations.
 
     Each is tried on the first TRIAL seconds. Without an IMU it is 0. Arguments as estimate; queries from the first
     range on, and the landings.
     """
+    by_ranges = known.start is None and not known.tags.any()  # else the fix depends on the heading, or none is needed
+    fix = _fix_of(ranges, known, np.eye(3)) if by_ranges else None
     if known.heading is not None or imu is None:
-        return known.heading or 0.0
+        return Begin(known.heading or 0.0, fix)
     begin = float(ranges.t[0])
     events, heard = events_of(ranges, imu, known, landed, queries, begin)
     events = Events(*(part[events.t <= begin + TRIAL] for part in events))
     setup = Setup(known.anchors, levers_of(known, imu), known.level, noise, known.aids)
     tried, scores = np.arange(HEADINGS) * 2.0 * np.pi / HEADINGS, []
     for heading in tried:  # a wrong one must not be mended while it is tried
-        start = start_of(ranges, imu, known, settings, heading, False)
+        start = start_of(ranges, imu, known, settings, Begin(heading, fix), False)
         runs = run_on(events, heard, start, setup, np.inf, False)[0]
         scores.append(innovation_score(_joined(runs), noise.gate))
-    return float(tried[int(np.argmax(scores))])
+    return Begin(float(tried[int(np.argmax(scores))]), fix)
 
 
 def estimate(
@@ -248,11 +265,12 @@ def estimate(
     settings: FilterSettings,
     queries: np.ndarray,
     smoothed: bool = False,
+    begin: Begin | None = None,
 ) -> Estimate:
     """Run the filter and return its estimates at the stamps asked for, those at or after the first range.
 
     With an IMU that stood still it begins with the first range after that; without one it is the constant-velocity
-    filter. The stamps rise [s].
+    filter. The stamps rise [s]. `begin` is where it began before, which is then not searched again.
 
     Raises:
         InputError: if fewer than three anchors are heard at the start, or the filter diverges.
@@ -261,8 +279,8 @@ def estimate(
         ranges = ranges.only(np.flatnonzero(ranges.t >= known.rest.end))
     if not len(ranges.t):
         raise InputError("ranges: none are left")
-    begin = float(ranges.t[0])
-    queries = queries[queries >= begin]
+    first = float(ranges.t[0])
+    queries = queries[queries >= first]
     landed = landings(imu) if imu is not None and known.start is not None and known.start.lands else []
     for one in landed if smoothed else []:  # the filter cannot know yet that it is on the floor
         ranges = ranges.only((ranges.t <= one.touched) | (ranges.t > one.rests))
@@ -270,9 +288,9 @@ def estimate(
     if known.biases is not None:  # calibrated ones are held: what wanders is the correlated error
         noise = noise._replace(bias_walk=0.0)
 
-    heading = heading_of(ranges, imu, known, settings, noise, queries, landed)
-    events, heard = events_of(ranges, imu, known, landed, queries, begin)
-    start = start_of(ranges, imu, known, settings, heading, known.heading is not None)
+    begin = begin or begin_of(ranges, imu, known, settings, noise, queries, landed)
+    events, heard = events_of(ranges, imu, known, landed, queries, first)
+    start = start_of(ranges, imu, known, settings, begin, known.heading is not None)
     aids = known.aids if imu is not None else NO_AIDS
     setup = Setup(known.anchors, levers_of(known, imu), known.level, noise, aids)
     runs, lost, end = run_on(events, heard, start, setup, -np.inf, smoothed)
@@ -286,7 +304,7 @@ def estimate(
     R = Rotation.from_quat(x[:, Q:ADDITIVE], scalar_first=True).as_matrix() if len(x) else np.zeros((0, 3, 3))
     failed = (float(end.watched[4]), float(end.watched[5]))
     drag = (float(end.x[-1]), float(np.sqrt(end.C[-1, -1])))
-    return Estimate(queries, x[:, :3], P, R, _joined(runs), ranges.t, lost, failed, drag)
+    return Estimate(queries, x[:, :3], P, R, _joined(runs), ranges.t, lost, failed, drag, begin)
 
 
 def _joined(runs: list[Run]) -> Innovations:

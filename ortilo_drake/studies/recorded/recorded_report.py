@@ -42,8 +42,10 @@ HEADER = [
 LEGEND = (
     "RMS errors in m. ATE and RPE by evo: of the position, as it is, after the best SE(3), and over a second. NEES is "
     "3 if consistent, NIS about 1. Rejected: ranges that the gate left out. Available: share of the time at which the "
-    "filter's own standard deviation is below the map's limit. At gaps' ends: RMS and largest position error."
+    "filter's own standard deviation is below the map's `available` (0.3 m by default). At gaps' ends: RMS and "
+    "largest position error."
 )
+MOST, USUAL = 0.75, 2.0  # the share of the time whose errors and 3 sigma are seen at twice their size
 MOST_LOST = 6  # times that are listed
 BLUE, RED, GREY = "#0072B2", "#D55E00", "#999999"
 BIN = 1.0  # NIS is a mean over this time [s]
@@ -187,7 +189,9 @@ def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Pa
             axes = figure.add_subplot(grid[k, 1])
             axes.fill_between(t, -3 * deviations[:, k], 3 * deviations[:, k], color=BLUE, alpha=0.15, lw=0)
             if truth is not None:
-                axes.plot(t, (estimate.p - truth)[:, k], color=BLUE, lw=0.8)
+                error = (estimate.p - truth)[:, k]
+                axes.plot(t, error, color=BLUE, lw=0.8)
+                _show_usual(axes, np.maximum(np.abs(error), 3 * deviations[:, k]))
             axes.set_ylabel(f"error {'xyz'[k]} [m]\nand 3 σ")
             _calibration(axes, found)
         axes = figure.add_subplot(grid[3, 1])
@@ -208,7 +212,7 @@ def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Pa
                 axes.plot(other.t, total, lw=0.9, label=f"{row} ({found.rows[row].available:.0%})")
         axes.axhline(below, color=RED, lw=0.8, ls="--")
         axes.set_yscale("log")
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
         axes.yaxis.set_major_formatter("{x:g}")
         axes.yaxis.set_minor_formatter(NullFormatter())
         axes.set_ylabel("σ [m], available\nbelow the line")
@@ -217,6 +221,14 @@ def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Pa
         _calibration(axes, found)
         figure.suptitle(f"{found.name}: {name} (grey: the part that calibrates)")
         return save_picture(figure, path)
+
+
+def _show_usual(axes: mpl.axes.Axes, sizes: np.ndarray) -> None:
+    """Limit a symmetric axis to what most of the time needs, so that outages do not flatten it, and say so."""
+    usual = USUAL * float(np.quantile(sizes, MOST))
+    if np.isfinite(usual) and 0.0 < usual < sizes.max():
+        axes.set_ylim(-usual, usual)
+        axes.set_title(f"error and 3 σ up to {sizes.max():.2g} m", loc="right", fontsize=7, pad=2)
 
 
 def _calibration(axes: mpl.axes.Axes, found: Replayed) -> None:
