@@ -155,6 +155,14 @@ def test_blackouts_are_where_and_when_the_scenario_has_them() -> None:
     assert dark(fly(scenario()), "uwb").all()  # it hovers in one
 
 
+def test_a_shade_begins_and_ends_with_the_messages() -> None:
+    shaded = "uwb.link.blackouts=[{kind: time, start: 0.066666667, end: 0.266666667}]"  # ticks 2 and 8, up to rounding
+    flown = fly(scenario("uwb.link.rate=30", shaded))
+    arrived = flown["arrival"].sel(sensor="uwb").values
+    np.testing.assert_array_equal(dark(flown, "uwb"), ~arrived)
+    np.testing.assert_array_equal(np.flatnonzero(~arrived), np.arange(2, 8))
+
+
 def test_the_strip_counts_its_columns_in_time(flight: xr.Dataset) -> None:
     picture, columns, (top, bottom) = error_strip(flight, 640, STRIP_HEIGHT)
     assert picture.shape == (STRIP_HEIGHT, 640, 3)
