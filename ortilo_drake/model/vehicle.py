@@ -17,6 +17,9 @@ LEAST_ARM = 0.04  # over the cube root of the mass; published multirotors have 0
 STEERABLE = 1e-6  # least singular value of a layout of arms, as a share of the largest: weaker is none
 
 
+Lag = Annotated[float, Field(ge=1e-4)]  # shorter ones are none that matters, and take long to integrate [s]
+
+
 class Arm(Frozen):
     """An arm in the plane through the centre of mass, with a rotor at its end that thrusts along B's z.
 
@@ -59,7 +62,7 @@ class Vehicle(Frozen):
     arms: Annotated[tuple[Arm, ...], Field(min_length=4, max_length=MAX_ROTORS)] | None = None
     rotor_lift: Positive = 1.858582798e-5
     rotor_drag: Positive = 7.905545266e-7
-    rotor_time_constant: tuple[Positive, Positive] = (0.0125, 0.025)
+    rotor_time_constant: tuple[Lag, Lag] = (0.0125, 0.025)
     rotor_max_speed: Positive = 838.0
     radius: NonNegativeFloat = 0.49
 
