@@ -1,4 +1,4 @@
-"""The ticks of a flight in which UWB is blacked out."""
+"""The ticks of a flight in which a sensor is blacked out."""
 
 import numpy as np
 
@@ -6,10 +6,10 @@ from ortilo_drake.scenario import Scenario
 from ortilo_drake.world.radio.link import blackout_rows
 
 
-def in_blackout(truth: np.ndarray, scenario: Scenario) -> np.ndarray:
-    """Return in which ticks UWB is blacked out, by the true states (n, 12); see world/radio/link.py."""
+def in_blackout(truth: np.ndarray, scenario: Scenario, sensor: str = "uwb") -> np.ndarray:
+    """Return in which ticks (n) a sensor is blacked out, by the true states (n, 12); see world/radio/link.py."""
     black = np.zeros(len(truth), dtype=bool)
-    for axis, start, end in blackout_rows(scenario.uwb.link, scenario.h):
+    for axis, start, end in blackout_rows(scenario.link_of(sensor), scenario.h):
         where = np.arange(len(truth)) if axis == 3 else truth[:, int(axis)]
         black |= (where >= start) & (where < end)
     return black

@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from ortilo_drake.flight.fit import vehicle_fit, vehicle_shape
+from ortilo_drake.flight.fit import vehicle_fit
 from ortilo_drake.flight.late import late_messages
+from ortilo_drake.flight.vehicle_units import vehicle_units
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.load import Setting
 from ortilo_drake.scenario.unread import unread_settings
@@ -20,10 +21,5 @@ def cautions(scenario: Scenario, name_or_file: str | Path | None = None, setting
         settings: that were laid over it.
     """
     unread = [] if name_or_file is None else unread_settings(scenario, name_or_file, settings)
-    return (
-        unread
-        + believed_noise(scenario)
-        + late_messages(scenario)
-        + vehicle_shape(scenario.vehicle)
-        + vehicle_fit(scenario)
-    )
+    vehicle = vehicle_units(scenario.vehicle) or vehicle_fit(scenario)  # of a wrong vehicle nothing else is known
+    return unread + believed_noise(scenario) + late_messages(scenario) + vehicle

@@ -11,7 +11,7 @@ from scipy.linalg import block_diag, expm, solve_discrete_lyapunov
 
 from ortilo_drake.model.hover import discretize, hover_A, hover_B, hover_B_d
 from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR
-from ortilo_drake.model.vehicle import M100, Vehicle, mixing_inverse, rotor_places
+from ortilo_drake.model.vehicle import M100, mixing_inverse
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair, servo_gain
 from ortilo_drake.scenario import Disturbance, DisturbanceW, LqServo, Scenario, ServoWeights
 
@@ -33,25 +33,6 @@ def vehicle_fit(scenario: Scenario) -> list[str]:
     if scenario.world.rotors.kind == "first_order":
         found = found + _lagging(scenario) + ([] if shaken else _saturated(scenario))
     return found
-
-
-def vehicle_shape(vehicle: Vehicle) -> list[str]:
-    """A line for each length or moment that no body has, most likely because its unit is wrong.
-
-    No body that lies within r of its z axis has an I_z above m r^2.
-    """
-    x, y, _ = rotor_places(vehicle)
-    reach, r, (*_, I_z) = float(np.hypot(x, y).max()), vehicle.radius, vehicle.inertia
-    lines = []
-    if reach > r:
-        lines.append(
-            f"vehicle.radius: {r:g} m does not reach the rotors, {reach:g} m from the centre; lengths are in m"
-        )
-    if I_z > vehicle.mass * max(r, reach) ** 2:
-        lines.append(
-            f"vehicle.inertia: I_z = {I_z:g} kg m² is more than {vehicle.mass:g} kg within {max(r, reach):g} m have"
-        )
-    return lines
 
 
 def stationary(scenario: Scenario, disturbance: Disturbance) -> tuple[np.ndarray, np.ndarray]:

@@ -23,12 +23,12 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.interop.ros.body_motion import quaternion
 from ortilo_drake.model.equations import body_rates, euler_rate_matrix, rotation_matrix
 from ortilo_drake.model.inputs.numbers import is_port
 from ortilo_drake.model.optional import check_installed
 from ortilo_drake.model.signals import N_X, N_XBAR
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.estimator.tight.inertial import quaternion_of
 
 DEFAULT_URL = "udpout:127.0.0.1:14580"  # a simulated PX4 listens there for a companion computer
 MAV_FRAME_LOCAL_NED = 1
@@ -51,7 +51,7 @@ def euler_ned(rpy: np.ndarray) -> np.ndarray:
 
 def quaternion_ned(rpy: np.ndarray) -> np.ndarray:
     """Return q_NF = (w, x, y, z), w >= 0, from roll, pitch, yaw of F in N."""
-    q = np.roll(quaternion(rpy), 1)
+    q = quaternion_of(rpy)
     return q if q[0] >= 0.0 else -q
 
 

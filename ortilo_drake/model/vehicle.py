@@ -13,7 +13,11 @@ from ortilo_drake.model.typed_yaml import Frozen, InputError, Positive, load_yam
 GRAVITY = 9.81  # m/s^2
 MAX_TILT = np.pi / 3  # beyond this a vehicle counts as tumbling [rad]
 MAX_ROTORS = 64
+LEAST_ARM = 0.04  # over the cube root of the mass; published multirotors have 0.12 to 0.23 [m/kg^(1/3)]
 STEERABLE = 1e-6  # least singular value of a layout of arms, as a share of the largest: weaker is none
+
+
+Lag = Annotated[float, Field(ge=1e-4)]  # shorter ones are none that matters, and take long to integrate [s]
 
 
 class Arm(Frozen):
@@ -58,7 +62,7 @@ class Vehicle(Frozen):
     arms: Annotated[tuple[Arm, ...], Field(min_length=4, max_length=MAX_ROTORS)] | None = None
     rotor_lift: Positive = 1.858582798e-5
     rotor_drag: Positive = 7.905545266e-7
-    rotor_time_constant: tuple[Positive, Positive] = (0.0125, 0.025)
+    rotor_time_constant: tuple[Lag, Lag] = (0.0125, 0.025)
     rotor_max_speed: Positive = 838.0
     radius: NonNegativeFloat = 0.49
 
@@ -86,9 +90,11 @@ class Vehicle(Frozen):
                 "the centre of mass must lie well between the rotors"
             )
         if self.hover_rotor_speeds.max() >= self.rotor_max_speed:
+            in_grams = self.longest_arm < LEAST_ARM * self.mass ** (1.0 / 3.0)
             raise ValueError(
-                f"rotor_max_speed: {self.rotor_max_speed} cannot lift mass {self.mass}, "
-                f"hover needs {self.hover_rotor_speeds.max():.1f} rad/s"
+                f"mass: {self.mass} kg is more than the rotors lift, {self.largest_thrust / GRAVITY:.3g} kg at "
+                f"rotor_max_speed {self.rotor_max_speed}, hover needs {self.hover_rotor_speeds.max():.1f} rad/s"
+                + ("; is the mass in g?" if in_grams else "")
             )
         return self
 
@@ -101,6 +107,11 @@ class Vehicle(Frozen):
     def rotor_count(self) -> int:
         """The number n of rotors."""
         return 4 if self.arms is None else len(self.arms)
+
+    @property
+    def longest_arm(self) -> float:
+        """The largest distance of a rotor's axis from the centre of mass [m]."""
+        return float(np.hypot(*rotor_places(self)[:2]).max())
 
     @property
     def largest_thrust(self) -> float:
@@ -143,7 +154,7 @@ def mixing_inverse(vehicle: Vehicle) -> np.ndarray:
 
 def _row_units(vehicle: Vehicle) -> np.ndarray:
     """Return the scale of each row of M (4 x 1), so that its rank does not depend on units or size."""
-    lift, longest = vehicle.rotor_lift, np.hypot(*rotor_places(vehicle)[:2]).max()
+    lift, longest = vehicle.rotor_lift, vehicle.longest_arm
     return np.array([[lift], [lift * longest], [lift * longest], [vehicle.rotor_drag]])
 
 

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from ortilo_drake.flight.blackouts import in_blackout
 from ortilo_drake.flight.flight import AXES, scenario_of
 from ortilo_drake.scenario import InputError, PositionBlackout, Scenario
+from ortilo_drake.views.figures import position_errors
 from ortilo_drake.views.palette import COLOR, ESTIMATED, GREY, OTHER, SHADE, STYLE
 from ortilo_drake.views.shown_figure import ShownFigure
 
@@ -45,10 +46,10 @@ def draw_blackout_errors(flights: dict[str, xr.Dataset], axis: str = "x") -> Fig
         rows = figure.subplots(len(flights), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
         for axes, (title, flight) in zip(rows, flights.items(), strict=True):
             time = flight["time"].values
-            error = np.abs(flight["estimate"].values[:, i] - flight["truth"].values[:, i])
+            error, sd = position_errors(flight)
             shade_blackouts(axes, flight)
-            axes.plot(time, error, color=GREY, lw=0.9, label=f"|error in {axis}|")
-            axes.plot(time, np.sqrt(flight["covariance"].values[:, i, i]), color=ESTIMATED, lw=1.5, label="filter's sd")
+            axes.plot(time, np.abs(error[:, i]), color=GREY, lw=0.9, label=f"|error in {axis}|")
+            axes.plot(time, sd[:, i], color=ESTIMATED, lw=1.5, label="filter's sd")
             axes.set_title(title, loc="left")
             axes.set_ylabel(f"{axis} [m]")
             axes.set_xlim(time[0], time[-1])
@@ -121,9 +122,8 @@ def draw_errors_along_x(flights: dict[str, xr.Dataset]) -> Figure:
         axes = figure.subplots()
         shade_blackouts_along_x(axes, scenario_of(next(iter(flights.values()))))
         for label, flight in flights.items():
-            e = flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]
             color = COLOR["imu_uwb_yolo"] if "camera" in scenario_of(flight).sensors else COLOR["imu_uwb"]
-            error = np.maximum(np.linalg.norm(e, axis=1), _LEAST)
+            error = np.maximum(np.linalg.norm(position_errors(flight)[0], axis=1), _LEAST)
             axes.semilogy(flight["truth"].values[:, 0], error, color=color, lw=1.0, label=label)
         axes.set_xlabel("x (east) [m]  (grey: UWB blacked out)")
         axes.set_ylabel("error of the estimate [m]")

@@ -103,8 +103,7 @@ def draw_flight(flight: xr.Dataset) -> Figure:
         thicken(room_axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=5, fontsize=8))
         room_axes.set_title(f"{scenario.name}, seed {scenario.seed}")
         time = flight["time"].values
-        error = flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]
-        sigma = np.sqrt(np.diagonal(flight["covariance"].values[:, :3, :3], axis1=1, axis2=2))
+        error, sigma = position_errors(flight)
         for i, axis in enumerate(AXES):
             axes = figure.add_subplot(grid[1 + i])
             axes.fill_between(time, -3 * sigma[:, i], 3 * sigma[:, i], color=SKY, alpha=0.35, lw=0, label="3 sigma")
@@ -116,6 +115,12 @@ def draw_flight(flight: xr.Dataset) -> Figure:
         for axes in figure.axes[1:]:
             axes.set_xlim(time[0], time[-1])
         return figure
+
+
+def position_errors(flight: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """Return the errors of the estimated position and their standard deviations, both (n, 3) [m]."""
+    error = flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]
+    return error, np.sqrt(np.diagonal(flight["covariance"].values[:, :3, :3], axis1=1, axis2=2))
 
 
 def draw_paths(axes: Axes, flight: xr.Dataset) -> None:

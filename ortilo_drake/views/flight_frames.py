@@ -8,10 +8,10 @@ import xarray as xr
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from ortilo_drake.flight.blackouts import in_blackout
 from ortilo_drake.flight.flight import AXES, scenario_of
 from ortilo_drake.model.optional import later
-from ortilo_drake.scenario import PositionBlackout
-from ortilo_drake.views.figures import COLOR, draw_arrivals
+from ortilo_drake.views.figures import COLOR, draw_arrivals, position_errors
 from ortilo_drake.views.scene_view import FLOWN, PLANNED, draw_boxes, make_camera_view, make_room_view
 
 cv2 = later("cv2")
@@ -22,16 +22,6 @@ STRIP_HEIGHT = 240
 _PATH_STEP = 0.1  # distance between two points of a drawn path [m]
 
 
-def blackout_mask(flight: xr.Dataset, sensor: str) -> np.ndarray:
-    """Return whether a sensor is blacked out by the scenario, for every tick (n)."""
-    time, p_WB = flight["time"].values, flight["truth"].values[:, :3]
-    mask = np.zeros(len(time), dtype=bool)
-    for blackout in scenario_of(flight).link_of(sensor).blackouts:
-        at = p_WB[:, AXES.index(blackout.axis)] if isinstance(blackout, PositionBlackout) else time
-        mask |= (blackout.start <= at) & (at < blackout.end)
-    return mask
-
-
 def error_strip(flight: xr.Dataset, width: int, height: int) -> tuple[np.ndarray, np.ndarray, tuple[int, int]]:
     """Draw position errors in 3-sigma bands, arrivals below them, blackouts shaded.
 
@@ -39,9 +29,8 @@ def error_strip(flight: xr.Dataset, width: int, height: int) -> tuple[np.ndarray
         The picture, blue, green, red (height, width, 3); the column of every tick (n) [px]; the first and the last row
         of the plots over time.
     """
-    time = flight["time"].values
-    error = flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]
-    sigma = np.sqrt(np.diagonal(flight["covariance"].values[:, :3, :3], axis1=1, axis2=2))
+    time, truth, scenario = flight["time"].values, flight["truth"].values, scenario_of(flight)
+    error, sigma = position_errors(flight)
     with mpl.rc_context({"font.size": 7, "axes.spines.top": False, "axes.spines.right": False}):
         figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI)
         canvas = FigureCanvasAgg(figure)
@@ -58,7 +47,7 @@ def error_strip(flight: xr.Dataset, width: int, height: int) -> tuple[np.ndarray
         for axes in figure.axes:
             axes.set_xlim(time[0], max(time[-1], time[0] + 1e-3))
             for sensor in ("uwb", "camera"):
-                shaded = blackout_mask(flight, sensor)
+                shaded = in_blackout(truth, scenario, sensor)
                 across = axes.get_xaxis_transform()
                 axes.fill_between(time, 0, 1, where=shaded, transform=across, color=COLOR[sensor], alpha=0.12, lw=0)
         canvas.draw()

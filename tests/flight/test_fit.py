@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from ortilo_drake.flight.fit import stationary, vehicle_fit, vehicle_shape
+from ortilo_drake.flight.fit import stationary, vehicle_fit
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.model.hover import discretize, hover_A, hover_B, hover_B_d
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
@@ -74,26 +74,3 @@ def test_the_tilt_is_that_of_the_loop_flown_tick_by_tick() -> None:
     X, U = stationary(scenario, disturbance)
     np.testing.assert_allclose(np.diag(X)[:12], x.var(axis=1), rtol=0.15)
     np.testing.assert_allclose(np.diag(U), (L @ np.vstack([x, i])).var(axis=1), rtol=0.15)
-
-
-@pytest.mark.parametrize(
-    ("setting", "field"),
-    [
-        ("vehicle.arm_length=170", "vehicle.radius"),  # in mm
-        ("vehicle.inertia=[154.7563, 165.8929, 207.7]", "vehicle.inertia"),  # in g m²
-    ],
-)
-def test_a_shape_that_no_body_has_is_told(setting: str, field: str) -> None:
-    (line,) = vehicle_shape(load_scenario("rotors", setting).vehicle)
-    assert line.startswith(f"{field}: ")
-
-
-@pytest.mark.parametrize("vehicle", [(), (HEXAROTOR,), (SMALL,)], ids=["m100", "hexarotor", "small"])
-def test_the_shape_of_a_real_vehicle_is_not_doubted(vehicle: tuple[str, ...]) -> None:
-    assert vehicle_shape(load_scenario("rotors", vehicle).vehicle) == []
-
-
-def test_a_thin_ring_has_the_largest_moment_within_its_radius() -> None:
-    """I_z of a ring is m r²: the bound itself, which is not doubted."""
-    ring = "vehicle={mass: 2.0, inertia: [0.25, 0.25, 0.5], arm_length: 0.5, radius: 0.5}"
-    assert vehicle_shape(load_scenario("rotors", ring).vehicle) == []

@@ -30,8 +30,17 @@ def test_a_vehicle_too_heavy_for_its_rotors_is_refused(share: float, flies: bool
     if flies:
         assert max(Vehicle(mass=share * most).hover_rotor_speeds) < M100.rotor_max_speed
     else:
-        with pytest.raises(InputError, match=r"rotor_max_speed: 838\.0 cannot lift mass"):
+        with pytest.raises(
+            InputError, match=r"mass: 5\.3\d+ kg is more than the rotors lift, 5\.32 kg at rotor_max_speed 838\.0, hover needs"
+        ):
             Vehicle(mass=share * most)
+
+
+@pytest.mark.parametrize(("mass", "asks"), [(6.0, False), (27.0, False), (1200.0, True)])
+def test_a_mass_far_above_what_the_arms_suggest_is_asked_for_its_unit(mass: float, asks: bool) -> None:
+    with pytest.raises(InputError, match="more than the rotors lift") as refused:
+        Vehicle(mass=mass)
+    assert ("is the mass in g?" in str(refused.value)) == asks
 
 
 def around(n: int, length: float = 0.3, angle: float = 2.0 * math.pi, spins: tuple[int, ...] = (1, -1)) -> Vehicle:

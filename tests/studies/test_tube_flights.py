@@ -29,7 +29,6 @@ from ortilo_drake.studies.tube.tube_flights import (
     Flown,
     PointResult,
     at_burst,
-    at_rates,
     fly_point,
     interval,
     judge_point,
@@ -66,7 +65,7 @@ def straying(share: float, lost: float | None = None) -> list[Flown]:
 
 
 def judge(flights: list[Flown]) -> PointResult:
-    return judge_point(at_rates(short()[0], PAIR), PAIR, flights, short()[1], others=range(50, 54))
+    return judge_point(with_rates(short()[0], *PAIR), PAIR, flights, short()[1], others=range(50, 54))
 
 
 def test_flights_inside_the_tube_hold() -> None:

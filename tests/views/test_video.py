@@ -11,12 +11,13 @@ from command_line import run
 from PIL import Image
 
 from ortilo_drake.diagrams.wiring.world import sensor_system
-from ortilo_drake.flight.flight import fly
+from ortilo_drake.flight.blackouts import in_blackout
+from ortilo_drake.flight.flight import fly, scenario_of
 from ortilo_drake.model.room import load_room
 from ortilo_drake.model.signals import DETECTION_SIZE, PAYLOAD
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.views import video
-from ortilo_drake.views.flight_frames import STRIP_HEIGHT, blackout_mask, error_strip, make_views
+from ortilo_drake.views.flight_frames import STRIP_HEIGHT, error_strip, make_views
 from ortilo_drake.views.scene_view import class_bgr, draw_boxes, make_camera_view, make_room_view, viewer_pose
 from ortilo_drake.views.video import flight_video, frame_ticks
 
@@ -142,12 +143,24 @@ def test_the_camera_shows_the_last_picture_taken(views: Callable[[int], np.ndarr
     assert np.any(views(6)[:, :320] != views(3)[:, :320])
 
 
+def dark(flight: xr.Dataset, sensor: str) -> np.ndarray:
+    return in_blackout(flight["truth"].values, scenario_of(flight), sensor)
+
+
 def test_blackouts_are_where_and_when_the_scenario_has_them() -> None:
     flown = fly(scenario("uwb.link.blackouts=[{kind: time, start: 0.2, end: 0.4}, {kind: position, start: 8, end: 9}]"))
     time = flown["time"].values
-    np.testing.assert_array_equal(blackout_mask(flown, "uwb"), (time >= 0.2) & (time < 0.4))
-    assert not blackout_mask(flown, "camera").any()
-    assert blackout_mask(fly(scenario()), "uwb").all()  # it hovers in one
+    np.testing.assert_array_equal(dark(flown, "uwb"), (time >= 0.2) & (time < 0.4))
+    assert not dark(flown, "camera").any()
+    assert dark(fly(scenario()), "uwb").all()  # it hovers in one
+
+
+def test_a_shade_begins_and_ends_with_the_messages() -> None:
+    shaded = "uwb.link.blackouts=[{kind: time, start: 0.066666667, end: 0.266666667}]"  # ticks 2 and 8, up to rounding
+    flown = fly(scenario("uwb.link.rate=30", shaded))
+    arrived = flown["arrival"].sel(sensor="uwb").values
+    np.testing.assert_array_equal(dark(flown, "uwb"), ~arrived)
+    np.testing.assert_array_equal(np.flatnonzero(~arrived), np.arange(2, 8))
 
 
 def test_the_strip_counts_its_columns_in_time(flight: xr.Dataset) -> None:

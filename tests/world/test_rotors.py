@@ -7,7 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 
+from ortilo_drake.flight.flight import fly
 from ortilo_drake.model.vehicle import M100, Arm, Vehicle, mixing_inverse, mixing_matrix
+from ortilo_drake.scenario import load_scenario
 from ortilo_drake.world.vehicle.rotors import Rotors_, commanded_speeds, rotor_acceleration, wrench_of
 
 M = mixing_matrix(M100)
@@ -108,3 +110,13 @@ def test_each_rotor_lags_in_its_own_direction() -> None:
         np.full(4, 500.0), np.array([600.0, 400.0, 500.0, 501.0]), np.array([0.0125, 0.025])
     )
     np.testing.assert_allclose(acceleration, [100.0 / 0.0125, -100.0 / 0.025, 0.0, 1.0 / 0.0125])
+
+
+@pytest.mark.parametrize("tau", [1e-3, 1e-4])
+def test_rotors_far_faster_than_a_tick_fly_as_rotors_without_lag(tau: float) -> None:
+    settings = ("planner={kind: hover, point: [8, 1, 1.5], duration: 2.0}", "world.plant=continuous")
+    ideal = fly(load_scenario("nominal_imu_uwb", settings))
+    lag = ("world.rotors={kind: first_order}", f"vehicle.rotor_time_constant=[{tau}, {tau}]")
+    fast = fly(load_scenario("nominal_imu_uwb", (*settings, *lag)))
+    assert fast.attrs["lost"] == "null"
+    np.testing.assert_allclose(fast["truth"].values[:, :3], ideal["truth"].values[:, :3], atol=20.0 * tau)

@@ -7,22 +7,13 @@ import numpy as np
 from numba import njit
 
 from ortilo_drake.model.equations import body_rates, euler_rate_matrix, rotation_matrix
+from ortilo_drake.onboard.estimator.tight.inertial import quaternion_of
 
 
 @njit(cache=True)
 def quaternion(rpy: np.ndarray) -> np.ndarray:
     """Return q_WB = q_z(psi) q_y(theta) q_x(phi) as (x, y, z, w)."""
-    c_phi, s_phi = np.cos(rpy[0] / 2), np.sin(rpy[0] / 2)
-    c_theta, s_theta = np.cos(rpy[1] / 2), np.sin(rpy[1] / 2)
-    c_psi, s_psi = np.cos(rpy[2] / 2), np.sin(rpy[2] / 2)
-    return np.array(
-        [
-            s_phi * c_theta * c_psi - c_phi * s_theta * s_psi,
-            c_phi * s_theta * c_psi + s_phi * c_theta * s_psi,
-            c_phi * c_theta * s_psi - s_phi * s_theta * c_psi,
-            c_phi * c_theta * c_psi + s_phi * s_theta * s_psi,
-        ]
-    )
+    return np.roll(quaternion_of(rpy), -1)
 
 
 @njit(cache=True)

@@ -1,7 +1,8 @@
 """The probability that a scenario's vehicle is lost, or strays from its reference, where that is rare.
 
 Subset simulation chooses its levels once and is then repeated, each time with noise of its own. The estimates of the
-repetitions are independent and without bias, so their mean is one too; its interval is that of log_interval.
+repetitions are independent and without bias, so their mean is one too; its interval is that of log_interval. An event
+so frequent that it needs no level is counted: all flights of the repetitions are independent.
 """
 
 from collections.abc import Callable
@@ -49,9 +50,10 @@ class Rare:
 
     Attributes:
         corridor: distance from the reference that is strayed from [m]; None where losing the vehicle is meant.
-        probability: mean of the repetitions [1]; None if fewer than two came to the event: it is then known only by
-            counting.
-        low: lower end of the 95 % interval [1]: of the mean, or of `independent` where there is none.
+        probability: mean of the repetitions [1], without levels the share of all their flights and those counted; None
+            if fewer than two came to the event: it is then known only by counting.
+        low: lower end of the 95 % interval [1]: of the mean or the share, of `independent` where there is no
+            probability.
         high: its upper end [1].
         least: the smallest probability that was sought [1].
         plan: levels [m] and steps, as the first climb chose them.
@@ -151,12 +153,13 @@ def rare_flights(
     each = flights_of(len(plan.levels), paths)
     done, total = plan.flights, plan.flights + each * len(numbers) + count
 
-    def advance(flights: int) -> None:
-        nonlocal done
-        done += flights
+    def advance(flights: int, planned: int) -> None:
+        """A climb that comes to no event ends early: it flies fewer than planned."""
+        nonlocal done, total
+        done, total = done + flights, total + flights - planned
         progress(done, total)
 
-    advance(0)
+    advance(0, 0)
     parts: list[Part] = [
         (
             (text, corridor, plan, paths, scenario.seed, i),
@@ -176,13 +179,30 @@ def rare_flights(
     counted = counted_of(count, sum(counts)) if count else None
     met = plan.met + sum(one.met for one in found) + sum(counts)
     independent = counted_of(paths * (1 + len(found)) + count, met)
-    p = np.array([one.probability for one in found])
     flights = plan.flights + sum(one.flights for one in found)
-    ends = log_interval(p, LEVEL)
-    mean = float(p.mean()) if ends else None
-    low, high = ends or (independent.low, independent.high)
+    probability, (low, high) = estimate(plan, found, paths, count, sum(counts))
+    if probability is None:
+        low, high = independent.low, independent.high
     drawn = sum(engine.drawn.values())
-    return Rare(corridor, mean, low, high, least, plan, found, flights, drawn, independent, counted)
+    return Rare(corridor, probability, low, high, least, plan, found, flights, drawn, independent, counted)
+
+
+def estimate(
+    plan: Plan, found: list[Climb], paths: int, counted: int = 0, events: int = 0
+) -> tuple[float | None, tuple[float, float]]:
+    """Return the probability and its 95 % interval; None and (0, 1) of fewer than two repetitions above 0.
+
+    An event without levels is counted in all flights of the repetitions and those counted beside them. The plan's are
+    left out: they decided that there is no level.
+    """
+    met = events + sum(one.met for one in found)
+    if found and met and not plan.levels:
+        often = counted_of(paths * len(found) + counted, met)
+        return often.events / often.flights, (often.low, often.high)
+    p = np.array([one.probability for one in found])
+    if ends := log_interval(p, LEVEL):
+        return float(p.mean()), ends
+    return None, (0.0, 1.0)
 
 
 def _count_of(batch: range) -> Any:
@@ -190,17 +210,25 @@ def _count_of(batch: range) -> Any:
     return Annotated[int, Field(ge=0, le=len(batch))]
 
 
-def _run(function: Any, parts: list[Part], workers: int, advance: Callable[[int], None]) -> list[Any]:
-    """Do those jobs whose result is not kept yet; keep and return all."""
+def _flown(result: Climb | int, most: int) -> int:
+    """Return the flights of a climb, or of a count, which flies all."""
+    return result.flights if isinstance(result, Climb) else most
+
+
+def _run(function: Any, parts: list[Part], workers: int, advance: Callable[[int, int], None]) -> list[Any]:
+    """Do those jobs whose result is not kept yet; keep and return all. What is flown and what was planned is told."""
     results = [kept_json(file, kind, in_folder(file)) for _, file, kind, _ in parts]
     missing = [i for i, result in enumerate(results) if result is None]
-    advance(sum(flights for (*_, flights), result in zip(parts, results, strict=True) if result is not None))
+    kept = [
+        (_flown(result, most), most) for (*_, most), result in zip(parts, results, strict=True) if result is not None
+    ]
+    advance(sum(flown for flown, _ in kept), sum(most for _, most in kept))
 
     def take(number: int, result: Climb | int) -> None:
-        _, file, _, flights = parts[missing[number]]
+        _, file, _, most = parts[missing[number]]
         keep_json(file, result, in_folder(file))
         results[missing[number]] = result
-        advance(flights)
+        advance(_flown(result, most), most)
 
     if missing:
         run_all(function, [parts[i][0] for i in missing], workers, take)

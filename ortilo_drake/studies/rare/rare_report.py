@@ -77,6 +77,12 @@ def rare_text(scenario: Scenario, found: Rare) -> str:
 
 
 def _by_repetitions(found: Rare, probability: float) -> list[str]:
+    if not found.plan.levels:
+        return [
+            f"probability {probability:.3g}, 95 % interval {found.low:.3g} to {found.high:.3g} (Wilson), by counting:"
+            f" the event is so frequent that it needs no levels. {found.flights:,} flights in all; those of the first"
+            " run, which decided that, are not counted."
+        ]
     lines = [
         f"probability {probability:.3g}, 95 % interval {found.low:.3g} to {found.high:.3g},"
         f" by {len(found.repetitions)} repetitions of subset simulation,"

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ortilo_drake.flight.blackouts import in_blackout
 from ortilo_drake.model.signals import N_U, N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import GRAVITY
@@ -12,9 +13,6 @@ from ortilo_drake.onboard.planner.planned import path_of
 from ortilo_drake.onboard.servo.lq_servo import servo_control
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.loop.fix_covariance import value_noise
-from ortilo_drake.world.radio.link import blackout_rows
-
-_TIME = 3  # a blackout's axis, after x, y, z
 
 
 class NominalFlight(NamedTuple):
@@ -91,20 +89,10 @@ def nominal_flight(scenario: Scenario) -> NominalFlight:
     sensors, sizes = scenario.measurement.sensors, np.diff(scenario.measurement.layout.first)
     V = np.tile(np.eye(max(sizes)), (n, len(sensors), 1, 1))
     there = np.zeros((n, len(sensors)), dtype=np.bool_)
-    flying = [(s, sensor, scenario.link_of(sensor)) for s, sensor in enumerate(sensors) if sensor in scenario.sensors]
-    delays = {sensor: delay_of(scenario, sensor) for _, sensor, _ in flying}
-    for k in range(n):
-        for s, sensor, link in flying:
-            arrival = k + delays[sensor]
-            if k % link.every(scenario.h) or arrival >= n:
-                continue
-            if _blacked_out(k, reference[k], blackout_rows(link, scenario.h)):
-                continue
-            V[arrival, s, : sizes[s], : sizes[s]], there[arrival, s] = value_noise(scenario, sensor, poses[k])
+    flying = [(s, sensor) for s, sensor in enumerate(sensors) if sensor in scenario.sensors]
+    for s, sensor in flying:
+        delay, dark = delay_of(scenario, sensor), in_blackout(poses, scenario, sensor)
+        for k in range(0, n - delay, scenario.link_of(sensor).every(scenario.h)):
+            if not dark[k]:
+                V[k + delay, s, : sizes[s], : sizes[s]], there[k + delay, s] = value_noise(scenario, sensor, poses[k])
     return NominalFlight(time, np.ascontiguousarray(reference[:, :3]), x_ref, u_ff, V, there)
-
-
-def _blacked_out(k: int, r: np.ndarray, blackouts: np.ndarray) -> bool:
-    """Return whether one of a link's blackouts, see link.blackout_rows, holds at tick k and place r."""
-    where = [k if axis == _TIME else r[int(axis)] for axis in blackouts[:, 0]]
-    return any(low <= at < high for at, (_, low, high) in zip(where, blackouts, strict=True))

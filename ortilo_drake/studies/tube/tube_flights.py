@@ -37,7 +37,7 @@ from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.tube.corridor import corridor, margin
 from ortilo_drake.studies.tube.nominal_flight import NominalFlight
 from ortilo_drake.studies.tube.tube import predict_tube
-from ortilo_drake.studies.tube.tube_map import bursts, with_losses, with_rates
+from ortilo_drake.studies.tube.tube_map import bursts, with_losses
 from ortilo_drake.studies.tube.tube_tails import chance_outside, mixture, mixture_radius
 
 Point = tuple[float, float]
@@ -124,11 +124,6 @@ def tube_figures_of(flight: xr.Dataset) -> Flown:
     lost = json.loads(flight.attrs["lost"])
     deviation = flight["truth"].values[:, :3] - flight["reference"].values
     return Flown(int(flight.attrs["seed"]), deviation, None if lost is None else float(lost["time"]))
-
-
-def at_rates(scenario: Scenario, point: Point) -> Scenario:
-    """Return the scenario with these arrival rates, losses independent; errors as with_rates."""
-    return with_rates(scenario, *point)
 
 
 def at_burst(scenario: Scenario, point: Point) -> Scenario:

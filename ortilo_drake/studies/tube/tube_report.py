@@ -18,7 +18,6 @@ from ortilo_drake.studies.tube.tube_flights import (
     Point,
     PointResult,
     at_burst,
-    at_rates,
     fly_point,
     judge_point,
 )
@@ -29,6 +28,7 @@ from ortilo_drake.studies.tube.tube_map import (
     map_sensors,
     rate_cases,
     tube_map,
+    with_rates,
     without_blackouts,
 )
 from ortilo_drake.views.pictures import figure_file
@@ -111,10 +111,10 @@ def tube_report(scenario: Scenario, flights: int, out: Path, workers: int, step:
 
     shown: dict[Point, Sequence[Flown]] = {}
     results: dict[str, list[PointResult]] = {"rates": [], "bursts": []}
-    points = [("rates", at_rates, p) for p in PAIRS] + [("bursts", at_burst, p) for p in BURSTS]
-    for k, (kind, lossy_at, point) in enumerate(points if flights else []):
+    points = [("rates", p) for p in PAIRS] + [("bursts", p) for p in BURSTS]
+    for k, (kind, point) in enumerate(points if flights else []):
         step("tube flights", k, len(points))
-        lossy = lossy_at(calm, point)
+        lossy = with_rates(calm, *point) if kind == "rates" else at_burst(calm, point)
         flown = fly_point(lossy, range(1, flights + 1), out / "flights", workers)
         results[kind].append(judge_point(lossy, point, flown, nominal))
         if kind == "rates" and point in SHOWN:

@@ -192,21 +192,22 @@ def channel_margins(loop: OpenLoop, h: float) -> ChannelMargins:
     down = max((c for c in at_real_axis if c[0] < 1.0), default=None)
     crossovers = np.array(crossings(loop, omega, L, "gain"))
     angles = np.angle(-response(loop, crossovers)[:, 0, 0]) if len(crossovers) else np.zeros(0)
-    phase = int(abs(angles).argmin()) if len(crossovers) else None
-    ticks = np.mod(angles, 2.0 * math.pi) / crossovers
-    delay = int(ticks.argmin()) if len(crossovers) else None
+    phase = min(zip(abs(angles), crossovers, strict=True), default=None)
+    late = min(zip(np.mod(angles, 2.0 * math.pi) / crossovers, crossovers, strict=True), default=None)
 
+    def at(margin: tuple[float, float] | None) -> tuple[float | None, float | None]:
+        """Return a margin and its frequency [rad/s]."""
+        return (None, None) if margin is None else (float(margin[0]), float(margin[1] / h))
+
+    ticks, late_at = at(late)
     S, T, difference = peaks(loop, omega)
     return ChannelMargins(
-        gain_up=float(up[0]) if up else None,
-        gain_up_at=float(up[1] / h) if up else None,
-        gain_down=float(down[0]) if down else None,
-        gain_down_at=float(down[1] / h) if down else None,
-        phase=float(abs(angles[phase])) if phase is not None else None,
-        phase_at=float(crossovers[phase] / h) if phase is not None else None,
-        delay=float(ticks[delay] * h) if delay is not None else None,
-        delay_ticks=float(ticks[delay]) if delay is not None else None,
-        delay_at=float(crossovers[delay] / h) if delay is not None else None,
+        *at(up),
+        *at(down),
+        *at(phase),
+        delay=None if ticks is None else ticks * h,
+        delay_ticks=ticks,
+        delay_at=late_at,
         crossovers=[float(w / h) for w in crossovers],
         sensitivity=S[0],
         complementary=T[0],

@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ortilo_drake.flight.flight import AXES
+from ortilo_drake.flight.blackouts import in_blackout
+from ortilo_drake.flight.flight import AXES, scenario_of
 from ortilo_drake.model.room import Room
 from ortilo_drake.scenario import PositionBlackout, Scenario
-from ortilo_drake.views.figures import COLOR, OTHER
-from ortilo_drake.views.flight_frames import blackout_mask
+from ortilo_drake.views.figures import COLOR, OTHER, position_errors
 from ortilo_drake.world.scenery.meshcat_zones import Zone
 
 MOST_TICKS = 6000  # of a page; a longer flight is thinned, its arrivals are not
@@ -33,12 +33,6 @@ def sensor_color(sensor: str) -> str:
     return COLOR.get(sensor, OTHER)
 
 
-def position_errors(flight: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Return the errors of the estimated position and their standard deviations, both (n, 3) [m]."""
-    error = flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]
-    return error, np.sqrt(np.diagonal(flight["covariance"].values[:, :3, :3], axis1=1, axis2=2))
-
-
 def intervals(time: np.ndarray, mask: np.ndarray) -> list[tuple[float, float]]:
     """Return from when to when a mask over ticks holds; it ends at the first tick where it does not."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
@@ -48,7 +42,7 @@ def intervals(time: np.ndarray, mask: np.ndarray) -> list[tuple[float, float]]:
 
 def flight_data(flight: xr.Dataset) -> dict[str, Any]:
     """Return times, positions, errors, arrivals and blackouts for the page's script; all numbers finite."""
-    time = flight["time"].values
+    time, scenario = flight["time"].values, scenario_of(flight)
     error, sigma = position_errors(flight)
     shown = slice(0, None, -(-len(time) // MOST_TICKS))
     sensors = []
@@ -59,7 +53,7 @@ def flight_data(flight: xr.Dataset) -> dict[str, Any]:
                 "name": name,
                 "arrivals": np.round(time[used], 4).tolist(),
                 "missing": np.round(time[due & ~used], 4).tolist(),
-                "blackouts": intervals(time, blackout_mask(flight, name)),
+                "blackouts": intervals(time, in_blackout(flight["truth"].values, scenario, name)),
             }
         )
     return {

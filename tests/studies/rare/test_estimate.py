@@ -1,0 +1,147 @@
+"""The intervals of rare events against the law of a Gauss-Markov process; announced flights against flown ones."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from scipy.stats import binom, binomtest, norm
+
+from ortilo_drake.scenario import load_scenario
+from ortilo_drake.studies.rare import rare_flights as study
+from ortilo_drake.studies.rare.rare_flights import estimate
+from ortilo_drake.studies.rare.rare_report import rare_text, verdict
+from ortilo_drake.studies.rare.subset import Climb, Plan, climb, plan_climb
+
+TICKS, KEPT = 40, 0.9  # of the process x' = KEPT x + sqrt(1 - KEPT^2) w, stationary of variance 1
+FRESH = np.sqrt(1.0 - KEPT**2)
+SCENARIO = load_scenario("nominal_imu_uwb")
+
+
+def highest(z: np.ndarray) -> np.ndarray:
+    """The largest value of the process in its ticks (n)."""
+    x = z[:, 0].astype(float)
+    top = x.copy()
+    for k in range(1, TICKS):
+        x = KEPT * x + FRESH * z[:, k]
+        np.maximum(top, x, out=top)
+    return top
+
+
+def law(goal: float) -> float:
+    """P(largest >= goal): the density of those still below it, carried from tick to tick by quadrature."""
+    ends = np.linspace(-8.0, goal, 801)
+    grid, width = 0.5 * (ends[1:] + ends[:-1]), ends[1] - ends[0]
+    kernel = norm.pdf((grid[:, np.newaxis] - KEPT * grid) / FRESH) / FRESH * width
+    density = norm.pdf(grid)
+    for _ in range(TICKS - 1):
+        density = kernel @ density
+    return float(1.0 - width * density.sum())
+
+
+@cache
+def goal_of(probability: float) -> float:
+    return float(brentq(lambda goal: law(goal) - probability, -1.0, 7.0))
+
+
+def test_the_law_is_what_counting_finds() -> None:
+    z = np.random.default_rng(0).standard_normal((40_000, TICKS))
+    events = int(np.sum(highest(z) >= goal_of(0.05)))
+    assert binomtest(events, len(z), 0.05).pvalue > 1e-3
+
+
+def held(probability: float, paths: int, repetitions: int, intervals: int) -> int:
+    """In how many of so many studies the interval holds the probability."""
+    count, goal = 0, goal_of(probability)
+    for seed in range(intervals):
+        plan = plan_climb(highest, TICKS, goal, paths, seed)
+        found = [climb(highest, TICKS, goal, plan, paths, seed, i) for i in range(repetitions)]
+        _, (low, high) = estimate(plan, found, paths)
+        count += low <= probability <= high
+    return count
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("repetitions", [3, 10])
+@pytest.mark.parametrize("probability", [0.5, 0.1, 0.03, 1e-3])
+def test_the_interval_holds_the_probability_as_often_as_it_says(probability: float, repetitions: int) -> None:
+    """100 intervals; were they to hold it in 0.93, one in a thousand such counts would be below."""
+    assert held(probability, 100, repetitions, 100) >= binom.ppf(1e-3 / 8, 100, 0.93)
+
+
+@pytest.mark.family
+@pytest.mark.parametrize("repetitions", [3, 10])
+@pytest.mark.parametrize("probability", [0.5, 0.02])
+def test_few_intervals_hold_the_probability(probability: float, repetitions: int) -> None:
+    assert held(probability, 50, repetitions, 12) >= binom.ppf(1e-3, 12, 0.93)
+
+
+@pytest.mark.parametrize("shares", [(0.49, 0.50, 0.50), (0.50, 0.50, 0.50)])
+def test_an_event_without_levels_is_counted_however_alike_repetitions_are(shares: tuple[float, ...]) -> None:
+    """Three shares that agree by chance say no more than their 300 flights: Wilson's interval."""
+    plan = Plan((), (), 100, 40, True)
+    found = [Climb(share, (share,), (), 100, round(100 * share)) for share in shares]
+    events = round(100 * sum(shares))
+    probability, ends = estimate(plan, found, 100)
+    assert probability == pytest.approx(events / 300)
+    assert ends == pytest.approx(tuple(binomtest(events, 300).proportion_ci(method="wilson")))
+    assert ends[1] - ends[0] > 0.1
+    probability, ends = estimate(plan, found, 100, 200, 106)
+    assert probability == pytest.approx((events + 106) / 500)
+    assert ends == pytest.approx(tuple(binomtest(events + 106, 500).proportion_ci(method="wilson")))
+
+
+def flown(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, goal: float, **more: int
+) -> tuple[study.Rare, list[tuple[int, int]]]:
+    """A study of the process in place of flights, and what it told of its progress."""
+
+    class Process:
+        numbers, ticks, drawn = TICKS, TICKS, dict[str, int]()
+
+        def distances_given(self, z: np.ndarray) -> np.ndarray:
+            return highest(z)[:, np.newaxis]
+
+        def distances(self, seeds: np.ndarray) -> np.ndarray:
+            return highest(np.random.default_rng(int(seeds[0, 0])).standard_normal((len(seeds), TICKS)))[:, np.newaxis]
+
+    process, told = Process(), list[tuple[int, int]]()
+    monkeypatch.setattr(study, "_engine_of", lambda text: process)
+    found = study.rare_flights(SCENARIO, goal, 100, 3, tmp_path, 1, progress=lambda *now: told.append(now), **more)
+    return found, told
+
+
+@pytest.mark.parametrize(
+    ("probability", "more"), [(0.5, {}), (0.5, {"count": 40}), (1e-2, {}), (1e-12, {"least": 1e-3})]
+)
+def test_the_flights_announced_last_are_those_that_flew(
+    probability: float, more: dict[str, int], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    found, told = flown(monkeypatch, tmp_path, goal_of(probability) if probability > 1e-9 else 8.0, **more)
+    assert told[-1] == (found.flights + more.get("count", 0),) * 2
+    assert all(done <= total for done, total in told)
+
+
+def test_repetitions_that_end_early_lower_the_flights_announced(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Levels of a plan that the repetitions do not reach: each flies its first 100 alone."""
+    plan = Plan((7.0, 7.5), ((0.5, 0.5), (0.5, 0.5)), 280, 0, True)
+    monkeypatch.setattr(study, "plan_climb", lambda *rest: plan)
+    found, told = flown(monkeypatch, tmp_path, 8.0)
+    assert found.flights == 280 + 3 * 100
+    assert told[0] == (280, 280 + 3 * 280)
+    assert told[-1] == (580, 580)
+    again, told = flown(monkeypatch, tmp_path, 8.0)  # of what is kept
+    assert (again, told[-1]) == (found, (580, 580))
+
+
+def test_a_frequent_event_is_reported_as_counted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    found, _ = flown(monkeypatch, tmp_path, goal_of(0.5))
+    assert found.probability is not None
+    low, high = binomtest(round(300 * found.probability), 300).proportion_ci(method="wilson")
+    assert (found.low, found.high) == pytest.approx((low, high))
+    assert verdict(SCENARIO, found).endswith(f"of flights (95 %: {low:.0%} to {high:.0%})")
+    assert "by counting" in rare_text(SCENARIO, found)
+    assert "repetitions of subset simulation" not in rare_text(SCENARIO, found)
