@@ -269,16 +269,27 @@ def map_text(map_: Map) -> str:
     return yaml.safe_dump(map_.model_dump(mode="json", exclude_defaults=True), sort_keys=False, allow_unicode=True)
 
 
-def logged_map(ranges: Sequence[str], anchors: Sequence[Sequence[float]], topics: Collection[str]) -> str:
-    """Return the map of a log of ours as YAML: its topics of ranges, their anchors, the imu, and the truth if there."""
+def logged_map(
+    ranges: Sequence[str],
+    anchors: Sequence[Sequence[float]],
+    topics: Collection[str],
+    start: tuple[Sequence[float], float] | None = None,
+) -> str:
+    """Return the map of a log of ours as YAML: its topics of ranges, their anchors, the imu, and the truth if there.
+
+    The start is its position [m] and heading [rad], None where it is not known.
+    """
     found: dict[str, Any] = {
         "ranges": {"file": ".", "topics": list(ranges), "values": ["range"]},
         "anchors": [list(p_W) for p_W in anchors],
         "imu": {"file": ".", "topic": "/imu/data", "axes": "flu"},
     }
+    if start is not None:
+        position, heading = start
+        found["start"] = {"position": [round(p, 4) + 0.0 for p in position], "heading": round(heading, 4) + 0.0}
     if "/truth/pose" in topics:
-        position = [f"pose.position.{axis}" for axis in "xyz"]
-        found["truth"] = {"file": ".", "topic": "/truth/pose", "position": position}
+        of_pose = [f"pose.position.{axis}" for axis in "xyz"]
+        found["truth"] = {"file": ".", "topic": "/truth/pose", "position": of_pose}
     text: str = yaml.safe_dump(found, sort_keys=False, default_flow_style=None, width=1000)
     return text
 
