@@ -19,6 +19,7 @@ from ortilo_drake.diagrams.onboard import Parts
 from ortilo_drake.flight import flight, metrics, players, saved_flight
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.flight.flight_table import flight_table
+from ortilo_drake.flight.verdict import ending
 from ortilo_drake.interop.log.writer import LogWriter
 from ortilo_drake.interop.rerun.recording import check_recording, save_recording
 from ortilo_drake.interop.rerun.sightings import drawn_again
@@ -85,18 +86,19 @@ class Flight:
 
     @property
     def errors(self) -> xr.DataArray:
-        """The estimate of the whole state less the truth (tick, state), angles in [-pi, pi); units as truth's."""
+        """The estimate of the whole state less the truth (tick, state), angles in [-pi, pi); `unit` is each state's."""
         estimate = self.data["estimate"].sel(xbar=list(STATE_NAMES)).rename(xbar="state")
         errors = (estimate - self.data["truth"]).rename("errors")
         angles = {"state": list(STATE_NAMES[3:6])}
         errors.loc[angles] = np.remainder(errors.loc[angles] + np.pi, 2.0 * np.pi) - np.pi
-        return errors
+        return _with_units(errors, "error of the estimate")
 
     @property
     def sigma(self) -> xr.DataArray:
-        """The standard deviations of errors by the filter's own covariance (tick, state)."""
+        """The standard deviations of errors by the filter's own covariance (tick, state); `unit` is each state's."""
         variances = np.diagonal(self.data["covariance"].values, axis1=1, axis2=2)[:, : len(STATE_NAMES)]
-        return xr.zeros_like(self.data["truth"]).copy(data=np.sqrt(variances)).rename("sigma")
+        sigma = xr.zeros_like(self.data["truth"]).copy(data=np.sqrt(variances)).rename("sigma")
+        return _with_units(sigma, "standard deviation")
 
     def summary(self) -> dict[str, Any]:
         """Return the figures of the flight, as `ortilo fly --json` writes them; those of a lost flight end at its loss.
@@ -209,9 +211,18 @@ class Flight:
 
     def __repr__(self) -> str:
         error = float(np.sqrt(np.nanmean(np.sum(self.error.values**2, axis=1))))
-        end = f"lost at {self.lost['time']:.1f} s: {self.lost['cause']}" if self.lost else "reached its end"
-        seconds = float(self.data["time"].values[-1])
-        return f"<Flight {self.scenario.name}, seed {self.seed}: {seconds:.1f} s, {end}, RMS error {error:.3f} m>"
+        how = f"{float(self.data['time'].values[-1]):.1f} s, {ending(self.data)}"
+        return f"<Flight {self.scenario.name}, seed {self.seed}: {how}, RMS error {error:.3f} m>"
+
+
+_UNIT_OF = [unit for unit in ("m", "rad", "m/s", "rad/s") for _ in range(3)]  # of STATE_NAMES
+
+
+def _with_units(values: xr.DataArray, long_name: str) -> xr.DataArray:
+    """Return values (tick, state) with a label for plots and the unit of each state."""
+    named = values.assign_coords(unit=("state", _UNIT_OF))
+    named.attrs = {"long_name": long_name, "units": ", ".join(dict.fromkeys(_UNIT_OF))}
+    return named
 
 
 def fly(

@@ -17,6 +17,7 @@ from ortilo_drake.commands.options import (
     ScenarioArgument,
     SeedOption,
     SetOption,
+    finite,
     picture_option,
     with_camera,
 )
@@ -101,6 +102,10 @@ def fly(
     camera: CameraOption = None,
     detector: DetectorOption = None,
     onnx: OnnxOption = None,
+    seconds: Annotated[
+        float | None,
+        typer.Option(min=0.1, callback=finite, help="Fly only so much of it [s]; path and noise stay the same."),
+    ] = None,
     player: PlayerOption = PlayerName.fastest,
     meshcat: Annotated[bool, typer.Option("--meshcat", help="Show the flight live in the browser.")] = False,
     html: Annotated[Path | None, typer.Option(help="Write the flight as one self-contained page.")] = None,
@@ -119,6 +124,7 @@ def fly(
 
     Exit code 3 means that the flight was lost; every output is written nevertheless.
     """
+    settings = [*(settings or ()), *([] if seconds is None else [f"seconds={seconds}"])]
     chosen = load_scenario(scenario, with_camera(settings, camera, detector, onnx), seed)
     if (detector or onnx) and not chosen.is_rendered:
         raise InputError(
@@ -152,7 +158,7 @@ def fly(
 
         check_recording(rerun)
         recorder = SightingsRecorder(chosen)
-    say_warnings(cautions(chosen, scenario, settings or ()))
+    say_warnings(cautions(chosen, scenario, settings))
     say_if_compiling()
 
     with progress_bar() as progress:

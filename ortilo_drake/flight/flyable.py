@@ -15,12 +15,16 @@ LARGEST_LOG = 2048 * MIB  # of one flight: 8 hours at 30 Hz; a flight takes abou
 
 
 def flight_ticks(scenario: Scenario, plan: Planned | None = None) -> int:
-    """Return the length of a flight in ticks: its plan, or the one given, and the time to settle.
+    """Return the length of a flight in ticks: its plan, or the one given, and the time to settle, or its `seconds`.
 
     Raises:
-        InputError: if there is no path, or the flight is too long to be logged.
+        InputError: if there is no path, its `seconds` are more than that, or the flight is too long to be logged.
     """
     seconds = duration_of(scenario, plan or planned(scenario)) + scenario.settle
+    if scenario.seconds is not None:
+        if scenario.seconds > seconds:
+            raise InputError(f"seconds: {scenario.seconds:g}: {scenario.name} flies for {seconds:.1f} s, no longer")
+        seconds = scenario.seconds
     ticks = round(seconds * scenario.control_rate)
     size = 8 * sum(scenario.measurement.logged_sizes().values()) * ticks
     if size > LARGEST_LOG:

@@ -26,10 +26,18 @@ def rms_error(flight: xr.Dataset) -> float:
     return float(np.sqrt(np.nanmean(np.sum(error**2, axis=1))))
 
 
+def ending(flight: xr.Dataset) -> str:
+    """Return how a flight ended: lost, at its end, or after the `seconds` that its scenario asks for."""
+    if lost := json.loads(flight.attrs["lost"]):
+        return f"lost at {lost['time']:.1f} s: {lost['cause']}"
+    seconds = json.loads(flight.attrs.get("scenario", "{}")).get("seconds")
+    return "reached its end" if seconds is None else "cut short as asked"
+
+
 def verdict(flight: xr.Dataset) -> str:
     """Return a verdict on a flight, for a reader who has seen nothing of it yet."""
-    lost = json.loads(flight.attrs["lost"])
-    end = f"lost at {lost['time']:.1f} s: {lost['cause']}" if lost else "reached its end"
-    begin = "; until then the" if lost else f" in {float(flight['time'].values[-1]):.1f} s; the"
-    error, share = 100.0 * rms_error(flight), share_within(flight)
+    end, error, share = ending(flight), 100.0 * rms_error(flight), share_within(flight)
+    seconds = float(flight["time"].values[-1])
+    at = "in" if end.startswith("reached") else "at"
+    begin = "; until then the" if end.startswith("lost") else f" {at} {seconds:.1f} s; the"
     return f"{end}{begin} estimated position was {error:.2g} cm off (RMS), within its 3 sigma {share:.0%} of the time"

@@ -29,6 +29,7 @@ class Scenario(Belief):
     Attributes:
         seed: the seed of all noise; the same seed gives the same flight bit for bit.
         settle: time flown after the path's end [s].
+        seconds: the flight ends after so much of it [s], its planned path unchanged; null flies to the end.
         world: the simulated physics apart from the sensors.
         truth: differences of the world from the onboard belief; by default none.
         faults: faults in the middle of the flight; by default none.
@@ -42,6 +43,7 @@ class Scenario(Belief):
     camera: Camera = Camera()
     seed: Seed = 0
     settle: Annotated[float, Field(ge=0.0, le=3600.0)] = 2.0
+    seconds: Annotated[float, Field(ge=0.1, le=36000.0)] | None = None
     world: World = World()
     truth: Truth = Truth()
     faults: Faults = ()

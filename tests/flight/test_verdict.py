@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+import ortilo_drake as od
 from ortilo_drake.flight.verdict import rms_error, share_within, verdict
 
 
@@ -50,3 +51,25 @@ def test_a_flight_without_a_state_at_its_end_has_one_too() -> None:
     flight = made_up(300, SD, {"time": 9.97, "cause": "tumbled"})
     flight["truth"][-1] = np.nan
     assert "nan" not in verdict(flight)
+
+
+def test_a_shorter_flight_is_the_beginning_of_the_whole_one() -> None:
+    """Bit for bit, and said so; a longer one than its path is refused."""
+    whole = od.fly("nominal_imu_uwb", planner={"kind": "hover", "duration": 2.0}, seed=3)
+    short = od.fly("nominal_imu_uwb", planner={"kind": "hover", "duration": 2.0}, seed=3, seconds=1.5)
+    n = short.data.sizes["tick"]
+    assert n == 1.5 * 30 + 1
+    for name in ("truth", "estimate", "covariance", "control", "arrival"):
+        np.testing.assert_array_equal(short.data[name], whole.data[name][:n])
+    assert verdict(short.data).startswith("cut short as asked at 1.5 s; the estimated")
+    assert "1.5 s, cut short as asked" in repr(short)
+    with pytest.raises(od.InputError, match=r"seconds: 5: nominal_imu_uwb flies for 4\.0 s, no longer"):
+        od.fly("nominal_imu_uwb", planner={"kind": "hover", "duration": 2.0}, seconds=5.0)
+
+
+def test_errors_and_sigma_say_what_they_are() -> None:
+    flight = od.fly("nominal_imu_uwb", planner={"kind": "hover", "duration": 0.5}, settle=0.0)
+    for values, label in ((flight.errors, "error of the estimate"), (flight.sigma, "standard deviation")):
+        assert values.attrs == {"long_name": label, "units": "m, rad, m/s, rad/s"}
+        assert values.sel(state="psi").unit == "rad"
+        assert list(values.sel(state=["z", "vz", "psi_dot"]).unit) == ["m", "m/s", "rad/s"]

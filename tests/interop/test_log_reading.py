@@ -55,6 +55,9 @@ def test_a_log_is_read_as_a_recording_by_the_map_beside_it(folder: Path) -> None
     np.testing.assert_allclose(recording.anchors, room.anchor_positions)
     assert recording.truth is not None
     p = recording.truth.p[0]
+    assert map_.start is not None
+    np.testing.assert_allclose(map_.start.position, p, atol=1e-3)
+    assert map_.start.heading == pytest.approx(ticks()[0].state[STATE_NAMES.index("psi")], abs=1e-3)
     of_first = recording.ranges.t < 0.1
     d = np.linalg.norm(room.anchor_positions[recording.ranges.anchor[of_first]] - p, axis=1)
     np.testing.assert_allclose(recording.ranges.r[of_first], d, rtol=0.05)  # the ranges' noise is 0.75 %

@@ -15,7 +15,7 @@ from ortilo_drake.interop.recorded.map_file import logged_map
 from ortilo_drake.interop.ros.ros_messages import LATCHED, TAKEN, blank_messages, start_messages, tick_messages
 from ortilo_drake.interop.ros.ros_types import RosMessage, definition, to_cdr, to_ns, typestore
 from ortilo_drake.model.optional import EXTRAS, check_installed, later
-from ortilo_drake.model.signals import N_X
+from ortilo_drake.model.signals import N_X, STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
@@ -102,6 +102,7 @@ class LogWriter:
         self._scenario, self._room = scenario, scenario.load_room()
         self._keep_every = max(1, round(KEEP_EVERY * scenario.control_rate))
         self._last, self._kept = -1, -1
+        self._start: tuple[list[float], float] | None = None
         self._topics: dict[str, str] = {}
         self._counts: dict[str, int] = {}
         self._heard: list[float] = []  # the ranges, by which map.yaml gives their noise [m]
@@ -158,6 +159,8 @@ class LogWriter:
         """
         if k <= self._last:
             raise ValueError(f"tick {k} after tick {self._last}")
+        if k == 0 and (estimate := outputs.get("estimate")) is not None:
+            self._start = estimate[:3].tolist(), float(estimate[STATE_NAMES.index("psi")])
         self._last, t = k, k * self._scenario.h
         log_time = to_ns(t)
         for message in tick_messages(t, state, messages, outputs, self._scenario, self._room):
@@ -217,7 +220,7 @@ class LogWriter:
         if not heard or "/imu/data" not in self._topics:
             return ""
         anchors = [self._room.anchors[i] for i in heard]
-        return logged_map([f"/uwb/anchor_{i}" for i in heard], anchors, self._topics, self._noise())
+        return logged_map([f"/uwb/anchor_{i}" for i in heard], anchors, self._topics, self._noise(), self._start)
 
     def _noise(self) -> dict[str, float]:
         """Return the noise that a filter of the log should count on: the simulator's, of imu and white ranges."""

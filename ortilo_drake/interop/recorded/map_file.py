@@ -270,13 +270,17 @@ def map_text(map_: Map) -> str:
 
 
 LOGGED = """\
-# Of a simulated flight. Its truth is in the anchors' frame, by the sensors' clock, at the antenna; the filter's noise
-# is the simulator's. Of a real recording `ortilo replay` finds the first three, and `ortilo tune` the noise.
+# Of a simulated flight. Its truth is in the anchors' frame, by the sensors' clock, at the antenna; start and noise are
+# the simulator's. Of a real recording `ortilo replay` finds the first three, and `ortilo tune` the noise.
 """
 
 
 def logged_map(
-    ranges: Sequence[str], anchors: Sequence[Sequence[float]], topics: Collection[str], noise: Mapping[str, float]
+    ranges: Sequence[str],
+    anchors: Sequence[Sequence[float]],
+    topics: Collection[str],
+    noise: Mapping[str, float],
+    start: tuple[Sequence[float], float] | None = None,
 ) -> str:
     """Return the map of a log of ours as YAML.
 
@@ -285,6 +289,7 @@ def logged_map(
         anchors: their positions, one for each topic (3 each) [m].
         topics: of the whole log: whether it has the truth.
         noise: numbers of FilterSettings.
+        start: its position (3) [m] and heading [rad], None where it is not known.
     """
     found: dict[str, Any] = {
         "ranges": {"file": ".", "topics": list(ranges), "values": ["range"]},
@@ -292,6 +297,9 @@ def logged_map(
         "imu": {"file": ".", "topic": "/imu/data", "axes": "flu"},
         "filter": {name: float(f"{value:.2g}") for name, value in noise.items()},
     }
+    if start is not None:
+        p_W, heading = start
+        found["start"] = {"position": [round(p, 4) + 0.0 for p in p_W], "heading": round(heading, 4) + 0.0}
     if "/truth/pose" in topics:
         position = [f"pose.position.{axis}" for axis in "xyz"]
         found["truth"] = {"file": ".", "topic": "/truth/pose", "position": position}

@@ -13,6 +13,7 @@ from pydrake.trajectories import Trajectory
 from ortilo_drake.flight.flight import AXES, scenario_of
 from ortilo_drake.flight.metrics import summary
 from ortilo_drake.flight.summary import Summary
+from ortilo_drake.flight.verdict import ending
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.optional import later
 from ortilo_drake.onboard.planner.planned import planned
@@ -105,7 +106,7 @@ def flight_page(flight: xr.Dataset) -> str:
     plots = "".join(error_plot(data, i) for i in range(3)) + "".join(arrival_plot(data, s) for s in data["sensors"])
     title = f"{scenario.name}, seed {scenario.seed}"
     eye = '<figure id="eye"><img alt="what the camera sees"><figcaption>onboard camera</figcaption></figure>'
-    body = f"""<header><h1>{escape(title)}</h1>{_ending(found)}</header>
+    body = f"""<header><h1>{escape(title)}</h1>{_ending(flight, found)}</header>
 <main>
 <section class="stage"><div class="scene"><iframe id="scene" title="flight in 3D" srcdoc="{escape(scene)}"></iframe>
 {VIEWS}</div>
@@ -127,9 +128,9 @@ def flight_page(flight: xr.Dataset) -> str:
     return whole_page(title, body, asset("flight.js"))
 
 
-def _ending(found: Summary) -> str:
+def _ending(flight: xr.Dataset, found: Summary) -> str:
     if found.lost is None:
-        return "<p>reached its end</p>"
+        return f"<p>{ending(flight)}</p>"
     return f'<p class="lost">lost at {found.lost.time:.2f} s: {escape(found.lost.cause)}</p>'
 
 
