@@ -16,7 +16,6 @@ from pathlib import Path
 
 import numpy as np
 from command_line import run
-from made_up_motion import TABLE_MAP, made_up, write_tables
 
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.flight.engine import Engine
@@ -77,14 +76,6 @@ def step_by_name() -> None:
     filter_step(belief, y, delta, V2, np.zeros(4), np.zeros(3), model, layout)
 
 
-def filter_recording() -> None:
-    """Filter and smooth a recorded motion."""
-    with tempfile.TemporaryDirectory() as folder:
-        walk = write_tables(Path(folder) / "walk", made_up(duration=20.0))
-        (walk / "MAP.yaml").write_text(TABLE_MAP)
-        assert run("replay", str(walk), "--map", str(walk / "MAP.yaml"), "--out", folder) == 0
-
-
 def simulate_arrivals() -> None:
     """Draw arrivals for a state of one number."""
     one = np.ones((1, 1))
@@ -108,7 +99,7 @@ def collect_tests() -> None:
 
 
 # What one calls compiles what the next ones call, too: in two processes at once it would be compiled twice.
-BY_TIGHT = (partial(fly_moment, "tight_imu_uwb"), filter_recording, partial(fly_moment, "flow"))
+BY_TIGHT = (partial(fly_moment, "tight_imu_uwb"), partial(fly_moment, "flow"))
 BY_FIXES = (partial(fly_moment, "nominal_imu_uwb_yolo"), partial(fly_moment, "imu_uwb"), compile_flight, fly_variants)
 BY_FIXES += (analyze_all, run_commands)
 

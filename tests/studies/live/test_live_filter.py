@@ -4,12 +4,15 @@ import numpy as np
 import pytest
 from live_messages import IMU, RANGES, START, as_map, messages_of
 from made_up_motion import BAG_MAP, made_up, write_bag
+from plain_filter import run_plainly
 
 from ortilo_drake.interop.recorded.bag_columns import at_pace, bag_messages
 from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import Imu, Recording, read_recording
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.studies.live import live_filter
 from ortilo_drake.studies.live.live_bridge import LiveBridge, run_live
+from ortilo_drake.studies.recorded import reacquired
 from ortilo_drake.studies.recorded.at_rest import at_rest
 from ortilo_drake.studies.recorded.filtered import estimate
 from ortilo_drake.studies.recorded.replayed import RAW, replay
@@ -57,6 +60,7 @@ def assert_same(found, expected):
     np.testing.assert_array_equal([one.covariance[:3, :3] for one in found[:k]], expected.P)
 
 
+@pytest.mark.long
 def test_with_an_imu_each_estimate_is_the_replayed_one_bit_for_bit() -> None:
     motion, map_ = as_stamped(made_up(6.0, outliers=0.05)), as_map(RANGES + IMU + START)
     bridge, found, lines = live(map_, messages_of(motion))
@@ -70,14 +74,17 @@ def test_with_an_imu_each_estimate_is_the_replayed_one_bit_for_bit() -> None:
     assert lines == ["the filter has begun, by the ranges from 0.0 s after the first on"]
 
 
-def test_topics_that_come_late_and_in_turns_make_no_difference() -> None:
-    motion, map_ = as_stamped(made_up(4.0)), as_map(RANGES + IMU + START)
+def test_topics_that_come_late_and_in_turns_make_no_difference(monkeypatch) -> None:
+    for module in (reacquired, live_filter):
+        run_plainly(monkeypatch, module, "run_filter", "initial_carried")
+    motion, map_ = as_stamped(made_up(2.5)), as_map(RANGES + IMU + START)
     behind = {f"/r{i}": 7_000_000 * i for i in range(6)} | {"/imu": 20_000_000}  # [ns]
     messages = sorted(messages_of(motion), key=lambda one: one[1] + behind[one[0]])
     _, found, _ = live(map_, messages)
     assert_same(found, replayed(motion, map_))
 
 
+@pytest.mark.long
 def test_a_filter_that_is_lost_waits_for_the_ranges_that_replay_starts_anew_from() -> None:
     motion, map_ = as_stamped(without(made_up(14.0), 3.0, 10.0)), as_map(RANGES)
     bridge, found, lines = live(map_, messages_of(motion))
@@ -87,6 +94,7 @@ def test_a_filter_that_is_lost_waits_for_the_ranges_that_replay_starts_anew_from
     assert_same(found, expected)
 
 
+@pytest.mark.long
 def test_at_rest_the_filter_begins_when_replay_does() -> None:
     motion, map_ = as_stamped(made_up(5.0)), as_map(RANGES + IMU.replace("/imu}", "/imu, standstill: 2}") + START)
     _, found, lines = live(map_, messages_of(motion))
@@ -95,6 +103,7 @@ def test_at_rest_the_filter_begins_when_replay_does() -> None:
     assert_same(found, expected)
 
 
+@pytest.mark.long
 def test_at_another_rate_the_bits_are_those_of_a_replay_asked_as_often() -> None:
     motion, map_ = as_stamped(made_up(3.0)), as_map(RANGES + IMU + START)
     _, found, _ = live(map_, messages_of(motion), rate=50.0)
@@ -131,6 +140,7 @@ def test_what_is_not_heard_live_is_one_line(text, said) -> None:
         LiveBridge(map_, lambda _: None)
 
 
+@pytest.mark.long
 def test_a_target_that_fails_gets_no_more_and_ctrl_c_ends_with_a_report() -> None:
     motion, map_, given = made_up(3.0), as_map(RANGES), []
 

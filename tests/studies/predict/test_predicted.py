@@ -111,6 +111,7 @@ def test_a_simulated_imu_tells_its_own_rest() -> None:
     assert found.fitted[0].error < 0.05
 
 
+@pytest.mark.long
 def test_without_an_imu_the_truth_is_taken_for_the_antenna() -> None:
     found = predict(after_a_rest(0.0)._replace(imu=None), map_of_a_rest(0.5), SILENT, 1, 0)
     assert found.real.error < 0.1

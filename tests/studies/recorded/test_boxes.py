@@ -89,6 +89,7 @@ def test_boxes_of_a_stamp_are_a_picture_and_what_is_no_box_is_counted(folder) ->
     np.testing.assert_allclose(recording.scene.camera.p_BC, AT)
 
 
+@pytest.mark.long
 def test_boxes_tell_the_heading_and_the_smoother_carries_it_back(folder) -> None:
     map_ = load_map(folder / "MAP.yaml")
     recording = read_recording(folder, map_)

@@ -52,6 +52,7 @@ def flown(motion, ranges, imu=True, path=place, stamps=None, smoothed=False):
 MOTION = made_up()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("imu", "until", "worst"), [(False, 37.0, 0.4), (False, 44.0, 0.4), (True, 50.0, 0.15)])
 def test_after_an_outage_the_filter_is_there_within_a_second(imu, until, worst) -> None:
     ranges = rows(MOTION.t_r, MOTION.r, lambda t, i: (t < 30.0) | (t > until))
@@ -62,6 +63,7 @@ def test_after_an_outage_the_filter_is_there_within_a_second(imu, until, worst) 
     assert found.run.taken.mean() > 0.995
 
 
+@pytest.mark.long
 def test_the_smoother_goes_through_an_outage() -> None:
     ranges = rows(MOTION.t_r, MOTION.r, lambda t, i: (t < 30.0) | (t > 45.0))
     _, filtered = flown(MOTION, ranges)
@@ -83,6 +85,7 @@ def test_it_is_found_wherever_and_however_long_the_outage_is(begin, long, every)
     assert all(lost.found is not None for lost in found.lost)
 
 
+@pytest.mark.long
 def test_an_offset_of_all_ranges_loses_it_until_it_is_gone() -> None:
     """The ranges of another place for a while (a fault), then the right ones: refused at first, believed again."""
     moved = np.linalg.norm(place(MOTION.t_r)[:, None] + [1.5, -2.0, 0.3] - ANCHORS, axis=2) + BIASES
@@ -92,7 +95,7 @@ def test_an_offset_of_all_ranges_loses_it_until_it_is_gone() -> None:
     assert errors[found.t > 40.0].max() < 0.4
 
 
-@pytest.mark.family("anchors1-2.0-4.0")
+@pytest.mark.long
 @pytest.mark.parametrize(("anchors", "size", "tau"), [((1, 4), 3.0, 2.0), ((0, 2, 4), 2.0, 4.0)])
 def test_errors_that_fade_do_not_pull_the_filter_along(anchors, size, tau) -> None:
     """Ranges metres too long, right after seconds; heard as soon as they passed the gate, they pulled by 0.2 m."""
@@ -105,6 +108,7 @@ def test_errors_that_fade_do_not_pull_the_filter_along(anchors, size, tau) -> No
     assert not found.lost
 
 
+@pytest.mark.long
 def test_a_vehicle_that_moves_at_the_first_range_is_found_moving() -> None:
     motion = made_up(duration=20.0, place=fast)
     ranges = rows(motion.t_r[::2], motion.r[::2])
@@ -148,6 +152,7 @@ def test_a_row_that_cannot_be_made_is_left_out_and_the_rest_stands() -> None:
         replay(pair, as_map(), lambda _: None)
 
 
+@pytest.mark.long
 def test_the_report_says_when_the_filter_was_lost() -> None:
     ranges = rows(MOTION.t_r, MOTION.r, lambda t, i: (t < 30.0) | (t > 44.0))
     found, _ = replay(recording(ranges), as_map("imposed: {lost: 0.0, gaps: null}\n"), lambda _: None)
@@ -167,6 +172,7 @@ def rover(z, anchors, duration=30.0, seed=3):
     return recording(rows(t, r), Truth(t, p, None), anchors)
 
 
+@pytest.mark.long
 def test_a_known_height_holds_the_filter_and_is_not_believed_to_death() -> None:
     """Anchors at the antenna's own height tell nothing of it: its deviation stays what was given."""
     level = HIGH - [0, 0, 1.7]

@@ -58,6 +58,7 @@ def flown():
     ], p[np.searchsorted(t, at)]
 
 
+@pytest.mark.long
 def test_k_is_found_with_its_deviation_and_the_estimate_is_better(flown) -> None:
     (state, told, smooth), true = flown
     k, sd = state.drag

@@ -40,6 +40,7 @@ def hover(tail: float, far: float) -> float:
     return float(np.sqrt(np.mean(np.sum((found.p - p) ** 2, axis=1))))
 
 
+@pytest.mark.long
 def test_an_anchor_that_errs_by_far_pulls_less_where_that_is_expected() -> None:
     assert hover(0.7, 0.6) < 0.7 * hover(0.0, 0.6)
     assert hover(0.7, 0.0) < 1.1 * hover(0.0, 0.0)

@@ -1,20 +1,19 @@
-"""The filter of recordings as plain Python, on a short motion: its mathematics without minutes of compiled flights."""
+"""The filter of recordings as plain Python, on a short motion: its mathematics without its compiled code."""
 
 import numpy as np
 from made_up_motion import ANCHORS, BIASES, LEVER, attitude, made_up, place
+from plain_filter import run_plainly
 from scipy.stats import chi2
 
 from ortilo_drake.interop.recorded.map_file import FilterSettings
 from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import Imu
-from ortilo_drake.loop.plain import plain_source
 from ortilo_drake.studies.recorded import reacquired
 from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
 
 
 def test_ranges_and_an_imu_give_the_position_within_what_the_filter_says_of_itself(monkeypatch) -> None:
-    for name in ("run_filter", "initial_carried"):
-        monkeypatch.setattr(reacquired, name, plain_source(getattr(reacquired, name)))
+    run_plainly(monkeypatch, reacquired, "run_filter", "initial_carried")
     motion = made_up(duration=4.0)
     anchor = np.tile(np.arange(6), len(motion.t_r))
     ranges = single_ranges(np.repeat(motion.t_r, 6), anchor, motion.r.ravel())

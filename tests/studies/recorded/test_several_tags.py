@@ -61,6 +61,7 @@ SETTINGS = FilterSettings(range_correlated=0.001)
 AT = np.array([19.9])
 
 
+@pytest.mark.long
 def test_ranges_of_two_tags_tell_the_heading_of_a_body_that_hovers() -> None:
     known = FilterSetup(ANCHORS, np.zeros(6), np.zeros(3), HEADING + 0.3, tags=TAGS)
     ends = {tags: estimate(*hover(tags), known, SETTINGS, AT) for tags in ((0, 1), (0,))}
@@ -69,6 +70,7 @@ def test_ranges_of_two_tags_tell_the_heading_of_a_body_that_hovers() -> None:
     assert off_by(ends[0,]) > 0.2  # one tag tells where it is, and not on which side of the body
 
 
+@pytest.mark.long
 def test_without_a_heading_the_tags_find_it() -> None:
     known = FilterSetup(ANCHORS, np.zeros(6), np.zeros(3), None, tags=TAGS)
     found = estimate(*hover((0, 1)), known, SETTINGS, AT)
@@ -76,6 +78,7 @@ def test_without_a_heading_the_tags_find_it() -> None:
     assert np.linalg.norm(found.p[-1] - HOVERS) < 0.03
 
 
+@pytest.mark.long
 def test_without_a_truth_each_tag_is_where_the_map_says(tmp_path) -> None:
     map_ = map_file(tmp_path / "a", ROWS + TABLE_MAP[TABLE_MAP.index("imu:") : TABLE_MAP.index("truth:")])
     recording = Recording("hovers", *hover((0, 1)), None, ANCHORS, 0.0, 0.0, [], {}, tags=TAGS)

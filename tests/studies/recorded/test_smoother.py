@@ -2,14 +2,17 @@
 
 import numpy as np
 import pytest
+from plain_filter import run_plainly
 
+from ortilo_drake.studies.recorded import run_tape
 from ortilo_drake.studies.recorded.filter_types import ENTRIES, Run, Tape
 from ortilo_drake.studies.recorded.run_tape import smooth
 
 N, STEPS, ROWS = 18, 6, 3
 
 
-def test_states_and_covariances_are_those_of_all_rows_at_once() -> None:
+def test_states_and_covariances_are_those_of_all_rows_at_once(monkeypatch) -> None:
+    run_plainly(monkeypatch, run_tape, "_back")
     rng = np.random.default_rng(1)
     As = np.tile(np.eye(9, 16), (STEPS, 1, 1)) + 0.05 * rng.normal(size=(STEPS, 9, 16))  # the last column is by dk
     keeps = rng.uniform(0.8, 1.0, size=(STEPS, N - 9))

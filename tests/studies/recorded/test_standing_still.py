@@ -83,7 +83,7 @@ def test_the_first_covariance_is_that_of_bias_and_level_given_their_sum() -> Non
     assert np.sqrt(sums @ C[np.ix_(both, both)] @ sums) == pytest.approx(nu, rel=1e-3)
 
 
-@pytest.mark.family
+@pytest.mark.long
 @pytest.mark.parametrize("attitude", [None, np.eye(3)], ids=["level by the force", "level by the unit"])
 def test_a_blackout_after_standing_still_is_flown_by_what_was_found(attitude) -> None:
     """Ranges begin when the body moves, and are gone again two seconds later, for six."""
