@@ -1,6 +1,8 @@
 """The command line `ortilo`: all its commands, and their exit codes."""
 
+import contextlib
 import logging
+import subprocess
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -42,12 +44,23 @@ app = typer.Typer(
 )
 
 
+def commit(checkout: Path) -> str:
+    """Return the commit of a git checkout, with -dirty where files have changed; empty if it is none."""
+    if not (checkout / ".git").exists():
+        return ""
+    command = ("git", "-C", str(checkout), "describe", "--always", "--dirty", "--exclude", "*")
+    with contextlib.suppress(OSError):
+        return subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
+    return ""
+
+
 def _say_version(asked: bool) -> None:
-    """Print the versions of this program, Drake and Python, and end."""
+    """Print the versions of this program, Drake and Python, in a git checkout its commit too, and end."""
     if asked:
         from ortilo_drake.views.page.shell import versions
 
-        out.print(versions())
+        found = commit(Path(__file__).parents[2])
+        out.print(versions() + (f", commit {found}" if found else ""), highlight=False)
         raise typer.Exit
 
 

@@ -171,17 +171,18 @@ class MavlinkBridge:
 
     Args:
         url: where to, 'udpout:HOST:PORT'; this machine by default.
-        system: the vehicle's MAVLink system id.
+        system: the vehicle's MAVLink system id, MAV_SYS_ID of a PX4: of the sender, and whom setpoints are for.
+        component: the sender's MAVLink component id.
 
     Raises:
         InputError: if the url is wrong or pymavlink is not installed.
     """
 
-    def __init__(self, url: str = DEFAULT_URL, system: int = 1):
+    def __init__(self, url: str = DEFAULT_URL, system: int = 1, component: int = COMPONENT):
         self._address, self._system = udp_address(url), system
         check_installed("pymavlink", "mavlink")
         common = import_module("pymavlink.dialects.v20.common")
-        self._mavlink = common.MAVLink(None, srcSystem=system, srcComponent=COMPONENT)
+        self._mavlink = common.MAVLink(None, srcSystem=system, srcComponent=component)
         self._heartbeat = self._mavlink.heartbeat_encode(
             common.MAV_TYPE_ONBOARD_CONTROLLER, common.MAV_AUTOPILOT_INVALID, 0, 0, common.MAV_STATE_ACTIVE
         )

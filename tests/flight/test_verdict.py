@@ -72,4 +72,4 @@ def test_errors_and_sigma_say_what_they_are() -> None:
     for values, label in ((flight.errors, "error of the estimate"), (flight.sigma, "standard deviation")):
         assert values.attrs == {"long_name": label, "units": "m, rad, m/s, rad/s"}
         assert values.sel(state="psi").unit == "rad"
-        assert list(values.sel(state=["z", "vz", "psi_dot"]).unit) == ["m", "m/s", "rad/s"]
+        assert list(values.sel(state=["z", "z_dot", "psi_dot"]).unit) == ["m", "m/s", "rad/s"]

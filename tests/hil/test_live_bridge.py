@@ -4,6 +4,7 @@ import json
 import socket
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,14 +25,15 @@ def recorded(tmp_path: Path) -> list[str]:
     return ["bridge", "--from", str(tmp_path / "bag"), "--map", str(tmp_path / "MAP.yaml"), "--speed", "inf"]
 
 
-def heard(sock: socket.socket) -> Counter[str]:
+def messages_at(sock: socket.socket) -> list[Any]:
+    """Return the messages that wait at a socket, decoded by pymavlink."""
     from pymavlink.dialects.v20 import common
 
-    parser, found = common.MAVLink(None), Counter[str]()
+    parser, found = common.MAVLink(None), list[Any]()
     sock.setblocking(False)
     while True:
         try:
-            found.update(message.get_type() for message in parser.parse_buffer(sock.recv(2000)) or [])
+            found += parser.parse_buffer(sock.recv(2000)) or []
         except BlockingIOError:
             return found
 
@@ -42,10 +44,15 @@ def test_setpoints_reach_the_autopilot_only_when_armed(recorded: list[str], tmp_
         sock.bind(("127.0.0.1", 0))
         url, report = f"udpout:127.0.0.1:{sock.getsockname()[1]}", tmp_path / "report.json"
         options = ["--mavlink", url, "--hold", "3,6,1.4", "--json", str(report)]
-        options += ["--arm", "--hover-thrust", "0.5"] if armed else []
+        options += ["--arm", "--hover-thrust", "0.5", "--system", "7", "--component", "191"] if armed else []
         result = CliRunner().invoke(hil_app, [*recorded, *options])
         assert result.exit_code == 0, result.output
-        messages, found = heard(sock), json.loads(report.read_text())
+        received, found = messages_at(sock), json.loads(report.read_text())
+    messages = Counter(message.get_type() for message in received)
+    ids = (7, 191) if armed else (1, 197)  # 197: MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
+    assert {(message.get_srcSystem(), message.get_srcComponent()) for message in received} == {ids}
+    targets = {(m.target_system, m.target_component) for m in received if m.get_type() == "SET_ATTITUDE_TARGET"}
+    assert targets == ({(7, 1)} if armed else set())
     assert messages["ODOMETRY"] == found["estimates"] - found["old"] > 25
     assert 5 < found["old"] < 15  # those of the first second, which levels the IMU: stale when they can be made
     assert 3 <= messages["HEARTBEAT"] <= 5

@@ -3,6 +3,7 @@
 import enum
 import inspect
 import platform
+import subprocess
 import types
 import typing
 from collections.abc import Callable, Iterator
@@ -14,7 +15,7 @@ import pytest
 import typer
 from command_line import run
 
-from ortilo_drake.commands.app import app
+from ortilo_drake.commands.app import app, commit
 
 WORD, PLACE = "frobs", "no/such/place"
 
@@ -99,3 +100,16 @@ def test_the_versions_are_those_installed(capsys: pytest.CaptureFixture[str]) ->
     assert said.startswith("ortilo-drake ")
     assert f"Drake {version('drake')}," in said
     assert f"Python {platform.python_version()}" in said
+
+
+def test_a_checkout_s_version_names_its_commit(tmp_path: Path) -> None:
+    """As git itself names it; outside a checkout there is none."""
+    assert commit(tmp_path) == ""
+    git = ("git", "-C", str(tmp_path), "-c", "user.name=a", "-c", "user.email=a@example.com")
+    for words in (("init", "-q"), ("commit", "-q", "--allow-empty", "-m", "first")):
+        subprocess.run([*git, *words], check=True)
+    said = subprocess.run([*git, "rev-parse", "--short", "HEAD"], check=True, capture_output=True, text=True).stdout
+    assert commit(tmp_path) == said.strip()
+    (tmp_path / "file").write_text("new\n")
+    subprocess.run([*git, "add", "file"], check=True)
+    assert commit(tmp_path) == said.strip() + "-dirty"

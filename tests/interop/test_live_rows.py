@@ -1,5 +1,9 @@
 """Live messages become rows in the order of their stamps; what cannot be used is counted, and nothing stops."""
 
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from live_messages import IMU, RANGES, as_map, imu_message, range_message
@@ -156,3 +160,23 @@ def test_rows_that_name_their_anchor_may_come_out_of_order() -> None:
 def test_a_map_that_only_files_can_answer_is_refused(text: str, said: str) -> None:
     with pytest.raises(InputError, match=said):
         LiveRows(as_map(text))
+
+
+def test_a_px4_s_own_imu_is_heard_by_the_map_of_the_guide() -> None:
+    """px4_msgs/SensorCombined has no header: its stamp counts microseconds, its axes are forward, right, down."""
+    text = (Path(__file__).parents[2] / "docs/how_to/hil.md").read_text(encoding="utf-8")
+    px4 = next(block for block in re.findall(r"```yaml\n(.*?)```", text, re.DOTALL) if "sensor_combined" in block)
+    rows = LiveRows(as_map(RANGES + px4))
+    for k in range(5):
+        t = 1_700_000_000.0 + 0.1 * k
+        message = SimpleNamespace(
+            timestamp=round(t * 1e6),
+            gyro_rad=np.array([0.1, 0.2, 0.3], np.float32),
+            accelerometer_m_s2=np.array([0.4, 0.5, -9.8], np.float32),
+        )
+        assert fed(rows, *all_ranges(t), ("/fmu/out/sensor_combined", message)) == []
+    _, block = rows.before(ended=True)
+    assert rows.counts() == {}
+    np.testing.assert_allclose(block.imu.t, 0.1 * np.arange(5), atol=1e-6)
+    np.testing.assert_allclose(block.imu.rates[0], [0.1, -0.2, -0.3], rtol=1e-6)
+    np.testing.assert_allclose(block.imu.force[0], [0.4, -0.5, 9.8], rtol=1e-6)

@@ -229,7 +229,7 @@ def test_the_default_stays_on_this_machine() -> None:
     bridge = MavlinkBridge()
     bridge.close()
     assert udp_address("udpout:localhost:14540") == ("127.0.0.1", 14540)
-    assert MavlinkBridge.__init__.__defaults__ == ("udpout:127.0.0.1:14580", 1)
+    assert MavlinkBridge.__init__.__defaults__ == ("udpout:127.0.0.1:14580", 1, 197)
 
 
 def test_without_pymavlink_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

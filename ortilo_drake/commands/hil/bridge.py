@@ -18,6 +18,7 @@ from ortilo_drake.commands.options import (
 )
 from ortilo_drake.commands.terminal import say_written, show_report, write_json
 from ortilo_drake.hil.wire.urls import DEFAULT_URL
+from ortilo_drake.interop.mavlink import COMPONENT
 from ortilo_drake.scenario import InputError, load_scenario
 
 
@@ -32,6 +33,12 @@ def bridge(
     vision: Annotated[
         bool, typer.Option("--vision", help="With --mavlink, send VISION_POSITION_ESTIMATE instead of ODOMETRY.")
     ] = False,
+    system: Annotated[
+        int, typer.Option(min=1, max=255, help="With --mavlink, the vehicle's system id, MAV_SYS_ID of a PX4.")
+    ] = 1,
+    component: Annotated[
+        int, typer.Option(min=1, max=255, help="With --mavlink, the component id of this bridge.")
+    ] = COMPONENT,
     source: Annotated[
         str | None,
         typer.Option(
@@ -86,7 +93,7 @@ def bridge(
         options = LiveOptions(source, map_file, rate, lag, speed, hold, arm, hover_thrust)
         if vision and mavlink is None:
             raise InputError("--vision: is how the estimate is sent to --mavlink, which is not given")
-        run_live_bridge(options, chosen, mavlink, vision, seconds, json_file, ros2)
+        run_live_bridge(options, chosen, mavlink, vision, seconds, json_file, ros2, (system, component))
         return
     for name, value in (
         ("--map", map_file),
@@ -110,7 +117,7 @@ def bridge(
     goals: Goals | None = None
     with contextlib.ExitStack() as stack:
         if mavlink is not None:
-            sender = stack.enter_context(contextlib.closing(MavlinkBridge(mavlink)))
+            sender = stack.enter_context(contextlib.closing(MavlinkBridge(mavlink, system, component)))
             targets["mavlink"] = mavlink_target(sender, chosen, vision)
         if ros2:
             node = stack.enter_context(Ros2Bridge(chosen))

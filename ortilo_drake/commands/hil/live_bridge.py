@@ -70,8 +70,12 @@ def run_live_bridge(
     seconds: float | None,
     json_file: Path | None,
     ros2: bool,
+    ids: tuple[int, int],
 ) -> None:
-    """Run the bridge until its source ends, the time is over, or Ctrl-C; then print its report."""
+    """Run the bridge until its source ends, the time is over, or Ctrl-C; then print its report.
+
+    Its MAVLink messages have these system and component ids.
+    """
     place = check_live(options, mavlink, ros2)
     from ortilo_drake.interop.mavlink import MavlinkBridge
     from ortilo_drake.interop.recorded.map_file import load_map
@@ -88,7 +92,7 @@ def run_live_bridge(
     bridge.warm_up()
     with contextlib.ExitStack() as stack:
         if mavlink is not None:
-            sender = stack.enter_context(contextlib.closing(MavlinkBridge(mavlink)))
+            sender = stack.enter_context(contextlib.closing(MavlinkBridge(mavlink, *ids)))
             # An autopilot fuses an estimate at its own stamp, a fraction of a second ago at most.
             bridge.add_target("mavlink", _to_mavlink(sender, vision, options), scenario.failsafe.timeout)
         if options.source == ROS2:
