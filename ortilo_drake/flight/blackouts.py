@@ -2,11 +2,12 @@
 
 import numpy as np
 
+from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.world.radio.link import blackout_rows
 
 
-def in_blackout(truth: np.ndarray, scenario: Scenario, sensor: str = "uwb") -> np.ndarray:
+def in_blackout(truth: np.ndarray, scenario: Scenario, sensor: str = SENSORS[0]) -> np.ndarray:
     """Return in which ticks (n) a sensor is blacked out, by the true states (n, 12); see world/radio/link.py."""
     black = np.zeros(len(truth), dtype=bool)
     for axis, start, end in blackout_rows(scenario.link_of(sensor), scenario.h):
