@@ -24,7 +24,6 @@ from ortilo_drake.hil.real_time.warm_up import warm_up
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.filter_model import filter_model
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.studies.tube.tube import predict_tube
 from ortilo_drake.theory.arrivals.arrival_simulation import draw_independent, simulate
 from ortilo_drake.theory.arrivals.arrivals import Model, check_model
 
@@ -89,7 +88,6 @@ def analyze_all() -> None:
     simulate_arrivals()
     with tempfile.TemporaryDirectory() as folder:
         assert run("analyze", "nominal_imu_uwb", "--flights", "0", "--out", folder) == 0
-    predict_tube(load_scenario("nominal_imu_uwb_yolo", (PROJECTED,)))
 
 
 def collect_tests() -> None:

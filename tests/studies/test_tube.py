@@ -1,11 +1,13 @@
 """The tube's recursion against published fixed points, SciPy and a Monte Carlo of the linear loop."""
 
+from collections.abc import Callable
 from itertools import pairwise, product
 
 import numpy as np
 import pytest
 from scipy.linalg import block_diag, solve_discrete_lyapunov
 
+from ortilo_drake.loop.plain import plain_source
 from ortilo_drake.model.measurement import make_measurement
 from ortilo_drake.model.signals import N_U
 from ortilo_drake.model.typed_yaml import InputError
@@ -42,6 +44,7 @@ def at_rest(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.zeros((n, 12)), np.zeros((n, 3)), np.ones((n, 3), dtype=bool)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("rates", "W", "P_xx", "P_zz"),
     [
@@ -61,6 +64,7 @@ def test_error_settles_at_the_expected_riccati_fixed_point(
     assert X[-1, 2, 2] == pytest.approx(P_zz, abs=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", ["hold", "literal", "estimate"])
 def test_without_losses_the_deviation_is_the_lyapunov_solution(integrator: str) -> None:
     loop = hover_loop(load_scenario("nominal_imu_uwb_yolo", (f"estimator.integrator={integrator}",)))
@@ -127,19 +131,25 @@ def as_printed(
     return mean, M_all - np.outer(mean, mean), X_all
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("integrator", ["hold", "literal", "estimate"])
-def test_cases_side_by_side_are_the_recursion_as_printed(integrator: str) -> None:
-    rng, n = np.random.default_rng(3), 25
+@pytest.mark.parametrize(
+    ("recursion", "n", "cases"),
+    [(plain_source(propagate), 3, slice(2, 3)), pytest.param(propagate, 25, slice(3), marks=pytest.mark.long)],
+    ids=["plain", "compiled"],
+)
+def test_cases_side_by_side_are_the_recursion_as_printed(
+    recursion: Callable[..., tuple[np.ndarray, ...]], n: int, cases: slice, integrator: str
+) -> None:
+    rng = np.random.default_rng(3)
     loop = hover_loop(load_scenario("nominal_imu_uwb_yolo", (f"estimator.integrator={integrator}",)))
     root = rng.normal(0.0, 0.1, (n, 3, 3, 3))
     V = root @ np.swapaxes(root, -1, -2) + 1e-4 * np.eye(3)
     bursts = [[0.2, 0.1, 0.1, 0.9], [0.3, 0.2, 0.0, 1.0], [0.1, 0.3, 0.1, 0.6]]
-    losses = np.array([ALWAYS, bernoulli(0.3, 0.6), bursts])
-    there = rng.random((3, n, 3)) < [0.5, 0.6, 0.9]
+    losses = np.array([ALWAYS, bernoulli(0.3, 0.6), bursts])[cases]
+    there = (rng.random((3, n, 3)) < [0.5, 0.6, 0.9])[cases]
     d, r = rng.normal(0.0, 1e-3, (n, 12)), rng.normal(0.0, 1.0, (n, 3))
     r_s = 0.5 * r
-    found = propagate(
+    found = recursion(
         loop.Phi, loop.Gamma, loop.L, loop.W, V, np.moveaxis(there, 0, -1).copy(), np.moveaxis(losses, 0, -1).copy(),
         block_diag(0.02 * np.eye(12), np.zeros((3, 3))), d, r, r_s, INTEGRATORS[integrator], LAYOUT, 15,
     )  # fmt: skip
@@ -234,6 +244,7 @@ def test_recursion_agrees_with_a_monte_carlo_of_the_linear_loop(integrator: str)
     assert np.all(np.abs(z.T @ z / runs - correlation) < 5.0 * np.sqrt(np.mean(z**4, axis=0).max() / runs))
 
 
+@pytest.mark.long
 def test_more_arrivals_never_widen_the_error() -> None:
     loop = hover_loop(Scenario())
     n = 400
@@ -279,6 +290,7 @@ def test_tube_needs_a_servo_fed_by_the_filter_and_constant_delays() -> None:
         predict_tube(load_scenario("bursty_link"))
 
 
+@pytest.mark.long
 def test_paper_form_settles_at_the_reference() -> None:
     # u = -L [xhat; i] starts at rest at r with the integral that balances it; here i starts at 0, so it must settle.
     scenario = load_scenario("nominal_imu_uwb", ("servo.form=paper",))

@@ -68,6 +68,7 @@ def judge(flights: list[Flown]) -> PointResult:
     return judge_point(with_rates(short()[0], *PAIR), PAIR, flights, short()[1], others=range(50, 54))
 
 
+@pytest.mark.long
 def test_flights_inside_the_tube_hold() -> None:
     result = judge(straying(0.99))
     assert (result.contained, result.contained_low, result.contained_worst) == (1.0, 1.0, 1.0)
@@ -76,6 +77,7 @@ def test_flights_inside_the_tube_hold() -> None:
     assert result.margin > 0.0
 
 
+@pytest.mark.long
 def test_flights_outside_the_tube_are_a_breakdown() -> None:
     result = judge(straying(1.01))
     assert result.contained == 0.0
@@ -83,6 +85,7 @@ def test_flights_outside_the_tube_are_a_breakdown() -> None:
     assert result.breakdown
 
 
+@pytest.mark.long
 def test_a_flight_lost_though_the_tube_is_inside_is_a_breakdown() -> None:
     result = judge(straying(0.5, lost=3.0))
     assert (result.contained, result.lost, result.holds) == (1.0, 1, False)
@@ -158,6 +161,7 @@ def test_the_tube_on_a_plan_is_orange_where_it_leaves_the_corridor() -> None:
     assert axes.get_legend_handles_labels()[1] == ["planned", "tube in the corridor", "tube beyond it"]
 
 
+@pytest.mark.long
 def test_deviations_are_the_flights_horizontal_ones_and_a_lost_one_ends_in_a_cross() -> None:
     scenario, nominal = short()
     tube = predict_tube(with_rates(scenario, *PAIR), nominal)

@@ -52,6 +52,7 @@ def test_bursts_are_those_of_the_links_own_chain() -> None:
     assert states.sum() * h / starts == pytest.approx(burst, rel=0.1)
 
 
+@pytest.mark.long
 def test_there_are_no_bursts_shorter_than_the_chain_can_make() -> None:
     assert bursts(0.1, 1.0 / 30.0, 1.0 / 30.0) is None
     scenario, _ = short()
@@ -153,6 +154,7 @@ def test_impossible_bursts_are_refused(rate: float, burst: float) -> None:
         bursts(rate, burst, 1.0 / 30.0)
 
 
+@pytest.mark.long
 def test_without_losses_the_mixture_is_the_tube() -> None:
     scenario, nominal = short()
     tube = predict_tube(scenario, nominal)
@@ -162,6 +164,7 @@ def test_without_losses_the_mixture_is_the_tube() -> None:
     np.testing.assert_allclose(mixture_radius(of, 0.7 * tube.radius), tube.radius, rtol=1e-3)
 
 
+@pytest.mark.long
 def test_a_filter_that_knows_its_arrivals_errs_less_on_average() -> None:
     # The tube's gains do not know the arrivals' history, the filter's do: its error's covariance is smaller on average.
     scenario, nominal = short()
