@@ -54,7 +54,9 @@ def _print_flight(result: Summary, chosen: Scenario, said: str, blackout: float,
     )
     if result.contacts:
         out.print(f"  [yellow]touched[/yellow]             {escape(', '.join(result.contacts))}", soft_wrap=True)
-
+    if result.lost:
+        line = "one flight does not say: `ortilo rare` does, for the same scenario and settings"
+        out.print(f"  how often           {line}", soft_wrap=True)
     if blackout > 0.0:
         line = f"{blackout:.1%} of the time, on purpose: uwb.link.blackouts of the scenario"
         out.print(f"  UWB blacked out     {line}", soft_wrap=True)

@@ -102,7 +102,9 @@ def test_a_lost_flight_is_written_and_has_an_exit_code_of_its_own(
     assert set(lost) == {"time", "cause"}
     assert 0.0 < lost["time"] < 12.0
     assert lost["cause"] == "left the room"
-    assert f"lost at {lost['time']:.1f} s: left the room" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert f"lost at {lost['time']:.1f} s: left the room" in said
+    assert "`ortilo rare` does, for the same scenario and settings" in said
 
 
 def test_a_sensor_that_does_not_fly_and_a_path_error_that_is_not_defined_are_null(

@@ -1,8 +1,9 @@
 """The probability that a scenario's vehicle is lost, or strays from its reference, where that is rare.
 
 Subset simulation chooses its levels once and is then repeated, each time with noise of its own. The estimates of the
-repetitions are independent and without bias, so their mean is one too; its interval is that of log_interval. An event
-so frequent that it needs no level is counted: all flights of the repetitions are independent.
+repetitions are independent and without bias, so their mean is one too; its interval is that of log_interval, and no
+narrower than as many independent paths allow. An event so frequent that it needs no level is counted: all flights of
+the repetitions are independent.
 """
 
 from collections.abc import Callable
@@ -200,9 +201,23 @@ def estimate(
         often = counted_of(paths * len(found) + counted, met)
         return often.events / often.flights, (often.low, often.high)
     p = np.array([one.probability for one in found])
-    if ends := log_interval(p, LEVEL):
-        return float(p.mean()), ends
-    return None, (0.0, 1.0)
+    if not (ends := log_interval(p, LEVEL)):
+        return None, (0.0, 1.0)
+    mean, least = float(p.mean()), np.exp(least_half_width(found, paths))
+    return mean, (min(ends[0], mean / least), min(max(ends[1], mean * least), 1.0))
+
+
+def least_half_width(found: list[Climb], paths: int) -> float:
+    """Return half the width of the interval of the logarithm that repetitions of independent paths would have.
+
+    A share k of N independent paths has a logarithm of variance (1 - k) / (k N), and those of all levels add up (Au and
+    Beck 2001, of paths without correlation). Paths of a chain are correlated, which only widens it; repetitions
+    that agree better do so by chance.
+    """
+    reached = [[one.kept[j] for one in found if len(one.kept) > j] for j in range(max(len(one.kept) for one in found))]
+    shares = np.array([np.mean(level) for level in reached])
+    variance = float(np.sum((1.0 - shares) / (shares * paths))) / len(found)
+    return float(stats.norm.ppf(0.5 + LEVEL / 2.0)) * np.sqrt(variance)
 
 
 def _count_of(batch: range) -> Any:

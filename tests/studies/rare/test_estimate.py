@@ -92,6 +92,17 @@ def test_an_event_without_levels_is_counted_however_alike_repetitions_are(shares
     assert ends == pytest.approx(tuple(binomtest(events + 106, 500).proportion_ci(method="wilson")))
 
 
+def test_repetitions_that_agree_by_chance_are_as_uncertain_as_their_flights() -> None:
+    """Two of 100 paths through shares of 0.1, 0.1 and 0.2: not +-15 %, as two alike estimates have."""
+    plan = Plan((1.0, 2.0), ((0.5, 0.5), (0.5, 0.5)), 280, 0, True)
+    found = [Climb(p, (0.1, 0.1, 0.2), (0.4, 0.4), 280, 0) for p in (1.99e-3, 2.01e-3)]
+    probability, (low, high) = estimate(plan, found, 100)
+    sd = np.sqrt((9.0 + 9.0 + 4.0) / 100 / 2)
+    assert probability == pytest.approx(2e-3)
+    assert np.log(high / 2e-3) == pytest.approx(np.log(2e-3 / low))
+    assert np.log(high / 2e-3) >= 1.95 * sd
+
+
 def flown(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, goal: float, **more: int
 ) -> tuple[study.Rare, list[tuple[int, int]]]:
