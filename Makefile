@@ -2,7 +2,8 @@
 #                libraries, which YES=1 allows; with EXPORT=1 the compilers and emulators that test `ortilo export`, too
 # make fly       set up, fly the paper's scenario 2, write its page and picture to out/
 # make tables    set up, fly both scenarios 20 times, print the paper's tables beside ours
-# make test      set up, run the quick tests: the equations, the commands, flights with each filter
+# make test      set up, run the quick tests: the equations, the commands, short flights; the tight filter, the filter of
+#                recordings and the tube run there as plain Python, compiled in the nightly ones
 # make rest      set up, with Rerun and, where there are wheels of it, ROS 2, run the tests in processes of their own, and
 #                with PART=K/N the K-th of N parts of the nightly ones
 # make nightly   the same with all nightly tests: notebooks, training, real time, videos, every scenario compiled (hours)

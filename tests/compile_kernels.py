@@ -97,9 +97,10 @@ def collect_tests() -> None:
 
 
 # What one calls compiles what the next ones call, too: in two processes at once it would be compiled twice.
-BY_TIGHT = (partial(fly_moment, "tight_imu_uwb"), partial(fly_moment, "flow"))
-BY_FIXES = (partial(fly_moment, "nominal_imu_uwb_yolo"), partial(fly_moment, "imu_uwb"), compile_flight, fly_variants)
-BY_FIXES += (analyze_all, run_commands)
+# What only few quick tests would need is not here: the tight filter, the filter of recordings, the tube.
+OF_THEORY = (analyze_all, partial(fly_moment, "flow"))
+OF_FLIGHTS = (partial(fly_moment, "nominal_imu_uwb_yolo"), partial(fly_moment, "imu_uwb"), compile_flight, fly_variants)
+OF_FLIGHTS += (run_commands,)
 
 
 def call_all(functions: tuple[Callable[[], None], ...]) -> None:
@@ -115,5 +116,5 @@ def call_all(functions: tuple[Callable[[], None], ...]) -> None:
 
 if __name__ == "__main__":
     with ProcessPoolExecutor(2) as pool:
-        for side_by_side in (((collect_tests,), (partial(fly_moment, "nominal_imu_uwb"),)), (BY_TIGHT, BY_FIXES)):
+        for side_by_side in (((collect_tests,), (partial(fly_moment, "nominal_imu_uwb"),)), (OF_FLIGHTS, OF_THEORY)):
             list(pool.map(call_all, side_by_side))

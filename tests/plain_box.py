@@ -5,13 +5,19 @@ from typing import Any
 import numpy as np
 
 from ortilo_drake.loop.element import Box, takes
+from ortilo_drake.loop.plain import plain_source
 from ortilo_drake.loop.wiring import check_values
 
 
 class PlainBox:
-    """What a box says and keeps when its functions are called with these inputs."""
+    """What a box says and keeps when its functions are called with these inputs.
 
-    def __init__(self, box: Box):
+    Args:
+        box: it.
+        helpers: whether compiled functions that its functions call run as plain source, too.
+    """
+
+    def __init__(self, box: Box, helpers: bool = False):
         check_values(box)
         element, given = box.element, box.given
         self.n = np.zeros(1, element.dtype).view(np.recarray)[0]
@@ -22,6 +28,8 @@ class PlainBox:
         self._own = self.state | self.tables | {name: np.zeros(shape) for name, shape in box.work.items()}
         self._own |= {group.name: group.filled(self.n, self.tables.__getitem__) for group in element.groups}
         self._functions, self.out = element.functions, np.zeros(box.size)
+        if helpers:
+            self._functions = {what: plain_source(function) for what, function in element.functions.items()}
 
     def say(self, k: int = 0, seed: int = 0, **inputs: np.ndarray) -> np.ndarray:
         """Return what it says in a tick."""

@@ -7,6 +7,8 @@ from ortilo_drake.flight.flight import FlightSimulator
 from ortilo_drake.flight.metrics import position_nees, summary
 from ortilo_drake.scenario import load_scenario
 
+pytestmark = pytest.mark.long
+
 SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [4, 1.5, 1.5], [5, 1.5, 1.5]]}"
 OPEN = "uwb.link.blackouts=[]"
 PROJECTED = "camera.kind=projected"
@@ -26,7 +28,6 @@ def mse(name: str, *settings: str, seeds: range = range(3)) -> tuple[float, floa
     return float(np.mean(found)), float(np.mean(found) / np.mean(floors)), float(np.mean(nees))
 
 
-@pytest.mark.long
 def test_it_is_near_the_floor_and_honest() -> None:
     """Through the first blackout; three flights scatter the ratio by a factor of two and the NEES by half."""
     _, over_floor, nees = mse("tight_imu_uwb")
@@ -34,7 +35,6 @@ def test_it_is_near_the_floor_and_honest() -> None:
     assert 1.5 < nees < 6.0
 
 
-@pytest.mark.long
 def test_single_ranges_do_better_than_fixes_where_two_anchors_answer() -> None:
     """No fix can be made of two ranges; the tight filter takes them."""
     near = ("uwb.max_distance=3.2", OPEN)
@@ -49,13 +49,11 @@ def test_it_flies_through_gaps_of_the_imu_and_of_ranges() -> None:
     assert error < 0.02
 
 
-@pytest.mark.long
 def test_ranges_with_a_clock_of_their_own_are_flown_by_differences() -> None:
     error, _, _ = mse("tight_imu_uwb", OPEN, "estimator.ranges.differences=true", "truth.uwb.bias=3.0", seeds=range(1))
     assert error < 0.02
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("pairs", ["cycle", "all"])
 def test_differences_in_turn_are_flown_near_the_floor(pairs: str) -> None:
     """Through the first blackout, as by single ranges; and what all ranges err by is not seen."""
@@ -64,7 +62,6 @@ def test_differences_in_turn_are_flown_near_the_floor(pairs: str) -> None:
     assert 1.5 < nees < 6.0
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("delay", [0, 2])
 def test_pictures_count_at_their_own_time(delay: int) -> None:
     """A box two ticks late is as good as one in time, up to what the vehicle has not learnt meanwhile."""
@@ -74,7 +71,6 @@ def test_pictures_count_at_their_own_time(delay: int) -> None:
     assert nees < 8.0
 
 
-@pytest.mark.long
 def test_a_message_older_than_the_horizon_is_not_used() -> None:
     """With every picture too late it flies as without a camera: bit for bit in what it estimates of the position."""
     late = (PROJECTED, OPEN, "camera.link.delay=8", "estimator.horizon=0.07", SHORT)
@@ -86,7 +82,6 @@ def test_a_message_older_than_the_horizon_is_not_used() -> None:
     )
 
 
-@pytest.mark.long
 def test_a_flow_sensor_is_taken_too() -> None:
     with_flow, _, _ = mse("tight_imu_uwb", "sensors=[uwb, imu, altimeter, flow]", seeds=range(2))
     without, _, _ = mse("tight_imu_uwb", seeds=range(2))

@@ -149,6 +149,7 @@ def test_ranges_are_those_of_the_log(projected: Recorded) -> None:
         assert len(there) > 3
 
 
+@pytest.mark.long
 def test_differences_of_ranges_are_those_of_the_log_at_their_own_times(tmp_path: Path) -> None:
     hover = "planner={kind: hover, point: [0.5, 0.5, 1.5], duration: 1.0}"  # out of the blackouts
     found = record(tmp_path, hover, "settle=0", scenario="tight_differences")

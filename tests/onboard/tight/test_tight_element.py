@@ -25,7 +25,7 @@ def made(scenario: Scenario) -> tuple[PlainBox, PlainBox]:
     flying = [name for name in scenario.measurement.sensors if name in scenario.sensors]
     messages = {name: constant(name, np.zeros(PAYLOAD)) for name in flying}  # only their names are read
     heard, kalman, *_ = tight_boxes(scenario, scenario.load_room(), initial_estimate(scenario, R_0), messages)
-    return PlainBox(heard), PlainBox(kalman)
+    return PlainBox(heard, helpers=True), PlainBox(kalman, helpers=True)
 
 
 def messages_at(scenario: Scenario, stamp: float) -> dict[str, np.ndarray]:

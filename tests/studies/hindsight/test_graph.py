@@ -160,6 +160,7 @@ def test_values_of_other_sensors_count() -> None:
     assert np.sqrt(np.mean(z**2)) < 0.1
 
 
+@pytest.mark.long
 def test_it_begins_where_it_is_told() -> None:
     recorded = first_ticks(fly_recorded(load_scenario("tight_imu_uwb", (SHORT,)), 0), 5)
     about = Smoothed(np.ones((5, 12)) * 0.1, np.zeros((5, 12, 12)))

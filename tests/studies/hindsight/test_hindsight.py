@@ -66,7 +66,7 @@ def test_without_the_extra_it_says_what_to_install(capsys: pytest.CaptureFixture
     assert len(found["missing"]) == 1
 
 
-@pytest.mark.family
+@pytest.mark.family("imu_uwb-runs again where a measurement comes late")
 @pytest.mark.usefixtures("no_gtsam")
 @pytest.mark.parametrize(
     ("name", "why"),
