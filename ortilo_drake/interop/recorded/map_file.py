@@ -57,7 +57,7 @@ class Estimated(Frozen):
     lever: Literal["estimate"] | Vector = Field(
         default="estimate",
         description="From the truth's point to the antenna, or to the point that `tags` count from, body axes (forward "
-        "left up) [m].",
+        "left up) [m]. Estimated by the truth; in the row without it by the ranges' innovations, as from the imu.",
     )
 
 

@@ -1,7 +1,8 @@
 """The filter of `ortilo replay`, fed live.
 
-It is the row that is not calibrated: no truth is used, the anchors' biases are states. An estimate is made at each
-multiple of its period, counted from the first range, once nothing before that stamp can come any more. The events are
+It is the row that is not calibrated: no truth is used, the anchors' biases are states, the lever is the map's, else 0.
+An estimate is made at each multiple of its period, counted from the first range, once nothing before that stamp can
+come any more. The events are
 those of the replay in the same order, so the estimates are, too, bit for bit, if replay is asked at the same stamps and
 all rows came in time. Where replay looks ahead, this waits:
 

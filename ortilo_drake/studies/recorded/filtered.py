@@ -254,7 +254,7 @@ def begin_of(
     for heading in tried:  # a wrong one must not be mended while it is tried
         start = start_of(ranges, imu, known, settings, Begin(heading, fix), False)
         runs = run_on(events, heard, start, setup, np.inf, False)[0]
-        scores.append(innovation_score(_joined(runs), noise.gate))
+        scores.append(innovation_score(joined(runs), noise.gate))
     return Begin(float(tried[int(np.argmax(scores))]), fix)
 
 
@@ -304,8 +304,9 @@ def estimate(
     R = Rotation.from_quat(x[:, Q:ADDITIVE], scalar_first=True).as_matrix() if len(x) else np.zeros((0, 3, 3))
     failed = (float(end.watched[4]), float(end.watched[5]))
     drag = (float(end.x[-1]), float(np.sqrt(end.C[-1, -1])))
-    return Estimate(queries, x[:, :3], P, R, _joined(runs), ranges.t, lost, failed, drag, begin)
+    return Estimate(queries, x[:, :3], P, R, joined(runs), ranges.t, lost, failed, drag, begin)
 
 
-def _joined(runs: list[Run]) -> Innovations:
+def joined(runs: list[Run]) -> Innovations:
+    """Return the innovations of all runs, in order."""
     return Innovations(*(np.concatenate(part) for part in zip(*(run[2:5] for run in runs), strict=True)))

@@ -21,9 +21,10 @@ from ortilo_drake.studies.recorded.at_rest import (
 from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate
 from ortilo_drake.studies.recorded.doubted import doubts_of, stamp_doubts
 from ortilo_drake.studies.recorded.doubts import of_failed, range_noise
-from ortilo_drake.studies.recorded.filtered import Estimate, FilterSetup, estimate
+from ortilo_drake.studies.recorded.filtered import TRIAL, Estimate, FilterSetup, estimate
 from ortilo_drake.studies.recorded.first_look import first_look
 from ortilo_drake.studies.recorded.imposed import gap_ends, lose_gaps, lose_some
+from ortilo_drake.studies.recorded.lever_fit import fit_lever
 from ortilo_drake.studies.recorded.scores import Scores, score
 from ortilo_drake.studies.recorded.setups import (
     SHORTEST,
@@ -157,7 +158,7 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
     if calibrates:
         row(CV_RAW, raw, own, None)
     if calibration is None:
-        known = raw = uncalibrated_setup(recording, map_, rest)
+        known = raw = _with_lever(uncalibrated_setup(recording, map_, rest), recording, map_, notes)
         main = RAW if imu is not None else CV_RAW
     else:
         known = with_aids(calibrated_setup(calibration, recording, map_), recording, map_, False)
@@ -170,8 +171,9 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
             row(name, aided, calibration, imu)
             row(f"{name}, smoothed", aided, calibration, imu, smoothed=True)
     if imu is not None and calibrates:
-        given_lever = map_.calibration.lever
-        row(RAW, raw if given_lever == "estimate" else raw._replace(lever=np.array(given_lever)), calibration, imu)
+        if calibration is not None:
+            raw = _with_lever(raw, recording, map_, notes)
+        row(RAW, raw, calibration, imu)
     by = own if imu is None else calibration
     if imu is None and own is not None:
         known = plain
@@ -214,6 +216,22 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
         rest=rest,
     )
     return result, drawn
+
+
+def _with_lever(known: FilterSetup, recording: Recording, map_: Map, notes: list[str]) -> FilterSetup:
+    """Return the settings with the map's lever, else with the one that the innovations tell, and note it."""
+    given, imu = map_.calibration.lever, recording.imu
+    if given != "estimate":
+        return known._replace(lever=np.array(given))
+    try:
+        found = None if imu is None else fit_lever(recording.ranges, imu, known, map_.filter)
+    except InputError:  # the row that needs it says why
+        found = None
+    if found is None:
+        return known
+    arm, sd = (", ".join(f"{v:.3f}" for v in vector) for vector in found)
+    notes.append(f"{RAW}: the ranges' innovations in the first {TRIAL:g} s put the antenna at ({arm}) m, sd ({sd})")
+    return known._replace(lever=found.arm)
 
 
 def _calibrated(by: Calibration, recording: Recording) -> dict[str, Any]:
