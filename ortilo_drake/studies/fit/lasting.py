@@ -11,7 +11,7 @@ and Kirubarajan, Estimation with Applications, 2001, section 11.6.4: the first g
 
 The likelihood is maximised. The intervals come from fits to blocks of time: their spread holds also where the errors
 are not quite of this kind. Where several recordings differ by more than their blocks, Student's t over the recordings
-counts. Those of the constants come from the filter's covariance at the end.
+counts. Those of the constants are no narrower than the filter's covariance makes them.
 """
 
 from collections.abc import Sequence
@@ -143,11 +143,16 @@ def fit_lasting(errors: Sequence[RangeErrors], n: int, tail: bool = True) -> Las
     def of_block(block: RangeErrors) -> np.ndarray:
         return greatest(lambda at: _run([block], n, at)[0], logs, limits, NEAR)
 
-    halves = widest([np.array([of_block(block) for block in blocks]) for blocks in _blocks(errors)])
+    parts = _blocks(errors)
+    halves = widest([np.array([of_block(block) for block in blocks]) for blocks in parts])
     found = [log_interval(at, half / TIMES) for at, half in zip(logs, halves, strict=True)]
     time, sd, white, share, far = found[:5]
     freedom = found[5] if tail else None
-    return Lasting(time, sd, white, share, far, freedom, _constants(errors, n, x, C), outlier)
+    each = [np.array([_constants([block], *_run([block], n, logs)[1:3])[0] for block in blocks]) for blocks in parts]
+    values, sds = _constants(errors, x, C)
+    sds = np.fmax(sds, widest(each) / TIMES)  # of an anchor that a block has not heard, this is not a number
+    constants = tuple(None if np.isnan(c) else normal_interval(c, s) for c, s in zip(values, sds, strict=True))
+    return Lasting(time, sd, white, share, far, freedom, constants, outlier)
 
 
 def widest(each: Sequence[np.ndarray]) -> np.ndarray:
@@ -170,8 +175,12 @@ def _blocks(errors: Sequence[RangeErrors]) -> list[list[RangeErrors]]:
     return found
 
 
-def _constants(errors: Sequence[RangeErrors], n: int, x: np.ndarray, C: np.ndarray) -> tuple[Interval | None, ...]:
-    """Return the constants; where there are differences alone, less their mean, which these do not tell."""
+def _constants(errors: Sequence[RangeErrors], x: np.ndarray, C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the constants and their deviations (n each), not a number of an anchor that was not heard.
+
+    Where there are differences alone, it is less their mean, which these do not tell.
+    """
+    n = len(x)
     heard = np.zeros(n, dtype=bool)
     for one in errors:
         heard[one.anchor] = True
@@ -179,5 +188,4 @@ def _constants(errors: Sequence[RangeErrors], n: int, x: np.ndarray, C: np.ndarr
     M = np.eye(n)
     if all((one.other >= 0).all() for one in errors):
         M -= np.outer(np.ones(n), heard / heard.sum())
-    x, C = M @ x, M @ C @ M.T
-    return tuple(normal_interval(x[i], np.sqrt(C[i, i])) if heard[i] else None for i in range(n))
+    return np.where(heard, M @ x, np.nan), np.sqrt(np.diag(M @ C @ M.T))

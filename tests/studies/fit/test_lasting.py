@@ -79,6 +79,16 @@ def test_what_made_the_errors_is_found() -> None:
 
 
 @pytest.mark.long
+def test_the_interval_of_a_constant_that_differs_between_recordings_holds_both() -> None:
+    """In two flights of a day, one behind boxes, an anchor's constant was 0.05 and 0.22 m."""
+    constants, one = made(2)
+    moved = one._replace(e=one.e + 0.17 * ((one.anchor == 1) * 1.0 - (one.other == 1)))
+    found = fit_lasting([one, moved], ANCHORS).constants[1]
+    assert found.holds(constants[1])
+    assert found.holds(constants[1] + 0.17 * (1.0 - 1.0 / ANCHORS))
+
+
+@pytest.mark.long
 def test_the_intervals_hold_what_made_the_errors() -> None:
     """Of 24 fits to six numbers each about 95 % should hold; 100 fits are too long for a test."""
     held = []
