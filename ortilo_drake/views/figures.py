@@ -131,18 +131,34 @@ def draw_paths(axes: Axes, flight: xr.Dataset) -> None:
 
 
 def draw_arrivals(axes: Axes, flight: xr.Dataset) -> None:
-    """Draw a mark where each sensor's value but the imu's was used, and a faint one where a due one is missing."""
+    """Draw a bar while each sensor's due values, but the imu's, were used, and a thin grey one while they are missing."""
     time, own = flight["time"].values, [s for s in flight["sensor"].values if s not in ("uwb", "camera", "imu")]
     flown = [s for s in ("camera", "uwb") if flight["due"].sel(sensor=s).values.any()]
     sensors = (*own, *flown)
     for row, sensor in enumerate(sensors):
         due = flight["due"].sel(sensor=sensor).values
         used = flight["arrival"].sel(sensor=sensor).values
-        axes.eventplot(time[due & ~used], lineoffsets=row, linelengths=0.25, colors="0.75", linewidths=0.6)
-        axes.eventplot(time[used], lineoffsets=row, linelengths=0.8, colors=COLOR.get(sensor, OTHER), linewidths=0.6)
+        for there, height, color in ((due & ~used, 0.25, "0.75"), (used, 0.8, COLOR.get(sensor, OTHER))):
+            bars = _runs(time, due | used, there)
+            axes.broken_barh(bars, (row - 0.5 * height, height), facecolors=color, edgecolors="none")
     axes.set_yticks(range(len(sensors)), [s.replace("uwb", "UWB") for s in sensors])
     axes.set_ylim(-0.6, max(len(sensors), 1) - 0.4)
     axes.set_xlabel("time [s]  (fixes used; grey: due, but none)")
+
+
+def _runs(time: np.ndarray, due: np.ndarray, there: np.ndarray) -> list[tuple[float, float]]:
+    """Return start and length [s] of the runs of due ticks (n) in which something is there; a tick lasts to the next due.
+
+    One bar for each run rather than a line for each tick: hundreds of those make a pattern of their own on a screen.
+    """
+    t, is_there = time[due], there[due]
+    if not is_there.any():
+        return []
+    steps = np.diff(t, append=np.nan)
+    steps[-1] = np.median(np.diff(t)) if len(t) > 1 else 0.0
+    edges = np.flatnonzero(np.diff(np.r_[False, is_there, False]))
+    ends = np.minimum(t + steps, t + 2.0 * np.median(steps))
+    return [(float(t[a]), float(ends[b - 1] - t[a])) for a, b in edges.reshape(-1, 2)]
 
 
 def arrival_figure(flights: dict[str, xr.Dataset], path: Path) -> Path:

@@ -12,12 +12,14 @@ from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon, Rectangle
+from matplotlib.ticker import FixedLocator, MaxNLocator
 from pydrake.trajectories import Trajectory
 
 from ortilo_drake.model.room import Room
 from ortilo_drake.views.figures import turned
 from ortilo_drake.views.labels import Label, put_labels
 from ortilo_drake.views.pictures import save_picture
+from ortilo_drake.views.themes import SLIDE_SIZE, SLIDE_TEXT, for_slides
 
 STYLE: Any = {"font.size": 9, "legend.frameon": False, "figure.dpi": 150, "savefig.dpi": 150, "axes.linewidth": 0.6}
 # Okabe and Ito's colours, then Tol's, which colour-blind readers can tell apart; classes take them in turn.
@@ -34,7 +36,7 @@ def class_colors(room: Room) -> dict[str, str]:
 
 
 def plan_figure(room: Room, height: float = 1.25) -> tuple[Figure, Axes]:
-    """Return a figure with axes that hold the room to scale, and further inches of height for a legend."""
+    """Return a figure with axes that hold the room to scale, and further inches of height for a legend; or a slide."""
     width, depth = np.subtract(room.interior.max, room.interior.min)[:2] + 4.0 * _FRAME
     scale = min(_LARGEST[0] / width, _LARGEST[1] / depth)
     inner = np.array([width, depth]) * scale
@@ -42,6 +44,14 @@ def plan_figure(room: Room, height: float = 1.25) -> tuple[Figure, Axes]:
     figure = Figure(figsize=(whole[0], whole[1]))
     axes = figure.add_axes((0.7 / whole[0], (height - 0.35) / whole[1], *(inner / whole)))
     low, high = np.array(room.interior.min[:2]) - 2.0 * _FRAME, np.array(room.interior.max[:2]) + 2.0 * _FRAME
+    if for_slides():
+        figure.set_size_inches(*SLIDE_SIZE)
+        axes.set_position((0.07, 0.2, 0.91, 0.7))
+        room_for = np.array([0.91, 0.7]) * SLIDE_SIZE  # labels go into what the room leaves free
+        spare = 0.5 * (room_for / min(room_for / (high - low)) - (high - low))
+        axes.xaxis.set_major_locator(_within(low[0], high[0]))
+        axes.yaxis.set_major_locator(_within(low[1], high[1]))
+        low, high = low - spare, high + spare
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal")
@@ -49,6 +59,11 @@ def plan_figure(room: Room, height: float = 1.25) -> tuple[Figure, Axes]:
     axes.set_xlabel("x (east) [m]")
     axes.set_ylabel("y (north) [m]")
     return figure, axes
+
+
+def _within(low: float, high: float) -> FixedLocator:
+    """Return round ticks within two bounds [m]."""
+    return FixedLocator([tick for tick in MaxNLocator(8).tick_values(low, high) if low <= tick <= high])
 
 
 def draw_fabric(axes: Axes, room: Room, floor: bool = True) -> None:
@@ -91,12 +106,18 @@ def draw_scale(axes: Axes) -> None:
     share = bar / (high - low)
     over = axes.transAxes + transforms.ScaledTranslation(0.0, 0.12, axes.figure.dpi_scale_trans)
     axes.plot([0.0, share], [1.0, 1.0], color=_INK, lw=2.5, transform=over, clip_on=False, solid_capstyle="butt")
-    axes.text(share, 1.0, f"  {bar:g} m", transform=over, va="center", fontsize=8, color=_INK)
+    axes.text(
+        share, 1.0, f"  {bar:g} m", transform=over, va="center", fontsize=SLIDE_TEXT if for_slides() else 8, color=_INK
+    )
 
 
-def draw_plan(room: Room, path: Trajectory | None) -> Figure:
-    """Return the plan of a room: walls, furniture, stands, anchors with their heights, landmarks, the planned path."""
-    with mpl.rc_context(STYLE):
+def draw_plan(room: Room, path: Trajectory | None, name: str | None = None) -> Figure:
+    """Return the plan of a room: walls, furniture, stands, anchors with their heights, landmarks, the planned path.
+
+    Its title has the room's name unless another is given.
+    """
+    large = for_slides()
+    with mpl.rc_context(STYLE | ({"font.size": SLIDE_TEXT} if large else {})):
         figure, axes = plan_figure(room)
         draw_fabric(axes, room)
         colors, labels, points = class_colors(room), [], []
@@ -115,11 +136,25 @@ def draw_plan(room: Room, path: Trajectory | None) -> Figure:
             points.append([x, y, 9.0, 9.0])
             labels.append(Label(x, y, f"{i} {landmark.label}", _darker(colors[landmark.label])))
         size = np.subtract(room.interior.max, room.interior.min)
-        axes.set_title(f"{room.name}   {size[0]:.3g} x {size[1]:.3g} x {size[2]:.3g} m", loc="right", fontsize=10)
+        title = f"{name or room.name}   {size[0]:.3g} x {size[1]:.3g} x {size[2]:.3g} m"
+        axes.set_title(title, loc="right", fontsize=SLIDE_TEXT + 2.0 if large else 10)
         draw_scale(axes)
         _add_legend(figure, room, path is not None)
-        put_labels(axes, labels, np.array(points).reshape(-1, 4))
+        wall = np.array([[x, y, 2.0, 2.0] for x, y in _along_walls(room)])
+        put_labels(axes, labels, np.vstack([np.array(points).reshape(-1, 4), wall]), SLIDE_TEXT if large else 7.0)
         return figure
+
+
+def _along_walls(room: Room) -> np.ndarray:
+    """Return points of the outlines of the outer and inner walls, 0.2 m apart (n, 2)."""
+    low, high = np.array(room.interior.min[:2]), np.array(room.interior.max[:2])
+    outlines = [turned(0.5 * (low + high), 0.0, 0.5 * (high - low) + _FRAME)]
+    outlines += [turned(np.array([x, y]), yaw, np.array([a, b])) for x, y, _, yaw, a, b, _ in room.wall_boxes]
+    found = []
+    for corners in outlines:
+        for a, b in pairwise([*corners, corners[0]]):
+            found.append(np.linspace(a, b, max(int(np.linalg.norm(b - a) / 0.2), 2)))
+    return np.vstack(found)
 
 
 def _darker(color: str) -> str:
@@ -148,9 +183,12 @@ def _add_legend(figure: Figure, room: Room, has_path: bool) -> None:
         handles.append(Line2D([], [], marker="o", ls="", ms=6, color=_CLASS[0], label="landmark, its number and class"))
     if has_path:
         handles.append(Line2D([], [], color=_PATH, lw=1.5, label="planned path"))
-    figure.legend(handles=handles, loc="lower center", ncols=min(len(handles), 7), fontsize=8, borderaxespad=0.3)
+    size, columns = (SLIDE_TEXT, 4) if for_slides() else (8, 7)
+    figure.legend(
+        handles=handles, loc="lower center", ncols=min(len(handles), columns), fontsize=size, borderaxespad=0.3
+    )
 
 
-def save_plan(room: Room, path: Trajectory | None, file: Path) -> Path:
+def save_plan(room: Room, path: Trajectory | None, file: Path, name: str | None = None) -> Path:
     """Draw the plan of a room to a file; see draw_plan."""
-    return save_picture(draw_plan(room, path), file)
+    return save_picture(draw_plan(room, path, name), file)

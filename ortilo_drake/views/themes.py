@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 SLIDE: Final = 1920  # width of a slide [px]
 LARGER: Final = 1.25  # how much larger letters and lines are on a slide, beside the figure's width
+SLIDE_SIZE: Final = (13.333, 7.5)  # of a figure that is laid out for a slide [in]
+SLIDE_TEXT: Final = 14.0  # the least size of its letters [pt]
 PRINTED: Final = 300  # of print [dpi]
 _NEUTRAL: Final = 0.15  # greatest less least of red, green and blue of what counts as a grey
 _LONG: Final = 90  # letters; a longer line of a title just fits a light figure
@@ -46,6 +48,11 @@ def themed(theme: Theme) -> Iterator[None]:
         _chosen.reset(before)
 
 
+def for_slides() -> bool:
+    """Return whether figures are for slides, of which some are drawn 16:9 with larger letters."""
+    return _chosen.get() is Theme.slides
+
+
 def apply_theme(figure: "Figure") -> dict[str, Any]:
     """Give a figure the chosen look; return the keyword arguments for savefig."""
     theme = _chosen.get()
@@ -53,7 +60,9 @@ def apply_theme(figure: "Figure") -> dict[str, Any]:
         _darken(figure)
     elif theme is Theme.slides:
         # Labels that were placed one by one would meet on a smaller figure.
-        width, height = figure.get_size_inches() / (LARGER if figure.get_layout_engine() else 1.0)
+        width, height = figure.get_size_inches()
+        if figure.get_layout_engine() and (width, height) != SLIDE_SIZE:
+            width, height = width / LARGER, height / LARGER
         figure.set_size_inches(width, height)
         _wrap_titles(figure)
         _wrap_labels(figure)

@@ -8,7 +8,7 @@ from command_line import run
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
-from matplotlib.text import Annotation
+from matplotlib.text import Annotation, Text
 from PIL import Image
 
 from ortilo_drake.model.room import ORTILO_ROOM, Room, load_room
@@ -17,6 +17,7 @@ from ortilo_drake.studies.rooms.new_room import new_room
 from ortilo_drake.studies.rooms.room_scenario import room_scenario
 from ortilo_drake.views.room_plan import draw_plan
 from ortilo_drake.views.room_text import room_text
+from ortilo_drake.views.themes import Theme, themed
 
 
 @pytest.fixture(params=["ortilo", "8x6", "3x20", "40x25"])
@@ -103,3 +104,31 @@ def test_the_command_writes_a_picture_or_prints_a_plan(tmp_path: Path, capsys: p
     assert "# wall" in capsys.readouterr().out
     assert run("room", "show", str(file), "--png", str(tmp_path / "plan.frog")) == 2
     assert "plan.frog" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("what", ["imu_uwb", "file"])
+def test_a_room_on_a_slide_is_read_from_afar_and_its_labels_clear_the_walls(what: str, tmp_path: Path) -> None:
+    """16:9, 1920 pixels wide, no letters below 14 pt; a ready-made scenario's room is called by the scenario's name."""
+    file = tmp_path / "hall.yaml"
+    file.write_text(new_room("hall", (8.0, 6.0, 3.0), 5))
+    picture = tmp_path / "room.png"
+    assert run("--theme", "slides", "room", "show", str(file) if what == "file" else what, "--png", str(picture)) == 0
+    with Image.open(picture) as image:
+        assert image.size == (1920, 1080)
+    with themed(Theme.slides):
+        figure = draw_plan(load_room(file), path_of(room_scenario(file)), "another")
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    figure.draw(renderer)
+    said = [text for text in figure.findobj(Text) if text.get_visible() and text.get_text()]
+    assert min(text.get_fontsize() for text in said) >= 14.0
+    assert any(text.get_text().startswith("another") for text in said)
+    (axes,) = figure.axes
+    for label in (one for one in said if isinstance(one, Annotation)):
+        box = axes.transData.inverted().transform_bbox(label.get_window_extent(renderer))
+        for low, high, wall in (
+            (box.x0, box.x1, 0.0),
+            (box.x0, box.x1, 8.0),
+            (box.y0, box.y1, 0.0),
+            (box.y0, box.y1, 6.0),
+        ):
+            assert not low < wall < high, label.get_text()

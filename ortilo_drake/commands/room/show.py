@@ -3,27 +3,32 @@
 from pathlib import Path
 from typing import Annotated
 
+import typer
+
 from ortilo_drake.commands.options import picture_option
-from ortilo_drake.commands.room.check import RoomArgument
 from ortilo_drake.commands.terminal import out, say_written
 
 PngOption = Annotated[Path | None, picture_option("Draw it to this file")]
 
 
-def show(room: RoomArgument, png: PngOption = None) -> None:
+def show(
+    what: Annotated[str, typer.Argument(metavar="SCENARIO_OR_ROOM", help="A scenario, or a room's .yaml file.")],
+    png: PngOption = None,
+) -> None:
     """Show a room from above: walls, stands, furniture, anchors, landmarks and the planned path."""
-    from ortilo_drake.model.room import load_room
+    from ortilo_drake.studies.rooms.room_scenario import OF_A_ROOM, scenario_of
 
-    found = load_room(room)
-    from ortilo_drake.studies.rooms.findings import look_into
+    scenario = scenario_of(what)
+    room = scenario.load_room()
+    from ortilo_drake.studies.rooms.findings import findings_of
     from ortilo_drake.views.room_plan import save_plan
     from ortilo_drake.views.room_text import room_text
 
-    looked = look_into(room)
+    looked = findings_of(scenario)
     if png is not None:
-        save_plan(found, looked.path, png)
+        save_plan(room, looked.path, png, None if scenario.name == OF_A_ROOM else scenario.name)
     else:
-        out.print(room_text(found, looked.path, out.width), markup=False, soft_wrap=True)
+        out.print(room_text(room, looked.path, out.width), markup=False, soft_wrap=True)
     for line in (*looked.facts, *(f"warning  {line}" for line in looked.warnings)):
         out.print(f"  {line}", markup=False, soft_wrap=True)
     say_written(png)

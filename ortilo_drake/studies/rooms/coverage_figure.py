@@ -19,6 +19,7 @@ from ortilo_drake.studies.rooms.room_scenario import OF_A_ROOM
 from ortilo_drake.views.palette import COLOR
 from ortilo_drake.views.pictures import save_picture
 from ortilo_drake.views.room_plan import STYLE, draw_fabric
+from ortilo_drake.views.themes import SLIDE_SIZE, SLIDE_TEXT, for_slides
 
 _LOST, _WORST = "#D00000", "#E69F00"  # the worst stretch where the room loses the vehicle, and where it does not
 _WITHOUT = COLOR | {"altimeter": "#E69F00"}
@@ -34,7 +35,12 @@ def coverage_figure(found: Coverage, room: Room, file: Path) -> Path:
 
 
 def draw_coverage(found: Coverage, room: Room) -> Figure:
-    """Return maps of anchors in sight, their dilution and landmarks in view, and the floor along the path."""
+    """Return maps of anchors in sight, their dilution and landmarks in view, and the floor along the path.
+
+    A figure for slides is 16:9, with larger letters and without the landmarks by heading.
+    """
+    if for_slides():
+        return _draw_slide(found, room)
     sides = np.subtract(room.interior.max, room.interior.min)[:2]
     wide = sides[0] > _WIDE * sides[1]
     rows, columns = (3, 1) if wide else (1, 3)
@@ -48,9 +54,34 @@ def draw_coverage(found: Coverage, room: Room) -> Figure:
         floor, views = lower.subplots(2, 1, sharex=True)
         _draw_floor(floor, found)
         _draw_views(lower, views, found)
-        of_scenario = "" if found.scenario == OF_A_ROOM else f"{found.scenario}: "
-        title = f"{of_scenario}Where will {found.room} lose you? {found.answer}"
-        figure.suptitle(fill(title, 150) + "\n", fontsize=10, x=0.01, ha="left")
+        figure.suptitle(fill(_title(found), 150) + "\n", fontsize=10, x=0.01, ha="left")
+        return figure
+
+
+def _title(found: Coverage) -> str:
+    of = found.room if found.scenario == OF_A_ROOM else found.scenario
+    return f"{of}: where is the position lost? {found.answer}"
+
+
+def _draw_slide(found: Coverage, room: Room) -> Figure:
+    """Return the maps beside the floor where the room is wide, else above it."""
+    sides = np.subtract(room.interior.max, room.interior.min)[:2]
+    wide = sides[0] > _WIDE * sides[1]
+    with mpl.rc_context(STYLE | {"font.size": SLIDE_TEXT}):
+        figure = Figure(figsize=SLIDE_SIZE, layout="constrained")
+        shares: Any = {"width_ratios": [1.0, 0.8]} if wide else {"height_ratios": [1.5, 1.0]}
+        parts: Any = figure.subfigures(*((1, 2) if wide else (2, 1)), **shares)
+        maps = parts[0].subplots(*((3, 1) if wide else (1, 3)), sharex=True, sharey=True).ravel()
+        _draw_maps(parts[0], maps, found, room, wide)
+        floor = parts[1].subplots()
+        _draw_floor(floor, found)
+        for axes in (*maps, floor):
+            axes.set_title(axes.get_title().partition(",")[0], fontsize=SLIDE_TEXT)
+        floor.set(title="Cramér-Rao floor along the way", xlabel="way flown [m]")
+        side: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.15), "ncols": 1}
+        beside: Any = {"loc": "center left", "bbox_to_anchor": (1.02, 0.5), "ncols": 1}
+        floor.legend(fontsize=SLIDE_TEXT, **(side if wide else beside))
+        figure.suptitle(fill(_title(found), 88), fontsize=SLIDE_TEXT + 1.0, x=0.01, ha="left")
         return figure
 
 
@@ -87,7 +118,8 @@ def _draw_maps(figure: Any, maps: np.ndarray, found: Coverage, room: Room, wide:
         bar = figure.colorbar(drawn, ax=axes, pad=0.01, shrink=0.9, location="right" if wide else "bottom", aspect=25)
         if colors != "YlOrRd":
             whole = np.arange(1, (most if colors == "Purples" else many) + 1)
-            bar.set_ticks(whole[:: max(len(whole) // 8, 1)])
+            bar.set_ticks(whole[:: max(len(whole) // (4 if for_slides() else 8), 1)])
+            bar.minorticks_off()
     for axes in maps if not wide else maps[-1:]:
         axes.set_xlabel("x (east) [m]")
     for axes in maps[1:] if not wide else ():

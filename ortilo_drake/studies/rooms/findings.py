@@ -45,7 +45,11 @@ def anchor_spread(anchors: np.ndarray) -> np.ndarray:
 
 def look_into(file: Path) -> Findings:
     """Return the findings on the room in a file; InputError if it does not load."""
-    scenario = room_scenario(file)
+    return findings_of(room_scenario(file))
+
+
+def findings_of(scenario: Scenario) -> Findings:
+    """Return the findings on the room of a scenario."""
     room = scenario.load_room()
     size = np.subtract(room.interior.max, room.interior.min)
     spread = anchor_spread(room.anchor_positions)
@@ -71,7 +75,7 @@ def look_into(file: Path) -> Findings:
         path = path_of(scenario)
         at = path.vector_values(np.linspace(0.0, path.end_time(), 500)).T
         length = np.linalg.norm(np.diff(at, axis=0), axis=1).sum()
-        facts.append(f"way         {length:.1f} m in {path.end_time():.1f} s, {at[0, 2]:g} m high: {_ends(scenario)}")
+        facts.append(f"way         {length:.1f} m in {path.end_time():.1f} s, {at[0, 2]:g} m high{_ends(scenario)}")
     except InputError as error:
         missing = [name for name in ("start", "goal") if getattr(room, name) is None]
         if missing:
@@ -83,8 +87,8 @@ def look_into(file: Path) -> Findings:
 
 def _ends(scenario: Scenario) -> str:
     planner = scenario.planner
-    assert isinstance(planner, GcsPlanner)
-    return f"from {_point(planner.start)} to {_point(planner.goal)}"
+    is_gcs = isinstance(planner, GcsPlanner)
+    return f": from {_point(planner.start)} to {_point(planner.goal)}" if is_gcs else ""
 
 
 def _anchors(room: Room, off_plane: float) -> list[str]:

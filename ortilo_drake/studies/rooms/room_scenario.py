@@ -41,6 +41,6 @@ def room_scenario(room: Path, settings: tuple[str, ...] = ()) -> Scenario:
 def scenario_of(name_or_file: str, settings: tuple[str, ...] = ()) -> Scenario:
     """Return the scenario of that name or in that file, or of a room in that file; InputError as load_scenario."""
     path = Path(name_or_file)
-    if path.suffix in (".yaml", ".yml") and is_room(path):
+    if path.suffix in (".yaml", ".yml") and (is_room(path) or not exists(path)):
         return room_scenario(path, settings)
     return load_scenario(name_or_file, settings)
