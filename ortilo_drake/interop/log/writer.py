@@ -11,7 +11,7 @@ import yaml
 from ortilo_drake import __version__
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.flight.signals import Signals
-from ortilo_drake.interop.recorded.map_file import logged_map
+from ortilo_drake.interop.log.logged_map import RANGES, logged_map
 from ortilo_drake.interop.ros.ros_messages import LATCHED, TAKEN, blank_messages, start_messages, tick_messages
 from ortilo_drake.interop.ros.ros_types import RosMessage, definition, to_cdr, to_ns, typestore
 from ortilo_drake.model.optional import EXTRAS, check_installed, later
@@ -104,6 +104,8 @@ class LogWriter:
         self._topics: dict[str, str] = {}
         self._counts: dict[str, int] = {}
         self._channels: dict[str, int] = {}
+        self._ranges: list[float] = []
+        self._start: np.ndarray | None = None
         self._schemas: dict[str, int] = {}
         self._file: BinaryIO
         self._writer: Any
@@ -156,6 +158,8 @@ class LogWriter:
         """
         if k <= self._last:
             raise ValueError(f"tick {k} after tick {self._last}")
+        if self._last < 0 and state is not None:
+            self._start = state.copy()
         self._last, t = k, k * self._scenario.h
         log_time = to_ns(t)
         for message in tick_messages(t, state, messages, outputs, self._scenario, self._room):
@@ -174,6 +178,8 @@ class LogWriter:
             channel = self._channels[topic] = self._open_channel(topic, type_name)
         self._writer.add_message(channel, log_time, to_cdr(type_name, fields), log_time)
         self._counts[topic] += 1
+        if topic.startswith(RANGES):
+            self._ranges.append(fields["range"])
 
     def _open_channel(self, topic: str, type_name: str) -> int:
         if type_name not in self._schemas:
@@ -201,18 +207,11 @@ class LogWriter:
                 self._writer.add_metadata("rosbag2", {"serialized_metadata": text})
                 self._writer.finish()
             write_text(self.path / "metadata.yaml", text)
-            if ranging := self._map():
+            if ranging := logged_map(self._scenario, self._room, self._topics, np.array(self._ranges), self._start):
                 write_text(self.path / "map.yaml", ranging)
         except (OSError, InputError) as failure:
             if error is None:
                 raise (failure if isinstance(failure, InputError) else self._not_written(failure)) from None
-
-    def _map(self) -> str:
-        """Return the map by which `ortilo replay --map` reads the log as a recording; empty without ranges or imu."""
-        heard = [i for i in range(len(self._room.anchors)) if f"/uwb/anchor_{i}" in self._topics]
-        if not heard or "/imu/data" not in self._topics:
-            return ""
-        return logged_map([f"/uwb/anchor_{i}" for i in heard], [self._room.anchors[i] for i in heard], self._topics)
 
     def _not_written(self, error: OSError) -> InputError:
         return InputError(f"{self.path}: cannot be written: {error.strerror or error}")

@@ -3,12 +3,11 @@
 Names of files are relative to the folder that the command is given, so one map serves every motion recorded alike.
 """
 
-from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import yaml
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from ortilo_drake.interop.recorded.anchors import Vector, as_anchors, names_in_map, read_anchors
 from ortilo_drake.interop.recorded.columns import UNITS
@@ -59,6 +58,13 @@ class Estimated(Frozen):
         description="From the truth's point to the antenna, or to the point that `tags` count from, body axes (forward "
         "left up) [m].",
     )
+
+    @field_validator("clock", mode="before")
+    @classmethod
+    def _is_estimated_or_given(cls, value: Any) -> Any:
+        if isinstance(value, str) and value != "estimate":
+            raise ValueError(f"{value}: must be 'estimate' or a number [s]")
+        return value
 
 
 class FilterSettings(Frozen):
@@ -267,20 +273,6 @@ def load_map(path: Path) -> Map:
 def map_text(map_: Map) -> str:
     """Return a map as YAML, without default values."""
     return yaml.safe_dump(map_.model_dump(mode="json", exclude_defaults=True), sort_keys=False, allow_unicode=True)
-
-
-def logged_map(ranges: Sequence[str], anchors: Sequence[Sequence[float]], topics: Collection[str]) -> str:
-    """Return the map of a log of ours as YAML: its topics of ranges, their anchors, the imu, and the truth if there."""
-    found: dict[str, Any] = {
-        "ranges": {"file": ".", "topics": list(ranges), "values": ["range"]},
-        "anchors": [list(p_W) for p_W in anchors],
-        "imu": {"file": ".", "topic": "/imu/data", "axes": "flu"},
-    }
-    if "/truth/pose" in topics:
-        position = [f"pose.position.{axis}" for axis in "xyz"]
-        found["truth"] = {"file": ".", "topic": "/truth/pose", "position": position}
-    text: str = yaml.safe_dump(found, sort_keys=False, default_flow_style=None, width=1000)
-    return text
 
 
 def unit_key(map_: Map, by: float, key: str = "imu") -> str:
