@@ -54,15 +54,15 @@ def progress_bar() -> Progress:
 
 
 @contextmanager
-def flights_to_go() -> Iterator[Callable[[int, int], None]]:
-    """Show the progress of flights and the time to go; yield a function of (done, at most).
+def flights_to_go(what: str = "flights") -> Iterator[Callable[[int, int], None]]:
+    """Show the progress of flights, or `what` else, and the time to go; yield a function of (done, at most).
 
     In a terminal it is a bar; elsewhere a line on stderr every SAID_EVERY seconds.
     """
     began: tuple[int, float] | None = None
     said = time.monotonic()
     with progress_bar() as progress:
-        task = progress.add_task("flights", total=None)
+        task = progress.add_task(what, total=None)
 
         def advance(done: int, total: int) -> None:
             nonlocal began, said
@@ -71,7 +71,7 @@ def flights_to_go() -> Iterator[Callable[[int, int], None]]:
             progress.update(task, completed=done, total=total)
             if not err.is_terminal and now - said >= SAID_EVERY and done > first:
                 said, left = now, (total - done) * (now - start) / (done - first)
-                say_error(f"{done:,} of at most {total:,} flights, {timedelta(seconds=round(left))} to go")
+                say_error(f"{done:,} of at most {total:,} {what}, {timedelta(seconds=round(left))} to go")
 
         yield advance
 

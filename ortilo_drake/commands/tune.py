@@ -10,6 +10,7 @@ import typer
 from ortilo_drake.commands.options import JsonOption, WorkersOption, picture_option, yaml_option
 from ortilo_drake.commands.terminal import (
     check_writable,
+    flights_to_go,
     out,
     progress_bar,
     say_heading,
@@ -86,10 +87,9 @@ def _tune_recorded(paths: list[Path], map_file: Path, by: FitBy, out_file: Path 
     map_ = load_map(map_file)
     recordings = [read_recording(path, map_) for path in paths]
     say_if_compiling()
-    with progress_bar() as progress:
-        task = progress.add_task("fitting", total=MOST)  # at most
-        kind: Literal["innovations", "truth"] = "truth" if by is FitBy.truth else "innovations"
-        fitted = fit_noise(recordings, map_, kind, lambda n: progress.update(task, completed=n))
+    kind: Literal["innovations", "truth"] = "truth" if by is FitBy.truth else "innovations"
+    with flights_to_go("likelihoods") as say:
+        fitted = fit_noise(recordings, map_, kind, lambda n: say(n, MOST))
     if out_file is not None:
         write_text(out_file, map_text(map_.model_copy(update={"filter": fitted.settings})))
     before = {name: getattr(map_.filter, name) for name in FITTED}

@@ -48,17 +48,17 @@ def test_in_a_terminal_a_reports_heading_is_its_first_line(monkeypatch: pytest.M
 def test_without_a_bar_long_work_says_the_time_to_go(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """100 flights lie there from before; 50 more in 10 s, of 250 in all: the last 100 take 20 s."""
+    """100 of them lie there from before; 50 more in 10 s, of 250 in all: the last 100 take 20 s."""
     now = [0.0]
     monkeypatch.setattr(terminal.time, "monotonic", lambda: now[0])
     monkeypatch.setattr(terminal, "say_error", print)
-    with terminal.flights_to_go() as advance:
+    with terminal.flights_to_go("likelihoods") as advance:
         advance(100, 250)
         now[0] = 1.0
         advance(110, 250)
         now[0] = 10.0
         advance(150, 250)
-    assert capsys.readouterr().out == "150 of at most 250 flights, 0:00:20 to go\n"
+    assert capsys.readouterr().out == "150 of at most 250 likelihoods, 0:00:20 to go\n"
 
 
 @pytest.mark.parametrize("words", [["faults"], ["room", "new"], ["hil", "check"]])

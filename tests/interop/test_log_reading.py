@@ -20,6 +20,7 @@ from ortilo_drake.flight.flight import flight_dataset
 from ortilo_drake.flight.lost import find_loss
 from ortilo_drake.interop.log import reader as log_reader
 from ortilo_drake.interop.log.logged_flight import fly_logged
+from ortilo_drake.interop.log.logged_map import logged_noise
 from ortilo_drake.interop.log.mcap_records import read_logged
 from ortilo_drake.interop.log.reader import log_file, log_scenario, read_log, read_messages, read_ticks
 from ortilo_drake.interop.log.writer import KEEP_EVERY, LogWriter
@@ -63,11 +64,27 @@ def test_a_log_is_read_as_a_recording_by_the_map_beside_it(folder: Path) -> None
     np.testing.assert_allclose(recording.ranges.r[of_first], d, rtol=0.05)  # the ranges' noise is 0.75 %
     assert recording.imu is not None
     assert np.linalg.norm(recording.imu.force, axis=1).mean() == pytest.approx(GRAVITY, rel=0.02)
-    rms = np.sqrt(np.mean(recording.ranges.r**2))
-    assert map_.filter.range_white == pytest.approx(scenario().uwb.noise.fraction * rms, rel=0.05)  # two digits
-    assert map_.filter.acceleration == pytest.approx(scenario().imu.specific_force_density, rel=0.05)
-    assert map_.calibration.clock == 0.0
-    assert map_.calibration.frame == "same"
+
+
+def test_the_map_beside_a_log_has_the_noise_that_the_scenario_sets(folder: Path) -> None:
+    map_, flown = load_map(folder / "map.yaml"), scenario()
+    recording = read_recording(folder, map_)
+    assert flown.uwb.noise.kind == "proportional"
+    r = recording.ranges.r
+    assert map_.filter.range_white == pytest.approx(flown.uwb.noise.fraction * np.sqrt(np.mean(r**2)), rel=5e-3)
+    assert map_.filter.rotation == pytest.approx(flown.imu.rate_density, rel=5e-3)
+    assert map_.filter.acceleration == pytest.approx(flown.imu.specific_force_density, rel=5e-3)
+    assert (map_.calibration.clock, map_.calibration.frame, map_.calibration.lever) == (0.0, "same", (0.0, 0.0, 0.0))
+
+
+def test_lasting_errors_and_walls_are_in_the_map_as_far_as_they_are_known() -> None:
+    r = np.array([3.0, 4.0])
+    slow = load_scenario(
+        "imu_uwb_yolo", ("truth.uwb={slow_sd: 0.1, slow_time: 3.0}", "uwb.noise={kind: constant, sd: 0.05}")
+    )
+    found = {name: number for name, (number, _) in logged_noise(slow, r).items()}
+    assert (found["range_white"], found["range_correlated"], found["correlation_time"]) == (0.05, 0.1, 3.0)
+    assert "range_correlated" not in logged_noise(load_scenario("imu_uwb_yolo", ("uwb.walls={kind: excess}",)), r)
 
 
 def without_speed(data):

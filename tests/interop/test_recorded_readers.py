@@ -8,6 +8,7 @@ from made_up_motion import BAG_MAP, OFFSET, TABLE_MAP, made_up, write_bag, write
 
 from ortilo_drake.interop.recorded.map_file import Map, load_map, map_text
 from ortilo_drake.interop.recorded.recording import read_recording
+from ortilo_drake.interop.recorded.rejected import Rejections, lines_of_all
 from ortilo_drake.interop.recorded.units import axes_matrix
 from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
 
@@ -189,6 +190,7 @@ def test_unknown_topics_and_fields(tmp_path, motion, before, after, line) -> Non
         ("file: imu.csv", "file: 3", "imu.file: 3: must be text that is not empty or a list"),
         ("wx, wy, wz", "0, wy, wz", "imu.rates.0: 0: must be text that is not empty or an integer from 1 to 10000"),
         ("ranges:", "filter: {gate: -1}\nranges:", "filter.gate"),
+        ("ranges:", "calibration: {clock: known}\nranges:", "clock: known: must be 'estimate' or a number [s]"),
         ("ranges:", "imposed: {gaps: {last: 3, every: 2}}\nranges:", "shorter than `every`"),
     ],
 )
@@ -196,6 +198,12 @@ def test_a_wrong_map_names_the_field(before, after, line) -> None:
     with pytest.raises(InputError) as error:
         as_map(TABLE_MAP.replace(before, after))
     assert line in str(error.value)
+
+
+def test_a_note_of_several_files_is_one_line() -> None:
+    parts = [Rejections(f"a{i}", notes=["4 gaps"]) for i in range(3)] + [Rejections("b", notes=["1 gap"])]
+    parts[1].add("NaN", "in line 3", 2)
+    assert lines_of_all(parts) == ["a1: 2 NaN, first in line 3", "a0 and 2 more: 4 gaps", "b: 1 gap"]
 
 
 def test_a_map_written_reads_back_the_same(tmp_path) -> None:

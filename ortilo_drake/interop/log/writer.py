@@ -11,7 +11,7 @@ import yaml
 from ortilo_drake import __version__
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.flight.signals import Signals
-from ortilo_drake.interop.recorded.map_file import logged_map
+from ortilo_drake.interop.log.logged_map import RANGES, logged_map
 from ortilo_drake.interop.ros.ros_messages import LATCHED, TAKEN, blank_messages, start_messages, tick_messages
 from ortilo_drake.interop.ros.ros_types import RosMessage, definition, to_cdr, to_ns, typestore
 from ortilo_drake.model.optional import EXTRAS, check_installed, later
@@ -75,7 +75,6 @@ def bag_metadata(file: str, topics: dict[str, str], counts: dict[str, int], end:
 mcap = later("mcap.writer")
 
 KEEP_EVERY = 0.5  # what is older than this survives a kill [s of flight]
-LEAST_RANGE, LEAST_ACCELERATION, LEAST_ROTATION = 0.01, 0.005, 0.0001  # of map.yaml's noise: a filter needs some
 _ONE_CHUNK = 2**40  # chunks end where write_tick ends them, at whole ticks, not by size
 
 
@@ -105,8 +104,8 @@ class LogWriter:
         self._start: tuple[list[float], float] | None = None
         self._topics: dict[str, str] = {}
         self._counts: dict[str, int] = {}
-        self._heard: list[float] = []  # the ranges, by which map.yaml gives their noise [m]
         self._channels: dict[str, int] = {}
+        self._ranges: list[float] = []
         self._schemas: dict[str, int] = {}
         self._file: BinaryIO
         self._writer: Any
@@ -165,8 +164,6 @@ class LogWriter:
         log_time = to_ns(t)
         for message in tick_messages(t, state, messages, outputs, self._scenario, self._room):
             self._write(message, log_time)
-            if message[0].startswith("/uwb/anchor_"):
-                self._heard.append(message[2]["range"])
         if k - self._kept >= self._keep_every:
             self._kept = k
             try:
@@ -181,6 +178,8 @@ class LogWriter:
             channel = self._channels[topic] = self._open_channel(topic, type_name)
         self._writer.add_message(channel, log_time, to_cdr(type_name, fields), log_time)
         self._counts[topic] += 1
+        if topic.startswith(RANGES):
+            self._ranges.append(fields["range"])
 
     def _open_channel(self, topic: str, type_name: str) -> int:
         if type_name not in self._schemas:
@@ -208,32 +207,11 @@ class LogWriter:
                 self._writer.add_metadata("rosbag2", {"serialized_metadata": text})
                 self._writer.finish()
             write_text(self.path / "metadata.yaml", text)
-            if ranging := self._map():
+            if ranging := logged_map(self._scenario, self._room, self._topics, np.array(self._ranges), self._start):
                 write_text(self.path / "map.yaml", ranging)
         except (OSError, InputError) as failure:
             if error is None:
                 raise (failure if isinstance(failure, InputError) else self._not_written(failure)) from None
-
-    def _map(self) -> str:
-        """Return the map by which `ortilo replay --map` reads the log as a recording; empty without ranges or imu."""
-        heard = [i for i in range(len(self._room.anchors)) if f"/uwb/anchor_{i}" in self._topics]
-        if not heard or "/imu/data" not in self._topics:
-            return ""
-        anchors = [self._room.anchors[i] for i in heard]
-        return logged_map([f"/uwb/anchor_{i}" for i in heard], anchors, self._topics, self._noise(), self._start)
-
-    def _noise(self) -> dict[str, float]:
-        """Return the noise that a filter of the log should count on: the simulator's, of imu and white ranges."""
-        imu, uwb = self._scenario.imu, self._scenario.uwb
-        noise = {
-            "acceleration": max(imu.specific_force_density, LEAST_ACCELERATION),
-            "rotation": max(imu.rate_density, LEAST_ROTATION),
-        }
-        if uwb.errors == "white":
-            constant, share = uwb.noise.sds
-            white = float(np.mean((constant + share * np.array(self._heard)) ** 2)) ** 0.5
-            noise |= {"range_white": max(white, LEAST_RANGE), "range_correlated": LEAST_RANGE}
-        return noise
 
     def _not_written(self, error: OSError) -> InputError:
         return InputError(f"{self.path}: cannot be written: {error.strerror or error}")

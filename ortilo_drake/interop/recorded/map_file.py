@@ -3,12 +3,11 @@
 Names of files are relative to the folder that the command is given, so one map serves every motion recorded alike.
 """
 
-from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import yaml
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from ortilo_drake.interop.recorded.anchors import Vector, as_anchors, names_in_map, read_anchors
 from ortilo_drake.interop.recorded.columns import UNITS
@@ -59,6 +58,13 @@ class Estimated(Frozen):
         description="From the truth's point to the antenna, or to the point that `tags` count from, body axes (forward "
         "left up) [m]. Estimated by the truth; in the row without it by the ranges' innovations, as from the imu.",
     )
+
+    @field_validator("clock", mode="before")
+    @classmethod
+    def _is_estimated_or_given(cls, value: Any) -> Any:
+        if isinstance(value, str) and value != "estimate":
+            raise ValueError(f"{value}: must be 'estimate' or a number [s]")
+        return value
 
 
 class FilterSettings(Frozen):
@@ -267,44 +273,6 @@ def load_map(path: Path) -> Map:
 def map_text(map_: Map) -> str:
     """Return a map as YAML, without default values."""
     return yaml.safe_dump(map_.model_dump(mode="json", exclude_defaults=True), sort_keys=False, allow_unicode=True)
-
-
-LOGGED = """\
-# Of a simulated flight. Its truth is in the anchors' frame, by the sensors' clock, at the antenna; start and noise are
-# the simulator's. Of a real recording `ortilo replay` finds the first three, and `ortilo tune` the noise.
-"""
-
-
-def logged_map(
-    ranges: Sequence[str],
-    anchors: Sequence[Sequence[float]],
-    topics: Collection[str],
-    noise: Mapping[str, float],
-    start: tuple[Sequence[float], float] | None = None,
-) -> str:
-    """Return the map of a log of ours as YAML.
-
-    Args:
-        ranges: their topics.
-        anchors: their positions, one for each topic (3 each) [m].
-        topics: of the whole log: whether it has the truth.
-        noise: numbers of FilterSettings.
-        start: its position (3) [m] and heading [rad], None where it is not known.
-    """
-    found: dict[str, Any] = {
-        "ranges": {"file": ".", "topics": list(ranges), "values": ["range"]},
-        "anchors": [list(p_W) for p_W in anchors],
-        "imu": {"file": ".", "topic": "/imu/data", "axes": "flu"},
-        "filter": {name: float(f"{value:.2g}") for name, value in noise.items()},
-    }
-    if start is not None:
-        p_W, heading = start
-        found["start"] = {"position": [round(p, 4) + 0.0 for p in p_W], "heading": round(heading, 4) + 0.0}
-    if "/truth/pose" in topics:
-        position = [f"pose.position.{axis}" for axis in "xyz"]
-        found["truth"] = {"file": ".", "topic": "/truth/pose", "position": position}
-        found["calibration"] = {"clock": 0.0, "frame": "same", "lever": [0.0, 0.0, 0.0], "biases": "online"}
-    return LOGGED + str(yaml.safe_dump(found, sort_keys=False, default_flow_style=None, width=1000))
 
 
 def unit_key(map_: Map, by: float, key: str = "imu") -> str:

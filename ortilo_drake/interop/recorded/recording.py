@@ -12,7 +12,7 @@ from ortilo_drake.interop.recorded.boxes import Scene, read_boxes
 from ortilo_drake.interop.recorded.columns import Stream, files_of, read_stream
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import Ranges, read_range_rows
-from ortilo_drake.interop.recorded.rejected import Rejections, lines_of
+from ortilo_drake.interop.recorded.rejected import Rejections, lines_of_all
 from ortilo_drake.interop.recorded.sources import Column, Matrix, Quaternion, Source
 from ortilo_drake.interop.recorded.units import FORCE_UNITS, RATE_UNITS, axes_matrix, in_axes, size_of
 from ortilo_drake.model.input_files import exists
@@ -287,7 +287,7 @@ def read_recording(path: Path, map_: Map) -> Recording:
     _check_spans(path, ranges.t, {n: one.t for n, one in (("imu", imu), ("truth", truth)) if one is not None})
     if imu is not None:
         _check_overlap(path, ranges.t, imu.t)
-    lines = lines_of(told)
+    lines = lines_of_all(told)
     counts: dict[str, int] = {}
     for part in told:
         for reason, n in part.counts.items():

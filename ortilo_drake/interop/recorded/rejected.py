@@ -1,7 +1,7 @@
 """Rows that a reader cannot use: counted with their reason, never dropped in silence."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +47,18 @@ class Rejections:
 
     def _place(self, reason: str) -> str:
         return f", first {self.first[reason]}" if self.first[reason] else ""
+
+
+def lines_of_all(parts: Sequence[Rejections]) -> list[str]:
+    """Return the lines of all sources: reasons first, then notes; a note that several share is one line."""
+    sharing: dict[str, list[str]] = {}
+    for part in parts:
+        for note in part.notes:
+            sharing.setdefault(note, []).append(part.source)
+    found = [line for part in parts for line in replace(part, notes=[]).lines()]
+    for note, (first, *others) in sharing.items():
+        found.append(f"{first}{f' and {len(others)} more' if others else ''}: {note}")
+    return found
 
 
 def kept_in_order(
@@ -95,18 +107,6 @@ def kept_in_order(
     if gaps.any():
         rejected.notes.append(f"{gaps.sum()} gaps between stamps, the longest {steps.max():.4g} s (kept)")
     return keep
-
-
-def lines_of(parts: Iterable[Rejections]) -> list[str]:
-    """Return the lines of several sources; one that several have alike is said once."""
-    sources: dict[str, list[str]] = {}
-    for part in parts:
-        for line in part.lines():
-            sources.setdefault(line.removeprefix(f"{part.source}: "), []).append(part.source)
-    return [
-        f"{first}: {line}" if not more else f"{first} and {len(more)} more: {line}"
-        for line, (first, *more) in sources.items()
-    ]
 
 
 def _far_away(stamps: np.ndarray) -> np.ndarray:

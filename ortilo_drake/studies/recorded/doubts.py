@@ -145,8 +145,8 @@ def of_imu(rows: Mapping[str, Scores], name: str, bare: str) -> list[str]:
             return [f"{name}: {error:.2f} m RMS, without it {other:.2f} m: {said}?"]
     if s.nis > NIS:
         return [
-            f"{name}: its innovations are larger than it expects, NIS is {s.nis:.1f}, not 1: {said}, or the noise, "
-            "which `ortilo tune` fits?"
+            f"{name}: its innovations are larger than it expects, NIS is {s.nis:.1f}, not 1: {said}? Or the "
+            "noise, which `ortilo tune FOLDER --map MAP.yaml --out TUNED.yaml` fits"
         ]
     return []
 

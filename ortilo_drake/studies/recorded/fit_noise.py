@@ -30,6 +30,7 @@ LIMITS = {  # beyond these a number is no such noise; it also keeps the search f
     "correlation_time": (0.1, 30.0),
 }
 STEP = 0.4  # of the simplex that each search begins with, in the numbers' logarithms
+MOST = 800  # likelihoods; a fit takes 100 to 400 as a rule
 GAINED = 1.0  # a search that raises the log-likelihood by less is the last
 SETTLED = 3.0  # the first seconds are left out: they judge the start, not the noise [s]
 MOST = 800  # likelihoods computed
@@ -109,13 +110,14 @@ def fit_noise(
         nonlocal computed
         computed += 1
         count(computed)
-        if any(not np.log(LIMITS[n][0]) <= v <= np.log(LIMITS[n][1]) for n, v in zip(FITTED, x, strict=True)):
+        if np.any((x < np.log(least)) | (x > np.log(largest))):
             return 1e12
         return -sum(likelihood(settings_at(x), anew) for likelihood in likelihoods)
 
-    start = np.log([getattr(map_.filter, name) for name in FITTED])
-    before = -cost(start)
-    x, best = start, -before
+    before = sum(likelihood(map_.filter, True) for likelihood in likelihoods)
+    least, largest = np.array([LIMITS[name] for name in FITTED]).T
+    x = np.log(np.clip([getattr(map_.filter, name) for name in FITTED], least, largest))
+    best = cost(x)
     while computed < most:  # the gate makes the cost jump, on which one simplex may get stuck
         simplex = np.vstack([x, x + STEP * np.eye(len(x))])
         options = {"maxfev": most - computed, "xatol": 0.01, "fatol": 0.2, "initial_simplex": simplex, "adaptive": True}

@@ -6,7 +6,7 @@ sensors' clock, stamps as the recording's files have them. TUM is what evo and o
 qw`; without an attitude the quaternion is 0 0 0 1, and CSV leaves it out.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from io import StringIO
 from pathlib import Path
 
@@ -42,12 +42,13 @@ HEADER = [
 LEGEND = (
     "RMS errors in m. ATE and RPE by evo: of the position, as it is, after the best SE(3), and over a second. NEES is "
     "3 if consistent, NIS about 1. Rejected: ranges that the gate left out. Available: share of the time at which the "
-    "filter's own standard deviation is below the map's `available` (0.3 m by default). At gaps' ends: RMS and "
+    "filter's own standard deviation is below the map's `available` (0.3 m if it gives none). At gaps' ends: RMS and "
     "largest position error."
 )
-MOST, USUAL = 0.75, 2.0  # the share of the time whose errors and 3 sigma are seen at twice their size
+CLAIMS = 12.0  # NEES of errors twice as large as claimed
 MOST_LOST = 6  # times that are listed
 BLUE, RED, GREY = "#0072B2", "#D55E00", "#999999"
+WIDEST, FARTHEST = 0.8, 0.99  # shares of the bands and errors, while available, that an axis shows whole
 BIN = 1.0  # NIS is a mean over this time [s]
 
 
@@ -110,6 +111,16 @@ def _axes(found: Replayed, name: str) -> str:
     return ", ".join(f"{axis:.3f}" for axis in rmse)
 
 
+def overconfident(rows: Mapping[str, Scores], main: str) -> list[str]:
+    """Return a line for each of filter and smoother that claims far too small an error; `main` is the filter's row."""
+    return [
+        f"{name}: NEES is {s.nees:.0f}, not 3: its errors are {np.sqrt(s.nees / 3.0):.1f} times what it claims, which "
+        "lacks the calibration's own errors (clock, frame, biases): give what is known of them under `calibration`"
+        for name, s in rows.items()
+        if name in (main, f"{main}, smoothed") and s.nees is not None and s.nees > CLAIMS
+    ]
+
+
 def replay_summary(motions: Sequence[Replayed], share: float) -> list[str]:
     """Return a summary of the findings, as a Markdown list."""
     lines = []
@@ -141,6 +152,7 @@ def replay_summary(motions: Sequence[Replayed], share: float) -> list[str]:
                 lines.append(f"{found.name}: {more:+.0%} error ({name}).")
         if RAW in rows:
             lines.append(f"{found.name}: {_axes(found, RAW)} m without any calibration.")
+        lines += [f"{found.name}: {line}." for line in overconfident(rows, main)]
     rejected = sum(sum(found.rejected.values()) for found in motions)
     lines.append(f"{rejected} rows, messages or single ranges could not be used; each motion below says which.")
     return ["## In short", "", *("  - " + line[2:] if line.startswith("  ") else f"- {line}" for line in lines), ""]
@@ -185,14 +197,15 @@ def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Pa
         above.legend(loc="upper center", fontsize=7, ncols=3)
         t = estimate.t
         deviations = np.sqrt(np.einsum("kii->ki", estimate.P))
+        usable = np.linalg.norm(deviations, axis=1) < below
         for k in range(3):
             axes = figure.add_subplot(grid[k, 1])
             axes.fill_between(t, -3 * deviations[:, k], 3 * deviations[:, k], color=BLUE, alpha=0.15, lw=0)
-            if truth is not None:
-                error = (estimate.p - truth)[:, k]
+            error = None if truth is None else (estimate.p - truth)[:, k]
+            if error is not None:
                 axes.plot(t, error, color=BLUE, lw=0.8)
-                _show_usual(axes, np.maximum(np.abs(error), 3 * deviations[:, k]))
             axes.set_ylabel(f"error {'xyz'[k]} [m]\nand 3 σ")
+            _cut(axes, usable, 3.0 * deviations[:, k], error)
             _calibration(axes, found)
         axes = figure.add_subplot(grid[3, 1])
         taken = estimate.run.taken
@@ -223,12 +236,31 @@ def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Pa
         return save_picture(figure, path)
 
 
-def _show_usual(axes: mpl.axes.Axes, sizes: np.ndarray) -> None:
-    """Limit a symmetric axis to what most of the time needs, so that outages do not flatten it, and say so."""
-    usual = USUAL * float(np.quantile(sizes, MOST))
-    if np.isfinite(usual) and 0.0 < usual < sizes.max():
-        axes.set_ylim(-usual, usual)
-        axes.set_title(f"error and 3 σ up to {sizes.max():.2g} m", loc="right", fontsize=7, pad=2)
+def error_limit(usable: np.ndarray, band: np.ndarray, error: np.ndarray | None) -> float:
+    """Return where an axis of errors ends, so that they can be read although an outage's band is far wider.
+
+    Args:
+        usable: where the filter is available (m); if nowhere, all of them count.
+        band: three standard deviations (m) [m].
+        error: the errors, if they are known (m) [m].
+    """
+    counted = usable if usable.any() else np.ones(len(band), dtype=bool)
+    largest = float(np.quantile(band[counted], WIDEST))
+    if error is not None:
+        largest = max(largest, float(np.quantile(np.abs(error[counted]), FARTHEST)))
+    return 1.2 * largest
+
+
+def _cut(axes: mpl.axes.Axes, usable: np.ndarray, band: np.ndarray, error: np.ndarray | None) -> None:
+    limit = error_limit(usable, band, error)
+    reached = max(float(band.max()), 0.0 if error is None else float(np.abs(error).max()))
+    if reached <= limit:
+        return
+    axes.set_ylim(-limit, limit)
+    said = f"cut: 3 σ reaches ±{band.max():.2g} m" if error is None or band.max() > limit else "cut"
+    if error is not None and np.abs(error).max() > limit:
+        said += f", the error {np.abs(error).max():.2g} m"
+    axes.text(0.99, 0.96, said, transform=axes.transAxes, ha="right", va="top", fontsize=7, color=GREY)
 
 
 def _calibration(axes: mpl.axes.Axes, found: Replayed) -> None:

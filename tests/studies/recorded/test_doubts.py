@@ -486,6 +486,7 @@ def test_a_filter_that_does_worse_with_its_imu_is_doubted() -> None:
     rows = {"a": row(0.5, 1.0), "b": row(0.2, 1.0), "c": row(0.1, 2.3), "d": row(0.1, 1.0)}
     assert "a: 0.50 m RMS, without it 0.20 m: axes, signs, units" in doubts.of_imu(rows, "a", "b")[0]
     assert "NIS is 2.3, not 1" in doubts.of_imu(rows, "c", "b")[0]
+    assert "`ortilo tune FOLDER --map MAP.yaml" in doubts.of_imu(rows, "c", "b")[0]
     assert doubts.of_imu(rows, "d", "b") == []
     assert doubts.of_imu({}, "d", "b") == []
 

@@ -173,6 +173,14 @@ def test_the_fit_finds_the_noise_of_the_ranges(recording, by) -> None:
     assert fitted.settings.range_white == pytest.approx(0.03, rel=0.25 if by == "innovations" else 1.0)
 
 
+@pytest.mark.long
+def test_a_fit_begins_within_its_limits_though_the_map_lies_beyond_them(recording) -> None:
+    map_ = as_map(TABLE_MAP + "filter: {range_white: 0.1, acceleration: 0.001, range_correlated: 0.001}\n")
+    fitted = fit_noise([recording], map_, "innovations", lambda _: None, most=120)
+    assert fitted.after > fitted.before > -1e9
+    assert fitted.settings.range_white == pytest.approx(0.03, rel=0.25)
+
+
 def test_too_few_ranges_give_one_clear_line(recording) -> None:
     few = recording._replace(ranges=Ranges(*(part[::100] for part in recording.ranges)))
     with pytest.raises(InputError, match="fewer than 50 ranges in the first 30%"):
