@@ -131,7 +131,7 @@ def draw_paths(axes: Axes, flight: xr.Dataset) -> None:
 
 
 def draw_arrivals(axes: Axes, flight: xr.Dataset) -> None:
-    """Draw a bar while each sensor's due values, but the imu's, were used, and a thin grey one while they are missing."""
+    """Draw a bar while each sensor's due values but the imu's were used, a thin grey one while they are missing."""
     time, own = flight["time"].values, [s for s in flight["sensor"].values if s not in ("uwb", "camera", "imu")]
     flown = [s for s in ("camera", "uwb") if flight["due"].sel(sensor=s).values.any()]
     sensors = (*own, *flown)
@@ -147,7 +147,7 @@ def draw_arrivals(axes: Axes, flight: xr.Dataset) -> None:
 
 
 def _runs(time: np.ndarray, due: np.ndarray, there: np.ndarray) -> list[tuple[float, float]]:
-    """Return start and length [s] of the runs of due ticks (n) in which something is there; a tick lasts to the next due.
+    """Return start and length [s] of the runs of due ticks in which something is there; one lasts to the next due.
 
     One bar for each run rather than a line for each tick: hundreds of those make a pattern of their own on a screen.
     """

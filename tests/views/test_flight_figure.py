@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 
 from ortilo_drake.model.room import Interior, Room
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.views.figures import draw_room
+from ortilo_drake.views.figures import _runs, draw_room
 
 
 def test_furniture_is_drawn_where_it_stands() -> None:
