@@ -1,9 +1,12 @@
 """Replay against the filter that got everything in order, against the joint Gaussian, and over many flights."""
 
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba import njit
 from played_box import PlayedBox
 from scipy.stats import chi2
 
@@ -21,6 +24,7 @@ from ortilo_drake.onboard.estimator.intermittent_filter import (
     FilterModel,
 )
 from ortilo_drake.onboard.estimator.late_measurements import (
+    Slot,
     empty_history,
     put_in,
     replay_step,
@@ -28,7 +32,7 @@ from ortilo_drake.onboard.estimator.late_measurements import (
     slot_of,
     with_acted,
 )
-from ortilo_drake.onboard.estimator.replay_element import belief_at_stamp_box
+from ortilo_drake.onboard.estimator.replay_element import belief_at_stamp_box, kept_in
 from ortilo_drake.scenario import load_scenario
 
 H = 1.0 / 30.0
@@ -341,3 +345,23 @@ def test_once_it_is_known_what_acted_it_is_the_filter_that_knew(
     there = {(j, s) for (j, s), when in arrivals.items() if when < TICKS}
     expected = in_order(true, there, TICKS - 1, INTEGRATOR_HOLD)
     np.testing.assert_allclose(state, expected, rtol=1e-9, atol=1e-10)
+
+
+def test_parts_of_a_memory_hold_it_also_once_compiled_for_code_that_counts_no_holders() -> None:
+    """A helper that itself says _nrt=False, and returns arrays, leaves its caller with numbers that are freed."""
+
+    @njit(_nrt=False)
+    def uncounted(memory: np.ndarray, slot: Slot) -> float:
+        belief, history = kept_in(memory, slot)
+        return belief[0] + history[0, 0]
+
+    @njit
+    def counted(memory: np.ndarray, slot: Slot) -> tuple[np.ndarray, np.ndarray]:
+        return kept_in(memory, slot)
+
+    memory = np.arange(float(SLOT.y - SLOT.belief + 3 * SLOT.size))
+    assert uncounted(memory, SLOT) == SLOT.y - SLOT.belief
+    holders = sys.getrefcount(memory)
+    belief, history = counted(memory, SLOT)
+    assert sys.getrefcount(memory) > holders
+    assert belief.size + history.size == memory.size

@@ -20,7 +20,7 @@ from ortilo_drake.onboard.estimator.lasting_element import (
 from ortilo_drake.onboard.ranging.bank_element import N_NOISE, bank_box
 from ortilo_drake.onboard.ranging.fix_element import fix_box
 from ortilo_drake.onboard.ranging.lasting_error import KEPT, KEY, keep, put_lasting
-from ortilo_drake.onboard.ranging.survey_bank import gather, learned_first, log_likelihood
+from ortilo_drake.onboard.ranging.survey_bank import gather, learned_first, log_likelihood, weigh
 from ortilo_drake.scenario import Multilateration, load_scenario
 
 ANCHORS = load_room(ORTILO_ROOM).anchor_positions
@@ -178,3 +178,18 @@ def test_a_filter_without_such_states_is_told_nothing() -> None:
 def test_a_bank_has_something_to_share() -> None:
     with pytest.raises(InputError, match=r"bias_bank: must be null without bias_sd"):
         load_scenario("nominal_imu_uwb", ("multilateration.bias_bank=[0, 1]",))
+
+
+def test_anchors_that_are_never_heard_leave_the_weights_of_those_that_are() -> None:
+    """The first of four is silent: the weights are those of the dense Gaussians of the other three's errors."""
+    A = np.random.default_rng(4).normal(size=(3, 3))
+    Lambda, eta, bank = np.zeros((4, 4)), np.zeros(4), np.array([0.0, 0.5, 1.0])
+    Lambda[1:, 1:], eta[1:] = 30.0 * A @ A.T, [3.0, -5.0, 2.0]
+    weights, S, e = np.zeros(3), np.zeros((4, 4)), np.zeros(4)
+    weigh(weights, np.column_stack([Lambda, eta]), bank, 0.3, S, e)
+    prior = [np.eye(4) + (0.3 * c) ** 2 * Lambda for c in bank]
+    logs = [
+        0.5 * (0.3 * c) ** 2 * eta @ np.linalg.solve(M, eta) - 0.5 * np.linalg.slogdet(M)[1]
+        for c, M in zip(bank, prior, strict=True)
+    ]
+    np.testing.assert_allclose(weights, np.exp(logs) / np.sum(np.exp(logs)), rtol=1e-12)

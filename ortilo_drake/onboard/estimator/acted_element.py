@@ -11,10 +11,9 @@ from ortilo_drake.model.measurement import Layout
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_U
 from ortilo_drake.onboard.commands.timeline import mean_control, unpacked, with_command
-from ortilo_drake.onboard.estimator.filter_element import open_belief
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
-from ortilo_drake.onboard.estimator.late_measurements import Slot, replay_step, with_acted
-from ortilo_drake.onboard.estimator.replay_element import belief_in, history_in
+from ortilo_drake.onboard.estimator.late_measurements import Slot, replay_in_place, with_acted
+from ortilo_drake.onboard.estimator.replay_element import kept_in, open_all
 
 
 @register_jitable
@@ -30,6 +29,8 @@ def acted_filter_step(
     reference: np.ndarray,
     opening: np.ndarray,
     memory: np.ndarray,
+    rows: np.ndarray,
+    S: np.ndarray,
     deviation: np.ndarray,
     model: FilterModel,
     layout: Layout,
@@ -41,19 +42,18 @@ def acted_filter_step(
     """
     hover = np.zeros(N_U)
     hover[0] = n.hover_thrust
-    belief, history = belief_in(memory, slot), history_in(memory, slot)
-    open_belief(belief, opening)
-    for row in range(history.shape[0]):
-        open_belief(history[row, slot.belief : slot.y], opening)
+    belief, history = kept_in(memory, slot)
+    open_all(belief, history, slot, opening)
     start, end = k * n.h, (k + 1) * n.h
     sent = control - hover + hover  # rounded as in Drake, where the filter takes what differs from hover
-    rows = with_command(unpacked(timeline), start + timeline[0], sent)
-    put(with_acted(history, slot, belief, k, rows, hover, n.h, model, layout), belief)
-    put(mean_control(rows, start, end) - hover, deviation)
-    put(replay_step(history, slot, belief, k, y, delta, V2, stamps, n.h, deviation, reference, model, layout), belief)
+    acted = with_command(unpacked(timeline), start + timeline[0], sent)
+    put(with_acted(history, slot, belief, k, acted, hover, n.h, model, layout), belief)
+    put(mean_control(acted, start, end) - hover, deviation)
+    given = y, delta, V2, stamps, n.h, deviation, reference
+    replay_in_place(rows, S, history, slot, belief, k, *given, model, layout)
 
 
 def acted_box(replay: Box) -> Box:
     """Return the filter of replay_box that also reads the timeline of the commands, see commands/command_log.py."""
-    element = replace(replay.element, name="acted_filter", step=acted_filter_step)
+    element = replace(replay.element, name="acted_filter", step=acted_filter_step, allocates=True)
     return replace(replay, element=element).with_inputs(timeline="command_log")

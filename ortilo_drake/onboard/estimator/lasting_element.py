@@ -34,7 +34,7 @@ from ortilo_drake.onboard.estimator.acted_element import acted_filter_step
 from ortilo_drake.onboard.estimator.filter_element import filter_step
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
 from ortilo_drake.onboard.estimator.late_measurements import Slot
-from ortilo_drake.onboard.estimator.replay_element import belief_in, history_in, replay_filter_step
+from ortilo_drake.onboard.estimator.replay_element import kept_in, replay_filter_step
 from ortilo_drake.onboard.ranging.lasting_error import N_KEPT, N_LASTING
 
 
@@ -108,7 +108,7 @@ def told_layout(layout: Layout, told: LearnedCoefficients, lasting: np.ndarray, 
 @register_jitable
 def vary(belief: np.ndarray, n: int, told: LearnedCoefficients, lasting: np.ndarray) -> None:
     """Change a belief (n + n^2) by what a fix elsewhere keeps of what lasts: s <- r s + w, w of (1 - r^2) sd^2."""
-    kept = values_of(lasting)
+    kept, P = values_of(lasting), belief[n:].reshape((n, n))
     for i in range(told.row.size):
         r, state, own = kept[told.at[i] + N_KEPT], told.state[i], told.own[i]
         if own != 0.0:
@@ -117,16 +117,17 @@ def vary(belief: np.ndarray, n: int, told: LearnedCoefficients, lasting: np.ndar
         if r != 1.0:
             belief[state] *= r
             for j in range(n):
-                belief[n + n * state + j] *= r
-                belief[n + n * j + state] *= r
-            belief[n + (n + 1) * state] += (1.0 - r * r) * told.sd[i] ** 2
+                P[state, j] *= r
+            for j in range(n):  # apart from the row: numbers that stand side by side are taken together
+                P[j, state] *= r
+            P[state, state] += (1.0 - r * r) * told.sd[i] ** 2
 
 
 @register_jitable
 def vary_all(memory: np.ndarray, slot: Slot, n: int, told: LearnedCoefficients, lasting: np.ndarray) -> None:
     """Change the present belief and those of the history by vary: run again from a past tick it would be forgotten."""
-    vary(belief_in(memory, slot), n, told, lasting)
-    history = history_in(memory, slot)
+    belief, history = kept_in(memory, slot)
+    vary(belief, n, told, lasting)
     for row in range(history.shape[0]):
         vary(history[row, slot.belief : slot.y], n, told, lasting)
 
@@ -172,6 +173,8 @@ def told_replay_step(
     lasting: np.ndarray,
     camera_lasting: np.ndarray,
     memory: np.ndarray,
+    rows: np.ndarray,
+    S: np.ndarray,
     deviation: np.ndarray,
     weights: np.ndarray,
     both: np.ndarray,
@@ -185,7 +188,8 @@ def told_replay_step(
     put(values_of(camera_lasting), both, N_LASTING)
     its = told_layout(layout, told, both, weights)
     vary_all(memory, slot, layout.C.shape[1] + N_I, told, both)
-    replay_filter_step(n, k, y, delta, V2, stamps, control, reference, opening, memory, deviation, model, its, slot)
+    given = y, delta, V2, stamps, control, reference, opening
+    replay_filter_step(n, k, *given, memory, rows, S, deviation, model, its, slot)
 
 
 def told_acted_step(
@@ -202,6 +206,8 @@ def told_acted_step(
     lasting: np.ndarray,
     camera_lasting: np.ndarray,
     memory: np.ndarray,
+    rows: np.ndarray,
+    S: np.ndarray,
     deviation: np.ndarray,
     weights: np.ndarray,
     both: np.ndarray,
@@ -215,9 +221,8 @@ def told_acted_step(
     put(values_of(camera_lasting), both, N_LASTING)
     its = told_layout(layout, told, both, weights)
     vary_all(memory, slot, layout.C.shape[1] + N_I, told, both)
-    acted_filter_step(
-        n, k, y, delta, V2, stamps, control, timeline, reference, opening, memory, deviation, model, its, slot
-    )
+    given = y, delta, V2, stamps, control, timeline, reference, opening
+    acted_filter_step(n, k, *given, memory, rows, S, deviation, model, its, slot)
 
 
 STEPS: dict[str, Callable[..., None]] = {

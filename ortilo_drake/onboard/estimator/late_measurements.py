@@ -29,7 +29,7 @@ from ortilo_drake.model.measurement import Layout, Measurement
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import N_I, N_U, N_XBAR
 from ortilo_drake.onboard.commands.timeline import mean_control
-from ortilo_drake.onboard.estimator.filter_loops import filter_step
+from ortilo_drake.onboard.estimator.filter_loops import step_in_place, to_work_in
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
 
 
@@ -80,19 +80,37 @@ def reaches_back(history: np.ndarray, j: int, k: int) -> bool:
     """Return whether the history holds every tick from j to k; after a restart it has a gap."""
     if not 0 <= j <= k or k - j >= history.shape[0]:
         return False
-    ticks = np.arange(j, k + 1)
-    return bool(np.all(history[ticks % history.shape[0], 0] == ticks))
+    there = True
+    for i in range(j, k + 1):
+        there = there and history[i % history.shape[0], 0] == i
+    return there
 
 
-@njit(cache=True)
-def run_again(history: np.ndarray, slot: Slot, first: int, k: int, model: FilterModel, layout: Layout) -> np.ndarray:
-    """Return the belief after tick k from that of tick first; changes the beliefs of the history in between."""
+@register_jitable(_nrt=False)
+def run_again(
+    rows: np.ndarray,
+    S: np.ndarray,
+    history: np.ndarray,
+    slot: Slot,
+    first: int,
+    k: int,
+    after: np.ndarray,
+    model: FilterModel,
+    layout: Layout,
+) -> None:
+    """Write the belief after tick k from that of tick first; changes the beliefs of the history in between.
+
+    It works in rows and S, see filter_loops.to_work_in.
+    """
     N = history.shape[0]
-    out = np.empty(slot.y - slot.belief)
     for j in range(first, k + 1):
         row = history[j % N]
-        out = filter_step(
-            row[slot.belief : slot.y],
+        belief = history[(j + 1) % N, slot.belief : slot.y] if j < k else after
+        put(row[slot.belief : slot.y], belief)
+        step_in_place(
+            rows,
+            S,
+            belief,
             row[slot.y : slot.delta],
             row[slot.delta : slot.V2],
             row[slot.V2 : slot.u],
@@ -101,9 +119,6 @@ def run_again(history: np.ndarray, slot: Slot, first: int, k: int, model: Filter
             model,
             layout,
         )
-        if j < k:
-            put(out, history[(j + 1) % N], slot.belief)
-    return out
 
 
 @njit(cache=True)
@@ -123,7 +138,7 @@ def with_acted(
     In the place of a slot's u comes the mean over its tick of what acted. From the first tick in which that is another
     than was assumed, the filter runs again. A tick that the timeline does not reach back to stays as it is.
 
-    Arguments as replay_step, with the timeline's rows (n, 5), see onboard/commands/timeline.py, and the control at
+    Arguments as replay_in_place, with the timeline's rows (n, 5), see onboard/commands/timeline.py, and the control at
     hover (4); the history is without tick k.
     """
     N, first, j = history.shape[0], k, k - 1
@@ -134,11 +149,17 @@ def with_acted(
             put(u, row)
             first = j
         j -= 1
-    return run_again(history, slot, first, k - 1, model, layout) if first < k else belief
+    after = belief.copy()
+    if first < k:
+        work = to_work_in(model.Phi.shape[0] + N_I, layout.first[-1])
+        run_again(*work, history, slot, first, k - 1, after, model, layout)
+    return after
 
 
-@njit(cache=True)
-def replay_step(
+@njit(cache=True, _nrt=False)
+def replay_in_place(
+    rows: np.ndarray,
+    S: np.ndarray,
     history: np.ndarray,
     slot: Slot,
     belief: np.ndarray,
@@ -152,13 +173,15 @@ def replay_step(
     r: np.ndarray,
     model: FilterModel,
     layout: Layout,
-) -> np.ndarray:
-    """Return [xhat_{k+1|k}, P_{k+1} row by row] (n + n^2) from all that has arrived up to tick k; changes the history.
+) -> None:
+    """Change a belief of tick k to that of k + 1, from all that has arrived up to tick k; changes the history.
 
     Not used are measurements older than the history or than a gap in it, ones stamped later than t_k, and a second one
     of the same sensor and tick.
 
     Args:
+        rows: to work in, see filter_loops.to_work_in.
+        S: likewise.
         history: the last ticks (N, slot.size).
         slot: where everything is in a row of it.
         belief: [xhat_{k|k-1}, P_k row by row] (n + n^2).
@@ -177,7 +200,7 @@ def replay_step(
     now = history[k % N]
     fill(now, 0.0)
     now[slot.tick] = k
-    put(belief, now, slot.belief)
+    put(belief, now[slot.belief : slot.y])  # a part: compiled code copies several numbers at once
     put(u, now, slot.u)
     put(r[:3], now, slot.r)
     first = k
@@ -186,7 +209,30 @@ def replay_step(
         there = delta[sensor] != 0.0 and reaches_back(history, j, k)
         if there and put_in(history[j % N], slot, y, V2, sensor, layout[3], layout[4]):
             first = min(first, j)
-    return run_again(history, slot, first, k, model, layout)
+    run_again(rows, S, history, slot, first, k, belief, model, layout)
+
+
+@njit(cache=True)
+def replay_step(
+    history: np.ndarray,
+    slot: Slot,
+    belief: np.ndarray,
+    k: int,
+    y: np.ndarray,
+    delta: np.ndarray,
+    V2: np.ndarray,
+    stamps: np.ndarray,
+    h: float,
+    u: np.ndarray,
+    r: np.ndarray,
+    model: FilterModel,
+    layout: Layout,
+) -> np.ndarray:
+    """Return [xhat_{k+1|k}, P_{k+1} row by row] (n + n^2); arguments as replay_in_place, whose work arrays it makes."""
+    after = belief.copy()
+    rows, S = to_work_in(model.Phi.shape[0] + N_I, layout.first[-1])
+    replay_in_place(rows, S, history, slot, after, k, y, delta, V2, stamps, h, u, r, model, layout)
+    return after
 
 
 @njit(cache=True)

@@ -13,23 +13,29 @@ from ortilo_drake.loop.element import Array, Box, Element, Number, Values
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.measurement import Layout, Measurement
 from ortilo_drake.model.placing import put
-from ortilo_drake.model.signals import ARRIVED, N_I, N_U, STAMP
-from ortilo_drake.onboard.estimator.filter_element import open_belief
+from ortilo_drake.model.signals import ARRIVED, N_I, STAMP
+from ortilo_drake.onboard.estimator.filter_element import open_belief, work_of
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
-from ortilo_drake.onboard.estimator.late_measurements import Slot, empty_history, replay_step, row_of_past, slot_of
+from ortilo_drake.onboard.estimator.late_measurements import Slot, empty_history, replay_in_place, row_of_past, slot_of
 
 
 @register_jitable
-def belief_in(memory: np.ndarray, slot: Slot) -> np.ndarray:
-    """Return the present belief of what the filter keeps (n + n^2)."""
-    return memory[: slot.y - slot.belief]
+def kept_in(memory: np.ndarray, slot: Slot) -> tuple[np.ndarray, np.ndarray]:
+    """Return the present belief of what the filter keeps (n + n^2), and its history (N, slot.size)."""
+    size = slot.y - slot.belief
+    return memory[:size], memory[size:].reshape(((memory.size - size) // slot.size, slot.size))
 
 
 @register_jitable
-def history_in(memory: np.ndarray, slot: Slot) -> np.ndarray:
-    """Return the history of what the filter keeps (N, slot.size)."""
-    history = memory[slot.y - slot.belief :]
-    return history.reshape((history.size // slot.size, slot.size))
+def open_all(belief: np.ndarray, history: np.ndarray, slot: Slot, opening: np.ndarray) -> None:
+    """Open the present belief and those of the history: run again from a past tick the filter would forget it."""
+    opens = False
+    for i in range(opening.size):
+        opens = opens or opening[i] != 0.0
+    if opens:
+        open_belief(belief, opening)
+        for row in range(history.shape[0]):
+            open_belief(history[row, slot.belief : slot.y], opening)
 
 
 @register_jitable
@@ -44,20 +50,20 @@ def replay_filter_step(
     reference: np.ndarray,
     opening: np.ndarray,
     memory: np.ndarray,
+    rows: np.ndarray,
+    S: np.ndarray,
     deviation: np.ndarray,
     model: FilterModel,
     layout: Layout,
     slot: Slot,
 ) -> None:
-    """Take what arrived in tick k, each value in the tick of its stamp, and predict tick k + 1, see replay_step."""
+    """Take what arrived in tick k, each value in the tick of its stamp, and predict tick k + 1, see replay_in_place."""
     put(control, deviation)
     deviation[0] -= n.hover_thrust
-    belief, history = belief_in(memory, slot), history_in(memory, slot)
-    open_belief(belief, opening)
-    for row in range(history.shape[0]):  # run again from a past tick, the filter would forget what it is told now
-        open_belief(history[row, slot.belief : slot.y], opening)
-    after = replay_step(history, slot, belief, k, y, delta, V2, stamps, n.h, deviation, reference, model, layout)
-    put(after, belief)
+    belief, history = kept_in(memory, slot)
+    open_all(belief, history, slot, opening)
+    given = y, delta, V2, stamps, n.h, deviation, reference
+    replay_in_place(rows, S, history, slot, belief, k, *given, model, layout)
 
 
 def belief_at_stamp_out(n: Any, message: np.ndarray, memory: np.ndarray, slot: Slot, out: np.ndarray) -> None:
@@ -66,10 +72,9 @@ def belief_at_stamp_out(n: Any, message: np.ndarray, memory: np.ndarray, slot: S
     It is the present one where no message arrived or its stamp is of this tick or a later one, and that of the oldest
     tick kept where the stamp is older.
     """
-    history, row = history_in(memory, slot), -1
-    if message[ARRIVED] != 0.0:
-        row = row_of_past(history, tick_of(message[STAMP], n.h))
-    put(history[row, slot.belief : slot.y] if row >= 0 else belief_in(memory, slot), out)
+    present, history = kept_in(memory, slot)
+    row = row_of_past(history, tick_of(message[STAMP], n.h)) if message[ARRIVED] != 0.0 else -1
+    put(history[row, slot.belief : slot.y] if row >= 0 else present, out)
 
 
 REPLAY = Element(
@@ -77,11 +82,10 @@ REPLAY = Element(
     step=replay_filter_step,
     numbers=(Number("hover_thrust"), Number("h")),
     state=(Array("memory"),),
-    work=(Array("deviation"),),
+    work=(Array("rows", 2), Array("S", 2), Array("deviation")),
     shows="memory",
-    allocates=True,
 )
-PAST = Element("belief_at_stamp", out=belief_at_stamp_out, numbers=(Number("h"),), allocates=True)
+PAST = Element("belief_at_stamp", out=belief_at_stamp_out, numbers=(Number("h"),))
 
 
 def replay_box(
@@ -93,10 +97,11 @@ def replay_box(
 
     Arguments as filter_box, with the ticks that are kept in the history and the tick h [s].
     """
-    slot = slot_of(measurement, len(model.Phi) + N_I)
+    n = len(model.Phi) + N_I
+    slot = slot_of(measurement, n)
     memory = np.concatenate((belief_0, empty_history(ticks, slot).ravel()))
     given, parts = Values({"hover_thrust": hover_thrust, "h": h}, {"memory": memory}), {"belief": (0, belief_0.size)}
-    box = Box("filter", REPLAY, memory.size, given, {"deviation": (N_U,)}, parts=parts)
+    box = Box("filter", REPLAY, memory.size, given, work_of(n, measurement.sizes["y"]), parts=parts)
     return box.with_groups(model=model, layout=measurement.layout, slot=slot)
 
 

@@ -117,7 +117,10 @@ def with_survey(sd: float, J: np.ndarray, survey_sd: float) -> float:
 @register_jitable
 def is_among(labels: np.ndarray, label: float) -> bool:
     """Return whether a class is one of some (n)."""
-    return bool(np.any(labels == label))
+    found = False
+    for i in range(labels.size):
+        found = found or labels[i] == label
+    return found
 
 
 @register_jitable

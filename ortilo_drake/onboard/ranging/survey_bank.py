@@ -86,6 +86,15 @@ def log_likelihood(gathered: np.ndarray, s: float, S: np.ndarray, e: np.ndarray)
 
 
 @register_jitable
+def is_told(gathered: np.ndarray, n: int) -> bool:
+    """Return whether any fix has told of a part's errors (n)."""
+    told = False
+    for i in range(n):
+        told = told or gathered[i, i] != 0.0
+    return told
+
+
+@register_jitable
 def weigh(
     weights: np.ndarray, gathered: np.ndarray, bank: np.ndarray, s_2: float, S: np.ndarray, e: np.ndarray
 ) -> float:
@@ -97,7 +106,8 @@ def weigh(
     for j in range(bank.size):
         weights[j] = 0.0
         for i in range(0, gathered.shape[0], n):
-            weights[j] += log_likelihood(gathered[i : i + n], bank[j] * s_2, S, e)
+            if bank[j] > 0.0 and is_told(gathered[i : i + n], n):  # else log L is 0
+                weights[j] += log_likelihood(gathered[i : i + n], bank[j] * s_2, S, e)
     return share_of(weights, bank)
 
 

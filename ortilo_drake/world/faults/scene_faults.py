@@ -56,8 +56,10 @@ def scene_table(faults: tuple[AnyFault, ...]) -> FaultTable:
 @njit(cache=True)
 def scene_at(room: Surroundings, faults: FaultTable, t: float) -> Scene:
     """Return the scene at t [s] of a room without faults."""
+    there = np.ones(room.positions.shape[0], dtype=np.bool_)
+    if faults.kinds.size == 0:
+        return Scene(room, there)
     positions, cylinders = room.positions.copy(), room.cylinders.copy()
-    there = np.ones(positions.shape[0], dtype=np.bool_)
     for i in range(faults.kinds.size):
         if not is_active(faults, i, t):
             continue
