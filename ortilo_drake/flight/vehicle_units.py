@@ -1,7 +1,7 @@
 """Warn of a vehicle whose numbers do not belong together, most likely because one is in a wrong unit.
 
 Seven ratios of published multirotors, from the Crazyflie's 30 g to the M100's 2.7 kg, lie within a factor of a few
-(SIGNS; the vehicles are in tests/flight/published_vehicles.py and docs/how_to/own_vehicle.md). A ratio out of its range
+(SIGNS; the vehicles are in tests/flight/test_vehicle_units.py and docs/how_to/own_vehicle.md). A ratio out of its range
 says that something is wrong, but not which of its numbers. The blame falls on the one number whose change by a power of
 ten, or from a usual wrong unit, brings most ratios back.
 """
