@@ -30,7 +30,7 @@ LIMITS = {  # beyond these a number is no such noise; it also keeps the search f
     "correlation_time": (0.1, 30.0),
 }
 STEP = 0.4  # of the simplex that each search begins with, in the numbers' logarithms
-MOST = 800  # likelihoods; a fit takes 100 to 400 as a rule
+MOST = 800  # likelihoods; a fit takes some 100 to 500
 GAINED = 1.0  # a search that raises the log-likelihood by less is the last
 SETTLED = 3.0  # the first seconds are left out: they judge the start, not the noise [s]
 MOST = 800  # likelihoods computed

@@ -115,7 +115,7 @@ def overconfident(rows: Mapping[str, Scores], main: str) -> list[str]:
     """Return a line for each of filter and smoother that claims far too small an error; `main` is the filter's row."""
     return [
         f"{name}: NEES is {s.nees:.0f}, not 3: its errors are {np.sqrt(s.nees / 3.0):.1f} times what it claims, which "
-        "lacks the calibration's own errors (clock, frame, biases): give what is known of them under `calibration`"
+        "lacks the calibration's errors (clock, frame, lever, biases): give what is known of them under `calibration`"
         for name, s in rows.items()
         if name in (main, f"{main}, smoothed") and s.nees is not None and s.nees > CLAIMS
     ]
