@@ -44,6 +44,7 @@ from ortilo_drake.studies.recorded.run_tape import smooth
 LEVEL, STANDS = 0.03, 0.1  # of a tilt on the floor [rad], and of a velocity where the vehicle is known to be [m/s]
 ANY_TILT = 1.0  # of a tilt of which nothing is known but by the force at rest [rad]
 HEADINGS = 8  # tried, where none is known
+AGREES = 0.35  # headings carried back from the trials' ends are one that differ by less [rad]
 TRIAL = 30.0  # how long each is tried [s]
 
 
@@ -237,10 +238,11 @@ def begin_of(
     queries: np.ndarray,
     landed: Sequence[Landing] = (),
 ) -> Begin:
-    """Return where the filter begins: its heading is the known one, else that of eight with the likeliest innovations.
+    """Return where the filter begins; without an IMU with a heading of 0, else the known one or one by eight trials.
 
-    Each is tried on the first TRIAL seconds. Without an IMU it is 0. Arguments as estimate; queries from the first
-    range on, and the landings.
+    Each trial lasts the first TRIAL seconds. Most end with the right heading, whatever they began with: it is the one
+    that more than half of them agree on, carried back by the body rates; else that of the likeliest innovations.
+    Arguments as estimate; queries from the first range on, and the landings.
     """
     by_ranges = known.start is None and not known.tags.any()  # else the fix depends on the heading, or none is needed
     fix = _fix_of(ranges, known, np.eye(3)) if by_ranges else None
@@ -250,12 +252,34 @@ def begin_of(
     events, heard = events_of(ranges, imu, known, landed, queries, begin)
     events = Events(*(part[events.t <= begin + TRIAL] for part in events))
     setup = Setup(known.anchors, levers_of(known, imu), known.level, noise, known.aids)
-    tried, scores = np.arange(HEADINGS) * 2.0 * np.pi / HEADINGS, []
-    for heading in tried:  # a wrong one must not be mended while it is tried
+
+    def tried(heading: float) -> tuple[float, float]:
+        """Return the score of a heading, and the heading that the filter ends with, carried back by the body rates."""
         start = start_of(ranges, imu, known, settings, Begin(heading, fix), False)
-        runs = run_on(events, heard, start, setup, np.inf, False)[0]
-        scores.append(innovation_score(joined(runs), noise.gate))
-    return Begin(float(tried[int(np.argmax(scores))]), fix)
+        runs, _, end = run_on(events, heard, start, setup, np.inf, False)  # a wrong one must not be mended
+        score = innovation_score(joined(runs), noise.gate)
+        if not np.isfinite(end.x).all() or not end.x[Q:ADDITIVE].any():
+            return -np.inf, heading
+        R = matrix_of(end.x[Q:ADDITIVE]) @ turned_by(events, heard, end.x[Q + 4 : Q + 7]).T
+        return score, float(np.arctan2(R[1, 0], R[0, 0]))
+
+    headings = np.arange(HEADINGS) * 2.0 * np.pi / HEADINGS
+    scores, ends = np.transpose([tried(heading) for heading in headings])
+    apart = np.abs(np.angle(np.exp(1j * (ends[:, None] - ends))))
+    middle = int(np.argmin(apart.sum(axis=0)))  # the circle's median
+    if np.sum(apart[middle] < AGREES) > HEADINGS / 2:
+        return Begin(float(ends[middle]), fix)
+    return Begin(float(headings[int(np.argmax(scores))]), fix)
+
+
+def turned_by(events: Events, heard: EventValues, bias: np.ndarray) -> np.ndarray:
+    """Return the turn from the last body axes to the first that the body rates add up to, less their bias (3, 3)."""
+    at = np.flatnonzero(events.kind == RATES)
+    steps = (heard.rates[events.which[at]] - bias) * np.diff(events.t[at], append=events.t[-1])[:, None]
+    R = np.eye(3)
+    for step in Rotation.from_rotvec(steps).as_matrix():
+        R = R @ step
+    return R
 
 
 def estimate(
