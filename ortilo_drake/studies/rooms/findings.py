@@ -87,8 +87,9 @@ def findings_of(scenario: Scenario) -> Findings:
 
 def _ends(scenario: Scenario) -> str:
     planner = scenario.planner
-    is_gcs = isinstance(planner, GcsPlanner)
-    return f": from {_point(planner.start)} to {_point(planner.goal)}" if is_gcs else ""
+    if not isinstance(planner, GcsPlanner):
+        return ""
+    return f": from {_point(planner.start)} to {_point(planner.goal)}"
 
 
 def _anchors(room: Room, off_plane: float) -> list[str]:
