@@ -13,7 +13,7 @@ TEXT = """# The onboard half of {name} for {target}
 The estimator, servo and path of an ortilo-drake scenario, as they fly in simulation: {same}. No heap, no global
 state, no exceptions; two halves may run side by side.
 
-    ortilo_elements.o   object code of {count} functions, {size} bytes
+    ortilo_elements.o   object code of {count} functions, a file of {size} bytes
     ortilo.h, ortilo.c  inputs, outputs, numbers and a tick; compile ortilo.c with your own compiler
     golden.h            inputs and outputs of the first ticks of a simulated flight
     test_golden.c       plays them and counts the ticks that differ

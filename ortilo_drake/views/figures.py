@@ -138,27 +138,28 @@ def draw_arrivals(axes: Axes, flight: xr.Dataset) -> None:
     for row, sensor in enumerate(sensors):
         due = flight["due"].sel(sensor=sensor).values
         used = flight["arrival"].sel(sensor=sensor).values
-        for there, height, color in ((due & ~used, 0.25, "0.75"), (used, 0.8, COLOR.get(sensor, OTHER))):
-            bars = _runs(time, due | used, there)
-            axes.broken_barh(bars, (row - 0.5 * height, height), facecolors=color, edgecolors="none")
+        t_due, t_used = time[due], time[used]
+        period = float(np.median(np.diff(t_due))) if len(t_due) > 1 else 0.05
+        missing = np.searchsorted(t_used, t_due) == np.searchsorted(
+            t_used, t_due + 0.99 * period
+        )  # a value comes later
+        for t, height, color in ((t_due[missing], 0.25, "0.75"), (t_used, 0.8, COLOR.get(sensor, OTHER))):
+            axes.broken_barh(_runs(t, period), (row - 0.5 * height, height), facecolors=color, edgecolors="none")
     axes.set_yticks(range(len(sensors)), [s.replace("uwb", "UWB") for s in sensors])
     axes.set_ylim(-0.6, max(len(sensors), 1) - 0.4)
     axes.set_xlabel("time [s]  (fixes used; grey: due, but none)")
 
 
-def _runs(time: np.ndarray, due: np.ndarray, there: np.ndarray) -> list[tuple[float, float]]:
-    """Return start and length [s] of the runs of due ticks in which something is there; one lasts to the next due.
+def _runs(t: np.ndarray, period: float) -> list[tuple[float, float]]:
+    """Return start and length [s] of the runs in ascending times (n) of which each lasts for a period [s].
 
-    One bar for each run rather than a line for each tick: hundreds of those make a pattern of their own on a screen.
+    One bar for each run rather than a line for each time: hundreds of those make a pattern of their own on a screen.
     """
-    t, is_there = time[due], there[due]
-    if not is_there.any():
+    if not len(t):
         return []
-    steps = np.diff(t, append=np.nan)
-    steps[-1] = np.median(np.diff(t)) if len(t) > 1 else 0.0
-    edges = np.flatnonzero(np.diff(np.r_[False, is_there, False]))
-    ends = np.minimum(t + steps, t + 2.0 * np.median(steps))
-    return [(float(t[a]), float(ends[b - 1] - t[a])) for a, b in edges.reshape(-1, 2)]
+    cuts = np.flatnonzero(np.diff(t) > 1.5 * period)
+    first, last = t[np.r_[0, cuts + 1]], t[np.r_[cuts, len(t) - 1]]
+    return [(float(a), float(b - a + period)) for a, b in zip(first, last, strict=True)]
 
 
 def arrival_figure(flights: dict[str, xr.Dataset], path: Path) -> Path:

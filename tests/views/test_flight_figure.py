@@ -1,11 +1,12 @@
 """The room in a flight's figure shows what the vehicle may touch."""
 
 import numpy as np
+import xarray as xr
 from matplotlib.figure import Figure
 
 from ortilo_drake.model.room import Interior, Room
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.views.figures import _runs, draw_room
+from ortilo_drake.views.figures import draw_arrivals, draw_room
 
 
 def test_furniture_is_drawn_where_it_stands() -> None:
@@ -25,11 +26,17 @@ def test_furniture_is_drawn_where_it_stands() -> None:
 
 
 def test_arrivals_are_a_bar_for_each_run_of_used_values() -> None:
-    """Ten due values a second; the third and the last two are missing."""
-    time = np.arange(0.0, 1.0, 1.0 / 30.0)
+    """Ten due values a second, each used a tick later; the third and the last two are missing."""
+    time = np.arange(30) / 30.0
     due = np.arange(30) % 3 == 0
-    used = due.copy()
-    used[[6, 24, 27]] = False
-    np.testing.assert_allclose(_runs(time, due, used), [(0.0, 0.2), (0.3, 0.5)], atol=1e-12)
-    np.testing.assert_allclose(_runs(time, due, due & ~used), [(0.2, 0.1), (0.8, 0.2)], atol=1e-12)
-    assert _runs(time, due, np.zeros(30, bool)) == []
+    used = np.roll(due, 1)
+    used[[7, 25, 28]] = False
+    columns = {name: (("tick", "sensor"), values[:, np.newaxis]) for name, values in (("due", due), ("arrival", used))}
+    flight = xr.Dataset(columns, coords={"time": ("tick", time), "sensor": ["camera"]})
+    flight = xr.concat([flight, xr.zeros_like(flight).assign_coords(sensor=["uwb"])], "sensor")
+    axes = Figure().add_subplot()
+    draw_arrivals(axes, flight.astype(bool))
+    drawn = [[path.get_extents().intervalx for path in bars.get_paths()] for bars in axes.collections]
+    missing, there = (np.array(one) for one in drawn if one)
+    np.testing.assert_allclose(missing, [(0.2, 0.3), (0.8, 1.0)], atol=1e-9)
+    np.testing.assert_allclose(there, [(1 / 30, 0.2 + 1 / 30), (0.3 + 1 / 30, 0.8 + 1 / 30)], atol=1e-9)
