@@ -55,7 +55,8 @@ def nees_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
         for k, (name, rows) in enumerate(flights.items()):
             axes = figure.add_subplot(len(flights), 1, k + 1)
             _draw_nees(axes, rows)
-            axes.set_title(f"{TITLE.get(name, name)}  (black bar: flights in a blackout)", loc="left")
+            bar = "bar below: share of flights in a UWB blackout, none white, all black"
+            axes.set_title(f"{TITLE.get(name, name)}  ({bar})", loc="left")
         figure.axes[-1].set_xlabel("time [s]")
         figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
         return save_picture(figure, path)
