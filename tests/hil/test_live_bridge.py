@@ -10,16 +10,19 @@ import numpy as np
 import pytest
 from live_messages import START
 from made_up_motion import BAG_MAP, made_up, write_bag
+from plain_filter import run_plainly
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from ortilo_drake.commands.hil.app import hil_app
 from ortilo_drake.interop.mavlink import MOST_THRUST, attitude_target_fields
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.studies.live import live_filter
 
 
 @pytest.fixture
-def recorded(tmp_path: Path) -> list[str]:
+def recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    run_plainly(monkeypatch, live_filter, "run_filter", "initial_carried")
     write_bag(tmp_path / "bag", made_up(4.0), "sqlite3")
     (tmp_path / "MAP.yaml").write_text(BAG_MAP[: BAG_MAP.index("truth:")].replace("BAG", "bag") + START)
     return ["bridge", "--from", str(tmp_path / "bag"), "--map", str(tmp_path / "MAP.yaml"), "--speed", "inf"]
