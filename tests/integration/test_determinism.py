@@ -39,9 +39,11 @@ def test_the_same_seed_flies_the_same_bits_twice(name: str) -> None:
     assert same == {key: value for key, value in two.attrs.items() if key != "real_time_factor"}
 
 
-def test_other_flights_in_between_change_nothing() -> None:
+@pytest.mark.family
+@pytest.mark.parametrize("other", ["nominal_imu_uwb", "rotors"])
+def test_other_flights_in_between_change_nothing(other: str) -> None:
     first = digest(flown("nominal_imu_uwb_yolo"))
-    fly(load_scenario("rotors", (SHORT, PROJECTED), 8))
+    fly(load_scenario(other, (SHORT, PROJECTED), 8))
     np.random.default_rng().normal(size=100)
     assert digest(fly(load_scenario("nominal_imu_uwb_yolo", (SHORT, PROJECTED), 7))) == first
 

@@ -38,6 +38,7 @@ def velocity(thrust_share: float, v_0: list[float], ticks: int, *settings: str) 
     return np.array(world.GetOutputPort("state").Eval(context)[6:9])
 
 
+@pytest.mark.family
 @pytest.mark.parametrize("settings", [(), ("world.plant=continuous",)])
 def test_a_body_that_slides_slows_down_by_the_share_of_each_tick(settings: tuple[str, ...]) -> None:
     """The force is held over a tick: v_{k+1} = (1 - c h / m) v_k."""

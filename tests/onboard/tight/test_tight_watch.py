@@ -5,6 +5,7 @@ import pytest
 
 from ortilo_drake.flight.flight import FlightSimulator
 from ortilo_drake.flight.metrics import loss_of
+from ortilo_drake.loop.plain import plain_source
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.tight.inertial import quaternion_of
 from ortilo_drake.onboard.estimator.tight.layout import (
@@ -22,6 +23,10 @@ from ortilo_drake.onboard.estimator.tight.ranges import take_ranges
 from ortilo_drake.onboard.estimator.tight.tick import N_KEPT, Motion, propagate_to_now
 from ortilo_drake.onboard.estimator.tight.watch import LAST, Watch, says_again, watch_angles, watch_ranges
 from ortilo_drake.scenario import load_scenario
+
+# As plain Python: the few steps here take less time than to compile them, and flights run them compiled.
+propagate_to_now, take_ranges = plain_source(propagate_to_now), plain_source(take_ranges)
+watch_angles, watch_ranges = plain_source(watch_angles), plain_source(watch_ranges)
 
 SCENARIO = load_scenario("tight_imu_uwb")
 H, T = SCENARIO.h, SCENARIO.estimator.watch.time
