@@ -198,7 +198,7 @@ def test_no_free_path_through_a_wall_across_the_room(refused: Any, tmp_path: Pat
 
 
 def test_no_free_path_for_a_vehicle_as_wide_as_the_room(refused: Any) -> None:
-    assert "2.5" in refused("fly", "nominal_imu_uwb", "--set", "vehicle.radius=2.5")
+    assert "1.1" in refused("fly", "nominal_imu_uwb", "--set", "vehicle.radius=1.1")
 
 
 # --- check refuses what fly refuses -----------------------------------------------------------------------------

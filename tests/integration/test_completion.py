@@ -24,7 +24,7 @@ def offered(line: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFi
         ("ortilo tables --beside alt", ["altimeter"]),
         ("ortilo fly ./own", []),  # the shell looks for files then
         ("ortilo tab", ["tables"]),
-        ("ortilo fly --se", ["--seed", "--set"]),
+        ("ortilo fly --se", ["--seed", "--set", "--seconds"]),
     ],
 )
 def test_words_are_completed(

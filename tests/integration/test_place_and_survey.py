@@ -25,7 +25,7 @@ def test_place_writes_a_room_that_flies(capsys: pytest.CaptureFixture[str], tmp_
     asked = ("--spacing", "4", "--out", str(room), "--json", str(report))
     assert run("room", "place", "nominal_imu_uwb", "5", *settings, *asked) == 0
     said, found = capsys.readouterr().out, json.loads(report.read_text(encoding="utf-8"))
-    assert re.search(r"next: ortilo room show \S+\.yaml --png", said)
+    assert re.search(r"to see it: ortilo room show \S+\.yaml --png", said)
     assert set(found) == {"scenario", "candidates", "before", "after", "gain", "anchors", "landmarks"}
     assert set(found["before"]) == {"floor", "time", "place", "no_fix"}
     assert found["after"]["floor"] < found["before"]["floor"]

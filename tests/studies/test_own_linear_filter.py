@@ -1,6 +1,6 @@
 """An estimator of one's own that declares the linear filter that it is about hover has the theory of that filter."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from runpy import run_path
 from types import SimpleNamespace
@@ -86,7 +86,7 @@ def test_its_theory_and_its_tube_are_those_of_the_papers_filter() -> None:
     paper = own.model_copy(update={"estimator": own.linear_filter})
     found, expected = theory(own), theory(paper)
     assert found.linearization is None  # of Drake's derivatives
-    np.testing.assert_equal(vars(found), vars(replace(expected, linearization=None)))
+    np.testing.assert_equal(asdict(found), asdict(replace(expected, linearization=None)))
     np.testing.assert_array_equal(predict_tube(own).covariance, predict_tube(paper).covariance)
 
 

@@ -5,6 +5,7 @@ and the noise that the scenario gave the sensors. A comment beside each number n
 """
 
 from collections.abc import Collection
+from typing import Any
 
 import numpy as np
 import yaml
@@ -29,17 +30,17 @@ def logged_noise(scenario: Scenario, ranges: np.ndarray) -> dict[str, tuple[floa
     uwb, imu, truth = scenario.uwb, scenario.imu, scenario.truth.uwb
     offset, growth = uwb.sds
     white = float(np.sqrt(np.mean((offset + growth * ranges) ** 2)))
-    noise = f"uwb.{'fitted' if uwb.errors == 'fitted' else 'noise'}"
+    noise = f"of uwb.{'fitted' if uwb.errors == 'fitted' else 'noise'}"
     found = {
-        "acceleration": (imu.specific_force_density, "imu.specific_force_density"),
-        "rotation": (imu.rate_density, "imu.rate_density"),
+        "acceleration": (imu.specific_force_density, "of imu.specific_force_density"),
+        "rotation": (imu.rate_density, "of imu.rate_density"),
         "range_white": (white, f"{noise}: RMS of its standard deviation over the logged ranges"),
     }
     fitted = uwb.fitted.of_single_ranges if uwb.errors == "fitted" and uwb.fitted is not None else None
     if uwb.walls.kind not in ("bias", "excess") and (fitted is None or fitted.field is None):
-        lasting = [(truth.slow_sd, truth.slow_time, "truth.uwb.slow_sd")]
+        lasting = [(truth.slow_sd, truth.slow_time, "of truth.uwb.slow_sd")]
         if fitted is not None and fitted.lasting is not None:
-            lasting.append((fitted.lasting.sd, fitted.lasting.time, "uwb.fitted.lasting"))
+            lasting.append((fitted.lasting.sd, fitted.lasting.time, "of uwb.fitted.lasting"))
         sd, time, key = max(lasting)
         found["range_correlated"] = (sd, key if sd > 0.0 else "none of its errors last")
         if sd > 0.0:
@@ -62,11 +63,11 @@ def logged_map(
     heard = [i for i in range(len(room.anchors)) if f"{RANGES}{i}" in topics]
     if not heard or "/imu/data" not in topics:
         return ""
-    found = {
-        "ranges": {"file": ".", "topics": [f"{RANGES}{i}" for i in heard], "values": ["range"]},
-        "anchors": [list(room.anchors[i]) for i in heard],
-        "imu": {"file": ".", "topic": "/imu/data", "axes": "flu"},
-    }
+    found = dict[str, Any](
+        ranges={"file": ".", "topics": [f"{RANGES}{i}" for i in heard], "values": ["range"]},
+        anchors=[list(room.anchors[i]) for i in heard],
+        imu={"file": ".", "topic": "/imu/data", "axes": "flu"},
+    )
     if "/truth/pose" in topics:
         found["truth"] = {
             "file": ".",

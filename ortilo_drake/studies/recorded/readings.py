@@ -196,10 +196,12 @@ class Trial(NamedTuple):
         )
 
     def is_better(self, fit: PlainFit, reading: Reading, by: float = BETTER) -> bool:
-        """Return whether a fit leaves clearly less, in metres and beside the ranges."""
-        before = self.fit.left / np.median(np.abs(self.now.ranges.r))
-        after = fit.left / np.median(np.abs(reading.ranges.r))
-        return bool(fit.left <= NEAR * self.noise and after < SMALL and by * after <= before)
+        """Return whether a fit leaves clearly less, in metres, and beside ranges that it may have made small."""
+        size, read = (float(np.median(np.abs(one.ranges.r))) for one in (self.now, reading))
+        before, after = self.fit.left / size, fit.left / read
+        # a sign or an order of the anchors makes nothing small
+        kept = reading.truth is self.now.truth and read == size and _size(reading.anchors) == _size(self.now.anchors)
+        return bool(fit.left <= NEAR * self.noise and (kept or after < SMALL) and by * after <= before)
 
 
 def better_reading(trial: Trial, map_: Map) -> Guess | None:
