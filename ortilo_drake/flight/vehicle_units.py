@@ -58,7 +58,7 @@ THRUST = Sign(thrust_ratio, 0.0, 2.3, 15.0, "the rotors lift {:.3g} times the we
 SIGNS = (
     Sign(lambda v: v.rotor_drag / v.rotor_lift, 1e-3, 0.025, 0.1, "the yaw torque over the thrust is {:.2g} m"),
     THRUST,
-    Sign(gyration, 0.2, 0.59, 3.0, "the radius of gyration sqrt(I/m) is {:.2g} arms"),
+    Sign(gyration, 0.2, 0.59, 3.0, "the radius of gyration sqrt(I/m) is {:.3g} arms"),
     Sign(lambda v: v.longest_arm / max(v.radius, 1e-9), 0.15, 0.63, 1.0, "the arm is {:.2g} of the radius"),
     Sign(arm_for_mass, LEAST_ARM, 0.19, 0.8, "the arm over the cube root of the mass is {:.2g}"),
     Sign(spread, 0.0, 0.57, 1.0, "sqrt(I_z/m) is {:.3g} times the radius"),
@@ -110,8 +110,9 @@ def vehicle_units(vehicle: Vehicle) -> list[str]:
         changed = _changed(now, change.factors)
         left = _odd(changed)
         if len(left) >= len(odd):
-            left_out = ", ".join(key for key in UNITS if getattr(vehicle, key) == getattr(M100, key)) or "none"
-            return [*lines, f"vehicle: {_said(odd, now)}; is each in SI units? The M100's are: {left_out}"]
+            left_out = ", ".join(key for key in UNITS if getattr(vehicle, key) == getattr(M100, key))
+            taken = f" The M100's are: {left_out}" if left_out else ""
+            return [*lines, f"vehicle: {_said(odd, now)}; is each in SI units, arm and radius from the centre?{taken}"]
         mended = [sign for sign in odd if sign not in left]
         lines.append(f"vehicle.{_value(vehicle, change)}: {_said(mended, now)}{_asked(vehicle, change)}")
         now, odd = changed, left
@@ -155,6 +156,8 @@ def _asked(vehicle: Vehicle, change: Change) -> str:
     of_arms = change.key == "arm_length" and vehicle.arms is not None
     if not of_arms and getattr(vehicle, change.key) == getattr(M100, change.key):
         return "; it is the M100's, is it yours?"
+    if change.key == "inertia" and change.factors["inertia"] <= 1e-3:
+        return "; is it in g m², kg cm² or g cm²?"
     return f"; is it in {change.unit}?" if change.unit else ""
 
 

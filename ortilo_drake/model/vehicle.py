@@ -91,10 +91,12 @@ class Vehicle(Frozen):
             )
         if self.hover_rotor_speeds.max() >= self.rotor_max_speed:
             in_grams = self.longest_arm < LEAST_ARM * self.mass ** (1.0 / 3.0)
+            too_fast = self.hover_rotor_speeds.max() / self.rotor_max_speed
+            per_rpm = 3.0 < too_fast < 30.0 / np.pi  # a lift per rpm² is (30 / pi)² times too small
             raise ValueError(
                 f"mass: {self.mass} kg is more than the rotors lift, {self.largest_thrust / GRAVITY:.3g} kg at "
                 f"rotor_max_speed {self.rotor_max_speed}, hover needs {self.hover_rotor_speeds.max():.1f} rad/s"
-                + ("; is the mass in g?" if in_grams else "")
+                + ("; is the mass in g?" if in_grams else "; is rotor_lift in N/rpm²?" if per_rpm else "")
             )
         return self
 

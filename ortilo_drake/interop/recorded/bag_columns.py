@@ -111,7 +111,8 @@ def read_bag(
             continue
         rows.add(k, stamp, numbers, None if names is None else anchor, received)
     if len(rows) < max(2, k / 2):
-        raise InputError(f"{path}: {topic}: {len(rows)} of {k} messages can be read")
+        why = f"{len(rows)} of {k} messages can be read" if k else "no messages: another topic, or none in the map?"
+        raise InputError(f"{path}: {topic}: {why}")
     return rows.table()
 
 

@@ -97,8 +97,8 @@ def _by_counting(found: Rare) -> list[str]:
     """Return the text for a study in which no climb, or only a discarded one, reached the event."""
     if found.repetitions:
         came = sum(one.probability > 0.0 for one in found.repetitions) or "none"
-        of = f"{came} of {len(found.repetitions)} repetitions of subset simulation"
-        why = f"No interval can be given: {of} came to such a flight."
+        of = f"{came} of {len(found.repetitions)} repetitions"
+        why = f"Subset simulation gives no interval: {of} came to such a flight."
     elif len(found.plan.levels) < most_levels(found.least):
         why = "Subset simulation found no flight that goes farther than its last level, and stopped."
     else:

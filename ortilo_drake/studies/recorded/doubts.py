@@ -138,16 +138,16 @@ def of_imu(rows: Mapping[str, Scores], name: str, bare: str) -> list[str]:
     if name not in rows:
         return []
     said, s = "axes, signs, units or clock of the imu", rows[name]
-    without = None if bare not in rows else rows[bare].rmse
+    without, helps = None if bare not in rows else rows[bare].rmse, False
     if s.rmse is not None and without is not None:
         error, other = float(np.linalg.norm(s.rmse)), float(np.linalg.norm(without))
         if error > WORSE * other:
             return [f"{name}: {error:.2f} m RMS, without it {other:.2f} m: {said}?"]
+        helps = error < other
     if s.nis > NIS:
-        return [
-            f"{name}: its innovations are larger than it expects, NIS is {s.nis:.1f}, not 1: {said}? Or the "
-            "noise, which `ortilo tune FOLDER --map MAP.yaml --out TUNED.yaml` fits"
-        ]
+        noise = "the noise, which `ortilo tune FOLDER --map MAP.yaml --out TUNED.yaml` fits"
+        why = f"{noise}; or {said}?" if helps else f"{said}? Or {noise}"
+        return [f"{name}: its innovations are larger than it expects, NIS is {s.nis:.1f}, not 1: {why}"]
     return []
 
 

@@ -228,6 +228,10 @@ def _with_lever(known: FilterSetup, recording: Recording, map_: Map, notes: list
     except InputError:  # the row that needs it says why
         found = None
     if found is None:
+        if imu is not None:
+            notes.append(
+                f"{RAW}: the ranges' innovations tell no lever to the antenna (a body that hardly turns?): it is 0"
+            )
         return known
     arm, sd = (", ".join(f"{v:.3f}" for v in vector) for vector in found)
     notes.append(f"{RAW}: the ranges' innovations in the first {TRIAL:g} s put the antenna at ({arm}) m, sd ({sd})")

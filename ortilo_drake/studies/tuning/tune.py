@@ -90,7 +90,7 @@ def find_flights(places: Sequence[Path]) -> list[Path]:
         if place.is_dir():
             found = sorted(place.glob("*.nc"))
             if not found:
-                raise InputError(f"{place}: no flights (*.nc) in this folder")
+                raise InputError(f"{place}: no flights (*.nc) in this folder; a log or a recording needs --map")
             files += found
         else:
             files.append(place)

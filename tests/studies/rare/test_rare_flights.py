@@ -191,7 +191,7 @@ def test_the_first_line_has_the_interval_and_says_where_there_is_none() -> None:
     assert first == "# nominal_imu_uwb: about one flight in 4,900 loses its vehicle (95 %: one in 2,600 to 9,100)"
     often = rare_text(SCENARIO, replace(found, probability=0.7, low=0.63, high=0.78)).splitlines()[0]
     assert often == "# nominal_imu_uwb loses its vehicle in about 70% of flights (95 %: 63% to 78%)"
-    assert "No interval can be given: none of 2 repetitions" in rare_text(SCENARIO, made(NEVER))
+    assert "Subset simulation gives no interval: none of 2 repetitions" in rare_text(SCENARIO, made(NEVER))
 
 
 def test_repetitions_that_go_different_ways_are_told() -> None:
