@@ -59,7 +59,8 @@ def _replay_recorded(paths: list[Path], map_file: Path, out_folder: Path, json_f
     from ortilo_drake.interop.recorded.map_file import load_map
     from ortilo_drake.interop.recorded.recording import read_recording
     from ortilo_drake.model.optional import check_installed
-    from ortilo_drake.studies.recorded.recorded_report import motion_figure, report_text, write_trajectories
+    from ortilo_drake.studies.recorded.recorded_figure import motion_figure
+    from ortilo_drake.studies.recorded.recorded_report import report_text, write_trajectories
     from ortilo_drake.studies.recorded.replayed import replay as replay_recording
 
     map_ = load_map(map_file)

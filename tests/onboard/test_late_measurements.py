@@ -1,6 +1,7 @@
 """Replay against the filter that got everything in order, against the joint Gaussian, and over many flights."""
 
 import sys
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B
 from ortilo_drake.model.measurement import make_measurement
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.onboard.estimator.filter_loops import filter_step
+from ortilo_drake.onboard.estimator.filter_loops import filter_step, to_work_in
 from ortilo_drake.onboard.estimator.intermittent_filter import (
     INTEGRATOR_ESTIMATE,
     INTEGRATOR_HOLD,
@@ -27,7 +28,7 @@ from ortilo_drake.onboard.estimator.late_measurements import (
     Slot,
     empty_history,
     put_in,
-    replay_step,
+    replay_in_place,
     row_of_past,
     slot_of,
     with_acted,
@@ -47,6 +48,14 @@ Measured = tuple[np.ndarray, np.ndarray, np.ndarray]
 TICKS = 24
 LOST = 99
 SHORT = ("planner={kind: waypoints, points: [[0, 0, 1.5], [2.2, 0.9, 1.5]]}", "uwb.link.blackouts=[]")
+
+
+def replay_step(history: np.ndarray, slot: Slot, belief: np.ndarray, k: int, *others: Any) -> np.ndarray:
+    """Return the belief of tick k + 1; arguments as replay_in_place."""
+    after, layout = belief.copy(), others[-1]
+    replay_in_place(*to_work_in(len(P_0), layout.first[-1]), history, slot, after, k, *others)
+    return after
+
 
 Given = dict[tuple[int, int], int]  # (tick, sensor) of a measurement -> tick of its arrival
 

@@ -213,29 +213,6 @@ def replay_in_place(
 
 
 @njit(cache=True)
-def replay_step(
-    history: np.ndarray,
-    slot: Slot,
-    belief: np.ndarray,
-    k: int,
-    y: np.ndarray,
-    delta: np.ndarray,
-    V2: np.ndarray,
-    stamps: np.ndarray,
-    h: float,
-    u: np.ndarray,
-    r: np.ndarray,
-    model: FilterModel,
-    layout: Layout,
-) -> np.ndarray:
-    """Return [xhat_{k+1|k}, P_{k+1} row by row] (n + n^2); arguments as replay_in_place, whose work arrays it makes."""
-    after = belief.copy()
-    rows, S = to_work_in(model.Phi.shape[0] + N_I, layout.first[-1])
-    replay_in_place(rows, S, history, slot, after, k, y, delta, V2, stamps, h, u, r, model, layout)
-    return after
-
-
-@njit(cache=True)
 def row_of_past(history: np.ndarray, j: int) -> int:
     """Return the history's row of tick j, the oldest row if j is older, -1 if j is newer than all of it."""
     N = history.shape[0]

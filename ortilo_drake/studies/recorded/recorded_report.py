@@ -1,19 +1,15 @@
-"""What is written of recorded motions: the report, a figure of each, and its trajectories as TUM and CSV.
+"""What is written of recorded motions: the report, and trajectories as TUM and CSV.
 
-The report has all in short, a table of rows for each motion, what was calibrated and what was rejected. A figure shows
-the path, errors with three standard deviations, NIS and availability. Trajectories are in the anchors' frame and by the
-sensors' clock, stamps as the recording's files have them. TUM is what evo and others read: `timestamp tx ty tz qx qy qz
-qw`; without an attitude the quaternion is 0 0 0 1, and CSV leaves it out.
+The report has all in short, a table of rows for each motion, what was calibrated and what was rejected. Trajectories
+are in the anchors' frame and by the sensors' clock, stamps as the recording's files have them. TUM is what evo and
+others read: `timestamp tx ty tz qx qy qz qw`; without an attitude the quaternion is 0 0 0 1, and CSV leaves it out.
 """
 
 from collections.abc import Mapping, Sequence
 from io import StringIO
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
 from scipy.spatial.transform import Rotation
 
 from ortilo_drake.flight.files import write_text
@@ -21,9 +17,7 @@ from ortilo_drake.interop.recorded.recording import Recording
 from ortilo_drake.studies.recorded.calibrate import truth_path
 from ortilo_drake.studies.recorded.replayed import CV, CV_RAW, RAW, WITH_IMU, Drawn, Replayed
 from ortilo_drake.studies.recorded.scores import Scores
-from ortilo_drake.views.figures import STYLE
 from ortilo_drake.views.markdown import table
-from ortilo_drake.views.pictures import save_picture
 
 HEADER = [
     "",
@@ -47,9 +41,6 @@ LEGEND = (
 )
 CLAIMS = 12.0  # NEES of errors twice as large as claimed
 MOST_LOST = 6  # times that are listed
-BLUE, RED, GREY = "#0072B2", "#D55E00", "#999999"
-WIDEST, FARTHEST = 0.8, 0.99  # shares of the bands and errors, while available, that an axis shows whole
-BIN = 1.0  # NIS is a mean over this time [s]
 
 
 def _cell(value: float | None, form: str) -> str:
@@ -175,97 +166,6 @@ def report_text(motions: Sequence[Replayed], share: float) -> str:
 def main_row(drawn: Drawn) -> str:
     """Return the row to draw: the best filter that there is."""
     return next(name for name in (WITH_IMU, CV, RAW, CV_RAW) if name in drawn)
-
-
-def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Path:
-    """Draw a motion and return the file's path; it is available where its deviation is `below` that [m]."""
-    name = main_row(drawn)
-    estimate, truth = drawn[name]
-    anchors = np.array(found.anchors)
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(11, 8), layout="constrained")
-        grid = figure.add_gridspec(5, 2, width_ratios=[1, 1.5])
-        above, side = figure.add_subplot(grid[:3, 0]), figure.add_subplot(grid[3:, 0])
-        for axes, k in ((above, 1), (side, 2)):
-            axes.plot(estimate.p[:, 0], estimate.p[:, k], color=BLUE, lw=1, label=name)
-            if truth is not None:
-                axes.plot(truth[:, 0], truth[:, k], color="k", lw=0.8, label="truth")
-            axes.plot(anchors[:, 0], anchors[:, k], "^", color=RED, ms=5, label="anchors")
-            axes.set_xlabel("x [m]")
-            axes.set_ylabel(f"{'xyz'[k]} [m]")
-            axes.set_aspect("equal", adjustable="datalim")
-        above.legend(loc="upper center", fontsize=7, ncols=3)
-        t = estimate.t
-        deviations = np.sqrt(np.einsum("kii->ki", estimate.P))
-        usable = np.linalg.norm(deviations, axis=1) < below
-        for k in range(3):
-            axes = figure.add_subplot(grid[k, 1])
-            axes.fill_between(t, -3 * deviations[:, k], 3 * deviations[:, k], color=BLUE, alpha=0.15, lw=0)
-            error = None if truth is None else (estimate.p - truth)[:, k]
-            if error is not None:
-                axes.plot(t, error, color=BLUE, lw=0.8)
-            axes.set_ylabel(f"error {'xyz'[k]} [m]\nand 3 σ")
-            _cut(axes, usable, 3.0 * deviations[:, k], error)
-            _calibration(axes, found)
-        axes = figure.add_subplot(grid[3, 1])
-        taken = estimate.run.taken
-        bins = np.arange(estimate.range_stamps[0], estimate.range_stamps[-1] + BIN, BIN)
-        squares = estimate.run.innovation[taken] ** 2 / estimate.run.variance[taken]
-        sums, _ = np.histogram(estimate.range_stamps[taken], bins, weights=squares)
-        counts, _ = np.histogram(estimate.range_stamps[taken], bins)
-        means = np.divide(sums, counts, out=np.full(len(counts), np.nan), where=counts > 0)  # no line without ranges
-        axes.plot(bins[:-1] + BIN / 2, means, color=BLUE, lw=0.9)
-        axes.axhline(1.0, color=GREY, lw=0.8)
-        axes.set_ylabel("NIS")
-        _calibration(axes, found)
-        axes = figure.add_subplot(grid[4, 1])
-        for row, (other, _) in drawn.items():
-            if row.startswith(name):
-                total = np.sqrt(np.trace(other.P, axis1=1, axis2=2))
-                axes.plot(other.t, total, lw=0.9, label=f"{row} ({found.rows[row].available:.0%})")
-        axes.axhline(below, color=RED, lw=0.8, ls="--")
-        axes.set_yscale("log")
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
-        axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_formatter(NullFormatter())
-        axes.set_ylabel("σ [m], available\nbelow the line")
-        axes.set_xlabel("time since the first range [s]")
-        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower right", fontsize=7, ncols=2)
-        _calibration(axes, found)
-        figure.suptitle(f"{found.name}: {name} (grey: the part that calibrates)")
-        return save_picture(figure, path)
-
-
-def error_limit(usable: np.ndarray, band: np.ndarray, error: np.ndarray | None) -> float:
-    """Return where an axis of errors ends, so that they can be read although an outage's band is far wider.
-
-    Args:
-        usable: where the filter is available (m); if nowhere, all of them count.
-        band: three standard deviations (m) [m].
-        error: the errors, if they are known (m) [m].
-    """
-    counted = usable if usable.any() else np.ones(len(band), dtype=bool)
-    largest = float(np.quantile(band[counted], WIDEST))
-    if error is not None:
-        largest = max(largest, float(np.quantile(np.abs(error[counted]), FARTHEST)))
-    return 1.2 * largest
-
-
-def _cut(axes: mpl.axes.Axes, usable: np.ndarray, band: np.ndarray, error: np.ndarray | None) -> None:
-    limit = error_limit(usable, band, error)
-    reached = max(float(band.max()), 0.0 if error is None else float(np.abs(error).max()))
-    if reached <= limit:
-        return
-    axes.set_ylim(-limit, limit)
-    said = f"cut: 3 σ reaches ±{band.max():.2g} m" if error is None or band.max() > limit else "cut"
-    if error is not None and np.abs(error).max() > limit:
-        said += f", the error {np.abs(error).max():.2g} m"
-    axes.text(0.99, 0.96, said, transform=axes.transAxes, ha="right", va="top", fontsize=7, color=GREY)
-
-
-def _calibration(axes: mpl.axes.Axes, found: Replayed) -> None:
-    axes.axvspan(0.0, found.judged_from, color=GREY, alpha=0.15, lw=0)
-    axes.margins(x=0.01)
 
 
 def _true_attitude(found: Replayed, recording: Recording, t: np.ndarray, frame: str) -> np.ndarray | None:

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from ortilo_drake.studies.recorded.recorded_report import error_limit, overconfident
+from ortilo_drake.studies.recorded.recorded_figure import error_limit
+from ortilo_drake.studies.recorded.recorded_report import overconfident
 from ortilo_drake.studies.recorded.scores import Scores
 
 
