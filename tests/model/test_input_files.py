@@ -67,7 +67,7 @@ def test_a_file_that_does_not_tell_its_size_is_read_to_the_limit() -> None:
 
 @pytest.mark.parametrize(
     ("name", "why"),
-    [("nul\0byte", "null byte"), ("x" * 300, "File name too long"), ("x/" * 3000, "File name too long")],
+    [("nul\0byte", "embedded null"), ("x" * 300, "File name too long"), ("x/" * 3000, "File name too long")],
 )
 def test_a_name_that_no_file_can_have(tmp_path: Path, name: str, why: str) -> None:
     assert why in refusal(tmp_path / name)
