@@ -1,6 +1,7 @@
 """Output files: whole or not at all, through links, with their mode, straight into pipes; nothing left behind."""
 
 import os
+import re
 import socket
 import stat
 import subprocess
@@ -150,7 +151,7 @@ def test_what_is_printed_and_a_result_on_stdout_both_reach_the_file(tmp_path: Pa
         ("file/below", "Not a directory"),
         ("n" * 256, "File name too long"),
         ("p/" * 2100 + "x", "File name too long"),
-        ("nul\0", "embedded null byte"),
+        ("nul\0", "embedded null"),  # byte, or from Python 3.13 character
     ],
 )
 def test_what_is_never_written(tmp_path: Path, where: str, reason: str, write: Callable[[Path], None]) -> None:
@@ -163,7 +164,7 @@ def test_what_is_never_written(tmp_path: Path, where: str, reason: str, write: C
     with pytest.raises(InputError) as refused:
         write(tmp_path / where)
     assert str(refused.value).startswith(str(tmp_path / where)[:60])
-    assert str(refused.value).endswith(f": cannot be written: {reason}")
+    assert re.search(f": cannot be written: (stat: )?{reason}( byte| character in path)?$", str(refused.value))
     assert sorted(tmp_path.rglob("*")) == before
 
 

@@ -17,12 +17,14 @@ from typer.testing import CliRunner
 from ortilo_drake.commands.hil.app import hil_app
 from ortilo_drake.interop.mavlink import MOST_THRUST, attitude_target_fields
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.live import live_filter
+from ortilo_drake.studies.live import live_bridge, live_filter
 
 
 @pytest.fixture
 def recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     run_plainly(monkeypatch, live_filter, "run_filter", "initial_carried")
+    clock = live_bridge.SensorClock
+    monkeypatch.setattr(live_bridge, "SensorClock", lambda wall: clock(lambda: 0.0))  # however slow the machine is
     write_bag(tmp_path / "bag", made_up(4.0), "sqlite3")
     (tmp_path / "MAP.yaml").write_text(BAG_MAP[: BAG_MAP.index("truth:")].replace("BAG", "bag") + START)
     return ["bridge", "--from", str(tmp_path / "bag"), "--map", str(tmp_path / "MAP.yaml"), "--speed", "inf"]
