@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.options import MAP_OPTION, JsonOption
+from ortilo_drake.commands.options import DOUBTFUL, MAP_OPTION, JsonOption
 from ortilo_drake.commands.terminal import (
     check_writable,
     err,
@@ -20,8 +20,6 @@ from ortilo_drake.commands.terminal import (
 )
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.views.pictures import figure_file
-
-DOUBTFUL = 3  # exit code of a replay that has doubts
 
 
 def replay(

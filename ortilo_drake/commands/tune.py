@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from ortilo_drake.commands.options import JsonOption, WorkersOption, picture_option, yaml_option
+from ortilo_drake.commands.options import DOUBTFUL, JsonOption, WorkersOption, picture_option, yaml_option
 from ortilo_drake.commands.terminal import (
     check_writable,
     flights_to_go,
     out,
     progress_bar,
+    say_error,
     say_heading,
     say_if_compiling,
     say_written,
@@ -80,9 +81,11 @@ class FitBy(StrEnum):
 
 def _tune_recorded(paths: list[Path], map_file: Path, by: FitBy, out_file: Path | None, json_file: Path | None) -> None:
     from ortilo_drake.flight.files import write_text
-    from ortilo_drake.interop.recorded.map_file import load_map, map_text
+    from ortilo_drake.interop.recorded.map_edit import tuned_map_text
+    from ortilo_drake.interop.recorded.map_file import load_map
     from ortilo_drake.interop.recorded.recording import read_recording
     from ortilo_drake.studies.recorded.fit_noise import FITTED, MOST, fit_noise
+    from ortilo_drake.studies.recorded.fit_text import fitted_lines, verdict_line
 
     map_ = load_map(map_file)
     recordings = [read_recording(path, map_) for path in paths]
@@ -90,16 +93,20 @@ def _tune_recorded(paths: list[Path], map_file: Path, by: FitBy, out_file: Path 
     kind: Literal["innovations", "truth"] = "truth" if by is FitBy.truth else "innovations"
     with flights_to_go("likelihoods") as say:
         fitted = fit_noise(recordings, map_, kind, lambda n: say(n, MOST))
-    if out_file is not None:
-        write_text(out_file, map_text(map_.model_copy(update={"filter": fitted.settings})))
     before = {name: getattr(map_.filter, name) for name in FITTED}
     after = {name: getattr(fitted.settings, name) for name in FITTED}
-    write_json(json_file, fitted._asdict() | {"settings_before": map_.filter})
+    if out_file is not None:
+        write_text(out_file, tuned_map_text(map_file, map_, after, out_file))
+    write_json(json_file, fitted._asdict() | {"settings_before": map_.filter, "verdict": fitted.judged.verdict})
     say_heading(", ".join(fitted.motions), f", fitted by {by.value} to the first parts")
     for name in FITTED:
         out.print(f"  {name:32} {before[name]:.3g} -> {after[name]:.3g}", markup=False, soft_wrap=True)
-    out.print(f"  log-likelihood {fitted.before:.1f} -> {fitted.after:.1f}, computed {fitted.computed} times")
+    for line in fitted_lines(fitted):
+        out.print(f"  {line}", markup=False, soft_wrap=True)
     say_written(out_file, json_file)
+    if fitted.judged.verdict != "better":
+        say_error(verdict_line(fitted))
+        raise typer.Exit(DOUBTFUL)
 
 
 def _tune_by_flights(

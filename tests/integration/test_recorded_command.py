@@ -76,10 +76,12 @@ def test_replay_without_truth_or_imu(capsys: pytest.CaptureFixture[str], place: 
 def test_tune_writes_a_map_that_replays(capsys: pytest.CaptureFixture[str], place: Path, tmp_path: Path) -> None:
     tuned = tmp_path / "tuned.yaml"
     words = ("--map", str(place / "MAP.yaml"), "--out", str(tuned), "--json", str(tmp_path / "t.json"))
-    assert run("tune", str(place / "walk"), *words) == 0
+    code = run("tune", str(place / "walk"), *words)
     said = capsys.readouterr().out
     assert "walk, fitted by innovations to the first parts" in said
     fitted = json.loads((tmp_path / "t.json").read_text(encoding="utf-8"))
+    assert code == (0 if fitted["verdict"] == "better" else 3)
+    assert "s that were not fitted, before -> after" in said
     assert fitted["after"] > fitted["before"]
     assert load_map(tuned).filter.range_white == fitted["settings"]["range_white"]
     assert load_map(tuned).ranges == load_map(place / "MAP.yaml").ranges

@@ -4,41 +4,47 @@ By innovations alone: the maximum of their likelihood, Σ -1/2 (log S + min(e²/
 if it lay on the gate. With truth: the maximum of the errors' likelihood, Σ -1/2 (log |P| + e' P^-1 e), at the truth's
 stamps.
 The logarithms of the numbers are searched by Nelder and Mead's simplex, begun anew where it stopped until that gains
-nothing.
+nothing. Whether the noise found is better, the rest of the motions judges (held_out.py).
 """
 
 from collections.abc import Callable, Sequence
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
+from scipy.stats import chi2
 
 from ortilo_drake.interop.recorded.map_file import FilterSettings, Map
 from ortilo_drake.interop.recorded.recording import Recording, between
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.recorded.calibrate import calibrate
-from ortilo_drake.studies.recorded.filtered import Begin, FilterSetup, estimate, innovation_score, noise_of
+from ortilo_drake.studies.recorded.filtered import Begin, estimate, innovation_score, noise_of
+from ortilo_drake.studies.recorded.held_out import By, HeldOut, judge, main_setup
 from ortilo_drake.studies.recorded.scores import nees_of
-from ortilo_drake.studies.recorded.setups import calibrated_setup, given_level
+from ortilo_drake.studies.recorded.setups import judged_part
 from ortilo_drake.studies.recorded.truth_path import truth_path
 
 FITTED = ("acceleration", "range_white", "range_correlated", "correlation_time")
-LIMITS = {  # beyond these a number is no such noise; it also keeps the search from degenerate corners
-    "acceleration": (0.01, 10.0),
-    "range_white": (0.005, 1.0),
-    "range_correlated": (0.002, 1.0),
+LIMITS = {  # beyond these a number is no such noise, unless the map has it; degenerate corners are kept out
+    "acceleration": (5e-4, 10.0),
+    "range_white": (5e-4, 1.0),
+    "range_correlated": (5e-4, 1.0),
     "correlation_time": (0.1, 30.0),
 }
 STEP = 0.4  # of the simplex that each search begins with, in the numbers' logarithms
 MOST = 800  # likelihoods; a fit takes some 100 to 500
 GAINED = 1.0  # a search that raises the log-likelihood by less is the last
+AT_EDGE = 0.05  # a number whose logarithm is so near the end of its search is at its edge
 SETTLED = 3.0  # the first seconds are left out: they judge the start, not the noise [s]
-MOST = 800  # likelihoods computed
-By = Literal["innovations", "truth"]
+SILENT, HALF = 1.0, 0.25  # a gap between two ranges [s]; more than so large a share of the fitted time is told
 
 
 class Fitted(NamedTuple):
-    """The settings found, the log-likelihood before and after, its number of evaluations, and the criterion."""
+    """The settings found, the log-likelihood before and after, its number of evaluations, and the criterion.
+
+    at_limit: of each number that ended at the edge of its search the least and the largest value tried; ranges: how
+    many were fitted; fitted_time, silent: of the fitted parts, and how much of it has no ranges [s]; judged: how the
+    noise does on the rest.
+    """
 
     settings: FilterSettings
     before: float
@@ -46,6 +52,53 @@ class Fitted(NamedTuple):
     computed: int
     by: str
     motions: tuple[str, ...]
+    at_limit: dict[str, tuple[float, float]]
+    ranges: int
+    fitted_time: float
+    silent: float
+    judged: HeldOut
+
+    @property
+    def chance(self) -> float | None:
+        """Return the gain that noise that was right before exceeds in one fit of twenty (Wilks: half a chi-squared).
+
+        None if it was fitted by truth: the errors at the truth's stamps last, so that their gain by chance is larger.
+        """
+        return float(0.5 * chi2.ppf(0.95, len(FITTED))) if self.by == "innovations" else None
+
+    @property
+    def notes(self) -> list[str]:
+        """Return what makes the fit doubtful, in sentences."""
+        notes = [
+            f"{name}: {getattr(self.settings, name):.3g} is at the edge of its search, {least:g} to {largest:g}: the "
+            "recording tells only that it is no "
+            + ("larger" if getattr(self.settings, name) < 1.5 * least else "smaller")
+            for name, (least, largest) in self.at_limit.items()
+        ]
+        if self.silent > HALF * self.fitted_time:
+            notes.append(
+                f"no ranges in {self.silent:.1f} of the {self.fitted_time:.1f} s fitted: little to fit; a larger "
+                "calibration.share fits more"
+            )
+        gain = self.after - self.before
+        if self.chance is not None and gain <= self.chance:
+            notes.append(f"a gain of {gain:.1f} is no more than chance: {self.chance:.1f} where the noise was right")
+        return notes
+
+
+def _limits(settings: FilterSettings) -> tuple[np.ndarray, np.ndarray]:
+    """Return the least and the largest values tried (4 each): LIMITS, or the map's number if that lies beyond."""
+    x = np.array([getattr(settings, name) for name in FITTED])
+    least, largest = np.array([LIMITS[name] for name in FITTED]).T
+    return np.minimum(least, x), np.maximum(largest, x)
+
+
+def _heard(recording: Recording, map_: Map) -> tuple[int, float, float]:
+    """Return how many ranges a motion's fitted part has, how long it is and how much of it has none [s]."""
+    end = judged_part(recording, main_setup(recording, map_)[1], map_)[1]
+    t = recording.ranges.t[recording.ranges.t <= end]
+    gaps = np.diff(np.append(t, end))
+    return len(t), float(end - t[0]), float(gaps[gaps > SILENT].sum())
 
 
 def _likelihood_of(recording: Recording, map_: Map, by: By) -> Callable[[FilterSettings, bool], float]:
@@ -53,15 +106,12 @@ def _likelihood_of(recording: Recording, map_: Map, by: By) -> Callable[[FilterS
 
     Its second argument says whether to search anew where the filter begins, which takes nine tenths of the time.
     """
-    truth, imu, anchors, level = recording.truth, recording.imu, np.asarray(recording.anchors), given_level(map_)
-    known = FilterSetup(anchors, None, np.zeros(3), None, level, tags=recording.tags)
-    calibration, end, queries = None, map_.calibration.share * recording.ranges.t[-1], np.zeros(0)
-    if truth is not None:
-        calibration = calibrate(recording, map_.calibration, lever=imu is not None, level=level)
-        known, end = calibrated_setup(calibration, recording, map_), calibration.end - calibration.offset
-        if by == "truth":
-            queries = truth.t - calibration.offset
-            queries = queries[(queries >= SETTLED) & (queries <= end)]
+    truth, imu = recording.truth, recording.imu
+    known, calibration = main_setup(recording, map_)
+    end, queries = judged_part(recording, calibration, map_)[1], np.zeros(0)
+    if truth is not None and calibration is not None and by == "truth":
+        queries = truth.t - calibration.offset
+        queries = queries[(queries >= SETTLED) & (queries <= end)]
     ranges = recording.ranges.only(recording.ranges.t <= end)
     imu = None if imu is None else between(imu, -np.inf, ranges.t[-1])
 
@@ -115,8 +165,8 @@ def fit_noise(
         return -sum(likelihood(settings_at(x), anew) for likelihood in likelihoods)
 
     before = sum(likelihood(map_.filter, True) for likelihood in likelihoods)
-    least, largest = np.array([LIMITS[name] for name in FITTED]).T
-    x = np.log(np.clip([getattr(map_.filter, name) for name in FITTED], least, largest))
+    least, largest = _limits(map_.filter)
+    x = np.log([getattr(map_.filter, name) for name in FITTED])
     best = cost(x)
     while computed < most:  # the gate makes the cost jump, on which one simplex may get stuck
         simplex = np.vstack([x, x + STEP * np.eye(len(x))])
@@ -129,5 +179,18 @@ def fit_noise(
             break
     rounded = {name: float(f"{v:.3g}") for name, v in zip(FITTED, np.exp(x), strict=True)}
     settings = map_.filter.model_copy(update=rounded)
-    names = tuple(recording.name for recording in recordings)
-    return Fitted(settings, before, -best, computed, by, names)
+    edges = zip(FITTED, x - np.log(least), np.log(largest) - x, least.tolist(), largest.tolist(), strict=True)
+    heard = [_heard(recording, map_) for recording in recordings]
+    return Fitted(
+        settings=settings,
+        before=before,
+        after=-best,
+        computed=computed,
+        by=by,
+        motions=tuple(recording.name for recording in recordings),
+        at_limit={name: (low, high) for name, below, above, low, high in edges if min(below, above) < AT_EDGE},
+        ranges=sum(one[0] for one in heard),
+        fitted_time=sum(one[1] for one in heard),
+        silent=sum(one[2] for one in heard),
+        judged=judge(recordings, map_, settings),
+    )

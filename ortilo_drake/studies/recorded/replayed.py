@@ -158,7 +158,7 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
     if calibrates:
         row(CV_RAW, raw, own, None)
     if calibration is None:
-        known = raw = _with_lever(uncalibrated_setup(recording, map_, rest), recording, map_, notes)
+        known = raw = with_lever(uncalibrated_setup(recording, map_, rest), recording, map_, notes)
         main = RAW if imu is not None else CV_RAW
     else:
         known = with_aids(calibrated_setup(calibration, recording, map_), recording, map_, False)
@@ -172,7 +172,7 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
             row(f"{name}, smoothed", aided, calibration, imu, smoothed=True)
     if imu is not None and calibrates:
         if calibration is not None:
-            raw = _with_lever(raw, recording, map_, notes)
+            raw = with_lever(raw, recording, map_, notes)
         row(RAW, raw, calibration, imu)
     by = own if imu is None else calibration
     if imu is None and own is not None:
@@ -218,7 +218,7 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
     return result, drawn
 
 
-def _with_lever(known: FilterSetup, recording: Recording, map_: Map, notes: list[str]) -> FilterSetup:
+def with_lever(known: FilterSetup, recording: Recording, map_: Map, notes: list[str]) -> FilterSetup:
     """Return the settings with the map's lever, else with the one that the innovations tell, and note it."""
     given, imu = map_.calibration.lever, recording.imu
     if given != "estimate":

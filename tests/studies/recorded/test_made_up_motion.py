@@ -171,14 +171,16 @@ def test_the_fit_finds_the_noise_of_the_ranges(recording, by) -> None:
     fitted = fit_noise([recording], map_, by, lambda _: None, most=120)
     assert fitted.after > fitted.before
     assert fitted.settings.range_white == pytest.approx(0.03, rel=0.25 if by == "innovations" else 1.0)
+    assert fitted.judged.gains["innovations"].sign == 1
 
 
 @pytest.mark.long
-def test_a_fit_begins_within_its_limits_though_the_map_lies_beyond_them(recording) -> None:
-    map_ = as_map(TABLE_MAP + "filter: {range_white: 0.1, acceleration: 0.001, range_correlated: 0.001}\n")
+def test_a_fit_begins_at_the_maps_numbers_though_they_lie_beyond_its_limits(recording) -> None:
+    map_ = as_map(TABLE_MAP + "filter: {range_white: 0.1, acceleration: 0.0001, range_correlated: 0.001}\n")
     fitted = fit_noise([recording], map_, "innovations", lambda _: None, most=120)
     assert fitted.after > fitted.before > -1e9
     assert fitted.settings.range_white == pytest.approx(0.03, rel=0.25)
+    assert fitted.judged.gains["innovations"].sign == 1
 
 
 def test_too_few_ranges_give_one_clear_line(recording) -> None:

@@ -1,0 +1,88 @@
+"""Tuned noise judged where it was not fitted: intervals beside SciPy's, verdicts on noise that is known."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from made_up_motion import TABLE_MAP, made_up, write_tables
+from scipy.stats import ttest_1samp
+
+from ortilo_drake.interop.log.logged_map import LEAST
+from ortilo_drake.interop.recorded.map_file import FilterSettings, Map
+from ortilo_drake.interop.recorded.recording import read_recording
+from ortilo_drake.model.typed_yaml import parse_yaml, validate
+from ortilo_drake.studies.recorded.fit_noise import LIMITS, Fitted
+from ortilo_drake.studies.recorded.fit_text import fitted_lines, verdict_line
+from ortilo_drake.studies.recorded.held_out import Gain, HeldOut, gain_of, judge
+
+
+def as_map(text: str) -> Map:
+    return validate(Map, parse_yaml(text, "MAP.yaml"), "MAP.yaml")
+
+
+def test_a_gains_interval_is_students() -> None:
+    rng = np.random.default_rng(1)
+    before, after = rng.normal(size=(2, 20)) + [[0.0], [0.5]]
+    gain = gain_of([before[:8], before[8:]], [after[:8], after[8:]])
+    interval = ttest_1samp(after - before, 0.0).confidence_interval(0.95)
+    middle = gain.after - gain.before
+    np.testing.assert_allclose([middle - gain.half, middle + gain.half], 20.0 * np.array(interval), rtol=1e-12)
+    assert gain.sign == int(interval.low > 0.0) - int(interval.high < 0.0)
+
+
+@pytest.mark.parametrize(
+    ("gains", "verdict", "said"),
+    [
+        ([(0.0, 5.0, 6.0), (0.0, -1.0, 2.0)], "the same", "no better there, the same within its uncertainty: keep"),
+        ([(0.0, 5.0, 3.0), (0.0, -1.0, 2.0)], "better", "is better there (likelihood of the ranges): use it"),
+        ([(0.0, 2.0, 3.0), (0.0, -3.0, 2.0)], "worse", "is worse there (position error): keep the map that you had"),
+        ([(0.0, 5.0, 3.0), (0.0, -3.0, 2.0)], "mixed", "worse there in one respect (position error), better in anoth"),
+    ],
+)
+def test_a_gain_within_its_interval_is_none(gains, verdict, said) -> None:
+    held = dict(zip(("innovations", "accuracy"), (Gain(*gain) for gain in gains), strict=True))
+    judged = HeldOut(10.0, held, (1.0, 1.0), None, None)
+    assert judged.verdict == verdict
+    assert said in verdict_line(SimpleNamespace(judged=judged))
+
+
+def test_what_makes_a_fit_doubtful_is_said() -> None:
+    """The 95 % point of chi-squared with 4 degrees of freedom is 9.488 in every table."""
+    judged = HeldOut(52.0, {"innovations": Gain(11100.0, 11140.0, 94.0)}, (0.84, 0.96), None, None)
+    limits = {"acceleration": (5e-4, 10.0), "range_white": (5e-4, 1.0)}
+    settings = FilterSettings(acceleration=5e-4, range_white=1.0)
+    fitted = Fitted(settings, 2052.4, 2057.1, 339, "innovations", ("log",), limits, 1320, 22.3, 11.4, judged)
+    said = fitted_lines(fitted)
+    assert "4 numbers gain 4.7 by chance" in said[0]
+    assert "acceleration: 0.0005 is at the edge of its search, 0.0005 to 10" in said[1]
+    assert "only that it is no larger" in said[1]
+    assert "only that it is no smaller" in said[2]
+    assert "no ranges in 11.4 of the 22.3 s fitted" in said[3]
+    assert "a gain of 4.7 is no more than chance" in said[4]
+    assert any("11100.0 -> 11140.0: +40.0 ± 94.0" in line for line in said)
+    assert said[-1] == verdict_line(fitted)
+
+
+def test_the_search_includes_all_noise_that_a_logs_map_may_have() -> None:
+    assert all(LIMITS[name][0] < LEAST[name] for name in LIMITS.keys() & LEAST.keys())
+
+
+@pytest.mark.long
+def test_the_ranges_own_noise_is_better_than_another_and_itself_is_the_same(tmp_path) -> None:
+    """Made-up ranges err by 3 cm, and rates and force by what `others` says: noise of 9 cm must lose."""
+    recording = read_recording(write_tables(tmp_path / "walk", made_up(duration=40.0)), as_map(TABLE_MAP))
+    others = "acceleration: 0.002, rotation: 0.0001, acceleration_bias: 0.0005, rotation_bias: 0.00005"
+    right, wrong = (
+        as_map(TABLE_MAP + f"filter: {{{others}, range_white: {white}, range_correlated: 0.002}}\n")
+        for white in (0.03, 0.09)
+    )
+    assert judge([recording], wrong, right.filter).verdict == "better"
+    assert judge([recording], right, wrong.filter).verdict == "worse"
+    held = judge([recording], right, right.filter)
+    assert held.verdict == "the same"
+    assert held.gains["innovations"].half == 0.0
+    assert held.nis[0] == pytest.approx(1.0, abs=0.1)
+    assert held.duration == pytest.approx(28.0, abs=1.0)
+    without = judge([recording._replace(truth=None)], wrong, right.filter)
+    assert without.nees is None
+    assert without.gains["innovations"].sign == 1
