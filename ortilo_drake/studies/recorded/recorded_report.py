@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.interop.recorded.recording import Recording
 from ortilo_drake.studies.recorded.calibrate import truth_path
+from ortilo_drake.studies.recorded.doubts import of_noise
 from ortilo_drake.studies.recorded.replayed import CV, CV_RAW, RAW, WITH_IMU, Drawn, Replayed
 from ortilo_drake.studies.recorded.scores import Scores
 from ortilo_drake.views.markdown import table
@@ -41,6 +42,7 @@ LEGEND = (
 )
 CLAIMS = 12.0  # NEES of errors twice as large as claimed
 MOST_LOST = 6  # times that are listed
+LONG = 1.0  # a time without ranges that is told [s]
 
 
 def _cell(value: float | None, form: str) -> str:
@@ -83,8 +85,10 @@ def _calibrated(found: Replayed) -> list[str]:
 def lost_line(s: Scores) -> str:
     """Return a line on a filter's losses (number, duration, times), and on its errors at other times."""
     times = [
-        f"lost from {since:.1f} s, " + ("not found again" if found is None else f"found again at {found:.1f} s")
-        for since, found in s.lost
+        f"lost from {since:.1f} s, "
+        + ("not found again" if found is None else f"found again at {found:.1f} s")
+        + _unheard(silent, None if found is None else found - since)
+        for (since, found), silent in zip(s.lost, s.silent, strict=True)
     ]
     more = f" and {len(times) - MOST_LOST} times more" if len(times) > MOST_LOST else ""
     line = "; ".join(times[:MOST_LOST]) + more
@@ -96,20 +100,52 @@ def lost_line(s: Scores) -> str:
     return line
 
 
+def _unheard(silent: float, lasted: float | None) -> str:
+    """Return what a loss that lasted so long owes to the time without any range in it [s]."""
+    if silent < LONG:
+        return ""
+    all_of_it = lasted is not None and silent > 0.95 * lasted
+    return " (the recording has no ranges in between)" if all_of_it else f" (no ranges for {silent:.1f} s of it)"
+
+
+def _largest(error: float, t: float, silent: float) -> str:
+    """Return the largest error [m], when it was and how long after the last range [s], in words."""
+    return f"largest error {error:.2f} m at {t:.1f} s" + f", {silent:.1f} s after the last range" * (silent > LONG)
+
+
+def _with_losses(ate: float, before: float) -> str:
+    """Return how much more error losses make than there was before [m], in words."""
+    more = ate / before - 1.0
+    if more >= 0.0:
+        return f"{more:.0%} more error"
+    return f"{-more:.0%} less error, by chance: these are one draw of losses, and fewer ranges tell no more"
+
+
 def _axes(found: Replayed, name: str) -> str:
     rmse = found.rows[name].rmse
     assert rmse is not None
     return ", ".join(f"{axis:.3f}" for axis in rmse)
 
 
-def overconfident(rows: Mapping[str, Scores], main: str) -> list[str]:
-    """Return a line for each of filter and smoother that claims far too small an error; `main` is the filter's row."""
+def overconfident(rows: Mapping[str, Scores]) -> list[str]:
+    """Return a line for each row that claims far too small an error."""
     return [
         f"{name}: NEES is {s.nees:.0f}, not 3: its errors are {np.sqrt(s.nees / 3.0):.1f} times what it claims, which "
-        "lacks the calibration's errors (clock, frame, lever, biases): give what is known of them under `calibration`"
+        + _lacking(name)
         for name, s in rows.items()
-        if name in (main, f"{main}, smoothed") and s.nees is not None and s.nees > CLAIMS
+        if s.nees is not None and s.nees > CLAIMS
     ]
+
+
+def _lacking(name: str) -> str:
+    """Return what the standard deviations of a row lack."""
+    if "not calibrated" in name:
+        return "lacks what nobody calibrated (lever, biases): `filter` has too small a noise for that"
+    if name.startswith(CV):
+        return "lacks how the vehicle moves: `filter` has it as baseline_acceleration and baseline_range"
+    return (
+        "lacks the calibration's errors (clock, frame, lever, biases): give what is known of them under `calibration`"
+    )
 
 
 def replay_summary(motions: Sequence[Replayed], share: float) -> list[str]:
@@ -135,15 +171,17 @@ def replay_summary(motions: Sequence[Replayed], share: float) -> list[str]:
         if main != CV:
             line += f"; {_axes(found, CV)} m by the constant-velocity filter"
         lines.append(line + ".")
+        if (largest := rows[main].largest) is not None:
+            lines.append(f"{found.name}: {_largest(*largest)} ({main}).")
         for name, scores in rows.items():
             if name.startswith(f"{main}, ") and scores.gap_end is not None:
                 lines.append(f"{found.name}: {scores.gap_end:.2f} m RMS at the ends of {scores.gaps} gaps ({name}).")
             elif name.startswith(f"{main}, ") and name.endswith("lost") and scores.ate is not None:
-                more = scores.ate / (rows[main].ate or 1.0) - 1.0
-                lines.append(f"{found.name}: {more:+.0%} error ({name}).")
+                lines.append(f"{found.name}: {_with_losses(scores.ate, rows[main].ate or 1.0)} ({name}).")
         if RAW in rows:
             lines.append(f"{found.name}: {_axes(found, RAW)} m without any calibration.")
-        lines += [f"{found.name}: {line}." for line in overconfident(rows, main)]
+        lines += [f"{found.name}: {line}." for line in overconfident(rows)]
+        lines += [f"{found.name}: {line}." for line in of_noise(rows, WITH_IMU, CV)]
     rejected = sum(sum(found.rejected.values()) for found in motions)
     lines.append(f"{rejected} rows, messages or single ranges could not be used; each motion below says which.")
     return ["## In short", "", *("  - " + line[2:] if line.startswith("  ") else f"- {line}" for line in lines), ""]

@@ -19,7 +19,8 @@ class Scores:
     rpe: RMSE of the relative position error over 1 s [m]; nees: mean of e' P^-1 e (3 if consistent); nis: mean over the
     ranges taken (about 1); rejected: share of the ranges that the gate left out; available: share of the judged stamps
     at which the filter's own deviation is below the map's limit; gap_end: RMS of the position error at the gaps' ends
-    [m]; lost: when the filter was lost; rmse_found: by axis, at other times [m].
+    [m]; lost: when the filter was lost; silent: the longest time without a range in each [s]; rmse_found: by axis, at
+    other times [m]; largest: the largest position error [m], when it was, and how long after the last range [s].
     """
 
     rmse: tuple[float, float, float] | None
@@ -34,7 +35,9 @@ class Scores:
     gap_end_largest: float | None = None
     gaps: int = 0
     lost: tuple[Lost, ...] = ()
+    silent: tuple[float, ...] = ()
     rmse_found: tuple[float, float, float] | None = None
+    largest: tuple[float, float, float] | None = None
 
 
 def by_evo(t: np.ndarray, p: np.ndarray, truth: np.ndarray) -> tuple[float, float | None, float]:
@@ -89,21 +92,33 @@ def score(found: Estimate, judged: np.ndarray, truth: np.ndarray | None, availab
     deviation = np.sqrt(np.trace(found.P, axis1=1, axis2=2))[judged]
     nis, rejected = nis_of(found, found.t[judged][0], found.t[judged][-1])
     available = float(np.mean(deviation < available_below))
-    lost = tuple(found.lost)
+    lost, t = tuple(found.lost), found.t[judged]
+    silent = tuple(_silent(found.range_stamps, since, until) for since, until in lost)
     if truth is None:
-        return Scores(None, None, None, None, None, nis, rejected, available, lost=lost)
+        return Scores(None, None, None, None, None, nis, rejected, available, lost=lost, silent=silent)
     e, P = (found.p - truth)[judged], found.P[judged]
-    there = not_lost_at(found.t[judged], lost)
+    there = not_lost_at(t, lost)
+    errors = np.linalg.norm(e, axis=1)
+    worst = float(t[errors.argmax()])
+    before = found.range_stamps[found.range_stamps <= worst]
     return Scores(
         _rms(e),
-        *by_evo(found.t[judged], found.p[judged], truth[judged]),
+        *by_evo(t, found.p[judged], truth[judged]),
         float(np.mean(nees_of(e, P))),
         nis,
         rejected,
         available,
         lost=lost,
+        silent=silent,
         rmse_found=_rms(e[there]) if there.any() else None,
+        largest=(float(errors.max()), worst, worst - float(before[-1])),
     )
+
+
+def _silent(stamps: np.ndarray, since: float, until: float | None) -> float:
+    """Return the longest time between two of the ranges from one stamp to another, or to the last [s]."""
+    inside = stamps[(stamps >= since) & (stamps <= (np.inf if until is None else until))]
+    return float(np.diff(inside).max(initial=0.0))
 
 
 def not_lost_at(t: np.ndarray, lost: tuple[Lost, ...]) -> np.ndarray:

@@ -480,13 +480,16 @@ def test_own_axes_of_rates_and_force_are_read(tmp_path) -> None:
 
 
 def test_a_filter_that_does_worse_with_its_imu_is_doubted() -> None:
-    def row(error: float, nis: float) -> Scores:
-        return Scores((error, 0.0, 0.0), *[None] * 4, nis, 0.0, 1.0)
+    def row(error: float, nis: float, nees: float = 9.0) -> Scores:
+        return Scores((error, 0.0, 0.0), *[None] * 3, nees, nis, 0.0, 1.0)
 
-    rows = {"a": row(0.5, 1.0), "b": row(0.2, 1.0), "c": row(0.1, 2.3), "d": row(0.1, 1.0)}
+    rows = {"a": row(0.5, 1.0), "b": row(0.2, 1.0), "c": row(0.1, 2.3), "d": row(0.1, 1.0), "e": row(0.1, 2.3, 1.1)}
     assert "a: 0.50 m RMS, without it 0.20 m: axes, signs, units" in doubts.of_imu(rows, "a", "b")[0]
     assert "NIS is 2.3, not 1" in doubts.of_imu(rows, "c", "b")[0]
     assert "`ortilo tune FOLDER --map MAP.yaml" in doubts.of_imu(rows, "c", "b")[0]
+    assert doubts.of_noise(rows, "c", "b") == doubts.of_noise(rows, "d", "b") == []
+    assert doubts.of_imu(rows, "e", "b") == []  # its errors are as it claims: only its noise does not fit
+    assert "e: NIS is 2.3, not 1: the noise under `filter` is too small" in doubts.of_noise(rows, "e", "b")[0]
     assert doubts.of_imu(rows, "d", "b") == []
     assert doubts.of_imu({}, "d", "b") == []
 

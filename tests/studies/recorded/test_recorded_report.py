@@ -1,11 +1,16 @@
 """The report and picture of recorded motions: what they say of claims, and how far an axis of errors reaches."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from ortilo_drake.studies.recorded.filtered import Estimate, Innovations
+from ortilo_drake.studies.recorded.reacquired import Lost
 from ortilo_drake.studies.recorded.recorded_figure import error_limit
-from ortilo_drake.studies.recorded.recorded_report import overconfident
-from ortilo_drake.studies.recorded.scores import Scores
+from ortilo_drake.studies.recorded.recorded_report import lost_line, overconfident, replay_summary
+from ortilo_drake.studies.recorded.replayed import CV, RAW, SMOOTH, WITH_IMU, Replayed
+from ortilo_drake.studies.recorded.scores import Scores, score
 
 
 def test_an_outage_does_not_stretch_an_axis_of_errors() -> None:
@@ -18,11 +23,53 @@ def test_an_outage_does_not_stretch_an_axis_of_errors() -> None:
     assert error_limit(np.zeros(9, dtype=bool), np.full(9, 30.0), None) == pytest.approx(1.2 * 30.0)  # never usable
 
 
-def test_a_smoother_that_claims_far_too_little_is_named() -> None:
-    def row(nees: float | None) -> Scores:
-        return Scores((0.1, 0.1, 0.1), None, None, None, nees, 1.0, 0.0, 1.0)
+def row(nees: float | None, **others) -> Scores:
+    return Scores((0.1, 0.1, 0.1), 0.1, None, None, nees, 1.0, 0.0, 1.0, **others)
 
-    rows = {"a": row(5.0), "a, smoothed": row(27.0), "a, lost": row(99.0), "b": row(99.0)}
-    (said,) = overconfident(rows, "a")
-    assert said.startswith("a, smoothed: NEES is 27, not 3: its errors are 3.0 times what it claims")
-    assert overconfident({"a": row(None)}, "a") == []
+
+def test_every_row_that_claims_far_too_little_is_named() -> None:
+    rows = {WITH_IMU: row(5.0), SMOOTH: row(27.0), RAW: row(33.5), CV: row(12.1)}
+    smoother, raw, cv = overconfident(rows)
+    assert smoother.startswith("with IMU, smoothed: NEES is 27, not 3: its errors are 3.0 times what it claims")
+    assert raw.startswith(f"{RAW}: NEES is 34, not 3: its errors are 3.3 times")
+    assert "what nobody calibrated" in raw
+    assert "baseline_range" in cv
+    assert overconfident({"a": row(None)}) == []
+
+
+def test_a_loss_without_ranges_is_told_from_one_with_them() -> None:
+    lost = (Lost(6.5, 17.9), Lost(20.0, 30.0), Lost(40.0, 42.0), Lost(50.0, None))
+    said = lost_line(row(3.0, lost=lost, silent=(11.4, 7.0, 0.1, 0.2))).split("; ")
+    assert said[:4] == [
+        "lost from 6.5 s, found again at 17.9 s (the recording has no ranges in between)",
+        "lost from 20.0 s, found again at 30.0 s (no ranges for 7.0 s of it)",
+        "lost from 40.0 s, found again at 42.0 s",
+        "lost from 50.0 s, not found again",
+    ]
+
+
+def test_the_summary_tells_the_largest_error_and_what_losses_did() -> None:
+    rows = {
+        WITH_IMU: row(3.0, largest=(0.62, 62.4, 6.1)),
+        CV: row(3.0),
+        f"{WITH_IMU}, 50% of the ranges lost": row(3.0),
+    }
+    rows[f"{WITH_IMU}, 50% of the ranges lost"] = replace(rows[CV], ate=0.097)
+    found = Replayed(name="log", rows=rows, anchors=(), judged_from=0.0, rejected={}, notes=[])
+    said = "\n".join(replay_summary([found], 0.3))
+    assert "log: largest error 0.62 m at 62.4 s, 6.1 s after the last range (with IMU)." in said
+    assert "log: 3% less error, by chance: these are one draw of losses" in said
+
+
+def test_a_score_tells_ranges_that_did_not_come() -> None:
+    t, stamps = np.arange(0.0, 60.0, 0.5), np.concatenate([np.arange(0.0, 10.1, 0.5), np.arange(20.0, 60.0, 0.5)])
+    p = np.zeros((len(t), 3))
+    truth = p + 0.01 * np.sin(t)[:, None]
+    truth[t == 19.5] += 3.0
+    ones = np.ones(len(stamps))
+    run = Innovations(0.0 * ones, ones, ones > 0.0)
+    P, R = np.tile(np.eye(3), (2, len(t), 1, 1))
+    lost = [Lost(10.0, 20.0), Lost(30.0, 32.0)]
+    found = score(Estimate(t, p, P, R, run, stamps, lost), t > 5.0, truth, 0.3)
+    assert found.silent == (10.0, 0.5)
+    assert found.largest == pytest.approx((np.sqrt(3.0) * (3.0 + 0.01 * np.sin(19.5)), 19.5, 9.5))
