@@ -148,16 +148,24 @@ def _tune_by_flights(
 def tune(
     flights: Annotated[
         list[Path],
-        typer.Argument(help="Flights (netCDF) of one scenario, or folders of them; with --fly a SEARCH.yaml."),
+        typer.Argument(
+            help="Flights of one scenario, saved by `ortilo fly SCENARIO --out FLIGHT.nc`, or folders of them; with "
+            "--map folders of logs or recordings, with --fly a SEARCH.yaml."
+        ),
     ],
-    out_file: Annotated[Path | None, yaml_option("Write the tuned scenario to this .yaml.")] = None,
+    out_file: Annotated[
+        Path | None, yaml_option("Write the tuned scenario, or with --map the tuned map, to this .yaml.")
+    ] = None,
     json_file: JsonOption = None,
     figure: Annotated[Path | None, picture_option("Draw numbers, NEES and NIS before and after")] = None,
     check: Annotated[
         int, typer.Option(min=0, max=1000, help="Fly both settings, before and after, on this many new seeds.")
     ] = 0,
     map_file: Annotated[
-        Path | None, typer.Option("--map", help="FLIGHTS are folders of recordings, read by this MAP.yaml.")
+        Path | None,
+        typer.Option(
+            "--map", help="FLIGHTS are folders of logs or recordings, read by this MAP.yaml: docs/how_to/recorded.md."
+        ),
     ] = None,
     by: Annotated[
         FitBy,
@@ -167,12 +175,17 @@ def tune(
     kept: Annotated[Path, typer.Option(help="With --fly: folder of the flights' figures.")] = Path("out/tune"),
     workers: WorkersOption = None,
 ) -> None:
-    """Fit the filter's W and V to recorded flights by maximum likelihood, and show NEES and NIS before and after.
+    """Fit the filter's W and V to saved flights by maximum likelihood, and show NEES and NIS before and after.
 
-    The tuned scenario flies by `ortilo fly FILE.yaml`. With --map, the noise of the filter on recordings is
-    fitted to their first parts, and the tuned map goes to `ortilo replay FOLDERS --map FILE.yaml`. With --fly, CMA-ES
-    searches any settings (servo weights, gates, noise) for the least distance from the path in flights, and what it
-    finds is judged on flights with other seeds.
+    The tuned scenario flies by `ortilo fly FILE.yaml`. This is for the paper's filter, as in nominal_imu_uwb; for
+    others, such as imu_uwb's and imu_uwb_yolo's, use --fly or --map.
+
+    With --map, the noise of the filter on recordings is fitted to their first parts and judged on the rest, and the
+    tuned map goes to `ortilo replay FOLDERS --map FILE.yaml`; exit code 3 means that it is no better there. A log
+    (`ortilo fly --log DIR`) has its map beside it: `ortilo tune DIR --map DIR/map.yaml`.
+
+    With --fly, CMA-ES searches any settings (servo weights, gates, noise) for the least distance from the path in
+    flights, and what it finds is judged on flights with other seeds.
     """
     if fly:
         if figure is not None or check or map_file is not None:

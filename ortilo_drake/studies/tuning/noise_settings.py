@@ -21,6 +21,10 @@ from ortilo_drake.sensors.described import described, described_per_tick
 from ortilo_drake.studies.tuning.noise_likelihood import NoiseModel
 
 _DENSITIES = ("force_density", "torque_density")
+_ALONE = (
+    "noise is fitted to the paper's filter alone, as in nominal_imu_uwb; other filters' is searched by flying, `ortilo "
+    "tune SEARCH.yaml --fly`, and that of a log fitted by `ortilo tune DIR --map DIR/map.yaml`"
+)
 
 
 def noise_numbers(scenario: Scenario) -> dict[str, float]:
@@ -31,7 +35,7 @@ def noise_numbers(scenario: Scenario) -> dict[str, float]:
     """
     if not isinstance(scenario.estimator, IntermittentFilter):
         kind = scenario.estimator.kind
-        raise InputError(f"estimator.kind: {kind}: must be intermittent: noise is fitted to the paper's filter alone")
+        raise InputError(f"estimator.kind: {kind}: must be intermittent: {_ALONE}")
     W, V, found = scenario.estimator.W, scenario.estimator.V, {}
     for name in ("position", "angle", "velocity", "rate") if isinstance(W, DiagonalW) else _DENSITIES:
         found[f"estimator.W.{name}"] = float(getattr(W, name))
@@ -73,7 +77,7 @@ def noise_model(scenario: Scenario, recorded: Scenario, counted: tuple[str, ...]
     """
     if scenario.estimator.force != "none":
         force = scenario.estimator.force
-        raise InputError(f"estimator.force: {force}: must be none here: noise is fitted to the paper's filter alone")
+        raise InputError(f"estimator.force: {force}: must be none here: {_ALONE}")
     numbers, before = noise_numbers(scenario), noise_numbers(recorded)
     W = process_noise(scenario.estimator, scenario.vehicle, scenario.h, scenario.yaw)
     sensors, sizes = scenario.measurement.sensors, np.diff(scenario.measurement.layout.first)

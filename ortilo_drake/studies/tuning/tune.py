@@ -90,7 +90,9 @@ def find_flights(places: Sequence[Path]) -> list[Path]:
         if place.is_dir():
             found = sorted(place.glob("*.nc"))
             if not found:
-                raise InputError(f"{place}: no flights (*.nc) in this folder; a log or a recording needs --map")
+                own = place / "map.yaml"
+                map_ = f"--map {own} reads this log" if own.exists() else "a log or a recording needs --map MAP.yaml"
+                raise InputError(f"{place}: no flights (`ortilo fly --out FLIGHT.nc`) in this folder; {map_}")
             files += found
         else:
             files.append(place)
