@@ -115,7 +115,7 @@ def test_what_cannot_be_used_is_counted(folder, motion) -> None:
         "rows with NaN, infinity or an empty cell": 1,
         "rows without a position (all zero)": 1,
     }
-    assert any("1 gaps between stamps" in line for line in recording.told)
+    assert any("1 gap between stamps" in line for line in recording.told)
     assert len(recording.ranges.t) == 6 * (len(motion.t_r) - 35) - 2
     for reason in counts:
         assert any(f": 1 {reason}" in line for line in recording.told)

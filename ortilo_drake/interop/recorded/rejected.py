@@ -105,7 +105,9 @@ def kept_in_order(
         usual = max(usual, np.median(stamps[keep][apart:] - stamps[keep][:-apart]))
     gaps = steps > GAP * usual
     if gaps.any():
-        rejected.notes.append(f"{gaps.sum()} gaps between stamps, the longest {steps.max():.4g} s (kept)")
+        rejected.notes.append(
+            f"{gaps.sum()} gap{'s' * bool(gaps.sum() > 1)} between stamps, the longest {steps.max():.4g} s (kept)"
+        )
     return keep
 
 

@@ -157,7 +157,7 @@ def replay_summary(motions: Sequence[Replayed], share: float) -> list[str]:
             lines.append(f"**{found.name}: doubtful, {many}; its figures may mean nothing:**")
             lines += [f"  {found.name}: {doubt}." for doubt in found.doubts]
         rows = found.rows
-        main = next(name for name in (WITH_IMU, CV, *rows) if name in rows)
+        main = next(name for name in (WITH_IMU, CV, RAW, *rows) if name in rows)
         if rows[main].lost:
             lines.append(f"{found.name}: {lost_line(rows[main])} ({main}).")
         if rows[main].rmse is None:

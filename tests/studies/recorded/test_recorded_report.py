@@ -9,7 +9,7 @@ from ortilo_drake.studies.recorded.filtered import Estimate, Innovations
 from ortilo_drake.studies.recorded.reacquired import Lost
 from ortilo_drake.studies.recorded.recorded_figure import error_limit
 from ortilo_drake.studies.recorded.recorded_report import lost_line, overconfident, replay_summary
-from ortilo_drake.studies.recorded.replayed import CV, RAW, SMOOTH, WITH_IMU, Replayed
+from ortilo_drake.studies.recorded.replayed import CV, CV_RAW, RAW, SMOOTH, WITH_IMU, Replayed
 from ortilo_drake.studies.recorded.scores import Scores, score
 
 
@@ -73,3 +73,11 @@ def test_a_score_tells_ranges_that_did_not_come() -> None:
     found = score(Estimate(t, p, P, R, run, stamps, lost), t > 5.0, truth, 0.3)
     assert found.silent == (10.0, 0.5)
     assert found.largest == pytest.approx((np.sqrt(3.0) * (3.0 + 0.01 * np.sin(19.5)), 19.5, 9.5))
+
+
+def test_without_a_truth_the_filter_with_imu_is_summed_up() -> None:
+    rows = {CV_RAW: replace(row(None), rmse=None, nis=0.64), RAW: replace(row(None), rmse=None, nis=1.02)}
+    said = "\n".join(
+        replay_summary([Replayed(name="log", rows=rows, anchors=(), judged_from=0.0, rejected={}, notes=[])], 0.3)
+    )
+    assert "log: no truth; NIS 1.02" in said
