@@ -190,5 +190,5 @@ def test_a_folder_without_flights_says_how_a_log_is_tuned(tmp_path: Path) -> Non
     with pytest.raises(InputError, match=r"no flights \(`ortilo fly --out FLIGHT.nc`\).*; a log or a recording needs"):
         find_flights([tmp_path])
     (tmp_path / "map.yaml").write_text("")
-    with pytest.raises(InputError, match="; --map .*map.yaml reads this log"):
+    with pytest.raises(InputError, match=r"; --map .*map\.yaml reads this log"):
         find_flights([tmp_path])
