@@ -7,6 +7,7 @@ import typer
 
 from ortilo_drake.commands.options import DOUBTFUL, MAP_OPTION, JsonOption
 from ortilo_drake.commands.terminal import (
+    DOUBTFUL,
     check_writable,
     err,
     hand_over,

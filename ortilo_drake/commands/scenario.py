@@ -9,7 +9,7 @@ from rich.padding import Padding
 from rich.text import Text
 
 from ortilo_drake.commands.options import DEFAULT_SCENARIO, ScenarioArgument, SetOption
-from ortilo_drake.commands.terminal import out, say_warnings
+from ortilo_drake.commands.terminal import DOUBTFUL, out, say_warnings
 from ortilo_drake.model.input_files import read_text
 from ortilo_drake.model.typed_yaml import InputError, nearest
 from ortilo_drake.scenario import SCENARIO_FOLDER, load_scenario, scenario_names
@@ -35,15 +35,21 @@ def show_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetOp
 
 @scenario_app.command("check")
 def check_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetOption = None) -> None:
-    """Check a scenario and say what its vehicle can do: the errors and warnings are those of `ortilo fly`."""
+    """Check a scenario and say what its vehicle can do: the errors and warnings are those of `ortilo fly`.
+
+    The exit code is 0 if there are none, 2 after an error and 3 after warnings.
+    """
     chosen = load_scenario(scenario, tuple(settings or ()))
     from ortilo_drake.flight.cautions import cautions
     from ortilo_drake.flight.flyable import check_flyable
 
     seconds = check_flyable(chosen) * chosen.h
-    say_warnings(cautions(chosen, scenario, settings or ()))
+    warnings = cautions(chosen, scenario, settings or ())
+    say_warnings(warnings)
     out.print(
-        f"{chosen.name}: valid; flies {seconds:.1f} s with {', '.join(chosen.sensors)}", markup=False, soft_wrap=True
+        f"{chosen.name}: {'doubtful' if warnings else 'valid'}; flies {seconds:.1f} s with {', '.join(chosen.sensors)}",
+        markup=False,
+        soft_wrap=True,
     )
     vehicle = chosen.vehicle
     hover = vehicle.hover_rotor_speeds.max()
@@ -54,6 +60,8 @@ def check_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetO
         markup=False,
         soft_wrap=True,
     )
+    if warnings:
+        raise typer.Exit(DOUBTFUL)
 
 
 @scenario_app.command("keys")

@@ -109,6 +109,9 @@ def say_error(line: str) -> None:
     err.print(line, markup=False, soft_wrap=True)
 
 
+DOUBTFUL = 3  # exit code of a check with warnings, or of a replay with doubts
+
+
 def say_warnings(lines: Iterable[str]) -> None:
     """Warn on stderr of settings that are hardly meant; the scenario is flown all the same."""
     for line in lines:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ortilo_drake.flight.fit import vehicle_fit
 from ortilo_drake.flight.late import late_messages
-from ortilo_drake.flight.vehicle_units import vehicle_units
+from ortilo_drake.model.vehicle_units import vehicle_units
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.load import Setting
 from ortilo_drake.scenario.unread import unread_settings

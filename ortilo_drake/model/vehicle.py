@@ -13,7 +13,6 @@ from ortilo_drake.model.typed_yaml import Frozen, InputError, Positive, load_yam
 GRAVITY = 9.81  # m/s^2
 MAX_TILT = np.pi / 3  # beyond this a vehicle counts as tumbling [rad]
 MAX_ROTORS = 64
-LEAST_ARM = 0.04  # over the cube root of the mass; published multirotors have 0.12 to 0.23 [m/kg^(1/3)]
 STEERABLE = 1e-6  # least singular value of a layout of arms, as a share of the largest: weaker is none
 
 
@@ -90,13 +89,16 @@ class Vehicle(Frozen):
                 "the centre of mass must lie well between the rotors"
             )
         if self.hover_rotor_speeds.max() >= self.rotor_max_speed:
-            in_grams = self.longest_arm < LEAST_ARM * self.mass ** (1.0 / 3.0)
-            too_fast = self.hover_rotor_speeds.max() / self.rotor_max_speed
-            per_rpm = 3.0 < too_fast < 30.0 / np.pi  # a lift per rpm² is (30 / pi)² times too small
+            from ortilo_drake.model.vehicle_units import vehicle_units  # which imports this module
+
+            doubt = vehicle_units(self)[0]
+            line, asks, question = doubt.removeprefix("vehicle.").rpartition("; ")
+            asked = f"{asks}{question}" if question.startswith(("is it ", "are they ")) else ""
+            if asked and not line.startswith("mass: "):
+                raise ValueError(line + asked)
             raise ValueError(
                 f"mass: {self.mass} kg is more than the rotors lift, {self.largest_thrust / GRAVITY:.3g} kg at "
-                f"rotor_max_speed {self.rotor_max_speed}, hover needs {self.hover_rotor_speeds.max():.1f} rad/s"
-                + ("; is the mass in g?" if in_grams else "; is rotor_lift in N/rpm²?" if per_rpm else "")
+                f"rotor_max_speed {self.rotor_max_speed}, hover needs {self.hover_rotor_speeds.max():.1f} rad/s{asked}"
             )
         return self
 

@@ -311,11 +311,21 @@ def test_a_flight_with_losses_says_what_was_set_and_what_was_missing(capsys: pyt
 def test_a_checked_scenario_says_what_its_vehicle_can_do(capsys: pytest.CaptureFixture[str]) -> None:
     vehicle = {"mass": 1.2, "rotor_lift": 0.00002, "rotor_drag": 0.0000004, "rotor_max_speed": 900.0}
     settings = [word for key, value in vehicle.items() for word in ("--set", f"vehicle.{key}={value:.7f}")]
-    assert run("scenario", "check", "nominal_imu_uwb", *settings) == 0
+    assert run("scenario", "check", "rotors", *settings) == 0
     hover = (1.2 * 9.81 / (4 * 0.00002)) ** 0.5
     said = capsys.readouterr().out
     assert f"1.2 kg, 4 rotors; hovers at {hover:.3g} rad/s, {hover / 900.0:.0%} of the largest speed" in said
     assert f"lifts at most {(900.0 / hover) ** 2:.1f} times its weight" in said
+
+
+def test_a_scenario_that_is_doubted_can_be_told_by_the_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("scenario", "check", "nominal_imu_uwb") == 0
+    assert "nominal_imu_uwb: valid; flies" in capsys.readouterr().out
+    assert run("scenario", "check", "nominal_imu_uwb", "--set", "vehicle.inertia=[155, 166, 208]") == 3
+    said = capsys.readouterr()
+    assert "nominal_imu_uwb: doubtful; flies" in said.out
+    assert said.err.startswith("warning  vehicle.inertia: 155, 166, 208 kg m²: ")
+    assert run("scenario", "check", "nominal_imu_uwb", "--set", "vehicle.radius=-1") == 2
 
 
 @pytest.mark.family

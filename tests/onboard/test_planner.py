@@ -176,6 +176,16 @@ def test_bad_settings_are_refused_with_one_line(settings: GcsPlanner, message: s
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.parametrize(("radius", "unit"), [(35.5, "cm"), (355.0, "mm")])
+@pytest.mark.parametrize("settings", [gcs(), HoverPlanner(kind="hover", point=(0.0, 0.0, 1.5))], ids=["way", "hover"])
+def test_a_radius_in_a_wrong_unit_is_asked_for_it(
+    settings: GcsPlanner | HoverPlanner, radius: float, unit: str
+) -> None:
+    message = rf"more than the vehicle's radius, {radius:g} m; vehicle\.radius: {radius:g} m: .* is it in {unit}\?$"
+    with pytest.raises(InputError, match=message):
+        plan(settings, ROOM, M100.model_copy(update={"radius": radius}))
+
+
 @pytest.mark.long
 def test_a_goal_walled_in_is_refused() -> None:
     around = tuple((10.0 + dx, -1.0 + dy, yaw) for dx, dy, yaw in ((2, 0, 1.57), (-2, 0, 1.57), (0, 2, 0), (0, -2, 0)))

@@ -95,7 +95,7 @@ def test_of_a_file_what_it_sets_is_told_and_not_what_it_repeats(
     file, below = tmp_path / "mine.yaml", tmp_path / "below.yaml"
     below.write_text("base: nominal_imu_uwb\nimu: {rate_density: 0.0913, angle_density: 0.00365}\n")
     file.write_text("base: below.yaml\nimu: {specific_force_density: 0.009128709291752768}\ncamera: {width: 640}\n")
-    assert run("scenario", "check", str(file), "--set", "failsafe.timeout=0.1") == 0
+    assert run("scenario", "check", str(file), "--set", "failsafe.timeout=0.1") == 3
     told = [line.split(":")[0].split()[-1] for line in capsys.readouterr().err.splitlines()]
     assert sorted(told) == ["camera.width", "failsafe.timeout", "imu.rate_density"]
 

@@ -93,11 +93,11 @@ def test_new_rooms_have_nothing_against_them(
     assert look_into(file).warnings == []
 
 
-def test_the_command_says_it_on_stdout_and_ends_with_zero(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_says_it_on_stdout_and_ends_with_three(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "room.yaml"
     data = yaml.safe_load(new_room("hall", (8.0, 6.0, 3.0), 5))
     file.write_text(yaml.safe_dump(data | {"anchors": LEVEL}))
-    assert run("room", "check", str(file)) == 0
+    assert run("room", "check", str(file)) == 3
     said = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in said] == ["OK"] * 5 + ["warning"]
     assert "8 x 6 x 3 m" in said[0]

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.terminal import out, say_error
+from ortilo_drake.commands.terminal import DOUBTFUL, out, say_error
 from ortilo_drake.model.input_error import one_line
 
 RoomArgument = Annotated[Path, typer.Argument(metavar="ROOM", help="A room's .yaml file.")]
@@ -14,7 +14,8 @@ RoomArgument = Annotated[Path, typer.Argument(metavar="ROOM", help="A room's .ya
 def check(room: RoomArgument) -> None:
     """List all errors of a room file, a line each, with exit code 2; or, if there are none, its contents.
 
-    A room that loads may still be a bad one: lines that begin with `warning` say what looks like a mistake.
+    A room that loads may still be a bad one: lines that begin with `warning` say what looks like a mistake, and the
+    exit code is 3.
     """
     from ortilo_drake.studies.rooms.findings import room_problems
 
@@ -30,3 +31,5 @@ def check(room: RoomArgument) -> None:
         out.print(f"OK       {one_line(line)}", markup=False, soft_wrap=True)
     for line in found.warnings:
         out.print(f"warning  {one_line(line)}", markup=False, soft_wrap=True)
+    if found.warnings:
+        raise typer.Exit(DOUBTFUL)

@@ -11,6 +11,7 @@ from pydrake.trajectories import PiecewisePolynomial, StackedTrajectory, Traject
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import Vehicle
+from ortilo_drake.model.vehicle_units import vehicle_units
 from ortilo_drake.onboard.planner.free_cells import FreeSpace, free_space
 from ortilo_drake.onboard.planner.gcs_path import SeenOn, find_cells, smooth_path
 from ortilo_drake.onboard.planner.retime import retime
@@ -88,7 +89,7 @@ def gcs_path(settings: GcsPlanner, room: Room, vehicle: Vehicle, sources: FixSou
     if path is None:
         raise InputError(
             f"planner.goal: {settings.goal}: no free way leads there from {settings.start} at height "
-            f"{settings.height:g} m for a vehicle of radius {vehicle.radius:g} m"
+            f"{settings.height:g} m for a vehicle of radius {vehicle.radius:g} m{_doubt(vehicle)}"
         )
     lifted = StackedTrajectory(rowwise=True)
     lifted.Append(path)
@@ -141,5 +142,10 @@ def refuse_contact(field: str, points: np.ndarray, space: FreeSpace, vehicle: Ve
             gap = max(0.0, room[i] + vehicle.radius)
             raise InputError(
                 f"{where}: {gap:.2f} m from '{space.names[i]}', must be more than the vehicle's radius, "
-                f"{vehicle.radius:g} m"
+                f"{vehicle.radius:g} m{_doubt(vehicle)}"
             )
+
+
+def _doubt(vehicle: Vehicle) -> str:
+    """What does not fit in the vehicle: its radius may be too large only because of its unit."""
+    return "".join(f"; {line}" for line in vehicle_units(vehicle)[:1])

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from ortilo_drake.flight.cautions import cautions
-from ortilo_drake.flight.vehicle_units import vehicle_units
 from ortilo_drake.model.vehicle import M100, Vehicle, load_vehicle
+from ortilo_drake.model.vehicle_units import vehicle_units
 from ortilo_drake.scenario import load_scenario, scenario_names
 
 RPM = np.pi / 30.0
@@ -40,34 +40,46 @@ PUBLISHED = {
     ),
     "yours": Vehicle(mass=1.2, inertia=(0.012, 0.013, 0.022), arm_length=0.17),  # of the guide; the rest is the M100's
 }  # fmt: skip
-WRONG = [  # field, factors on it and what goes with it, the unit that is asked for
-    ("rotor_drag", {"rotor_drag": 1e3}, ""),
-    ("rotor_drag", {"rotor_drag": 1.0 / 500.0}, ""),
-    ("rotor_lift", {"rotor_lift": 100.0}, ""),
-    ("rotor_max_speed", {"rotor_max_speed": 1.0 / RPM}, "rpm"),
-    ("arm_length", {"arm_length": 0.1}, ""),
-    ("arm_length", {"arm_length": 10.0}, ""),
-    ("arm_length", {"arm_length": 1e3}, "mm"),
-    ("inertia", {"inertia": 0.01}, ""),
-    ("inertia", {"inertia": 100.0}, ""),
-    ("inertia", {"inertia": 1e3}, ""),  # in g m²
-    ("inertia", {"inertia": 1e7}, ""),  # in g cm²
-    ("radius", {"radius": 1e3}, "mm"),
-    ("rotor_lift", {"rotor_lift": RPM**2, "rotor_drag": RPM**2, "rotor_max_speed": 1.0 / RPM}, "N/rpm²"),
+POUND = 0.45359237  # kg
+WRONG = [  # factors on the numbers that are wrong, the field that is named first, and what it is asked
+    ({"rotor_drag": 1e3}, ""),
+    ({"rotor_drag": RPM**2}, "is it per rpm²?"),
+    ({"rotor_lift": 1e3 / 9.81}, "is it in gram-force?"),
+    ({"rotor_lift": RPM**2}, "is it per rpm²?"),
+    ({"rotor_lift": RPM**2, "rotor_drag": RPM**2}, "are they per rpm²?"),
+    ({"rotor_lift": RPM**2, "rotor_drag": RPM**2, "rotor_max_speed": 1.0 / RPM}, "are they per rpm² and in rpm?"),
+    ({"rotor_max_speed": 1.0 / RPM}, "is it in rpm?"),
+    ({"rotor_max_speed": 0.5 / np.pi}, "is it in rev/s?"),
+    ({"rotor_time_constant": 1e3}, "is it in ms?"),
+    ({"mass": 1e3}, "is it in g?"),
+    ({"arm_length": 0.1}, ""),
+    ({"arm_length": 10.0}, ""),
+    ({"arm_length": 100.0}, "is it in cm?"),
+    ({"arm_length": 1e3}, "is it in mm?"),
+    ({"arm_length": 1e3, "radius": 1e3}, "are they in mm?"),
+    ({"arm_length": 100.0, "radius": 100.0}, "are they in cm?"),
+    ({"radius": 100.0}, "is it in cm?"),
+    ({"radius": 1e3}, "is it in mm?"),
+    ({"inertia": 0.01}, ""),
+    ({"inertia": 100.0}, ""),
+    ({"inertia": 1e3}, "g m²"),
+    ({"inertia": 1e4}, "kg cm²"),
+    ({"inertia": 1e6}, "kg mm²"),
+    ({"inertia": 1e7}, "g cm²"),
+    ({"inertia": 1e9}, "g mm²"),
 ]
 
 
 def times(vehicle: Vehicle, factors: dict[str, float]) -> Vehicle:
-    """The vehicle with fields multiplied, each arm's length where it has arms."""
-    values: dict[str, Any] = vehicle.model_dump(exclude_unset=True)
+    """The vehicle with fields multiplied, each arm's length where it has arms; unchecked, since it may not hover."""
+    values: dict[str, Any] = {}
     for name, by in factors.items():
+        value = getattr(vehicle, name)
         if name == "arm_length" and vehicle.arms is not None:
             values["arms"] = tuple(arm.model_copy(update={"length": arm.length * by}) for arm in vehicle.arms)
-        elif name == "inertia":
-            values["inertia"] = tuple(moment * by for moment in vehicle.inertia)
         else:
-            values[name] = getattr(vehicle, name) * by
-    return Vehicle(**values)
+            values[name] = tuple(by * one for one in value) if isinstance(value, tuple) else by * value
+    return vehicle.model_copy(update=values)
 
 
 @pytest.mark.parametrize("name", PUBLISHED)
@@ -81,17 +93,45 @@ def test_no_ready_made_scenario_is_doubted(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", PUBLISHED)
-@pytest.mark.parametrize(("field", "factors", "unit"), WRONG, ids=lambda one: str(one))
-def test_the_number_that_is_wrong_is_named(name: str, field: str, factors: dict[str, float], unit: str) -> None:
+@pytest.mark.parametrize(("factors", "question"), WRONG, ids=str)
+def test_the_number_that_is_wrong_is_named(name: str, factors: dict[str, float], question: str) -> None:
     vehicle = times(PUBLISHED[name], factors)
     (line,) = vehicle_units(vehicle)
+    field = next(iter(factors))
     named = "arms" if field == "arm_length" and vehicle.arms is not None else field
     assert line.startswith(f"vehicle.{named}: ")
     assert "usual is" in line
-    if field != "inertia":  # of a moment that is far too large, three units are likely
-        assert line.endswith(f"; is it in {unit}?") if unit else "is it in" not in line
-    elif factors[field] > 1e6:
-        assert line.endswith("; is it in g m², kg cm² or g cm²?")
+    if field != "inertia":
+        assert line.endswith(f"; {question}" if question else line.split("; ")[-1].rstrip("?"))
+    else:  # a body's moments leave room for two units, one of them the right one
+        assert (f"in {question}" in line) if question else True
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_the_wrong_quantity_is_asked_for(name: str) -> None:
+    """The torque as a ratio to the thrust; moments whose smallest is I_z, which no flat body has."""
+    right = PUBLISHED[name]
+    ratio = right.model_copy(update={"rotor_drag": right.rotor_drag / right.rotor_lift})
+    assert [line.split("; ")[-1] for line in vehicle_units(ratio)] == ["is it the ratio of torque to thrust, in m?"]
+    I_x, I_y, I_z = right.inertia
+    turned = right.model_copy(update={"inertia": (I_z, I_y, I_x)})
+    asked = ["is it in another order than I_x, I_y, I_z?"]
+    assert [line.split("; ")[-1] for line in vehicle_units(turned)] == ([] if I_x > 0.75 * I_z else asked)
+
+
+@pytest.mark.parametrize("name", sorted(PUBLISHED.keys() - {"M100", "yours", "Firefly"}))
+def test_a_diameter_and_a_wheelbase_are_asked_for(name: str) -> None:
+    """Of the M100's published arm, 0.35 of its radius, the double is likely; the Firefly's is 0.68 of it."""
+    (wide,), (long,) = (vehicle_units(times(PUBLISHED[name], {key: 2.0})) for key in ("radius", "arm_length"))
+    assert wide.endswith("; is it the diameter?")
+    assert long.endswith("; is it the whole wheelbase?")
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_a_mass_in_pounds_is_asked_for_where_the_rotors_cannot_lift_it(name: str) -> None:
+    vehicle = times(PUBLISHED[name], {"mass": 1.0 / POUND})
+    heavy = vehicle.largest_thrust < 1.2 * vehicle.hover_thrust
+    assert [line.split("; ")[-1] for line in vehicle_units(vehicle)] == ["is it in lb?"] * heavy
 
 
 def test_two_wrong_numbers_are_named_in_a_line_each() -> None:
@@ -104,8 +144,8 @@ def test_what_was_left_out_is_named_as_the_m100s() -> None:
     inertia, radius = vehicle_units(Vehicle(**small))
     assert inertia.startswith("vehicle.inertia: 0.1548, 0.1659, 0.2077 kg m²: ")
     assert inertia.endswith("it is the M100's, is it yours?")
-    assert radius.startswith("vehicle: the arm is 0.088 of the radius")
-    assert radius.endswith("The M100's are: inertia, radius")
+    assert radius.startswith("vehicle: the arm is 0.0878 of the radius")
+    assert radius.endswith("The M100's are: inertia, rotor_time_constant, radius")
 
 
 @pytest.mark.parametrize(("mass", "doubted"), [(4.4, False), (4.5, True)])
