@@ -41,6 +41,7 @@ def check_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetO
     """
     chosen = load_scenario(scenario, tuple(settings or ()))
     from ortilo_drake.flight.cautions import cautions
+    from ortilo_drake.flight.fit import filter_for_lag
     from ortilo_drake.flight.flyable import check_flyable
 
     seconds = check_flyable(chosen) * chosen.h
@@ -60,6 +61,8 @@ def check_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetO
         markup=False,
         soft_wrap=True,
     )
+    if not warnings and (line := filter_for_lag(chosen)):
+        out.print(f"  filter: {line}", markup=False, soft_wrap=True)
     if warnings:
         raise typer.Exit(DOUBTFUL)
 
