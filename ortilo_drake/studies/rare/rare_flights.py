@@ -1,9 +1,8 @@
 """The probability that a scenario's vehicle is lost, or strays from its reference, where that is rare.
 
 Subset simulation chooses its levels once and is then repeated, each time with noise of its own. The estimates of the
-repetitions are independent and without bias, so their mean is one too; its interval is that of log_interval, and no
-narrower than as many independent paths allow. An event so frequent that it needs no level is counted: all flights of
-the repetitions are independent.
+repetitions are independent and without bias, so their mean is one too. The event is counted as well, in all flights
+whose noise is independent, and the answer joins both.
 """
 
 from collections.abc import Callable
@@ -14,35 +13,20 @@ from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
-from scipy import stats
 
 from ortilo_drake.flight.engine import Engine
 from ortilo_drake.flight.ensemble import flight_folder
-from ortilo_drake.flight.intervals import share_interval
 from ortilo_drake.flight.processes.workers import run_all
 from ortilo_drake.flight.store import in_folder, keep_json, kept_json
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.rare.estimate import Counted, Joined, counted_of, estimate
 from ortilo_drake.studies.rare.subset import CHAIN, LEAST, Climb, Plan, climb, flights_of, most_levels, plan_climb
 
-LEVEL = 0.95  # of the intervals
 AT_ONCE = 500  # flights that are counted by one job
 Part = tuple[
     tuple[Any, ...], Path, Any, int
 ]  # a job's arguments, the file of its result, the type of that, its flights
-
-
-@dataclass(frozen=True)
-class Counted:
-    """Plain counting of flights whose noise is independent: how many flew, and in how many of them it happened.
-
-    The ends of Wilson's 95 % interval of the share are low and high [1].
-    """
-
-    flights: int
-    events: int
-    low: float
-    high: float
 
 
 @dataclass(frozen=True)
@@ -51,11 +35,10 @@ class Rare:
 
     Attributes:
         corridor: distance from the reference that is strayed from [m]; None where losing the vehicle is meant.
-        probability: mean of the repetitions [1], without levels the share of all their flights and those counted; None
-            if fewer than two came to the event: it is then known only by counting.
-        low: lower end of the 95 % interval [1]: of the mean or the share, of `independent` where there is no
-            probability.
+        probability: how likely the event is in a flight [1]; None if it is known only by the count of `independent`.
+        low: lower end of its 95 % interval [1].
         high: its upper end [1].
+        joined: what the repetitions and the count say, each by itself; None where only a count gives the probability.
         least: the smallest probability that was sought [1].
         plan: levels [m] and steps, as the first climb chose them.
         repetitions: what each of those after it found; empty if the first climb never came to the event.
@@ -69,6 +52,7 @@ class Rare:
     probability: float | None
     low: float
     high: float
+    joined: Joined | None
     least: float
     plan: Plan
     repetitions: list[Climb]
@@ -105,14 +89,6 @@ def count_flights(scenario_json: str, corridor: float | None, seeds: range) -> i
     engine = _engine_of(scenario_json)
     of_ticks = np.repeat(np.array(seeds)[:, np.newaxis], engine.ticks, axis=1)
     return int(np.sum(engine.distances(of_ticks).max(axis=1) >= _goal(corridor)))
-
-
-def counted_of(flights: int, events: int) -> Counted:
-    """Return a count with Wilson's interval.
-
-    Of no event in n >= 20 flights its upper end is 16 to 28 % above the exact one-sided limit, 1 - 0.05^(1/n).
-    """
-    return Counted(flights, events, *share_interval(events, flights))
 
 
 def rare_flights(
@@ -181,43 +157,11 @@ def rare_flights(
     met = plan.met + sum(one.met for one in found) + sum(counts)
     independent = counted_of(paths * (1 + len(found)) + count, met)
     flights = plan.flights + sum(one.flights for one in found)
-    probability, (low, high) = estimate(plan, found, paths, count, sum(counts))
-    if probability is None:
-        low, high = independent.low, independent.high
-    drawn = sum(engine.drawn.values())
-    return Rare(corridor, probability, low, high, least, plan, found, flights, drawn, independent, counted)
-
-
-def estimate(
-    plan: Plan, found: list[Climb], paths: int, counted: int = 0, events: int = 0
-) -> tuple[float | None, tuple[float, float]]:
-    """Return the probability and its 95 % interval; None and (0, 1) of fewer than two repetitions above 0.
-
-    An event without levels is counted in all flights of the repetitions and those counted beside them. The plan's are
-    left out: they decided that there is no level.
-    """
-    met = events + sum(one.met for one in found)
-    if found and met and not plan.levels:
-        often = counted_of(paths * len(found) + counted, met)
-        return often.events / often.flights, (often.low, often.high)
-    p = np.array([one.probability for one in found])
-    if not (ends := log_interval(p, LEVEL)):
-        return None, (0.0, 1.0)
-    mean, least = float(p.mean()), np.exp(least_half_width(found, paths))
-    return mean, (min(ends[0], mean / least), min(max(ends[1], mean * least), 1.0))
-
-
-def least_half_width(found: list[Climb], paths: int) -> float:
-    """Return half the width of the interval of the logarithm that repetitions of independent paths would have.
-
-    A share k of N independent paths has a logarithm of variance (1 - k) / (k N), and those of all levels add up (Au and
-    Beck 2001, of paths without correlation). Paths of a chain are correlated, which only widens it; repetitions
-    that agree better do so by chance.
-    """
-    reached = [[one.kept[j] for one in found if len(one.kept) > j] for j in range(max(len(one.kept) for one in found))]
-    shares = np.array([np.mean(level) for level in reached])
-    variance = float(np.sum((1.0 - shares) / (shares * paths))) / len(found)
-    return float(stats.norm.ppf(0.5 + LEVEL / 2.0)) * np.sqrt(variance)
+    drawn, answer = sum(engine.drawn.values()), estimate(plan, found, paths, independent, count, sum(counts))
+    ends = answer.low, answer.high
+    return Rare(
+        corridor, answer.probability, *ends, answer.joined, least, plan, found, flights, drawn, independent, counted
+    )
 
 
 def _count_of(batch: range) -> Any:
@@ -248,28 +192,3 @@ def _run(function: Any, parts: list[Part], workers: int, advance: Callable[[int,
     if missing:
         run_all(function, [parts[i][0] for i in missing], workers, take)
     return results
-
-
-FEWEST = 2  # estimates above 0, without which there is no interval
-
-
-def log_interval(estimates: np.ndarray, level: float) -> tuple[float, float] | None:
-    """Return the ends of the interval of the mean of estimates (N), None if fewer than FEWEST are above 0.
-
-    Estimates that are a product of many shares tend to a lognormal law (J. Bérard, P. Del Moral, A. Doucet, "A
-    lognormal central limit theorem for particle approximations of normalizing constants", Electronic Journal of
-    Probability 19, 2014). Its mean has the logarithm mu + s^2 / 2, of which n logarithms of variance s^2 give an
-    estimate with the variance s^2 / n + s^4 / (2 (n - 1)); with Student's t that makes an interval (D. R. Cox's, in U.
-    Olsson, "Confidence intervals for the mean of a log-normal distribution", Journal of Statistics Education 13, 2005).
-    Here it is laid about the arithmetic mean, which has no bias. Of N estimates of which n are not 0 the share n / N
-    adds the variance (N - n) / (n N) of its logarithm.
-    """
-    logs = np.log(estimates[estimates > 0.0])
-    n, N = len(logs), len(estimates)
-    if n < FEWEST:
-        return None
-    s2 = float(logs.var(ddof=1))
-    of_logs = s2 / n + s2**2 / (2.0 * (n - 1)) + (N - n) / (n * N)
-    half = float(stats.t.ppf(0.5 + level / 2.0, n - 1)) * np.sqrt(of_logs)
-    mean = float(estimates.mean())
-    return mean * float(np.exp(-half)), min(mean * float(np.exp(half)), 1.0)

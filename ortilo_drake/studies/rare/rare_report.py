@@ -3,8 +3,9 @@
 import numpy as np
 
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.rare.estimate import Joined
 from ortilo_drake.studies.rare.rare_flights import Rare
-from ortilo_drake.studies.rare.subset import KEPT, most_levels
+from ortilo_drake.studies.rare.subset import FIRST, KEPT, most_levels
 from ortilo_drake.views.markdown import table
 
 FAR_APART = 30.0  # of the interval's ends, from which the figure is said to be a magnitude [1]
@@ -28,7 +29,7 @@ def verdict(scenario: Scenario, found: Rare) -> str:
         if p > OFTEN:
             return f"{scenario.name} {event} in about {p:.0%} of flights, {counted}"
         return f"{scenario.name}: about one flight in {1.0 / p:,.0f} {event}, {counted}"
-    return f"{scenario.name} {event}: fewer than {flown.high:.2g} (95 %), none in {flown.flights:,} flights"
+    return f"{scenario.name} {event}: fewer than {found.high:.2g} (95 %), none in {flown.flights:,} flights"
 
 
 def _one_in(probability: float) -> str:
@@ -49,16 +50,9 @@ def rare_text(scenario: Scenario, found: Rare) -> str:
             f"From {at:.3g} m on the repetitions go different ways: some found a way to the event that others did not"
             " see, and an interval may miss it. Give more --paths, and compare with --count.",
         ]
-    if counted := found.counted:
-        lines += [
-            "",
-            f"Counted beside it: {counted.events} of {counted.flights:,} flights,"
-            f" {counted.events / counted.flights:.3g}, 95 % interval {counted.low:.3g} to {counted.high:.3g}.",
-        ]
-    lines.append("")
+    lines += ["", *table(["one flight in about", "comes so far from its reference [m]"], _distances(found))]
     if found.plan.levels and found.repetitions:
-        kept = _column_means([one.kept for one in found.repetitions])
-        accepted = _column_means([one.accepted for one in found.repetitions])
+        kept, accepted = _shares(found), _column_means([one.accepted for one in found.repetitions])
         cells = [
             [f"{level:.3g}", f"{share:.3g}", f"{step[0]:.3g}", f"{step[1]:.3g}", f"{taken:.2f}"]
             for level, share, step, taken in zip(found.plan.levels, kept, found.plan.steps, accepted, strict=False)
@@ -70,44 +64,82 @@ def rare_text(scenario: Scenario, found: Rare) -> str:
             for i, r in enumerate(found.repetitions)
         ]
         lines += table(["repetition", "probability", "flights"], cells)
-    elif found.plan.levels:
-        cells = [[f"{KEPT**-n:,.0f}", f"{level:.3g}"] for n, level in enumerate(found.plan.levels, 1)]
-        lines += table(["one flight in about", "comes so far from its reference [m]"], cells)
     return "\n".join(lines) + "\n"
 
 
+def _distances(found: Rare) -> list[list[str]]:
+    """Return rows of how rare a distance is, and the distance: of the first climb's first flights, then its levels."""
+    levels = list(zip(np.cumprod(_shares(found)), found.plan.levels, strict=False))
+    rarest = levels[0][0] if levels else 0.0
+    of_first = [(share, far) for share, far in zip(FIRST, found.plan.first, strict=False) if share > 2.0 * rarest]
+    return [[_one_in(share), f"{far:.3g}"] for share, far in of_first + levels]
+
+
+def _shares(found: Rare) -> list[float]:
+    """Return the share of flights of each level that reached the next: as found, or as planned if nothing repeated."""
+    return (
+        _column_means([one.kept for one in found.repetitions]) if found.repetitions else [KEPT] * len(found.plan.levels)
+    )
+
+
 def _by_repetitions(found: Rare, probability: float) -> list[str]:
-    if not found.plan.levels:
+    interval = f"probability {probability:.3g}, 95 % interval {found.low:.3g} to {found.high:.3g}"
+    if (joined := found.joined) is None:
         return [
-            f"probability {probability:.3g}, 95 % interval {found.low:.3g} to {found.high:.3g} (Wilson), by counting:"
-            f" the event is so frequent that it needs no levels. {found.flights:,} flights in all; those of the first"
-            " run, which decided that, are not counted."
+            f"{interval} (Wilson), by counting: the event is so frequent that it needs no levels."
+            f" {found.flights:,} flights in all; those of the first run, which decided that, are not counted."
         ]
-    lines = [
-        f"probability {probability:.3g}, 95 % interval {found.low:.3g} to {found.high:.3g},"
-        f" by {len(found.repetitions)} repetitions of subset simulation,"
-        f" {found.flights:,} flights in all, those that chose the levels among them."
-    ]
+    lines = [f"{interval}: {_carried(found, joined)} {found.flights:,} flights of subset simulation in all.", ""]
     if found.high > FAR_APART * found.low:
-        lines += ["", "The repetitions differ by so much that this is no more than a magnitude: give more --paths."]
-    return lines
+        lines += ["This is no more than an order of magnitude. More --repetitions or --paths narrow it.", ""]
+    flown, (low, high), of_count = found.independent, joined.by_repetitions, joined.by_count
+    share = flown.events / flown.flights
+    if joined.agree and probability not in (share, joined.mean):
+        lines += ["Each figure lies outside the other's interval: the two hardly agree. Give more --paths.", ""]
+    cells = [
+        [f"{len(found.repetitions)} repetitions of subset simulation", f"{joined.mean:.3g}", _ends(low, high, "96")],
+        [f"a count: {flown.events} of {flown.flights:,} flights", f"{share:.3g}", _ends(*of_count, "99")],
+    ]
+    if joined.agree:
+        cells.append(["**both together**", f"{probability:.3g}", _ends(found.low, found.high, "95")])
+    return lines + table(["by", "probability", "interval"], cells)[:-1]
+
+
+def _ends(low: float, high: float, percent: str) -> str:
+    return f"{low:.3g} to {high:.3g} ({percent} %)"
+
+
+def _carried(found: Rare, joined: Joined) -> str:
+    """Return in a sentence whether the repetitions or the count give the answer."""
+    if not joined.agree:
+        return (
+            "the count's, because no probability is in both intervals below. The repetitions miss a cause of the event,"
+            " or found it too often by chance: give more --paths."
+        )
+    low = "repetitions" if found.low == joined.by_repetitions[0] else "count"
+    high = "repetitions" if found.high == joined.by_repetitions[1] else "count"
+    if low == high:
+        return f"both ends are of the {low}."
+    return f"its lower end is of the {low}, its upper end of the {high}."
 
 
 def _by_counting(found: Rare) -> list[str]:
-    """Return the text for a study in which no climb, or only a discarded one, reached the event."""
-    if found.repetitions:
-        came = sum(one.probability > 0.0 for one in found.repetitions) or "none"
-        of = f"{came} of {len(found.repetitions)} repetitions"
-        why = f"Subset simulation gives no interval: {of} came to such a flight."
+    """Return the text for a study in which no climb, or only one, reached the event: its answer is a count."""
+    flown, came = found.independent, sum(one.probability > 0.0 for one in found.repetitions)
+    if found.joined:
+        why = f"The repetitions' mean, {found.joined.mean:.2g}, is not used: the count contradicts it."
+    elif found.repetitions:
+        of = f"{came or 'none'} of {len(found.repetitions)} repetitions of subset simulation"
+        why = f"{of} came to the event; two are needed for an estimate of its own."
     elif len(found.plan.levels) < most_levels(found.least):
         why = "Subset simulation found no flight that goes farther than its last level, and stopped."
     else:
         why = f"Subset simulation came to no such flight down to a probability of about {found.least:g}, and stopped."
-    flown = found.independent
     return [
-        f"{why} It flew {found.flights:,}. The figure above is what counting says: of flights with noise of their own"
-        f" it happened in {flown.events} of {flown.flights:,}, 95 % interval {flown.low:.2g} to {flown.high:.2g}"
-        " (Wilson). To know more, give more --paths or --count."
+        f"The answer is a count of the {flown.flights:,} flights whose noise is independent: it happened in"
+        f" {flown.events} of them, interval {found.low:.2g} to {found.high:.2g}"
+        f" ({'Clopper and Pearson, 99 %' if found.joined else 'Wilson, 95 %'}). {why}"
+        f" Subset simulation flew {found.flights:,}. To know more, give more --paths, --repetitions or --count."
     ]
 
 

@@ -39,6 +39,7 @@ ACCEPTED = 0.4  # share of steps that are to be taken [1]
 SPREAD = 2.0  # steps are up to so many times smaller or larger than the level's own, to suit late and early causes
 AT_ONCE = 2**21  # numbers of the paths that are run together
 _GAIN = 2.0  # of the logarithm of a step, for what is taken too often or too seldom
+FIRST = (0.5, 0.1, 0.01, 1e-3)  # shares of the first paths, of which a plan keeps how high they came [1]
 LEAST = 1e-9  # the climb that chooses levels goes no further down than to such a probability [1]
 
 Heights = Callable[[np.ndarray], np.ndarray]  # how high each path (n, size) comes (n)
@@ -49,7 +50,8 @@ class Plan:
     """The levels below the goal, going up, and steps that the first climb chose: b of each kind of step, in (0, 1].
 
     It ran so many flights, of the first, independent ones of which so many met the goal, and says whether a path above
-    the last level reached it.
+    the last level reached it. The shares FIRST of the first ones came as high as `first` says, as far as the paths are
+    so many and the heights finite.
     """
 
     levels: tuple[Amount, ...]
@@ -57,6 +59,7 @@ class Plan:
     flights: Count
     met: Count
     reached: bool
+    first: tuple[Amount, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -213,7 +216,7 @@ def plan_climb(
         best.offer(its, heights, heights)
 
     heights = _first(counted, paths, size, keep, random)
-    met = int(np.sum(heights >= goal))
+    met, first = int(np.sum(heights >= goal)), _quantiles(heights)
     levels: list[float] = []
     steps: list[tuple[float, float]] = []
     while len(levels) < most_levels(least):
@@ -226,7 +229,14 @@ def plan_climb(
         levels.append(level)
         steps.append(b)
         heights = above.heights
-    return Plan(tuple(levels), tuple(steps), flights, met, bool(np.any(heights >= goal)))
+    return Plan(tuple(levels), tuple(steps), flights, met, bool(np.any(heights >= goal)), first)
+
+
+def _quantiles(heights: np.ndarray) -> tuple[float, ...]:
+    """Return the heights that shares FIRST of the paths reach, as far as there are so many and they are finite."""
+    ordered = np.sort(heights)
+    found = [float(ordered[-int(share * len(heights))]) for share in FIRST if share * len(heights) >= 1.0]
+    return tuple(height for height in found if np.isfinite(height))
 
 
 def _next_level(heights: np.ndarray, last: float) -> float | None:

@@ -10,7 +10,7 @@ from scipy.stats import binom, binomtest, norm
 
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.rare import rare_flights as study
-from ortilo_drake.studies.rare.rare_flights import estimate
+from ortilo_drake.studies.rare.estimate import OF_COUNT, OF_REPETITIONS, Estimate, counted_of, estimate
 from ortilo_drake.studies.rare.rare_report import rare_text, verdict
 from ortilo_drake.studies.rare.subset import Climb, Plan, climb, plan_climb
 
@@ -51,23 +51,33 @@ def test_the_law_is_what_counting_finds() -> None:
     assert binomtest(events, len(z), 0.05).pvalue > 1e-3
 
 
-def held(probability: float, paths: int, repetitions: int, intervals: int) -> int:
+def answer(plan: Plan, found: list[Climb], paths: int, counted: int = 0, events: int = 0) -> Estimate:
+    """The estimate of a study that counted so many flights beside its repetitions."""
+    met = plan.met + sum(one.met for one in found) + events
+    return estimate(plan, found, paths, counted_of(paths * (1 + len(found)) + counted, met), counted, events)
+
+
+def held(probability: float, paths: int, repetitions: int, intervals: int, counted: int = 0) -> int:
     """In how many of so many studies the interval holds the probability."""
     count, goal = 0, goal_of(probability)
     for seed in range(intervals):
         plan = plan_climb(highest, TICKS, goal, paths, seed)
-        found = [climb(highest, TICKS, goal, plan, paths, seed, i) for i in range(repetitions)]
-        _, (low, high) = estimate(plan, found, paths)
-        count += low <= probability <= high
+        found = [climb(highest, TICKS, goal, plan, paths, seed, i) for i in range(repetitions if plan.reached else 0)]
+        z = np.random.default_rng((seed, 10**6)).standard_normal((counted, TICKS))
+        it = answer(plan, found, paths, counted, int(np.sum(highest(z) >= goal)))
+        count += it.low <= probability <= it.high
     return count
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("repetitions", [3, 10])
+@pytest.mark.parametrize("counted", [0, 1000])
 @pytest.mark.parametrize("probability", [0.5, 0.1, 0.03, 1e-3])
-def test_the_interval_holds_the_probability_as_often_as_it_says(probability: float, repetitions: int) -> None:
+def test_the_interval_holds_the_probability_as_often_as_it_says(
+    probability: float, counted: int, repetitions: int
+) -> None:
     """100 intervals; were they to hold it in 0.93, one in a thousand such counts would be below."""
-    assert held(probability, 100, repetitions, 100) >= binom.ppf(1e-3 / 8, 100, 0.93)
+    assert held(probability, 100, repetitions, 100, counted) >= binom.ppf(1e-3 / 16, 100, 0.93)
 
 
 @pytest.mark.family
@@ -83,24 +93,62 @@ def test_an_event_without_levels_is_counted_however_alike_repetitions_are(shares
     plan = Plan((), (), 100, 40, True)
     found = [Climb(share, (share,), (), 100, round(100 * share)) for share in shares]
     events = round(100 * sum(shares))
-    probability, ends = estimate(plan, found, 100)
-    assert probability == pytest.approx(events / 300)
-    assert ends == pytest.approx(tuple(binomtest(events, 300).proportion_ci(method="wilson")))
+    it = answer(plan, found, 100)
+    assert it.probability == pytest.approx(events / 300)
+    assert (ends := (it.low, it.high)) == pytest.approx(tuple(binomtest(events, 300).proportion_ci(method="wilson")))
     assert ends[1] - ends[0] > 0.1
-    probability, ends = estimate(plan, found, 100, 200, 106)
-    assert probability == pytest.approx((events + 106) / 500)
-    assert ends == pytest.approx(tuple(binomtest(events + 106, 500).proportion_ci(method="wilson")))
+    it = answer(plan, found, 100, 200, 106)
+    assert it.probability == pytest.approx((events + 106) / 500)
+    assert (it.low, it.high) == pytest.approx(tuple(binomtest(events + 106, 500).proportion_ci(method="wilson")))
 
 
 def test_repetitions_that_agree_by_chance_are_as_uncertain_as_their_flights() -> None:
     """Two of 100 paths through shares of 0.1, 0.1 and 0.2: not +-15 %, as two alike estimates have."""
     plan = Plan((1.0, 2.0), ((0.5, 0.5), (0.5, 0.5)), 280, 0, True)
     found = [Climb(p, (0.1, 0.1, 0.2), (0.4, 0.4), 280, 0) for p in (1.99e-3, 2.01e-3)]
-    probability, (low, high) = estimate(plan, found, 100)
+    it = answer(plan, found, 100)
+    assert it.joined is not None
+    low, high = it.joined.by_repetitions
     sd = np.sqrt((9.0 + 9.0 + 4.0) / 100 / 2)
-    assert probability == pytest.approx(2e-3)
+    assert it.probability == pytest.approx(2e-3)
     assert np.log(high / 2e-3) == pytest.approx(np.log(2e-3 / low))
     assert np.log(high / 2e-3) >= 1.95 * sd
+
+
+LEVELS = Plan((1.0, 2.0), ((0.5, 0.5), (0.5, 0.5)), 280, 0, True)
+APART = [Climb(p, (0.1, 0.1, 100.0 * p), (0.4, 0.4), 280, 0) for p in (5e-4, 2e-4, 2e-3)]
+
+
+@pytest.mark.parametrize(("counted", "events"), [(0, 0), (2000, 0), (2000, 3), (30_000, 20), (100_000, 1), (500, 200)])
+def test_the_answer_is_what_the_repetitions_and_a_count_both_allow(counted: int, events: int) -> None:
+    """Their confidences, less 1, add up to the answer's: Clopper and Pearson's 99 %, and 96 % of the repetitions'."""
+    assert pytest.approx(0.05) == (1.0 - OF_COUNT) + (1.0 - OF_REPETITIONS)
+    it = answer(LEVELS, APART, 100, counted, events)
+    assert it.joined is not None
+    assert it.joined.mean == pytest.approx(9e-4)
+    exact = binomtest(events, 400 + counted).proportion_ci(0.99, method="exact")
+    assert it.joined.by_count == pytest.approx((exact.low, exact.high))
+    lows, highs = zip(it.joined.by_repetitions, it.joined.by_count, strict=True)
+    assert it.joined.agree == (max(lows) <= min(highs))
+    assert (it.low, it.high) == ((max(lows), min(highs)) if it.joined.agree else it.joined.by_count)
+    assert it.probability is not None
+    assert it.low <= it.probability <= it.high
+    assert it.joined.agree == (events < 200)
+
+
+def test_the_figure_is_of_what_says_more() -> None:
+    """Twenty of 30,000 flights say more than three repetitions apart by ten; none of 2,000 says less."""
+    assert answer(LEVELS, APART, 100, 30_000, 20).probability == pytest.approx(20 / 30_400)
+    assert answer(LEVELS, APART, 100, 2000, 0).probability == pytest.approx(9e-4)
+
+
+def test_repetitions_that_a_count_without_an_event_contradicts_are_not_used() -> None:
+    alike = [Climb(p, (0.1, 0.1, 0.5), (0.4, 0.4), 280, 0) for p in (4.9e-3, 5e-3, 5.1e-3)]
+    it = answer(LEVELS, alike, 100, 1_000_000, 0)
+    assert it.joined is not None
+    assert not it.joined.agree
+    assert (it.probability, it.low) == (None, 0.0)
+    assert it.high == pytest.approx(1.0 - 0.005 ** (1 / 1_000_400))
 
 
 def flown(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, norm, t
 
-from ortilo_drake.studies.rare.rare_flights import log_interval
+from ortilo_drake.studies.rare.estimate import log_interval
 
 
 @pytest.mark.family

@@ -14,7 +14,8 @@ from ortilo_drake.flight.engine import Engine
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario, with_seed
-from ortilo_drake.studies.rare.rare_flights import Rare, counted_of, rare_flights
+from ortilo_drake.studies.rare.estimate import Joined, counted_of
+from ortilo_drake.studies.rare.rare_flights import Rare, rare_flights
 from ortilo_drake.studies.rare.rare_report import level_apart, rare_text
 from ortilo_drake.studies.rare.subset import AT_ONCE, Climb, Plan, flights_of
 from ortilo_drake.world.persistent_noise import seeds_of_nodes
@@ -135,8 +136,8 @@ def test_the_command_says_how_often(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 def made(repetitions: list[Climb], probability: float | None = None, events: int = 0) -> Rare:
     plan, counted = Plan((1.0, 2.0), ((0.5, 0.2), (0.2, 0.1)), 40, 0, bool(repetitions)), counted_of(500, events)
-    low, high = counted.low, counted.high
-    return Rare(None, probability, low, high, 1e-2, plan, repetitions, 80, 0, counted, None)
+    joined = None if probability is None else Joined(probability, (1e-9, 1.0), (0.0, 0.013))
+    return Rare(None, probability, counted.low, counted.high, joined, 1e-2, plan, repetitions, 80, 0, counted, None)
 
 
 NEVER = [Climb(0.0, (0.1, 0.0), (0.3,), 40, 0)] * 2
@@ -149,7 +150,7 @@ def test_what_never_happened_is_bounded_by_counting_in_the_first_line(repetition
     assert first == "# nominal_imu_uwb loses its vehicle: fewer than 0.0076 (95 %), none in 500 flights"
     assert "probability 0" not in text
     assert not re.search(r"\| \d+ \| 0 \|", text)  # of a repetition
-    assert any("came to such a flight" in line or "came to no such flight" in line for line in rest)
+    assert any("came to the event" in line or "came to no such flight" in line for line in rest)
 
 
 @pytest.mark.parametrize("flights", [20, 500, 10_000])
@@ -164,8 +165,24 @@ def test_the_bound_of_what_never_happened_is_above_what_is_exact(flights: int) -
 
 
 def test_what_counting_alone_found_is_said_as_a_count() -> None:
-    text = rare_text(SCENARIO, made(NEVER, events=2))
-    assert text.startswith("# nominal_imu_uwb: about one flight in 250 loses its vehicle, by counting: 2 of 500\n")
+    text = rare_text(SCENARIO, made([*NEVER, Climb(1e-3, (0.1, 0.1, 0.1), (0.3, 0.3), 40, 0)], events=2))
+    first, _, answer, *_ = text.splitlines()
+    assert first == "# nominal_imu_uwb: about one flight in 250 loses its vehicle, by counting: 2 of 500"
+    assert "a count of the 500 flights whose noise is independent: it happened in 2 of them" in answer
+    assert "1 of 3 repetitions of subset simulation came to the event; two are needed" in answer
+
+
+def test_the_report_says_whose_each_end_is_and_where_a_count_contradicts() -> None:
+    found = replace(made(NEVER, 1e-3, events=1), low=1e-4, high=0.013, joined=Joined(1e-3, (1e-4, 0.1), (0.0, 0.013)))
+    text = rare_text(SCENARIO, found)
+    assert "its lower end is of the repetitions, its upper end of the count" in text
+    assert "| a count: 1 of 500 flights | 0.002 | 0 to 0.013 (99 %) |" in text
+    assert "hardly agree" not in text
+    assert "hardly agree" in rare_text(SCENARIO, replace(found, probability=3e-3))
+    apart = replace(found, low=0.02, high=0.03, joined=Joined(1e-3, (1e-4, 0.01), (0.02, 0.03)))
+    assert "no probability is in both intervals" in rare_text(SCENARIO, apart)
+    unused = replace(apart, probability=None)
+    assert "the count contradicts it" in rare_text(SCENARIO, unused)
 
 
 @pytest.mark.family
@@ -191,7 +208,7 @@ def test_the_first_line_has_the_interval_and_says_where_there_is_none() -> None:
     assert first == "# nominal_imu_uwb: about one flight in 4,900 loses its vehicle (95 %: one in 2,600 to 9,100)"
     often = rare_text(SCENARIO, replace(found, probability=0.7, low=0.63, high=0.78)).splitlines()[0]
     assert often == "# nominal_imu_uwb loses its vehicle in about 70% of flights (95 %: 63% to 78%)"
-    assert "Subset simulation gives no interval: none of 2 repetitions" in rare_text(SCENARIO, made(NEVER))
+    assert "none of 2 repetitions of subset simulation came to the event" in rare_text(SCENARIO, made(NEVER))
 
 
 def test_repetitions_that_go_different_ways_are_told() -> None:

@@ -5,7 +5,7 @@ import pytest
 from numba import njit
 from scipy.stats import binom, norm, t
 
-from ortilo_drake.studies.rare.rare_flights import log_interval
+from ortilo_drake.studies.rare.estimate import log_interval
 from ortilo_drake.studies.rare.subset import CHAIN, Climb, climb, flights_of, independent_paths, plan_climb, propose
 
 TICKS, REPETITIONS = 40, 24
