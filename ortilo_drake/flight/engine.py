@@ -10,7 +10,15 @@ import xarray as xr
 
 from ortilo_drake.diagrams.wiring.truth import drawn_values, normals_at_start
 from ortilo_drake.diagrams.wiring.whole import boxes_of, signals_of, why_not
-from ortilo_drake.flight.figures import FIGURES, REFERENCE, TRACE_SIZE, TRUE, figures_of, sums_of
+from ortilo_drake.flight.figures import (
+    FIGURES,
+    REFERENCE,
+    TRACE_SIZE,
+    TRUE,
+    figures_of,
+    squared_distances_from,
+    sums_of,
+)
 from ortilo_drake.flight.figures_element import figures_box
 from ortilo_drake.flight.flight import flight_dataset
 from ortilo_drake.flight.flyable import check_flyable
@@ -148,35 +156,41 @@ class Engine:
         """The number of standard normals that decide a flight."""
         return self.ticks * self.noise.width + sum(self.drawn.values())
 
-    def distances(self, seeds: np.ndarray) -> np.ndarray:
+    def distances(self, seeds: np.ndarray, from_path: bool = False) -> np.ndarray:
         """Fly, and return how far each flight is from its reference at each tick [m] (n, ticks); infinity once lost.
 
         What is drawn at the start is of each flight's first seed.
 
         Args:
             seeds: of all noise, of each flight at each tick (n, ticks).
+            from_path: measure to the nearest of all points of the reference, instead of to the one of the same tick.
         """
-        return np.array([self._fly_away(its, of_seed(int(its[0]))) for its in seeds.astype(np.int64)])
+        return np.array([self._fly_away(its, of_seed(int(its[0])), from_path) for its in seeds.astype(np.int64)])
 
-    def distances_given(self, numbers: np.ndarray) -> np.ndarray:
+    def distances_given(self, numbers: np.ndarray, from_path: bool = False) -> np.ndarray:
         """Fly, and return the same of the numbers that decide each flight.
 
         Args:
             numbers: standard normal (n, numbers): the rows of `noise` for one tick after the other, then what is drawn
                 at the start, stream after stream as `drawn` has them.
+            from_path: as for distances.
         """
         names, ends = list(self.drawn), np.cumsum(list(self.drawn.values()))
         found, at = np.empty((len(numbers), self.ticks)), self.ticks * self.noise.width
         for i, its in enumerate(numbers.astype(np.float32, copy=False)):
             parts = dict(zip(names, np.split(its[at:].astype(float), ends[:-1]), strict=True)) if names else {}
-            found[i] = self._fly_away(self.noise.seeds(its[:at].reshape(self.ticks, -1)), _among(parts))
+            found[i] = self._fly_away(self.noise.seeds(its[:at].reshape(self.ticks, -1)), _among(parts), from_path)
         return found
 
-    def _fly_away(self, seeds: np.ndarray, draw: AtStart) -> np.ndarray:
-        """Return the distance of one flight to its reference at each tick [m], infinity once lost."""
+    def _fly_away(self, seeds: np.ndarray, draw: AtStart, from_path: bool = False) -> np.ndarray:
+        """Return the distance of one flight to its reference or path at each tick [m], infinity once lost."""
         rows, found = self._fly(seeds, draw, self._player.rows(self.ticks)), np.full(self.ticks, np.inf)
         rows = rows if self._loss(rows) is None else rows[:-1]
-        found[: len(rows)] = np.sqrt(np.sum((rows[:, TRUE] - rows[:, REFERENCE]) ** 2, axis=1))
+        if from_path and len(rows):
+            squared = squared_distances_from(np.ascontiguousarray(rows[:, REFERENCE]), rows)
+        else:
+            squared = np.sum((rows[:, TRUE] - rows[:, REFERENCE]) ** 2, axis=1)
+        found[: len(rows)] = np.sqrt(squared)
         return found
 
     def _player_of(self, logged: tuple[str, ...]) -> Player:

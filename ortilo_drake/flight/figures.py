@@ -126,6 +126,15 @@ def distinct(path: np.ndarray) -> np.ndarray:
     return points[:m]
 
 
+@njit(cache=True, nogil=True)
+def squared_distances_from(path: np.ndarray, trace: np.ndarray) -> np.ndarray:
+    """Return squared_path_distances of a trace (n, 3 or more) from a path that may wait at a point (m, 3) [m^2]."""
+    longest = 1e-12
+    for k in range(1, len(path)):
+        longest = max(longest, np.sqrt(squared_distance_to(path, k, path[k - 1])))
+    return squared_path_distances(trace, distinct(path), longest)  # one that waits at its goal has many the same
+
+
 @njit(cache=True)
 def path_mse(trace: np.ndarray, path: np.ndarray) -> float:
     """Return metrics.path_mse [m^2] of a flight along a path (n, 3): NaN where that does not run forward in x."""
@@ -179,11 +188,8 @@ def figures_of(trace: np.ndarray, path: np.ndarray, out: np.ndarray) -> None:
         return
     trace, path = trace[:n], path[:n]
     fill(out[2:], 0.0)
-    longest = 1e-12
-    for k in range(1, n):
-        longest = max(longest, np.sqrt(squared_distance_to(path, k, path[k - 1])))
     out[5] = path_mse(trace, path)
-    squared = squared_path_distances(trace, distinct(path), longest)  # one that waits at its goal has many the same
+    squared = squared_distances_from(path, trace)
     for k in range(n):
         p = trace[k, TRUE]
         for i in range(3):

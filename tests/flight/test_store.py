@@ -330,7 +330,7 @@ def test_a_damaged_piece_of_a_rare_event_is_flown_again(
     monkeypatch.setattr(rare_flights, "plan_climb", noted("plan", PLAN))
     monkeypatch.setattr(rare_flights, "climb_flights", noted("climb", CLIMB))
     monkeypatch.setattr(rare_flights, "count_flights", noted("count", 0))
-    asked = (SCENARIO, 1.5, 1000, 2, tmp_path, 1, 600)
+    asked = (SCENARIO, rare_flights.Event(1.5), 1000, 2, tmp_path, 1, 600)
     before = rare_flights.rare_flights(*asked)
     assert ran == ["plan", "climb", "climb", "count", "count"]
     files = sorted(tmp_path.rglob("*.json"))

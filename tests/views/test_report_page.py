@@ -168,6 +168,11 @@ FOLDERS = {
     "rare, never": ("# own loses its vehicle: fewer than 0.0076 (95 %), none in 500 flights", "ortilo rare own"),
     "rare, counted": ("# own: about one flight in 250 loses its vehicle, by counting: 2 of 500", "ortilo rare own"),
     "rare, often": ("# own loses its vehicle in about 70% of flights (95 %: 63% to 78%)", "ortilo rare own"),
+    "rare, path": (
+        "# own: about one flight in 90 strays 5 m or more from its path (95 %: one in 60 to",
+        "ortilo rare own",
+    ),
+    "rare, path, bound": ("# own strays 5 m or more from its path: fewer than 0.1 (95 %), none", "ortilo rare own"),
     "rare, corridor": ("# own strays 5 m or more from its reference: fewer than 0.1 (95 %), none", "ortilo rare own"),
     "map": ("# A map of own over uwb.link.loss, seed", "ortilo map"),
     "recorded": ("# Recorded motions", "ortilo replay --map"),

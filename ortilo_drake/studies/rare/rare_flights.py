@@ -30,11 +30,41 @@ Part = tuple[
 
 
 @dataclass(frozen=True)
+class Event:
+    """What may happen in a flight: the vehicle comes so far from where it should be, or it is lost.
+
+    Attributes:
+        corridor: the distance from which on it counts [m]; None if only a loss does. A lost flight counts always.
+        from_path: whether the distance is from the nearest point of the path, the points of the reference at all times;
+            otherwise from the reference of the same moment, so that a vehicle which is late is off too.
+    """
+
+    corridor: float | None
+    from_path: bool = False
+
+    @property
+    def goal(self) -> float:
+        """The distance at which it happens; infinity stands for a loss [m]."""
+        return np.inf if self.corridor is None else self.corridor
+
+    @property
+    def origin(self) -> str:
+        """What the distance is from, as reports name it."""
+        return "path" if self.from_path else "reference"
+
+    @property
+    def file(self) -> str:
+        """The name by which kept results of it begin."""
+        what = "lost" if self.corridor is None else f"corridor_{self.corridor:g}"
+        return f"{what}_from_path" if self.from_path else what
+
+
+@dataclass(frozen=True)
 class Rare:
     """The probability of a rare event in a flight, and how it was found.
 
     Attributes:
-        corridor: distance from the reference that is strayed from [m]; None where losing the vehicle is meant.
+        event: what happens.
         probability: how likely the event is in a flight [1]; None if it is known only by the count of `independent`.
         low: lower end of its 95 % interval [1].
         high: its upper end [1].
@@ -48,7 +78,7 @@ class Rare:
         counted: plain counting beside it, if asked for.
     """
 
-    corridor: float | None
+    event: Event
     probability: float | None
     low: float
     high: float
@@ -67,33 +97,27 @@ def _engine_of(scenario_json: str) -> Engine:
     return Engine(Scenario.model_validate_json(scenario_json))
 
 
-def _farthest(engine: Engine, numbers: np.ndarray) -> np.ndarray:
-    """Return the largest distance from the reference of each flight [m], infinity if it is lost (n)."""
-    return engine.distances_given(numbers).max(axis=1)
+def _farthest(engine: Engine, event: Event, numbers: np.ndarray) -> np.ndarray:
+    """Return the largest distance of each flight [m], infinity if it is lost (n)."""
+    return engine.distances_given(numbers, event.from_path).max(axis=1)
 
 
-def _goal(corridor: float | None) -> float:
-    return np.inf if corridor is None else corridor
-
-
-def climb_flights(
-    scenario_json: str, corridor: float | None, plan: Plan, paths: int, seed: int, repetition: int
-) -> Climb:
+def climb_flights(scenario_json: str, event: Event, plan: Plan, paths: int, seed: int, repetition: int) -> Climb:
     """Return one estimate. Runs in a worker: the arguments are plain data."""
     engine = _engine_of(scenario_json)
-    return climb(partial(_farthest, engine), engine.numbers, _goal(corridor), plan, paths, seed, repetition)
+    return climb(partial(_farthest, engine, event), engine.numbers, event.goal, plan, paths, seed, repetition)
 
 
-def count_flights(scenario_json: str, corridor: float | None, seeds: range) -> int:
+def count_flights(scenario_json: str, event: Event, seeds: range) -> int:
     """Return in how many flights it happens. Runs in a worker: the arguments are plain data."""
     engine = _engine_of(scenario_json)
     of_ticks = np.repeat(np.array(seeds)[:, np.newaxis], engine.ticks, axis=1)
-    return int(np.sum(engine.distances(of_ticks).max(axis=1) >= _goal(corridor)))
+    return int(np.sum(engine.distances(of_ticks, event.from_path).max(axis=1) >= event.goal))
 
 
 def rare_flights(
     scenario: Scenario,
-    corridor: float | None,
+    event: Event,
     paths: int,
     repetitions: int,
     out: Path,
@@ -102,7 +126,7 @@ def rare_flights(
     progress: Callable[[int, int], None] = lambda done, total: None,
     least: float = LEAST,
 ) -> Rare:
-    """Return the probability that the vehicle is lost, or strays so far from its reference, out of a corridor [m].
+    """Return the probability that an event happens in a flight.
 
     Where the climb that chooses the levels never comes to the event, nothing is repeated. Finished repetitions are kept
     in the folder `out`, and not flown again; 1 worker flies in this process. A level has so many paths, a multiple of
@@ -114,9 +138,8 @@ def rare_flights(
     if paths % CHAIN:
         raise InputError(f"paths: {paths}: must be a multiple of {CHAIN}")
     engine = _engine_of(text := scenario.model_dump_json())  # refuses before anything is kept
-    event = "lost" if corridor is None else f"corridor_{corridor:g}"
     folder, size = flight_folder(out, scenario), engine.numbers
-    plan_file = folder / f"{event}_{paths}_paths_to_{least:g}_plan_{scenario.seed}.json"
+    plan_file = folder / f"{event.file}_{paths}_paths_to_{least:g}_plan_{scenario.seed}.json"
     plan: Plan | None = kept_json(plan_file, Plan, in_folder(plan_file))
     if plan is None:
         most = flights_of(most_levels(least), paths) + count
@@ -124,7 +147,7 @@ def rare_flights(
         def planned(flights: int) -> None:
             progress(flights, most)
 
-        plan = plan_climb(partial(_farthest, engine), size, _goal(corridor), paths, scenario.seed, least, planned)
+        plan = plan_climb(partial(_farthest, engine, event), size, event.goal, paths, scenario.seed, least, planned)
         keep_json(plan_file, plan, in_folder(plan_file))
     numbers = range(repetitions if plan.reached else 0)
     each = flights_of(len(plan.levels), paths)
@@ -139,7 +162,7 @@ def rare_flights(
     advance(0, 0)
     parts: list[Part] = [
         (
-            (text, corridor, plan, paths, scenario.seed, i),
+            (text, event, plan, paths, scenario.seed, i),
             plan_file.with_stem(f"{plan_file.stem}_repetition_{i}"),
             Climb,
             each,
@@ -150,8 +173,8 @@ def rare_flights(
     parts = []
     for at in range(0, count, AT_ONCE):
         batch = range(at, min(at + AT_ONCE, count))
-        file = folder / f"{event}_counted_{batch.start:08d}_{batch.stop - 1:08d}.json"
-        parts.append(((text, corridor, batch), file, _count_of(batch), len(batch)))
+        file = folder / f"{event.file}_counted_{batch.start:08d}_{batch.stop - 1:08d}.json"
+        parts.append(((text, event, batch), file, _count_of(batch), len(batch)))
     counts = _run(count_flights, parts, workers, advance)
     counted = counted_of(count, sum(counts)) if count else None
     met = plan.met + sum(one.met for one in found) + sum(counts)
@@ -160,7 +183,7 @@ def rare_flights(
     drawn, answer = sum(engine.drawn.values()), estimate(plan, found, paths, independent, count, sum(counts))
     ends = answer.low, answer.high
     return Rare(
-        corridor, answer.probability, *ends, answer.joined, least, plan, found, flights, drawn, independent, counted
+        event, answer.probability, *ends, answer.joined, least, plan, found, flights, drawn, independent, counted
     )
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.rare.estimate import Joined
-from ortilo_drake.studies.rare.rare_flights import Rare
+from ortilo_drake.studies.rare.rare_flights import Event, Rare
 from ortilo_drake.studies.rare.subset import FIRST, KEPT, most_levels
 from ortilo_drake.views.markdown import table
 
@@ -16,7 +16,7 @@ APART = 0.25  # of acceptances at one level, from which repetitions are said to 
 
 def verdict(scenario: Scenario, found: Rare) -> str:
     """Return the verdict in one line: how often it happens."""
-    event = "loses its vehicle" if found.corridor is None else f"strays {found.corridor:g} m or more from its reference"
+    event = happening(found.event)
     flown = found.independent
     if found.probability is not None:
         p, low, high = found.probability, found.low, found.high
@@ -30,6 +30,13 @@ def verdict(scenario: Scenario, found: Rare) -> str:
             return f"{scenario.name} {event} in about {p:.0%} of flights, {counted}"
         return f"{scenario.name}: about one flight in {1.0 / p:,.0f} {event}, {counted}"
     return f"{scenario.name} {event}: fewer than {found.high:.2g} (95 %), none in {flown.flights:,} flights"
+
+
+def happening(event: Event) -> str:
+    """Return what happens, as the rest of a sentence that begins with the scenario."""
+    if event.corridor is None:
+        return "loses its vehicle"
+    return f"strays {event.corridor:g} m or more from its {event.origin}"
 
 
 def _one_in(probability: float) -> str:
@@ -50,7 +57,7 @@ def rare_text(scenario: Scenario, found: Rare) -> str:
             f"From {at:.3g} m on the repetitions go different ways: some found a way to the event that others did not"
             " see, and an interval may miss it. Give more --paths, and compare with --count.",
         ]
-    lines += ["", *table(["one flight in about", "comes so far from its reference [m]"], _distances(found))]
+    lines += ["", *table(["one flight in about", f"comes so far from its {found.event.origin} [m]"], _distances(found))]
     if found.plan.levels and found.repetitions:
         kept, accepted = _shares(found), _column_means([one.accepted for one in found.repetitions])
         cells = [

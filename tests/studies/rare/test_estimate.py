@@ -159,15 +159,17 @@ def flown(
     class Process:
         numbers, ticks, drawn = TICKS, TICKS, dict[str, int]()
 
-        def distances_given(self, z: np.ndarray) -> np.ndarray:
+        def distances_given(self, z: np.ndarray, from_path: bool) -> np.ndarray:
             return highest(z)[:, np.newaxis]
 
-        def distances(self, seeds: np.ndarray) -> np.ndarray:
+        def distances(self, seeds: np.ndarray, from_path: bool) -> np.ndarray:
             return highest(np.random.default_rng(int(seeds[0, 0])).standard_normal((len(seeds), TICKS)))[:, np.newaxis]
 
     process, told = Process(), list[tuple[int, int]]()
     monkeypatch.setattr(study, "_engine_of", lambda text: process)
-    found = study.rare_flights(SCENARIO, goal, 100, 3, tmp_path, 1, progress=lambda *now: told.append(now), **more)
+    found = study.rare_flights(
+        SCENARIO, study.Event(goal), 100, 3, tmp_path, 1, progress=lambda *now: told.append(now), **more
+    )
     return found, told
 
 

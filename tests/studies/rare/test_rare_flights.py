@@ -8,14 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import run
+from scipy.spatial import cKDTree
 from scipy.stats import binomtest, chi
 
 from ortilo_drake.flight.engine import Engine
+from ortilo_drake.flight.figures import REFERENCE, TRUE
 from ortilo_drake.flight.flight import fly
+from ortilo_drake.flight.metrics import path_distance
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario, with_seed
 from ortilo_drake.studies.rare.estimate import Joined, counted_of
-from ortilo_drake.studies.rare.rare_flights import Rare, rare_flights
+from ortilo_drake.studies.rare.rare_flights import Event, Rare, rare_flights
 from ortilo_drake.studies.rare.rare_report import level_apart, rare_text
 from ortilo_drake.studies.rare.subset import AT_ONCE, Climb, Plan, flights_of
 from ortilo_drake.world.persistent_noise import seeds_of_nodes
@@ -30,6 +33,21 @@ def test_distances_are_those_of_drakes_flight() -> None:
     found = engine.distances(np.full((1, engine.ticks), 5))[0]
     away = flight["truth"].values[:, :3] - flight["reference"].values[:, :3]
     np.testing.assert_allclose(found[: len(away)], np.linalg.norm(away, axis=1), atol=1e-9)
+    from_path = engine.distances(np.full((1, engine.ticks), 5), from_path=True)[0]
+    np.testing.assert_allclose(from_path[: len(away)], path_distance(flight), atol=1e-9)
+
+
+def test_distances_from_the_path_are_those_of_the_nearest_point_at_any_time() -> None:
+    """Against SciPy's k-d tree. A vehicle that lags its reference is nearer to the path than to the reference."""
+    engine = Engine(SCENARIO)
+    rows, _ = engine.trace(5)
+    nearest, _ = cKDTree(rows[:, REFERENCE]).query(rows[:, TRUE])
+    seeds = np.full((1, engine.ticks), 5)
+    from_path = engine.distances(seeds, from_path=True)[0]
+    np.testing.assert_allclose(from_path[: len(rows) - 1], nearest[:-1], atol=1e-12)
+    off = engine.distances(seeds)[0]
+    assert np.all(from_path <= off)
+    assert np.max(from_path[np.isfinite(off)]) < np.max(off[np.isfinite(off)])
 
 
 def test_a_branch_is_the_same_flight_until_it_leaves_and_another_after() -> None:
@@ -44,7 +62,7 @@ def test_a_branch_is_the_same_flight_until_it_leaves_and_another_after() -> None
 @pytest.mark.long
 def test_subsets_agree_with_counting_and_goes_on_where_it_stopped(tmp_path: Path) -> None:
     corridor = 1.5
-    found = rare_flights(SCENARIO, corridor, 100, 4, tmp_path, 1, count=300)
+    found = rare_flights(SCENARIO, Event(corridor), 100, 4, tmp_path, 1, count=300)
     assert found.counted is not None
     assert found.probability is not None
     assert 0.0 < found.probability < 1.0
@@ -63,7 +81,7 @@ def test_subsets_agree_with_counting_and_goes_on_where_it_stopped(tmp_path: Path
     second.unlink()
     plan.write_text("[1]", encoding="utf-8")
     calls: list[tuple[int, int]] = []
-    assert rare_flights(SCENARIO, corridor, 100, 4, tmp_path, 2, 300, lambda *c: calls.append(c)) == found
+    assert rare_flights(SCENARIO, Event(corridor), 100, 4, tmp_path, 2, 300, lambda *c: calls.append(c)) == found
     each = flights_of(len(found.plan.levels), 100)
     assert calls[0] == (AT_ONCE // Engine(SCENARIO).numbers, flights_of(9, 100) + 300)  # of at most nine levels
     kept = calls.index((3 * each, 5 * each + 300))  # the plan and the two repetitions that are kept of four
@@ -102,7 +120,7 @@ def test_a_start_whose_law_is_known(tmp_path: Path) -> None:
     """
     settings = ("planner={kind: hover, duration: 0.1, point: [8.0, 1.0, 1.0]}", "truth.start.position_sd=0.1")
     goal = 0.1 * float(chi(3).isf(1e-5))
-    found = rare_flights(load_scenario("nominal_imu_uwb", settings), goal, 800, 8, tmp_path, 1)
+    found = rare_flights(load_scenario("nominal_imu_uwb", settings), Event(goal), 800, 8, tmp_path, 1)
     assert found.drawn > 0
     assert found.low < 1e-5 < found.high
     assert found.high < 3e-5
@@ -112,7 +130,7 @@ def test_a_start_whose_law_is_known(tmp_path: Path) -> None:
 
 def test_what_is_not_compiled_is_refused_before_anything_is_kept(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"camera\.kind: rendered"):
-        rare_flights(load_scenario("imu_uwb_yolo", ("camera.kind=rendered",)), None, 20, 2, tmp_path, 1)
+        rare_flights(load_scenario("imu_uwb_yolo", ("camera.kind=rendered",)), Event(None), 20, 2, tmp_path, 1)
     assert not list(tmp_path.iterdir())
 
 
@@ -137,7 +155,9 @@ def test_the_command_says_how_often(tmp_path: Path, capsys: pytest.CaptureFixtur
 def made(repetitions: list[Climb], probability: float | None = None, events: int = 0) -> Rare:
     plan, counted = Plan((1.0, 2.0), ((0.5, 0.2), (0.2, 0.1)), 40, 0, bool(repetitions)), counted_of(500, events)
     joined = None if probability is None else Joined(probability, (1e-9, 1.0), (0.0, 0.013))
-    return Rare(None, probability, counted.low, counted.high, joined, 1e-2, plan, repetitions, 80, 0, counted, None)
+    return Rare(
+        Event(None), probability, counted.low, counted.high, joined, 1e-2, plan, repetitions, 80, 0, counted, None
+    )
 
 
 NEVER = [Climb(0.0, (0.1, 0.0), (0.3,), 40, 0)] * 2
@@ -211,6 +231,13 @@ def test_the_first_line_has_the_interval_and_says_where_there_is_none() -> None:
     assert "none of 2 repetitions of subset simulation came to the event" in rare_text(SCENARIO, made(NEVER))
 
 
+def test_the_report_names_what_the_distance_is_from() -> None:
+    found = replace(made([]), event=Event(0.3, True))
+    assert rare_text(SCENARIO, found).startswith("# nominal_imu_uwb strays 0.3 m or more from its path: fewer than")
+    assert (found.event.goal, Event(None).goal) == (0.3, np.inf)
+    assert len({event.file for event in (Event(0.3), Event(0.3, True), Event(None), Event(None, True))}) == 4
+
+
 def test_repetitions_that_go_different_ways_are_told() -> None:
     """As a flight that one wrong fix of a single tick throws off: nearly every step of it is taken."""
     one, other = Climb(1e-6, (0.1, 0.1, 0.1), (0.3, 0.3), 40, 0), Climb(1e-4, (0.1, 0.1, 0.1), (0.3, 0.8), 40, 0)
@@ -221,4 +248,4 @@ def test_repetitions_that_go_different_ways_are_told() -> None:
 
 def test_paths_that_make_no_whole_chains_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="paths: 25: must be a multiple of 10"):
-        rare_flights(SCENARIO, None, 25, 2, tmp_path, 1)
+        rare_flights(SCENARIO, Event(None), 25, 2, tmp_path, 1)
