@@ -47,6 +47,15 @@ def rare(
             " the nearest point of the planned path.",
         ),
     ] = Origin.reference,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fault",
+            metavar="FAULT",
+            help="Fly without and with this fault, side by side: '{kind: gust, start: 5.0, ...}' in YAML, a name that"
+            " `ortilo faults --faults` takes, or `own` for the scenario's; may be repeated, for a row each.",
+        ),
+    ] = None,
     paths: Annotated[int, typer.Option(min=20, help="Flights of each level, a multiple of 10.")] = 1000,
     repetitions: Annotated[
         int, typer.Option(min=2, help="Independent estimates; their spread gives the interval.")
@@ -69,21 +78,39 @@ def rare(
     gives an upper bound. Repetitions already in the folder are not flown again, so a killed run can be resumed.
     """
     from ortilo_drake.flight.cautions import cautions
-    from ortilo_drake.studies.rare.rare_flights import Event, rare_flights
+    from ortilo_drake.studies.rare.rare_flights import Event, Rare, rare_flights
     from ortilo_drake.studies.rare.rare_report import rare_text, verdict
+    from ortilo_drake.studies.rare.under_faults import (
+        check_in_flight,
+        faults_of,
+        faults_text,
+        faults_verdict,
+        times_as_often,
+    )
 
-    flown = with_seed(load_scenario(scenario, with_camera(settings, camera, None)), seed)
+    laid_over = with_camera(settings, camera, None)
+    own = with_seed(load_scenario(scenario, laid_over), seed)
+    cases = faults_of(fault, own) if fault else {}
+    flown = {
+        name: with_seed(load_scenario(scenario, (*laid_over, ("faults", faults))), seed)
+        for name, faults in ({"no fault": [], **cases} if cases else {}).items()
+    } or {"": own}
+    for name in cases:
+        check_in_flight(flown[name], name)
     check_writable(report := out_folder / "rare.md")
-    say_warnings(cautions(flown, scenario, settings or ()))
+    say_warnings(cautions(own, scenario, settings or ()))
     say_if_compiling()
     event = Event(corridor, origin is Origin.path)
     workers = workers or os.cpu_count() or 1
-    with flights_to_go() as advance:
-        found = rare_flights(flown, event, paths, repetitions, out_folder / "kept", workers, count, advance, least)
-    text = rare_text(flown, found)
-    hand_over(
-        text,
-        report,
-        {"scenario": flown.name, "verdict": verdict(flown, found), "corridor": corridor} | as_data(found),
-        json_file,
-    )
+    found: dict[str, Rare] = {}
+    for name, its in flown.items():
+        with flights_to_go(f"flights with {name}" if name else "flights") as advance:
+            kept = out_folder / "kept"
+            found[name] = rare_flights(its, event, paths, repetitions, kept, workers, count, advance, least)
+    without, *_ = found.values()
+    under = {name: found[name] for name in cases}
+    line = faults_verdict(own, without, under) if cases else verdict(own, without)
+    text = faults_text(own, without, under) if cases else rare_text(own, without)
+    rows = [{"fault": name} | as_data(times_as_often(its, without)) | as_data(its) for name, its in under.items()]
+    data = {"scenario": own.name, "verdict": line, "corridor": corridor} | as_data(without)
+    hand_over(text, report, data | ({"under_faults": rows} if cases else {}), json_file)

@@ -16,20 +16,25 @@ APART = 0.25  # of acceptances at one level, from which repetitions are said to 
 
 def verdict(scenario: Scenario, found: Rare) -> str:
     """Return the verdict in one line: how often it happens."""
-    event = happening(found.event)
-    flown = found.independent
-    if found.probability is not None:
-        p, low, high = found.probability, found.low, found.high
-        if p > OFTEN:
-            return f"{scenario.name} {event} in about {p:.0%} of flights (95 %: {low:.0%} to {min(high, 1.0):.0%})"
-        one_in = [_one_in(p) for p in (p, high, low)]
-        return f"{scenario.name}: about one flight in {one_in[0]} {event} (95 %: one in {one_in[1]} to {one_in[2]})"
-    if flown.events:
-        p, counted = flown.events / flown.flights, f"by counting: {flown.events} of {flown.flights:,}"
-        if p > OFTEN:
-            return f"{scenario.name} {event} in about {p:.0%} of flights, {counted}"
-        return f"{scenario.name}: about one flight in {1.0 / p:,.0f} {event}, {counted}"
-    return f"{scenario.name} {event}: fewer than {found.high:.2g} (95 %), none in {flown.flights:,} flights"
+    event, flown, (often, ends) = happening(found.event), found.independent, how_often(found)
+    if found.probability is None and not flown.events:
+        return f"{scenario.name} {event}: fewer than {found.high:.2g} (95 %), none in {flown.flights:,} flights"
+    by = f" (95 %: {ends})"
+    if found.probability is None:
+        by = f", by counting: {flown.events} of {flown.flights:,}{by}"
+    if often.startswith("one"):
+        return f"{scenario.name}: about {often} {event}{by}"
+    return f"{scenario.name} {event} in about {often}{by}"
+
+
+def how_often(found: Rare) -> tuple[str, str]:
+    """Return how often it happens and its 95 % interval, in words: a share where it is often, one flight in so many."""
+    p, low, high = found.probability or found.independent.events / found.independent.flights, found.low, found.high
+    if p > OFTEN:
+        return f"{p:.0%} of flights", f"{low:.0%} to {min(high, 1.0):.0%}"
+    if not p:
+        return f"none of {found.independent.flights:,} flights", f"fewer than one in {_one_in(high)}"
+    return f"one flight in {_one_in(p)}", f"one in {_one_in(high)} to {_one_in(low) if low else 'infinity'}"
 
 
 def happening(event: Event) -> str:
@@ -41,8 +46,13 @@ def happening(event: Event) -> str:
 
 def _one_in(probability: float) -> str:
     """Return of how many flights it is one, in two digits."""
-    flights = float(f"{1.0 / max(probability, 1e-99):.2g}")
-    return f"{flights:,.0f}" if flights < _MILLIARD else f"{flights:.2g}"
+    return two_digits(1.0 / max(probability, 1e-99))
+
+
+def two_digits(number: float) -> str:
+    """Return a number in two digits, with an exponent where it is long."""
+    rounded = float(f"{number:.2g}")
+    return f"{rounded:,.0f}" if 10.0 <= rounded < _MILLIARD else f"{rounded:.2g}"
 
 
 def rare_text(scenario: Scenario, found: Rare) -> str:

@@ -1,60 +1,25 @@
 """The intervals of rare events against the law of a Gauss-Markov process; announced flights against flown ones."""
 
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
-from scipy.stats import binom, binomtest, norm
+from gauss_markov import TICKS, answer, goal_of, highest
+from scipy.stats import binom, binomtest
 
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.rare import rare_flights as study
-from ortilo_drake.studies.rare.estimate import OF_COUNT, OF_REPETITIONS, Estimate, counted_of, estimate
+from ortilo_drake.studies.rare.estimate import OF_COUNT, OF_REPETITIONS
 from ortilo_drake.studies.rare.rare_report import rare_text, verdict
 from ortilo_drake.studies.rare.subset import Climb, Plan, climb, plan_climb
 
-TICKS, KEPT = 40, 0.9  # of the process x' = KEPT x + sqrt(1 - KEPT^2) w, stationary of variance 1
-FRESH = np.sqrt(1.0 - KEPT**2)
 SCENARIO = load_scenario("nominal_imu_uwb")
-
-
-def highest(z: np.ndarray) -> np.ndarray:
-    """The largest value of the process in its ticks (n)."""
-    x = z[:, 0].astype(float)
-    top = x.copy()
-    for k in range(1, TICKS):
-        x = KEPT * x + FRESH * z[:, k]
-        np.maximum(top, x, out=top)
-    return top
-
-
-def law(goal: float) -> float:
-    """P(largest >= goal): the density of those still below it, carried from tick to tick by quadrature."""
-    ends = np.linspace(-8.0, goal, 801)
-    grid, width = 0.5 * (ends[1:] + ends[:-1]), ends[1] - ends[0]
-    kernel = norm.pdf((grid[:, np.newaxis] - KEPT * grid) / FRESH) / FRESH * width
-    density = norm.pdf(grid)
-    for _ in range(TICKS - 1):
-        density = kernel @ density
-    return float(1.0 - width * density.sum())
-
-
-@cache
-def goal_of(probability: float) -> float:
-    return float(brentq(lambda goal: law(goal) - probability, -1.0, 7.0))
 
 
 def test_the_law_is_what_counting_finds() -> None:
     z = np.random.default_rng(0).standard_normal((40_000, TICKS))
     events = int(np.sum(highest(z) >= goal_of(0.05)))
     assert binomtest(events, len(z), 0.05).pvalue > 1e-3
-
-
-def answer(plan: Plan, found: list[Climb], paths: int, counted: int = 0, events: int = 0) -> Estimate:
-    """The estimate of a study that counted so many flights beside its repetitions."""
-    met = plan.met + sum(one.met for one in found) + events
-    return estimate(plan, found, paths, counted_of(paths * (1 + len(found)) + counted, met), counted, events)
 
 
 def held(probability: float, paths: int, repetitions: int, intervals: int, counted: int = 0) -> int:

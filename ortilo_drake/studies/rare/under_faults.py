@@ -1,0 +1,137 @@
+"""A rare event with and without faults, side by side: the faults flown, and how many times as often it happens."""
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+from ortilo_drake.flight.flyable import check_flyable
+from ortilo_drake.model.typed_yaml import InputError, nearest, parse_yaml
+from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.faults.catalogue import NAMES, catalogue
+from ortilo_drake.studies.rare.rare_flights import Rare
+from ortilo_drake.studies.rare.rare_report import happening, how_often, rare_text, two_digits, verdict
+from ortilo_drake.views.markdown import table
+
+OWN: Final = "own"  # the faults of the scenario itself
+
+
+@dataclass(frozen=True)
+class Times:
+    """How many times as often an event happens as without a fault [1].
+
+    Attributes:
+        times: the ratio of both probabilities; None if one of them is known only as a bound.
+        low: lower end of its 95 % interval; of a bound the least that it can be.
+        high: upper end; None for no upper end.
+    """
+
+    times: float | None
+    low: float
+    high: float | None
+
+
+def times_as_often(found: Rare, without: Rare) -> Times:
+    """Return how many times as often an event happens as without a fault.
+
+    The interval of a ratio p / q from those of p and q: the distance of each end from the figure is, in the logarithm,
+    the hypotenuse of what p and q contribute to it (G. Y. Zou, A. Donner, "Construction of confidence limits about
+    effect measures: a general approach", Statistics in Medicine 27, 2008). It is meant for independent figures. Flights
+    with and without a fault share noise, which takes them up together and so makes the ratio better known than that.
+    If one of both never happened, only the ends p_low / q_high and p_high / q_low are known.
+    """
+    p, q = _share(found), _share(without)
+    if min(p, q, found.low, without.low) > 0.0:
+        down = math.hypot(math.log(p / found.low), math.log(without.high / q))
+        up = math.hypot(math.log(found.high / p), math.log(q / without.low))
+        return Times(p / q, p / q * math.exp(-down), p / q * math.exp(up))
+    return Times(None, found.low / without.high, found.high / without.low if without.low else None)
+
+
+def _share(found: Rare) -> float:
+    return found.probability or found.independent.events / found.independent.flights
+
+
+def faults_of(given: list[str], own: Scenario) -> dict[str, list[Any]]:
+    """Return lists of faults by the names that reports use, of what --fault is given.
+
+    Args:
+        given: each a name of the catalogue, a fault in YAML, or OWN for those of the scenario.
+        own: the scenario as it is.
+
+    Raises:
+        InputError: naming what is given and what is allowed.
+    """
+    found = {text: _faults(text, own) for text in given}
+    kinds = [faults[0]["kind"] for faults in found.values()]
+    named = (OWN, *NAMES)
+    return {
+        text if text in named or kinds.count(faults[0]["kind"]) > 1 else faults[0]["kind"]: faults
+        for text, faults in found.items()
+    }
+
+
+def _faults(text: str, own: Scenario) -> list[Any]:
+    shown = f"--fault {text!r}"
+    if text == OWN:
+        if not own.faults:
+            raise InputError(f"{shown}: {own.name} has no faults of its own")
+        return [fault.model_dump(mode="json") for fault in own.faults]
+    if text in NAMES:
+        case = next((case for case in catalogue(own) if case.name == text), None)
+        if case is None:
+            raise InputError(f"{shown}: concerns a sensor that {own.name} does not fly: {', '.join(own.sensors)}")
+        return [case.fault]
+    fault = parse_yaml(text, shown) if text.startswith("{") else None
+    if not isinstance(fault, dict) or not isinstance(fault.get("kind"), str):
+        raise InputError(
+            f"{shown}: must be a fault such as '{{kind: gust, start: 5.0, end: 10.0, force: [0.0, 2.0, 0.0]}}', {OWN!r}"
+            f" for those of the scenario, or one of {', '.join(NAMES)}{nearest(text, NAMES)}"
+        )
+    return [fault]
+
+
+def check_in_flight(scenario: Scenario, name: str) -> None:
+    """Refuse a fault that begins after the flight's end; InputError names when both are."""
+    end = check_flyable(scenario) * scenario.h
+    for fault in scenario.faults:
+        if fault.start >= end:
+            raise InputError(
+                f"--fault {name}: begins at {fault.start:g} s, must be before the flight's end at {end:.1f} s: give its"
+                " start, as in '{kind: gust, start: 5.0, end: 10.0, force: [0.0, 2.0, 0.0]}'"
+            )
+
+
+def faults_verdict(scenario: Scenario, without: Rare, under: dict[str, Rare]) -> str:
+    """Return the verdict in one line: how often without a fault, and with each."""
+    each = [
+        f"; with {name} {how_often(found)[0]}, {_in_words(times_as_often(found, without))}"
+        for name, found in under.items()
+    ]
+    return verdict(scenario, without) + "".join(each)
+
+
+def faults_text(scenario: Scenario, without: Rare, under: dict[str, Rare]) -> str:
+    """Return the report: the verdict, a table of all, and each one's own report."""
+    every = {"no fault": without, **under}
+    cells = [
+        [name, *how_often(found), "1" if found is without else _in_words(times_as_often(found, without))]
+        for name, found in every.items()
+    ]
+    lines = [
+        f"# {faults_verdict(scenario, without, under)}",
+        "",
+        f"How often {scenario.name} {happening(without.event)}:",
+    ]
+    lines += ["", *table(["flights with", "how often", "95 % interval", "times as often (95 %)"], cells)]
+    for name, found in every.items():
+        lines += [f"## {name}", rare_text(scenario, found).partition("\n")[2]]
+    return "\n".join(lines)
+
+
+def _in_words(times: Times) -> str:
+    if times.times is not None and times.high is not None:
+        low, high = two_digits(times.low), two_digits(times.high)
+        return f"{two_digits(times.times)} times as often ({low} to {high})"
+    if times.low > 0.0:
+        return f"at least {two_digits(times.low)} times as often"
+    return "not known" if times.high is None else f"at most {two_digits(times.high)} times as often"
