@@ -142,7 +142,7 @@ def rare_flights(
     plan_file = folder / f"{event.file}_{paths}_paths_to_{least:g}_plan_{scenario.seed}.json"
     plan: Plan | None = kept_json(plan_file, Plan, in_folder(plan_file))
     if plan is None:
-        most = flights_of(most_levels(least), paths) + count
+        most = flights_of(most_levels(least), paths) * (1 + repetitions) + count  # if it takes all levels
 
         def planned(flights: int) -> None:
             progress(flights, most)

@@ -83,7 +83,7 @@ def test_subsets_agree_with_counting_and_goes_on_where_it_stopped(tmp_path: Path
     calls: list[tuple[int, int]] = []
     assert rare_flights(SCENARIO, Event(corridor), 100, 4, tmp_path, 2, 300, lambda *c: calls.append(c)) == found
     each = flights_of(len(found.plan.levels), 100)
-    assert calls[0] == (AT_ONCE // Engine(SCENARIO).numbers, flights_of(9, 100) + 300)  # of at most nine levels
+    assert calls[0] == (AT_ONCE // Engine(SCENARIO).numbers, 5 * flights_of(9, 100) + 300)  # of at most nine levels
     kept = calls.index((3 * each, 5 * each + 300))  # the plan and the two repetitions that are kept of four
     assert calls[kept + 1 :] == [(n * each, 5 * each + 300) for n in (4, 5)] + [(5 * each + 300,) * 2]
     assert counted.stat().st_mtime_ns == before
@@ -187,7 +187,7 @@ def test_the_bound_of_what_never_happened_is_above_what_is_exact(flights: int) -
 def test_what_counting_alone_found_is_said_as_a_count() -> None:
     text = rare_text(SCENARIO, made([*NEVER, Climb(1e-3, (0.1, 0.1, 0.1), (0.3, 0.3), 40, 0)], events=2))
     first, _, answer, *_ = text.splitlines()
-    assert first == "# nominal_imu_uwb: about one flight in 250 loses its vehicle, by counting: 2 of 500"
+    assert first == "# nominal_imu_uwb: about one flight in 250 loses its vehicle, by counting: 2 of 500 (95 %: one in 69 to 910)"
     assert "a count of the 500 flights whose noise is independent: it happened in 2 of them" in answer
     assert "1 of 3 repetitions of subset simulation came to the event; two are needed" in answer
 
