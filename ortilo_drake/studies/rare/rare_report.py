@@ -87,8 +87,8 @@ def rare_text(scenario: Scenario, found: Rare) -> str:
 def _distances(found: Rare) -> list[list[str]]:
     """Return rows of how rare a distance is, and the distance: of the first climb's first flights, then its levels."""
     levels = list(zip(np.cumprod(_shares(found)), found.plan.levels, strict=False))
-    rarest = levels[0][0] if levels else 0.0
-    of_first = [(share, far) for share, far in zip(FIRST, found.plan.first, strict=False) if share > 2.0 * rarest]
+    nearest = levels[0][1] if levels else np.inf
+    of_first = [(share, far) for share, far in zip(FIRST, found.plan.first, strict=False) if far < nearest]
     return [[_one_in(share), f"{far:.3g}"] for share, far in of_first + levels]
 
 

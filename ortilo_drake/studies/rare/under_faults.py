@@ -131,7 +131,10 @@ def faults_text(scenario: Scenario, without: Rare, under: dict[str, Rare]) -> st
 def _in_words(times: Times) -> str:
     if times.times is not None and times.high is not None:
         low, high = two_digits(times.low), two_digits(times.high)
-        return f"{two_digits(times.times)} times as often ({low} to {high})"
-    if times.low > 0.0:
+        unclear = ": no clear difference" if times.low <= 1.0 <= times.high else ""
+        return f"{two_digits(times.times)} times as often ({low} to {high}{unclear})"
+    if times.low > 1.0:
         return f"at least {two_digits(times.low)} times as often"
-    return "not known" if times.high is None else f"at most {two_digits(times.high)} times as often"
+    if times.high is not None and times.high < 1.0:
+        return f"at most {two_digits(times.high)} times as often"
+    return "how much more often is not known"
