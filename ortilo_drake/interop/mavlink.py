@@ -159,7 +159,8 @@ def udp_address(url: str) -> tuple[str, int]:
     kind, _, rest = url.partition(":")
     host, _, port = rest.rpartition(":")
     if kind != "udpout" or not host or not is_port(port):
-        raise InputError(f"mavlink url: {url!r}: must read udpout:HOST:PORT with a port of 1 to 65535")
+        serial = "; a serial port needs a router between (docs/how_to/real_sensors.md)" if "/dev/" in url else ""
+        raise InputError(f"mavlink url: {url!r}: must read udpout:HOST:PORT with a port of 1 to 65535{serial}")
     try:
         return str(socket.gethostbyname(host)), int(port)
     except (OSError, UnicodeError):

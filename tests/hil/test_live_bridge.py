@@ -4,6 +4,7 @@ import json
 import socket
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,13 +19,13 @@ from ortilo_drake.commands.hil.app import hil_app
 from ortilo_drake.interop.mavlink import MOST_THRUST, attitude_target_fields
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.live import live_bridge, live_filter
+from ortilo_drake.studies.live.live_bridge import LiveBridge
 
 
 @pytest.fixture
 def recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     run_plainly(monkeypatch, live_filter, "run_filter", "initial_carried")
-    clock = live_bridge.SensorClock
-    monkeypatch.setattr(live_bridge, "SensorClock", lambda wall: clock(lambda: 0.0))  # however slow the machine is
+    monkeypatch.setattr(live_bridge, "time", SimpleNamespace(monotonic=lambda: 0.0))  # ages by the stamps alone
     write_bag(tmp_path / "bag", made_up(4.0), "sqlite3")
     (tmp_path / "MAP.yaml").write_text(BAG_MAP[: BAG_MAP.index("truth:")].replace("BAG", "bag") + START)
     return ["bridge", "--from", str(tmp_path / "bag"), "--map", str(tmp_path / "MAP.yaml"), "--speed", "inf"]
@@ -62,6 +63,7 @@ def test_setpoints_reach_the_autopilot_only_when_armed(recorded: list[str], tmp_
     assert 5 < found["old"] < 15  # those of the first second, which levels the IMU: stale when they can be made
     assert 3 <= messages["HEARTBEAT"] <= 5
     assert messages["SET_ATTITUDE_TARGET"] == (found["estimates"] - found["refused"] if armed else 0)
+    assert f"median {found['late_ms']['median']:g}, largest {found['late_ms']['largest']:g}" in result.output
     assert ("ARMED" in result.output) == armed
     assert ("setpoints are off" in result.output) != armed
     assert "failsafe: no setpoints: the estimate is older" in result.output  # of the first second, which came at once
@@ -82,6 +84,15 @@ def test_options_that_do_not_fit_are_refused(options: list[str], said: str) -> N
     result = CliRunner().invoke(hil_app, ["bridge", *options])
     assert isinstance(result.exception, InputError)
     assert said in str(result.exception)
+
+
+def test_a_serial_port_is_refused_before_the_filter_is_compiled(
+    recorded: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(LiveBridge, "warm_up", lambda bridge: pytest.fail("compiled"))
+    result = CliRunner().invoke(hil_app, [*recorded, "--mavlink", "/dev/ttyUSB0:921600"])
+    assert isinstance(result.exception, InputError)
+    assert "a serial port needs a router" in str(result.exception)
 
 
 def test_an_attitude_is_asked_for_in_the_autopilot_s_frames() -> None:

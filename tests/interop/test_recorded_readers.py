@@ -142,6 +142,11 @@ BAD = {
         "imu.unit or ranges.unit is wrong",
     ),
     "no bag": (lambda f: None, BAG_MAP.replace("BAG", "none.bag"), "none.bag: no such bag"),
+    "a folder": (
+        lambda f: (f / "bags").mkdir(),
+        BAG_MAP.replace("BAG", "bags"),
+        "bags: a folder without metadata.yaml",
+    ),
     "a table as a bag": (lambda f: None, BAG_MAP.replace("BAG", "imu.csv"), "cannot be read as a bag"),
 }
 

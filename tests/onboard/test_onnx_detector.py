@@ -101,6 +101,7 @@ def test_names_are_the_files_as_a_list_or_by_number(names: object, tmp_path: Pat
 def test_names_may_stand_in_a_file_of_their_own(tmp_path: Path) -> None:
     path = Network("v8", len(NAMES), SIZE).write(tmp_path / "net.onnx", metadata([f"c{k}" for k in range(len(NAMES))]))
     assert refused(path).startswith("metadata 'names': does not know the class")
+    assert refused(path).endswith(f"knows {', '.join(f'c{k}' for k in range(8))} and {len(NAMES) - 8} more")
     (tmp_path / "net.names").write_text("\n".join(NAMES) + "\n")
     labels, _, _ = load_detector(settings(path, names=str(tmp_path / "net.names")), ROOM, (320, 240))(
         picture(0, 320, 240)

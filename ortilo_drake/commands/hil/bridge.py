@@ -77,7 +77,9 @@ def bridge(
     key: KeyOption = None,
     insecure: InsecureOption = False,
     wait: WaitOption = 60.0,
-    seconds: Annotated[float | None, typer.Option(min=0.1, callback=finite, help="End after this time [s].")] = None,
+    seconds: Annotated[
+        float | None, typer.Option(min=0.1, callback=finite, help="End after this time by the clock [s].")
+    ] = None,
     json_file: JsonOption = None,
 ) -> None:
     """Publish a flight of a world and an onboard half to ROS 2 or a MAVLink autopilot.

@@ -88,13 +88,13 @@ def run_live_bridge(
     bridge = LiveBridge(map_, _say, options.rate, options.lag, holding)
     if map_.truth is not None:
         _say("truth: is not heard live, and nothing is calibrated by it")
-    say_if_compiling()
-    bridge.warm_up()
     with contextlib.ExitStack() as stack:
         if mavlink is not None:
             sender = stack.enter_context(contextlib.closing(MavlinkBridge(mavlink, *ids)))
             # An autopilot fuses an estimate at its own stamp, a fraction of a second ago at most.
             bridge.add_target("mavlink", _to_mavlink(sender, vision, options), scenario.failsafe.timeout)
+        say_if_compiling()
+        bridge.warm_up()
         if options.source == ROS2:
             from ortilo_drake.interop.ros.ros2_live import Ros2Live
 

@@ -38,6 +38,8 @@ def messages_of(path: Path, topic: str, topics: set[str]) -> Iterator[tuple[str,
         raise InputError(f"{path}: no such bag")
     if not path.is_dir():
         check_file(path)
+    elif not exists(path / "metadata.yaml"):
+        raise InputError(f"{path}: a folder without metadata.yaml is no ROS 2 bag: give the file in it that is a bag")
     try:
         if path.suffix == ".mcap":
             yield from mcap_messages(path, topic, topics)

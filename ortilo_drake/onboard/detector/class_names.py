@@ -1,6 +1,7 @@
 """The words that a network and a room have for the same classes."""
 
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -10,6 +11,8 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.detector.coco import COCO_NAME
 from ortilo_drake.onboard.detector.detector import Boxes
 from ortilo_drake.onboard.detector.yolo_boxes import non_max_suppression
+
+SHOWN: Final = 8  # names of a network that an error lists
 
 
 def names_in_file(file: Path) -> list[str]:
@@ -36,7 +39,9 @@ def room_labels(names: list[str], room: Room, source: str) -> np.ndarray:
     labels = [label_of.get(name, label_of.get(COCO_NAME.get(name, name), -1)) for name in names]
     unknown = [name for label, name in enumerate(room.classes) if label not in labels]
     if unknown:
-        raise InputError(f"{source}: does not know the class '{unknown[0]}' of a landmark of room '{room.name}'")
+        has = ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")
+        wanted = f"the class '{unknown[0]}' of a landmark of room '{room.name}'"
+        raise InputError(f"{source}: does not know {wanted}; knows {has or 'none'}")
     return np.array(labels)
 
 

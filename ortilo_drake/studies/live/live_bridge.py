@@ -72,7 +72,7 @@ class LiveReport:
     taken: int
     estimates: int
     lost: int
-    late_ms: tuple[float, float] | None
+    late_ms: dict[str, float] | None
     old: int
     refused: int | None
     rejected: dict[str, int]
@@ -173,7 +173,7 @@ class LiveBridge:
             self._filter.taken,
             len(ages),
             self._filter.lost,
-            (round(float(np.median(ages)), 1), round(float(ages.max()), 1)) if len(ages) else None,
+            {"median": round(float(np.median(ages)), 1), "largest": round(float(ages.max()), 1)} if len(ages) else None,
             self._old,
             None if self._holding is None else self._refused,
             self._rows.counts(),
