@@ -164,7 +164,7 @@ def test_a_map_that_only_files_can_answer_is_refused(text: str, said: str) -> No
 
 def test_a_px4_s_own_imu_is_heard_by_the_map_of_the_guide() -> None:
     """px4_msgs/SensorCombined has no header: its stamp counts microseconds, its axes are forward, right, down."""
-    text = (Path(__file__).parents[2] / "docs/how_to/hil.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "docs/how_to/real_sensors.md").read_text(encoding="utf-8")
     px4 = next(block for block in re.findall(r"```yaml\n(.*?)```", text, re.DOTALL) if "sensor_combined" in block)
     rows = LiveRows(as_map(RANGES + px4))
     for k in range(5):
