@@ -10,8 +10,9 @@ from typing import BinaryIO, Final
 
 from ortilo_drake.interop.recorded.rejected import Rejections
 from ortilo_drake.interop.recorded.sources import Column, Source
+from ortilo_drake.interop.recorded.stamps import clock_period, stamp, unrolled
 from ortilo_drake.interop.recorded.table_head import LOOKED_AT, Line, cells_of, is_comment, layout_of, plain
-from ortilo_drake.interop.recorded.tables import Rows, Table, number, stamp
+from ortilo_drake.interop.recorded.tables import Rows, Table, number
 from ortilo_drake.model.input_files import DATA_LIMIT, MIB, open_file
 from ortilo_drake.model.typed_yaml import InputError, nearest
 
@@ -126,7 +127,7 @@ def read_csv(
         for comment in layout.comments:
             count_comment(*comment)
         width, rows, count = max(places) + 1, Rows(path), 0
-        at, where = places[0], places[1 : 1 + len(columns)]
+        at, where, first_stamp = places[0], places[1 : 1 + len(columns)], ""
         for k, text in chain(layout.rows, lines):
             if k > layout.rows[-1][0] and is_comment((k, text)):
                 count_comment(k, text)
@@ -140,6 +141,7 @@ def read_csv(
             if t is None or len(values) < len(where):
                 rejected.add("rows with a cell that is no number", f"in line {k}")
                 continue
+            first_stamp = first_stamp or row[at]
             rows.add(k, t, values, None if names is None else row[places[-1]])
     except csv.Error as error:
         raise InputError(f"{path}: cannot be read: {error}") from None
@@ -148,4 +150,5 @@ def read_csv(
     if len(rows) < max(2, count / 2):
         why = rejected.most() or "no more"
         raise InputError(f"{path}: {len(rows)} of {count} rows can be read ({why})")
-    return rows.table()
+    table = rows.table()
+    return table._replace(t=unrolled(table.t, clock_period(first_stamp)))

@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 from ortilo_drake.interop.recorded.csv_columns import lines_of
 from ortilo_drake.interop.recorded.rejected import Rejections
-from ortilo_drake.interop.recorded.tables import Rows, Table, stamp
+from ortilo_drake.interop.recorded.stamps import clock_period, stamp, unrolled
+from ortilo_drake.interop.recorded.tables import Rows, Table
 from ortilo_drake.model.typed_yaml import InputError
 
 _N = r"(-?\d+(?:\.\d+)?|nan)"
@@ -61,15 +62,17 @@ def read_lec(path: Path, rejected: Rejections) -> Table:
     Raises:
         InputError: if hardly a line has a stamp and ranges.
     """
-    rows, count = Rows(path), 0
+    rows, count, first_stamp = Rows(path), 0, ""
     for heard in lec_ranges(path, rejected):
         count += 1
         t = stamp(heard.before) if heard.before else None
         if t is None:
             rejected.add("ranges without a stamp before their line", f"in line {heard.line}")
         else:
+            first_stamp = first_stamp or heard.before
             rows.add(heard.line, t, [heard.range], heard.anchor)
     if len(rows) < max(2, count / 2):
         why = rejected.most() or "it holds none of lec or les"
         raise InputError(f"{path}: {len(rows)} ranges with a stamp before their line ({why})")
-    return rows.table()
+    table = rows.table()
+    return table._replace(t=unrolled(table.t, clock_period(first_stamp)))

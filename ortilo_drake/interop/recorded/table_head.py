@@ -42,15 +42,15 @@ def cells_of(line: str, mark: str) -> list[str]:
 
 
 def mark_of(line: str) -> str:
-    """Return the delimiter of a line: tab, comma or semicolon, whichever it has most, else space.
+    """Return the delimiter of a line: tab, comma, semicolon or bar, whichever it has most, else space.
 
     In numbers such as 3,62 between other delimiters the comma is none.
     """
-    for mark in "\t; " if "," in line else "":
+    for mark in "\t;| " if "," in line else "":
         cells = cells_of(line, mark)
         if len(cells) > 1 and all("," not in cell or number(cell) is not None for cell in cells):
             return mark
-    return max("\t,;", key=line.count) if any(mark in line for mark in "\t,;") else " "
+    return max("\t,;|", key=line.count) if any(mark in line for mark in "\t,;|") else " "
 
 
 def _readings(line: Line, mark: str) -> list[tuple[Line, list[str]]]:

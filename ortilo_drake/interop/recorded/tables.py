@@ -3,7 +3,6 @@
 import re
 from array import array
 from collections.abc import Sequence
-from datetime import UTC, datetime, time
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -75,24 +74,9 @@ def number(cell: str) -> float | None:
     """Return a cell's number, NaN if it is empty, None if it is neither; 3,62 is 3.62."""
     if cell.lower() in EMPTY:
         return np.nan
+    if "_" in cell:  # Python's own 1_000
+        return None
     try:
         return float(cell.replace(",", ".") if _COMMA.fullmatch(cell) else cell)
     except ValueError:
         return None
-
-
-def stamp(cell: str) -> float | None:
-    """Return a stamp's number; of a date or time of day, as ISO 8601 has it, the seconds (UTC); None if it is none."""
-    found = number(cell)
-    if found is not None:
-        return found
-    try:
-        moment = datetime.fromisoformat(cell)
-        return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
-    except ValueError:
-        pass
-    try:
-        day = time.fromisoformat(cell)
-    except ValueError:
-        return None
-    return 3600.0 * day.hour + 60.0 * day.minute + day.second + 1e-6 * day.microsecond
