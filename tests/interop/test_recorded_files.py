@@ -103,8 +103,10 @@ def excel_text(head: str, rows: list[str]) -> bytes:
         ).encode(),
         lambda head, rows: "\n".join(["Log of 3 May", "rate,10,Hz", "NO_OF_TAGS\t6", "", head, *rows]).encode(),
         excel_text,
+        lambda head, rows: "\n".join(["Objects", "100", ",,drone", head, *rows]).encode(),
+        lambda head, rows: "\n".join([head, *rows]).replace(",", " | ").encode(),
     ],
-    ids=["semicolons", "spaces", "sep=", "quotes", "lines above", "Excel"],
+    ids=["semicolons", "spaces", "sep=", "quotes", "lines above", "Excel", "Vicon's rate", "bars"],
 )
 def test_tables_as_spreadsheets_write_them(folder, motion, written) -> None:
     head, *rows = (folder / "ranges.csv").read_text().splitlines()

@@ -80,7 +80,8 @@ def layout_of(
 ) -> Layout:
     """Find the head of a table: the line that has the columns asked for, and as many as the rows have.
 
-    Candidates are the lines above the first one with numbers, and the comments above them, from below.
+    Candidates are the lines above the first one with numbers, and the comments above them, from below; then the first
+    lines that follow, if one has all columns: Vicon's tables have a rate above their head.
 
     Args:
         lines: number and text of the lines that are not empty.
@@ -105,6 +106,7 @@ def layout_of(
     text_first = not _all_numbers(first)
     maybe = lead + lines_above + [rows[0]] * (header == "yes" and not text_first)
     heads = [head for line in maybe for head in _readings(line, mark)]
+    heads += [head for line in rows[len(lead) : LOOKED_AT] for head in _readings(line, mark) if asked <= set(head[1])]
     with_all = [head for head in heads if asked and asked <= set(head[1])]
     found = next((head for head in with_all or heads if len(head[1]) == width), next(iter(with_all), None))
     if found is None and (text_first or header == "yes"):

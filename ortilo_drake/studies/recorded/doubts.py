@@ -25,6 +25,7 @@ OFF_PLANE = 0.3  # of the anchors, root mean square [m]
 FROZEN = 0.5  # a position that stands still for longer [s]
 JUMP, STEPS = 0.05, 5.0  # and then goes on so far away [m], and so many usual steps
 OFTEN = (3e-4, 5.0)  # the time between two ranges of an anchor lies in between [s]
+OTHER_CLOCKS = {"86400 (days)": 86400.0}  # as Excel and MATLAB count
 COVERED, MISSED = 0.9, 1.0  # share of the ranges for which there is an imu, but for so long at either end [s]
 MOVED = 0.3  # or ranges that change by so much meanwhile [m]
 
@@ -72,11 +73,11 @@ def of_stamps(ranges: Ranges, unit: str | float) -> list[str]:
     """Return a doubt if an anchor is heard so seldom, or so often, that the unit of the stamps is wrong."""
     steps = [np.diff(np.unique(ranges.t[ranges.anchor == i])) for i in np.unique(ranges.anchor)]
     step = float(np.median(np.concatenate(steps))) if any(map(len, steps)) else 1.0
-    for other, size in UNITS.items():
+    for other, size in (UNITS | OTHER_CLOCKS).items():
         then = step * size / size_of(unit, UNITS)
         if not OFTEN[0] < step < OFTEN[1] and OFTEN[0] < then < OFTEN[1]:
             return [
-                f"an anchor is heard every {step:.3g} s: ranges: {{unit: {other}}} would make it {then:.3g} s; the "
+                f"an anchor is heard every {step:.3g} s: ranges: {{unit: {other.split()[0]}}}{other[len(other.split()[0]) :]} would make it {then:.3g} s; the "
                 "other files' stamps likewise?"
             ]
     return []

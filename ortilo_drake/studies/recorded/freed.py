@@ -1,4 +1,4 @@
-"""What one more unknown explains: an anchor's place, the ranges' scale, or how fast the truth's clock runs.
+"""What one more unknown explains: an anchor's place, the ranges' scale, how late or fast the truth's clock runs.
 
 A cheap fit leaves errors e at known places; its unknowns y, and a constant c_i of each anchor, may still move:
 
@@ -29,7 +29,8 @@ EXPLAINS, SURE = 1.35, 4.5  # an anchor's own errors shrink by this factor, by a
 MOVED = 0.3  # at least [m]
 ONE_AXIS, OTHERS = 0.7, 0.8  # share of the gain by one axis alone, if no other has so much of that
 TOLD_APART = 3.0  # standard deviations between two readings
-CERTAIN, SCALE, DRIFT = 8.0, 0.01, 0.001  # of a scale or a drift: deviations, and the least that is told
+CERTAIN = 8.0  # standard deviations of a scale or a clock
+SCALE, DRIFT, LATE = 0.01, 0.001, 0.05  # the least that is told, LATE in [s]
 
 Extra = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # z: places of the anchors (n, 3), and X (m, d) [m]
 
@@ -174,7 +175,7 @@ def _moved(
 def _of_scale_and_clock(
     fit: PlainFit, trial: Trial, map_: Map, before: _Solved, imu_gains: float | None
 ) -> list[tuple[float, Guess | None]]:
-    """Return the gains by a scale of the ranges and by the rate of the truth's clock, and the keys that mend them."""
+    """Return the gains by a scale of the ranges and by the truth's clock, and the keys that mend them."""
     heard, m = fit.heard, len(fit.heard.r)
     widens = _lasting(heard, np.ones(m, dtype=bool), map_, True)
 
@@ -186,10 +187,17 @@ def _of_scale_and_clock(
 
     clock = fit.slopes[:m, [CLOCK]] * SPREAD
     drifts = np.hstack([clock, clock * (heard.t - heard.t.mean())[:, None]])
-    return [
-        by(-heard.r[:, None], SCALE, lambda z: scale_key(map_, round(1.0 + z, 4))),
-        by(drifts, DRIFT, lambda z: _clock_key(map_, z, imu_gains)),
-    ]
+    drift = by(drifts, DRIFT, lambda z: _clock_key(map_, z, imu_gains))
+    if drift[1] is None and not trial.moves:  # the fit holds what the body rates, or the map, say of the clock
+        drift = by(clock, LATE, lambda z: _late_key(map_, z))
+    return [by(-heard.r[:, None], SCALE, lambda z: scale_key(map_, round(1.0 + z, 4))), drift]
+
+
+def _late_key(map_: Map, late: float) -> str:
+    """Return the key that mends a clock that is so late by the ranges [s]."""
+    if isinstance(map_.calibration.clock, float | int):
+        return f"calibration: {{clock: {map_.calibration.clock + late:.3f}}}"
+    return f"imu: {{late: {(map_.imu.late if map_.imu else 0.0) + late:.3f}}}"
 
 
 def _clock_key(map_: Map, gains: float, imu_gains: float | None) -> str:

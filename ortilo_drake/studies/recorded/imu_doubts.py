@@ -39,6 +39,8 @@ def force_doubts(imu: Imu, map_: Map) -> list[str]:
     if map_.command is not None:
         return [f"{said}: command: {{scale: {map_.command.scale * GRAVITY / rest:.4g}}} makes it so"]
     assert map_.imu is not None
+    if abs(float(np.median(np.linalg.norm(imu.rates, axis=1))) - GRAVITY) < OFF:
+        return [f"{said}, but the body rates are: the columns of `rates` and `force` change places?"]
     in_file = rest / abs(size_of(map_.imu.force_unit, FORCE_UNITS))
     unit = min(FORCE_UNITS, key=lambda one: abs(in_file * FORCE_UNITS[one] - GRAVITY))
     there = in_file * FORCE_UNITS[unit]

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from made_up_motion import ANCHORS, GRAVITY, TABLE_MAP, made_up, write_tables
+from made_up_motion import ANCHORS, GRAVITY, OFFSET, TABLE_MAP, made_up, write_tables
 from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.map_file import Map
@@ -62,6 +62,20 @@ def test_a_body_that_would_hang_upside_down_is_told_with_the_axes_that_turn_it_u
     assert upside_doubts(recording.imu, as_map()) == []
     listed = as_map().model_copy(update={"imu": as_map().imu.model_copy(update={"axes": ("y", "-x", "z")})})
     assert "imu: {axes: [y, x, -z]} turns it up, or" in upside_doubts(turned, listed)[0]  # a turn, no mirror
+
+
+def test_a_clock_of_the_imu_that_is_late_by_a_tenth_of_a_second_is_told_with_the_key(recording) -> None:
+    late = recording._replace(imu=recording.imu._replace(t=recording.imu.t + 0.1))
+    said = re.fullmatch(r"imu: {late: (.*)}", first_look(late, as_map()).guess.key)
+    assert float(said[1]) == pytest.approx(0.1, abs=0.01)
+    held = as_map(f"calibration: {{clock: {OFFSET - 0.1}}}")
+    said = re.fullmatch(r"calibration: {clock: (.*)}", first_look(recording, held).guess.key)
+    assert float(said[1]) == pytest.approx(OFFSET, abs=0.01)
+
+
+def test_rates_and_force_that_change_places_are_told(recording) -> None:
+    imu = recording.imu._replace(rates=recording.imu.force, force=recording.imu.rates)
+    assert "the columns of `rates` and `force` change places?" in force_doubts(imu, as_map())[0]
 
 
 @pytest.mark.long
@@ -192,6 +206,8 @@ def test_stamps_in_another_unit_and_an_imu_that_covers_little_are_told(recording
     assert "ranges: {unit: ms} would make it 0.05 s" in doubts.of_stamps(slow, "s")[0]
     assert "ranges: {unit: s} would make it 0.05 s" in doubts.of_stamps(fast, "ms")[0]
     assert doubts.of_stamps(recording.ranges, "s") == []
+    days = recording.ranges._replace(t=recording.ranges.t / 86400.0)  # as Excel and MATLAB count
+    assert "ranges: {unit: 86400} (days) would make it 0.05 s" in doubts.of_stamps(days, "s")[0]
     told = doubts_of(recording._replace(ranges=slow), as_map(), CheapFit(None, None), None, {}, (ANCHORS, None))
     assert told == doubts.of_stamps(slow, "s")  # nothing else means anything then
     late = recording.imu._replace(t=recording.imu.t + 18.0)  # GPS' time less UTC
