@@ -6,7 +6,8 @@ from made_up_motion import TABLE_MAP, made_up, write_tables
 from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.map_file import Map
-from ortilo_drake.interop.recorded.recording import frozen_rows, read_recording
+from ortilo_drake.interop.recorded.odd_rows import frozen_rows
+from ortilo_drake.interop.recorded.recording import read_recording
 from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
 
 

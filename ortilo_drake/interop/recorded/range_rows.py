@@ -15,6 +15,7 @@ from ortilo_drake.interop.recorded.rejected import Rejections
 from ortilo_drake.interop.recorded.sources import OfOne
 from ortilo_drake.model.typed_yaml import InputError
 
+CODED = (5, 3.0)  # a code for no range comes so often, and is so many times the largest range
 FARTHEST = 1e5  # [m]; what a ranging radio reports beyond is no range, and its square overflows
 FEWEST = 10  # ranges that make a recording
 LONGER = 1.0  # a difference is no longer than its anchors lie apart, but for its error [m]
@@ -117,10 +118,26 @@ def _usable(stream: Stream, ranges: Ranges, scale: float, others: str = "") -> R
     r, rows = ranges.r, np.repeat(stream.rows, stream.values.shape[1])
     none, low = ~np.isfinite(r), np.isfinite(r) & (r <= 0.0)
     far = np.isfinite(r) & (r > FARTHEST / scale)
-    reasons = ("ranges that are NaN or empty", "ranges of 0 or less", f"ranges of more than {FARTHEST / 1000:g} km")
-    for bad, reason in zip((none, low, far), reasons, strict=True):
-        stream.rejected.add_rows(reason + others, bad, rows)
-    return ranges._replace(r=scale * r).only(~(none | low | far))
+    code = code_of_none(r[~(none | low)])
+    coded = r == code
+    reasons = (
+        "ranges that are NaN or empty",
+        "ranges of 0 or less",
+        f"ranges of exactly {code:g}, far above all others: not heard?",
+        f"ranges of more than {FARTHEST / 1000:g} km",
+    )
+    bad = (none, low, coded, far & ~coded)
+    for which, reason in zip(bad, reasons, strict=True):
+        stream.rejected.add_rows(reason + others, which, rows)
+    return ranges._replace(r=scale * r).only(~np.any(bad, axis=0))
+
+
+def code_of_none(r: np.ndarray) -> float:
+    """Return the value that stands for no range, as 65535 or 9999 do: one value, often, far above all; NaN if none."""
+    most = float(r.max(initial=0.0))
+    less = r[r < most]
+    often = len(less) and len(r) - len(less) >= CODED[0]
+    return most if often and most > CODED[1] * less.max() else np.nan
 
 
 def _each_of_one_anchor(folder: Path, source: RangeSource, count: int, names: Names) -> Iterator[tuple[int, Stream]]:

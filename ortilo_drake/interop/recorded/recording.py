@@ -11,6 +11,7 @@ from ortilo_drake.interop.recorded.attitudes import are_attitudes, rotations
 from ortilo_drake.interop.recorded.boxes import Scene, read_boxes
 from ortilo_drake.interop.recorded.columns import Stream, files_of, read_stream
 from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.interop.recorded.odd_rows import frozen_rows, leaping_rows
 from ortilo_drake.interop.recorded.range_rows import Ranges, read_range_rows
 from ortilo_drake.interop.recorded.rejected import Rejections, lines_of_all
 from ortilo_drake.interop.recorded.sources import Column, Matrix, Quaternion, Source
@@ -213,20 +214,6 @@ def looks_of(map_: Map, read: Read, origin: float) -> AidRows:
     return looks
 
 
-def frozen_rows(t: np.ndarray, p: np.ndarray, longest: float) -> np.ndarray:
-    """Return a mask (n) of the rows that repeat the position before them, in runs longer than `longest`.
-
-    Args:
-        t: stamps (n) [s].
-        p: positions (n, 3).
-        longest: a repetition of no more than this is no freeze [s].
-    """
-    new = np.concatenate(([True], (np.diff(p, axis=0) != 0.0).any(axis=1)))
-    starts, run = np.flatnonzero(new), np.cumsum(new) - 1
-    lasts = np.maximum.reduceat(t, starts) - t[starts]
-    return np.asarray(~new & (lasts > longest)[run])
-
-
 def _truth(map_: Map, read: Read) -> tuple[Truth, float]:
     source = map_.truth
     assert source is not None
@@ -234,6 +221,9 @@ def _truth(map_: Map, read: Read) -> tuple[Truth, float]:
     if source.drop_zero_rows:
         stream = stream.without((stream.values[:, :3] == 0.0).all(axis=1), "rows without a position (all zero)")
     stream = _mostly_with_attitude(stream, source.rotation, 3)
+    if len(stream.t) > 2:
+        leaps = leaping_rows(stream.values[:, :3] * source.scale)
+        stream = stream.without(leaps, "rows whose position leaps away and back")
     if source.drop_frozen is not None and len(stream.t):
         frozen = frozen_rows(stream.t, stream.values[:, :3], source.drop_frozen)
         stream = stream.without(frozen, "rows that repeat a position (frozen)")

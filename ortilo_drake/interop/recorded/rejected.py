@@ -95,9 +95,8 @@ def kept_in_order(
         rejected.add_rows("backward stamps", backward, rows)
         keep = np.flatnonzero(good & ~same & ~backward)
     if len(keep) < max(2, len(stamps) / 2):
-        raise InputError(
-            f"{rejected.source}: {len(keep)} of {len(stamps)} stamps are finite and rise: wrong column? ({rejected.most()})"
-        )
+        said = f"{len(keep)} of {len(stamps)} stamps are finite and rise: wrong column?"
+        raise InputError(f"{rejected.source}: {said} ({rejected.most()})")
     steps = np.diff(np.unique(stamps[keep]))
     if not len(steps):
         raise InputError(f"{rejected.source}: all rows have one stamp")

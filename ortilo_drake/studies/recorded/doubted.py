@@ -5,7 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from ortilo_drake.interop.recorded.map_file import Map
-from ortilo_drake.interop.recorded.recording import Recording, Truth, frozen_rows
+from ortilo_drake.interop.recorded.odd_rows import frozen_rows
+from ortilo_drake.interop.recorded.recording import Recording, Truth
 from ortilo_drake.studies.recorded import doubts
 from ortilo_drake.studies.recorded.calibrate import Calibration, offset_centres
 from ortilo_drake.studies.recorded.first_look import CheapFit
@@ -48,7 +49,7 @@ def doubts_of(
     if said := stamp_doubts(recording, map_):
         return said  # nothing else means anything then
     said += doubts.of_cover(recording.ranges, imu) if imu is not None else []
-    said += doubts.of_guess(look.guess)
+    said += doubts.of_stuck(recording.ranges) + doubts.of_guess(look.guess)
     noise = doubts.range_noise(map_.filter, imu is not None)
     if truth is None and look.fit is not None and look.guess is None:
         said += doubts.of_agreement(look.fit.left, noise)

@@ -9,7 +9,8 @@ import numpy as np
 
 from ortilo_drake.interop.recorded.columns import UNITS
 from ortilo_drake.interop.recorded.map_file import FilterSettings
-from ortilo_drake.interop.recorded.recording import Imu, Ranges, Truth, frozen_rows
+from ortilo_drake.interop.recorded.odd_rows import frozen_rows
+from ortilo_drake.interop.recorded.recording import Imu, Ranges, Truth
 from ortilo_drake.interop.recorded.units import size_of
 from ortilo_drake.studies.recorded.readings import Guess
 from ortilo_drake.studies.recorded.scores import Scores
@@ -25,7 +26,8 @@ OFF_PLANE = 0.3  # of the anchors, root mean square [m]
 FROZEN = 0.5  # a position that stands still for longer [s]
 JUMP, STEPS = 0.05, 5.0  # and then goes on so far away [m], and so many usual steps
 OFTEN = (3e-4, 5.0)  # the time between two ranges of an anchor lies in between [s]
-OTHER_CLOCKS = {"86400 (days)": 86400.0}  # as Excel and MATLAB count
+UNIT_KEYS = {f"{{unit: {unit}}}": size for unit, size in UNITS.items()} | {"{unit: 86400} (days)": 86400.0}
+ALIKE, STUCK = 5, 0.05  # ranges that are alike are at least so many; told for this share of the time
 COVERED, MISSED = 0.9, 1.0  # share of the ranges for which there is an imu, but for so long at either end [s]
 MOVED = 0.3  # or ranges that change by so much meanwhile [m]
 
@@ -73,14 +75,40 @@ def of_stamps(ranges: Ranges, unit: str | float) -> list[str]:
     """Return a doubt if an anchor is heard so seldom, or so often, that the unit of the stamps is wrong."""
     steps = [np.diff(np.unique(ranges.t[ranges.anchor == i])) for i in np.unique(ranges.anchor)]
     step = float(np.median(np.concatenate(steps))) if any(map(len, steps)) else 1.0
-    for other, size in (UNITS | OTHER_CLOCKS).items():
+    for key, size in UNIT_KEYS.items():
         then = step * size / size_of(unit, UNITS)
         if not OFTEN[0] < step < OFTEN[1] and OFTEN[0] < then < OFTEN[1]:
             return [
-                f"an anchor is heard every {step:.3g} s: ranges: {{unit: {other.split()[0]}}}{other[len(other.split()[0]) :]} would make it {then:.3g} s; the "
+                f"an anchor is heard every {step:.3g} s: ranges: {key} would make it {then:.3g} s; the "
                 "other files' stamps likewise?"
             ]
     return []
+
+
+def of_stuck(ranges: Ranges) -> list[str]:
+    """Return a doubt if ranges to an anchor keep one value for long while those to others change, or then jump."""
+    stuck: dict[int, float] = {}
+    single = ranges.other < 0
+    for i in np.unique(ranges.anchor[single]):
+        its = single & (ranges.anchor == i)
+        t, r = ranges.t[its], ranges.r[its]
+        begins = np.flatnonzero(np.concatenate(([True], np.diff(r) != 0.0)))
+        ends = np.append(begins[1:], len(r)) - 1
+        long = (ends - begins >= ALIKE) & (t[ends] - t[begins] > FROZEN)
+        for first, last in zip(begins[long], ends[long], strict=True):
+            then = single & (ranges.t >= t[first]) & (ranges.t <= t[last])
+            others = [ranges.r[then & (ranges.anchor == j)] for j in np.unique(ranges.anchor[then])]
+            jumps = last + 1 < len(r) and abs(r[last + 1] - r[last]) > MOVED
+            whole = first == 0 and last == len(r) - 1
+            if whole or jumps or max(map(np.ptp, others)) > MOVED:
+                stuck[int(i)] = stuck.get(int(i), 0.0) + float(t[last] - t[first])
+    least = STUCK * float(np.ptp(ranges.t))
+    told = ", ".join(f"anchor {i + 1} for {long:.1f} s" for i, long in stuck.items() if long > least)
+    return (
+        [f"ranges that keep one value while others change or it then jumps: {told}: last values repeated?"]
+        if told
+        else []
+    )
 
 
 def of_cover(ranges: Ranges, imu: Imu) -> list[str]:

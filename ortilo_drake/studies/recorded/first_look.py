@@ -35,6 +35,7 @@ from ortilo_drake.studies.recorded.truth_path import LEAST, first_part
 SUSPECT = 1.5  # other readings are tried where more than so many standard deviations of a range are left
 COARSE = 1.0  # clock offsets tried where nothing tells them [s]
 LEAST_MISFIT = 1.0  # errors larger than this and than the motion itself leave nothing to calibrate [m]
+ROOM = 1.0  # anchors are farther apart [m]
 STILL = 0.1  # a truth smaller than this stands still [m]
 OUTDOORS = 100.0  # a range that no room has [m]
 FITS = 0.05  # share of the ranges that may be left: what is made small fits well in metres
@@ -95,9 +96,12 @@ def first_look(recording: Recording, map_: Map) -> CheapFit:
         return CheapFit(fit, better)
     size = float(np.linalg.norm(np.ptp(np.percentile(recording.truth.p, [2, 98], axis=0), axis=0)))
     if far or fit.left > max(size, LEAST_MISFIT) or size > FAR * room:
+        constant = 2.0 * room < r.min() and np.ptp(np.quantile(r, [0.02, 0.98])) < 1.5 * room
         hint = _unit(float(np.median(r)), room, map_) if far else "ranges, anchors and truth must all be in metres"
         if not far and size < STILL:
             hint = "the truth stands still, the ranges change: other columns, or a body that was lost?"
+        if constant:
+            hint = f"all ranges have a constant of some {np.median(r) - 0.6 * room:.0f} m: antenna delays?"
         if better is not None:
             hint = f"{better.key} fits: range errors {better.before:.3g} m RMS -> {better.after:.3f} m"
         raise InputError(f"{said} and a truth {size:.3g} m across do not fit together ({fit.left:.3g} m RMS): {hint}")
@@ -127,7 +131,7 @@ def _all_small(trial: Trial, map_: Map) -> Guess | None:
     now, middle = trial.now, float(np.median(np.abs(trial.now.ranges.r)))
     for unit in ("mm", "cm"):
         by = UNITS[unit]
-        if middle * by < OUTDOORS < middle:
+        if middle * by < OUTDOORS < middle and by * np.linalg.norm(np.ptp(now.anchors, axis=0)) > ROOM:
             truth = None if now.truth is None else now.truth._replace(p=now.truth.p * by)
             ranges = now.ranges._replace(r=now.ranges.r * by)
             small = now._replace(ranges=ranges, anchors=now.anchors * by, truth=truth)

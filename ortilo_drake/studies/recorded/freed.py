@@ -10,6 +10,7 @@ do, count as one sample for as long as they last, twice the filter's `correlatio
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,7 @@ MOVED = 0.3  # at least [m]
 ONE_AXIS, OTHERS = 0.7, 0.8  # share of the gain by one axis alone, if no other has so much of that
 TOLD_APART = 3.0  # standard deviations between two readings
 CERTAIN = 8.0  # standard deviations of a scale or a clock
+JUMPS = 15  # times at which a clock may have jumped
 SCALE, DRIFT, LATE = 0.01, 0.001, 0.05  # the least that is told, LATE in [s]
 
 Extra = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # z: places of the anchors (n, 3), and X (m, d) [m]
@@ -190,7 +192,20 @@ def _of_scale_and_clock(
     drift = by(drifts, DRIFT, lambda z: _clock_key(map_, z, imu_gains))
     if drift[1] is None and not trial.moves:  # the fit holds what the body rates, or the map, say of the clock
         drift = by(clock, LATE, lambda z: _late_key(map_, z))
-    return [by(-heard.r[:, None], SCALE, lambda z: scale_key(map_, round(1.0 + z, 4))), drift]
+    jumps = []
+    for then in np.quantile(heard.t, np.linspace(0.0, 1.0, JUMPS + 2)[1:-1]):
+        jumped = np.hstack([clock, clock * (heard.t > then)[:, None]])
+        jumps.append(by(jumped, LATE, partial(_jump_key, float(then))))
+    scale = by(-heard.r[:, None], SCALE, lambda z: scale_key(map_, round(1.0 + z, 4)))
+    return [scale, drift, max(jumps, key=lambda one: one[0])]
+
+
+def _jump_key(then: float, gained: float) -> str:
+    """Return what a truth's clock says that gains so much at once [s]: the ranges' may be the one that jumped."""
+    return (
+        f"ranges: a clock that jumps by {-gained:+.2f} s about {then:.0f} s after the first, or the truth's the other "
+        "way,"
+    )
 
 
 def _late_key(map_: Map, late: float) -> str:
