@@ -87,6 +87,17 @@ def _mapping_of_unique_keys(loader: yaml.SafeLoader, node: yaml.MappingNode) -> 
     return found
 
 
+def _number(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> int | float:
+    """Return a number, unless YAML makes another of it than one reads: 010 is 8, 1:30 is 90."""
+    construct = loader.construct_yaml_int if node.tag.endswith("int") else loader.construct_yaml_float
+    value, text = construct(node), node.value.lstrip("+-")
+    if ":" in text or (text[:1] == "0" and text.isdigit() and value):
+        raise InputError(f"{_line(node)}: {node.value} is {value} to YAML: write the number without leading 0 or :")
+    return value
+
+
+_UniqueKeyLoader.add_constructor("tag:yaml.org,2002:int", _number)
+_UniqueKeyLoader.add_constructor("tag:yaml.org,2002:float", _number)
 _UniqueKeyLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping_of_unique_keys)
 
 
@@ -95,7 +106,7 @@ def _refuse_bombs(text: str) -> None:
     depth = 0
     for event in yaml.parse(text, Loader=_Loader):
         if isinstance(event, yaml.AliasEvent):
-            raise InputError(f"{_line(event)}: aliases are not allowed")
+            raise InputError(f"{_line(event)}: aliases are not allowed (*{event.anchor}): write the values out")
         if isinstance(event, yaml.CollectionStartEvent):
             depth += 1
         elif isinstance(event, yaml.CollectionEndEvent):
@@ -132,14 +143,17 @@ def parse_yaml(text: str, source: str, names: Names | None = None) -> Any:
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
     except (yaml.YAMLError, ValueError) as error:
-        raise InputError(f"{source}: not valid YAML: {_what_and_where(error)}") from None
+        raise InputError(f"{source}: not valid YAML: {_what_and_where(error, text)}") from None
 
 
-def _what_and_where(error: Exception) -> str:
+def _what_and_where(error: Exception, text: str) -> str:
     """Return an error of YAML as its place and what is wrong there, without the parser's name of the text."""
     mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None)
     if mark is None or not problem:
         return " ".join(str(error).split())
+    line = text.split("\n")[mark.line] if mark.line < text.count("\n") + 1 else ""
+    if line[mark.column : mark.column + 1] == "\t":
+        problem = "a tab, but YAML indents by spaces"
     return f"line {mark.line + 1}, column {mark.column + 1}: {' '.join(problem.split())}"
 
 

@@ -94,8 +94,9 @@ def _from_number(loss: Any) -> Any:
     """Take a number for the probability of independent losses."""
     if isinstance(loss, int | float) and not isinstance(loss, bool):
         return {"kind": "bernoulli", "probability": loss} if loss else {"kind": "none"}
-    if isinstance(loss, str):
-        raise ValueError(f"{loss!r}: must be a number from 0 to 1, or {{kind: bursts, loss: 0.3, mean_length: 1.0}}")
+    if loss is None or isinstance(loss, bool | str | list):
+        allowed = "must be a number from 0 to 1, as 0.1 or 1.0e-1, or {kind: bursts, loss: 0.3, mean_length: 1.0}"
+        raise ValueError(f"{loss!r}: {allowed}")
     return loss
 
 

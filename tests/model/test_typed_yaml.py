@@ -179,6 +179,21 @@ def test_groups_may_be_nested_thirty_two_deep(text: str, problem: str | None) ->
 
 
 @pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("a: 010", "line 1: 010 is 8 to YAML"),
+        ("b: 1\na: 1:30", "line 2: 1:30 is 90 to YAML"),
+        ("a: 1:30.5", "line 1: 1:30.5 is 90.5 to YAML"),
+        ("a:\n\tb: 1", "line 2, column 1: a tab, but YAML indents by spaces"),
+    ],
+)
+def test_what_yaml_reads_otherwise_than_people_is_refused(text: str, problem: str) -> None:
+    with pytest.raises(InputError, match=problem):
+        parse_yaml(text, "thing.yaml")
+    assert parse_yaml("[0, 10, -3, 0x10, 0.5, 1_000, '010']", "thing.yaml") == [0, 10, -3, 16, 0.5, 1000, "010"]
+
+
+@pytest.mark.parametrize(
     ("model", "value", "said"),
     [
         (int, "x", "must be an integer"),

@@ -1,5 +1,6 @@
 """The typed scenario: ready-made files, settings laid over them, and what is refused in one line."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -240,3 +241,18 @@ def test_an_integer_too_large_for_a_quantity_is_refused_before_it_is_a_float() -
     with pytest.raises(InputError, match=r"servo\.weights\.angle\.0: 9223372036854775807: must not exceed 1e\+12"):
         load_scenario("outage", ("servo.weights.angle=[9223372036854775807, 1.0, 1.0]",))
     assert load_scenario("outage", seed=2**63 - 1).belief == load_scenario("outage").belief
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        ("uwb.link.loss=yes", "uwb.link.loss: True: must be a number from 0 to 1, as 0.1"),
+        ("uwb.link.loss=", "uwb.link.loss: None: must be a number from 0 to 1, as 0.1"),
+        ("uwb.link.blackouts=[[5,3]]", "must be a group of settings, its kind one of position, time"),
+        ("planner=fast", "must be a group of settings, its kind one of gcs, hover, waypoints"),
+        ("servo=3", "must be a group of settings: {kind: , form: , velocities: , "),
+    ],
+)
+def test_a_value_in_place_of_a_group_is_answered_with_what_the_group_has(value, said) -> None:
+    with pytest.raises(InputError, match=re.escape(said)):
+        load_scenario("imu_uwb", [value])

@@ -13,6 +13,7 @@ from pydantic_core import ErrorDetails
 
 from ortilo_drake.model.inputs.nearest_key import Known, did_you_mean, keys_of, nearest, words_of
 
+KEYS = 6  # of a group, shown where a value stands in its place
 SHOWN = 60  # characters of a value in an error
 _PLAIN = {  # pydantic's words, and ours
     "a valid integer": "an integer",
@@ -193,7 +194,17 @@ def _line(problem: ErrorDetails, model: type[BaseModel]) -> str:
             )
         case "float_type" | "int_type" if _is_number(problem["input"]):
             return f"{field}: {value}: is text to YAML; a number has a point and a signed exponent, as 1.0e-3"
-    return f"{field or 'the file'}: {value}: {plainly(problem['msg'])}"
+    return f"{field or 'the file'}: {value}: {plainly(problem['msg'])}{_of_group(here, problem['msg'])}"
+
+
+def _of_group(here: dict[str, Any], message: str) -> str:
+    """Return what a group has that a value should have been: its kinds, or its first keys."""
+    if "an object" not in message:
+        return ""
+    kinds, keys = here.get("discriminator", {}).get("mapping", {}), list(here.get("properties", {}))
+    if kinds:
+        return f", its kind one of {', '.join(kinds)}"
+    return f": {{{', '.join(f'{key}: ' for key in keys[:KEYS])}{', ...' if len(keys) > KEYS else ''}}}" if keys else ""
 
 
 def _is_number(text: Any) -> bool:
