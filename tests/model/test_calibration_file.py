@@ -64,6 +64,12 @@ def test_kalibrs_camchain(tmp_path: Path) -> None:
     assert read(tmp_path, KALIBR.replace("radtan", "none")) == expected | {"distortion": "none", "coefficients": []}
 
 
+def test_a_sensor_file_of_euroc_has_kalibrs_keys(tmp_path: Path) -> None:
+    of_cam0 = "\n".join(line[2:] for line in KALIBR.splitlines()[1:])
+    euroc = of_cam0.replace("radtan", "radial-tangential").replace("distortion_coeffs", "distortion_coefficients")
+    assert read(tmp_path, euroc) == read(tmp_path, KALIBR)
+
+
 def test_ros_camera_info_as_a_file_and_as_a_message(tmp_path: Path) -> None:
     assert read(tmp_path, ROS) == FROM_ROS
     message = "\n".join(
@@ -74,6 +80,9 @@ def test_ros_camera_info_as_a_file_and_as_a_message(tmp_path: Path) -> None:
         ]
     )
     assert read(tmp_path, message) == FROM_ROS
+    assert read(tmp_path, f"{message}\n---\n{message}\n---\n") == FROM_ROS  # as `rostopic echo` goes on
+    by_python = ROS.replace("0.001014", "2e-05")  # which is text to YAML
+    assert read(tmp_path, by_python)["coefficients"] == [-0.361976, 0.110510, 2e-05, 0.000505, 0.0]
     fish = ROS.replace("plumb_bob", "equidistant").replace(", 0.000000]\nrect", "]\nrect")
     assert read(tmp_path, fish)["distortion"] == "fisheye"
 
@@ -112,6 +121,7 @@ def test_opencvs_fisheye_model_is_one(tmp_path: Path) -> None:
     [
         (KALIBR.replace("pinhole", "omni"), "cam0.camera_model: 'omni': must be pinhole"),
         (KALIBR.replace("radtan", "fov"), "cam0.distortion_model: 'fov': must be one of radtan, equidistant, none"),
+        (ROS.replace("640", "300"), "the centre, 305.593, 243.738, is outside the picture of 300 x 480 pixels"),
         (KALIBR.replace("[458.654, ", "["), "cam0.intrinsics: "),
         (KALIBR.replace("[752, 480]", "[752.5, 480]"), "cam0.resolution: 752.5: must be a whole number of pixels"),
         (KALIBR.replace("[-0.28340811, ", "["), "cam0.distortion_coeffs: "),

@@ -2,6 +2,7 @@
 
     Kalibr    cam0: {camera_model: pinhole, intrinsics: [fu, fv, pu, pv], resolution: [width, height],
               distortion_model: radtan | equidistant | none, distortion_coeffs: [...]}
+    EuRoC     the same keys without cam0, radial-tangential, distortion_coefficients (a data set's sensor.yaml)
     ROS       image_width, image_height, camera_matrix: {data: [9]}, distortion_coefficients: {data: [...]},
               distortion_model: plumb_bob | rational_polynomial | equidistant; or a message's d, k, width, height
     OpenCV    image_width, image_height, camera_matrix, distortion_coefficients as !!opencv-matrix; with
@@ -35,6 +36,7 @@ _MODELS: Final = {
     "rational_polynomial": "brown_conrady",
     "equidistant": "fisheye",
     "fisheye": "fisheye",
+    "radial-tangential": "brown_conrady",
 }
 _MOST: Final = 8  # coefficients; OpenCV's further ones are of a thin prism and a tilted sensor
 
@@ -47,11 +49,20 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and not abs(value) > LARGEST
 
 
+def _as_number(value: Any) -> Any:
+    """Return a text's number, if it is one: Python and ROS write 2e-05, which is text to YAML."""
+    try:
+        return float(value) if isinstance(value, str) else value
+    except ValueError:
+        return value
+
+
 def _numbers(source: str, field: str, value: Any, counts: tuple[int, ...] = ()) -> list[float]:
     """Return a list of numbers, of a matrix its data, row by row."""
     data = value.get("data") if isinstance(value, dict) else value
     if isinstance(data, list) and data and all(isinstance(row, list) for row in data):
         data = [number for row in data for number in row]
+    data = [_as_number(v) for v in data] if isinstance(data, list) else data
     is_number = [_is_number(v) for v in data] if isinstance(data, list) else []
     if not isinstance(data, list) or not all(is_number) or (counts and len(data) not in counts):
         raise _wrong(source, field, value, f"{' or '.join(map(str, counts))} numbers".strip())
@@ -84,22 +95,27 @@ def _of_kalibr(source: str, data: Mapping[str, Any]) -> dict[str, Any]:
     cameras = [name for name in data if re.fullmatch(r"cam\d+", name)]
     if len(cameras) > 1:
         raise InputError(f"{source}: {', '.join(cameras)}: must be one camera: leave the others out")
-    cam, its = cameras[0], data[cameras[0]]
+    cam, its = f"{cameras[0]}.", data[cameras[0]]
     if not isinstance(its, dict):
-        raise _wrong(source, cam, its, "a camera's group")
+        raise _wrong(source, cameras[0], its, "a camera's group")
+    return _of_camera(source, cam, its, "distortion_coeffs")
+
+
+def _of_camera(source: str, cam: str, its: Mapping[str, Any], coefficients: str) -> dict[str, Any]:
+    """Return the calibration of a camera by Kalibr's keys; `cam` stands before them in an error."""
     if its.get("camera_model") != "pinhole":
-        raise _wrong(source, f"{cam}.camera_model", its.get("camera_model"), "pinhole")
-    model, known = its.get("distortion_model"), ("radtan", "equidistant", "none")
+        raise _wrong(source, f"{cam}camera_model", its.get("camera_model"), "pinhole")
+    model, known = its.get("distortion_model"), ("radtan", "equidistant", "none", "radial-tangential")
     if model not in known:
-        raise _wrong(source, f"{cam}.distortion_model", model, f"one of {', '.join(known)}")
-    f_u, f_v, *center = _numbers(source, f"{cam}.intrinsics", its.get("intrinsics"), (4,))
-    size = _numbers(source, f"{cam}.resolution", its.get("resolution"), (2,))
-    width, height = (_whole(source, f"{cam}.resolution", side) for side in size)
+        raise _wrong(source, f"{cam}distortion_model", model, f"one of {', '.join(known)}")
+    f_u, f_v, *center = _numbers(source, f"{cam}intrinsics", its.get("intrinsics"), (4,))
+    size = _numbers(source, f"{cam}resolution", its.get("resolution"), (2,))
+    width, height = (_whole(source, f"{cam}resolution", side) for side in size)
     found = {"width": width, "height": height, "focal_length": [f_u, f_v], "center": center}
     given = []
     if model != "none":
-        given = _numbers(source, f"{cam}.distortion_coeffs", its.get("distortion_coeffs"), (4,))
-    return found | _lens(source, f"{cam}.distortion_coeffs", _MODELS[model], given)
+        given = _numbers(source, f"{cam}{coefficients}", its.get(coefficients), (4,))
+    return found | _lens(source, f"{cam}{coefficients}", _MODELS[model], given)
 
 
 def _of_ros_or_opencv(source: str, data: Mapping[str, Any]) -> dict[str, Any]:
@@ -140,14 +156,24 @@ def read_calibration(path: Path) -> dict[str, Any]:
         raise InputError(f"camera.calibration: {str(path)[:200]!r}: no such file")
     source, text = str(path), read_text(path)
     # OpenCV's first line is no YAML directive, and its matrices have a type of their own.
-    text = re.sub(r"\A%YAML:1\.0[^\n]*\n", "", text).replace("!!opencv-matrix", "")
-    data = parse_yaml(text, source)
+    text = re.sub(r"\A%YAML[^\n]*\n", "", text).replace("!!opencv-matrix", "")
+    # `rostopic echo` ends each message with ---: the first counts.
+    parts = [part for part in re.split(r"(?m)^---\s*$", text) if part.strip()]
+    data = parse_yaml(parts[0] if parts else "", source)
     if not isinstance(data, dict):
         raise InputError(f"{source}: must hold a calibration of Kalibr, ROS or OpenCV, not {type(data).__name__}")
-    if any(re.fullmatch(r"cam\d+", name) for name in data):
-        return _of_kalibr(source, data)
     if "focal_length" in data:
         return data
-    if not any(name in data for key in ("camera_matrix", "distortion_coefficients") for name in _NAMES[key]):
+    if any(re.fullmatch(r"cam\d+", name) for name in data):
+        found = _of_kalibr(source, data)
+    elif "intrinsics" in data and "camera_model" in data:
+        found = _of_camera(source, "", data, "distortion_coefficients")
+    elif any(name in data for key in ("camera_matrix", "distortion_coefficients") for name in _NAMES[key]):
+        found = _of_ros_or_opencv(source, data)
+    else:
         raise InputError(f"{source}: no cam0 of Kalibr and no camera_matrix of ROS or OpenCV: no calibration of these")
-    return _of_ros_or_opencv(source, data)
+    (u, v), width, height = found["center"], found["width"], found["height"]
+    if not (0.0 <= u < width and 0.0 <= v < height):
+        outside = f"the centre, {u:g}, {v:g}, is outside the picture of {width} x {height} pixels"
+        raise InputError(f"{source}: {outside}: calibrated at another resolution?")
+    return found
