@@ -19,7 +19,6 @@ def scenarios_from(begun: str) -> list[str]:
     return [name for name in scenario_names() if name.startswith(begun)]
 
 
-DOUBTFUL = 3  # exit code of a result that stands, but is doubtful
 DEFAULT_SCENARIO = "imu_uwb_yolo"
 ScenarioArgument = Annotated[
     str, typer.Argument(help="A ready-made scenario's name or a .yaml file.", autocompletion=scenarios_from)

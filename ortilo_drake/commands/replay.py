@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.options import DOUBTFUL, MAP_OPTION, JsonOption
+from ortilo_drake.commands.options import MAP_OPTION, JsonOption
 from ortilo_drake.commands.terminal import (
     DOUBTFUL,
     check_writable,

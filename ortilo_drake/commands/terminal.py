@@ -109,7 +109,7 @@ def say_error(line: str) -> None:
     err.print(line, markup=False, soft_wrap=True)
 
 
-DOUBTFUL = 3  # exit code of a check with warnings, or of a replay with doubts
+DOUBTFUL = 3  # exit code of a result that stands but is doubtful, and of a check with warnings
 
 
 def say_warnings(lines: Iterable[str]) -> None:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from ortilo_drake.commands.options import DOUBTFUL, JsonOption, WorkersOption, picture_option, yaml_option
+from ortilo_drake.commands.options import JsonOption, WorkersOption, picture_option, yaml_option
 from ortilo_drake.commands.terminal import (
+    DOUBTFUL,
     check_writable,
     flights_to_go,
     out,
