@@ -197,7 +197,8 @@ def _of_scale_and_clock(
         jumped = np.hstack([clock, clock * (heard.t > then)[:, None]])
         jumps.append(by(jumped, LATE, partial(_jump_key, float(then))))
     scale = by(-heard.r[:, None], SCALE, lambda z: scale_key(map_, round(1.0 + z, 4)))
-    return [scale, drift, max(jumps, key=lambda one: one[0])]
+    told = [one for one in jumps if one[1] is not None]  # a jump of nothing explains all that a late clock does
+    return [scale, drift, *sorted(told, key=lambda one: one[0])[-1:]]
 
 
 def _jump_key(then: float, gained: float) -> str:
