@@ -47,6 +47,7 @@ class SensorClock:
 Target = Callable[[StampedEstimate, Setpoint | None, int], None]
 Say = Callable[[str], None]
 QUIET = 5.0  # without any message, that is said [s]
+FAR: Final = 0.3  # the first ranges may be so far from those of the map's start [m]
 
 
 @dataclass(frozen=True)
@@ -137,6 +138,10 @@ class LiveBridge:
         origin, newest = self._rows.origin or 0.0, self._rows.newest
         if self._filter.begun and not begun:
             self._say(f"the filter has begun, by the ranges from {self._filter.begins_at:.1f} s after the first on")
+            sd = 0.0 if self._map.start is None else self._map.start.position_sd
+            if self._filter.start_off > max(FAR, 3.0 * sd):
+                off = f"the first ranges are {self._filter.start_off:.1f} m (median) from those of its position"
+                self._say(f"warning  start: {off}: is the vehicle there? Else leave start out")
         if self._filter.lost > lost:
             self._say("the filter was lost, and starts anew from the ranges")
         made = [estimate_at(origin + one.t, one.state, self._imu) for one in found]

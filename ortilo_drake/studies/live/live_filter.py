@@ -22,6 +22,8 @@ from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import Ranges
 from ortilo_drake.interop.recorded.recording import NO_AID_ROWS, Recording, between, held_at
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
+from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Q
 from ortilo_drake.studies.recorded.at_rest import AT_REST, at_rest
 from ortilo_drake.studies.recorded.event_filter import Carried, initial_carried, run_filter
 from ortilo_drake.studies.recorded.filter_types import NO_AIDS, RANGE, Events, EventValues, Restart, Setup, State
@@ -34,9 +36,10 @@ from ortilo_drake.studies.recorded.filtered import (
     noise_of,
     start_of,
 )
-from ortilo_drake.studies.recorded.first_fix import LONGEST, fix_known_at
+from ortilo_drake.studies.recorded.first_fix import FIRST_RANGES, LONGEST, fix_known_at
 from ortilo_drake.studies.recorded.reacquired import AGAIN, is_astray, no_restart, restart_from
 from ortilo_drake.studies.recorded.setups import uncalibrated_setup
+from ortilo_drake.studies.recorded.truth_path import modelled
 
 RATE = 10.0  # of the estimates by default, as replay's without a truth [Hz]
 
@@ -60,6 +63,7 @@ class LiveFilter:
         lost: how often it was lost and started anew.
         begins_at: stamp of the range that it begins with [s].
         why_not_begun: what it waits for.
+        start_off: how far each anchor's first range is from that of the map's `start` [m], the median; 0 without one.
     """
 
     def __init__(self, map_: Map, anchors: np.ndarray, rate: float = RATE):
@@ -77,6 +81,7 @@ class LiveFilter:
         self._waits = False  # for the ranges to start anew from
         self.ranges = self.taken = self.lost = 0
         self.begins_at, self.why_not_begun = 0.0, "no range was heard"
+        self.start_off = 0.0
 
     @property
     def due(self) -> float:
@@ -152,7 +157,15 @@ class LiveFilter:
         self._carried = self._fresh()
         self._anew: Restart = no_restart(len(self._state.C))
         self._wait = -np.inf
+        self.start_off = 0.0 if known.start is None else self._start_off(ranges)
         return True
+
+    def _start_off(self, ranges: Ranges) -> float:
+        near = ranges.only(np.flatnonzero(ranges.t <= ranges.t[0] + FIRST_RANGES))
+        first = near.only(np.unique(near.anchor, return_index=True)[1])
+        antenna = self._state.x[:3] + matrix_of(self._state.x[Q:ADDITIVE]) @ self._setup.levers[0]
+        expected = modelled(np.tile(antenna, (len(first.t), 1)), self._anchors, np.zeros(len(self._anchors)), first)
+        return float(np.median(np.abs(first.r - expected)))
 
     def _fresh(self) -> Carried:
         return initial_carried(len(self._anchors), len(self._state.C), self._state.t)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from live_messages import IMU, RANGES, START, as_map, messages_of
-from made_up_motion import BAG_MAP, made_up, write_bag
+from made_up_motion import ANCHORS, BAG_MAP, made_up, write_bag
 from plain_filter import run_plainly
 
 from ortilo_drake.interop.recorded.bag_columns import at_pace, bag_messages
@@ -120,6 +120,17 @@ def test_what_is_missing_is_said_where_nothing_begins() -> None:
     bridge, found, _ = live(as_map(RANGES), [one for one in messages_of(motion) if one[0] in ("/r0", "/r1")])
     assert found == []
     assert "at least 3 are needed" in bridge.report().not_begun
+
+
+@pytest.mark.parametrize(("x", "sd", "warned"), [(3.0, 0.03, False), (5.0, 0.03, True), (5.0, 1.0, False)])
+def test_a_start_that_the_first_ranges_contradict_is_said(monkeypatch, x, sd, warned) -> None:
+    """An autopilot that is given a wrong start flies by it for tens of seconds: the anchors' biases take it up."""
+    run_plainly(monkeypatch, live_filter, "run_filter", "initial_carried")
+    motion, place = made_up(1.5), [x, 6.1, 1.4]
+    map_ = as_map(RANGES + IMU + f"start: {{position: {place}, position_sd: {sd}, heading: 0.5}}\n")
+    _, _, lines = live(map_, messages_of(motion))
+    off = np.median(np.abs(motion.r[0] - np.linalg.norm(place - ANCHORS, axis=1)))
+    assert [f"are {off:.1f} m" in line for line in lines if line.startswith("warning  start")] == [True] * warned
 
 
 LANDS = START.replace("heading: 0.5", "heading: 0.5, rests: true, lands: true")
