@@ -1,4 +1,4 @@
-# docker build -t ortilo-drake . && mkdir -p out && docker run --rm -it -v "$PWD/out:/home/ortilo/lab/out" ortilo-drake ortilo fly --camera projected
+# docker build -t ortilo-drake . && mkdir -p out && docker run --rm -it --shm-size 256m -v "$PWD/out:/home/ortilo/lab/out" ortilo-drake ortilo fly --camera projected
 FROM debian:bookworm-slim
 RUN apt-get update && apt-get install -y --no-install-recommends \
         ca-certificates git graphviz libegl1 libgl1 libgl1-mesa-dri libgomp1 libx11-6 make python3 python3-venv \
