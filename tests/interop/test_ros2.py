@@ -124,7 +124,9 @@ def test_fields_become_a_message_of_the_right_types(monkeypatch: pytest.MonkeyPa
 
 def test_without_rclpy_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"rclpy: is not installed.*pip install 'ortilo-drake\[ros2\]'"):
+    with pytest.raises(
+        InputError, match=r"rclpy: is not installed.*source a ROS 2.*pip install 'ortilo-drake\[ros2\]'"
+    ):
         Ros2Bridge(load_scenario("nominal_imu_uwb", SETTINGS))
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from ortilo_drake.interop.ros.ros_messages import LATCHED
 from ortilo_drake.interop.ros.ros_sensors import IMAGE_TOPIC
 from ortilo_drake.interop.ros.ros_types import Fields, RosMessage
-from ortilo_drake.model.optional import check_installed
+from ortilo_drake.model.optional import is_installed
 from ortilo_drake.model.typed_yaml import InputError
 
 NODE: Final = "ortilo"
@@ -69,7 +69,9 @@ class Ros2Node:
     """
 
     def __init__(self) -> None:
-        check_installed("rclpy", "ros2")
+        if not is_installed("rclpy"):
+            ways = "source a ROS 2 for this Python, or on Linux with Python 3.11: pip install 'ortilo-drake[ros2]'"
+            raise InputError(f"rclpy: is not installed, needed for this: {ways}")
         self._publishers: dict[str, Any] = {}
 
     def __enter__(self) -> Self:
