@@ -55,7 +55,7 @@ def check_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetO
     vehicle = chosen.vehicle
     hover = vehicle.hover_rotor_speeds.max()
     out.print(
-        f"  vehicle: {vehicle.mass:g} kg, {vehicle.rotor_count} rotors; hovers at {hover:.3g} rad/s, "
+        f"  vehicle: {vehicle.mass:g} kg, {vehicle.rotor_count} rotors; hovers at {hover:.4g} rad/s, "
         f"{hover / vehicle.rotor_max_speed:.0%} of the largest speed; "
         f"lifts at most {vehicle.largest_thrust / vehicle.hover_thrust:.1f} times its weight",
         markup=False,

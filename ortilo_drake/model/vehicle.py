@@ -96,6 +96,10 @@ class Vehicle(Frozen):
             asked = f"{asks}{question}" if question.startswith(("is it ", "are they ")) else ""
             if asked and not line.startswith("mass: "):
                 raise ValueError(line + asked)
+            fields = type(self).model_fields
+            kept = [key for key in ("rotor_lift", "rotor_max_speed") if getattr(self, key) == fields[key].default]
+            if len(kept) == 1:
+                asked = f"; {kept[0]} is the M100's, is it yours?"
             raise ValueError(
                 f"mass: {self.mass} kg is more than the rotors lift, {self.largest_thrust / GRAVITY:.3g} kg at "
                 f"rotor_max_speed {self.rotor_max_speed}, hover needs {self.hover_rotor_speeds.max():.1f} rad/s{asked}"

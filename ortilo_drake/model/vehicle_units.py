@@ -61,7 +61,7 @@ def arm_for_mass(vehicle: Vehicle) -> float:
 
 SIGNS = (
     Sign(lambda v: v.rotor_drag / v.rotor_lift, 1e-3, 0.025, 0.1, "the yaw torque over the thrust is {:.2g} m"),
-    Sign(thrust_ratio, 1.2, 2.3, 15.0, "the rotors lift {:.3g} times the weight"),
+    Sign(thrust_ratio, 1.2, 2.3, 15.0, "by rotor_lift and rotor_max_speed the rotors lift {:.3g} times the weight"),
     Sign(gyration, 0.2, 0.59, 3.0, "the radius of gyration sqrt(I/m) is {:.3g} arms"),
     Sign(flatness, 0.75, 1.8, 2.5, "I_z is {:.3g} times the larger of I_x and I_y"),
     Sign(lambda v: v.longest_arm / max(v.radius, 1e-9), 1 / 3, 0.63, 1.0, "the arm is {:.3g} of the radius"),
@@ -88,7 +88,7 @@ MISTAKES: list[tuple[str, dict[str, float]]] = [  # what the numbers are instead
     *(
         (f"in {unit}", dict.fromkeys(keys, size))
         for keys in (("arm_length",), ("radius",), ("arm_length", "radius"))
-        for unit, size in (("mm", 1e-3), ("cm", 0.01))
+        for unit, size in (("mm", 1e-3), ("cm", 0.01), ("inches", 0.0254))
     ),
     ("the whole wheelbase", {"arm_length": 0.5}),
     ("the diameter", {"radius": 0.5}),
@@ -127,6 +127,7 @@ def vehicle_units(vehicle: Vehicle) -> list[str]:
             taken = f" The M100's are: {left_out}" if left_out else ""
             return [*lines, f"vehicle: {_said(odd, now)}; is each in SI units, arm and radius from the centre?{taken}"]
         rivals = [one for one, odds in zip(changes, remaining, strict=True) if one.mistake and len(odds) == len(left)]
+        rivals.sort(key=lambda one: _far(now, one))
         mended = [sign for sign in odd if sign not in left]
         lines.append(f"vehicle.{_numbers(vehicle, change)}: {_said(mended, now)}{_asked(vehicle, change, rivals)}")
         now, odd = _changed(now, change), left
@@ -141,8 +142,18 @@ def _changes(vehicle: Vehicle) -> list[Change]:
     """Every mistake that is tried: the usual ones, then each number by each power of ten."""
     usual = [Change({key: _times(vehicle, key, by) for key, by in by_key.items()}, said) for said, by_key in MISTAKES]
     moment = Change({"rotor_drag": vehicle.rotor_drag * vehicle.rotor_lift}, "the ratio of torque to thrust, in m")
+    thrust = Change({"rotor_lift": vehicle.rotor_lift / vehicle.rotor_max_speed**2}, "the thrust at full speed, in N")
+    reach = max(vehicle.radius, 1.6 * vehicle.longest_arm)  # so far do propellers reach, if the radius leaves them out
+    frame = Change({"radius": reach}, "that of the frame without propellers")
     order = Change({"inertia": tuple(sorted(vehicle.inertia))}, "in another order than I_x, I_y, I_z")
-    return [*usual, moment, order, *(Change({key: _times(vehicle, key, by)}) for key in UNITS for by in _POWERS)]
+    return [
+        *usual,
+        moment,
+        thrust,
+        frame,
+        order,
+        *(Change({key: _times(vehicle, key, by)}) for key in UNITS for by in _POWERS),
+    ]
 
 
 def _times(vehicle: Vehicle, key: str, factor: float) -> Any:

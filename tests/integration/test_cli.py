@@ -314,7 +314,7 @@ def test_a_checked_scenario_says_what_its_vehicle_can_do(capsys: pytest.CaptureF
     assert run("scenario", "check", "rotors", *settings) == 0
     hover = (1.2 * 9.81 / (4 * 0.00002)) ** 0.5
     said = capsys.readouterr().out
-    assert f"1.2 kg, 4 rotors; hovers at {hover:.3g} rad/s, {hover / 900.0:.0%} of the largest speed" in said
+    assert f"1.2 kg, 4 rotors; hovers at {hover:.4g} rad/s, {hover / 900.0:.0%} of the largest speed" in said
     assert f"lifts at most {(900.0 / hover) ** 2:.1f} times its weight" in said
 
 

@@ -55,6 +55,11 @@ def test_of_rotors_too_weak_the_number_in_a_wrong_unit_is_blamed(wrong: dict[str
         Vehicle(**wrong)
 
 
+def test_of_rotors_too_weak_a_number_that_was_left_out_is_named() -> None:
+    with pytest.raises(InputError, match=r"mass: 0\.55 kg is more .*; rotor_max_speed is the M100's, is it yours\?$"):
+        Vehicle(mass=0.55, inertia=(0.0025, 0.0029, 0.0048), arm_length=0.125, rotor_lift=1.5e-6, rotor_drag=1.7e-8)
+
+
 def around(n: int, length: float = 0.3, angle: float = 2.0 * math.pi, spins: tuple[int, ...] = (1, -1)) -> Vehicle:
     """A vehicle of n rotors on an arc that begins ahead."""
     return Vehicle(

@@ -55,18 +55,20 @@ WRONG = [  # factors on the numbers that are wrong, the field that is named firs
     ({"arm_length": 0.1}, ""),
     ({"arm_length": 10.0}, ""),
     ({"arm_length": 100.0}, "is it in cm?"),
+    ({"arm_length": 1.0 / 0.0254}, "is it in inches?"),
     ({"arm_length": 1e3}, "is it in mm?"),
     ({"arm_length": 1e3, "radius": 1e3}, "are they in mm?"),
     ({"arm_length": 100.0, "radius": 100.0}, "are they in cm?"),
     ({"radius": 100.0}, "is it in cm?"),
+    ({"radius": 1.0 / 0.0254}, "is it in inches?"),
     ({"radius": 1e3}, "is it in mm?"),
     ({"inertia": 0.01}, ""),
     ({"inertia": 100.0}, ""),
-    ({"inertia": 1e3}, "g m²"),
-    ({"inertia": 1e4}, "kg cm²"),
-    ({"inertia": 1e6}, "kg mm²"),
-    ({"inertia": 1e7}, "g cm²"),
-    ({"inertia": 1e9}, "g mm²"),
+    ({"inertia": 1e3}, "is it in g m²?"),
+    ({"inertia": 1e4}, "is it in kg cm²?"),
+    ({"inertia": 1e6}, "is it in kg mm²?"),
+    ({"inertia": 1e7}, "is it in g cm²?"),
+    ({"inertia": 1e9}, "is it in g mm²?"),
 ]
 
 
@@ -101,18 +103,20 @@ def test_the_number_that_is_wrong_is_named(name: str, factors: dict[str, float],
     named = "arms" if field == "arm_length" and vehicle.arms is not None else field
     assert line.startswith(f"vehicle.{named}: ")
     assert "usual is" in line
-    if field != "inertia":
-        assert line.endswith(f"; {question}" if question else line.split("; ")[-1].rstrip("?"))
-    else:  # a body's moments leave room for two units, one of them the right one
-        assert (f"in {question}" in line) if question else True
+    verb, _, mistake = question.rstrip("?").partition(" in ")
+    assert line.endswith("?") == bool(question)
+    assert verb in line.split("; ")[-1]
+    assert (f" in {mistake}" if mistake else verb) in line.split("; ")[-1]  # lengths may be in cm or in inches alike
 
 
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_the_wrong_quantity_is_asked_for(name: str) -> None:
-    """The torque as a ratio to the thrust; moments whose smallest is I_z, which no flat body has."""
+    """The torque as a ratio to the thrust; the thrust itself; moments whose smallest is I_z, which no flat body has."""
     right = PUBLISHED[name]
     ratio = right.model_copy(update={"rotor_drag": right.rotor_drag / right.rotor_lift})
     assert [line.split("; ")[-1] for line in vehicle_units(ratio)] == ["is it the ratio of torque to thrust, in m?"]
+    newton = right.model_copy(update={"rotor_lift": right.rotor_lift * right.rotor_max_speed**2})
+    assert [line.split("; ")[-1] for line in vehicle_units(newton)] == ["is it the thrust at full speed, in N?"]
     I_x, I_y, I_z = right.inertia
     turned = right.model_copy(update={"inertia": (I_z, I_y, I_x)})
     asked = ["is it in another order than I_x, I_y, I_z?"]
@@ -124,7 +128,7 @@ def test_a_diameter_and_a_wheelbase_are_asked_for(name: str) -> None:
     """Of the M100's published arm, 0.35 of its radius, the double is likely; the Firefly's is 0.68 of it."""
     (wide,), (long,) = (vehicle_units(times(PUBLISHED[name], {key: 2.0})) for key in ("radius", "arm_length"))
     assert wide.endswith("; is it the diameter?")
-    assert long.endswith("; is it the whole wheelbase?")
+    assert long.endswith("; is it the whole wheelbase, or radius that of the frame without propellers?")
 
 
 @pytest.mark.parametrize("name", PUBLISHED)
