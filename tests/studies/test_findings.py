@@ -36,6 +36,15 @@ def warnings(folder: Path, **changes: Any) -> list[str]:
         ({"anchors": [*LEVEL, [4, 3, 0], [4, 3, 0]]}, ["anchors.5: (4, 3, 0): the same place as anchors.4"]),
         ({"anchors": [*LEVEL, [4, 3, 0], [4, 6.5, 0]]}, ["anchors.5: (4, 6.5, 0): outside the interior, (0, 0, 0)"]),
         ({"start": [-1.0, 2.0]}, ["start: (-1, 2, 1.5): outside the room"]),
+        ({"walls": [[9.0, 2.0, 0, 1, 1, 3]]}, ["walls.0: (9, 2): outside the interior, (0, 0) to (8, 6)"]),
+        ({"walls": [[4.0, 5.0, 90, 0.4, 0.4, 3]]}, ["walls.0: yaw 90: is in radians, 1.571 if in °"]),
+        (  # an anchor on the face of a pillar that stands askew, and one in its middle
+            {
+                "anchors": [*LEVEL, [4.0 + 0.1 * 2**0.5, 5.0 + 0.1 * 2**0.5, 0.3], [4.0, 5.0, 1.0]],
+                "walls": [[4.0, 5.0, 0.785398, 0.4, 0.4, 3]],
+            },
+            ["anchors.5: (4, 5, 1): in a wall"],
+        ),
         ({"walls": [[1.2, 2.0, 0, 1, 1, 3]]}, ["start: (1.2, 2, 1.5): 0.00 m from 'wall'"]),
         ({"walls": [[3.5, 3.0, 1.5708, 6, 0.1, 3]]}, ["goal: (5.5, 4.0): no free way leads there from (1.2, 2.0)"]),
         ({"goal": None}, ["goal: not given; a scenario must have planner.goal of its own"]),

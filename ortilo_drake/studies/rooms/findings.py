@@ -1,5 +1,6 @@
 """Findings about a room that loads: its properties, and likely mistakes, lengths that are hardly metres among them."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -21,6 +22,8 @@ from ortilo_drake.studies.rooms.room_scenario import room_scenario
 LEAST_SPREAD = 0.3  # of the anchors about their best plane, root mean square; twice that, and heights tell [m]
 _LOOKS = 400  # places that a landmark is looked for from
 _ROUNDING = 1e-6  # [m]
+_OUTER = 0.4  # outer walls stand so far outside the interior, at most [m]
+_FACE = 0.01  # what is less deep in a wall hangs on it [m]
 
 
 class Findings(NamedTuple):
@@ -109,7 +112,7 @@ def _anchors(room: Room, off_plane: float) -> list[str]:
 
 
 def _places(room: Room) -> list[str]:
-    """Return the names of things outside the room."""
+    """Return the things that are outside the room or in a wall, and walls whose yaw is hardly in radians."""
     low, high = np.array(room.interior.min), np.array(room.interior.max)
     landmarks = [landmark.position for landmark in room.landmarks]
     given = {"anchors": room.anchors, "landmarks": landmarks, "stands": room.stands}
@@ -119,14 +122,28 @@ def _places(room: Room) -> list[str]:
             n = len(p)
             if np.any(np.array(p) < low[:n] - _ROUNDING) or np.any(np.array(p) > high[:n] + _ROUNDING):
                 found.append(f"{field}.{i}: {_point(p)}: outside the interior, {_point(low[:n])} to {_point(high[:n])}")
-    walls = [item for item in footprints(room) if item.name == "wall"]
-    for i, landmark in enumerate(room.landmarks):
-        x, y, z = landmark.position
-        for wall in walls:
-            if wall.low[0] < x < wall.high[0] and wall.low[1] < y < wall.high[1] and z < wall.top:
-                found.append(f"landmarks.{i}: {landmark.label} at {_point(landmark.position)}: its middle is in a wall")
-                break
-    return found
+    for i, item in enumerate(footprints(room)[: len(room.walls)]):
+        if np.any(np.array(item.high) < low[:2] - _OUTER) or np.any(np.array(item.low) > high[:2] + _OUTER):
+            middle = _point(room.walls[i][:2])
+            found.append(f"walls.{i}: {middle}: outside the interior, {_point(low[:2])} to {_point(high[:2])}")
+        if abs(room.walls[i][2]) > 2.0 * np.pi:
+            found.append(
+                f"walls.{i}: yaw {room.walls[i][2]:g}: is in radians, {np.radians(room.walls[i][2]):.4g} if in °"
+            )
+    found += [f"anchors.{i}: {_point(p)}: in a wall" for i, p in enumerate(room.anchors) if _in_wall(room, p)]
+    return found + [
+        f"landmarks.{i}: {landmark.label} at {_point(landmark.position)}: its middle is in a wall"
+        for i, landmark in enumerate(room.landmarks)
+        if _in_wall(room, landmark.position)
+    ]
+
+
+def _in_wall(room: Room, p: Sequence[float]) -> bool:
+    """Return whether a point is within a wall, and not only on its face."""
+    x, y, z = (np.asarray(p) - room.wall_boxes[:, :3]).T
+    c, s = np.cos(room.wall_boxes[:, 3]), np.sin(room.wall_boxes[:, 3])
+    away = np.abs(np.column_stack([c * x + s * y, c * y - s * x, z]))
+    return bool(np.any(np.all(away < room.wall_boxes[:, 4:] - _FACE, axis=1)))
 
 
 def _unseen(scenario: Scenario) -> list[str]:
