@@ -11,8 +11,9 @@ from typing import Any
 from ortilo_drake.model.input_files import exists, read_text
 from ortilo_drake.model.inputs.calibration_file import read_calibration
 from ortilo_drake.model.inputs.problems import shown
+from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import DEEPEST, InputError, nearest, parse_yaml, validate
-from ortilo_drake.model.vehicle import load_vehicle
+from ortilo_drake.model.vehicle import Vehicle, load_vehicle
 from ortilo_drake.scenario.noise_file import load_noise
 from ortilo_drake.scenario.onboard import Detector
 from ortilo_drake.scenario.plain import plain_value
@@ -111,6 +112,12 @@ def _settings_in(path: Path, source: str, above: tuple[str, ...] = ()) -> dict[s
         data = {}
     if not isinstance(data, dict):
         raise InputError(f"{source}: must hold settings by name, not {type(data).__name__}")
+    keys = data.keys() - {"name"}
+    for part, fields in (("vehicle", Vehicle.model_fields), ("room", Room.model_fields)):
+        if keys and keys <= fields.keys():
+            raise InputError(
+                f"{source}: is a {part}, not a scenario: ortilo fly imu_uwb --set {part}={source} flies it"
+            )
     data = _with_read_files(data, path.parent)
     base = data.pop("base", None)
     if base is None:

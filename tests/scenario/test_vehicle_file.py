@@ -80,3 +80,16 @@ def test_a_name_that_no_file_has_is_refused_in_one_line(name: str) -> None:
         load_scenario("nominal_imu_uwb", (f"vehicle={name}",))
     assert len(str(refusal.value)) < 300
     assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("part", "text"),
+    [("vehicle", "mass: 1.2\nradius: 0.3\n"), ("room", "interior: {min: [0, 0, 0], max: [8, 6, 3]}\nanchors: []\n")],
+)
+def test_a_vehicles_or_a_rooms_file_is_no_scenario_and_told_how_to_fly(tmp_path: Path, part: str, text: str) -> None:
+    (file := tmp_path / "mine.yaml").write_text(text)
+    with pytest.raises(InputError, match=rf"mine\.yaml: is a {part}, not a scenario: .* --set {part}=\S+mine\.yaml"):
+        load_scenario(file)
+    file.write_text(f"{text}uwb: {{}}\n")
+    with pytest.raises(InputError, match="unknown key"):
+        load_scenario(file)
