@@ -106,7 +106,7 @@ def _tune_recorded(paths: list[Path], map_file: Path, by: FitBy, out_file: Path 
         out.print(f"  {line}", markup=False, soft_wrap=True)
     say_written(out_file, json_file)
     if fitted.judged.verdict != "better":
-        say_error(verdict_line(fitted))
+        say_error(f"{', '.join(fitted.motions)}: doubtful: {verdict_line(fitted)}")
         raise typer.Exit(DOUBTFUL)
 
 

@@ -1,7 +1,9 @@
 """What `ortilo tune FOLDERS --map` prints: how much was fitted, and what the rest of the motions says of it."""
 
 from ortilo_drake.studies.recorded.fit_noise import FITTED, Fitted
-from ortilo_drake.studies.recorded.held_out import Gain
+from ortilo_drake.studies.recorded.held_out import Gain, HeldOut
+
+CONSISTENT, RISEN = 3.0, 1.3  # mean NEES of honest deviations; a rise by less is not told
 
 NAMES = {
     "innovations": "likelihood of the ranges",
@@ -40,7 +42,7 @@ def verdict_line(fitted: Fitted) -> str:
         ", ".join(NAMES[name] for name, gain in held.gains.items() if gain.sign == sign) for sign in (1, -1)
     )
     if held.verdict == "better":
-        return f"the tuned noise is better there ({better}): use it"
+        return f"the tuned noise is better there ({better}): use it{_claims(held)}"
     if held.verdict == "worse":
         return f"the tuned noise is worse there ({worse}): keep the map that you had"
     if held.verdict == "mixed":
@@ -49,6 +51,14 @@ def verdict_line(fitted: Fitted) -> str:
             "you had, unless the other matters more to you"
         )
     return "the tuned noise is no better there, the same within its uncertainty: keep the map that you had"
+
+
+def _claims(held: HeldOut) -> str:
+    """Return a warning where NEES rises above 3: the likelihood of the ranges does not see the calibration's errors."""
+    if held.nees is None or held.nees[1] <= max(CONSISTENT, RISEN * held.nees[0]):
+        return ""
+    times = (held.nees[1] / CONSISTENT) ** 0.5
+    return f"; but NEES rises to {held.nees[1]:.1f}: errors are {times:.1f} times what its standard deviations claim"
 
 
 def _gain(gain: Gain) -> str:

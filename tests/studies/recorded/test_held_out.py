@@ -46,6 +46,15 @@ def test_a_gain_within_its_interval_is_none(gains, verdict, said) -> None:
     assert said in verdict_line(SimpleNamespace(judged=judged))
 
 
+def test_noise_that_is_better_and_claims_too_much_is_told() -> None:
+    """NEES of 12 is that of errors twice as large as claimed."""
+    gains = {"innovations": Gain(0.0, 5.0, 3.0)}
+    said = verdict_line(SimpleNamespace(judged=HeldOut(10.0, gains, (0.9, 1.0), (3.0, 12.0), ((0.1,) * 3,) * 2)))
+    assert said.endswith("use it; but NEES rises to 12.0: errors are 2.0 times what its standard deviations claim")
+    said = verdict_line(SimpleNamespace(judged=HeldOut(10.0, gains, (0.9, 1.0), (12.0, 4.0), ((0.1,) * 3,) * 2)))
+    assert said.endswith("use it")
+
+
 def test_what_makes_a_fit_doubtful_is_said() -> None:
     """The 95 % point of chi-squared with 4 degrees of freedom is 9.488 in every table."""
     judged = HeldOut(52.0, {"innovations": Gain(11100.0, 11140.0, 94.0)}, (0.84, 0.96), None, None)
