@@ -18,9 +18,8 @@ from ortilo_drake.interop.recorded.map_file import FilterSettings, Map
 from ortilo_drake.interop.recorded.recording import Recording, between
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.filtered import Begin, estimate, innovation_score, noise_of
-from ortilo_drake.studies.recorded.held_out import By, HeldOut, judge, main_setup
+from ortilo_drake.studies.recorded.held_out import By, HeldOut, Parts, judge, parts_of
 from ortilo_drake.studies.recorded.scores import nees_of
-from ortilo_drake.studies.recorded.setups import judged_part
 from ortilo_drake.studies.recorded.truth_path import truth_path
 
 FITTED = ("acceleration", "range_white", "range_correlated", "correlation_time")
@@ -93,22 +92,21 @@ def _limits(settings: FilterSettings) -> tuple[np.ndarray, np.ndarray]:
     return np.minimum(least, x), np.maximum(largest, x)
 
 
-def _heard(recording: Recording, map_: Map) -> tuple[int, float, float]:
+def _heard(motion: Parts) -> tuple[int, float, float]:
     """Return how many ranges a motion's fitted part has, how long it is and how much of it has none [s]."""
-    end = judged_part(recording, main_setup(recording, map_)[1], map_)[1]
-    t = recording.ranges.t[recording.ranges.t <= end]
-    gaps = np.diff(np.append(t, end))
-    return len(t), float(end - t[0]), float(gaps[gaps > SILENT].sum())
+    t = motion.recording.ranges.t
+    t = t[t <= motion.end]
+    gaps = np.diff(np.append(t, motion.end))
+    return len(t), float(motion.end - t[0]), float(gaps[gaps > SILENT].sum())
 
 
-def _likelihood_of(recording: Recording, map_: Map, by: By) -> Callable[[FilterSettings, bool], float]:
-    """Return the log-likelihood of a recording's first part as a function of the settings.
+def _likelihood_of(motion: Parts, by: By) -> Callable[[FilterSettings, bool], float]:
+    """Return the log-likelihood of a motion's first part as a function of the settings.
 
     Its second argument says whether to search anew where the filter begins, which takes nine tenths of the time.
     """
-    truth, imu = recording.truth, recording.imu
-    known, calibration = main_setup(recording, map_)
-    end, queries = judged_part(recording, calibration, map_)[1], np.zeros(0)
+    recording, known, calibration, _, end, _ = motion
+    truth, imu, queries = recording.truth, recording.imu, np.zeros(0)
     if truth is not None and calibration is not None and by == "truth":
         queries = truth.t - calibration.offset
         queries = queries[(queries >= SETTLED) & (queries <= end)]
@@ -149,7 +147,8 @@ def fit_noise(
         raise InputError("calibration.share: 0: the noise is fitted to the first part: give its share")
     if any(isinstance(recording.anchors, int) and recording.truth is None for recording in recordings):
         raise InputError("anchors: unknown")
-    likelihoods = [_likelihood_of(recording, map_, by) for recording in recordings]
+    motions = [parts_of(recording, map_) for recording in recordings]
+    likelihoods = [_likelihood_of(motion, by) for motion in motions]
     computed = 0
 
     def settings_at(x: np.ndarray) -> FilterSettings:
@@ -180,7 +179,7 @@ def fit_noise(
     rounded = {name: float(f"{v:.3g}") for name, v in zip(FITTED, np.exp(x), strict=True)}
     settings = map_.filter.model_copy(update=rounded)
     edges = zip(FITTED, x - np.log(least), np.log(largest) - x, least.tolist(), largest.tolist(), strict=True)
-    heard = [_heard(recording, map_) for recording in recordings]
+    heard = [_heard(motion) for motion in motions]
     return Fitted(
         settings=settings,
         before=before,
@@ -192,5 +191,5 @@ def fit_noise(
         ranges=sum(one[0] for one in heard),
         fitted_time=sum(one[1] for one in heard),
         silent=sum(one[2] for one in heard),
-        judged=judge(recordings, map_, settings),
+        judged=judge(motions, map_.filter, settings),
     )

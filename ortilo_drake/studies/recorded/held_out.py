@@ -5,7 +5,7 @@ motion. A gain is the sum of the batches' differences; its 95 % interval is by t
 what lasts no longer than a batch (batch means: Law, Simulation Modeling and Analysis, section 9.5.3).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -81,19 +81,36 @@ class HeldOut(NamedTuple):
         return "better" if 1 in signs else "the same"
 
 
-def main_setup(recording: Recording, map_: Map) -> tuple[FilterSetup, Calibration | None]:
-    """Return the settings of the replay's main row with IMU, and the calibration by the truth if there is one."""
+class Parts(NamedTuple):
+    """A motion with the filter's settings for it, its fitted part and the rest.
+
+    Attributes:
+        recording: the motion.
+        known: the settings of the replay's main row with IMU.
+        calibration: by the truth, None without one.
+        t: stamps of the estimates, of both parts [s].
+        end: where the fitted part ends [s].
+        judged: which stamps are of the rest (n) -> (n).
+    """
+
+    recording: Recording
+    known: FilterSetup
+    calibration: Calibration | None
+    t: np.ndarray
+    end: float
+    judged: Callable[[np.ndarray], np.ndarray]
+
+
+def parts_of(recording: Recording, map_: Map) -> Parts:
+    """Return a motion's parts; InputError if hardly anything is left to judge."""
+    calibration = None
     if recording.truth is None:
-        known = uncalibrated_setup(recording, map_, at_rest(recording, map_))
-        return with_lever(known, recording, map_, []), None
-    calibration = calibrate(
-        recording,
-        map_.calibration,
-        lever=recording.imu is not None,
-        level=given_level(map_),
-        airborne=map_.airborne,
-    )
-    return with_aids(calibrated_setup(calibration, recording, map_), recording, map_, False), calibration
+        known = with_lever(uncalibrated_setup(recording, map_, at_rest(recording, map_)), recording, map_, [])
+    else:
+        level, lever = given_level(map_), recording.imu is not None
+        calibration = calibrate(recording, map_.calibration, lever=lever, level=level, airborne=map_.airborne)
+        known = with_aids(calibrated_setup(calibration, recording, map_), recording, map_, False)
+    return Parts(recording, known, calibration, *judged_part(recording, calibration, map_))
 
 
 class _Judged(NamedTuple):
@@ -108,32 +125,25 @@ class _Judged(NamedTuple):
     e: np.ndarray
 
 
-def judge(recordings: Sequence[Recording], map_: Map, after: FilterSettings) -> HeldOut:
-    """Return how the noise `after` does on the parts that were not fitted, beside the map's own.
-
-    Raises:
-        InputError: if hardly anything is left to judge.
-    """
+def judge(motions: Sequence[Parts], before: FilterSettings, after: FilterSettings) -> HeldOut:
+    """Return how the noise `after` does on the parts that were not fitted, beside the noise `before`."""
     befores: list[_Judged] = []
     afters: list[_Judged] = []
     duration = 0.0
-    for recording in recordings:
-        known, calibration = main_setup(recording, map_)
-        t, end, judged = judged_part(recording, calibration, map_)
-        last = float(t[judged(t)][-1])
+    for one in motions:
+        ranges, imu, t, end = one.recording.ranges, one.recording.imu, one.t, one.end
+        last = float(t[one.judged(t)][-1])
         duration += last - end
         edges = np.linspace(end, last, 1 + int(np.clip((last - end) / BATCH, 2, BATCHES)))
-        for settings, found in ((map_.filter, befores), (after, afters)):
-            run = estimate(recording.ranges, recording.imu, known, settings, t)
-            gate = noise_of(settings, recording.imu is not None).gate
-            there = judged(run.t)  # the others are computed as in a replay
-            e = _errors(run, recording, calibration)
+        for settings, found in ((before, befores), (after, afters)):
+            run = estimate(ranges, imu, one.known, settings, t)  # at all stamps, as in a replay
+            e, there = _errors(run, one), one.judged(run.t)
             run = run._replace(t=run.t[there], P=run.P[there])
-            found.append(_in_batches(run, e[there[: len(e)]], edges, gate))
-    m = sum(one.stamps for one in befores)
+            found.append(_in_batches(run, e[there[: len(e)]], edges, noise_of(settings, imu is not None).gate))
+    m = sum(found.stamps for found in befores)
     gains = {"innovations": gain_of([one.innovations for one in befores], [one.innovations for one in afters])}
     nees = rmse = None
-    if all(recording.truth is not None for recording in recordings):
+    if all(one.calibration is not None for one in motions):
         gains["errors"] = gain_of([one.errors for one in befores], [one.errors for one in afters])
         gains["accuracy"] = gain_of([-one.squares / m for one in befores], [-one.squares / m for one in afters])
         nees = (_mean_nees(befores), _mean_nees(afters))
@@ -142,11 +152,12 @@ def judge(recordings: Sequence[Recording], map_: Map, after: FilterSettings) -> 
     return HeldOut(float(duration), gains, nis, nees, rmse)
 
 
-def _errors(run: Estimate, recording: Recording, by: Calibration | None) -> np.ndarray:
+def _errors(run: Estimate, of: Parts) -> np.ndarray:
     """Return the position's errors at the estimates' stamps (m, 3) [m]; none without a truth (0, 3)."""
-    if recording.truth is None or by is None:
+    truth, by = of.recording.truth, of.calibration
+    if truth is None or by is None:
         return np.zeros((0, 3))
-    return np.asarray(run.p - by.position(truth_path(recording.truth).at(run.t + by.offset)[0]))
+    return np.asarray(run.p - by.position(truth_path(truth).at(run.t + by.offset)[0]))
 
 
 def _in_batches(run: Estimate, e: np.ndarray, edges: np.ndarray, gate: float) -> _Judged:

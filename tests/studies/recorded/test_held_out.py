@@ -13,7 +13,7 @@ from ortilo_drake.interop.recorded.recording import read_recording
 from ortilo_drake.model.typed_yaml import parse_yaml, validate
 from ortilo_drake.studies.recorded.fit_noise import LIMITS, Fitted
 from ortilo_drake.studies.recorded.fit_text import fitted_lines, verdict_line
-from ortilo_drake.studies.recorded.held_out import Gain, HeldOut, gain_of, judge
+from ortilo_drake.studies.recorded.held_out import Gain, HeldOut, gain_of, judge, parts_of
 
 
 def as_map(text: str) -> Map:
@@ -85,13 +85,14 @@ def test_the_ranges_own_noise_is_better_than_another_and_itself_is_the_same(tmp_
         as_map(TABLE_MAP + f"filter: {{{others}, range_white: {white}, range_correlated: 0.002}}\n")
         for white in (0.03, 0.09)
     )
-    assert judge([recording], wrong, right.filter).verdict == "better"
-    assert judge([recording], right, wrong.filter).verdict == "worse"
-    held = judge([recording], right, right.filter)
+    motion, right, wrong = parts_of(recording, right), right.filter, wrong.filter
+    assert judge([motion], wrong, right).verdict == "better"
+    assert judge([motion], right, wrong).verdict == "worse"
+    held = judge([motion], right, right)
     assert held.verdict == "the same"
     assert held.gains["innovations"].half == 0.0
     assert held.nis[0] == pytest.approx(1.0, abs=0.1)
     assert held.duration == pytest.approx(28.0, abs=1.0)
-    without = judge([recording._replace(truth=None)], wrong, right.filter)
+    without = judge([parts_of(recording._replace(truth=None), as_map(TABLE_MAP))], wrong, right)
     assert without.nees is None
     assert without.gains["innovations"].sign == 1
