@@ -60,7 +60,7 @@ def rare(
     repetitions: Annotated[
         int, typer.Option(min=2, help="Independent estimates; their spread gives the interval.")
     ] = 10,
-    count: Annotated[int, typer.Option(min=0, help="Flights to count as well, as a check.")] = 0,
+    count: Annotated[int, typer.Option(min=0, help="Flights to count as well; the answer joins both.")] = 0,
     least: Annotated[
         float, typer.Option(min=1e-30, max=0.1, help="Smallest probability of interest; the search stops there.")
     ] = 1e-9,

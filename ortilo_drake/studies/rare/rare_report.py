@@ -146,8 +146,8 @@ def _by_counting(found: Rare) -> list[str]:
     if found.joined:
         why = f"The repetitions' mean, {found.joined.mean:.2g}, is not used: the count contradicts it."
     elif found.repetitions:
-        of = f"{came or 'none'} of {len(found.repetitions)} repetitions of subset simulation"
-        why = f"{of} came to the event; two are needed for an estimate of its own."
+        of = f"Of {len(found.repetitions)} repetitions of subset simulation {came or 'none'} came to the event"
+        why = f"{of}, and an estimate of its own needs two."
     elif len(found.plan.levels) < most_levels(found.least):
         why = "Subset simulation found no flight that goes farther than its last level, and stopped."
     else:

@@ -63,11 +63,13 @@ def faults_of(given: list[str], own: Scenario) -> dict[str, list[Any]]:
     """
     found = {text: _faults(text, own) for text in given}
     kinds = [faults[0]["kind"] for faults in found.values()]
-    named = (OWN, *NAMES)
-    return {
-        text if text in named or kinds.count(faults[0]["kind"]) > 1 else faults[0]["kind"]: faults
-        for text, faults in found.items()
-    }
+
+    def name(text: str, kind: str) -> str:
+        if text == OWN:
+            return "own faults"
+        return text if text in NAMES or kinds.count(kind) > 1 else kind
+
+    return {name(text, kind): faults for (text, faults), kind in zip(found.items(), kinds, strict=True)}
 
 
 def _faults(text: str, own: Scenario) -> list[Any]:

@@ -187,10 +187,10 @@ def test_the_bound_of_what_never_happened_is_above_what_is_exact(flights: int) -
 def test_what_counting_alone_found_is_said_as_a_count() -> None:
     text = rare_text(SCENARIO, made([*NEVER, Climb(1e-3, (0.1, 0.1, 0.1), (0.3, 0.3), 40, 0)], events=2))
     first, _, answer, *_ = text.splitlines()
-    assert first.startswith("# nominal_imu_uwb: about one flight in 250 loses its vehicle, by counting: 2 of 500 ")
-    assert first.endswith("(95 %: one in 69 to 910)")
+    counted = "by counting: 2 of 500 (95 %: one in 69 to 910)"
+    assert first == f"# nominal_imu_uwb: about one flight in 250 loses its vehicle, {counted}"
     assert "a count of the 500 flights whose noise is independent: it happened in 2 of them" in answer
-    assert "1 of 3 repetitions of subset simulation came to the event; two are needed" in answer
+    assert "Of 3 repetitions of subset simulation 1 came to the event, and an estimate of its own needs two" in answer
 
 
 def test_the_report_says_whose_each_end_is_and_where_a_count_contradicts() -> None:
@@ -229,7 +229,7 @@ def test_the_first_line_has_the_interval_and_says_where_there_is_none() -> None:
     assert first == "# nominal_imu_uwb: about one flight in 4,900 loses its vehicle (95 %: one in 2,600 to 9,100)"
     often = rare_text(SCENARIO, replace(found, probability=0.7, low=0.63, high=0.78)).splitlines()[0]
     assert often == "# nominal_imu_uwb loses its vehicle in about 70% of flights (95 %: 63% to 78%)"
-    assert "none of 2 repetitions of subset simulation came to the event" in rare_text(SCENARIO, made(NEVER))
+    assert "Of 2 repetitions of subset simulation none came to the event" in rare_text(SCENARIO, made(NEVER))
 
 
 def test_the_report_names_what_the_distance_is_from() -> None:

@@ -72,10 +72,10 @@ def test_the_ratio_is_in_its_interval_as_often_as_it_says(probability: float, wi
 def test_faults_are_given_in_yaml_by_name_and_as_the_scenarios_own() -> None:
     own = load_scenario("imu_uwb", (("faults", [{"kind": "clock_jump", "start": 3.0, "by": 0.5}]),))
     found = faults_of([GUST, "uwb_stuck", "own"], own)
-    assert list(found) == ["gust", "uwb_stuck", "own"]
+    assert list(found) == ["gust", "uwb_stuck", "own faults"]
     assert found["gust"][0]["force"] == [0.0, 2.0, 0.0]
     assert (found["uwb_stuck"][0]["sensor"], found["uwb_stuck"][0]["start"]) == ("uwb", 22.0)
-    assert found["own"][0]["by"] == 0.5
+    assert found["own faults"][0]["by"] == 0.5
     other = GUST.replace("2.0", "1.0")
     assert list(faults_of([GUST, other], own)) == [GUST, other]
 
