@@ -3,7 +3,7 @@
 import os
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -18,7 +18,8 @@ from ortilo_drake.commands.options import (
 )
 from ortilo_drake.commands.terminal import check_writable, flights_to_go, hand_over, say_if_compiling, say_warnings
 from ortilo_drake.model.as_data import as_data
-from ortilo_drake.scenario import load_scenario, with_seed
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario, load_scenario, with_seed
 
 
 class Origin(StrEnum):
@@ -78,6 +79,7 @@ def rare(
     gives an upper bound. Repetitions already in the folder are not flown again, so a killed run can be resumed.
     """
     from ortilo_drake.flight.cautions import cautions
+    from ortilo_drake.flight.processes.workers import kept_workers
     from ortilo_drake.studies.rare.rare_flights import Event, Rare, rare_flights
     from ortilo_drake.studies.rare.rare_report import rare_text, verdict
     from ortilo_drake.studies.rare.under_faults import (
@@ -91,22 +93,29 @@ def rare(
     laid_over = with_camera(settings, camera, None)
     own = with_seed(load_scenario(scenario, laid_over), seed)
     cases = faults_of(fault, own) if fault else {}
-    flown = {
-        name: with_seed(load_scenario(scenario, (*laid_over, ("faults", faults))), seed)
-        for name, faults in ({"no fault": [], **cases} if cases else {}).items()
-    } or {"": own}
-    for name in cases:
-        check_in_flight(flown[name], name)
+
+    def under_fault(name: str, faults: list[Any]) -> Scenario:
+        try:
+            its = with_seed(load_scenario(scenario, (*laid_over, ("faults", faults))), seed)
+        except InputError as wrong:
+            raise InputError(f"--fault {name}: {wrong}") from None
+        check_in_flight(its, name)
+        return its
+
+    flown = (
+        {name: under_fault(name, faults) for name, faults in {"no fault": [], **cases}.items()} if cases else {"": own}
+    )
     check_writable(report := out_folder / "rare.md")
     say_warnings(cautions(own, scenario, settings or ()))
     say_if_compiling()
     event = Event(corridor, origin is Origin.path)
     workers = workers or os.cpu_count() or 1
     found: dict[str, Rare] = {}
-    for name, its in flown.items():
-        with flights_to_go(f"flights with {name}" if name else "flights") as advance:
-            kept = out_folder / "kept"
-            found[name] = rare_flights(its, event, paths, repetitions, kept, workers, count, advance, least)
+    kept = out_folder / "kept"
+    with kept_workers():
+        for name, its in flown.items():
+            with flights_to_go(f"flights with {name}" if name else "flights") as advance:
+                found[name] = rare_flights(its, event, paths, repetitions, kept, workers, count, advance, least)
     without, *_ = found.values()
     under = {name: found[name] for name in cases}
     line = faults_verdict(own, without, under) if cases else verdict(own, without)

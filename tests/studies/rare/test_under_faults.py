@@ -113,3 +113,5 @@ def test_the_command_sets_flights_with_and_without_a_fault_side_by_side(
     assert run("report", str(tmp_path)) == run("report", str(file)) == 0
     assert run("rare", *hover, *options, "--fault", "gust") == 2
     assert "begins at 22 s, must be before the flight's end at" in capsys.readouterr().err
+    assert run("rare", *hover, *options, "--fault", "{kind: stuck, sensor: camera, start: 0.1}") == 2
+    assert "--fault stuck: nominal_imu_uwb: faults.0: stuck: concerns camera" in capsys.readouterr().err
