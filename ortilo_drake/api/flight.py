@@ -125,16 +125,16 @@ class Flight:
         Args:
             theme: 'light', 'dark', 'slides' or 'print', as the command line's --theme.
         """
-        return in_theme(draw_flight(self.data), theme)
+        return in_theme(lambda: draw_flight(self.data), theme)
 
     def plot_blackouts(self, axis: str = "x", theme: str = "light") -> Figure:
         """Return a figure of the error along an axis and the filter's own sd over time, UWB blackouts shaded."""
-        figure = draw_blackout_errors({f"{self.scenario.name}, seed {self.seed}": self.data}, axis)
-        return in_theme(figure, theme)
+        flights = {f"{self.scenario.name}, seed {self.seed}": self.data}
+        return in_theme(lambda: draw_blackout_errors(flights, axis), theme)
 
     def plot_availability(self, theme: str = "light") -> Figure:
         """Return a figure along x of the camera fixes' errors and of the share of due fixes that were used."""
-        return in_theme(draw_availability(self.data), theme)
+        return in_theme(lambda: draw_availability(self.data), theme)
 
     def to_netcdf(self, path: str | Path) -> Path:
         """Write the flight as netCDF with a digest; return the path."""

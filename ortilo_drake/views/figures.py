@@ -1,6 +1,7 @@
 """Figures: trajectories in the room, errors, arrivals."""
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -8,7 +9,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
-from matplotlib.patches import Circle, Polygon, Rectangle
+from matplotlib.patches import Circle, Patch, Polygon, Rectangle
 
 from ortilo_drake.flight.flight import AXES, scenario_of
 from ortilo_drake.model.room import Room
@@ -16,6 +17,7 @@ from ortilo_drake.scenario import PositionBlackout, Scenario
 from ortilo_drake.views.palette import BLUE, COLOR, ESTIMATED, GREEN, OTHER, PLANNED, PURPLE, SKY, STYLE, TRUE
 from ortilo_drake.views.pictures import save_picture
 from ortilo_drake.views.shown_figure import ShownFigure
+from ortilo_drake.views.themes import for_slides
 
 DRAWN = ["truth", "reference", "due", "arrival"]  # variables of a flight that trajectory_figure and arrival_figure read
 TITLE = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}
@@ -23,22 +25,29 @@ TITLE = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}
 
 def draw_room(axes: Axes, room: Room, scenario: Scenario) -> None:
     """Draw the room from above: walls, furniture, stands, anchors, landmarks and the UWB blackouts in x."""
+    solids: list[Patch] = []
     for kind, x, y, *_, yaw in room.furniture:
         corners = turned(np.array([x, y]), yaw, 0.5 * np.array(room.furniture_size[kind][:2]))
-        axes.add_patch(Polygon(corners, facecolor="#e9e2d6", edgecolor="#b8ad9c", lw=0.4))
+        solids.append(Polygon(corners, facecolor="#e9e2d6", edgecolor="#b8ad9c", lw=0.4, label="furniture"))
     for x, y, _, yaw, half_x, half_y, _ in room.wall_boxes:
         corners = turned(np.array([x, y]), yaw, np.array([half_x, half_y]))
-        axes.add_patch(Polygon(corners, facecolor="#b9a08c", edgecolor="#8a725f", lw=0.4))
+        solids.append(Polygon(corners, facecolor="#b9a08c", edgecolor="#8a725f", lw=0.4, label="wall"))
     for x, y, radius, _ in room.stand_cylinders:
-        axes.add_patch(Circle((x, y), radius, facecolor="#d9d9d9", edgecolor="#999999", lw=0.4))
+        solids.append(Circle((x, y), radius, facecolor="#d9d9d9", edgecolor="#999999", lw=0.4, label="stand"))
     for blackout in scenario.uwb.link.blackouts:
         if isinstance(blackout, PositionBlackout) and blackout.axis == "x":
-            low, high = room.interior.min[1], room.interior.max[1]
+            corner, depth = (blackout.start, room.interior.min[1]), room.interior.max[1] - room.interior.min[1]
             width = blackout.end - blackout.start
-            axes.add_patch(Rectangle((blackout.start, low), width, high - low, color=BLUE, alpha=0.10, lw=0))
-            axes.text(blackout.start + width / 2, high + 0.3, "no UWB", ha="center", va="center", fontsize=7)
-    axes.plot(*room.anchor_positions[:, :2].T, "^", color=GREEN, ms=6, label="anchor", ls="")
-    axes.plot(*room.landmark_positions[:, :2].T, "*", color=PURPLE, ms=7, label="landmark", ls="")
+            solids.append(Rectangle(corner, width, depth, color=BLUE, alpha=0.10, lw=0, label="no UWB"))
+    named = set()
+    for solid in solids:
+        axes.add_patch(solid)
+        name = str(solid.get_label())
+        solid.set_label(f"_{name}" if name in named else name)
+        named.add(name)
+    edge: Any = {"mec": "white", "mew": 0.4, "ls": ""}
+    axes.plot(*room.anchor_positions[:, :2].T, "^", color=GREEN, ms=5, label="anchor", **edge)
+    axes.plot(*room.landmark_positions[:, :2].T, "*", color=PURPLE, ms=6, label="landmark", **edge)
     axes.set_xlim(room.interior.min[0] - 0.6, room.interior.max[0] + 0.6)
     axes.set_ylim(room.interior.min[1] - 0.6, room.interior.max[1] + 0.6)
     axes.set_aspect("equal")
@@ -94,27 +103,52 @@ def flight_figure(flight: xr.Dataset, path: Path) -> Path:
 def draw_flight(flight: xr.Dataset) -> Figure:
     """Return a figure of one flight: its path in the room, its errors in 3-sigma bands and the arrivals over time."""
     scenario = scenario_of(flight)
+    room = scenario.load_room()
     with mpl.rc_context(STYLE):
         figure = ShownFigure(figsize=(11, 8.2), layout="constrained")
-        grid = figure.add_gridspec(5, 1, height_ratios=[5, 1.2, 1.2, 1.2, 0.9])
-        room_axes = figure.add_subplot(grid[0])
-        draw_room(room_axes, scenario.load_room(), scenario)
+        room_axes, errors, arrivals = _places(figure, room)
+        draw_room(room_axes, room, scenario)
         draw_paths(room_axes, flight)
-        thicken(room_axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=5, fontsize=8))
         room_axes.set_title(f"{scenario.name}, seed {scenario.seed}")
+        side_by_side = for_slides() and _is_wide(room)
+        beside: Any = {"loc": "center left", "bbox_to_anchor": (1.01, 0.5)}
+        below: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "ncols": 3 if for_slides() else 9}
+        thicken(room_axes.legend(fontsize=8, **(beside if side_by_side else below)))
         time = flight["time"].values
         error, sigma = position_errors(flight)
-        for i, axis in enumerate(AXES):
-            axes = figure.add_subplot(grid[1 + i])
+        for i, (axis, axes) in enumerate(zip(AXES, errors, strict=True)):
             axes.fill_between(time, -3 * sigma[:, i], 3 * sigma[:, i], color=SKY, alpha=0.35, lw=0, label="3 sigma")
             axes.plot(time, error[:, i], color="k", lw=0.8, label="error of the estimate")
             axes.set_ylabel(f"error\n{axis} [m]")
-            axes.tick_params(labelbottom=False)
-        figure.axes[1].legend(loc="lower right", bbox_to_anchor=(1.0, 0.92), ncols=2, fontsize=8)
-        draw_arrivals(figure.add_subplot(grid[4]), flight)
-        for axes in figure.axes[1:]:
+            axes.tick_params(labelbottom=side_by_side)
+        errors[0].legend(loc="lower right", bbox_to_anchor=(1.0, 0.92), ncols=2, fontsize=8)
+        draw_arrivals(arrivals, flight)
+        for axes in (*errors, arrivals):
             axes.set_xlim(time[0], time[-1])
         return figure
+
+
+def _is_wide(room: Room) -> bool:
+    width, depth = np.subtract(room.interior.max, room.interior.min)[:2]
+    return bool(width > 1.8 * depth)
+
+
+def _places(figure: Figure, room: Room) -> tuple[Axes, list[Axes], Axes]:
+    """Return the axes of a flight's room, of its errors and of its arrivals.
+
+    They are one below another; on a slide the errors are side by side below a wide room, or all are beside another.
+    """
+    strips: Any = {"nrows": 4, "ncols": 1, "height_ratios": [1.2, 1.2, 1.2, 0.9]}
+    if for_slides() and _is_wide(room):
+        halves = figure.add_gridspec(2, 1, height_ratios=[1.3, 1.0])
+        strips = {"nrows": 2, "ncols": 3, "height_ratios": [1.2, 0.7]}
+    elif for_slides():
+        halves = figure.add_gridspec(1, 2, width_ratios=[1.2, 1.0])
+    else:
+        halves = figure.add_gridspec(2, 1, height_ratios=[5.0, 4.5])
+    grid = halves[1].subgridspec(**strips)
+    last = grid[1, :] if strips["nrows"] == 2 else grid[3]
+    return figure.add_subplot(halves[0]), [figure.add_subplot(grid[i]) for i in range(3)], figure.add_subplot(last)
 
 
 def position_errors(flight: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
@@ -125,9 +159,10 @@ def position_errors(flight: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
 
 def draw_paths(axes: Axes, flight: xr.Dataset) -> None:
     """Draw a flight's planned, true and estimated path from above [m]."""
-    axes.plot(*flight["reference"].values[:, :2].T, color=PLANNED, ls="--", lw=1.0, label="planned")
-    axes.plot(*flight["truth"].values[:, :2].T, color=TRUE, lw=1.6, label="true")
-    axes.plot(*flight["estimate"].values[:, :2].T, color=ESTIMATED, lw=0.9, label="estimated")
+    # From wide to thin, so that each is seen where they lie on each other.
+    axes.plot(*flight["truth"].values[:, :2].T, color=TRUE, lw=3.2, alpha=0.6, label="true")
+    axes.plot(*flight["estimate"].values[:, :2].T, color=ESTIMATED, lw=1.2, label="estimated")
+    axes.plot(*flight["reference"].values[:, :2].T, color=PLANNED, ls=(0, (5, 4)), lw=0.7, label="planned")
 
 
 def draw_arrivals(axes: Axes, flight: xr.Dataset) -> None:

@@ -19,7 +19,7 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.views.figures import turned
 from ortilo_drake.views.labels import Label, put_labels
 from ortilo_drake.views.pictures import save_picture
-from ortilo_drake.views.themes import SLIDE_SIZE, SLIDE_TEXT, for_slides
+from ortilo_drake.views.themes import SLIDE_DPI, SLIDE_SIZE, for_slides
 
 STYLE: Any = {"font.size": 9, "legend.frameon": False, "figure.dpi": 150, "savefig.dpi": 150, "axes.linewidth": 0.6}
 # Okabe and Ito's colours, then Tol's, which colour-blind readers can tell apart; classes take them in turn.
@@ -46,6 +46,7 @@ def plan_figure(room: Room, height: float = 1.25) -> tuple[Figure, Axes]:
     low, high = np.array(room.interior.min[:2]) - 2.0 * _FRAME, np.array(room.interior.max[:2]) + 2.0 * _FRAME
     if for_slides():
         figure.set_size_inches(*SLIDE_SIZE)
+        figure.set_dpi(SLIDE_DPI)  # labels are placed by pixels
         axes.set_position((0.07, 0.2, 0.91, 0.7))
         room_for = np.array([0.91, 0.7]) * SLIDE_SIZE  # labels go into what the room leaves free
         spare = 0.5 * (room_for / min(room_for / (high - low)) - (high - low))
@@ -106,9 +107,7 @@ def draw_scale(axes: Axes) -> None:
     share = bar / (high - low)
     over = axes.transAxes + transforms.ScaledTranslation(0.0, 0.12, axes.figure.dpi_scale_trans)
     axes.plot([0.0, share], [1.0, 1.0], color=_INK, lw=2.5, transform=over, clip_on=False, solid_capstyle="butt")
-    axes.text(
-        share, 1.0, f"  {bar:g} m", transform=over, va="center", fontsize=SLIDE_TEXT if for_slides() else 8, color=_INK
-    )
+    axes.text(share, 1.0, f"  {bar:g} m", transform=over, va="center", fontsize=8, color=_INK)
 
 
 def draw_plan(room: Room, path: Trajectory | None, name: str | None = None) -> Figure:
@@ -116,8 +115,7 @@ def draw_plan(room: Room, path: Trajectory | None, name: str | None = None) -> F
 
     Its title has the room's name unless another is given.
     """
-    large = for_slides()
-    with mpl.rc_context(STYLE | ({"font.size": SLIDE_TEXT} if large else {})):
+    with mpl.rc_context(STYLE):
         figure, axes = plan_figure(room)
         draw_fabric(axes, room)
         colors, labels, points = class_colors(room), [], []
@@ -137,11 +135,11 @@ def draw_plan(room: Room, path: Trajectory | None, name: str | None = None) -> F
             labels.append(Label(x, y, f"{i} {landmark.label}", _darker(colors[landmark.label])))
         size = np.subtract(room.interior.max, room.interior.min)
         title = f"{name or room.name}   {size[0]:.3g} x {size[1]:.3g} x {size[2]:.3g} m"
-        axes.set_title(title, loc="right", fontsize=SLIDE_TEXT + 2.0 if large else 10)
+        axes.set_title(title, loc="right", fontsize=10)
         draw_scale(axes)
         _add_legend(figure, room, path is not None)
         wall = np.array([[x, y, 2.0, 2.0] for x, y in _along_walls(room)])
-        put_labels(axes, labels, np.vstack([np.array(points).reshape(-1, 4), wall]), SLIDE_TEXT if large else 7.0)
+        put_labels(axes, labels, np.vstack([np.array(points).reshape(-1, 4), wall]), 8.0 if for_slides() else 7.0)
         return figure
 
 
@@ -183,10 +181,8 @@ def _add_legend(figure: Figure, room: Room, has_path: bool) -> None:
         handles.append(Line2D([], [], marker="o", ls="", ms=6, color=_CLASS[0], label="landmark, its number and class"))
     if has_path:
         handles.append(Line2D([], [], color=_PATH, lw=1.5, label="planned path"))
-    size, columns = (SLIDE_TEXT, 4) if for_slides() else (8, 7)
-    figure.legend(
-        handles=handles, loc="lower center", ncols=min(len(handles), columns), fontsize=size, borderaxespad=0.3
-    )
+    columns = min(len(handles), 4 if for_slides() else 7)
+    figure.legend(handles=handles, loc="lower center", ncols=columns, fontsize=8, borderaxespad=0.3)
 
 
 def save_plan(room: Room, path: Trajectory | None, file: Path, name: str | None = None) -> Path:

@@ -4,10 +4,11 @@ A look is applied to the finished figure, so the functions that draw need not kn
 """
 
 import colorsys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from enum import StrEnum
+from textwrap import fill, wrap
 from typing import TYPE_CHECKING, Any, Final
 
 from ortilo_drake.model.input_error import InputError
@@ -15,13 +16,13 @@ from ortilo_drake.model.input_error import InputError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SLIDE: Final = 1920  # width of a slide [px]
-LARGER: Final = 1.25  # how much larger letters and lines are on a slide, beside the figure's width
-SLIDE_SIZE: Final = (13.333, 7.5)  # of a figure that is laid out for a slide [in]
-SLIDE_TEXT: Final = 14.0  # the least size of its letters [pt]
+SLIDE_SIZE: Final = (9.6, 5.4)  # of a slide [in]: 16:9, and so small that the letters of a page are large on it
+SLIDE_DPI: Final = 200  # 1920 x 1080 pixels
+SLIDE_TEXT: Final = 7.2  # the least size of its letters [pt], 20 pixels
 PRINTED: Final = 300  # of print [dpi]
 _NEUTRAL: Final = 0.15  # greatest less least of red, green and blue of what counts as a grey
-_LONG: Final = 90  # letters; a longer line of a title just fits a light figure
+_CAPTION: Final = 8.0  # size of a caption [pt]
+_LETTER: Final = 0.54  # width of a letter over its size, on average
 _DARKEST: Final = 0.5  # least lightness of a colour on a dark ground
 _GROUND: Final = 0.07  # lightness of the dark ground
 
@@ -49,8 +50,22 @@ def themed(theme: Theme) -> Iterator[None]:
 
 
 def for_slides() -> bool:
-    """Return whether figures are for slides, of which some are drawn 16:9 with larger letters."""
+    """Return whether figures are for slides: apply_theme makes all 16:9, some place their panels otherwise for it."""
     return _chosen.get() is Theme.slides
+
+
+def add_title(figure: "Figure", title: str, caption: str = "") -> None:
+    """Give a figure a title of one line, and below all else a caption, in lines of about the same length."""
+    width = (SLIDE_SIZE if for_slides() else figure.get_size_inches())[0]
+    figure.suptitle(title, fontsize=10)
+    if caption:
+        figure.supxlabel(balanced(caption, int(0.96 * width * 72.0 / (_LETTER * _CAPTION))), fontsize=_CAPTION)
+
+
+def balanced(text: str, most: int) -> str:
+    """Break a text into as few lines of at most so many letters as it needs, the lines as short as they can be."""
+    lines = len(wrap(text, most))
+    return next(fill(text, width) for width in range(1, most + 1) if len(wrap(text, width)) <= lines)
 
 
 def apply_theme(figure: "Figure") -> dict[str, Any]:
@@ -59,44 +74,45 @@ def apply_theme(figure: "Figure") -> dict[str, Any]:
     if theme is Theme.dark:
         _darken(figure)
     elif theme is Theme.slides:
-        # Labels that were placed one by one would meet on a smaller figure.
-        width, height = figure.get_size_inches()
-        if figure.get_layout_engine() and (width, height) != SLIDE_SIZE:
-            width, height = width / LARGER, height / LARGER
-        figure.set_size_inches(width, height)
-        _wrap_titles(figure)
+        figure.set_size_inches(*SLIDE_SIZE)
+        _enlarge_words(figure)
         _wrap_labels(figure)
-        return {"dpi": SLIDE / width}
+        return {"dpi": SLIDE_DPI}
     elif theme is Theme.print:
         return {"dpi": PRINTED}
     return {"dpi": "figure"}
 
 
-def in_theme(figure: "Figure", name: str) -> "Figure":
-    """Return a figure in a look, chosen by its name; savefig and a notebook show it so. InputError for another name."""
+def in_theme(draw: Callable[[], "Figure"], name: str) -> "Figure":
+    """Return a figure drawn in a look, chosen by its name; savefig and a notebook show it so.
+
+    InputError for another name.
+    """
     if name not in list(Theme):
         raise InputError(f"theme: {name!r}: must be one of {', '.join(Theme)}")
     with themed(Theme(name)):
+        figure = draw()
         dpi = apply_theme(figure)["dpi"]
     if dpi != "figure":
         figure.set_dpi(dpi)
     return figure
 
 
-def _wrap_titles(figure: "Figure") -> None:
-    """Break long lines of the figure's own texts so much shorter as their letters are larger."""
-    from textwrap import fill
+def _enlarge_words(figure: "Figure") -> None:
+    """Give no letters of a figure less than the least size of a slide's."""
+    from matplotlib.text import Text
 
-    for text in figure.texts:
-        longest = max(map(len, text.get_text().splitlines()), default=0)
-        if longest > _LONG:
-            text.set_text(fill(" ".join(text.get_text().split()), int(longest / LARGER)) + "\n")
+    for axes in figure.axes:  # of ticks that are made when it is drawn, too
+        for name in ("x", "y"):
+            ticks = getattr(axes, f"get_{name}ticklabels")()
+            if ticks and ticks[0].get_fontsize() < SLIDE_TEXT:
+                axes.tick_params(axis=name, which="both", labelsize=SLIDE_TEXT)
+    for text in figure.findobj(Text):
+        text.set_fontsize(max(text.get_fontsize(), SLIDE_TEXT))
 
 
 def _wrap_labels(figure: "Figure") -> None:
     """Break the labels that are longer than their axes: they would be cut, or run into those of the next axes."""
-    from textwrap import fill
-
     figure.draw_without_rendering()
     for axes in figure.axes:
         for label, side in ((axes.xaxis.label, "width"), (axes.yaxis.label, "height")):
@@ -104,6 +120,11 @@ def _wrap_labels(figure: "Figure") -> None:
             if share < 1.0:
                 widest = max(map(len, label.get_text().splitlines()))
                 label.set_text(fill(label.get_text(), max(int(0.9 * share * widest), 1), break_long_words=False))
+
+
+def broken_name(name: str, most: int) -> str:
+    """Break a name after underscores into lines of at most so many letters."""
+    return fill(name.replace("_", "_ "), most, break_long_words=False).replace("_ ", "_")
 
 
 def dark(color: Any) -> Any:

@@ -171,7 +171,7 @@ def test_the_report_has_a_row_for_each_fault_and_scenario(tmp_path: Path) -> Non
     assert "| clock_jump | yours | lost | lost | lost | lost |" in text
     assert "| clock_jump | yours | 1 of 1 [21, 100 %] | - | - | - | - | - | - | - | - | no: lost |" in text
     said = re.findall(r"<text[^>]*>([^<]+)</text>", fault_figure(found, tmp_path / "faults.svg").read_text())
-    assert {"gust", "clock jump", "mine", "yours", "during the fault", "all lost"} <= set(said)
+    assert {"gust", "clock_jump", "mine", "yours", "during the fault", "all lost ✗", "2.0 ✓", "2.0 ✗"} <= set(said)
     assert any(line.startswith("Error of the estimated position") for line in said)
 
 

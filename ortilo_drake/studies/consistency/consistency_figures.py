@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from ortilo_drake.flight.blackouts import in_blackout
 from ortilo_drake.flight.flight import AXES, scenario_of
@@ -112,6 +112,9 @@ def tuning_figure(tuning: Tuning, path: Path) -> Path:
             numbers.plot(ratio, row, "o", color=colour, ms=5)
         numbers.axvline(1.0, color=BLUE, lw=1.0, ls="--")
         numbers.set_xscale("log")
+        numbers.xaxis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0), numticks=6))
+        numbers.xaxis.set_major_formatter("{x:g}")
+        numbers.xaxis.set_minor_formatter(NullFormatter())
         names = [name.replace("multilateration", "multilat") for name in tuning.numbers]
         numbers.set_yticks(range(len(names)), names)
         numbers.invert_yaxis()

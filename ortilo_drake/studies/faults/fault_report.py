@@ -1,8 +1,6 @@
 """The report of a study of faults: a summary, a table and a heat map."""
 
-import re
 from pathlib import Path
-from textwrap import fill
 from typing import Any
 
 import matplotlib as mpl
@@ -16,6 +14,7 @@ from ortilo_drake.views.markdown import table
 from ortilo_drake.views.numbers import count, number, of_all_and_kept, with_interval
 from ortilo_drake.views.palette import STYLE
 from ortilo_drake.views.pictures import save_picture
+from ortilo_drake.views.themes import add_title, broken_name
 
 
 def fault_summary(found: FaultStudy) -> list[str]:
@@ -41,7 +40,6 @@ _HEADER = [
 _MEDIANS = ["fault", "scenario", "during [mm]", "after [mm]", "during, times", "after, times"]
 _WORST = 10.0  # times; more is drawn in the same colour
 _TICKS = (1.0, 2.0, 3.0, 5.0, 10.0)  # of the colour bar
-_ACRONYMS = re.compile(r"\b(imu|nlos|uwb|yolo)\b")
 _WIDEST = 13  # letters of a column's label in a line
 _LOST = "#404040"  # where all flights are lost
 
@@ -103,12 +101,8 @@ def _verdict(row: FaultRow) -> str:
     return f"no: {', '.join(fails)}" if fails else "yes"
 
 
-def _in_words(name: str) -> str:
-    return _ACRONYMS.sub(lambda word: word[0].upper(), name.replace("_", " "))
-
-
 def fault_figure(found: FaultStudy, path: Path) -> Path:
-    """Draw how many times the error grows during and after each fault, and how many flights are lost."""
+    """Draw how many times the error grows during and after each fault, whether it is passed, and the flights lost."""
     faults = list(dict.fromkeys(row.fault for row in found.rows))
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(4.6 + 1.7 * len(found.scenarios), 0.28 * len(faults) + 1.6), layout="constrained")
@@ -122,11 +116,13 @@ def fault_figure(found: FaultStudy, path: Path) -> Path:
                 values[i, j] = 2.0 * _WORST if phase is None else min(phase.ratio, _WORST)
                 text = "all lost" if phase is None else number(phase.ratio)
                 text += f", {row.lost} lost" if phase is not None and row.lost else ""
+                passed = row.passed_during if part == "during" else row.passed_after
+                text += " ✓" if passed and not row.lost else " ✗"
                 dark = values[i, j] > _WORST**0.6
                 axes.text(j, i, text, ha="center", va="center", color="w" if dark else "k", fontsize=8)
             drawn = axes.imshow(values, aspect="auto", cmap=colors, norm=LogNorm(1.0, _WORST))
-            axes.set_xticks(range(len(found.scenarios)), [fill(_in_words(name), _WIDEST) for name in found.scenarios])
-            axes.set_yticks(range(len(faults)), map(_in_words, faults))
+            axes.set_xticks(range(len(found.scenarios)), [broken_name(name, _WIDEST) for name in found.scenarios])
+            axes.set_yticks(range(len(faults)), faults)
             axes.set_title(f"{part} the fault")
             axes.tick_params(length=0)
             axes.spines[:].set_visible(False)
@@ -134,9 +130,11 @@ def fault_figure(found: FaultStudy, path: Path) -> Path:
         bar.set_ticks(_TICKS, labels=[f"{tick:g}" for tick in _TICKS[:-1]] + [f"≥ {_WORST:g}"])
         bar.minorticks_off()
         flown = "1 flight" if found.flights == 1 else f"{found.flights} flights"
-        figure.suptitle(
-            "Error of the estimated position with a fault, divided by that without it\n"
-            f"{flown} with each fault, which begins at {found.start:g} s",
-            fontsize=10,
+        add_title(
+            figure,
+            "Error of the estimated position with a fault, divided by that without it",
+            f"{flown} with each fault, which begins at {found.start:g} s. ✓: passed, no flight lost and the error at "
+            f"most {PASSES:g} times; during the fault more, if the filter knows it (NEES up to {WITHIN_3_SIGMA:.1f}). "
+            "✗: failed.",
         )
         return save_picture(figure, path)

@@ -19,6 +19,7 @@ from ortilo_drake.studies.maps.map_theory import MapTheory
 from ortilo_drake.studies.maps.sweep import Grid, Range
 from ortilo_drake.views.palette import BLUE, ORANGE, STYLE
 from ortilo_drake.views.pictures import save_picture
+from ortilo_drake.views.themes import for_slides
 
 BOUND = "theory: bound on the mean,\napproximate, near hover"
 LINK_NAMES = {
@@ -33,8 +34,11 @@ LINK_NAMES = {
 LOST = "flights lost [%]"
 THEORY = "magenta"  # stands out of both maps' colours
 _REDDEST = 0.5  # least share of lost flights that has the darkest colour
-_SHORTEST = 2.0  # a line that crosses fewer cells is not drawn
+_SHORTEST = 2.0  # a line that crosses fewer cells is not drawn, on a small map fewer than this share of its side
+_SHARE = 0.75
 _ROUND = (1.0, 2.0, 5.0)  # times powers of ten
+_LESS_ROUND = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
+_FEWEST = 2  # round levels that flights and theory share
 
 
 def map_figure(found: Map, path: File, theory: MapTheory | None = None) -> File | None:
@@ -88,7 +92,8 @@ def _say_none_lost(panel: Any, found: Map) -> None:
 
 
 def _legend_above(panel: Any) -> None:
-    panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, fontsize=7, frameon=False)
+    columns = 1 if for_slides() else 2
+    panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, fontsize=7, frameon=False)
 
 
 def _curves(panels: Any, found: Map, theory: MapTheory | None) -> None:
@@ -165,15 +170,27 @@ def _heat(figure: Figure, panels: Any, found: Map, theory: MapTheory | None) -> 
             if len(round_ticks) > 1:
                 bar.set_ticks(round_ticks, labels=[f"{tick:g}" for tick in round_ticks])
                 bar.minorticks_off()
-    percent, metres = {0.05: "5 %", 0.5: "50 %"}, {}
-    if finite.size:
-        metres = {level: f"{level:g} m" for level in _round_levels(finite.min(), finite.max(), _ROUND)}
+    percent = {0.05: "5 %", 0.5: "50 %"}
+    metres = _levels(rms, rms if theory is None else theory.rms)
     _contours(panels[0], lost, percent, "equal share lost of the flights flown")
     _contours(panels[1], rms, metres, "equal error of the flights kept")
     if theory is not None:
         _contours(panels[1], in_order(theory.rms), metres, BOUND, THEORY)
         if theory.lost is not None:
             _contours(panels[0], in_order(theory.lost), percent, _law(theory), THEORY)
+
+
+def _levels(flown: np.ndarray, theory: np.ndarray) -> dict[float, str]:
+    """Return round errors for the lines of both [m], and their names; less round ones where they share few."""
+    known = [values[np.isfinite(values)] for values in (flown, theory)]
+    if not known[0].size:
+        return {}
+    ends = [(values.min(), values.max()) for values in known if values.size]
+    shared = max(low for low, _ in ends), min(high for _, high in ends)
+    few = shared[0] >= shared[1] or len(_round_levels(*shared, _ROUND)) < _FEWEST
+    digits = _LESS_ROUND if few else _ROUND
+    levels = {level for low, high in ends for level in _round_levels(low, high, digits)}
+    return {level: f"{level:g} m" for level in levels}
 
 
 def _contours(panel: Any, values: np.ndarray, names: dict[float, str], said: str, color: str = "k") -> None:
@@ -184,9 +201,8 @@ def _contours(panel: Any, values: np.ndarray, names: dict[float, str], said: str
         return
     width, dashes = (1.6, "--") if color == THEORY else (0.8, "-")
     lines = panel.contour(shown, levels=levels, colors=color, linewidths=width, linestyles=dashes)
-    long = [
-        [Path(line) for line in at if np.hypot(*np.diff(line, axis=0).T).sum() >= _SHORTEST] for at in lines.allsegs
-    ]
+    least = min(_SHORTEST, _SHARE * (min(values.shape) - 1))
+    long = [[Path(line) for line in at if np.hypot(*np.diff(line, axis=0).T).sum() >= least] for at in lines.allsegs]
     if not any(long):
         lines.remove()
         return

@@ -99,7 +99,8 @@ def _on(theory: MapTheory) -> str:
     if theory.silence is not None:
         return f"No lines of theory: {theory.silence}"
     said = (
-        "Dashed in the figure, by theory: the bound on the filter's mean error (expected Riccati equation), "
+        "Dashed in the figure, by theory, where it reaches the values of the lines: "
+        "the bound on the filter's mean error (expected Riccati equation), "
         "approximate, near hover"
     )
     if theory.longest is not None:

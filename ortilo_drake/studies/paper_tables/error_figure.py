@@ -11,13 +11,15 @@ from ortilo_drake.flight.summary import Summary
 from ortilo_drake.studies.paper_tables.tables import PAPER
 from ortilo_drake.views.figures import COLOR, OTHER, STYLE, TITLE
 from ortilo_drake.views.pictures import save_picture
+from ortilo_drake.views.themes import broken_name
 
 BOXED = 5  # flights from which on they have a box: quartiles of fewer are the flights themselves
 
 
 def _label(name: str, rows: list[Summary]) -> str:
     lost = sum(row.lost is not None for row in rows)
-    return TITLE.get(name, name).replace("+", "+\n") + (f"\n{lost} of {len(rows)} lost" if lost else "")
+    title = TITLE[name].replace("+", "+\n") if name in TITLE else broken_name(name, 10)
+    return title + (f"\n{lost} of {len(rows)} lost" if lost else "")
 
 
 def error_figure(summaries: dict[str, list[Summary]], path: Path) -> Path:

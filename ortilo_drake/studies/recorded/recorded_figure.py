@@ -1,9 +1,11 @@
 """The figure of a recorded motion: its path, errors with three standard deviations, NIS and availability."""
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
@@ -11,6 +13,7 @@ from ortilo_drake.studies.recorded.recorded_report import main_row
 from ortilo_drake.studies.recorded.replayed import Drawn, Replayed
 from ortilo_drake.views.figures import STYLE
 from ortilo_drake.views.pictures import save_picture
+from ortilo_drake.views.themes import add_title, for_slides
 
 BLUE, RED, GREY = "#0072B2", "#D55E00", "#999999"
 WIDEST, FARTHEST = 0.8, 0.99  # shares of the bands and errors, while available, that an axis shows whole
@@ -24,8 +27,7 @@ def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Pa
     anchors = np.array(found.anchors)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(11, 8), layout="constrained")
-        grid = figure.add_gridspec(5, 2, width_ratios=[1, 1.5])
-        above, side = figure.add_subplot(grid[:3, 0]), figure.add_subplot(grid[3:, 0])
+        above, side, *strips = _places(figure)
         for axes, k in ((above, 1), (side, 2)):
             axes.plot(estimate.p[:, 0], estimate.p[:, k], color=BLUE, lw=1, label=name)
             if truth is not None:
@@ -33,21 +35,22 @@ def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Pa
             axes.plot(anchors[:, 0], anchors[:, k], "^", color=RED, ms=5, label="anchors")
             axes.set_xlabel("x [m]")
             axes.set_ylabel(f"{'xyz'[k]} [m]")
-            axes.set_aspect("equal", adjustable="datalim")
-        above.legend(loc="upper center", fontsize=7, ncols=3)
+            axes.set_aspect("equal", adjustable="box")
+        above.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=7, ncols=3)
+        side.locator_params(axis="y", nbins=3)
         t = estimate.t
         deviations = np.sqrt(np.einsum("kii->ki", estimate.P))
         usable = np.linalg.norm(deviations, axis=1) < below
         for k in range(3):
-            axes = figure.add_subplot(grid[k, 1])
+            axes = strips[k]
             axes.fill_between(t, -3 * deviations[:, k], 3 * deviations[:, k], color=BLUE, alpha=0.15, lw=0)
             error = None if truth is None else (estimate.p - truth)[:, k]
             if error is not None:
                 axes.plot(t, error, color=BLUE, lw=0.8)
             axes.set_ylabel(f"error {'xyz'[k]} [m]\nand 3 σ")
-            _cut(axes, usable, 3.0 * deviations[:, k], error)
+            _cut(axes, t, usable, 3.0 * deviations[:, k], error)
             _calibration(axes, found)
-        axes = figure.add_subplot(grid[3, 1])
+        axes = strips[3]
         taken = estimate.run.taken
         bins = np.arange(estimate.range_stamps[0], estimate.range_stamps[-1] + BIN, BIN)
         squares = estimate.run.innovation[taken] ** 2 / estimate.run.variance[taken]
@@ -58,11 +61,12 @@ def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Pa
         axes.axhline(1.0, color=GREY, lw=0.8)
         axes.set_ylabel("NIS")
         _calibration(axes, found)
-        axes = figure.add_subplot(grid[4, 1])
+        axes = strips[4]
         for row, (other, _) in drawn.items():
             if row.startswith(name):
                 total = np.sqrt(np.trace(other.P, axis1=1, axis2=2))
-                axes.plot(other.t, total, lw=0.9, label=f"{row} ({found.rows[row].available:.0%})")
+                main: Any = {"color": BLUE, "lw": 1.8, "zorder": 3} if row == name else {"lw": 0.9}
+                axes.plot(other.t, total, label=f"{row} ({found.rows[row].available:.0%})", **main)
         axes.axhline(below, color=RED, lw=0.8, ls="--")
         axes.set_yscale("log")
         axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
@@ -70,10 +74,23 @@ def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Pa
         axes.yaxis.set_minor_formatter(NullFormatter())
         axes.set_ylabel("σ [m], available\nbelow the line")
         axes.set_xlabel("time since the first range [s]")
-        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower right", fontsize=7, ncols=2)
+        said = "in brackets the share of the time in which σ is below the line"
+        handles = axes.get_legend_handles_labels()
+        figure.legend(*handles, loc="outside lower right", fontsize=7, ncols=2, title=said, title_fontsize=7)
         _calibration(axes, found)
-        figure.suptitle(f"{found.name}: {name} (grey: the part that calibrates)")
+        add_title(figure, f"{found.name}: {name} (grey: the part that calibrates)")
         return save_picture(figure, path)
+
+
+def _places(figure: Figure) -> list[Axes]:
+    """Return the axes of the path from above and from the side, of the errors x, y, z, of NIS and of deviations."""
+    if for_slides():
+        grid = figure.add_gridspec(6, 3, width_ratios=[1.0, 1.2, 1.2])
+        spots = [grid[:4, 0], grid[4:, 0], *(grid[2 * k : 2 * k + 2, 1] for k in range(3)), grid[:3, 2], grid[3:, 2]]
+    else:
+        grid = figure.add_gridspec(5, 2, width_ratios=[1.0, 1.5])
+        spots = [grid[:3, 0], grid[3:, 0], *(grid[k, 1] for k in range(5))]
+    return [figure.add_subplot(spot) for spot in spots]
 
 
 def error_limit(usable: np.ndarray, band: np.ndarray, error: np.ndarray | None) -> float:
@@ -91,18 +108,21 @@ def error_limit(usable: np.ndarray, band: np.ndarray, error: np.ndarray | None) 
     return 1.2 * largest
 
 
-def _cut(axes: mpl.axes.Axes, usable: np.ndarray, band: np.ndarray, error: np.ndarray | None) -> None:
+def _cut(axes: Axes, t: np.ndarray, usable: np.ndarray, band: np.ndarray, error: np.ndarray | None) -> None:
+    """Limit an axis by error_limit; say above it how far what is cut reaches, and mark where the error is."""
     limit = error_limit(usable, band, error)
-    reached = max(float(band.max()), 0.0 if error is None else float(np.abs(error).max()))
-    if reached <= limit:
+    farthest = np.zeros(len(band)) if error is None else np.abs(error)
+    beyond = farthest > limit
+    if max(band.max(), farthest.max()) <= limit:
         return
     axes.set_ylim(-limit, limit)
-    said = f"cut: 3 σ reaches ±{band.max():.2g} m" if error is None or band.max() > limit else "cut"
-    if error is not None and np.abs(error).max() > limit:
-        said += f", the error {np.abs(error).max():.2g} m"
-    axes.text(0.99, 0.96, said, transform=axes.transAxes, ha="right", va="top", fontsize=7, color=GREY)
+    said = [f"3 σ reaches ±{band.max():.2g} m"] if band.max() > limit else []
+    if error is not None and beyond.any():
+        said.append(f"the error {farthest.max():.2g} m (red)")
+        axes.plot(t[beyond], 0.97 * limit * np.sign(error[beyond]), ".", color=RED, ms=3)
+    axes.set_title(f"cut: {', '.join(said)}", loc="right", fontsize=7, pad=2)
 
 
-def _calibration(axes: mpl.axes.Axes, found: Replayed) -> None:
+def _calibration(axes: Axes, found: Replayed) -> None:
     axes.axvspan(0.0, found.judged_from, color=GREY, alpha=0.15, lw=0)
     axes.margins(x=0.01)

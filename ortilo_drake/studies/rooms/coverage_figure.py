@@ -1,7 +1,6 @@
 """The figure of a room's coverage: maps over the floor, and curves along the path."""
 
 from pathlib import Path
-from textwrap import fill
 from typing import Any
 
 import matplotlib as mpl
@@ -19,7 +18,8 @@ from ortilo_drake.studies.rooms.room_scenario import OF_A_ROOM
 from ortilo_drake.views.palette import COLOR
 from ortilo_drake.views.pictures import save_picture
 from ortilo_drake.views.room_plan import STYLE, draw_fabric
-from ortilo_drake.views.themes import SLIDE_SIZE, SLIDE_TEXT, for_slides
+from ortilo_drake.views.shown_figure import ShownFigure
+from ortilo_drake.views.themes import add_title, for_slides
 
 _LOST, _WORST = "#D00000", "#E69F00"  # the worst stretch where the room loses the vehicle, and where it does not
 _WITHOUT = COLOR | {"altimeter": "#E69F00"}
@@ -37,51 +37,29 @@ def coverage_figure(found: Coverage, room: Room, file: Path) -> Path:
 def draw_coverage(found: Coverage, room: Room) -> Figure:
     """Return maps of anchors in sight, their dilution and landmarks in view, and the floor along the path.
 
-    A figure for slides is 16:9, with larger letters and without the landmarks by heading.
+    Without a camera there are no landmarks; on a slide they are not shown by heading.
     """
-    if for_slides():
-        return _draw_slide(found, room)
     sides = np.subtract(room.interior.max, room.interior.min)[:2]
-    wide = sides[0] > _WIDE * sides[1]
-    rows, columns = (3, 1) if wide else (1, 3)
-    high = min(max((_WIDTH / columns - 0.7) * sides[1] / sides[0] + (0.4 if wide else 1.3), 1.8), 8.0)
+    wide, camera = not for_slides() and bool(sides[0] > _WIDE * sides[1]), "camera" in found.cases
+    count = 3 if camera else 2
+    rows, columns = (count, 1) if wide else (1, count)
+    headings = camera and not for_slides()
+    strips = (2 if headings else 1) * _ROW
+    high = rows * min(max((_WIDTH / columns - 0.7) * sides[1] / sides[0] + (0.4 if wide else 1.3), 1.8), 8.0)
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(_WIDTH, rows * high + 2.2 * _ROW), layout="constrained")
-        parts: Any = figure.subfigures(2, 1, height_ratios=[rows * high, 2.0 * _ROW])
-        upper, lower = parts
-        maps = upper.subplots(rows, columns, sharex=True, sharey=True).ravel()
-        _draw_maps(upper, maps, found, room, wide)
-        floor, views = lower.subplots(2, 1, sharex=True)
-        _draw_floor(floor, found)
-        _draw_views(lower, views, found)
-        figure.suptitle(fill(_title(found), 150) + "\n", fontsize=10, x=0.01, ha="left")
-        return figure
-
-
-def _title(found: Coverage) -> str:
-    of = found.room if found.scenario == OF_A_ROOM else found.scenario
-    return f"{of}: where is the position lost? {found.answer}"
-
-
-def _draw_slide(found: Coverage, room: Room) -> Figure:
-    """Return the maps beside the floor where the room is wide, else above it."""
-    sides = np.subtract(room.interior.max, room.interior.min)[:2]
-    wide = sides[0] > _WIDE * sides[1]
-    with mpl.rc_context(STYLE | {"font.size": SLIDE_TEXT}):
-        figure = Figure(figsize=SLIDE_SIZE, layout="constrained")
-        shares: Any = {"width_ratios": [1.0, 0.8]} if wide else {"height_ratios": [1.5, 1.0]}
-        parts: Any = figure.subfigures(*((1, 2) if wide else (2, 1)), **shares)
-        maps = parts[0].subplots(*((3, 1) if wide else (1, 3)), sharex=True, sharey=True).ravel()
+        figure = ShownFigure(figsize=(_WIDTH, high + strips), layout="constrained")
+        parts: Any = figure.subfigures(
+            2, 1, height_ratios=[0.8 + min(sides[1] / sides[0], 1.0), 1.0] if for_slides() else [high, strips]
+        )
+        maps = parts[0].subplots(rows, columns, sharex=True, sharey=True).ravel()
         _draw_maps(parts[0], maps, found, room, wide)
-        floor = parts[1].subplots()
+        floor, *views = np.atleast_1d(parts[1].subplots(1 + headings, 1, sharex=True))
         _draw_floor(floor, found)
-        for axes in (*maps, floor):
-            axes.set_title(axes.get_title().partition(",")[0], fontsize=SLIDE_TEXT)
-        floor.set(title="Cramér-Rao floor along the way", xlabel="way flown [m]")
-        side: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.15), "ncols": 1}
-        beside: Any = {"loc": "center left", "bbox_to_anchor": (1.02, 0.5), "ncols": 1}
-        floor.legend(fontsize=SLIDE_TEXT, **(side if wide else beside))
-        figure.suptitle(fill(_title(found), 88), fontsize=SLIDE_TEXT + 1.0, x=0.01, ha="left")
+        floor.set_xlabel("" if headings else "way flown [m]")
+        if headings:
+            _draw_views(parts[1], views[0], found)
+        of = found.room if found.scenario == OF_A_ROOM else found.scenario
+        add_title(figure, f"{of}: where is the position lost?", found.answer)
         return figure
 
 
@@ -96,7 +74,7 @@ def _draw_maps(figure: Any, maps: np.ndarray, found: Coverage, room: Room, wide:
         (f"landmarks in view, heading {yaw:.0f}°", over.landmarks[0], "Purples", np.arange(0.5, most + 1)),
     )
     low, high = np.array(room.interior.min), np.array(room.interior.max)
-    for axes, nothing, (title, values, colors, levels) in zip(maps, none, shown, strict=True):
+    for axes, nothing, (title, values, colors, levels) in zip(maps, none, shown, strict=False):
         axes.add_patch(Rectangle((low[0], low[1]), *(high - low)[:2], facecolor=_NOTHING, lw=0, zorder=0))
         cmap = ListedColormap(mpl.colormaps[colors](np.linspace(0.12, 1.0, 256)))
         norm = BoundaryNorm(np.asarray(levels, dtype=float), cmap.N, extend="max" if colors == "YlOrRd" else "neither")
@@ -114,7 +92,7 @@ def _draw_maps(figure: Any, maps: np.ndarray, found: Coverage, room: Room, wide:
         axes.spines[:].set_visible(False)
         (left, bottom), (right, top) = low[:2] - 0.2, high[:2] + 0.2
         axes.set(aspect="equal", xlim=(left, right), ylim=(bottom, top), ylabel="y (north) [m]")
-        axes.set_title(f"{title}, {over.height:.2g} m high", fontsize=9)
+        axes.set_title(title if for_slides() else f"{title}, {over.height:.2g} m high", fontsize=9)
         bar = figure.colorbar(drawn, ax=axes, pad=0.01, shrink=0.9, location="right" if wide else "bottom", aspect=25)
         if colors != "YlOrRd":
             whole = np.arange(1, (most if colors == "Purples" else many) + 1)
@@ -153,10 +131,12 @@ def _draw_floor(axes: Axes, found: Coverage) -> None:
     along = found.along
     for name, rows in along.floor.items():
         whole = name == ALL
+        if set(along.floor) - {ALL, name} == {"imu"}:  # alone it finds no position, it only carries the first one on
+            continue
         label = "all sensors" if whole else f"without {name}"
         color = "k" if whole else _WITHOUT.get(name, "#999999")
         axes.plot(along.distance[1:], rows[1:], color=color, lw=2.0 if whole else 1.2, label=label, zorder=3 + whole)
-    third: Any = {"color": "#8C7B6B", "lw": 1.0, "ls": ":", "label": "a third of the room to the walls"}
+    third: Any = {"color": "#8C7B6B", "lw": 1.0, "ls": ":", "label": "three sigma of the floor reach a wall"}
     axes.plot(along.distance, along.free / 3.0, **third)
     at = np.flatnonzero(_in_worst(found))
     stretch: Any = {"color": _worst_color(found), "alpha": 0.15, "lw": 0, "label": "worst stretch"}
@@ -168,7 +148,7 @@ def _draw_floor(axes: Axes, found: Coverage) -> None:
     axes.grid(alpha=0.25, which="both", lw=0.4)
     axes.spines[["top", "right"]].set_visible(False)
     axes.set_title("Cramér-Rao floor of the position along the way, with all sensors and with each lost", fontsize=9)
-    axes.legend(fontsize=8, ncols=8, loc="upper center", bbox_to_anchor=(0.5, -0.02))
+    axes.legend(fontsize=8, loc="center left", bbox_to_anchor=(1.01, 0.5))
 
 
 def _draw_views(figure: Any, axes: Axes, found: Coverage) -> None:
@@ -180,12 +160,10 @@ def _draw_views(figure: Any, axes: Axes, found: Coverage) -> None:
     drawn = axes.pcolormesh(
         along.distance, degrees, along.landmarks_by_heading.T, cmap=cmap, vmin=-0.5, vmax=most + 0.5, shading="nearest"
     )
-    yaw = np.degrees(found.over_floor.headings[0])
-    axes.axhline(yaw, color="k", lw=1.0, ls="--")
-    axes.text(along.distance[-1], yaw, " flown", va="center", fontsize=8)
+    axes.axhline(np.degrees(found.over_floor.headings[0]), color="k", lw=1.0, ls="--")
     limits = (-180.0 - half, 180.0 - half)
     axes.set(yticks=[-180, -90, 0, 90, 180], ylim=limits, ylabel="heading [°]", xlabel="way flown [m]")
-    axes.set_title("landmarks in view by heading", fontsize=9)
-    bar = figure.colorbar(drawn, ax=axes, pad=0.04, aspect=15)
+    axes.set_title("landmarks in view by heading (dashed: the one flown)", fontsize=9)
+    bar = figure.colorbar(drawn, cax=axes.inset_axes((1.06, 0.0, 0.015, 1.0)))
     bar.locator = MaxNLocator(6, integer=True)
     bar.update_ticks()

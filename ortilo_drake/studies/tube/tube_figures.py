@@ -25,6 +25,7 @@ from ortilo_drake.studies.tube.tube_map import MarginMap, map_sensors, with_rate
 from ortilo_drake.views.figures import draw_room
 from ortilo_drake.views.palette import BLUE, GREEN, ORANGE, PLANNED
 from ortilo_drake.views.pictures import save_picture
+from ortilo_drake.views.themes import for_slides
 
 INSIDE: Final = "#9fd0f0"
 OUTSIDE: Final = "#f3b78f"
@@ -140,7 +141,8 @@ def _draw_map(
         Line2D([], [], color=ORANGE, lw=2.2, ls="--", label="0.27 % outside, mixture over arrivals"),
     ]
     handles = [*lines, *_draw_points(axes, results, floor)]
-    figure.legend(handles=handles, loc="outside lower center", ncols=2, fontsize=8.5, frameon=False)
+    where: Any = {"loc": "outside right center"} if for_slides() else {"loc": "outside lower center", "ncols": 2}
+    figure.legend(handles=handles, fontsize=8.5, frameon=False, **where)
 
 
 def rates_figure(
@@ -223,5 +225,5 @@ def plan_figure(scenario: Scenario, nominal: NominalFlight, flights: dict[Point,
             lost = sum(flight.lost is not None for flight in flown)
             rates = " and ".join(f"{100 * rate:g} % of the {name}" for name, rate in zip(names, pair, strict=True))
             axes.set_title(f"{rates} messages arrive: {len(flown)} flights, {lost} lost", fontsize=10)
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=6, fontsize=8)
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=8)
         return save_picture(figure, path)

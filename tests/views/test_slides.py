@@ -1,0 +1,299 @@
+"""Slides: every figure that a command draws is 16:9, its words large enough for a room and none cut or over another."""
+
+import ast
+from collections.abc import Callable
+from itertools import combinations
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from made_up_summaries import made_up_summary
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+from PIL import Image
+
+import ortilo_drake
+from ortilo_drake.flight.intervals import Middle
+from ortilo_drake.hil.real_time.latency_figure import latency_figure
+from ortilo_drake.model.typed_yaml import validate
+from ortilo_drake.scenario import load_scenario
+from ortilo_drake.studies.consistency.consistency_figures import nees_figure, tuning_figure, whiteness_figure
+from ortilo_drake.studies.faults.catalogue import NAMES
+from ortilo_drake.studies.faults.fault_flights import FaultRow, FaultStudy, Phase
+from ortilo_drake.studies.faults.fault_report import fault_figure
+from ortilo_drake.studies.maps.map_figure import map_figure
+from ortilo_drake.studies.maps.map_flights import Map, MapPoint
+from ortilo_drake.studies.maps.map_theory import MapTheory
+from ortilo_drake.studies.maps.sweep import Sweep, points_of
+from ortilo_drake.studies.paper_tables.error_figure import error_figure
+from ortilo_drake.studies.predict.predicted import Figures, Predicted
+from ortilo_drake.studies.predict.predicted_report import predicted_figure
+from ortilo_drake.studies.recorded.filtered import Estimate, Innovations
+from ortilo_drake.studies.recorded.recorded_figure import motion_figure
+from ortilo_drake.studies.recorded.recorded_report import WITH_IMU
+from ortilo_drake.studies.recorded.replayed import Replayed
+from ortilo_drake.studies.recorded.scores import Scores
+from ortilo_drake.studies.rooms.coverage import Along, Case, Coverage, OverFloor
+from ortilo_drake.studies.rooms.coverage_figure import coverage_figure
+from ortilo_drake.studies.rooms.planned_floor import Stretch
+from ortilo_drake.studies.sensitivity.mismatches import TOGETHER, known_mismatches
+from ortilo_drake.studies.sensitivity.sensitivity_flights import Limit, Sensitivity
+from ortilo_drake.studies.sensitivity.sensitivity_report import sensitivity_figure
+from ortilo_drake.studies.tube.nominal_flight import nominal_flight
+from ortilo_drake.studies.tube.tube_figures import ChanceGrid, bursts_figure, plan_figure, rates_figure
+from ortilo_drake.studies.tube.tube_flights import Flown
+from ortilo_drake.studies.tube.tube_map import MarginMap, without_blackouts
+from ortilo_drake.training.network.train import losses_figure
+from ortilo_drake.views.blackout_figures import draw_availability, draw_blackout_errors
+from ortilo_drake.views.figures import arrival_figure, flight_figure, trajectory_figure
+from ortilo_drake.views.pictures import save_picture
+from ortilo_drake.views.room_plan import save_plan
+from ortilo_drake.views.themes import Theme, themed
+
+LEAST = 18.0  # height of the letters [px]
+SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [2.2, 0.9, 1.5]]}"
+NAMED = ("nominal_imu_uwb", "nominal_imu_uwb_yolo")
+MIDDLE = Middle(1.0, (0.9, 1.1), 1.0, (0.9, 1.1))
+T = np.arange(0.0, 60.0, 0.5)
+Flights = dict[str, list[xr.Dataset]]
+
+
+@pytest.fixture(scope="module")
+def flights(flown: Callable[..., xr.Dataset]) -> Flights:
+    return {name: [flown(name, (SHORT, "camera.kind=projected"), seed) for seed in range(2)] for name in NAMED}
+
+
+def white(m: int) -> Any:
+    lags = SimpleNamespace(r=[[0.1] * m] * 20, band=[0.05] * 20, p_value=1e-20)
+    return SimpleNamespace(lag_arrivals=lags)
+
+
+def of_whiteness(_: Flights, path: Path) -> Path:
+    reports: Any = {n: SimpleNamespace(whiteness=dict.fromkeys(("uwb", "camera", "imu"), white(3))) for n in NAMED}
+    return whiteness_figure(reports, path)
+
+
+def of_tuning(_: Flights, path: Path) -> Path:
+    number = SimpleNamespace(before=1.0, after=1.5, standard_error=0.1, robust_error=None, stays=None)
+    names = [f"estimator.V.imu.{i}" for i in range(3)] + [f"servo.W.{i}" for i in range(8)]
+    found = SimpleNamespace(mean=3.1, interval=(2.5, 3.5))
+    figures = SimpleNamespace(
+        nees=dict.fromkeys(("all", "start", "blackout", "after", "clear"), found),
+        nis=dict.fromkeys(("uwb", "camera", "imu"), found),
+    )
+    tuning: Any = SimpleNamespace(
+        numbers=dict.fromkeys((*names, "multilateration.noise.fraction"), number),
+        before=figures, after=figures, scenario="imu_uwb", flights=[1, 2],
+    )  # fmt: skip
+    return tuning_figure(tuning, path)
+
+
+def of_faults(_: Flights, path: Path) -> Path:
+    scenarios = ["nominal_imu_uwb_yolo", "imu_uwb_yolo", "robust_imu_uwb_yolo", "tight_imu_uwb_yolo"]
+    good, bad = (Phase(0.1, ratio, 3.0, (2.0, 4.0), MIDDLE, MIDDLE) for ratio in (1.0, 8.4))
+    rows = [
+        FaultRow(
+            fault,
+            name,
+            200,
+            157 * (k == 0),
+            (0.0, 1.0),
+            good,
+            [bad, good, None][k % 3],
+            good,
+            1.0,
+            k != 2,
+            k < 2,
+            k == 1,
+        )
+        for fault in NAMES
+        for k, name in enumerate(scenarios)
+    ]
+    return fault_figure(FaultStudy(scenarios, 200, 22.0, 5.0, [0] * 4, rows), path)
+
+
+def of_map(axes: dict[str, list[float]]) -> Callable[[Flights, Path], Path]:
+    def draw(_: Flights, path: Path) -> Path:
+        of = validate(Sweep, {"scenario": "imu_uwb", "axes": axes, "flights": 1000}, "sweep")
+        points = points_of(of)
+        rms = np.geomspace(0.02, 0.4, len(points))
+        rows = [
+            MapPoint(p, 1000, 60 * i, 0.0, 0.9, r, None, r, None, 0.9 * r, 2.0 * r, 1.0, None, 3.0, None, {})
+            for i, (p, r) in enumerate(zip(points, rms, strict=True))
+        ]
+        drawn = map_figure(Map(of, rows, None), path, MapTheory(0.8 * rms, np.linspace(0.0, 0.9, len(rms)), 3.2, None))
+        assert drawn is not None
+        return drawn
+
+    return draw
+
+
+def of_motion(_: Flights, path: Path) -> Path:
+    way = np.column_stack([np.cos(0.1 * T) * 4.0, np.sin(0.1 * T) * 3.0, 1.5 + 0.0 * T])
+    P = np.eye(3) * np.where((T > 20.0) & (T < 30.0), 9.0, 1e-3)[:, np.newaxis, np.newaxis]
+    error = np.where((T > 25.0) & (T < 30.0), 1.8, 0.02)[:, np.newaxis]
+    run = Innovations(np.full(len(T), 0.1), np.full(len(T), 0.01), np.ones(len(T), dtype=bool))
+    estimate = Estimate(T, way + error, P, np.eye(3), run, T, [])
+    names = [
+        WITH_IMU,
+        *(f"{WITH_IMU}, {of}" for of in ("smoothed", "not calibrated (biases online)", "50% of the ranges lost")),
+    ]
+    anchors = ((-5.0, -5.0, 0.3), (5.0, -5.0, 2.5), (5.0, 5.0, 0.3), (-5.0, 5.0, 2.5))
+    scores = Scores(None, None, None, None, None, 1.0, 0.0, 0.9)
+    found = Replayed(
+        name="flight", rows=dict.fromkeys(names, scores), anchors=anchors, judged_from=18.0, rejected={}, notes=[]
+    )
+    return motion_figure(found, dict.fromkeys(names, (estimate, way)), 0.3, path)
+
+
+def of_sensitivity(_: Flights, path: Path) -> Path:
+    limits = [Limit(m.name, 2.0 * m.careful, (1.5 * m.careful, 3.0 * m.careful)) for m in known_mismatches()]
+    return sensitivity_figure(
+        Sensitivity("nominal_imu_uwb_yolo", [], [*limits, Limit(TOGETHER, 2.0, (1.0, None))]), path
+    )
+
+
+A = np.geomspace(0.01, 1.0, 5)
+MARGINS = MarginMap(A, A, np.add.outer(A, A) - 1.0, np.add.outer(A, A) - 0.5)
+CHANCE = ChanceGrid(A, A, np.full((5, 5), 0.001) + 0.01 * (np.add.outer(A, A) < 0.5))
+RESULTS: Any = [
+    SimpleNamespace(at=at, holds=holds, contained=0.991, lost=3 * (not holds), flights=1000)
+    for at, holds in (((0.1, 0.1), True), ((0.02, 0.3), False), ((1.0, 1.0), True))
+]
+
+
+def of_plans(_: Flights, path: Path) -> Path:
+    scenario = without_blackouts(load_scenario(NAMED[1], ("camera.kind=projected", SHORT)))
+    nominal = nominal_flight(scenario)
+    deviation = np.zeros((len(nominal.time), 3))
+    some = [Flown(1, deviation, None), Flown(2, deviation, 2.0)]
+    return plan_figure(scenario, nominal, {(0.1, 0.1): some, (0.02, 0.3): some}, path)
+
+
+def of_coverage(sensors: tuple[str, ...]) -> Callable[[Flights, Path], Path]:
+    def draw(_: Flights, path: Path) -> Path:
+        room = load_scenario("imu_uwb").load_room()
+        n, x, y = len(T), np.linspace(-1.5, 29.0, 60), np.linspace(-4.3, 4.5, 20)
+        p = np.column_stack([np.linspace(0.0, 20.0, n), np.zeros(n), np.full(n, 1.5)])
+        headings = np.arange(24) * np.pi / 12.0 - np.pi
+        seen, maps = np.arange(n) % 5, np.add.outer(np.arange(20), np.arange(60)) % 12
+        floor = {name: 0.01 + 0.1 * k + 0.001 * T for k, name in enumerate(("all", *sensors))}
+        along = Along(T, T / 3.0, p, np.ones(n), seen, 2.0 + 0.0 * T, seen, headings, np.tile(seen, (24, 1)).T, floor)
+        over = OverFloor(1.5, x, y, maps > 0, maps, 1.0 + 0.5 * maps, headings[:8] * 3.0 + np.pi, np.array([maps] * 8))
+        answer = (
+            "From 9.9 to 10.1 m of the way (29.8 to 31.3 s), where even the best estimator errs by 0.36 m; camera "
+            "measures nothing there; imu matters most, without it the error is 4.9 m. From 30.9 s on three sigma of "
+            "the floor reach a wall."
+        )
+        cases = dict.fromkeys(floor, Case(0.3, 30.0, 10.0, 30.9))
+        found = Coverage(
+            "imu_uwb", room.name, answer, Stretch(59, 62, 0.3, "imu", 4.9, ()), (29.8, 31.3), cases, along, over
+        )
+        return coverage_figure(found, room, path)
+
+    return draw
+
+
+def of_prediction(_: Flights, path: Path) -> Path:
+    one = Figures(0.1, 3.0, 1.0, 0.01)
+    return predicted_figure([Predicted(f"flight_{k}", one, (one,) * 9, (one,) * 9) for k in range(6)], path)
+
+
+def of_errors(_: Flights, path: Path) -> Path:
+    many = [made_up_summary((0.01 * k, 0.02, 0.03), lost="tumbled" if k == 5 else None) for k in range(1, 9)]
+    return error_figure({"imu_uwb": many, "imu_uwb_yolo": many, "tight_imu_uwb_yolo": many}, path)
+
+
+def of_losses(_: Flights, path: Path) -> Path:
+    return losses_figure([{"loss": 4 / k, "box": 1 / k, "object": 2 / k, "class": 1 / k} for k in range(1, 30)], path)
+
+
+DRAWN: dict[str, Callable[[Flights, Path], Path]] = {
+    "flight_figure": lambda flights, path: flight_figure(flights[NAMED[1]][0], path),
+    "trajectory_figure": trajectory_figure,
+    "arrival_figure": lambda flights, path: arrival_figure({name: rows[0] for name, rows in flights.items()}, path),
+    "error_figure": of_errors,
+    "nees_figure": nees_figure,
+    "whiteness_figure": of_whiteness,
+    "tuning_figure": of_tuning,
+    "fault_figure": of_faults,
+    "map_figure": of_map({"uwb.link.rate": [2.0, 3.0, 5.0, 10.0], "uwb.link.loss": [0.0, 0.3, 0.6, 0.9]}),
+    "map_figure, one axis": of_map({"uwb.link.loss": [0.0, 0.3, 0.6, 0.9]}),
+    "motion_figure": of_motion,
+    "sensitivity_figure": of_sensitivity,
+    "rates_figure": lambda _, path: rates_figure(("uwb", "camera"), MARGINS, CHANCE, RESULTS, path),
+    "bursts_figure": lambda _, path: bursts_figure(("uwb", "camera"), MARGINS, CHANCE, RESULTS, path),
+    "plan_figure": of_plans,
+    "save_plan": lambda _, path: save_plan(load_scenario("imu_uwb").load_room(), None, path),
+    "coverage_figure": of_coverage(("uwb", "camera", "imu")),
+    "coverage_figure, no camera": of_coverage(("uwb", "imu")),
+    "predicted_figure": of_prediction,
+    "latency_figure": lambda _, path: latency_figure(np.geomspace(1.0, 30.0, 900), 1.0 / 30.0, path),
+    "losses_figure": of_losses,
+    "plot_blackouts": lambda flights, path: save_picture(
+        draw_blackout_errors({name: rows[0] for name, rows in flights.items()}), path
+    ),
+    "plot_availability": lambda flights, path: save_picture(draw_availability(flights[NAMED[1]][0]), path),
+}
+
+
+def words(figure: Figure, monkeypatch: pytest.MonkeyPatch) -> list[tuple[Text, Any]]:
+    """Return what is written on a figure and where, what lies outside of an axis' limits left out."""
+    written: dict[int, Text] = {}
+    draw = Text.draw
+
+    def note(self: Text, *rest: Any, **more: Any) -> None:
+        if self.get_visible() and self.get_text().strip():
+            written[id(self)] = self
+        draw(self, *rest, **more)
+
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    with monkeypatch.context() as patch:
+        patch.setattr(Text, "draw", note)
+        figure.draw(renderer)
+    return [(text, Text.get_window_extent(text, renderer)) for text in written.values()]
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_a_slide_is_16_to_9_and_its_words_are_large_whole_and_apart(
+    name: str, flights: Flights, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[Figure] = []
+    save = Figure.savefig
+
+    def saved(self: Figure, *rest: Any, **more: Any) -> None:
+        made.append(self)
+        save(self, *rest, **more)
+
+    monkeypatch.setattr(Figure, "savefig", saved)
+    with themed(Theme.slides), Image.open(DRAWN[name](flights, tmp_path / "slide.png")) as picture:
+        assert picture.size == (1920, 1080)
+    figure = made[-1]
+    figure.set_dpi(200)
+    found = words(figure, monkeypatch)
+    assert len(found) > 5
+    for text, box in found:
+        assert float(text.get_fontsize()) * 200 / 72 >= LEAST, text
+        assert -1.0 <= box.x0 < box.x1 <= 1921.0, text
+        assert -1.0 <= box.y0 < box.y1 <= 1081.0, text
+    for title in (figure.get_suptitle(), *(axes.get_title(loc) for axes in figure.axes for loc in ("left", "center"))):
+        assert "\n" not in title
+    level = [(text, box) for text, box in found if text.get_rotation() % 90.0 == 0.0]
+    for (one, a), (other, b) in combinations(level, 2):
+        over = min(a.x1, b.x1) - max(a.x0, b.x0), min(a.y1, b.y1) - max(a.y0, b.y0)
+        assert min(over) < 4.0, f"{one} over {other}"
+
+
+def test_all_figures_that_are_written_are_looked_at() -> None:
+    writing = set()
+    for file in Path(ortilo_drake.__file__).parent.glob("**/*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.FunctionDef):
+                calls = (call.func for call in ast.walk(node) if isinstance(call, ast.Call))
+                if any(isinstance(call, ast.Name) and call.id == "save_picture" for call in calls):
+                    writing.add(node.name)
+    assert writing == {name.partition(",")[0] for name in DRAWN if "plot_" not in name}
