@@ -11,11 +11,11 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from ortilo_drake.studies.recorded.recorded_report import main_row
 from ortilo_drake.studies.recorded.replayed import Drawn, Replayed
-from ortilo_drake.views.figures import STYLE
+from ortilo_drake.views.palette import BLUE, GREEN, ORANGE, PURPLE, SKY, STYLE
 from ortilo_drake.views.pictures import save_picture
 from ortilo_drake.views.themes import add_title, for_slides
 
-BLUE, RED, GREY = "#0072B2", "#D55E00", "#999999"
+RED, GREY = ORANGE, "#999999"
 WIDEST, FARTHEST = 0.8, 0.99  # shares of the bands and errors, while available, that an axis shows whole
 BIN = 1.0  # NIS is a mean over this time [s]
 
@@ -62,6 +62,7 @@ def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Pa
         axes.set_ylabel("NIS")
         _calibration(axes, found)
         axes = strips[4]
+        axes.set_prop_cycle(color=(GREEN, "#E69F00", PURPLE, SKY, "0.4"))
         for row, (other, _) in drawn.items():
             if row.startswith(name):
                 total = np.sqrt(np.trace(other.P, axis1=1, axis2=2))
