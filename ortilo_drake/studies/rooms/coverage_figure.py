@@ -164,6 +164,6 @@ def _draw_views(figure: Any, axes: Axes, found: Coverage) -> None:
     limits = (-180.0 - half, 180.0 - half)
     axes.set(yticks=[-180, -90, 0, 90, 180], ylim=limits, ylabel="heading [°]", xlabel="way flown [m]")
     axes.set_title("landmarks in view by heading (dashed: the one flown)", fontsize=9)
-    bar = figure.colorbar(drawn, cax=axes.inset_axes((1.06, 0.0, 0.015, 1.0)))
+    bar = figure.colorbar(drawn, cax=axes.inset_axes((1.02, 0.0, 0.015, 1.0)))
     bar.locator = MaxNLocator(6, integer=True)
     bar.update_ticks()
