@@ -1,6 +1,7 @@
 """The frames of a flight's video: camera and room side by side, errors and arrivals below."""
 
 from collections.abc import Callable
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -49,7 +50,8 @@ def error_strip(flight: xr.Dataset, width: int, height: int) -> tuple[np.ndarray
             for sensor in ("uwb", "camera"):
                 shaded = in_blackout(truth, scenario, sensor)
                 across = axes.get_xaxis_transform()
-                axes.fill_between(time, 0, 1, where=shaded, transform=across, color=COLOR[sensor], alpha=0.12, lw=0)
+                shade: Any = {"color": COLOR[sensor], "alpha": 0.12, "lw": 0, "zorder": 0}  # below the bars
+                axes.fill_between(time, 0, 1, where=shaded, transform=across, **shade)
         canvas.draw()
         first, last = figure.axes[0], figure.axes[-1]
         columns = first.transData.transform(np.column_stack([time, np.zeros_like(time)]))[:, 0]

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from ortilo_drake.model.room import Interior, Room
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.views.figures import draw_arrivals, draw_room
+from ortilo_drake.views.figures import draw_arrivals, draw_paths, draw_room
 
 
 def test_furniture_is_drawn_where_it_stands() -> None:
@@ -23,6 +23,27 @@ def test_furniture_is_drawn_where_it_stands() -> None:
     (patch,) = axes.patches
     corners = np.asarray(patch.get_path().vertices, dtype=float)
     np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)], [[2.5, 1.0], [3.5, 3.0]], atol=1e-12)
+
+
+def test_a_legend_names_each_thing_in_the_room_once_and_nothing_is_written_on_a_wall() -> None:
+    scenario = load_scenario("imu_uwb")
+    axes = Figure().add_subplot()
+    draw_room(axes, scenario.load_room(), scenario)
+    named = axes.get_legend_handles_labels()[1]
+    assert sorted(named) == ["anchor", "furniture", "landmark", "no UWB", "stand", "wall"]
+    assert not axes.texts
+
+
+def test_paths_on_each_other_are_all_seen() -> None:
+    """From below to above each line is less than half as wide as the one below it, or broken."""
+    path = (("tick", "axis"), np.zeros((5, 3)))
+    axes = Figure().add_subplot()
+    draw_paths(axes, xr.Dataset(dict.fromkeys(("reference", "truth", "estimate"), path)))
+    true, estimated, planned = axes.get_lines()
+    assert [line.get_label() for line in (true, estimated, planned)] == ["true", "estimated", "planned"]
+    assert true.get_linewidth() > 2.0 * estimated.get_linewidth()
+    assert planned.is_dashed()
+    assert planned.get_linewidth() < estimated.get_linewidth()
 
 
 def test_arrivals_are_a_bar_for_each_run_of_used_values() -> None:

@@ -289,6 +289,21 @@ def test_a_slide_is_16_to_9_and_its_words_are_large_whole_and_apart(
         assert min(over) < 4.0, f"{one} over {other}"
 
 
+def test_coverage_shows_no_landmarks_without_a_camera_nor_an_imu_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[Figure] = []
+    monkeypatch.setattr(
+        "ortilo_drake.studies.rooms.coverage_figure.save_picture", lambda figure, path: made.append(figure)
+    )
+    of_coverage(("uwb", "imu"))({}, tmp_path / "a.png")
+    (figure,) = made
+    assert not any("landmark" in axes.get_title() for axes in figure.axes)
+    named = [name for axes in figure.axes for name in axes.get_legend_handles_labels()[1]]
+    assert named == ["all sensors", "without imu", "three sigma of the floor reach a wall", "worst stretch"]
+    assert "three sigma of the floor reach a wall" in " ".join(figure.get_supxlabel().split())
+
+
 def test_all_figures_that_are_written_are_looked_at() -> None:
     writing = set()
     for file in Path(ortilo_drake.__file__).parent.glob("**/*.py"):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.colors import same_color
 from scipy.linalg import block_diag, solve_discrete_are
 
 from ortilo_drake.flight.flyable import flight_ticks
@@ -18,7 +19,7 @@ from ortilo_drake.studies.loop.hover_loop import hover_loop
 from ortilo_drake.studies.maps.map_figure import map_figure
 from ortilo_drake.studies.maps.map_flights import Map, MapPoint
 from ortilo_drake.studies.maps.map_report import map_text
-from ortilo_drake.studies.maps.map_theory import expected_rms, lost_in_bursts, theory_of
+from ortilo_drake.studies.maps.map_theory import MapTheory, expected_rms, lost_in_bursts, theory_of
 from ortilo_drake.studies.maps.sweep import Sweep, points_of
 
 BURSTS = {"uwb.link.blackouts": [], "uwb.link.loss": {"kind": "bursts", "loss": 0.5, "mean_length": 1.0}}
@@ -123,6 +124,16 @@ def test_a_heat_map_rises_along_named_axes_with_round_lines_and_no_fragment(monk
     np.testing.assert_allclose(errors.images[0].get_array()[:, 0], [0.3, 0.15, 0.075, 0.06])
     assert {text.get_text() for text in errors.texts} == {"0.1 m", "0.2 m"}
     assert not lost.texts
+
+
+def test_theory_far_from_what_was_flown_has_lines_at_values_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ortilo_drake.studies.maps.map_figure.save_picture", lambda figure, path: figure)
+    found = made({"uwb.link.rate": [1.0, 2.0, 4.0], LOSS: [0.0, 0.3, 0.6, 0.9]}, lambda _: 0)
+    rms = np.array([0.01 * row.kept_rms for row in found.rows if row.kept_rms])
+    (_, errors, *_) = map_figure(found, Path(), MapTheory(rms, None, None, None)).axes
+    drawn = {text.get_text() for text in errors.texts if same_color(text.get_color(), "magenta")}
+    assert "0.005 m" in drawn
+    assert errors.get_legend_handles_labels()[1][-1].startswith("theory")
 
 
 def test_one_lost_flight_of_twenty_is_no_catastrophe_and_lines_stand_out(monkeypatch: pytest.MonkeyPatch) -> None:
