@@ -19,7 +19,6 @@ from ortilo_drake.studies.maps.map_theory import MapTheory
 from ortilo_drake.studies.maps.sweep import Grid, Range
 from ortilo_drake.views.palette import BLUE, ORANGE, STYLE
 from ortilo_drake.views.pictures import save_picture
-from ortilo_drake.views.themes import for_slides
 
 BOUND = "theory: bound on the mean,\napproximate, near hover"
 LINK_NAMES = {
@@ -92,8 +91,7 @@ def _say_none_lost(panel: Any, found: Map) -> None:
 
 
 def _legend_above(panel: Any) -> None:
-    columns = 1 if for_slides() else 2
-    panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, fontsize=7, frameon=False)
+    panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=7, frameon=False)
 
 
 def _curves(panels: Any, found: Map, theory: MapTheory | None) -> None:

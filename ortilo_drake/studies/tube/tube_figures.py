@@ -225,5 +225,5 @@ def plan_figure(scenario: Scenario, nominal: NominalFlight, flights: dict[Point,
             lost = sum(flight.lost is not None for flight in flown)
             rates = " and ".join(f"{100 * rate:g} % of the {name}" for name, rate in zip(names, pair, strict=True))
             axes.set_title(f"{rates} messages arrive: {len(flown)} flights, {lost} lost", fontsize=10)
-        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=8)
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=8, frameon=False)
         return save_picture(figure, path)
