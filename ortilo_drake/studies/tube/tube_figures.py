@@ -102,7 +102,7 @@ def _draw_points(axes: Axes, results: Sequence[PointResult], floor: float) -> li
         axes.annotate(
             f"{100 * r.contained:.1f} %" + (f"\n{r.lost} lost" if r.lost else ""),
             at,
-            xytext=(9 * side, -9 if r.at[1] >= 0.85 else 0),
+            xytext=(9 * side, -9 if floor and r.at[1] >= 0.85 else 0),  # below the edge of a map of rates
             textcoords="offset points",
             ha="right" if side < 0 else "left",
             va="center",
