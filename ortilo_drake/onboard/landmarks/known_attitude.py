@@ -27,11 +27,12 @@ and fro across one (by a millimetre, say); so steps shrink after the first few.
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 
 from ortilo_drake.model.cholesky import scaled_inverse
 from ortilo_drake.model.elementary import power_of_two
 from ortilo_drake.model.equations import rotation_matrix
-from ortilo_drake.model.pinhole import Camera, box_and_jacobian, sines
+from ortilo_drake.model.pinhole import Camera, Sines, box_and_jacobian, sines
 from ortilo_drake.model.placing import fill
 from ortilo_drake.model.products import product, times
 from ortilo_drake.onboard.landmarks.landmark_association import innovation_covariance, pose_covariance, squared_distance
@@ -57,6 +58,50 @@ def inverse_3x3(N: np.ndarray) -> tuple[bool, np.ndarray]:
     d, e = N[0, 0] * N[2, 2] - N[0, 2] ** 2, N[0, 1] * N[0, 2] - N[0, 0] * N[1, 2]
     g = N[0, 0] * N[1, 1] - N[0, 1] ** 2
     return True, np.array(((a, b, c), (b, d, e), (c, e, g))) / determinant
+
+
+@register_jitable(error_model="numpy", _nrt=False)
+def add_box(
+    i: int,
+    centers: np.ndarray,
+    positions: np.ndarray,
+    outlines: np.ndarray,
+    sd: np.ndarray,
+    p_WB: np.ndarray,
+    of_rpy: Sines,
+    R_WB: np.ndarray,
+    camera: Camera,
+    order: np.ndarray,
+    least: float,
+    box: np.ndarray,
+    J: np.ndarray,
+    J_of: np.ndarray,
+    r: np.ndarray,
+    N: np.ndarray,
+    B: np.ndarray,
+    b: np.ndarray,
+) -> bool:
+    """Add box i to the sums N (m, m), B = sum J^T R^-1 A (m, h) and b (m); False if it has no projection.
+
+    By itself: here views of one box cost no counted references. Its [J_i A_i] goes to J_of (n, 2, 6), its residual to
+    r (n, 2). The rest as pose_from_boxes has it.
+    """
+    if not box_and_jacobian(positions[i], outlines[i], p_WB, of_rpy, R_WB, camera, box, J):
+        return False
+    m, h = B.shape
+    for axis in range(2):
+        r[i, axis] = centers[i, axis] - 0.5 * (box[axis] + box[2 + axis])
+        weight = (least / sd[i, axis]) ** 2
+        for j in range(6):
+            J_of[i, axis, j] = J[axis, order[j]]
+        for j in range(m):
+            weighted = weight * J_of[i, axis, j]
+            b[j] += weighted * r[i, axis]
+            for k in range(m):
+                N[j, k] += weighted * J_of[i, axis, k]
+            for k in range(h):
+                B[j, k] += weighted * J_of[i, axis, m + k]
+    return True
 
 
 @njit(cache=True)
@@ -113,22 +158,27 @@ def pose_from_boxes(
             fill(B.ravel(), 0.0)
             R_WB, of_rpy = rotation_matrix(rpy), sines(rpy)
             for i in range(n):
-                if not kept[i]:
-                    continue
-                if not box_and_jacobian(positions[i], outlines[i], p_WB, of_rpy, R_WB, camera, box, J):
+                if kept[i] and not add_box(
+                    i,
+                    centers,
+                    positions,
+                    outlines,
+                    sd,
+                    p_WB,
+                    of_rpy,
+                    R_WB,
+                    camera,
+                    order,
+                    least,
+                    box,
+                    J,
+                    J_of,
+                    r,
+                    N,
+                    B,
+                    b,
+                ):
                     return nothing
-                for axis in range(2):
-                    r[i, axis] = centers[i, axis] - 0.5 * (box[axis] + box[2 + axis])
-                    weight = (least / sd[i, axis]) ** 2
-                    for j in range(6):
-                        J_of[i, axis, j] = J[axis, order[j]]
-                    for j in range(m):
-                        weighted = weight * J_of[i, axis, j]
-                        b[j] += weighted * r[i, axis]
-                        for k in range(m):
-                            N[j, k] += weighted * J_of[i, axis, k]
-                        for k in range(h):
-                            B[j, k] += weighted * J_of[i, axis, m + k]
             for j in range(3, m):
                 weight = (least / free_sd) ** 2 if m == 6 else 0.0
                 N[j, j] += weight

@@ -114,7 +114,7 @@ def with_survey(sd: float, J: np.ndarray, survey_sd: float) -> float:
     return float(np.sqrt(sd**2 + survey_sd**2 * (J[0] ** 2 + J[1] ** 2 + J[2] ** 2)))
 
 
-@register_jitable
+@register_jitable(_nrt=False)
 def is_among(labels: np.ndarray, label: float) -> bool:
     """Return whether a class is one of some (n)."""
     found = False

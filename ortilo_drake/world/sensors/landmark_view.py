@@ -55,14 +55,21 @@ def surroundings(room: Room) -> Surroundings:
     )
 
 
-@njit(cache=True)
-def visible_share(p_WC: np.ndarray, i: int, room: Surroundings) -> float:
-    """Return the share of landmark i's sample points that the camera at p_WC (3, in W) sees."""
-    p_WL, size, boxes, cylinders = room.positions[i], room.sizes[i], room.boxes, room.cylinders
-    points, hidden, n_hidden = np.empty_like(_SAMPLES), np.zeros(len(_SAMPLES), dtype=np.bool_), 0
-    for k in range(len(_SAMPLES)):
-        for axis in range(3):
-            points[k, axis] = p_WL[axis] + 0.5 * size[axis] * _SAMPLES[k, axis]
+@register_jitable(_nrt=False)
+def hide(
+    points: np.ndarray,
+    p_WC: np.ndarray,
+    p_WL: np.ndarray,
+    size: np.ndarray,
+    boxes: np.ndarray,
+    cylinders: np.ndarray,
+    hidden: np.ndarray,
+) -> int:
+    """Return how many points (n, 3) of a landmark at p_WL, of some size (3), the camera at p_WC does not see.
+
+    It marks them in hidden (n). By itself: here views of one obstacle cost no counted references.
+    """
+    n_hidden = 0
     # Few obstacles stand near the line of sight, seen in plan: those alone are looked at closely.
     aside = 0.5 * np.sqrt(size[0] ** 2 + size[1] ** 2)
     dx, dy = p_WL[0] - p_WC[0], p_WL[1] - p_WC[1]
@@ -85,7 +92,18 @@ def visible_share(p_WC: np.ndarray, i: int, room: Surroundings) -> float:
                 if not hidden[k] and crosses_cylinder(p_WC, points[k], cylinders[j]):
                     hidden[k] = True
                     n_hidden += 1
-    return 1.0 - n_hidden / points.shape[0]
+    return n_hidden
+
+
+@njit(cache=True)
+def visible_share(p_WC: np.ndarray, i: int, room: Surroundings) -> float:
+    """Return the share of landmark i's sample points that the camera at p_WC (3, in W) sees."""
+    p_WL, size, boxes, cylinders = room.positions[i], room.sizes[i], room.boxes, room.cylinders
+    points, hidden = np.empty_like(_SAMPLES), np.zeros(len(_SAMPLES), dtype=np.bool_)
+    for k in range(len(_SAMPLES)):
+        for axis in range(3):
+            points[k, axis] = p_WL[axis] + 0.5 * size[axis] * _SAMPLES[k, axis]
+    return 1.0 - hide(points, p_WC, p_WL, size, boxes, cylinders, hidden) / points.shape[0]
 
 
 @register_jitable
