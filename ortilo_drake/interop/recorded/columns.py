@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ortilo_drake.interop.recorded.range_sources import RangeSource
-from ortilo_drake.interop.recorded.rejected import Rejections, kept_in_order, named
+from ortilo_drake.interop.recorded.range_sources import DifferenceSource, RangeSource
+from ortilo_drake.interop.recorded.rejected import Rejections, began_anew, kept_in_order, named
 from ortilo_drake.interop.recorded.sources import MOST, Column, OfOne, Source
 from ortilo_drake.interop.recorded.tables import Table
 from ortilo_drake.interop.recorded.units import size_of
@@ -131,6 +131,12 @@ def _read_file(
         table = read_bag(path, topic, source, columns, rejected, names)
     in_unit = source.time is not None or topic is None
     t = table.t * size_of(source.unit, UNITS) if in_unit else table.t
+    two_tags = (
+        isinstance(source, RangeSource | DifferenceSource) and source.tag is not None
+    )  # one may come after the other
+    if not two_tags and (back := began_anew(t, table.names)) is not None:
+        row = f"{rejected.word} {table.rows[back]}"
+        raise InputError(f"{rejected.source}: its clock begins anew in {row}: two times would be mixed; cut it there")
     keep = kept_in_order(t, table.rows, rejected, table.names)
     called = None if table.names is None else table.names[keep]
     return Stream(t[keep] - source.late, table.values[keep], called, table.rows[keep], rejected, (rejected,))

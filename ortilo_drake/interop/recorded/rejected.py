@@ -9,6 +9,7 @@ import numpy as np
 from ortilo_drake.model.typed_yaml import InputError
 
 GAP = 5.0  # an interval longer than this many medians is called a gap
+RESTARTS, FEWEST = 5, 20  # of a clock at most, and the rows between them at least
 HOUR, TOGETHER = 3600.0, 0.9  # [s]; the share of the rows that must lie together
 
 
@@ -110,6 +111,30 @@ def kept_in_order(
             f"{gaps.sum()} gap{'s' * bool(gaps.sum() > 1)} between stamps, the longest {steps.max():.4g} s (kept)"
         )
     return keep
+
+
+def began_anew(stamps: np.ndarray, names: np.ndarray | None) -> int | None:
+    """Return the first row behind which a clock began anew, so that it shows times again; None if it did not.
+
+    Args:
+        stamps: as they stand in the file (n).
+        names: of the anchors, if rows name them: the rows of one tell.
+    """
+    rows = np.flatnonzero(np.isfinite(stamps))
+    if names is not None and len(rows):
+        called, first = np.unique(names[rows].astype(str), return_inverse=True)
+        rows = rows[first == np.argmax(np.bincount(first, minlength=len(called)))]
+    t = stamps[rows]
+    backs = np.flatnonzero(np.diff(t) < 0.0) + 1
+    if not 0 < len(backs) <= RESTARTS:
+        return None
+    parts = np.split(t, backs)
+    for before, after, back in zip(parts, parts[1:], backs, strict=False):
+        shorter = min(np.ptp(before), np.ptp(after))
+        common = min(before[-1], after[-1]) - max(before[0], after[0])
+        if min(len(before), len(after)) >= FEWEST and shorter > 0.0 and common > 0.5 * shorter:
+            return int(rows[back])
+    return None
 
 
 def _far_away(stamps: np.ndarray) -> np.ndarray:

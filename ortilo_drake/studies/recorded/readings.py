@@ -131,7 +131,8 @@ def _frames(now: Reading, truth: Truth, map_: Map) -> Iterator[Reading]:
         turned = truth._replace(p=truth.p @ A.T, R=None if truth.R is None else in_axes(truth.R, A))
         names = axes_names(A @ own)
         key = f"truth: {{axes: {names}}}"
-        yield now._replace(key=f"{key} ({what})", truth=turned)
+        other = "anchors: z of each with the other sign, or " if axes == ("x", "y", "-z") else ""  # as well mirrored
+        yield now._replace(key=f"{other}{key} ({what})", truth=turned)
         for unit, by in UNITS.items():
             small = turned._replace(p=turned.p * by)
             both = f"truth: {{axes: {names}, scale: {map_.truth.scale * by:.6g}}} ({what}, {unit})"

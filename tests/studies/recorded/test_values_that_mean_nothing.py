@@ -79,3 +79,32 @@ def test_a_constant_of_all_ranges_is_told_and_no_unit_that_makes_a_room_of_a_cen
     with pytest.raises(InputError, match=r"all ranges have a constant of some 15\d m: antenna delays\?"):
         first_look(right._replace(ranges=right.ranges._replace(r=right.ranges.r + 154.0)), MAP)
     assert np.linalg.norm(np.ptp(ANCHORS, axis=0)) > 10.0
+
+
+def test_anchors_with_z_down_are_told(right) -> None:
+    key = first_look(right._replace(anchors=ANCHORS * [1.0, 1.0, -1.0]), MAP).guess.key
+    assert key.startswith("anchors: z of each with the other sign, or truth: {axes: [x, y, -z]}")
+
+
+@pytest.mark.parametrize("then", [10.0, 15.0, 20.0])
+def test_a_clock_that_begins_anew_is_told_with_the_line(tmp_path, then) -> None:
+    t = np.where(MOTION.t_r > then, MOTION.t_r - then, MOTION.t_r)
+    line = 3 + int(np.argmax(np.diff(t) < 0.0))
+    with pytest.raises(InputError, match=rf"its clock begins anew in line {line}: two times would be mixed"):
+        recorded(tmp_path, t_r=t)
+    rows = [f"{s:.3f},{i},{r:.3f}" for s, row in zip(t, MOTION.r, strict=True) for i, r in enumerate(row)]
+    with pytest.raises(InputError, match=rf"its clock begins anew in line {2 + 6 * (line - 2)}: two times"):
+        named(tmp_path, rows)
+
+
+def test_parts_of_a_recording_may_stand_in_any_order(tmp_path) -> None:
+    of_all = zip(MOTION.t_r, MOTION.r, strict=True)
+    rows = [f"{s:.3f},{i},{r:.3f}" for s, row in of_all for i, r in enumerate(row)]
+    assert len(named(tmp_path, rows[1800:] + rows[:1800]).ranges.t) == len(rows)
+
+
+def named(tmp_path, rows: list[str]) -> Recording:
+    text = TABLE_MAP.replace("[r0, r1, r2, r3, r4, r5]", "[r], anchor: a, names: [0, 1, 2, 3, 4, 5]")
+    folder = write_tables(tmp_path / "named", MOTION)
+    (folder / "ranges.csv").write_text("\n".join(["t,a,r", *rows]))
+    return read_recording(folder, validate(Map, parse_yaml(text, "MAP.yaml"), "MAP.yaml"))
