@@ -31,6 +31,7 @@ MOVED = 0.3  # at least [m]
 ONE_AXIS, OTHERS = 0.7, 0.8  # share of the gain by one axis alone, if no other has so much of that
 TOLD_APART = 3.0  # standard deviations between two readings
 CERTAIN = 8.0  # standard deviations of a scale or a clock
+LEVERLESS = 1.6  # without attitude the lever's errors remain: all shrink by this factor
 JUMPS = 15  # times at which a clock may have jumped
 SCALE, DRIFT, LATE = 0.01, 0.001, 0.05  # the least that is told, LATE in [s]
 
@@ -179,12 +180,14 @@ def _of_scale_and_clock(
 ) -> list[tuple[float, Guess | None]]:
     """Return the gains by a scale of the ranges and by the truth's clock, and the keys that mend them."""
     heard, m = fit.heard, len(fit.heard.r)
+    by_lever = 1.0 if trial.now.truth is None or trial.now.truth.R is not None else LEVERLESS
     widens = _lasting(heard, np.ones(m, dtype=bool), map_, True)
 
     def by(X: np.ndarray, least: float, key: Callable[[float], str]) -> tuple[float, Guess | None]:
         now = _solved(fit, trial.now.anchors, lambda _: (trial.now.anchors, X), X.shape[1])
         was, left, z = left_of(before.errors), left_of(now.errors), float(now.z[-1])
         clear = abs(z) > max(least, CERTAIN * now.sd[-1] * left / SPREAD * widens)
+        clear = clear and was > by_lever * left
         return before.cost - now.cost, Guess(key(z), was, left) if clear else None
 
     clock = fit.slopes[:m, [CLOCK]] * SPREAD

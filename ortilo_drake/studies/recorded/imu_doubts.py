@@ -23,6 +23,7 @@ SPANS = 40  # tried
 AROUND = 0.3  # clock offsets tried around the one found [s]
 SURE = 0.02  # and no more than this share: right readings leave 0.3 % of real motions
 BETTER = 4.0  # another reading of the attitude leaves less of the turns by this factor
+STANDS = 1e-6  # an attitude that never was measured turns by no more [rad]
 TURNED = np.radians(20.0)  # a body that turned by less tells nothing of its attitude
 OTHER = 1.2  # rates that are larger or smaller by this factor are of another unit
 NAMED = 0.03  # a unit of rates is named that is so near, as a share
@@ -39,6 +40,8 @@ def force_doubts(imu: Imu, map_: Map) -> list[str]:
     if map_.command is not None:
         return [f"{said}: command: {{scale: {map_.command.scale * GRAVITY / rest:.4g}}} makes it so"]
     assert map_.imu is not None
+    if rest == 0.0:
+        return ["imu: its force is 0: it was not measured, or `imu: force` names other columns"]
     if abs(float(np.median(np.linalg.norm(imu.rates, axis=1))) - GRAVITY) < OFF:
         return [f"{said}, but the body rates are: the columns of `rates` and `force` change places?"]
     in_file = rest / abs(size_of(map_.imu.force_unit, FORCE_UNITS))
@@ -56,7 +59,7 @@ def force_doubts(imu: Imu, map_: Map) -> list[str]:
 def upside_doubts(imu: Imu, map_: Map) -> list[str]:
     """A doubt if the mean force points down the body's z: then it would fly upside down."""
     up, size = float(imu.force[:, 2].mean()), float(np.linalg.norm(imu.force, axis=1).mean())
-    if map_.imu is None or map_.command is not None or up > -DOWN * size:
+    if map_.imu is None or map_.command is not None or up > -DOWN * size or size == 0.0:
         return []
     if isinstance(map_.imu.axes, str):
         key = {"flu": "frd", "frd": "flu"}[map_.imu.axes]
@@ -123,7 +126,11 @@ def attitude_doubts(recording: Recording, map_: Map, offset: float, up: np.ndarr
     if truth is None or truth.R is None or map_.truth is None or map_.truth.rotation is None:
         return rate_doubts(imu, map_)
     R = Rotation.from_matrix(truth.R)
-    if float((R[0].inv() * R).magnitude().max()) < TURNED:
+    turned = float((R[0].inv() * R).magnitude().max())
+    if turned < TURNED:
+        swept = np.cumsum(imu.rates[1:] * np.diff(imu.t)[:, None], axis=0)
+        if turned < STANDS and np.ptp(swept, axis=0).max() > TURNED:
+            return ["truth: its attitude never changes though the body rates turn: leave `truth: rotation` out"]
         return rate_doubts(imu, map_)
     rotation = map_.truth.rotation
     orders = ("xyzw", "wxyz") if isinstance(rotation, Quaternion) else (None,)

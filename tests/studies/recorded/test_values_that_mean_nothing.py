@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from made_up_motion import ANCHORS, TABLE_MAP, made_up, write_tables
+from made_up_motion import ANCHORS, OFFSET, TABLE_MAP, made_up, write_tables
 
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.odd_rows import leaping_rows
@@ -13,6 +13,7 @@ from ortilo_drake.interop.recorded.recording import Recording, read_recording
 from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
 from ortilo_drake.studies.recorded.doubts import of_stuck
 from ortilo_drake.studies.recorded.first_look import first_look
+from ortilo_drake.studies.recorded.imu_doubts import attitude_doubts, force_doubts, upside_doubts
 
 MAP = validate(Map, parse_yaml(TABLE_MAP, "MAP.yaml"), "MAP.yaml")
 MOTION = made_up(duration=30.0)
@@ -108,3 +109,27 @@ def named(tmp_path, rows: list[str]) -> Recording:
     folder = write_tables(tmp_path / "named", MOTION)
     (folder / "ranges.csv").write_text("\n".join(["t,a,r", *rows]))
     return read_recording(folder, validate(Map, parse_yaml(text, "MAP.yaml"), "MAP.yaml"))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_truth_without_attitude_hides_the_lever_and_makes_no_scale_or_clock_doubtful(tmp_path, seed) -> None:
+    text = TABLE_MAP.partition("imu:")[0] + "truth: {file: truth.csv, time: t, position: [x, y, z]}\n"
+    map_ = validate(Map, parse_yaml(f"{text}calibration: {{clock: {OFFSET}}}", "MAP.yaml"), "MAP.yaml")
+    for duration in (20.0, 40.0):
+        folder = write_tables(tmp_path / f"{duration:.0f}", made_up(duration=duration, seed=seed))
+        recording = read_recording(folder, map_)
+        assert first_look(recording, map_).guess is None
+    long = recording._replace(ranges=recording.ranges._replace(r=recording.ranges.r * 1.05))
+    said = re.match(r"ranges: {scale: (.*)}", first_look(long, map_).guess.key)
+    assert float(said[1]) == pytest.approx(1 / 1.05, abs=0.03)
+
+
+def test_an_imu_or_an_attitude_that_was_not_measured_is_told(right) -> None:
+    nothing = right.imu._replace(force=0.0 * right.imu.force)
+    assert force_doubts(nothing, MAP) == [
+        "imu: its force is 0: it was not measured, or `imu: force` names other columns"
+    ]
+    assert upside_doubts(nothing, MAP) == []
+    never = right._replace(truth=right.truth._replace(R=np.tile(np.eye(3), (len(right.truth.t), 1, 1))))
+    (said,) = attitude_doubts(never, MAP, OFFSET, None)
+    assert said == "truth: its attitude never changes though the body rates turn: leave `truth: rotation` out"
