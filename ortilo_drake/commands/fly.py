@@ -160,11 +160,12 @@ def fly(
 
         check_recording(rerun)
         recorder = SightingsRecorder(chosen)
+    ticks = flight_ticks(chosen)  # refuses what has no path, in one line, before there are warnings
     say_warnings(cautions(chosen, scenario, settings))
     say_if_compiling()
 
     with progress_bar() as progress:
-        task = progress.add_task("compiling" if not meshcat else "flying live", total=flight_ticks(chosen))
+        task = progress.add_task("compiling" if not meshcat else "flying live", total=ticks)
 
         def show(ticks: int) -> None:
             progress.update(task, completed=ticks, description="flying")
