@@ -61,8 +61,8 @@ def inverse_3x3(N: np.ndarray) -> tuple[bool, np.ndarray]:
 
 
 @register_jitable(error_model="numpy", _nrt=False)
-def add_box(
-    i: int,
+def add_boxes(
+    kept: np.ndarray,
     centers: np.ndarray,
     positions: np.ndarray,
     outlines: np.ndarray,
@@ -81,26 +81,29 @@ def add_box(
     B: np.ndarray,
     b: np.ndarray,
 ) -> bool:
-    """Add box i to the sums N (m, m), B = sum J^T R^-1 A (m, h) and b (m); False if it has no projection.
+    """Add the boxes kept to N (m, m), B = sum J^T R^-1 A (m, h) and b (m); False if one has no projection.
 
-    By itself: here views of one box cost no counted references. Its [J_i A_i] goes to J_of (n, 2, 6), its residual to
-    r (n, 2). The rest as pose_from_boxes has it.
+    By itself: here views of one box cost no counted references. [J_i A_i] go to J_of (n, 2, 6), residuals to r (n, 2).
+    The rest as pose_from_boxes has it.
     """
-    if not box_and_jacobian(positions[i], outlines[i], p_WB, of_rpy, R_WB, camera, box, J):
-        return False
     m, h = B.shape
-    for axis in range(2):
-        r[i, axis] = centers[i, axis] - 0.5 * (box[axis] + box[2 + axis])
-        weight = (least / sd[i, axis]) ** 2
-        for j in range(6):
-            J_of[i, axis, j] = J[axis, order[j]]
-        for j in range(m):
-            weighted = weight * J_of[i, axis, j]
-            b[j] += weighted * r[i, axis]
-            for k in range(m):
-                N[j, k] += weighted * J_of[i, axis, k]
-            for k in range(h):
-                B[j, k] += weighted * J_of[i, axis, m + k]
+    for i in range(kept.size):
+        if not kept[i]:
+            continue
+        if not box_and_jacobian(positions[i], outlines[i], p_WB, of_rpy, R_WB, camera, box, J):
+            return False
+        for axis in range(2):
+            r[i, axis] = centers[i, axis] - 0.5 * (box[axis] + box[2 + axis])
+            weight = (least / sd[i, axis]) ** 2
+            for j in range(6):
+                J_of[i, axis, j] = J[axis, order[j]]
+            for j in range(m):
+                weighted = weight * J_of[i, axis, j]
+                b[j] += weighted * r[i, axis]
+                for k in range(m):
+                    N[j, k] += weighted * J_of[i, axis, k]
+                for k in range(h):
+                    B[j, k] += weighted * J_of[i, axis, m + k]
     return True
 
 
@@ -156,29 +159,11 @@ def pose_from_boxes(
             fill(b, 0.0)
             fill(N.ravel(), 0.0)
             fill(B.ravel(), 0.0)
-            R_WB, of_rpy = rotation_matrix(rpy), sines(rpy)
-            for i in range(n):
-                if kept[i] and not add_box(
-                    i,
-                    centers,
-                    positions,
-                    outlines,
-                    sd,
-                    p_WB,
-                    of_rpy,
-                    R_WB,
-                    camera,
-                    order,
-                    least,
-                    box,
-                    J,
-                    J_of,
-                    r,
-                    N,
-                    B,
-                    b,
-                ):
-                    return nothing
+            seen_from = p_WB, sines(rpy), rotation_matrix(rpy), camera
+            if not add_boxes(
+                kept, centers, positions, outlines, sd, *seen_from, order, least, box, J, J_of, r, N, B, b
+            ):
+                return nothing
             for j in range(3, m):
                 weight = (least / free_sd) ** 2 if m == 6 else 0.0
                 N[j, j] += weight
