@@ -192,16 +192,15 @@ def _of_scale_and_clock(
 
     clock = fit.slopes[:m, [CLOCK]] * SPREAD
     drifts = np.hstack([clock, clock * (heard.t - heard.t.mean())[:, None]])
-    drift = by(drifts, DRIFT, lambda z: _clock_key(map_, z, imu_gains))
-    if drift[1] is None and not trial.moves:  # the fit holds what the body rates, or the map, say of the clock
-        drift = by(clock, LATE, lambda z: _late_key(map_, z))
-    jumps = []
+    clocks = [by(drifts, DRIFT, lambda z: _clock_key(map_, z, imu_gains))]
     for then in np.quantile(heard.t, np.linspace(0.0, 1.0, JUMPS + 2)[1:-1]):
         jumped = np.hstack([clock, clock * (heard.t > then)[:, None]])
-        jumps.append(by(jumped, LATE, partial(_jump_key, float(then))))
+        clocks.append(by(jumped, LATE, partial(_jump_key, float(then))))
+    clear = [one for one in clocks if one[1] is not None]
+    if not clear and not trial.moves:  # the fit holds what the body rates, or the map, say of the clock
+        clear = [by(clock, LATE, lambda z: _late_key(map_, z))]
     scale = by(-heard.r[:, None], SCALE, lambda z: scale_key(map_, round(1.0 + z, 4)))
-    told = [one for one in jumps if one[1] is not None]  # a jump of nothing explains all that a late clock does
-    return [scale, drift, *sorted(told, key=lambda one: one[0])[-1:]]
+    return [scale, max(clear or clocks[:1], key=lambda one: one[0])]
 
 
 def _jump_key(then: float, gained: float) -> str:
