@@ -98,14 +98,14 @@ def _tune_recorded(paths: list[Path], map_file: Path, by: FitBy, out_file: Path 
     after = {name: getattr(fitted.settings, name) for name in FITTED}
     if out_file is not None:
         write_text(out_file, tuned_map_text(map_file, map_, after, out_file))
-    write_json(json_file, fitted._asdict() | {"settings_before": map_.filter, "verdict": fitted.judged.verdict})
+    write_json(json_file, fitted._asdict() | {"settings_before": map_.filter, "verdict": fitted.verdict})
     say_heading(", ".join(fitted.motions), f", fitted by {by.value} to the first parts")
     for name in FITTED:
         out.print(f"  {name:32} {before[name]:.3g} -> {after[name]:.3g}", markup=False, soft_wrap=True)
     for line in fitted_lines(fitted):
         out.print(f"  {line}", markup=False, soft_wrap=True)
     say_written(out_file, json_file)
-    if fitted.judged.verdict != "better":
+    if fitted.verdict != "better":
         say_error(f"{', '.join(fitted.motions)}: doubtful: {verdict_line(fitted)}")
         raise typer.Exit(DOUBTFUL)
 

@@ -68,7 +68,7 @@ def test_replay_without_truth_or_imu(capsys: pytest.CaptureFixture[str], place: 
     map_file.write_text(TABLE_MAP.replace("imu:", "#"))
     assert run("replay", str(place / "walk"), "--map", str(map_file), "--out", str(tmp_path)) == 0
     said = capsys.readouterr().out
-    assert "(constant velocity, calibrated on the first 30%)" in said
+    assert "(constant velocity, after the first 30%, which calibrated it)" in said
     assert "by the ranges" in said
 
 

@@ -18,7 +18,7 @@ from ortilo_drake.interop.recorded.map_file import FilterSettings, Map
 from ortilo_drake.interop.recorded.recording import Recording, between
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.filtered import Begin, estimate, innovation_score, noise_of
-from ortilo_drake.studies.recorded.held_out import By, HeldOut, Parts, judge, parts_of
+from ortilo_drake.studies.recorded.held_out import By, HeldOut, Parts, Verdict, judge, parts_of
 from ortilo_drake.studies.recorded.scores import nees_of
 from ortilo_drake.studies.recorded.truth_path import truth_path
 
@@ -79,10 +79,20 @@ class Fitted(NamedTuple):
                 f"no ranges in {self.silent:.1f} of the {self.fitted_time:.1f} s fitted: little to fit; a larger "
                 "calibration.share fits more"
             )
-        gain = self.after - self.before
-        if self.chance is not None and gain <= self.chance:
+        if self.is_chance:
+            gain = self.after - self.before
             notes.append(f"a gain of {gain:.1f} is no more than chance: {self.chance:.1f} where the noise was right")
         return notes
+
+    @property
+    def is_chance(self) -> bool:
+        """Whether the fitted part gains no more than it does by chance where the noise was right before."""
+        return self.chance is not None and self.after - self.before <= self.chance
+
+    @property
+    def verdict(self) -> Verdict:
+        """Return what the rest says, but no better where the fitted part itself gains nothing."""
+        return "the same" if self.is_chance and self.judged.verdict == "better" else self.judged.verdict
 
 
 def _limits(settings: FilterSettings) -> tuple[np.ndarray, np.ndarray]:

@@ -41,15 +41,17 @@ def verdict_line(fitted: Fitted) -> str:
     better, worse = (
         ", ".join(NAMES[name] for name, gain in held.gains.items() if gain.sign == sign) for sign in (1, -1)
     )
-    if held.verdict == "better":
+    if fitted.verdict == "better":
         return f"the tuned noise is better there ({better}): use it{_claims(held)}"
-    if held.verdict == "worse":
+    if fitted.verdict == "worse":
         return f"the tuned noise is worse there ({worse}): keep the map that you had"
-    if held.verdict == "mixed":
+    if fitted.verdict == "mixed":
         return (
             f"the tuned noise is worse there in one respect ({worse}), better in another ({better}): keep the map that "
             "you had, unless the other matters more to you"
         )
+    if held.verdict == "better":
+        return "what was fitted gains no more than by chance, whatever the rest gains: keep the map that you had"
     return "the tuned noise is no better there, the same within its uncertainty: keep the map that you had"
 
 

@@ -37,6 +37,7 @@ from ortilo_drake.studies.recorded.truth_path import truth_path
 BATCH, BATCHES = 2.0, 20  # the least duration of a batch [s], and how many at most
 LEVEL = 0.95  # of the gains' intervals
 By = Literal["innovations", "truth"]
+Verdict = Literal["better", "the same", "worse", "mixed"]
 
 
 class Gain(NamedTuple):
@@ -73,7 +74,7 @@ class HeldOut(NamedTuple):
     rmse: tuple[tuple[float, ...], tuple[float, ...]] | None
 
     @property
-    def verdict(self) -> Literal["better", "the same", "worse", "mixed"]:
+    def verdict(self) -> Verdict:
         """Return what the gains together say; mixed if one is surely above 0 and another surely below."""
         signs = {gain.sign for gain in self.gains.values()}
         if -1 in signs:

@@ -166,13 +166,14 @@ def replay_summary(motions: Sequence[Replayed], share: float) -> list[str]:
             )
             continue
         line = (
-            f"{found.name}: RMS error in x, y, z {_axes(found, main)} m ({main}, calibrated on the first {share:.0%})"
+            f"{found.name}: RMS error in x, y, z {_axes(found, main)} m ({main}, after the first {share:.0%}, which "
+            "calibrated it)"
         )
         if main != CV:
             line += f"; {_axes(found, CV)} m by the constant-velocity filter"
         lines.append(line + ".")
         if (largest := rows[main].largest) is not None:
-            lines.append(f"{found.name}: {_largest(*largest)} ({main}).")
+            lines.append(f"{found.name}: {_largest(*largest)} ({main}, after the first {share:.0%}).")
         for name, scores in rows.items():
             if name.startswith(f"{main}, ") and scores.gap_end is not None:
                 lines.append(f"{found.name}: {scores.gap_end:.2f} m RMS at the ends of {scores.gaps} gaps ({name}).")

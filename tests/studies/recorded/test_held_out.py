@@ -43,15 +43,19 @@ def test_a_gain_within_its_interval_is_none(gains, verdict, said) -> None:
     held = dict(zip(("innovations", "accuracy"), (Gain(*gain) for gain in gains), strict=True))
     judged = HeldOut(10.0, held, (1.0, 1.0), None, None)
     assert judged.verdict == verdict
-    assert said in verdict_line(SimpleNamespace(judged=judged))
+    assert said in verdict_line(SimpleNamespace(judged=judged, verdict=verdict))
+
+
+def _better(judged: HeldOut) -> SimpleNamespace:
+    return SimpleNamespace(judged=judged, verdict="better")
 
 
 def test_noise_that_is_better_and_claims_too_much_is_told() -> None:
     """NEES of 12 is that of errors twice as large as claimed."""
     gains = {"innovations": Gain(0.0, 5.0, 3.0)}
-    said = verdict_line(SimpleNamespace(judged=HeldOut(10.0, gains, (0.9, 1.0), (3.0, 12.0), ((0.1,) * 3,) * 2)))
+    said = verdict_line(_better(HeldOut(10.0, gains, (0.9, 1.0), (3.0, 12.0), ((0.1,) * 3,) * 2)))
     assert said.endswith("use it; but NEES rises to 12.0: errors are 2.0 times what its standard deviations claim")
-    said = verdict_line(SimpleNamespace(judged=HeldOut(10.0, gains, (0.9, 1.0), (12.0, 4.0), ((0.1,) * 3,) * 2)))
+    said = verdict_line(_better(HeldOut(10.0, gains, (0.9, 1.0), (12.0, 4.0), ((0.1,) * 3,) * 2)))
     assert said.endswith("use it")
 
 
@@ -70,6 +74,12 @@ def test_what_makes_a_fit_doubtful_is_said() -> None:
     assert "a gain of 4.7 is no more than chance" in said[4]
     assert any("11100.0 -> 11140.0: +40.0 ± 94.0" in line for line in said)
     assert said[-1] == verdict_line(fitted)
+    gains = {
+        "innovations": Gain(11100.0, 11140.0, 9.0)
+    }  # better on the rest, but nothing was gained where it was fitted
+    lucky = fitted._replace(judged=judged._replace(gains=gains))
+    assert (lucky.judged.verdict, lucky.verdict) == ("better", "the same")
+    assert "gains no more than by chance" in verdict_line(lucky)
 
 
 def test_the_search_includes_all_noise_that_a_logs_map_may_have() -> None:

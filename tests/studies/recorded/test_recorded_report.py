@@ -57,7 +57,7 @@ def test_the_summary_tells_the_largest_error_and_what_losses_did() -> None:
     rows[f"{WITH_IMU}, 50% of the ranges lost"] = replace(rows[CV], ate=0.097)
     found = Replayed(name="log", rows=rows, anchors=(), judged_from=0.0, rejected={}, notes=[])
     said = "\n".join(replay_summary([found], 0.3))
-    assert "log: largest error 0.62 m at 62.4 s, 6.1 s after the last range (with IMU)." in said
+    assert "log: largest error 0.62 m at 62.4 s, 6.1 s after the last range (with IMU, after the first 30%)." in said
     assert "log: 3% less error, by chance: these are one draw of losses" in said
 
 
