@@ -60,6 +60,7 @@ from ortilo_drake.studies.recorded.imu_watch import (
     doubt_force,
     force_agrees,
     rest_again,
+    watch_range,
     watch_rest,
 )
 from ortilo_drake.studies.recorded.passing import (
@@ -78,9 +79,10 @@ EPOCH, FORCE_AT, RATES_AT, GROWN, LOW, BEGUN = range(6)  # what stands where in 
 class Carried(NamedTuple):
     """The values carried from one event to the next beside the state.
 
-    These are the anchors' record, the time passed, rows that wait, a blank row, and marks (6): stamps of the last epoch
+    These are the anchors' record, the time passed, rows that wait, a blank row, marks (6): stamps of the last epoch
     and of the last samples of force and rates [s], the extra error of ranges near the floor, whether it is so large
-    that no range counts, and whether the first epoch is past. A run that goes on with them gives the same numbers, bit
+    that no range counts, and whether the first epoch is past; and usual (n, 2): of each anchor's range at rest the mean
+    of measured less expected [m], and of how many. A run that goes on with them gives the same numbers, bit
     for bit, as one run over all events, if all events of one stamp are taken in by the same run.
     """
 
@@ -89,6 +91,7 @@ class Carried(NamedTuple):
     waiting: Taken
     row: SparseRow
     marks: np.ndarray
+    usual: np.ndarray
 
 
 @njit(cache=True)
@@ -96,7 +99,7 @@ def initial_carried(anchors: int, N: int, t: float) -> Carried:
     """Return the values carried at the start of a run at t [s], with N error states."""
     row = SparseRow(np.zeros(ENTRIES, np.int64), np.zeros(ENTRIES), np.empty(N))
     marks = np.array([-np.inf, t, t, 1.0, 0.0, 0.0])
-    return Carried(new_trust(anchors), empty_passing(N), none_taken(ROOM, N), row, marks)
+    return Carried(new_trust(anchors), empty_passing(N), none_taken(ROOM, N), row, marks, np.zeros((anchors, 2)))
 
 
 @register_jitable
@@ -216,9 +219,12 @@ def run_filter(
             if taken:
                 take(now, row, e, S)
         if kind == LANDED:
-            rest_again(watched)
+            rest_again(watched, carried.usual)
             trust.refused_from[:] = np.inf
         if kind == RANGE and rows == 0:
+            e, r, m = own_row(k, 0, events, heard_all, now, held[:3], setup, grown)
+            if m > 0 and events.other[k] < 0:
+                watch_range(e, r, C, watched, carried.usual[events.which[k]])
             write_range(run, written, 0.0, 1.0, False)
     settle(C, waiting)
     marks[EPOCH], marks[FORCE_AT], marks[RATES_AT] = epoch, force_at, rates_at

@@ -2,7 +2,8 @@
 
 Until take-off, and after a landing (landing.py), the vehicle may be known to rest: then no force is integrated and
 nothing else is taken in. Take-off is where the force upward, less its mean so far and SLACK, has added up to RISE
-(Page's cumulative sum, Biometrika 41, 1954).
+(Page's cumulative sum, Biometrika 41, 1954). A take-off that is gentler shows in the single ranges: their squared
+deviation from each anchor's mean so far, over its variance, is on average above CHANGED.
 
 Where drag is given, an accelerometer is checked axis by axis: a sample farther than `doubted` from drag's force is not
 used, and an axis with more than a share FAILS of such samples in a second is not used any more. Drag takes its place.
@@ -21,9 +22,12 @@ from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import ACCEL, THETA, P, Q, V
 from ortilo_drake.studies.recorded.filter_types import Aids
 
-RESTS, ROSE, SHARE, SINCE, LASTS, DIFFERS, HELD, MISFIT, WATCHED = 0, 1, 2, 4, 6, 7, 9, 11, 13
+RESTS, ROSE, SHARE, SINCE, LASTS, DIFFERS, HELD, MISFIT, CHANGE, WATCHED = 0, 1, 2, 4, 6, 7, 9, 11, 13, 14
 SLACK, RISE = 0.15, 0.2  # of the force upward at rest [m/s²], and of the speed upward that is no rest [m/s]
 OFF = (0.05, 0.2)  # standard deviations of position and velocity that take-off adds [m], [m/s]
+CHANGED, COUNTED, LATELY = 4.0, 50, 100  # mean square that shows it, over so many ranges; a mean is of so many
+VARIES = 0.1  # standard deviation of ranges at rest, beside the white noise [m]
+GONE = (1.0, 0.5)  # as OFF, of a take-off that the ranges show
 USUAL, SETTLES = 0.5, 0.5  # a mean force at rest is no farther from gravity [m/s²], and is known after so long [s]
 SPAN, FAILS = 1.0, 0.1  # share of doubted samples over so long [s] at which an axis has failed
 UNKNOWN = 0.3  # standard deviation of what drag does not tell of the force then [m/s²]
@@ -48,17 +52,44 @@ def watch_rest(x: np.ndarray, C: np.ndarray, watched: np.ndarray, up: float, h: 
     if watched[ROSE] > RISE:  # off, as if the force had been one since the sum was 0
         watched[RESTS], x[V + 2] = 0.0, watched[ROSE] + (SLACK + usual - GRAVITY) * watched[LASTS]
         x[P + 2] += x[V + 2] * watched[LASTS] / 2.0
-        for i in range(3):
-            C[P + i, P + i] += OFF[0] ** 2
-            C[V + i, V + i] += OFF[1] ** 2
-        watched[DIFFERS], watched[HELD] = 0.0, 0.0
+        _take_off(C, watched, OFF)
 
 
 @register_jitable
-def rest_again(watched: np.ndarray) -> None:
-    """Let the vehicle rest until its specific force shows the take-off."""
-    watched[RESTS], watched[ROSE], watched[LASTS] = 1.0, 0.0, 0.0
+def watch_range(e: float, variance: float, C: np.ndarray, watched: np.ndarray, usual: np.ndarray) -> None:
+    """Let a vehicle at rest take off whose ranges change.
+
+    Args:
+        e: a single range less the one expected where the vehicle rests [m].
+        variance: of white noise [m²].
+        C: the covariance (N, N), changed.
+        watched: as State has it, changed.
+        usual: of this anchor the mean of e [m] and how many it is of (2), changed.
+    """
+    if usual[1] > 0.0:
+        squared = (e - usual[0]) ** 2 / ((1.0 + 1.0 / usual[1]) * (variance + VARIES**2))
+        watched[CHANGE] += (min(squared, MOST) - watched[CHANGE]) / COUNTED
+    usual[1] = min(usual[1] + 1.0, LATELY)
+    usual[0] += (e - usual[0]) / usual[1]
+    if watched[CHANGE] > CHANGED:
+        watched[RESTS] = 0.0
+        _take_off(C, watched, GONE)
+
+
+@register_jitable
+def _take_off(C: np.ndarray, watched: np.ndarray, sd: tuple[float, float]) -> None:
+    for i in range(3):
+        C[P + i, P + i] += sd[0] ** 2
+        C[V + i, V + i] += sd[1] ** 2
+    watched[DIFFERS], watched[HELD] = 0.0, 0.0
+
+
+@register_jitable
+def rest_again(watched: np.ndarray, usual: np.ndarray) -> None:
+    """Let the vehicle rest until its specific force, or its ranges' change from here on (n, 2), show the take-off."""
+    watched[RESTS], watched[ROSE], watched[LASTS], watched[CHANGE] = 1.0, 0.0, 0.0, 0.0
     watched[DIFFERS : HELD + 2] = 0.0
+    usual[:] = 0.0
 
 
 @register_jitable
