@@ -37,6 +37,7 @@ MAV_ESTIMATOR_TYPE_VIO = 3
 ATTITUDE_ALONE = 7  # type_mask: body rates are to be ignored
 MOST_THRUST = 0.9  # of the largest that is ever asked for
 COMPONENT = 197  # MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
+TEXT, WARNING = 50, 4  # bytes of a STATUSTEXT, and MAV_SEVERITY_WARNING
 
 T = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 F = np.diag([1.0, -1.0, -1.0])
@@ -188,6 +189,7 @@ class MavlinkBridge:
             common.MAV_TYPE_ONBOARD_CONTROLLER, common.MAV_AUTOPILOT_INVALID, 0, 0, common.MAV_STATE_ACTIVE
         )
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._texts = 0  # of several parts, so far
 
     def send(self, t: float, estimate: np.ndarray, covariance: np.ndarray, reset_counter: int = 0) -> None:
         """Send ODOMETRY. Arguments as odometry_fields."""
@@ -205,6 +207,14 @@ class MavlinkBridge:
     def send_heartbeat(self) -> None:
         """Send HEARTBEAT, as every MAVLink component does once a second."""
         self._send(self._heartbeat)
+
+    def send_text(self, line: str) -> None:
+        """Send a line as STATUSTEXT of severity WARNING, which ground stations show, in parts of 50 bytes."""
+        text = line.encode()
+        parts = [text[i : i + TEXT] for i in range(0, len(text) + (len(text) > TEXT), TEXT)]  # one of 50 goes on
+        self._texts = self._texts % 65535 + 1 if len(parts) > 1 else self._texts
+        for i, part in enumerate(parts):
+            self._send(self._mavlink.statustext_encode(WARNING, part, self._texts if len(parts) > 1 else 0, i))
 
     def close(self) -> None:
         """Close the socket."""

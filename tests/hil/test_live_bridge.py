@@ -64,9 +64,20 @@ def test_setpoints_reach_the_autopilot_only_when_armed(recorded: list[str], tmp_
     assert 3 <= messages["HEARTBEAT"] <= 5
     assert messages["SET_ATTITUDE_TARGET"] == (found["estimates"] - found["refused"] if armed else 0)
     assert f"median {found['late_ms']['median']:g}, largest {found['late_ms']['largest']:g}" in result.output
+    told = "".join(m.text for m in received if m.get_type() == "STATUSTEXT")  # its parts, in order
+    assert told.startswith("the filter has begun, by the ranges from")
+    assert "failsafe: no setpoints: the estimate is older" in told
     assert ("ARMED" in result.output) == armed
     assert ("setpoints are off" in result.output) != armed
     assert "failsafe: no setpoints: the estimate is older" in result.output  # of the first second, which came at once
+
+
+def test_a_body_that_begins_upside_down_is_refused(recorded: list[str], tmp_path: Path) -> None:
+    map_ = tmp_path / "MAP.yaml"
+    map_.write_text(map_.read_text().replace("axes: frd", "axes: flu"))
+    result = CliRunner().invoke(hil_app, recorded)
+    assert isinstance(result.exception, InputError)
+    assert "upside down: imu: {axes: frd} turns it up" in str(result.exception)
 
 
 @pytest.mark.parametrize(

@@ -85,12 +85,18 @@ def run_live_bridge(
     assert options.map_file is not None
     map_ = load_map(options.map_file)
     holding = None if place is None else Holding(scenario, place)
-    bridge = LiveBridge(map_, _say, options.rate, options.lag, holding)
-    if map_.truth is not None:
-        _say("truth: is not heard live, and nothing is calibrated by it")
     with contextlib.ExitStack() as stack:
-        if mavlink is not None:
-            sender = stack.enter_context(contextlib.closing(MavlinkBridge(mavlink, *ids)))
+        sender = None if mavlink is None else stack.enter_context(contextlib.closing(MavlinkBridge(mavlink, *ids)))
+
+        def say(line: str) -> None:
+            _say(line)
+            if sender is not None:
+                sender.send_text(line)
+
+        bridge = LiveBridge(map_, say, options.rate, options.lag, holding)
+        if map_.truth is not None:
+            _say("truth: is not heard live, and nothing is calibrated by it")
+        if sender is not None:
             # An autopilot fuses an estimate at its own stamp, a fraction of a second ago at most.
             bridge.add_target("mavlink", _to_mavlink(sender, vision, options), scenario.failsafe.timeout)
         say_if_compiling()
@@ -109,7 +115,7 @@ def run_live_bridge(
             messages = played if math.isinf(options.speed) else at_pace(played, options.speed)
         if mavlink is not None:
             _say(_armed(options, scenario, mavlink))
-        report = run_live(bridge, messages, _say, seconds)
+        report = run_live(bridge, messages, say, seconds)
     write_json(json_file, report)
     show_report(report)
     say_written(json_file)

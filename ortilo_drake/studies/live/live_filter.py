@@ -37,6 +37,7 @@ from ortilo_drake.studies.recorded.filtered import (
     start_of,
 )
 from ortilo_drake.studies.recorded.first_fix import FIRST_RANGES, LONGEST, fix_known_at
+from ortilo_drake.studies.recorded.imu_doubts import upside_doubts
 from ortilo_drake.studies.recorded.reacquired import AGAIN, is_astray, no_restart, restart_from
 from ortilo_drake.studies.recorded.setups import uncalibrated_setup
 from ortilo_drake.studies.recorded.truth_path import modelled
@@ -97,7 +98,7 @@ class LiveFilter:
         """Take in the rows since the last call, and return the estimates that are due.
 
         Before the horizon [s] nothing is still to come; with `ended` nothing at all. InputError if the imu is silent
-        while it should say how it stands still.
+        while it should say how it stands still, or if by its force the body begins upside down.
         """
         self._kept = block if self._kept is None else _joined(self._kept, block)
         if ended:
@@ -125,6 +126,8 @@ class LiveFilter:
                     self.why_not_begun = "the accelerometer is silent"
                     return False
                 imu = imu._replace(force=held_at(imu.t, *imu.accelerometer))
+            for said in upside_doubts(imu, map_):
+                raise InputError(said)
         origin = Recording("live", ranges, imu, None, self._anchors, 0.0, 0.0, [], {}, looks)
         rest = at_rest(origin, map_)
         if imu is not None and rest is not None:

@@ -12,6 +12,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from ortilo_drake.model.room import Room
+from ortilo_drake.sensors.described import measuring
 from ortilo_drake.studies.rooms.coverage import Coverage
 from ortilo_drake.studies.rooms.planned_floor import ALL
 from ortilo_drake.studies.rooms.room_scenario import OF_A_ROOM
@@ -40,7 +41,7 @@ def draw_coverage(found: Coverage, room: Room) -> Figure:
     Without a camera there are no landmarks; on a slide they are not shown by heading.
     """
     sides = np.subtract(room.interior.max, room.interior.min)[:2]
-    wide, camera = not for_slides() and bool(sides[0] > _WIDE * sides[1]), "camera" in found.cases
+    wide, camera = not for_slides() and bool(sides[0] > _WIDE * sides[1]), measuring("landmarks") in found.cases
     count = 3 if camera else 2
     rows, columns = (count, 1) if wide else (1, count)
     headings = camera and not for_slides()
@@ -128,10 +129,10 @@ def _in_worst(found: Coverage) -> np.ndarray:
 
 
 def _draw_floor(axes: Axes, found: Coverage) -> None:
-    along = found.along
+    along, finding = found.along, {measuring("anchors"), measuring("landmarks")}
     for name, rows in along.floor.items():
         whole = name == ALL
-        if set(along.floor) - {ALL, name} == {"imu"}:  # alone it finds no position, it only carries the first one on
+        if not set(along.floor) - {ALL, name} & finding:  # what is left finds no position, it only carries the first on
             continue
         label = "all sensors" if whole else f"without {name}"
         color = "k" if whole else _WITHOUT.get(name, "#999999")
@@ -147,7 +148,7 @@ def _draw_floor(axes: Axes, found: Coverage) -> None:
     axes.set_ylabel("least error [m]")
     axes.grid(alpha=0.25, which="both", lw=0.4)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.set_title("Cramér-Rao floor of the position along the way, with all sensors and with each lost", fontsize=9)
+    axes.set_title("Cramér-Rao floor of the position along the way", fontsize=9)
     axes.legend(fontsize=8, loc="center left", bbox_to_anchor=(1.01, 0.5))
 
 
