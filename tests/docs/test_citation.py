@@ -20,10 +20,9 @@ def entry(kind: str) -> dict[str, str]:
 
 def test_the_software_is_this_version() -> None:
     found = entry("software")
-    assert CITATION["version"] == od.__version__ == found["version"]
+    assert CITATION["version"] == od.__version__ == found["version"].removesuffix(", unreleased")
     assert found["title"] == CITATION["title"]
     assert found["author"] == CITATION["authors"][0]["name"]
-    assert found["year"] == str(CITATION["date-released"].year)
 
 
 def test_the_paper_has_its_authors() -> None:
@@ -32,3 +31,11 @@ def test_the_paper_has_its_authors() -> None:
     names = [f"{one['family-names']}, {one['given-names']}" for one in paper["authors"]]
     assert found["author"].split(" and ") == names
     assert all(one["family-names"] in README.partition("## Two commands")[0] for one in paper["authors"])
+
+
+def test_a_release_has_the_changelogs_date_and_what_is_not_released_has_none() -> None:
+    newest = re.search(r"^## (\S+) - (\S+)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    assert newest is not None
+    version, released = newest.groups()
+    assert version == CITATION["version"]
+    assert str(CITATION.get("date-released", "unreleased")) == released
