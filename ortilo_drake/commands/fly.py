@@ -141,12 +141,12 @@ def fly(
     check_writable(html, video, out_file, rerun)
     # Imported only now and as needed: Drake, numba and matplotlib take seconds; a wrong argument fails at once.
     from ortilo_drake.flight.blackouts import in_blackout
-    from ortilo_drake.flight.cautions import cautions
     from ortilo_drake.flight.flyable import flight_ticks
     from ortilo_drake.flight.metrics import summary
     from ortilo_drake.flight.players import choose, why_not_engine
     from ortilo_drake.flight.players import fly as fly_once
     from ortilo_drake.flight.verdict import verdict
+    from ortilo_drake.studies.cautions.cautions import cautions
 
     if video:
         from ortilo_drake.views.video import check_video, flight_video

@@ -40,7 +40,6 @@ def live(
     from rich.live import Live
     from rich.text import Text
 
-    from ortilo_drake.flight.cautions import cautions
     from ortilo_drake.flight.flyable import check_flyable
     from ortilo_drake.hil.goals.goal_planner import GoalPlanner
     from ortilo_drake.hil.live.controls import Controls
@@ -48,6 +47,7 @@ def live(
     from ortilo_drake.hil.live.session import Status, fly_live, wait_for_page
     from ortilo_drake.onboard.planner.planned import planned
     from ortilo_drake.sensors.described import unwired
+    from ortilo_drake.studies.cautions.cautions import cautions
     from ortilo_drake.views.guarded.guard import Guard, hidden_meshcat
     from ortilo_drake.views.guarded.panel import Panel
 

@@ -78,8 +78,8 @@ def rare(
     scenario's truth draws at the start, in the compiled engine. It stops early where nothing is found, and then
     gives an upper bound. Repetitions already in the folder are not flown again, so a killed run can be resumed.
     """
-    from ortilo_drake.flight.cautions import cautions
     from ortilo_drake.flight.processes.workers import kept_workers
+    from ortilo_drake.studies.cautions.cautions import cautions
     from ortilo_drake.studies.rare.rare_flights import Event, Rare, rare_flights
     from ortilo_drake.studies.rare.rare_report import rare_text, verdict
     from ortilo_drake.studies.rare.under_faults import (

@@ -40,9 +40,9 @@ def check_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetO
     The exit code is 0 if there are none, 2 after an error and 3 after warnings.
     """
     chosen = load_scenario(scenario, tuple(settings or ()))
-    from ortilo_drake.flight.cautions import cautions
-    from ortilo_drake.flight.fit import filter_for_lag
     from ortilo_drake.flight.flyable import check_flyable
+    from ortilo_drake.studies.cautions.cautions import cautions
+    from ortilo_drake.studies.cautions.lagging import filter_for_lag
 
     seconds = check_flyable(chosen) * chosen.h
     warnings = cautions(chosen, scenario, settings or ())

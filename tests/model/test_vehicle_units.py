@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ortilo_drake.flight.cautions import cautions
 from ortilo_drake.model.vehicle import M100, Vehicle, load_vehicle
 from ortilo_drake.model.vehicle_units import vehicle_units
 from ortilo_drake.scenario import load_scenario, scenario_names
+from ortilo_drake.studies.cautions.cautions import cautions
 
 RPM = np.pi / 30.0
 PUBLISHED = {

@@ -5,12 +5,11 @@ import re
 import numpy as np
 import pytest
 
-from ortilo_drake.api import Flight
-from ortilo_drake.flight.fit import filter_for_lag, lag_torque_sd, stationary, vehicle_fit
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.model.hover import discretize, hover_A, hover_B, hover_B_d
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import load_scenario, scenario_names
+from ortilo_drake.studies.cautions.vehicle_fit import stationary, vehicle_fit
 
 SMALL = (  # a quadrotor of 30 g with arms of 4 cm
     "vehicle={mass: 0.03, inertia: [1.5e-5, 1.5e-5, 2.0e-5], arm_length: 0.04, rotor_lift: 2.3e-8, rotor_drag: 7.8e-10,"
@@ -18,7 +17,7 @@ SMALL = (  # a quadrotor of 30 g with arms of 4 cm
 )
 SHORT = ("planner={kind: waypoints, points: [[0, 0, 1.5], [0.6, 0, 1.5]]}", "camera.kind=projected")
 HEXAROTOR = "vehicle=examples/hexarotor.yaml"
-SLUGGISH = "vehicle.rotor_time_constant=[0.3, 0.3]"
+SLUGGISH = "vehicle.rotor_time_constant=[0.1, 0.1]"
 
 
 def mends(lines: list[str]) -> tuple[str, ...]:
@@ -75,52 +74,3 @@ def test_the_tilt_is_that_of_the_loop_flown_tick_by_tick() -> None:
     X, U = stationary(scenario, disturbance)
     np.testing.assert_allclose(np.diag(X)[:12], x.var(axis=1), rtol=0.15)
     np.testing.assert_allclose(np.diag(U), (L @ np.vstack([x, i])).var(axis=1), rtol=0.15)
-
-
-@pytest.mark.parametrize("lag", [0.01, 0.05])
-def test_the_torque_that_lagging_rotors_leave_out_is_that_of_the_loop_in_small_steps(lag: float) -> None:
-    """Rotors and body in steps of a fortieth of a tick, under noise of a tick; the mean of u - y in each tick."""
-    scenario = load_scenario("rotors", (HEXAROTOR, f"vehicle.rotor_time_constant=[{lag}, {lag}]"))
-    h, parts, ticks, copies = scenario.h, 40, 300, 100
-    L = servo_gain(scenario.vehicle, scenario.servo.weights, h, scenario.yaw)
-    Phi, Gamma = discretize(hover_A(scenario.yaw), hover_B(scenario.vehicle), h / parts)
-    _, Gamma_d = discretize(hover_A(scenario.yaw), hover_B_d(scenario.vehicle), h / parts)
-    force, torque = scenario.world.disturbance.sds(h)
-    sd = np.repeat([force, torque], 3)[:, np.newaxis]
-    rng = np.random.default_rng(0)
-    x, i, y = np.zeros((12, copies)), np.zeros((3, copies)), np.zeros((4, copies))
-    short = []
-    for _ in range(ticks):
-        u, w, left = -L @ np.vstack([x, i]), sd * rng.normal(size=(6, copies)), np.zeros((4, copies))
-        i = i - x[:3]
-        for _ in range(parts):
-            middle = u + (y - u) * np.exp(-0.5 * h / parts / lag)
-            left += (u - middle) / parts
-            x = Phi @ x + Gamma @ middle + Gamma_d @ w
-            y = u + (y - u) * np.exp(-h / parts / lag)
-        short.append(left[1:3])
-    sds = np.std(short[150:], axis=(0, 2))
-    assert lag_torque_sd(scenario) == pytest.approx(sds.max(), rel=0.05)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("lag", ["[0.0125, 0.025]", "[0.03, 0.03]"])
-def test_the_torque_density_that_is_named_makes_angles_and_rates_claimed_right(lag: str) -> None:
-    """Within 3 sigma are 99.7 % if all is Gaussian; with the default density rates are so 72 to 88 % of the time."""
-    settings = (HEXAROTOR, f"vehicle.rotor_time_constant={lag}", "camera.kind=projected")
-    named = re.search(r"estimator\.W\.torque_density=\S+", filter_for_lag(load_scenario("rotors", settings)) or "")
-    assert named is not None
-    for more, least in (((), 0.0), ((named[0],), 0.95)):
-        flights = [Flight(fly(load_scenario("rotors", (*settings, *more), seed))) for seed in range(3)]
-        within = np.mean([np.abs(one.errors) <= 3.0 * one.sigma for one in flights], axis=(0, 1))
-        rates = within[9:12].min()
-        assert rates > least
-        assert (rates < 0.95) == (not more)
-        assert not more or within[3:6].min() > 0.98
-
-
-def test_of_ideal_rotors_and_of_filters_that_estimate_the_force_no_density_is_named() -> None:
-    assert filter_for_lag(load_scenario("nominal_imu_uwb")) is None
-    assert filter_for_lag(load_scenario("rotors", (SLUGGISH,))) is None  # its loop is unstable
-    assert filter_for_lag(load_scenario("rotors")) is not None
-    assert filter_for_lag(load_scenario("imu_uwb", ("world.plant=continuous", "world.rotors.kind=first_order"))) is None

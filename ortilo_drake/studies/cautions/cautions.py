@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from ortilo_drake.flight.fit import vehicle_fit
 from ortilo_drake.flight.late import late_messages
 from ortilo_drake.model.vehicle_units import vehicle_units
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.load import Setting
 from ortilo_drake.scenario.unread import unread_settings
 from ortilo_drake.sensors.uwb_believed_noise import believed_noise
+from ortilo_drake.studies.cautions.vehicle_fit import vehicle_fit
 
 
 def cautions(scenario: Scenario, name_or_file: str | Path | None = None, settings: Sequence[Setting] = ()) -> list[str]:

@@ -1,0 +1,1 @@
+"""Warnings about a scenario before it is flown."""

@@ -1,0 +1,236 @@
+"""Warn of rotors that lag, which neither servo nor filter knows, and name the settings that fit them.
+
+The loop is the linear one that flies: hover model, rotors of one lag, servo, and the filter with the gains to which it
+settles. The filter matters: where it takes no gyroscope, a larger W that covers the lag leaves the loop less of a
+margin. Rotors lag by the mean of rotor_time_constant, since about hover each speeds up half of the time.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from scipy.linalg import expm, solve_discrete_lyapunov
+
+from ortilo_drake.model.hover import discretize, hover_A, hover_B, hover_B_d
+from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.estimator.extra_states import extra_states
+from ortilo_drake.onboard.estimator.filter_model import filter_of, initial_covariance
+from ortilo_drake.onboard.servo.lq_gain import servo_gain
+from ortilo_drake.scenario import DisturbanceW, LqServo, Scenario, ServoWeights
+from ortilo_drake.studies.linearization.operating_point import believed_V
+from ortilo_drake.studies.loop.hover_loop import arrivals_of, filter_V, hover_loop, open_loop, why_no_loop
+from ortilo_drake.theory.margins.loop_margins import spectral_radius
+
+W_MARGIN = 1.5  # the lag's torque is no white noise
+MORE_LAG = 1.25  # times the lag must leave the loop stable
+_ON_CIRCLE = 1e-6
+_SETTLED = 20.0  # of flight, after which the filter's gains stand [s]
+_NO_LAG = 1e-4  # [s]
+_STEPS = (3.0, 10.0, 30.0, 100.0, 1e3, 1e4, 1e5)  # factors on weights that are tried against a lag
+
+Gains = list[tuple[np.ndarray, np.ndarray]]  # predictor gain K (N x p) and arrivals delta (s), tick by tick
+
+
+def lagging(scenario: Scenario) -> list[str]:
+    """Return a line if the rotors' lag makes the loop unstable, or a quarter more of it would."""
+    tau, gains = _lag(scenario), settled_gains(scenario)
+    if _bears(scenario, gains, MORE_LAG * tau) or not _bears(scenario, gains, _NO_LAG):
+        return []  # without lag: then the lag is not to blame
+    whose = "servo and rotors" if gains is None else "servo, filter and rotors"
+    radius, mend = loop_radius(scenario, gains, tau), _mend(scenario, gains)
+    if radius < 1.0 + _ON_CIRCLE:
+        said = f"is stable, but with {MORE_LAG * tau:.2g} s it would not be"
+    else:
+        said = f"is unstable, spectral radius {radius:.3f}"
+    better = "no servo's weights that were tried bear this" if mend is None else f"these bear a quarter more: {mend}"
+    return [
+        f"vehicle.rotor_time_constant: with a lag of {tau:.3g} s, the mean of up and down, the loop of {whose} {said}; "
+        f"{better}"
+    ]
+
+
+def filter_for_lag(scenario: Scenario) -> str | None:
+    """Return a line with an estimator.W.torque_density that covers the rotors' lag, if there is one to cover.
+
+    It is W_MARGIN times the root sum square of the disturbance's torque and the lag's; measured in
+    docs/how_to/own_vehicle.md. If the loop does not bear it, the line names the servo's weights with which it does.
+    """
+    named = _named_W(scenario)
+    W = getattr(scenario.estimator, "W", None)
+    if named is None or not isinstance(W, DisturbanceW) or named == digits(W.torque_density):
+        return None
+    if _bears(*_with_W(scenario, named), MORE_LAG * _lag(scenario)):
+        return f"for rotors that lag so, estimator.W.torque_density={named} fits; here it is {digits(W.torque_density)}"
+    mend = _mend(scenario, settled_gains(scenario))
+    return None if mend is None else f"for rotors that lag so these fit together: {mend}"
+
+
+def lag_torque_sd(scenario: Scenario) -> float:
+    """Return the sd of the torque about x or y, the larger, that lagging rotors leave out in a tick, on average [N m].
+
+    In the servo's linear loop under the world's disturbance, the state known. After a command u the wrench y follows as
+    u - y falls by e^(-t / tau), so its mean over a tick is short of u by (u - y) (1 - e^(-h / tau)) tau / h. It is
+    infinite where that loop is unstable.
+    """
+    tau, h = _lag(scenario), scenario.h
+    Phi, K = _servo_loop(scenario, tau)
+    if spectral_radius(Phi) >= 1.0:
+        return float("inf")
+    _, Gamma_d = discretize(hover_A(scenario.yaw), hover_B_d(scenario.vehicle), h)
+    Gamma_d = np.vstack([Gamma_d, np.zeros((N_U + N_I, Gamma_d.shape[1]))])
+    X = solve_discrete_lyapunov(
+        Phi, Gamma_d @ np.diag(np.repeat(scenario.world.disturbance.sds(h), 3) ** 2) @ Gamma_d.T
+    )
+    short = K + np.eye(len(Phi))[N_X : N_X + N_U]  # times [x; y; i] it is y - u
+    variances = np.diag(short @ X @ short.T)[1:3]
+    return float(np.sqrt(variances.max()) * _share(tau, h))
+
+
+def settled_gains(scenario: Scenario) -> Gains | None:
+    """Return the filter's gains after _SETTLED in the ticks of one period of the sensors, every due message arriving.
+
+    None for an estimator that is no linear filter, or whose noise is not known in the room's middle.
+    """
+    try:
+        if why_no_loop(scenario):
+            return None
+        loop, V = hover_loop(scenario), filter_V(scenario, believed_V(scenario))
+    except InputError:
+        return None
+    settings, N = filter_of(scenario), len(loop.Phi)
+    extras = extra_states(settings, scenario.vehicle, scenario.h, scenario.flown_rows, scenario.yaw)
+    P = initial_covariance(settings, extras, None, scenario.yaw)[:N, :N]
+    every = {sensor: scenario.every(sensor) for sensor in scenario.sensors}
+    period = math.lcm(*every.values())
+    deltas = [
+        arrivals_of(tuple(one for one, ticks in every.items() if k % ticks == 0), loop.measurement)
+        for k in range(period)
+    ]
+    gains: Gains = []
+    for _ in range(math.ceil(_SETTLED / (period * scenario.h))):
+        gains = []
+        for delta in deltas:
+            rows = loop.measurement.by_row(delta) > 0.0
+            C, K = loop.C[rows], np.zeros((N, len(rows)))
+            K[:, rows] = np.linalg.solve(C @ P @ C.T + V[np.ix_(rows, rows)], C @ P @ loop.Phi.T).T
+            P = loop.Phi @ P @ loop.Phi.T + loop.W - K[:, rows] @ C @ P @ loop.Phi.T
+            P = (P + P.T) / 2.0
+            gains.append((K, delta))
+    return gains
+
+
+def loop_radius(scenario: Scenario, gains: Gains | None, tau: float) -> float:
+    """Return the spectral radius, a tick, of the loop with rotors that lag by tau [s].
+
+    Of servo and rotors alone, the state known, if gains is None. Else the state is [x; xhat; i; y], y the wrench that
+    lags the control; a tick's matrices follow from hover_loop.open_loop, and a period's is their product.
+    """
+    if gains is None:
+        return spectral_radius(_servo_loop(scenario, tau)[0])
+    loop, held, left = hover_loop(scenario), _held(scenario, tau), _share(tau, scenario.h)
+    y = slice(N_X, N_X + N_U)
+    product = None
+    for K, delta in gains:
+        A, B, C = open_loop(loop, K, delta)
+        by_y, by_u = left * B, (1.0 - left) * B  # a state besides x, the force just flown, takes the tick's mean
+        by_y[:N_X], by_u[:N_X] = held[:N_X, y], held[:N_X, y.stop :]
+        tick = np.block([[A - by_u @ C, by_y], [-held[y, y.stop :] @ C, held[y, y]]])
+        product = tick if product is None else tick @ product
+    assert product is not None
+    return float(spectral_radius(product) ** (1.0 / len(gains)))
+
+
+def digits(value: float) -> str:
+    """Return a number of two digits as YAML takes it: with a point where it has an exponent."""
+    text = f"{value:.2g}"
+    return text.replace("e", ".0e") if "e" in text and "." not in text else text
+
+
+def _lag(scenario: Scenario) -> float:
+    return float(np.mean(scenario.vehicle.rotor_time_constant))
+
+
+def _share(tau: float, h: float) -> float:
+    """Return by how much of u - y at a tick's start the mean wrench over it is short of u."""
+    return float(tau / h * -np.expm1(-h / tau))
+
+
+def _bears(scenario: Scenario, gains: Gains | None, tau: float) -> bool:
+    return loop_radius(scenario, gains, tau) < 1.0 + _ON_CIRCLE
+
+
+def _mend(scenario: Scenario, gains: Gains | None) -> str | None:
+    """Return settings with which the loop bears MORE_LAG times the lag: the servo's weights that change least, and W.
+
+    Where the filter's W follows from the lag it is named too, as filter_for_lag does under those weights.
+    """
+    tau = _lag(scenario)
+    for changed in _calmer(scenario.servo.weights):
+        weights = scenario.servo.weights.model_copy(update=changed)
+        calmer = scenario.model_copy(update={"servo": scenario.servo.model_copy(update={"weights": weights})})
+        if not _bears(calmer, gains, tau) or not _bears(calmer, gains, MORE_LAG * tau):
+            continue
+        settings = [f"servo.weights.{name}={_listed(its)}" for name, its in changed.items()]
+        named = _named_W(calmer)
+        if named is not None:
+            if not _bears(*_with_W(calmer, named), MORE_LAG * tau):
+                continue
+            settings.append(f"estimator.W.torque_density={named}")
+        return " ".join(f"--set {one}" for one in settings)
+    return None
+
+
+def _calmer(weights: ServoWeights) -> Iterator[dict[str, tuple[float, ...]]]:
+    """Yield weights under which the servo turns the vehicle less quickly, the smallest change first."""
+    for factor in _STEPS:
+        rate, control = (tuple(factor * one for one in its) for its in (weights.rate, weights.control))
+        yield {"rate": rate}
+        yield {"control": control}
+        yield {"rate": rate, "control": control}
+
+
+def _listed(values: Sequence[float]) -> str:
+    return f"[{','.join(f'{one:g}' for one in values)}]"
+
+
+def _named_W(scenario: Scenario) -> str | None:
+    """Return the torque_density that covers the disturbance and the rotors' lag; None if the filter takes none."""
+    settings, world = scenario.linear_filter, scenario.world
+    if settings is not scenario.estimator or not isinstance(settings.W, DisturbanceW):
+        return None
+    if world.rotors.kind != "first_order" or not isinstance(scenario.servo, LqServo):
+        return None
+    lag = lag_torque_sd(scenario) * np.sqrt(scenario.h)
+    return digits(W_MARGIN * float(np.hypot(world.disturbance.torque_density, lag))) if np.isfinite(lag) else None
+
+
+def _with_W(scenario: Scenario, torque_density: str) -> tuple[Scenario, Gains | None]:
+    """Return the scenario whose filter assumes a torque density, and its gains."""
+    estimator = scenario.estimator
+    W = estimator.W.model_copy(update={"torque_density": float(torque_density)})
+    other = scenario.model_copy(update={"estimator": estimator.model_copy(update={"W": W})})
+    return other, settled_gains(other)
+
+
+def _held(scenario: Scenario, tau: float) -> np.ndarray:
+    """Return how [x; y; u] goes over a tick (20 x 20): the wrench y lags the control u by tau [s], u is held."""
+    n = N_X + N_U
+    A = np.zeros((n + N_U, n + N_U))
+    A[:N_X, :N_X], A[:N_X, N_X:n] = hover_A(scenario.yaw), hover_B(scenario.vehicle)
+    A[N_X:n, N_X:] = np.hstack([-np.eye(N_U), np.eye(N_U)]) / tau
+    return np.asarray(expm(scenario.h * A))
+
+
+def _servo_loop(scenario: Scenario, tau: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the servo's loop where the wrench y lags the control by tau [s], first order, the state known.
+
+    The loop is [x; y; i]_{k+1} = Phi [x; y; i]_k, and the control u_k = -K [x; y; i]_k.
+    """
+    held, n = _held(scenario, tau), N_X + N_U
+    Phi = np.eye(n + N_I)
+    Phi[:n, :n], Phi[n:, :N_I] = held[:n, :n], -np.eye(N_I)
+    L = servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h, scenario.yaw)
+    K = np.hstack([L[:, :N_X], np.zeros((N_U, N_U)), L[:, N_X:N_XBAR]])
+    Phi[:n] -= held[:n, n:] @ K
+    return Phi, K
