@@ -91,9 +91,13 @@ class Vehicle(Frozen):
         if self.hover_rotor_speeds.max() >= self.rotor_max_speed:
             from ortilo_drake.model.vehicle_units import vehicle_units  # which imports this module
 
-            doubt = vehicle_units(self)[0]
-            line, asks, question = doubt.removeprefix("vehicle.").rpartition("; ")
-            asked = f"{asks}{question}" if question.startswith(("is it ", "are they ")) else ""
+            speeds = f"hover needs {self.hover_rotor_speeds.max():.1f} rad/s"
+            if self.hover_thrust < self.largest_thrust:
+                raise ValueError(
+                    f"arms: one rotor carries too much: {speeds} of it, rotor_max_speed is {self.rotor_max_speed:g}"
+                )
+            line, _, question = vehicle_units(self)[0].removeprefix("vehicle.").rpartition("; ")
+            asked = f"; {question}" if question.startswith(("is it ", "are they ")) else ""
             if asked and not line.startswith("mass: "):
                 raise ValueError(line + asked)
             fields = type(self).model_fields
@@ -102,7 +106,7 @@ class Vehicle(Frozen):
                 asked = f"; {kept[0]} is the M100's, is it yours?"
             raise ValueError(
                 f"mass: {self.mass} kg is more than the rotors lift, {self.largest_thrust / GRAVITY:.3g} kg at "
-                f"rotor_max_speed {self.rotor_max_speed}, hover needs {self.hover_rotor_speeds.max():.1f} rad/s{asked}"
+                f"rotor_max_speed {self.rotor_max_speed}, {speeds}{asked}"
             )
         return self
 

@@ -44,6 +44,8 @@ def test_a_date_is_its_seconds_by_utc(form) -> None:
         ("25/12/2024 00:00:01", datetime(2024, 12, 25, 0, 0, 1, tzinfo=UTC).timestamp()),
         ("31/31/2024 10:00:00", None),
         ("10:7", None),
+        ("12:75:09", None),
+        ("10:75.5", None),
         ("soon", None),
     ],
 )

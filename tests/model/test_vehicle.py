@@ -60,6 +60,18 @@ def test_of_rotors_too_weak_a_number_that_was_left_out_is_named() -> None:
         Vehicle(mass=0.55, inertia=(0.0025, 0.0029, 0.0048), arm_length=0.125, rotor_lift=1.5e-6, rotor_drag=1.7e-8)
 
 
+def test_of_arms_that_load_one_rotor_far_more_the_arms_are_blamed() -> None:
+    """Two rotors 0.35 m behind the centre, two 0.12 m ahead: these carry 0.74 of the weight."""
+    arms = tuple(
+        Arm(angle=math.radians(at), length=length, spin=spin)
+        for at, length, spin in ((45, 0.12, 1), (135, 0.35, -1), (225, 0.35, 1), (315, 0.12, -1))
+    )
+    ahead = 3.8 * 9.81 * 0.35 / 0.47 / 2.0  # N on each
+    speed = math.sqrt(ahead / M100.rotor_lift)
+    with pytest.raises(InputError, match=rf"arms: one rotor carries too much: hover needs {speed:.1f} rad/s of it"):
+        Vehicle(mass=3.8, arms=arms)
+
+
 def around(n: int, length: float = 0.3, angle: float = 2.0 * math.pi, spins: tuple[int, ...] = (1, -1)) -> Vehicle:
     """A vehicle of n rotors on an arc that begins ahead."""
     return Vehicle(

@@ -17,11 +17,11 @@ _DAYS = (
     re.compile(r"(?P<d>\d\d?)[- ](?P<m>[A-Za-z]{3})[- ](?P<y>\d{4})"),
 )
 _TIME = re.compile(
-    r"(?P<h>\d+):(?P<min>\d\d):(?P<s>\d\d)(?:[.,:](?P<f>\d+))? ?(?P<half>[AaPp][Mm])?"
+    r"(?P<h>\d+):(?P<min>[0-5]\d):(?P<s>[0-5]\d|60)(?:[.,:](?P<f>\d+))? ?(?P<half>[AaPp][Mm])?"
     r" ?(?P<zone>Z|UTC|[+-]\d\d:?(?:\d\d)?)?"
 )
 _PACKED = re.compile(r"(\d\d)(\d\d)(\d\d)(\.\d+)?(.*)")
-_MINUTES = re.compile(r"(\d+):(\d\d[.,]\d+)")
+_MINUTES = re.compile(r"(\d+):([0-5]\d[.,]\d+)")
 
 
 def stamp(cell: str) -> float | None:

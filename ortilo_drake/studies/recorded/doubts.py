@@ -99,8 +99,7 @@ def of_stuck(ranges: Ranges) -> list[str]:
             then = single & (ranges.t >= t[first]) & (ranges.t <= t[last])
             others = [ranges.r[then & (ranges.anchor == j)] for j in np.unique(ranges.anchor[then])]
             jumps = last + 1 < len(r) and abs(r[last + 1] - r[last]) > MOVED
-            whole = first == 0 and last == len(r) - 1
-            if whole or jumps or max(map(np.ptp, others)) > MOVED:
+            if jumps or max(map(np.ptp, others)) > MOVED:
                 stuck[int(i)] = stuck.get(int(i), 0.0) + float(t[last] - t[first])
     least = STUCK * float(np.ptp(ranges.t))
     told = ", ".join(f"anchor {i + 1} for {long:.1f} s" for i, long in stuck.items() if long > least)

@@ -62,8 +62,8 @@ def test_an_anchor_whose_ranges_keep_one_value_is_told(right) -> None:
     assert "anchor 4 for 29.9 s: last values repeated?" in of_stuck(held)[0]
     all_ = right.ranges._replace(r=np.repeat(MOTION.r[::20], 20, axis=0)[: len(MOTION.r)].ravel())
     assert all(f"anchor {i + 1} for " in of_stuck(all_)[0] for i in range(6))
-    still = right.ranges._replace(r=np.round(np.tile(MOTION.r[0], len(MOTION.r)) + 0.01 * (right.ranges.t > 15), 3))
-    assert of_stuck(still) == []  # a body at rest, measured to a millimetre
+    still = right.ranges._replace(r=np.round(np.tile(MOTION.r[0], len(MOTION.r)), 1))
+    assert of_stuck(still) == []  # a body at rest, measured to a decimetre
 
 
 def test_a_clock_that_jumps_is_told_with_the_time(right) -> None:
@@ -79,7 +79,6 @@ def test_a_clock_that_jumps_is_told_with_the_time(right) -> None:
 def test_a_constant_of_all_ranges_is_told_and_no_unit_that_makes_a_room_of_a_centimetre(right) -> None:
     with pytest.raises(InputError, match=r"all ranges have a constant of some 15\d m: antenna delays\?"):
         first_look(right._replace(ranges=right.ranges._replace(r=right.ranges.r + 154.0)), MAP)
-    assert np.linalg.norm(np.ptp(ANCHORS, axis=0)) > 10.0
 
 
 def test_anchors_with_z_down_are_told(right) -> None:
