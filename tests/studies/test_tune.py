@@ -14,8 +14,7 @@ from ortilo_drake.flight.saved_flight import save_flight
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.studies.consistency.consistency_figures import nees_figure, tuning_figure, whiteness_figure
-from ortilo_drake.studies.consistency.consistency_flights import consistency_report
+from ortilo_drake.studies.consistency.consistency_figures import nees_figure
 from ortilo_drake.studies.tuning.tune import (
     Check,
     FlownFigures,
@@ -105,24 +104,15 @@ def test_bad_input_is_refused(flights: list[xr.Dataset], tmp_path: Path) -> None
 
 
 @pytest.mark.long
-def test_the_figures_are_drawn(
-    tuning: Tuning, flights: list[xr.Dataset], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_the_legend_of_nees_is_below_what_it_would_cover(
+    flights: list[xr.Dataset], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    report = consistency_report(flights)
-    paths = [
-        tuning_figure(tuning, tmp_path / "tuning.png"),
-        nees_figure({"nominal_imu_uwb": flights}, tmp_path / "nees.png"),
-        whiteness_figure({"nominal_imu_uwb": report}, tmp_path / "white.png"),
-    ]
-    assert all(path.stat().st_size > 10_000 for path in paths)
-    with pytest.raises(InputError, match=r"x\.frog"):
-        tuning_figure(tuning, tmp_path / "x.frog")
     monkeypatch.setattr(
         "ortilo_drake.studies.consistency.consistency_figures.save_picture", lambda figure, path: figure
     )
     figure = nees_figure({"nominal_imu_uwb": flights}, Path())
     figure.draw_without_rendering()
-    (legend,) = figure.legends  # below what it would cover
+    (legend,) = figure.legends
     assert legend.get_window_extent().y1 <= figure.axes[0].bbox.y0
 
 

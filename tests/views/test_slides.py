@@ -5,7 +5,7 @@ from collections.abc import Callable
 from itertools import combinations
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -59,6 +59,8 @@ SHORT = "planner={kind: waypoints, points: [[0, 0, 1.5], [2.2, 0.9, 1.5]]}"
 NAMED = ("nominal_imu_uwb", "nominal_imu_uwb_yolo")
 MIDDLE = Middle(1.0, (0.9, 1.1), 1.0, (0.9, 1.1))
 T = np.arange(0.0, 60.0, 0.5)
+SENSORS = ("uwb", "camera", "imu")
+WHITE = SimpleNamespace(lag_arrivals=SimpleNamespace(r=[[0.1] * 3] * 20, band=[0.05] * 20, p_value=1e-20))
 Flights = dict[str, list[xr.Dataset]]
 
 
@@ -67,53 +69,31 @@ def flights(flown: Callable[..., xr.Dataset]) -> Flights:
     return {name: [flown(name, (SHORT, "camera.kind=projected"), seed) for seed in range(2)] for name in NAMED}
 
 
-def white(m: int) -> Any:
-    lags = SimpleNamespace(r=[[0.1] * m] * 20, band=[0.05] * 20, p_value=1e-20)
-    return SimpleNamespace(lag_arrivals=lags)
-
-
-def of_whiteness(_: Flights, path: Path) -> Path:
-    reports: Any = {n: SimpleNamespace(whiteness=dict.fromkeys(("uwb", "camera", "imu"), white(3))) for n in NAMED}
-    return whiteness_figure(reports, path)
+def firsts(flights: Flights) -> dict[str, xr.Dataset]:
+    return {name: rows[0] for name, rows in flights.items()}
 
 
 def of_tuning(_: Flights, path: Path) -> Path:
     number = SimpleNamespace(before=1.0, after=1.5, standard_error=0.1, robust_error=None, stays=None)
     names = [f"estimator.V.imu.{i}" for i in range(3)] + [f"servo.W.{i}" for i in range(8)]
     found = SimpleNamespace(mean=3.1, interval=(2.5, 3.5))
-    figures = SimpleNamespace(
-        nees=dict.fromkeys(("all", "start", "blackout", "after", "clear"), found),
-        nis=dict.fromkeys(("uwb", "camera", "imu"), found),
-    )
-    tuning: Any = SimpleNamespace(
-        numbers=dict.fromkeys((*names, "multilateration.noise.fraction"), number),
-        before=figures, after=figures, scenario="imu_uwb", flights=[1, 2],
-    )  # fmt: skip
-    return tuning_figure(tuning, path)
+    nees, nis = (dict.fromkeys(of, found) for of in (("all", "start", "blackout", "after", "clear"), SENSORS))
+    both = SimpleNamespace(nees=nees, nis=nis)
+    numbers = dict.fromkeys((*names, "multilateration.noise.fraction"), number)
+    fitted = {"numbers": numbers, "before": both, "after": both, "scenario": "imu_uwb", "flights": [1, 2]}
+    return tuning_figure(cast("Any", SimpleNamespace(**fitted)), path)
 
 
 def of_faults(_: Flights, path: Path) -> Path:
-    scenarios = ["nominal_imu_uwb_yolo", "imu_uwb_yolo", "robust_imu_uwb_yolo", "tight_imu_uwb_yolo"]
+    names = (f"{kind}imu_uwb_yolo" for kind in ("nominal_", "", "robust_", "tight_"))
+    scenarios = {name: (k != 2, k < 2, k == 1) for k, name in enumerate(names)}
     good, bad = (Phase(0.1, ratio, 3.0, (2.0, 4.0), MIDDLE, MIDDLE) for ratio in (1.0, 8.4))
     rows = [
-        FaultRow(
-            fault,
-            name,
-            200,
-            157 * (k == 0),
-            (0.0, 1.0),
-            good,
-            [bad, good, None][k % 3],
-            good,
-            1.0,
-            k != 2,
-            k < 2,
-            k == 1,
-        )
+        FaultRow(fault, name, 200, 157 * (k == 0), (0.0, 1.0), good, (bad, good, None)[k % 3], good, 1.0, *passed)
         for fault in NAMES
-        for k, name in enumerate(scenarios)
+        for k, (name, passed) in enumerate(scenarios.items())
     ]
-    return fault_figure(FaultStudy(scenarios, 200, 22.0, 5.0, [0] * 4, rows), path)
+    return fault_figure(FaultStudy([*scenarios], 200, 22.0, 5.0, [0] * 4, rows), path)
 
 
 def of_map(axes: dict[str, list[float]]) -> Callable[[Flights, Path], Path]:
@@ -138,23 +118,18 @@ def of_motion(_: Flights, path: Path) -> Path:
     error = np.where((T > 25.0) & (T < 30.0), 1.8, 0.02)[:, np.newaxis]
     run = Innovations(np.full(len(T), 0.1), np.full(len(T), 0.01), np.ones(len(T), dtype=bool))
     estimate = Estimate(T, way + error, P, np.eye(3), run, T, [])
-    names = [
-        WITH_IMU,
-        *(f"{WITH_IMU}, {of}" for of in ("smoothed", "not calibrated (biases online)", "50% of the ranges lost")),
-    ]
+    others = ("smoothed", "not calibrated (biases online)", "50% of the ranges lost")
+    names = [WITH_IMU, *(f"{WITH_IMU}, {of}" for of in others)]
     anchors = ((-5.0, -5.0, 0.3), (5.0, -5.0, 2.5), (5.0, 5.0, 0.3), (-5.0, 5.0, 2.5))
     scores = Scores(None, None, None, None, None, 1.0, 0.0, 0.9)
-    found = Replayed(
-        name="flight", rows=dict.fromkeys(names, scores), anchors=anchors, judged_from=18.0, rejected={}, notes=[]
-    )
+    told: Any = {"name": "flight", "rows": dict.fromkeys(names, scores), "rejected": {}, "notes": []}
+    found = Replayed(anchors=anchors, judged_from=18.0, **told)
     return motion_figure(found, dict.fromkeys(names, (estimate, way)), 0.3, path)
 
 
 def of_sensitivity(_: Flights, path: Path) -> Path:
     limits = [Limit(m.name, 2.0 * m.careful, (1.5 * m.careful, 3.0 * m.careful)) for m in known_mismatches()]
-    return sensitivity_figure(
-        Sensitivity("nominal_imu_uwb_yolo", [], [*limits, Limit(TOGETHER, 2.0, (1.0, None))]), path
-    )
+    return sensitivity_figure(Sensitivity(NAMED[1], [], [*limits, Limit(TOGETHER, 2.0, (1.0, None))]), path)
 
 
 A = np.geomspace(0.01, 1.0, 5)
@@ -184,15 +159,12 @@ def of_coverage(sensors: tuple[str, ...]) -> Callable[[Flights, Path], Path]:
         floor = {name: 0.01 + 0.1 * k + 0.001 * T for k, name in enumerate(("all", *sensors))}
         along = Along(T, T / 3.0, p, np.ones(n), seen, 2.0 + 0.0 * T, seen, headings, np.tile(seen, (24, 1)).T, floor)
         over = OverFloor(1.5, x, y, maps > 0, maps, 1.0 + 0.5 * maps, headings[:8] * 3.0 + np.pi, np.array([maps] * 8))
-        answer = (
-            "From 9.9 to 10.1 m of the way (29.8 to 31.3 s), where even the best estimator errs by 0.36 m; camera "
-            "measures nothing there; imu matters most, without it the error is 4.9 m. From 30.9 s on three sigma of "
-            "the floor reach a wall."
-        )
+        answer = "From 9.9 to 10.1 m of the way (29.8 to 31.3 s), where even the best estimator errs by 0.36 m; camera "
+        answer += "measures nothing there; imu matters most, without it the error is 4.9 m. From 30.9 s on three sigma "
+        answer += "of the floor reach a wall."
         cases = dict.fromkeys(floor, Case(0.3, 30.0, 10.0, 30.9))
-        found = Coverage(
-            "imu_uwb", room.name, answer, Stretch(59, 62, 0.3, "imu", 4.9, ()), (29.8, 31.3), cases, along, over
-        )
+        worst = Stretch(59, 62, 0.3, "imu", 4.9, ()), (29.8, 31.3)
+        found = Coverage("imu_uwb", room.name, answer, *worst, cases, along, over)
         return coverage_figure(found, room, path)
 
     return draw
@@ -208,17 +180,15 @@ def of_errors(_: Flights, path: Path) -> Path:
     return error_figure({"imu_uwb": many, "imu_uwb_yolo": many, "tight_imu_uwb_yolo": many}, path)
 
 
-def of_losses(_: Flights, path: Path) -> Path:
-    return losses_figure([{"loss": 4 / k, "box": 1 / k, "object": 2 / k, "class": 1 / k} for k in range(1, 30)], path)
-
-
 DRAWN: dict[str, Callable[[Flights, Path], Path]] = {
     "flight_figure": lambda flights, path: flight_figure(flights[NAMED[1]][0], path),
     "trajectory_figure": trajectory_figure,
-    "arrival_figure": lambda flights, path: arrival_figure({name: rows[0] for name, rows in flights.items()}, path),
+    "arrival_figure": lambda flights, path: arrival_figure(firsts(flights), path),
     "error_figure": of_errors,
     "nees_figure": nees_figure,
-    "whiteness_figure": of_whiteness,
+    "whiteness_figure": lambda _, path: whiteness_figure(
+        dict.fromkeys(NAMED, cast("Any", SimpleNamespace(whiteness=dict.fromkeys(SENSORS, WHITE)))), path
+    ),
     "tuning_figure": of_tuning,
     "fault_figure": of_faults,
     "map_figure": of_map({"uwb.link.rate": [2.0, 3.0, 5.0, 10.0], "uwb.link.loss": [0.0, 0.3, 0.6, 0.9]}),
@@ -233,10 +203,10 @@ DRAWN: dict[str, Callable[[Flights, Path], Path]] = {
     "coverage_figure, no camera": of_coverage(("uwb", "imu")),
     "predicted_figure": of_prediction,
     "latency_figure": lambda _, path: latency_figure(np.geomspace(1.0, 30.0, 900), 1.0 / 30.0, path),
-    "losses_figure": of_losses,
-    "plot_blackouts": lambda flights, path: save_picture(
-        draw_blackout_errors({name: rows[0] for name, rows in flights.items()}), path
+    "losses_figure": lambda _, path: losses_figure(
+        [{"loss": 4 / k, "box": 1 / k, "object": 2 / k, "class": 1 / k} for k in range(1, 30)], path
     ),
+    "plot_blackouts": lambda flights, path: save_picture(draw_blackout_errors(firsts(flights)), path),
     "plot_availability": lambda flights, path: save_picture(draw_availability(flights[NAMED[1]][0]), path),
 }
 
@@ -258,22 +228,28 @@ def words(figure: Figure, monkeypatch: pytest.MonkeyPatch) -> list[tuple[Text, A
     return [(text, Text.get_window_extent(text, renderer)) for text in written.values()]
 
 
-@pytest.mark.family("flight_figure")
-@pytest.mark.parametrize("name", DRAWN)
-def test_a_slide_is_16_to_9_and_its_words_are_large_whole_and_apart(
-    name: str, flights: Flights, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def saved(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    """The figures that are written from now on."""
     made: list[Figure] = []
     save = Figure.savefig
 
-    def saved(self: Figure, *rest: Any, **more: Any) -> None:
+    def note(self: Figure, *rest: Any, **more: Any) -> None:
         made.append(self)
         save(self, *rest, **more)
 
-    monkeypatch.setattr(Figure, "savefig", saved)
+    monkeypatch.setattr(Figure, "savefig", note)
+    return made
+
+
+@pytest.mark.family("flight_figure")
+@pytest.mark.parametrize("name", DRAWN)
+def test_a_slide_is_16_to_9_and_its_words_are_large_whole_and_apart(
+    name: str, flights: Flights, tmp_path: Path, saved: list[Figure], monkeypatch: pytest.MonkeyPatch
+) -> None:
     with themed(Theme.slides), Image.open(DRAWN[name](flights, tmp_path / "slide.png")) as picture:
         assert picture.size == (1920, 1080)
-    figure = made[-1]
+    figure = saved[-1]
     figure.set_dpi(200)
     found = words(figure, monkeypatch)
     assert len(found) > 5
@@ -289,15 +265,9 @@ def test_a_slide_is_16_to_9_and_its_words_are_large_whole_and_apart(
         assert min(over) < 4.0, f"{one} over {other}"
 
 
-def test_coverage_shows_no_landmarks_without_a_camera_nor_an_imu_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    made: list[Figure] = []
-    monkeypatch.setattr(
-        "ortilo_drake.studies.rooms.coverage_figure.save_picture", lambda figure, path: made.append(figure)
-    )
+def test_coverage_shows_no_landmarks_without_a_camera_nor_an_imu_alone(tmp_path: Path, saved: list[Figure]) -> None:
     of_coverage(("uwb", "imu"))({}, tmp_path / "a.png")
-    (figure,) = made
+    (figure,) = saved
     assert not any("landmark" in axes.get_title() for axes in figure.axes)
     named = [name for axes in figure.axes for name in axes.get_legend_handles_labels()[1]]
     assert named == ["all sensors", "without imu", "three sigma of the floor reach a wall", "worst stretch"]

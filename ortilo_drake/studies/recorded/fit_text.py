@@ -20,7 +20,7 @@ def fitted_lines(fitted: Fitted) -> list[str]:
         f"fitted to {fitted.ranges} ranges in {fitted.fitted_time:.1f} s: log-likelihood {fitted.before:.1f} -> "
         f"{fitted.after:.1f}, computed {fitted.computed} times{chance}",
         *(f"note: {note}" for note in fitted.notes),
-        f"on the {held.duration:.1f} s that were not fitted, before -> after, gains with 95 % intervals:",
+        f"on the {held.duration:.1f} s that were not fitted, before -> after, changes with intervals (95 % for all):",
         f"  log-likelihood of the ranges    {_gain(held.gains['innovations'])}",
         f"  NIS (1 if consistent)           {held.nis[0]:.2f} -> {held.nis[1]:.2f}",
     ]

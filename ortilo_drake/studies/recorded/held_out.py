@@ -1,8 +1,9 @@
 """Tuned noise judged on the parts of recorded motions that it was not fitted to, beside the noise before.
 
 Both noises run over all ranges. What follows the fitted part is cut into batches of at least 2 s, at most 20 for each
-motion. A gain is the sum of the batches' differences; its 95 % interval is by their spread (Student's t), which counts
-what lasts no longer than a batch (batch means: Law, Simulation Modeling and Analysis, section 9.5.3).
+motion. A gain is the sum of the batches' differences; its interval is by their spread (Student's t), which counts what
+lasts no longer than a batch (batch means: Law, Simulation Modeling and Analysis, section 9.5.3). All intervals hold
+together at least as often as LEVEL says: each of n misses in (1 - LEVEL) / n (Bonferroni).
 """
 
 from collections.abc import Callable, Sequence
@@ -35,13 +36,13 @@ from ortilo_drake.studies.recorded.setups import (
 from ortilo_drake.studies.recorded.truth_path import truth_path
 
 BATCH, BATCHES = 2.0, 20  # the least duration of a batch [s], and how many at most
-LEVEL = 0.95  # of the gains' intervals
+LEVEL = 0.95  # confidence of the gains' intervals together
 By = Literal["innovations", "truth"]
 Verdict = Literal["better", "the same", "worse", "mixed"]
 
 
 class Gain(NamedTuple):
-    """A sum that is better if it is larger: before, after, and half the 95 % interval of its gain."""
+    """A sum that is better if it is larger: before, after, and half the interval of its gain."""
 
     before: float
     after: float
@@ -62,7 +63,7 @@ class HeldOut(NamedTuple):
         gains: by what is judged: `innovations` (log-likelihood of the ranges' innovations) and, with a truth, `errors`
             (log-likelihood of the position's errors by the filter's covariance) and `accuracy` (mean square error of
             the position, negative [m²]).
-        nis: mean NIS before and after.
+        nis: mean NIS before and after, each motion counting alike.
         nees: mean NEES before and after, None without a truth.
         rmse: RMS error by axis before and after [m], None without a truth.
     """
@@ -120,7 +121,6 @@ class _Judged(NamedTuple):
     innovations: np.ndarray
     errors: np.ndarray
     squares: np.ndarray
-    stamps: int
     nis: float
     nees: np.ndarray
     e: np.ndarray
@@ -141,14 +141,15 @@ def judge(motions: Sequence[Parts], before: FilterSettings, after: FilterSetting
             e, there = _errors(run, one), one.judged(run.t)
             run = run._replace(t=run.t[there], P=run.P[there])
             found.append(_in_batches(run, e[there[: len(e)]], edges, noise_of(settings, imu is not None).gate))
-    m = sum(found.stamps for found in befores)
-    gains = {"innovations": gain_of([one.innovations for one in befores], [one.innovations for one in afters])}
+    pairs = {"innovations": ([one.innovations for one in befores], [one.innovations for one in afters])}
     nees = rmse = None
     if all(one.calibration is not None for one in motions):
-        gains["errors"] = gain_of([one.errors for one in befores], [one.errors for one in afters])
-        gains["accuracy"] = gain_of([-one.squares / m for one in befores], [-one.squares / m for one in afters])
+        m = sum(len(one.e) for one in befores)
+        pairs["errors"] = [one.errors for one in befores], [one.errors for one in afters]
+        pairs["accuracy"] = [-one.squares / m for one in befores], [-one.squares / m for one in afters]
         nees = (_mean_nees(befores), _mean_nees(afters))
         rmse = (_rmse(befores), _rmse(afters))
+    gains = {name: gain_of(*pair, 1.0 - (1.0 - LEVEL) / len(pairs)) for name, pair in pairs.items()}
     nis = (float(np.mean([one.nis for one in befores])), float(np.mean([one.nis for one in afters])))
     return HeldOut(float(duration), gains, nis, nees, rmse)
 
@@ -172,19 +173,18 @@ def _in_batches(run: Estimate, e: np.ndarray, edges: np.ndarray, gate: float) ->
         np.array(scores),
         np.bincount(of_stamps, likelihoods, len(batches)),
         np.bincount(of_stamps, np.sum(e**2, axis=1), len(batches)),
-        len(e),
         nis_of(run, edges[0], edges[-1])[0],
         nees,
         e,
     )
 
 
-def gain_of(before: list[np.ndarray], after: list[np.ndarray]) -> Gain:
-    """Return the sums over all batches before and after, and half the interval of their difference."""
+def gain_of(before: list[np.ndarray], after: list[np.ndarray], level: float) -> Gain:
+    """Return the sums over all batches before and after, and half the interval of their difference by this level."""
     befores, afters = np.concatenate(before), np.concatenate(after)
     n, differences = len(befores), afters - befores
     spread = float(np.std(differences, ddof=1) * np.sqrt(n))
-    return Gain(float(befores.sum()), float(afters.sum()), float(student.ppf(0.5 + LEVEL / 2.0, n - 1)) * spread)
+    return Gain(float(befores.sum()), float(afters.sum()), float(student.ppf(0.5 + level / 2.0, n - 1)) * spread)
 
 
 def _mean_nees(found: list[_Judged]) -> float:

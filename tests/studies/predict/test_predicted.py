@@ -18,7 +18,7 @@ from ortilo_drake.scenario.range_errors import UwbNoise
 from ortilo_drake.studies.fit.fit import fit_recordings
 from ortilo_drake.studies.fit.imu_errors import body_path, mount_of
 from ortilo_drake.studies.predict.predicted import Figures, Predicted, group_of, interval, predict
-from ortilo_drake.studies.predict.predicted_report import predicted_figure, predicted_text
+from ortilo_drake.studies.predict.predicted_report import predicted_text
 from ortilo_drake.studies.predict.simulated import simulated
 from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.world.sensors.fitted_errors import Day
@@ -68,11 +68,6 @@ def test_a_group_is_held_to_thirty_percent_and_one_and_a_half() -> None:
     runs = [Figures(e, 1.0, 1.0, 0.0) for e in np.linspace(0.0, 1.0, 41)]
     assert interval(runs, "error") == pytest.approx((0.025, 0.975))
     assert "does not predict" in predicted_text([flight("a", 0.2, 0.27, (2.0, 3.0))], "NOISE.yaml")
-
-
-def test_the_figure_is_drawn(tmp_path) -> None:
-    path = predicted_figure([flight("a", 0.2, 0.25, (2.0, 3.0))], tmp_path / "predicted.png")
-    assert path.read_bytes()[:4] == b"\x89PNG"
 
 
 def after_a_rest(gyro_bias: float) -> Recording:

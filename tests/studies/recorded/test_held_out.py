@@ -11,6 +11,7 @@ from ortilo_drake.interop.log.logged_map import LEAST
 from ortilo_drake.interop.recorded.map_file import FilterSettings, Map
 from ortilo_drake.interop.recorded.recording import read_recording
 from ortilo_drake.model.typed_yaml import parse_yaml, validate
+from ortilo_drake.studies.recorded import held_out
 from ortilo_drake.studies.recorded.fit_noise import LIMITS, Fitted
 from ortilo_drake.studies.recorded.fit_text import fitted_lines, verdict_line
 from ortilo_drake.studies.recorded.held_out import Gain, HeldOut, gain_of, judge, parts_of
@@ -20,11 +21,12 @@ def as_map(text: str) -> Map:
     return validate(Map, parse_yaml(text, "MAP.yaml"), "MAP.yaml")
 
 
-def test_a_gains_interval_is_students() -> None:
+@pytest.mark.parametrize("level", [0.95, 1.0 - 0.05 / 3.0])
+def test_a_gains_interval_is_students(level) -> None:
     rng = np.random.default_rng(1)
     before, after = rng.normal(size=(2, 20)) + [[0.0], [0.5]]
-    gain = gain_of([before[:8], before[8:]], [after[:8], after[8:]])
-    interval = ttest_1samp(after - before, 0.0).confidence_interval(0.95)
+    gain = gain_of([before[:8], before[8:]], [after[:8], after[8:]], level)
+    interval = ttest_1samp(after - before, 0.0).confidence_interval(level)
     middle = gain.after - gain.before
     np.testing.assert_allclose([middle - gain.half, middle + gain.half], 20.0 * np.array(interval), rtol=1e-12)
     assert gain.sign == int(interval.low > 0.0) - int(interval.high < 0.0)
@@ -87,7 +89,7 @@ def test_the_search_includes_all_noise_that_a_logs_map_may_have() -> None:
 
 
 @pytest.mark.long
-def test_the_ranges_own_noise_is_better_than_another_and_itself_is_the_same(tmp_path) -> None:
+def test_the_ranges_own_noise_is_better_than_another_and_itself_is_the_same(tmp_path, monkeypatch) -> None:
     """Made-up ranges err by 3 cm, and rates and force by what `others` says: noise of 9 cm must lose."""
     recording = read_recording(write_tables(tmp_path / "walk", made_up(duration=40.0)), as_map(TABLE_MAP))
     others = "acceleration: 0.002, rotation: 0.0001, acceleration_bias: 0.0005, rotation_bias: 0.00005"
@@ -96,7 +98,11 @@ def test_the_ranges_own_noise_is_better_than_another_and_itself_is_the_same(tmp_
         for white in (0.03, 0.09)
     )
     motion, right, wrong = parts_of(recording, right), right.filter, wrong.filter
-    assert judge([motion], wrong, right).verdict == "better"
+    levels: list[float] = []
+    with monkeypatch.context() as patch:
+        patch.setattr(held_out, "gain_of", lambda *its: levels.append(its[-1]) or gain_of(*its))
+        assert judge([motion], wrong, right).verdict == "better"
+    assert levels == pytest.approx([1.0 - 0.05 / 3.0] * 3)  # so that all three hold in 0.95
     assert judge([motion], right, wrong).verdict == "worse"
     held = judge([motion], right, right)
     assert held.verdict == "the same"
