@@ -120,6 +120,9 @@ def rare(
     under = {name: found[name] for name in cases}
     line = faults_verdict(own, without, under) if cases else verdict(own, without)
     text = faults_text(own, without, under) if cases else rare_text(own, without)
-    rows = [{"fault": name} | as_data(times_as_often(its, without)) | as_data(its) for name, its in under.items()]
+    rows = [
+        {"fault": name, "times_as_often": as_data(times_as_often(its, without))} | as_data(its)
+        for name, its in under.items()
+    ]
     data = {"scenario": own.name, "verdict": line, "corridor": corridor} | as_data(without)
     hand_over(text, report, data | ({"under_faults": rows} if cases else {}), json_file)

@@ -107,7 +107,9 @@ def test_the_command_sets_flights_with_and_without_a_fault_side_by_side(
     (row,) = found["under_faults"]
     assert (row["fault"], found["event"]["corridor"]) == ("gust", 0.04)
     assert row["probability"] > 0.9
-    assert f"at least {row['low']:.2g}" in said.splitlines()[0] or row["times"] is not None
+    ratio, low, high = (row["times_as_often"][key] for key in ("times", "low", "high"))
+    assert ratio == pytest.approx(row["probability"] / found["probability"])
+    assert f"{ratio:.2g} times as often ({low:.2g} to {high:.2g}" in said.splitlines()[0]
     assert "| gust | 1" in said
     assert "## no fault" in said
     assert run("report", str(tmp_path)) == run("report", str(file)) == 0
