@@ -112,9 +112,9 @@ def _settings_in(path: Path, source: str, above: tuple[str, ...] = ()) -> dict[s
         data = {}
     if not isinstance(data, dict):
         raise InputError(f"{source}: must hold settings by name, not {type(data).__name__}")
-    keys = data.keys() - {"name"}
+    no_scenarios = data.keys() - {*Scenario.model_fields, "base"}
     for part, fields in (("vehicle", Vehicle.model_fields), ("room", Room.model_fields)):
-        if keys and keys <= fields.keys():
+        if no_scenarios and data.keys() <= {*fields, "name"}:
             raise InputError(
                 f"{source}: is a {part}, not a scenario: ortilo fly imu_uwb --set {part}={source} flies it"
             )

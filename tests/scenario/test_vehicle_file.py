@@ -93,3 +93,5 @@ def test_a_vehicles_or_a_rooms_file_is_no_scenario_and_told_how_to_fly(tmp_path:
     file.write_text(f"{text}uwb: {{}}\n")
     with pytest.raises(InputError, match="unknown key"):
         load_scenario(file)
+    file.write_text("camera: {kind: projected}\n")  # which a room has too
+    assert load_scenario(file).camera.kind == "projected"
