@@ -80,29 +80,24 @@ UNITS = {
     "rotor_max_speed": "rad/s",
     "radius": "m",
 }
+_LENGTHS = {"mm": 1e-3, "cm": 0.01, "inches": 0.0254}
+_OTHER_UNITS: dict[tuple[str, ...], dict[str, float]] = {  # what numbers may be in instead, and the size of that
+    ("mass",): {"g": 1e-3, "lb": 0.45359237},
+    ("inertia",): {"g m²": 1e-3, "kg cm²": 1e-4, "kg mm²": 1e-6, "g cm²": 1e-7, "g mm²": 1e-9},
+    ("arm_length",): _LENGTHS,
+    ("radius",): _LENGTHS,
+    ("arm_length", "radius"): _LENGTHS,
+    ("rotor_lift",): {"gram-force": GRAVITY / 1e3},
+    ("rotor_time_constant",): {"ms": 1e-3},
+    ("rotor_max_speed",): {"rpm": 1.0 / _PER_RPM, "rev/s": 2.0 * np.pi},
+}
+_LIFT, _DRAG = {"rotor_lift": _PER_RPM**2}, {"rotor_drag": _PER_RPM**2}
 MISTAKES: list[tuple[str, dict[str, float]]] = [  # what the numbers are instead, and the factors that mend them
-    ("in g", {"mass": 1e-3}),
-    ("in lb", {"mass": 0.45359237}),
-    *((f"in {unit}", {"inertia": size}) for unit, size in (("g m²", 1e-3), ("kg cm²", 1e-4), ("kg mm²", 1e-6))),
-    *((f"in {unit}", {"inertia": size}) for unit, size in (("g cm²", 1e-7), ("g mm²", 1e-9))),
-    *(
-        (f"in {unit}", dict.fromkeys(keys, size))
-        for keys in (("arm_length",), ("radius",), ("arm_length", "radius"))
-        for unit, size in (("mm", 1e-3), ("cm", 0.01), ("inches", 0.0254))
-    ),
+    *((f"in {unit}", dict.fromkeys(keys, size)) for keys, of in _OTHER_UNITS.items() for unit, size in of.items()),
     ("the whole wheelbase", {"arm_length": 0.5}),
     ("the diameter", {"radius": 0.5}),
-    ("per rpm²", {"rotor_lift": _PER_RPM**2}),
-    ("per rpm²", {"rotor_drag": _PER_RPM**2}),
-    ("per rpm²", {"rotor_lift": _PER_RPM**2, "rotor_drag": _PER_RPM**2}),
-    (
-        "per rpm² and in rpm",
-        {"rotor_lift": _PER_RPM**2, "rotor_drag": _PER_RPM**2, "rotor_max_speed": 1.0 / _PER_RPM},
-    ),
-    ("in gram-force", {"rotor_lift": GRAVITY / 1e3}),
-    ("in ms", {"rotor_time_constant": 1e-3}),
-    ("in rpm", {"rotor_max_speed": 1.0 / _PER_RPM}),
-    ("in rev/s", {"rotor_max_speed": 2.0 * np.pi}),
+    *(("per rpm²", factors) for factors in (_LIFT, _DRAG, _LIFT | _DRAG)),
+    ("per rpm² and in rpm", _LIFT | _DRAG | {"rotor_max_speed": 1.0 / _PER_RPM}),
 ]
 
 
@@ -129,7 +124,8 @@ def vehicle_units(vehicle: Vehicle) -> list[str]:
         rivals = [one for one, odds in zip(changes, remaining, strict=True) if one.mistake and len(odds) == len(left)]
         rivals.sort(key=lambda one: _far(now, one))
         mended = [sign for sign in odd if sign not in left]
-        lines.append(f"vehicle.{_numbers(vehicle, change)}: {_said(mended, now)}{_asked(vehicle, change, rivals)}")
+        numbers = ", ".join(_number(vehicle, key) for key in change.values)
+        lines.append(f"vehicle.{numbers}: {_said(mended, now)}{_asked(vehicle, change, rivals)}")
         now, odd = _changed(now, change), left
     return lines
 
@@ -141,17 +137,14 @@ def _odd(vehicle: Vehicle) -> list[Sign]:
 def _changes(vehicle: Vehicle) -> list[Change]:
     """Every mistake that is tried: the usual ones, then each number by each power of ten."""
     usual = [Change({key: _times(vehicle, key, by) for key, by in by_key.items()}, said) for said, by_key in MISTAKES]
-    moment = Change({"rotor_drag": vehicle.rotor_drag * vehicle.rotor_lift}, "the ratio of torque to thrust, in m")
-    thrust = Change({"rotor_lift": vehicle.rotor_lift / vehicle.rotor_max_speed**2}, "the thrust at full speed, in N")
+    drag, lift, most = vehicle.rotor_drag, vehicle.rotor_lift, vehicle.rotor_max_speed
     reach = max(vehicle.radius, 1.6 * vehicle.longest_arm)  # so far do propellers reach, if the radius leaves them out
-    frame = Change({"radius": reach}, "that of the frame without propellers")
-    order = Change({"inertia": tuple(sorted(vehicle.inertia))}, "in another order than I_x, I_y, I_z")
     return [
         *usual,
-        moment,
-        thrust,
-        frame,
-        order,
+        Change({"rotor_drag": drag * lift}, "the ratio of torque to thrust, in m"),
+        Change({"rotor_lift": lift / most**2}, "the thrust at full speed, in N"),
+        Change({"radius": reach}, "that of the frame without propellers"),
+        Change({"inertia": tuple(sorted(vehicle.inertia))}, "in another order than I_x, I_y, I_z"),
         *(Change({key: _times(vehicle, key, by)}) for key in UNITS for by in _POWERS),
     ]
 
@@ -177,12 +170,8 @@ def _far(vehicle: Vehicle, change: Change) -> float:
     return far if change.mistake else far + _UNUSUAL
 
 
-def _numbers(vehicle: Vehicle, change: Change) -> str:
-    """The fields of a change with their values and units."""
-    return ", ".join(_number(vehicle, key) for key in change.values)
-
-
 def _number(vehicle: Vehicle, key: str) -> str:
+    """A field with its value and unit."""
     if key == "arm_length" and vehicle.arms is not None:
         return f"arms: {vehicle.longest_arm:.4g} m"
     value = getattr(vehicle, key)
@@ -207,9 +196,8 @@ def _asked(vehicle: Vehicle, change: Change, rivals: list[Change]) -> str:
 
 def _said(signs: list[Sign], vehicle: Vehicle) -> str:
     """The first two signs with their values and usual ranges."""
-    return "; ".join(_one_said(sign, sign.of(vehicle)) for sign in signs[:2])
-
-
-def _one_said(sign: Sign, value: float) -> str:
-    usual = f"{sign.low:.3g} to {sign.high:g}" if sign.low else f"up to {sign.high:g}"
-    return f"{sign.says.format(value)}, usual is {usual}"
+    return "; ".join(
+        f"{sign.says.format(sign.of(vehicle))}, usual is "
+        + (f"{sign.low:.3g} to {sign.high:g}" if sign.low else f"up to {sign.high:g}")
+        for sign in signs[:2]
+    )

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ortilo_drake.interop.recorded.range_sources import DifferenceSource, RangeSource
+from ortilo_drake.interop.recorded.range_sources import RangeSource
 from ortilo_drake.interop.recorded.rejected import Rejections, began_anew, kept_in_order, named
 from ortilo_drake.interop.recorded.sources import MOST, Column, OfOne, Source
 from ortilo_drake.interop.recorded.tables import Table
@@ -131,10 +131,8 @@ def _read_file(
         table = read_bag(path, topic, source, columns, rejected, names)
     in_unit = source.time is not None or topic is None
     t = table.t * size_of(source.unit, UNITS) if in_unit else table.t
-    two_tags = (
-        isinstance(source, RangeSource | DifferenceSource) and source.tag is not None
-    )  # one may come after the other
-    if not two_tags and (back := began_anew(t, table.names)) is not None:
+    tagged = getattr(source, "tag", None) is not None  # the rows of one tag may come after those of another
+    if not tagged and (back := began_anew(t, table.names)) is not None:
         row = f"{rejected.word} {table.rows[back]}"
         raise InputError(f"{rejected.source}: its clock begins anew in {row}: two times would be mixed; cut it there")
     keep = kept_in_order(t, table.rows, rejected, table.names)

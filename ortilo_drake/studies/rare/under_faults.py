@@ -62,14 +62,14 @@ def faults_of(given: list[str], own: Scenario) -> dict[str, list[Any]]:
         InputError: naming what is given and what is allowed.
     """
     found = {text: _faults(text, own) for text in given}
-    kinds = [faults[0]["kind"] for faults in found.values()]
+    kinds = [faults[0]["kind"] for text, faults in found.items() if text != OWN]
 
     def name(text: str, kind: str) -> str:
         if text == OWN:
             return "own faults"
         return text if text in NAMES or kinds.count(kind) > 1 else kind
 
-    return {name(text, kind): faults for (text, faults), kind in zip(found.items(), kinds, strict=True)}
+    return {name(text, faults[0]["kind"]): faults for text, faults in found.items()}
 
 
 def _faults(text: str, own: Scenario) -> list[Any]:

@@ -78,6 +78,7 @@ def test_faults_are_given_in_yaml_by_name_and_as_the_scenarios_own() -> None:
     assert found["own faults"][0]["by"] == 0.5
     other = GUST.replace("2.0", "1.0")
     assert list(faults_of([GUST, other], own)) == [GUST, other]
+    assert list(faults_of(["own", "{kind: clock_jump, start: 1.0, by: 0.1}"], own)) == ["own faults", "clock_jump"]
 
 
 @pytest.mark.parametrize(
