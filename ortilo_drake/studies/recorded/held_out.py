@@ -25,7 +25,7 @@ from ortilo_drake.studies.recorded.filtered import (
     noise_of,
 )
 from ortilo_drake.studies.recorded.replayed import with_lever
-from ortilo_drake.studies.recorded.scores import nees_of, nis_of
+from ortilo_drake.studies.recorded.scores import nees_of, nis_of, rms_by_axis
 from ortilo_drake.studies.recorded.setups import (
     calibrated_setup,
     given_level,
@@ -147,8 +147,9 @@ def judge(motions: Sequence[Parts], before: FilterSettings, after: FilterSetting
         m = sum(len(one.e) for one in befores)
         pairs["errors"] = [one.errors for one in befores], [one.errors for one in afters]
         pairs["accuracy"] = [-one.squares / m for one in befores], [-one.squares / m for one in afters]
-        nees = (_mean_nees(befores), _mean_nees(afters))
-        rmse = (_rmse(befores), _rmse(afters))
+        nees_before, nees_after = (float(np.concatenate([one.nees for one in of]).mean()) for of in (befores, afters))
+        rmse_before, rmse_after = (rms_by_axis(np.vstack([one.e for one in of])) for of in (befores, afters))
+        nees, rmse = (nees_before, nees_after), (rmse_before, rmse_after)
     gains = {name: gain_of(*pair, 1.0 - (1.0 - LEVEL) / len(pairs)) for name, pair in pairs.items()}
     nis = (float(np.mean([one.nis for one in befores])), float(np.mean([one.nis for one in afters])))
     return HeldOut(float(duration), gains, nis, nees, rmse)
@@ -185,11 +186,3 @@ def gain_of(before: list[np.ndarray], after: list[np.ndarray], level: float) -> 
     n, differences = len(befores), afters - befores
     spread = float(np.std(differences, ddof=1) * np.sqrt(n))
     return Gain(float(befores.sum()), float(afters.sum()), float(student.ppf(0.5 + level / 2.0, n - 1)) * spread)
-
-
-def _mean_nees(found: list[_Judged]) -> float:
-    return float(np.mean(np.concatenate([one.nees for one in found])))
-
-
-def _rmse(found: list[_Judged]) -> tuple[float, ...]:
-    return tuple(np.sqrt(np.mean(np.vstack([one.e for one in found]) ** 2, axis=0)).tolist())

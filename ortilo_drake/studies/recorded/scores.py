@@ -102,7 +102,7 @@ def score(found: Estimate, judged: np.ndarray, truth: np.ndarray | None, availab
     worst = float(t[errors.argmax()])
     before = found.range_stamps[found.range_stamps <= worst]
     return Scores(
-        _rms(e),
+        rms_by_axis(e),
         *by_evo(t, found.p[judged], truth[judged]),
         float(np.mean(nees_of(e, P))),
         nis,
@@ -110,7 +110,7 @@ def score(found: Estimate, judged: np.ndarray, truth: np.ndarray | None, availab
         available,
         lost=lost,
         silent=silent,
-        rmse_found=_rms(e[there]) if there.any() else None,
+        rmse_found=rms_by_axis(e[there]) if there.any() else None,
         largest=(float(errors.max()), worst, worst - float(before[-1])),
     )
 
@@ -129,6 +129,7 @@ def not_lost_at(t: np.ndarray, lost: tuple[Lost, ...]) -> np.ndarray:
     return there
 
 
-def _rms(e: np.ndarray) -> tuple[float, float, float]:
+def rms_by_axis(e: np.ndarray) -> tuple[float, float, float]:
+    """Return the root mean square of errors (m, 3) by axis."""
     x, y, z = (float(axis) for axis in np.sqrt(np.mean(e**2, axis=0)))
     return x, y, z
