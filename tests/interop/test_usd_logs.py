@@ -38,8 +38,8 @@ def test_both_versions_are_read(tmp_path, version, unit) -> None:
 def test_what_is_spoilt_is_one_line(tmp_path) -> None:
     path, log = tmp_path / "log", usd_log(KINDS, EVENTS)
     spoilt = {
-        "its CRC is wrong": log[:-9],
-        "CRC is wrong": log[:40] + b"\7" + log[41:],
+        "its CRC is wrong": log[:-1] + bytes([log[-1] ^ 1]),
+        "CRC is wrong": log[:-4].replace(b"\7\0" + (13_000).to_bytes(8, "little"), b"\x17\0" + b"\0" * 8) + b"1234",
         "cut short: 4 bytes": log[:4],
         "version 3": b"\xbc\3\0" + log[3:],
         "field 'idA.Z.' must be name.T.": _sealed(log[:-4].replace(b"idA(B)", b"idA(Z)")),
@@ -54,6 +54,27 @@ def test_what_is_spoilt_is_one_line(tmp_path) -> None:
         read(path, "estTOF")
     with pytest.raises(InputError, match=r"no field 'range'; has idA, idB, distanceDiff"):
         read(path, columns=("range",))
+
+
+@pytest.mark.parametrize("pad", [b"", b"\0", b"\xff"])
+def test_a_log_that_lost_its_end_with_the_power_is_read_up_to_there(tmp_path, pad) -> None:
+    path, log = tmp_path / "log", usd_log(KINDS, [*EVENTS, (0, 14_000, (3, 4, 0.125))])
+    last = 10 + 6  # bytes of the last event
+    for cut in (1, 3, 4, 5, 4 + last - 1, 4 + last):
+        path.write_bytes(log[:-cut] + 600 * pad)
+        found = read(path)
+        whole = cut <= 4
+        np.testing.assert_array_equal(found.values, [[0.5], [-0.25], [0.125]][: 2 + whole])
+        assert found.rejected.counts == {}
+        (note,) = found.rejected.notes
+        assert "the log's end is missing" in note
+
+
+def test_a_log_that_lost_its_checksum_and_is_spoilt_too_is_refused(tmp_path) -> None:
+    path = tmp_path / "log"
+    path.write_bytes(usd_log(KINDS, [*EVENTS, (9, 14_000, ()), *EVENTS])[:-9])
+    with pytest.raises(InputError, match="its CRC is wrong"):
+        read(path)
 
 
 def _sealed(data: bytes) -> bytes:

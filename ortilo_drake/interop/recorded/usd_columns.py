@@ -8,6 +8,8 @@
 with T a code of Python's struct. A log has no units of its own: the firmware's gyroscope is in deg/s, its accelerometer
 in g, its range finder in mm.
 
+A log that ends within an event, or behind one, lost its end with the power and never had a CRC: it is read up to there.
+
 Source: crazyflie-firmware, tools/usdlog/cfusdlog.py.
 """
 
@@ -29,6 +31,8 @@ from ortilo_drake.model.typed_yaml import InputError
 
 MAGIC: Final = 0xBC
 LIMIT: Final = 1024 * MIB
+CRC: Final = 4  # bytes
+PADS, PADDED = (b"\0", b"\xff"), 32  # what the last block may be filled with, so many bytes at least
 HEADS: Final = {1: (struct.Struct("<HI"), 1e-3), 2: (struct.Struct("<HQ"), 1e-6)}  # of an event; seconds in its stamp
 CODES: Final = "?bBhHiIlLqQefd"
 STANDARD: Final = {"l": "i", "L": "I"}  # of struct's codes those that NumPy makes longer
@@ -50,6 +54,7 @@ class _Log(NamedTuple):
     kinds: dict[int, _Kind]
     unread: int  # bytes at the end that could not be read
     why: str
+    cut: bool  # whether its end is missing, and with it the CRC
 
 
 def is_usd(path: Path) -> bool:
@@ -95,25 +100,37 @@ def _index(path: Path, changed: int) -> _Log:
     version, count = struct.unpack_from("<HH", data, 1)
     if version not in HEADS:
         raise InputError(f"{path}: uSD log of version {version}; 1 and 2 are read")
-    if crc32(data[:-4]) != struct.unpack("<I", data[-4:])[0]:
-        raise InputError(f"{path}: its CRC is wrong: the log was cut short or spoilt")
     head, unit = HEADS[version]
     try:
         kinds, at = _kinds(data, count, path)
     except struct.error:
         raise InputError(f"{path}: cut short in the names of its events") from None
-    end, why, sizes = len(data) - 4, "", {number: head.size + kind.layout.itemsize for number, kind in kinds.items()}
-    while at + head.size <= end:
-        number = data[at] + 256 * data[at + 1]
-        size = sizes.get(number)
-        if size is None:
-            why = f"bytes behind an event of unknown number {number}"
-            break
-        if at + size > end:
-            break
-        kinds[number].places.append(at)
+    sizes = {number: head.size + kind.layout.itemsize for number, kind in kinds.items()}
+    whole = crc32(data[:-CRC]) == struct.unpack("<I", data[-CRC:])[0]
+    last = len(data) - CRC if whole else _written(data)
+    places, end = _events(data, at, last, sizes)
+    number = int.from_bytes(data[end : end + 2], "little")
+    unknown = last - end >= CRC and number not in sizes
+    if unknown and not whole:
+        raise InputError(f"{path}: its CRC is wrong: the log is spoilt")
+    for place in places:
+        kinds[data[place] + 256 * data[place + 1]].places.append(place)
+    why = f"bytes behind an event of unknown number {number}" if unknown else "bytes of an event that is cut short"
+    return _Log(data, head, unit, kinds, last - end, why, not whole)
+
+
+def _written(data: bytes) -> int:
+    """Return where the last block's padding begins, a run of bytes 0 or 255; else where the file ends."""
+    return min((n for pad in PADS if len(data) - (n := len(data.rstrip(pad))) >= PADDED), default=len(data))
+
+
+def _events(data: bytes, at: int, end: int, sizes: dict[int, int]) -> tuple[list[int], int]:
+    """Return where the events begin, and where the first one does that is unknown or not whole."""
+    places = []
+    while at + 2 <= end and (size := sizes.get(data[at] + 256 * data[at + 1], LIMIT)) <= end - at:
+        places.append(at)
         at += size
-    return _Log(data, head, unit, kinds, end - at, why or "bytes of an event that is cut short")
+    return places, at
 
 
 def read_usd(
@@ -122,11 +139,14 @@ def read_usd(
     """Return the events of a kind, stamps in s since the start.
 
     Raises:
-        InputError: if the file is no such log, its CRC is wrong, or there is no such kind, field or hardly an event.
+        InputError: if the file is no such log, has a wrong CRC, or there is no such kind, field or hardly an event.
     """
     log = _index(path, path.stat().st_mtime_ns)
     rejected.word = "event"
-    rejected.add(log.why, "", log.unread)
+    if log.cut:
+        rejected.notes.append("the log's end is missing, as after a loss of power: it is read as far as it goes")
+    else:
+        rejected.add(log.why, "", log.unread)
     kind = topic_of(path, topic, {kind.name: kind for kind in log.kinds.values()})
     places = np.array(kind.places)
     check_size(path, topic, len(places), len(columns))
