@@ -71,7 +71,7 @@ def flights_to_go(what: str = "flights") -> Iterator[Callable[[int, int], None]]
             progress.update(task, completed=done, total=total)
             if not err.is_terminal and now - said >= SAID_EVERY and done > first:
                 said, left = now, (total - done) * (now - start) / (done - first)
-                say_error(f"{done:,} of at most {total:,} {what}, {timedelta(seconds=round(left))} to go")
+                say_error(f"{done:,} of at most {total:,} {what}, at most {timedelta(seconds=round(left))} to go")
 
         yield advance
 

@@ -58,7 +58,7 @@ def test_without_a_bar_long_work_says_the_time_to_go(
         advance(110, 250)
         now[0] = 10.0
         advance(150, 250)
-    assert capsys.readouterr().out == "150 of at most 250 likelihoods, 0:00:20 to go\n"
+    assert capsys.readouterr().out == "150 of at most 250 likelihoods, at most 0:00:20 to go\n"
 
 
 @pytest.mark.parametrize("words", [["faults"], ["room", "new"], ["hil", "check"]])

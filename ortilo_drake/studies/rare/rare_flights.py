@@ -24,6 +24,7 @@ from ortilo_drake.studies.rare.estimate import Counted, Joined, counted_of, esti
 from ortilo_drake.studies.rare.subset import CHAIN, LEAST, Climb, Plan, climb, flights_of, most_levels, plan_climb
 
 AT_ONCE = 500  # flights that are counted by one job
+TRIED = 3  # repetitions that fly before the others, which fly only if one of these comes to the event
 Part = tuple[
     tuple[Any, ...], Path, Any, int
 ]  # a job's arguments, the file of its result, the type of that, its flights
@@ -128,7 +129,8 @@ def rare_flights(
 ) -> Rare:
     """Return the probability that an event happens in a flight.
 
-    Where the climb that chooses the levels never comes to the event, nothing is repeated. Finished repetitions are kept
+    Where the climb that chooses the levels never comes to the event, nothing is repeated, and where none of the first
+    TRIED repetitions does, no more of them fly: a count then bounds the probability. Finished repetitions are kept
     in the folder `out`, and not flown again; 1 worker flies in this process. A level has so many paths, a multiple of
     CHAIN; the repetitions, 2 at least, have noise of their own, of the scenario's seed together with their number. So
     many flights are counted beside it, seeds from 0 on. The progress is told as how many flights are done and how many
@@ -169,7 +171,11 @@ def rare_flights(
         )
         for i in numbers
     ]
-    found: list[Climb] = _run(climb_flights, parts, workers, advance)
+    found: list[Climb] = _run(climb_flights, parts[:TRIED], workers, advance)
+    if any(one.probability for one in found):
+        found += _run(climb_flights, parts[TRIED:], workers, advance)
+    else:
+        total -= each * len(parts[TRIED:])
     parts = []
     for at in range(0, count, AT_ONCE):
         batch = range(at, min(at + AT_ONCE, count))

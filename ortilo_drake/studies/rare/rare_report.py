@@ -9,6 +9,7 @@ from ortilo_drake.studies.rare.subset import FIRST, KEPT, most_levels
 from ortilo_drake.views.markdown import table
 
 FAR_APART = 30.0  # of the interval's ends, from which the figure is said to be a magnitude [1]
+UPPER_ONLY = 1e4  # of the interval's ends, from which only the upper one is an answer [1]
 _MILLIARD = 1e9  # flights, from which their number is written with an exponent
 OFTEN = 0.1  # a larger share of flights is given in percent [1]
 APART = 0.25  # of acceptances at one level, from which repetitions are said to have gone different ways [1]
@@ -17,8 +18,10 @@ APART = 0.25  # of acceptances at one level, from which repetitions are said to 
 def verdict(scenario: Scenario, found: Rare) -> str:
     """Return the verdict in one line: how often it happens."""
     event, flown, (often, ends) = happening(found.event), found.independent, how_often(found)
-    if found.probability is None and not flown.events:
-        return f"{scenario.name} {event}: fewer than {found.high:.2g} (95 %), none in {flown.flights:,} flights"
+    if not flown.events and (found.probability is None or found.high > UPPER_ONLY * found.low):
+        least = f"fewer than {found.high:.2g} (95 %), none in {flown.flights:,} flights"
+        told = f"; subset simulation tells no more than that there may be {often}" if found.probability else ""
+        return f"{scenario.name} {event}: {least}{told}"
     by = f" (95 %: {ends})"
     if found.probability is None:
         by = f", by counting: {flown.events} of {flown.flights:,}{by}"

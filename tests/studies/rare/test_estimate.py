@@ -117,7 +117,7 @@ def test_repetitions_that_a_count_without_an_event_contradicts_are_not_used() ->
 
 
 def flown(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, goal: float, **more: int
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, goal: float, repetitions: int = 3, **more: int
 ) -> tuple[study.Rare, list[tuple[int, int]]]:
     """A study of the process in place of flights, and what it told of its progress."""
 
@@ -133,7 +133,7 @@ def flown(
     process, told = Process(), list[tuple[int, int]]()
     monkeypatch.setattr(study, "_engine_of", lambda text: process)
     found = study.rare_flights(
-        SCENARIO, study.Event(goal), 100, 3, tmp_path, 1, progress=lambda *now: told.append(now), **more
+        SCENARIO, study.Event(goal), 100, repetitions, tmp_path, 1, progress=lambda *now: told.append(now), **more
     )
     return found, told
 
@@ -161,6 +161,16 @@ def test_repetitions_that_end_early_lower_the_flights_announced(
     assert told[-1] == (580, 580)
     again, told = flown(monkeypatch, tmp_path, 8.0)  # of what is kept
     assert (again, told[-1]) == (found, (580, 580))
+
+
+def test_where_the_first_repetitions_find_nothing_no_more_fly(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """None of 400 independent flights: their Wilson interval is the answer; fewer flights are announced."""
+    plan = Plan((7.0, 7.5), ((0.5, 0.5), (0.5, 0.5)), 280, 0, True)
+    monkeypatch.setattr(study, "plan_climb", lambda *rest: plan)
+    found, told = flown(monkeypatch, tmp_path, 8.0, repetitions=10)
+    assert (found.flights, told[-1]) == (280 + study.TRIED * 100, (580, 580))
+    assert found.high == pytest.approx(binomtest(0, 400).proportion_ci(method="wilson").high)
+    assert "fewer than 0.0095 (95 %), none in 400 flights" in verdict(SCENARIO, found)
 
 
 def test_a_frequent_event_is_reported_as_counted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario, with_seed
 from ortilo_drake.studies.rare.estimate import Joined, counted_of
 from ortilo_drake.studies.rare.rare_flights import Event, Rare, rare_flights
-from ortilo_drake.studies.rare.rare_report import level_apart, rare_text
+from ortilo_drake.studies.rare.rare_report import level_apart, rare_text, verdict
 from ortilo_drake.studies.rare.subset import AT_ONCE, Climb, Plan, flights_of
 from ortilo_drake.world.persistent_noise import seeds_of_nodes
 
@@ -171,6 +171,16 @@ def test_what_never_happened_is_bounded_by_counting_in_the_first_line(repetition
     assert "probability 0" not in text
     assert not re.search(r"\| \d+ \| 0 \|", text)  # of a repetition
     assert any("came to the event" in line or "came to no such flight" in line for line in rest)
+
+
+def test_what_no_flight_counted_and_few_repetitions_found_is_bounded_in_the_first_line() -> None:
+    """The interval's ends are orders of magnitude apart: only the upper one says something."""
+    joined = Joined(1.1e-5, (2.8e-19, 1.0), (0.0, 4.8e-4))
+    found = replace(made(NEVER, 1.1e-5), low=2.8e-19, high=4.8e-4, joined=joined)
+    assert verdict(SCENARIO, found).startswith(
+        "nominal_imu_uwb loses its vehicle: fewer than 0.00048 (95 %), none in 500"
+    )
+    assert "tells no more than that there may be one flight in 91,000" in verdict(SCENARIO, found)
 
 
 @pytest.mark.parametrize("flights", [20, 500, 10_000])
