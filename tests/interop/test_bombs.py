@@ -168,7 +168,7 @@ def test_many_chunks_of_mcap_are_unpacked_to_the_limit_of_a_file(tmp_path, small
     monkeypatch.setattr(unpack, "FILE_LIMIT", 3 * LIMIT)
     part = chunk("lz4", lz4.frame.compress(record(200, bytes(LIMIT - 9))), LIMIT, 0)
     mcap_ok = mcap(tmp_path / "a.mcap", part, part)
-    assert list(mcap_records.read_records(mcap_ok, whole=True)) == []
+    assert list(mcap_records.read_records(mcap_ok)) == []
     line = refusal(read, mcap(tmp_path / "b.mcap", part, part, part, part))
     assert "unpacks to more than 3 MiB, the most that is read of a file" in line
 

@@ -468,6 +468,33 @@ def test_an_mcap_is_read_by_its_encoding(folder, motion, encoding) -> None:
         read(folder, with_ranges("{file: log.mcap, " + BAG))
 
 
+@pytest.mark.parametrize("nested", [True, False])
+def test_a_message_with_a_list_of_anchors_and_one_of_ranges_is_a_row_for_each(folder, motion, nested) -> None:
+    """Every message has the ranges to other anchors, in another order; some have none."""
+    rng = np.random.default_rng(0)
+    heard = [rng.permutation(6)[: k % 7] for k in range(len(motion.t_r))]
+    with (folder / "log.mcap").open("wb") as file:
+        writer = McapWriter(file)
+        writer.start()
+        channel = writer.register_channel("/uwb", "json", writer.register_schema("lab/All", "jsonschema", b"{}"))
+        for t, row, its in zip(motion.t_r, motion.r, heard, strict=True):
+            both = {"id": [100 + int(i) for i in its], "range": [float(row[i]) for i in its]}
+            each = [dict(zip(both, pair, strict=True)) for pair in zip(*both.values(), strict=True)]
+            data = json.dumps({"heard": each} if nested else both).encode()
+            writer.add_message(channel, round(t * 1e9), data, round(t * 1e9))
+        writer.finish()
+    of = "heard." if nested else ""
+    names = "names: [100, 101, 102, 103, 104, 105]"
+    ranges = read(
+        folder, with_ranges(f"{{file: log.mcap, topic: /uwb, anchor: {of}id, values: [{of}range], {names}}}")
+    ).ranges
+    k = np.repeat(np.arange(len(heard)), [len(its) for its in heard])
+    order = np.lexsort((np.concatenate(heard), k))
+    found = np.lexsort((ranges.anchor, ranges.t))
+    np.testing.assert_array_equal(ranges.anchor[found], np.concatenate(heard)[order])
+    np.testing.assert_allclose(ranges.r[found], motion.r[k, np.concatenate(heard)][order])
+
+
 def test_an_mcap_of_another_encoding_is_refused_by_its_name(folder, motion) -> None:
     write_mcap(folder / "log.mcap", motion, "protobuf")
     said = r"topic '/uwb' has protobuf messages \(protobuf\); cdr \(ROS 2\), ros1 and json are read"

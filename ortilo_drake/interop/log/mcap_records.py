@@ -64,7 +64,7 @@ def _records(path: Path, file: IO[bytes], left: int, in_chunk: bool) -> Iterator
             yield opcode, file.read(length)
 
 
-def _whole_records(path: Path, whole: bool) -> Iterator[tuple[int, bytes]]:
+def _all_records(path: Path, cut: Callable[[], None]) -> Iterator[tuple[int, bytes]]:
     """Yield (opcode, content) of schemas, channels and messages, those in chunks included."""
     unpacker = Unpacker(path)
     with open_file(path) as file:
@@ -78,14 +78,13 @@ def _whole_records(path: Path, whole: bool) -> Iterator[tuple[int, bytes]]:
                 yield from _records(path, BytesIO(raw), len(raw), True)
             else:
                 yield opcode, content
-        if whole:
-            raise InputError(f"{path}: cannot be read as a bag (cut short?): its data have no end")
+        cut()
 
 
-def read_records(path: Path, whole: bool = False) -> Iterator[Schema | Channel | Message]:
+def read_records(path: Path, cut: Callable[[], None] = lambda: None) -> Iterator[Schema | Channel | Message]:
     """Yield schemas, channels and messages of an MCAP file in the order they were written.
 
-    One that was cut short is refused if it must be `whole`; otherwise it may end anywhere.
+    It may end anywhere; `cut` is called behind the last record of one that was cut short.
 
     Raises:
         InputError: if the file cannot be read, is no MCAP, is damaged before its end, or holds or unpacks to more than
@@ -93,7 +92,7 @@ def read_records(path: Path, whole: bool = False) -> Iterator[Schema | Channel |
     """
     definitions = 0
     try:
-        for opcode, content in _whole_records(path, whole):
+        for opcode, content in _all_records(path, cut):
             stream = ReadDataStream(BytesIO(content))
             if opcode == Opcode.MESSAGE:
                 yield Message.read(stream, len(content))

@@ -7,19 +7,21 @@ order in which they were received, as fast as they came or faster.
 import json
 import time
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from functools import partial
 from heapq import merge
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Final
 
+import numpy as np
 from mcap.records import Channel, Schema
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from ortilo_drake.interop.log.mcap_records import read_records
 from ortilo_drake.interop.recorded.message_fields import check_types, field_of, numbers_of, stamp_of
 from ortilo_drake.interop.recorded.rejected import Rejections
-from ortilo_drake.interop.recorded.ros2_folder import check_database, files_of_bag
+from ortilo_drake.interop.recorded.ros2_folder import PACKED, check_database, files_of_bag
 from ortilo_drake.interop.recorded.sources import Column, Source
 from ortilo_drake.interop.recorded.tables import Rows, Table
 from ortilo_drake.interop.ros.ros_types import typestore
@@ -27,46 +29,59 @@ from ortilo_drake.interop.unpack import Unpacker
 from ortilo_drake.model.input_files import check_file, exists
 from ortilo_drake.model.typed_yaml import InputError, nearest
 
+ZSTD: Final = b"\x28\xb5\x2f\xfd"  # begins what is packed so: no message of another encoding begins so
 
-def messages_of(path: Path, topic: str, topics: set[str]) -> Iterator[tuple[str, int, Callable[[], Any]]]:
+
+def messages_of(
+    path: Path, topic: str, topics: set[str], cut: Callable[[], None] = lambda: None
+) -> Iterator[tuple[str, int, Callable[[], Any]]]:
     """Yield type, time of receipt [ns] and decoder of each message of a topic; `topics` gets the names of all topics.
 
+    An MCAP file that was cut short is read as far as it goes, and `cut` is called.
+
     Raises:
-        InputError: if it is no bag or cut short, has no such topic, or holds or unpacks to more than the limits.
+        InputError: if it is no bag or one of another kind that was cut short, has no such topic, or holds or unpacks to
+            more than the limits.
     """
+    short: list[Path] = []
     if not exists(path):
         raise InputError(f"{path}: no such bag")
     if not path.is_dir():
         check_file(path)
-    elif not exists(path / "metadata.yaml"):
-        raise InputError(f"{path}: a folder without metadata.yaml is no ROS 2 bag: give the file in it that is a bag")
     try:
-        if path.suffix == ".mcap":
-            yield from mcap_messages(path, topic, topics)
-        elif not path.is_dir():
-            yield from _of_file(path, topic, topics, False)
-        else:
-            with files_of_bag(path) as (files, packed):
-                for file in files:
-                    yield from (mcap_messages if file.suffix == ".mcap" else _of_file)(file, topic, topics, packed)
+        with files_of_bag(path) if path.is_dir() or path.suffix == PACKED else nullcontext([path]) as files:
+
+            def end() -> None:
+                short.append(path)
+
+            for file in files:
+                if file.suffix == ".mcap":
+                    yield from mcap_messages(file, topic, topics, end)
+                else:
+                    yield from _of_file(file, topic, topics)
     except InputError:
         raise
     except Exception as error:  # rosbags and mcap raise errors of many kinds for files that are cut short or not theirs
         line = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{path}: cannot be read as a bag (cut short?): {line}") from None
+        mends = " `rosbag reindex` may mend it" if path.suffix in (".bag", ".active") else ""
+        raise InputError(f"{path}: cannot be read as a bag (cut short?{mends}): {line}") from None
     if topic not in topics:
+        if short:
+            raise InputError(f"{path}: cannot be read as a bag (cut short): no topic '{topic}' in what is left of it")
         has = ", ".join(sorted(topics)) or "none"
         raise InputError(f"{path}: no topic '{topic}'{nearest(topic, sorted(topics))}; has {has}")
+    if short:
+        cut()
 
 
-def _of_file(path: Path, topic: str, topics: set[str], packed: bool) -> Iterator[tuple[str, int, Callable[[], Any]]]:
+def _of_file(path: Path, topic: str, topics: set[str]) -> Iterator[tuple[str, int, Callable[[], Any]]]:
     from ortilo_drake.interop.recorded.lenient_bag import raw_messages
 
     if path.suffix == ".db3":
         check_database(path)
     unpacker = Unpacker(path)
     for reader, type_name, received, raw in raw_messages(path, topic, topics):
-        data = unpacker.unpack("zstd", raw, "a message") if packed else raw
+        data = unpacker.unpack("zstd", raw, "a message") if raw[:4] == ZSTD else raw
         yield type_name, received, partial(reader.deserialize, data, type_name)
 
 
@@ -86,8 +101,12 @@ def read_bag(
         InputError: as messages_of, or if there is no such field, or hardly a message can be read.
     """
     rejected.word = "message"
-    rows, k = Rows(path), 0
-    for type_name, received, decode in messages_of(path, topic, set()):
+    rows, k, empty = Rows(path), 0, 0
+
+    def note_cut() -> None:
+        rejected.notes.append("the bag's end is missing, as after a loss of power: it is read as far as it goes")
+
+    for type_name, received, decode in messages_of(path, topic, set(), note_cut):
         k += 1
         try:
             message = decode()
@@ -96,7 +115,7 @@ def read_bag(
             continue
         try:
             numbers, stamp = numbers_of(message, columns), stamp_of(message, received, source.time)
-            anchor = "" if names is None else str(field_of(message, str(names)))
+            called = None if names is None else field_of(message, str(names))
         except LookupError as error:
             if not rows.width:  # of the first message: a wrong map, not a wrong message
                 fields = ", ".join(name for name in getattr(message, "__dict__", {}) if not name.startswith("__"))
@@ -108,12 +127,21 @@ def read_bag(
             continue
         except (TypeError, ValueError):
             raise InputError(f"{path}: {topic}: a field of {list(columns)} is no number") from None
-        if rows.width and len(numbers) != rows.width:
-            rejected.add(f"messages without {rows.width} values", f"in message {k}")
+        each, its = [None if called is None else str(called)], [numbers]
+        if isinstance(called, list | np.ndarray):  # a list of anchors beside one of ranges
+            each, fits = [str(one) for one in called], len(numbers) == len(called) * len(columns)
+            its = np.reshape(numbers, (len(columns), len(called))).T.tolist() if fits else []
+            empty += not len(called)
+        if len(each) != len(its) or any(rows.width not in (0, len(row)) for row in its):
+            rejected.add(f"messages without {rows.width or len(each)} values", f"in message {k}")
             continue
-        rows.add(k, stamp, numbers, None if names is None else anchor, received)
-    if len(rows) < max(2, k / 2):
-        why = f"{len(rows)} of {k} messages can be read" if k else "no messages: another topic, or none in the map?"
+        for name, row in zip(each, its, strict=True):
+            rows.add(k, stamp, row, name, received)
+    if len(rows) < max(2, (k - empty) / 2):
+        most = f" ({rejected.most()})" if rejected.counts else ""
+        why = (
+            f"{len(rows)} of {k} messages can be read{most}" if k else "no messages: another topic, or none in the map?"
+        )
         raise InputError(f"{path}: {topic}: {why}")
     return rows.table()
 
@@ -179,20 +207,20 @@ def _decoder(path: Path, channel: Channel, schema: Schema | None) -> Decode:
 
 
 def mcap_messages(
-    path: Path, topic: str, topics: set[str], packed: bool = False
+    path: Path, topic: str, topics: set[str], cut: Callable[[], None] = lambda: None
 ) -> Iterator[tuple[str, int, Callable[[], Any]]]:
     """Yield type, time of logging [ns] and decoder of each of a topic's messages, in the file's order.
 
-    `topics` gets the names of all topics; each message is `packed` with zstd of its own or not.
+    `topics` gets the names of all topics; a message may be packed with zstd of its own.
 
     Raises:
-        InputError: if the file is damaged, cut short or too large, or its messages are of an encoding that is not read;
+        InputError: if the file is damaged or too large, or its messages are of an encoding that is not read;
             the library raises errors of many kinds for a wrong schema.
     """
     schemas: dict[int, Schema] = {}
     channels: dict[int, tuple[str, Decode]] = {}
     unpacker = Unpacker(path)
-    for record in read_records(path, whole=True):
+    for record in read_records(path, cut):
         if isinstance(record, Schema):
             schemas[record.id] = record
         elif isinstance(record, Channel):
@@ -203,5 +231,5 @@ def mcap_messages(
                 channels[record.id] = (name, _decoder(path, record, schema))
         elif record.channel_id in channels:
             name, decode = channels[record.channel_id]
-            data = unpacker.unpack("zstd", record.data, "a message") if packed else record.data
+            data = unpacker.unpack("zstd", record.data, "a message") if record.data[:4] == ZSTD else record.data
             yield name, record.log_time, lambda data=data, decode=decode: decode(data)  # type: ignore[misc]

@@ -1,6 +1,5 @@
 """A recorded stream: stamps and a table of numbers, from one file or several of whatever kind."""
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -9,6 +8,7 @@ import numpy as np
 
 from ortilo_drake.interop.recorded.range_sources import RangeSource
 from ortilo_drake.interop.recorded.rejected import Rejections, began_anew, kept_in_order, named
+from ortilo_drake.interop.recorded.ros2_folder import natural
 from ortilo_drake.interop.recorded.sources import MOST, Column, OfOne, Source
 from ortilo_drake.interop.recorded.tables import Table
 from ortilo_drake.interop.recorded.units import size_of
@@ -60,14 +60,10 @@ def files_of(folder: Path, names: str | Sequence[str | OfOne]) -> list[Path]:
             raise InputError(f"{base / name}: not a pattern of files: {error}") from None
         if not fitting:
             raise InputError(f"{base / name}: no file fits this pattern")
-        found += sorted(fitting, key=_natural)
+        found += sorted(fitting, key=lambda path: natural(str(path)))
     if len(found) > MOST:
         raise InputError(f"{base}: {len(found)} files of one stream, at most {MOST} are read")
     return found
-
-
-def _natural(path: Path) -> list[tuple[int, str]]:
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", str(path))]
 
 
 def read_stream(

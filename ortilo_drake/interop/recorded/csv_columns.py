@@ -8,6 +8,8 @@ from itertools import chain
 from pathlib import Path
 from typing import BinaryIO, Final
 
+import numpy as np
+
 from ortilo_drake.interop.recorded.rejected import Rejections
 from ortilo_drake.interop.recorded.sources import Column, Source
 from ortilo_drake.interop.recorded.stamps import clock_period, stamp, unrolled
@@ -103,8 +105,9 @@ def read_csv(
     Raises:
         InputError: if the file cannot be read, a column is missing, or most rows are no numbers.
     """
-    wanted = (source.time or 1, *columns, *(() if names is None else (names,)))
-    numbered = [c for c in wanted[: 1 + len(columns)] if isinstance(c, int)]
+    times = source.time if isinstance(source.time, tuple) else (source.time or 1,)
+    wanted = (*times, *columns, *(() if names is None else (names,)))
+    numbered = [c for c in wanted[: len(times) + len(columns)] if isinstance(c, int)]
 
     def is_row(cells: list[str]) -> bool:
         return any(cells[c - 1] and stamp(cells[c - 1]) is not None for c in numbered if c <= len(cells))
@@ -127,7 +130,7 @@ def read_csv(
         for comment in layout.comments:
             count_comment(*comment)
         width, rows, count = max(places) + 1, Rows(path), 0
-        at, where, first_stamp = places[0], places[1 : 1 + len(columns)], ""
+        at, where, first_stamp = places[0], places[len(times) : len(times) + len(columns)], ""
         for k, text in chain(layout.rows, lines):
             if k > layout.rows[-1][0] and is_comment((k, text)):
                 count_comment(k, text)
@@ -138,6 +141,8 @@ def read_csv(
                 rejected.add(f"rows with fewer than {width} cells", f"in line {k}")
                 continue
             t, values = stamp(row[at]), [value for i in where if (value := number(row[i])) is not None]
+            if t is not None and len(times) > 1:
+                t += 1e-9 * (np.nan if (more := number(row[places[1]])) is None else more)
             if t is None or len(values) < len(where):
                 rejected.add("rows with a cell that is no number", f"in line {k}")
                 continue

@@ -15,11 +15,17 @@ _PART = re.compile(r"([^\[\].]+)|\[(\d+)\]")
 
 
 def field_of(message: Any, path: str) -> Any:
-    """Return a field by its path, such as `pose.position.x` or `ranges[2]`; LookupError if there is none."""
+    """Return a field by its path, such as `pose.position.x` or `ranges[2]`; LookupError if there is none.
+
+    Behind a list of messages it is the list of their fields: `measurements.distance`.
+    """
     value = message
     for name, index in _PART.findall(path):
         try:
-            value = value[int(index)] if index else getattr(value, name)
+            if index:
+                value = value[int(index)]
+            else:
+                value = [getattr(one, name) for one in value] if isinstance(value, list) else getattr(value, name)
         except (AttributeError, IndexError, TypeError):
             raise LookupError(path) from None
     return value
@@ -30,8 +36,11 @@ def _seconds(stamp: Any) -> float:
     return float(stamp.sec + 1e-9 * getattr(stamp, "nanosec", getattr(stamp, "nsec", 0)))
 
 
-def stamp_of(message: Any, received: int, time: Column | None) -> float:
+def stamp_of(message: Any, received: int, time: Column | tuple[Column, Column] | None) -> float:
     """Return a message's stamp: the field `time`, else its header's [s], else when it was received [s, of ns]."""
+    if isinstance(time, tuple):
+        whole, nanoseconds = (float(field_of(message, str(one))) for one in time)
+        return whole + 1e-9 * nanoseconds
     if time is not None:
         value = field_of(message, str(time))
         return _seconds(value) if hasattr(value, "sec") else float(value)

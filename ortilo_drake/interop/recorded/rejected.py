@@ -71,7 +71,8 @@ def kept_in_order(
         stamps: as they stand in the file.
         rows: their lines or messages, for the report.
         rejected: where to count.
-        names: of the anchors, if rows name them: such rows are sorted by their stamps, and may share one.
+        names: of the anchors, if rows name them: such rows are sorted by their stamps, and may share one. Others are
+            sorted where they fill a gap.
 
     Raises:
         InputError: if more than half would go.
@@ -84,17 +85,17 @@ def kept_in_order(
     good = finite & ~far
     before = np.maximum.accumulate(np.concatenate(([-np.inf], np.where(good, stamps, -np.inf))))[:-1]
     backward = good & (stamps < before)
-    if names is not None:
-        if backward.any():
-            first = f"in {rejected.word} {rows[np.argmax(backward)]}"
-            rejected.notes.append(f"{backward.sum()} rows out of order, first {first}; sorted by their stamps")
-        keep = np.flatnonzero(good)
-        keep = keep[np.argsort(stamps[keep], kind="stable")]
-    else:
+    late = backward & _fills_a_gap(stamps, good) if names is None else backward
+    if late.any():
+        first = f"in {rejected.word} {rows[np.argmax(late)]}"
+        rejected.notes.append(f"{late.sum()} rows out of order, first {first}; sorted by their stamps")
+    if names is None:
         same = good & (stamps == before)
         rejected.add_rows("duplicate stamps", same, rows)
-        rejected.add_rows("backward stamps", backward, rows)
-        keep = np.flatnonzero(good & ~same & ~backward)
+        rejected.add_rows("backward stamps", backward & ~late, rows)
+        good = good & ~same & (late | ~backward)
+    keep = np.flatnonzero(good)
+    keep = keep[np.argsort(stamps[keep], kind="stable")]
     if len(keep) < max(2, len(stamps) / 2):
         said = f"{len(keep)} of {len(stamps)} stamps are finite and rise: wrong column?"
         raise InputError(f"{rejected.source}: {said} ({rejected.most()})")
@@ -111,6 +112,20 @@ def kept_in_order(
             f"{gaps.sum()} gap{'s' * bool(gaps.sum() > 1)} between stamps, the longest {steps.max():.4g} s (kept)"
         )
     return keep
+
+
+def _fills_a_gap(stamps: np.ndarray, good: np.ndarray) -> np.ndarray:
+    """Return a mask of the stamps (n) [s] that are at least half a usual interval from the others before and behind.
+
+    A row that came late has its place there; one whose clock stepped back, or that came twice, has not.
+    """
+    fills, which = np.zeros(len(stamps), dtype=bool), np.flatnonzero(good)
+    if len(which) > 1:
+        order = which[np.argsort(stamps[which], kind="stable")]
+        steps = np.diff(stamps[order])
+        apart = np.minimum(np.append(np.inf, steps), np.append(steps, np.inf))
+        fills[order] = apart > 0.5 * np.median(steps)
+    return fills
 
 
 def began_anew(stamps: np.ndarray, names: np.ndarray | None) -> int | None:

@@ -1,5 +1,9 @@
-"""The folder of a ROS 2 bag: which files its metadata.yaml names, each checked and, if it is packed, unpacked."""
+"""The folder of a ROS 2 bag: which files its metadata.yaml names, each checked and, if it is packed, unpacked.
 
+A recorder writes metadata.yaml when it ends: without one, as after a loss of power, all of the folder's bags are it.
+"""
+
+import re
 import sqlite3
 import tempfile
 from collections.abc import Iterator
@@ -9,10 +13,11 @@ from typing import Final
 from urllib.parse import quote
 
 from ortilo_drake.interop.unpack import CHUNK_LIMIT, FILE_LIMIT, Unpacker
-from ortilo_drake.model.input_files import MIB, check_file, open_file, read_text, reason
+from ortilo_drake.model.input_files import MIB, check_file, exists, open_file, read_text, reason
 from ortilo_drake.model.typed_yaml import InputError, parse_yaml
 
 MOST: Final = 4096  # files of a bag
+PACKED: Final = ".zstd"
 STORAGES: Final = {"mcap": ".mcap", "sqlite3": ".db3"}
 
 
@@ -38,9 +43,23 @@ def _metadata(path: Path) -> tuple[list[str], str, str]:
     return names, STORAGES[storage], mode
 
 
+def _unlisted(folder: Path) -> tuple[list[str], str, str]:
+    """Return as _metadata what the files of a folder say that has none."""
+    for suffix in STORAGES.values():
+        for mode, end in (("", suffix), ("file", suffix + PACKED)):
+            if names := sorted((path.name for path in folder.glob(f"*{end}")), key=natural):
+                return names, suffix, mode
+    raise InputError(f"{folder}: a folder without metadata.yaml and without .db3 or .mcap files is no ROS 2 bag")
+
+
+def natural(name: str) -> list[tuple[int, str]]:
+    """Return a key by which bag_2 comes before bag_10."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
+
+
 @contextmanager
-def files_of_bag(folder: Path) -> Iterator[tuple[list[Path], bool]]:
-    """Give the files of a ROS 2 bag, mcap or db3, and whether each message in them is packed.
+def files_of_bag(bag: Path) -> Iterator[list[Path]]:
+    """Give the files of a ROS 2 bag, mcap or db3: of a folder, or of one file that is packed.
 
     Those packed as a whole are unpacked to a temporary folder.
 
@@ -48,12 +67,18 @@ def files_of_bag(folder: Path) -> Iterator[tuple[list[Path], bool]]:
         InputError: if metadata.yaml is wrong, a file it names is not there, no regular one or too large, or all of them
             unpack to more than the limit.
     """
-    names, suffix, mode = _metadata(folder / "metadata.yaml")
+    folder = bag if bag.is_dir() else bag.parent
+    if bag != folder:
+        names, suffix, mode = [bag.name], Path(bag.stem).suffix, "file"
+    elif exists(folder / "metadata.yaml"):
+        names, suffix, mode = _metadata(folder / "metadata.yaml")
+    else:
+        names, suffix, mode = _unlisted(folder)
     paths = [folder / name for name in names]
     for path in paths:
         check_file(path)
     if mode != "file":
-        yield paths, mode == "message"
+        yield paths
         return
     tried, unpacker = Unpacker(folder), Unpacker(folder)
     with tempfile.TemporaryDirectory(prefix="ortilo-") as place:
@@ -66,7 +91,7 @@ def files_of_bag(folder: Path) -> Iterator[tuple[list[Path], bool]]:
             with open_file(path) as packed, unpacked[-1].open("wb") as file:
                 for piece in unpacker.pieces("zstd", packed, FILE_LIMIT, path.name):
                     file.write(piece)
-        yield unpacked, False
+        yield unpacked
 
 
 def check_database(path: Path) -> None:

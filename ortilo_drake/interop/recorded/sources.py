@@ -94,9 +94,10 @@ class Source(Frozen):
         "`{file: a.csv, anchor: 0E15}` says of which, `{file: a.csv, tag: left}` which tag heard it."
     )
     topic: str | None = Field(default=None, description="A bag's or MCAP file's topic; none for a table.")
-    time: Column | None = Field(
+    time: Column | tuple[Column, Column] | None = Field(
         default=None,
-        description="Column of the stamp; in a bag the header's stamp if there is one, else the time of receipt.",
+        description="Column of the stamp, or two, of seconds and nanoseconds; in a bag the header's stamp if there is"
+        " one, else the time of receipt.",
     )
     unit: Literal["s", "ms", "us", "ns"] | Positive = Field(
         default="s", description="Unit of `time`, or seconds in one of the file's: 0.999 of a clock that is fast."

@@ -59,7 +59,7 @@ def _log(path: Path, changed: int) -> tuple[Any, bool]:
 def read_ulg(
     path: Path,
     topic: str,
-    time: Column | None,
+    time: Column | tuple[Column, Column] | None,
     columns: tuple[Column, ...],
     rejected: Rejections,
     names: Column | None = None,
@@ -70,6 +70,8 @@ def read_ulg(
         InputError: if pyulog is not installed, the file is no such log, or there is no such topic, field or hardly a
             message.
     """
+    if isinstance(time, tuple):
+        raise InputError(f"{path}: {topic}: time: {list(time)}: a log's stamp is one field")
     log, whole = _log(path, path.stat().st_mtime_ns)
     rejected.word = "message"
     rejected.add("log that is cut short or spoilt: what could be read of it is used", "", int(not whole))
