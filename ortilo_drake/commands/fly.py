@@ -42,7 +42,9 @@ from ortilo_drake.scenario import Scenario, load_scenario
 LOST = 3  # exit code of a flight that was lost
 
 
-def _print_flight(result: Summary, chosen: Scenario, said: str, blackout: float, by_drake: str | None) -> None:
+def _print_flight(
+    result: Summary, chosen: Scenario, said: str, blackout: float, by_drake: str | None, advice: str | None
+) -> None:
     from ortilo_drake.sensors.described import described
 
     say_heading(result.scenario, f", seed {result.seed}")
@@ -57,13 +59,15 @@ def _print_flight(result: Summary, chosen: Scenario, said: str, blackout: float,
     if result.lost:
         line = "one flight does not say: `ortilo rare` does, for the same scenario and settings"
         out.print(f"  how often           {line}", soft_wrap=True)
+    if advice:
+        out.print(f"  [yellow]angles, rates[/yellow]       {advice}", soft_wrap=True)
     if blackout > 0.0:
         line = f"{blackout:.1%} of the time, on purpose: uwb.link.blackouts of the scenario"
         out.print(f"  UWB blacked out     {line}", soft_wrap=True)
     for name, rate in result.arrivals.items():
-        advice = described(name).advice
-        if rate == 0.0 and advice is not None:
-            out.print(f"  [yellow]{name:18}[/yellow]  {advice}", soft_wrap=True)
+        silent = described(name).advice
+        if rate == 0.0 and silent is not None:
+            out.print(f"  [yellow]{name:18}[/yellow]  {silent}", soft_wrap=True)
 
 
 def _rows(result: Summary) -> dict[str, str]:
@@ -145,7 +149,7 @@ def fly(
     from ortilo_drake.flight.metrics import summary
     from ortilo_drake.flight.players import choose, why_not_engine
     from ortilo_drake.flight.players import fly as fly_once
-    from ortilo_drake.flight.verdict import verdict
+    from ortilo_drake.flight.verdict import lag_advice, verdict
     from ortilo_drake.studies.cautions.cautions import cautions
 
     if video:
@@ -202,7 +206,9 @@ def fly(
     write_json(json_file, result)
     blackout = in_blackout(flight["truth"].values, chosen).mean() if chosen.measures_ranges else 0.0
     by_drake = why_not_engine(chosen) if player is PlayerName.fastest else None
-    _print_flight(result, chosen, verdict(flight), float(blackout), by_drake)
+    lags = chosen.world.rotors.kind == "first_order" and chosen.linear_filter is not None and not result.lost
+    advice = lag_advice(flight) if lags else None
+    _print_flight(result, chosen, verdict(flight), float(blackout), by_drake, advice)
     say_written(html, png, video, out_file, log, rerun, json_file)
     if result.lost:
         raise typer.Exit(LOST)

@@ -6,18 +6,32 @@ import numpy as np
 import xarray as xr
 
 WITHIN = 3.0  # standard deviations
+DOUBTFUL = 0.8  # a smaller share of angles or rates within 3 sigma is told; the ready-made `rotors` has 0.91
 
 
-def share_within(flight: xr.Dataset) -> float:
-    """Return the share of ticks in which the estimated position is within 3 sigma of the truth on every axis [1].
+def share_within(flight: xr.Dataset, first: int = 0) -> float:
+    """Return the share of ticks in which three estimated states are within 3 sigma of the truth, each of them [1].
 
-    The first tick is left out, whose estimate is given. A Gaussian error has 0.992.
+    They are the position, or the states from number `first` on. The first tick is left out, whose estimate is given. A
+    Gaussian error has 0.992.
     """
-    error = np.abs(flight["estimate"].values[1:, :3] - flight["truth"].values[1:, :3])
-    P = flight["covariance"].values[1:, :3, :3]
+    states = slice(first, first + 3)
+    error = np.abs(flight["estimate"].values[1:, states] - flight["truth"].values[1:, states])
+    P = flight["covariance"].values[1:, states, states]
     there = np.isfinite(error).all(axis=1)
     sd = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2), 0.0))
     return float(np.mean((error <= WITHIN * sd)[there].all(axis=1))) if there.any() else float("nan")
+
+
+def lag_advice(flight: xr.Dataset) -> str | None:
+    """Return the shares of angles and rates within 3 sigma where one is small, and what to read; for lagging rotors."""
+    angles, rates = share_within(flight, 3), share_within(flight, 9)
+    if not min(angles, rates) < DOUBTFUL:
+        return None
+    return (
+        f"within 3 sigma {angles:.0%} and {rates:.0%} of the time, since rotors lag: `ortilo scenario check` names "
+        "the noise to assume, see docs/how_to/own_vehicle.md"
+    )
 
 
 def rms_error(flight: xr.Dataset) -> float:

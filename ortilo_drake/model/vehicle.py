@@ -2,10 +2,10 @@
 
 import math
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, NonNegativeFloat, model_validator
+from pydantic import BeforeValidator, Field, NonNegativeFloat, model_validator
 
 from ortilo_drake.model.input_files import exists
 from ortilo_drake.model.typed_yaml import Frozen, InputError, Positive, load_yaml
@@ -17,6 +17,13 @@ STEERABLE = 1e-6  # least singular value of a layout of arms, as a share of the 
 
 
 Lag = Annotated[float, Field(ge=1e-4)]  # shorter ones are none that matters, and take long to integrate [s]
+
+
+def _both(lags: Any) -> Any:
+    """Refuse one number for both lags: up and down differ on most vehicles."""
+    if isinstance(lags, int | float):
+        raise ValueError(f"{lags!r}: must be a list, [speeding up, slowing down] in s")
+    return tuple(lags) if isinstance(lags, list) else lags  # what a validator returns is no longer JSON
 
 
 class Arm(Frozen):
@@ -61,7 +68,7 @@ class Vehicle(Frozen):
     arms: Annotated[tuple[Arm, ...], Field(min_length=4, max_length=MAX_ROTORS)] | None = None
     rotor_lift: Positive = 1.858582798e-5
     rotor_drag: Positive = 7.905545266e-7
-    rotor_time_constant: tuple[Lag, Lag] = (0.0125, 0.025)
+    rotor_time_constant: Annotated[tuple[Lag, Lag], BeforeValidator(_both)] = (0.0125, 0.025)
     rotor_max_speed: Positive = 838.0
     radius: NonNegativeFloat = 0.49
 

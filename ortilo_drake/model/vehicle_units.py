@@ -141,6 +141,7 @@ def _changes(vehicle: Vehicle) -> list[Change]:
     reach = max(vehicle.radius, 1.6 * vehicle.longest_arm)  # so far do propellers reach, if the radius leaves them out
     return [
         *usual,
+        Change({"rotor_lift": drag, "rotor_drag": lift}, "swapped"),
         Change({"rotor_drag": drag * lift}, "the ratio of torque to thrust, in m"),
         Change({"rotor_lift": lift / most**2}, "the thrust at full speed, in N"),
         Change({"radius": reach}, "that of the frame without propellers"),

@@ -1,13 +1,14 @@
 """How a flight went, in a sentence."""
 
 import json
+import math
 
 import numpy as np
 import pytest
 import xarray as xr
 
 import ortilo_drake as od
-from ortilo_drake.flight.verdict import rms_error, share_within, verdict
+from ortilo_drake.flight.verdict import lag_advice, rms_error, share_within, verdict
 
 
 def made_up(n: int, sd: np.ndarray, lost: dict[str, object] | None = None) -> xr.Dataset:
@@ -38,6 +39,16 @@ def test_an_estimate_that_claims_too_much_is_not() -> None:
     flight = made_up(2000, SD)
     flight["covariance"] = flight["covariance"] / 9.0
     assert share_within(flight) == pytest.approx(0.6827**3, abs=0.04)  # within one sigma of what it really is
+
+
+@pytest.mark.parametrize(("first", "shares"), [(3, "46% and 100%"), (9, "100% and 46%")])
+def test_angles_or_rates_that_are_claimed_far_too_well_are_told(first: int, shares: str) -> None:
+    """Errors of 2.5 times their sd are within three of it with erf(1.2 / sqrt(2)), on three axes with its cube."""
+    flight = made_up(20_000, SD)
+    assert lag_advice(flight) is None
+    flight["estimate"][:, first : first + 3] = np.random.default_rng(1).normal(size=(20_000, 3)) * 2.5
+    assert share_within(flight, first) == pytest.approx(math.erf(1.2 / math.sqrt(2.0)) ** 3, abs=0.015)
+    assert (lag_advice(flight) or "").startswith(f"within 3 sigma {shares} of the time")
 
 
 def test_the_sentence() -> None:

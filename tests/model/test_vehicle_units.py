@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100, Vehicle, load_vehicle
 from ortilo_drake.model.vehicle_units import vehicle_units
 from ortilo_drake.scenario import load_scenario, scenario_names
@@ -143,6 +144,23 @@ def test_a_mass_in_pounds_is_asked_for_where_the_rotors_cannot_lift_it(name: str
 def test_two_wrong_numbers_are_named_in_a_line_each() -> None:
     vehicle = times(PUBLISHED["yours"], {"rotor_drag": 1e3, "inertia": 0.01})
     assert sorted(line.split(":")[0] for line in vehicle_units(vehicle)) == ["vehicle.inertia", "vehicle.rotor_drag"]
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_lift_and_drag_are_asked_for_if_swapped(name: str) -> None:
+    vehicle = PUBLISHED[name]
+    swapped = {"rotor_lift": vehicle.rotor_drag, "rotor_drag": vehicle.rotor_lift}
+    (line,) = vehicle_units(vehicle.model_copy(update=swapped))
+    assert line.startswith("vehicle.rotor_lift: ")
+    assert ", rotor_drag: " in line
+    assert line.endswith("; are they swapped?")
+
+
+def test_of_one_number_for_both_lags_it_is_said_which_two_they_are() -> None:
+    with pytest.raises(
+        InputError, match=r"rotor_time_constant: 0\.05: must be a list, \[speeding up, slowing down\] in s"
+    ):
+        Vehicle(rotor_time_constant=0.05)  # type: ignore[arg-type]
 
 
 def test_what_was_left_out_is_named_as_the_m100s() -> None:
