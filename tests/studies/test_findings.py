@@ -37,6 +37,17 @@ def warnings(folder: Path, **changes: Any) -> list[str]:
         ({"anchors": [*LEVEL, [4, 3, 0], [4, 6.5, 0]]}, ["anchors.5: (4, 6.5, 0): outside the interior, (0, 0, 0)"]),
         ({"start": [-1.0, 2.0]}, ["start: (-1, 2, 1.5): outside the room"]),
         ({"walls": [[9.0, 2.0, 0, 1, 1, 3]]}, ["walls.0: (9, 2): outside the interior, (0, 0) to (8, 6)"]),
+        (
+            {"walls": [[4000.0, 2000.0, 0, 1, 1, 3]]},
+            ["walls.0: (4000, 2000): outside the interior, (0, 0) to (8, 6); is it in mi"],
+        ),
+        (
+            {"anchors": [*LEVEL, [400, 300, 20]]},
+            [
+                "anchors: 0.11 m RMS off one plane",
+                "anchors.4: (400, 300, 20): outside the interior, (0, 0, 0) to (8, 6, 3); is it in cent",
+            ],
+        ),
         ({"walls": [[4.0, 5.0, 90, 0.4, 0.4, 3]]}, ["walls.0: yaw 90: is in radians, 1.571 if in °"]),
         (  # an anchor on the face of a pillar that stands askew, and one in its middle
             {

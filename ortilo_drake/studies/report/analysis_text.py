@@ -167,6 +167,8 @@ def _world_text(found: Analysis) -> str:
         text += f"; the rms predicted at hover has besides: {', '.join(found.in_rms_alone)}"
     if found.left_out:
         text += f"; not in it: {', '.join(found.left_out)}"
+    if "world.rotors" in (found.left_out or ()):
+        text += ": `ortilo scenario check` tests the loop with the rotors' lag"
     return text + "."
 
 

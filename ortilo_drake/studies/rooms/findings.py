@@ -121,11 +121,10 @@ def _places(room: Room) -> list[str]:
         for i, p in enumerate(points):
             n = len(p)
             if np.any(np.array(p) < low[:n] - _ROUNDING) or np.any(np.array(p) > high[:n] + _ROUNDING):
-                found.append(f"{field}.{i}: {_point(p)}: outside the interior, {_point(low[:n])} to {_point(high[:n])}")
+                found.append(f"{field}.{i}: {_outside(np.array(p), low[:n], high[:n])}")
     for i, item in enumerate(footprints(room)[: len(room.walls)]):
         if np.any(np.array(item.high) < low[:2] - _OUTER) or np.any(np.array(item.low) > high[:2] + _OUTER):
-            middle = _point(room.walls[i][:2])
-            found.append(f"walls.{i}: {middle}: outside the interior, {_point(low[:2])} to {_point(high[:2])}")
+            found.append(f"walls.{i}: {_outside(np.array(room.walls[i][:2]), low[:2], high[:2])}")
         if abs(room.walls[i][2]) > 2.0 * np.pi:
             found.append(
                 f"walls.{i}: yaw {room.walls[i][2]:g}: is in radians, {np.radians(room.walls[i][2]):.4g} if in °"
@@ -201,6 +200,7 @@ UNITS: Final = {"feet": 0.3048, "inches": 0.0254, "centimetres": 0.01, "millimet
 SIDES, HEIGHTS = (1.5, 300.0), (1.5, 30.0)  # of what is taken for a room as it stands [m]
 _WITHIN, _AS_HIGH = (2.0, 100.0), (2.0, 6.0)  # of what another unit must make of it [m]
 _IN_FEET = (7.0, 11.0)  # a hall is as high, and a room of so many feet [m]
+_NO_SLIP = 0.05  # of the room's side: a place nearer to its origin in another unit may be a slip as well
 _STANDS = 0.3  # what begins lower stands on the floor [m]
 
 
@@ -247,6 +247,17 @@ def _coordinates(room: Room) -> dict[str, np.ndarray]:
         "start and goal": np.array(ends),
     }
     return {name: values for name, values in found.items() if values.size}
+
+
+def _outside(p: np.ndarray, low: np.ndarray, high: np.ndarray) -> str:
+    """Say that a place is outside the interior, and ask for the metric unit in which it would be well within."""
+    asked = ""
+    for unit in ("centimetres", "millimetres"):
+        there = p * UNITS[unit]
+        if np.all((there >= low) & (there <= high)) and np.abs(there).max() > _NO_SLIP * np.max(high - low):
+            asked = f"; is it in {unit}?"
+            break
+    return f"{_point(p)}: outside the interior, {_point(low)} to {_point(high)}{asked}"
 
 
 def _is_scaled(values: np.ndarray, farthest: float, factor: float) -> bool:
