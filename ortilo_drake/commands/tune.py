@@ -83,17 +83,23 @@ class FitBy(StrEnum):
 def _tune_recorded(paths: list[Path], map_file: Path, by: FitBy, out_file: Path | None, json_file: Path | None) -> None:
     from ortilo_drake.flight.files import write_text
     from ortilo_drake.interop.recorded.map_edit import tuned_map_text
-    from ortilo_drake.interop.recorded.map_file import load_map
+    from ortilo_drake.interop.recorded.map_file import Imposed, load_map
     from ortilo_drake.interop.recorded.recording import read_recording
     from ortilo_drake.studies.recorded.fit_noise import FITTED, MOST, fit_noise
     from ortilo_drake.studies.recorded.fit_text import fitted_lines, verdict_line
+    from ortilo_drake.studies.recorded.replayed import replay
 
     map_ = load_map(map_file)
+    if map_.truth is not None:
+        check_installed("evo", "recorded")
     recordings = [read_recording(path, map_) for path in paths]
     say_if_compiling()
     kind: Literal["innovations", "truth"] = "truth" if by is FitBy.truth else "innovations"
+    whole = map_.model_copy(update={"imposed": Imposed(lost=0.0, gaps=None)})
+    replays = [replay(recording, whole, lambda _: None)[0] for recording in recordings]
     with flights_to_go("likelihoods") as say:
         fitted = fit_noise(recordings, map_, kind, lambda n: say(n, MOST))
+    fitted = fitted._replace(doubts=tuple(f"{one.name}: {doubt}" for one in replays for doubt in one.doubts))
     before = {name: getattr(map_.filter, name) for name in FITTED}
     after = {name: getattr(fitted.settings, name) for name in FITTED}
     if out_file is not None:
@@ -158,7 +164,9 @@ def tune(
         Path | None, yaml_option("Write the tuned scenario, or with --map the tuned map, to this .yaml.")
     ] = None,
     json_file: JsonOption = None,
-    figure: Annotated[Path | None, picture_option("Draw numbers, NEES and NIS before and after")] = None,
+    figure: Annotated[
+        Path | None, picture_option("Draw numbers, NEES and NIS before and after; not with --map or --fly")
+    ] = None,
     check: Annotated[
         int, typer.Option(min=0, max=1000, help="Fly both settings, before and after, on this many new seeds.")
     ] = 0,
@@ -182,7 +190,8 @@ def tune(
     others, such as imu_uwb's and imu_uwb_yolo's, use --fly or --map.
 
     With --map, the noise of the filter on recordings is fitted to their first parts and judged on the rest, and the
-    tuned map goes to `ortilo replay FOLDERS --map FILE.yaml`; exit code 3 means that it is no better there. A log
+    tuned map goes to `ortilo replay FOLDERS --map FILE.yaml`; exit code 3 means that it is no better there, or that
+    `ortilo replay` doubts the map, whose mistakes noise would only hide. A log
     (`ortilo fly --log DIR`) has its map beside it: `ortilo tune DIR --map DIR/map.yaml`.
 
     With --fly, CMA-ES searches any settings (servo weights, gates, noise) for the least distance from the path in

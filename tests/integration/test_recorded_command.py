@@ -87,6 +87,23 @@ def test_tune_writes_a_map_that_replays(capsys: pytest.CaptureFixture[str], plac
     assert load_map(tuned).ranges == load_map(place / "MAP.yaml").ranges
 
 
+@pytest.mark.long
+def test_tune_names_an_anchor_that_is_off_and_does_not_say_better(capsys, place: Path, tmp_path: Path) -> None:
+    """As far off as replay tells, with the truth and without; noise that is fitted to it would hide it."""
+    text = load_map(place / "MAP.yaml").anchors
+    moved = [list(p) for p in text]
+    moved[0][0] += 0.7
+    own = next(line for line in TABLE_MAP.splitlines() if line.startswith("anchors:"))
+    wrong = TABLE_MAP.replace(own, f"anchors: {moved}")
+    for name, map_text in (("truth", wrong), ("none", wrong[: wrong.index("truth:")])):
+        (tmp_path / f"{name}.yaml").write_text(map_text)
+        assert run("tune", str(place / "walk"), "--map", str(tmp_path / f"{name}.yaml")) == 3
+        said = capsys.readouterr()
+        assert "mend these first" in said.out
+        assert "walk: anchors: entry 1 at about [0, 0, 0.2], not [0.7, 0, 0.2]," in said.err
+        assert "better" not in said.out.replace("would fit better", "")
+
+
 @pytest.mark.parametrize(
     ("words", "line"),
     [

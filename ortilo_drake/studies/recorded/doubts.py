@@ -20,6 +20,8 @@ LARGE = 0.5  # a lever or a bias [m]
 EDGE = 0.3  # an offset so near the end of its search [s]
 REFUSED = 0.2  # share of the ranges
 WORSE, NIS = 1.5, 1.6  # times the error without the imu, and the mean NIS: an imu read rightly does better
+# Without a truth: an imu read wrongly predicts the ranges at least 12 % worse than none, one read rightly 1 %.
+PREDICTS, AGREES, OUT = 1.05, 1.2, 0.01  # times the innovations, mean NIS, share of the ranges, of the filter without
 CLAIMED = 6.0  # mean NEES of errors of 1.4 times what the filter claims
 TUNE = "`ortilo tune FOLDER --map MAP.yaml --out TUNED.yaml`"
 OFF_PLANE = 0.3  # of the anchors, root mean square [m]
@@ -175,20 +177,26 @@ def of_imu(rows: Mapping[str, Scores], name: str, bare: str) -> list[str]:
             return [f"{name}: {error:.2f} m RMS, without it {other:.2f} m: {said}?"]
     if s.nis > NIS and not of_noise(rows, name, bare):
         return [
-            f"{name}: its innovations are larger than it expects, NIS is {s.nis:.1f}, not 1: {said}? Or the "
-            f"noise, which {TUNE} fits"
+            f"{name}: its innovations are larger than it expects, NIS is {s.nis:.1f}, not 1: {said}? If "
+            f"they are right, the noise, which {TUNE} fits"
         ]
     return []
 
 
 def of_noise(rows: Mapping[str, Scores], name: str, bare: str) -> list[str]:
-    """Return a sentence if only the filter's noise does not fit: the imu helps, and errors are about as claimed."""
-    if name not in rows or bare not in rows:
+    """Return a sentence if only the filter's noise does not fit: the imu helps, and errors are about as claimed.
+
+    Without a truth: ranges and anchors agree by the filter without imu, and the imu predicts them as well.
+    """
+    if name not in rows or bare not in rows or not rows[name].nis > NIS:
         return []
-    s, without = rows[name], rows[bare].rmse
-    if s.rmse is None or s.nees is None or without is None or not s.nis > NIS:
-        return []
-    if np.linalg.norm(s.rmse) >= np.linalg.norm(without) or s.nees > CLAIMED:
+    s, without = rows[name], rows[bare]
+    if s.rmse is None or s.nees is None or without.rmse is None:
+        if s.innovation is None or without.innovation is None or s.innovation > PREDICTS * without.innovation:
+            return []
+        if not without.nis < AGREES or without.rejected > OUT:
+            return []
+    elif np.linalg.norm(s.rmse) >= np.linalg.norm(without.rmse) or s.nees > CLAIMED:
         return []
     return [f"{name}: NIS is {s.nis:.1f}, not 1: the noise under `filter` is too small, and {TUNE} fits it"]
 

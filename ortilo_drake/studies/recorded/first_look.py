@@ -19,6 +19,7 @@ from ortilo_drake.studies.recorded.moved_anchors import (
     moved_anchor,
     worst_anchor,
 )
+from ortilo_drake.studies.recorded.moved_by_filter import moved_by_filter
 from ortilo_drake.studies.recorded.plain_fit import PlainFit, plain_fit
 from ortilo_drake.studies.recorded.readings import (
     NEAR,
@@ -93,7 +94,7 @@ def first_look(recording: Recording, map_: Map) -> CheapFit:
         better = exchanged_pair(trial, map_) if worst_anchor(fit, anchors) > noise else None
         better = better or freed_guess(trial, map_, _gained(recording, offsets))
     if recording.truth is None:
-        return CheapFit(fit, better)
+        return CheapFit(fit, better or moved_by_filter(recording, trial, map_))
     size = float(np.linalg.norm(np.ptp(np.percentile(recording.truth.p, [2, 98], axis=0), axis=0)))
     if far or fit.left > max(size, LEAST_MISFIT) or size > FAR * room:
         constant = 2.0 * room < r.min() and np.ptp(np.quantile(r, [0.02, 0.98])) < 1.5 * room

@@ -42,7 +42,7 @@ class Fitted(NamedTuple):
 
     at_limit: of each number that ended at the edge of its search the least and the largest value tried; ranges: how
     many were fitted; fitted_time, silent: of the fitted parts, and how much of it has no ranges [s]; judged: how the
-    noise does on the rest.
+    noise does on the rest; doubts: those of a replay by the map before.
     """
 
     settings: FilterSettings
@@ -56,6 +56,7 @@ class Fitted(NamedTuple):
     fitted_time: float
     silent: float
     judged: HeldOut
+    doubts: tuple[str, ...] = ()
 
     @property
     def chance(self) -> float | None:
@@ -91,7 +92,12 @@ class Fitted(NamedTuple):
 
     @property
     def verdict(self) -> Verdict:
-        """Return what the rest says, but no better where the fitted part itself gains nothing."""
+        """Return what the rest says, but no better where the fitted part gains nothing, nor where the map is doubted.
+
+        Noise that is fitted to a mistake hides it: NIS is then 1.
+        """
+        if self.doubts:
+            return "mend first"
         return "the same" if self.is_chance and self.judged.verdict == "better" else self.judged.verdict
 
 

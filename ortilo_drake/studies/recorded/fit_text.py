@@ -38,6 +38,10 @@ def fitted_lines(fitted: Fitted) -> list[str]:
 def verdict_line(fitted: Fitted) -> str:
     """Return in a sentence whether the tuned noise is better where it was not fitted, and what to do."""
     held = fitted.judged
+    if fitted.verdict == "mend first":
+        return "mend these first; the noise may only have been fitted to them:" + "".join(
+            f"\n  {doubt}" for doubt in fitted.doubts
+        )
     better, worse = (
         ", ".join(NAMES[name] for name, gain in held.gains.items() if gain.sign == sign) for sign in (1, -1)
     )

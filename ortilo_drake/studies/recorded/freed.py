@@ -39,12 +39,13 @@ Extra = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # z: places of th
 
 
 class _Solved(NamedTuple):
-    """Cost, the errors left (m) [m], and z with its standard deviations before anything lasts (d)."""
+    """Cost, the errors left (m) [m], z with its standard deviations before anything lasts (d), the biases (n) [m]."""
 
     cost: float
     errors: np.ndarray
     z: np.ndarray
     sd: np.ndarray
+    biases: np.ndarray
 
 
 def freed_guess(trial: Trial, map_: Map, imu_gains: float | None) -> Guess | None:
@@ -128,7 +129,7 @@ def _solved(fit: PlainFit, anchors: np.ndarray, extra: Extra, d: int) -> _Solved
             x = x - np.linalg.solve(normal, L.T @ np.concatenate([e / np.sqrt(rho), known @ x]))
     sd = np.sqrt(np.diag(np.linalg.inv(normal))[k + n :])
     cost = float(np.sum(rho - 1.0) + 0.5 * np.sum((known @ x) ** 2))
-    return _Solved(cost, SPREAD * e, x[k + n :], sd)
+    return _Solved(cost, SPREAD * e, x[k + n :], sd, fit.bias + x[k : k + n])
 
 
 def _lasting(heard: Ranges, its: np.ndarray, map_: Map, apart: bool) -> float:
@@ -142,21 +143,10 @@ def _moved(
     fit: PlainFit, trial: Trial, map_: Map, i: int, its: np.ndarray, before: _Solved
 ) -> tuple[float, Guess | None]:
     """Return the gain by another place of an anchor, and that place if it is clearly better."""
-    heard, anchors = fit.heard, trial.now.anchors
-
-    def along(axes: np.ndarray) -> _Solved:
-        def extra(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            places, X = anchors.copy(), np.zeros((len(heard.r), 3))
-            places[i] += axes @ z
-            X[heard.anchor == i] -= toward(fit.places[heard.anchor == i] - places[i])
-            X[heard.other == i] += toward(fit.places[heard.other == i] - places[i])
-            return places, X @ axes
-
-        return _solved(fit, anchors, extra, axes.shape[1])
-
-    now = along(np.eye(3))
+    anchors = trial.now.anchors
+    now = _along(fit, anchors, i, np.eye(3))
     was, left, gain = left_of(before.errors[its]), left_of(now.errors[its]), before.cost - now.cost
-    sure = np.sqrt(max(0.0, 2.0 * gain)) * SPREAD / left / _lasting(heard, its, map_, False)  # by the likelihoods
+    sure = np.sqrt(max(0.0, 2.0 * gain)) * SPREAD / left / _lasting(fit.heard, its, map_, False)  # by the likelihoods
     if (
         sure < SURE
         or np.linalg.norm(now.z) < MOVED
@@ -164,15 +154,60 @@ def _moved(
         or max(left, left_of(now.errors)) > trial.noise
     ):
         return gain, None
-    single = [along(np.eye(3)[:, [axis]]) for axis in range(3)]
+    return gain, Guess(_moved_key(map_, fit, anchors, i, before, now), was, left, "its range")
+
+
+def _along(fit: PlainFit, anchors: np.ndarray, i: int, axes: np.ndarray) -> _Solved:
+    """Return the solution with another place of an anchor, along the columns of `axes`."""
+    heard = fit.heard
+
+    def extra(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        places, X = anchors.copy(), np.zeros((len(heard.r), 3))
+        places[i] += axes @ z
+        X[heard.anchor == i] -= toward(fit.places[heard.anchor == i] - places[i])
+        X[heard.other == i] += toward(fit.places[heard.other == i] - places[i])
+        return places, X @ axes
+
+    return _solved(fit, anchors, extra, axes.shape[1])
+
+
+def _moved_key(map_: Map, fit: PlainFit, anchors: np.ndarray, i: int, before: _Solved, now: _Solved) -> str:
+    """Return the key with another place of an anchor: moved along one axis if that explains it."""
+    single = [_along(fit, anchors, i, np.eye(3)[:, [axis]]) for axis in range(3)]
     gains = np.array([before.cost - one.cost for one in single])
     axis, second = np.argsort(gains)[::-1][:2]
     move = now.z
-    if gains[axis] > ONE_AXIS * gain and gains[second] < OTHERS * gains[axis]:
+    if gains[axis] > ONE_AXIS * (before.cost - now.cost) and gains[second] < OTHERS * gains[axis]:
         move = np.eye(3)[axis] * single[axis].z
-    at, own = point_text(np.round(anchors[i] + move, 1)), point_text(anchors[i])
-    name = names_of(map_, len(anchors))[i]
-    return gain, Guess(f"anchors: entry {name} at about {at}, not {own},", was, left, "its range")
+    at, own = point_text(np.round(anchors[i] + move, 1) + 0.0), point_text(anchors[i])
+    return f"anchors: entry {names_of(map_, len(anchors))[i]} at about {at}, not {own},"
+
+
+class Move(NamedTuple):
+    """The key of one anchor elsewhere ("" as the map has it), all anchors then (n, 3), and their ranges' biases (n)."""
+
+    key: str
+    anchors: np.ndarray
+    biases: np.ndarray
+
+
+def moves_of(trial: Trial, map_: Map, most: int) -> list[Move]:
+    """Return the anchors as they are, then with one of them at its best place, at most so many, the most gain first.
+
+    Empty if too few ranges can be fitted, or so badly that more is wrong; moves of less than 0.3 m are left out.
+    """
+    anchors, fit = trial.now.anchors, _by_more(trial, trial.now)
+    if fit is None or fit.left > NEAR * trial.noise:
+        return []
+    before = _as_it_is(fit, anchors)
+    heard = [i for i in range(len(anchors)) if ((fit.heard.anchor == i) | (fit.heard.other == i)).sum() >= LEAST]
+    tried = ((i, _along(fit, anchors, i, np.eye(3))) for i in heard)
+    moved = sorted((one for one in tried if np.linalg.norm(one[1].z) >= MOVED), key=lambda one: one[1].cost)
+    found = [Move("", anchors, before.biases)]
+    for i, now in moved[:most]:
+        places = anchors + np.outer(np.arange(len(anchors)) == i, now.z)
+        found.append(Move(_moved_key(map_, fit, anchors, i, before, now), places, now.biases))
+    return found
 
 
 def _of_scale_and_clock(

@@ -38,7 +38,7 @@ from ortilo_drake.studies.recorded.truth_path import truth_path
 BATCH, BATCHES = 2.0, 20  # the least duration of a batch [s], and how many at most
 LEVEL = 0.95  # confidence of the gains' intervals together
 By = Literal["innovations", "truth"]
-Verdict = Literal["better", "the same", "worse", "mixed"]
+Verdict = Literal["better", "the same", "worse", "mixed", "mend first"]
 
 
 class Gain(NamedTuple):

@@ -164,6 +164,7 @@ def replay_summary(motions: Sequence[Replayed], share: float) -> list[str]:
             lines.append(
                 f"{found.name}: no truth; NIS {rows[main].nis:.2f}, {rows[main].rejected:.2%} of the ranges rejected."
             )
+            lines += [f"{found.name}: {line}." for line in of_noise(rows, RAW, CV_RAW)]
             continue
         line = (
             f"{found.name}: RMS error in x, y, z {_axes(found, main)} m ({main}, after the first {share:.0%}, which "

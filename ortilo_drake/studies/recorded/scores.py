@@ -1,11 +1,12 @@
 """The scores of an estimate: errors by the truth, by evo and by axis, consistency, availability."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ortilo_drake.model.optional import check_installed
 from ortilo_drake.studies.recorded.filtered import Estimate
+from ortilo_drake.studies.recorded.plain_fit import left_of
 from ortilo_drake.studies.recorded.reacquired import Lost
 
 RPE_OVER = 1.0  # the relative error is over this time [s]
@@ -20,7 +21,8 @@ class Scores:
     ranges taken (about 1); rejected: share of the ranges that the gate left out; available: share of the judged stamps
     at which the filter's own deviation is below the map's limit; gap_end: RMS of the position error at the gaps' ends
     [m]; lost: when the filter was lost; silent: the longest time without a range in each [s]; rmse_found: by axis, at
-    other times [m]; largest: the largest position error [m], when it was, and how long after the last range [s].
+    other times [m]; largest: the largest position error [m], when it was, and how long after the last range [s];
+    innovation: RMS of the ranges' innovations, the largest 5 % aside [m].
     """
 
     rmse: tuple[float, float, float] | None
@@ -38,6 +40,7 @@ class Scores:
     silent: tuple[float, ...] = ()
     rmse_found: tuple[float, float, float] | None = None
     largest: tuple[float, float, float] | None = None
+    innovation: float | None = None
 
 
 def by_evo(t: np.ndarray, p: np.ndarray, truth: np.ndarray) -> tuple[float, float | None, float]:
@@ -94,8 +97,12 @@ def score(found: Estimate, judged: np.ndarray, truth: np.ndarray | None, availab
     available = float(np.mean(deviation < available_below))
     lost, t = tuple(found.lost), found.t[judged]
     silent = tuple(_silent(found.range_stamps, since, until) for since, until in lost)
+    judged_from, to = found.t[judged][[0, -1]]
+    e_r = found.run.innovation[(found.range_stamps >= judged_from) & (found.range_stamps <= to)]
+    innovation = left_of(e_r) if len(e_r) else None
     if truth is None:
-        return Scores(None, None, None, None, None, nis, rejected, available, lost=lost, silent=silent)
+        without = Scores(None, None, None, None, None, nis, rejected, available)
+        return replace(without, lost=lost, silent=silent, innovation=innovation)
     e, P = (found.p - truth)[judged], found.P[judged]
     there = not_lost_at(t, lost)
     errors = np.linalg.norm(e, axis=1)
@@ -112,6 +119,7 @@ def score(found: Estimate, judged: np.ndarray, truth: np.ndarray | None, availab
         silent=silent,
         rmse_found=rms_by_axis(e[there]) if there.any() else None,
         largest=(float(errors.max()), worst, worst - float(before[-1])),
+        innovation=innovation,
     )
 
 

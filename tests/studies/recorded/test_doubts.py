@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from made_up_motion import ANCHORS, GRAVITY, OFFSET, TABLE_MAP, made_up, write_tables
+from made_up_motion import ANCHORS, BIASES, GRAVITY, OFFSET, TABLE_MAP, made_up, write_tables
 from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.map_file import Map
@@ -454,6 +454,16 @@ def test_without_truth_an_anchor_a_metre_off_is_told(recording) -> None:
 
 
 @pytest.mark.long
+def test_without_truth_the_constant_velocity_filter_tells_an_anchor_that_short_times_do_not(recording) -> None:
+    """ANCHORS has entry 3 at (6, 8, 0.2); of 0.4 m the cheap fit leaves no more than ranges right to 5 cm do."""
+    guess = first_look(moved_by(recording, 2, -0.4, 0.0, 0.0)._replace(truth=None), as_map()).guess
+    assert guess.key == "anchors: entry 3 at about [6, 8, 0.2], not [5.6, 8, 0.2],"
+    assert guess.of == "the constant-velocity filter's range"
+    assert guess.after < guess.before
+    assert first_look(recording._replace(truth=None), as_map()).guess is None
+
+
+@pytest.mark.long
 def test_a_clock_that_drifts_and_a_scale_are_told_with_what_mends_them(recording) -> None:
     def number(changed: Recording, key: str) -> float:
         return float(re.match(key, first_look(changed, as_map()).guess.key)[1])
@@ -508,6 +518,30 @@ def test_a_filter_that_does_worse_with_its_imu_is_doubted() -> None:
     assert "e: NIS is 2.3, not 1: the noise under `filter` is too small" in doubts.of_noise(rows, "e", "b")[0]
     assert doubts.of_imu(rows, "d", "b") == []
     assert doubts.of_imu({}, "d", "b") == []
+
+
+def test_without_truth_noise_is_told_from_an_imu_that_predicts_the_ranges_worse_than_none() -> None:
+    def row(nis: float, innovation: float, rejected: float = 0.0) -> Scores:
+        return Scores(*[None] * 5, nis, rejected, 1.0, innovation=innovation)
+
+    rows = {"noise": row(1.9, 0.0505), "imu": row(2.3, 0.056), "b": row(0.65, 0.05), "off": row(1.55, 0.09, 0.055)}
+    assert doubts.of_imu(rows, "noise", "b") == []
+    assert "noise: NIS is 1.9, not 1: the noise under `filter`" in doubts.of_noise(rows, "noise", "b")[0]
+    assert "imu: its innovations are larger than it expects" in doubts.of_imu(rows, "imu", "b")[0]
+    assert doubts.of_noise(rows, "noise", "off") == []  # ranges or anchors do not agree: nothing is cleared
+    assert len(doubts.of_imu(rows, "noise", "off")) == 1
+
+
+@pytest.mark.long
+def test_without_truth_a_right_imu_with_small_noise_is_no_doubt_and_a_wrong_axis_is_one(recording) -> None:
+    """The ranges err by 3 cm, the filter counts on 2: NIS is about 2 and only the noise is wrong."""
+    small = as_map("filter: {range_white: 0.02, range_correlated: 0.001, acceleration: 0.02}\n")
+    ranges = recording.ranges
+    alone = recording._replace(truth=None, ranges=ranges._replace(r=ranges.r - BIASES[ranges.anchor]))
+    found, _ = replay(alone, small, lambda _: None)
+    assert found.doubts == ()
+    turned = alone._replace(imu=alone.imu._replace(rates=alone.imu.rates * [-1.0, 1.0, 1.0]))
+    assert "axes, signs, units or clock of the imu?" in replay(turned, small, lambda _: None)[0].doubts[0]
 
 
 @pytest.mark.long

@@ -82,6 +82,12 @@ def test_what_makes_a_fit_doubtful_is_said() -> None:
     lucky = fitted._replace(judged=judged._replace(gains=gains))
     assert (lucky.judged.verdict, lucky.verdict) == ("better", "the same")
     assert "gains no more than by chance" in verdict_line(lucky)
+    doubted = lucky._replace(after=2100.0)
+    assert doubted.verdict == "better"
+    doubted = doubted._replace(doubts=("log: anchors: entry 3 ...",))
+    assert doubted.verdict == "mend first"
+    assert verdict_line(doubted).startswith("mend these first")
+    assert verdict_line(doubted).endswith("\n  log: anchors: entry 3 ...")
 
 
 def test_the_search_includes_all_noise_that_a_logs_map_may_have() -> None:

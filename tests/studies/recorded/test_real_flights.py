@@ -73,6 +73,13 @@ def test_no_flight_diverges_and_its_landing_is_not_carried_back(names) -> None:
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("name", FLIGHTS)
+def test_without_truth_no_anchor_is_moved(name) -> None:
+    map_ = as_map(util_map(name))
+    assert first_look(read_recording(util_folder() / name, map_)._replace(truth=None), map_).guess is None
+
+
+@pytest.mark.long
 def test_a_reversed_sign_and_exchanged_anchors_of_a_flight_are_doubted() -> None:
     right = as_map(util_map("0425-traj20"))
     recording = read_recording(util_folder() / "0425-traj20", right)

@@ -16,6 +16,7 @@ from ortilo_drake.interop.recorded.recording import read_recording
 from ortilo_drake.model.typed_yaml import parse_yaml, validate
 from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
+from ortilo_drake.studies.recorded.first_look import first_look
 from ortilo_drake.studies.recorded.fit_noise import fit_noise
 from ortilo_drake.studies.recorded.imposed import gap_ends, lose_gaps, lose_some
 from ortilo_drake.studies.recorded.replayed import CV, CV_SMOOTH, RAW, SMOOTH, WITH_IMU, replay
@@ -110,6 +111,13 @@ def test_the_frames_and_clocks_are_those_of_the_notes(replayed) -> None:
         np.testing.assert_allclose(found.lever[:2], lever, atol=0.02)
         assert min(found.biases) > -0.28
         assert max(found.biases) < -0.03
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", FLIGHTS)
+def test_without_truth_no_anchor_is_moved(name) -> None:
+    map_ = as_map(MAP)
+    assert first_look(read_recording(flight_folder(name), map_)._replace(truth=None), map_).guess is None
 
 
 @pytest.mark.long

@@ -81,3 +81,7 @@ def test_without_a_truth_the_filter_with_imu_is_summed_up() -> None:
         replay_summary([Replayed(name="log", rows=rows, anchors=(), judged_from=0.0, rejected={}, notes=[])], 0.3)
     )
     assert "log: no truth; NIS 1.02" in said
+    assert "the noise under `filter`" not in said
+    rows = {CV_RAW: replace(rows[CV_RAW], innovation=0.05), RAW: replace(rows[RAW], nis=1.9, innovation=0.05)}
+    found = Replayed(name="log", rows=rows, anchors=(), judged_from=0.0, rejected={}, notes=[])
+    assert "NIS is 1.9, not 1: the noise under `filter` is too small" in "\n".join(replay_summary([found], 0.3))
