@@ -27,7 +27,7 @@ def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Pa
     anchors = np.array(found.anchors)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(11, 8), layout="constrained")
-        above, side, *strips = _places(figure)
+        above, side, *strips = _places(figure, 3 if truth is not None else 0)
         for axes, k in ((above, 1), (side, 2)):
             axes.plot(estimate.p[:, 0], estimate.p[:, k], color=BLUE, lw=1, label=name)
             if truth is not None:
@@ -41,16 +41,14 @@ def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Pa
         t = estimate.t
         deviations = np.sqrt(np.einsum("kii->ki", estimate.P))
         usable = np.linalg.norm(deviations, axis=1) < below
-        for k in range(3):
-            axes = strips[k]
+        for k, axes in enumerate(strips[:-2]):
             axes.fill_between(t, -3 * deviations[:, k], 3 * deviations[:, k], color=BLUE, alpha=0.15, lw=0)
-            error = None if truth is None else (estimate.p - truth)[:, k]
-            if error is not None:
-                axes.plot(t, error, color=BLUE, lw=0.8)
+            error = (estimate.p - np.asarray(truth))[:, k]
+            axes.plot(t, error, color=BLUE, lw=0.8)
             axes.set_ylabel(f"error {'xyz'[k]} [m]\nand 3 σ")
             _cut(axes, t, usable, 3.0 * deviations[:, k], error)
             _calibration(axes, found)
-        axes = strips[3]
+        axes = strips[-2]
         taken = estimate.run.taken
         bins = np.arange(estimate.range_stamps[0], estimate.range_stamps[-1] + BIN, BIN)
         squares = estimate.run.innovation[taken] ** 2 / estimate.run.variance[taken]
@@ -61,7 +59,7 @@ def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Pa
         axes.axhline(1.0, color=GREY, lw=0.8)
         axes.set_ylabel("NIS")
         _calibration(axes, found)
-        axes = strips[4]
+        axes = strips[-1]
         axes.set_prop_cycle(color=(GREEN, "#E69F00", PURPLE, SKY, "0.4"))
         for row, (other, _) in drawn.items():
             if row.startswith(name):
@@ -79,18 +77,20 @@ def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Pa
         handles = axes.get_legend_handles_labels()
         figure.legend(*handles, loc="outside lower right", fontsize=7, ncols=2, title=said, title_fontsize=7)
         _calibration(axes, found)
-        add_title(figure, f"{found.name}: {name} (grey: the part that calibrates)")
+        add_title(figure, f"{found.name}: {name}" + " (grey: the part that calibrates)" * _calibrates(found))
         return save_picture(figure, path)
 
 
-def _places(figure: Figure) -> list[Axes]:
-    """Return the axes of the path from above and from the side, of the errors x, y, z, of NIS and of deviations."""
-    if for_slides():
+def _places(figure: Figure, errors: int) -> list[Axes]:
+    """Return the axes of the path from above and from the side, of so many errors, of NIS and of deviations."""
+    if for_slides() and errors:
         grid = figure.add_gridspec(6, 3, width_ratios=[1.0, 1.2, 1.2])
         spots = [grid[:4, 0], grid[4:, 0], *(grid[2 * k : 2 * k + 2, 1] for k in range(3)), grid[:3, 2], grid[3:, 2]]
     else:
-        grid = figure.add_gridspec(5, 2, width_ratios=[1.0, 1.5])
-        spots = [grid[:3, 0], grid[3:, 0], *(grid[k, 1] for k in range(5))]
+        rows = errors + 2
+        grid = figure.add_gridspec(rows, 2, width_ratios=[1.0, 1.5])
+        high = (rows + 1) // 2
+        spots = [grid[:high, 0], grid[high:, 0], *(grid[k, 1] for k in range(rows))]
     return [figure.add_subplot(spot) for spot in spots]
 
 
@@ -124,6 +124,12 @@ def _cut(axes: Axes, t: np.ndarray, usable: np.ndarray, band: np.ndarray, error:
     axes.set_title(f"cut: {', '.join(said)}", loc="right", fontsize=7, pad=2)
 
 
+def _calibrates(found: Replayed) -> bool:
+    """Whether a first part of the motion calibrated it: with a truth, and the map's `share` above 0."""
+    return found.offset is not None and found.judged_from > 0.0
+
+
 def _calibration(axes: Axes, found: Replayed) -> None:
-    axes.axvspan(0.0, found.judged_from, color=GREY, alpha=0.15, lw=0)
+    if _calibrates(found):
+        axes.axvspan(0.0, found.judged_from, color=GREY, alpha=0.15, lw=0)
     axes.margins(x=0.01)

@@ -34,11 +34,13 @@ HEADER = [
     "available",
     "at gaps' ends",
 ]
-LEGEND = (
+OF_ERRORS = (
     "RMS errors in m. ATE and RPE by evo: of the position, as it is, after the best SE(3), and over a second. NEES is "
-    "3 if consistent, NIS about 1. Rejected: ranges that the gate left out. Available: share of the time at which the "
-    "filter's own standard deviation is below the map's `available` (0.3 m if it gives none). At gaps' ends: RMS and "
-    "largest position error."
+    "3 if consistent. At gaps' ends: RMS and largest position error. "
+)
+LEGEND = (
+    "NIS is about 1 if consistent. Rejected: ranges that the gate left out. Available: share of the time at which the "
+    "filter's own standard deviation is below the map's `available` (0.3 m if it gives none)."
 )
 CLAIMS = 12.0  # NEES of errors twice as large as claimed
 MOST_LOST = 6  # times that are listed
@@ -69,7 +71,9 @@ def _calibrated(found: Replayed) -> list[str]:
     if found.offset is None or found.shift is None or found.biases is None or found.lever is None:
         return ["No truth: nothing was calibrated, and no error is known.", ""]
     told = {"rates": "by the body rates", "ranges": "by the ranges", "map": "by the map"}[found.told_by or "map"]
-    plain = "" if found.plain_residual is None else f", {found.plain_residual:.3f} m with one bias for all ranges"
+    plain = ""
+    if found.plain_residual is not None:
+        plain = f" ({found.plain_residual:.3f} m in a quick fit of few ranges, one bias for all, the largest 5 % aside)"
     shift, lever = (", ".join(f"{v:.3f}" for v in vector) for vector in (found.shift, found.lever))
     return [
         f"- Truth's clock less the sensors', {told}: {found.offset:.3f} s.",
@@ -83,7 +87,21 @@ def _calibrated(found: Replayed) -> list[str]:
 
 
 def lost_line(s: Scores) -> str:
-    """Return a line on a filter's losses (number, duration, times), and on its errors at other times."""
+    """Return a line on a filter's losses, and on its errors at other times if they differ from those at all."""
+    found = _other_times(s)
+    return _lost_times(s) + (f"; RMS error in x, y, z at other times {found} m" if found else "")
+
+
+def _other_times(s: Scores) -> str:
+    """Return the RMS errors by axis while a filter was not lost [m]; "" if unknown or the same as at all times."""
+    found, whole = (
+        "" if rmse is None else ", ".join(f"{axis:.3f}" for axis in rmse) for rmse in (s.rmse_found, s.rmse)
+    )
+    return "" if found == whole else found
+
+
+def _lost_times(s: Scores) -> str:
+    """Return when a filter was lost, how often and for how long in all."""
     times = [
         f"lost from {since:.1f} s, "
         + ("not found again" if found is None else f"found again at {found:.1f} s")
@@ -95,9 +113,27 @@ def lost_line(s: Scores) -> str:
     total = sum(found - since for since, found in s.lost if found is not None)
     if len(times) > 1:
         line += f"; {len(times)} times, {total:.1f} s in all"
-    if s.rmse_found is not None:
-        line += f"; RMS error in x, y, z at other times {', '.join(f'{axis:.3f}' for axis in s.rmse_found)} m"
     return line
+
+
+def _losses(rows: Mapping[str, Scores]) -> list[str]:
+    """Return lines on the losses of all rows, those that were lost at the same times in one."""
+    alike: dict[str, list[str]] = {}
+    for name, s in rows.items():
+        if s.lost and "lost" not in name:  # losses that were imposed are no news
+            found = _other_times(s)
+            alike.setdefault(_lost_times(s), []).append(name + (f" (at other times {found} m)" if found else ""))
+    if not alike:
+        return []
+    said = [f"- {times}: {'; '.join(names)}." for times, names in alike.items()]
+    return ["The filter was lost (times since the first range; RMS errors in x, y, z):", "", *said, ""]
+
+
+def _table(rows: Mapping[str, Scores]) -> list[str]:
+    """Return the table of the scores, without the columns that no row has."""
+    cells = [_cells(name, s) for name, s in rows.items()]
+    kept = [k for k in range(len(HEADER)) if any(row[k] != "-" for row in cells)]
+    return table([HEADER[k] for k in kept], [[row[k] for k in kept] for row in cells])
 
 
 def _unheard(silent: float, lasted: float | None) -> str:
@@ -193,14 +229,10 @@ def report_text(motions: Sequence[Replayed], share: float) -> str:
     """Return the report in Markdown; so large a share of each motion's time calibrated it."""
     lines = ["# Recorded motions", "", *replay_summary(motions, share)]
     for found in motions:
-        lines += [f"## {found.name}", "", *table(HEADER, [_cells(name, s) for name, s in found.rows.items()])]
-        lines += _calibrated(found)
-        # Losses that were imposed are no news.
-        lost = [f"- {name}: {lost_line(s)}." for name, s in found.rows.items() if s.lost and "lost" not in name]
-        if lost:
-            lines += ["The filter was lost (times since the first range):", "", *lost, ""]
+        lines += [f"## {found.name}", "", *_table(found.rows), *_calibrated(found), *_losses(found.rows)]
         lines += [f"- {note}" for note in found.notes] + [""] * bool(found.notes)
-    return "\n".join([*lines, LEGEND, ""])
+    known = any(found.offset is not None for found in motions)
+    return "\n".join([*lines, OF_ERRORS * known + LEGEND, ""])
 
 
 def main_row(drawn: Drawn) -> str:

@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ortilo_drake.studies.recorded import recorded_figure
 from ortilo_drake.studies.recorded.filtered import Estimate, Innovations
 from ortilo_drake.studies.recorded.reacquired import Lost
-from ortilo_drake.studies.recorded.recorded_figure import error_limit
-from ortilo_drake.studies.recorded.recorded_report import lost_line, overconfident, replay_summary
+from ortilo_drake.studies.recorded.recorded_figure import error_limit, motion_figure
+from ortilo_drake.studies.recorded.recorded_report import lost_line, overconfident, replay_summary, report_text
 from ortilo_drake.studies.recorded.replayed import CV, CV_RAW, RAW, SMOOTH, WITH_IMU, Replayed
 from ortilo_drake.studies.recorded.scores import Scores, score
 
@@ -46,6 +47,50 @@ def test_a_loss_without_ranges_is_told_from_one_with_them() -> None:
         "lost from 40.0 s, found again at 42.0 s",
         "lost from 50.0 s, not found again",
     ]
+
+
+def test_rows_lost_at_the_same_times_share_a_line_and_equal_errors_are_said_once() -> None:
+    lost = {"lost": (Lost(6.6, 19.0),), "silent": (12.4,)}
+    same, other = row(3.0, rmse_found=(0.1, 0.1, 0.1), **lost), row(3.0, rmse_found=(0.1, 0.1, 0.05), **lost)
+    rows = {CV: other, WITH_IMU: same, SMOOTH: same, RAW: row(3.0, lost=(Lost(50.0, None),), silent=(0.2,))}
+    found = Replayed(name="log", rows=rows, anchors=(), judged_from=0.0, rejected={}, notes=[])
+    text = report_text([found], 0.3)
+    when = "lost from 6.6 s, found again at 19.0 s (the recording has no ranges in between)"
+    together = "constant velocity (at other times 0.100, 0.100, 0.050 m); with IMU; with IMU, smoothed."
+    assert f"- {when}: {together}" in text
+    assert "- lost from 50.0 s, not found again: with IMU, not calibrated (biases online)." in text
+    assert f"- log: {when} (with IMU)." in text
+    assert text.count(when) == 2
+
+
+def test_columns_that_no_row_has_are_left_out() -> None:
+    rows = {RAW: Scores(*[None] * 5, 1.0, 0.0, 1.0)}
+    found = Replayed(name="log", rows=rows, anchors=(), judged_from=0.0, rejected={}, notes=[])
+    assert "\n|  | NIS | rejected | available |\n" in report_text([found], 0.3)
+
+
+@pytest.mark.parametrize(("truth", "panels"), [(True, 7), (False, 4)])
+def test_the_picture_has_errors_and_a_grey_part_only_with_truth(tmp_path, monkeypatch, truth, panels) -> None:
+    """Seven panels: two of the path, three of errors, NIS, deviations."""
+    t = np.arange(0.0, 20.0, 0.1)
+    run = Innovations(np.ones(len(t)), np.ones(len(t)), np.ones(len(t), dtype=bool))
+    one = Estimate(t, np.zeros((len(t), 3)), np.tile(0.01 * np.eye(3), (len(t), 1, 1)), np.zeros((0, 3, 3)), run, t, [])
+    found = Replayed(
+        name="log",
+        rows={RAW: row(None)},
+        anchors=((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)),
+        judged_from=6.0,
+        rejected={},
+        notes=[],
+        offset=0.0 if truth else None,
+    )
+    drawn: dict = {}
+    monkeypatch.setattr(recorded_figure, "save_picture", lambda figure, path: drawn.update(figure=figure))
+    motion_figure(found, {RAW: (one, one.p if truth else None)}, 0.3, tmp_path / "log.png")
+    axes = drawn["figure"].axes
+    assert len(axes) == panels
+    assert sum(one.get_ylabel().startswith("error") for one in axes) == 3 * truth
+    assert ("grey" in drawn["figure"].get_suptitle()) == truth
 
 
 def test_the_summary_tells_the_largest_error_and_what_losses_did() -> None:
