@@ -126,7 +126,7 @@ def _cut(axes: Axes, t: np.ndarray, usable: np.ndarray, band: np.ndarray, error:
 
 def _calibrates(found: Replayed) -> bool:
     """Whether a first part of the motion calibrated it: with a truth, and the map's `share` above 0."""
-    return found.offset is not None and found.judged_from > 0.0
+    return found.offset is not None and bool(found.judged_from > 0.0)
 
 
 def _calibration(axes: Axes, found: Replayed) -> None:

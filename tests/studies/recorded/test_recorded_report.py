@@ -79,7 +79,7 @@ def test_the_picture_has_errors_and_a_grey_part_only_with_truth(tmp_path, monkey
         name="log",
         rows={RAW: row(None)},
         anchors=((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)),
-        judged_from=6.0,
+        judged_from=np.float64(6.0),  # as a replay has it
         rejected={},
         notes=[],
         offset=0.0 if truth else None,
