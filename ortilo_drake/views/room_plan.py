@@ -28,6 +28,10 @@ _ANCHOR, _PATH, _INK = "#0B3C6F", "#1A1A1A", "#333333"
 _WALL, _WALL_EDGE, _FLOOR = "#8C7B6B", "#5E5146", "#FBF9F5"
 _FRAME = 0.10  # thickness in which the outer walls are drawn [m]
 _LARGEST = (11.0, 8.5)  # of the drawn room [in]
+_CORNER, _LEGEND = np.array([0.7, 0.6]), 0.55  # on a slide, below and left of the room; height of a legend below [in]
+_BELOW, _BESIDE = np.array([8.7, 3.7]), np.array([6.5, 4.25])  # the room on a slide, by where the legend is [in]
+_LEAST = np.array([2.6, 1.8])  # that a narrow room has with the space for its labels [in]
+_STEPS = (1, 2, 5, 10)  # between ticks, times powers of ten
 
 
 def class_colors(room: Room) -> dict[str, str]:
@@ -47,12 +51,11 @@ def plan_figure(room: Room, height: float = 1.25) -> tuple[Figure, Axes]:
     if for_slides():
         figure.set_size_inches(*SLIDE_SIZE)
         figure.set_dpi(SLIDE_DPI)  # labels are placed by pixels
-        axes.set_position((0.07, 0.2, 0.91, 0.7))
-        room_for = np.array([0.91, 0.7]) * SLIDE_SIZE  # labels go into what the room leaves free
-        spare = 0.5 * (room_for / min(room_for / (high - low)) - (high - low))
-        axes.xaxis.set_major_locator(_within(low[0], high[0]))
-        axes.yaxis.set_major_locator(_within(low[1], high[1]))
-        low, high = low - spare, high + spare
+        size, place = _on_slide(inner)
+        axes.set_position(place)
+        walls, high = high, low + size / min(size / (high - low))
+        axes.xaxis.set_major_locator(_ticks(low[0], high[0], walls[0]))
+        axes.yaxis.set_major_locator(_ticks(low[1], high[1], walls[1]))
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal")
@@ -62,9 +65,26 @@ def plan_figure(room: Room, height: float = 1.25) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def _within(low: float, high: float) -> FixedLocator:
-    """Return round ticks within two bounds [m]."""
-    return FixedLocator([tick for tick in MaxNLocator(8).tick_values(low, high) if low <= tick <= high])
+def _ticks(low: float, high: float, wall: float) -> FixedLocator:
+    """Return round ticks of an axis with those limits, none beyond the room's wall [m]."""
+    ticks = MaxNLocator(8, steps=_STEPS).tick_values(low, high)
+    return FixedLocator([tick for tick in ticks if low <= tick <= wall])
+
+
+def _on_slide(inner: np.ndarray) -> tuple[np.ndarray, Any]:
+    """Return the size [in] and the place on a slide of a room with those sides, as large as its legend lets it.
+
+    A narrow room has free space to its right or above it, into which its labels go.
+    """
+    largest = _BESIDE if _beside(inner) else _BELOW
+    size = np.maximum(inner * min(largest / inner), _LEAST)
+    corner = _CORNER + [0.0, 0.0 if _beside(inner) else _LEGEND] + 0.5 * (largest - size)
+    return size, (*corner / SLIDE_SIZE, *size / SLIDE_SIZE)
+
+
+def _beside(sides: np.ndarray) -> bool:
+    """Return whether a room with those sides is larger on a slide with the legend beside it."""
+    return bool(min(_BESIDE / sides) > min(_BELOW / sides))
 
 
 def draw_fabric(axes: Axes, room: Room, floor: bool = True) -> None:
@@ -135,7 +155,8 @@ def draw_plan(room: Room, path: Trajectory | None, name: str | None = None) -> F
             labels.append(Label(x, y, f"{i} {landmark.label}", _darker(colors[landmark.label])))
         size = np.subtract(room.interior.max, room.interior.min)
         title = f"{name or room.name}   {size[0]:.3g} x {size[1]:.3g} x {size[2]:.3g} m"
-        axes.set_title(title, loc="right", fontsize=10)
+        above: Any = {"loc": "center", "pad": 18.0} if for_slides() else {"loc": "right"}  # of the scale, or beside it
+        axes.set_title(title, fontsize=10, **above)
         draw_scale(axes)
         _add_legend(figure, room, path is not None)
         wall = np.array([[x, y, 2.0, 2.0] for x, y in _along_walls(room)])
@@ -181,6 +202,9 @@ def _add_legend(figure: Figure, room: Room, has_path: bool) -> None:
         handles.append(Line2D([], [], marker="o", ls="", ms=6, color=_CLASS[0], label="landmark, its number and class"))
     if has_path:
         handles.append(Line2D([], [], color=_PATH, lw=1.5, label="planned path"))
+    if for_slides() and _beside(np.subtract(room.interior.max, room.interior.min)[:2]):
+        figure.legend(handles=handles, loc="center right", fontsize=8)
+        return
     columns = min(len(handles), 4 if for_slides() else 7)
     figure.legend(handles=handles, loc="lower center", ncols=columns, fontsize=8, borderaxespad=0.3)
 

@@ -128,3 +128,8 @@ def test_a_room_on_a_slide_is_read_from_afar_and_its_labels_clear_the_walls(what
         box = axes.transData.inverted().transform_bbox(label.get_window_extent(renderer))
         assert not any(box.x0 < x < box.x1 for x in (0.0, 8.0)), label.get_text()
         assert not any(box.y0 < y < box.y1 for y in (0.0, 6.0)), label.get_text()
+    low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
+    assert np.max(np.abs([low - [0.0, 0.0], high - [8.0, 6.0]])) < 0.3, "the axes are away from the room"
+    for ticks in (axes.get_xticks(), axes.get_yticks()):
+        assert float(f"{np.diff(ticks)[0]:e}"[0]) in (1.0, 2.0, 5.0)
+        assert np.diff(ticks) == pytest.approx(float(f"{np.diff(ticks)[0]:.0e}"))
