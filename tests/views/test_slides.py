@@ -274,6 +274,22 @@ def test_coverage_shows_no_landmarks_without_a_camera_nor_an_imu_alone(tmp_path:
     assert "three sigma of the floor reach a wall" in " ".join(figure.get_supxlabel().split())
 
 
+def test_a_slide_of_a_recording_shows_the_filter_and_its_smoother_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[Figure] = []
+    monkeypatch.setattr(
+        "ortilo_drake.studies.recorded.recorded_figure.save_picture", lambda figure, path: made.append(figure)
+    )
+    of_motion({}, tmp_path / "page.png")
+    with themed(Theme.slides):
+        of_motion({}, tmp_path / "slide.png")
+    page, slide = ([text.get_text() for text in figure.legends[0].get_texts()] for figure in made)
+    assert len(page) == 4
+    assert slide == ["with IMU (90%)", "with IMU, smoothed (90%)"]
+    assert [len(figure.axes) for figure in made] == [7, 5]
+
+
 def test_all_figures_that_are_written_are_looked_at() -> None:
     writing = set()
     for file in Path(ortilo_drake.__file__).parent.glob("**/*.py"):

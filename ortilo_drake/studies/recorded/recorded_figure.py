@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
+from ortilo_drake.studies.recorded.filtered import Estimate
 from ortilo_drake.studies.recorded.recorded_report import main_row
 from ortilo_drake.studies.recorded.replayed import Drawn, Replayed
 from ortilo_drake.views.palette import BLUE, GREEN, ORANGE, PURPLE, SKY, STYLE
@@ -17,6 +18,7 @@ from ortilo_drake.views.themes import add_title, for_slides
 
 RED, GREY = ORANGE, "#999999"
 WIDEST, FARTHEST = 0.8, 0.99  # shares of the bands and errors, while available, that an axis shows whole
+TIME = "time since the first range [s]"
 BIN = 1.0  # NIS is a mean over this time [s]
 
 
@@ -27,42 +29,37 @@ def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Pa
     anchors = np.array(found.anchors)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(11, 8), layout="constrained")
-        above, side, *strips = _places(figure, 3 if truth is not None else 0)
-        for axes, k in ((above, 1), (side, 2)):
+        paths, strips, nis, last = _places(figure, 3 if truth is not None else 0)
+        for axes, k in zip(paths, (1, 2), strict=False):
             axes.plot(estimate.p[:, 0], estimate.p[:, k], color=BLUE, lw=1, label=name)
             if truth is not None:
                 axes.plot(truth[:, 0], truth[:, k], color="k", lw=0.8, label="truth")
-            axes.plot(anchors[:, 0], anchors[:, k], "^", color=RED, ms=5, label="anchors")
+            axes.plot(anchors[:, 0], anchors[:, k], "^", color=RED, ms=5, label="anchors", clip_on=False)
             axes.set_xlabel("x [m]")
             axes.set_ylabel(f"{'xyz'[k]} [m]")
             axes.set_aspect("equal", adjustable="box")
-        above.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=7, ncols=3)
-        side.locator_params(axis="y", nbins=3)
+        paths[0].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=7, ncols=3)
+        for side in paths[1:]:
+            side.locator_params(axis="y", nbins=3)
         t = estimate.t
         deviations = np.sqrt(np.einsum("kii->ki", estimate.P))
         usable = np.linalg.norm(deviations, axis=1) < below
-        for k, axes in enumerate(strips[:-2]):
+        for k, axes in enumerate(strips):
             axes.fill_between(t, -3 * deviations[:, k], 3 * deviations[:, k], color=BLUE, alpha=0.15, lw=0)
             error = (estimate.p - np.asarray(truth))[:, k]
             axes.plot(t, error, color=BLUE, lw=0.8)
             axes.set_ylabel(f"error {'xyz'[k]} [m]\nand 3 σ")
             _cut(axes, t, usable, 3.0 * deviations[:, k], error)
             _calibration(axes, found)
-        axes = strips[-2]
-        taken = estimate.run.taken
-        bins = np.arange(estimate.range_stamps[0], estimate.range_stamps[-1] + BIN, BIN)
-        squares = estimate.run.innovation[taken] ** 2 / estimate.run.variance[taken]
-        sums, _ = np.histogram(estimate.range_stamps[taken], bins, weights=squares)
-        counts, _ = np.histogram(estimate.range_stamps[taken], bins)
-        means = np.divide(sums, counts, out=np.full(len(counts), np.nan), where=counts > 0)  # no line without ranges
-        axes.plot(bins[:-1] + BIN / 2, means, color=BLUE, lw=0.9)
-        axes.axhline(1.0, color=GREY, lw=0.8)
-        axes.set_ylabel("NIS")
-        _calibration(axes, found)
-        axes = strips[-1]
+        if nis is None:
+            strips[-1].set_xlabel(TIME)
+        else:
+            _draw_nis(nis, estimate)
+            _calibration(nis, found)
+        axes = last
         axes.set_prop_cycle(color=(GREEN, "#E69F00", PURPLE, SKY, "0.4"))
         for row, (other, _) in drawn.items():
-            if row.startswith(name):
+            if row in (name, f"{name}, smoothed") or (row.startswith(name) and not for_slides()):
                 total = np.sqrt(np.trace(other.P, axis1=1, axis2=2))
                 main: Any = {"color": BLUE, "lw": 1.8, "zorder": 3} if row == name else {"lw": 0.9}
                 axes.plot(other.t, total, label=f"{row} ({found.rows[row].available:.0%})", **main)
@@ -72,26 +69,52 @@ def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Pa
         axes.yaxis.set_major_formatter("{x:g}")
         axes.yaxis.set_minor_formatter(NullFormatter())
         axes.set_ylabel("σ [m], available\nbelow the line")
-        axes.set_xlabel("time since the first range [s]")
+        axes.set_xlabel(TIME)
         said = "in brackets the share of the time in which σ is below the line"
         handles = axes.get_legend_handles_labels()
-        figure.legend(*handles, loc="outside lower right", fontsize=7, ncols=2, title=said, title_fontsize=7)
+        figure.legend(
+            *handles,
+            loc="outside lower left" if for_slides() else "outside lower right",
+            fontsize=7,
+            ncols=2,
+            title=said,
+            title_fontsize=7,
+        )
         _calibration(axes, found)
         add_title(figure, f"{found.name}: {name}" + " (grey: the part that calibrates)" * _calibrates(found))
         return save_picture(figure, path)
 
 
-def _places(figure: Figure, errors: int) -> list[Axes]:
-    """Return the axes of the path from above and from the side, of so many errors, of NIS and of deviations."""
+def _places(figure: Figure, errors: int) -> tuple[list[Axes], list[Axes], Axes | None, Axes]:
+    """Return the axes of the path from above and from the side, of so many errors, of NIS and of deviations.
+
+    A slide with errors has neither the path from the side nor NIS.
+    """
     if for_slides() and errors:
-        grid = figure.add_gridspec(6, 3, width_ratios=[1.0, 1.2, 1.2])
-        spots = [grid[:4, 0], grid[4:, 0], *(grid[2 * k : 2 * k + 2, 1] for k in range(3)), grid[:3, 2], grid[3:, 2]]
-    else:
-        rows = errors + 2
-        grid = figure.add_gridspec(rows, 2, width_ratios=[1.0, 1.5])
-        high = (rows + 1) // 2
-        spots = [grid[:high, 0], grid[high:, 0], *(grid[k, 1] for k in range(rows))]
-    return [figure.add_subplot(spot) for spot in spots]
+        grid = figure.add_gridspec(6, 2, width_ratios=[1.0, 1.1])
+        path, *strips, last = (
+            figure.add_subplot(spot)
+            for spot in (grid[:3, 0], *(grid[2 * k : 2 * k + 2, 1] for k in range(3)), grid[3:, 0])
+        )
+        return [path], strips, None, last
+    rows = errors + 2
+    grid = figure.add_gridspec(rows, 2, width_ratios=[1.0, 1.5])
+    spots = [grid[: (rows + 1) // 2, 0], grid[(rows + 1) // 2 :, 0], *(grid[k, 1] for k in range(rows))]
+    above, side, *strips, nis, last = map(figure.add_subplot, spots)
+    return [above, side], strips, nis, last
+
+
+def _draw_nis(axes: Axes, estimate: Estimate) -> None:
+    """Draw the mean NIS of the ranges in each second, and the 1 that a consistent filter has."""
+    taken = estimate.run.taken
+    bins = np.arange(estimate.range_stamps[0], estimate.range_stamps[-1] + BIN, BIN)
+    squares = estimate.run.innovation[taken] ** 2 / estimate.run.variance[taken]
+    sums, _ = np.histogram(estimate.range_stamps[taken], bins, weights=squares)
+    counts, _ = np.histogram(estimate.range_stamps[taken], bins)
+    means = np.divide(sums, counts, out=np.full(len(counts), np.nan), where=counts > 0)  # no line without ranges
+    axes.plot(bins[:-1] + BIN / 2, means, color=BLUE, lw=0.9)
+    axes.axhline(1.0, color=GREY, lw=0.8)
+    axes.set_ylabel("NIS")
 
 
 def error_limit(usable: np.ndarray, band: np.ndarray, error: np.ndarray | None) -> float:
