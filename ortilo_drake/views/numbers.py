@@ -37,6 +37,12 @@ def with_interval(value: float | None, interval: Interval | None) -> str:
     return f"{number(value, width)} [{number(low, width)}, {number(high, width)}]"
 
 
+def in_its_digits(other: float, value: float, interval: Interval | None) -> str:
+    """Return another number to the decimal places of a number with its interval, as with_interval writes it."""
+    known = interval is not None and not math.isinf(interval[0])
+    return number(other, _half_width(value, *interval) if known and interval else None)
+
+
 def _half_width(value: float, low: float, high: float) -> float | None:
     """Return the geometric mean of a number's distances to the ends that are no lost flight's, None if it is lost."""
     apart = [abs(end - value) for end in (low, high) if math.isfinite(end)] if math.isfinite(value) else []

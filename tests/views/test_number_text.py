@@ -5,7 +5,7 @@ import math
 import pytest
 
 from ortilo_drake.flight.intervals import middle_of
-from ortilo_drake.views.numbers import count, number, of_all_and_kept, with_interval
+from ortilo_drake.views.numbers import count, in_its_digits, number, of_all_and_kept, with_interval
 
 
 @pytest.mark.parametrize(
@@ -34,6 +34,12 @@ def test_without_an_interval_it_says_so() -> None:
     assert with_interval(None, None) == "none"
     assert number(0.0095) == "0.0095"
     assert number(-31.4) == "-31"
+
+
+def test_another_number_has_the_digits_of_the_one_beside_it() -> None:
+    """0.06 [0.05, 0.07] stands beside 0.06 to 0.08, and 0.060 without an interval beside 0.061 to 0.084."""
+    assert [in_its_digits(end, 0.0602, (0.051, 0.072)) for end in (0.0606, 0.084)] == ["0.06", "0.08"]
+    assert [in_its_digits(end, 0.0602, None) for end in (0.0606, 0.084)] == ["0.061", "0.084"]
 
 
 def test_the_kept_stand_beside_all_where_flights_were_lost() -> None:

@@ -19,6 +19,7 @@ from ortilo_drake.studies.maps.map_theory import MapTheory
 from ortilo_drake.studies.maps.sweep import Grid, Range
 from ortilo_drake.views.palette import BLUE, ORANGE, STYLE
 from ortilo_drake.views.pictures import save_picture
+from ortilo_drake.views.themes import add_title
 
 BOUND = "theory: bound on the mean,\napproximate, near hover"
 LINK_NAMES = {
@@ -50,12 +51,13 @@ def map_figure(found: Map, path: File, theory: MapTheory | None = None) -> File 
         return None
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.5, 3.8), layout="constrained")
-        panels = figure.subplots(1, 2)
+        some_lost = any(row.lost for row in found.rows)
+        panels = figure.subplots(1, 1 + some_lost, squeeze=False)[0]
         if len(axes) == 1:
             _curves(panels, found, theory)
         else:
             _heat(figure, panels, found, theory)
-        figure.suptitle(_heading(found))
+        add_title(figure, _heading(found), "" if some_lost else _none_lost(found))
         return save_picture(figure, path)
 
 
@@ -82,12 +84,10 @@ def _heading(found: Map) -> str:
     return f"{name}: {fewest if fewest == most else f'{fewest} to {most}'} flights at each point"
 
 
-def _say_none_lost(panel: Any, found: Map) -> None:
+def _none_lost(found: Map) -> str:
     flights = sum(row.flights for row in found.rows)
     highest = max(row.lost_high for row in found.rows)
-    said = f"None of the {flights:,} flights was lost:\nat each point at most {100.0 * highest:.2g} % are lost (95 %)."
-    panel.text(0.5, 0.5, said, ha="center", va="center", transform=panel.transAxes)
-    panel.set_axis_off()
+    return f"None of the {flights:,} flights was lost: at each point at most {100.0 * highest:.2g} % are lost (95 %)."
 
 
 def _legend_above(panel: Any) -> None:
@@ -99,7 +99,7 @@ def _curves(panels: Any, found: Map, theory: MapTheory | None) -> None:
     values, rows = _values(found, key), found.rows
     numbers = _are_numbers(values)
     x = values if numbers else range(len(values))
-    if any(row.lost for row in rows):
+    if len(panels) > 1:
         low, high = (np.array([getattr(row, f"lost_{end}") for row in rows]) for end in ("low", "high"))
         panels[0].fill_between(x, low, high, color=ORANGE, alpha=0.2, lw=0, label="95 % interval")
         panels[0].plot(
@@ -110,17 +110,16 @@ def _curves(panels: Any, found: Map, theory: MapTheory | None) -> None:
         panels[0].set(ylabel=LOST, ylim=(0.0, min(1.0, 1.1 * high.max())))
         panels[0].yaxis.set_major_formatter(PercentFormatter(1.0, symbol=""))
         _legend_above(panels[0])
-    else:
-        _say_none_lost(panels[0], found)
+    kept = panels[-1]
     rms = np.array([[np.nan if v is None else v for v in (row.rms_low, row.kept_rms, row.rms_high)] for row in rows])
     ends = np.array([row.kept_interval or (np.nan, np.nan) for row in rows])
     bars = np.abs(ends - rms[:, 1:2]).T
-    panels[1].fill_between(x, rms[:, 0], rms[:, 2], color=BLUE, alpha=0.2, lw=0, label="middle half of the kept")
-    panels[1].errorbar(x, rms[:, 1], bars, fmt="o-", color=BLUE, capsize=2, label="median of the kept,\n95 % interval")
+    kept.fill_between(x, rms[:, 0], rms[:, 2], color=BLUE, alpha=0.2, lw=0, label="middle half of the kept")
+    kept.errorbar(x, rms[:, 1], bars, fmt="o-", color=BLUE, capsize=2, label="median of the kept,\n95 % interval")
     if theory is not None and np.isfinite(theory.rms).any():
-        panels[1].plot(x, np.where(np.isfinite(theory.rms), theory.rms, np.nan), "--", color="k", lw=1.0, label=BOUND)
-    panels[1].set(ylabel="RMS error [m]", ylim=(0.0, None))
-    _legend_above(panels[1])
+        kept.plot(x, np.where(np.isfinite(theory.rms), theory.rms, np.nan), "--", color="k", lw=1.0, label=BOUND)
+    kept.set(ylabel="RMS error [m]", ylim=(0.0, None))
+    _legend_above(kept)
     axis = found.sweep.axes[key]
     for panel in panels:
         panel.set_xlabel(_title(key, numbers))
@@ -148,12 +147,9 @@ def _heat(figure: Figure, panels: Any, found: Map, theory: MapTheory | None) -> 
     label = "median RMS error [m]" + ("" if len(finite) == rms.size else "; white: all lost")
     drawn = (
         (panels[0], lost, Normalize(0.0, max(lost.max(), _REDDEST)), "YlOrRd", LOST),
-        (panels[1], rms, spread, "viridis", label),
+        (panels[-1], rms, spread, "viridis", label),
     )
-    none_lost = not lost.any()
-    if none_lost:
-        _say_none_lost(panels[0], found)
-    for panel, values, norm, colors, label in drawn[none_lost:]:
+    for panel, values, norm, colors, label in drawn[-len(panels) :]:
         image = panel.imshow(values, origin="lower", aspect="auto", cmap=colors, norm=norm)
         panel.set(xlabel=_title(second, _are_numbers(columns)), ylabel=_title(first, _are_numbers(rows)))
         panel.set_xticks(*_ticks(columns))
@@ -161,7 +157,7 @@ def _heat(figure: Figure, panels: Any, found: Map, theory: MapTheory | None) -> 
         panel.tick_params(length=0)
         panel.spines[:].set_visible(False)
         bar = figure.colorbar(image, ax=panel, label=label)
-        if panel is panels[0]:
+        if label == LOST:
             bar.formatter = PercentFormatter(1.0, symbol="")
         if isinstance(norm, LogNorm):
             round_ticks = _round_levels(finite.min(), finite.max(), (1.0, 2.0, 3.0, 5.0))
@@ -170,11 +166,12 @@ def _heat(figure: Figure, panels: Any, found: Map, theory: MapTheory | None) -> 
                 bar.minorticks_off()
     percent = {0.05: "5 %", 0.5: "50 %"}
     metres = _levels(rms, rms if theory is None else theory.rms)
-    _contours(panels[0], lost, percent, "equal share lost of the flights flown")
-    _contours(panels[1], rms, metres, "equal error of the flights kept")
+    _contours(panels[-1], rms, metres, "equal error of the flights kept")
     if theory is not None:
-        _contours(panels[1], in_order(theory.rms), metres, BOUND, THEORY)
-        if theory.lost is not None:
+        _contours(panels[-1], in_order(theory.rms), metres, BOUND, THEORY)
+    if len(panels) > 1:
+        _contours(panels[0], lost, percent, "equal share lost of the flights flown")
+        if theory is not None and theory.lost is not None:
             _contours(panels[0], in_order(theory.lost), percent, _law(theory), THEORY)
 
 
@@ -206,10 +203,20 @@ def _contours(panel: Any, values: np.ndarray, names: dict[float, str], said: str
         return
     lines.set_paths([Path.make_compound_path(*paths) for paths in long])
     lines.set_path_effects([withStroke(linewidth=width + 1.6, foreground="white", alpha=0.7)])
-    for text in panel.clabel(lines, fmt=names, fontsize=8, inline_spacing=2):
+    at = [_along(paths, 0.7 if color == THEORY else 0.3) for paths in long if paths]  # labels of a level lie apart
+    for text in panel.clabel(lines, fmt=names, fontsize=8, inline_spacing=2, manual=at):
         text.set_path_effects([withStroke(linewidth=2.5, foreground="white", alpha=0.9)])
     panel.plot([], [], dashes, color=color, lw=width, label=said)
     _legend_above(panel)
+
+
+def _along(paths: list[Path], share: float) -> tuple[float, float]:
+    """Return the point at a share of the length of the longest of some lines, x and y."""
+    lines = [np.asarray(path.vertices) for path in paths]
+    ways = [np.r_[0.0, np.hypot(*np.diff(line, axis=0).T).cumsum()] for line in lines]
+    line, way = max(zip(lines, ways, strict=True), key=lambda both: both[1][-1])
+    x, y = (float(np.interp(share * way[-1], way, line[:, k])) for k in (0, 1))
+    return x, y
 
 
 def _law(theory: MapTheory) -> str:

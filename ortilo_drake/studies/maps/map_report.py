@@ -13,7 +13,7 @@ from ortilo_drake.studies.maps.map_flights import Map, MapPoint
 from ortilo_drake.studies.maps.map_theory import MapTheory
 from ortilo_drake.studies.maps.sweep import Sensitivity
 from ortilo_drake.views.markdown import table
-from ortilo_drake.views.numbers import count, of_all_and_kept, share, with_interval
+from ortilo_drake.views.numbers import count, in_its_digits, of_all_and_kept, share, with_interval
 
 
 class Index(NamedTuple):
@@ -119,7 +119,10 @@ def _rms(row: MapPoint) -> str:
 
 
 def _cells(row: MapPoint) -> list[str]:
-    half = "-" if row.rms_low is None else f"{row.rms_low:.3g} to {row.rms_high:.3g}"
+    low, high, kept = row.rms_low, row.rms_high, row.kept_rms
+    half = "-"
+    if low is not None and high is not None and kept is not None:
+        half = " to ".join(in_its_digits(end, kept, row.kept_interval) for end in (low, high))
     figures = [
         "-" if value is None else with_interval(value, interval)
         for value, interval in ((row.farthest, row.farthest_interval), (row.nees, row.nees_interval))

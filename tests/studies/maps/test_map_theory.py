@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Callable
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -130,10 +131,24 @@ def test_theory_far_from_what_was_flown_has_lines_at_values_of_its_own(monkeypat
     monkeypatch.setattr("ortilo_drake.studies.maps.map_figure.save_picture", lambda figure, path: figure)
     found = made({"uwb.link.rate": [1.0, 2.0, 4.0], LOSS: [0.0, 0.3, 0.6, 0.9]}, lambda _: 0)
     rms = np.array([0.01 * row.kept_rms for row in found.rows if row.kept_rms])
-    (_, errors, *_) = map_figure(found, Path(), MapTheory(rms, None, None, None)).axes
+    errors, _ = map_figure(found, Path(), MapTheory(rms, None, None, None)).axes
     drawn = {text.get_text() for text in errors.texts if same_color(text.get_color(), "magenta")}
     assert "0.005 m" in drawn
     assert errors.get_legend_handles_labels()[1][-1].startswith("theory")
+
+
+def test_labels_of_a_level_that_flights_and_theory_share_lie_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ortilo_drake.studies.maps.map_figure.save_picture", lambda figure, path: figure)
+    found = made({"uwb.link.rate": [1.0, 2.0, 4.0], LOSS: [0.0, 0.3, 0.6, 0.9]}, lambda _: 0)
+    rows = [
+        dataclasses.replace(r, kept_rms=rms) for r, rms in zip(found.rows, np.geomspace(0.015, 0.09, 12), strict=True)
+    ]
+    theory = MapTheory(0.98 * np.geomspace(0.015, 0.09, 12), None, None, None)
+    figure = map_figure(dataclasses.replace(found, rows=rows), Path(), theory)
+    figure.draw_without_rendering()
+    labels = [(text.get_text(), text.get_window_extent()) for text in figure.axes[0].texts]
+    assert [text for text, _ in labels].count("0.02 m") == 2
+    assert not any(a.overlaps(b) for (_, a), (_, b) in combinations(labels, 2))
 
 
 def test_one_lost_flight_of_twenty_is_no_catastrophe_and_lines_stand_out(monkeypatch: pytest.MonkeyPatch) -> None:
