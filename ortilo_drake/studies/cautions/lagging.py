@@ -17,7 +17,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.extra_states import extra_states
 from ortilo_drake.onboard.estimator.filter_model import filter_of, initial_covariance
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
-from ortilo_drake.scenario import DisturbanceW, LqServo, Scenario, ServoWeights
+from ortilo_drake.scenario import DisturbanceW, IntermittentFilter, LqServo, Scenario, ServoWeights
 from ortilo_drake.studies.linearization.operating_point import believed_V
 from ortilo_drake.studies.loop.hover_loop import arrivals_of, filter_V, hover_loop, open_loop, why_no_loop
 from ortilo_drake.theory.margins.loop_margins import spectral_radius
@@ -29,16 +29,24 @@ _SETTLED = 20.0  # of flight, after which the filter's gains stand [s]
 _NO_LAG = 1e-4  # [s]
 _STEPS = (3.0, 10.0, 30.0, 100.0, 1e3, 1e4, 1e5)  # factors on weights that are tried against a lag
 
+_AS_TIGHT = IntermittentFilter(force="measured", rates="measured", integrator="estimate")  # takes the gyroscope too
+
 Gains = list[tuple[np.ndarray, np.ndarray]]  # predictor gain K (N x p) and arrivals delta (s), tick by tick
 
 
 def lagging(scenario: Scenario) -> list[str]:
-    """Return a line if the rotors' lag makes the loop unstable, or a quarter more of it would."""
+    """Return a line if the rotors' lag makes the loop unstable, or a quarter more of it would.
+
+    For the tight filter, which has no linear form, stands the linear filter that takes the gyroscope too.
+    """
+    is_tight = scenario.estimator.kind == "tight"
+    if is_tight:
+        scenario = scenario.model_copy(update={"estimator": _AS_TIGHT})
     tau, gains = _lag(scenario), settled_gains(scenario)
     if _bears(scenario, gains, MORE_LAG * tau) or not _bears(scenario, gains, _NO_LAG):
         return []  # without lag: then the lag is not to blame
     whose = "servo and rotors" if gains is None else "servo, filter and rotors"
-    radius, mend = loop_radius(scenario, gains, tau), _mend(scenario, gains)
+    radius, mend = loop_radius(scenario, gains, tau), _mend(scenario, gains, not is_tight)
     if radius < 1.0 + _ON_CIRCLE:
         said = f"is stable, but with {MORE_LAG * tau:.2g} s it would not be"
     else:
@@ -160,7 +168,7 @@ def _bears(scenario: Scenario, gains: Gains | None, tau: float) -> bool:
     return loop_radius(scenario, gains, tau) < 1.0 + _ON_CIRCLE
 
 
-def _mend(scenario: Scenario, gains: Gains | None) -> str | None:
+def _mend(scenario: Scenario, gains: Gains | None, names_W: bool = True) -> str | None:
     """Return settings with which the loop bears MORE_LAG times the lag: the servo's weights that change least, and W.
 
     Where the filter's W follows from the lag it is named too, as filter_for_lag does under those weights.
@@ -172,7 +180,7 @@ def _mend(scenario: Scenario, gains: Gains | None) -> str | None:
         if not _bears(calmer, gains, tau) or not _bears(calmer, gains, MORE_LAG * tau):
             continue
         settings = [f"servo.weights.{name}={_listed(its)}" for name, its in changed.items()]
-        named = _named_W(calmer)
+        named = _named_W(calmer) if names_W else None
         if named is not None:
             if not _bears(*_with_W(calmer, named), MORE_LAG * tau):
                 continue

@@ -79,7 +79,7 @@ def test_the_radius_is_that_of_the_flown_filter_about_a_vehicle_in_small_steps(t
     assert (expected > 1.0) == (torque_density > 0.003)
 
 
-@pytest.mark.parametrize("name", ["rotors", "imu_uwb_yolo"])
+@pytest.mark.parametrize("name", ["rotors", "imu_uwb_yolo", "tight_imu_uwb"])
 def test_what_a_warning_names_is_no_longer_warned_of(name: str) -> None:
     settings = own("[0.05, 0.05]", *LAGGING)
     (line,) = lagging(load_scenario(name, settings))
@@ -106,6 +106,7 @@ def test_a_density_is_named_only_with_a_servo_that_bears_it() -> None:
         ("rotors", own("[0.05, 0.05]")),
         ("imu_uwb_yolo", own("[0.05, 0.05]", *LAGGING)),
         ("imu_uwb_yolo", ("camera.kind=projected", HUMMINGBIRD, *LAGGING)),
+        ("tight_imu_uwb", (HUMMINGBIRD, *LAGGING)),
     ],
 )
 def test_what_is_called_unstable_is_lost_and_arrives_as_mended(name: str, settings: tuple[str, ...]) -> None:
