@@ -5,17 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 from made_up_motion import ANCHORS
 
-from ortilo_drake.interop.recorded.map_file import Map
-from ortilo_drake.model.typed_yaml import parse_yaml, validate
-
 TOPICS = "[/r0, /r1, /r2, /r3, /r4, /r5]"
 RANGES = f"ranges: {{file: bag, topics: {TOPICS}, values: [range]}}\nanchors: {ANCHORS.tolist()}\n"
 IMU = "imu: {file: bag, topic: /imu}\n"
 START = "start: {position: [3, 6.1, 1.4], position_sd: 0.5, heading: 0.5}\n"
-
-
-def as_map(text):
-    return validate(Map, parse_yaml(text, "MAP.yaml"), "MAP.yaml")
 
 
 def header(t):

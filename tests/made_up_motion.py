@@ -10,6 +10,9 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
+from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.model.typed_yaml import parse_yaml, validate
+
 ANCHORS = np.array([(0, 0, 0.2), (6, 0, 2.8), (6, 8, 0.2), (0, 8, 2.8), (3, 0, 1.5), (3, 8, 2.9)], dtype=float)
 BIASES = np.array([-0.10, 0.05, -0.20, 0.0, 0.12, -0.05])
 LEVER = np.array([0.12, -0.05, 0.04])
@@ -57,6 +60,11 @@ def made_up(duration=60.0, seed=1, noise=0.03, outliers=0.0, place=place):
     p_truth = F.inv().apply(place(t) - SHIFT)
     R_truth = (F.inv() * attitude(t)).as_matrix()
     return Motion(t_r, r, t_imu, np.hstack([rates, force]), R.as_matrix(), t + OFFSET, p_truth, R_truth)
+
+
+def as_map(text: str) -> Map:
+    """The map of a text."""
+    return validate(Map, parse_yaml(text, "MAP.yaml"), "MAP.yaml")
 
 
 def write_tables(folder: Path, motion: Motion) -> Path:

@@ -15,14 +15,13 @@ import numpy as np
 import pytest
 import zstandard
 from logged_flights import scenario, ticks
-from made_up_motion import BAG_MAP, TABLE_MAP, made_up, write_bag, write_tables
+from made_up_motion import BAG_MAP, TABLE_MAP, as_map, made_up, write_bag, write_tables
 from mcap.opcode import Opcode
 
 from ortilo_drake.interop import unpack
 from ortilo_drake.interop.log import mcap_records, reader
 from ortilo_drake.interop.log.writer import LogWriter
 from ortilo_drake.interop.recorded import csv_columns, lenient_bag, tables
-from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import read_recording
 from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
 
@@ -128,7 +127,7 @@ def database(path: Path, messages: list[bytes], table: str = "") -> None:
 def read(path: Path, values: str = "data"):
     anchors = "anchors: [[0, 0, 0], [1, 0, 0], [0, 1, 1]]"
     line = f"ranges: {{file: {path.name}, topic: /r0, values: [{values}, x, y]}}\n{anchors}"
-    return read_recording(path.parent, validate(Map, parse_yaml(line, "MAP.yaml"), "MAP.yaml"))
+    return read_recording(path.parent, as_map(line))
 
 
 def peak() -> int:
@@ -242,10 +241,7 @@ def test_packed_bags_of_ros2_are_read(tmp_path, storage, mode) -> None:
     plain = write_bag(tmp_path / "plain", motion, storage)
     packed = write_bag(tmp_path / "all", motion, storage, mode)
     assert packed != plain
-    expected, found = (
-        read_recording(tmp_path, validate(Map, parse_yaml(BAG_MAP.replace("BAG", name), "m"), "m"))
-        for name in ("plain", "all")
-    )
+    expected, found = (read_recording(tmp_path, as_map(BAG_MAP.replace("BAG", name))) for name in ("plain", "all"))
     np.testing.assert_array_equal(found.ranges.r, expected.ranges.r)
     np.testing.assert_array_equal(found.imu.force, expected.imu.force)
     assert len(found.ranges.r) == motion.r.size
@@ -288,7 +284,7 @@ def test_entries_of_other_folders_are_checked_as_files(tmp_path, make, said) -> 
     make(folder / "imu.csv")
     for name in ("imu.csv", "im*.csv"):
         with pytest.raises(InputError, match=r"is no regular file|no file fits this pattern"):
-            read_recording(folder, validate(Map, parse_yaml(TABLE_MAP.replace("imu.csv", f"'{name}'"), "m"), "m"))
+            read_recording(folder, as_map(TABLE_MAP.replace("imu.csv", f"'{name}'")))
 
 
 def test_a_file_of_another_folder_is_not_read_as_part_of_a_bag(tmp_path) -> None:
@@ -417,7 +413,7 @@ def test_numbers_whose_square_overflows_are_left_out_and_counted(tmp_path, colum
     cells = rows[9].split(",")
     rows[9] = ",".join([cells[0], huge, *cells[2:]])
     (folder / column).write_text("\n".join(rows))
-    found = read_recording(folder, validate(Map, parse_yaml(TABLE_MAP, "m"), "m"))
+    found = read_recording(folder, as_map(TABLE_MAP))
     assert list(found.rejected.values()) == [1]
     assert len(found.ranges.r) + len(found.imu.t) + len(found.truth.t) == (
         motion.r.size + len(motion.t_imu) + len(motion.t_truth) - 1
@@ -432,7 +428,7 @@ def test_a_stamp_of_another_age_is_left_out_and_counted(tmp_path, stamp) -> None
     rows = (folder / "imu.csv").read_text().splitlines()
     rows[9] = f"{stamp},{rows[9].partition(',')[2]}"
     (folder / "imu.csv").write_text("\n".join(rows))
-    found = read_recording(folder, validate(Map, parse_yaml(TABLE_MAP, "m"), "m"))
+    found = read_recording(folder, as_map(TABLE_MAP))
     assert list(found.rejected.values()) == [1]
     assert len(found.imu.t) == len(motion.t_imu) - 1
 
@@ -457,7 +453,7 @@ def test_a_table_of_many_rows_is_read_in_pieces(tmp_path) -> None:
 
 def test_rows_beyond_the_limits_are_refused(tmp_path, monkeypatch) -> None:
     folder = write_tables(tmp_path / "motion", made_up(duration=2.0))
-    map_ = validate(Map, parse_yaml(TABLE_MAP, "m"), "m")
+    map_ = as_map(TABLE_MAP)
     monkeypatch.setattr(tables, "NUMBERS", 100)
     with pytest.raises(InputError, match=r"ranges\.csv: more than 100 numbers in its rows; cut it"):
         read_recording(folder, map_)

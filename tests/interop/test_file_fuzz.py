@@ -14,16 +14,14 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from made_up_motion import ANCHORS, BAG_MAP, TABLE_MAP, made_up, write_bag, write_tables
+from made_up_motion import ANCHORS, BAG_MAP, TABLE_MAP, as_map, made_up, write_bag, write_tables
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag1 import Writer as BagWriter
 
 from ortilo_drake.interop.recorded.anchors import read_anchors
-from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import read_recording
 from ortilo_drake.model.input_error import LONGEST, InputError
-from ortilo_drake.model.typed_yaml import parse_yaml, validate
 from ortilo_drake.studies.maps.chunks import chunk_file, read_chunk, write_chunk
 
 CASES = int(os.environ.get("ORTILO_FUZZ_CASES", "2000"))
@@ -42,7 +40,7 @@ class Kind(NamedTuple):
 
 
 def recording(text: str) -> Callable[[Path], object]:
-    map_ = validate(Map, parse_yaml(text, "MAP.yaml"), "MAP.yaml")
+    map_ = as_map(text)
     return lambda folder: read_recording(folder, map_)
 
 

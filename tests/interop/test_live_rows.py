@@ -6,7 +6,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from live_messages import IMU, RANGES, as_map, imu_message, range_message
+from live_messages import IMU, RANGES, imu_message, range_message
+from made_up_motion import as_map
 
 from ortilo_drake.interop.recorded.live_rows import LiveRows
 from ortilo_drake.model.typed_yaml import InputError

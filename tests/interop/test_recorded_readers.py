@@ -4,17 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_up_motion import BAG_MAP, OFFSET, TABLE_MAP, made_up, write_bag, write_tables
+from made_up_motion import BAG_MAP, OFFSET, TABLE_MAP, as_map, made_up, write_bag, write_tables
 
-from ortilo_drake.interop.recorded.map_file import Map, load_map, map_text
+from ortilo_drake.interop.recorded.map_file import load_map, map_text
 from ortilo_drake.interop.recorded.recording import read_recording
 from ortilo_drake.interop.recorded.rejected import Rejections, lines_of_all
 from ortilo_drake.interop.recorded.units import axes_matrix
-from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
-
-
-def as_map(text: str) -> Map:
-    return validate(Map, parse_yaml(text, "MAP.yaml"), "MAP.yaml")
+from ortilo_drake.model.typed_yaml import InputError
 
 
 @pytest.fixture(scope="module")

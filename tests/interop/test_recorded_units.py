@@ -2,17 +2,12 @@
 
 import numpy as np
 import pytest
-from made_up_motion import TABLE_MAP, made_up, write_tables
+from made_up_motion import TABLE_MAP, as_map, made_up, write_tables
 from scipy.spatial.transform import Rotation
 
-from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.odd_rows import frozen_rows
 from ortilo_drake.interop.recorded.recording import read_recording
-from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
-
-
-def as_map(text):
-    return validate(Map, parse_yaml(text, "MAP.yaml"), "MAP.yaml")
+from ortilo_drake.model.typed_yaml import InputError
 
 
 @pytest.fixture(scope="module")

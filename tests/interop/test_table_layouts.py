@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from made_up_motion import OFFSET, TABLE_MAP, made_up, write_tables
+from made_up_motion import OFFSET, TABLE_MAP, as_map, made_up, write_tables
 from scipy.spatial.transform import Rotation
 
-from ortilo_drake.interop.recorded.map_file import Map, map_text
+from ortilo_drake.interop.recorded.map_file import map_text
 from ortilo_drake.interop.recorded.recording import read_recording
-from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
+from ortilo_drake.model.typed_yaml import InputError
 
 BEGAN = 1_403_636_579_763_555_584  # [ns], as in EuRoC's files
 RANGES = TABLE_MAP[: TABLE_MAP.index("imu:")]
@@ -15,10 +15,6 @@ SEEN = {
     "tum": "truth: {file: truth.tum, layout: tum}",
     "euroc": "truth: {file: data.csv, layout: euroc}\nimu: {file: imu0.csv, layout: euroc, zero: first}",
 }
-
-
-def as_map(text: str) -> Map:
-    return validate(Map, parse_yaml(text, "MAP.yaml"), "MAP.yaml")
 
 
 @pytest.fixture(scope="module")

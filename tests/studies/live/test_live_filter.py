@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from live_messages import IMU, RANGES, START, as_map, messages_of
-from made_up_motion import ANCHORS, BAG_MAP, made_up, write_bag
+from live_messages import IMU, RANGES, START, messages_of
+from made_up_motion import ANCHORS, BAG_MAP, as_map, made_up, write_bag
 from plain_filter import run_plainly
 
 from ortilo_drake.interop.recorded.bag_columns import at_pace, bag_messages

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from command_line import run
-from made_up_motion import ANCHORS, BIASES, GRAVITY, TABLE_MAP, attitude, made_up, place, write_tables
+from made_up_motion import ANCHORS, BIASES, GRAVITY, TABLE_MAP, as_map, attitude, made_up, place, write_tables
 from scipy.spatial.transform import Rotation
 from usd_logs import util_folder, util_map
 
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import Imu, Recording, Truth, read_recording
-from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario.noise_file import ImuNoise, NoiseFile, load_noise
 from ortilo_drake.scenario.range_errors import UwbNoise
 from ortilo_drake.studies.fit.fit import fit_recordings
@@ -24,10 +24,6 @@ from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.world.sensors.fitted_errors import Day
 
 SILENT = NoiseFile(uwb=UwbNoise(white=0.0), imu=ImuNoise(rotation=(0.0,) * 3, force=(0.0,) * 3))
-
-
-def as_map(text: str) -> Map:
-    return validate(Map, parse_yaml(text, "MAP.yaml"), "MAP.yaml")
 
 
 def flight(name: str, real: float, fitted: float, nees: tuple[float, float]) -> Predicted:

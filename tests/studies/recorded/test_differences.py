@@ -4,11 +4,10 @@ import re
 
 import numpy as np
 import pytest
-from made_up_motion import ANCHORS, BIASES, TABLE_MAP, made_up, write_tables
+from made_up_motion import ANCHORS, BIASES, TABLE_MAP, as_map, made_up, write_tables
 
-from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import read_recording
-from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.filtered import estimate
 from ortilo_drake.studies.recorded.first_look import first_look
@@ -16,10 +15,6 @@ from ortilo_drake.studies.recorded.setups import calibrated_setup
 
 OWN = "differences: {file: differences.csv, time: t, value: d, a: a, b: b, names: [0, 1, 2, 3, 4, 5]}\n"
 REST = TABLE_MAP[TABLE_MAP.index("anchors:") :]
-
-
-def as_map(text: str) -> Map:
-    return validate(Map, parse_yaml(text, "MAP.yaml"), "MAP.yaml")
 
 
 def write_differences(folder, motion, more=()) -> None:

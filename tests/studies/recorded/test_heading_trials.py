@@ -2,19 +2,13 @@
 
 import numpy as np
 import pytest
-from made_up_motion import TABLE_MAP, attitude, made_up, write_tables
+from made_up_motion import TABLE_MAP, as_map, attitude, made_up, write_tables
 from usd_logs import util_folder, util_map
 
-from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import between, read_recording
-from ortilo_drake.model.typed_yaml import parse_yaml, validate
 from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
 from ortilo_drake.studies.recorded.setups import airborne, calibrated_setup, with_aids
-
-
-def as_map(text: str) -> Map:
-    return validate(Map, parse_yaml(text, "MAP.yaml"), "MAP.yaml")
 
 
 def test_the_heading_of_a_body_in_motion_is_found(tmp_path) -> None:

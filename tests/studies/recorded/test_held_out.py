@@ -4,21 +4,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from made_up_motion import TABLE_MAP, made_up, write_tables
+from made_up_motion import TABLE_MAP, as_map, made_up, write_tables
 from scipy.stats import ttest_1samp
 
 from ortilo_drake.interop.log.logged_map import LEAST
-from ortilo_drake.interop.recorded.map_file import FilterSettings, Map
+from ortilo_drake.interop.recorded.map_file import FilterSettings
 from ortilo_drake.interop.recorded.recording import read_recording
-from ortilo_drake.model.typed_yaml import parse_yaml, validate
 from ortilo_drake.studies.recorded import held_out
 from ortilo_drake.studies.recorded.fit_noise import LIMITS, Fitted
 from ortilo_drake.studies.recorded.fit_text import fitted_lines, verdict_line
 from ortilo_drake.studies.recorded.held_out import Gain, HeldOut, gain_of, judge, parts_of
-
-
-def as_map(text: str) -> Map:
-    return validate(Map, parse_yaml(text, "MAP.yaml"), "MAP.yaml")
 
 
 @pytest.mark.parametrize("level", [0.95, 1.0 - 0.05 / 3.0])

@@ -3,12 +3,10 @@
 import made_up_motion
 import numpy as np
 import pytest
-from made_up_motion import LEVER, OFFSET, SHIFT, TABLE_MAP, YAW, made_up, write_tables
+from made_up_motion import LEVER, OFFSET, SHIFT, TABLE_MAP, YAW, as_map, made_up, write_tables
 from scipy.spatial.transform import Rotation
 
-from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import read_recording
-from ortilo_drake.model.typed_yaml import parse_yaml, validate
 from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
 from ortilo_drake.studies.recorded.lever_fit import PRIOR, fit_lever
 from ortilo_drake.studies.recorded.replayed import RAW, replay
@@ -17,7 +15,7 @@ from ortilo_drake.studies.recorded.replayed import RAW, replay
 NOISE = """
 filter: {acceleration: 0.0042, rotation: 0.00014, acceleration_bias: 0.0005, range_white: 0.03, range_correlated: 0.003}
 """
-MAP = validate(Map, parse_yaml(TABLE_MAP + NOISE, "MAP.yaml"), "MAP.yaml")
+MAP = as_map(TABLE_MAP + NOISE)
 
 
 def recorded(folder, seed):

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from made_up_motion import ANCHORS, BIASES, LEVER, OFFSET, SHIFT, TABLE_MAP, YAW, made_up, place, write_tables
+from made_up_motion import ANCHORS, BIASES, LEVER, OFFSET, SHIFT, TABLE_MAP, YAW, as_map, made_up, place, write_tables
 from scipy.spatial.transform import Rotation
 
-from ortilo_drake.interop.recorded.map_file import FilterSettings, Gaps, Map
+from ortilo_drake.interop.recorded.map_file import FilterSettings, Gaps
 from ortilo_drake.interop.recorded.recording import Ranges, read_recording
-from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
 from ortilo_drake.studies.recorded.fit_noise import fit_noise
@@ -15,10 +15,6 @@ from ortilo_drake.studies.recorded.imposed import gap_ends, lose_gaps, lose_some
 from ortilo_drake.studies.recorded.replayed import CV, RAW, SMOOTH, WITH_IMU, replay
 
 FIRST = 0.05  # the first range's stamp, from which the recording counts [s]
-
-
-def as_map(text: str) -> Map:
-    return validate(Map, parse_yaml(text, "MAP.yaml"), "MAP.yaml")
 
 
 @pytest.fixture(scope="module")

@@ -6,21 +6,16 @@ tuned on three of the eight (TUNED_ON in usd_logs.py).
 
 import numpy as np
 import pytest
+from made_up_motion import as_map
 from usd_logs import FLIGHTS, util_folder, util_map
 
-from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import read_recording
-from ortilo_drake.model.typed_yaml import parse_yaml, validate
 from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.filtered import estimate
 from ortilo_drake.studies.recorded.first_look import first_look
 from ortilo_drake.studies.recorded.recorded_report import report_text
 from ortilo_drake.studies.recorded.replayed import AIDED, SMOOTH, WITH_IMU, replay
 from ortilo_drake.studies.recorded.setups import airborne, calibrated_setup, with_aids
-
-
-def as_map(text: str) -> Map:
-    return validate(Map, parse_yaml(text, "MAP.yaml"), "MAP.yaml")
 
 
 @pytest.mark.long

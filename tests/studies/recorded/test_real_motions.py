@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_up_motion import as_map
 from ortilo_flights import MAP, TABLE_MAP, flight_folder
 
-from ortilo_drake.interop.recorded.map_file import Gaps, Map
+from ortilo_drake.interop.recorded.map_file import Gaps
 from ortilo_drake.interop.recorded.recording import read_recording
-from ortilo_drake.model.typed_yaml import parse_yaml, validate
 from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
 from ortilo_drake.studies.recorded.first_look import first_look
@@ -30,10 +30,6 @@ NOTES = {
 }
 Z_AT_MOST = {"flight1": 0.080, "flight2": 0.086}
 FLIGHTS = ("flight1", "flight2")
-
-
-def as_map(text: str) -> Map:
-    return validate(Map, parse_yaml(text, "MAP.yaml"), "MAP.yaml")
 
 
 @pytest.fixture(scope="module")

@@ -4,18 +4,17 @@ import re
 
 import numpy as np
 import pytest
-from made_up_motion import ANCHORS, OFFSET, TABLE_MAP, made_up, write_tables
+from made_up_motion import ANCHORS, OFFSET, TABLE_MAP, as_map, made_up, write_tables
 
-from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.odd_rows import leaping_rows
 from ortilo_drake.interop.recorded.range_rows import code_of_none
 from ortilo_drake.interop.recorded.recording import Recording, read_recording
-from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.doubts import of_stuck
 from ortilo_drake.studies.recorded.first_look import first_look
 from ortilo_drake.studies.recorded.imu_doubts import attitude_doubts, force_doubts, upside_doubts
 
-MAP = validate(Map, parse_yaml(TABLE_MAP, "MAP.yaml"), "MAP.yaml")
+MAP = as_map(TABLE_MAP)
 MOTION = made_up(duration=30.0)
 
 
@@ -107,13 +106,13 @@ def named(tmp_path, rows: list[str]) -> Recording:
     text = TABLE_MAP.replace("[r0, r1, r2, r3, r4, r5]", "[r], anchor: a, names: [0, 1, 2, 3, 4, 5]")
     folder = write_tables(tmp_path / "named", MOTION)
     (folder / "ranges.csv").write_text("\n".join(["t,a,r", *rows]))
-    return read_recording(folder, validate(Map, parse_yaml(text, "MAP.yaml"), "MAP.yaml"))
+    return read_recording(folder, as_map(text))
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_truth_without_attitude_hides_the_lever_and_makes_no_scale_or_clock_doubtful(tmp_path, seed) -> None:
     text = TABLE_MAP.partition("imu:")[0] + "truth: {file: truth.csv, time: t, position: [x, y, z]}\n"
-    map_ = validate(Map, parse_yaml(f"{text}calibration: {{clock: {OFFSET}}}", "MAP.yaml"), "MAP.yaml")
+    map_ = as_map(f"{text}calibration: {{clock: {OFFSET}}}")
     for duration in (20.0, 40.0):
         folder = write_tables(tmp_path / f"{duration:.0f}", made_up(duration=duration, seed=seed))
         recording = read_recording(folder, map_)
