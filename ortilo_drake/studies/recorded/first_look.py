@@ -86,8 +86,9 @@ def first_look(recording: Recording, map_: Map) -> CheapFit:
         better = _all_small(trial, map_) or better_reading(trial, map_)
         better = better and feet_or_nanoseconds(trial, map_, better)
         better = better or matched_order(trial, map_)
-        if moves:  # one or two anchors hardly hide the clock
-            trial = trial._replace(offsets=fit.offset + np.array([-COARSE, 0.0, COARSE]))
+    if moves:  # one or two anchors hardly hide the clock
+        trial = trial._replace(offsets=fit.offset + np.array([-COARSE, 0.0, COARSE]))
+    if fit.left > SUSPECT * noise:
         better = better or freed_guess(trial, map_, _gained(recording, offsets))
         better = better or moved_anchor(trial, map_) or exchanged_order(trial, map_)
     else:
