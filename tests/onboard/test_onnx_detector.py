@@ -239,6 +239,33 @@ def test_shapes_that_do_not_fit_are_refused(
     assert refused(_plain(tmp_path / "net.onnx", shape, np.zeros(output), kind)).startswith(why)
 
 
+def test_numbers_that_are_no_boxes_in_pixels_are_refused(tmp_path: Path) -> None:
+    shares = _plain(tmp_path / "shares.onnx", INPUT, np.full((1, 15, N), 0.5))
+    assert refused(shares).startswith("its boxes are shares of the picture, up to 0.75: must be in pixels")
+    assert refused(_plain(tmp_path / "nan.onnx", INPUT, np.full((1, 15, N), np.nan))).startswith("gives NaN")
+
+
+@pytest.mark.parametrize("head", HEADS)
+def test_an_output_that_lies_the_other_way_round_says_the_same(head: str, tmp_path: Path) -> None:
+    import onnx
+    from onnx import helper
+
+    path = Network(head, len(NAMES), SIZE).write(tmp_path / "net.onnx", metadata())
+    model, image = onnx.load(path), picture(1, 320, 240)
+    (output,) = model.graph.output
+    _, rows, columns = (side.dim_value for side in output.type.tensor_type.shape.dim)
+    model.graph.node.append(helper.make_node("Transpose", ["output0"], ["turned"], perm=(0, 2, 1)))
+    del model.graph.output[:]
+    model.graph.output.append(helper.make_tensor_value_info("turned", 1, (1, columns, rows)))
+    onnx.save(model, tmp_path / "turned.onnx")
+    expected = load_detector(settings(path), ROOM, (320, 240))(image)
+    assert len(expected[0])
+    for found, its in zip(
+        load_detector(settings(tmp_path / "turned.onnx"), ROOM, (320, 240))(image), expected, strict=True
+    ):
+        np.testing.assert_array_equal(found, its)
+
+
 def test_scores_that_are_no_shares_are_refused(tmp_path: Path) -> None:
     assert refused(_plain(tmp_path / "net.onnx", INPUT, np.full((1, 15, N), 7.0))).startswith(
         "scores from 7 to 7: must"

@@ -76,7 +76,7 @@ def read_ulg(
     rejected.word = "message"
     rejected.add("log that is cut short or spoilt: what could be read of it is used", "", int(not whole))
     topics = {f"{one.name}[{one.multi_id}]" if one.multi_id else one.name: one.data for one in log.data_list}
-    data = topic_of(path, topic, topics)
+    data = topic_of(path, topic.removesuffix("[0]"), topics)
     fields, values = list(data), list(data.values())
     check_size(path, topic, len(values[0]), len(columns))
     t = values[place_of(path, topic, "timestamp" if time is None else time, fields)].astype(float)

@@ -72,6 +72,7 @@ def letterbox(picture: tuple[int, int], whole: tuple[int, int]) -> Letterbox:
 _USUAL: Final = 640  # width and height of an input that leaves them open and does not say them
 _LARGEST: Final = 4096  # [px]
 _KINDS: Final = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
+_RELATIVE: Final = 2.0  # [px]; in pixels the largest of all boxes' coordinates is far above it
 _PROBABLE: Final = 1e-3  # a score may leave 0 to 1 by rounding
 
 
@@ -133,7 +134,11 @@ def load_onnx(settings: Detector, room: Room, size: tuple[int, int]) -> Callable
                 f"{source}: has {head.classes} classes and no names: give them, one a line, detector.names"
             )
         names, named_by = list(COCO_CLASSES), f"{source}, of COCO's {head.classes} classes"
-    _, scores, _ = boxes_in(outputs[0], head, -np.inf)
+    if not np.isfinite(outputs[0]).all():
+        raise InputError(f"{source}: gives NaN or infinity for a grey picture, where it must give numbers")
+    _, scores, corners = boxes_in(outputs[0], head, -np.inf)
+    if corners.max() <= _RELATIVE:  # a place's box is near it, so those of an input reach across it
+        raise InputError(f"{source}: its boxes are shares of the picture, up to {corners.max():.3g}: must be in pixels")
     if not np.all((scores >= -_PROBABLE) & (scores <= 1.0 + _PROBABLE)):
         raise InputError(f"{source}: scores from {scores.min():.3g} to {scores.max():.3g}: must be between 0 and 1")
     labels_of = room_labels(names, room, named_by)

@@ -6,7 +6,8 @@ input, and scores that are already between 0 and 1:
     YOLOv5        (1, 3 n, 5 + c)   x, y, w, h, object, class 1 ... c   score = object * class
     YOLOv8, v11   (1, 4 + c, n)     x, y, w, h, class 1 ... c           score = class
 
-with n the sum of the grids' cells. The two are told apart by these numbers.
+with n the sum of the grids' cells. The two are told apart by these numbers. Either may lie the other way round, if the
+file has names, which say c.
 """
 
 import ast
@@ -31,10 +32,12 @@ class Head(NamedTuple):
     Attributes:
         classes: c.
         has_object: whether a place has the score of an object beside those of its classes, as in YOLOv5.
+        in_rows: whether a place is a row of the output, or a column.
     """
 
     classes: int
     has_object: bool
+    in_rows: bool
 
 
 def names_in(metadata: Mapping[str, str], source: str) -> list[str] | None:
@@ -50,7 +53,7 @@ def names_in(metadata: Mapping[str, str], source: str) -> list[str] | None:
         found = ast.literal_eval(text) if len(text) <= 100 * MOST_CLASSES else None
     except (ValueError, SyntaxError, MemoryError, RecursionError):
         found = None
-    if isinstance(found, dict) and [*found] == [*range(len(found))]:
+    if isinstance(found, dict) and [str(key) for key in found] == [str(i) for i in range(len(found))]:
         found = [*found.values()]
     if not isinstance(found, list) or not found or not all(isinstance(name, str) for name in found):
         raise InputError(f"{source}: metadata 'names': {text[:60]!r}: must be names, numbered from 0")
@@ -102,13 +105,18 @@ def head_of(
         raise InputError(f"{source}: its first output is {_shown(first)}: {_WANTED}")
     rows, columns = first[1:]
     cells = _places(*size)
+    triples, c = {ANCHORS * n for n in cells}, None if names is None else len(names)
     # Corners, score and class of boxes that are left, as of YOLOv10 or with nms=True.
-    if columns == 6 and (rows not in {ANCHORS * n for n in cells} or (names is not None and len(names) != 1)):
+    if columns == 6 and (rows not in triples or c not in (None, 1)):
         raise InputError(f"{source}: gives boxes that it has suppressed itself: write it as ONNX with nms=False")
     if columns in cells and rows > 4:
-        head = Head(rows - 4, False)
-    elif rows in {ANCHORS * n for n in cells} and columns > 5:
-        head = Head(columns - 5, True)
+        head = Head(rows - 4, False, False)
+    elif rows in triples and columns > 5:
+        head = Head(columns - 5, True, True)
+    elif rows in cells and c == columns - 4:
+        head = Head(c, False, True)
+    elif columns in triples and c == rows - 5:
+        head = Head(c, True, False)
     else:
         n = sum((size[0] // stride) * (size[1] // stride) for stride in (8, 16, 32))
         raise InputError(
@@ -135,7 +143,7 @@ def boxes_in(output: np.ndarray, head: Head, threshold: float) -> tuple[np.ndarr
         head: how it says its boxes.
         threshold: smallest score.
     """
-    rows = output[0] if head.has_object else output[0].T
+    rows = output[0] if head.in_rows else output[0].T
     first = 5 if head.has_object else 4
     labels = rows[:, first:].argmax(axis=1)
     scores = rows[np.arange(len(rows)), first + labels].astype(float)
