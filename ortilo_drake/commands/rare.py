@@ -9,7 +9,6 @@ import typer
 
 from ortilo_drake.commands.options import (
     CameraOption,
-    FolderOption,
     JsonOption,
     ScenarioArgument,
     SetOption,
@@ -69,7 +68,9 @@ def rare(
     camera: CameraOption = None,
     settings: SetOption = None,
     workers: WorkersOption = None,
-    out_folder: FolderOption = Path("out/rare"),
+    out_folder: Annotated[
+        Path, typer.Option("--out", help="Folder of the report, and of the repetitions that are kept.")
+    ] = Path("out/rare"),
     json_file: JsonOption = None,
 ) -> None:
     """Estimate the probability that the vehicle is lost, or strays from its reference or path, where that is rare.
@@ -80,7 +81,7 @@ def rare(
     """
     from ortilo_drake.flight.processes.workers import kept_workers
     from ortilo_drake.studies.cautions.cautions import cautions
-    from ortilo_drake.studies.rare.rare_flights import Event, Rare, rare_flights
+    from ortilo_drake.studies.rare.rare_flights import Event, Rare, doubted_corridor, rare_flights
     from ortilo_drake.studies.rare.rare_report import rare_text, verdict
     from ortilo_drake.studies.rare.under_faults import (
         check_in_flight,
@@ -106,9 +107,9 @@ def rare(
         {name: under_fault(name, faults) for name, faults in {"no fault": [], **cases}.items()} if cases else {"": own}
     )
     check_writable(report := out_folder / "rare.md")
-    say_warnings(cautions(own, scenario, settings or ()))
-    say_if_compiling()
     event = Event(corridor, origin is Origin.path)
+    say_warnings(cautions(own, scenario, settings or ()) + doubted_corridor(own, event))
+    say_if_compiling()
     workers = workers or os.cpu_count() or 1
     found: dict[str, Rare] = {}
     kept = out_folder / "kept"

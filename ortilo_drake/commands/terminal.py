@@ -54,9 +54,11 @@ def progress_bar() -> Progress:
 
 
 @contextmanager
-def flights_to_go(what: str = "flights") -> Iterator[Callable[[int, int], None]]:
+def flights_to_go(what: str = "flights") -> Iterator[Callable[[int, int | None], None]]:
     """Show the progress of flights, or `what` else, and the time to go; yield a function of (done, at most).
 
+    Where it is not known yet how many there will be, at most is None and no time is told. What was done before that,
+    or was kept, says nothing of the pace.
     In a terminal it is a bar; elsewhere a line on stderr every SAID_EVERY seconds.
     """
     began: tuple[int, float] | None = None
@@ -64,12 +66,17 @@ def flights_to_go(what: str = "flights") -> Iterator[Callable[[int, int], None]]
     with progress_bar() as progress:
         task = progress.add_task(what, total=None)
 
-        def advance(done: int, total: int) -> None:
+        def advance(done: int, total: int | None) -> None:
             nonlocal began, said
             now = time.monotonic()
-            first, start = began = began or (done, now)  # what was kept from before says nothing of the pace
+            first, start = began = began if began and total is not None else (done, now)  # the pace from then on
             progress.update(task, completed=done, total=total)
-            if not err.is_terminal and now - said >= SAID_EVERY and done > first:
+            if err.is_terminal or now - said < SAID_EVERY:
+                return
+            if total is None:
+                said = now
+                say_error(f"{done:,} {what}, how many there will be is not known yet")
+            elif done > first:
                 said, left = now, (total - done) * (now - start) / (done - first)
                 say_error(f"{done:,} of at most {total:,} {what}, at most {timedelta(seconds=round(left))} to go")
 

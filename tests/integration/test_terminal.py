@@ -61,6 +61,25 @@ def test_without_a_bar_long_work_says_the_time_to_go(
     assert capsys.readouterr().out == "150 of at most 250 likelihoods, at most 0:00:20 to go\n"
 
 
+def test_while_it_is_unknown_how_much_there_is_no_time_is_told_and_the_pace_is_from_then_on(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """100 in 10 s while it was unknown, then 100 in 5 s: the last 200 take 10 s."""
+    now = [0.0]
+    monkeypatch.setattr(terminal.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(terminal, "say_error", print)
+    with terminal.flights_to_go() as advance:
+        advance(0, None)
+        now[0] = 10.0
+        advance(100, None)
+        advance(100, 400)
+        now[0] = 15.0
+        advance(200, 400)
+    unknown, known = capsys.readouterr().out.splitlines()
+    assert unknown == "100 flights, how many there will be is not known yet"
+    assert known == "200 of at most 400 flights, 0:00:10 to go"
+
+
 @pytest.mark.parametrize("words", [["faults"], ["room", "new"], ["hil", "check"]])
 def test_help_keeps_the_units_that_options_have_in_square_brackets(words: list[str]) -> None:
     printed = CliRunner().invoke(app, [*words, "--help"], env={"COLUMNS": "200"}).output

@@ -166,6 +166,8 @@ def test_every_json_file_that_a_command_writes_is_known() -> None:
 FOLDERS = {
     "rare": ("# own: about one flight in 1,136 strays 0.13 m or more from its reference", "ortilo rare own"),
     "rare, never": ("# own loses its vehicle: fewer than 0.0076 (95 %), none in 500 flights", "ortilo rare own"),
+    "rare, a bound": ("# own: fewer than one flight in 16,000 loses its vehicle (95 %); more", "ortilo rare own"),
+    "rare, an often bound": ("# own loses its vehicle in fewer than 40% of flights (95 %); more", "ortilo rare own"),
     "rare, counted": ("# own: about one flight in 250 loses its vehicle, by counting: 2 of 500", "ortilo rare own"),
     "rare, often": ("# own loses its vehicle in about 70% of flights (95 %: 63% to 78%)", "ortilo rare own"),
     "rare, path": (

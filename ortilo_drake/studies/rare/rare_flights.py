@@ -21,7 +21,7 @@ from ortilo_drake.flight.store import in_folder, keep_json, kept_json
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.rare.estimate import Counted, Joined, counted_of, estimate
-from ortilo_drake.studies.rare.subset import CHAIN, LEAST, Climb, Plan, climb, flights_of, most_levels, plan_climb
+from ortilo_drake.studies.rare.subset import CHAIN, LEAST, Climb, Plan, climb, flights_of, plan_climb
 
 AT_ONCE = 500  # flights that are counted by one job
 TRIED = 3  # repetitions that fly before the others, which fly only if one of these comes to the event
@@ -60,6 +60,19 @@ class Event:
         return f"{what}_from_path" if self.from_path else what
 
 
+def doubted_corridor(scenario: Scenario, event: Event) -> list[str]:
+    """Return a line of doubt about a distance at which a vehicle in the room's midst has met a wall; none otherwise."""
+    interior = scenario.load_room().interior
+    sides = sorted(high - low for low, high in zip(interior.min, interior.max, strict=True))
+    if event.corridor is None or event.corridor <= sides[1] / 2.0:
+        return []
+    room = " by ".join(f"{side:.2g} m" for side in reversed(sides))
+    return [
+        f"--corridor: {event.corridor:g} m: in cm? The room is {room}: a vehicle so far off has met a wall before,"
+        " unless it flew along the longest side"
+    ]
+
+
 @dataclass(frozen=True)
 class Rare:
     """The probability of a rare event in a flight, and how it was found.
@@ -74,7 +87,8 @@ class Rare:
         plan: levels [m] and steps, as the first climb chose them.
         repetitions: what each of those after it found; empty if the first climb never came to the event.
         flights: how many flew in all of them, the first climb's among them.
-        drawn: how many normal numbers decide what is drawn at the start.
+        paths: flights of each level.
+        drawn: how many normal numbers decide what is drawn at the start, by the name of each draw.
         independent: plain counting of all flights that belong to no chain: the first of each climb, and `counted`.
         counted: plain counting beside it, if asked for.
     """
@@ -88,7 +102,8 @@ class Rare:
     plan: Plan
     repetitions: list[Climb]
     flights: int
-    drawn: int
+    paths: int
+    drawn: dict[str, int]
     independent: Counted
     counted: Counted | None
 
@@ -124,7 +139,7 @@ def rare_flights(
     out: Path,
     workers: int,
     count: int = 0,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Callable[[int, int | None], None] = lambda done, total: None,
     least: float = LEAST,
 ) -> Rare:
     """Return the probability that an event happens in a flight.
@@ -134,8 +149,8 @@ def rare_flights(
     in the folder `out`, and not flown again; 1 worker flies in this process. A level has so many paths, a multiple of
     CHAIN; the repetitions, 2 at least, have noise of their own, of the scenario's seed together with their number. So
     many flights are counted beside it, seeds from 0 on. The progress is told as how many flights are done and how many
-    there will be, at most; `least` is the smallest probability that is sought [1]. InputError if the scenario has a
-    part that is not compiled, or what is found cannot be kept.
+    there will be, at most, None until the levels are chosen; `least` is the smallest probability that is sought [1].
+    InputError if the scenario has a part that is not compiled, or what is found cannot be kept.
     """
     if paths % CHAIN:
         raise InputError(f"paths: {paths}: must be a multiple of {CHAIN}")
@@ -144,10 +159,9 @@ def rare_flights(
     plan_file = folder / f"{event.file}_{paths}_paths_to_{least:g}_plan_{scenario.seed}.json"
     plan: Plan | None = kept_json(plan_file, Plan, in_folder(plan_file))
     if plan is None:
-        most = flights_of(most_levels(least), paths) * (1 + repetitions) + count  # if it takes all levels
 
         def planned(flights: int) -> None:
-            progress(flights, most)
+            progress(flights, None)
 
         plan = plan_climb(partial(_farthest, engine, event), size, event.goal, paths, scenario.seed, least, planned)
         keep_json(plan_file, plan, in_folder(plan_file))
@@ -186,10 +200,11 @@ def rare_flights(
     met = plan.met + sum(one.met for one in found) + sum(counts)
     independent = counted_of(paths * (1 + len(found)) + count, met)
     flights = plan.flights + sum(one.flights for one in found)
-    drawn, answer = sum(engine.drawn.values()), estimate(plan, found, paths, independent, count, sum(counts))
+    drawn = {name: n for name, n in engine.drawn.items() if n}
+    answer = estimate(plan, found, paths, independent, count, sum(counts))
     ends = answer.low, answer.high
     return Rare(
-        event, answer.probability, *ends, answer.joined, least, plan, found, flights, drawn, independent, counted
+        event, answer.probability, *ends, answer.joined, least, plan, found, flights, paths, drawn, independent, counted
     )
 
 

@@ -1,38 +1,60 @@
 """The report of `ortilo rare`, as Markdown."""
 
 import numpy as np
+from scipy import stats
 
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.rare.estimate import Joined
 from ortilo_drake.studies.rare.rare_flights import Event, Rare
-from ortilo_drake.studies.rare.subset import FIRST, KEPT, most_levels
+from ortilo_drake.studies.rare.subset import CHAIN, FIRST, KEPT, most_levels
 from ortilo_drake.views.markdown import table
 
-FAR_APART = 30.0  # of the interval's ends, from which the figure is said to be a magnitude [1]
-UPPER_ONLY = 1e4  # of the interval's ends, from which only the upper one is an answer [1]
+WIDE = 100.0  # of an interval's ends, from which only the bound is told that is known [1]
 _MILLIARD = 1e9  # flights, from which their number is written with an exponent
 OFTEN = 0.1  # a larger share of flights is given in percent [1]
-APART = 0.25  # of acceptances at one level, from which repetitions are said to have gone different ways [1]
+APART = 0.25  # of acceptances at one level, from which repetitions may be said to have gone different ways [1]
+OF_CHAIN = 0.25  # standard deviation of a chain's share of accepted steps [1]; 0.2 was measured in hovering flights
+BY_CHANCE = 0.99  # of studies' largest differences of acceptances at one level lie below what chance is held for [1]
+CONFIRMS = 5  # events in a count that agrees, from which no repetition need have found every way to the event
+MOST_COUNTED = 1e6  # flights that a report advises to count
+MORE = "; more --paths and --repetitions are needed to say more"
 
 
 def verdict(scenario: Scenario, found: Rare) -> str:
-    """Return the verdict in one line: how often it happens."""
+    """Return the verdict in one line: how often it happens, or the bound that is known."""
+    return headline(scenario, found) + (MORE if bound_only(found) else "")
+
+
+def headline(scenario: Scenario, found: Rare) -> str:
+    """Return how often it happens, without what is needed to know more."""
     event, flown, (often, ends) = happening(found.event), found.independent, how_often(found)
-    if not flown.events and (found.probability is None or found.high > UPPER_ONLY * found.low):
-        least = f"fewer than {found.high:.2g} (95 %), none in {flown.flights:,} flights"
-        told = f"; subset simulation tells no more than that there may be {often}" if found.probability else ""
-        return f"{scenario.name} {event}: {least}{told}"
-    by = f" (95 %: {ends})"
+    if found.probability is None and not flown.events:
+        return f"{scenario.name} {event}: fewer than {found.high:.2g} (95 %), none in {flown.flights:,} flights"
+    known, about = ("95 %", "") if bound_only(found) else (f"95 %: {ends}", "about ")
+    by = f" ({known})"
     if found.probability is None:
         by = f", by counting: {flown.events} of {flown.flights:,}{by}"
-    if often.startswith("one"):
-        return f"{scenario.name}: about {often} {event}{by}"
-    return f"{scenario.name} {event} in about {often}{by}"
+    if "one flight" in often:
+        return f"{scenario.name}: {about}{often} {event}{by}"
+    return f"{scenario.name} {event} in {about}{often}{by}"
+
+
+def spans_far(low: float, high: float) -> bool:
+    """Return whether an interval is so wide that a figure in its midst would mislead."""
+    return high > WIDE * low
+
+
+def bound_only(found: Rare) -> bool:
+    """Return whether the probability is known as a bound only; what never happened has words of its own."""
+    return bool(found.probability or found.independent.events) and spans_far(found.low, found.high)
 
 
 def how_often(found: Rare) -> tuple[str, str]:
     """Return how often it happens and its 95 % interval, in words: a share where it is often, one flight in so many."""
     p, low, high = found.probability or found.independent.events / found.independent.flights, found.low, found.high
+    if bound_only(found):
+        rarer = f"{min(high, 1.0):.0%} of flights" if high > OFTEN else f"one flight in {_one_in(high)}"
+        return f"fewer than {rarer}", f"one in {_one_in(high)} to {_one_in(low) if low else 'infinity'}"
     if p > OFTEN:
         return f"{p:.0%} of flights", f"{low:.0%} to {min(high, 1.0):.0%}"
     if not p:
@@ -60,16 +82,16 @@ def two_digits(number: float) -> str:
 
 def rare_text(scenario: Scenario, found: Rare) -> str:
     """Return the report."""
-    lines = [f"# {verdict(scenario, found)}", ""]
+    return f"# {verdict(scenario, found)}\n\n{rare_body(found)}"
+
+
+def rare_body(found: Rare) -> str:
+    """Return the report without its verdict; a doubt about that comes first."""
+    lines = [doubt, ""] if (doubt := doubt_of(found)) else []
     lines += _by_counting(found) if found.probability is None else _by_repetitions(found, found.probability)
     if found.drawn:
-        lines += ["", f"What is drawn at the start is moved with the noise: {found.drawn} normal numbers of `truth`."]
-    if at := level_apart(found):
-        lines += [
-            "",
-            f"From {at:.3g} m on the repetitions go different ways: some found a way to the event that others did not"
-            " see, and an interval may miss it. Give more --paths, and compare with --count.",
-        ]
+        each = ", ".join(f"{name.removeprefix('truth/')} ({n})" for name, n in found.drawn.items())
+        lines += ["", f"What is drawn at the start is moved with the noise, in so many normal numbers: {each}."]
     lines += ["", *table(["one flight in about", f"comes so far from its {found.event.origin} [m]"], _distances(found))]
     if found.plan.levels and found.repetitions:
         kept, accepted = _shares(found), _column_means([one.accepted for one in found.repetitions])
@@ -110,8 +132,6 @@ def _by_repetitions(found: Rare, probability: float) -> list[str]:
             f" {found.flights:,} flights in all; those of the first run, which decided that, are not counted."
         ]
     lines = [f"{interval}: {_carried(found, joined)} {found.flights:,} flights of subset simulation in all.", ""]
-    if found.high > FAR_APART * found.low:
-        lines += ["This is no more than an order of magnitude. More --repetitions or --paths narrow it.", ""]
     flown, (low, high), of_count = found.independent, joined.by_repetitions, joined.by_count
     share = flown.events / flown.flights
     if joined.agree and probability not in (share, joined.mean):
@@ -163,15 +183,41 @@ def _by_counting(found: Rare) -> list[str]:
     ]
 
 
+def doubt_of(found: Rare) -> str | None:
+    """Return in a line why the interval may miss the answer, and what to do; None without such a doubt.
+
+    A count that agrees and saw the event CONFIRMS times has met every way to it that matters.
+    """
+    at, flown, joined = level_apart(found), found.independent, found.joined
+    if at is None or (joined and joined.agree and flown.events >= CONFIRMS):
+        return None
+    each = [one.probability for one in found.repetitions]
+    return (
+        f"**Doubtful**: from {at:.3g} m on the repetitions go different ways ({min(each):.2g} to {max(each):.2g}). Some"
+        " found a way to the event that others did not see, and the interval may miss the answer. Fly again with"
+        f" --paths {4 * found.paths}{_count_to_confirm(found)}."
+    )
+
+
+def _count_to_confirm(found: Rare) -> str:
+    """Return the option that counts twice the events that confirm an answer, where that takes no million flights."""
+    flights = 2 * CONFIRMS / max(found.probability or found.high, 1e-99)
+    return f" and --count {int(two_digits(flights).replace(',', ''))}" if 10.0 < flights < MOST_COUNTED else ""
+
+
 def level_apart(found: Rare) -> float | None:
-    """Return the first level at which the repetitions' acceptances lie farther apart than APART; None for none.
+    """Return the first level at which the repetitions' acceptances lie farther apart than chance makes; None for none.
 
     Steps that are taken far more often than planned are those of flights that got there by other noise: a few ticks'
-    instead of many, or one draw at the start.
+    instead of many, or one draw at the start. Chance makes the studentized range of means over as many chains.
     """
+    if len(found.repetitions) < 2:
+        return None
+    of_mean = OF_CHAIN / np.sqrt(found.paths / CHAIN)
+    by_chance = float(stats.studentized_range.ppf(BY_CHANCE, len(found.repetitions), np.inf)) * of_mean
     for i, level in enumerate(found.plan.levels):
         taken = [one.accepted[i] for one in found.repetitions if len(one.accepted) > i]
-        if taken and max(taken) - min(taken) > APART:
+        if taken and max(taken) - min(taken) > max(APART, by_chance):
             return level
     return None
 

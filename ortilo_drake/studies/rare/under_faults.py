@@ -9,7 +9,16 @@ from ortilo_drake.model.typed_yaml import InputError, nearest, parse_yaml
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.faults.catalogue import NAMES, catalogue
 from ortilo_drake.studies.rare.rare_flights import Rare
-from ortilo_drake.studies.rare.rare_report import happening, how_often, rare_text, two_digits, verdict
+from ortilo_drake.studies.rare.rare_report import (
+    MORE,
+    bound_only,
+    happening,
+    headline,
+    how_often,
+    rare_body,
+    spans_far,
+    two_digits,
+)
 from ortilo_drake.views.markdown import table
 
 OWN: Final = "own"  # the faults of the scenario itself
@@ -95,21 +104,23 @@ def _faults(text: str, own: Scenario) -> list[Any]:
 def check_in_flight(scenario: Scenario, name: str) -> None:
     """Refuse a fault that begins after the flight's end; InputError names when both are."""
     end = check_flyable(scenario) * scenario.h
+    of = "`seconds`" if scenario.seconds is not None else f"its plan and {scenario.settle:g} s to settle"
     for fault in scenario.faults:
         if fault.start >= end:
             raise InputError(
-                f"--fault {name}: begins at {fault.start:g} s, must be before the flight's end at {end:.1f} s: give its"
-                " start, as in '{kind: gust, start: 5.0, end: 10.0, force: [0.0, 2.0, 0.0]}'"
+                f"--fault {name}: begins at {fault.start:g} s, must be before the flight's end at {end:.1f} s ({of}):"
+                " give its start, as in '{kind: gust, start: 5.0, end: 10.0, force: [0.0, 2.0, 0.0]}'"
             )
 
 
 def faults_verdict(scenario: Scenario, without: Rare, under: dict[str, Rare]) -> str:
     """Return the verdict in one line: how often without a fault, and with each."""
-    each = [
-        f"; with {name} {how_often(found)[0]}, {_in_words(times_as_often(found, without))}"
-        for name, found in under.items()
-    ]
-    return verdict(scenario, without) + "".join(each)
+    line, more = headline(scenario, without), bound_only(without)
+    for name, found in under.items():
+        times, known = times_as_often(found, without), " (95 %)" if bound_only(found) else ""
+        line += f"; with {name} {how_often(found)[0]}{known}, {_in_words(times)}"
+        more = more or bound_only(found) or _far(times)
+    return line + (MORE if more else "")
 
 
 def faults_text(scenario: Scenario, without: Rare, under: dict[str, Rare]) -> str:
@@ -126,12 +137,16 @@ def faults_text(scenario: Scenario, without: Rare, under: dict[str, Rare]) -> st
     ]
     lines += ["", *table(["flights with", "how often", "95 % interval", "times as often (95 %)"], cells)]
     for name, found in every.items():
-        lines += [f"## {name}", rare_text(scenario, found).partition("\n")[2]]
+        lines += [f"## {name}", "", rare_body(found)]
     return "\n".join(lines)
 
 
+def _far(times: Times) -> bool:
+    return times.high is None or spans_far(times.low, times.high)
+
+
 def _in_words(times: Times) -> str:
-    if times.times is not None and times.high is not None:
+    if times.times is not None and times.high is not None and not _far(times):
         low, high = two_digits(times.low), two_digits(times.high)
         unclear = ": no clear difference" if times.low <= 1.0 <= times.high else ""
         return f"{two_digits(times.times)} times as often ({low} to {high}{unclear})"

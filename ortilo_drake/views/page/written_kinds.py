@@ -35,8 +35,9 @@ class Kind(NamedTuple):
 
 SHOWN: Final = {".png": "image/png", ".svg": "image/svg+xml"}  # pictures that a page can hold; a PDF it cannot
 _RARE = (
-    r"# (.+?)(?:: about one flight in "
-    r"| (?:loses its vehicle|strays \S+ m or more from its (?:reference|path))(?:: fewer | in about \d+% of flights))"
+    r"# (.+?)(?:: (?:about|fewer than) one flight in "
+    r"| (?:loses its vehicle|strays \S+ m or more from its (?:reference|path))"
+    r"(?:: fewer | in (?:about|fewer than) \d+% of flights))"
 )
 KINDS: Final = (
     Kind("ortilo fly", frozenset({"scenario", "seed", "mse", "arrivals"}), "scenario"),

@@ -18,8 +18,8 @@ from ortilo_drake.flight.metrics import path_distance
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario, with_seed
 from ortilo_drake.studies.rare.estimate import Joined, counted_of
-from ortilo_drake.studies.rare.rare_flights import Event, Rare, rare_flights
-from ortilo_drake.studies.rare.rare_report import level_apart, rare_text, verdict
+from ortilo_drake.studies.rare.rare_flights import Event, Rare, doubted_corridor, rare_flights
+from ortilo_drake.studies.rare.rare_report import APART, MORE, doubt_of, level_apart, rare_text, verdict
 from ortilo_drake.studies.rare.subset import AT_ONCE, Climb, Plan, flights_of
 from ortilo_drake.world.persistent_noise import seeds_of_nodes
 
@@ -80,10 +80,10 @@ def test_subsets_agree_with_counting_and_goes_on_where_it_stopped(tmp_path: Path
     first.write_text("{", encoding="utf-8")  # damaged: flown again
     second.unlink()
     plan.write_text("[1]", encoding="utf-8")
-    calls: list[tuple[int, int]] = []
+    calls: list[tuple[int, int | None]] = []
     assert rare_flights(SCENARIO, Event(corridor), 100, 4, tmp_path, 2, 300, lambda *c: calls.append(c)) == found
     each = flights_of(len(found.plan.levels), 100)
-    assert calls[0] == (AT_ONCE // Engine(SCENARIO).numbers, 5 * flights_of(9, 100) + 300)  # of at most nine levels
+    assert calls[0] == (AT_ONCE // Engine(SCENARIO).numbers, None)  # how many levels there will be is not known yet
     kept = calls.index((3 * each, 5 * each + 300))  # the plan and the two repetitions that are kept of four
     assert calls[kept + 1 :] == [(n * each, 5 * each + 300) for n in (4, 5)] + [(5 * each + 300,) * 2]
     assert counted.stat().st_mtime_ns == before
@@ -121,11 +121,14 @@ def test_a_start_whose_law_is_known(tmp_path: Path) -> None:
     settings = ("planner={kind: hover, duration: 0.1, point: [8.0, 1.0, 1.0]}", "truth.start.position_sd=0.1")
     goal = 0.1 * float(chi(3).isf(1e-5))
     found = rare_flights(load_scenario("nominal_imu_uwb", settings), Event(goal), 800, 8, tmp_path, 1)
-    assert found.drawn > 0
+    assert sum(found.drawn.values()) > 0
     assert found.low < 1e-5 < found.high
     assert found.high < 3e-5
     assert found.probability is not None
-    assert "What is drawn at the start is moved" in rare_text(SCENARIO, found)
+    assert (
+        "What is drawn at the start is moved with the noise, in so many normal numbers: start.position (3)"
+        in rare_text(SCENARIO, found)
+    )
 
 
 def test_what_is_not_compiled_is_refused_before_anything_is_kept(tmp_path: Path) -> None:
@@ -156,7 +159,7 @@ def made(repetitions: list[Climb], probability: float | None = None, events: int
     plan, counted = Plan((1.0, 2.0), ((0.5, 0.2), (0.2, 0.1)), 40, 0, bool(repetitions)), counted_of(500, events)
     joined = None if probability is None else Joined(probability, (1e-9, 1.0), (0.0, 0.013))
     return Rare(
-        Event(None), probability, counted.low, counted.high, joined, 1e-2, plan, repetitions, 80, 0, counted, None
+        Event(None), probability, counted.low, counted.high, joined, 1e-2, plan, repetitions, 80, 160, {}, counted, None
     )
 
 
@@ -177,10 +180,7 @@ def test_what_no_flight_counted_and_few_repetitions_found_is_bounded_in_the_firs
     """The interval's ends are orders of magnitude apart: only the upper one says something."""
     joined = Joined(1.1e-5, (2.8e-19, 1.0), (0.0, 4.8e-4))
     found = replace(made(NEVER, 1.1e-5), low=2.8e-19, high=4.8e-4, joined=joined)
-    assert verdict(SCENARIO, found).startswith(
-        "nominal_imu_uwb loses its vehicle: fewer than 0.00048 (95 %), none in 500"
-    )
-    assert "tells no more than that there may be one flight in 91,000" in verdict(SCENARIO, found)
+    assert verdict(SCENARIO, found).startswith("nominal_imu_uwb: fewer than one flight in 2,100 loses its vehicle (95 %)")
 
 
 @pytest.mark.parametrize("flights", [20, 500, 10_000])
@@ -254,7 +254,37 @@ def test_repetitions_that_go_different_ways_are_told() -> None:
     one, other = Climb(1e-6, (0.1, 0.1, 0.1), (0.3, 0.3), 40, 0), Climb(1e-4, (0.1, 0.1, 0.1), (0.3, 0.8), 40, 0)
     assert level_apart(made([one, one])) is None
     assert level_apart(made([one, other])) == 2.0
-    assert "From 2 m on the repetitions go different ways" in rare_text(SCENARIO, made([one, other], 1e-4))
+    _, _, doubt, *_ = rare_text(SCENARIO, made([one, other], 1e-4)).splitlines()
+    assert "from 2 m on the repetitions go different ways (1e-06 to 0.0001)" in doubt
+    assert doubt.endswith("Fly again with --paths 640 and --count 100000.")
+    assert doubt_of(made([one, other], 1e-4, events=5)) is None  # a count confirms
+
+
+def test_acceptances_as_far_apart_as_chance_makes_them_are_no_doubt() -> None:
+    """Ten repetitions of 100 paths of one hovering flight, whose answer a count of others confirmed."""
+    first = (0.29, 0.48, 0.38, 0.33, 0.36, 0.5, 0.41, 0.32, 0.42, 0.41)
+    second = (0.4, 0.47, 0.32, 0.59, 0.41, 0.49, 0.4, 0.4, 0.5, 0.52)
+    found = made([Climb(1e-3, (0.1, 0.1, 0.1), both, 40, 0) for both in zip(first, second, strict=True)], 1e-3)
+    assert max(second) - min(second) > APART
+    assert level_apart(replace(found, paths=100)) is None
+    assert level_apart(replace(found, paths=1000)) == 2.0
+
+
+def test_of_a_wide_interval_the_first_line_has_the_known_bound() -> None:
+    found = replace(made([Climb(1.7e-7, (0.1, 0.1), (0.3,), 40, 0)] * 2, 1.7e-7), low=4.5e-10, high=6.2e-5)
+    bound = "# nominal_imu_uwb: fewer than one flight in 16,000 loses its vehicle (95 %)"
+    assert rare_text(SCENARIO, found).splitlines()[0] == bound + MORE
+    often = rare_text(SCENARIO, replace(found, high=0.4)).splitlines()[0]
+    assert often == "# nominal_imu_uwb loses its vehicle in fewer than 40% of flights (95 %)" + MORE
+    near = replace(found, low=1.7e-8, high=1.6e-6)
+    assert "about one flight in 5,900,000 loses its vehicle (95 %: one in 620,000" in verdict(SCENARIO, near)
+
+
+def test_a_corridor_that_walls_forbid_is_doubted_before_a_flight() -> None:
+    """The room is 31 m by 8.9 m by 3 m."""
+    (doubt,) = doubted_corridor(SCENARIO, Event(15.0))
+    assert doubt.startswith("--corridor: 15 m: in cm? The room is 31 m by 8.9 m by 3 m")
+    assert doubted_corridor(SCENARIO, Event(4.0)) == doubted_corridor(SCENARIO, Event(None)) == []
 
 
 def test_paths_that_make_no_whole_chains_are_refused(tmp_path: Path) -> None:

@@ -15,8 +15,9 @@ from scipy.stats.contingency import relative_risk
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.rare.estimate import counted_of
+from ortilo_drake.studies.rare.rare_flights import Event
 from ortilo_drake.studies.rare.subset import climb, plan_climb
-from ortilo_drake.studies.rare.under_faults import faults_of, times_as_often
+from ortilo_drake.studies.rare.under_faults import faults_of, faults_verdict, times_as_often
 
 GUST = "{kind: gust, start: 5.0, end: 10.0, force: [0.0, 2.0, 0.0]}"
 
@@ -44,6 +45,19 @@ def test_of_what_never_happened_the_ratio_has_a_bound() -> None:
     assert (less.times, less.low) == (None, 0.0)
     assert less.high == pytest.approx(never.high / seen.low)
     assert (unknown.times, unknown.low, unknown.high) == (None, 0.0, None)
+
+
+def test_of_a_wide_ratio_only_its_known_end_is_told() -> None:
+    event = Event(0.15)
+    rare: Any = SimpleNamespace(event=event, probability=1.7e-7, low=4.5e-10, high=6.2e-5)
+    often: Any = SimpleNamespace(event=event, probability=0.39, low=0.34, high=0.45)
+    rare.independent = often.independent = counted_of(400, 0)
+    line, own = faults_verdict(load_scenario("imu_uwb"), rare, {"gust": often}), "imu_uwb: fewer than one flight in "
+    assert line.startswith(own + "16,000 strays 0.15 m or more from its reference (95 %); with gust 39% of flights, at")
+    assert line.endswith(" times as often; more --paths and --repetitions are needed to say more")
+    assert line.split("at least ")[1].startswith("6,300 ")
+    same = faults_verdict(load_scenario("imu_uwb"), rare, {"gust": rare})
+    assert "with gust fewer than one flight in 16,000 (95 %), how much more often is not known; more" in same
 
 
 def studied(probability: float, seed: int, repetitions: int) -> Any:
@@ -115,6 +129,9 @@ def test_the_command_sets_flights_with_and_without_a_fault_side_by_side(
     assert "## no fault" in said
     assert run("report", str(tmp_path)) == run("report", str(file)) == 0
     assert run("rare", *hover, *options, "--fault", "gust") == 2
-    assert "begins at 22 s, must be before the flight's end at" in capsys.readouterr().err
+    assert (
+        "begins at 22 s, must be before the flight's end at 2.3 s (its plan and 2 s to settle)"
+        in capsys.readouterr().err
+    )
     assert run("rare", *hover, *options, "--fault", "{kind: stuck, sensor: camera, start: 0.1}") == 2
     assert "--fault stuck: nominal_imu_uwb: faults.0: stuck: concerns camera" in capsys.readouterr().err
