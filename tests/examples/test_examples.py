@@ -41,7 +41,7 @@ def test_examples_are_a_page_each_and_reach_for_nothing_private() -> None:
     assert {file.stem for file in files} >= {
         "alpha_beta", "barometer", "cascade_servo", "circle_planner", "filter_elsewhere", "five_anchors",
         "hexarotor", "hurrying_planner", "kalman_filter", "longer_ranges", "loss_study", "magnetometer",
-        "mpc_servo", "multibody", "range_follower",
+        "mpc_servo", "multibody", "range_follower", "which_sensor",
     }  # fmt: skip
     for file in files:
         lines = file.read_text().splitlines()
@@ -256,3 +256,14 @@ def test_an_own_study_has_a_row_a_flight_and_more_losses_make_it_worse(tmp_path:
     assert list(flights["loss"]) == [0.0, 0.0, 0.95, 0.95]
     error = flights.groupby("loss")["rms"].mean()
     assert error[0.95] > error[0.0]
+
+
+@pytest.mark.long
+def test_a_range_finder_bounds_the_height_in_the_table_of_choices() -> None:
+    table = example("which_sensor").fly(seeds=range(1), **SHORT)
+    assert list(table.index) == ["uwb", "camera", "uwb + camera", "uwb + altimeter", "camera + altimeter"]
+    assert (table["flights"] == 1).all()
+    assert (table["lost"] == 0).all()
+    assert (table["height [m]"] <= table["error [m]"]).all()
+    assert table.loc["uwb + altimeter", "height [m]"] < table.loc["uwb", "height [m]"]
+    assert table.loc["camera + altimeter", "height [m]"] < table.loc["camera", "height [m]"]

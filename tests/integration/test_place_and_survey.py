@@ -41,10 +41,13 @@ def test_place_writes_a_room_that_flies(capsys: pytest.CaptureFixture[str], tmp_
 
 
 @pytest.mark.long
-def test_place_takes_a_room_as_coverage_does(tmp_path: Path) -> None:
+def test_place_takes_a_room_as_coverage_does(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     room, report = tmp_path / "hall.yaml", tmp_path / "placed.json"
     assert run("room", "new", str(room), "--size", "8x6x3") == 0
     assert run("room", "place", str(room), "4", "--spacing", "4", "--json", str(report)) == 0
+    assert "for a vehicle that has UWB alone: --set sensors=[uwb,imu]" in capsys.readouterr().out
+    assert run("room", "place", str(room), "4", "--set", "uwb.link.rate=20") == 2
+    assert f"{room}: uwb.link.rate: 20.0: must divide" in capsys.readouterr().err  # not the scenario it is flown as
     at = np.array(json.loads(report.read_text(encoding="utf-8"))["anchors"])
     assert at.shape == (4, 3)
     assert np.all((at >= 0.0) & (at <= [8.0, 6.0, 3.0]))

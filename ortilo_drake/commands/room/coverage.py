@@ -30,7 +30,7 @@ def coverage(
     heading flown, headings [rad], landmarks_by_heading (n, h), floor [m] by case; over_floor height [m], x and y [m],
     and over (y, x) free, anchors, pdop, and landmarks over (heading, y, x).
     """
-    from ortilo_drake.studies.rooms.room_scenario import scenario_of
+    from ortilo_drake.studies.rooms.room_scenario import scenario_of, without_camera
 
     scenario = scenario_of(what, tuple(settings or ()))
     from ortilo_drake.studies.rooms.coverage import coverage as cover
@@ -47,6 +47,8 @@ def coverage(
         out.print(f"  {who:20}{worst}, {lost}", markup=False, soft_wrap=True)
     for line in _along_the_way(found, scenario):
         out.print(f"  {line} along the way", markup=False, soft_wrap=True)
+    if flown := without_camera(scenario):
+        out.print(f"  {'flown':20}{flown}", markup=False, soft_wrap=True)
     write_json(json_file, found)
     if png is not None:
         coverage_figure(found, scenario.load_room(), png)

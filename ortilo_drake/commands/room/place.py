@@ -29,7 +29,9 @@ def place(
     """Place N anchors on walls and ceiling to minimise the largest position error along the path.
 
     The error is the Cramér-Rao bound along the planned path: no estimator errs less. A room is flown as by `ortilo room
-    coverage`. Fly in the written room with `ortilo fly SCENARIO --set room=ROOM.yaml`.
+    coverage`. Anchors that are best for one way may be worse on another: check yours by `ortilo room coverage SCENARIO
+    --set room=ROOM.yaml --set planner.start=[X,Y] --set planner.goal=[X,Y]`. Fly in the written room with `ortilo fly
+    SCENARIO --set room=ROOM.yaml`.
     """
     if not FIX <= n <= MAX_ANCHORS:
         raise InputError(f"N: {n}: must be {FIX} to {MAX_ANCHORS}")
@@ -37,7 +39,7 @@ def place(
         raise InputError(f"--landmarks {landmarks}: must be 0 to {MAX_LANDMARKS}")
     from ortilo_drake.flight.files import write_text
     from ortilo_drake.studies.room_design.place import place_anchors, room_text
-    from ortilo_drake.studies.rooms.room_scenario import scenario_of
+    from ortilo_drake.studies.rooms.room_scenario import scenario_of, without_camera
 
     say_if_compiling()
     chosen = scenario_of(what, tuple(settings or ()))
@@ -70,7 +72,12 @@ def place(
     for its in found.room.landmarks if landmarks else ():
         out.print(f"  {its.label:12} ({', '.join(f'{value:.3f}' for value in its.position)})", markup=False)
     say_written(out_file, json_file)
+    if flown := without_camera(chosen):
+        out.print(f"  flown {flown}", markup=False, soft_wrap=True)
     if out_file is not None:
+        ends = "--set planner.start=[X,Y] --set planner.goal=[X,Y]"
+        check = f"  placed for this one way; to check another: ortilo room coverage {out_file} {ends}"
+        out.print(check, markup=False, soft_wrap=True)
         out.print(f"  to see it: ortilo room show {out_file} --png out/room.png", markup=False, soft_wrap=True)
 
 

@@ -24,7 +24,7 @@ def is_room(path: Path) -> bool:
 def room_scenario(room: Path, settings: tuple[str, ...] = ()) -> Scenario:
     """Return the scenario in which a room is judged: imu, UWB that walls block, projected camera, from start to goal.
 
-    InputError if the room's file or a change by the settings is wrong.
+    InputError if the room's file or a change by the settings is wrong, which names the room's file.
     """
     if not exists(room):
         raise InputError(f"room: {room}: no such room file")
@@ -35,7 +35,19 @@ def room_scenario(room: Path, settings: tuple[str, ...] = ()) -> Scenario:
         ("uwb.link.blackouts", []),
         ("uwb.walls", {"kind": "block"}),
     )
-    return load_scenario(BASE, (*of_room, *settings))
+    try:
+        return load_scenario(BASE, (*of_room, *settings))
+    except InputError as wrong:
+        text = str(wrong)
+        own = f"{BASE}: "  # what the user did not name
+        raise InputError(f"{room}: {text.removeprefix(own)}" if text.startswith(own) else text) from None
+
+
+def without_camera(scenario: Scenario) -> str | None:
+    """Return a line on how a room is judged for a vehicle without a camera; None of a scenario that the user named."""
+    if scenario.name != OF_A_ROOM or "camera" not in scenario.sensors:
+        return None
+    return f"with {', '.join(scenario.sensors)}; for a vehicle that has UWB alone: --set sensors=[uwb,imu]"
 
 
 def scenario_of(name_or_file: str, settings: tuple[str, ...] = ()) -> Scenario:

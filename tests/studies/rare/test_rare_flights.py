@@ -180,7 +180,7 @@ def test_what_no_flight_counted_and_few_repetitions_found_is_bounded_in_the_firs
     """The interval's ends are orders of magnitude apart: only the upper one says something."""
     joined = Joined(1.1e-5, (2.8e-19, 1.0), (0.0, 4.8e-4))
     found = replace(made(NEVER, 1.1e-5), low=2.8e-19, high=4.8e-4, joined=joined)
-    assert verdict(SCENARIO, found).startswith("nominal_imu_uwb: fewer than one flight in 2,100 loses its vehicle (95 %)")
+    assert "fewer than one flight in 2,100 loses its vehicle (95 %)" in verdict(SCENARIO, found)
 
 
 @pytest.mark.parametrize("flights", [20, 500, 10_000])
