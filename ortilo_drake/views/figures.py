@@ -39,6 +39,9 @@ def draw_room(axes: Axes, room: Room, scenario: Scenario) -> None:
             corner, depth = (blackout.start, room.interior.min[1]), room.interior.max[1] - room.interior.min[1]
             width = blackout.end - blackout.start
             solids.append(Rectangle(corner, width, depth, color=BLUE, alpha=0.10, lw=0, label="no UWB"))
+    low, high = np.array(room.interior.min[:2]), np.array(room.interior.max[:2])
+    outer: Any = {"fill": False, "edgecolor": "#8a725f", "lw": 1.5, "label": "outer wall"}
+    solids.append(Rectangle((low[0], low[1]), *(high - low), **outer))
     named = set()
     for solid in solids:
         axes.add_patch(solid)
@@ -121,6 +124,8 @@ def draw_flight(flight: xr.Dataset) -> Figure:
             axes.plot(time, error[:, i], color="k", lw=0.8, label="error of the estimate")
             axes.set_ylabel(f"error\n{axis} [m]")
             axes.tick_params(labelbottom=side_by_side)
+            if side_by_side:
+                axes.set_xlabel("time [s]")
         errors[0].legend(loc="lower right", bbox_to_anchor=(1.0, 0.92), ncols=2, fontsize=8)
         draw_arrivals(arrivals, flight)
         for axes in (*errors, arrivals):

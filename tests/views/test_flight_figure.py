@@ -20,9 +20,11 @@ def test_furniture_is_drawn_where_it_stands() -> None:
     )  # fmt: skip
     axes = Figure().add_subplot()
     draw_room(axes, room, load_scenario("imu_uwb", "uwb.link.blackouts=[]"))
-    (patch,) = axes.patches
+    patch, outer = axes.patches
     corners = np.asarray(patch.get_path().vertices, dtype=float)
     np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)], [[2.5, 1.0], [3.5, 3.0]], atol=1e-12)
+    low, high = np.array(room.interior.min[:2]), np.array(room.interior.max[:2])
+    np.testing.assert_allclose(outer.get_extents().get_points(), axes.transData.transform([low, high]))
 
 
 def test_a_legend_names_each_thing_in_the_room_once_and_nothing_is_written_on_a_wall() -> None:
@@ -30,7 +32,7 @@ def test_a_legend_names_each_thing_in_the_room_once_and_nothing_is_written_on_a_
     axes = Figure().add_subplot()
     draw_room(axes, scenario.load_room(), scenario)
     named = axes.get_legend_handles_labels()[1]
-    assert sorted(named) == ["anchor", "furniture", "landmark", "no UWB", "stand", "wall"]
+    assert sorted(named) == ["anchor", "furniture", "landmark", "no UWB", "outer wall", "stand", "wall"]
     assert not axes.texts
 
 

@@ -93,11 +93,14 @@ def _draw_maps(figure: Any, maps: np.ndarray, found: Coverage, room: Room, wide:
         axes.spines[:].set_visible(False)
         (left, bottom), (right, top) = low[:2] - 0.2, high[:2] + 0.2
         axes.set(aspect="equal", xlim=(left, right), ylim=(bottom, top), ylabel="y (north) [m]")
+        seen = values[over.free]
+        if colors == "Blues" and len(seen) and seen.min() == seen.max() == many:
+            title += f": {many} everywhere"
         axes.set_title(title if for_slides() else f"{title}, {over.height:.2g} m high", fontsize=9)
         bar = figure.colorbar(drawn, ax=axes, pad=0.01, shrink=0.9, location="right" if wide else "bottom", aspect=25)
         if colors != "YlOrRd":
             whole = np.arange(1, (most if colors == "Purples" else many) + 1)
-            bar.set_ticks(whole[:: max(len(whole) // (4 if for_slides() else 8), 1)])
+            bar.set_ticks(whole[:: -max(len(whole) // (4 if for_slides() else 8), 1)])  # down from the most
             bar.minorticks_off()
     for axes in maps if not wide else maps[-1:]:
         axes.set_xlabel("x (east) [m]")
