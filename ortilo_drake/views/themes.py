@@ -123,8 +123,10 @@ def _wrap_labels(figure: "Figure") -> None:
 
 
 def broken_name(name: str, most: int) -> str:
-    """Break a name after underscores into lines of at most so many letters."""
-    return fill(name.replace("_", "_ "), most, break_long_words=False).replace("_ ", "_")
+    """Break a name after underscores into lines of about the same length, of at most so many letters."""
+    if len(name) <= most:
+        return name
+    return balanced(name.replace("_", "_ "), max(most, *map(len, name.split("_")))).replace("_ ", "_")
 
 
 def dark(color: Any) -> Any:

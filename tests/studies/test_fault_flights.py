@@ -90,6 +90,27 @@ def test_lost_flights_fail_and_are_left_out_of_the_errors_with_their_seeds() -> 
     assert (nothing.during, nothing.recovery, nothing.passed) == (None, None, False)
 
 
+@pytest.mark.parametrize(("error", "shown"), [(0.0149, "1.49"), (0.01502, "1.502"), (0.015, "1.50"), (0.0201, "2.01")])
+def test_a_ratio_beside_the_limit_has_the_digits_that_tell_on_which_side_it_is(error: float, shown: str) -> None:
+    without, flown = [made_up(0, 0.01, {})], [made_up(0, 0.01, {range(20, 30): error})]
+    text = fault_text(FaultStudy(["mine"], 1, 10.0, 5.0, [0], [row_of("mine", PASSING, flown, without)]))
+    assert f"| {shown} | 1.00 |" in text
+
+
+def test_the_report_says_each_faults_strength_and_what_a_recovery_is_worth() -> None:
+    """After 15 s the error is as without the fault until 25 s, then four times as large; NEES is never below 0."""
+    case = Case("gust", {"kind": "gust", "force": [0.0, 2.0, 0.0], "start": 10.0}, 10.0, 15.0)
+    without = [made_up(seed, 0.01, {}) for seed in range(2)]
+    flown = [made_up(seed, 0.01, {range(50, 120): 0.04 * (1 + 9 * seed)}) for seed in range(2)]
+    row = row_of("mine", case, flown, without)
+    text = fault_text(FaultStudy(["mine"], 2, 10.0, 5.0, [0], [row]))
+    assert "| 0.0, then worse |" in text
+    assert "- `gust`: force [0.0, 2.0, 0.0], start 10.0.\n" in text
+    assert row.after is not None
+    assert row.after.nees_interval is not None
+    assert row.after.nees_interval[0] == 0.0
+
+
 def test_medians_count_lost_flights_as_worst() -> None:
     without = [made_up(seed, 0.01, {}) for seed in range(9)]
     errors = [0.01 * (2 + seed) for seed in range(9)]  # 2 to 10 times

@@ -78,6 +78,8 @@ def test_a_caption_fits_below_a_slide_in_lines_alike(tmp_path: Path) -> None:
 
 def test_names_are_broken_after_underscores_and_texts_into_even_lines() -> None:
     assert broken_name("robust_imu_uwb_yolo", 13) == "robust_imu_\nuwb_yolo"
+    assert broken_name("nominal_imu_uwb", 13) == "nominal_\nimu_uwb"
+    assert broken_name("tight_imu_uwb", 13) == "tight_imu_uwb"
     assert broken_name("gust", 13) == "gust"
     assert balanced("one two three four five six seven", 30) == "one two three four\nfive six seven"
 

@@ -1,7 +1,7 @@
 """Flights with one fault each, beside the same seeds without any."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,7 +14,7 @@ from ortilo_drake.onboard.planner.planned import path_of
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.faults.catalogue import LENGTH, START, Case, catalogue
 from ortilo_drake.studies.faults.courses import BIN, Course, fly_courses
-from ortilo_drake.theory.consistency.consistency import mean_interval
+from ortilo_drake.theory.consistency.consistency import nees_interval
 
 PASSES: Final = 1.5  # at most so many times the error without the fault
 WITHIN_3_SIGMA: Final = float(chi2(3).ppf(chi2(1).cdf(3.0**2)))  # NEES of a position as far off as 3 sigma is, 14.16
@@ -30,8 +30,8 @@ class Phase:
 
     The error is the root mean square of the distance of estimated and true position [m], the ratio that over the error
     of the same seeds without the fault in the same ticks [1]. NEES is the mean of the position's, 3 if the filter is
-    consistent, with its 95 % interval over flights by Student's t; None of fewer than two. Errors [m] and ratios are
-    medians of those of each flight, with the lost ones as worst and without them.
+    consistent, with its 95 % interval over flights by Student's t, cut at 0; None of fewer than two. Errors [m] and
+    ratios are medians of those of each flight, with the lost ones as worst and without them.
     """
 
     error: float
@@ -61,6 +61,7 @@ class FaultRow:
             is not: the mean NEES is at most WITHIN_3_SIGMA.
         passed_after: afterwards the error is at most 1.5 times the one without the fault.
         passed: no flight lost, and both.
+        settings: the fault as the list `faults` of the scenario has it.
     """
 
     fault: str
@@ -75,6 +76,7 @@ class FaultRow:
     passed_during: bool
     passed_after: bool
     passed: bool
+    settings: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -153,7 +155,8 @@ def row_of(scenario: str, case: Case, courses: Sequence[Course], without: Sequen
     lost = _lost(courses)
     share = share_interval(lost, len(courses))
     if not pairs:
-        return FaultRow(case.name, scenario, len(courses), lost, share, None, None, None, None, False, False, False)
+        none = (None, None, None, None, False, False, False, case.fault)
+        return FaultRow(case.name, scenario, len(courses), lost, share, *none)
     square, calm, nees = map(np.array, zip(*((a.square, b.square, a.nees) for a, b in pairs), strict=True))
     first = round(case.start / BIN)
     last = round((case.start + KNOWN if case.end is None else case.end) / BIN)
@@ -166,7 +169,9 @@ def row_of(scenario: str, case: Case, courses: Sequence[Course], without: Sequen
     good_during = during.ratio <= PASSES or during.nees <= WITHIN_3_SIGMA
     good_after = after.ratio <= PASSES
     verdict = good_during, good_after, lost == 0 and good_during and good_after
-    return FaultRow(case.name, scenario, len(courses), lost, share, before, during, after, recovery, *verdict)
+    return FaultRow(
+        case.name, scenario, len(courses), lost, share, before, during, after, recovery, *verdict, case.fault
+    )
 
 
 def _phase(square: np.ndarray, calm: np.ndarray, nees: np.ndarray, lost: int) -> Phase:
@@ -176,7 +181,7 @@ def _phase(square: np.ndarray, calm: np.ndarray, nees: np.ndarray, lost: int) ->
         error=float(np.sqrt(square.mean())),
         ratio=float(np.sqrt(square.mean() / calm.mean())),
         nees=float(nees.mean()),
-        nees_interval=mean_interval(nees.mean(axis=1)),
+        nees_interval=nees_interval(nees.mean(axis=1)),
         errors=middle_of(np.sqrt(each).tolist(), lost),
         ratios=middle_of(np.sqrt(each / its_calm).tolist(), lost),
     )

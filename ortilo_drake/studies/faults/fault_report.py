@@ -14,7 +14,7 @@ from ortilo_drake.views.markdown import table
 from ortilo_drake.views.numbers import count, number, of_all_and_kept, with_interval
 from ortilo_drake.views.palette import STYLE
 from ortilo_drake.views.pictures import save_picture
-from ortilo_drake.views.themes import add_title, broken_name
+from ortilo_drake.views.themes import SLIDE_SIZE, add_title, broken_name, for_slides
 
 
 def fault_summary(found: FaultStudy) -> list[str]:
@@ -41,6 +41,8 @@ _MEDIANS = ["fault", "scenario", "during [mm]", "after [mm]", "during, times", "
 _WORST = 10.0  # times; more is drawn in the same colour
 _TICKS = (1.0, 2.0, 3.0, 5.0, 10.0)  # of the colour bar
 _WIDEST = 13  # letters of a column's label in a line
+_MOST_DIGITS = 9  # of a ratio close to the limit
+_LARGEST = 14.0  # size of the figures on a slide [pt]
 _LOST = "#404040"  # where all flights are lost
 
 
@@ -57,6 +59,16 @@ def fault_text(found: FaultStudy) -> str:
         f"{PASSES:g} times the one without, too, or the filter knows that it is larger: a mean NEES of at most "
         f"{WITHIN_3_SIGMA:.1f}, as of a position at the edge of 3 sigma (3 if the filter is consistent).",
         "",
+        f"Recovers in: from a fault's end, or its start if it does not end, to the first 5 s in which the error is at "
+        f"most {PASSES:g} times the one without; a fault is failed by what came before, too, or after it (then worse).",
+        "",
+        "## The faults",
+        "",
+        "As the list `faults` of a scenario has them: forces [N], lengths [m], times [s], angles [rad]; x east, "
+        "y north, z up. A walk is x, y of one end, then of the other.",
+        "",
+        *_strengths(found),
+        "",
         "## Flight by flight",
         "",
         "Medians over flights of the error of each, a lost one worse than any that was kept, then of the kept ones; in "
@@ -65,6 +77,34 @@ def fault_text(found: FaultStudy) -> str:
     ]
     lines += table(_MEDIANS, [_medians(row) for row in found.rows])
     return "\n".join(lines)
+
+
+def _strengths(found: FaultStudy) -> list[str]:
+    """Return a line for each fault and each of its settings, with the scenarios if they differ."""
+    lines = []
+    for fault in dict.fromkeys(row.fault for row in found.rows):
+        said: dict[str, list[str]] = {}
+        for row in (row for row in found.rows if row.fault == fault):
+            told = ", ".join(f"{key} {value}" for key, value in row.settings.items() if key != "kind")
+            said.setdefault(told, []).append(row.scenario)
+        for told, of in said.items():
+            where = f" of {', '.join(of)}" if len(said) > 1 else ""
+            lines.append(f"- `{fault}`{where}: {told}.")
+    return lines
+
+
+def _times(ratio: float, text: str) -> str:
+    """Return a ratio as in a text, but with the digits that tell it from the limit."""
+    digits = len(text)
+    while float(text) == PASSES != ratio and digits < _MOST_DIGITS:
+        text, digits = f"{ratio:.{digits}g}", digits + 1
+    return text
+
+
+def _recovery(row: FaultRow) -> str:
+    if row.during is None or row.recovery is None:
+        return "-" if row.during is None else "never"
+    return f"{row.recovery:.1f}" + ("" if row.passed_after else ", then worse") + (" (kept)" if row.lost else "")
 
 
 def _medians(row: FaultRow) -> list[str]:
@@ -85,11 +125,10 @@ def _scaled(middle: Middle, scale: float) -> Middle:
 def _cells(row: FaultRow) -> list[str]:
     phases = (row.before, row.during, row.after)
     errors = ["-" if phase is None else f"{1e3 * phase.error:.0f}" for phase in phases]
-    ratios = ["-" if phase is None else f"{phase.ratio:.2f}" for phase in phases[1:]]
+    ratios = ["-" if phase is None else _times(phase.ratio, f"{phase.ratio:.2f}") for phase in phases[1:]]
     nees = ["-" if phase is None else with_interval(phase.nees, phase.nees_interval) for phase in phases[1:]]
-    recovery = "-" if row.during is None else "never" if row.recovery is None else f"{row.recovery:.1f}"
     lost = count(row.lost, row.flights)
-    return [row.fault, row.scenario, lost, *errors, *ratios, recovery, *nees, _verdict(row)]
+    return [row.fault, row.scenario, lost, *errors, *ratios, _recovery(row), *nees, _verdict(row)]
 
 
 def _verdict(row: FaultRow) -> str:
@@ -101,12 +140,20 @@ def _verdict(row: FaultRow) -> str:
     return f"no: {', '.join(fails)}" if fails else "yes"
 
 
+def _size(found: FaultStudy, faults: int) -> float:
+    """Return the size of the figures on a slide, as large as its cells let them be [pt]."""
+    letters = 15 if any(row.lost for row in found.rows) else 6
+    width, height = 0.75 * SLIDE_SIZE[0] / (2 * len(found.scenarios)), 0.72 * SLIDE_SIZE[1] / faults
+    return min(max(72.0 * min(width / (0.6 * letters), 0.5 * height), 8.0), _LARGEST)
+
+
 def fault_figure(found: FaultStudy, path: Path) -> Path:
     """Draw how many times the error grows during and after each fault, whether it is passed, and the flights lost."""
     faults = list(dict.fromkeys(row.fault for row in found.rows))
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(4.6 + 1.7 * len(found.scenarios), 0.28 * len(faults) + 1.6), layout="constrained")
         panels = figure.subplots(1, 2, sharey=True)
+        size = _size(found, len(faults)) if for_slides() else 8.0
         colors = mpl.colormaps["YlOrRd"].with_extremes(over=_LOST)
         for axes, part in zip(panels, ("during", "after"), strict=True):
             values = np.full((len(faults), len(found.scenarios)), np.nan)
@@ -114,12 +161,12 @@ def fault_figure(found: FaultStudy, path: Path) -> Path:
                 i, j = faults.index(row.fault), found.scenarios.index(row.scenario)
                 phase: Phase | None = getattr(row, part)
                 values[i, j] = 2.0 * _WORST if phase is None else min(phase.ratio, _WORST)
-                text = "all lost" if phase is None else number(phase.ratio)
+                text = "all lost" if phase is None else _times(phase.ratio, number(phase.ratio))
                 text += f", {row.lost} lost" if phase is not None and row.lost else ""
                 passed = row.passed_during if part == "during" else row.passed_after
                 text += " ✓" if passed and not row.lost else " ✗"
                 dark = values[i, j] > _WORST**0.6
-                axes.text(j, i, text, ha="center", va="center", color="w" if dark else "k", fontsize=8)
+                axes.text(j, i, text, ha="center", va="center", color="w" if dark else "k", fontsize=size)
             drawn = axes.imshow(values, aspect="auto", cmap=colors, norm=LogNorm(1.0, _WORST))
             axes.set_xticks(range(len(found.scenarios)), [broken_name(name, _WIDEST) for name in found.scenarios])
             axes.set_yticks(range(len(faults)), faults)

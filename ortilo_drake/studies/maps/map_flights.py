@@ -15,7 +15,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.maps.chunks import chunk_file, chunks_of, columns_of, fly_figures, read_chunk, write_chunk
 from ortilo_drake.studies.maps.sweep import Sweep, Until, Value, points_of, scenario_at
-from ortilo_drake.theory.consistency.consistency import mean_interval
+from ortilo_drake.theory.consistency.consistency import nees_interval
 
 
 @dataclass(frozen=True)
@@ -183,6 +183,6 @@ def _row(point: dict[str, Value], scenario: Scenario, folder: Path, chunks: list
         farthest=quantile(farthest),
         farthest_interval=quantile_interval(farthest),
         nees=float(np.mean(nees)) if nees else None,
-        nees_interval=mean_interval(np.array(nees)),
+        nees_interval=nees_interval(np.array(nees)),
         arrived=arrived,
     )

@@ -14,7 +14,7 @@ from ortilo_drake.studies.sensitivity.loss_level import NO_LEVEL, Flown, LossLev
 from ortilo_drake.studies.sensitivity.mismatches import Mismatch, Settings, all_together, mismatches_of
 from ortilo_drake.studies.sensitivity.next_level import BATCH, is_settled, ladder, loses_more, next_level
 from ortilo_drake.studies.sensitivity.outcomes import Outcome, fly_outcomes
-from ortilo_drake.theory.consistency.consistency import mean_interval
+from ortilo_drake.theory.consistency.consistency import nees_interval
 
 LOST_SHARE: Final = 0.05
 NONE: Final = "none"
@@ -177,6 +177,6 @@ def _row(mismatch: str, value: float, outcomes: Sequence[Outcome]) -> MismatchRo
         lost_share=share_interval(lost, len(outcomes)),
         mse={axis: middle_of([flown.mse[axis] for flown in kept], lost) for axis in AXES},
         nees=float(nees.mean()) if kept else None,
-        nees_interval=mean_interval(nees),
+        nees_interval=nees_interval(nees),
         nees_with_lost=float(np.nan_to_num(np.mean([flown.nees for flown in outcomes]), nan=np.inf)),
     )

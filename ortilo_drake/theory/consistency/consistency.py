@@ -96,6 +96,12 @@ def mean_interval(samples: np.ndarray) -> tuple[float, float] | None:
     return float(np.mean(samples) - half), float(np.mean(samples) + half)
 
 
+def nees_interval(samples: np.ndarray) -> tuple[float, float] | None:
+    """Return mean_interval of NEES or NIS: as none of them is below 0, neither is an end of it."""
+    interval = mean_interval(samples)
+    return interval and (max(interval[0], 0.0), interval[1])
+
+
 def time_average(flights: Sequence[np.ndarray], masks: Sequence[np.ndarray], dof: int) -> Average | None:
     """Judge normalised squares, a series a flight, over the ticks of its mask; None if none has a number there.
 
