@@ -274,6 +274,21 @@ def test_coverage_shows_no_landmarks_without_a_camera_nor_an_imu_alone(tmp_path:
     assert "three sigma of the floor reach a wall" in " ".join(figure.get_supxlabel().split())
 
 
+def test_a_bar_of_anchors_in_sight_names_the_most_that_are_seen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At most 11 are in sight on the made-up floor."""
+    made: list[Figure] = []
+    monkeypatch.setattr(
+        "ortilo_drake.studies.rooms.coverage_figure.save_picture", lambda figure, path: made.append(figure)
+    )
+    with themed(Theme.slides):
+        of_coverage(("uwb", "imu"))({}, tmp_path / "a.png")
+    (anchors,) = (axes.images[0] for axes in made[0].axes if "anchors" in axes.get_title())
+    assert anchors.colorbar is not None
+    assert max(anchors.colorbar.get_ticks()) == 11
+
+
 def test_a_slide_of_a_recording_shows_the_filter_and_its_smoother_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
