@@ -191,7 +191,7 @@ def replay_summary(motions: Sequence[Replayed], share: float) -> list[str]:
         if found.doubts:
             many = "one doubt" if len(found.doubts) == 1 else f"{len(found.doubts)} doubts"
             lines.append(f"**{found.name}: doubtful, {many}; its figures may mean nothing:**")
-            lines += [f"  {found.name}: {doubt}." for doubt in found.doubts]
+            lines += [f"  {found.name}: {doubt}{'' if doubt.endswith('?') else '.'}" for doubt in found.doubts]
         rows = found.rows
         main = next(name for name in (WITH_IMU, CV, RAW, *rows) if name in rows)
         if rows[main].lost:
