@@ -22,7 +22,6 @@ from ortilo_drake.studies.rooms.room_scenario import room_scenario
 LEAST_SPREAD = 0.3  # of the anchors about their best plane, root mean square; twice that, and heights tell [m]
 _LOOKS = 400  # places that a landmark is looked for from
 _ROUNDING = 1e-6  # [m]
-_FAR = 5.0  # times the room's reach, from which a place may be in a smaller unit [1]
 _OUTER = 0.4  # outer walls stand so far outside the interior, at most [m]
 _FACE = 0.01  # what is less deep in a wall hangs on it [m]
 
