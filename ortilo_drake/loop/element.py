@@ -18,8 +18,8 @@ An element that `shows` one of its states says that array: nothing is copied.
 
 The functions return nothing and, where they can help it, allocate nothing. numba compiles them (native.py); their plain
 source runs on Drake's AutoDiffXd and Expression. Helpers that they call are register_jitable, or njit if they return no
-arrays: numba compiles an njit one once, as its first caller is, and an element that allocates nothing counts no
-references.
+arrays: outside elements numba compiles an njit one once, as its first caller is, and code that counts no references
+must give no arrays to code that does.
 """
 
 import inspect

@@ -1,21 +1,24 @@
 """How numba compiles a function that only compiled code calls, and that is linked into its callers.
 
 By default numba optimises such a function and makes machine code of it, and then does both again in each caller.
-Here it stays as it was lowered, without the wrappers that Python and C call.
+Here it stays as it was lowered, or is optimised once if it is njit, without the wrappers that Python and C call.
 """
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
+from functools import cache, partial
 from types import SimpleNamespace
 from typing import Any
 
+from numba.core import ir
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_lock import global_compiler_lock
-from numba.core.compiler_machinery import LoweringPass, register_pass
+from numba.core.compiler_machinery import FunctionPass, LoweringPass, register_pass
+from numba.core.registry import CPUDispatcher
 from numba.core.target_extension import jit_registry, target_registry
 from numba.core.typed_passes import AnnotateTypes
+from numba.core.untyped_passes import TranslateByteCode
 
 NO_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 OPTIONS = {"forceinline": True, **NO_WRAPPERS}
@@ -37,6 +40,15 @@ class OnlyLinked(JITCodeLibrary):
         self._finalized = True
 
 
+class OnceOptimised(OnlyLinked):
+    """Likewise of a longer function, optimised once before its callers are."""
+
+    def _optimize_final_module(self) -> None:
+        vectorize, level = self._codegen._loopvect, self._codegen._opt_level
+        passes, builder = self._codegen._module_pass_manager(loop_vectorize=vectorize, opt=level, cost="cheap")
+        passes.run(self._final_module, builder)
+
+
 @register_pass(mutates_CFG=False, analysis_only=False)
 class KeepLowered(LoweringPass):
     """Lowers into code that is only linked into other code."""
@@ -49,19 +61,53 @@ class KeepLowered(LoweringPass):
     def run_pass(self, state: Any) -> bool:
         """Give the function its library; numba makes one where there is none."""
         name = state.func_id.func_qualname
-        state.library = OnlyLinked(state.targetctx.codegen(), name)
+        state.library = state.pipeline.library(state.targetctx.codegen(), name)
         return True
+
+
+@cache
+def only_linked(function: CPUDispatcher, counts: bool) -> CPUDispatcher:
+    """Return an njit function as elements call it: one for those that count references, one for those that do not."""
+    return CPUDispatcher(function.py_func, function.locals, function.targetoptions | NO_WRAPPERS, pipeline_class=Linked)
+
+
+@register_pass(mutates_CFG=False, analysis_only=False)
+class CallOnlyLinked(FunctionPass):
+    """Has a function call njit functions in their form that is only linked."""
+
+    _name = "call_only_linked"
+
+    def __init__(self) -> None:
+        FunctionPass.__init__(self)
+
+    def run_pass(self, state: Any) -> bool:
+        """Change the njit functions among the globals that a function reads."""
+        read = [its.value for block in state.func_ir.blocks.values() for its in block.find_insts(ir.Assign)]
+        called = [its for its in read if isinstance(its, ir.Global | ir.FreeVar)]
+        called = [its for its in called if isinstance(its.value, CPUDispatcher)]
+        for its in called:
+            its.value = only_linked(its.value, bool(state.flags.nrt))
+        return bool(called)
 
 
 class Inlined(CompilerBase):
     """numba's compiler, with that library."""
 
+    library = OnlyLinked
+
     def define_pipelines(self) -> list[Any]:
         """Return numba's passes, and before the lowering that one."""
         passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        passes.add_pass_after(CallOnlyLinked, TranslateByteCode)
         passes.add_pass_after(KeepLowered, AnnotateTypes)  # the last one before the lowering
         passes.finalize()
         return [passes]
+
+
+class Linked(Inlined):
+    """The same for njit functions, which are longer."""
+
+    library = OnceOptimised
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from numba import njit
 from numba.core.target_extension import jit_registry, target_registry
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.inlined import OnlyLinked, helpers_only_linked
+from ortilo_drake.loop.inlined import Inlined, OnlyLinked, helpers_only_linked
 
 
 @register_jitable
@@ -28,6 +28,22 @@ def test_a_helper_is_only_linked_there_and_gives_the_bits_of_python() -> None:
         there = njit("float64(float64)")(caller)
     assert linked_only(there)
     assert there(0.7) == caller(0.7)
+
+
+@njit
+def shared(x: float) -> float:
+    return x / 3.0 + 0.1
+
+
+def caller_of_shared(x: float) -> float:
+    return shared(shared(x)) - x
+
+
+def test_an_njit_function_is_compiled_apart_for_elements_and_python_can_call_it_after() -> None:
+    there = njit("float64(float64)", pipeline_class=Inlined)(caller_of_shared)
+    assert linked_only(there)
+    assert not shared.signatures
+    assert shared(0.7) == shared.py_func(0.7)
 
 
 def failing() -> None:
