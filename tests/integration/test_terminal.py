@@ -77,7 +77,7 @@ def test_while_it_is_unknown_how_much_there_is_no_time_is_told_and_the_pace_is_f
         advance(200, 400)
     unknown, known = capsys.readouterr().out.splitlines()
     assert unknown == "100 flights, how many there will be is not known yet"
-    assert known == "200 of at most 400 flights, 0:00:10 to go"
+    assert known == "200 of at most 400 flights, at most 0:00:10 to go"
 
 
 @pytest.mark.parametrize("words", [["faults"], ["room", "new"], ["hil", "check"]])
