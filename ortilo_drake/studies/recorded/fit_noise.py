@@ -71,8 +71,7 @@ class Fitted(NamedTuple):
         """Return what makes the fit doubtful, in sentences."""
         notes = [
             f"{name}: {getattr(self.settings, name):.3g} is at the edge of its search, {least:g} to {largest:g}: the "
-            "recording tells only that it is no "
-            + ("larger" if getattr(self.settings, name) < 1.5 * least else "smaller")
+            "recording hardly tells it"
             for name, (least, largest) in self.at_limit.items()
         ]
         if self.silent > HALF * self.fitted_time:

@@ -61,7 +61,7 @@ def verdict_line(fitted: Fitted) -> str:
 
 def _claims(held: HeldOut) -> str:
     """Return a warning where NEES rises above 3: the likelihood of the ranges does not see the calibration's errors."""
-    if held.nees is None or held.nees[1] <= max(CONSISTENT, RISEN * held.nees[0]):
+    if held.nees is None or held.nees[1] <= RISEN * max(CONSISTENT, held.nees[0]):
         return ""
     times = (held.nees[1] / CONSISTENT) ** 0.5
     return f"; but NEES rises to {held.nees[1]:.1f}: errors are {times:.1f} times what its standard deviations claim"
