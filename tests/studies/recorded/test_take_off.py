@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from live_messages import as_map
+from made_up_motion import as_map
 from plain_filter import run_plainly
 
 from ortilo_drake.interop.recorded.range_rows import single_ranges
