@@ -15,6 +15,8 @@ from ortilo_drake.model.typed_yaml import InputError, nearest
 from ortilo_drake.scenario import SCENARIO_FOLDER, load_scenario, scenario_names
 from ortilo_drake.scenario.schema import scenario_keys, scenario_schema
 
+LAGGING = "world={kinematics: rigid_body, plant: continuous, rotors: {kind: first_order}}"
+
 scenario_app = typer.Typer(help="List, show and check scenarios and their settings.", no_args_is_help=True)
 
 
@@ -41,6 +43,7 @@ def check_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetO
     """
     chosen = load_scenario(scenario, tuple(settings or ()))
     from ortilo_drake.flight.flyable import check_flyable
+    from ortilo_drake.model.vehicle import M100
     from ortilo_drake.studies.cautions.cautions import cautions
     from ortilo_drake.studies.cautions.lagging import filter_for_lag
 
@@ -61,6 +64,10 @@ def check_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetO
         markup=False,
         soft_wrap=True,
     )
+    up, down = lags = vehicle.rotor_time_constant
+    if chosen.world.rotors.kind == "ideal" and lags != M100.rotor_time_constant:
+        told = f"ideal: the vehicle's lag of {up:g} and {down:g} s is not flown, as it is with {LAGGING}"
+        out.print(f"  rotors: {told}", markup=False, soft_wrap=True)
     if not warnings and (line := filter_for_lag(chosen)):
         out.print(f"  filter: {line}", markup=False, soft_wrap=True)
     if warnings:

@@ -318,6 +318,14 @@ def test_a_checked_scenario_says_what_its_vehicle_can_do(capsys: pytest.CaptureF
     assert f"lifts at most {(900.0 / hover) ** 2:.1f} times its weight" in said
 
 
+def test_a_lag_that_ideal_rotors_do_not_fly_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file, said = tmp_path / "v.yaml", "rotors: ideal: the vehicle's lag of 0.03 and 0.04 s is not flown, as it is with"
+    file.write_text("mass: 2.7\nrotor_time_constant: [0.03, 0.04]\n")
+    for scenario, expected in (("imu_uwb", True), ("rotors", False)):
+        assert run("scenario", "check", scenario, "--set", f"vehicle={file}") in (0, 3)
+        assert (said in capsys.readouterr().out) == expected
+
+
 def test_a_scenario_that_is_doubted_can_be_told_by_the_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("scenario", "check", "nominal_imu_uwb") == 0
     assert "nominal_imu_uwb: valid; flies" in capsys.readouterr().out
