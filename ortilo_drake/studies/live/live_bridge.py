@@ -98,6 +98,7 @@ class LiveBridge:
         self._clock = SensorClock(time.monotonic)
         self._say, self._imu, self._holding = say, map_.imu is not None, holding
         self._failed: dict[str, str] = {}
+        self._doubts = False
         self._ages: list[float] = []
         self._old, self._refused, self._why = 0, 0, ""
 
@@ -144,6 +145,11 @@ class LiveBridge:
                 self._say(f"warning  start: {off}: is the vehicle there? Else leave start out")
         if self._filter.lost > lost:
             self._say("the filter was lost, and starts anew from the ranges")
+        doubt = self._filter.agreement.doubt()
+        if bool(doubt) != self._doubts:
+            self._doubts = bool(doubt)
+            cause = "a wrong heading, place of an anchor, axis or noise?"
+            self._say(f"warning  ranges: {doubt}: {cause}" if doubt else "ranges: agree with the estimate again")
         made = [estimate_at(origin + one.t, one.state, self._imu) for one in found]
         for one in made:
             self._ages.append(newest - one.t)

@@ -24,6 +24,7 @@ from ortilo_drake.interop.recorded.recording import NO_AID_ROWS, Recording, betw
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Q
+from ortilo_drake.studies.live.agreement import Agreement
 from ortilo_drake.studies.recorded.at_rest import AT_REST, at_rest
 from ortilo_drake.studies.recorded.event_filter import Carried, initial_carried, run_filter
 from ortilo_drake.studies.recorded.filter_types import NO_AIDS, RANGE, Events, EventValues, Restart, Setup, State
@@ -64,6 +65,7 @@ class LiveFilter:
         lost: how often it was lost and started anew.
         begins_at: stamp of the range that it begins with [s].
         why_not_begun: what it waits for.
+        agreement: whether the last ranges agree with the estimate.
         start_off: how far each anchor's first range is from that of the map's `start` [m], the median; 0 without one.
     """
 
@@ -83,6 +85,7 @@ class LiveFilter:
         self.ranges = self.taken = self.lost = 0
         self.begins_at, self.why_not_begun = 0.0, "no range was heard"
         self.start_off = 0.0
+        self.agreement = Agreement()
 
     @property
     def due(self) -> float:
@@ -187,6 +190,7 @@ class LiveFilter:
                 events, heard, self._state, self._carried, self._anew, self._setup, self._wait, False
             )
             self.ranges, self.taken = self.ranges + len(run.taken), self.taken + int(run.taken.sum())
+            self.agreement.add(events.t[:done][events.kind[:done] == RANGE], run)
             if done == len(events.t):
                 self._events = None
                 return True

@@ -133,6 +133,19 @@ def test_a_start_that_the_first_ranges_contradict_is_said(monkeypatch, x, sd, wa
     assert [f"are {off:.1f} m" in line for line in lines if line.startswith("warning  start")] == [True] * warned
 
 
+def quick_place(t):
+    return np.column_stack([3 + 1.2 * np.sin(1.5 * t), 4 + 1.2 * np.sin(1.1 * t + 1), 1.4 + 0.4 * np.sin(0.9 * t)])
+
+
+@pytest.mark.parametrize(("heading", "told"), [(0.5, False), (0.5 - np.pi / 2, True)])
+def test_a_heading_that_the_ranges_contradict_is_said(monkeypatch, heading, told) -> None:
+    run_plainly(monkeypatch, live_filter, "run_filter", "initial_carried")
+    start = f"start: {{position: {quick_place(np.zeros(1))[0].tolist()}, position_sd: 0.1, heading: {heading}}}\n"
+    noise = "filter: {range_white: 0.03, range_correlated: 0.02, acceleration: 0.05}\n"
+    _, _, lines = live(as_map(RANGES + IMU + start + noise), messages_of(made_up(3.5, place=quick_place)))
+    assert any(line.startswith("warning  ranges: the gate rejects") for line in lines) == told
+
+
 LANDS = START.replace("heading: 0.5", "heading: 0.5, rests: true, lands: true")
 TAGGED = """
 ranges: {file: bag, topic: /uwb, anchor: to, tag: from, values: [range]}
