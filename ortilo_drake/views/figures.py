@@ -12,9 +12,10 @@ from matplotlib.legend import Legend
 from matplotlib.patches import Circle, Patch, Polygon, Rectangle
 
 from ortilo_drake.flight.flight import AXES, scenario_of
+from ortilo_drake.flight.verdict import ending
 from ortilo_drake.model.room import Room
 from ortilo_drake.scenario import PositionBlackout, Scenario
-from ortilo_drake.views.palette import BLUE, COLOR, ESTIMATED, GREEN, OTHER, PLANNED, PURPLE, SKY, STYLE, TRUE
+from ortilo_drake.views.palette import BLUE, COLOR, ESTIMATED, GREEN, ORANGE, OTHER, PLANNED, PURPLE, SKY, STYLE, TRUE
 from ortilo_drake.views.pictures import save_picture
 from ortilo_drake.views.shown_figure import ShownFigure
 from ortilo_drake.views.themes import for_slides
@@ -112,7 +113,11 @@ def draw_flight(flight: xr.Dataset) -> Figure:
         room_axes, errors, arrivals = _places(figure, room)
         draw_room(room_axes, room, scenario)
         draw_paths(room_axes, flight)
-        room_axes.set_title(f"{scenario.name}, seed {scenario.seed}")
+        lost = ending(flight)
+        told = f": {lost}" if lost.startswith("lost") else ""
+        title = room_axes.set_title(f"{scenario.name}, seed {scenario.seed}{told}")
+        if told:
+            title.set_color(ORANGE)
         side_by_side = for_slides() and _is_wide(room)
         beside: Any = {"loc": "center left", "bbox_to_anchor": (1.01, 0.5)}
         below: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "ncols": 3 if for_slides() else 9}

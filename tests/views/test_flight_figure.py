@@ -4,9 +4,10 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
+from ortilo_drake.flight.flight import fly
 from ortilo_drake.model.room import Interior, Room
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.views.figures import draw_arrivals, draw_paths, draw_room
+from ortilo_drake.views.figures import draw_arrivals, draw_flight, draw_paths, draw_room
 
 
 def test_furniture_is_drawn_where_it_stands() -> None:
@@ -63,3 +64,10 @@ def test_arrivals_are_a_bar_for_each_run_of_used_values() -> None:
     missing, there = (np.array(one) for one in drawn if one)
     np.testing.assert_allclose(missing, [(0.2, 0.3), (0.8, 1.0)], atol=1e-9)
     np.testing.assert_allclose(there, [(1 / 30, 0.2 + 1 / 30), (0.3 + 1 / 30, 0.8 + 1 / 30)], atol=1e-9)
+
+
+def test_a_lost_flight_says_so_in_its_title() -> None:
+    flight = fly(load_scenario("nominal_imu_uwb", "seconds=1"))
+    assert draw_flight(flight).axes[0].get_title() == "nominal_imu_uwb, seed 0"
+    flight.attrs["lost"] = '{"tick": 20, "time": 0.67, "cause": "tumbled"}'
+    assert draw_flight(flight).axes[0].get_title() == "nominal_imu_uwb, seed 0: lost at 0.7 s: tumbled"

@@ -31,9 +31,9 @@ def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Pa
         figure = Figure(figsize=(11, 8), layout="constrained")
         paths, strips, nis, last = _places(figure, 3 if truth is not None else 0)
         for axes, k in zip(paths, (1, 2), strict=False):
-            axes.plot(estimate.p[:, 0], estimate.p[:, k], color=BLUE, lw=1, label=name)
             if truth is not None:
-                axes.plot(truth[:, 0], truth[:, k], color="k", lw=0.8, label="truth")
+                axes.plot(truth[:, 0], truth[:, k], color="0.6", lw=2.5, label="truth")
+            axes.plot(estimate.p[:, 0], estimate.p[:, k], color=BLUE, lw=0.8, label=name)
             axes.plot(anchors[:, 0], anchors[:, k], "^", color=RED, ms=5, label="anchors", clip_on=False)
             axes.set_xlabel("x [m]")
             axes.set_ylabel(f"{'xyz'[k]} [m]")
@@ -81,7 +81,9 @@ def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Pa
             title_fontsize=7,
         )
         _calibration(axes, found)
-        add_title(figure, f"{found.name}: {name}" + " (grey: the part that calibrates)" * _calibrates(found))
+        ate = found.rows[name].ate
+        rms = "" if ate is None else f", RMS error {ate:.3f} m"
+        add_title(figure, f"{found.name}: {name}{rms}" + " (grey: the part that calibrates)" * _calibrates(found))
         return save_picture(figure, path)
 
 
@@ -133,7 +135,7 @@ def error_limit(usable: np.ndarray, band: np.ndarray, error: np.ndarray | None) 
 
 
 def _cut(axes: Axes, t: np.ndarray, usable: np.ndarray, band: np.ndarray, error: np.ndarray | None) -> None:
-    """Limit an axis by error_limit; say above it how far what is cut reaches, and mark where the error is."""
+    """Limit an axis by error_limit; say above it how far what lies beyond reaches, and mark where the error does."""
     limit = error_limit(usable, band, error)
     farthest = np.zeros(len(band)) if error is None else np.abs(error)
     beyond = farthest > limit
@@ -142,9 +144,9 @@ def _cut(axes: Axes, t: np.ndarray, usable: np.ndarray, band: np.ndarray, error:
     axes.set_ylim(-limit, limit)
     said = [f"3 σ reaches ±{band.max():.2g} m"] if band.max() > limit else []
     if error is not None and beyond.any():
-        said.append(f"the error {farthest.max():.2g} m (red)")
+        said.append(f"the error {farthest.max():.2g} m (orange)")
         axes.plot(t[beyond], 0.97 * limit * np.sign(error[beyond]), ".", color=RED, ms=3)
-    axes.set_title(f"cut: {', '.join(said)}", loc="right", fontsize=7, pad=2)
+    axes.set_title(f"beyond the axis: {', '.join(said)}", loc="right", fontsize=7, pad=2)
 
 
 def _calibrates(found: Replayed) -> bool:
