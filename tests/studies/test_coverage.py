@@ -134,7 +134,7 @@ def test_the_figure_holds_three_maps_and_two_strips_wide_or_not(halved: Path, of
     figure = draw_coverage(found, load_room(halved))
     assert isinstance(figure, Figure)
     titles = " ".join(axes.get_title() for axes in figure.axes)
-    for word in ("anchors", "PDOP", "landmarks in view, heading 0", "Cramér-Rao", "by heading"):
+    for word in ("anchors", "PDOP", "landmarks (★) in view, heading 0", "Cramér-Rao", "by heading"):
         assert word in titles
 
 

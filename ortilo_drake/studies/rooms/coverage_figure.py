@@ -28,6 +28,7 @@ _NOTHING = "#D9D9D9"  # where the ranges give no position, or nothing is in sigh
 _PDOP = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0)
 _WIDE = 2.5  # a room longer than this many times its width has its maps one above another
 _WIDTH, _ROW = 13.0, 3.0  # of the figure, and of its lower rows [in]
+_SLIDE_WIDTH, _SLIDE_HEIGHT = 8.6, 4.7  # of all maps on a slide, and of a slide without title and caption [in]
 
 
 def coverage_figure(found: Coverage, room: Room, file: Path) -> Path:
@@ -38,10 +39,11 @@ def coverage_figure(found: Coverage, room: Room, file: Path) -> Path:
 def draw_coverage(found: Coverage, room: Room) -> Figure:
     """Return maps of anchors in sight, their dilution and landmarks in view, and the floor along the path.
 
-    Without a camera there are no landmarks; on a slide they are not shown by heading.
+    Without a camera, or in a room without any, there are no landmarks; on a slide they are not shown by heading.
     """
     sides = np.subtract(room.interior.max, room.interior.min)[:2]
-    wide, camera = not for_slides() and bool(sides[0] > _WIDE * sides[1]), measuring("landmarks") in found.cases
+    wide = not for_slides() and bool(sides[0] > _WIDE * sides[1])
+    camera = measuring("landmarks") in found.cases and len(room.landmarks) > 0
     count = 3 if camera else 2
     rows, columns = (count, 1) if wide else (1, count)
     headings = camera and not for_slides()
@@ -49,9 +51,10 @@ def draw_coverage(found: Coverage, room: Room) -> Figure:
     high = rows * min(max((_WIDTH / columns - 0.7) * sides[1] / sides[0] + (0.4 if wide else 1.3), 1.8), 8.0)
     with mpl.rc_context(STYLE):
         figure = ShownFigure(figsize=(_WIDTH, high + strips), layout="constrained")
-        parts: Any = figure.subfigures(
-            2, 1, height_ratios=[0.8 + min(sides[1] / sides[0], 1.0), 1.0] if for_slides() else [high, strips]
-        )
+        if for_slides():  # the maps' panel: a map's height and its labels, title and bar; the curves get the rest
+            high = min(_SLIDE_WIDTH / columns * sides[1] / sides[0] + 1.35, 0.65 * _SLIDE_HEIGHT)
+            strips = _SLIDE_HEIGHT - high
+        parts: Any = figure.subfigures(2, 1, height_ratios=[high, strips])
         maps = parts[0].subplots(rows, columns, sharex=True, sharey=True).ravel()
         _draw_maps(parts[0], maps, found, room, wide)
         floor, *views = np.atleast_1d(parts[1].subplots(1 + headings, 1, sharex=True))
@@ -70,9 +73,9 @@ def _draw_maps(figure: Any, maps: np.ndarray, found: Coverage, room: Room, wide:
     most = max(int(over.landmarks[0].max()), 1)
     none = over.anchors == 0, ~np.isfinite(over.pdop), over.landmarks[0] == 0
     shown = (
-        ("UWB anchors in sight", over.anchors, "Blues", np.arange(0.5, many + 1)),
+        ("UWB anchors (▲) in sight", over.anchors, "Blues", np.arange(0.5, many + 1)),
         ("dilution of precision, PDOP", over.pdop, "YlOrRd", _PDOP),
-        (f"landmarks in view, heading {yaw:.0f}°", over.landmarks[0], "Purples", np.arange(0.5, most + 1)),
+        (f"landmarks (★) in view, heading {yaw:.0f}°", over.landmarks[0], "Purples", np.arange(0.5, most + 1)),
     )
     low, high = np.array(room.interior.min), np.array(room.interior.max)
     for axes, nothing, (title, values, colors, levels) in zip(maps, none, shown, strict=False):
