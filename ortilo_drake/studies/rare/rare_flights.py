@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -25,9 +25,6 @@ from ortilo_drake.studies.rare.subset import CHAIN, LEAST, Climb, Plan, climb, f
 
 AT_ONCE = 500  # flights that are counted by one job
 TRIED = 3  # repetitions that fly before the others, which fly only if one of these comes to the event
-Part = tuple[
-    tuple[Any, ...], Path, Any, int
-]  # a job's arguments, the file of its result, the type of that, its flights
 
 
 @dataclass(frozen=True)
@@ -108,6 +105,15 @@ class Rare:
     counted: Counted | None
 
 
+class _Job(NamedTuple):
+    """A job: its arguments, the file that keeps its result, the type of that, and the flights that it takes at most."""
+
+    arguments: tuple[Any, ...]
+    file: Path
+    kind: Any
+    most: int
+
+
 @lru_cache(maxsize=1)
 def _engine_of(scenario_json: str) -> Engine:
     return Engine(Scenario.model_validate_json(scenario_json))
@@ -149,7 +155,8 @@ def rare_flights(
     in the folder `out`, and not flown again; 1 worker flies in this process. A level has so many paths, a multiple of
     CHAIN; the repetitions, 2 at least, have noise of their own, of the scenario's seed together with their number. So
     many flights are counted beside it, seeds from 0 on. The progress is told as how many flights are done and how many
-    there will be, at most, None until the levels are chosen; `least` is the smallest probability that is sought [1].
+    there will be, at most; None until levels are chosen and it is decided whether more than TRIED repetitions fly. The
+    smallest probability that is sought is `least` [1].
     InputError if the scenario has a part that is not compiled, or what is found cannot be kept.
     """
     if paths % CHAIN:
@@ -167,17 +174,17 @@ def rare_flights(
         keep_json(plan_file, plan, in_folder(plan_file))
     numbers = range(repetitions if plan.reached else 0)
     each = flights_of(len(plan.levels), paths)
-    done, total = plan.flights, plan.flights + each * len(numbers) + count
+    done, total, decided = plan.flights, plan.flights + each * len(numbers) + count, len(numbers) <= TRIED
 
     def advance(flights: int, planned: int) -> None:
         """A climb that comes to no event ends early: it flies fewer than planned."""
         nonlocal done, total
         done, total = done + flights, total + flights - planned
-        progress(done, total)
+        progress(done, total if decided else None)
 
     advance(0, 0)
-    parts: list[Part] = [
-        (
+    climbs = [
+        _Job(
             (text, event, plan, paths, scenario.seed, i),
             plan_file.with_stem(f"{plan_file.stem}_repetition_{i}"),
             Climb,
@@ -185,54 +192,58 @@ def rare_flights(
         )
         for i in numbers
     ]
-    found: list[Climb] = _run(climb_flights, parts[:TRIED], workers, advance)
-    if any(one.probability for one in found):
-        found += _run(climb_flights, parts[TRIED:], workers, advance)
-    else:
-        total -= each * len(parts[TRIED:])
-    parts = []
-    for at in range(0, count, AT_ONCE):
-        batch = range(at, min(at + AT_ONCE, count))
-        file = folder / f"{event.file}_counted_{batch.start:08d}_{batch.stop - 1:08d}.json"
-        parts.append(((text, event, batch), file, _count_of(batch), len(batch)))
-    counts = _run(count_flights, parts, workers, advance)
+    found: list[Climb] = _run(climb_flights, climbs[:TRIED], workers, advance)
+    more = climbs[TRIED:] if any(one.probability for one in found) else []
+    total, decided = total - each * (len(climbs[TRIED:]) - len(more)), True
+    advance(0, 0)
+    found += _run(climb_flights, more, workers, advance)
+    batches = [range(at, min(at + AT_ONCE, count)) for at in range(0, count, AT_ONCE)]
+    counting = [
+        _Job(
+            (text, event, batch),
+            folder / f"{event.file}_counted_{batch.start:08d}_{batch.stop - 1:08d}.json",
+            Annotated[int, Field(ge=0, le=len(batch))],
+            len(batch),
+        )
+        for batch in batches
+    ]
+    counts: list[int] = _run(count_flights, counting, workers, advance)
     counted = counted_of(count, sum(counts)) if count else None
     met = plan.met + sum(one.met for one in found) + sum(counts)
     independent = counted_of(paths * (1 + len(found)) + count, met)
-    flights = plan.flights + sum(one.flights for one in found)
-    drawn = {name: n for name, n in engine.drawn.items() if n}
     answer = estimate(plan, found, paths, independent, count, sum(counts))
-    ends = answer.low, answer.high
     return Rare(
-        event, answer.probability, *ends, answer.joined, least, plan, found, flights, paths, drawn, independent, counted
+        event,
+        **vars(answer),
+        least=least,
+        plan=plan,
+        repetitions=found,
+        flights=plan.flights + sum(one.flights for one in found),
+        paths=paths,
+        drawn={name: n for name, n in engine.drawn.items() if n},
+        independent=independent,
+        counted=counted,
     )
 
 
-def _count_of(batch: range) -> Any:
-    """Return the type of a count of a batch's events."""
-    return Annotated[int, Field(ge=0, le=len(batch))]
-
-
-def _flown(result: Climb | int, most: int) -> int:
-    """Return the flights of a climb, or of a count, which flies all."""
-    return result.flights if isinstance(result, Climb) else most
-
-
-def _run(function: Any, parts: list[Part], workers: int, advance: Callable[[int, int], None]) -> list[Any]:
-    """Do those jobs whose result is not kept yet; keep and return all. What is flown and what was planned is told."""
-    results = [kept_json(file, kind, in_folder(file)) for _, file, kind, _ in parts]
+def _run(function: Any, jobs: list[_Job], workers: int, advance: Callable[[int, int], None]) -> list[Any]:
+    """Do the jobs whose result is not kept yet; keep and return all. What is flown and what was planned is told."""
+    results = [kept_json(job.file, job.kind, in_folder(job.file)) for job in jobs]
     missing = [i for i, result in enumerate(results) if result is None]
-    kept = [
-        (_flown(result, most), most) for (*_, most), result in zip(parts, results, strict=True) if result is not None
-    ]
-    advance(sum(flown for flown, _ in kept), sum(most for _, most in kept))
+
+    def tell(job: _Job, result: Climb | int) -> None:
+        advance(result.flights if isinstance(result, Climb) else job.most, job.most)
+
+    for job, result in zip(jobs, results, strict=True):
+        if result is not None:
+            tell(job, result)
 
     def take(number: int, result: Climb | int) -> None:
-        _, file, _, most = parts[missing[number]]
-        keep_json(file, result, in_folder(file))
+        job = jobs[missing[number]]
+        keep_json(job.file, result, in_folder(job.file))
         results[missing[number]] = result
-        advance(_flown(result, most), most)
+        tell(job, result)
 
     if missing:
-        run_all(function, [parts[i][0] for i in missing], workers, take)
+        run_all(function, [jobs[i].arguments for i in missing], workers, take)
     return results

@@ -118,7 +118,7 @@ def test_repetitions_that_a_count_without_an_event_contradicts_are_not_used() ->
 
 def flown(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, goal: float, repetitions: int = 3, **more: int
-) -> tuple[study.Rare, list[tuple[int, int]]]:
+) -> tuple[study.Rare, list[tuple[int, int | None]]]:
     """A study of the process in place of flights, and what it told of its progress."""
 
     class Process:
@@ -130,7 +130,7 @@ def flown(
         def distances(self, seeds: np.ndarray, from_path: bool) -> np.ndarray:
             return highest(np.random.default_rng(int(seeds[0, 0])).standard_normal((len(seeds), TICKS)))[:, np.newaxis]
 
-    process, told = Process(), list[tuple[int, int]]()
+    process, told = Process(), list[tuple[int, int | None]]()
     monkeypatch.setattr(study, "_engine_of", lambda text: process)
     found = study.rare_flights(
         SCENARIO, study.Event(goal), 100, repetitions, tmp_path, 1, progress=lambda *now: told.append(now), **more
@@ -164,10 +164,11 @@ def test_repetitions_that_end_early_lower_the_flights_announced(
 
 
 def test_where_the_first_repetitions_find_nothing_no_more_fly(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """None of 400 independent flights: their Wilson interval is the answer; fewer flights are announced."""
+    """None of 400 independent flights: their Wilson interval is the answer. Only then it is known how many fly."""
     plan = Plan((7.0, 7.5), ((0.5, 0.5), (0.5, 0.5)), 280, 0, True)
     monkeypatch.setattr(study, "plan_climb", lambda *rest: plan)
     found, told = flown(monkeypatch, tmp_path, 8.0, repetitions=10)
+    assert [total for _, total in told] == [None] * 4 + [580]
     assert (found.flights, told[-1]) == (280 + study.TRIED * 100, (580, 580))
     assert found.high == pytest.approx(binomtest(0, 400).proportion_ci(method="wilson").high)
     assert "fewer than 0.0095 (95 %), none in 400 flights" in verdict(SCENARIO, found)
