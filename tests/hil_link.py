@@ -15,8 +15,7 @@ from waiting import HANGS, wait_for
 from ortilo_drake.flight.stepped_halves import OnboardHalf
 from ortilo_drake.hil.lockstep_link import answer_over_link
 from ortilo_drake.hil.wire.bus import Bus
-from ortilo_drake.hil.wire.greeter import Greeter
-from ortilo_drake.hil.wire.handshake import draw, flight_of, meet_world
+from ortilo_drake.hil.wire.handshake import Greeter, draw, flight_of, meet_world
 from ortilo_drake.hil.wire.inbox import Inbox
 from ortilo_drake.hil.wire.packet_checks import Flight
 from ortilo_drake.hil.wire.packets import Goal, ports

@@ -12,8 +12,7 @@ from ortilo_drake.flight.lockstep import Ask
 from ortilo_drake.flight.signals import Record
 from ortilo_drake.flight.stepped_halves import Signals
 from ortilo_drake.hil.goals.goal_link import LOCKSTEP_REFUSAL, answer_to
-from ortilo_drake.hil.wire.greeter import Greeter
-from ortilo_drake.hil.wire.handshake import PATIENCE
+from ortilo_drake.hil.wire.handshake import PATIENCE, Greeter
 from ortilo_drake.hil.wire.inbox import Inbox
 from ortilo_drake.hil.wire.packets import ANSWER, FINISHED, Goal
 from ortilo_drake.hil.wire.tick_inbox import TickInbox

@@ -21,8 +21,7 @@ from ortilo_drake.hil.real_time.warm_up import no_collecting
 from ortilo_drake.hil.reports import OnboardReport, WorldReport
 from ortilo_drake.hil.restart.checkpoint import session_of
 from ortilo_drake.hil.wire.bus import Bus
-from ortilo_drake.hil.wire.greeter import Greeter, meet_onboard
-from ortilo_drake.hil.wire.handshake import flight_of, meet_world
+from ortilo_drake.hil.wire.handshake import Greeter, flight_of, meet_onboard, meet_world
 from ortilo_drake.hil.wire.inbox import Inbox
 from ortilo_drake.hil.wire.packets import FINISHED, ports
 from ortilo_drake.hil.wire.unpack import largest_to_world

@@ -10,8 +10,7 @@ import pytest
 from hil_link import KEY, PlayedWorld, open_bus, settle
 
 from ortilo_drake.hil.wire.bus import Bus
-from ortilo_drake.hil.wire.greeter import Greeter, meet_onboard
-from ortilo_drake.hil.wire.handshake import MetFlight, find_world, meet_world
+from ortilo_drake.hil.wire.handshake import Greeter, MetFlight, find_world, meet_onboard, meet_world
 from ortilo_drake.hil.wire.inbox import Inbox
 from ortilo_drake.hil.wire.packet_checks import Flight
 from ortilo_drake.hil.wire.packets import KINDS, PORTS

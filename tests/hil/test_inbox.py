@@ -57,7 +57,7 @@ def test_counts() -> None:
 
 
 def test_a_long_flight_takes_no_more_memory_and_its_counts_stay_right(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ortilo_drake.hil.wire.window.REMEMBERED", 64)
+    monkeypatch.setattr("ortilo_drake.hil.wire.inbox.REMEMBERED", 64)
     inbox, outbox = inbox_and_outbox("command")
 
     def send(*ticks: int) -> int:

@@ -34,12 +34,9 @@ def answer_to(request: Goal, reason: str = "") -> Goal:
 
 
 class GoalLink:
-    """Sends one request at a time and receives its answer; no method blocks.
+    """Sends one request at a time to a flight and receives its answer; no method blocks.
 
-    Args:
-        outbox: to the flight.
-        inbox: hears goals, and the flight's tick.
-        wait: after how long without an answer a request is given up [s].
+    The inbox hears goals, and the flight's tick; a request is given up after a wait [s] without an answer.
     """
 
     def __init__(self, outbox: Outbox, inbox: Inbox, wait: float = ANSWER_WAIT):
@@ -58,8 +55,7 @@ class GoalLink:
     def turn(self, heard: Iterable[Goal]) -> Goal | None:
         """Repeat the request if that is due; return its answer once, or a refusal if none came in time.
 
-        Args:
-            heard: the goals of this flight that came since the last call.
+        The goals heard are those of this flight that came since the last call.
         """
         if self._request is None:
             return None
@@ -78,19 +74,11 @@ class GoalLink:
 
 
 def ask_goal(url: str, key: bytes, scenario: Scenario, x: float, y: float, wait: float = ANSWER_WAIT) -> None:
-    """Have a flight in real time go to a goal; return once the onboard half is on its way.
+    """Have a flight in real time, on a bus, go to a goal (x, y) in W [m]; return once it is on its way.
 
-    Args:
-        url: the bus, tcp://HOST:PORT.
-        key: that the halves share, see key_file.py.
-        scenario: what is flown, the same as the halves'.
-        x: east [m], in W.
-        y: north [m], in W.
-        wait: how long to look for the world, and then for an answer [s].
-
-    Raises:
-        InputError: if the bus does not work, the world is not heard or flies another scenario, or the goal is refused
-            or not answered.
+    The scenario is the halves', the key what they share; `wait` is how long to look for the world, and then for an
+    answer [s]. InputError if the bus does not work, the world is not heard or flies another scenario, or the goal is
+    refused or not answered.
     """
     with Bus(url, key) as bus:
         inbox = Inbox(bus, ("hello", "goal"))

@@ -43,11 +43,7 @@ def goal_settings(scenario: Scenario) -> GcsPlanner:
 
 
 class GoalPlanner:
-    """Plans ways to goals, one at a time; a context manager. None of its methods but wait_until_ready waits.
-
-    Args:
-        scenario: whose room, vehicle and settings it plans with.
-    """
+    """Plans ways to goals in a scenario, one at a time; a context manager. Only wait_until_ready waits."""
 
     def __init__(self, scenario: Scenario):
         # Not a fork, though that has all modules at once, which a new process loads in two seconds: once a path has

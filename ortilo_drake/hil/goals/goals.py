@@ -28,12 +28,10 @@ REMEMBERED: Final = 256  # answers that can be given again
 
 
 class Step(NamedTuple):
-    """The changes that goals make at a tick.
+    """The changes that goals make at a tick, and the answers to the users who asked.
 
-    Attributes:
-        path: to fly from now on; None leaves it as it is.
-        taken: x, y of a goal for which the vehicle begins to brake (2) [m].
-        answers: to the users who asked.
+    The path is to be flown from now on; None leaves it as it is. Taken is x, y of a goal for which the vehicle begins
+    to brake (2) [m].
     """
 
     path: PiecewisePolynomial | None
@@ -42,12 +40,7 @@ class Step(NamedTuple):
 
 
 class Goals:
-    """The goals of one flight.
-
-    Args:
-        scenario: the scenario.
-        planner: plans beside the flight.
-    """
+    """The goals of one flight, whose planner plans beside it."""
 
     def __init__(self, scenario: Scenario, planner: GoalPlanner):
         self._settings, self._room, self._vehicle = goal_settings(scenario), scenario.load_room(), scenario.vehicle
@@ -71,11 +64,9 @@ class Goals:
             self._heard = goal
 
     def step(self, t: float, path: Trajectory | None) -> Step:
-        """Return the changes by goals that were received or planned since the last call.
+        """Return the changes at the tick that comes, t [s], by goals that were received or planned since the last call.
 
-        Args:
-            t: time of the tick that comes [s].
-            path: the path flown, p_WB(t) (3 rows) [m]; None where the planner is a System, which takes no goals.
+        The path flown is p_WB(t) (3 rows) [m]; None where the planner is a System, which takes no goals.
         """
         new = taken = None
         if self._heard and path is None:

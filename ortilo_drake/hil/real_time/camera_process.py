@@ -16,14 +16,9 @@ from ortilo_drake.scenario import Scenario
 
 
 class CameraProcess:
-    """Draws and sends pictures on request; a context manager.
+    """Draws the pictures of a scenario's rendered camera on request, and sends them on a bus; a context manager.
 
     Of several requests that wait it draws only the newest.
-
-    Args:
-        scenario: the scenario, whose camera renders.
-        url: the bus.
-        key: of the bus.
     """
 
     def __init__(self, scenario: Scenario, url: str, key: bytes):

@@ -10,16 +10,10 @@ from ortilo_drake.scenario import Scenario
 
 
 class DetectorThread:
-    """Looks at one picture at a time, outside of Python's lock; of those that come meanwhile it keeps the newest.
+    """Looks at one picture at a time of a rendered camera, outside of Python's lock.
 
-    Args:
-        scenario: the scenario, whose camera renders.
-
-    Attributes:
-        skipped: how many pictures were dropped for a newer one.
-
-    Raises:
-        InputError: if the detector's files are wrong.
+    Of those that come meanwhile it keeps the newest, and counts the others as skipped. InputError if the detector's
+    files are wrong.
     """
 
     def __init__(self, scenario: Scenario):

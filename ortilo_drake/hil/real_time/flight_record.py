@@ -11,11 +11,9 @@ from ortilo_drake.scenario import Scenario
 
 
 class FlightRecord:
-    """Collects the ticks of a flight, and records each once its telemetry has had time to arrive.
+    """Collects the ticks of a flight, and records each once its telemetry has had time to arrive, in order.
 
-    Args:
-        scenario: what is flown.
-        record: called with everything of a tick, in order; outputs that were lost are NaN.
+    Outputs that were lost are recorded as NaN.
     """
 
     def __init__(self, scenario: Scenario, record: Record | None):

@@ -24,10 +24,8 @@ CLOCK_WINDOW: Final = 150  # ticks of the world over which the least delay is ta
 class OnboardTicks:
     """The ticks of an onboard half; all times are one clock's [s].
 
-    Attributes:
-        first: the tick at which it joined the flight; None before.
-        next: the tick that comes.
-        ages: how many messages were taken at each age in ticks.
+    It joined the flight at the first tick, None before; the next one comes. Ages counts the messages that were taken at
+    each age in ticks.
     """
 
     def __init__(self, scenario: Scenario):

@@ -65,10 +65,9 @@ def profile_table(rows: list[ProfileRow], name: str) -> Table:
 
 @contextlib.contextmanager
 def live_panel(console: Console) -> Iterator[Callable[[Statistics], None]]:
-    """Show the panel while in the context, if the console is a terminal; gone when done.
+    """Show the panel while in the context, if the console is a terminal, and yield show_statistics of run_world.
 
-    Yields:
-        The argument show_statistics of run_world; until it is called the panel says that the world waits.
+    Until that is called the panel says that the world waits.
     """
     figures: Statistics | None = None
 

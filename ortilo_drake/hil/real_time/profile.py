@@ -66,12 +66,7 @@ def time_whole(onboard: OnboardHalf, messages: Signals) -> tuple[Signals, float]
 
 
 def rows_of(spent: dict[str, np.ndarray], whole: np.ndarray) -> list[ProfileRow]:
-    """Return the table: the blocks, the costliest first, then Drake's rest and the whole tick.
-
-    Args:
-        spent: the time of each block in every tick [s].
-        whole: the time of every whole tick [s].
-    """
+    """Return the blocks, the costliest first, Drake's rest and the whole tick, from the times in every tick [s]."""
     rest = whole - sum(spent.values(), start=np.zeros_like(whole))
     blocks = sorted(spent, key=lambda name: -float(np.sum(spent[name])))
     columns = {name: spent[name] for name in blocks} | {REST: rest, WHOLE: whole}
@@ -87,14 +82,9 @@ def rows_of(spent: dict[str, np.ndarray], whole: np.ndarray) -> list[ProfileRow]
 
 
 def profile_onboard(scenario: Scenario, ticks: int) -> list[ProfileRow]:
-    """Fly the first ticks of a scenario in this process and time the onboard half; return the rows of rows_of.
+    """Fly so many ticks of a scenario in this process and time the onboard half; return the rows of rows_of.
 
-    Args:
-        scenario: the scenario.
-        ticks: how many to time; as many as the flight has, if it has fewer. A few before them are not timed.
-
-    Raises:
-        InputError: if there is no tick to time.
+    They are as many as the flight has, if it has fewer; a few before them are not timed. InputError if there is none.
     """
     last = min(ticks + TICKS, flight_ticks(scenario))
     if last <= TICKS:

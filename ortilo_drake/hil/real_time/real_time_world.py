@@ -20,7 +20,7 @@ from ortilo_drake.flight.stepped_halves import WorldHalf
 from ortilo_drake.hil.real_time.camera_process import CameraProcess
 from ortilo_drake.hil.real_time.flight_record import FlightRecord
 from ortilo_drake.hil.real_time.tick_timing import TickTiming, TimingFigures
-from ortilo_drake.hil.wire.greeter import Greeter
+from ortilo_drake.hil.wire.handshake import Greeter
 from ortilo_drake.hil.wire.inbox import Arrival, Inbox, PacketCounts
 from ortilo_drake.hil.wire.unpack import Packet
 from ortilo_drake.hil.wire.wire import Outbox, publish_messages

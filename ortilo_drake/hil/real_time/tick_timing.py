@@ -47,11 +47,7 @@ def quantiles(values: np.ndarray) -> Quantiles:
 
 
 class TickTiming:
-    """The world's record of its ticks and of the commands that answered them; times are time.perf_counter() [s].
-
-    Args:
-        h: tick [s].
-    """
+    """The world's record of its ticks, of h [s], and of the commands that answered them; by time.perf_counter() [s]."""
 
     def __init__(self, h: float):
         self._h = h
@@ -70,11 +66,7 @@ class TickTiming:
             self._answered.setdefault(tick, now)
 
     def latencies_ms(self, ticks: int | None = None) -> np.ndarray:
-        """Return the latency of every answered tick, from its messages sent to its command received [ms].
-
-        Args:
-            ticks: how many of the first ticks to look at; all by default.
-        """
+        """Return the latencies of the first ticks that are answered, or all: messages sent to command received [ms]."""
         return self._after(self._sent, ticks)
 
     def _after(self, times: list[float], ticks: int | None) -> np.ndarray:
@@ -82,11 +74,9 @@ class TickTiming:
         return np.array([1e3 * (now - times[k]) for k, now in answered if ticks is None or k < ticks])
 
     def summary(self, ticks: int | None = None) -> TimingFigures:
-        """Return the figures.
+        """Return the figures of the first ticks, all by default.
 
-        Args:
-            ticks: how many of the first ticks to look at; all by default. In flight leave out the present one, which is
-                not answered yet. (Another thread may call this while the flight goes on.)
+        In flight leave out the present one, which is not answered yet. Another thread may call this meanwhile.
         """
         ticks = len(self._sent) if ticks is None else ticks
         latencies, beyond = self.latencies_ms(ticks), self._after(self._due, ticks) - 1e3 * self._h

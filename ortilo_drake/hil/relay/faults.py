@@ -56,13 +56,7 @@ def delay_of(faults: Faults, u: float) -> float:
 
 
 def delays_of_packet(faults: Faults, in_burst: bool, u: np.ndarray) -> list[float]:
-    """Return the delay [s] of each copy of a packet that arrives: none, one or two.
-
-    Args:
-        faults: the faults.
-        in_burst: whether the packet's channel is in a burst.
-        u: the packet's uniform numbers (6).
-    """
+    """Return the delay [s] of each copy of a packet that arrives, by its uniform numbers (6): none, one or two."""
     if u[_LOST] < (faults.burst_loss if in_burst else faults.loss):
         return []
     hold = faults.hold if u[_HELD] < faults.held else 0.0
@@ -73,10 +67,7 @@ def delays_of_packet(faults: Faults, in_burst: bool, u: np.ndarray) -> list[floa
 class FaultModel:
     """The faults of one direction of a link, packet by packet: it counts each channel's packets and keeps its bursts.
 
-    Args:
-        faults: the faults.
-        seed: seed of all random numbers.
-        name: name of the direction; each direction has random numbers of its own.
+    Each direction, by its name, has random numbers of its own from the seed.
     """
 
     def __init__(self, faults: Faults, seed: int, name: str):

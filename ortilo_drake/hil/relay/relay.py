@@ -57,25 +57,12 @@ def run_relay(
     stop: Event | None = None,
     ready: Event | None = None,
 ) -> dict[str, dict[str, int]]:
-    """Pass packets on until the time is over, an event is set or Ctrl-C is pressed; then return their counts.
+    """Pass packets on until the seconds are over, `stop` is set or Ctrl-C is pressed; then return their counts.
 
-    Args:
-        key: of both buses, see key_file.py.
-        url_world: the bus that the world serves.
-        url_onboard: the bus that the relay serves for the onboard half.
-        to_onboard: faults on the way to the onboard half; none by default.
-        to_world: faults on the way to the world; none by default.
-        seed: seed of all random numbers.
-        seconds: for how long [s].
-        stop: ends it.
-        ready: is set once it listens.
-
-    Returns:
-        For "to_onboard" and "to_world" how many packets were taken, lost, crowded (out of a full queue), duplicated
-        and sent. Those taken and not yet due at the end are not sent.
-
-    Raises:
-        InputError: if a bus cannot be opened or both are the same.
+    The world serves one bus, the relay the onboard half's, with the same key; `ready` is set once it listens. The
+    faults of each direction, none by default, are drawn by the seed. The counts, for "to_onboard" and "to_world", are
+    of packets taken, lost, crowded (out of a full queue), duplicated and sent; those taken and not yet due at the end
+    are not sent. InputError if a bus cannot be opened or both are the same.
     """
     if address(url_world) == address(url_onboard):
         raise InputError(f"url: {url_world!r}: the relay needs two different buses, one for each half")

@@ -57,16 +57,9 @@ class _Way:
 def fly_in_virtual_time(
     scenario: Scenario, to_onboard: Faults = NONE, to_world: Faults = NONE, seed: int = 1
 ) -> xr.Dataset:
-    """Fly both halves of a scenario behind a relay and return the flight; telemetry is not lost.
+    """Fly both halves of a scenario behind a relay of that seed and return the flight; telemetry is not lost.
 
-    Args:
-        scenario: the scenario; a rendered camera is refused, its pictures take time.
-        to_onboard: faults on the way to the onboard half.
-        to_world: faults on the way to the world.
-        seed: seed of the relay's random numbers.
-
-    Raises:
-        InputError: if the scenario cannot be flown so.
+    InputError if the scenario cannot be flown so: the pictures of a rendered camera take time.
     """
     if scenario.is_rendered:
         raise InputError(f"{scenario.name}: camera: must be 'projected' in virtual time")

@@ -59,14 +59,9 @@ def session_of(path: Path) -> int:
 
 
 def load_checkpoint(path: Path, session: int, tick: int, h: float, size: int) -> Checkpoint | None:
-    """Return the checkpoint that fits, or None.
+    """Return the checkpoint in a file if it fits the flight, a session at a tick, ticks of h [s] and a state's size.
 
-    Args:
-        path: the file; it may be missing, damaged or of another flight.
-        session: the session of this flight.
-        tick: the tick that the flight is at.
-        h: tick [s].
-        size: the size of the state.
+    None if it does not, is missing or damaged.
     """
 
     def make(file: Mapping[str, np.ndarray]) -> Checkpoint:

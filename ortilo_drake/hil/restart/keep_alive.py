@@ -39,15 +39,10 @@ class _Ending:
 def keep_alive(fly: Callable[[], None], say: Callable[[str], None]) -> int:
     """Call fly in a child process, again whenever a signal has killed it; return how many were killed.
 
-    Args:
-        fly: flies until the end of the flight. What it raises ends child and parent, with the line of `ortilo`.
-        say: takes a line about every start (from the child, before it flies), every end by a signal, and an
-            InputError.
-
-    Raises:
-        SystemExit: with the child's code if that is not 0; on SIGTERM, after the child has received it too.
-        InputError: if TRIES in a row were killed TOO_SOON.
-        KeyboardInterrupt: on Ctrl-C, after the child has ended as well.
+    What fly raises ends child and parent, with the line of `ortilo`. Every start is told (by the child, before it
+    flies), every end by a signal, and an InputError. SystemExit with the child's code if that is not 0, and on SIGTERM,
+    after the child has received it too; KeyboardInterrupt on Ctrl-C, likewise; InputError if TRIES in a row were killed
+    TOO_SOON.
     """
     killed = in_a_row = 0
     ending = _Ending()

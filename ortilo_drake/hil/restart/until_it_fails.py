@@ -7,14 +7,9 @@ from ortilo_drake.model.typed_yaml import InputError
 
 
 class UntilItFails:
-    """A function called in flight until it fails the first time; then no more.
+    """A function called in flight until it first raises InputError; then no more.
 
-    Args:
-        write: raises InputError where it fails.
-        say: takes a line about the first failure.
-
-    Attributes:
-        error: that failure, to be raised once the flight is over; None if there was none.
+    That is told in a line, and kept as `error` to be raised once the flight is over; None if there was none.
     """
 
     def __init__(self, write: Callable[..., None], say: Callable[[str], None]):

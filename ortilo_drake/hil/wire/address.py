@@ -27,8 +27,7 @@ class Address(NamedTuple):
 def address(url: str) -> Address:
     """Return the address that a URL names: a name's first of IPv4, or its first if it has none.
 
-    Raises:
-        InputError: if it is not of the form tcp://HOST:PORT, or its host is not known.
+    InputError if it is not of the form tcp://HOST:PORT, or its host is not known.
     """
     allowed = f"url: {url!r} is not of the form tcp://HOST:PORT, with PORT from 1 to 65535"
     try:
@@ -36,12 +35,11 @@ def address(url: str) -> Address:
         host, port = parts.hostname, parts.port
     except ValueError:
         raise InputError(allowed) from None
-    if url != f"tcp://{parts.netloc}" or not host or not port or "@" in parts.netloc:
+    # A host * is one that getaddrinfo takes for every interface.
+    if url != f"tcp://{parts.netloc}" or not host or not port or "@" in parts.netloc or host == "*":
         raise InputError(allowed)
     if "%" in host:
         raise InputError(f"url: {url!r}: host {host!r} names an interface (%); give the host's name or another address")
-    if host == "*":  # a host that getaddrinfo takes for every interface
-        raise InputError(allowed)
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError):

@@ -18,7 +18,7 @@ import os
 import time
 from collections import Counter
 from collections.abc import Callable
-from typing import Final
+from typing import Final, NamedTuple
 
 import zmq
 from zmq.auth.thread import ThreadAuthenticator
@@ -53,34 +53,22 @@ def _has_some(socket: "zmq.Socket[bytes]") -> bool:
     return bool(int(socket.get(zmq.EVENTS)) & zmq.POLLIN)
 
 
-class _Admits:
+class _Admits(NamedTuple):
     """Admits those who have a public key."""
 
-    def __init__(self, public: bytes):
-        self._public = public
+    public: bytes
 
     def callback(self, domain: str, key: bytes) -> bool:
-        return hmac.compare_digest(key, self._public)
+        return hmac.compare_digest(key, self.public)
 
 
 class Bus:
-    """One process's end of a bus. Not safe for use from several threads; only handle receives.
+    """One process's end of a bus at tcp://HOST:PORT. Not safe for use from several threads; only handle receives.
 
-    Args:
-        url: tcp://HOST:PORT.
-        key: that all processes of the bus share (32 bytes).
-        serves: whether this process serves it.
-        hears: whether the others' messages come here, if it does not serve.
-        largest: bytes of a message that is taken; a longer one ends its connection. Whoever connects can have as much
-            memory taken up, before it has shown its key.
-
-    Attributes:
-        url: the same.
-        refused: how often something was refused: "key", connections under another key or of another kind; "frames",
-            messages that are no channel and data.
-
-    Raises:
-        InputError: if the URL is none, or it cannot be served.
+    All its processes share a key (32 bytes); one serves it, and who joins may not care to hear the others. A message of
+    more than the largest number of bytes ends its connection: whoever connects can have as much memory taken up, before
+    it has shown its key. Refused counts, under "key", connections with another key or of another kind and, under
+    "frames", messages that are no channel and data. InputError if the URL is none, or it cannot be served.
     """
 
     def __init__(self, url: str, key: bytes, serves: bool = False, hears: bool = True, largest: int = LARGEST):
@@ -119,11 +107,10 @@ class Bus:
         try:
             self._socket.bind(endpoint)
         except zmq.ZMQError as error:
-            why = {
-                errno.EADDRINUSE: "another process serves it; end that one, or give this flight another --url",
-                errno.EADDRNOTAVAIL: "no address of this machine; the world serves one of its own, or tcp://0.0.0.0:PORT",
-                errno.ENODEV: "no address of this machine; the world serves one of its own, or tcp://0.0.0.0:PORT",
-            }.get(error.errno or 0, os.strerror(error.errno or 0).lower())
+            elsewhere = "no address of this machine; the world serves one of its own, or tcp://0.0.0.0:PORT"
+            in_use = "another process serves it; end that one, or give this flight another --url"
+            known = {errno.EADDRINUSE: in_use, errno.EADDRNOTAVAIL: elsewhere, errno.ENODEV: elsewhere}
+            why = known.get(error.errno or 0, os.strerror(error.errno or 0).lower())
             raise InputError(f"url: {self.url!r}: {why}") from None
 
     def _join(self, key: bytes, endpoint: str) -> None:
@@ -159,11 +146,7 @@ class Bus:
         self._takers[channel].remove(take)
 
     def handle(self, timeout_ms: int = 0) -> int:
-        """Hand on the messages that have come on subscribed channels; wait for the first at most as long as given.
-
-        Returns:
-            How many messages were handed on.
-        """
+        """Hand on the messages that have come on subscribed channels; return how many. Wait for the first so long."""
         until = time.perf_counter() + 1e-3 * timeout_ms
         handed, left = 0, timeout_ms
         while True:

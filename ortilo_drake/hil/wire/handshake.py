@@ -12,6 +12,7 @@ onboard half. Who has not the key does not get this far (bus.py).
 import hashlib
 import secrets
 import time
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 from ortilo_drake.hil.wire.bus import Bus
@@ -40,12 +41,7 @@ def draw() -> int:
 
 
 def flight_of(scenario: Scenario, session: int) -> Flight:
-    """Return the description of a flight that its packets are checked against.
-
-    Args:
-        scenario: the scenario.
-        session: the flight's number.
-    """
+    """Return what the packets of a flight of that number are checked against."""
     shape = None
     if scenario.is_rendered:
         camera = scenario.load_room().camera.scaled_to(scenario.camera.width)
@@ -78,13 +74,9 @@ def unheard(inbox: Inbox, wait: float, command: str) -> str:
 
 
 class MetFlight(NamedTuple):
-    """A flight under way that a process has met.
+    """A flight under way that a process has met: whether the world waits for every answer, and its tick at that moment.
 
-    Attributes:
-        flight: the flight.
-        lockstep: whether the world waits for every answer.
-        tick: the world's tick at that moment.
-        is_chosen: whether the world flies with this process as its onboard half.
+    It is chosen if the world flies with this process as its onboard half.
     """
 
     flight: Flight
@@ -94,19 +86,10 @@ class MetFlight(NamedTuple):
 
 
 def find_world(bus: Bus, inbox: Inbox, scenario: Scenario, wait: float, role: str = "user") -> MetFlight:
-    """Find a world and the flight it flies; from now on the inbox takes that flight's packets.
+    """Find a world within `wait` [s] and the flight it flies; the inbox, which hears hello, then takes its packets.
 
-    A world that is still looking for its onboard half is waited for.
-
-    Args:
-        bus: the bus.
-        inbox: hears hello.
-        scenario: the scenario of this process.
-        wait: how long to look for it [s].
-        role: "user", or "onboard" to fly it.
-
-    Raises:
-        InputError: if the world is not heard, has no onboard half, or flies another scenario.
+    The role is "user", or "onboard" to fly it. A world that is still looking for its onboard half is waited for.
+    InputError if the world is not heard, has no onboard half, or flies another scenario than this process.
     """
     digest, nonce = scenario_digest(scenario), draw()
     until, last_sent, answer = time.monotonic() + wait, -1.0, None
@@ -148,20 +131,71 @@ def _is_commanded(bus: Bus, met: MetFlight) -> bool:
 
 
 def meet_world(bus: Bus, inbox: Inbox, scenario: Scenario, wait: float, last_session: int = 0) -> MetFlight:
-    """Find a world to fly, as find_world, and fly it.
+    """Find a world to fly, as find_world.
 
-    Args:
-        bus: the bus.
-        inbox: hears hello; from now on it takes this flight's packets.
-        scenario: the scenario of this half.
-        wait: how long to look for it [s].
-        last_session: the session that this half flew when it was killed, which it joins again at once. Before it joins
-            any other flight it listens whether another onboard half flies that.
-
-    Raises:
-        InputError: as find_world, and if another does.
+    This half joins the session again at once that it flew when it was killed, the last. Before it joins any other
+    flight it listens whether another onboard half flies that; InputError if one does.
     """
     met = find_world(bus, inbox, scenario, wait, "onboard")
     if not met.is_chosen and met.flight.session != last_session and _is_commanded(bus, met):
         raise InputError("world: flies with another onboard half already")
     return met
+
+
+class Greeter:
+    """The world's hellos, of a scenario; in lockstep the world waits for every answer."""
+
+    def __init__(self, bus: Bus, scenario: Scenario, lockstep: bool):
+        self._bus, self._scenario = bus, scenario
+        self._hello = Hello("world", scenario_digest(scenario), draw(), lockstep)
+
+    @property
+    def session(self) -> int:
+        """The flight's number."""
+        return self._hello.session
+
+    def is_answer(self, hello: Hello) -> bool:
+        """Return whether a hello answers this world."""
+        return hello.role != "world" and hello.session == self.session
+
+    def meet(self, nonce: int) -> Flight:
+        """Fly with the onboard half of a nonce; return the flight, which every hello names from now on."""
+        self._hello = self._hello._replace(state=FLYING, nonce=nonce)
+        return flight_of(self._scenario, self.session)
+
+    def say(self, tick: int = -1, state: str = "") -> None:
+        """Say hello at a tick; a state, if given, replaces the present one."""
+        self._hello = self._hello._replace(tick=tick, state=state or self._hello.state)
+        say_hello(self._bus, self._hello)
+
+
+def meet_onboard(
+    greeter: Greeter,
+    inbox: Inbox,
+    scenario: Scenario,
+    wait: float,
+    check_alive: Callable[[], None] = lambda: None,
+) -> Flight:
+    """Find the onboard half within `wait` [s], agree with it on a flight and return that, of which the inbox now hears.
+
+    Meanwhile check_alive is called again and again; it raises if the onboard half will not come. InputError if that is
+    not there, or flies another scenario.
+    """
+    digest = scenario_digest(scenario)
+    until, last_sent = time.monotonic() + wait, -1.0
+    while (now := time.monotonic()) < until:
+        if now > last_sent + EVERY:
+            check_alive()
+            greeter.say()
+            last_sent = now
+        for arrival in inbox.poll(round(1e3 * EVERY)):
+            hello = arrival.packet.value
+            if not greeter.is_answer(hello) or hello.role != "onboard":
+                continue
+            if why := refusal(hello, digest):
+                raise InputError(f"onboard half: {why}")
+            flight = greeter.meet(hello.nonce)
+            inbox.begin(flight)
+            greeter.say()
+            return flight
+    raise InputError(f"onboard half: {unheard(inbox, wait, 'ortilo hil onboard')}")

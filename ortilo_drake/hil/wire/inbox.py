@@ -1,5 +1,6 @@
 """The inbox: packets from a bus, checked and without duplicates."""
 
+import heapq
 import time
 from collections import Counter, deque
 from collections.abc import Iterable
@@ -11,9 +12,9 @@ from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.packet_checks import BadPacket, Flight
 from ortilo_drake.hil.wire.packets import Goal, Hello, channel_of
 from ortilo_drake.hil.wire.unpack import Packet, decode
-from ortilo_drake.hil.wire.window import Window
 
 GOAL_AGE: Final = 10.0  # an older request is refused [s]
+REMEMBERED: Final = 4096  # ticks of a channel, more than a link holds a packet back
 
 
 class Arrival(NamedTuple):
@@ -25,15 +26,9 @@ class Arrival(NamedTuple):
 
 @dataclass(frozen=True)
 class PacketCounts:
-    """Counts of an inbox.
+    """Counts of an inbox: packets accepted, of these late, that is overtaken by a newer one, and duplicates of them.
 
-    Attributes:
-        accepted: packets taken.
-        late: of these, those that a newer one had overtaken.
-        duplicates: taken before.
-        lost: gaps in the ticks of a channel, since the first it heard.
-        rejected: refused.
-        refused: the same by reason.
+    Lost are gaps in the ticks of a channel, since the first it heard; rejected are those refused, by reason in refused.
     """
 
     accepted: int
@@ -44,21 +39,43 @@ class PacketCounts:
     refused: dict[str, int]
 
 
+class _Seen:
+    """The REMEMBERED greatest ticks taken of a channel; those up to the last it forgot, or below a floor, are old.
+
+    A single tick far ahead makes no others old.
+    """
+
+    def __init__(self, floor: int = 0):
+        self._floor = floor
+        self._heap: list[int] = []
+        self._known: set[int] = set()
+
+    def add(self, tick: int) -> bool:
+        """Remember a tick; return whether it is new. BadPacket if it is too old to tell."""
+        if tick < self._floor:
+            raise BadPacket("old")
+        if tick in self._known:
+            return False
+        self._known.add(tick)
+        heapq.heappush(self._heap, tick)
+        if len(self._heap) > REMEMBERED:
+            least = heapq.heappop(self._heap)
+            self._known.remove(least)
+            self._floor = least + 1
+        return True
+
+
 class Inbox:
     """Receives the packets of a flight from our channels; refuses and counts all others, and never raises.
 
     A packet is taken once: one for each tick of a channel. Hellos and goals are taken as often as they come. A packet
     from before this half joined the flight is refused as "old". Refused are also those that fail packet_checks.py, and
-    what the bus refuses (bus.Bus).
-
-    Args:
-        bus: the bus; only poll handles its subscriptions.
-        names: the channels to listen on, of packets.KINDS or a sensor.
-        flight: the flight that packets are checked against; with None only hellos pass, until begin.
+    what the bus refuses (bus.Bus). The channels to listen on are names of packets.KINDS or a sensor; only poll handles
+    the bus's subscriptions.
 
     Attributes:
-        flight: the flight.
-        tick: the newest tick heard of; -1 before any.
+        flight: that packets are checked against; with None only hellos pass, until begin.
+        tick: the newest heard of; -1 before any.
     """
 
     def __init__(self, bus: Bus, names: Iterable[str], flight: Flight | None = None):
@@ -66,7 +83,7 @@ class Inbox:
         self._bus = bus
         self._raw: deque[tuple[str, float, bytes]] = deque()
         self._newest = dict.fromkeys(names, -1)
-        self._windows = {name: Window() for name in self._newest}
+        self._seen = {name: _Seen() for name in self._newest}
         self._joined = 0
         self._distinct: Counter[str] = Counter()
         self._first: dict[str, int] = {}
@@ -87,7 +104,7 @@ class Inbox:
     def begin(self, flight: Flight, tick: int = 0) -> None:
         """Take the packets of a flight from a tick on, and count anew."""
         self.flight, self._joined, self.tick = flight, tick, tick - 1
-        self._windows = {name: Window(tick) for name in self._newest}
+        self._seen = {name: _Seen(tick) for name in self._newest}
         self._count.clear()
         self._refused.clear()
         self._bus.refused.clear()
@@ -122,12 +139,9 @@ class Inbox:
             if goal.tick < max(self._joined, self.tick - age):
                 raise BadPacket("old")
             return True  # a repeated request asks for its answer again
-        window, newest, tick = self._windows[name], self._newest[name], packet.tick
-        if window.is_old(tick):
-            raise BadPacket("old")
-        if window.is_known(tick):
+        newest, tick = self._newest[name], packet.tick
+        if not self._seen[name].add(tick):
             return False
-        window.add(tick)
         self._distinct[name] += 1
         self._count["late"] += tick < newest
         self._newest[name] = max(newest, tick)
@@ -148,11 +162,5 @@ class Inbox:
         """
         lost = self._newest[name] + 1 - self._first.get(name, 0) - self._distinct[name] if name else 0
         refused = self._refused + self._bus.refused
-        return PacketCounts(
-            accepted=self._count["accepted"],
-            late=self._count["late"],
-            duplicates=self._count["duplicates"],
-            lost=lost,
-            rejected=refused.total(),
-            refused=dict(sorted(refused.items())),
-        )
+        counted = {key: self._count[key] for key in ("accepted", "late", "duplicates")}
+        return PacketCounts(**counted, lost=lost, rejected=refused.total(), refused=dict(sorted(refused.items())))

@@ -33,11 +33,7 @@ def default_file() -> Path:
 
 
 def write_key(path: Path) -> None:
-    """Write a new key to a new file of mode 600.
-
-    Raises:
-        InputError: if there is a file already, or none can be written.
-    """
+    """Write a new key to a new file of mode 600; InputError if there is a file already, or none can be written."""
     partial = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -52,11 +48,7 @@ def write_key(path: Path) -> None:
 
 
 def read_key(path: Path) -> bytes:
-    """Return the key in a file.
-
-    Raises:
-        InputError: if it holds no key, or others than this user may read it or could have written it.
-    """
+    """Return the key in a file; InputError if there is none, or others than this user may read it or wrote it."""
     try:
         opened = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError as error:
@@ -94,15 +86,10 @@ def own_key() -> bytes:
 
 
 def choose_key(url: str, file: str | None = None, insecure: bool = False) -> bytes:
-    """Return the key for a bus.
+    """Return the key for a bus: that in a file, on stdin (STDIN), this user's own (None), or NO_SECRET if insecure.
 
-    Args:
-        url: the bus.
-        file: a key file, STDIN for the key itself on stdin, or None for this user's own.
-        insecure: take NO_SECRET instead, which keeps nobody out.
-
-    Raises:
-        InputError: if the key cannot be had, or others than this machine can take part and none was given.
+    NO_SECRET keeps nobody out. InputError if the key cannot be had, or others than this machine can take part and none
+    was given.
     """
     if insecure:
         if file is not None:

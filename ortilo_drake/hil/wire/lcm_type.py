@@ -35,31 +35,15 @@ def _hashed(fields: tuple[Field, ...]) -> bytes:
         signed = value - WORD if value >= WORD // 2 else value
         value = (((value << 8) ^ (signed >> 55)) + by) % WORD
 
-    def update_text(text: str) -> None:
-        update(len(text))
-        for character in text.encode():
-            update(character)
-
     for name, kind, size in fields:
-        update_text(name)
-        update_text(kind)
-        update(int(size != ""))
-        if size:
-            update(int(not size.isdigit()))
-            update_text(size)
+        array = [1, int(not size.isdigit()), len(size), *size.encode()] if size else [0]
+        for number in (len(name), *name.encode(), len(kind), *kind.encode(), *array):
+            update(number)
     return struct.pack(">Q", (value << 1 | value >> 63) % WORD)
 
 
 class LcmType:
-    """An LCM type.
-
-    Args:
-        name: of lcmtypes/lcmt_NAME.lcm.
-
-    Attributes:
-        fields: in order.
-        fingerprint: 8 bytes.
-    """
+    """The LCM type in lcmtypes/lcmt_NAME.lcm, its fields in order and its fingerprint (8 bytes)."""
 
     def __init__(self, name: str):
         text = (Path(__file__).parent / "lcmtypes" / f"lcmt_{name}.lcm").read_text(encoding="utf-8")
@@ -84,8 +68,7 @@ class LcmType:
     def decode(self, data: bytes) -> SimpleNamespace:
         """Return the fields of a message, without a check of its fingerprint; a text may end too early.
 
-        Raises:
-            struct.error: if anything else ends too early, or the number of numbers or bytes is negative.
+        struct.error if anything else ends too early, or the number of numbers or bytes is negative.
         """
         at, values = len(self.fingerprint), dict[str, Any]()
 

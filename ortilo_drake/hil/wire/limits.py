@@ -23,12 +23,8 @@ FARTHEST: Final = 1e4  # of a goal that somebody may ask for [m]; onboard it is 
 class Limits(NamedTuple):
     """Limits of a vector's entries; message vectors begin with arrived and stamp.
 
-    Attributes:
-        low: least values.
-        high: greatest values.
-        whole: indices of the entries that are whole numbers.
-        oldest: how old a stamp may be, in ticks.
-        samples: how many samples the message carries, 0 where it is one itself.
+    Entries at the indices in whole are whole numbers. A stamp may be `oldest` ticks old. The message carries so many
+    samples, 0 where it is one itself.
     """
 
     low: np.ndarray

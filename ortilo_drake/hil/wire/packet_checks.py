@@ -36,13 +36,10 @@ class BadPacket(Exception):
 
 
 class Flight(NamedTuple):
-    """The properties of a flight that its packets are checked against.
+    """A flight as its packets are checked against it.
 
-    Attributes:
-        session: the number of the flight, positive.
-        h: the ticks' period [s].
-        shape: height and width of a picture [px]; None where none is sent.
-        limits: of every signal, see limits.py.
+    It has a number, the session, above 0, and ticks of h [s]. Pictures have a shape, height and width [px], None where
+    none is sent, every signal has limits, see limits.py.
     """
 
     session: int
@@ -52,13 +49,9 @@ class Flight(NamedTuple):
 
 
 def open_message(kind: LcmType, data: bytes, sizes: tuple[int, int], session: int | None) -> SimpleNamespace:
-    """Return the decoded message after the checks of length, fingerprint and session.
+    """Return the decoded message after the checks of length, least and greatest, fingerprint and session.
 
-    Args:
-        kind: its type.
-        data: any bytes.
-        sizes: least and greatest number of bytes.
-        session: of the flight; None for a type in which it is not the first field.
+    The session is None for a type in which it is not the first field.
     """
     if not sizes[0] <= len(data) <= sizes[1]:
         raise BadPacket("length")

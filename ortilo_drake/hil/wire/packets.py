@@ -46,17 +46,12 @@ def channel_of(name: str) -> str:
 
 
 class Hello(NamedTuple):
-    """Handshake and heartbeat.
+    """Handshake and heartbeat of one of ROLES; a "user" listens, or asks for a goal.
 
-    Attributes:
-        role: one of ROLES; "user" listens, or asks for a goal.
-        scenario_digest: hash of the scenario that the sender flies, 16 hexadecimal digits.
-        session: the flight's number, which the world draws.
-        lockstep: whether the world waits for every answer.
-        state: one of STATES: looking for the other half, flying with one, or finished.
-        nonce: a number that an onboard half drew; in the world's hellos that of the half it met, 0 before.
-        tick: the world's tick now; -1 before the first.
-        protocol: version of the types and of the order in which they are sent.
+    The digest, 16 hexadecimal digits, is of the scenario that the sender flies, the session is the flight's number,
+    which the world draws. In lockstep the world waits for every answer. The state is one of STATES, the tick the
+    world's now, -1 before the first. The nonce is a number that an onboard half drew; in the world's hellos that of the
+    half it met, 0 before.
     """
 
     role: str
@@ -70,16 +65,10 @@ class Hello(NamedTuple):
 
 
 class Goal(NamedTuple):
-    """A request to fly somewhere, or the answer to it.
+    """A request of a "user" to fly to (x, y) in W [m], or the answer of "onboard" to it.
 
-    Attributes:
-        session: the flight's number.
-        tick: the world's tick when it was sent; an old request is refused.
-        number: the request's, positive and random; its answer has the same.
-        role: "user" asks, "onboard" answers.
-        x: east [m], in W.
-        y: north [m], in W.
-        reason: in an answer why the goal is refused; empty otherwise.
+    It has the flight's session, and the world's tick when it was sent: an old request is refused. Request and answer
+    have the same random number, above 0. The reason says in an answer why the goal is refused; it is empty otherwise.
     """
 
     session: int

@@ -7,8 +7,7 @@ from ortilo_drake.hil.wire.unpack import Packet
 class TickInbox:
     """Puts the packets of each tick together; they may come in any order.
 
-    Attributes:
-        overtaken: how many messages were dropped for a newer one on the same port.
+    Overtaken counts the messages that were dropped for a newer one on the same port.
     """
 
     def __init__(self) -> None:

@@ -5,10 +5,12 @@ are compared with the bytes that are there, and a picture's size with this fligh
 """
 
 import re
+from types import SimpleNamespace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from ortilo_drake.hil.wire.lcm_type import LcmType
 from ortilo_drake.hil.wire.packet_checks import (
     COUNT_SIZE,
     BadPacket,
@@ -54,14 +56,11 @@ _PNG_MARGIN: Final = 65_536  # bytes by which a PNG may be longer than its pixel
 
 
 class Packet(NamedTuple):
-    """A packet that has passed every check.
+    """A packet that has passed every check, by the name of its channel, of packets.KINDS or a sensor.
 
-    Attributes:
-        name: of its channel, of packets.KINDS or a sensor.
-        tick: the tick it belongs to; -1 for one of NO_TICK.
-        value: a message vector; a picture (height, width, 4), uint8; for a tick the names of its ports; a command (4);
-            telemetry as a dict from the names of MEASUREMENT and TELEMETRY to vectors; a Hello; a Goal.
-        stamp: a picture's time [s]; 0 for the others (a message vector carries its own).
+    Its tick is -1 for one of NO_TICK, its stamp 0 unless it is a picture's [s]. Its value is a message vector; a
+    picture (height, width, 4), uint8; for a tick the names of its ports; a command (4); telemetry as a dict from the
+    names of MEASUREMENT and TELEMETRY to vectors; a Hello; a Goal.
     """
 
     name: str
@@ -84,12 +83,17 @@ def largest_to_world(flight: Flight) -> int:
     return max(_longest_picture(flight), _telemetry_length(flight))
 
 
+def _of_a_tick(kind: LcmType, data: bytes, sizes: tuple[int, int], flight: Flight) -> SimpleNamespace:
+    message = open_message(kind, data, sizes, flight.session)
+    check_tick(message.tick, flight)
+    return message
+
+
 def _decode_vector(name: str, data: bytes, flight: Flight) -> Packet:
     limits = flight.limits[name]
     check_size(data, _TURN, 8)
     length = _TURN + COUNT_SIZE + 8 * limits.low.size
-    message = open_message(VECTOR, data, (length, length), flight.session)
-    check_tick(message.tick, flight)
+    message = _of_a_tick(VECTOR, data, (length, length), flight)
     values = np.array(message.values)
     check_values(values, limits)
     check_stamp(float(values[STAMP]), message.tick, limits, flight)
@@ -100,8 +104,7 @@ def _decode_vector(name: str, data: bytes, flight: Flight) -> Packet:
 
 def _decode_picture(name: str, data: bytes, flight: Flight) -> Packet:
     check_size(data, _PICTURE_HEAD - COUNT_SIZE, 1)
-    message = open_message(PICTURE, data, (_PICTURE_HEAD, _longest_picture(flight)), flight.session)
-    check_tick(message.tick, flight)
+    message = _of_a_tick(PICTURE, data, (_PICTURE_HEAD, _longest_picture(flight)), flight)
     check_stamp(message.stamp, message.tick, flight.limits[name], flight)
     image = None if flight.shape is None else decode_foreign_png(message.data, flight.shape)
     if image is None:
@@ -111,9 +114,8 @@ def _decode_picture(name: str, data: bytes, flight: Flight) -> Packet:
 
 def _decode_tick(name: str, data: bytes, flight: Flight) -> Packet:
     longest = _TURN + COUNT_SIZE + sum(COUNT_SIZE + len(port) + 1 for port in ports())
-    message = open_message(TICK, data, (_TURN + COUNT_SIZE, longest), flight.session)
+    message = _of_a_tick(TICK, data, (_TURN + COUNT_SIZE, longest), flight)
     check_canonical(TICK, message, data)
-    check_tick(message.tick, flight)
     if len(set(message.sent)) != len(message.sent) or not set(message.sent) <= set(ports()):
         raise BadPacket("text")
     return Packet(name, message.tick, tuple(message.sent))
@@ -121,8 +123,7 @@ def _decode_tick(name: str, data: bytes, flight: Flight) -> Packet:
 
 def _decode_command(name: str, data: bytes, flight: Flight) -> Packet:
     length = _TURN + 8 * N_U
-    message = open_message(COMMAND, data, (length, length), flight.session)
-    check_tick(message.tick, flight)
+    message = _of_a_tick(COMMAND, data, (length, length), flight)
     u = np.array(message.u)
     check_values(u, flight.limits[name])
     return Packet(name, message.tick, u)
@@ -132,8 +133,7 @@ def _decode_telemetry(name: str, data: bytes, flight: Flight) -> Packet:
     sizes = [flight.limits[key].low.size for key in MEASUREMENT]
     check_size(data, _TELEMETRY_HEAD, 8)
     length = _telemetry_length(flight)
-    message = open_message(TELEMETRY_TYPE, data, (length, length), flight.session)
-    check_tick(message.tick, flight)
+    message = _of_a_tick(TELEMETRY_TYPE, data, (length, length), flight)
     outputs = {key: np.array(getattr(message, key)) for key in TELEMETRY}
     parts = np.split(np.array(message.measurement), np.cumsum(sizes)[:-1])
     outputs |= dict(zip(MEASUREMENT, parts, strict=True))
@@ -144,8 +144,7 @@ def _decode_telemetry(name: str, data: bytes, flight: Flight) -> Packet:
 
 
 def _decode_goal(name: str, data: bytes, flight: Flight) -> Packet:
-    message = open_message(GOAL, data, _GOAL_SIZES, flight.session)
-    check_tick(message.tick, flight)
+    message = _of_a_tick(GOAL, data, _GOAL_SIZES, flight)
     x, y = message.p_W
     check_values(np.array([x, y]), flight.limits[name])
     if message.number <= 0:
@@ -179,15 +178,9 @@ _OTHERS: Final = {
 
 
 def decode(name: str, data: bytes, flight: Flight | None) -> Packet:
-    """Return the packet that bytes on a channel are.
+    """Return the packet that bytes on the channel of a name are, of packets.KINDS or a sensor.
 
-    Args:
-        name: of the channel, of packets.KINDS or a sensor.
-        data: any bytes.
-        flight: the flight; without it only a hello can pass.
-
-    Raises:
-        BadPacket: if they are no packet of this flight.
+    Without a flight only a hello can pass. BadPacket if they are no packet of this flight.
     """
     if name == "hello":
         return _decode_hello(data)

@@ -16,12 +16,7 @@ from ortilo_drake.model.signals import STAMP
 
 
 class Outbox:
-    """Sends the packets of one flight.
-
-    Args:
-        bus: the bus.
-        session: the flight's session.
-    """
+    """Sends the packets of one flight, a session, on a bus."""
 
     def __init__(self, bus: Bus, session: int):
         self.session = session
