@@ -16,12 +16,10 @@ from ortilo_drake.studies.tube.tube import Tube
 
 
 class Corridor(NamedTuple):
-    """Free distances about every point of a path.
+    """Free distances about every point of a path, horizontal and vertical [m] (n).
 
-    Attributes:
-        radius: horizontal; not above 0 where the vehicle touches a wall [m] (n).
-        height: vertical [m] (n).
-        nearest: what bounds the radius: the wall's index in Room.walls, -1 the room's bounds (n).
+    The radius is not above 0 where the vehicle touches a wall. Nearest is what bounds it: the wall's index in
+    Room.walls, or -1, the room's bounds (n).
     """
 
     radius: np.ndarray
@@ -30,14 +28,10 @@ class Corridor(NamedTuple):
 
 
 class Margin(NamedTuple):
-    """By how much a tube stays inside its corridor, where that is least.
+    """By how much a tube stays inside its corridor where that is least, horizontal and vertical [m].
 
-    Attributes:
-        horizontal: least corridor less tube radius [m]; negative where the tube reaches a wall.
-        vertical: the same in height [m].
-        tick: where the horizontal margin is least.
-        place: r there [m] (3).
-        nearest: what it is least to, as in Corridor.
+    It is negative where the tube reaches a wall. The tick and place, r [m] (3), are where the horizontal margin is
+    least, nearest is what it is least to, as in Corridor.
     """
 
     horizontal: float

@@ -87,12 +87,9 @@ def principal(m: np.ndarray, C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @njit(cache=True)
 def disc_radii(means: np.ndarray, covariances: np.ndarray, outside: float) -> np.ndarray:
-    """Return the radius R_k (n) of the disc about 0 that N(m_k, C_k) leaves with the probability ``outside``.
+    """Return the radius R_k (n) of the disc about 0 that N(m_k, C_k) leaves with the probability `outside`, in (0, 1).
 
-    Args:
-        means: m_k (n, 2).
-        covariances: C_k (n, 2, 2), symmetric, not negative.
-        outside: in (0, 1).
+    The means are m_k (n, 2), the covariances C_k (n, 2, 2) symmetric and not negative.
     """
     radii = np.empty(means.shape[0])
     for k in range(means.shape[0]):

@@ -16,15 +16,11 @@ from ortilo_drake.studies.loop.fix_covariance import value_noise
 
 
 class NominalFlight(NamedTuple):
-    """A flight as it is planned, at every tick.
+    """A flight as it is planned, at every tick t_k [s] (n): the reference position r [m] (n, 3).
 
-    Attributes:
-        time: t_k [s] (n).
-        r: reference position [m] (n, 3).
-        x_ref: state that the servo aims at, 0 in the paper's form (n, 12).
-        u_ff: control fed forward, less hover (n, 4).
-        V: covariances of what arrives in this tick, of each sensor in the corner of an M x M block (n, s, M, M).
-        there: whether a message of each sensor can arrive in this tick, if none is lost at random (n, s).
+    The servo aims at the state x_ref, 0 in the paper's form (n, 12), and feeds u_ff forward, less hover (n, 4). V has
+    the covariances of what arrives in a tick, of each sensor in the corner of an M x M block (n, s, M, M); there says
+    whether a message of each sensor can arrive, if none is lost at random (n, s).
     """
 
     time: np.ndarray
@@ -77,9 +73,7 @@ def nominal_flight(scenario: Scenario) -> NominalFlight:
     """Return the nominal flight of a scenario: its path, and where along it a message of each sensor can arrive.
 
     A message sent at tick k arrives late by its constant delay, with the covariance of the place where it was taken.
-
-    Raises:
-        InputError: if there is no path, or messages are late at random.
+    InputError if there is no path, or messages are late at random.
     """
     time, reference = planned_reference(scenario)
     n = len(time)

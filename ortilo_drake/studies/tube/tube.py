@@ -25,16 +25,13 @@ AT_ONCE = 50  # cases side by side; more do not fit into a processor's nearer me
 
 
 class Tube(NamedTuple):
-    """The predicted deviation of the vehicle from r_k.
+    """The predicted deviation of the vehicle from the planned path r_k [m] (n, 3) at t_k [s] (n).
 
     Attributes:
-        time: t_k [s] (n).
-        r: the planned path [m] (n, 3).
         mean: expected deviation of the true position from r_k [m] (n, 3).
         covariance: of that deviation [m^2] (n, 3, 3).
         X: expected covariance of the filter's position error [m^2] (n, 3, 3).
-        radius: of the horizontal disc about r_k that the vehicle is outside of with the probability of 3 sigma,
-            0.27 % [m] (n).
+        radius: of the horizontal disc about r_k that the vehicle is outside of with 0.27 %, as of 3 sigma [m] (n).
         height: |mean| and 3 sigma of the vertical deviation [m] (n).
     """
 
@@ -47,12 +44,6 @@ class Tube(NamedTuple):
     height: np.ndarray
 
 
-def horizontal_and_vertical(mean: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a tube's radius and height (n) from means (n, 3) and covariances (n, 3, 3) of the deviation."""
-    plane = np.ascontiguousarray(mean[:, :2]), np.ascontiguousarray(covariance[:, :2, :2])
-    return disc_radii(*plane, THREE_SIGMA), tube_height(mean, covariance)
-
-
 def tube_height(mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """Return |mean| and 3 sigma (...) of the vertical deviation, from means (..., 3) and covariances (..., 3, 3)."""
     return np.asarray(np.abs(mean[..., 2]) + 3.0 * np.sqrt(covariance[..., 2, 2]))
@@ -61,17 +52,13 @@ def tube_height(mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 def predict_tube(scenario: Scenario, nominal: NominalFlight | None = None) -> Tube:
     """Return the tube that the linear theory predicts for a scenario.
 
-    Args:
-        scenario: the scenario; its losses, gains and weights count.
-        nominal: the nominal flight, if at hand; it depends on anything but the losses and the servo's gains.
-
-    Raises:
-        InputError: where the theory has no answer (a servo fed true velocities, messages late at random), no path, or
-            no gain.
+    Its nominal flight, if at hand, depends on all but the losses and the servo's gains. InputError where the theory has
+    no answer (a servo fed true velocities, messages late at random), or there is no path or no gain.
     """
     nominal = nominal_flight(scenario) if nominal is None else nominal
     mean, covariance, X = (part[0] for part in deviations(scenario, nominal, losses_of(scenario)[None]))
-    return Tube(nominal.time, nominal.r, mean, covariance, X, *horizontal_and_vertical(mean, covariance))
+    radius = disc_radii(np.ascontiguousarray(mean[:, :2]), np.ascontiguousarray(covariance[:, :2, :2]), THREE_SIGMA)
+    return Tube(nominal.time, nominal.r, mean, covariance, X, radius, tube_height(mean, covariance))
 
 
 def losses_of(scenario: Scenario) -> np.ndarray:
@@ -87,14 +74,9 @@ def deviations(
     Where nothing is lost at random, so that the arrivals are those that are there, X is the filter's own P_k. Cases go
     through the recursion side by side, and some of them on each of the machine's cores.
 
-    Args:
-        scenario: the scenario; its own losses do not count.
-        nominal: its nominal flight.
-        losses: of the links in each case (B, s, 4), see losses_of.
-        there: whether a message can arrive in each case (B, n, s); by default that of the nominal flight.
-
-    Raises:
-        InputError: as predict_tube.
+    The losses are of the links in each case (B, s, 4), see losses_of, in place of the scenario's own; `there` says
+    whether a message can arrive in each case (B, n, s), by default as in the nominal flight. InputError as
+    predict_tube.
     """
     if scenario.lends_velocities:
         raise InputError("servo.velocities: 'truth': the tube is that of a servo fed by the filter, give 'estimate'")

@@ -148,14 +148,9 @@ def _draw_map(
 def rates_figure(
     sensors: tuple[str, str], margins: MarginMap, chance: ChanceGrid, results: Sequence[PointResult], path: Path
 ) -> Path:
-    """Draw the margins over the arrival rates of two sensors, and the pairs that were flown.
+    """Draw the margins over the arrival rates of two map_sensors, the mixture's boundary, and the pairs flown.
 
-    Args:
-        sensors: what tube_map.map_sensors returned.
-        margins: what tube_map.tube_map returned.
-        chance: the mixture's boundary.
-        results: the pairs flown; a rate of 0 is drawn at the axis.
-        path: the image file.
+    A rate of 0 is drawn at the axis.
     """
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(8.6, 6.6), layout="constrained")
@@ -175,10 +170,7 @@ def rates_figure(
 def bursts_figure(
     sensors: tuple[str, str], margins: MarginMap, chance: ChanceGrid, results: Sequence[PointResult], path: Path
 ) -> Path:
-    """Draw the margins over the arrival rate of both sensors and the mean length of bursts.
-
-    Arguments as rates_figure, of tube_map.burst_map's margins and the points flown, if any.
-    """
+    """Draw the margins over the arrival rate of both sensors and the mean length of bursts, as rates_figure."""
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(8.0, 5.8), layout="constrained")
         axes, (first, second) = figure.add_subplot(), _names(sensors)

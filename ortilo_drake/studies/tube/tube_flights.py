@@ -57,13 +57,7 @@ OTHER_SEEDS = tuple(range(1001, 1041))  # arrivals that the mixture's radius is 
 
 
 class Flown(NamedTuple):
-    """The figures that are kept of a flight.
-
-    Attributes:
-        seed: its seed.
-        deviation: true position less r_k, up to the loss [m] (n, 3).
-        lost: when it was lost [s]; None if it was not.
-    """
+    """The deviation of a seed's flight, true position less r_k [m] (n, 3), up to when it was lost [s], None if not."""
 
     seed: int
     deviation: np.ndarray
@@ -75,21 +69,15 @@ class PointResult:
     """A point of a map: the theory's prediction, and the flights. Lengths in m.
 
     Attributes:
-        at: the point: arrival rates of the two sensors, or of both and the mean burst [s].
-        radius_mean: of the tube over the path.
-        radius_max: its greatest.
+        at: arrival rates of the two sensors, or of both and the mean burst [s].
+        radius_mean: of the tube over the path; radius_max is its greatest.
         margin: least of corridor less tube.
-        flights: how many were flown.
-        contained: share of ticks within the tube.
-        contained_low: end of its 95 % interval.
-        contained_high: end of its 95 % interval.
+        contained: share of ticks within the tube, with its 95 % interval, contained_low to contained_high.
         contained_worst: the share in the worst of STRETCHES parts of the path.
         expected: the share that the linear theory expects, given the seeds' arrivals.
         contained_mixture: share of ticks within the radius that the mixture leaves with 0.27 %.
         radius_mixture: mean of that radius over the path.
-        lost: flights lost.
-        holds: see the head of this file.
-        breakdown: why the prediction breaks down here; empty where it holds.
+        holds: see the head of this file; a breakdown says why not.
     """
 
     at: Point
@@ -164,14 +152,9 @@ def fly_point(lossy: Scenario, seeds: Iterable[int], out: Path, workers: int = 1
 def judge_point(
     lossy: Scenario, at: Point, flights: Sequence[Flown], nominal: NominalFlight, others: Sequence[int] = OTHER_SEEDS
 ) -> PointResult:
-    """Return the flights of a point beside the tube that is predicted for it.
+    """Return the flights of a point, of the scenario that was flown, beside the tube that is predicted for it.
 
-    Args:
-        lossy: the scenario that was flown.
-        at: the point.
-        flights: the flights.
-        nominal: the scenario's nominal flight.
-        others: seeds of the arrivals that the mixture's radius is drawn from, none of them flown.
+    The arrivals that the mixture's radius is drawn from are of other seeds, none of them flown.
     """
     tube = predict_tube(lossy, nominal)
     about = corridor(lossy.load_room(), lossy.vehicle, nominal.r)

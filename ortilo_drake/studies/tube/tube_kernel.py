@@ -7,7 +7,58 @@ import numpy as np
 from numba.extending import register_jitable
 
 from ortilo_drake.model.measurement import Layout
-from ortilo_drake.studies.tube.side_by_side import copy
+
+
+@register_jitable
+def copy(M: np.ndarray, out: np.ndarray) -> None:
+    """Write M to out, both of the same shape and contiguous."""
+    x, y = M.reshape(-1), out.reshape(-1)
+    for j in range(x.shape[0]):
+        y[j] = x[j]
+
+
+@register_jitable
+def sandwich(
+    D: np.ndarray, rows: np.ndarray, columns: np.ndarray, M: np.ndarray, AM: np.ndarray, MA: np.ndarray, out: np.ndarray
+) -> None:
+    """Write A M to AM, its transpose to MA and A M A^T, exactly symmetric, to out (n, n, B each), A = I + D.
+
+    D (n, n) is the same in all cases, rows and columns are those of its entries that are not zero, rows ascending; M is
+    symmetric.
+    """
+    add_product(D, rows, columns, M, AM, False)
+    for i in range(M.shape[0]):
+        for j in range(M.shape[0]):
+            for q in range(M.shape[2]):
+                MA[j, i, q] = AM[i, j, q]
+    add_product(D, rows, columns, MA, out, True)
+    for i in range(M.shape[0]):
+        for j in range(i):
+            for q in range(M.shape[2]):
+                out[i, j, q] = out[j, i, q]
+
+
+@register_jitable
+def add_product(
+    D: np.ndarray, rows: np.ndarray, columns: np.ndarray, M: np.ndarray, out: np.ndarray, upper: bool
+) -> None:
+    """Write M + D M, or its upper half, to out (n, n, B), or all of it to out (n, B). Arguments as in sandwich."""
+    e = 0
+    for i in range(M.shape[0]):
+        first = i if upper else 0
+        y = out[i, first:].reshape(-1)
+        copy(M[i, first:], y)
+        while e < rows.shape[0] and rows[e] == i:  # two entries at a time, in long loops that become wide instructions
+            x, a = M[columns[e], first:].reshape(-1), D[i, columns[e]]
+            if e + 1 < rows.shape[0] and rows[e + 1] == i:
+                z, b = M[columns[e + 1], first:].reshape(-1), D[i, columns[e + 1]]
+                for j in range(y.shape[0]):
+                    y[j] += a * x[j] + b * z[j]
+                e += 2
+            else:
+                for j in range(y.shape[0]):
+                    y[j] += a * x[j]
+                e += 1
 
 
 @register_jitable
@@ -41,16 +92,8 @@ def condition(
 ) -> None:
     """Turn P into P - weight P C^T (C P C^T + V)^-1 C P, C the rows of sensor s.
 
-    With the Cholesky factor of C P C^T + V = G G^T and Y = G^-1 C P that is P - weight Y^T Y.
-
-    Args:
-        P: (12, 12, B).
-        V: the sensor's covariance, in the corner of a block (M, M).
-        weight: (B).
-        s: the sensor.
-        layout: of the measurement.
-        G: overwritten (M, M, B).
-        Y: overwritten (M, 12, B).
+    With the Cholesky factor of C P C^T + V = G G^T and Y = G^-1 C P that is P - weight Y^T Y, for P (12, 12, B), the
+    sensor's V in the corner of a block (M, M) and a weight (B). G (M, M, B) and Y (M, 12, B) are overwritten.
     """
     _, states, weights, first, _, _ = layout
     m, start, n, B = first[s + 1] - first[s], first[s], P.shape[0], P.shape[2]
@@ -102,15 +145,8 @@ def mean_update(
     """Write sum_p Pr(p | i) U_p to U (12, 12, B); P (12, 12, B) is overwritten.
 
     The update is linear in the chance of the sensor that comes last. So where no more than one sensor arrives by
-    chance, one pass does, that sensor last; else the patterns come one by one.
-
-    Args:
-        X: X_i (12, 12, B).
-        V: covariances of the sensors, each in the corner of a block (s, M, M).
-        chances: of each sensor's arrival (s, B).
-        layout: of the measurement.
-        U: what is written.
-        P: overwritten.
+    chance, one pass does, that sensor last; else the patterns come one by one. X is X_i (12, 12, B), V has the
+    covariances of the sensors, each in the corner of a block (s, M, M), chances are of each sensor's arrival (s, B).
     """
     sensors, B, most = chances.shape[0], X.shape[2], V.shape[1]
     G, Y = np.empty((most, most, B)), np.empty((most, X.shape[0], B))
@@ -144,16 +180,10 @@ def mean_update(
 def mixture_moments(
     weights: np.ndarray, m: np.ndarray, C: np.ndarray, X: np.ndarray, mean: np.ndarray, cov: np.ndarray, err: np.ndarray
 ) -> None:
-    """Write mean (n, B) and covariance (n, n, B) of a mixture of the modes, and their mean X (l, l, B).
+    """Write mean (n, B) and covariance (n, n, B) of a mixture of the modes, and their mean X, err (l, l, B).
 
-    Args:
-        weights: of the modes (2^s, B).
-        m: means in each mode (2^s, 15, B).
-        C: covariances (2^s, 15, 15, B).
-        X: (2^s, 12, 12, B).
-        mean: what is written, of the first n states of 15.
-        cov: likewise.
-        err: likewise, of the first l states of 12.
+    They are of the first n of 15 and l of 12 states, by the weights of the modes (2^s, B), their means m (2^s, 15, B)
+    and covariances C (2^s, 15, 15, B) and X (2^s, 12, 12, B).
     """
     mean[:], cov[:], err[:] = 0.0, 0.0, 0.0
     used = [i for i in range(weights.shape[0]) if np.any(weights[i])]
@@ -188,18 +218,9 @@ def add_measured(
 ) -> None:
     """Add the measured position's contribution to the integral to the next mean (15, B) and covariance (15, 15, B).
 
-    Args:
-        m: mean (15, B).
-        C: covariance (15, 15, B).
-        X: (12, 12, B).
-        AC: A C without an arrival (15, 15, B).
-        PhiX: (12, 12, B).
-        V: covariances of the sensors, each in the corner of a block (s, M, M).
-        chances: of each sensor's arrival (s, B).
-        is_position: whether a sensor measures the position (s).
-        change: of d_p's last rows by an arrival (3).
-        m_next: what is added to.
-        C_next: likewise.
+    From mean m (15, B), covariance C (15, 15, B), X and Phi X (12, 12, B each), A C without an arrival (15, 15, B), the
+    covariances V of the sensors, each in the corner of a block (s, M, M), the chances of their arrival (s, B), whether
+    each measures the position (s), and the change of d_p's last rows by an arrival (3).
     """
     noise, c_all = np.zeros((3, 3)), np.empty(m.shape[1])
     for q in range(m.shape[1]):

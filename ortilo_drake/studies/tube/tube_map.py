@@ -33,13 +33,10 @@ CAMERA = 1  # column of NominalFlight.there
 
 
 class MarginMap(NamedTuple):
-    """Margins of the tube over two quantities a and b.
+    """Least margins of the tube [m] over rates of two sensors, a and b, or a rate of both, a, and a mean burst, b [s].
 
-    Attributes:
-        a: values along the first axis: rate of the first sensor, or of both for bursts.
-        b: values along the second axis: rate of the second sensor, or mean burst [s].
-        whole: least margin over the whole path [m] (len(a), len(b)); NaN where there is no such link.
-        guided: the same over the path up to the second sensor's last measurement, see guided_ticks.
+    They are over the whole path (len(a), len(b)), NaN where there is no such link; and over its guided part, up to the
+    second sensor's last measurement, see guided_ticks.
     """
 
     a: np.ndarray
@@ -52,9 +49,7 @@ def map_sensors(scenario: Scenario) -> tuple[str, str]:
     """Return the two sensors that a scenario's maps are over.
 
     They are the first that flies, the imu aside, and the next that measures the position or, without such, the last.
-
-    Raises:
-        InputError: if fewer than two fly beside the imu.
+    InputError if fewer than two fly beside the imu.
     """
     measurement = scenario.measurement
     flying = unwired(sensor for sensor in measurement.sensors if sensor in scenario.sensors)
@@ -86,10 +81,7 @@ def with_rates(scenario: Scenario, first: float, second: float) -> Scenario:
     """Return the scenario with these shares of its map_sensors' messages arriving, independently of each other.
 
     Shares of what is sent: with a message on every third tick, a third of them is the rate per tick that
-    expected_riccati.py speaks of.
-
-    Raises:
-        InputError: if a rate is not in [0, 1].
+    expected_riccati.py speaks of. InputError if a rate is not in [0, 1].
     """
     for name, rate in zip(map_sensors(scenario), (first, second), strict=True):
         if not 0.0 <= rate <= 1.0:
@@ -102,11 +94,7 @@ def with_rates(scenario: Scenario, first: float, second: float) -> Scenario:
 
 
 def bursts(rate: float, burst_s: float, h: float) -> Loss | None:
-    """Return the chain with that good share and mean burst [s], None if there is none.
-
-    Raises:
-        InputError: if the rate is not in (0, 1] or the burst not above 0.
-    """
+    """Return the chain with that good share, in (0, 1], and mean burst [s], above 0; None if there is none."""
     if not 0.0 < rate <= 1.0:
         raise InputError(f"rate: {rate}: must be in (0, 1]")
     if not burst_s > 0.0:
@@ -138,20 +126,12 @@ def burst_cases(scenario: Scenario, rates: np.ndarray, burst_lengths_s: np.ndarr
 
 
 def tube_map(scenario: Scenario, first: np.ndarray, second: np.ndarray) -> MarginMap:
-    """Return the tube's margins over the arrival rates of the map_sensors, losses independent.
-
-    Raises:
-        InputError: if a rate is not in [0, 1], or as predict_tube.
-    """
+    """Return the tube's margins over the arrival rates of the map_sensors; errors as rate_cases and predict_tube."""
     return _margins(scenario, first, second, rate_cases(scenario, first, second))
 
 
 def burst_map(scenario: Scenario, rates: np.ndarray, burst_lengths_s: np.ndarray) -> MarginMap:
-    """Return the tube's margins over the arrival rate of both map_sensors and the mean length of bursts [s].
-
-    Raises:
-        InputError: if a rate is not in (0, 1] or a burst not above 0, or as predict_tube.
-    """
+    """Return the tube's margins over the rate of both map_sensors and mean burst [s]; errors as tube_map, of bursts."""
     return _margins(scenario, rates, burst_lengths_s, burst_cases(scenario, rates, burst_lengths_s))
 
 
@@ -178,12 +158,8 @@ def chance_map(scenario: Scenario, cases: Cases, seeds: Iterable[int]) -> np.nda
     It is that of the mixture over the arrivals of the seeds (studies/tube/tube_tails.py), the same seeds everywhere.
     Its level THREE_SIGMA is the boundary that the Gaussian tube's level 0 stands for, with the mixture's tails.
     Such a chance is made by the few longest gaps, so it takes hundreds of histories: with 20 in place of 200 the
-    boundary of nominal_imu_uwb_yolo without blackouts comes out at a UWB rate of 0.116 in place of 0.088.
-
-    Args:
-        scenario: the scenario whose nominal flight all cases share.
-        cases: see rate_cases and burst_cases; NaN comes back where there is none.
-        seeds: of the arrivals.
+    boundary of nominal_imu_uwb_yolo without blackouts comes out at a UWB rate of 0.116 in place of 0.088. All cases
+    share the scenario's nominal flight; NaN comes back where there is no case.
     """
     nominal, seeds = nominal_flight(scenario), list(seeds)
     room = corridor(scenario.load_room(), scenario.vehicle, nominal.r).radius

@@ -58,12 +58,13 @@ from numba import njit
 
 from ortilo_drake.model.measurement import Layout
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATOR_ESTIMATE, INTEGRATOR_LITERAL
-from ortilo_drake.studies.tube.side_by_side import add_product, sandwich
 from ortilo_drake.studies.tube.tube_kernel import (
     add_measured,
+    add_product,
     arrival_chances,
     mean_update,
     mixture_moments,
+    sandwich,
     transitions,
 )
 
@@ -87,21 +88,12 @@ def propagate(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return mean (n, m, B) and covariance (n, m, m, B) of s and X = E[e e^T] (n, m, m, B) at every tick in B cases.
 
-    Args:
-        Phi: (12, 12).
-        Gamma: (12, 4).
-        L: servo gain (4, 15).
-        W: (12, 12).
-        V: covariances of the sensors at every tick, each in the corner of a block (n, s, M, M).
-        there: whether a sensor's message can arrive in a tick (n, s, B).
-        loss: parameters of the links' chains (s, 4, B).
-        X_0: (15, 15), its integrator block 0.
-        d: Phi x_ref + Gamma u_ff - x_ref+ (n, 12).
-        r: reference position, which the integral takes (n, 3).
-        r_servo: the position in x_ref: r, or 0 in the paper's form of the servo (n, 3).
-        integrator: one of INTEGRATORS.
-        layout: of the measurement.
-        kept: m, of how many of the first states mean and covariances are returned.
+    They are of the first m states, `kept`. Phi (12, 12), Gamma (12, 4), W (12, 12), the servo's gain L (4, 15), the
+    integrator and the layout of the measurement are those of the hover loop, X_0 (15, 15) has an integrator block of 0.
+    V has the covariances of the sensors at every tick, each in the corner of a block (n, s, M, M); there says whether a
+    sensor's message can arrive in a tick (n, s, B), loss has the parameters of the links' chains (s, 4, B). Of the plan
+    are d = Phi x_ref + Gamma u_ff - x_ref+ (n, 12), the reference position r, which the integral takes (n, 3), and
+    r_servo, the position in x_ref: r, or 0 in the paper's form of the servo (n, 3).
     """
     n, B = V.shape[0], loss.shape[2]
     measured = integrator != INTEGRATOR_ESTIMATE  # whether the integral takes the measured position

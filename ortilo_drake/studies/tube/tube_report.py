@@ -71,12 +71,9 @@ class BurstMargins:
 
 @dataclass(frozen=True)
 class TubeReport:
-    """The tube's margins, and the flights that check it.
+    """The tube's margins over rates and bursts, and the flights of points by 'rates' and 'bursts' that check it.
 
-    Attributes:
-        rates: the arrival rates of the two sensors by name, and 'margin': the least [m] over them (first, second).
-        bursts: over the rate of both links and their mean burst.
-        flights: of the points by 'rates' and 'bursts'.
+    The rates are those of the two sensors by name, with 'margin' the least [m] over them (first, second).
     """
 
     rates: dict[str, np.ndarray]
@@ -87,14 +84,9 @@ class TubeReport:
 def tube_report(scenario: Scenario, flights: int, out: Path, workers: int, step: Step) -> tuple[TubeReport, list[Path]]:
     """Return the tube's margins over rates and bursts and how flights compare with it, and the figures drawn.
 
-    The scenario's own blackouts and losses are left out.
-
-    Args:
-        scenario: the scenario, with two sensors beside the imu.
-        flights: of each point that is flown; 0 flies none.
-        out: folder of figures, and of flights in its folder flights.
-        workers: processes that fly.
-        step: called with what is being done, how far and of how much.
+    The scenario has two sensors beside the imu; its own blackouts and losses are left out. So many flights of each
+    point are flown, 0 for none, in the folder flights of that of the figures, `out`. A step is told as what is being
+    done, how far and of how much.
     """
     calm = without_blackouts(scenario)
     nominal, sensors = nominal_flight(calm), map_sensors(calm)

@@ -28,12 +28,7 @@ from ortilo_drake.world.radio.link import NOT_SENT, chain_after, delay_of_messag
 
 
 class Mixture(NamedTuple):
-    """The deviation from r_k in the plane given each of m arrival histories.
-
-    Attributes:
-        means: (m, n, 2).
-        covariances: (m, n, 2, 2).
-    """
+    """Means (m, n, 2) and covariances (m, n, 2, 2) of the deviation from r_k in the plane given m arrival histories."""
 
     means: np.ndarray
     covariances: np.ndarray
@@ -101,9 +96,7 @@ def greatest_chance(radius: np.ndarray, of: Mixture) -> float:
 def mixture_radius(of: Mixture, start: np.ndarray) -> np.ndarray:
     """Return the radius (n) that the mixture leaves with the probability THREE_SIGMA, by bisection to 0.1 %.
 
-    Args:
-        of: the mixture.
-        start: a first guess (n), above 0, such as the tube's radius.
+    It starts from a first guess (n), above 0, such as the tube's radius.
     """
     low, high = np.zeros_like(start), np.array(start)
     while np.any(wide := chance_outside(high, of) > THREE_SIGMA):
