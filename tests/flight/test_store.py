@@ -26,7 +26,7 @@ from ortilo_drake.flight.summary import Loss, Summary, summary_text
 from ortilo_drake.hil.restart import checkpoint
 from ortilo_drake.model.typed_yaml import validate
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.studies.faults.courses import Course
+from ortilo_drake.studies.faults.fault_flights import Course
 from ortilo_drake.studies.maps import map_flights
 from ortilo_drake.studies.maps.chunks import chunk_file, columns_of, read_chunk, write_chunk
 from ortilo_drake.studies.maps.map_flights import fly_map
@@ -34,7 +34,7 @@ from ortilo_drake.studies.maps.map_report import map_csv
 from ortilo_drake.studies.maps.sweep import Sweep
 from ortilo_drake.studies.rare import rare_flights
 from ortilo_drake.studies.rare.subset import Climb, Plan
-from ortilo_drake.studies.sensitivity.outcomes import Outcome
+from ortilo_drake.studies.sensitivity.sensitivity_flights import Outcome
 
 SCENARIO = load_scenario("nominal_imu_uwb", seed=3)
 COLUMNS, SEEDS = columns_of(SCENARIO), range(40)

@@ -12,8 +12,15 @@ from scipy.stats import binomtest, chi2
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.faults.catalogue import NAMES, Case, catalogue, chosen_names
-from ortilo_drake.studies.faults.courses import BIN, Course
-from ortilo_drake.studies.faults.fault_flights import WITHIN_3_SIGMA, FaultStudy, check_length, recovery_time, row_of
+from ortilo_drake.studies.faults.fault_flights import (
+    BIN,
+    WITHIN_3_SIGMA,
+    Course,
+    FaultStudy,
+    check_length,
+    recovery_time,
+    row_of,
+)
 from ortilo_drake.studies.faults.fault_report import fault_figure, fault_text
 
 PASSING = Case("gust", {}, 10.0, 15.0)

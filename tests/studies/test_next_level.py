@@ -8,8 +8,15 @@ import pytest
 from scipy.special import expit, logit
 from scipy.stats import weibull_min
 
-from ortilo_drake.studies.sensitivity.loss_level import Flown, LossLevel, loss_level
-from ortilo_drake.studies.sensitivity.next_level import BATCH, is_settled, ladder, next_level
+from ortilo_drake.studies.sensitivity.loss_level import (
+    BATCH,
+    Flown,
+    LossLevel,
+    is_settled,
+    ladder,
+    loss_level,
+    next_level,
+)
 
 SHARE = 0.05
 LEVELS = ladder(1.0, 64.0)

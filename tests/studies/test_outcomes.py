@@ -11,7 +11,7 @@ from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.metrics import summary
 from ortilo_drake.scenario import Scenario, load_scenario, with_seed
 from ortilo_drake.studies.maps.chunks import drake_figures, trace_of
-from ortilo_drake.studies.sensitivity.outcomes import Outcome, fly_outcomes, outcome
+from ortilo_drake.studies.sensitivity.sensitivity_flights import Outcome, fly_outcomes, outcome
 
 HOVER = ("planner={kind: hover, point: [9.0, 0.5, 1.5], duration: 1.0}", "settle=0.0")
 CALM = load_scenario("nominal_imu_uwb", HOVER)

@@ -18,10 +18,10 @@ from ortilo_drake.studies.sensitivity.mismatches import (
     known_mismatches,
     mismatches_of,
 )
-from ortilo_drake.studies.sensitivity.outcomes import Outcome
 from ortilo_drake.studies.sensitivity.sensitivity_flights import (
     Limit,
     MismatchRow,
+    Outcome,
     Sensitivity,
     _row,
     search,

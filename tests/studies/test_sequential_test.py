@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from ortilo_drake.studies.sensitivity.next_level import ABOVE, APART, ERROR, loses_more
+from ortilo_drake.studies.sensitivity.loss_level import ABOVE, APART, ERROR, loses_more
 
 SHARE = 0.05
 

@@ -13,7 +13,7 @@ all rows came in time. Where replay looks ahead, this waits:
 Meanwhile no estimate is made; those left out follow at once when it resumes.
 """
 
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -24,10 +24,9 @@ from ortilo_drake.interop.recorded.recording import NO_AID_ROWS, Recording, betw
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Q
-from ortilo_drake.studies.live.agreement import Agreement
 from ortilo_drake.studies.recorded.at_rest import AT_REST, at_rest
 from ortilo_drake.studies.recorded.event_filter import Carried, initial_carried, run_filter
-from ortilo_drake.studies.recorded.filter_types import NO_AIDS, RANGE, Events, EventValues, Restart, Setup, State
+from ortilo_drake.studies.recorded.filter_types import NO_AIDS, RANGE, Events, EventValues, Restart, Run, Setup, State
 from ortilo_drake.studies.recorded.filtered import (
     TRIAL,
     FilterSetup,
@@ -42,6 +41,41 @@ from ortilo_drake.studies.recorded.imu_doubts import upside_doubts
 from ortilo_drake.studies.recorded.reacquired import AGAIN, is_astray, no_restart, restart_from
 from ortilo_drake.studies.recorded.setups import uncalibrated_setup
 from ortilo_drake.studies.recorded.truth_path import modelled
+
+WINDOW: Final = 5.0  # [s]
+FEWEST: Final = 30  # ranges in it, fewer tell nothing
+REJECTED, CONSISTENT = 0.1, 3.0  # share of ranges that the gate rejects, and mean NIS of the others, that are told
+
+
+class Agreement:
+    """Whether the ranges of the last seconds agree with the estimate, by their NIS, squared innovation over variance.
+
+    A wrong heading, anchor or axis shows here live.
+    """
+
+    def __init__(self) -> None:
+        self._t, self._nis, self._taken = np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool)
+
+    def add(self, t: np.ndarray, run: Run) -> None:
+        """Add the ranges of a run, stamped t (n) [s]; those at rest on the floor, which it ignores, do not count."""
+        used = run.taken | (run.innovation != 0.0)
+        nis = run.innovation[used] ** 2 / run.variance[used]
+        recent = self._t > t[-1] - WINDOW if len(t) else np.ones(len(self._t), dtype=bool)
+        self._t = np.concatenate((self._t[recent], t[used]))
+        self._nis = np.concatenate((self._nis[recent], nis))
+        self._taken = np.concatenate((self._taken[recent], run.taken[used]))
+
+    def doubt(self) -> str:
+        """Return how ranges and estimate disagree; empty if they agree or are too few to tell."""
+        n, taken = len(self._t), self._taken
+        if n < FEWEST:
+            return ""
+        rejected = 1.0 - float(np.mean(taken))
+        nis = float(np.mean(self._nis[taken])) if taken.any() else np.inf
+        if rejected <= REJECTED and nis <= CONSISTENT:
+            return ""
+        return f"the gate rejects {rejected:.0%} of the last {WINDOW:g} s, the others have NIS {nis:.1f} (1 is right)"
+
 
 RATE = 10.0  # of the estimates by default, as replay's without a truth [Hz]
 

@@ -1,8 +1,9 @@
 """The paper's tables I and II, ours beside its own."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import scipy  # not scipy.stats: that takes a second to import, and loads by itself when it is used
@@ -17,6 +18,7 @@ PRESETS = ("tuned", "nominal", "paper", "printed")
 STATISTICS = ("mean", "median", "p75", "p25")
 QUANTILES = {"median": 0.5, "p75": 0.75, "p25": 0.25}
 
+T = TypeVar("T")
 Statistics = dict[str, float | None]  # by name of STATISTICS; None each of no values
 Intervals = dict[str, Interval | None]  # likewise; None of too few values
 
@@ -45,18 +47,11 @@ class Drop:
 
 @dataclass(frozen=True)
 class AxisEfficiency:
-    """An axis's efficiency over flights.
+    """An axis's efficiency over flights that were not lost, or with lost ones where a field says so.
 
-    Attributes:
-        mean: over the flights that were not lost; likewise the next three.
-        intervals: of these four.
-        with_lost: the quantiles with each lost flight as worst.
-        with_lost_intervals: of these.
-        all: error of all flights that were not lost over their floor.
-        all_with_lost: the same with the lost ones up to their losses.
-        ticks: tick by tick, of those that were not lost.
-        ticks_with_lost: the same with the lost ones up to their losses.
-        floor: mean floor of those that were not lost [m^2].
+    Mean, median and quartiles, with their intervals, are over single flights, a lost one worst; `all` is the error of
+    all flights over their floor, `ticks` the mean tick by tick, a lost flight's up to its loss; the mean floor is in
+    m^2.
     """
 
     mean: float | None
@@ -147,13 +142,12 @@ ENOUGH_FOR_A_MEAN = 60
 
 def statistics(values: Sequence[float]) -> Statistics:
     """Return mean, median and quartiles; None each if there is no value."""
-    mean = float(np.mean(values)) if len(values) else None
-    return {"mean": mean} | quantiles(values)
+    return {"mean": float(np.mean(values)) if len(values) else None} | _ranked(values, quantile)
 
 
-def quantiles(values: Sequence[float]) -> Statistics:
-    """Return median and quartiles; None each if there is no value, infinite where a lost flight stands."""
-    return {name: quantile(values, q) for name, q in QUANTILES.items()}
+def _ranked(values: Sequence[float], of: Callable[[Sequence[float], float], T]) -> dict[str, T]:
+    """Return a quantile or its interval for median and quartiles."""
+    return {name: of(values, q) for name, q in QUANTILES.items()}
 
 
 def mean_interval(values: Sequence[float]) -> Interval | None:
@@ -170,19 +164,28 @@ def mean_of(values: Sequence[float]) -> Ratio:
     return Ratio(statistics(values)["mean"], mean_interval(values))
 
 
-def intervals_of(values: Sequence[float]) -> Intervals:
-    """Return the interval of every statistic: by the bootstrap of the mean, by ranks of the others."""
-    return {"mean": mean_interval(values)} | quantile_intervals(values)
-
-
-def quantile_intervals(values: Sequence[float]) -> Intervals:
-    """Return the intervals of median and quartiles."""
-    return {name: quantile_interval(values, q) for name, q in QUANTILES.items()}
-
-
-def with_lost(kept: Sequence[float], flights: int) -> list[float]:
+def with_lost(kept: Sequence[float], lost: int) -> list[float]:
     """Return a figure of all flights: infinite of those that were lost."""
-    return [*kept, *[math.inf] * (flights - len(kept))]
+    return [*kept, *[math.inf] * lost]
+
+
+class Spread(NamedTuple):
+    """A figure over flights: statistics of the kept ones, quantiles with each lost one as worst, and intervals of both.
+
+    The intervals are by the bootstrap of the mean, by ranks of the others; the quantiles are infinite where a lost
+    flight stands.
+    """
+
+    statistics: Statistics
+    intervals: Intervals
+    with_lost: Statistics
+    with_lost_intervals: Intervals
+
+
+def spread(kept: Sequence[float], lost: int) -> Spread:
+    """Return the spread of a figure of the flights that were kept, beside so many that were lost."""
+    every, intervals = with_lost(kept, lost), {"mean": mean_interval(kept)} | _ranked(kept, quantile_interval)
+    return Spread(statistics(kept), intervals, _ranked(every, quantile), _ranked(every, quantile_interval))
 
 
 def _drop(without: Sequence[float], with_camera: Sequence[float]) -> tuple[float | None, Interval | None]:
@@ -198,13 +201,13 @@ def _drop(without: Sequence[float], with_camera: Sequence[float]) -> tuple[float
     return drop, ends
 
 
-def drop_in_x(without: Sequence[float], with_camera: Sequence[float], flights: tuple[int, int]) -> Drop:
+def drop_in_x(without: Sequence[float], with_camera: Sequence[float], flights: tuple[int, ...]) -> Drop:
     """Return the share by which the camera lowers the median MSE in x.
 
     The values are of the flights that were not lost, of so many without and with the camera. The paper's own 93.35 % is
     1 - 0.0066 / 0.0993.
     """
-    every = (with_lost(kept, n) for kept, n in zip((without, with_camera), flights, strict=True))
+    every = (with_lost(kept, n - len(kept)) for kept, n in zip((without, with_camera), flights, strict=True))
     return Drop(*_drop(*every), *_drop(without, with_camera))
 
 
@@ -212,8 +215,7 @@ def efficiency_of(axis: str, rows: list[Summary]) -> AxisEfficiency:
     """Return an axis's efficiency over flights."""
     known = [s for s in rows if s.efficiency[axis] is not None]
     kept = [s for s in known if s.lost is None]
-    values = [value for s in kept if (value := s.efficiency[axis]) is not None]
-    every = with_lost(values, len(known))
+    figures = spread([value for s in kept if (value := s.efficiency[axis]) is not None], len(known) - len(kept))
 
     def whole(of: list[Summary]) -> Ratio:
         return ratio_of_means([s.mse[axis] for s in of], [s.floor[axis] for s in of if s.floor])
@@ -222,10 +224,10 @@ def efficiency_of(axis: str, rows: list[Summary]) -> AxisEfficiency:
         return mean_of([value for s in of if (value := s.tick_efficiency[axis]) is not None])
 
     return AxisEfficiency(
-        **statistics(values),
-        intervals=intervals_of(values),
-        with_lost=quantiles(every),
-        with_lost_intervals=quantile_intervals(every),
+        **figures.statistics,
+        intervals=figures.intervals,
+        with_lost=figures.with_lost,
+        with_lost_intervals=figures.with_lost_intervals,
         all=whole(kept),
         all_with_lost=whole(known),
         ticks=ticks(kept),
@@ -234,17 +236,12 @@ def efficiency_of(axis: str, rows: list[Summary]) -> AxisEfficiency:
     )
 
 
-def _columns(rows: list[Summary]) -> dict[str, list[float]]:
-    """Return the figures of flights by column; the path-following error where it is defined."""
-    path = [s.path_mse for s in rows if s.path_mse is not None]
-    distance = [s.path_distance_mse for s in rows]
-    return {axis: [s.mse[axis] for s in rows] for axis in AXES} | {"path": path, "path_distance": distance}
-
-
-def _with_lost(kept: list[Summary], lost: int) -> dict[str, list[float]]:
-    columns = _columns(kept)
-    is_defined = {name: bool(values) or not kept for name, values in columns.items()}
-    return {name: with_lost(values, len(values) + lost) if is_defined[name] else [] for name, values in columns.items()}
+def _spreads(kept: list[Summary], lost: int) -> dict[str, Spread]:
+    """Return the spread of each column over flights; the path-following error where it is defined."""
+    path = [s.path_mse for s in kept if s.path_mse is not None]
+    columns = {axis: spread([s.mse[axis] for s in kept], lost) for axis in AXES}
+    columns["path"] = spread(path, lost if path or not kept else 0)
+    return columns | {"path_distance": spread([s.path_distance_mse for s in kept], lost)}
 
 
 def make_tables(preset: str, summaries: dict[str, list[Summary]]) -> Tables:
@@ -255,26 +252,27 @@ def make_tables(preset: str, summaries: dict[str, list[Summary]]) -> Tables:
     """
     kept = {name: [s for s in rows if s.lost is None] for name, rows in summaries.items()}
     lost = {name: len(rows) - len(kept[name]) for name, rows in summaries.items()}
-    columns = {name: _columns(rows) for name, rows in kept.items()}
-    every = {name: _with_lost(rows, lost[name]) for name, rows in kept.items()}
-    without, with_camera = (columns.get(name, {"x": []})["x"] for name in SCENARIOS)
-    flown = len(summaries.get(SCENARIOS[0], ())), len(summaries.get(SCENARIOS[1], ()))
+    spreads = {name: _spreads(rows, lost[name]) for name, rows in kept.items()}
+    without, with_camera = ([s.mse["x"] for s in kept.get(name, ())] for name in SCENARIOS)
+
+    def of_columns(part: str) -> dict[str, Any]:
+        return {name: {column: getattr(its, part) for column, its in of.items()} for name, of in spreads.items()}
+
+    of_all = of_columns("statistics")
     return Tables(
         preset=preset,
         flights=max(len(rows) for rows in summaries.values()),
         lost=lost,
         lost_share={name: share_interval(lost[name], len(rows)) for name, rows in summaries.items()},
         touched={name: sum(bool(s.contacts) for s in rows) for name, rows in kept.items()},
-        estimation={name: {axis: statistics(of[axis]) for axis in AXES} for name, of in columns.items()},
-        path={name: statistics(of["path"]) for name, of in columns.items()},
-        path_distance={name: statistics(of["path_distance"]) for name, of in columns.items()},
-        intervals={name: {column: intervals_of(v) for column, v in of.items()} for name, of in columns.items()},
-        with_lost={name: {column: quantiles(v) for column, v in of.items()} for name, of in every.items()},
-        with_lost_intervals={
-            name: {column: quantile_intervals(v) for column, v in of.items()} for name, of in every.items()
-        },
+        estimation={name: {axis: of[axis] for axis in AXES} for name, of in of_all.items()},
+        path={name: of["path"] for name, of in of_all.items()},
+        path_distance={name: of["path_distance"] for name, of in of_all.items()},
+        intervals=of_columns("intervals"),
+        with_lost=of_columns("with_lost"),
+        with_lost_intervals=of_columns("with_lost_intervals"),
         efficiency={name: {axis: efficiency_of(axis, rows) for axis in AXES} for name, rows in summaries.items()},
-        drop_in_x=drop_in_x(without, with_camera, flown),
+        drop_in_x=drop_in_x(without, with_camera, tuple(len(summaries.get(name, ())) for name in SCENARIOS)),
         nees={name: mean_of([s.nees for s in rows]) for name, rows in kept.items()},
         nees_with_lost={name: mean_of([s.nees for s in rows]) for name, rows in summaries.items()},
         arrivals={
