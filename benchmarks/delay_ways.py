@@ -8,7 +8,6 @@ import numpy as np
 
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.studies.command_link.command_delay import growth_with
 from ortilo_drake.studies.command_link.command_flights import (
     POINT,
     CommandCase,
@@ -17,6 +16,7 @@ from ortilo_drake.studies.command_link.command_flights import (
     hover_V,
 )
 from ortilo_drake.studies.command_link.command_loop import last_stable, loop_at_once
+from ortilo_drake.studies.command_link.command_report import growth_with
 
 LONGEST = 12  # ticks of delay to look at
 

@@ -17,9 +17,8 @@ from ortilo_drake.hil.lockstep_link import answer_over_link
 from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.handshake import Greeter, draw, flight_of, meet_world
 from ortilo_drake.hil.wire.inbox import Inbox
-from ortilo_drake.hil.wire.packet_checks import Flight
-from ortilo_drake.hil.wire.packets import Goal, ports
-from ortilo_drake.hil.wire.wire import Outbox
+from ortilo_drake.hil.wire.packets import Goal, Outbox, ports
+from ortilo_drake.hil.wire.unpack import Flight
 from ortilo_drake.scenario import Scenario, load_scenario
 
 KEY = 32 * b"k"  # that the halves share

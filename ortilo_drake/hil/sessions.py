@@ -23,9 +23,8 @@ from ortilo_drake.hil.restart.checkpoint import session_of
 from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.handshake import Greeter, flight_of, meet_onboard, meet_world
 from ortilo_drake.hil.wire.inbox import Inbox
-from ortilo_drake.hil.wire.packets import FINISHED, ports
+from ortilo_drake.hil.wire.packets import FINISHED, Outbox, ports
 from ortilo_drake.hil.wire.unpack import largest_to_world
-from ortilo_drake.hil.wire.wire import Outbox
 from ortilo_drake.scenario import InputError, Scenario
 
 FAREWELLS = 5  # how often the world says that it has finished; a relay may lose each

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ortilo_drake.flight.signals import Signals, output_sizes
-from ortilo_drake.hil.real_time.flight_record import FlightRecord
-from ortilo_drake.hil.real_time.real_time_world import COMMAND_PERIOD, look_times
+from ortilo_drake.hil.real_time.real_time_world import COMMAND_PERIOD, FlightRecord, look_times
 from ortilo_drake.hil.wire.unpack import Packet
 from ortilo_drake.scenario import load_scenario
 

@@ -21,8 +21,7 @@ from ortilo_drake.hil.goals.goal_link import LOCKSTEP_REFUSAL, GoalLink, answer_
 from ortilo_drake.hil.sessions import run_world
 from ortilo_drake.hil.wire.handshake import find_world
 from ortilo_drake.hil.wire.inbox import Inbox
-from ortilo_drake.hil.wire.packets import Goal
-from ortilo_drake.hil.wire.wire import Outbox, publish_goal
+from ortilo_drake.hil.wire.packets import Goal, Outbox, publish_goal
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 

@@ -12,9 +12,8 @@ from hil_link import KEY, PlayedWorld, open_bus, settle
 from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.handshake import Greeter, MetFlight, find_world, meet_onboard, meet_world
 from ortilo_drake.hil.wire.inbox import Inbox
-from ortilo_drake.hil.wire.packet_checks import Flight
-from ortilo_drake.hil.wire.packets import KINDS, PORTS
-from ortilo_drake.hil.wire.wire import Outbox, publish_command
+from ortilo_drake.hil.wire.packets import KINDS, PORTS, Outbox, publish_command
+from ortilo_drake.hil.wire.unpack import Flight
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 

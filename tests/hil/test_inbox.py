@@ -11,8 +11,20 @@ from waiting import HANGS
 
 from ortilo_drake.hil.wire.handshake import draw, say_hello
 from ortilo_drake.hil.wire.inbox import GOAL_AGE, Inbox
-from ortilo_drake.hil.wire.packets import KINDS, TELEMETRY, Goal, Hello, channel_of, encode_command, encode_vector
-from ortilo_drake.hil.wire.wire import Outbox, publish_command, publish_goal, publish_messages, publish_telemetry
+from ortilo_drake.hil.wire.packets import (
+    KINDS,
+    TELEMETRY,
+    Goal,
+    Hello,
+    Outbox,
+    channel_of,
+    encode_command,
+    encode_vector,
+    publish_command,
+    publish_goal,
+    publish_messages,
+    publish_telemetry,
+)
 from ortilo_drake.model.measurement import make_measurement
 
 FLIGHT = flight_for_packets()

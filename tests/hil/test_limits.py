@@ -8,17 +8,19 @@ import pytest
 from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
 from ortilo_drake.hil.wire.handshake import flight_of
 from ortilo_drake.hil.wire.limits import FARTHEST, limits_of
-from ortilo_drake.hil.wire.packet_checks import BadPacket, Flight
 from ortilo_drake.hil.wire.packets import (
     TELEMETRY,
     Goal,
+    Outbox,
     encode_command,
     encode_goal,
     encode_telemetry,
     encode_vector,
+    publish_command,
+    publish_messages,
+    publish_telemetry,
 )
-from ortilo_drake.hil.wire.unpack import decode
-from ortilo_drake.hil.wire.wire import Outbox, publish_command, publish_messages, publish_telemetry
+from ortilo_drake.hil.wire.unpack import BadPacket, Flight, decode
 from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.model.vehicle import Arm, Vehicle, mixing_matrix
 from ortilo_drake.scenario import Scenario, load_scenario, scenario_names

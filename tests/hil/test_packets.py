@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ortilo_drake.hil.wire.limits import Limits
-from ortilo_drake.hil.wire.packet_checks import BadPacket, Flight
 from ortilo_drake.hil.wire.packets import (
     FLYING,
     KINDS,
@@ -29,7 +28,7 @@ from ortilo_drake.hil.wire.packets import (
     encode_vector,
 )
 from ortilo_drake.hil.wire.plain_text import plain
-from ortilo_drake.hil.wire.unpack import Packet, decode, largest_to_world
+from ortilo_drake.hil.wire.unpack import BadPacket, Flight, Packet, decode, largest_to_world
 from ortilo_drake.model.measurement import make_measurement
 from ortilo_drake.model.room import load_room
 from ortilo_drake.model.signals import ACTED_SIZE, IMU_SIZE, MAX_DETECTIONS, VELOCITY_SIZE

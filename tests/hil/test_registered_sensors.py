@@ -10,9 +10,8 @@ from ortilo_drake.flight.flight import fly
 from ortilo_drake.hil import sessions
 from ortilo_drake.hil.wire.handshake import flight_of
 from ortilo_drake.hil.wire.limits import LARGEST, limits_of
-from ortilo_drake.hil.wire.packet_checks import BadPacket, Flight
 from ortilo_drake.hil.wire.packets import PORTS, TELEMETRY, encode_telemetry, encode_tick, encode_vector, ports
-from ortilo_drake.hil.wire.unpack import Packet, decode
+from ortilo_drake.hil.wire.unpack import BadPacket, Flight, Packet, decode
 from ortilo_drake.model import parts
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.parts import find_sensor, register_sensor

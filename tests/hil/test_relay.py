@@ -19,9 +19,8 @@ from ortilo_drake.hil.wire.address import address
 from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.handshake import say_hello
 from ortilo_drake.hil.wire.inbox import Inbox
-from ortilo_drake.hil.wire.packets import Goal, Hello, channel_of, encode_command, encode_vector
+from ortilo_drake.hil.wire.packets import Goal, Hello, Outbox, channel_of, encode_command, encode_vector, publish_goal
 from ortilo_drake.hil.wire.urls import DEFAULT_URL, ONBOARD_URL
-from ortilo_drake.hil.wire.wire import Outbox, publish_goal
 from ortilo_drake.model.typed_yaml import InputError
 
 N = 4000

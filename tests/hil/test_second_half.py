@@ -11,8 +11,7 @@ from waiting import HANGS
 
 from ortilo_drake.hil.wire.handshake import MetFlight, meet_world
 from ortilo_drake.hil.wire.inbox import Inbox
-from ortilo_drake.hil.wire.packets import PORTS
-from ortilo_drake.hil.wire.wire import publish_command
+from ortilo_drake.hil.wire.packets import PORTS, publish_command
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 

@@ -20,7 +20,7 @@ from ortilo_drake.studies.command_link.command_flights import (
     hover_V,
 )
 from ortilo_drake.studies.command_link.command_loop import commanded_loop
-from ortilo_drake.studies.command_link.command_loss import lossy_loop
+from ortilo_drake.studies.command_link.command_report import lossy_loop
 from ortilo_drake.theory.jump_linear.jump_linear import steady_second_moment
 
 SHORT = "planner={kind: hover, point: [8, 1, 1.5], duration: 2}"

@@ -12,9 +12,8 @@ from scipy.integrate import solve_ivp
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.stepped_halves import WorldHalf
 from ortilo_drake.hil.wire.handshake import flight_of
-from ortilo_drake.hil.wire.packet_checks import BadPacket
 from ortilo_drake.hil.wire.packets import encode_vector
-from ortilo_drake.hil.wire.unpack import decode
+from ortilo_drake.hil.wire.unpack import BadPacket, decode
 from ortilo_drake.interop.log.logged_flight import fly_logged
 from ortilo_drake.interop.log.mcap_records import read_logged
 from ortilo_drake.interop.log.reader import log_file, read_messages

@@ -29,9 +29,15 @@ from ortilo_drake.hil.bridge import LAG, TickCollector, run_bridge
 from ortilo_drake.hil.goals.goal_link import answer_to
 from ortilo_drake.hil.real_time.warm_up import warm_up
 from ortilo_drake.hil.sessions import run_world
-from ortilo_drake.hil.wire.packets import FINISHED, TELEMETRY
+from ortilo_drake.hil.wire.packets import (
+    FINISHED,
+    TELEMETRY,
+    publish_command,
+    publish_goal,
+    publish_messages,
+    publish_telemetry,
+)
 from ortilo_drake.hil.wire.unpack import Packet
-from ortilo_drake.hil.wire.wire import publish_command, publish_goal, publish_messages, publish_telemetry
 from ortilo_drake.interop.ros.ros2 import Ros2Bridge
 from ortilo_drake.interop.ros.ros2_node import fill
 from ortilo_drake.model.measurement import make_measurement

@@ -12,8 +12,8 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import ServoWeights, load_scenario
-from ortilo_drake.studies.command_link.command_delay import critical_delay, delay_growth, delayed_matrices, growth
 from ortilo_drake.studies.command_link.command_loop import CommandedLoop, behind_a_link, commanded_loop
+from ortilo_drake.studies.command_link.command_report import critical_delay, delay_growth, delayed_matrices, growth
 
 V = block_diag(np.diag([0.015, 0.018, 0.04]) ** 2, np.eye(3), 1e-4 * np.eye(3))
 SCENARIO = load_scenario("nominal_imu_uwb")

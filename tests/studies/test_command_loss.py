@@ -24,7 +24,7 @@ from ortilo_drake.studies.command_link.command_loop import (
     periodic_predictor,
     schedule,
 )
-from ortilo_drake.studies.command_link.command_loss import (
+from ortilo_drake.studies.command_link.command_report import (
     acknowledged_loop,
     largest_acknowledged_loss,
     largest_loss,

@@ -11,9 +11,9 @@ from scipy.linalg import block_diag
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
-from ortilo_drake.studies.command_link import command_delay as module
-from ortilo_drake.studies.command_link.command_delay import critical_delay, delay_growth, delayed_matrices
+from ortilo_drake.studies.command_link import command_report as module
 from ortilo_drake.studies.command_link.command_loop import commanded_loop
+from ortilo_drake.studies.command_link.command_report import critical_delay, delay_growth, delayed_matrices
 
 V = block_diag(np.diag([0.015, 0.018, 0.04]) ** 2, np.eye(3), 1e-4 * np.eye(3))
 EACH_TICK = np.array([[1.0, 0.0, 1.0]])

@@ -17,9 +17,8 @@ from PIL import Image
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.room import load_room
 from ortilo_drake.onboard.planner.planned import path_of
-from ortilo_drake.studies.rooms.floor_plan import FloorPlan, read_plan
 from ortilo_drake.studies.rooms.room_scenario import room_scenario
-from ortilo_drake.studies.rooms.trace_plan import Traced, thinnest, trace_plan
+from ortilo_drake.studies.rooms.trace_plan import FloorPlan, Traced, read_plan, thinnest, trace_plan
 
 SCALE = 40.0  # px / m
 MARGIN = 25  # of paper around the plan [px]

@@ -14,8 +14,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATORS
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.studies.loop.hover_loop import HoverLoop, closed_loop_matrix, hover_loop, steady_predictor
-from ortilo_drake.studies.tube.nominal_flight import NominalFlight, aim, nominal_flight
-from ortilo_drake.studies.tube.tube import predict_tube
+from ortilo_drake.studies.tube.tube import NominalFlight, aim, nominal_flight, predict_tube
 from ortilo_drake.studies.tube.tube_recursion import propagate
 
 V_PRINTED = np.array([0.05 * np.eye(3), 0.08 * np.eye(3), 0.01 * np.eye(3)])

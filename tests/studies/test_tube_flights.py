@@ -12,8 +12,7 @@ from scipy.stats import binom
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.scenario import Scenario, load_scenario, with_seed
 from ortilo_drake.studies.tube.corridor import Corridor, corridor
-from ortilo_drake.studies.tube.nominal_flight import NominalFlight, nominal_flight
-from ortilo_drake.studies.tube.tube import predict_tube
+from ortilo_drake.studies.tube.tube import NominalFlight, nominal_flight, predict_tube
 from ortilo_drake.studies.tube.tube_figures import (
     INSIDE,
     OUTSIDE,

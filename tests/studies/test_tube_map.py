@@ -10,8 +10,7 @@ from ortilo_drake.scenario import NoLoss, Scenario, load_scenario
 from ortilo_drake.scenario.loss_chain import loss_parameters
 from ortilo_drake.studies.tube.corridor import corridor
 from ortilo_drake.studies.tube.disc_radius import THREE_SIGMA
-from ortilo_drake.studies.tube.nominal_flight import NominalFlight, nominal_flight
-from ortilo_drake.studies.tube.tube import predict_tube
+from ortilo_drake.studies.tube.tube import NominalFlight, nominal_flight, predict_tube
 from ortilo_drake.studies.tube.tube_map import (
     burst_map,
     bursts,

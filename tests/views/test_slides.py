@@ -43,7 +43,7 @@ from ortilo_drake.studies.rooms.planned_floor import Stretch
 from ortilo_drake.studies.sensitivity.mismatches import TOGETHER, known_mismatches
 from ortilo_drake.studies.sensitivity.sensitivity_flights import Limit, Sensitivity
 from ortilo_drake.studies.sensitivity.sensitivity_report import sensitivity_figure
-from ortilo_drake.studies.tube.nominal_flight import nominal_flight
+from ortilo_drake.studies.tube.tube import nominal_flight
 from ortilo_drake.studies.tube.tube_figures import ChanceGrid, bursts_figure, plan_figure, rates_figure
 from ortilo_drake.studies.tube.tube_flights import Flown
 from ortilo_drake.studies.tube.tube_map import MarginMap, without_blackouts

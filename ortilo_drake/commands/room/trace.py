@@ -34,9 +34,8 @@ def trace(
     import numpy as np
 
     from ortilo_drake.flight.files import write_text
-    from ortilo_drake.studies.rooms.floor_plan import read_plan
     from ortilo_drake.studies.rooms.new_room import LARGEST, check_size, new_room
-    from ortilo_drake.studies.rooms.trace_plan import trace_plan
+    from ortilo_drake.studies.rooms.trace_plan import read_plan, trace_plan
 
     read = read_plan(plan, scale, dark)
     source = f"{plan}: at --scale {read.scale:g}"

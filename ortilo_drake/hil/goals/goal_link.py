@@ -12,8 +12,7 @@ from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.handshake import draw, find_world
 from ortilo_drake.hil.wire.inbox import Inbox
 from ortilo_drake.hil.wire.limits import FARTHEST
-from ortilo_drake.hil.wire.packets import Goal
-from ortilo_drake.hil.wire.wire import Outbox, publish_goal
+from ortilo_drake.hil.wire.packets import Goal, Outbox, publish_goal
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from ortilo_drake.diagrams.rendered_camera import make_rendered_camera
 from ortilo_drake.hil.wire.bus import Bus
-from ortilo_drake.hil.wire.packets import encode_picture
-from ortilo_drake.hil.wire.wire import Outbox
+from ortilo_drake.hil.wire.packets import Outbox, encode_picture
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 

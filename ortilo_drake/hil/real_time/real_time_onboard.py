@@ -19,8 +19,7 @@ from ortilo_drake.hil.restart.checkpoint import Checkpoint, load_checkpoint, loa
 from ortilo_drake.hil.restart.until_it_fails import UntilItFails
 from ortilo_drake.hil.wire.handshake import PATIENCE
 from ortilo_drake.hil.wire.inbox import Inbox
-from ortilo_drake.hil.wire.packets import FINISHED
-from ortilo_drake.hil.wire.wire import Outbox, publish_command, publish_goal, publish_telemetry
+from ortilo_drake.hil.wire.packets import FINISHED, Outbox, publish_command, publish_goal, publish_telemetry
 from ortilo_drake.scenario import Scenario
 
 

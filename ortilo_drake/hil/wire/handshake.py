@@ -18,8 +18,8 @@ from typing import Final, NamedTuple
 from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.inbox import Inbox
 from ortilo_drake.hil.wire.limits import limits_of
-from ortilo_drake.hil.wire.packet_checks import Flight
 from ortilo_drake.hil.wire.packets import FINISHED, FLYING, PROTOCOL, Hello, channel_of, encode_hello
+from ortilo_drake.hil.wire.unpack import Flight
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 

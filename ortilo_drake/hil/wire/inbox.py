@@ -9,9 +9,8 @@ from functools import partial
 from typing import Final, NamedTuple
 
 from ortilo_drake.hil.wire.bus import Bus
-from ortilo_drake.hil.wire.packet_checks import BadPacket, Flight
 from ortilo_drake.hil.wire.packets import Goal, Hello, channel_of
-from ortilo_drake.hil.wire.unpack import Packet, decode
+from ortilo_drake.hil.wire.unpack import BadPacket, Flight, Packet, decode
 
 GOAL_AGE: Final = 10.0  # an older request is refused [s]
 REMEMBERED: Final = 4096  # ticks of a channel, more than a link holds a packet back
@@ -69,7 +68,7 @@ class Inbox:
     """Receives the packets of a flight from our channels; refuses and counts all others, and never raises.
 
     A packet is taken once: one for each tick of a channel. Hellos and goals are taken as often as they come. A packet
-    from before this half joined the flight is refused as "old". Refused are also those that fail packet_checks.py, and
+    from before this half joined the flight is refused as "old". Refused are also those that fail unpack.py, and
     what the bus refuses (bus.Bus). The channels to listen on are names of packets.KINDS or a sensor; only poll handles
     the bus's subscriptions.
 

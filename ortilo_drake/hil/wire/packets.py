@@ -1,17 +1,19 @@
-"""Packets between the halves as bytes: LCM types (lcmtypes/*.lcm).
+"""Packets between the halves as bytes, LCM types (lcmtypes/*.lcm), and how they are put on the bus.
 
-unpack.py turns packets back, strictly. A packet of one tick belongs to a session, a number that the world draws for
-each flight; so packets of another flight on the same wire are recognised.
+unpack.py turns packets back, strictly; tick_inbox.py puts those of a tick together. A packet of one tick belongs to a
+session, a number that the world draws for each flight; so packets of another flight on the same wire are recognised.
 """
 
 from typing import Final, NamedTuple
 
 import numpy as np
 
+from ortilo_drake.flight.stepped_halves import Signals
+from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.lcm_type import LcmType
 from ortilo_drake.interop.ros.picture_codec import encode_png
 from ortilo_drake.model.parts import known_sensors
-from ortilo_drake.model.signals import N_XBAR, REFERENCE_SIZE, SENSORS
+from ortilo_drake.model.signals import N_XBAR, REFERENCE_SIZE, SENSORS, STAMP
 from ortilo_drake.sensors.described import port_of
 
 PROTOCOL: Final = 4
@@ -117,3 +119,41 @@ def encode_goal(goal: Goal) -> bytes:
     reason = goal.reason.encode()[:MAX_TEXT].decode(errors="ignore")
     asked = {"session": goal.session, "tick": goal.tick, "number": goal.number, "role": goal.role}
     return GOAL.encode(**asked, p_W=(goal.x, goal.y), reason=reason)
+
+
+class Outbox:
+    """Sends the packets of one flight, a session, on a bus."""
+
+    def __init__(self, bus: Bus, session: int):
+        self.session = session
+        self._bus = bus
+
+    def send(self, name: str, body: bytes) -> None:
+        """Send a body on a channel, a key of packets.ports or packets.KINDS."""
+        self._bus.publish(channel_of(name), body)
+
+
+def publish_messages(outbox: Outbox, tick: int, messages: Signals) -> None:
+    """Send a tick's messages, and at last the list of them."""
+    session = outbox.session
+    for name, value in messages.items():
+        if name == "image":
+            outbox.send(name, encode_picture(session, tick, messages["shutter"][STAMP], value))
+        else:
+            outbox.send(name, encode_vector(session, tick, value))
+    outbox.send("tick", encode_tick(session, tick, tuple(messages)))
+
+
+def publish_command(outbox: Outbox, tick: int, outputs: Signals) -> None:
+    """Send the command of a tick."""
+    outbox.send("command", encode_command(outbox.session, tick, outputs["control"]))
+
+
+def publish_telemetry(outbox: Outbox, tick: int, outputs: Signals) -> None:
+    """Send the onboard half's telemetry of a tick."""
+    outbox.send("telemetry", encode_telemetry(outbox.session, tick, outputs))
+
+
+def publish_goal(outbox: Outbox, goal: Goal) -> None:
+    """Send a request or an answer."""
+    outbox.send("goal", encode_goal(goal))

@@ -18,7 +18,7 @@ from ortilo_drake.scenario import CommandLink, HoverPlanner, Scenario
 from ortilo_drake.scenario.loss_chain import loss_of
 from ortilo_drake.sensors.described import as_learned
 from ortilo_drake.studies.command_link.command_loop import commanded_loop
-from ortilo_drake.studies.command_link.command_loss import lossy_loop
+from ortilo_drake.studies.command_link.command_report import lossy_loop
 from ortilo_drake.studies.loop.error_moments import error_inputs, position_moments
 from ortilo_drake.studies.loop.fix_covariance import fix_noise
 from ortilo_drake.studies.loop.hover_loop import why_no_loop

@@ -3,9 +3,8 @@
 import math
 
 from ortilo_drake.studies.arrivals.arrival_map import ArrivalReport
-from ortilo_drake.studies.command_link.command_delay import LONGEST
 from ortilo_drake.studies.command_link.command_flights import CommandCase, CommandFlights
-from ortilo_drake.studies.command_link.command_report import CommandReport
+from ortilo_drake.studies.command_link.command_report import LONGEST, CommandReport
 from ortilo_drake.studies.linearization.linearization_report import LinearizationReport
 from ortilo_drake.studies.loop.margins import LoopMargins
 from ortilo_drake.studies.loop.riccati_report import IllPosed, RiccatiReport, Unsolved

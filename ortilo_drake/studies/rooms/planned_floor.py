@@ -10,7 +10,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.onboard.planner.free_cells import free_space
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.studies.tube.nominal_flight import planned_reference
+from ortilo_drake.studies.tube.tube import planned_reference
 
 ALL = "all"
 WORST = 0.8  # of the greatest floor: what is above this belongs to the worst stretch

@@ -18,8 +18,7 @@ from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import title_of
 from ortilo_drake.studies.tube.corridor import Corridor
 from ortilo_drake.studies.tube.disc_radius import THREE_SIGMA
-from ortilo_drake.studies.tube.nominal_flight import NominalFlight
-from ortilo_drake.studies.tube.tube import Tube, predict_tube
+from ortilo_drake.studies.tube.tube import NominalFlight, Tube, predict_tube
 from ortilo_drake.studies.tube.tube_flights import SHARE, Flown, Point, PointResult
 from ortilo_drake.studies.tube.tube_map import MarginMap, map_sensors, with_rates
 from ortilo_drake.views.figures import draw_room

@@ -35,8 +35,7 @@ from ortilo_drake.flight.saved_flight import load_flight
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.tube.corridor import corridor, margin
-from ortilo_drake.studies.tube.nominal_flight import NominalFlight
-from ortilo_drake.studies.tube.tube import predict_tube
+from ortilo_drake.studies.tube.tube import NominalFlight, predict_tube
 from ortilo_drake.studies.tube.tube_map import bursts, with_losses
 from ortilo_drake.studies.tube.tube_tails import chance_outside, mixture, mixture_radius
 

@@ -25,8 +25,7 @@ from ortilo_drake.scenario.loss_chain import loss_of
 from ortilo_drake.sensors.described import unwired
 from ortilo_drake.studies.tube.corridor import corridor
 from ortilo_drake.studies.tube.disc_radius import THREE_SIGMA, least_margin
-from ortilo_drake.studies.tube.nominal_flight import NominalFlight, nominal_flight
-from ortilo_drake.studies.tube.tube import deviations, losses_of, tube_height
+from ortilo_drake.studies.tube.tube import NominalFlight, deviations, losses_of, nominal_flight, tube_height
 from ortilo_drake.studies.tube.tube_tails import greatest_chance, mixture
 
 CAMERA = 1  # column of NominalFlight.there

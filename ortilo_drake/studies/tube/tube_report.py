@@ -9,7 +9,7 @@ import numpy as np
 from ortilo_drake.onboard.estimator.filter_model import filter_of
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import unwired
-from ortilo_drake.studies.tube.nominal_flight import nominal_flight
+from ortilo_drake.studies.tube.tube import nominal_flight
 from ortilo_drake.studies.tube.tube_figures import ChanceGrid, bursts_figure, plan_figure, rates_figure
 from ortilo_drake.studies.tube.tube_flights import (
     BURSTS,

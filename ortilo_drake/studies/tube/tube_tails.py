@@ -21,8 +21,7 @@ from numba import njit
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.loss_chain import loss_parameters
 from ortilo_drake.studies.tube.disc_radius import THREE_SIGMA, outside_discs
-from ortilo_drake.studies.tube.nominal_flight import NominalFlight, delay_of
-from ortilo_drake.studies.tube.tube import deviations
+from ortilo_drake.studies.tube.tube import NominalFlight, delay_of, deviations
 from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.radio.link import NOT_SENT, chain_after, delay_of_message
 
