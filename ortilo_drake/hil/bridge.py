@@ -15,9 +15,8 @@ from ortilo_drake.flight.signals import Signals
 from ortilo_drake.hil.goals.goal_link import GoalLink, goal_text
 from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.handshake import PATIENCE, find_world
-from ortilo_drake.hil.wire.inbox import Inbox, PacketCounts
+from ortilo_drake.hil.wire.inbox import Inbox, PacketCounts, TickInbox
 from ortilo_drake.hil.wire.packets import ANSWER, FINISHED, Goal, Outbox, ports
-from ortilo_drake.hil.wire.tick_inbox import TickInbox
 from ortilo_drake.hil.wire.unpack import Packet
 from ortilo_drake.interop.mavlink import MavlinkBridge
 from ortilo_drake.interop.ros.ros2 import Ros2Bridge

@@ -13,7 +13,7 @@ from ortilo_drake.flight.signals import Record
 from ortilo_drake.flight.stepped_halves import Signals
 from ortilo_drake.hil.goals.goal_link import LOCKSTEP_REFUSAL, answer_to
 from ortilo_drake.hil.wire.handshake import PATIENCE, Greeter
-from ortilo_drake.hil.wire.inbox import Inbox
+from ortilo_drake.hil.wire.inbox import Inbox, TickInbox
 from ortilo_drake.hil.wire.packets import (
     ANSWER,
     FINISHED,
@@ -24,7 +24,6 @@ from ortilo_drake.hil.wire.packets import (
     publish_messages,
     publish_telemetry,
 )
-from ortilo_drake.hil.wire.tick_inbox import TickInbox
 from ortilo_drake.model.typed_yaml import InputError
 
 SILENCE_MS: Final = 50  # after which the last packets are sent again; a tick over loopback takes 2 ms, a picture 30

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ortilo_drake.hil.wire.tick_inbox import TickInbox
+from ortilo_drake.hil.wire.inbox import TickInbox
 from ortilo_drake.hil.wire.unpack import Packet
 
 TICKS = 12

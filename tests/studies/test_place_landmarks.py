@@ -11,14 +11,17 @@ from ortilo_drake.model.footprints import footprints
 from ortilo_drake.model.room import Landmark, Room, load_room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
-from ortilo_drake.studies.room_design.landmarks import (
+from ortilo_drake.studies.room_design.path_bound import step_information
+from ortilo_drake.studies.room_design.place import (
     angle_information,
     floor_spots,
     landmark_information,
+    place_anchors,
+    room_text,
     standing_classes,
+    with_anchors,
+    worst_floor,
 )
-from ortilo_drake.studies.room_design.path_bound import step_information
-from ortilo_drake.studies.room_design.place import place_anchors, room_text, with_anchors, worst_floor
 from ortilo_drake.studies.rooms.planned_floor import planned_truth
 
 PATH = "planner={kind: waypoints, points: [[1, 0, 1.5], [4, 1, 1.5]]}"

@@ -19,8 +19,7 @@ from ortilo_drake.flight.metrics import summary
 from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
 from ortilo_drake.flight.store import in_folder, keep_json, kept_json
 from ortilo_drake.flight.summary import Summary
-from ortilo_drake.hil.real_time.onboard_ticks import OnboardTicks
-from ortilo_drake.hil.real_time.real_time_onboard import join_flight
+from ortilo_drake.hil.real_time.real_time_onboard import OnboardTicks, join_flight
 from ortilo_drake.hil.real_time.real_time_world import COMMAND_PERIOD, Command, FlightRecord, look_times
 from ortilo_drake.hil.relay.faults import FaultModel, Faults
 from ortilo_drake.hil.wire.unpack import Packet

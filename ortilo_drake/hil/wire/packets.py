@@ -1,7 +1,7 @@
 """Packets between the halves as bytes, LCM types (lcmtypes/*.lcm), and how they are put on the bus.
 
-unpack.py turns packets back, strictly; tick_inbox.py puts those of a tick together. A packet of one tick belongs to a
-session, a number that the world draws for each flight; so packets of another flight on the same wire are recognised.
+unpack.py turns packets back, strictly, and inbox.py takes them. A packet of one tick belongs to a session, a number
+that the world draws for each flight; so packets of another flight on the same wire are recognised.
 """
 
 from typing import Final, NamedTuple

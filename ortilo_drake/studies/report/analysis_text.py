@@ -2,14 +2,16 @@
 
 import math
 
+from ortilo_drake.sensors.described import title_of
 from ortilo_drake.studies.arrivals.arrival_map import ArrivalReport
 from ortilo_drake.studies.command_link.command_flights import CommandCase, CommandFlights
 from ortilo_drake.studies.command_link.command_report import LONGEST, CommandReport
+from ortilo_drake.studies.consistency.consistency_flights import DOF
 from ortilo_drake.studies.linearization.linearization_report import LinearizationReport
 from ortilo_drake.studies.loop.margins import LoopMargins
 from ortilo_drake.studies.loop.riccati_report import IllPosed, RiccatiReport, Unsolved
-from ortilo_drake.studies.report.analyze import Analysis, Theory
-from ortilo_drake.studies.report.checked_text import honesty_text, least_rates, tube_text
+from ortilo_drake.studies.report.analyze import Analysis, Honesty, Theory
+from ortilo_drake.studies.tube.tube_report import TubeReport
 from ortilo_drake.views.markdown import table
 
 SOLVERS = ["drake", "scipy", "doubling", "recursion"]
@@ -116,12 +118,11 @@ def commands_text(found: CommandReport, flown: CommandFlights | None) -> list[st
     lines += ["Largest share of lost commands at which the second moment stays bounded:", ""]
     lines += table(["when lost", *kinds], rows)
     lines += _acknowledged_text(found)
-    late = found.delay
-    if late is None:
-        lines += [f"Commands may come {LONGEST} ticks late and more: filter and servo account for it.", ""]
-    else:
-        lines += [f"Commands may come {late.ticks:.2f} ticks ({1e3 * late.delay:.0f} ms) late. With", ""]
-        lines[-2] += f" {late.whole_ticks} whole ticks these grow: {late.modes}."
+    how_late = f"{LONGEST} ticks late and more: filter and servo account for it."
+    if late := found.delay:
+        how_late = f"{late.ticks:.2f} ticks ({1e3 * late.delay:.0f} ms) late. With {late.whole_ticks} whole ticks"
+        how_late += f" these grow: {late.modes}."
+    lines += [f"Commands may come {how_late}", ""]
     if flown is not None:
         lines += [f"Flown: hovering {flown.duration:g} s, {len(flown.seeds)} seeds each.", ""]
         header = ["link", "growth a tick", "predicted rms [m]", "flown rms [m]", "flights lost", "as predicted"]
@@ -138,14 +139,10 @@ def _acknowledged_text(found: CommandReport) -> list[str]:
     ]
     if not found.acknowledged_rms:
         return lines
-    rows = [[name, *map(_cell, by_loss.values())] for name, by_loss in found.rms.items()]
-    rows.append(["acknowledged, best gain", *map(_cell, found.acknowledged_rms.values())])
-    return [
-        *lines,
-        "Predicted rms distance from the reference [m]:",
-        "",
-        *table(["share lost", *found.acknowledged_rms], rows),
-    ]
+    by_gain = found.rms | {"acknowledged, best gain": found.acknowledged_rms}
+    rows = [[name, *map(_cell, by_loss.values())] for name, by_loss in by_gain.items()]
+    lines += ["Predicted rms distance from the reference [m]:", ""]
+    return lines + table(["share lost", *found.acknowledged_rms], rows)
 
 
 def _case_row(case: CommandCase) -> list[str]:
@@ -157,6 +154,78 @@ def _case_row(case: CommandCase) -> list[str]:
         + [_cell(case.predicted_rms), _cell(case.flown_rms), f"{case.lost} of {case.flights}"]
         + ["yes" if case.agrees else "no"]
     )
+
+
+def honesty_text(found: Honesty) -> list[str]:
+    """Return the section on consistency and efficiency from analyze.honesty_section."""
+    lines = ["## Is the filter honest?", ""]
+    lines += [f"{found.flights} flights, {found.lost} lost. Means with 95 % intervals over flights; in brackets"]
+    lines += ["what a consistent filter has.", ""]
+    rows = []
+    for kind, averages, dof in (("NEES", found.nees, DOF), ("NIS", found.nis, {})):
+        for name, over in averages.items():
+            means = [over[region] for region in ("clear", "blackout", "after", "all")]
+            cells = ["-" if mean is None else _mean(mean.mean, mean.interval) for mean in means]
+            rows.append([f"{kind} {name} ({dof.get(name, 3)})", *cells])
+    lines += table(["", "no blackout near", "in a blackout", "just after one", "whole flight"], rows)
+    lines += ["Efficiency, the mean squared error over the Cramér-Rao floor (at best 1):", ""]
+    axes = found.efficiency.values()
+    ratios = {"all flights": [a.all for a in axes], "tick by tick": [a.ticks for a in axes]}
+    if found.lost:
+        ratios |= {
+            "all flights, with the lost up to their losses": [a.all_with_lost for a in axes],
+            "tick by tick, likewise": [a.ticks_with_lost for a in axes],
+        }
+    rows = [[name, *(_mean(ratio.value, ratio.interval) for ratio in of)] for name, of in ratios.items()]
+    return lines + table(["", *found.efficiency], rows)
+
+
+def _mean(mean: float | None, interval: tuple[float, float] | None) -> str:
+    if mean is None:
+        return "-"
+    return f"{mean:.2f}" + (f" [{interval[0]:.2f}, {interval[1]:.2f}]" if interval else "")
+
+
+def least_rates(found: TubeReport) -> str:
+    """Return from which arrival rates on the tube stays in the corridor; empty if it never does."""
+    (first, a), (second, b), (_, margin) = found.rates.items()
+    enough = [
+        (rate, next((c for c, m in zip(b, row, strict=True) if m >= 0.0), None))
+        for rate, row in zip(a, margin, strict=True)
+    ]
+    least = next(((rate, other) for rate, other in enough if other is not None), None)
+    if least is None:
+        return ""
+    start = f"The 3-sigma tube stays in the corridor from a {title_of(first)} rate of {least[0]:.3f} on, with a"
+    return f"{start} {second} rate of {least[1]:.3f} there."
+
+
+def tube_text(found: TubeReport) -> list[str]:
+    """Return the section on the tube from tube_report."""
+    lines = ["## The tube along the path", ""]
+    (first, second, _), bursts = found.rates, found.bursts
+    if least := least_rates(found):
+        lines += [least, ""]
+    longest = [
+        (rate, max((b for b, m in zip(bursts.burst_s, row, strict=True) if m >= 0.0), default=None))
+        for rate, row in zip(bursts.rate, bursts.margin, strict=True)
+    ]
+    rows = [[f"{rate:.2f}", "none" if burst is None else f"{burst:.2f}"] for rate, burst in longest[::2]]
+    lines += ["Longest mean burst [s] that keeps it there, by the share of the time that both links are good:", ""]
+    lines += table(["rate", "burst"], rows)
+    for kind, columns in (("rates", [first, second]), ("bursts", ["rate", "burst [s]"])):
+        if not found.flights[kind]:
+            continue
+        lines += [f"Flown at {kind}: ticks within the predicted radius, and what the linear theory expects of it:", ""]
+        rows = [
+            [f"{f.at[0]:g}", f"{f.at[1]:g}", f"{f.radius_mean:.2f}", f"{f.margin:.2f}"]
+            + [f"{100 * f.contained:.1f} % [{100 * f.contained_low:.1f}, {100 * f.contained_high:.1f}]"]
+            + [f"{100 * f.expected:.1f} %", f"{f.lost} of {f.flights}", f.breakdown or "holds"]
+            for f in found.flights[kind]
+        ]
+        header = [*columns, "radius [m]", "margin [m]", "within", "expected", "lost", "the prediction"]
+        lines += table(header, rows)
+    return lines
 
 
 def _world_text(found: Analysis) -> str:
@@ -191,9 +260,9 @@ def analysis_text(found: Analysis) -> str:
 
 def analysis_summary(found: Analysis) -> list[str]:
     """Return a summary of an analysis as a Markdown list."""
-    lines = (
-        _of_theory(found.theory) if found.theory else [f"No theory: {found.no_theory}. Its flights are judged alone."]
-    )
+    lines = [f"No theory: {found.no_theory}. Its flights are judged alone."]
+    if found.theory:
+        lines = _of_theory(found.theory)
     if found.tube and (least := least_rates(found.tube)):
         lines.append(least)
     position = found.honesty.nees.get("position", {}).get("all") if found.honesty else None
