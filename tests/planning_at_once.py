@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.hil.goals.goal_planner import GoalPlanner, Plan, goal_settings, reason_of
+from ortilo_drake.hil.goals.goals import GoalPlanner, Plan, goal_settings, reason_of
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.goal_path import knots
 from ortilo_drake.onboard.planner.planner import plan

@@ -41,7 +41,7 @@ def live(
     from rich.text import Text
 
     from ortilo_drake.flight.flyable import check_flyable
-    from ortilo_drake.hil.goals.goal_planner import GoalPlanner
+    from ortilo_drake.hil.goals.goals import GoalPlanner
     from ortilo_drake.hil.live.controls import Controls
     from ortilo_drake.hil.live.scene import Scene
     from ortilo_drake.hil.live.session import Status, fly_live, wait_for_page

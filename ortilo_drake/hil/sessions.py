@@ -10,11 +10,9 @@ import xarray as xr
 from ortilo_drake.flight.lockstep import fly_lockstep
 from ortilo_drake.flight.signals import Record
 from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
-from ortilo_drake.hil.goals.goal_planner import GoalPlanner
-from ortilo_drake.hil.goals.goals import Goals
+from ortilo_drake.hil.goals.goals import GoalPlanner, Goals
 from ortilo_drake.hil.lockstep_link import StepsTicks, answer_over_link, ask_over_link
-from ortilo_drake.hil.real_time.camera_process import CameraProcess
-from ortilo_drake.hil.real_time.detector_thread import DetectorThread
+from ortilo_drake.hil.real_time.camera_process import CameraProcess, DetectorThread
 from ortilo_drake.hil.real_time.real_time_onboard import answer_in_real_time
 from ortilo_drake.hil.real_time.real_time_world import COMMAND_PERIOD, Statistics, fly_in_real_time
 from ortilo_drake.hil.real_time.warm_up import no_collecting

@@ -16,8 +16,17 @@ from pydrake.trajectories import Trajectory
 from waiting import HANGS, wait_for
 
 from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
-from ortilo_drake.hil.goals.goal_planner import GONE, GoalPlanner, Plan, goal_settings, reason_of
-from ortilo_drake.hil.goals.goals import NO_PATHS, REPLACED, Goals, Step
+from ortilo_drake.hil.goals.goals import (
+    GONE,
+    NO_PATHS,
+    REPLACED,
+    GoalPlanner,
+    Goals,
+    Plan,
+    Step,
+    goal_settings,
+    reason_of,
+)
 from ortilo_drake.hil.wire.packets import Goal
 from ortilo_drake.model import parts
 from ortilo_drake.model.typed_yaml import InputError
@@ -247,7 +256,7 @@ def test_the_process_knows_the_parts_of_a_plugin(tmp_path: Path) -> None:
 def test_the_process_ends_when_the_one_that_started_it_is_killed() -> None:
     program = (
         "import time\n"
-        "from ortilo_drake.hil.goals.goal_planner import GoalPlanner\n"
+        "from ortilo_drake.hil.goals.goals import GoalPlanner\n"
         "from ortilo_drake.scenario import load_scenario\n"
         "if __name__ == '__main__':\n"
         "    with GoalPlanner(load_scenario('nominal_imu_uwb')) as planner:\n"

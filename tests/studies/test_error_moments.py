@@ -17,11 +17,11 @@ from ortilo_drake.studies.loop.error_moments import (
     drive_of,
     error_inputs,
     errors_of_rows,
+    left_out,
     merged_components,
     position_moments,
 )
 from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, filter_measurement, hover_loop, steady_predictor
-from ortilo_drake.studies.loop.left_out import left_out
 
 PLACE = (3.0, 1.0, 1.5)
 AT = np.array([*PLACE, *[0.0] * 9])  # hovering

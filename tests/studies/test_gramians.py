@@ -7,7 +7,7 @@ from scipy.linalg import solve_discrete_lyapunov
 from ortilo_drake.model.hover import discretize, hover_A, hover_B, output_C
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.scenario import InputError, Scenario
-from ortilo_drake.studies.linearization.observability import (
+from ortilo_drake.studies.linearization.linearization_report import (
     CONTROL_UNITS,
     STATE_UNITS,
     controllability_gramian,

@@ -3,7 +3,7 @@
 import pytest
 
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.studies.loop.left_out import in_the_rms_alone, left_out
+from ortilo_drake.studies.loop.error_moments import in_the_rms_alone, left_out
 
 
 @pytest.mark.parametrize(

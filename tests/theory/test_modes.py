@@ -16,7 +16,8 @@ from ortilo_drake.model.signals import STATE_NAMES
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair
 from ortilo_drake.scenario import Camera, InputError, Link, Scenario, Uwb
-from ortilo_drake.studies.linearization.observability import check_sensors, rows_of, unobservable_states
+from ortilo_drake.studies.linearization.linearization_report import unobservable_states
+from ortilo_drake.studies.linearization.operating_point import check_sensors, rows_of
 from ortilo_drake.studies.loop.hover_loop import sensor_subsets
 from ortilo_drake.theory.modes.modes import check_detectable, modes, tick_scaling, unreached_modes, unseen_modes
 

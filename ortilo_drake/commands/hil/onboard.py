@@ -79,7 +79,7 @@ def onboard(
     check_writable(checkpoint)
     from ortilo_drake.codegen.exported_half import ExportedHalf
     from ortilo_drake.flight.flyable import flight_ticks
-    from ortilo_drake.hil.goals.goal_planner import GoalPlanner
+    from ortilo_drake.hil.goals.goals import GoalPlanner
     from ortilo_drake.hil.real_time.warm_up import warm_up
     from ortilo_drake.hil.restart.keep_alive import keep_alive
     from ortilo_drake.hil.restart.until_it_fails import UntilItFails

@@ -12,8 +12,7 @@ from pydrake.trajectories import PiecewisePolynomial, Trajectory
 
 from ortilo_drake.flight.lost import Lost, find_loss
 from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
-from ortilo_drake.hil.goals.goal_planner import GoalPlanner
-from ortilo_drake.hil.goals.goals import Goals
+from ortilo_drake.hil.goals.goals import GoalPlanner, Goals
 from ortilo_drake.hil.live.wishes import Wishes
 from ortilo_drake.hil.wire.packets import Goal
 from ortilo_drake.model.signals import N_XBAR

@@ -9,7 +9,7 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
-from ortilo_drake.hil.goals.goal_planner import GoalPlanner
+from ortilo_drake.hil.goals.goals import GoalPlanner
 from ortilo_drake.hil.live.live_flight import LiveFlight, ShownTick
 from ortilo_drake.hil.live.scene import Scene
 from ortilo_drake.hil.live.wishes import Wishes

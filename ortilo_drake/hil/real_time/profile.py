@@ -7,7 +7,7 @@ Diagram or of a Diagram in it, such as the estimator. What the whole took beyond
 putting the messages (and a picture) on the input ports, events, caches, the context.
 
 The world and its pictures are not timed, nor is the link. A detector is timed as a block here, on the tick; in flight
-in real time it has its own thread (hil/real_time/detector_thread.py).
+in real time it has its own thread (hil/real_time/camera_process.py).
 """
 
 import time

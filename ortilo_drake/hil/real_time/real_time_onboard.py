@@ -17,7 +17,7 @@ import numpy as np
 from ortilo_drake.flight.signals import Record
 from ortilo_drake.flight.stepped_halves import OnboardHalf, Signals
 from ortilo_drake.hil.goals.goals import Goals
-from ortilo_drake.hil.real_time.detector_thread import DetectorThread
+from ortilo_drake.hil.real_time.camera_process import DetectorThread
 from ortilo_drake.hil.reports import OnboardFigures
 from ortilo_drake.hil.restart.checkpoint import Checkpoint, load_checkpoint, load_path, save_checkpoint, save_path
 from ortilo_drake.hil.restart.until_it_fails import UntilItFails

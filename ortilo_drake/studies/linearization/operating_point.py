@@ -9,13 +9,15 @@ import numpy as np
 from pydrake.trajectories import Trajectory
 from scipy.linalg import block_diag
 
+from ortilo_drake.model.hover import discretize, hover_A, hover_B
+from ortilo_drake.model.parts import measurement_of
 from ortilo_drake.model.signals import N_U, N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import GRAVITY, Vehicle
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import covariance_at, described_per_tick
-from ortilo_drake.studies.linearization.observability import check_sensors
 from ortilo_drake.studies.loop.hover_loop import arrivals_of, filter_V, hover_loop, steady_predictor, why_no_gain
+from ortilo_drake.theory.modes.modes import check_detectable, tick_scaling
 
 LAGS = ("up", "down")
 
@@ -55,6 +57,19 @@ def with_one_lag(vehicle: Vehicle, lag: str) -> Vehicle:
         raise InputError(f"lag: {lag!r}: must be one of {', '.join(LAGS)}")
     tau = vehicle.rotor_time_constant[LAGS.index(lag)]
     return vehicle.model_copy(update={"rotor_time_constant": (tau, tau)})
+
+
+def rows_of(sensors: tuple[str, ...]) -> np.ndarray:
+    """Return the rows of C (m x 12) of the sensors named, in the order of the measurement."""
+    measurement = measurement_of(sensors)
+    return measurement.layout.C[measurement.by_row(np.isin(measurement.sensors, sensors))]
+
+
+def check_sensors(scenario: Scenario) -> None:
+    """Raise InputError naming the modes that the scenario's sensors leave unseen, all of them where it has none."""
+    Phi, _ = discretize(hover_A(scenario.yaw), hover_B(scenario.vehicle), scenario.h)
+    what = f"sensors: [{', '.join(scenario.sensors)}]"
+    check_detectable(Phi, rows_of(scenario.sensors), what, scale=tick_scaling(scenario.h))
 
 
 def believed_V(scenario: Scenario) -> np.ndarray:

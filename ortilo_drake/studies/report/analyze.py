@@ -26,9 +26,9 @@ from ortilo_drake.studies.command_link.command_report import CommandReport, comm
 from ortilo_drake.studies.consistency.consistency_figures import nees_figure, whiteness_figure
 from ortilo_drake.studies.consistency.consistency_flights import ConsistencyReport, consistency_report
 from ortilo_drake.studies.linearization.linearization_report import LinearizationReport, linearization_report
-from ortilo_drake.studies.linearization.observability import check_sensors
+from ortilo_drake.studies.linearization.operating_point import check_sensors
+from ortilo_drake.studies.loop.error_moments import in_the_rms_alone, left_out
 from ortilo_drake.studies.loop.hover_loop import filter_V, hover_loop, why_no_gain, why_no_loop
-from ortilo_drake.studies.loop.left_out import in_the_rms_alone, left_out
 from ortilo_drake.studies.loop.margins import LoopMargins, margins_report
 from ortilo_drake.studies.loop.riccati_report import RiccatiReport, riccati_report
 from ortilo_drake.studies.paper_tables.tables import AxisEfficiency, efficiency_of

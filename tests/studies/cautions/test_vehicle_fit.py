@@ -9,7 +9,7 @@ from ortilo_drake.flight.flight import fly
 from ortilo_drake.model.hover import discretize, hover_A, hover_B, hover_B_d
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import load_scenario, scenario_names
-from ortilo_drake.studies.cautions.vehicle_fit import stationary, vehicle_fit
+from ortilo_drake.studies.cautions.cautions import stationary, vehicle_fit
 
 SMALL = (  # a quadrotor of 30 g with arms of 4 cm
     "vehicle={mass: 0.03, inertia: [1.5e-5, 1.5e-5, 2.0e-5], arm_length: 0.04, rotor_lift: 2.3e-8, rotor_drag: 7.8e-10,"
