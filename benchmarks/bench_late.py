@@ -26,7 +26,7 @@ from ortilo_drake.flight.metrics import summary
 from ortilo_drake.flight.processes.workers import run_all
 from ortilo_drake.flight.saved_flight import load_flight
 from ortilo_drake.flight.summary import Summary, read_summary, summary_text
-from ortilo_drake.hil.relay.faults import Faults
+from ortilo_drake.hil.relay.relay import Faults
 from ortilo_drake.hil.relay.virtual_time import summary_in_virtual_time
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.scenario import load_scenario

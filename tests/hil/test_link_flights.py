@@ -10,8 +10,7 @@ from waiting import HANGS
 
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.hil import sessions
-from ortilo_drake.hil.relay.faults import Faults
-from ortilo_drake.hil.relay.relay import run_relay
+from ortilo_drake.hil.relay.relay import Faults, run_relay
 from ortilo_drake.scenario import load_scenario
 
 BAD = Faults(loss=0.2, delay=0.004, spread=0.003, duplicate=0.2, held=0.1, hold=0.02)

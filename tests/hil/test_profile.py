@@ -6,8 +6,17 @@ import numpy as np
 import pytest
 
 from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
-from ortilo_drake.hil.real_time.dataflow import block_names, dataflow_order, leaves, updating_systems
-from ortilo_drake.hil.real_time.profile import REST, WHOLE, profile_onboard, rows_of, time_blocks
+from ortilo_drake.hil.real_time.profile import (
+    REST,
+    WHOLE,
+    block_names,
+    dataflow_order,
+    leaves,
+    profile_onboard,
+    rows_of,
+    time_blocks,
+    updating_systems,
+)
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 

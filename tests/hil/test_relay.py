@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from scipy.stats import binomtest, geom, kstest
 from waiting import HANGS, wait_for
 
-from ortilo_drake.hil.relay.faults import FaultModel, Faults
-from ortilo_drake.hil.relay.relay import run_relay
+from ortilo_drake.hil.relay.relay import FaultModel, Faults, run_relay
 from ortilo_drake.hil.wire.address import address
 from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.handshake import say_hello

@@ -8,7 +8,7 @@ import xarray as xr
 
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.metrics import summary
-from ortilo_drake.hil.relay.faults import Faults
+from ortilo_drake.hil.relay.relay import Faults
 from ortilo_drake.hil.relay.virtual_time import fly_in_virtual_time, summary_in_virtual_time
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario, with_seed

@@ -7,8 +7,7 @@ import pytest
 
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.scenario import InputError, Scenario, load_scenario
-from ortilo_drake.studies.linearization.closed_forms import DIFFERENTIATED
-from ortilo_drake.studies.linearization.flown_tick import differentiate_closed_loop, without_noise
+from ortilo_drake.studies.linearization.closed_forms import DIFFERENTIATED, differentiate_closed_loop, without_noise
 from ortilo_drake.studies.linearization.linearization_report import linearization_report
 from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, hover_loop
 

@@ -31,8 +31,7 @@ from ortilo_drake.studies.tube.tube_flights import (
     within,
     worst_stretch,
 )
-from ortilo_drake.studies.tube.tube_map import MarginMap, with_rates
-from ortilo_drake.studies.tube.tube_tails import arrivals_of_seed
+from ortilo_drake.studies.tube.tube_map import MarginMap, arrivals_of_seed, with_rates
 
 PAIR = (0.3, 0.5)
 

@@ -12,11 +12,15 @@ from ortilo_drake.studies.tube.corridor import corridor
 from ortilo_drake.studies.tube.disc_radius import THREE_SIGMA
 from ortilo_drake.studies.tube.tube import NominalFlight, nominal_flight, predict_tube
 from ortilo_drake.studies.tube.tube_map import (
+    Mixture,
     burst_map,
     bursts,
     chance_map,
+    chance_outside,
     guided_ticks,
     map_sensors,
+    mixture,
+    mixture_radius,
     rate_cases,
     tube_map,
     with_losses,
@@ -24,7 +28,6 @@ from ortilo_drake.studies.tube.tube_map import (
     without_blackouts,
 )
 from ortilo_drake.studies.tube.tube_report import why_no_tube
-from ortilo_drake.studies.tube.tube_tails import Mixture, chance_outside, mixture, mixture_radius
 from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.radio.link import chain_after
 

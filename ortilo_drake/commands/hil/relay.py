@@ -27,8 +27,7 @@ def relay(
     json_file: JsonOption = None,
 ) -> None:
     """Forward packets between the halves, each at an address of its own, with faults."""
-    from ortilo_drake.hil.relay.faults import Faults
-    from ortilo_drake.hil.relay.relay import run_relay
+    from ortilo_drake.hil.relay.relay import Faults, run_relay
     from ortilo_drake.hil.wire.address import leaves_machine
     from ortilo_drake.hil.wire.key_file import choose_key
     from ortilo_drake.model.typed_yaml import parse_yaml, validate

@@ -21,7 +21,7 @@ from ortilo_drake.flight.store import in_folder, keep_json, kept_json
 from ortilo_drake.flight.summary import Summary
 from ortilo_drake.hil.real_time.real_time_onboard import OnboardTicks, join_flight
 from ortilo_drake.hil.real_time.real_time_world import COMMAND_PERIOD, Command, FlightRecord, look_times
-from ortilo_drake.hil.relay.faults import FaultModel, Faults
+from ortilo_drake.hil.relay.relay import FaultModel, Faults
 from ortilo_drake.hil.wire.unpack import Packet
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, with_seed

@@ -16,8 +16,7 @@ from ortilo_drake.model.signals import N_X, STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair, gain_of
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.studies.linearization.closed_forms import agreement
-from ortilo_drake.studies.linearization.flown_tick import differentiate_closed_loop, sensors_without_noise
+from ortilo_drake.studies.linearization.closed_forms import agreement, differentiate_closed_loop, sensors_without_noise
 from ortilo_drake.studies.linearization.linearize import linearize
 from ortilo_drake.studies.linearization.operating_point import check_sensors, frozen_gain, heading_ahead, rows_of
 from ortilo_drake.studies.loop.hover_loop import hover_loop, sensor_subsets

@@ -11,7 +11,7 @@ point and all their ticks up to the end or the loss:
 The prediction *holds* if at least 99 % of the ticks are contained and no flight is lost where the margin is above 0;
 else it *breaks down* there. Successive ticks of a flight are correlated, so the interval of the share comes from a
 bootstrap over whole flights. The report also gives the share that the linear theory expects for the arrivals of these
-seeds (studies/tube/tube_tails.py). If that share is below 99 % as well, the Gaussian assumption fails, not the
+seeds (tube_map.py). If that share is below 99 % as well, the Gaussian assumption fails, not the
 linearisation.
 """
 
@@ -36,8 +36,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.tube.corridor import corridor, margin
 from ortilo_drake.studies.tube.tube import NominalFlight, predict_tube
-from ortilo_drake.studies.tube.tube_map import bursts, with_losses
-from ortilo_drake.studies.tube.tube_tails import chance_outside, mixture, mixture_radius
+from ortilo_drake.studies.tube.tube_map import bursts, chance_outside, mixture, mixture_radius, with_losses
 
 Point = tuple[float, float]
 
