@@ -40,7 +40,7 @@ def indices_of(found: Map) -> list[Index]:
     n, settings = design.points, list(found.sweep.axes)
     figures = {
         "share of lost flights": [row.lost / row.flights for row in found.rows],
-        "logarithm of the RMS error": [_log(row) for row in found.rows],
+        "logarithm of the RMS error": [np.log(row.kept_rms) if row.kept_rms else np.nan for row in found.rows],
     }
     rows = []
     for name, values in figures.items():
@@ -52,10 +52,6 @@ def indices_of(found: Map) -> list[Index]:
         first, total = np.atleast_2d(result.first_order)[0], np.atleast_2d(result.total_order)[0]
         rows += [Index(name, *of) for of in zip(settings, first.tolist(), total.tolist(), strict=True)]
     return rows
-
-
-def _log(row: MapPoint) -> float:
-    return float(np.log(row.kept_rms)) if row.kept_rms else float("nan")
 
 
 MOST_ROWS = 60  # of the report; the table of all points is a file of its own

@@ -15,7 +15,6 @@ seeds (tube_map.py). If that share is below 99 % as well, the Gaussian assumptio
 linearisation.
 """
 
-import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -23,17 +22,18 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import xarray as xr
 
 from ortilo_drake.diagrams.wiring.whole import why_not
-from ortilo_drake.flight.engine import Engine
-from ortilo_drake.flight.ensemble import flight_file, flight_folder, fly_many
+from ortilo_drake.flight.ensemble import flight_folder, flights_of, fly_many
 from ortilo_drake.flight.figures import REFERENCE, TRUE
+from ortilo_drake.flight.lost import Lost
+from ortilo_drake.flight.metrics import loss_of
 from ortilo_drake.flight.players import kept_player
 from ortilo_drake.flight.processes.workers import run_all
-from ortilo_drake.flight.saved_flight import load_flight
+from ortilo_drake.flight.summary import Loss
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.studies.maps.chunks import trace_of, traced
 from ortilo_drake.studies.tube.corridor import corridor, margin
 from ortilo_drake.studies.tube.tube import NominalFlight, predict_tube
 from ortilo_drake.studies.tube.tube_map import bursts, chance_outside, mixture, mixture_radius, with_losses
@@ -105,11 +105,8 @@ def _breakdown(contained: float, expected: float, lost: int, least: float) -> st
     return "; ".join(reasons)
 
 
-def tube_figures_of(flight: xr.Dataset) -> Flown:
-    """Return the figures that are kept of a flight."""
-    lost = json.loads(flight.attrs["lost"])
-    deviation = flight["truth"].values[:, :3] - flight["reference"].values
-    return Flown(int(flight.attrs["seed"]), deviation, None if lost is None else float(lost["time"]))
+def _flown(seed: int, trace: np.ndarray, lost: Loss | Lost | None) -> Flown:
+    return Flown(seed, trace[:, TRUE] - trace[:, REFERENCE], None if lost is None else lost.time)
 
 
 def at_burst(scenario: Scenario, point: Point) -> Scenario:
@@ -122,13 +119,8 @@ def at_burst(scenario: Scenario, point: Point) -> Scenario:
 
 def fly_compiled(scenario_json: str, seeds: list[int], folder: str) -> list[Flown]:
     """Return flights of the engine. Runs in a worker: the arguments are plain data."""
-    engine, found = kept_player(scenario_json, folder), []
-    assert isinstance(engine, Engine)
-    for seed in seeds:
-        trace, lost = engine.trace(seed)
-        deviation = trace[:, TRUE] - trace[:, REFERENCE]
-        found.append(Flown(seed, deviation, None if lost is None else lost.time))
-    return found
+    engine = kept_player(scenario_json, folder)
+    return [_flown(seed, *traced(engine, seed)) for seed in seeds]
 
 
 def fly_point(lossy: Scenario, seeds: Iterable[int], out: Path, workers: int = 1) -> list[Flown]:
@@ -144,7 +136,8 @@ def fly_point(lossy: Scenario, seeds: Iterable[int], out: Path, workers: int = 1
         run_all(fly_compiled, jobs, workers, found.__setitem__)
         return [one for number in sorted(found) for one in found[number]]
     fly_many(lossy, seeds, out, workers)
-    return [tube_figures_of(load_flight(flight_file(out, lossy, seed))) for seed in seeds]
+    saved = flights_of(lossy, seeds, out)
+    return [_flown(seed, trace_of(flight), loss_of(flight)) for seed, flight in zip(seeds, saved, strict=True)]
 
 
 def judge_point(
