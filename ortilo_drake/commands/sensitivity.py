@@ -37,7 +37,7 @@ def sensitivity(
     report, figure = out_folder / f"{name}.md", figure_file(out_folder, name)
     check_writable(report, figure)
     from ortilo_drake.flight.processes.workers import kept_workers
-    from ortilo_drake.studies.sensitivity.sensitivity_flights import Settings
+    from ortilo_drake.studies.sensitivity.mismatches import Settings
     from ortilo_drake.studies.sensitivity.sensitivity_flights import sensitivity as study
     from ortilo_drake.studies.sensitivity.sensitivity_report import sensitivity_figure, sensitivity_text
 

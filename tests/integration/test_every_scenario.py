@@ -23,7 +23,7 @@ from ortilo_drake.studies.command_link.command_report import CommandReport, Link
 from ortilo_drake.studies.linearization.linearize import PARTS
 from ortilo_drake.studies.report import analyze
 from ortilo_drake.studies.sensitivity import sensitivity_flights
-from ortilo_drake.studies.sensitivity.sensitivity_flights import mismatches_of
+from ortilo_drake.studies.sensitivity.mismatches import mismatches_of
 
 pytestmark = pytest.mark.usefixtures("cut_short", "own_register")
 PLUGIN = str(Path(__file__).parents[1] / "registered_parts.py")

@@ -11,17 +11,19 @@ from ortilo_drake.model.as_data import as_data
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.studies.sensitivity import sensitivity_flights
 from ortilo_drake.studies.sensitivity.loss_level import NO_LEVEL, Flown
-from ortilo_drake.studies.sensitivity.sensitivity_flights import (
+from ortilo_drake.studies.sensitivity.mismatches import (
     TOGETHER,
+    Settings,
+    all_together,
+    known_mismatches,
+    mismatches_of,
+)
+from ortilo_drake.studies.sensitivity.sensitivity_flights import (
     Limit,
     MismatchRow,
     Outcome,
     Sensitivity,
-    Settings,
     _row,
-    all_together,
-    known_mismatches,
-    mismatches_of,
     search,
     sensitivity,
 )

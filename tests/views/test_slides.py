@@ -40,7 +40,8 @@ from ortilo_drake.studies.recorded.scores import Scores
 from ortilo_drake.studies.rooms.coverage import Along, Case, Coverage, OverFloor
 from ortilo_drake.studies.rooms.coverage_figure import coverage_figure
 from ortilo_drake.studies.rooms.planned_floor import Stretch
-from ortilo_drake.studies.sensitivity.sensitivity_flights import TOGETHER, Limit, Sensitivity, known_mismatches
+from ortilo_drake.studies.sensitivity.mismatches import TOGETHER, known_mismatches
+from ortilo_drake.studies.sensitivity.sensitivity_flights import Limit, Sensitivity
 from ortilo_drake.studies.sensitivity.sensitivity_report import sensitivity_figure
 from ortilo_drake.studies.tube.tube import nominal_flight
 from ortilo_drake.studies.tube.tube_figures import ChanceGrid, bursts_figure, plan_figure, rates_figure

@@ -14,11 +14,7 @@ from ortilo_drake.flight.intervals import Interval, Middle, middle_of, share_int
 from ortilo_drake.flight.kept import fly_kept
 from ortilo_drake.flight.lost import NOT_LOST
 from ortilo_drake.flight.store import Count, Error
-from ortilo_drake.model.parts import known_sensors
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.sensors.described import described
-from ortilo_drake.sensors.imu import reads
-from ortilo_drake.sensors.mismatch import Mismatch, Settings, of_truth
 from ortilo_drake.studies.maps.chunks import fly_figures
 from ortilo_drake.studies.sensitivity.loss_level import (
     BATCH,
@@ -31,47 +27,10 @@ from ortilo_drake.studies.sensitivity.loss_level import (
     loss_level,
     next_level,
 )
+from ortilo_drake.studies.sensitivity.mismatches import Mismatch, Settings, all_together, mismatches_of
 from ortilo_drake.theory.consistency.consistency import nees_interval
 
 COMPILED_AT_ONCE = 16  # flights in one job of a worker
-
-
-OF_ALL: Final = (
-    Mismatch("mass higher by [%]", of_truth("vehicle.mass_factor", 0.01, 1.0), 3.0, (-10.0, 0.5, 2.0, 10.0), 50.0),
-    Mismatch("thrust lower by [%]", of_truth("vehicle.thrust_factor", -0.01, 1.0), 2.0, (2.0, 10.0), 40.0),
-    Mismatch(
-        "center of gravity ahead by [mm]",
-        lambda value: (("truth.vehicle.center_of_gravity", (1e-3 * value, 0.0)),),
-        2.0,
-        (2.0, 10.0),
-        200.0,
-    ),
-    Mismatch("force in y [N]", lambda value: (("truth.force.mean", (0.0, value, 0.0)),), 0.1, (0.1, 0.5), 6.4),
-    Mismatch("gusts of sd [N]", of_truth("force.gust_sd"), 0.1, (0.1, 0.5), 6.4),
-    Mismatch("clocks behind by [ms]", of_truth("clock.offset", 1e-3), 5.0, (5.0, 20.0), 480.0),
-)
-TOGETHER: Final = "all together, times a careful team's"
-
-
-def known_mismatches() -> tuple[Mismatch, ...]:
-    """Return all mismatches, those of all sensors among them."""
-    return (*OF_ALL, *(m for name in known_sensors() for m in described(name).mismatches))
-
-
-def mismatches_of(scenario: Scenario) -> tuple[Mismatch, ...]:
-    """Return the mismatches that change anything with the sensors of a scenario."""
-    flown = (m for name in scenario.sensors for m in described(name).mismatches)
-    return (*OF_ALL, *(m for m in flown if not m.of_rates or reads(scenario, "rates")))
-
-
-def all_together(mismatches: tuple[Mismatch, ...]) -> Mismatch:
-    """Return all mismatches at once, each at its careful value times the one number."""
-
-    def settings(value: float) -> Settings:
-        return tuple(entry for m in mismatches for entry in m.settings(value * m.careful))
-
-    largest = min(m.largest / m.careful for m in mismatches if m.largest is not None)
-    return Mismatch(TOGETHER, settings, 1.0, (1.0,), largest)
 
 
 @dataclass(frozen=True)

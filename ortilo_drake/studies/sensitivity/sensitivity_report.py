@@ -10,15 +10,8 @@ from matplotlib.ticker import LogLocator, NullLocator
 
 from ortilo_drake.flight.flight import AXES
 from ortilo_drake.studies.sensitivity.loss_level import ERROR
-from ortilo_drake.studies.sensitivity.sensitivity_flights import (
-    LOST_SHARE,
-    NONE,
-    TOGETHER,
-    Limit,
-    MismatchRow,
-    Sensitivity,
-    known_mismatches,
-)
+from ortilo_drake.studies.sensitivity.mismatches import TOGETHER, known_mismatches
+from ortilo_drake.studies.sensitivity.sensitivity_flights import LOST_SHARE, NONE, Limit, MismatchRow, Sensitivity
 from ortilo_drake.views.markdown import table
 from ortilo_drake.views.numbers import count, number, of_all_and_kept, with_interval
 from ortilo_drake.views.palette import BLUE, ORANGE, STYLE
