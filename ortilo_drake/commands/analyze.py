@@ -6,27 +6,20 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.options import (
-    DEFAULT_SCENARIO,
-    FolderOption,
-    JsonOption,
-    ScenarioArgument,
-    SetOption,
-    WorkersOption,
-)
-from ortilo_drake.commands.terminal import check_writable, err, hand_over, progress_bar, say_if_compiling
+from ortilo_drake.commands import options
+from ortilo_drake.commands.terminal import bar, check_writable, err, hand_over, say_if_compiling
 from ortilo_drake.scenario import load_scenario
 
 
 def analyze(
-    scenario: ScenarioArgument = DEFAULT_SCENARIO,
+    scenario: options.ScenarioArgument = options.DEFAULT_SCENARIO,
     flights: Annotated[
         int, typer.Option(min=0, max=10_000, help="Flights of the scenario, and of each pair of arrival rates.")
     ] = 20,
-    workers: WorkersOption = None,
-    settings: SetOption = None,
-    out_folder: FolderOption = Path("out/analysis"),
-    json_file: JsonOption = None,
+    workers: options.WorkersOption = None,
+    settings: options.SetOption = None,
+    out_folder: options.FolderOption = Path("out/analysis"),
+    json_file: options.JsonOption = None,
 ) -> None:
     """Linearise a scenario and check its Riccati equations, margins, arrival rates, delays, tube and consistency.
 
@@ -45,16 +38,14 @@ def analyze(
     if chosen.is_rendered:
         err.print("the camera is projected here, not rendered")
         chosen = chosen.projected()
-    with progress_bar() as progress, kept_workers():
-        task = progress.add_task("theory", total=None)
+    with bar("theory") as update, kept_workers():
         begun: list[str] = []
 
         def step(what: str, done: int, total: int) -> None:
             if what not in begun:
                 begun.append(what)
                 err.print(f"{what} ...", highlight=False)
-            progress.update(task, description=what, completed=done, total=total)
+            update(description=what, completed=done, total=total)
 
         analysis, figures = analyze_scenario(chosen, flights, out_folder, workers or os.cpu_count() or 1, step)
-    text = analysis_text(analysis)
-    hand_over(text, report, analysis_data(analysis), json_file, *figures)
+    hand_over(analysis_text(analysis), report, analysis_data(analysis), json_file, *figures)

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ortilo_drake.commands.options import JsonOption, OnnxOption, SetOption, WorkersOption, finite
-from ortilo_drake.commands.terminal import check_writable, out, progress_bar, say_written, write_json
+from ortilo_drake.commands.terminal import bar, check_writable, out, progress_bar, say, say_written, write_json
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.scenario import Detector, load_scenario
 from ortilo_drake.views.pictures import figure_file
@@ -72,7 +72,7 @@ def render(
     """
     check_writable(pictures / "test" / "x.npz")
     _render(pictures, ("test", "train"), seed, scale, width, workers)
-    out.print(f"pictures in {pictures}", markup=False, soft_wrap=True)
+    say(f"pictures in {pictures}")
 
 
 @detector_app.command()
@@ -109,11 +109,10 @@ def train(
     network = DarknetNetwork(cfg, OWN_EPSILON)
     initialize(network)
     steps = len(frames.images) // BATCH
-    with progress_bar() as progress:
-        task = progress.add_task("training", total=epochs * steps)
+    with bar("training", epochs * steps) as update:
 
         def show(epoch: int, step: int, loss: float) -> None:
-            progress.update(task, completed=epoch * steps + step + 1, description=f"epoch {epoch + 1}, loss {loss:.2f}")
+            update(completed=epoch * steps + step + 1, description=f"epoch {epoch + 1}, loss {loss:.2f}")
 
         history = train_network(network, frames, epochs, seed, out_folder, show)
     target = out_folder / NETWORK.name
@@ -161,7 +160,7 @@ def evaluate(
         more = result.sets[kind]
         out.print(f"recall {more.recall:.1%}, {more.false_boxes_per_image:.3f} false boxes an image")
         for name, ap in more.ap50.items():
-            out.print(f"  {name:14} {'-' if ap is None else format(ap, '.3f')}", markup=False)
+            say(f"  {name:14} {'-' if ap is None else format(ap, '.3f')}")
     out.print(f"{result.ms_per_frame:.1f} ms a picture on one core ({result.backend})")
     say_written(json_file, worst)
 
@@ -189,13 +188,13 @@ def recognise(
         f"best score of a box on it, and pictures in which one has {look.threshold:g} or more, as flights ask",
         soft_wrap=True,
     )
-    out.print(f"  {'landmark':18}{'on the way':>22}{'from near':>22}", markup=False)
+    say(f"  {'landmark':18}{'on the way':>22}{'from near':>22}")
     for one in found:
         views = [f"{v.best:.2f}, {v.found} of {v.pictures}" for v in (one.way, one.near)]
-        out.print(f"  {one.number:2} {one.label:15}{views[0]:>22}{views[1]:>22}", markup=False)
+        say(f"  {one.number:2} {one.label:15}{views[0]:>22}{views[1]:>22}")
     for name, best in (("on the way", [o.way.best for o in found]), ("from near", [o.near.best for o in found])):
         counts = ", ".join(f"{sum(b >= at for b in best)} at {at:g}" for at in (0.1, 0.25, look.threshold))
-        out.print(f"  {name}: of {len(found)} landmarks {counts}", markup=False)
+        say(f"  {name}: of {len(found)} landmarks {counts}")
     write_json(json_file, found)
     say_written(json_file)
 
@@ -232,12 +231,7 @@ def calibrate(
     settings = _settings(network, onnx)
     from ortilo_drake.training.calibration.calibrate import calibrate as measure
 
-    with progress_bar() as progress:
-        task = progress.add_task("looking", total=None)
-        measure(
-            range(first_seed, first_seed + flights),
-            out_file,
-            lambda done, total: progress.update(task, completed=done, total=total),
-            settings,
-        )
+    seeds = range(first_seed, first_seed + flights)
+    with bar("looking") as update:
+        measure(seeds, out_file, lambda done, total: update(completed=done, total=total), settings)
     say_written(out_file)

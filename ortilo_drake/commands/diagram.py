@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from ortilo_drake.commands.options import DEFAULT_SCENARIO, ScenarioArgument, SetOption
-from ortilo_drake.commands.terminal import check_writable, out, say_heading, say_written
+from ortilo_drake.commands.terminal import check_writable, say, say_heading, say_written
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.views.pictures import check_picture
@@ -44,5 +44,5 @@ def diagram(
             write_text(html, diagram_page(chosen.name, wiring))
         if not (svg or html or drake):
             say_heading(chosen.name, f": {len(wiring.boxes)} boxes, {1 / chosen.h:.6g} ticks a second")
-            out.print(wiring_text(wiring, depth), end="", markup=False, soft_wrap=True)
+            say(wiring_text(wiring, depth), end="")
     say_written(svg, html, drake)

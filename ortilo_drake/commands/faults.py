@@ -1,20 +1,14 @@
 """The command `ortilo faults`: faults in flight, and each estimator's answer to them."""
 
 import os
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from ortilo_drake.commands.options import (
-    FolderOption,
-    JsonOption,
-    SetOption,
-    WorkersOption,
-    finite,
-    scenarios_from,
-)
-from ortilo_drake.commands.terminal import check_writable, hand_over, progress_bar, say_if_compiling
+from ortilo_drake.commands import options
+from ortilo_drake.commands.terminal import bar, check_writable, hand_over, say_if_compiling
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.scenario.load import PROJECTED
@@ -29,7 +23,7 @@ def faults(
         typer.Argument(
             metavar="[SCENARIO]...",
             help=f"Ready-made scenarios' names or .yaml files; {', '.join(DEFAULT_SCENARIOS)}.",
-            autocompletion=scenarios_from,
+            autocompletion=options.scenarios_from,
         ),
     ] = None,
     flights: Annotated[int, typer.Option(min=1, max=100_000, help="Flights with each fault, seeds from 0.")] = 6,
@@ -37,15 +31,15 @@ def faults(
         str | None, typer.Option("--faults", metavar="NAME,...", help="Faults of the catalogue; by default all.")
     ] = None,
     start: Annotated[
-        float, typer.Option(min=0.5, max=3600.0, callback=finite, help="When the faults begin [s].")
+        float, typer.Option(min=0.5, max=3600.0, callback=options.finite, help="When the faults begin [s].")
     ] = 22.0,
     length: Annotated[
-        float, typer.Option(min=0.5, max=3600.0, callback=finite, help="Duration of the faults that end [s].")
+        float, typer.Option(min=0.5, max=3600.0, callback=options.finite, help="Duration of the faults that end [s].")
     ] = 5.0,
-    workers: WorkersOption = None,
-    settings: SetOption = None,
-    out_folder: FolderOption = Path("out/faults"),
-    json_file: JsonOption = None,
+    workers: options.WorkersOption = None,
+    settings: options.SetOption = None,
+    out_folder: options.FolderOption = Path("out/faults"),
+    json_file: options.JsonOption = None,
 ) -> None:
     """Fly scenarios with one fault at a time, and the same seeds without any fault.
 
@@ -59,13 +53,10 @@ def faults(
     chosen = chosen_names(names)
     laid_over = (*(settings or ()), PROJECTED)
 
-    def varied(scenario: str) -> Any:
-        def vary(under: tuple[tuple[str, Any], ...]) -> Scenario:
-            return load_scenario(scenario, (*laid_over, *under))
+    def varied(scenario: str, under: tuple[tuple[str, Any], ...]) -> Scenario:
+        return load_scenario(scenario, (*laid_over, *under))
 
-        return vary
-
-    vary = [varied(scenario) for scenario in scenarios or DEFAULT_SCENARIOS]
+    vary = [partial(varied, scenario) for scenario in scenarios or DEFAULT_SCENARIOS]
     flown = [make((("faults", []),)).name for make in vary]  # refuses wrong settings before anything is flown
     if len(set(flown)) != len(flown):
         raise InputError(f"SCENARIO: {', '.join(flown)}: must differ by name")
@@ -77,11 +68,9 @@ def faults(
 
     say_if_compiling()
     count = workers or os.cpu_count() or 1
-    with progress_bar() as progress, kept_workers():
-        task = progress.add_task("flights", total=None)
+    with bar("flights") as update, kept_workers():
         found = fault_study(
-            vary, chosen, flights, out_folder / "flights", start, length, count, lambda n: progress.advance(task, n)
+            vary, chosen, flights, out_folder / "flights", start, length, count, lambda n: update(advance=n)
         )
-    text = fault_text(found)
     fault_figure(found, figure)
-    hand_over(text, report, found, json_file, figure)
+    hand_over(fault_text(found), report, found, json_file, figure)

@@ -7,16 +7,8 @@ from typing import Annotated
 
 import typer
 
+from ortilo_drake.commands import terminal
 from ortilo_drake.commands.options import JsonOption, MapOption
-from ortilo_drake.commands.terminal import (
-    check_writable,
-    out,
-    progress_bar,
-    say_heading,
-    say_if_compiling,
-    say_written,
-    write_json,
-)
 from ortilo_drake.model.typed_yaml import InputError
 
 
@@ -41,7 +33,7 @@ def fit(
     Fitted are each anchor's constant, an error that lasts (Gauss-Markov), white noise, outliers and their bursts, and
     the IMU's noise in flight and at rest.
     """
-    check_writable(out_file, scenario_file)
+    terminal.check_writable(out_file, scenario_file)
     from ortilo_drake.flight.files import write_text
     from ortilo_drake.interop.recorded.map_file import load_map
     from ortilo_drake.interop.recorded.recording import read_recording
@@ -59,18 +51,16 @@ def fit(
         raise InputError(f"--out: {out_file}: must end in .yaml, for the scenario names it")
     map_ = load_map(map_file)
     read = [read_recording(path, map_) for path in recordings]  # refuses what is wrong before anything is fitted
-    say_if_compiling()
-    with progress_bar() as progress:
-        task = progress.add_task("fitting", total=None)
-        found = fit_recordings(read, map_, places, lambda part: progress.update(task, description=part, advance=1))
+    terminal.say_if_compiling()
+    with terminal.bar("fitting") as update:
+        found = fit_recordings(read, map_, places, lambda part: update(description=part, advance=1))
     write_text(out_file, noise_text(found))
     if scenario_file is not None:
         write_text(scenario_file, scenario_text(found, seen_from(scenario_file, out_file), named, below))
-    write_json(json_file, found)
-    say_heading(", ".join(found.recordings))
-    for line in fit_lines(found):
-        out.print(f"  {line}", markup=False, soft_wrap=True)
-    say_written(out_file, scenario_file, json_file)
+    terminal.write_json(json_file, found)
+    terminal.say_heading(", ".join(found.recordings))
+    terminal.say_lines(fit_lines(found))
+    terminal.say_written(out_file, scenario_file, json_file)
 
 
 def check_apart(read: Mapping[str, Sequence[Path]], written: Mapping[str, Path | None]) -> None:

@@ -6,34 +6,7 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from ortilo_drake.commands.options import (
-    DEFAULT_SCENARIO,
-    CameraOption,
-    DetectorOption,
-    JsonOption,
-    OnnxOption,
-    PlayerName,
-    PlayerOption,
-    ScenarioArgument,
-    SeedOption,
-    SetOption,
-    finite,
-    picture_option,
-    with_camera,
-)
-from ortilo_drake.commands.terminal import (
-    check_writable,
-    out,
-    progress_bar,
-    say_error,
-    say_heading,
-    say_if_compiling,
-    say_warnings,
-    say_written,
-    show_rows,
-    three_digits,
-    write_json,
-)
+from ortilo_drake.commands import options, terminal
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.flight.summary import Summary
 from ortilo_drake.model.typed_yaml import InputError
@@ -47,27 +20,29 @@ def _print_flight(
 ) -> None:
     from ortilo_drake.sensors.described import described
 
-    say_heading(result.scenario, f", seed {result.seed}")
-    out.print(f"  [{'red' if result.lost else 'green'}]{escape(said)}[/]", soft_wrap=True)
-    show_rows(
+    terminal.say_heading(result.scenario, f", seed {result.seed}")
+    terminal.out.print(f"  [{'red' if result.lost else 'green'}]{escape(said)}[/]", soft_wrap=True)
+    terminal.show_rows(
         _rows(result)
         | _loss_rows(chosen, result)
         | {"flown by": f"{result.player}{f' ({by_drake})' if by_drake else ''}"}
     )
     if result.contacts:
-        out.print(f"  [yellow]touched[/yellow]             {escape(', '.join(result.contacts))}", soft_wrap=True)
+        terminal.out.print(
+            f"  [yellow]touched[/yellow]             {escape(', '.join(result.contacts))}", soft_wrap=True
+        )
     if result.lost:
         line = "one flight does not say: `ortilo rare` does, for the same scenario and settings"
-        out.print(f"  how often           {line}", soft_wrap=True)
+        terminal.out.print(f"  how often           {line}", soft_wrap=True)
     if advice:
-        out.print(f"  [yellow]angles, rates[/yellow]       {advice}", soft_wrap=True)
+        terminal.out.print(f"  [yellow]angles, rates[/yellow]       {advice}", soft_wrap=True)
     if blackout > 0.0:
         line = f"{blackout:.1%} of the time, on purpose: uwb.link.blackouts of the scenario"
-        out.print(f"  UWB blacked out     {line}", soft_wrap=True)
+        terminal.out.print(f"  UWB blacked out     {line}", soft_wrap=True)
     for name, rate in result.arrivals.items():
         silent = described(name).advice
         if rate == 0.0 and silent is not None:
-            out.print(f"  [yellow]{name:18}[/yellow]  {silent}", soft_wrap=True)
+            terminal.out.print(f"  [yellow]{name:18}[/yellow]  {silent}", soft_wrap=True)
 
 
 def _rows(result: Summary) -> dict[str, str]:
@@ -84,7 +59,7 @@ def _rows(result: Summary) -> dict[str, str]:
             for sensor, error in result.fix_errors.items()
         },
         "position NEES": f"{result.nees:.2f} (3 if consistent)",
-        "real-time factor": three_digits(result.real_time_factor),
+        "real-time factor": terminal.three_digits(result.real_time_factor),
     }
 
 
@@ -102,20 +77,22 @@ def _loss_rows(scenario: Scenario, result: Summary) -> dict[str, str]:
 
 
 def fly(
-    scenario: ScenarioArgument = DEFAULT_SCENARIO,
-    seed: SeedOption = None,
-    settings: SetOption = None,
-    camera: CameraOption = None,
-    detector: DetectorOption = None,
-    onnx: OnnxOption = None,
+    scenario: options.ScenarioArgument = options.DEFAULT_SCENARIO,
+    seed: options.SeedOption = None,
+    settings: options.SetOption = None,
+    camera: options.CameraOption = None,
+    detector: options.DetectorOption = None,
+    onnx: options.OnnxOption = None,
     seconds: Annotated[
         float | None,
-        typer.Option(min=0.1, callback=finite, help="Fly only so much of it [s]; path and noise stay the same."),
+        typer.Option(
+            min=0.1, callback=options.finite, help="Fly only so much of it [s]; path and noise stay the same."
+        ),
     ] = None,
-    player: PlayerOption = PlayerName.fastest,
+    player: options.PlayerOption = options.PlayerName.fastest,
     meshcat: Annotated[bool, typer.Option("--meshcat", help="Show the flight live in the browser.")] = False,
     html: Annotated[Path | None, typer.Option(help="Write the flight as one self-contained page.")] = None,
-    png: Annotated[Path | None, picture_option("Draw path, errors and arrivals to this file")] = None,
+    png: Annotated[Path | None, options.picture_option("Draw path, errors and arrivals to this file")] = None,
     video: Annotated[
         Path | None, typer.Option(help="Draw camera, room and errors as a video, .mp4 or .gif, three times as fast.")
     ] = None,
@@ -124,14 +101,14 @@ def fly(
         Path | None, typer.Option(help="Write a log as MCAP (rosbag2, for Foxglove) to this new folder.")
     ] = None,
     rerun: Annotated[Path | None, typer.Option(help="Write pictures, 3D and signals for Rerun, .rrd.")] = None,
-    json_file: JsonOption = None,
+    json_file: options.JsonOption = None,
 ) -> None:
     """Fly one scenario; print the verdict, its errors, arrival rates and real-time factor.
 
     Exit code 3 means that the flight was lost; every output is written nevertheless.
     """
     settings = [*(settings or ()), *([] if seconds is None else [f"seconds={seconds}"])]
-    chosen = load_scenario(scenario, with_camera(settings, camera, detector, onnx), seed)
+    chosen = load_scenario(scenario, options.with_camera(settings, camera, detector, onnx), seed)
     if (detector or onnx) and not chosen.is_rendered:
         raise InputError(
             f"{'--onnx' if onnx else '--detector'}: {chosen.name} flies without a camera that it could look through"
@@ -140,9 +117,9 @@ def fly(
         if meshcat and path:
             raise InputError(f"{option}: is written by a flight that is not shown live; leave --meshcat out")
     for option, asked in (("--meshcat", meshcat), ("--log", log), ("--rerun", rerun)):
-        if asked and player not in (PlayerName.fastest, PlayerName.drake):
+        if asked and player not in (options.PlayerName.fastest, options.PlayerName.drake):
             raise InputError(f"--player: {player}: does not take {option}, for which 'drake' flies")
-    check_writable(html, video, out_file, rerun)
+    terminal.check_writable(html, video, out_file, rerun)
     # Imported only now and as needed: Drake, numba and matplotlib take seconds; a wrong argument fails at once.
     from ortilo_drake.flight.blackouts import in_blackout
     from ortilo_drake.flight.flyable import flight_ticks
@@ -165,14 +142,13 @@ def fly(
         check_recording(rerun)
         recorder = SightingsRecorder(chosen)
     ticks = flight_ticks(chosen)  # refuses what has no path, in one line, before there are warnings
-    say_warnings(cautions(chosen, scenario, settings))
-    say_if_compiling()
+    terminal.say_warnings(cautions(chosen, scenario, settings))
+    terminal.say_if_compiling()
 
-    with progress_bar() as progress:
-        task = progress.add_task("compiling" if not meshcat else "flying live", total=ticks)
+    with terminal.bar("flying live" if meshcat else "compiling", ticks) as update:
 
         def show(ticks: int) -> None:
-            progress.update(task, completed=ticks, description="flying")
+            update(completed=ticks, description="flying")
 
         if log or recorder:
             from ortilo_drake.interop.log.logged_flight import fly_logged
@@ -181,7 +157,7 @@ def fly(
         elif meshcat:
             from ortilo_drake.views.display import fly_live
 
-            flight = fly_live(chosen, say_error, show)
+            flight = fly_live(chosen, terminal.say_error, show)
         else:
             flight = fly_once(chosen, show, player)
     result = summary(flight)
@@ -198,17 +174,16 @@ def fly(
 
         flight_figure(flight, png)
     if video:
-        with progress_bar() as progress:
-            drawing = progress.add_task("drawing the video", total=None)
-            flight_video(flight, video, lambda done, total: progress.update(drawing, completed=done, total=total))
+        with terminal.bar("drawing the video") as update:
+            flight_video(flight, video, lambda done, total: update(completed=done, total=total))
     if rerun and recorder:
         save_recording(flight, recorder.sightings, rerun)
-    write_json(json_file, result)
+    terminal.write_json(json_file, result)
     blackout = in_blackout(flight["truth"].values, chosen).mean() if chosen.measures_ranges else 0.0
-    by_drake = why_not_engine(chosen) if player is PlayerName.fastest else None
+    by_drake = why_not_engine(chosen) if player is options.PlayerName.fastest else None
     lags = chosen.world.rotors.kind == "first_order" and chosen.linear_filter is not None and not result.lost
     advice = lag_advice(flight) if lags else None
     _print_flight(result, chosen, verdict(flight), float(blackout), by_drake, advice)
-    say_written(html, png, video, out_file, log, rerun, json_file)
+    terminal.say_written(html, png, video, out_file, log, rerun, json_file)
     if result.lost:
         raise typer.Exit(LOST)

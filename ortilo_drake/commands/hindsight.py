@@ -6,21 +6,7 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.options import (
-    CameraOption,
-    JsonOption,
-    SetOption,
-    WorkersOption,
-    scenarios_from,
-    with_camera,
-)
-from ortilo_drake.commands.terminal import (
-    progress_bar,
-    say_if_compiling,
-    say_written,
-    show_markdown,
-    write_json,
-)
+from ortilo_drake.commands import options, terminal
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 
@@ -33,23 +19,23 @@ def hindsight(
         typer.Argument(
             metavar="[SCENARIO|LOG]",
             help="A ready-made scenario's name, a .yaml file, or the log of a flight.",
-            autocompletion=scenarios_from,
+            autocompletion=options.scenarios_from,
         ),
     ] = "tight_imu_uwb",
     flights: Annotated[
         int | None, typer.Option(min=1, max=100_000, help=f"Flights of the scenario, seeds from 0; {_FLIGHTS}.")
     ] = None,
-    camera: CameraOption = None,
-    workers: WorkersOption = None,
-    settings: SetOption = None,
-    json_file: JsonOption = None,
+    camera: options.CameraOption = None,
+    workers: options.WorkersOption = None,
+    settings: options.SetOption = None,
+    json_file: options.JsonOption = None,
 ) -> None:
     """Estimate flights again from all their measurements, before and after each moment.
 
     It shows the filter that flew, the smoother of a linear filter, the batch factor graph of ranges, boxes and imu
     (needs the extra `smoother`), and the Cramer-Rao floor of a filter.
     """
-    log, laid_over = Path(flown), with_camera(settings, camera, None)
+    log, laid_over = Path(flown), options.with_camera(settings, camera, None)
     is_log = log.is_dir() or log.suffix == ".mcap"
     if is_log and (laid_over or flights is not None or workers is not None):
         raise InputError(f"{log}: is a log: --flights, --camera, --workers and --set are for scenarios")
@@ -57,16 +43,15 @@ def hindsight(
     from ortilo_drake.studies.hindsight.hindsight import fly_in_hindsight, hindsight_text, in_hindsight, study_of
     from ortilo_drake.studies.hindsight.recorded_flight import read_recorded
 
-    say_if_compiling()
+    terminal.say_if_compiling()
     if scenario is None:
         recorded = read_recorded(log)
         found = study_of(recorded.scenario, [in_hindsight(recorded)])
     else:
         count = flights or _FLIGHTS
-        with progress_bar() as progress:
-            task = progress.add_task("flights", total=count)
+        with terminal.bar("flights", count) as update:
             its = workers or os.cpu_count() or 1
-            found = fly_in_hindsight(scenario, range(count), its, lambda n: progress.advance(task, n))
-    write_json(json_file, found)
-    show_markdown(hindsight_text(found))
-    say_written(json_file)
+            found = fly_in_hindsight(scenario, range(count), its, lambda n: update(advance=n))
+    terminal.write_json(json_file, found)
+    terminal.show_markdown(hindsight_text(found))
+    terminal.say_written(json_file)

@@ -5,28 +5,19 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.options import (
-    DEFAULT_SCENARIO,
-    CameraOption,
-    DetectorOption,
-    OnnxOption,
-    ScenarioArgument,
-    SeedOption,
-    SetOption,
-    with_camera,
-)
-from ortilo_drake.commands.terminal import err, out, say_error, say_if_compiling, say_warnings
+from ortilo_drake.commands import options
+from ortilo_drake.commands.terminal import err, out, say, say_error, say_if_compiling, say_warnings
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.scenario import load_scenario
 
 
 def live(
-    scenario: ScenarioArgument = DEFAULT_SCENARIO,
-    seed: SeedOption = None,
-    settings: SetOption = None,
-    camera: CameraOption = None,
-    detector: DetectorOption = None,
-    onnx: OnnxOption = None,
+    scenario: options.ScenarioArgument = options.DEFAULT_SCENARIO,
+    seed: options.SeedOption = None,
+    settings: options.SetOption = None,
+    camera: options.CameraOption = None,
+    detector: options.DetectorOption = None,
+    onnx: options.OnnxOption = None,
     port: Annotated[int | None, typer.Option(min=1024, max=65535, help="Port of the page; any free one.")] = None,
     wait: Annotated[bool, typer.Option("--wait/--no-wait", help="Take off only once the page is open.")] = True,
 ) -> None:
@@ -35,7 +26,7 @@ def live(
     It takes off when the page is opened, and ends with the page's button "stop", or Ctrl-C. The page can be opened
     on this machine only, and only by the address that is printed, which holds a new random token.
     """
-    chosen = load_scenario(scenario, with_camera(settings, camera, detector, onnx), seed)
+    chosen = load_scenario(scenario, options.with_camera(settings, camera, detector, onnx), seed)
     from pydrake.trajectories import Trajectory
     from rich.live import Live
     from rich.text import Text
@@ -74,11 +65,7 @@ def live(
     guard = Guard(meshcat, panel, port, lambda: readings, refused)
     try:
         with contextlib.suppress(KeyboardInterrupt), guard:
-            out.print(
-                f"open {guard.url} (readings on the left, controls on the right; Ctrl-C ends)",
-                markup=False,
-                soft_wrap=True,
-            )
+            say(f"open {guard.url} (readings on the left, controls on the right; Ctrl-C ends)")
             if wait:
                 out.print(
                     "waiting for the page to be opened before it takes off; --no-wait takes off at once", soft_wrap=True
@@ -88,4 +75,4 @@ def live(
                 fly_live(chosen, planner, controls, scene, show)
     except RuntimeError as error:  # of Drake: its Meshcat's thread has ended, its renderer cannot draw
         raise InputError(f"the flight ended: {error}") from None
-    out.print(status.line() if status else "not flown", markup=False, soft_wrap=True)
+    say(status.line() if status else "not flown")

@@ -6,14 +6,8 @@ from typing import Annotated
 
 import typer
 
+from ortilo_drake.commands import terminal
 from ortilo_drake.commands.options import FolderOption, JsonOption, WorkersOption
-from ortilo_drake.commands.terminal import (
-    check_writable,
-    hand_over,
-    progress_bar,
-    say_if_compiling,
-    say_warnings,
-)
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.views.pictures import figure_file
 
@@ -38,23 +32,19 @@ def map_(
     doubted: list[str] = []
     for point in points_of(sweep):  # refuses wrong settings before anything is flown
         doubted = believed_noise(scenario_at(sweep, point, str(sweep_file))) or doubted
-    say_warnings(doubted)
+    terminal.say_warnings(doubted)
     report, table, figure = out_folder / "map.md", out_folder / "map.csv", figure_file(out_folder, "map")
-    check_writable(report, table, figure)
+    terminal.check_writable(report, table, figure)
     from ortilo_drake.studies.maps.map_figure import map_figure
     from ortilo_drake.studies.maps.map_flights import fly_map
     from ortilo_drake.studies.maps.map_report import map_csv, map_text
     from ortilo_drake.studies.maps.map_theory import theory_of
 
-    say_if_compiling()
-    with progress_bar() as progress:
-        task = progress.add_task("flights", total=sweep.count * sweep.most_flights)
-        count = workers or os.cpu_count() or 1
-        found = fly_map(
-            sweep, str(sweep_file), out_folder / "flights", count, lambda flown: progress.advance(task, flown)
-        )
+    terminal.say_if_compiling()
+    count = workers or os.cpu_count() or 1
+    with terminal.bar("flights", sweep.count * sweep.most_flights) as update:
+        found = fly_map(sweep, str(sweep_file), out_folder / "flights", count, lambda flown: update(advance=flown))
     theory = theory_of(found)
-    text = map_text(found, theory)
     write_text(table, map_csv(found))
     drawn = map_figure(found, figure, theory)
-    hand_over(text, report, found, json_file, table, drawn)
+    terminal.hand_over(map_text(found, theory), report, found, json_file, table, drawn)

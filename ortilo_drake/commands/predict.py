@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from ortilo_drake.commands.options import FolderOption, JsonOption, MapOption
-from ortilo_drake.commands.terminal import check_writable, hand_over, progress_bar, say_if_compiling
+from ortilo_drake.commands.terminal import bar, check_writable, hand_over, say_if_compiling
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.views.pictures import figure_file
 
@@ -39,13 +39,12 @@ def predict(
     if len(set(names)) < len(names):
         raise InputError(f"{', '.join(names)}: two folders of one name would be one flight; rename one")
     say_if_compiling()
-    with progress_bar() as progress:
-        task = progress.add_task("flights", total=len(read) * (1 + 2 * runs))
+    with bar("flights", len(read) * (1 + 2 * runs)) as update:
 
         def say(part: str) -> None:
-            progress.update(task, description=part, advance=1)
+            update(description=part, advance=1)
 
         flights = [predict_recording(one, map_, errors, runs, seed, say) for one in read]
-    text = predicted_text(flights, noise)
     predicted_figure(flights, picture)
-    hand_over(text, report, {"noise": errors, "flights": flights, "group": group_of(flights)}, json_file, picture)
+    data = {"noise": errors, "flights": flights, "group": group_of(flights)}
+    hand_over(predicted_text(flights, noise), report, data, json_file, picture)

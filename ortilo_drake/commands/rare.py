@@ -7,14 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ortilo_drake.commands.options import (
-    CameraOption,
-    JsonOption,
-    ScenarioArgument,
-    SetOption,
-    WorkersOption,
-    with_camera,
-)
+from ortilo_drake.commands import options
 from ortilo_drake.commands.terminal import check_writable, flights_to_go, hand_over, say_if_compiling, say_warnings
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.typed_yaml import InputError
@@ -29,7 +22,7 @@ class Origin(StrEnum):
 
 
 def rare(
-    scenario: ScenarioArgument = "nominal_imu_uwb",
+    scenario: options.ScenarioArgument = "nominal_imu_uwb",
     corridor: Annotated[
         float | None,
         typer.Option(
@@ -65,13 +58,13 @@ def rare(
         float, typer.Option(min=1e-30, max=0.1, help="Smallest probability of interest; the search stops there.")
     ] = 1e-9,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all noise.")] = 0,
-    camera: CameraOption = None,
-    settings: SetOption = None,
-    workers: WorkersOption = None,
+    camera: options.CameraOption = None,
+    settings: options.SetOption = None,
+    workers: options.WorkersOption = None,
     out_folder: Annotated[
         Path, typer.Option("--out", help="Folder of the report, and of the repetitions that are kept.")
     ] = Path("out/rare"),
-    json_file: JsonOption = None,
+    json_file: options.JsonOption = None,
 ) -> None:
     """Estimate the probability that the vehicle is lost, or strays from its reference or path, where that is rare.
 
@@ -91,7 +84,7 @@ def rare(
         times_as_often,
     )
 
-    laid_over = with_camera(settings, camera, None)
+    laid_over = options.with_camera(settings, camera, None)
     own = with_seed(load_scenario(scenario, laid_over), seed)
     cases = faults_of(fault, own) if fault else {}
 

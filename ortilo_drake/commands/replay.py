@@ -5,20 +5,8 @@ from typing import Annotated
 
 import typer
 
+from ortilo_drake.commands import terminal
 from ortilo_drake.commands.options import MAP_OPTION, JsonOption
-from ortilo_drake.commands.terminal import (
-    DOUBTFUL,
-    check_writable,
-    err,
-    hand_over,
-    progress_bar,
-    say_error,
-    say_heading,
-    say_if_compiling,
-    say_written,
-    show_report,
-    write_json,
-)
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.views.pictures import figure_file
 
@@ -44,17 +32,17 @@ def replay(
         raise InputError(f"{len(log)} logs given: one is replayed at a time; recordings of others need --map")
     from ortilo_drake.interop.log.replay import replay_log
 
-    say_if_compiling()
+    terminal.say_if_compiling()
     result = replay_log(log[0])
-    write_json(json_file, result)
-    say_heading(str(log[0]))
-    show_report(result)
-    say_written(json_file)
+    terminal.write_json(json_file, result)
+    terminal.say_heading(str(log[0]))
+    terminal.show_report(result)
+    terminal.say_written(json_file)
 
 
 def _replay_recorded(paths: list[Path], map_file: Path, out_folder: Path, json_file: Path | None) -> None:
     report = out_folder / "recorded.md"
-    check_writable(report)
+    terminal.check_writable(report)
     from ortilo_drake.interop.recorded.map_file import load_map
     from ortilo_drake.interop.recorded.recording import read_recording
     from ortilo_drake.model.optional import check_installed
@@ -69,25 +57,30 @@ def _replay_recorded(paths: list[Path], map_file: Path, out_folder: Path, json_f
     names = [recording.name for recording in recordings]
     if len(set(names)) < len(names):
         raise InputError(f"{', '.join(names)}: two folders of one name would write one figure; rename one")
-    say_if_compiling()
+    terminal.say_if_compiling()
     motions, figures, tracks = [], [], []
-    with progress_bar() as progress:
-        task = progress.add_task("rows", total=None)
+    with terminal.bar("rows") as update:
 
         def say(part: str) -> None:
-            progress.update(task, description=part, advance=1)
+            update(description=part, advance=1)
 
         for recording in recordings:
-            err.print(f"{recording.name} ...", markup=False, highlight=False)
+            terminal.err.print(f"{recording.name} ...", markup=False, highlight=False)
             found, drawn = replay_recording(recording, map_, say)
             motions.append(found)
             figures.append(motion_figure(found, drawn, map_.available, figure_file(out_folder, recording.name)))
             tracks += write_trajectories(out_folder, found, drawn, recording, map_.calibration.frame)
-    text = report_text(motions, map_.calibration.share)
-    hand_over(text, report, {"map": map_, "motions": motions}, json_file, *figures, *tracks)
+    terminal.hand_over(
+        report_text(motions, map_.calibration.share),
+        report,
+        {"map": map_, "motions": motions},
+        json_file,
+        *figures,
+        *tracks,
+    )
     doubtful = [found for found in motions if found.doubts]
     for found in doubtful:
         for doubt in found.doubts:
-            say_error(f"{found.name}: doubtful: {doubt}")
+            terminal.say_error(f"{found.name}: doubtful: {doubt}")
     if doubtful:
-        raise typer.Exit(DOUBTFUL)
+        raise typer.Exit(terminal.DOUBTFUL)

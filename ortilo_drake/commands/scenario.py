@@ -9,7 +9,7 @@ from rich.padding import Padding
 from rich.text import Text
 
 from ortilo_drake.commands.options import DEFAULT_SCENARIO, ScenarioArgument, SetOption
-from ortilo_drake.commands.terminal import DOUBTFUL, out, say_warnings
+from ortilo_drake.commands.terminal import DOUBTFUL, out, say, say_warnings
 from ortilo_drake.model.input_files import read_text
 from ortilo_drake.model.typed_yaml import InputError, nearest
 from ortilo_drake.scenario import SCENARIO_FOLDER, load_scenario, scenario_names
@@ -32,7 +32,7 @@ def list_scenarios() -> None:
 def show_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetOption = None) -> None:
     """Print a scenario in full, every default filled in, as YAML that loads again."""
     chosen = load_scenario(scenario, tuple(settings or ()))
-    out.print(yaml.safe_dump(chosen.model_dump(mode="json"), sort_keys=False), end="", markup=False, soft_wrap=True)
+    say(yaml.safe_dump(chosen.model_dump(mode="json"), sort_keys=False), end="")
 
 
 @scenario_app.command("check")
@@ -50,26 +50,20 @@ def check_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetO
     seconds = check_flyable(chosen) * chosen.h
     warnings = cautions(chosen, scenario, settings or ())
     say_warnings(warnings)
-    out.print(
-        f"{chosen.name}: {'doubtful' if warnings else 'valid'}; flies {seconds:.1f} s with {', '.join(chosen.sensors)}",
-        markup=False,
-        soft_wrap=True,
-    )
+    say(f"{chosen.name}: {'doubtful' if warnings else 'valid'}; flies {seconds:.1f} s with {', '.join(chosen.sensors)}")
     vehicle = chosen.vehicle
     hover = vehicle.hover_rotor_speeds.max()
-    out.print(
+    say(
         f"  vehicle: {vehicle.mass:g} kg, {vehicle.rotor_count} rotors; hovers at {hover:.4g} rad/s, "
         f"{hover / vehicle.rotor_max_speed:.0%} of the largest speed; "
-        f"lifts at most {vehicle.largest_thrust / vehicle.hover_thrust:.1f} times its weight",
-        markup=False,
-        soft_wrap=True,
+        f"lifts at most {vehicle.largest_thrust / vehicle.hover_thrust:.1f} times its weight"
     )
     up, down = lags = vehicle.rotor_time_constant
     if chosen.world.rotors.kind == "ideal" and lags != M100.rotor_time_constant:
         told = f"ideal: the vehicle's lag of {up:g} and {down:g} s is not flown, as it is with {LAGGING}"
-        out.print(f"  rotors: {told}", markup=False, soft_wrap=True)
+        say(f"  rotors: {told}")
     if not warnings and (line := filter_for_lag(chosen)):
-        out.print(f"  filter: {line}", markup=False, soft_wrap=True)
+        say(f"  filter: {line}")
     if warnings:
         raise typer.Exit(DOUBTFUL)
 

@@ -6,26 +6,19 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.options import (
-    DEFAULT_SCENARIO,
-    FolderOption,
-    JsonOption,
-    ScenarioArgument,
-    SetOption,
-    WorkersOption,
-)
-from ortilo_drake.commands.terminal import check_writable, err, hand_over, progress_bar, say_if_compiling
+from ortilo_drake.commands import options
+from ortilo_drake.commands.terminal import bar, check_writable, hand_over, say_error, say_if_compiling
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.views.pictures import figure_file
 
 
 def sensitivity(
-    scenario: ScenarioArgument = DEFAULT_SCENARIO,
+    scenario: options.ScenarioArgument = options.DEFAULT_SCENARIO,
     flights: Annotated[int, typer.Option(min=1, max=100_000, help="Flights at each value, seeds from 0.")] = 8,
-    workers: WorkersOption = None,
-    settings: SetOption = None,
-    out_folder: FolderOption = Path("out/sensitivity"),
-    json_file: JsonOption = None,
+    workers: options.WorkersOption = None,
+    settings: options.SetOption = None,
+    out_folder: options.FolderOption = Path("out/sensitivity"),
+    json_file: options.JsonOption = None,
 ) -> None:
     """Fly a scenario in worlds that differ from what its filter believes, one mismatch at a time and all together.
 
@@ -47,14 +40,12 @@ def sensitivity(
         return load_scenario(scenario, (*laid_over, *under))
 
     count = workers or os.cpu_count() or 1
-    with progress_bar() as progress, kept_workers():
-        task = progress.add_task("flights", total=None)
+    with bar("flights") as update, kept_workers():
 
         def say(part: str) -> None:
-            progress.update(task, description=part)
-            err.print(f"{part} ...", markup=False, highlight=False)
+            update(description=part)
+            say_error(f"{part} ...")
 
-        found = study(vary, flights, out_folder / "flights", count, say, lambda n: progress.advance(task, n))
-    text = sensitivity_text(found)
+        found = study(vary, flights, out_folder / "flights", count, say, lambda n: update(advance=n))
     sensitivity_figure(found, figure)
-    hand_over(text, report, found, json_file, figure)
+    hand_over(sensitivity_text(found), report, found, json_file, figure)

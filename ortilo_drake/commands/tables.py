@@ -7,19 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.options import (
-    CameraOption,
-    DetectorOption,
-    FolderOption,
-    JsonOption,
-    OnnxOption,
-    PlayerName,
-    PlayerOption,
-    SetOption,
-    WorkersOption,
-    scenarios_from,
-    with_camera,
-)
+from ortilo_drake.commands import options
 from ortilo_drake.commands.terminal import check_writable, hand_over, progress_bar, say_if_compiling
 from ortilo_drake.views.pictures import figure_file
 
@@ -35,7 +23,7 @@ class Preset(StrEnum):
 
 def tables(
     flights: Annotated[int, typer.Option(min=1, max=100_000, help="Flights of each scenario, seeds from 0.")] = 20,
-    workers: WorkersOption = None,
+    workers: options.WorkersOption = None,
     preset: Annotated[
         Preset,
         typer.Option(
@@ -43,24 +31,24 @@ def tables(
             help="tuned: the default filter; nominal: the paper's in our tuning; paper: its code; printed: its text.",
         ),
     ] = Preset.tuned,
-    settings: SetOption = None,
-    camera: CameraOption = None,
-    detector: DetectorOption = None,
-    onnx: OnnxOption = None,
-    player: PlayerOption = PlayerName.fastest,
+    settings: options.SetOption = None,
+    camera: options.CameraOption = None,
+    detector: options.DetectorOption = None,
+    onnx: options.OnnxOption = None,
+    player: options.PlayerOption = options.PlayerName.fastest,
     beside: Annotated[
         list[str] | None,
         typer.Option(
             metavar="SCENARIO",
             help="A further scenario for the same tables; may be repeated.",
-            autocompletion=scenarios_from,
+            autocompletion=options.scenarios_from,
         ),
     ] = None,
     only: Annotated[
         str | None, typer.Option(metavar="SCENARIO", help="Only imu_uwb, or only imu_uwb_yolo, of the paper's two.")
     ] = None,
-    out_folder: FolderOption = Path("out/tables"),
-    json_file: JsonOption = None,
+    out_folder: options.FolderOption = Path("out/tables"),
+    json_file: options.JsonOption = None,
 ) -> None:
     """Fly the paper's two scenarios, or one, many times and print its tables I and II beside ours.
 
@@ -71,7 +59,7 @@ def tables(
     from ortilo_drake.studies.paper_tables.report import table_text
     from ortilo_drake.studies.paper_tables.tables import make_tables
 
-    of_cameras = with_camera(None, camera, detector, onnx)  # so that the flights without one stay the same
+    of_cameras = options.with_camera(None, camera, detector, onnx)  # so that the flights without one stay the same
     chosen = scenarios_of_tables(preset.value, settings or (), of_cameras, beside or (), only)
     check_writable(out_folder / f"tables_{preset.value}.md")
     say_if_compiling()

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +84,13 @@ def flights_to_go(what: str = "flights") -> Iterator[Callable[[int, int | None],
         yield advance
 
 
+@contextmanager
+def bar(what: str, total: int | None = None) -> Iterator[Callable[..., None]]:
+    """Show a progress bar; yield its update, by the names of Rich's: advance, completed, total, description."""
+    with progress_bar() as progress:
+        yield partial(progress.update, progress.add_task(what, total=total))
+
+
 def made_by() -> str:
     """Return a report's last lines: the command that made it, and with which versions."""
     return f"\nMade by `{shlex.join(['ortilo', *sys.argv[1:]])}` with {versions()}.\n"
@@ -92,7 +100,7 @@ def say_written(*paths: Path | None) -> None:
     """Say which files were written."""
     for path in paths:
         if path is not None:
-            out.print(f"  wrote {path}", markup=False, soft_wrap=True)
+            say(f"  wrote {path}")
 
 
 def hand_over(text: str, report: Path, data: Any, json_file: Path | None, *figures: Path | None) -> None:
@@ -101,6 +109,17 @@ def hand_over(text: str, report: Path, data: Any, json_file: Path | None, *figur
     write_json(json_file, data)
     show_markdown(text)
     say_written(report, *figures, json_file)
+
+
+def say(line: str, end: str = "\n") -> None:
+    """Print a line on stdout, as it is."""
+    out.print(line, markup=False, soft_wrap=True, end=end)
+
+
+def say_lines(lines: Iterable[str]) -> None:
+    """Print lines below a heading, each as it is."""
+    for line in lines:
+        say(f"  {line}")
 
 
 def say_if_compiling() -> None:
@@ -140,8 +159,7 @@ def show_rows(rows: dict[str, str]) -> None:
             table.add_row(Text(name), Text(value))
         out.print(table)
         return
-    for name, value in rows.items():
-        out.print(f"  {name:18}  {value}", markup=False, soft_wrap=True)
+    say_lines(f"{name:18}  {value}" for name, value in rows.items())
 
 
 def show_markdown(text: str) -> None:
@@ -152,7 +170,7 @@ def show_markdown(text: str) -> None:
             out.print(Text(heading.removeprefix("# "), style="bold"), soft_wrap=True)
         out.print(Markdown(rest))
     else:
-        out.print(text, markup=False, soft_wrap=True)
+        say(text)
 
 
 def show_report(report: Any) -> None:
@@ -161,7 +179,7 @@ def show_report(report: Any) -> None:
         if isinstance(value, dict):
             value = ", ".join(f"{key} {_number(part)}" for key, part in value.items() if not isinstance(part, dict))
         value = "none" if value == "" else value
-        out.print(f"  {name.replace('_', ' '):20}{_number(value)}", markup=False, soft_wrap=True)
+        say(f"  {name.replace('_', ' '):20}{_number(value)}")
 
 
 def _number(value: Any) -> str:

@@ -7,19 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from ortilo_drake.commands import terminal
 from ortilo_drake.commands.options import JsonOption, WorkersOption, picture_option, yaml_option
-from ortilo_drake.commands.terminal import (
-    DOUBTFUL,
-    check_writable,
-    flights_to_go,
-    out,
-    progress_bar,
-    say_error,
-    say_heading,
-    say_if_compiling,
-    say_written,
-    write_json,
-)
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.optional import check_installed
 from ortilo_drake.model.typed_yaml import InputError
@@ -36,12 +25,10 @@ def _entry(found: "Average | None") -> str:
 
 
 def _print_tuning(report: "Tuning", short: list[str]) -> None:
-    say_heading(report.scenario, f", fitted to {len(report.flights)} flights")
-    for line in short:
-        out.print(f"  {line}", markup=False, soft_wrap=True)
-    out.print()
-    for note in report.notes:
-        out.print(f"  {note}", markup=False, soft_wrap=True)
+    terminal.say_heading(report.scenario, f", fitted to {len(report.flights)} flights")
+    terminal.say_lines(short)
+    terminal.out.print()
+    terminal.say_lines(report.notes)
     for name, number in report.numbers.items():
         line = f"  {name:32} {number.before:.6g} "
         if number.stays:
@@ -50,27 +37,27 @@ def _print_tuning(report: "Tuning", short: list[str]) -> None:
             line += f"-> {number.after:.6g} ± {number.standard_error:.2g}"
             if number.robust_error is not None:
                 line += f" (by the spread of the flights ± {number.robust_error:.2g})"
-        out.print(line, markup=False, soft_wrap=True)
+        terminal.say(line)
     likelihood = report.log_likelihood
-    out.print(f"  log-likelihood {likelihood.before:.1f} -> {likelihood.after:.1f} ", end="")
-    out.print(f"(of {', '.join(report.counted)})", markup=False)
-    out.print("  on the same measurements, 3 if consistent, with 95 % intervals:")
+    terminal.out.print(f"  log-likelihood {likelihood.before:.1f} -> {likelihood.after:.1f} ", end="")
+    terminal.say(f"(of {', '.join(report.counted)})")
+    terminal.out.print("  on the same measurements, 3 if consistent, with 95 % intervals:")
     for kind, befores, afters in (
         ("NEES", report.before.nees, report.after.nees),
         ("NIS", report.before.nis, report.after.nis),
     ):
         for key, before in befores.items():
             if before is not None:
-                out.print(f"    {kind} {key:9} {_entry(before)} -> {_entry(afters[key])}", markup=False, soft_wrap=True)
-    out.print(f"    MSE of position {sum(report.before.mse):.6f} -> {sum(report.after.mse):.6f} m²")
+                terminal.say(f"    {kind} {key:9} {_entry(before)} -> {_entry(afters[key])}")
+    terminal.out.print(f"    MSE of position {sum(report.before.mse):.6f} -> {sum(report.after.mse):.6f} m²")
 
 
 def _print_check(check: "Check") -> None:
-    out.print(f"  flown anew, seeds {check.seeds[0]} to {check.seeds[-1]}:")
+    terminal.out.print(f"  flown anew, seeds {check.seeds[0]} to {check.seeds[-1]}:")
     for when, found in (("before", check.before), ("after", check.after)):
         mse = "none" if found.mse is None else f"{sum(found.mse):.6f} m²"
         line = f"    {when:6} {found.lost} lost, MSE of position {mse}, NEES {_entry(found.nees)}"
-        out.print(line, markup=False, soft_wrap=True)
+        terminal.say(line)
 
 
 class FitBy(StrEnum):
@@ -93,27 +80,26 @@ def _tune_recorded(paths: list[Path], map_file: Path, by: FitBy, out_file: Path 
     if map_.truth is not None:
         check_installed("evo", "recorded")
     recordings = [read_recording(path, map_) for path in paths]
-    say_if_compiling()
+    terminal.say_if_compiling()
     kind: Literal["innovations", "truth"] = "truth" if by is FitBy.truth else "innovations"
     whole = map_.model_copy(update={"imposed": Imposed(lost=0.0, gaps=None)})
     replays = [replay(recording, whole, lambda _: None)[0] for recording in recordings]
-    with flights_to_go("likelihoods") as say:
-        fitted = fit_noise(recordings, map_, kind, lambda n: say(n, MOST))
+    with terminal.flights_to_go("likelihoods") as show:
+        fitted = fit_noise(recordings, map_, kind, lambda n: show(n, MOST))
     fitted = fitted._replace(doubts=tuple(f"{one.name}: {doubt}" for one in replays for doubt in one.doubts))
     before = {name: getattr(map_.filter, name) for name in FITTED}
     after = {name: getattr(fitted.settings, name) for name in FITTED}
     if out_file is not None:
         write_text(out_file, tuned_map_text(map_file, map_, after, out_file))
-    write_json(json_file, fitted._asdict() | {"settings_before": map_.filter, "verdict": fitted.verdict})
-    say_heading(", ".join(fitted.motions), f", fitted by {by.value} to the first parts")
+    terminal.write_json(json_file, fitted._asdict() | {"settings_before": map_.filter, "verdict": fitted.verdict})
+    terminal.say_heading(", ".join(fitted.motions), f", fitted by {by.value} to the first parts")
     for name in FITTED:
-        out.print(f"  {name:32} {before[name]:.3g} -> {after[name]:.3g}", markup=False, soft_wrap=True)
-    for line in fitted_lines(fitted):
-        out.print(f"  {line}", markup=False, soft_wrap=True)
-    say_written(out_file, json_file)
+        terminal.say(f"  {name:32} {before[name]:.3g} -> {after[name]:.3g}")
+    terminal.say_lines(fitted_lines(fitted))
+    terminal.say_written(out_file, json_file)
     if fitted.verdict != "better":
-        say_error(f"{', '.join(fitted.motions)}: doubtful: {verdict_line(fitted)}")
-        raise typer.Exit(DOUBTFUL)
+        terminal.say_error(f"{', '.join(fitted.motions)}: doubtful: {verdict_line(fitted)}")
+        raise typer.Exit(terminal.DOUBTFUL)
 
 
 def _tune_by_flights(
@@ -126,30 +112,28 @@ def _tune_by_flights(
 
     search = load_over(Search, files[0])
     check_installed("cma", "search")
-    check_writable(kept / "search")
+    terminal.check_writable(kept / "search")
     from ortilo_drake.flight.files import write_text
     from ortilo_drake.studies.tuning.search import found_text, search_by_flights, search_lines
 
-    say_if_compiling()
-    with progress_bar() as progress:
-        task = progress.add_task("searching", total=search.evaluations)
+    terminal.say_if_compiling()
+    with terminal.bar("searching", search.evaluations) as update:
 
-        def say(flown: int, least: float) -> None:
-            progress.update(task, completed=flown, description=f"searching, {1000.0 * least:.1f} mm")
+        def show(flown: int, least: float) -> None:
+            update(completed=flown, description=f"searching, {1000.0 * least:.1f} mm")
 
-        found = search_by_flights(search, str(files[0]), kept, workers or os.cpu_count() or 1, say)
+        found = search_by_flights(search, str(files[0]), kept, workers or os.cpu_count() or 1, show)
     if out_file is not None:
         # A file that is named lies where the search lies, or elsewhere: the result must find it from where it is.
         base = os.path.realpath(search.scenario) if search.scenario.endswith((".yaml", ".yml")) else search.scenario
         write_text(out_file, found_text(found, base))
-    write_json(json_file, found)
-    say_heading(search.scenario, ", searched by flights")
+    terminal.write_json(json_file, found)
+    terminal.say_heading(search.scenario, ", searched by flights")
     for key, value in found.best.settings.items():
         numbers = value if isinstance(value, list) else [value]
-        out.print(f"  {key:32} {', '.join(f'{number:.4g}' for number in numbers)}", markup=False, soft_wrap=True)
-    for line in search_lines(found):
-        out.print(f"  {line}", markup=False, soft_wrap=True)
-    say_written(out_file, json_file)
+        terminal.say(f"  {key:32} {', '.join(f'{number:.4g}' for number in numbers)}")
+    terminal.say_lines(search_lines(found))
+    terminal.say_written(out_file, json_file)
 
 
 def tune(
@@ -214,27 +198,23 @@ def tune(
     from ortilo_drake.studies.tuning.tune import check_flights, find_flights, overlay_text, tuning_summary
     from ortilo_drake.studies.tuning.tune import tune as tune_flights
 
-    say_if_compiling()
+    terminal.say_if_compiling()
     files = find_flights(flights)
-    with progress_bar() as progress:
-        task = progress.add_task("fitting", total=None)
-        tuning = tune_flights(
-            files, lambda n: progress.update(task, completed=n, description=f"fitting, {n} likelihoods")
-        )
+    with terminal.bar("fitting") as update:
+        tuning = tune_flights(files, lambda n: update(completed=n, description=f"fitting, {n} likelihoods"))
     checked = None
     if check:
         before = scenario_of(load_flight(files[0]))
-        with progress_bar() as progress:
-            task = progress.add_task("flying anew", total=2 * check)
-            checked = check_flights(tuning, before, check, lambda: progress.advance(task))
+        with terminal.bar("flying anew", 2 * check) as update:
+            checked = check_flights(tuning, before, check, lambda: update(advance=1))
     if out_file is not None:
         write_text(out_file, overlay_text(tuning))
     if figure is not None:
         tuning_figure(tuning, figure)
     data = as_data(tuning) | ({"check": checked} if checked else {})
     del data["fitted"]
-    write_json(json_file, data)
+    terminal.write_json(json_file, data)
     _print_tuning(tuning, tuning_summary(tuning, checked))
     if checked:
         _print_check(checked)
-    say_written(out_file, figure, json_file)
+    terminal.say_written(out_file, figure, json_file)

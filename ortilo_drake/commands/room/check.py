@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.terminal import DOUBTFUL, out, say_error
+from ortilo_drake.commands.terminal import DOUBTFUL, say, say_error
 from ortilo_drake.model.input_error import one_line
 
 RoomArgument = Annotated[Path, typer.Argument(metavar="ROOM", help="A room's .yaml file.")]
@@ -28,8 +28,8 @@ def check(room: RoomArgument) -> None:
 
     found = look_into(room)
     for line in found.facts:
-        out.print(f"OK       {one_line(line)}", markup=False, soft_wrap=True)
+        say(f"OK       {one_line(line)}")
     for line in found.warnings:
-        out.print(f"warning  {one_line(line)}", markup=False, soft_wrap=True)
+        say(f"warning  {one_line(line)}")
     if found.warnings:
         raise typer.Exit(DOUBTFUL)

@@ -7,7 +7,7 @@ import typer
 
 from ortilo_drake.commands.options import JsonOption, SetOption
 from ortilo_drake.commands.room.show import PngOption
-from ortilo_drake.commands.terminal import out, progress_bar, say_written, write_json
+from ortilo_drake.commands.terminal import bar, say, say_written, write_json
 
 if TYPE_CHECKING:
     from ortilo_drake.scenario import Scenario
@@ -36,19 +36,18 @@ def coverage(
     from ortilo_drake.studies.rooms.coverage import coverage as cover
     from ortilo_drake.studies.rooms.coverage_figure import coverage_figure
 
-    with progress_bar() as bar:
-        task = bar.add_task("looking around", total=100)
-        found = cover(scenario, lambda share: bar.update(task, completed=round(100 * share)))
-    out.print(f"Where will {found.room} lose you? {found.answer}", markup=False, soft_wrap=True)
+    with bar("looking around", 100) as update:
+        found = cover(scenario, lambda share: update(completed=round(100 * share)))
+    say(f"Where will {found.room} lose you? {found.answer}")
     for name, case in found.cases.items():
         who = "all sensors" if name == "all" else f"without {name}"
         lost = "stays off the walls" if case.lost_at is None else f"reaches a wall at {case.lost_at:.1f} s"
         worst = f"floor at most {case.floor:.3g} m, at {case.distance:.1f} m ({case.time:.1f} s)"
-        out.print(f"  {who:20}{worst}, {lost}", markup=False, soft_wrap=True)
+        say(f"  {who:20}{worst}, {lost}")
     for line in _along_the_way(found, scenario):
-        out.print(f"  {line} along the way", markup=False, soft_wrap=True)
+        say(f"  {line} along the way")
     if flown := without_camera(scenario):
-        out.print(f"  {'flown':20}{flown}", markup=False, soft_wrap=True)
+        say(f"  {'flown':20}{flown}")
     write_json(json_file, found)
     if png is not None:
         coverage_figure(found, scenario.load_room(), png)

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from ortilo_drake.commands.terminal import check_writable, out, say_written
+from ortilo_drake.commands.terminal import check_writable, say, say_written
 from ortilo_drake.model.input_files import exists
 from ortilo_drake.model.typed_yaml import InputError
 
@@ -44,10 +44,10 @@ def room_name(file: Path) -> str:
 def say_next(file: Path) -> None:
     """Say that a room was written, and what to do with it."""
     say_written(file)
-    out.print("  next: edit it, then", markup=False)
+    say("  next: edit it, then")
     show = f"room show {file} --png out/room.png"
     for words in (f"room check {file}", show, f"fly imu_uwb --set room={file} {OPEN}"):
-        out.print(f"    ortilo {words}", markup=False, soft_wrap=True)
+        say(f"    ortilo {words}")
 
 
 OPEN = "--set uwb.link.blackouts=[]"  # the ready-made scenarios fly without UWB where the authors did

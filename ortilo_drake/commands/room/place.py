@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ortilo_drake.commands.options import JsonOption, RoomFileOption, SetOption, finite
-from ortilo_drake.commands.terminal import out, progress_bar, say_if_compiling, say_written, write_json
+from ortilo_drake.commands.terminal import bar, out, say, say_if_compiling, say_written, write_json
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.room import MAX_ANCHORS, MAX_LANDMARKS
 
@@ -43,15 +43,9 @@ def place(
 
     say_if_compiling()
     chosen = scenario_of(what, tuple(settings or ()))
-    with progress_bar() as progress:
-        task = progress.add_task("placing", total=None)
+    with bar("placing") as update:
         found = place_anchors(
-            chosen,
-            n,
-            spacing,
-            landmarks,
-            lambda part: progress.update(task, description=part),
-            lambda: progress.advance(task),
+            chosen, n, spacing, landmarks, lambda part: update(description=part), lambda: update(advance=1)
         )
     if out_file is not None:
         about = f"The room of {chosen.name} with {n} anchors placed by ortilo room place."
@@ -62,7 +56,7 @@ def place(
     anchors = [list(p) for p in found.room.anchors]
     write_json(json_file, report | {"gain": gain, "anchors": anchors, "landmarks": placed})
     had = len(chosen.load_room().anchors)
-    out.print(f"{chosen.name}, {n} anchors on {found.candidates} mounting places, the room has {had}", markup=False)
+    say(f"{chosen.name}, {n} anchors on {found.candidates} mounting places, the room has {had}")
     _print_worst("before", found.before)
     _print_worst("after", found.after)
     if gain is not None:
@@ -70,15 +64,15 @@ def place(
     for i, (x, y, z) in enumerate(found.room.anchors):
         out.print(f"  anchor {i:<3} ({x:.3f}, {y:.3f}, {z:.3f})")
     for its in found.room.landmarks if landmarks else ():
-        out.print(f"  {its.label:12} ({', '.join(f'{value:.3f}' for value in its.position)})", markup=False)
+        say(f"  {its.label:12} ({', '.join(f'{value:.3f}' for value in its.position)})")
     say_written(out_file, json_file)
     if flown := without_camera(chosen):
-        out.print(f"  flown {flown}", markup=False, soft_wrap=True)
+        say(f"  flown {flown}")
     if out_file is not None:
         ends = "--set planner.start=[X,Y] --set planner.goal=[X,Y]"
         check = f"  placed for this one way; to check another: ortilo room coverage {out_file} {ends}"
-        out.print(check, markup=False, soft_wrap=True)
-        out.print(f"  to see it: ortilo room show {out_file} --png out/room.png", markup=False, soft_wrap=True)
+        say(check)
+        say(f"  to see it: ortilo room show {out_file} --png out/room.png")
 
 
 def _print_worst(when: str, worst: "Worst") -> None:

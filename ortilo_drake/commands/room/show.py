@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from ortilo_drake.commands.options import picture_option
-from ortilo_drake.commands.terminal import out, say_written
+from ortilo_drake.commands.terminal import out, say, say_lines, say_written
 
 PngOption = Annotated[Path | None, picture_option("Draw it to this file")]
 
@@ -28,7 +28,6 @@ def show(
     if png is not None:
         save_plan(room, looked.path, png, None if scenario.name == OF_A_ROOM else scenario.name)
     else:
-        out.print(room_text(room, looked.path, out.width), markup=False, soft_wrap=True)
-    for line in (*looked.facts, *(f"warning  {line}" for line in looked.warnings)):
-        out.print(f"  {line}", markup=False, soft_wrap=True)
+        say(room_text(room, looked.path, out.width))
+    say_lines((*looked.facts, *(f"warning  {line}" for line in looked.warnings)))
     say_written(png)

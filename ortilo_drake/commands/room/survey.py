@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ortilo_drake.commands.options import JsonOption, RoomFileOption, finite
-from ortilo_drake.commands.terminal import out, progress_bar, say_written, write_json
+from ortilo_drake.commands.terminal import bar, say, say_lines, say_written, write_json
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.inputs.numbers import whole
 
@@ -60,8 +60,7 @@ def survey(
     from ortilo_drake.studies.room_design.survey import doubts
     from ortilo_drake.studies.room_design.survey import survey as find
 
-    with progress_bar() as progress:
-        progress.add_task("surveying", total=None)
+    with bar("surveying"):
         surveyed, ranges, scenario = _read(sources, room, most)
         noise = _noise(scenario, range_sd, range_fraction)
         found = find(ranges, surveyed.anchor_positions, numbers, noise, loss.value)
@@ -74,8 +73,7 @@ def survey(
     counts = {"ranges": found.ranges, "places": len(found.places), "chi2": found.chi2, "freedom": found.freedom}
     write_json(json_file, report | counts | {"doubts": doubted, "covariance": found.covariance})
     _print_survey(surveyed.name, found, moved, numbers)
-    for line in doubted:
-        out.print(f"  {line}", markup=False, soft_wrap=True)
+    say_lines(doubted)
     say_written(out_file, json_file)
 
 
@@ -136,11 +134,11 @@ def _read(sources: list[Path], room: str | None, most: int) -> "tuple[Room, Rang
 
 def _print_survey(name: str, found: "Survey", moved: "np.ndarray", known: list[int]) -> None:
     fit = f", chi² {found.chi2:.0f} of {found.freedom} expected" if found.freedom > 0 else ""
-    out.print(f"{name}: {found.ranges} ranges, {len(found.places)} places{fit}", markup=False, soft_wrap=True)
+    say(f"{name}: {found.ranges} ranges, {len(found.places)} places{fit}")
     for i, (p, sd, step) in enumerate(zip(found.anchors, found.sd, moved, strict=True)):
         where = f"  a{i:<3} ({p[0]:8.3f}, {p[1]:8.3f}, {p[2]:8.3f}) m"
         if i in known:
-            out.print(f"{where}  known", markup=False)
+            say(f"{where}  known")
             continue
         spread, far = ", ".join(f"{value:.3f}" for value in sd), float((step @ step) ** 0.5)
-        out.print(f"{where}  sd ({spread}) m, {far:.3f} m from where it was believed", markup=False, soft_wrap=True)
+        say(f"{where}  sd ({spread}) m, {far:.3f} m from where it was believed")

@@ -7,7 +7,7 @@ import typer
 
 from ortilo_drake.commands.options import finite
 from ortilo_drake.commands.room.new import AnchorsOption, ForceOption, check_new, room_name, say_next
-from ortilo_drake.commands.terminal import out
+from ortilo_drake.commands.terminal import say
 from ortilo_drake.model.input_error import InputError
 
 
@@ -54,5 +54,5 @@ def trace(
     write_text(file, new_room(room_name(file), size, anchors, traced.walls, ends, corner))
     sides = f"{size[0]:.2f} x {size[1]:.2f} m within"
     covered = f"they cover {traced.covered:.1%} of what is dark and thick enough"
-    out.print(f"{len(traced.walls)} walls, {sides}; {covered}", markup=False, soft_wrap=True)
+    say(f"{len(traced.walls)} walls, {sides}; {covered}")
     say_next(file)
