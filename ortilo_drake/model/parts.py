@@ -1,6 +1,4 @@
-"""The register of parts that a scenario may name beside its own.
-
-They are sensors, estimators, servos, planners, detectors and faults.
+"""The register of sensors, estimators, servos, planners, detectors and faults that a scenario may name.
 
 A part comes from a package that has an entry point in the group ``ortilo_drake.plugins``, whose module registers it
 when it is imported; from a file given by ``--plugin FILE.py``; or from a call of register_* before the scenario is
@@ -10,7 +8,7 @@ loaded. A scenario file by itself never runs code.
 import importlib.util
 import inspect
 import sys
-from collections.abc import Callable, Hashable, Iterable, Mapping
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import entry_points
@@ -21,11 +19,10 @@ from zlib import crc32
 import numpy as np
 
 from ortilo_drake.model.input_error import InputError
-from ortilo_drake.model.measurement import CAMERA, PAPER, Measurement, Row, make_measurement, seen_earlier
+from ortilo_drake.model.measurement import Row
 from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import Frozen
 
-GROUP: Final = "ortilo_drake.plugins"
 KINDS: Final = ("estimator", "servo", "planner", "detector", "fault")
 
 
@@ -179,10 +176,22 @@ class Part:
 
 
 # Names of signals, of logs' topics and of packets, whose channels are in capitals: a sensor's message would be theirs.
-_TAKEN: Final = frozenset(
-    (*SENSORS, "detections", "shutter", "image", "velocity", "state", "control", "disturbance", "reference")
-    + ("belief", "estimate", "covariance", "force", "measurement", "y", "delta", "v2", "scenario")
-    + ("tick", "command", "telemetry", "hello", "goal")
+_TAKEN: Final = frozenset(SENSORS).union(
+    [
+        "detections",
+        "shutter",
+        "image",
+        "velocity",
+        "state",
+        "control",
+        "disturbance",
+        "reference",
+        "belief",
+        "estimate",
+        "covariance",
+        "force",
+    ],
+    ["measurement", "y", "delta", "v2", "scenario", "tick", "command", "telemetry", "hello", "goal"],
 )
 _SENSORS: dict[str, Sensor] = {}
 _PARTS: dict[tuple[str, str], Part] = {}
@@ -191,11 +200,7 @@ _registrations = 0  # so far: what replaces a part may get its id
 
 
 def register_sensor(sensor: Sensor) -> None:
-    """Let scenarios fly a sensor by its name.
-
-    Raises:
-        InputError: if its name is a built-in sensor's or no plain word, its settings have no link, or tells no noise.
-    """
+    """Let scenarios fly a sensor by its name; InputError if that is taken, or it lacks a link, a message or its noise."""
     if not isinstance(sensor, Sensor):
         raise InputError(f"sensor: {sensor!r}: must be an od.Sensor")
     if not sensor.name.isidentifier() or sensor.name.lower() in _TAKEN:
@@ -214,17 +219,16 @@ def register_part(role: str, part: Part) -> None:
     """Let scenarios name an estimator, a servo, a planner, a detector or a fault; role is one of KINDS."""
     if role not in KINDS:
         raise InputError(f"part: {role!r}: must be one of {', '.join(KINDS)}")
-    if "kind" not in part.settings.model_fields:
-        raise InputError(f"{role}: {part.kind}: its settings need a field 'kind'")
-    kind = part.settings.model_fields["kind"].annotation
+    name, fields = f"{role}: {part.kind}", part.settings.model_fields
+    if "kind" not in fields:
+        raise InputError(f"{name}: its settings need a field 'kind'")
+    kind = fields["kind"].annotation
     if get_origin(kind) is not Literal or part.kind not in get_args(kind):
-        raise InputError(f"{role}: {part.kind}: the field 'kind' of its settings must be Literal[{part.kind!r}]")
-    if role == "fault" and not {"start", "end", "sensor"} <= {*part.settings.model_fields}:
-        raise InputError(
-            f"fault: {part.kind}: its settings must be a Fault with a field 'sensor', whose messages change"
-        )
+        raise InputError(f"{name}: the field 'kind' of its settings must be Literal[{part.kind!r}]")
+    if role == "fault" and not {"start", "end", "sensor"} <= fields.keys():
+        raise InputError(f"{name}: its settings must be a Fault with a field 'sensor', whose messages change")
     if part.box is None and (role == "fault" or part.make is None):
-        raise InputError(f"{role}: {part.kind}: must be given as a System, make, or as an element, box")
+        raise InputError(f"{name}: must be given as a System, make, or as an element, box")
     _PARTS[role, part.kind] = part
     _remember_caller()
 
@@ -238,9 +242,9 @@ def _remember_caller() -> None:
         frame = frame.f_back
     if frame is None or frame.f_globals.get("__name__", "").partition(".")[0] == "ortilo_drake":
         return  # comes with the package
-    file = frame.f_globals.get("__file__")
-    if file and str(Path(file).resolve()) not in _FILES:
-        _FILES.append(str(Path(file).resolve()))
+    file = str(Path(frame.f_globals.get("__file__", "")).resolve())
+    if "__file__" in frame.f_globals and file not in _FILES:
+        _FILES.append(file)
 
 
 def registered() -> Hashable:
@@ -254,11 +258,7 @@ def plugin_files() -> tuple[str, ...]:
 
 
 def load_plugin(file: str | Path) -> None:
-    """Run a Python file that registers parts; once in a process.
-
-    Raises:
-        InputError: if there is no such file, or it fails.
-    """
+    """Run a Python file that registers parts, once in a process; InputError if there is no such file, or it fails."""
     path = Path(file).resolve()
     name = f"ortilo_plugin_{path.stem}_{crc32(bytes(path)):x}"
     if str(path) in _FILES or name in sys.modules:
@@ -278,7 +278,7 @@ def load_plugin(file: str | Path) -> None:
 @cache
 def _load_installed() -> None:
     """Import the plugins of installed packages, ours among them."""
-    for point in entry_points(group=GROUP):
+    for point in entry_points(group="ortilo_drake.plugins"):
         point.load()
 
 
@@ -296,33 +296,15 @@ def find_part(role: str, kind: str) -> Part | None:
     return _PARTS.get((role, kind))
 
 
-def measurement_of(
-    sensors: Iterable[str],
-    camera: tuple[Row, ...] = CAMERA,
-    ages: Mapping[str, float] | None = None,
-    yaw: float = 0.0,
-) -> Measurement:
-    """Return the measurement of the paper's three sensors and of the registered ones among those named.
-
-    Args:
-        sensors: their names.
-        camera: the rows that a landmark fix fills.
-        ages: how old the values of some sensors are on average [s], of those that are faster than the tick.
-        yaw: the heading that is held [rad].
-    """
-    own = ((name, find_sensor(name)) for name in sensors if name not in SENSORS)
-    paper = ((name, camera if rows is CAMERA else rows) for name, rows in PAPER)
-    rows = (*paper, *((name, sensor.rows) for name, sensor in own if sensor is not None))
-    old = ages or {}
-    return make_measurement(
-        tuple((name, tuple(seen_earlier(r, old[name], yaw) for r in its) if name in old else its) for name, its in rows)
-    )
+def own_sensors() -> tuple[Sensor, ...]:
+    """Return the registered sensors by their names; built-in ones are not among them."""
+    _load_installed()
+    return tuple(_SENSORS[name] for name in sorted(_SENSORS))
 
 
 def known_sensors() -> tuple[str, ...]:
     """Return the names of all sensors, built-in ones first."""
-    _load_installed()
-    return (*SENSORS, *sorted(_SENSORS))
+    return (*SENSORS, *(sensor.name for sensor in own_sensors()))
 
 
 def known_kinds(role: str) -> tuple[str, ...]:

@@ -6,14 +6,14 @@ nor the world's differences (scenario/truth.py), nor the world's random parts: d
 """
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field
 
-from ortilo_drake.model.measurement import Measurement
-from ortilo_drake.model.parts import find_part, find_sensor, measurement_of
+from ortilo_drake.model.measurement import CAMERA, PAPER, Measurement, Row, make_measurement, seen_earlier
+from ortilo_drake.model.parts import find_part, find_sensor
 from ortilo_drake.model.room import ORTILO_ROOM, Room, load_room
 from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import FileName, Frozen
@@ -36,6 +36,26 @@ def _as_file_name(name: str) -> str:
 
 
 Name = Annotated[str, AfterValidator(_as_file_name)]  # a folder of flights is called so
+
+
+def measurement_of(
+    sensors: Iterable[str], camera: tuple[Row, ...] = CAMERA, ages: Mapping[str, float] | None = None, yaw: float = 0.0
+) -> Measurement:
+    """Return the measurement of the paper's three sensors and of the registered ones among those named.
+
+    Args:
+        sensors: their names.
+        camera: the rows that a landmark fix fills.
+        ages: how old the values of some sensors are on average [s], of those that are faster than the tick.
+        yaw: the heading that is held [rad].
+    """
+    own = ((name, find_sensor(name)) for name in sensors if name not in SENSORS)
+    paper = ((name, camera if rows is CAMERA else rows) for name, rows in PAPER)
+    rows = (*paper, *((name, sensor.rows) for name, sensor in own if sensor is not None))
+    old = ages or {}
+    return make_measurement(
+        tuple((name, tuple(seen_earlier(r, old[name], yaw) for r in its) if name in old else its) for name, its in rows)
+    )
 
 
 class Belief(Frozen):

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, Field, create_model
 
-from ortilo_drake.model.parts import KINDS, Part, Sensor, find_part, find_sensor, known_kinds, known_sensors
+from ortilo_drake.model.parts import KINDS, Part, Sensor, find_part, find_sensor, known_kinds, own_sensors
 from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import Frozen
 from ortilo_drake.scenario.faults import MAX_FAULTS, AnyFault
@@ -38,10 +38,9 @@ def model_for(base: type[BaseModel], data: Any) -> type[BaseModel]:
     names = {name for name in listed if isinstance(name, str)} if isinstance(listed, list | tuple) else set()
     names |= {key for key in data if key not in base.model_fields}
     names -= {*SENSORS, *base.model_fields}
-    own = {name: find_sensor(name) for name in sorted(names)}
-    if names and not all(own.values()):
-        own = {name: find_sensor(name) for name in known_sensors() if name not in SENSORS}  # an error then lists them
-    sensors = tuple(sensor for sensor in own.values() if sensor is not None)
+    sensors = tuple(sensor for name in sorted(names) if (sensor := find_sensor(name)))
+    if len(sensors) < len(names):
+        sensors = own_sensors()  # an error then lists them
     parts = []
     for role in _roles(base):
         its = data.get("faults") if role == "fault" else [data.get(role)]
@@ -56,9 +55,8 @@ def model_for(base: type[BaseModel], data: Any) -> type[BaseModel]:
 
 def model_of_all(base: type[BaseModel]) -> type[BaseModel]:
     """Return base with a field for every registered part."""
-    sensors = tuple(s for name in known_sensors() if name not in SENSORS and (s := find_sensor(name)))
     parts = tuple((role, p) for role in _roles(base) for kind in known_kinds(role) if (p := find_part(role, kind)))
-    return _model(base, sensors, parts)
+    return _model(base, own_sensors(), parts)
 
 
 def _roles(base: type[BaseModel]) -> list[str]:

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
-from ortilo_drake.model.parts import find_sensor, known_sensors
+from ortilo_drake.model.parts import find_sensor, own_sensors
 from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import InputError, nearest, validate
 from ortilo_drake.scenario.belief import Belief
@@ -110,7 +110,7 @@ class Scenario(Belief):
             for name, sd in (sds | {"walks.torque_sd": its.walks.torque_sd}).items():
                 if any(sd) if isinstance(sd, tuple) else sd:
                     raise ValueError(f"estimator.{name}: {sd}: must be 0 with force none, the paper's filter")
-        known = [r.name for s in known_sensors() if s not in SENSORS and (own := find_sensor(s)) for r in own.rows]
+        known = [row.name for sensor in own_sensors() for row in sensor.rows]
         for name in dict(getattr(getattr(its, "biases", None), "row_sd", ())):
             if name not in known:
                 raise ValueError(f"estimator.biases.row_sd.{name}: must be a row of a sensor beside {SENSORS}: {known}")
@@ -144,7 +144,7 @@ class Scenario(Belief):
     def _world_has_what_flies(self) -> "Scenario":
         for sensor in dict(self.truth.sensors):
             if find_sensor(sensor) is None:
-                known = [name for name in known_sensors() if name not in SENSORS]
+                known = [own.name for own in own_sensors()]
                 raise ValueError(f"truth.sensors.{sensor}: is none of the registered sensors{nearest(sensor, known)}")
         check_faults(self.faults, self.sensors, self.is_rendered)
         check_differences(self)

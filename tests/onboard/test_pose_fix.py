@@ -8,7 +8,6 @@ from ortilo_drake.model.cholesky import scaled_inverse
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.measurement import ATTITUDE_CAMERA
 from ortilo_drake.model.measurement import CAMERA as CAMERA_ROWS
-from ortilo_drake.model.parts import measurement_of
 from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, PAYLOAD
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
@@ -18,6 +17,7 @@ from ortilo_drake.onboard.landmarks.known_attitude import FREE_SD
 from ortilo_drake.onboard.landmarks.landmark_association import associate, center_sd
 from ortilo_drake.onboard.landmarks.landmark_fix import METHODS
 from ortilo_drake.scenario import IntermittentFilter, load_scenario
+from ortilo_drake.scenario.belief import measurement_of
 
 known_attitude, known_tilt, pose = METHODS["known_attitude"], METHODS["known_tilt"], METHODS["pose"]
 

@@ -10,11 +10,11 @@ from pydrake.trajectories import Trajectory
 from scipy.linalg import block_diag
 
 from ortilo_drake.model.hover import discretize, hover_A, hover_B
-from ortilo_drake.model.parts import measurement_of
 from ortilo_drake.model.signals import N_U, N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import GRAVITY, Vehicle
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario.belief import measurement_of
 from ortilo_drake.sensors.described import covariance_at, described_per_tick
 from ortilo_drake.studies.loop.hover_loop import arrivals_of, filter_V, hover_loop, steady_predictor, why_no_gain
 from ortilo_drake.theory.modes.modes import check_detectable, tick_scaling

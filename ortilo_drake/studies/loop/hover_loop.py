@@ -16,7 +16,6 @@ from scipy.linalg import block_diag, solve_discrete_are
 
 from ortilo_drake.model.hover import discretize, drag_D, hover_A, hover_B_d
 from ortilo_drake.model.measurement import Measurement
-from ortilo_drake.model.parts import measurement_of
 from ortilo_drake.model.signals import INTEGRAL_NAMES, N_I, N_U, N_X, STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import GRAVITY, Vehicle
@@ -25,6 +24,7 @@ from ortilo_drake.onboard.estimator.filter_model import augmented_model, filter_
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances
 from ortilo_drake.onboard.servo.lq_gain import gain_of, why_no_servo_gain
 from ortilo_drake.scenario import LqServo, Scenario
+from ortilo_drake.scenario.belief import measurement_of
 from ortilo_drake.theory.margins.loop_margins import OpenLoop, closed
 from ortilo_drake.theory.modes.modes import tick_scaling
 

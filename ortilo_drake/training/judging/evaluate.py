@@ -99,11 +99,7 @@ def is_whole(boxes: np.ndarray, width: int, height: int) -> np.ndarray:
 
 
 def evaluate(
-    detect: Detect,
-    frames: Frames,
-    classes: tuple[str, ...],
-    threshold: float,
-    least: tuple[float, float] = LEAST,
+    detect: Detect, frames: Frames, classes: tuple[str, ...], threshold: float, least: tuple[float, float] = LEAST
 ) -> Evaluation:
     """Return mAP50, AP of each class, errors of the centres, recall and false boxes, and the worst pictures.
 

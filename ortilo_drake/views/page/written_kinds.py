@@ -63,20 +63,11 @@ KINDS: Final = (
         "{}",
     ),
     Kind(
-        "ortilo faults",
-        frozenset({"scenarios", "flights", "start", "rows"}),
-        None,
-        r"# Faults in flight()",
-        "faults",
+        "ortilo faults", frozenset({"scenarios", "flights", "start", "rows"}), None, r"# Faults in flight()", "faults"
     ),
     Kind("ortilo rare", frozenset({"scenario", "verdict", "probability", "independent"}), "scenario", _RARE),
     Kind(
-        "ortilo map",
-        frozenset({"sweep", "rows", "by_drake"}),
-        "sweep.scenario",
-        r"# A map of (.+) over ",
-        "map",
-        False,
+        "ortilo map", frozenset({"sweep", "rows", "by_drake"}), "sweep.scenario", r"# A map of (.+) over ", "map", False
     ),
     Kind("ortilo replay --map", frozenset({"map", "motions"}), None, r"# Recorded motions()", "*"),
     Kind("ortilo fit", frozenset({"uwb", "imu", "intervals", "recordings"})),
