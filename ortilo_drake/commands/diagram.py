@@ -29,9 +29,8 @@ def diagram(
         if picture:
             check_picture(picture, ("svg",))
     check_writable(svg, html, drake)
-    from ortilo_drake.views.graphviz import drake_svg
     from ortilo_drake.views.page.diagram_page import diagram_page
-    from ortilo_drake.views.wiring_picture import wiring_picture
+    from ortilo_drake.views.wiring_picture import drake_svg, wiring_picture
     from ortilo_drake.views.wiring_text import wiring_of, wiring_text
 
     if drake:

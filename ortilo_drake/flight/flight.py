@@ -22,7 +22,7 @@ from ortilo_drake.model.parts import registered
 from ortilo_drake.model.signals import CONTROL_NAMES, N_X, STATE_NAMES, XBAR_NAMES
 from ortilo_drake.onboard.planner.planned import planned
 from ortilo_drake.scenario import Scenario, with_seed
-from ortilo_drake.scenario.saved import FORMAT, scenario_from_json
+from ortilo_drake.scenario.scenario import FORMAT, scenario_from_json
 from ortilo_drake.sensors.imu import standstill_of
 
 AXES = ("x", "y", "z")

@@ -26,7 +26,7 @@ from ortilo_drake.flight.summary import Summary, read_summary
 from ortilo_drake.model.input_files import read_bytes
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.scenario.saved import scenario_from_json
+from ortilo_drake.scenario.scenario import scenario_from_json
 
 FLIGHT: Final = "flight"  # as flight/store.py has it, whatever the file is called
 

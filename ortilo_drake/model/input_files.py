@@ -3,7 +3,6 @@
 A FIFO that nobody writes to would hang the program, and a device or a file without an end would fill the memory.
 """
 
-import errno
 import os
 import stat
 from pathlib import Path
@@ -27,22 +26,14 @@ def open_file(path: Path, limit: int = DATA_LIMIT) -> BinaryIO:
         InputError: if there is no such file, it is no regular one or larger than the limit, or it cannot be read.
     """
     try:
-        # A FIFO opens at once with O_NONBLOCK, which means nothing to a regular file.
-        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        found = os.stat(path)
+        if not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):  # to open a folder fails by itself
+            raise OSError(None, "is no regular file")
+        if found.st_size > limit:
+            raise OSError(None, f"{found.st_size / MIB:.4g} MiB, at most {limit / MIB:g} MiB are read")
+        return open(path, "rb")
     except (OSError, ValueError) as error:  # ValueError: NUL in the name
         raise InputError(f"{path}: cannot be read: {reason(error)}") from None
-    found = os.fstat(descriptor)
-    problem = None
-    if stat.S_ISDIR(found.st_mode):
-        problem = os.strerror(errno.EISDIR)
-    elif not stat.S_ISREG(found.st_mode):
-        problem = "is no regular file"
-    elif found.st_size > limit:
-        problem = f"{found.st_size / MIB:.4g} MiB, at most {limit / MIB:g} MiB are read"
-    if problem:
-        os.close(descriptor)
-        raise InputError(f"{path}: cannot be read: {problem}")
-    return os.fdopen(descriptor, "rb")
 
 
 def check_file(path: Path, limit: int = DATA_LIMIT) -> None:

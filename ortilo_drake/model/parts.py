@@ -1,8 +1,8 @@
 """The register of sensors, estimators, servos, planners, detectors and faults that a scenario may name.
 
-A part comes from a package that has an entry point in the group ``ortilo_drake.plugins``, whose module registers it
-when it is imported; from a file given by ``--plugin FILE.py``; or from a call of register_* before the scenario is
-loaded. A scenario file by itself never runs code.
+A part comes from a package with an entry point in the group ``ortilo_drake.plugins``, whose module registers it when
+imported; from a file given by ``--plugin FILE.py``; or from a call of register_* before the scenario is loaded. A
+scenario file by itself never runs code.
 """
 
 import importlib.util
@@ -105,8 +105,7 @@ class Sensor:
         noise_settings: how those places begin.
         nominal_variances: variances of the value for theory that is of no place, where V comes with each fix (m or
             more). By default the noise in the middle of the room.
-        limits: (scenario, room) -> least and greatest values of the payload; other packets are refused in
-            hardware-in-the-loop. None takes LARGEST in size.
+        limits: (scenario, room) -> the payload's least and greatest values that hardware in the loop takes; or LARGEST.
         whole: (scenario, room) -> which numbers of the payload are whole, by their places in it.
         members: (scenario, size of the payload) -> its members in a struct in C, each with what it is; () of plain
             numbers.
@@ -176,22 +175,10 @@ class Part:
 
 
 # Names of signals, of logs' topics and of packets, whose channels are in capitals: a sensor's message would be theirs.
-_TAKEN: Final = frozenset(SENSORS).union(
-    [
-        "detections",
-        "shutter",
-        "image",
-        "velocity",
-        "state",
-        "control",
-        "disturbance",
-        "reference",
-        "belief",
-        "estimate",
-        "covariance",
-        "force",
-    ],
-    ["measurement", "y", "delta", "v2", "scenario", "tick", "command", "telemetry", "hello", "goal"],
+_TAKEN: Final = frozenset(
+    (*SENSORS, "detections", "shutter", "image", "velocity", "state", "control", "disturbance", "reference", "belief")
+    + ("estimate", "covariance", "force", "measurement", "y", "delta", "v2", "scenario", "tick", "command")
+    + ("telemetry", "hello", "goal")
 )
 _SENSORS: dict[str, Sensor] = {}
 _PARTS: dict[tuple[str, str], Part] = {}
@@ -200,7 +187,7 @@ _registrations = 0  # so far: what replaces a part may get its id
 
 
 def register_sensor(sensor: Sensor) -> None:
-    """Let scenarios fly a sensor by its name; InputError if that is taken, or it lacks a link, a message or its noise."""
+    """Let scenarios fly a sensor by its name; InputError if it is taken, or link, message or noise lack."""
     if not isinstance(sensor, Sensor):
         raise InputError(f"sensor: {sensor!r}: must be an od.Sensor")
     if not sensor.name.isidentifier() or sensor.name.lower() in _TAKEN:

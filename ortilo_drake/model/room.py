@@ -17,9 +17,8 @@ from pydantic import Field, model_validator
 
 from ortilo_drake.model.distortion import Coefficients, Distortion, check_count
 from ortilo_drake.model.input_files import exists, read_text
-from ortilo_drake.model.inputs.known_classes import ORTILO_ROOM
 from ortilo_drake.model.inputs.problems import SeveralProblems
-from ortilo_drake.model.inputs.room_text import parse_room
+from ortilo_drake.model.inputs.room_text import ORTILO_ROOM, parse_room
 from ortilo_drake.model.lens import BROWN_CONRADY, Lens, make_lens
 from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.model.typed_yaml import SMALLEST, Frozen, InputError, Positive, validate

@@ -1,7 +1,8 @@
 """The scenario: everything that decides a flight, and nothing else."""
 
+import json
 from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 from pydantic import Field, model_validator
 
@@ -174,6 +175,7 @@ def _believed(data: dict[str, Any]) -> dict[str, Any]:
     return kept
 
 
+FORMAT: Final = 2  # written beside the JSON of a scenario that a flight or a log carries
 _WHOLE = 1e-6  # within which a number of packets counts as whole
 
 
@@ -203,3 +205,20 @@ def check_differences(scenario: Any) -> None:
     for i, fault in enumerate(scenario.faults):
         if "uwb" in sensors_of_kind(getattr(fault, "kind", "")):
             raise ValueError(f"faults.{i}: {fault.kind}: is one of single ranges, uwb.kind must be ranges")
+
+
+def scenario_from_json(text: str, version: Any, source: str) -> Scenario:
+    """Return the scenario that a flight or a log carries.
+
+    Args:
+        text: its JSON.
+        version: the format written beside it, None if there is none.
+        source: what to call it in an error.
+
+    Raises:
+        InputError: if it is no scenario of this format.
+        ValueError: if it is no JSON.
+    """
+    if version != FORMAT:
+        raise InputError(f"{source}: is of format {version}, this version reads format {FORMAT}")
+    return validate(Scenario, json.loads(text), source)

@@ -1,16 +1,24 @@
-"""The wiring of a scenario as a picture (SVG) in three depths: the paper's blocks, boxes, boxes with their elements."""
+"""The wiring of a scenario as a picture (SVG) in three depths: the paper's blocks, boxes, boxes with their elements.
 
+Also the closed loop as Drake draws it. Graphviz draws all but the first.
+"""
+
+import shutil
+import subprocess
 from collections.abc import Iterator
 from html import escape
 
+from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.diagrams.wiring.blocks import WORLD, arrows_of, blocks_of
 from ortilo_drake.loop.element import Box
 from ortilo_drake.loop.wiring import Wiring
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario
 from ortilo_drake.views.block_picture import block_picture
-from ortilo_drake.views.graphviz import svg_of
 from ortilo_drake.views.palette import BLUE, ORANGE
 from ortilo_drake.views.wiring_text import kind_of, parts_of, row
 
+OPEN = 4  # how far Drake opens nested diagrams: to every system
 HEAD = """digraph {
 rankdir=TB; nodesep=0.15; ranksep=0.35; fontname="Helvetica"; fontsize=11; style="rounded,filled"; color="transparent";
 node [shape=box, fontname="Helvetica", fontsize=11, height=0.3, style=filled, fillcolor=white];
@@ -54,3 +62,20 @@ def label_of(wiring: Wiring, box: Box, depth: int) -> str:
             if name not in ("reads", "holds"):
                 lines += [escape(line) for line in row((name, said), (10, 60))]
     return '<br align="left"/>'.join(lines) + ('<br align="left"/>' if depth == 3 else "")
+
+
+def drake_svg(scenario: Scenario) -> str:
+    """Return Drake's picture of a scenario's closed loop as SVG; InputError if Graphviz is not installed."""
+    return svg_of(make_closed_loop(scenario).GetGraphvizString(max_depth=OPEN))
+
+
+def svg_of(graph: str) -> str:
+    """Return Graphviz's SVG of a graph in the dot language.
+
+    Raises:
+        InputError: if Graphviz is not installed.
+    """
+    if shutil.which("dot") is None:
+        raise InputError("diagram: needs Graphviz's 'dot'; on Debian or Ubuntu: apt-get install graphviz")
+    done = subprocess.run(["dot", "-Tsvg"], input=graph, capture_output=True, text=True, check=True)
+    return done.stdout

@@ -21,7 +21,7 @@ from ortilo_drake.flight.metrics import (
 )
 from ortilo_drake.flight.summary import Loss, read_summary, summary_text
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.scenario.saved import FORMAT
+from ortilo_drake.scenario.scenario import FORMAT
 
 SENSORS = ["uwb", "camera", "imu"]
 STATES_SEEN = {"uwb": (0, 1, 2), "camera": (0, 1, 2), "imu": (3, 4, 5)}

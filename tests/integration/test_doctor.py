@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from command_line import run
 
-from ortilo_drake.commands import doctor_checks
-from ortilo_drake.commands.doctor_checks import CHECKS, NEEDED, Finding
+from ortilo_drake.commands import doctor as doctor_checks
+from ortilo_drake.commands.doctor import CHECKS, NEEDED, Finding
 
 
 @pytest.fixture

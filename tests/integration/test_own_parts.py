@@ -24,7 +24,7 @@ from ortilo_drake.interop.log.replay import replay_log
 from ortilo_drake.interop.ros.ros_types import from_cdr
 from ortilo_drake.model import parts
 from ortilo_drake.scenario import GcsPlanner, LqServo
-from ortilo_drake.scenario.saved import FORMAT
+from ortilo_drake.scenario.scenario import FORMAT
 from ortilo_drake.studies.tube.tube import nominal_flight, planned_reference
 from ortilo_drake.views.page.flight_page import flight_page
 

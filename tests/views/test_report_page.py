@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import ortilo_drake.commands
-from ortilo_drake.commands.doctor_checks import Finding
+from ortilo_drake.commands.doctor import Finding
 from ortilo_drake.commands.report import report
 from ortilo_drake.flight.summary import Summary
 from ortilo_drake.hil.bridge import BridgeReport
@@ -218,12 +218,6 @@ def test_a_figure_of_another_folder_is_not_taken(tmp_path: Path) -> None:
         for file in (tmp_path / "outside.png", inside / "other.png"):
             cv2.imwrite(str(file), np.full((8, 8, 3), 77, np.uint8))
         assert "<figure>" not in report_page(inside)
-
-
-def test_half_a_surrogate_pair_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "map.json").write_text('{"sweep": {"scenario": "\\ud800"}, "rows": [], "by_drake": null}')
-    with pytest.raises(InputError, match=r"map\.json: holds text that is no Unicode"):
-        report(tmp_path / "map.json")
 
 
 def test_rows_alike_are_a_table() -> None:

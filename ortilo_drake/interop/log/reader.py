@@ -21,7 +21,7 @@ from ortilo_drake.interop.ros.ros_types import from_cdr
 from ortilo_drake.model.input_files import MIB, exists
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.scenario.saved import scenario_from_json
+from ortilo_drake.scenario.scenario import scenario_from_json
 
 TICK_LIMIT: Final = 64 * MIB  # of the messages of a tick: a picture of 4K takes 33
 MISSING_LIMIT: Final = 256 * MIB  # of ticks that a log leaves out: 50 minutes at 30 Hz

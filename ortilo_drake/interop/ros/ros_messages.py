@@ -36,7 +36,7 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import CONTROL_NAMES, N_XBAR, STATE_NAMES, XBAR_NAMES
 from ortilo_drake.onboard.planner.planned import planned
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.scenario.saved import FORMAT as SCENARIO_FORMAT
+from ortilo_drake.scenario.scenario import FORMAT as SCENARIO_FORMAT
 
 SCENARIO_TOPIC = "/ortilo/scenario"
 SIGNAL_PREFIX = "/ortilo/"

@@ -1,14 +1,20 @@
-"""The text of a room file as plain data: anchors by name, as cfclient keeps them, become a list of positions."""
+"""The text of a room file as plain data: anchors by name, as cfclient keeps them, become a list of positions.
+
+A room of a user need not give the sizes of the landmark classes in the room that the paper's authors flew in.
+"""
 
 from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import yaml
 
 from ortilo_drake.model.input_error import InputError
-from ortilo_drake.model.inputs.known_classes import with_known_classes
+from ortilo_drake.model.input_files import read_text
 from ortilo_drake.model.typed_yaml import parse_yaml
 
+ORTILO_ROOM = Path(__file__).parents[1] / "ortilo_room.yaml"
 _AXES = ("x", "y", "z")
 _WANTED = "must be [[x, y, z], ...] in m, or by name {0: {x: , y: , z: }, ...}"
 
@@ -59,3 +65,28 @@ def _names_of_anchors(document: yaml.Node) -> Iterator[yaml.Node]:
             yield key
             if key.value == "anchors":
                 yield from (name for name, _ in value.value if isinstance(name, yaml.ScalarNode))
+
+
+@cache
+def _known_classes() -> tuple[dict[str, Any], dict[str, Any]]:
+    known = parse_yaml(read_text(ORTILO_ROOM), str(ORTILO_ROOM))
+    return known["landmark_size"], known["landmark_outline"]
+
+
+def with_known_classes(data: Any) -> Any:
+    """Return a room's plain data with size and outline of ortilo_room.yaml for each class that has no size in it."""
+    if not isinstance(data, dict) or not isinstance(data.get("landmarks"), list):
+        return data
+    sizes, outlines = data.get("landmark_size", {}), data.get("landmark_outline", {})
+    if not (isinstance(sizes, dict) and isinstance(outlines, dict)):
+        return data
+    labels = [item.get("label") for item in data["landmarks"] if isinstance(item, dict)]
+    missing = [label for label in labels if isinstance(label, str) and label not in sizes]
+    if not missing:
+        return data
+    known_sizes, known_outlines = _known_classes()
+    missing = [label for label in dict.fromkeys(missing) if label in known_sizes]
+    return data | {
+        "landmark_size": sizes | {label: known_sizes[label] for label in missing},
+        "landmark_outline": {label: known_outlines[label] for label in missing} | outlines,
+    }

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from ortilo_drake.interop.recorded.map_file import load_map
 from ortilo_drake.interop.recorded.recording import read_recording
-from ortilo_drake.model.inputs.known_classes import ORTILO_ROOM
+from ortilo_drake.model.inputs.room_text import ORTILO_ROOM
 from ortilo_drake.model.room import load_room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
