@@ -1,18 +1,15 @@
 """The IMU by itself, for Diagrams of one's own."""
 
-import numpy as np
 from pydrake.systems.framework import System
 
+from ortilo_drake.loop.diagram import system_of
 from ortilo_drake.loop.element import constant, outside
-from ortilo_drake.loop.shell import WiredSystem_
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.tick import check_tick
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Imu
 from ortilo_drake.world.sensors.imu import imu_box
-
-_ALWAYS = np.zeros(1)
 
 
 def make_imu(settings: Imu | None = None, h: float = 1.0 / 30.0, seed: int = 0, stream: str = "imu") -> System:
@@ -39,6 +36,5 @@ def make_imu(settings: Imu | None = None, h: float = 1.0 / 30.0, seed: int = 0, 
     if not isinstance(settings, Imu | None):
         raise InputError(f"settings: {settings!r}: must be those of an IMU, as od.load_scenario('imu_uwb').imu")
     box = imu_box(settings or Imu(), h, whole=True, stream=stream)
-    wiring = Wiring([outside("state", N_X), outside("acceleration", 3), constant("sent", _ALWAYS), box])
-    imu: System = WiredSystem_[float](box.name, wiring, {box.name: (box.name,)}, h, seed)
-    return imu
+    wiring = Wiring([outside("state", N_X), outside("acceleration", 3), constant("sent", 0.0), box])
+    return system_of(wiring, h, seed)

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import System
 
+from ortilo_drake.loop.diagram import system_of
 from ortilo_drake.loop.element import bundle, outside
-from ortilo_drake.loop.shell import WiredSystem_
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.onboard.estimator.linear_filter import linear_filter_box, linear_model
 
@@ -84,9 +84,7 @@ def IntermittentKalmanFilter(
     _has_shape("x_0", x, (n,))
     messages = [outside(name, 1 + len(C)) for name, (C, _) in its.items()]
     box = linear_filter_box(NAME, linear_model(Phi, Gamma, W, its.values()), x, _covariance("P_0", P_0, n))
-    wiring = Wiring([outside("u", m), *messages, bundle("messages", messages), box])
-    system: System = WiredSystem_[float](NAME, wiring, {part: (f"{NAME}.{part}",) for part in box.parts}, h)
-    return system
+    return system_of(Wiring([outside("u", m), *messages, bundle("messages", messages), box]), h)
 
 
 def _matrix(name: str, values: ArrayLike) -> np.ndarray:

@@ -3,22 +3,24 @@
 Else the vehicle is made of elements: wiring/vehicle.py.
 """
 
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort, System
-from pydrake.systems.primitives import ZeroOrderHold
+from pydrake.systems.framework import DiagramBuilder, OutputPort, System
+from pydrake.systems.primitives import PassThrough, ZeroOrderHold
 
-from ortilo_drake.diagrams.wiring.vehicle import disturbance_boxes, wrench_changes
-from ortilo_drake.loop.diagram import add_wiring, connect_chance, system_of
-from ortilo_drake.loop.element import Box, outside
+from ortilo_drake.diagrams.wiring.vehicle import disturbance_boxes, rotors_lag, wrench_changes
+from ortilo_drake.diagrams.wiring.world import report_link_boxes
+from ortilo_drake.loop.diagram import add_wiring, together
+from ortilo_drake.loop.element import OUTSIDE, Box, outside
 from ortilo_drake.loop.wiring import Wiring
-from ortilo_drake.model.signals import N_U, N_X
+from ortilo_drake.model.signals import ACTED_SIZE, N_U, N_X
 from ortilo_drake.scenario import CommandLink as CommandLinkSettings
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.world.radio.command_link import command_link_box
+from ortilo_drake.world.sensors.sample_collector import Passed
 from ortilo_drake.world.vehicle.acted_report import ActedReport
+from ortilo_drake.world.vehicle.continuous import PASSED
 from ortilo_drake.world.vehicle.failsafe import Failsafe
 from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
 from ortilo_drake.world.vehicle.rotors import Rotors_
@@ -31,14 +33,16 @@ class Integrated(NamedTuple):
 
     Attributes:
         plant: its System.
-        ports: state, acceleration, control, disturbance and, where the scenario wants it, acted.
-        boxes: those of its elements, each with what it reads.
-        systems: that play them, by name.
+        boxes: in the place of those of vehicle_boxes.
+        sources: the output ports that they stand for, by name.
+        within: boxes of its own elements.
+        systems: that play these, by name.
     """
 
     plant: System
-    ports: dict[str, OutputPort]
     boxes: list[Box]
+    sources: dict[str, OutputPort]
+    within: list[Box]
     systems: dict[str, System]
 
 
@@ -56,80 +60,69 @@ def add_vehicle(
         x_0: state at the start (12).
         chance: of loop/seeds.py.
     """
-    h, vehicle = scenario.h, scenario.vehicle
-    hold = builder.AddNamedSystem("hold", ZeroOrderHold(command_period or h, N_U))
+    h, period, vehicle = scenario.h, command_period or scenario.h, scenario.vehicle
+    within, systems = [outside("control", N_U)], dict[str, System]()
+
+    def add(boxes: list[Box], tick: float, **sources: OutputPort) -> dict[str, OutputPort]:
+        """Add elements of its own; return what the last one says, by its parts if it has any."""
+        last = boxes[-1]
+        asked = {part: f"{last.name}.{part}" for part in last.parts} or {"said": last.name}
+        wiring = Wiring([*boxes, outside("plant", N_X), outside("control", N_U)])
+        added = add_wiring(builder, wiring, asked, tick, sources, seed=scenario.seed, chance=chance)
+        within.extend(boxes)
+        systems.update(added.systems)
+        return added.outputs
+
+    def through(system: System, port: OutputPort) -> OutputPort:
+        builder.Connect(port, system.get_input_port())
+        return system.get_output_port()
+
     plant = builder.AddSystem(QuadrotorPlant_[float](vehicle, scenario.world.kinematics, x_0=x_0))
-    pushing = disturbance_boxes(scenario)
-    moved = Wiring([*pushing, outside("plant", N_X)] if any(scenario.world.drag) else pushing)
-    state, said = {"plant": plant.GetOutputPort("state")}, {"disturbance": pushing[-1].name}
-    pushes = add_wiring(builder, moved, said, h, state, seed=scenario.seed, chance=chance)
-    disturbance = builder.AddNamedSystem("disturbance_hold", ZeroOrderHold(h, 6))
-    builder.Connect(pushes.outputs["disturbance"], disturbance.get_input_port())
-    builder.Connect(disturbance.get_output_port(), plant.GetInputPort("disturbance"))
-    changes = {box.name: box.with_inputs(control="control") for box in wrench_changes(scenario, _INSTANT)}
-    made = {name: system_of(Wiring([box, outside("control", N_U)]), _INSTANT) for name, box in changes.items()}
-    changing = [builder.AddSystem(system) for system in made.values()]
-    acting: list[System] = [*changing, hold]
-    if scenario.world.rotors.kind == "first_order":  # their speeds are what lags, not the wrench as it is changed
-        acting = [hold, builder.AddSystem(Rotors_[float](vehicle)), *changing]
-    for before, after in pairwise([*acting, plant]):
-        builder.Connect(before.get_output_port(), _control_of(after))
-    ports = {
-        "state": plant.GetOutputPort("state"),
-        "acceleration": plant.GetOutputPort("acceleration"),
-        "control": acting[-1].get_output_port(),
-        "disturbance": disturbance.get_output_port(),
-    }
-    report = None
+    state = plant.GetOutputPort("state")
+    if command_period is not None:
+        failsafe = builder.AddSystem(Failsafe(scenario.failsafe, vehicle, command_period))
+        builder.ExportInput(failsafe.GetInputPort("command"), "command")
+        builder.Connect(state, failsafe.GetInputPort("state"))
+        builder.ExportOutput(failsafe.GetOutputPort("mode"), "failsafe_mode")
+        told = {name: failsafe.GetOutputPort(name) for name in ("control", "mode")}
+    elif scenario.command_link != CommandLinkSettings():
+        told = add([command_link_box(scenario.command_link, vehicle.hover_thrust, h).with_inputs(control="control")], h)
+        told["control"] = told.pop("applied")
+    else:
+        passing = builder.AddSystem(PassThrough(N_U))
+        builder.ExportInput(passing.get_input_port(), "control")
+        told = {"control": passing.get_output_port()}
+
+    pushes = add(disturbance_boxes(scenario), h, plant=state)["said"]
+    pushes = through(builder.AddNamedSystem("disturbance_hold", ZeroOrderHold(h, 6)), pushes)
+    acts, changes = told["control"], wrench_changes(scenario, _INSTANT, "control")
+    hold, has_rotors = builder.AddNamedSystem("hold", ZeroOrderHold(period, N_U)), rotors_lag(scenario)
+    if has_rotors:  # their speeds are what lags, not the wrench as it is changed
+        acts = through(builder.AddSystem(Rotors_[float](vehicle)), through(hold, acts))
+    acts = add(changes, _INSTANT, control=acts)["said"] if changes else acts
+    acts = acts if has_rotors else through(hold, acts)
+    builder.Connect(acts, plant.GetInputPort("control"))
+    builder.Connect(pushes, plant.GetInputPort("disturbance"))
+
+    acceleration, felt = plant.GetOutputPort("acceleration"), {"control": (0, N_U), "disturbance": (N_U, 6)}
+    boxes = [outside("plant", N_X), Box("felt", OUTSIDE, N_U + 6, parts=felt), outside("rotors_felt", N_U)]
+    boxes.append(outside("acceleration", 3))
+    sources = {"plant": state, "felt": together(builder, [acts, pushes]), "felt.control": acts}
+    sources |= {"felt.disturbance": pushes, "rotors_felt": acts, "acceleration": acceleration}
+    if scenario.imu_samples > 1:
+        size = (scenario.imu_samples - 1) * PASSED
+        passed = builder.AddSystem(Passed(PASSED, scenario.imu_samples, h))
+        boxes.append(Box("vehicle", OUTSIDE, size, parts={"passed": (0, size)}))
+        passing_on = through(passed, together(builder, [state, acceleration]))
+        sources |= {"vehicle": passing_on, "vehicle.passed": passing_on}
     if scenario.commands.are_reported:
         is_late = command_period is not None or scenario.command_link != CommandLinkSettings()
-        report = ActedReport(vehicle, h, command_period or h, is_late, command_period is not None)
-        ports["acted"] = builder.AddSystem(report).get_output_port()
-    link = _command(builder, scenario, _control_of(acting[0]), plant, report, command_period)
-    for system in (*changing, *([link] if link else [])):
-        connect_chance(builder, chance, system)
-    boxes = [*pushing, *changes.values(), outside("control", N_U)]
-    return Integrated(plant, ports, boxes, pushes.systems | made | ({"command_link": link} if link else {}))
-
-
-def _control_of(system: System) -> InputPort:
-    return system.GetInputPort("control") if system.HasInputPort("control") else system.get_input_port()
-
-
-def _command(
-    builder: DiagramBuilder,
-    scenario: Scenario,
-    commanded: InputPort,
-    plant: System,
-    report: ActedReport | None,
-    command_period: float | None,
-) -> System | None:
-    """Connect what commands the vehicle, the failsafe in real time, else the command link, which is returned."""
-    link: System | None = None
-    told = [commanded, *([report.GetInputPort("control")] if report else [])]
-    if command_period is not None:
-        failsafe = builder.AddSystem(Failsafe(scenario.failsafe, scenario.vehicle, command_period))
-        builder.ExportInput(failsafe.GetInputPort("command"), "command")
-        builder.Connect(plant.GetOutputPort("state"), failsafe.GetInputPort("state"))
-        builder.ExportOutput(failsafe.GetOutputPort("mode"), "failsafe_mode")
-        commands = failsafe.GetOutputPort("control")
-        if report is not None:
-            builder.Connect(failsafe.GetOutputPort("mode"), report.GetInputPort("mode"))
+        report = builder.AddSystem(ActedReport(vehicle, h, period, is_late, command_period is not None))
+        for name, port in told.items():
+            builder.Connect(port, report.GetInputPort(name))
+        if command_period is not None:
             builder.ExportInput(report.GetInputPort("stamp"), "command_stamp")
-    elif scenario.command_link != CommandLinkSettings():
-        box = command_link_box(scenario.command_link, scenario.vehicle.hover_thrust, scenario.h)
-        link = builder.AddSystem(
-            system_of(Wiring([box.with_inputs(control="control"), outside("control", N_U)]), scenario.h)
-        )
-        builder.ExportInput(link.GetInputPort("control"), "control")
-        commands = link.GetOutputPort("applied")
-        if report is not None:
-            builder.Connect(link.GetOutputPort("stamp"), report.GetInputPort("stamp"))
-    else:
-        control = builder.ExportInput(told[0], "control")
-        for port in told[1:]:
-            builder.ConnectInput(control, port)
-        return None
-    for port in told:
-        builder.Connect(commands, port)
-    return link
+        acted = outside("acted", ACTED_SIZE)
+        boxes += [acted, *report_link_boxes(scenario, acted)]
+        sources["acted"] = report.get_output_port()
+    return Integrated(plant, boxes, sources, within, systems)

@@ -2,26 +2,23 @@
 
 import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
-from pydrake.systems.primitives import Multiplexer
 
 from ortilo_drake.diagrams.faults import check_room
 from ortilo_drake.diagrams.rendered_camera import add_rendered_camera, move_scene, seen_by_camera
 from ortilo_drake.diagrams.vehicle import add_vehicle
 from ortilo_drake.diagrams.wiring.truth import drawn_values, of_body, payloads_of
-from ortilo_drake.diagrams.wiring.world import is_system, report_link_boxes, sensors_boxes, world_boxes
+from ortilo_drake.diagrams.wiring.world import is_system, sensors_boxes, world_boxes
 from ortilo_drake.loop.diagram import add_wiring
-from ortilo_drake.loop.element import OUTSIDE, Box, Values, outside
+from ortilo_drake.loop.element import Box, Values, outside
 from ortilo_drake.loop.seeds import add_chance
 from ortilo_drake.loop.wiring import Wiring
-from ortilo_drake.model.signals import ACTED_SIZE, N_U, N_X
+from ortilo_drake.model.signals import N_U, N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import CommandLink as CommandLinkSettings
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.truth import Truth
 from ortilo_drake.sensors.described import port_of
 from ortilo_drake.world.drawn_truth import draw_truth, of_seed
-from ortilo_drake.world.sensors.sample_collector import Passed
-from ortilo_drake.world.vehicle.continuous import PASSED
 
 
 class World(Diagram):
@@ -82,10 +79,9 @@ class World(Diagram):
         if command_period is not None or any(scenario.samples(name) > 1 for name in own):
             x_0 = np.concatenate([r_0, [0.0, 0.0, scenario.yaw], np.zeros(6)])
             vehicle = add_vehicle(builder, scenario, command_period, x_0, chance)
-            self._plant, beside, systems = vehicle.plant, vehicle.boxes, vehicle.systems
-            boxes, sources = _integrated(builder, scenario, vehicle.ports)
+            self._plant, beside, systems, sources = vehicle.plant, vehicle.within, vehicle.systems, vehicle.sources
             sensing, messages = sensors_boxes(scenario, room, whole_imu=True)
-            boxes += sensing
+            boxes = [*vehicle.boxes, *sensing]
         else:
             boxes, messages = world_boxes(scenario, room, r_0, whole_imu=True)
             boxes.append(outside("servo", N_U))
@@ -179,39 +175,6 @@ class World(Diagram):
             self._plant.SetVehicle(self._plant.GetMyMutableContextFromRoot(context), flown)
         if self._scenario.is_rendered:
             move_scene(self.GetSubsystemByName("rendered_camera"), context, self._room, drawn)
-
-
-def _integrated(
-    builder: DiagramBuilder, scenario: Scenario, vehicle: dict[str, OutputPort]
-) -> tuple[list[Box], dict[str, OutputPort]]:
-    """Return boxes in the place of those of a vehicle that Drake integrates, and the ports that they stand for."""
-    felt = _together(builder, vehicle["control"], vehicle["disturbance"])
-    parts = {"control": (0, N_U), "disturbance": (N_U, 6)}
-    boxes = [outside("plant", N_X), Box("felt", OUTSIDE, N_U + 6, parts=parts), outside("rotors_felt", N_U)]
-    boxes.append(outside("acceleration", 3))
-    sources = {"plant": vehicle["state"], "felt": felt, "rotors_felt": vehicle["control"]}
-    sources["acceleration"] = vehicle["acceleration"]
-    sources |= {f"felt.{name}": vehicle[name] for name in parts}
-    samples = scenario.imu_samples
-    if samples > 1:
-        size = (samples - 1) * PASSED
-        passed = builder.AddSystem(Passed(PASSED, samples, scenario.h))
-        builder.Connect(_together(builder, vehicle["state"], vehicle["acceleration"]), passed.get_input_port())
-        boxes.append(Box("vehicle", OUTSIDE, size, parts={"passed": (0, size)}))
-        sources |= dict.fromkeys(("vehicle", "vehicle.passed"), passed.get_output_port())
-    if "acted" in vehicle:
-        report = outside("acted", ACTED_SIZE)
-        boxes += [report, *report_link_boxes(scenario, report)]
-        sources["acted"] = vehicle["acted"]
-    return boxes, sources
-
-
-def _together(builder: DiagramBuilder, first: OutputPort, second: OutputPort) -> OutputPort:
-    both = builder.AddSystem(Multiplexer([first.size(), second.size()]))
-    builder.Connect(first, both.get_input_port(0))
-    builder.Connect(second, both.get_input_port(1))
-    joined: OutputPort = both.get_output_port()
-    return joined
 
 
 def _port_of(scenario: Scenario, sensor: str) -> str:

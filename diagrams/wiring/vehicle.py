@@ -25,26 +25,25 @@ def vehicle_boxes(scenario: Scenario, r_0: np.ndarray, control: str, needs_force
     """
     x_0 = np.zeros(N_X)
     x_0[0:3], x_0[5] = r_0, scenario.yaw
-    pushing, acting = disturbance_boxes(scenario), wrench_boxes(scenario, control)
+    pushing = disturbance_boxes(scenario)
+    acting = [] if rotors_lag(scenario) else wrench_changes(scenario, scenario.h, control)
     acts, pushes = acting[-1].name if acting else control, pushing[-1].name
     if scenario.world.plant == "sampled" and not scenario.faster_sensors:
         plant = [plant_box(scenario.vehicle, scenario.world.kinematics, x_0, scenario.h)]
     else:
         plant = continuous_boxes(scenario, x_0, scenario.imu_samples, needs_forces)
     moving = plant[0].with_inputs(control=acts, disturbance=pushes)
-    return [*pushing, *acting, moving, *plant[1:], *(felt_boxes(scenario, acts, pushes) if needs_forces else [])]
-
-
-def felt_boxes(scenario: Scenario, acts: str, pushes: str) -> list[Box]:
-    """Return the boxes of control, disturbance and acceleration up to this tick, of the boxes that say the two."""
-    felt = felt_box(scenario.vehicle).with_inputs(control=acts, disturbance=pushes)
-    moved = acceleration_box(scenario.vehicle, scenario.world.kinematics)
-    return [felt, moved.with_inputs(state="plant", control=felt_control(scenario), disturbance="felt.disturbance")]
+    boxes = [*pushing, *acting, moving, *plant[1:]]
+    if needs_forces:
+        felt, moved = felt_box(scenario.vehicle), acceleration_box(scenario.vehicle, scenario.world.kinematics)
+        boxes.append(felt.with_inputs(control=acts, disturbance=pushes))
+        boxes.append(moved.with_inputs(state="plant", control=felt_control(scenario), disturbance="felt.disturbance"))
+    return boxes
 
 
 def felt_control(scenario: Scenario) -> str:
     """Return the name of the control as it acted on the body up to this tick."""
-    return "rotors_felt" if scenario.world.rotors.kind == "first_order" else "felt.control"
+    return "rotors_felt" if rotors_lag(scenario) else "felt.control"
 
 
 def disturbance_boxes(scenario: Scenario) -> list[Box]:
@@ -61,24 +60,16 @@ def disturbance_boxes(scenario: Scenario) -> list[Box]:
     return boxes
 
 
-def wrench_boxes(scenario: Scenario, control: str) -> list[Box]:
-    """Return the boxes that change the control of rotors without dynamics; the last one, if any, gives it as it acts.
-
-    Rotors with dynamics have these changes behind them: world/vehicle/continuous.py.
-    """
-    if scenario.world.rotors.kind == "first_order":
-        return []
-    changes = wrench_changes(scenario, scenario.h)
-    return [
-        box.with_inputs(control=said) for said, box in zip([control, *(b.name for b in changes)], changes, strict=False)
-    ]
+def rotors_lag(scenario: Scenario) -> bool:
+    """Return whether the rotors have dynamics; what changes their wrench is then behind them (continuous.py)."""
+    return scenario.world.rotors.kind == "first_order"
 
 
-def wrench_changes(scenario: Scenario, h: float) -> list[Box]:
-    """Return the boxes that change the wrench on its way to the body, in order, at ticks of h [s]."""
+def wrench_changes(scenario: Scenario, h: float, control: str) -> list[Box]:
+    """Return the boxes that change a control on its way to the body, in order, at ticks of h [s]."""
     boxes, faults = list[Box](), wrench_table(scenario.faults, scenario.vehicle)
     if scenario.truth.vehicle != VehicleTruth():
-        boxes.append(wrench_error_box())
+        boxes.append(wrench_error_box().with_inputs(control=control))
     if faults.kinds.size:
-        boxes.append(wrench_faults_box(faults, h))
+        boxes.append(wrench_faults_box(faults, h).with_inputs(control=boxes[-1].name if boxes else control))
     return boxes

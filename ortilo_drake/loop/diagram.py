@@ -68,18 +68,6 @@ class Added(NamedTuple):
         return values
 
 
-def connect_chance(builder: DiagramBuilder, chance: OutputPort | None, system: System) -> None:
-    """Connect what lets Drake draw the seed of a system, if it draws noise."""
-    ports = [system.get_input_port(i) for i in range(system.num_input_ports())] if chance is not None else []
-    for port in ports:
-        if _is_chance(system, port):
-            builder.Connect(chance, port)
-
-
-def _is_chance(system: System, port: InputPort) -> bool:
-    return port.get_name() == "chance" and hasattr(system, "set_seed_in")
-
-
 class _Unit(NamedTuple):
     """Boxes that become one system.
 
@@ -104,14 +92,14 @@ class _Unit(NamedTuple):
         return part if part and self.name == box else said
 
 
-def system_of(wiring: Wiring, h: float) -> System:
-    """Return a wiring of one box, and of what it reads from outside, as a system that is named as the box.
+def system_of(wiring: Wiring, h: float, seed: int = 0) -> System:
+    """Return a wiring whose last box, those from outside apart, is all that is to be read, as a system of its name.
 
     Its outputs are the box's parts or, where it has none, what it says by the box's name.
     """
-    (box,) = (box for box in wiring.boxes.values() if box.element is not OUTSIDE)
+    *_, box = (box for box in wiring.boxes.values() if box.element is not OUTSIDE)
     outputs = {part: (f"{box.name}.{part}",) for part in box.parts} or {box.name: (box.name,)}
-    return WiredSystem_[float](box.name, wiring, outputs, h)
+    return WiredSystem_[float](box.name, wiring, outputs, h, seed)
 
 
 def add_wiring(
@@ -149,10 +137,10 @@ def add_wiring(
     for box in wiring.boxes.values():
         if box.system is not None:
             systems[box.name] = builder.AddSystem(box.system)
-            connect_chance(builder, chance, box.system)
+            _connect_chance(builder, chance, box.system)
             readers += [(box.system.GetInputPort(p), said) for p, said in _reads(wiring, box).items()]
             ports |= {f"{box.name}.{part}": box.system.GetOutputPort(part) for part in box.parts}
-            ports[box.name] = _together(builder, [ports[f"{box.name}.{part}"] for part in box.parts])
+            ports[box.name] = together(builder, [ports[f"{box.name}.{part}"] for part in box.parts])
         elif box.element.shows and not box.element.functions and not fused:
             ports |= _constant_ports(builder, box)
         elif not fused and box.element is not OUTSIDE and not box.element.functions:  # a bundle
@@ -172,7 +160,7 @@ def add_wiring(
         ports |= {said: system.GetOutputPort(port) for port, (said,) in own.items()}
         outputs |= {port: system.GetOutputPort(port) for port in joined}
         readers += [(system.GetInputPort(port), said) for port, said in unit.reads.items()]
-        connect_chance(builder, chance, system)
+        _connect_chance(builder, chance, system)
     inputs: dict[str, InputPortIndex] = {}
     for port, said in readers:
         if said in ports:
@@ -184,7 +172,7 @@ def add_wiring(
     for port in (port for box in wiring.boxes.values() for port in _unread(box)):
         inputs[port.get_name()] = builder.ExportInput(port, port.get_name())
     outputs |= {
-        name: _together(builder, [ports[one] for one in said]) for name, said in shows.items() if name not in joined
+        name: together(builder, [ports[one] for one in said]) for name, said in shows.items() if name not in joined
     }
     return Added(systems, outputs, inputs)
 
@@ -231,15 +219,20 @@ def _reads(wiring: Wiring, box: Box) -> dict[str, str]:
     return {port: its for port, its in said.items() if its.partition(".")[0] != box.name}
 
 
+def _connect_chance(builder: DiagramBuilder, chance: OutputPort | None, system: System) -> None:
+    """Connect what lets Drake draw the seed of a system, if it draws noise."""
+    if chance is not None and hasattr(system, "set_seed_in") and system.HasInputPort("chance"):
+        builder.Connect(chance, system.GetInputPort("chance"))
+
+
 def _unread(box: Box) -> list[InputPort]:
     """Return the inputs of a box's System that no other box says, but for chance, which need not be connected."""
-    if box.system is None:
-        return []
-    ports = [box.system.get_input_port(i) for i in range(box.system.num_input_ports())]
-    return [port for port in ports if port.get_name() not in box.element.reads and not _is_chance(box.system, port)]
+    known = {*box.element.reads, *(["chance"] if hasattr(box.system, "set_seed_in") else [])}
+    ports = [box.system.get_input_port(i) for i in range(box.system.num_input_ports())] if box.system else []
+    return [port for port in ports if port.get_name() not in known]
 
 
-def _together(builder: DiagramBuilder, ports: list[OutputPort]) -> OutputPort:
+def together(builder: DiagramBuilder, ports: list[OutputPort]) -> OutputPort:
     """Return output ports as one, one after the other."""
     if len(ports) == 1:
         return ports[0]
