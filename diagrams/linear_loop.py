@@ -7,9 +7,14 @@ filter with its gain frozen is an affine system.
 
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
-from pydrake.systems.primitives import AffineSystem, Demultiplexer, MatrixGain, Multiplexer
+from pydrake.systems.primitives import AffineSystem, MatrixGain
 
-from ortilo_drake.diagrams.servo import make_lq_servo
+from ortilo_drake.diagrams.wiring.onboard import servo_boxes
+from ortilo_drake.diagrams.wiring.systems import system_box
+from ortilo_drake.loop.diagram import add_wiring
+from ortilo_drake.loop.element import OUTSIDE, Box, bundle, constant, outside
+from ortilo_drake.loop.shell import WiredSystem_
+from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR, PAYLOAD, REFERENCE_SIZE, STATE_NAMES, VELOCITY_SIZE
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.onboard.estimator.extra_states import D, F, augmented_rows, extra_states, names_of
@@ -28,16 +33,12 @@ def make_rotors_and_plant(vehicle: Vehicle, kinematics: str) -> Diagram:
         control (4): the commanded u.
         state (12, output): x.
     """
-    builder = DiagramBuilder()
-    plant = builder.AddSystem(QuadrotorPlant_[float](vehicle, kinematics))
-    rotors = builder.AddSystem(Rotors_[float](vehicle))
-    builder.Connect(rotors.get_output_port(), plant.GetInputPort("control"))
-    builder.ExportInput(rotors.get_input_port(), "control")
-    builder.ExportOutput(plant.GetOutputPort("state"), "state")
-    return _named(builder, "rotors_and_plant")
+    plant = _plant_boxes(QuadrotorPlant_[float](vehicle, kinematics), "rotors")
+    rotors = system_box("rotors", Rotors_[float](vehicle), ("wrench",), {"control": ("control", N_U)})
+    return _diagram("rotors_and_plant", [*plant, rotors, outside("control", N_U)], 0.0)
 
 
-def make_servo(scenario: Scenario) -> Diagram:
+def make_servo(scenario: Scenario) -> System:
     """Return the servo with its inputs in one vector; memoryless.
 
     Ports:
@@ -45,25 +46,17 @@ def make_servo(scenario: Scenario) -> Diagram:
             where the scenario lends them the true velocities (6).
         control (4, output): u, f_T absolute.
     """
-    builder = DiagramBuilder()
-    servo = builder.AddSystem(_servo_of(scenario))
-    lends, told = servo.HasInputPort("velocity"), servo.HasInputPort("force")
-    parts = builder.AddSystem(Demultiplexer([N_XBAR, REFERENCE_SIZE] + [3] * told + [N_V] * lends))
-    builder.Connect(parts.get_output_port(0), servo.GetInputPort("estimate"))
-    builder.Connect(parts.get_output_port(1), servo.GetInputPort("reference"))
-    if told:
-        builder.Connect(parts.get_output_port(2), servo.GetInputPort("force"))
-    if lends:
-        message = builder.AddSystem(MatrixGain(np.eye(VELOCITY_SIZE, N_V, -PAYLOAD)))
-        builder.Connect(parts.get_output_port(2 + told), message.get_input_port())
-        builder.Connect(message.get_output_port(), servo.GetInputPort("velocity"))
-    builder.ExportInput(parts.get_input_port(), "inputs")
-    builder.ExportOutput(servo.get_output_port(), "control")
-    return _named(builder, "servo")
-
-
-def _servo_of(scenario: Scenario) -> System:
-    return make_lq_servo(scenario, filter_of(scenario).force != "none")
+    told = filter_of(scenario).force != "none"
+    size = N_XBAR + REFERENCE_SIZE + 3 * told
+    parts = {"estimate": (0, N_XBAR), "reference": (N_XBAR, REFERENCE_SIZE)}
+    parts |= {"force": (N_XBAR + REFERENCE_SIZE, 3)} if told else {}
+    if scenario.lends_velocities:  # in a message whose flag and stamp are not read
+        parts["velocity"], size = (size - PAYLOAD, VELOCITY_SIZE), size + N_V
+    reads = {"reference": "inputs.reference", "velocity": "inputs.velocity"}
+    servo = servo_boxes(scenario.belief, "inputs.estimate", "inputs.force" if told else "no_force", {}, None, {})
+    servo = [box.with_inputs(**{name: reads[name] for name in reads if name in box.element.inputs}) for box in servo]
+    wiring = Wiring([Box("inputs", OUTSIDE, size, parts=parts), constant("no_force", np.zeros(3)), *servo])
+    return WiredSystem_[float]("servo", wiring, {"control": ("servo",)}, scenario.h)
 
 
 def make_frozen_filter(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> AffineSystem:
@@ -119,45 +112,43 @@ def make_linear_loop(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> Di
     """
     extras = extra_states(filter_of(scenario), scenario.vehicle, scenario.h, scenario.flown_rows, scenario.yaw)
     measurement, names = augmented_rows(scenario.measurement.rows, extras), (*STATE_NAMES, *names_of(extras))
-    N, rows = len(names), measurement.arrival_matrix(delta) @ measurement.layout.C
-    builder = DiagramBuilder()
-    plant = builder.AddSystem(QuadrotorPlant_[float](scenario.vehicle, scenario.world.kinematics, scenario.h))
-    state, control = plant.GetOutputPort("state"), plant.GetInputPort("control")
-    seen, columns = state, list(range(N_X))
+    N, y, rows = len(names), measurement.sizes["y"], measurement.arrival_matrix(delta) @ measurement.layout.C
+    columns = list(range(N_X))
+    plant = QuadrotorPlant_[float](scenario.vehicle, scenario.world.kinematics, scenario.h)
+    boxes = _plant_boxes(plant, "servo")
+    seen = boxes[:1]
     if set(F) <= set(names):
-        flown = builder.AddNamedSystem("flown_force", make_flown_force(scenario.vehicle, scenario.h))
-        both = builder.AddSystem(Multiplexer([N_X, 3]))
-        builder.Connect(state, both.get_input_port(0))
-        builder.Connect(flown.get_output_port(), both.get_input_port(1))
-        seen = both.get_output_port()
+        flown = make_flown_force(scenario.vehicle, scenario.h)
+        seen = [*seen, system_box("flown_force", flown, ("y0",), {"u0": ("servo", N_U)})]
         columns += [names.index(name) for name in F]
-    kalman = builder.AddNamedSystem("kalman_filter", make_frozen_filter(scenario, K, delta))
-    servo = builder.AddSystem(_servo_of(scenario))
-    sensors = builder.AddNamedSystem("sensors", MatrixGain(rows[:, columns]))
-    inputs = builder.AddSystem(Multiplexer([measurement.sizes["y"], N_U, REFERENCE_SIZE]))
-    builder.Connect(seen, sensors.get_input_port())
-    builder.Connect(sensors.get_output_port(), inputs.get_input_port(0))
-    builder.Connect(servo.get_output_port(), inputs.get_input_port(1))
-    builder.Connect(inputs.get_output_port(), kalman.get_input_port())
+    sensors = system_box("sensors", MatrixGain(rows[:, columns]), ("y0",), {"u0": ("seen", len(columns))})
+    kalman = make_frozen_filter(scenario, K, delta)
+    inputs = ("inputs", y + N_U + REFERENCE_SIZE)
+    boxes = [*seen, *boxes[1:], sensors, system_box("kalman_filter", kalman, ("y0",), {"u0": inputs})]
     picks = {"estimate": [*range(N_X), *range(N, N + N_I)]} | ({"force": [names.index(d) for d in D]} if extras else {})
-    for port, numbers in picks.items():
-        pick = builder.AddSystem(MatrixGain(np.eye(N + N_I)[numbers]))
-        builder.Connect(kalman.get_output_port(), pick.get_input_port())
-        builder.Connect(pick.get_output_port(), servo.GetInputPort(port))
-    builder.Connect(servo.get_output_port(), control)
-    if len(columns) > N_X:
-        builder.Connect(servo.get_output_port(), flown.get_input_port())
-    if servo.HasInputPort("velocity"):  # whose flag and stamp it does not read
-        message = builder.AddSystem(MatrixGain(np.vstack([np.zeros((PAYLOAD, N_X)), np.eye(N_V, N_X, N_V)])))
-        builder.Connect(state, message.get_input_port())
-        builder.Connect(message.get_output_port(), servo.GetInputPort("velocity"))
-    reference = builder.ExportInput(servo.GetInputPort("reference"), "reference")
-    builder.ConnectInput(reference, inputs.get_input_port(2))
-    builder.ExportOutput(state, "state")
-    return _named(builder, "linear_loop")
+    for name, numbers in picks.items():
+        pick = MatrixGain(np.eye(N + N_I)[numbers])
+        boxes.append(system_box(name, pick, ("y0",), {"u0": ("kalman_filter", N + N_I)}))
+    if scenario.lends_velocities:  # in a message whose flag and stamp are not read
+        message = MatrixGain(np.vstack([np.zeros((PAYLOAD, N_X)), np.eye(N_V, N_X, N_V)]))
+        boxes.append(system_box("velocity", message, ("y0",), {"u0": ("plant", N_X)}))
+    reference, no_force = outside("reference", REFERENCE_SIZE), constant("no_force", np.zeros(3))
+    servo = servo_boxes(scenario.belief, "estimate", "force" if extras else "no_force", {}, None, {})
+    boxes += [*servo, reference, no_force, bundle("seen", seen), bundle("inputs", [sensors, servo[-1], reference])]
+    return _diagram("linear_loop", boxes, scenario.h)
 
 
-def _named(builder: DiagramBuilder, name: str) -> System:
+def _plant_boxes(plant: System, control: str) -> list[Box]:
+    """Return the box of a plant under what another box says, and that of its disturbance, 0."""
+    signals = {"control": (control, N_U), "disturbance": ("calm", 6)}
+    return [system_box("plant", plant, ("state",), signals), constant("calm", np.zeros(6))]
+
+
+def _diagram(name: str, boxes: list[Box], h: float) -> Diagram:
+    """Return a Diagram with the output of the plant's state."""
+    builder = DiagramBuilder()
+    added = add_wiring(builder, Wiring(boxes), {"state": "plant"}, h)
+    builder.ExportOutput(added.outputs["state"], "state")
     diagram = builder.Build()
     diagram.set_name(name)
     return diagram

@@ -14,28 +14,18 @@ scenario by its kind. The System may be a LeafSystem or a Diagram; it sees nothi
 scenario nothing but the Belief, which leaves out what only the world knows (scenario/belief.py).
 """
 
-from typing import Any
-
-import numpy as np
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.trajectories import Trajectory
 
-from ortilo_drake.diagrams.estimator import belief_part_boxes, has_history, set_belief, settable
-from ortilo_drake.diagrams.wiring.messages import message_boxes
-from ortilo_drake.diagrams.wiring.onboard import NO_PARTS, Parts, measurement_in, onboard_boxes
-from ortilo_drake.diagrams.wiring.pictures import detected
-from ortilo_drake.loop.diagram import add_wiring
-from ortilo_drake.loop.element import outside
-from ortilo_drake.loop.wiring import Wiring
-from ortilo_drake.model.signals import ACTED_SIZE, VELOCITY_SIZE
-from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.diagrams.estimator import OfBelief
+from ortilo_drake.diagrams.wiring.messages import heard_boxes
+from ortilo_drake.diagrams.wiring.onboard import NO_PARTS, Parts, onboard_boxes
 from ortilo_drake.onboard.planner.planned import planned, start_of
 from ortilo_drake.scenario import Belief
 
 __all__ = ["NO_PARTS", "Onboard", "Parts", "make_onboard"]
 
 
-class Onboard(Diagram):
+class Onboard(OfBelief):
     """The onboard half as a Diagram, made of the wiring of diagrams/wiring/onboard.py.
 
     Ports:
@@ -80,53 +70,12 @@ class Onboard(Diagram):
     ):
         super().__init__()
         belief = scenario.belief
-        self._settable, self._has_history = settable(belief), has_history(belief)
-        plan, room, builder = trajectory or planned(belief, parts.planner), belief.load_room(), DiagramBuilder()
+        plan, room = trajectory or planned(belief, parts.planner), belief.load_room()
         self.r_0 = start_of(plan)
-        messages = message_boxes(belief, room, detects)
-        around = [*messages.values(), outside("velocity", VELOCITY_SIZE), outside("acted_delivered", ACTED_SIZE)]
-        seeing, messages = detected(belief, room, messages) if detects else ([], messages)
+        heard, messages = heard_boxes(belief, room, detects)
         ticks = int(plan.end_time() * belief.control_rate) + 2 if isinstance(plan, Trajectory) else 0
         boxes = onboard_boxes(belief, room, plan, ticks, messages, parts, takes_paths)
-        boxes += belief_part_boxes(belief, boxes)
-        wiring = Wiring([*around, *seeing, *boxes])
-        self._own = wiring.boxes["estimator"].system if "estimator" in wiring.boxes else None
-        signals: dict[str, Any] = {
-            "control": "servo",
-            "estimate": "belief_parts.estimate",
-            "covariance": "belief_parts.covariance",
-        }
-        signals |= {"reference": "reference"} | measurement_in(boxes)
-        if "vehicle_belief" in wiring.boxes:
-            signals |= {"force": "vehicle_belief.force", "extra": "extra"}
-        sizes = belief.measurement.logged_sizes()
-        signals["logged"] = tuple(signals[name] for name in sizes if name != "state")
-        named = {"acted_delivered": "acted"}
-        self._added = add_wiring(
-            builder, wiring, signals, belief.h, fused="elements" if fused else None, inputs_named=named
-        )
-        for name, port in self._added.outputs.items():
-            builder.ExportOutput(port, name)
-        builder.BuildInto(self)
-        self.set_name("onboard")
-
-    def SetBelief(self, context: Context, xbar: np.ndarray, P: np.ndarray) -> None:
-        """Set the estimator's estimate (15) and covariance (15 x 15); the context is the root's.
-
-        Raises:
-            InputError: if the estimator cannot be set.
-        """
-        if self._own is None:
-            set_belief(self._added, self._settable, context, xbar, P)
-        elif hasattr(self._own, "SetBelief"):
-            self._own.SetBelief(context, xbar, P)
-        else:
-            raise InputError(f"estimator: {self._own.get_name()}: has no method SetBelief, it cannot be resumed")
-
-    @property
-    def has_history(self) -> bool:
-        """True if the next estimates depend on past ticks as well as on the present belief."""
-        return self._has_history if self._own is None else bool(getattr(self._own, "has_history", True))
+        self._assemble("onboard", belief, heard, boxes, fused)
 
 
 def make_onboard(

@@ -5,7 +5,6 @@ from pydrake.geometry import GeometryFrame
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I, ImageRgba8U, RgbdSensor
 
-from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.room import Room
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.world.drawn_truth import Drawn
@@ -87,11 +86,6 @@ def add_rendered_camera(
     builder.ExportOutput(image, "image")
     for name in ("depth_image", "label_image"):
         builder.ExportOutput(rendered.GetOutputPort(name), name)
-
-
-def seen_by_camera(wiring: Wiring) -> str:
-    """Return the box of the state at the time of the camera's clock."""
-    return "camera_clock" if "camera_clock" in wiring.boxes else "plant"
 
 
 def move_scene(camera: System, context: Context, room: Room, drawn: Drawn) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.systems.framework import System
 
-from ortilo_drake.diagrams.wiring.servo import servo_boxes
+from ortilo_drake.diagrams.wiring.onboard import servo_boxes
 from ortilo_drake.loop.element import constant, outside
 from ortilo_drake.loop.shell import WiredSystem_
 from ortilo_drake.loop.wiring import Wiring

@@ -3,11 +3,10 @@
 import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
 
-from ortilo_drake.diagrams.faults import check_room
-from ortilo_drake.diagrams.rendered_camera import add_rendered_camera, move_scene, seen_by_camera
+from ortilo_drake.diagrams.rendered_camera import add_rendered_camera, move_scene
 from ortilo_drake.diagrams.vehicle import add_vehicle
-from ortilo_drake.diagrams.wiring.truth import drawn_values, of_body, payloads_of
-from ortilo_drake.diagrams.wiring.world import is_system, sensors_boxes, world_boxes
+from ortilo_drake.diagrams.wiring.truth import body_of, drawn_values, of_body, payloads_of
+from ortilo_drake.diagrams.wiring.world import check_room, is_system, sensors_boxes, world_boxes
 from ortilo_drake.loop.diagram import add_wiring
 from ortilo_drake.loop.element import Box, Values, outside
 from ortilo_drake.loop.seeds import add_chance
@@ -86,14 +85,15 @@ class World(Diagram):
             boxes, messages = world_boxes(scenario, room, r_0, whole_imu=True)
             boxes.append(outside("servo", N_U))
         wiring, self._wiring = Wiring(boxes), Wiring([*boxes, *beside])
-        names = {"state": "plant"} | {_port_of(scenario, sensor): box.name for sensor, box in messages.items()}
+        names = {"state": "plant"}
+        for sensor, box in messages.items():
+            names["shutter" if scenario.is_picture(sensor) else port_of(sensor)] = box.name
         names |= {"velocity": "velocity"} if scenario.lends_velocities else {}
         names |= {"acted": "acted_delivered"} if scenario.commands.are_reported else {}
         if scenario.is_rendered:
-            names["seen"] = seen_by_camera(wiring)
-        grain = "elements" if fused else None
+            names["seen"] = "camera_clock" if "camera_clock" in wiring.boxes else "plant"
         self._added = add_wiring(
-            builder, wiring, names, scenario.h, sources, grain, {"servo": "control"}, scenario.seed, chance
+            builder, wiring, names, scenario.h, sources, fused, {"servo": "control"}, scenario.seed, chance
         )
         self._added.systems.update(systems)
         outputs = self._added.outputs
@@ -130,10 +130,10 @@ class World(Diagram):
         if self._plant is not None:
             self._plant.SetState(self._plant.GetMyMutableContextFromRoot(context), x)
             return
-        box, state = ("vehicle", "body") if "vehicle" in self._wiring.boxes else ("plant", "x")
+        box, state = body_of(self._wiring)
         body = self._added.state_of(context, box, state).copy()
         body[:N_X] = x
-        self._added.set_state(context, box, state, body)
+        self._added.give(context, {box: Values(start={state: body})})
 
     def SetSeed(self, context: Context, seed: int) -> None:
         """Set the seed of all noise, and how the world of that seed differs; the context is the root's."""
@@ -175,11 +175,6 @@ class World(Diagram):
             self._plant.SetVehicle(self._plant.GetMyMutableContextFromRoot(context), flown)
         if self._scenario.is_rendered:
             move_scene(self.GetSubsystemByName("rendered_camera"), context, self._room, drawn)
-
-
-def _port_of(scenario: Scenario, sensor: str) -> str:
-    """Return the name of the output of a sensor's messages."""
-    return "shutter" if scenario.is_picture(sensor) else port_of(sensor)
 
 
 def make_world(

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from ortilo_drake.loop.diagram import system_of
-from ortilo_drake.loop.element import Box, outside
+from ortilo_drake.loop.element import Box, Values, outside
 from ortilo_drake.loop.wiring import Wiring
 
 
@@ -59,4 +59,4 @@ class PlayedBox:
         self._context, self._ports = self._system.CreateDefaultContext(), list(self._box.parts) or [self._box.name]
         self._system.set_seed_in(self._context, self._seed)
         for name, values in self._start.items():
-            self._system.set_state(self._context, self._box.name, name, values)
+            self._system.give(self._context, {self._box.name: Values(start={name: values})})

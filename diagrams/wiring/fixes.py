@@ -1,17 +1,16 @@
 """The boxes between a sensor's message as it lands and what the handler takes of it."""
 
-from pydrake.systems.framework import System
-
 from ortilo_drake.diagrams.wiring.systems import system_box
 from ortilo_drake.loop.element import Box
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_XBAR
+from ortilo_drake.onboard.estimator.filter_element import parts_box
 from ortilo_drake.onboard.estimator.robust.stuck_gate import stuck_box
 from ortilo_drake.onboard.fix_solver import own_fix_box
 from ortilo_drake.onboard.sample_mean import SampleMean
 from ortilo_drake.scenario import Belief
 from ortilo_drake.scenario.robust import Robust
-from ortilo_drake.sensors.described import described, described_per_tick
+from ortilo_drake.sensors.described import described_per_tick
 from ortilo_drake.sensors.messages import message_port
 
 
@@ -23,36 +22,32 @@ def gated_messages(settings: Robust | None, messages: dict[str, Box], samples: d
     return {name: gate.with_inputs(message=messages[name].name) for name, gate in gates.items()}
 
 
-def solver_boxes(belief: Belief, room: Room, heard: dict[str, Box]) -> dict[str, Box]:
-    """Return the boxes that make fixes of messages, by sensor.
+def solver_boxes(belief: Belief, room: Room, sensor: str, message: Box, at: str) -> list[Box]:
+    """Return the boxes that make a fix of a sensor's message, the last one says it; none where none is needed.
 
-    An element reads a `belief` of [x; i] (240) besides; a System reads `<sensor>_prior`, whose parts are that belief's.
-    A sensor whose message begins with its value has none.
+    Args:
+        belief: what is known of a scenario.
+        room: its room as it was surveyed.
+        sensor: the sensor's name; one whose message begins with its value needs no fix.
+        message: its message.
+        at: the box, or its part, of the belief of [x; i] (240) about which the fix is solved. A System reads it in two
+            parts, `<sensor>_prior`.
     """
-    solvers = {name: solver_box(belief, room, name, said) for name, said in heard.items()}
-    return {name: solver for name, solver in solvers.items() if solver is not None}
-
-
-def solver_box(belief: Belief, room: Room, sensor: str, message: Box) -> Box | None:
-    """Return the box that makes a fix of a sensor's message; None where none is needed."""
-    if belief.samples(sensor) > 1:
-        make = described_per_tick(sensor, belief).make_onboard
-        return None if make is None else system_solver_box(sensor, make(belief, room), message)
-    own = described(sensor)
-    solver: Box | None = None if own.solver is None else own.solver(belief, room)
-    if own.compiled is not None:
-        solver = own_fix_box(sensor, own.compiled, len(own.rows), belief, room)
-    elif solver is None and own.make_onboard is not None:
-        return system_solver_box(sensor, own.make_onboard(belief, room), message)
-    return None if solver is None else solver.with_inputs(message=message.name)
-
-
-def system_solver_box(sensor: str, system: System, message: Box) -> Box:
-    """Return the box of a System that makes fixes: it reads the message and, where it asks, its prior."""
+    its, solver = described_per_tick(sensor, belief), None
+    make = its.make_onboard
+    if belief.samples(sensor) == 1 and its.compiled is not None:
+        solver, make = own_fix_box(sensor, its.compiled, len(its.rows), belief, room), None
+    elif belief.samples(sensor) == 1 and its.solver is not None:
+        solver = its.solver(belief, room)
+    if solver is not None:
+        return [solver.with_inputs(message=message.name, belief=at)]
+    if make is None:
+        return []
+    system, prior = make(belief, room), f"{sensor}_prior"
     signals = {message_port(system).get_name(): (message.name, message.size)}
-    sizes = {"estimate": N_XBAR, "covariance": N_XBAR**2}
-    signals |= {name: (f"{sensor}_prior.{name}", size) for name, size in sizes.items()}
-    return system_box(f"{sensor}_fix", system, (system.get_output_port().get_name(),), signals)
+    signals |= {"estimate": (f"{prior}.estimate", N_XBAR), "covariance": (f"{prior}.covariance", N_XBAR**2)}
+    fix = system_box(f"{sensor}_fix", system, (system.get_output_port().get_name(),), signals)
+    return [parts_box(prior).with_inputs(belief=at), fix]
 
 
 def mean_box(sensor: str, size: int, samples: int, message: Box) -> Box:

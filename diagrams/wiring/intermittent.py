@@ -19,7 +19,7 @@ from ortilo_drake.model.signals import IMU_SIZE, N_X, N_XBAR
 from ortilo_drake.onboard.estimator.acted_element import acted_box
 from ortilo_drake.onboard.estimator.at_rest import rest_of
 from ortilo_drake.onboard.estimator.extra_states import Extra, augmented_rows, extra_states, names_of
-from ortilo_drake.onboard.estimator.filter_element import filter_box, parts_box, vehicle_belief_box
+from ortilo_drake.onboard.estimator.filter_element import filter_box, vehicle_belief_box
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial_covariance
 from ortilo_drake.onboard.estimator.imu_rows import imu_rows_box, imu_variances
 from ortilo_drake.onboard.estimator.lasting_element import (
@@ -80,22 +80,16 @@ def intermittent_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages:
     settings, setup = belief.estimator, filtering_of(belief)
     heard = gated_messages(settings.robust, messages, {name: belief.samples(name) for name in messages})
     gates = [box for name, box in heard.items() if box is not messages[name]]
-    fixes = solver_boxes(belief, room, heard)
+    of_stamp = "{}_vehicle_at_stamp.belief" if setup.extras else "{}_belief_at_stamp"
+    at = {name: of_stamp.format(name) if setup.replays else setup.vehicle_belief for name in heard}
+    solving = {name: solver_boxes(belief, room, name, said, at[name]) for name, said in heard.items()}
+    fixes = {name: boxes[-1] for name, boxes in solving.items() if boxes}
     past = belief_at_stamp_boxes(setup, {name: heard[name] for name in fixes}, belief.h) if setup.replays else {}
-    linearized_at = {
-        name: f"{name}_vehicle_at_stamp.belief" if setup.extras else f"{name}_belief_at_stamp" for name in past
-    }
-    linearized_at = {name: linearized_at.get(name, setup.vehicle_belief) for name in fixes}
-    priors = [name for name in fixes if fixes[name].system is not None]
-    split = [parts_box(f"{name}_prior").with_inputs(belief=linearized_at[name]) for name in priors]
-    fixes = {
-        name: solver if solver.system is not None else solver.with_inputs(belief=linearized_at[name])
-        for name, solver in fixes.items()
-    }
+    split = [box for boxes in solving.values() for box in boxes[:-1]]
     ranging = measuring("anchors")
     sighted = sighted_box(belief.uwb, room) if ranging in fixes else None
     if sighted is not None and fixes[ranging].system is None:
-        split.append(sighted.with_inputs(message=heard[ranging].name, belief=linearized_at[ranging]))
+        split.append(sighted.with_inputs(message=heard[ranging].name, belief=at[ranging]))
         fixes[ranging] = fixes[ranging].with_inputs(message=sighted.name)
     handler_inputs = heard | fixes
 

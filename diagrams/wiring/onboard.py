@@ -10,24 +10,31 @@ import numpy as np
 from pydrake.systems.framework import System
 from pydrake.trajectories import Trajectory
 
-from ortilo_drake.diagrams.wiring.intermittent import intermittent_boxes
-from ortilo_drake.diagrams.wiring.own_part import own_estimator_boxes, own_planner_boxes, system_estimator_boxes
-from ortilo_drake.diagrams.wiring.servo import servo_boxes
-from ortilo_drake.diagrams.wiring.systems import system_box
+from ortilo_drake.diagrams.wiring.intermittent import filtering_of, intermittent_boxes
+from ortilo_drake.diagrams.wiring.own_part import own_box, own_estimator_boxes, system_estimator_boxes, wired
+from ortilo_drake.diagrams.wiring.systems import require_ports, system_box
 from ortilo_drake.diagrams.wiring.tight import tight_boxes
-from ortilo_drake.loop.element import Box, constant
+from ortilo_drake.loop.element import Box, constant, outside
+from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.parts import find_part
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import ACTED_SIZE, N_U, N_XBAR, REFERENCE_SIZE, VELOCITY_SIZE
-from ortilo_drake.onboard.estimator.filter_element import parts_box
+from ortilo_drake.onboard.commands.command_log import command_log_box
+from ortilo_drake.onboard.commands.state_ahead import state_ahead_box
+from ortilo_drake.onboard.estimator.filter_element import extra_box, parts_box
 from ortilo_drake.onboard.initial import initial_estimate
 from ortilo_drake.onboard.planner.path_player import PathPlayer
 from ortilo_drake.onboard.planner.planned import Planned, start_of
 from ortilo_drake.onboard.planner.planner import make_planner
 from ortilo_drake.onboard.planner.table_player import reference_box
-from ortilo_drake.scenario import Belief
+from ortilo_drake.onboard.servo.augmented_servo import augmented_servo_box
+from ortilo_drake.onboard.servo.lq_gain import gain_of
+from ortilo_drake.onboard.servo.lq_servo import TRUE_VELOCITY, servo_box
+from ortilo_drake.scenario import Belief, LqServo
 from ortilo_drake.sensors.described import port_of
 
+AROUND = {"servo": N_U, "reference": REFERENCE_SIZE, "velocity": VELOCITY_SIZE, "acted_delivered": ACTED_SIZE}
+INPUTS_NAMED = {"servo": "control", "acted_delivered": "acted"}  # as Drake's ports are named
 ESTIMATORS = {"intermittent": intermittent_boxes, "tight": tight_boxes}
 
 
@@ -85,7 +92,8 @@ def onboard_boxes(
     signals |= {"estimate": ("belief_parts.estimate", N_XBAR), "covariance": ("belief_parts.covariance", N_XBAR**2)}
     signals |= {"force": (force, 3)}
     if isinstance(plan, Box):
-        boxes += own_planner_boxes(belief, plan, belief_in(estimator), force, messages)
+        says = {"force": force, "reference": "reference", "control": "servo"}
+        boxes += wired("planner", "reference", belief, plan, says, messages, belief_in(estimator))
     else:
         boxes.append(planner_box(plan, ticks, belief.h, takes_paths, signals))
     make_servo = parts.servo or system_of(belief, "servo")
@@ -94,6 +102,53 @@ def onboard_boxes(
     if any(said.startswith("belief_parts.") for box in boxes for said in box.reads.values()):
         boxes.append(belief_parts_box(boxes))
     return boxes
+
+
+def servo_boxes(
+    scenario: Belief,
+    belief: str,
+    force: str,
+    messages: dict[str, Box],
+    own: System | None,
+    signals: dict[str, tuple[str, int]],
+) -> list[Box]:
+    """Return the servo, `servo`, with what it acts on.
+
+    Args:
+        scenario: the scenario.
+        belief: the box that says the belief of [x; i].
+        force: the box that says the force that is believed to act.
+        messages: which box says each sensor's message as it lands.
+        own: a servo of one's own that is a System.
+        signals: what its inputs may read, see system_box.
+
+    Raises:
+        InputError: if a servo of one's own has not the ports that it needs.
+    """
+    commands, vehicle, boxes = scenario.commands, scenario.vehicle, list[Box]()
+    reference = "reference"
+    if commands.are_kept:
+        boxes.append(command_log_box(scenario).with_inputs(control="servo", acted="acted_delivered"))
+        signals = signals | {"timeline": ("command_log", boxes[-1].size)}
+    if commands.servo == "predicted":
+        ahead = state_ahead_box(vehicle, scenario.h, scenario.yaw)
+        boxes.append(ahead.with_inputs(belief=belief, force=force, timeline="command_log"))
+        belief, reference = "state_ahead.belief", "state_ahead.reference"
+        signals = signals | {"estimate": (belief, N_XBAR), "reference": (reference, 9)}
+    if own is not None:
+        require_ports(own, ("estimate", "reference"), ("control",), "servo")
+        return [*boxes, system_box("servo", own, ("control",), signals)]
+    if scenario.lends_velocities:
+        boxes.append(Box("true_velocity", TRUE_VELOCITY, N_XBAR).with_inputs(belief=belief))
+        belief = "true_velocity"
+    if not isinstance(scenario.servo, LqServo):
+        says = {"force": force, "reference": reference, "control": "servo"}
+        return [*boxes, *wired("servo", "servo", scenario, own_box("servo", scenario), says, messages, belief)]
+    if commands.servo == "augmented":
+        servo = augmented_servo_box(scenario.servo, vehicle, scenario.h, commands.delay or 0.0)
+    else:
+        servo = servo_box(gain_of(scenario), vehicle.mass, scenario.servo)
+    return [*boxes, servo.with_inputs(belief=belief, force=force, reference=reference)]
 
 
 def system_of(belief: Belief, role: str) -> Callable[..., System] | None:
@@ -105,6 +160,29 @@ def system_of(belief: Belief, role: str) -> Callable[..., System] | None:
     built_in = {"estimator": tuple(ESTIMATORS), "servo": ("lq",), "planner": ("gcs", "waypoints", "hover")}[role]
     found = None if kind in built_in else find_part(role, kind)
     return None if found is None or found.box is not None else found.make
+
+
+def half_of(belief: Belief, heard: list[Box], boxes: list[Box]) -> tuple[Wiring, dict[str, str]]:
+    """Return the wiring of a half that is alone, or of its estimator, and what each of its output ports says.
+
+    What it reads of AROUND comes from outside where it is not among the boxes.
+
+    Args:
+        belief: what is known of a scenario.
+        heard: what says the messages.
+        boxes: the rest.
+    """
+    named = {box.name for box in boxes}
+    around = [outside(name, size) for name, size in AROUND.items() if name not in named]
+    said = {"control": "servo", "estimate": "belief_parts.estimate", "covariance": "belief_parts.covariance"}
+    said |= {"reference": "reference"} | measurement_in(boxes)
+    shown = [] if "belief_parts" in named else [belief_parts_box(boxes)]
+    if "vehicle_belief" in named:
+        its = filtering_of(belief)
+        shown.append(extra_box("extra", its.n).with_inputs(belief=its.belief))
+        said |= {"force": "vehicle_belief.force", "extra": "extra"}
+    signals = {signal: box for signal, box in said.items() if box not in AROUND or box in named}
+    return Wiring([*heard, *around, *boxes, *shown]), signals
 
 
 def belief_parts_box(boxes: list[Box]) -> Box:

@@ -21,15 +21,15 @@ An estimator says the belief, or that of the vehicle's twelve states [estimate (
 which is known, is added to it.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 from pydrake.systems.framework import System
 
 from ortilo_drake.diagrams.wiring.systems import require_ports, system_box
-from ortilo_drake.diagrams.wiring.trial import try_out
 from ortilo_drake.loop.element import Box, constant
-from ortilo_drake.loop.own import slice_box
+from ortilo_drake.loop.own import output_at_first, slice_box
 from ortilo_drake.model.parts import find_part
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_U, N_X, N_XBAR, PAYLOAD, REFERENCE_SIZE, SENSORS
@@ -97,18 +97,6 @@ def system_estimator_boxes(belief: Belief, system: System, signals: dict[str, tu
     return boxes
 
 
-def own_servo_boxes(scenario: Belief, belief: str, says: dict[str, str], messages: dict[str, Box]) -> list[Box]:
-    """Return a servo of one's own that is an element, `servo`; arguments as of wired."""
-    made = own_box("servo", scenario)
-    return wired("servo", "servo", scenario, made, says | {"control": "servo"}, messages, belief)
-
-
-def own_planner_boxes(scenario: Belief, made: Box, belief: str, force: str, messages: dict[str, Box]) -> list[Box]:
-    """Return a planner of one's own that is an element, `reference`, by its own box; the rest as of wired."""
-    says = {"force": force, "reference": "reference", "control": "servo"}
-    return wired("planner", "reference", scenario, made, says, messages, belief)
-
-
 def own_box(role: str, belief: Belief, *arguments: np.ndarray) -> Box:
     """Return the box of the part of a role that a scenario names, as the part makes it.
 
@@ -164,6 +152,27 @@ def wired(
                 raise InputError(f"{role}.kind: {kind}: {what} reads {port!r}, must be one of {', '.join(allowed)}")
     ports = {"force": 3, "reference": REFERENCE_SIZE, "control": N_U, "belief": N_XBAR + N_XBAR**2}
     ports |= {port: box.size for port, box in (messages | added).items()}
-    try_out(made, ports, f"{role}.kind: {kind}")
+    _try_out(made, ports, f"{role}.kind: {kind}")
     reads = {port: known[port] for port in element.inputs}
     return [replace(made, name=name, reads=reads), *(box for port, box in added.items() if port in element.inputs)]
+
+
+def _try_out(box: Box, sizes: Mapping[str, int], whose: str) -> None:
+    """Call out and step once in plain Python, before numba compiles them.
+
+    numba answers a misspelt name with a page, and does not check an index: a write beyond an array would go into
+    whatever lies there. Other errors may come of the inputs' zeros, so they are left to the flight.
+
+    Raises:
+        InputError: if a name or an attribute is unknown, or an index lies outside its array.
+    """
+    for what in box.element.functions:
+        try:
+            with np.errstate(all="ignore"):
+                output_at_first(box, what, sizes)
+        except (NameError, AttributeError, IndexError) as error:
+            of_n = isinstance(error, AttributeError) and isinstance(error.obj, np.record)
+            said = f"n has no {getattr(error, 'name', '')!r}" if of_n else f"{error}"
+            raise InputError(f"{whose}: {what}: {said}") from None
+        except Exception:
+            continue

@@ -4,12 +4,11 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.diagrams.wiring.fixes import solver_box
+from ortilo_drake.diagrams.wiring.fixes import solver_boxes
 from ortilo_drake.loop.element import Box, bundle, constant
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import DETECTIONS_SIZE, IMU_SIZE, PAYLOAD
 from ortilo_drake.onboard.estimator.at_rest import rest_of
-from ortilo_drake.onboard.estimator.filter_element import parts_box
 from ortilo_drake.onboard.estimator.tight.element import tight_box, tight_handler_box
 from ortilo_drake.onboard.estimator.tight.model import aids_of, initial_covariance, layout_of, motion_of, sample_sds
 from ortilo_drake.onboard.fix_solver import fix_reader_box
@@ -44,16 +43,13 @@ def tight_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages: dict[s
         solving.append(sighted.with_inputs(message=said["uwb"], belief="filter"))
         said["uwb"] = sighted.name
     fixes = bundle("fixes", [box for box in solving if box.name in {f"{name}_fix" for name in own}])
-    fixes = fixes if own else constant("fixes", np.zeros(1))  # a system of its own reads a port, which is never empty
     return [heard.with_inputs(**said), kalman.with_inputs(**said, control="servo"), *silent, *solving, fixes]
 
 
 def fix_boxes(belief: Belief, room: Room, name: str, message: Box) -> list[Box]:
     """Return the boxes of the fixes of one's own sensors, `<name>_fix`: solved about the filter's belief, or read."""
-    solver = solver_box(belief, room, name, message)
-    if solver is None:
-        V = described_per_tick(name, belief).V(belief)
-        return [fix_reader_box(f"{name}_fix", len(described(name).rows), V).with_inputs(message=message.name)]
-    if solver.system is not None:
-        return [parts_box(f"{name}_prior").with_inputs(belief="filter"), solver]
-    return [solver.with_inputs(belief="filter")]
+    solving = solver_boxes(belief, room, name, message, "filter")
+    if solving:
+        return solving
+    V = described_per_tick(name, belief).V(belief)
+    return [fix_reader_box(f"{name}_fix", len(described(name).rows), V).with_inputs(message=message.name)]

@@ -14,7 +14,6 @@ from ortilo_drake.sensors.messages import message_size
 from ortilo_drake.sensors.uwb import errors_drawn, paths_drawn
 from ortilo_drake.world.drawn_truth import AtStart, Drawn, draw_truth
 from ortilo_drake.world.sensors.sensor_errors import bias_of, errors_of, factor_of
-from ortilo_drake.world.slow_error import SlowNoise, gauss_markov
 from ortilo_drake.world.vehicle.wrench_error import wrench_matrix
 
 
@@ -27,16 +26,18 @@ def drawn_values(wiring: Wiring, scenario: Scenario, room: Room, draw: AtStart) 
         room: as it was surveyed.
         draw: what was drawn.
     """
-    if scenario.truth == Truth():
-        return of_any_world(wiring, scenario, room, {}, draw)
-    payloads = payloads_of(wiring, scenario, room)
-    drawn = draw_truth(scenario.truth, draw, room, payloads)
-    parts = [of_vehicle(wiring, scenario, drawn), of_force(scenario, drawn, draw)]
-    parts += [of_sensor(wiring, scenario, room, sensor, n, drawn, draw) for sensor, n in payloads.items()]
-    parts.append(of_any_world(wiring, scenario, room, drawn, draw))
+    boxes, drawn, parts = wiring.boxes, dict[str, np.ndarray](), list[dict[str, Values]]()
+    if scenario.truth != Truth():
+        payloads = payloads_of(wiring, scenario, room)
+        drawn = draw_truth(scenario.truth, draw, room, payloads)
+        parts = [of_vehicle(wiring, scenario, drawn), of_gusts(scenario, draw)]
+        parts += [of_sensor(wiring, scenario, room, sensor, n, drawn, draw) for sensor, n in payloads.items()]
+    # Every world has these, even one as believed: the imu's zero and drift, ranges' detours and errors.
+    parts += [zeroed(scenario, drawn, draw), paths_drawn(boxes, draw), ahrs_drawn(scenario, draw)]
+    parts.append(errors_drawn(scenario, room, draw))
     found: dict[str, Values] = {}
     for name, given in (item for part in parts for item in part.items()):
-        if name in wiring.boxes:
+        if name in boxes:
             found[name] = found.get(name, Values()).updated(given)
     return found
 
@@ -64,11 +65,9 @@ def payloads_of(wiring: Wiring, scenario: Scenario, room: Room) -> dict[str, int
     return {name: size(name) - PAYLOAD for name in flying}
 
 
-def of_any_world(wiring: Wiring, scenario: Scenario, room: Room, drawn: Drawn, draw: AtStart) -> dict[str, Values]:
-    """Return the draws of every world, even one as believed: the imu's zero and drift, ranges' detours and errors."""
-    found = zeroed(scenario, drawn, draw) | paths_drawn(wiring.boxes, draw) | ahrs_drawn(scenario, draw)
-    found |= errors_drawn(scenario, room, draw)
-    return {name: given for name, given in found.items() if name in wiring.boxes}
+def body_of(wiring: Wiring) -> tuple[str, str]:
+    """Return the box of the vehicle's own state, and which of its states begins with x."""
+    return ("vehicle", "body") if "vehicle" in wiring.boxes else ("plant", "x")
 
 
 def of_vehicle(wiring: Wiring, scenario: Scenario, drawn: Drawn) -> dict[str, Values]:
@@ -76,7 +75,7 @@ def of_vehicle(wiring: Wiring, scenario: Scenario, drawn: Drawn) -> dict[str, Va
     start = np.zeros(12)
     start[0:3], start[5] = drawn["start.position"], drawn["start.yaw"]
     found = of_body(wiring, scenario, drawn)
-    name, state = ("vehicle", "body") if "vehicle" in wiring.boxes else ("plant", "x")
+    name, state = body_of(wiring)
     if name in found:
         body = wiring.boxes[name].given.start[state].copy()
         body[:12] += start
@@ -106,19 +105,16 @@ def of_body(wiring: Wiring, scenario: Scenario, drawn: Drawn) -> dict[str, Value
     return found
 
 
-def of_force(scenario: Scenario, drawn: Drawn, draw: AtStart) -> dict[str, Values]:
-    """Return the force that lasts."""
+def of_gusts(scenario: Scenario, draw: AtStart) -> dict[str, Values]:
+    """Return the first gust of the force that lasts, whose mean of_body gives."""
     truth = scenario.truth.force
-    if truth == ForceTruth():
-        return {}
-    noise = gauss_markov(np.array([*[truth.gust_sd] * 3, 0.0, 0.0, 0.0]), truth.gust_time, scenario.h)
-    bias = np.concatenate((drawn["force.mean"], np.zeros(3)))
-    return {"lasting_force": lasting("lasting_force", noise, bias, draw)}
+    start = np.array([*[truth.gust_sd] * 3, 0.0, 0.0, 0.0])
+    return {} if truth == ForceTruth() else {"lasting_force": first_slow("lasting_force", start, draw)}
 
 
-def lasting(name: str, noise: SlowNoise, bias: np.ndarray, draw: AtStart) -> Values:
-    """Return an error that lasts, with the noise that has its name."""
-    return Values(start={"x": noise.start * draw(f"slow error/{name}", len(bias))}, tables={"bias": bias})
+def first_slow(name: str, sd: np.ndarray, draw: AtStart) -> Values:
+    """Return the first numbers of noise that changes slowly, of these standard deviations."""
+    return Values(start={"x": sd * draw(f"slow error/{name}", len(sd))})
 
 
 def of_sensor(
@@ -130,7 +126,8 @@ def of_sensor(
     errors = errors_of(scenario, sensor, payload)
     if errors is not None:
         n = len(errors.noise.a)
-        lasts = lasting(f"{sensor}_slow_error", errors.noise, bias_of(drawn, sensor, n), draw)
-        found[f"{sensor}_error"] = lasts.updated(Values(tables={"factor": factor_of(drawn, sensor, n)}))
+        tables = {"bias": bias_of(drawn, sensor, n), "factor": factor_of(drawn, sensor, n)}
+        start = first_slow(f"{sensor}_slow_error", errors.noise.start, draw)
+        found[f"{sensor}_error"] = start.updated(Values(tables=tables))
     own = described(sensor).drawn
     return found if own is None else found | own(scenario, room, drawn, wiring.boxes)

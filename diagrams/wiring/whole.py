@@ -2,10 +2,9 @@
 
 from pydrake.systems.framework import System
 
-from ortilo_drake.diagrams.faults import check_room
+from ortilo_drake.diagrams.wiring.messages import detected
 from ortilo_drake.diagrams.wiring.onboard import belief_in, measurement_in, onboard_boxes, system_of
-from ortilo_drake.diagrams.wiring.pictures import detected
-from ortilo_drake.diagrams.wiring.world import is_system, world_boxes
+from ortilo_drake.diagrams.wiring.world import check_room, is_system, world_boxes
 from ortilo_drake.loop.element import Box
 from ortilo_drake.onboard.planner.planned import planned, start_of
 from ortilo_drake.scenario import Scenario

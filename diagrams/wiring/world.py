@@ -12,6 +12,7 @@ from ortilo_drake.loop.shell import WiredSystem_
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_U, N_X, PAYLOAD
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances
 from ortilo_drake.onboard.planner.planned import BUILT_IN
 from ortilo_drake.scenario import CommandLink, IntermittentFilter, Link, LqServo, Scenario
@@ -44,11 +45,14 @@ def world_boxes(
         r_0: where the vehicle hovers at first, p_WB (3) [m].
         whole_imu: whether all of the imu's message is asked for; else only what the estimator reads of it.
     """
-    commands = command_boxes(scenario)
-    control = "command_link.applied" if commands else "servo"
-    boxes = [*commands, *vehicle_boxes(scenario, r_0, control, needs_forces(scenario, whole_imu))]
+    h, hover, control, stamp, boxes = scenario.h, scenario.vehicle.hover_thrust, "servo", "now", list[Box]()
+    if scenario.command_link != CommandLink():
+        boxes.append(command_link_box(scenario.command_link, hover, h).with_inputs(control="servo"))
+        control, stamp = "command_link.applied", "command_link.stamp"
+    boxes += vehicle_boxes(scenario, r_0, control, needs_forces(scenario, whole_imu))
     if scenario.commands.are_reported:
-        boxes += report_boxes(scenario, control)
+        report = report_box(hover, h).with_inputs(control=control, stamp=stamp)
+        boxes += [*([now_box(h)] if stamp == "now" else []), report, *report_link_boxes(scenario, report)]
     sensing, messages = sensors_boxes(scenario, room, whole_imu)
     return [*boxes, *sensing], messages
 
@@ -69,20 +73,14 @@ def sensors_boxes(scenario: Scenario, room: Room, whole_imu: bool) -> tuple[list
     return boxes, messages
 
 
-def command_boxes(scenario: Scenario) -> list[Box]:
-    """Return the boxes that carry the commands to the rotors; none for a perfect link."""
-    settings = scenario.command_link
-    if settings == CommandLink():
-        return []
-    return [command_link_box(settings, scenario.vehicle.hover_thrust, scenario.h).with_inputs(control="servo")]
-
-
-def report_boxes(scenario: Scenario, control: str) -> list[Box]:
-    """Return the boxes that report which commands acted, with their link, which delivers `acted_delivered`."""
-    h, perfect = scenario.h, control == "servo"
-    stamp = "now" if perfect else "command_link.stamp"
-    report = report_box(scenario.vehicle.hover_thrust, h).with_inputs(control=control, stamp=stamp)
-    return [*([now_box(h)] if perfect else []), report, *report_link_boxes(scenario, report)]
+def check_room(scenario: Scenario, room: Room) -> None:
+    """Raise InputError for faults of anchors, landmarks and rotors that are not there."""
+    counts = {"anchor": len(room.anchors), "landmark": len(room.landmarks), "rotor": scenario.vehicle.rotor_count}
+    for i, fault in enumerate(scenario.faults):
+        for name, count in counts.items():
+            for index in (*getattr(fault, f"{name}s", ()), getattr(fault, name, 0)):
+                if index >= count:
+                    raise InputError(f"faults.{i}: {fault.kind}: {name} {index}: must be below {count}, their number")
 
 
 def report_link_boxes(scenario: Scenario, report: Box) -> list[Box]:
@@ -104,30 +102,26 @@ def sensor_boxes(scenario: Scenario, room: Room, name: str, whole_imu: bool) -> 
     sensor = source_box(scenario, room, name, seen, whole_imu)
     if sensor.system is None:
         sensor = sensor.with_inputs(state=seen, sent=link.name if asked is None else asked.name)
-    its_h = scenario.sampled_for(name).h
     each = 1 if sensor.system is not None else samples  # a System gives its samples one by one
-    changes, payload = [], (sensor.size - PAYLOAD) // each - (PAYLOAD if each > 1 else 0)
+    said, payload = [sensor], (sensor.size - PAYLOAD) // each - (PAYLOAD if each > 1 else 0)
     if name in dict(scenario.truth.sensors):
         check_size(name, dict(scenario.truth.sensors)[name], payload)
     after_sensor = described(name).after_sensor
     changed = None if after_sensor is None else after_sensor(scenario, room, sensor, each)
     if changed is not None:
-        changes.append(changed.with_inputs(state=seen))
-    said = changes[-1] if changes else sensor
+        said.append(changed.with_inputs(state=seen))
     errors = None if scenario.is_picture(name) else errors_of(scenario, name, payload)
     if errors is not None:
-        changes.append(errors_box(name, said, errors, each, h))
-    said = changes[-1] if changes else sensor
-    boxes = fault_boxes(name, said, faults, room.anchor_positions, each, its_h)
-    changes += [box.with_inputs(state=seen) for box in boxes]
-    said = changes[-1] if changes else sensor
+        said.append(errors_box(name, said[-1], errors, each, h))
+    changing = fault_boxes(name, said[-1], faults, room.anchor_positions, each, scenario.sampled_for(name).h)
+    said += [box.with_inputs(state=seen) for box in changing]
     if samples > each:
-        collector = SampleCollector(name, said.size, samples, h)
-        changes.append(system_box(f"{name}_samples", collector, (name,), {"sample": (said.name, said.size)}))
-        said = changes[-1]
+        collector = SampleCollector(name, said[-1].size, samples, h)
+        signals = {"sample": (said[-1].name, said[-1].size)}
+        said.append(system_box(f"{name}_samples", collector, (name,), signals))
     before = [box for box in (asked, clock) if box is not None]
     lands = is_late(settings) or asked is not None or sensor.system is not None
-    return [link, *before, sensor, *changes, *([delivery_box(name, said, settings)] if lands else [])]
+    return [link, *before, *said, *([delivery_box(name, said[-1], settings)] if lands else [])]
 
 
 def link_settings(scenario: Scenario, name: str) -> Link:

@@ -4,7 +4,8 @@ from typing import Final
 
 import numpy as np
 
-from ortilo_drake.codegen.half import NAMED, Half
+from ortilo_drake.codegen.half import Half
+from ortilo_drake.diagrams.wiring.onboard import INPUTS_NAMED
 from ortilo_drake.loop.element import Box
 from ortilo_drake.model.parts import known_sensors
 from ortilo_drake.model.signals import ACT_SIZE, ACTS, CONTROL_NAMES, PAYLOAD, XBAR_NAMES
@@ -37,7 +38,7 @@ OUTPUTS: Final = {
 
 def c_name(name: str) -> str:
     """Return the C name of a box or a message."""
-    return NAMED.get(name, name)
+    return INPUTS_NAMED.get(name, name)
 
 
 def fields_of(scenario: Belief, name: str, size: int) -> tuple[tuple[str, str], ...]:

@@ -4,17 +4,13 @@ from typing import NamedTuple
 
 from pydrake.trajectories import Trajectory
 
-from ortilo_drake.diagrams.estimator import belief_part_boxes
 from ortilo_drake.diagrams.wiring.messages import message_boxes
-from ortilo_drake.diagrams.wiring.onboard import measurement_in, onboard_boxes
-from ortilo_drake.loop.element import OUTSIDE, Element, outside, takes
+from ortilo_drake.diagrams.wiring.onboard import half_of, onboard_boxes
+from ortilo_drake.loop.element import OUTSIDE, Element, takes
 from ortilo_drake.loop.wiring import Wire, Wiring
-from ortilo_drake.model.signals import ACTED_SIZE, VELOCITY_SIZE
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.planned import planned
 from ortilo_drake.scenario import Belief
-
-NAMED = {"acted_delivered": "acted"}  # as Drake's ports are named
 
 
 class Half(NamedTuple):
@@ -46,11 +42,10 @@ def onboard_half(scenario: Belief) -> Half:
     if not isinstance(plan, Trajectory):
         raise InputError("export: planner: must be a path; one that is a System or an element is not exported")
     messages = message_boxes(belief, room, detects=True)
-    around = [*messages.values(), outside("velocity", VELOCITY_SIZE), outside("acted_delivered", ACTED_SIZE)]
     ticks = int(plan.end_time() * belief.control_rate) + 2
     boxes = onboard_boxes(belief, room, plan, ticks, messages)
-    boxes += belief_part_boxes(belief, boxes)
-    wiring = Wiring([*around, *boxes])
+    wiring, signals = half_of(belief, list(messages.values()), boxes)
+    signals.pop("extra", None)
     for box in wiring.boxes.values():
         if box.system is not None:
             raise InputError(f"export: {box.name}: {box.system.get_name()}: is a System of Drake's, must be an element")
@@ -59,10 +54,6 @@ def onboard_half(scenario: Belief) -> Half:
     read = {wire.box for wire in wiring.wires.values()}
     read |= {held for name in read for held in wiring.boxes[name].holds}
     inputs = {name: box.size for name, box in wiring.boxes.items() if box.element is OUTSIDE and name in read}
-    signals = {"control": "servo", "estimate": "belief_parts.estimate", "covariance": "belief_parts.covariance"}
-    signals |= {"reference": "reference"} | measurement_in(boxes)
-    if "vehicle_belief" in wiring.boxes:
-        signals["force"] = "vehicle_belief.force"
     return Half(wiring, inputs, {name: wiring.wire(said, "outputs") for name, said in signals.items()})
 
 

@@ -1,6 +1,6 @@
 """Checks of whether a scenario can be flown, the same for `ortilo scenario check` and `ortilo fly`."""
 
-from ortilo_drake.diagrams.faults import check_room
+from ortilo_drake.diagrams.wiring.world import check_room
 from ortilo_drake.model.input_files import MIB
 from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.model.typed_yaml import InputError

@@ -1,41 +1,36 @@
 """A wiring as part of a Drake Diagram: a system for each box, or all elements fused into one."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, InputPort, InputPortIndex, OutputPort, System
-from pydrake.systems.primitives import ConstantVectorSource, Multiplexer
+from pydrake.systems.primitives import Multiplexer
 
 from ortilo_drake.loop.element import OUTSIDE, Box, Values
 from ortilo_drake.loop.shell import WiredSystem_, alone
 from ortilo_drake.loop.wiring import Wiring
 
-NO_SOURCES: Final[Mapping[str, OutputPort]] = MappingProxyType({})
-AS_THEIR_BOXES: Final[Mapping[str, str]] = MappingProxyType({})
+NOTHING: Final[Mapping[str, Any]] = MappingProxyType({})
+FUSED: Final = "elements"  # the name of the system of all elements
 
 
 class Added(NamedTuple):
     """The Systems added to a Diagram for a wiring.
 
     Attributes:
-        systems: by the name of a box, or of what is fused.
+        systems: by the name of a box, or FUSED.
         outputs: output ports by the names that were asked for.
-        inputs: which exported input each signal from outside is, by its name.
     """
 
     systems: dict[str, System]
     outputs: dict[str, OutputPort]
-    inputs: dict[str, InputPortIndex]
 
-    def _wired(self) -> Iterable[Any]:
+    def _players(self) -> Iterator[Any]:
+        """Yield the systems that play boxes by their elements."""
         return (system for system in self.systems.values() if hasattr(system, "boxes"))
-
-    def holder(self, box: str) -> Any:
-        """Return the system that plays a box by its element."""
-        return next(system for system in self._wired() if box in system.boxes())
 
     def set_seed(self, context: Context, seed: int) -> None:
         """Set the seed of all noise; the context is the root's."""
@@ -45,25 +40,19 @@ class Added(NamedTuple):
 
     def seed_in(self, context: Context) -> int:
         """Return the seed of all noise; the context is the root's."""
-        system = next(iter(self._wired()))
-        seed: int = system.seed_in(system.GetMyContextFromRoot(context))
-        return seed
+        system = next(self._players())
+        return int(system.seed_in(system.GetMyContextFromRoot(context)))
 
     def give(self, context: Context, given: dict[str, Values]) -> None:
         """Give boxes other numbers, tables or states, by their names; the context is the root's."""
-        for system in self._wired():
-            its = {name: values for name, values in given.items() if name in system.boxes()}
+        for system in self._players():
+            its = {name: given[name] for name in given.keys() & system.boxes()}
             if its:
                 system.give(system.GetMyMutableContextFromRoot(context), its)
 
-    def set_state(self, context: Context, box: str, state: str, values: np.ndarray) -> None:
-        """Set a state of a box; the context is the root's."""
-        system = self.holder(box)
-        system.set_state(system.GetMyMutableContextFromRoot(context), box, state, values)
-
     def state_of(self, context: Context, box: str, state: str) -> np.ndarray:
         """Return a state of a box; the context is the root's."""
-        system = self.holder(box)
+        system = next(system for system in self._players() if box in system.boxes())
         values: np.ndarray = system.state_of(system.GetMyContextFromRoot(context), box, state)
         return values
 
@@ -107,9 +96,9 @@ def add_wiring(
     wiring: Wiring,
     asked: Mapping[str, str | tuple[str, ...]],
     h: float,
-    sources: Mapping[str, OutputPort] = NO_SOURCES,
-    fused: str | None = None,
-    inputs_named: Mapping[str, str] = AS_THEIR_BOXES,
+    sources: Mapping[str, OutputPort] = NOTHING,
+    fused: bool = False,
+    inputs_named: Mapping[str, str] = NOTHING,
     seed: int = 0,
     chance: OutputPort | None = None,
 ) -> Added:
@@ -124,15 +113,13 @@ def add_wiring(
         asked: what is to be read from outside, by its name: "box" or "box.part", or several, one after the other.
         h: tick [s].
         sources: output ports in the place of boxes of OUTSIDE, by their names.
-        fused: name of the one system that all elements become; None for a system each.
+        fused: whether all elements become one system, FUSED, or a system each.
         inputs_named: names of the Diagram's inputs, where they are not those of the boxes of OUTSIDE.
         seed: of all noise in a default Context.
         chance: of seeds.add_chance, by which Drake may draw another seed.
     """
-    shows = {
-        name: [_said(wiring, one) for one in ([said] if isinstance(said, str) else said)]
-        for name, said in asked.items()
-    }
+    several = {name: (said,) if isinstance(said, str) else said for name, said in asked.items()}
+    shows = {name: tuple(_said(wiring, one) for one in said) for name, said in several.items()}
     ports, systems, readers = dict(sources), dict[str, System](), list[tuple[InputPort, str]]()
     for box in wiring.boxes.values():
         if box.system is not None:
@@ -141,17 +128,15 @@ def add_wiring(
             readers += [(box.system.GetInputPort(p), said) for p, said in _reads(wiring, box).items()]
             ports |= {f"{box.name}.{part}": box.system.GetOutputPort(part) for part in box.parts}
             ports[box.name] = together(builder, [ports[f"{box.name}.{part}"] for part in box.parts])
-        elif box.element.shows and not box.element.functions and not fused:
-            ports |= _constant_ports(builder, box)
-        elif not fused and box.element is not OUTSIDE and not box.element.functions:  # a bundle
-            sizes = [wiring.boxes[name].size for name in box.holds]
-            whole = builder.AddNamedSystem(box.name, Multiplexer(sizes) if sizes else ConstantVectorSource(np.zeros(0)))
+        elif box.holds and not fused:
+            whole = builder.AddNamedSystem(box.name, Multiplexer([wiring.boxes[name].size for name in box.holds]))
             readers += [(whole.get_input_port(i), name) for i, name in enumerate(box.holds)]
             ports[box.name] = whole.get_output_port()
-    units = [_all_in_one(wiring, fused)] if fused else _each_by_itself(wiring)
-    joined = {name: tuple(said) for name, said in shows.items() if len(said) > 1 and all(map(units[0].plays, said))}
+    units = [_all_in_one(wiring)] if fused else _each_by_itself(wiring)
+    joined = {name: said for name, said in shows.items() if len(said) > 1 and all(map(units[0].plays, said))}
     wanted = [said for _, said in readers] + [said for unit in units for said in unit.reads.values()]
-    wanted += [one for name, said in shows.items() if name not in joined for one in said]
+    apart = {name: said for name, said in shows.items() if name not in joined}
+    wanted += [one for said in apart.values() for one in said]
     outputs: dict[str, OutputPort] = {}
     for unit in units:
         own = {unit.port_of(said): (said,) for said in wanted if unit.plays(said)}
@@ -170,41 +155,23 @@ def add_wiring(
         else:
             inputs[said] = builder.ExportInput(port, inputs_named.get(said, said))
     for port in (port for box in wiring.boxes.values() for port in _unread(box)):
-        inputs[port.get_name()] = builder.ExportInput(port, port.get_name())
-    outputs |= {
-        name: together(builder, [ports[one] for one in said]) for name, said in shows.items() if name not in joined
-    }
-    return Added(systems, outputs, inputs)
+        builder.ExportInput(port, port.get_name())
+    outputs |= {name: together(builder, [ports[one] for one in said]) for name, said in apart.items()}
+    return Added(systems, outputs)
 
 
 def _each_by_itself(wiring: Wiring) -> list[_Unit]:
-    """Return a unit for each element."""
-    boxes = [box for box in wiring.boxes.values() if box.element.functions]
+    """Return a unit for each element, constants included."""
+    boxes = [box for box in wiring.boxes.values() if box.element.functions or box.element.shows]
     return [_Unit(box.name, alone(wiring, box.name), _reads(wiring, box)) for box in boxes]
 
 
-def _all_in_one(wiring: Wiring, name: str) -> _Unit:
+def _all_in_one(wiring: Wiring) -> _Unit:
     """Return one unit of all elements; what Systems say comes from its outside."""
-    boxes = []
-    for box in wiring.boxes.values():
-        its = replace(box, element=OUTSIDE, system=None) if box.system is not None else box
-        if (
-            its.element is not OUTSIDE
-            or its.name in wiring.holders
-            or any(w.box == box.name for w in wiring.wires.values())
-        ):
-            boxes.append(its)
-    whole = Wiring(boxes)
-    return _Unit(name, whole, {its: its for its, box in whole.boxes.items() if box.element is OUTSIDE})
-
-
-def _constant_ports(builder: DiagramBuilder, box: Box) -> dict[str, OutputPort]:
-    """Add a box that always says the same; return what it and each of its parts says."""
-    values = box.given.start[box.element.shows or ""]
-    said = {box.name: values} | {f"{box.name}.{part}": values[a : a + n] for part, (a, n) in box.parts.items()}
-    return {
-        name: builder.AddNamedSystem(name, ConstantVectorSource(its)).get_output_port() for name, its in said.items()
-    }
+    read = {*wiring.holders, *(wire.box for wire in wiring.wires.values())}
+    boxes = [box if box.system is None else replace(box, element=OUTSIDE, system=None) for box in wiring.boxes.values()]
+    whole = Wiring([box for box in boxes if box.element is not OUTSIDE or box.name in read])
+    return _Unit(FUSED, whole, {its: its for its, box in whole.boxes.items() if box.element is OUTSIDE})
 
 
 def _said(wiring: Wiring, said: str) -> str:

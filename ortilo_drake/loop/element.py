@@ -262,11 +262,11 @@ class Box:
 
 
 def bundle(name: str, boxes: list[Box]) -> Box:
-    """Return a box that says what several boxes say, one after the other; each of them is a part of it."""
+    """Return a box that says what several boxes say, one after the other, each a part of it; 0 where there are none."""
     parts, at = {}, 0
     for box in boxes:
         parts[box.name], at = (at, box.size), at + box.size
-    return Box(name, Element("bundle"), at, parts=parts, holds=tuple(box.name for box in boxes))
+    return Box(name, Element("bundle"), at, parts=parts, holds=tuple(parts)) if boxes else constant(name, 0.0)
 
 
 OUTSIDE = Element("outside")

@@ -6,7 +6,7 @@ def out(n, estimate, reference, out):
 made = box(1, out, numbers={"gain": 2.0})
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from numbers import Integral
 from typing import Any
 
@@ -66,32 +66,27 @@ def box(
     return made
 
 
-def plain_arguments(its: Box) -> dict[str, Any]:
-    """Return what the functions of a box take in tick 0 in plain Python, by name, beside inputs and groups."""
-    element, given = its.element, its.given
-    n = np.zeros(1, element.dtype).view(np.recarray)[0]
-    for name, value in given.numbers.items():
-        n[name] = value
-    known: dict[str, Any] = {"n": n, "k": 0, "seed": 0, "seeds": np.zeros(1, dtype=np.int64), "out": np.zeros(its.size)}
-    known |= {name: np.array(value, dtype=float) for name, value in given.start.items()}
-    known |= {table.name: np.array(given.tables[table.name], table.kind) for table in element.arrays}
-    return known | {name: np.zeros(shape) for name, shape in its.work.items()}
-
-
-def initial_output(its: Box, sizes: dict[str, int]) -> np.ndarray:
-    """Return the output of a box in tick 0 with zeros at its inputs, computed by its plain Python function.
+def output_at_first(its: Box, what: str, sizes: Mapping[str, int]) -> np.ndarray:
+    """Call `out` or `step` of a box in tick 0 in plain Python, with zeros at its inputs; return what it says.
 
     Args:
         its: the box.
+        what: which of the two; of a box that shows a state there may be no `out`.
         sizes: of its inputs.
     """
-    element = its.element
-    if element.out is None:
-        return np.array(its.given.start[element.shows or ""], dtype=float).ravel()
-    known = plain_arguments(its)
-    known |= {name: np.zeros(sizes[name]) for name in element.inputs_of(element.out)}
-    known |= {group.name: group.filled(known["n"], known.__getitem__) for group in element.groups}
-    element.out(**{name: known[name] for name in takes(element.out)})
+    element, given, n = its.element, its.given, np.zeros(1, its.element.dtype).view(np.recarray)[0]
+    if what not in element.functions:
+        return np.array(given.start[element.shows or ""], dtype=float).ravel()
+    for name, value in given.numbers.items():
+        n[name] = value
+    function = element.functions[what]
+    known: dict[str, Any] = {"n": n, "k": 0, "seed": 0, "seeds": np.zeros(1, dtype=np.int64), "out": np.zeros(its.size)}
+    known |= {name: np.array(values, dtype=float) for name, values in given.start.items()}
+    known |= {table.name: np.array(given.tables[table.name], table.kind) for table in element.arrays}
+    known |= {name: np.zeros(shape) for name, shape in its.work.items()}
+    known |= {name: np.zeros(sizes[name]) for name in element.inputs_of(function)}
+    known |= {group.name: group.filled(n, known.__getitem__) for group in element.groups}
+    function(**{name: known[name] for name in takes(function)})
     said: np.ndarray = known["out"]
     return said
 

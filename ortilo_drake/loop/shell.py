@@ -116,7 +116,7 @@ def WiredSystem_(T: type) -> type:
             return "" if name == self._arguments["name"] else name
 
         def _calc_seeded(self, context: Any, cached: Any) -> None:
-            memory = context.get_abstract_parameter(self._given).get_value()
+            memory = self._memory_in(context)
             chance = _value_of(self._chance.Eval(context)[0]) if self._chance.HasValue(context) else 0.0
             own = int(memory.seeds[0])
             seed = seed_of(own, chance, self._place())
@@ -149,23 +149,19 @@ def WiredSystem_(T: type) -> type:
             ranges = [(letter == "S", at, at + wire.size) for (letter, at), wire in zip(places, wires, strict=True)]
             of_state = {is_state for is_state, _, _ in ranges}
 
-            def calc_several(context: Any, output: Any) -> None:
+            def calc(context: Any, output: Any) -> None:
                 Y = source.Eval(context) if False in of_state else _NOTHING
                 S = self._state_in(context) if True in of_state else _NOTHING
-                output.SetFromVector(np.concatenate([(S if of_S else Y)[start:end] for of_S, start, end in ranges]))
+                said = [(S if is_state else Y)[start:end] for is_state, start, end in ranges]
+                output.SetFromVector(said[0] if len(said) == 1 else np.concatenate(said))
 
-            def calc_one(context: Any, output: Any) -> None:
-                is_state, start, end = ranges[0]
-                output.SetFromVector((self._state_in(context) if is_state else source.Eval(context))[start:end])
-
-            calc = calc_one if len(ranges) == 1 else calc_several
             kept = self.all_parameters_ticket() if self._state is None else self.xd_ticket()
             tickets = self._tickets(needs) if False in of_state else {kept}
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc=tickets)
 
         def _state_in(self, context: Any) -> Any:
             if self._state is None:
-                constants = context.get_abstract_parameter(self._given).get_value().S
+                constants = self._memory_in(context).S
                 return constants if T is float else np.array([T(value) for value in constants], dtype=object)
             state = context.get_discrete_state_vector()
             return state.value() if T is float else state.CopyToVector()
@@ -178,7 +174,7 @@ def WiredSystem_(T: type) -> type:
         def _make(self, what: str, context: Any, S: Any, Y: Any) -> None:
             """Make the calls of one kind, on states and on what is said."""
             drawn = self._chance is not None
-            memory = self._seeded.Eval(context) if drawn else context.get_abstract_parameter(self._given).get_value()
+            memory = self._seeded.Eval(context) if drawn else self._memory_in(context)
             k = int(_value_of(context.get_time()) / self._h + 0.5)
             if T is float:
                 self._compiled[what](memory, S, Y, k)
@@ -198,13 +194,17 @@ def WiredSystem_(T: type) -> type:
             self._make("step", context, S, Y)
             values.set_value(self._state, S)
 
+        def _memory_in(self, context: Any) -> Memory:
+            memory: Memory = context.get_abstract_parameter(self._given).get_value()
+            return memory
+
         def seed_in(self, context: Any) -> int:
             """Return the seed in a context of this system."""
-            return int(context.get_abstract_parameter(self._given).get_value().seeds[0])
+            return int(self._memory_in(context).seeds[0])
 
         def set_seed_in(self, context: Any, seed: int) -> None:
             """Set the seed in a context of this system."""
-            memory = context.get_abstract_parameter(self._given).get_value().copy()
+            memory = self._memory_in(context).copy()
             memory.seeds = np.array([seed])
             context.get_mutable_abstract_parameter(self._given).set_value(memory)
 
@@ -214,31 +214,22 @@ def WiredSystem_(T: type) -> type:
 
         def give(self, context: Any, given: dict[str, Values]) -> None:
             """Give boxes other numbers, tables or states in a context of this system, by their names."""
-            memory = context.get_abstract_parameter(self._given).get_value().copy()
+            memory = self._memory_in(context).copy()
             for name, its in given.items():
                 memory.put(name, its)
-                for state in its.start:
-                    self.set_state(context, name, state, its.start[state])
             context.get_mutable_abstract_parameter(self._given).set_value(memory)
+            states = {(name, state): its.start[state] for name, its in given.items() for state in its.start}
+            if states and self._state is not None:
+                whole = context.get_discrete_state(self._state).CopyToVector()
+                for key, values in states.items():
+                    at, _ = self._places.state[key]
+                    whole[at : at + np.size(values)] = np.ravel(values)
+                context.SetDiscreteState(whole)
 
         def state_of(self, context: Any, box: str, state: str) -> Any:
             """Return a box's state in a context of this system, in its shape."""
             at, shape = self._places.state[box, state]
             return self._state_in(context)[at : at + int(np.prod(shape))].reshape(shape).copy()
-
-        def set_state(self, context: Any, box: str, state: str, values: np.ndarray) -> None:
-            """Set a box's state in a context of this system."""
-            at, shape = self._places.state[box, state]
-            if np.shape(values) != shape:
-                raise ValueError(f"{box}: {state}: has the shape {np.shape(values)}, must have {shape}")
-            if self._state is None:
-                memory = context.get_abstract_parameter(self._given).get_value().copy()
-                memory.put(box, Values(start={state: values}))
-                context.get_mutable_abstract_parameter(self._given).set_value(memory)
-                return
-            whole = context.get_discrete_state(self._state).CopyToVector()
-            whole[at : at + int(np.prod(shape))] = np.ravel(values)
-            context.SetDiscreteState(whole)
 
     return Impl
 

@@ -19,7 +19,7 @@ from ortilo_drake.diagrams.servo import make_lq_servo
 from ortilo_drake.diagrams.wiring.whole import boxes_of
 from ortilo_drake.diagrams.wiring.world import world_boxes
 from ortilo_drake.loop.diagram import Added, add_wiring, system_of
-from ortilo_drake.loop.element import OUTSIDE, Box, outside
+from ortilo_drake.loop.element import OUTSIDE, Box, Values, outside
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.signals import N_U, N_X
 from ortilo_drake.model.vehicle import M100
@@ -75,7 +75,7 @@ def scenario_of(name: str) -> Scenario:
     return load_scenario(name, ("camera.kind=projected",))
 
 
-def built(wiring: Wiring, fused: str | None = None) -> tuple[Diagram, Added]:
+def built(wiring: Wiring, fused: bool = False) -> tuple[Diagram, Added]:
     """Return a Diagram that shows all that is said, each box's by its name."""
     builder = DiagramBuilder()
     added = add_wiring(
@@ -312,7 +312,7 @@ def world_wiring(name: str) -> Wiring:
 @lru_cache
 def grains(name: str) -> tuple[Wiring, list[tuple[Diagram, Added]]]:
     wiring = world_wiring(name)
-    return wiring, [built(wiring), built(wiring, "elements")]
+    return wiring, [built(wiring), built(wiring, fused=True)]
 
 
 WORLDS = ("nominal_imu_uwb_yolo", "realistic_flow", "rotors")
@@ -336,7 +336,7 @@ def test_elements_in_one_system_say_and_do_what_a_system_each_does(name: str, se
         context.SetTime(k * H)
         diagram.GetInputPort("servo").FixValue(context, control)
         for (box, state), values in states.items():
-            added.set_state(context, box, state, values)
+            added.give(context, {box: Values(start={state: values})})
         told = {port: diagram.GetOutputPort(port).Eval(context).copy() for port in added.outputs}
         advance(diagram, context)
         told |= {str(key): added.state_of(context, *key) for key in states}

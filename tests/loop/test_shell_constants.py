@@ -23,7 +23,7 @@ def test_a_constant_is_no_state_of_its_system_and_can_be_another(differentiates:
 
     assert context.is_stateless()
     np.testing.assert_array_equal(said(), [1.0, 2.0, 3.0])
-    system.set_state(context, "three", "values", np.array([4.0, 5.0, 6.0]))
+    system.give(context, {"three": Values(start={"values": np.array([4.0, 5.0, 6.0])})})
     np.testing.assert_array_equal(said(), [4.0, 5.0, 6.0])
     system.give(context, {"three": Values(start={"values": np.array([7.0, 8.0, 9.0])})})
     np.testing.assert_array_equal(said(), [7.0, 8.0, 9.0])

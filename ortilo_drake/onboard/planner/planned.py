@@ -8,7 +8,7 @@ from pydrake.systems.framework import PortDataType, System
 from pydrake.trajectories import Trajectory
 
 from ortilo_drake.loop.element import Box
-from ortilo_drake.loop.own import initial_output
+from ortilo_drake.loop.own import output_at_first
 from ortilo_drake.model.parts import find_part
 from ortilo_drake.model.signals import N_XBAR, REFERENCE_SIZE
 from ortilo_drake.model.typed_yaml import InputError
@@ -71,7 +71,7 @@ def start_of(plan: Planned) -> np.ndarray:
         for port in element.inputs_of(element.out) if element.out else ():
             if port not in _READ_AT_FIRST:
                 raise InputError(f"planner: out reads {port!r}, must be one of {', '.join(_READ_AT_FIRST)}")
-        return initial_output(plan, _READ_AT_FIRST)[0:3]
+        return output_at_first(plan, "out", _READ_AT_FIRST)[0:3]
     if isinstance(plan, Trajectory):
         return np.array(plan.value(plan.start_time())[:, 0])
     context = plan.CreateDefaultContext()

@@ -9,7 +9,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.sensors import ImageRgba8U
 
-from ortilo_drake.diagrams.wiring.pictures import make_detector
+from ortilo_drake.diagrams.wiring.messages import make_detector
 from ortilo_drake.flight.signals import Signals
 from ortilo_drake.flight.stepped_halves import image_value
 from ortilo_drake.interop.log.logged_flight import fly_logged
