@@ -73,6 +73,14 @@ def bridge(
         float | None,
         typer.Option(min=0.05, max=0.9, help="With --arm, the share of full thrust at which the vehicle hovers."),
     ] = None,
+    most_deviation: Annotated[
+        float,
+        typer.Option(
+            min=0.01,
+            callback=finite,
+            help="With --from and --mavlink, no estimate is sent whose position has a larger standard deviation [m].",
+        ),
+    ] = 1.0,
     url: UrlOption = DEFAULT_URL,
     key: KeyOption = None,
     insecure: InsecureOption = False,
@@ -92,7 +100,7 @@ def bridge(
     """
     chosen = load_scenario(scenario, tuple(settings or ()), seed)
     if source is not None:
-        options = LiveOptions(source, map_file, rate, lag, speed, hold, arm, hover_thrust)
+        options = LiveOptions(source, map_file, rate, lag, speed, hold, arm, hover_thrust, most_deviation)
         if vision and mavlink is None:
             raise InputError("--vision: is how the estimate is sent to --mavlink, which is not given")
         run_live_bridge(options, chosen, mavlink, vision, seconds, json_file, ros2, (system, component))

@@ -27,6 +27,7 @@ class LiveOptions:
         hold: place that is held, 'x,y,z' [m].
         arm: whether setpoints go to the autopilot.
         hover_thrust: share of the largest thrust that hovers.
+        most_deviation: an estimate whose position's standard deviation is larger is not sent by MAVLink [m].
     """
 
     source: str
@@ -37,6 +38,7 @@ class LiveOptions:
     hold: str | None
     arm: bool
     hover_thrust: float | None
+    most_deviation: float
 
 
 def check_live(options: LiveOptions, mavlink: str | None, ros2: bool) -> tuple[float, ...] | None:
@@ -81,6 +83,7 @@ def run_live_bridge(
     from ortilo_drake.interop.recorded.map_file import load_map
     from ortilo_drake.studies.live.live_bridge import LiveBridge, run_live
     from ortilo_drake.studies.live.setpoints import Holding
+    from ortilo_drake.studies.live.uncertainty import MOST_YAW, Limits
 
     assert options.map_file is not None
     map_ = load_map(options.map_file)
@@ -98,7 +101,8 @@ def run_live_bridge(
             _say("truth: is not heard live, and nothing is calibrated by it")
         if sender is not None:
             # An autopilot fuses an estimate at its own stamp, a fraction of a second ago at most.
-            bridge.add_target("mavlink", _to_mavlink(sender, vision, options), scenario.failsafe.timeout)
+            limits = Limits(options.most_deviation, MOST_YAW)
+            bridge.add_target("mavlink", _to_mavlink(sender, vision, options), scenario.failsafe.timeout, limits)
         say_if_compiling()
         bridge.warm_up()
         if options.source == ROS2:

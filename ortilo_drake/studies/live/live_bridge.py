@@ -19,6 +19,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.live.live_filter import RATE, LiveFilter
 from ortilo_drake.studies.live.setpoints import Holding, Setpoint
 from ortilo_drake.studies.live.stamped_estimate import StampedEstimate, estimate_at
+from ortilo_drake.studies.live.uncertainty import AGAIN, ALL, Limits
 
 WINDOW: Final = 30.0  # the least delay of the last one to two windows counts, so that clocks may drift [s]
 
@@ -62,6 +63,7 @@ class LiveReport:
         lost: how often the filter was lost and started anew.
         late_ms: median and largest age of an estimate against the newest stamp of a sensor [ms].
         old: how many estimates were too old for a target that asks for fresh ones.
+        uncertain: how many were too uncertain for a target that has limits.
         refused: estimates for which the failsafe let no setpoint through; None where no place is held.
         rejected: rows that were not used, by topic and reason.
         failed: why targets failed.
@@ -75,10 +77,21 @@ class LiveReport:
     lost: int
     late_ms: dict[str, float] | None
     old: int
+    uncertain: int
     refused: int | None
     rejected: dict[str, int]
     failed: dict[str, str]
     not_begun: str
+
+
+@dataclass
+class _Output:
+    """A target, the oldest estimate that it takes [s], its limits, and which of them keeps estimates back now."""
+
+    send: Target
+    oldest: float
+    limits: Limits
+    unsure: str = ""
 
 
 class LiveBridge:
@@ -94,13 +107,13 @@ class LiveBridge:
         if holding is not None:
             holding.check_within(self._rows.anchors)
         self._filter = LiveFilter(map_, self._rows.anchors, rate)
-        self._targets: dict[str, tuple[Target, float]] = {}
+        self._outputs: dict[str, _Output] = {}
         self._clock = SensorClock(time.monotonic)
         self._say, self._imu, self._holding = say, map_.imu is not None, holding
         self._failed: dict[str, str] = {}
         self._doubts = False
         self._ages: list[float] = []
-        self._old, self._refused, self._why = 0, 0, ""
+        self._old, self._uncertain, self._refused, self._why = 0, 0, 0, ""
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -111,12 +124,13 @@ class LiveBridge:
         """Compile or load all that the filter needs, which takes seconds, before messages come."""
         warm_up(self._map, self._rows.anchors)
 
-    def add_target(self, name: str, target: Target, oldest: float = np.inf) -> None:
+    def add_target(self, name: str, target: Target, oldest: float = np.inf, limits: Limits = ALL) -> None:
         """Give a target the estimates from now on that are no older than `oldest` [s], by the sensors' clock.
 
-        A target that raises is dropped, with a warning.
+        Those beyond limits of uncertainty are left out, with a warning when that begins, and a line when it ends. The
+        heading's limit does not count without an imu. A target that raises is dropped, with a warning.
         """
-        self._targets[name] = target, oldest
+        self._outputs[name] = _Output(target, oldest, limits if self._imu else limits._replace(yaw=np.inf))
 
     def receive(self, topic: str, received: int, message: Any) -> list[StampedEstimate]:
         """Take a message, received at so many ns, and return the estimates that it made due."""
@@ -164,16 +178,28 @@ class LiveBridge:
             if wanted.refused != self._why:
                 self._why = wanted.refused
                 self._say(f"failsafe: no setpoints: {self._why}" if self._why else "failsafe: setpoints again")
-        self._old += any(now - one.t > oldest for _, oldest in self._targets.values())
-        for name, (target, oldest) in list(self._targets.items()):
-            if now - one.t > oldest:
+        of_age = {name: now - one.t <= output.oldest for name, output in self._outputs.items()}
+        sure = {name: self._is_sure(name, output, one) for name, output in self._outputs.items()}
+        self._old += not all(of_age.values())
+        self._uncertain += not all(sure.values())
+        for name, output in list(self._outputs.items()):
+            if not of_age[name] or not sure[name]:
                 continue
             try:
-                target(one, wanted, self._filter.lost)
+                output.send(one, wanted, self._filter.lost)
             except Exception as error:  # whatever a library raises, the other targets go on
-                del self._targets[name]
+                del self._outputs[name]
                 self._failed[name] = " ".join(str(error).split()) or type(error).__name__
                 self._say(f"{name}: failed and gets no more: {self._failed[name]}")
+
+    def _is_sure(self, name: str, output: _Output, one: StampedEstimate) -> bool:
+        """Return whether an estimate is within an output's limits; say so when that changes."""
+        before, limits = output.unsure, output.limits
+        output.unsure = limits.why_not(one) or (limits.why_not(one, AGAIN) if before else "")
+        if bool(output.unsure) != bool(before):
+            why = output.unsure
+            self._say(f"warning  {name}: no estimates: {why}" if why else f"{name}: estimates again")
+        return not output.unsure
 
     def report(self) -> LiveReport:
         """Return the report of the messages received and sent so far."""
@@ -186,6 +212,7 @@ class LiveBridge:
             self._filter.lost,
             {"median": round(float(np.median(ages)), 1), "largest": round(float(ages.max()), 1)} if len(ages) else None,
             self._old,
+            self._uncertain,
             None if self._holding is None else self._refused,
             self._rows.counts(),
             self._failed,

@@ -14,9 +14,10 @@ from ortilo_drake.onboard.servo.lq_gain import gain_of
 from ortilo_drake.onboard.servo.outer_loop import attitude_along, wanted_force
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.live.stamped_estimate import StampedEstimate
+from ortilo_drake.studies.live.uncertainty import Limits
 
-MOST_DEVIATION = 0.5  # of a position that is flown by [m]
-MOST_YAW = 0.2  # standard deviation of the heading: thrust that leans the wrong way drives the vehicle off [rad]
+# Standard deviations of what is flown by: thrust that leans the wrong way, by its heading, drives the vehicle off.
+FLOWN_BY = Limits(deviation=0.5, yaw=0.2)
 BEYOND = 2.0  # a place to hold may be outside the anchors by [m]
 BELOW = 10.0  # and below them by so much: all may hang from a ceiling [m]
 WINDUP = 1.0  # of the integral of the position's error, at most [m s]
@@ -57,13 +58,8 @@ class Holding:
     def setpoint(self, stamped: StampedEstimate, now: float) -> Setpoint:
         """Return the setpoint that follows from an estimate, whose age is by the sensors' clock now [s]."""
         x, age = stamped.estimate, now - stamped.t
-        refused = ""
-        if age > self._timeout:
-            refused = f"the estimate is older than {self._timeout:g} s"
-        elif not stamped.deviation <= MOST_DEVIATION:
-            refused = f"its standard deviation is above {MOST_DEVIATION:g} m"
-        elif not stamped.yaw_deviation <= MOST_YAW:
-            refused = f"the standard deviation of its heading is above {MOST_YAW:g} rad"
+        old = f"the estimate is older than {self._timeout:g} s" if age > self._timeout else ""
+        refused = old or FLOWN_BY.why_not(stamped)
         e = x[0:3] - self._place
         if refused:
             self._i[:] = 0.0

@@ -6,7 +6,7 @@ import pytest
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.studies.live.setpoints import MOST_DEVIATION, Holding
+from ortilo_drake.studies.live.setpoints import FLOWN_BY, Holding
 from ortilo_drake.studies.live.stamped_estimate import StampedEstimate
 
 
@@ -45,7 +45,7 @@ def test_an_error_that_lasts_is_leant_against_more_and_more() -> None:
     ("stamped", "why"),
     [
         (at(0.7, (1.0, 2.0, 1.5)), "older than 0.2 s"),
-        (at(1.0, (1.0, 2.0, 1.5), 1.01 * MOST_DEVIATION), "deviation"),
+        (at(1.0, (1.0, 2.0, 1.5), 1.01 * FLOWN_BY.deviation), "deviation"),
         (at(1.0, (1.0, 2.0, 1.5), np.nan), "deviation"),
         (at(1.0, (1.0, 2.0, 1.5), yaw_sd=np.radians(23.0)), "heading"),  # of a body at rest, whose heading is guessed
     ],
