@@ -111,7 +111,7 @@ class LiveBridge:
         self._clock = SensorClock(time.monotonic)
         self._say, self._imu, self._holding = say, map_.imu is not None, holding
         self._failed: dict[str, str] = {}
-        self._doubts = False
+        self._doubts = self._turned = False
         self._ages: list[float] = []
         self._old, self._uncertain, self._refused, self._why = 0, 0, 0, ""
 
@@ -164,6 +164,10 @@ class LiveBridge:
             self._doubts = bool(doubt)
             cause = "a wrong heading, place of an anchor, axis or noise?"
             self._say(f"warning  ranges: {doubt}: {cause}" if doubt else "ranges: agree with the estimate again")
+        heading = None if self._filter.heading is None else self._filter.heading.doubt
+        if heading is not None and not self._turned:
+            self._turned = True
+            self._say(f"warning  heading: {heading.text()}")
         made = [estimate_at(origin + one.t, one.state, self._imu) for one in found]
         for one in made:
             self._ages.append(newest - one.t)

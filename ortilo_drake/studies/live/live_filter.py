@@ -37,6 +37,7 @@ from ortilo_drake.studies.recorded.filtered import (
     start_of,
 )
 from ortilo_drake.studies.recorded.first_fix import FIRST_RANGES, LONGEST, fix_known_at
+from ortilo_drake.studies.recorded.heading_doubts import HeadingWatch
 from ortilo_drake.studies.recorded.imu_doubts import upside_doubts
 from ortilo_drake.studies.recorded.reacquired import AGAIN, is_astray, no_restart, restart_from
 from ortilo_drake.studies.recorded.setups import uncalibrated_setup
@@ -100,6 +101,7 @@ class LiveFilter:
         begins_at: stamp of the range that it begins with [s].
         why_not_begun: what it waits for.
         agreement: whether the last ranges agree with the estimate.
+        heading: whether its heading does, by ranges and accelerations; None without an imu, and before it begins.
         start_off: how far each anchor's first range is from that of the map's `start` [m], the median; 0 without one.
     """
 
@@ -120,6 +122,7 @@ class LiveFilter:
         self.begins_at, self.why_not_begun = 0.0, "no range was heard"
         self.start_off = 0.0
         self.agreement = Agreement()
+        self.heading: HeadingWatch | None = None
 
     @property
     def due(self) -> float:
@@ -193,6 +196,7 @@ class LiveFilter:
             return False
         self._known, aids = known._replace(looks=NO_AID_ROWS), known.aids if map_.imu is not None else NO_AIDS
         self._setup = Setup(known.anchors, levers_of(known, imu), known.level, self._noise, aids)
+        self.heading = None if imu is None else HeadingWatch(self._setup)
         self._begin_at, self._next, self.begins_at = begin, first, begin
         self._carried = self._fresh()
         self._anew: Restart = no_restart(len(self._state.C))
@@ -224,7 +228,10 @@ class LiveFilter:
                 events, heard, self._state, self._carried, self._anew, self._setup, self._wait, False
             )
             self.ranges, self.taken = self.ranges + len(run.taken), self.taken + int(run.taken.sum())
-            self.agreement.add(events.t[:done][events.kind[:done] == RANGE], run)
+            past = Events(*(part[:done] for part in events))
+            self.agreement.add(past.t[past.kind == RANGE], run)
+            if self.heading is not None:
+                self.heading.advance(past, heard, self._state)
             if done == len(events.t):
                 self._events = None
                 return True

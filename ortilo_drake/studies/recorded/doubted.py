@@ -1,6 +1,6 @@
 """All doubts about one replayed motion, the likely cause first."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -34,6 +34,7 @@ def doubts_of(
     calibration: Calibration | None,
     rows: Mapping[str, Scores],
     found: tuple[np.ndarray, np.ndarray | None],
+    heading: Sequence[str] = (),
 ) -> list[str]:
     """Return the doubts about a replay, a sentence each.
 
@@ -44,6 +45,7 @@ def doubts_of(
         calibration: by the truth, if there is one.
         rows: figures by row.
         found: estimates in the anchors' frame (m, 3), and the truth at their stamps, if known.
+        heading: doubts about the heading, told where nothing else explains them.
     """
     truth, imu, settings = recording.truth, recording.imu, map_.calibration
     if said := stamp_doubts(recording, map_):
@@ -84,7 +86,7 @@ def doubts_of(
     main = [name for name in (BARE if calibration is None else CALIBRATED) if name in rows][:1]
     said += doubts.of_rows(rows, tuple(main))
     if not said:
-        said += doubts.of_imu(rows, *(BARE if calibration is None else CALIBRATED))
+        said += list(heading) or doubts.of_imu(rows, *(BARE if calibration is None else CALIBRATED))
     if not isinstance(recording.anchors, int) and map_.height is None:
         heard = np.union1d(recording.ranges.anchor, recording.ranges.other[recording.ranges.other >= 0])
         said += doubts.of_plane(np.asarray(recording.anchors)[heard], *found, map_.planar)

@@ -23,6 +23,7 @@ from ortilo_drake.studies.recorded.doubted import doubts_of, stamp_doubts
 from ortilo_drake.studies.recorded.doubts import of_failed, range_noise
 from ortilo_drake.studies.recorded.filtered import TRIAL, Estimate, FilterSetup, estimate
 from ortilo_drake.studies.recorded.first_look import first_look
+from ortilo_drake.studies.recorded.heading_doubts import heading_doubts
 from ortilo_drake.studies.recorded.imposed import gap_ends, lose_gaps, lose_some
 from ortilo_drake.studies.recorded.lever_fit import fit_lever
 from ortilo_drake.studies.recorded.scores import Scores, score
@@ -201,7 +202,11 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
     found, true = drawn[best]
     notes += of_failed(found.failed, found.drag)
     notes += [f"{name}: this row is left out: {why}" for name, why in left_out.items()]
-    doubts = doubts_of(recording, map_, look, calibration, rows, (found.p, true))
+    heading = []
+    if imu is not None and main in drawn:
+        turned = heading_doubts(recording, known, map_.filter, drawn[main][0].begin)
+        heading = [f"{main}: {one.text()}" for one in turned]
+    doubts = doubts_of(recording, map_, look, calibration, rows, (found.p, true), heading)
     result = Replayed(
         name=recording.name,
         rows=rows,

@@ -12,7 +12,7 @@ from ortilo_drake.interop.recorded.recording import Imu, Recording, read_recordi
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.live import live_filter
 from ortilo_drake.studies.live.live_bridge import LiveBridge, run_live
-from ortilo_drake.studies.recorded import reacquired
+from ortilo_drake.studies.recorded import heading_doubts, reacquired
 from ortilo_drake.studies.recorded.at_rest import at_rest
 from ortilo_drake.studies.recorded.filtered import estimate
 from ortilo_drake.studies.recorded.replayed import RAW, replay
@@ -77,6 +77,7 @@ def test_with_an_imu_each_estimate_is_the_replayed_one_bit_for_bit() -> None:
 def test_topics_that_come_late_and_in_turns_make_no_difference(monkeypatch) -> None:
     for module in (reacquired, live_filter):
         run_plainly(monkeypatch, module, "run_filter", "initial_carried")
+    run_plainly(monkeypatch, heading_doubts, "follow")
     motion, map_ = as_stamped(made_up(2.5)), as_map(RANGES + IMU + START)
     behind = {f"/r{i}": 7_000_000 * i for i in range(6)} | {"/imu": 20_000_000}  # [ns]
     messages = sorted(messages_of(motion), key=lambda one: one[1] + behind[one[0]])
@@ -126,6 +127,7 @@ def test_what_is_missing_is_said_where_nothing_begins() -> None:
 def test_a_start_that_the_first_ranges_contradict_is_said(monkeypatch, x, sd, warned) -> None:
     """An autopilot that is given a wrong start flies by it for tens of seconds: the anchors' biases take it up."""
     run_plainly(monkeypatch, live_filter, "run_filter", "initial_carried")
+    run_plainly(monkeypatch, heading_doubts, "follow")
     motion, place = made_up(1.5), [x, 6.1, 1.4]
     map_ = as_map(RANGES + IMU + f"start: {{position: {place}, position_sd: {sd}, heading: 0.5}}\n")
     _, _, lines = live(map_, messages_of(motion))
@@ -140,10 +142,13 @@ def quick_place(t):
 @pytest.mark.parametrize(("heading", "told"), [(0.5, False), (0.5 - np.pi / 2, True)])
 def test_a_heading_that_the_ranges_contradict_is_said(monkeypatch, heading, told) -> None:
     run_plainly(monkeypatch, live_filter, "run_filter", "initial_carried")
+    run_plainly(monkeypatch, heading_doubts, "follow")
     start = f"start: {{position: {quick_place(np.zeros(1))[0].tolist()}, position_sd: 0.1, heading: {heading}}}\n"
     noise = "filter: {range_white: 0.03, range_correlated: 0.02, acceleration: 0.05}\n"
-    _, _, lines = live(as_map(RANGES + IMU + start + noise), messages_of(made_up(3.5, place=quick_place)))
+    _, _, lines = live(as_map(RANGES + IMU + start + noise), messages_of(made_up(5.0, place=quick_place)))
     assert any(line.startswith("warning  ranges: the gate rejects") for line in lines) == told
+    said = [line for line in lines if line.startswith("warning  heading: the heading at the start is off by -")]
+    assert len(said) == told
 
 
 LANDS = START.replace("heading: 0.5", "heading: 0.5, rests: true, lands: true")
