@@ -37,7 +37,8 @@ MAV_ESTIMATOR_TYPE_VIO = 3
 ATTITUDE_ALONE = 7  # type_mask: body rates are to be ignored
 MOST_THRUST = 0.9  # of the largest that is ever asked for
 COMPONENT = 197  # MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
-TEXT, WARNING = 50, 4  # bytes of a STATUSTEXT, and MAV_SEVERITY_WARNING
+TEXT = 50  # bytes of a STATUSTEXT
+WARNING, NOTICE = 4, 5  # MAV_SEVERITY_WARNING and MAV_SEVERITY_NOTICE
 
 T = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 F = np.diag([1.0, -1.0, -1.0])
@@ -208,13 +209,13 @@ class MavlinkBridge:
         """Send HEARTBEAT, as every MAVLink component does once a second."""
         self._send(self._heartbeat)
 
-    def send_text(self, line: str) -> None:
-        """Send a line as STATUSTEXT of severity WARNING, which ground stations show, in parts of 50 bytes."""
+    def send_text(self, line: str, severity: int = WARNING) -> None:
+        """Send a line as STATUSTEXT of a severity, which ground stations show, in parts of 50 bytes."""
         text = line.encode()
         parts = [text[i : i + TEXT] for i in range(0, len(text) + (len(text) > TEXT), TEXT)]  # one of 50 goes on
         self._texts = self._texts % 65535 + 1 if len(parts) > 1 else self._texts
         for i, part in enumerate(parts):
-            self._send(self._mavlink.statustext_encode(WARNING, part, self._texts if len(parts) > 1 else 0, i))
+            self._send(self._mavlink.statustext_encode(severity, part, self._texts if len(parts) > 1 else 0, i))
 
     def close(self) -> None:
         """Close the socket."""

@@ -26,6 +26,7 @@ from ortilo_drake.model.typed_yaml import InputError
 ADDRESSES = ["0E15", "1516", "41B1", "089F", "0715", "2E03"]
 RANGES = TABLE_MAP.splitlines()[1]
 IMU = TABLE_MAP.splitlines()[3]
+ANCHORED = TABLE_MAP.splitlines()[2]
 
 
 @pytest.fixture(scope="module")
@@ -526,3 +527,25 @@ def test_no_text_is_answered_with_a_traceback(tmp_path_factory, lines, header, c
     for reads in (lambda: read_csv(path, source, (2,), told), lambda: read_anchors(path), lambda: read_lec(path, told)):
         with contextlib.suppress(InputError):
             reads()
+
+
+@pytest.mark.parametrize(
+    ("start", "said"),
+    [
+        ("{position: [3, 4, 0.2]}", "start.heading: is missing: .*radians .*90 degrees are 1.571"),
+        ("{position: [3, 4, 0.2], heading: 29}", "start.heading: 29: must be .*radians; 29 degrees are 0.506"),
+    ],
+)
+def test_a_start_needs_its_heading_in_radians(tmp_path: Path, start: str, said: str) -> None:
+    """Half a turn wrong and claimed to 0.1 rad, it costs metres before the ranges show it."""
+    file = tmp_path / "MAP.yaml"
+    file.write_text(f"{RANGES}\n{ANCHORED}\n{IMU}\nstart: {start}\n")
+    with pytest.raises(InputError, match=f"MAP.yaml: {said}"):
+        load_map(file)
+
+
+def test_without_an_imu_a_start_needs_no_heading(tmp_path: Path) -> None:
+    (tmp_path / "MAP.yaml").write_text(f"{RANGES}\n{ANCHORED}\nstart: {{position: [3, 4, 0.2]}}\n")
+    start = load_map(tmp_path / "MAP.yaml").start
+    assert start is not None
+    assert start.heading is None

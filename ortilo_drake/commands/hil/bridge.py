@@ -52,8 +52,15 @@ def bridge(
         typer.Option("--map", help="With --from, the MAP.yaml of `ortilo replay`, which says which topic is what."),
     ] = None,
     rate: Annotated[
-        float, typer.Option(min=0.1, max=1000.0, callback=finite, help="With --from, number of estimates per second.")
-    ] = 10.0,
+        float | None,
+        typer.Option(
+            min=0.1,
+            max=1000.0,
+            callback=finite,
+            show_default="30 with --mavlink, else 10",
+            help="With --from, number of estimates per second.",
+        ),
+    ] = None,
     lag: Annotated[
         float,
         typer.Option(min=0.0, max=10.0, callback=finite, help="With --from, how long to wait for a late topic [s]."),
@@ -64,6 +71,14 @@ def bridge(
     hold: Annotated[
         str | None,
         typer.Option(metavar="x,y,z", help="With --from, compute attitude and thrust that hold this place [m]."),
+    ] = None,
+    yaw: Annotated[
+        float | None,
+        typer.Option(
+            callback=finite,
+            show_default="as estimated when setpoints begin",
+            help="With --hold, the yaw to hold, from the anchors' x axis towards y [rad].",
+        ),
     ] = None,
     arm: Annotated[
         bool,
@@ -100,7 +115,7 @@ def bridge(
     """
     chosen = load_scenario(scenario, tuple(settings or ()), seed)
     if source is not None:
-        options = LiveOptions(source, map_file, rate, lag, speed, hold, arm, hover_thrust, most_deviation)
+        options = LiveOptions(source, map_file, rate, lag, speed, hold, yaw, arm, hover_thrust, most_deviation)
         if vision and mavlink is None:
             raise InputError("--vision: is how the estimate is sent to --mavlink, which is not given")
         run_live_bridge(options, chosen, mavlink, vision, seconds, json_file, ros2, (system, component))
@@ -108,6 +123,7 @@ def bridge(
     for name, value in (
         ("--map", map_file),
         ("--hold", hold),
+        ("--yaw", yaw),
         ("--arm", arm or None),
         ("--hover-thrust", hover_thrust),
     ):

@@ -4,14 +4,17 @@ import contextlib
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from ortilo_drake.commands.terminal import say_if_compiling, say_written, show_report, write_json
+from ortilo_drake.model.inputs.numbers import not_radians
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
 ROS2 = "ros2"
+LEAST = 30.0  # estimates that PX4 asks for [Hz]; it asks for no more than 50
 
 
 @dataclass(frozen=True)
@@ -21,10 +24,11 @@ class LiveOptions:
     Attributes:
         source: 'ros2', or a bag.
         map_file: MAP.yaml.
-        rate: of the estimates [Hz].
+        rate: of the estimates [Hz]; by default LEAST with MAVLink, else replay's own.
         lag: how long a silent topic holds the others back [s].
         speed: a bag is played so many times as fast as it was recorded; inf without waiting.
         hold: place that is held, 'x,y,z' [m].
+        yaw: that is held [rad]; None holds the one that is estimated when setpoints begin.
         arm: whether setpoints go to the autopilot.
         hover_thrust: share of the largest thrust that hovers.
         most_deviation: an estimate whose position's standard deviation is larger is not sent by MAVLink [m].
@@ -32,10 +36,11 @@ class LiveOptions:
 
     source: str
     map_file: Path | None
-    rate: float
+    rate: float | None
     lag: float
     speed: float
     hold: str | None
+    yaw: float | None
     arm: bool
     hover_thrust: float | None
     most_deviation: float
@@ -53,7 +58,11 @@ def check_live(options: LiveOptions, mavlink: str | None, ros2: bool) -> tuple[f
         raise InputError("--arm: needs --mavlink, --hold x,y,z and --hover-thrust: the share of the thrust that hovers")
     if ros2 and options.source != ROS2:
         raise InputError("--ros2: a bag's estimates are not published; play it with `ros2 bag play` and --from ros2")
+    if options.yaw is not None and (wrong := not_radians(options.yaw)):
+        raise InputError(f"--yaw: {wrong}")
     if options.hold is None:
+        if options.yaw is not None:
+            raise InputError("--yaw: belongs to --hold, which is not given")
         return None
     try:
         place = tuple(float(part) for part in options.hold.split(","))
@@ -79,24 +88,28 @@ def run_live_bridge(
     Its MAVLink messages have these system and component ids.
     """
     place = check_live(options, mavlink, ros2)
-    from ortilo_drake.interop.mavlink import MavlinkBridge
+    from ortilo_drake.interop.mavlink import NOTICE, WARNING, MavlinkBridge
     from ortilo_drake.interop.recorded.map_file import load_map
     from ortilo_drake.studies.live.live_bridge import LiveBridge, run_live
+    from ortilo_drake.studies.live.live_filter import RATE
     from ortilo_drake.studies.live.setpoints import Holding
     from ortilo_drake.studies.live.uncertainty import MOST_YAW, Limits
 
     assert options.map_file is not None
     map_ = load_map(options.map_file)
-    holding = None if place is None else Holding(scenario, place)
+    holding = None if place is None else Holding(scenario, place, options.yaw)
     with contextlib.ExitStack() as stack:
         sender = None if mavlink is None else stack.enter_context(contextlib.closing(MavlinkBridge(mavlink, *ids)))
 
-        def say(line: str) -> None:
+        def say(line: str, severity: int = WARNING) -> None:
             _say(line)
             if sender is not None:
-                sender.send_text(line)
+                sender.send_text(line, severity)
 
-        bridge = LiveBridge(map_, say, options.rate, options.lag, holding)
+        rate = options.rate or (RATE if mavlink is None else LEAST)
+        if mavlink is not None and rate < LEAST:
+            _say(f"warning  --rate: {rate:g} Hz: PX4 asks for {LEAST:g} to 50 Hz, and may not fuse less")
+        bridge = LiveBridge(map_, say, rate, options.lag, holding, partial(say, severity=NOTICE))
         if map_.truth is not None:
             _say("truth: is not heard live, and nothing is calibrated by it")
         if sender is not None:
@@ -131,11 +144,14 @@ def _say(line: str) -> None:
 
 def _armed(options: LiveOptions, scenario: Scenario, mavlink: str) -> str:
     """Return the line that says whether setpoints are sent, and when not."""
+    from ortilo_drake.studies.live.setpoints import NEAR
+
     if not options.arm:
         return f"{mavlink}: the estimate alone; setpoints are off (--arm sends them)"
     return (
-        f"{mavlink}: ARMED: attitude and thrust are sent to hold {options.hold}, but not while the estimate is older "
-        f"than {scenario.failsafe.timeout:g} s or too uncertain: then the autopilot's own failsafe flies"
+        f"{mavlink}: ARMED: attitude and thrust are sent to hold {options.hold} from within {NEAR:g} m of it, but not "
+        f"while the estimate is older than {scenario.failsafe.timeout:g} s or too uncertain: then the autopilot's own "
+        "failsafe flies"
     )
 
 

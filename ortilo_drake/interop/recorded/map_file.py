@@ -24,6 +24,7 @@ from ortilo_drake.interop.recorded.sources import (
 )
 from ortilo_drake.interop.recorded.units import size_of
 from ortilo_drake.model.input_files import exists, read_text
+from ortilo_drake.model.inputs.numbers import not_radians
 from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive, parse_yaml, validate
 
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -111,10 +112,20 @@ class Start(Frozen):
 
     position: Vector = Field(description="Of the estimated point [m].")
     position_sd: Positive = Field(default=0.03, description="[m].")
-    heading: float = Field(default=0.0, ge=-10.0, le=10.0, description="[rad].")
+    heading: float | None = Field(
+        default=None,
+        description="From the anchors' x axis towards y, within -2 pi and 2 pi; needed with an `imu` [rad].",
+    )
     heading_sd: Positive = Field(default=0.1, description="[rad].")
     rests: bool = Field(default=False, description="Whether it stands level on the floor until it takes off.")
     lands: bool = Field(default=False, description="Whether it lands at the height of the start: noticed by its imu.")
+
+    @field_validator("heading")
+    @classmethod
+    def _is_in_radians(cls, value: float | None) -> float | None:
+        if value is not None and (wrong := not_radians(value)):
+            raise ValueError(wrong)
+        return value
 
     @model_validator(mode="after")
     def _lands_from_rest(self) -> Self:
@@ -252,6 +263,11 @@ class Map(Frozen):
         if now.share == 0.0 and free:
             raise ValueError(
                 "calibration.share: 0 calibrates nothing: give clock and lever, frame: same, and biases: online or none"
+            )
+        if self.start is not None and self.start.heading is None and self.imu is not None:
+            raise ValueError(
+                "start.heading: is missing: where the nose points, in radians from the anchors' x axis towards y (90 "
+                "degrees are 1.571); where it is known roughly, give heading_sd, too; else leave `start` out"
             )
         if self.command is not None and self.imu is None:
             raise ValueError("command: needs `imu`, whose body rates turn it")

@@ -1,9 +1,10 @@
-"""Numbers as text: in plain decimal digits only.
+"""Numbers as text, in plain decimal digits only, and angles that may be degrees.
 
 Python's int and float also take digits of other scripts and underscores within, which nobody types and other programs
 that read the same address do not take.
 """
 
+import math
 import re
 
 
@@ -24,3 +25,10 @@ def decimal(text: str) -> float:
 def is_port(text: str) -> bool:
     """Return whether a text is the number of a port that can be connected to."""
     return re.fullmatch("[0-9]{1,5}", text) is not None and 0 < int(text) < 65536
+
+
+def not_radians(value: float) -> str | None:
+    """Return the reason why a value is no angle within a turn either way [rad]; None if it is one."""
+    if abs(value) <= 2.0 * math.pi:
+        return None
+    return f"{value:g}: must be within -6.283 and 6.283 radians; {value:g} degrees are {math.radians(value):.3g}"

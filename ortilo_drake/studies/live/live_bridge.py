@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from ortilo_drake.interop.recorded.live_rows import AGAIN as HEARD_AGAIN
 from ortilo_drake.interop.recorded.live_rows import LAG, Block, LiveRows
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import single_ranges
@@ -97,23 +98,33 @@ class _Output:
 class LiveBridge:
     """The filter between topics and targets, by a map that says what is what.
 
-    Say takes a line about what is wrong, or has changed. Estimates are made at a rate [Hz], a silent topic holds the
-    others back for the lag [s], and setpoints are asked for by what is holding, if anything. InputError if the map
-    cannot be heard live, or the place to hold is far outside the anchors.
+    Say takes a line about what is wrong, note one about a change for the better (say, unless given). Estimates are made
+    at a rate [Hz], a silent topic holds the others back for the lag [s], and setpoints are asked for by what is
+    holding, if anything. InputError if the map cannot be heard live, or the place to hold is far outside the anchors.
     """
 
-    def __init__(self, map_: Map, say: Say, rate: float = RATE, lag: float = LAG, holding: Holding | None = None):
+    def __init__(
+        self,
+        map_: Map,
+        say: Say,
+        rate: float = RATE,
+        lag: float = LAG,
+        holding: Holding | None = None,
+        note: Say | None = None,
+    ):
         self._map, self._rows = map_, LiveRows(map_, lag)
         if holding is not None:
             holding.check_within(self._rows.anchors)
         self._filter = LiveFilter(map_, self._rows.anchors, rate)
         self._outputs: dict[str, _Output] = {}
         self._clock = SensorClock(time.monotonic)
-        self._say, self._imu, self._holding = say, map_.imu is not None, holding
+        self._say, self._note = say, note or say
+        self._imu, self._holding = map_.imu is not None, holding
         self._failed: dict[str, str] = {}
         self._doubts = self._turned = False
         self._ages: list[float] = []
-        self._old, self._uncertain, self._refused, self._why = 0, 0, 0, ""
+        self._old, self._uncertain, self._refused = 0, 0, 0
+        self._why: str | None = None  # why the last setpoint was refused, empty if it was not; None before the first
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -135,7 +146,7 @@ class LiveBridge:
     def receive(self, topic: str, received: int, message: Any) -> list[StampedEstimate]:
         """Take a message, received at so many ns, and return the estimates that it made due."""
         for line in self._rows.add(topic, received, message):
-            self._say(line)
+            (self._note if line.endswith(HEARD_AGAIN) else self._say)(line)
         return self._go_on(False)
 
     def end(self) -> list[StampedEstimate]:
@@ -152,7 +163,7 @@ class LiveBridge:
         found = self._filter.advance(*due, ended=ended)
         origin, newest = self._rows.origin or 0.0, self._rows.newest
         if self._filter.begun and not begun:
-            self._say(f"the filter has begun, by the ranges from {self._filter.begins_at:.1f} s after the first on")
+            self._note(f"the filter has begun, by the ranges from {self._filter.begins_at:.1f} s after the first on")
             sd = 0.0 if self._map.start is None else self._map.start.position_sd
             if self._filter.start_off > max(FAR, 3.0 * sd):
                 off = f"the first ranges are {self._filter.start_off:.1f} m (median) from those of its position"
@@ -163,7 +174,10 @@ class LiveBridge:
         if bool(doubt) != self._doubts:
             self._doubts = bool(doubt)
             cause = "a wrong heading, place of an anchor, axis or noise?"
-            self._say(f"warning  ranges: {doubt}: {cause}" if doubt else "ranges: agree with the estimate again")
+            if doubt:
+                self._say(f"warning  ranges: {doubt}: {cause}")
+            else:
+                self._note("ranges: agree with the estimate again")
         heading = None if self._filter.heading is None else self._filter.heading.doubt
         if heading is not None and not self._turned:
             self._turned = True
@@ -177,11 +191,14 @@ class LiveBridge:
     def _hand_on(self, one: StampedEstimate, newest: float) -> None:
         now = self._clock.now(newest)
         wanted = None if self._holding is None else self._holding.setpoint(one, now)
-        if wanted is not None:
+        if self._holding is not None and wanted is not None:
             self._refused += bool(wanted.refused)
             if wanted.refused != self._why:
                 self._why = wanted.refused
-                self._say(f"failsafe: no setpoints: {self._why}" if self._why else "failsafe: setpoints again")
+                if self._why:
+                    self._say(f"failsafe: no setpoints: {self._why}")
+                else:
+                    self._note(f"setpoints: to hold {self._holding.aim}")
         of_age = {name: now - one.t <= output.oldest for name, output in self._outputs.items()}
         sure = {name: self._is_sure(name, output, one) for name, output in self._outputs.items()}
         self._old += not all(of_age.values())
@@ -201,8 +218,10 @@ class LiveBridge:
         before, limits = output.unsure, output.limits
         output.unsure = limits.why_not(one) or (limits.why_not(one, AGAIN) if before else "")
         if bool(output.unsure) != bool(before):
-            why = output.unsure
-            self._say(f"warning  {name}: no estimates: {why}" if why else f"{name}: estimates again")
+            if output.unsure:
+                self._say(f"warning  {name}: no estimates: {output.unsure}")
+            else:
+                self._note(f"{name}: estimates again")
         return not output.unsure
 
     def report(self) -> LiveReport:

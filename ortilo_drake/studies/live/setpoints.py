@@ -1,7 +1,7 @@
 """Attitude and thrust setpoints to hold a place, by the scenario's servo, and the failsafe that stops them.
 
-The failsafe lets no setpoint through while the estimate is too old or too uncertain. It does not fly: an autopilot
-whose setpoints stop does what it is set to do then, and the pilot has it.
+The failsafe lets no setpoint through while the estimate is too old or too uncertain, and none before the vehicle is
+near the place. It does not fly: an autopilot whose setpoints stop does what it is set to do then, and the pilot has it.
 """
 
 from collections.abc import Sequence
@@ -21,6 +21,8 @@ FLOWN_BY = Limits(deviation=0.5, yaw=0.2)
 BEYOND = 2.0  # a place to hold may be outside the anchors by [m]
 BELOW = 10.0  # and below them by so much: all may hang from a ceiling [m]
 WINDUP = 1.0  # of the integral of the position's error, at most [m s]
+NEAR, AWAY = 0.5, 2.0  # setpoints begin within the first of the place, and stop beyond the second [m]
+TURN = 0.3  # at which the yaw asked for goes from the present one to the one to hold [rad/s]
 
 
 class Setpoint(NamedTuple):
@@ -33,14 +35,16 @@ class Setpoint(NamedTuple):
 
 
 class Holding:
-    """Holds a place r (3) in the anchors' frame [m], by a scenario's servo, mass, heading and failsafe's limits.
+    """Holds a place r (3) in the anchors' frame [m], by a scenario's servo, mass and failsafe's limits.
 
-    InputError if the servo has no gain.
+    The yaw to hold [rad] is by default the estimated one when setpoints first begin. InputError if the servo has no
+    gain.
     """
 
-    def __init__(self, scenario: Scenario, place: Sequence[float]):
-        self._L, self._mass, self._yaw = gain_of(scenario), scenario.vehicle.mass, scenario.yaw
-        self._h, self._place = scenario.h, np.array(place)
+    def __init__(self, scenario: Scenario, place: Sequence[float], yaw: float | None = None):
+        self._L, self._mass, self._of_gain = gain_of(scenario), scenario.vehicle.mass, scenario.yaw
+        self._h, self._place, self._yaw = scenario.h, np.array(place), yaw
+        self._asked: float | None = None  # yaw of the last setpoint that was let through [rad]
         self._timeout, self._max_tilt = scenario.failsafe.timeout, scenario.failsafe.max_tilt
         self._i, self._last = np.zeros(3), -np.inf
 
@@ -55,19 +59,45 @@ class Holding:
             within = f"within {BEYOND:g} m of the anchors, ({a}) to ({b}), or {BELOW:g} m below"
             raise InputError(f"--hold: ({place}): must be {within}")
 
+    @property
+    def aim(self) -> str:
+        """The place and yaw to hold, in words."""
+        place = ", ".join(f"{value:g}" for value in self._place)
+        yaw = (
+            "the yaw of their begin" if self._yaw is None else f"yaw {self._yaw:.2f} rad ({np.degrees(self._yaw):.0f}°)"
+        )
+        return f"({place}) m, {yaw}"
+
     def setpoint(self, stamped: StampedEstimate, now: float) -> Setpoint:
         """Return the setpoint that follows from an estimate, whose age is by the sensors' clock now [s]."""
         x, age = stamped.estimate, now - stamped.t
         old = f"the estimate is older than {self._timeout:g} s" if age > self._timeout else ""
         refused = old or FLOWN_BY.why_not(stamped)
         e = x[0:3] - self._place
+        most = NEAR if self._asked is None else AWAY
+        if not refused and not np.linalg.norm(e) <= most:
+            refused = f"the place to hold is more than {most:g} m away"
         if refused:
-            self._i[:] = 0.0
+            self._i[:], self._asked = 0.0, None
+            yaw = x[5]
         else:  # the servo's integral goes on by r - p in each of its ticks
-            ticks = min(stamped.t - self._last, self._timeout) / self._h if self._last > -np.inf else 0.0
-            most = WINDUP / self._h
-            self._i = np.clip(self._i - e * ticks, -most, most)
+            passed = 0.0 if self._asked is None else min(stamped.t - self._last, self._timeout)
+            bound = WINDUP / self._h
+            self._i = np.clip(self._i - e * passed / self._h, -bound, bound)
             self._last = stamped.t
-        f_W = wanted_force(self._L, self._mass, self._yaw, e, x[6:9], self._i)
-        rpy, thrust = attitude_along(f_W, self._yaw, self._max_tilt)
+            yaw = self._asked = self._turned(x[5], passed)
+        f_W = wanted_force(self._L, self._mass, self._of_gain, e, x[6:9], self._i)
+        rpy, thrust = attitude_along(f_W, yaw, self._max_tilt)
         return Setpoint(stamped.t, rpy, thrust, refused)
+
+    def _turned(self, yaw: float, passed: float) -> float:
+        """Return the yaw to ask for [rad], turned from the last one asked for, else from the estimated one.
+
+        Args:
+            yaw: estimated [rad].
+            passed: since the last one [s].
+        """
+        self._yaw = yaw if self._yaw is None else self._yaw
+        begin = yaw if self._asked is None else self._asked
+        left = (self._yaw - begin + np.pi) % (2.0 * np.pi) - np.pi
+        return float(begin + np.clip(left, -TURN * passed, TURN * passed))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.vehicle import GRAVITY
@@ -10,14 +11,14 @@ from ortilo_drake.studies.live.setpoints import FLOWN_BY, Holding
 from ortilo_drake.studies.live.stamped_estimate import StampedEstimate
 
 
-def at(t, p, sd=0.01, yaw_sd=0.01):
+def at(t, p, sd=0.01, yaw_sd=0.01, yaw=0.0):
     estimate, covariance = np.zeros(15), sd**2 / 3.0 * np.eye(15)
-    estimate[:3], covariance[5, 5] = p, yaw_sd**2
+    estimate[:3], estimate[5], covariance[5, 5] = p, yaw, yaw_sd**2
     return StampedEstimate(t, estimate, covariance)
 
 
-def holding():
-    return Holding(load_scenario("nominal_imu_uwb"), (1.0, 2.0, 1.5))
+def holding(yaw=None):
+    return Holding(load_scenario("nominal_imu_uwb"), (1.0, 2.0, 1.5), yaw)
 
 
 def test_at_the_place_it_hovers() -> None:
@@ -52,6 +53,42 @@ def test_an_error_that_lasts_is_leant_against_more_and_more() -> None:
 )
 def test_the_failsafe_refuses_what_is_old_or_uncertain(stamped: StampedEstimate, why: str) -> None:
     assert why in holding().setpoint(stamped, 1.0).refused
+
+
+def test_without_a_yaw_the_present_one_is_held() -> None:
+    hold = holding()
+    asked = [hold.setpoint(at(0.1 * k, (1.0, 2.0, 1.5), yaw=0.4 + 0.02 * k), 0.1 * k).rpy[2] for k in range(5)]
+    np.testing.assert_allclose(asked, 0.4)
+    assert hold.aim == "(1, 2, 1.5) m, yaw 0.40 rad (23°)"
+
+
+def test_a_yaw_is_turned_to_slowly_and_the_short_way() -> None:
+    """From 3 rad to -3 rad by 0.283 rad through pi, at 0.3 rad/s."""
+    hold = holding(-3.0)
+    asked = np.array([hold.setpoint(at(0.1 * k, (1.0, 2.0, 1.5), yaw=3.0), 0.1 * k).rpy[2] for k in range(15)])
+    np.testing.assert_allclose(asked[:9], 3.0 + 0.03 * np.arange(9))
+    np.testing.assert_allclose(asked[10:], 2.0 * np.pi - 3.0)
+
+
+def test_the_thrust_points_to_the_place_whatever_the_yaw() -> None:
+    """Body axes by SciPy's rotations: north of the place it leans south."""
+    for yaw in (0.0, 1.0, -2.5):
+        rpy = holding().setpoint(at(1.0, (1.0, 2.3, 1.5), yaw=yaw), 1.0).rpy
+        thrust = Rotation.from_euler("ZYX", rpy[::-1]).apply([0.0, 0.0, 1.0])
+        assert thrust[0] == pytest.approx(0.0, abs=1e-9)
+        assert thrust[1] < -0.01
+
+
+def test_setpoints_begin_near_the_place_and_stop_far_from_it() -> None:
+    hold = holding()
+
+    def refused(t, off):
+        return hold.setpoint(at(t, (1.0 + off, 2.0, 1.5)), t).refused
+
+    assert refused(0.0, 0.6) == "the place to hold is more than 0.5 m away"
+    assert refused(0.1, 0.4) == refused(0.2, 1.9) == ""  # a gust
+    assert refused(0.3, 2.1) == "the place to hold is more than 2 m away"
+    assert refused(0.4, 1.9) == "the place to hold is more than 0.5 m away"
 
 
 def test_a_place_far_outside_the_anchors_is_refused() -> None:
