@@ -14,6 +14,8 @@ from waiting import HANGS
 
 from ortilo_drake.interop.recorded.map_file import load_map
 from ortilo_drake.interop.recorded.recording import read_recording
+from ortilo_drake.interop.ros.ros2_live import Ros2Live
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.replayed import RAW, replay
 
 pytestmark = pytest.mark.skipif(
@@ -85,3 +87,9 @@ def test_a_bag_played_into_ros_comes_out_as_it_is_replayed(tmp_path: Path) -> No
     n = min(len(found), len(expected.t))
     assert n > 0.8 * len(expected.t)
     np.testing.assert_array_equal(found[:n, 1:], expected.p[:n])
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of rclpy's own imports
+def test_a_topic_that_ros_allows_no_name_like_is_one_line() -> None:
+    with pytest.raises(InputError, match=r"^topic '/uwb/0CA8': topic name token must not start with a number$"):
+        Ros2Live(("/uwb/0CA8",), lambda _: None).__enter__()

@@ -38,22 +38,36 @@ def is_console(text: str) -> bool:
     return _LEC.search(text) is not None or _LES.search(text) is not None
 
 
+def ranges_in(line: str) -> tuple[str, list[tuple[str, tuple[float, float, float], float]]]:
+    """Return the text before a line's ranges, and of each the anchor's address, its position (3) and the range [m].
+
+    Raises:
+        ValueError: if the line holds fewer or more ranges than it announces, as one that is cut short.
+    """
+    said = _DIST.search(line)
+    groups = list((_LES if said is None else _LEC).finditer(line))
+    if said is not None and len(groups) != int(said[1]):
+        raise ValueError("lines of DIST that do not hold the ranges they announce")
+    if not groups:
+        return line, []
+    before = line[: groups[0].start() if said is None else said.start()].lstrip(" [").rstrip(" \t,;:]>-")
+    numbers = [tuple(float(number) for number in group.groups()[1:]) for group in groups]
+    return before, [(group[1], (x, y, z), r) for group, (x, y, z, r) in zip(groups, numbers, strict=True)]
+
+
 def lec_ranges(path: Path, rejected: Rejections) -> Iterator[LecRange]:
     """Yield the ranges of a console's log; other lines, and those that were cut short, are counted."""
     for k, line in lines_of(path, rejected):
-        said = _DIST.search(line)
-        groups = list((_LES if said is None else _LEC).finditer(line))
-        if said is not None and len(groups) != int(said[1]):
-            rejected.add("lines of DIST that do not hold the ranges they announce", f"in line {k}")
+        try:
+            before, found = ranges_in(line)
+        except ValueError as error:
+            rejected.add(str(error), f"in line {k}")
             continue
-        if not groups:
+        if not found:
             kind = "lines of POS without ranges" if "POS," in line else "lines that are none of lec or les"
             rejected.add(kind, f"in line {k}")
-            continue
-        before = line[: groups[0].start() if said is None else said.start()].lstrip(" [").rstrip(" \t,;:]>-")
-        for group in groups:
-            x, y, z, r = (float(number) for number in group.groups()[1:])
-            yield LecRange(k, before, group[1], (x, y, z), r)
+        for one in found:
+            yield LecRange(k, before, *one)
 
 
 def read_lec(path: Path, rejected: Rejections) -> Table:

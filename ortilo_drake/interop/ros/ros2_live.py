@@ -12,6 +12,7 @@ import numpy as np
 
 from ortilo_drake.interop.ros.ros2_node import Ros2Node, message_class
 from ortilo_drake.interop.ros.ros_motion import estimate_messages, setpoint_messages, tf_message
+from ortilo_drake.model.typed_yaml import InputError
 
 _DEPTH: Final = 1000  # messages of a topic that may wait: two seconds of an imu at 500 Hz
 _LOOK: Final = 0.5  # between two looks for topics [s]
@@ -25,13 +26,21 @@ class Ros2Live(Ros2Node):
     `say` takes a line about a topic that is found, or whose type is not installed.
 
     Raises:
-        InputError: as Ros2Node.
+        InputError: as Ros2Node, or on entering, if a topic's name is none that ROS allows.
     """
 
     def __init__(self, topics: tuple[str, ...], say: Callable[[str], None]):
         super().__init__()
         self._missing, self._say = list(topics), say
         self._heard: list[tuple[int, tuple[str, int, Any]]] = []  # each after the time at which it was sent [ns]
+
+    def _subscribe(self) -> None:
+        """Check the topics' names; they are subscribed to when they have a publisher."""
+        for topic in self._missing:
+            try:
+                self._node.get_publishers_info_by_topic(topic)
+            except ValueError as error:
+                raise InputError(f"topic {topic!r}: {str(error).split(': ')[-1].split(', at ')[0]}") from None
 
     def messages(self) -> Iterator[tuple[str, int, Any] | None]:
         """Yield topic, time of receipt [ns] and message without end; None where none comes for a while."""
