@@ -38,7 +38,7 @@ ATTITUDE_ALONE = 7  # type_mask: body rates are to be ignored
 MOST_THRUST = 0.9  # of the largest that is ever asked for
 COMPONENT = 197  # MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
 TEXT = 50  # bytes of a STATUSTEXT
-WARNING, NOTICE = 4, 5  # MAV_SEVERITY_WARNING and MAV_SEVERITY_NOTICE
+CRITICAL, WARNING, NOTICE = 2, 4, 5  # of MAV_SEVERITY
 
 T = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 F = np.diag([1.0, -1.0, -1.0])

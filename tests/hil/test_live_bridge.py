@@ -101,6 +101,18 @@ def test_a_body_that_begins_upside_down_is_refused(recorded: list[str], tmp_path
     assert "upside down: imu: {axes: frd} turns it up" in str(result.exception)
 
 
+def test_the_autopilot_is_told_why_the_bridge_ended(recorded: list[str], tmp_path: Path) -> None:
+    map_ = tmp_path / "MAP.yaml"
+    map_.write_text(map_.read_text().replace("[3, 6.1, 1.4], position_sd: 0.5", "[5, 6.1, 1.4]"))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind(("127.0.0.1", 0))
+        result = CliRunner().invoke(hil_app, [*recorded, "--mavlink", f"udpout:127.0.0.1:{sock.getsockname()[1]}"])
+        received = messages_at(sock)
+    assert isinstance(result.exception, InputError)
+    assert {m.severity for m in received} == {2}  # MAV_SEVERITY_CRITICAL
+    assert "".join(m.text for m in received) == f"the bridge has ended: {result.exception}"
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [

@@ -105,13 +105,14 @@ def bridge(
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Publish a flight of a world and an onboard half to ROS 2 or a MAVLink autopilot.
+    """Pass the estimate from real sensors, or a simulated flight, on to ROS 2 or a MAVLink autopilot.
 
-    With --ros2 the vehicle flies to goals on /goal_pose, in real time: to their x and y, at its present height.
+    Real sensors, with --from ros2: the topics go through the filter of `ortilo replay`, and its estimate goes out as
+    topics, and with --mavlink as ODOMETRY. Setpoints for the autopilot are sent only with --arm, near the place to
+    hold, and not while the estimate is too old or too uncertain. See docs/how_to/real_sensors.md.
 
-    With --from ros2 there is no simulated flight: the topics of real sensors go through the filter of `ortilo replay`,
-    and its estimate goes out as topics, and with --mavlink as ODOMETRY. Setpoints for the autopilot are sent only with
-    --arm, and not while the estimate is too old or too uncertain.
+    A simulated flight, without --from: that of a world and an onboard half in two other processes. With --ros2 the
+    vehicle flies to goals on /goal_pose, in real time: to their x and y, at its present height.
     """
     chosen = load_scenario(scenario, tuple(settings or ()), seed)
     if source is not None:

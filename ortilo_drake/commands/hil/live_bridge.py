@@ -88,7 +88,7 @@ def run_live_bridge(
     Its MAVLink messages have these system and component ids.
     """
     place = check_live(options, mavlink, ros2)
-    from ortilo_drake.interop.mavlink import NOTICE, WARNING, MavlinkBridge
+    from ortilo_drake.interop.mavlink import CRITICAL, NOTICE, WARNING, MavlinkBridge
     from ortilo_drake.interop.recorded.map_file import load_map
     from ortilo_drake.studies.live.live_bridge import LiveBridge, run_live
     from ortilo_drake.studies.live.live_filter import RATE
@@ -132,7 +132,12 @@ def run_live_bridge(
             messages = played if math.isinf(options.speed) else at_pace(played, options.speed)
         if mavlink is not None:
             _say(_armed(options, scenario, mavlink))
-        report = run_live(bridge, messages, say, seconds)
+        try:
+            report = run_live(bridge, messages, say, seconds)
+        except InputError as error:
+            if sender is not None:
+                sender.send_text(f"the bridge has ended: {error}", CRITICAL)
+            raise
     write_json(json_file, report)
     show_report(report)
     say_written(json_file)

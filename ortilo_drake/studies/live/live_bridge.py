@@ -49,6 +49,7 @@ class SensorClock:
 Target = Callable[[StampedEstimate, Setpoint | None, int], None]
 Say = Callable[[str], None]
 QUIET = 5.0  # without any message, that is said [s]
+LONG: Final = 3.0  # if the filter has not begun by then, the line says why [s]
 FAR: Final = 0.3  # the first ranges may be so far from those of the map's start [m]
 
 
@@ -121,7 +122,7 @@ class LiveBridge:
         self._say, self._note = say, note or say
         self._imu, self._holding = map_.imu is not None, holding
         self._failed: dict[str, str] = {}
-        self._doubts = self._turned = False
+        self._doubts = self._turned = self._waits = False
         self._ages: list[float] = []
         self._old, self._uncertain, self._refused = 0, 0, 0
         self._why: str | None = None  # why the last setpoint was refused, empty if it was not; None before the first
@@ -144,7 +145,11 @@ class LiveBridge:
         self._outputs[name] = _Output(target, oldest, limits if self._imu else limits._replace(yaw=np.inf))
 
     def receive(self, topic: str, received: int, message: Any) -> list[StampedEstimate]:
-        """Take a message, received at so many ns, and return the estimates that it made due."""
+        """Take a message, received at so many ns, and return the estimates that it made due.
+
+        Raises:
+            InputError: if the first ranges contradict the map's start, or by the force the body begins upside down.
+        """
         for line in self._rows.add(topic, received, message):
             (self._note if line.endswith(HEARD_AGAIN) else self._say)(line)
         return self._go_on(False)
@@ -162,12 +167,17 @@ class LiveBridge:
         begun, lost = self._filter.begun, self._filter.lost
         found = self._filter.advance(*due, ended=ended)
         origin, newest = self._rows.origin or 0.0, self._rows.newest
+        if not self._filter.begun and not self._waits and not ended and due[0] > LONG:
+            self._waits = True
+            self._note(f"not begun after {LONG:g} s: {self._filter.why_not_begun}")
         if self._filter.begun and not begun:
-            self._note(f"the filter has begun, by the ranges from {self._filter.begins_at:.1f} s after the first on")
             sd = 0.0 if self._map.start is None else self._map.start.position_sd
             if self._filter.start_off > max(FAR, 3.0 * sd):
                 off = f"the first ranges are {self._filter.start_off:.1f} m (median) from those of its position"
-                self._say(f"warning  start: {off}: is the vehicle there? Else leave start out")
+                raise InputError(
+                    f"start: {off}: is the vehicle there? Give the place, or position_sd; else leave it out"
+                )
+            self._note(f"the filter has begun, by the ranges from {self._filter.begins_at:.1f} s after the first on")
         if self._filter.lost > lost:
             self._say("the filter was lost, and starts anew from the ranges")
         doubt = self._filter.agreement.doubt()

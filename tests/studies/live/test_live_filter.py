@@ -1,5 +1,7 @@
 """The live filter beside the replayed one, which is given the whole recording at once: the same bits."""
 
+import contextlib
+
 import numpy as np
 import pytest
 from live_messages import IMU, RANGES, START, messages_of
@@ -123,16 +125,23 @@ def test_what_is_missing_is_said_where_nothing_begins() -> None:
     assert "at least 3 are needed" in bridge.report().not_begun
 
 
-@pytest.mark.parametrize(("x", "sd", "warned"), [(3.0, 0.03, False), (5.0, 0.03, True), (5.0, 1.0, False)])
-def test_a_start_that_the_first_ranges_contradict_is_said(monkeypatch, x, sd, warned) -> None:
+@pytest.mark.parametrize(("x", "sd", "refused"), [(3.0, 0.03, False), (5.0, 0.03, True), (5.0, 1.0, False)])
+def test_a_start_that_the_first_ranges_contradict_is_refused(monkeypatch, x, sd, refused) -> None:
     """An autopilot that is given a wrong start flies by it for tens of seconds: the anchors' biases take it up."""
     run_plainly(monkeypatch, live_filter, "run_filter", "initial_carried")
     run_plainly(monkeypatch, heading_doubts, "follow")
     motion, place = made_up(1.5), [x, 6.1, 1.4]
     map_ = as_map(RANGES + IMU + f"start: {{position: {place}, position_sd: {sd}, heading: 0.5}}\n")
-    _, _, lines = live(map_, messages_of(motion))
     off = np.median(np.abs(motion.r[0] - np.linalg.norm(place - ANCHORS, axis=1)))
-    assert [f"are {off:.1f} m" in line for line in lines if line.startswith("warning  start")] == [True] * warned
+    said = pytest.raises(InputError, match=f"^start: the first ranges are {off:.1f} m [^\n]*$")
+    with said if refused else contextlib.nullcontext():
+        live(map_, messages_of(motion))
+
+
+def test_why_nothing_begins_is_said_after_three_seconds() -> None:
+    """Without a heading eight are tried, for 30 s: nobody would know what it waits for."""
+    _, _, lines = live(as_map(RANGES + IMU), messages_of(made_up(4.0)))
+    assert lines[0] == "not begun after 3 s: it needs ranges until 30.0 s after the first"
 
 
 def quick_place(t):
