@@ -95,14 +95,7 @@ typedef struct {{
 
 
 def header_text(half: Half, scenario: Scenario, sizes: dict[str, int], makes_arrays: bool) -> str:
-    """Return ortilo.h.
-
-    Args:
-        half: what is exported.
-        scenario: whose half it is.
-        makes_arrays: whether there is room for arrays.
-        sizes: of states, outputs and work space, see c_source.py.
-    """
+    """Return ortilo.h, with room for arrays if functions make some; sizes are those of c_source.py."""
     inputs = [(f"ortilo_{c_name(box)} {c_name(box)};", "") for box in half.inputs]
     outputs = [(f"double {signal}[{wire.size}];", OUTPUTS[signal]) for signal, wire in half.outputs.items()]
     parts = [

@@ -41,17 +41,9 @@ def emulated(target: str, program: str | Path, *options: str) -> list[str]:
 
 
 def build(folder: Path, target: str, source: Path, made: Path, flags: Sequence[str] = ()) -> None:
-    """Build a program with a main of its own for an exported half.
+    """Build a program with a main of its own, a C source, for the exported half in a folder and its target.
 
-    Args:
-        folder: of the export.
-        target: its processor.
-        source: the C file with the main.
-        made: the program to write.
-        flags: for the compiler, beside those of the target.
-
-    Raises:
-        InputError: if the compiler is not there or refuses.
+    The flags are for the compiler, beside those of the target. InputError if the compiler is not there or refuses.
     """
     if missing := [program for program in programs_of(target) if shutil.which(program) is None]:
         raise InputError(f"--exported: {target}: needs {', '.join(missing)} (make setup EXPORT=1)")

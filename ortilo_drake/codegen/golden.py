@@ -39,14 +39,7 @@ def inputs_of(half: Half, messages: Signals) -> np.ndarray:
 def flown_ticks(scenario: Scenario, ticks: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Return the inputs of each tick, one after the other (ticks, i), and each output (ticks, n), as Drake flies it.
 
-    The last flight is kept: it is that of all processors.
-
-    Args:
-        scenario: what is flown, with its seed.
-        ticks: how many.
-
-    Raises:
-        InputError: as onboard_half.
+    The last flight, of the scenario's seed, is kept: it is that of all processors. InputError as onboard_half.
     """
     half, world, onboard = onboard_half(scenario), WorldHalf(scenario), OnboardHalf(scenario)
     came = np.zeros((ticks, sum(half.inputs.values())))

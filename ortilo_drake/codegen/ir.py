@@ -121,15 +121,9 @@ def symbol_of(box: str, what: str) -> str:
 
 
 def box_ir(box: str, element: Element, single: bool) -> dict[str, str]:
-    """Return the IR of a box's functions by their names in C, as numba makes it in this process.
+    """Return the IR of a box's functions by their names in C, as numba makes it in this process, in floats if single.
 
-    Args:
-        box: its name.
-        element: what it does.
-        single: whether this process computes in floats.
-
-    Raises:
-        InputError: if a function calls what is not there without Python.
+    InputError if a function calls what is not there without Python.
     """
     module = ModuleType("ortilo_exported")
     vars(module).update(known_to(element))
@@ -157,13 +151,7 @@ def makes_arrays(ir: str) -> bool:
 def neutral(ir: str, what: str, symbol: str) -> str:
     """Return IR of numba for no processor in particular: a function (room, arguments) -> 0, not 0 where it had to stop.
 
-    Args:
-        ir: of a function of C, made of `out` or `step`.
-        what: which of them.
-        symbol: its name.
-
-    Raises:
-        InputError: if it calls what is not there without Python.
+    It is of a function of C made of `what`, `out` or `step`. InputError if it calls what is not there without Python.
     """
     ir = re.sub(r"^target (?:datalayout|triple) = .*$", "", ir, flags=re.M)
     ir = re.sub(r'"(?:target-cpu|target-features|tune-cpu)"="[^"]*"', "", ir)
@@ -222,14 +210,9 @@ define i32 @{symbol}({ROOM}{said}) {{
 
 @lru_cache(maxsize=4)
 def neutral_irs(scenario: Scenario, single: bool = False) -> dict[str, str]:
-    """Return the IR of all functions of a scenario's onboard half, made in a process of its own.
+    """Return the IR of all functions of a scenario's onboard half, made in a process of its own, in floats if single.
 
-    Args:
-        scenario: whose belief is exported.
-        single: whether to compute in floats.
-
-    Raises:
-        InputError: as onboard_half and box_ir.
+    InputError as onboard_half and box_ir.
     """
     elements = [(box.name, box.element) for box in onboard_half(scenario).wiring.boxes.values()]
     told = pickle.dumps((single, plugin_files(), cloudpickle.dumps(elements)))

@@ -50,11 +50,8 @@ VELOCITY = slice(6, 9)  # in x
 def position_floor(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
     """Return the least mean squared error of x_{k|k-1}'s position per axis at every tick of a flight [m^2] (n, 3).
 
-    None where the errors of the camera's detector have not been measured.
-
-    Args:
-        scenario: the scenario flown, its seed included.
-        truth: true states x_k (n, 12).
+    None where the errors of the camera's detector have not been measured. The flight's seed is the scenario's, the
+    truth its true states x_k (n, 12).
     """
     bounds = state_bound(scenario, truth)
     return None if bounds is None else np.maximum(np.diagonal(bounds, axis1=1, axis2=2)[:, :3], 0.0)
@@ -73,13 +70,8 @@ def rows_by_kind(
 ) -> tuple[dict[str, np.ndarray], int] | None:
     """Return a flight's information as rows (l, 17) by what gave it, and the spacing of slow errors' nodes.
 
-    None where the errors of the camera's detector have not been measured.
-
-    Args:
-        scenario: as position_floor.
-        truth: as position_floor.
-        room: which may be another than the scenario's.
-        with_errors: whether the rows stand beside those of unknown errors, see Information.
+    None where the errors of the camera's detector have not been measured. The room may be another than the scenario's;
+    with_errors the rows stand beside those of unknown errors, see Information. Arguments else as position_floor.
     """
     rows: dict[str, np.ndarray] = {}
     spacing = 1

@@ -35,10 +35,7 @@ def messages_sent(
 def arrived(scenario: Scenario, sensor: str, truth: np.ndarray) -> np.ndarray:
     """Return whether a sensor's measurement of each tick reached the vehicle, in that tick or later (n).
 
-    Args:
-        scenario: the scenario flown, its seed included.
-        sensor: its name.
-        truth: true states x_k (n, 12).
+    The flight's seed is the scenario's, the truth its true states x_k (n, 12).
     """
     if sensor not in scenario.sensors:
         return np.zeros(len(truth), dtype=bool)

@@ -102,13 +102,9 @@ def predicted_bound(
 ) -> np.ndarray:
     """Return P_k of the vehicle's twelve states at each tick, the bound on the covariance of x_{k|k-1} (ticks, 12, 12).
 
-    Args:
-        rows: the measurements (l, 5 + m), in the order of ticks, see information_rows.py.
-        ticks: number of ticks.
-        Phi: dynamics (m, m), the vehicle's states the first twelve.
-        W: covariance of the process noise of a tick (m, m).
-        P_0: covariance of x_0 (m, m).
-        spacing: ticks between the nodes of slow errors.
+    The rows are measurements (l, 5 + m), in the order of ticks, see information_rows.py. Of m states, the vehicle's the
+    first twelve, are the dynamics Phi, the covariance W of a tick's noise, and P_0. Nodes of slow errors are that
+    spacing apart.
     """
     m, most = Phi.shape[0], 0
     for row in rows:

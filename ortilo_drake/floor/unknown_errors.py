@@ -67,10 +67,7 @@ def unknown_of(scenario: Scenario, room: Room, name: str) -> list[Error]:
 def unknown_errors(scenario: Scenario, room: Room, k: float) -> Error:
     """Return all that a scenario's truth leaves unknown, as one error; none of its components is certain.
 
-    Args:
-        scenario: the scenario flown.
-        room: its anchors and landmarks.
-        k: the share of the specific force in what is known of a step's force, see above; 0 where it is not read.
+    k is the share of the specific force in what is known of a step's force, see above; 0 where it is not read.
     """
     sensors = dict.fromkeys((*SENSORS, *scenario.sensors, *dict(scenario.truth.sensors)))
     every = [*force_errors(scenario, k), *(error for name in sensors for error in unknown_of(scenario, room, name))]

@@ -46,11 +46,6 @@ class Number:
     kind: Kind = "f8"
 
 
-def scalars(names: str, kind: Kind = "f8") -> tuple[Number, ...]:
-    """Return a number of a kind for each of some names, which blanks separate."""
-    return tuple(Number(name, kind=kind) for name in names.split())
-
-
 @dataclass(frozen=True)
 class Array:
     """An array of any shape: its name, how many dimensions it has, and its kind."""
@@ -132,6 +127,8 @@ def kind_of(name: str, value: Any) -> Kind:
 class Element:
     """A kind of box: its ports, constants, state and compiled functions.
 
+    One that names no numbers, tables, state and work has those of its box's values, see Box.
+
     Attributes:
         name: of the kind.
         out: writes what it says; None where it shows a state.
@@ -157,6 +154,22 @@ class Element:
     allocates: bool = False
     reads: tuple[str, ...] = ()
     groups: tuple[Group, ...] = ()
+
+    def having(self, given: "Values", work: dict[str, tuple[int, ...]]) -> "Element":
+        """Return the element with the numbers, tables, state and work of a box's values, unless it names its own."""
+        grouped = {leaf.name for group in self.groups for leaf in group.leaves}
+        numbers = {name: value for name, value in given.numbers.items() if name not in grouped}
+        tables = {name: value for name, value in given.tables.items() if name not in grouped}
+        named = self.numbers or self.tables or self.state or self.work
+        if named or not (numbers or tables or given.start or work):
+            return self
+        return replace(
+            self,
+            numbers=tuple(Number(name, np.shape(its), kind_of(name, its)) for name, its in numbers.items()),
+            tables=tuple(Array(name, np.ndim(its), kind_of(name, its)) for name, its in tables.items()),
+            state=tuple(Array(name, np.ndim(its)) for name, its in given.start.items()),
+            work=tuple(Array(name, len(shape)) for name, shape in work.items()),
+        )
 
     @property
     def constants(self) -> tuple[Number, ...]:
@@ -245,6 +258,9 @@ class Box:
     holds: tuple[str, ...] = ()
     system: Any = None
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "element", self.element.having(self.given, self.work))
+
     def with_inputs(self, **reads: str) -> "Box":
         """Return a box whose inputs read these boxes."""
         return replace(self, reads=self.reads | reads)
@@ -280,5 +296,4 @@ def outside(name: str, size: int) -> Box:
 def constant(name: str, values: Any) -> Box:
     """Return a box that always says the same numbers."""
     start = np.atleast_1d(np.asarray(values, dtype=float))
-    element = Element("constant", state=(Array("values"),), shows="values")
-    return Box(name, element, start.size, Values(start={"values": start}))
+    return Box(name, Element("constant", shows="values"), start.size, Values(start={"values": start}))

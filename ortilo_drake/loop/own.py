@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values, kind_of, takes
+from ortilo_drake.loop.element import Box, Element, Values, takes
 from ortilo_drake.loop.wiring import check_values
 
 
@@ -49,19 +49,8 @@ def box(
         raise ValueError(f"size: {size!r}: must be an integer, at least 1")
     if out is None and shows is None:
         raise ValueError("out: is missing: must write the output, unless shows names a state")
-    numbers, tables, state, work = numbers or {}, tables or {}, state or {}, work or {}
-    element = Element(
-        "own",
-        out,
-        step,
-        numbers=tuple(Number(name, np.shape(its), kind_of(name, its)) for name, its in numbers.items()),
-        tables=tuple(Array(name, np.ndim(its), kind_of(name, its)) for name, its in tables.items()),
-        state=tuple(Array(name, np.ndim(its)) for name, its in state.items()),
-        work=tuple(Array(name, len(shape)) for name, shape in work.items()),
-        shows=shows,
-        allocates=True,
-    )
-    made = Box("own", element, size, Values(numbers, state, tables), work)
+    element = Element("own", out, step, shows=shows, allocates=True)
+    made = Box("own", element, size, Values(numbers or {}, state or {}, tables or {}), work or {})
     check_values(made)
     return made
 
@@ -96,7 +85,7 @@ def _cut_out(n: Any, whole: np.ndarray, out: np.ndarray) -> None:
         out[i] = whole[n.first + i]
 
 
-CUT = Element("cut", out=_cut_out, numbers=(Number("first", kind="i8"),))
+CUT = Element("cut", out=_cut_out)
 
 
 def slice_box(name: str, first: int, size: int) -> Box:

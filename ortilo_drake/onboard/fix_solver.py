@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from ortilo_drake.loop.element import Array, Box, Element, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.parts import Compiled
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.room import Room
@@ -97,7 +97,7 @@ def read_out(message: np.ndarray, V: np.ndarray, out: np.ndarray) -> None:
         put(V, out, out.size - V.size)
 
 
-FIX_READER = Element("fix_reader", out=read_out, tables=(Array("V"),))
+FIX_READER = Element("fix_reader", out=read_out)
 
 
 def fix_reader_box(name: str, rows: int, V: np.ndarray | None) -> Box:

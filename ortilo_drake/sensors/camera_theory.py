@@ -99,10 +99,7 @@ def likely_detections(scenario: Scenario, room: Room, x: np.ndarray) -> np.ndarr
 def fix_of_boxes(scenario: Scenario, x: np.ndarray, message: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
     """Return the value (m) of the fix of a detections message, and its covariance (m, m); None if there is no fix.
 
-    Args:
-        scenario: the scenario.
-        x: where the filter believes to be (12).
-        message: the detections.
+    The filter believes to be at x (12).
     """
     landmark_fix, m = _landmark_fix(scenario), len(scenario.landmark_fix.rows)
     context = landmark_fix.CreateDefaultContext()

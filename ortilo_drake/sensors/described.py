@@ -65,12 +65,7 @@ def information_of(
 ) -> Information | None:
     """Return the Fisher information of a sensor's messages, None where it is not known.
 
-    Args:
-        name: the sensor's.
-        scenario: the scenario flown.
-        room: what it measures.
-        truth: true states (n, 12).
-        seen: in which ticks its messages reached the vehicle (n).
+    They reached the vehicle in the ticks that are seen (n), at true states (n, 12).
     """
     sensor = described(name)
     if sensor.information is None:

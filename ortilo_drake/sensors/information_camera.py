@@ -82,18 +82,10 @@ def box_rows(
     tables: Tables,
     errors: CenterErrors,
 ) -> np.ndarray:
-    """Return the rows of the landmarks' box centres in those ticks (m, 17).
+    """Return the rows of the landmarks' box centres in the ticks whose picture reached the vehicle (k): (m, 17).
 
-    The slow error of landmark i is number 2 i in u and 2 i + 1 in v.
-
-    Args:
-        ticks: the ticks of the pictures that reached the vehicle (k).
-        truth: true states (n, 12).
-        room: landmarks, and walls and stands that may hide them.
-        labels: the landmarks' classes (l).
-        camera: the camera.
-        tables: rates and errors.
-        errors: how the errors of a centre are distributed.
+    The slow error of landmark i is number 2 i in u and 2 i + 1 in v. The truth has true states (n, 12), `labels` the
+    landmarks' classes (l).
     """
     rows, m = np.zeros((4 * ticks.size * labels.size, ROW_SIZE)), 0
     z, J = np.empty(2), np.empty((2, 6))
@@ -145,14 +137,9 @@ def camera_tables(scenario: Scenario, room: Room) -> Tables | None:
 
 
 def camera_rows(tables: Tables, room: Room, width: int, truth: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return the rows of the box centres in the ticks where the camera is seen.
+    """Return the rows of the box centres in the ticks where the camera is seen (n), at true states (n, 12).
 
-    Args:
-        tables: rates and errors, see camera_tables.
-        room: landmarks, walls, stands and the camera.
-        width: of the image [px].
-        truth: true states (n, 12).
-        seen: whether the ticks' picture reached the vehicle (n).
+    The image has that width [px]; the tables are those of camera_tables.
     """
     camera = room.camera.scaled_to(width).constants
     ticks, labels = np.flatnonzero(seen), room.landmark_labels

@@ -26,11 +26,7 @@ NO_PAIR = -1  # source of a row that tells by its noise
 def difference_rows(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """Return the rows of the packets that there are; the source of the pair (a, b) of n anchors is a n + b.
 
-    Args:
-        scenario: the scenario flown.
-        room: anchors and walls.
-        truth: true states (n, 12).
-        seen: whether the ticks' uwb message reached the vehicle (n).
+    The uwb message reached the vehicle in the ticks that are seen (n), at true states (n, 12).
     """
     uwb, anchors = scenario.uwb, room.anchor_positions
     s_0, s_1, _, most_walls, max_distance = ranging_settings(uwb)

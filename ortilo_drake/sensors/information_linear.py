@@ -16,12 +16,7 @@ def linear_rows(
 ) -> np.ndarray:
     """Return the rows of y = C x + v; a sensor faster than the tick gives each sample, which sees t_k at its age.
 
-    Args:
-        scenario: its tick and heading.
-        samples: in a tick.
-        seen_rows: of C (m).
-        seen: whether the ticks' message reached the vehicle (n).
-        sd: of v in the ticks that are seen (k, m), NaN where there is nothing.
+    C has rows (m), and v of ticks that are seen (n) an sd (k, m), NaN where there is nothing.
     """
     ticks, (i, j) = np.flatnonzero(seen), np.nonzero(np.isfinite(sd))
     parts, seen_rows = [], list(seen_rows)

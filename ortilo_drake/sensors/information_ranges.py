@@ -19,15 +19,9 @@ from ortilo_drake.world.sensors.uwb import ranging_settings
 
 
 def range_rows(settings: Uwb, room: Room, truth: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return the rows of the ranges that there are, to every anchor, in the ticks in which uwb is seen.
+    """Return the rows of the ranges that there are, to every anchor, in the ticks in which uwb is seen (n).
 
-    The excess of a range behind a wall is taken as known.
-
-    Args:
-        settings: the world's noise, walls and greatest distance.
-        room: anchors and walls.
-        truth: true states (n, 12).
-        seen: whether the ticks' uwb message reached the vehicle (n).
+    True states are (n, 12). The excess of a range behind a wall is taken as known.
     """
     s_0, s_1, _, most_walls, max_distance = ranging_settings(settings)
     ticks = np.flatnonzero(seen)

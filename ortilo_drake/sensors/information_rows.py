@@ -39,14 +39,7 @@ class Information(NamedTuple):
 def rows_of(
     ticks: np.ndarray, gradients: np.ndarray, variances: np.ndarray, sources: np.ndarray | int = 0
 ) -> np.ndarray:
-    """Return rows without a slow error (l, 17).
-
-    Args:
-        ticks: the tick of each (l).
-        gradients: g over the states (l, 12).
-        variances: r (l).
-        sources: number of what gave each (l).
-    """
+    """Return rows without a slow error (l, 17): of each its tick, g over the states (l, 12), r and its source."""
     rows = np.zeros((len(ticks), ROW_SIZE))
     rows[:, TICK], rows[:, GRADIENT], rows[:, VARIANCE], rows[:, SLOW] = ticks, gradients, variances, -1.0
     rows[:, SOURCE] = sources

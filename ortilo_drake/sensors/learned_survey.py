@@ -20,13 +20,9 @@ from ortilo_drake.scenario import Scenario
 
 
 def share_learned(bank: np.ndarray, sd: float, information: np.ndarray, world_sd: float) -> float:
-    """Return the share of an sd that a bank settles on.
+    """Return the share of an sd [m] that a bank of shares c_j of it settles on.
 
-    Args:
-        bank: shares c_j.
-        sd: that c_j is the share of [m].
-        information: eigenvalues l of what is remembered [1/m^2].
-        world_sd: s_w [m].
+    The information has the eigenvalues l of what is remembered [1/m^2]; world_sd is s_w [m].
     """
     return float(share_of(mean_log_likelihood(bank * sd, information, world_sd), bank))
 
@@ -46,10 +42,7 @@ def residual_information(J: np.ndarray, variances: np.ndarray) -> np.ndarray:
 def scale_learned(J: np.ndarray, told: np.ndarray, variances: np.ndarray) -> float:
     """Return the scale c of the noise that residuals show, c^2 = tr(M V) / (l - n) with M of what is told; 1 of none.
 
-    Args:
-        J: rows (l, n).
-        told: variances as they are told (l).
-        variances: as they are, the diagonal of V (l).
+    J has rows (l, n); told and true variances, the diagonal of V, are (l).
     """
     residuals = len(J) - J.shape[1]
     if residuals <= 0:

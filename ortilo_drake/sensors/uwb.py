@@ -50,14 +50,8 @@ def believed_V(scenario: Belief) -> np.ndarray | None:
 def messages_again(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """Return the messages (m, 2 + 2 a) that a flight was sent, repeated from its true states (n, 12).
 
-    Args:
-        scenario: the scenario flown, its seed included.
-        room: as it was surveyed.
-        truth: true states x_k (n, 12).
-        seen: in which ticks a message reached the vehicle (n).
-
-    Raises:
-        InputError: if the sensor is faster than the tick, gives differences, or its errors are fitted.
+    The scenario's seed is that of the flight, the room as it was surveyed; messages reached the vehicle in the ticks
+    that are seen (n). InputError if the sensor is faster than the tick, gives differences, or its errors are fitted.
     """
     if scenario.uwb.kind == "differences":
         raise InputError("uwb.kind: differences: must be ranges: a survey takes single ranges")

@@ -26,14 +26,8 @@ def draw_truth(truth: Truth, seed: int | AtStart, room: Room, payloads: Mapping[
     Each entry has a noise stream of its own: a draw does not move when another entry changes. What is drawn for each
     anchor, landmark or number of a payload has a row for each. Of a clock each sensor has its own, 'clock.offset.uwb'.
 
-    Args:
-        truth: the scenario's entries.
-        seed: seed of all noise, or the normal numbers themselves.
-        room: the surveyed room.
-        payloads: size of each sensor's payload, of those that fly.
-
-    Raises:
-        InputError: if a registered sensor's entries are not as many as its payload has numbers.
+    The seed is that of all noise, or the normal numbers themselves; payloads has the size of each, of the sensors that
+    fly. InputError if a registered sensor's entries are not as many as its payload has numbers.
     """
     draw = seed if callable(seed) else of_seed(seed)
     drawn = {}

@@ -48,11 +48,8 @@ def seed_beside(seed: int) -> int:
 def given_numbers(seed: int, stream: np.uint64, tick: int, n: int) -> tuple[int, int]:
     """Return the address of a stream's numbers in a tick's row, and how many of the first n are there.
 
-    Args:
-        seed: minus the address of the tick's record.
-        stream: number of the stream.
-        tick: that the stream counts; several of them may belong to one record, as of a sensor faster than the tick.
-        n: how many are asked for.
+    The seed is minus the address of the tick's record. The tick is what the stream counts: several of them may belong
+    to one record, as of a sensor faster than the tick.
     """
     record = array_at(_wholes(-seed), (_RECORD,))
     size = array_at(_wholes(record[0]), (1,))

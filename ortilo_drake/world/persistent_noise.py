@@ -27,17 +27,9 @@ def persistent_normals(
 ) -> Four:
     """Return four standard normal numbers that belong to a tick, a share of their variance changing slowly.
 
-    It is put in where it is called, so that numbers nobody takes are not drawn.
-
-    Args:
-        seed: seed of the tick's noise.
-        of_nodes: seeds of the node before and of the one after (2); the same, but for flights whose ticks have seeds
-            of their own.
-        white: number of the stream of what is new every tick.
-        nodes: number of the stream of the slow part's nodes.
-        tick: the tick.
-        share: of the variance.
-        spacing: of the nodes [ticks].
+    It is put in where it is called, so that numbers nobody takes are not drawn. The seed is that of the tick's noise;
+    those of the node before and of the one after (2) are the same, but for flights whose ticks have seeds of their own.
+    `white` and `nodes` are streams: of what is new every tick, and of the nodes, that spacing apart [ticks].
     """
     z = four_normals(seed, white, tick)
     if share <= 0.0:
@@ -57,10 +49,8 @@ def persistent_normals(
 def seeds_of_nodes(slow: np.ndarray, seeds: np.ndarray, k: int) -> np.ndarray:
     """Return the seeds of the nodes about tick k of numbers that change slowly (n, 2): a node's is that of its tick.
 
-    Args:
-        slow: of each number the share that changes slowly, and the ticks between its nodes (n, 2).
-        seeds: of all ticks; the nodes after them have the last one's.
-        k: tick.
+    `slow` has of each number the share that changes slowly, and the ticks between its nodes (n, 2). The seeds are those
+    of all ticks; the nodes after them have the last one's.
     """
     found = np.empty((slow.shape[0], 2), dtype=np.int64)
     for i in range(slow.shape[0]):

@@ -1,12 +1,11 @@
 """The onboard half's own record of its commands: which it sent, and which of them acted."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Values, scalars
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.clock import history_ticks
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ACTED_SIZE, ARRIVED, STAMP
@@ -66,15 +65,7 @@ def log_step(
     fill(heard, heard_until(heard[0], acted))
 
 
-LOG = Element(
-    "command_log",
-    out=log_out,
-    step=log_step,
-    numbers=scalars("delay slack h"),
-    state=(Array("sent", 2), Array("acts", 2), Array("heard")),
-    allocates=True,
-)
-DEAF_LOG = replace(LOG, name="deaf_command_log", tables=(Array("acted"),))  # whose report never comes
+LOG = Element("command_log", out=log_out, step=log_step, allocates=True)
 
 
 def command_log_box(scenario: Belief) -> Box:
@@ -82,7 +73,5 @@ def command_log_box(scenario: Belief) -> Box:
     commands, h, ticks = scenario.commands, scenario.h, log_ticks(scenario)
     numbers = {"delay": NONE if commands.delay is None else commands.delay, "slack": SLACK * h, "h": h}
     start = {"sent": none_sent(ticks), "acts": first_acts(ticks, scenario.vehicle.hover_thrust), "heard": [NONE]}
-    if commands.are_reported:
-        return Box("command_log", LOG, timeline_size(ticks), Values(numbers, start))
-    given = Values(numbers, start, {"acted": np.zeros(ACTED_SIZE)})
-    return Box("command_log", DEAF_LOG, timeline_size(ticks), given)
+    tables = {} if commands.are_reported else {"acted": np.zeros(ACTED_SIZE)}  # a report that never comes
+    return Box("command_log", LOG, timeline_size(ticks), Values(numbers, start, tables))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.hover import hover_A, hover_B, hover_B_d
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_XBAR, REFERENCE_SIZE
@@ -53,21 +53,11 @@ def state_ahead(
     B: np.ndarray,
     b: np.ndarray,
 ) -> np.ndarray:
-    """Return xbar = [x; i] (15) at time t + tau.
+    """Return [x; i] (15) at time t + tau [s], of that at the tick t and the timeline's rows (n, 5), see timeline.py.
 
     The integral goes on as in the servo's model, i_{k+1} = i_k + r_k - p_k; of a tick that tau ends within, by the
-    share of it.
-
-    Args:
-        xbar: [x; i] at time t (15).
-        reference: r, r_dot, r_ddot at time t (9).
-        rows: timeline (n, 5), see timeline.py.
-        t: time of the tick [s].
-        tau: how far ahead [s].
-        h: tick [s].
-        A: hover dynamics (12, 12).
-        B: hover control input (12, 4).
-        b: of x_dot what is no control: -B times that of hover, and known disturbances (12).
+    share of it. The reference is r, r_dot, r_ddot at t (9). x_dot = A x + B u + b of the hover model, b -B times the
+    control at hover, and known disturbances (12).
     """
     x, i = xbar[:12].copy(), xbar[12:].copy()
     done = 0.0
@@ -102,13 +92,7 @@ def ahead_out(
     put(reference_after(reference, tau), out, N_XBAR)
 
 
-AHEAD = Element(
-    "state_ahead",
-    out=ahead_out,
-    numbers=(Number("h"),),
-    tables=(Array("A", 2), Array("B", 2), Array("lift"), Array("by_force", 2)),
-    allocates=True,
-)
+AHEAD = Element("state_ahead", out=ahead_out, allocates=True)
 
 
 def state_ahead_box(vehicle: Vehicle, h: float, yaw: float) -> Box:

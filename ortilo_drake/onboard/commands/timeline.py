@@ -61,12 +61,9 @@ def expected_delay(acts: np.ndarray, given: float) -> float:
 def timeline_of(acts: np.ndarray, heard: float, sent: np.ndarray, tau: float, slack: float) -> np.ndarray:
     """Return the commands that acted and those expected to (n, 5), ascending.
 
-    Args:
-        acts: what is known to have acted (A, 6), ascending.
-        heard: until when that is known [s], negative if nothing was heard.
-        sent: the commands sent (S, 5), ascending, empty rows before them with a negative time.
-        tau: expected delay [s].
-        slack: how long after its expected time a command still counts as on its way, beside what was seen lately [s].
+    Known is what acted (A, 6), ascending, until the time heard [s], negative if nothing was. The commands sent (S, 5)
+    are ascending too, empty rows before them with a negative time; each is expected tau [s] later, and for that slack
+    longer it counts as on its way, beside what was seen lately [s].
     """
     rows = np.empty((len(acts) + len(sent), ROW))
     rows[: len(acts), 0] = acts[:, SINCE]

@@ -48,11 +48,8 @@ def room_labels(names: list[str], room: Room, source: str) -> np.ndarray:
 def in_room(found: Boxes, labels_of: np.ndarray, overlap: float, size: tuple[int, int]) -> Boxes:
     """Return the boxes that are of the room's classes, each found once and cut at the image's border.
 
-    Args:
-        found: classes of the network (k), scores (k) and boxes (k, 4) [px].
-        labels_of: room_labels.
-        overlap: intersection over union above which two boxes are one object.
-        size: width and height of the picture [px].
+    They are found as classes of the network (k), scores (k) and boxes (k, 4) [px]. Two boxes are one object above that
+    overlap, intersection over union. The picture has that width and height [px].
     """
     labels, scores, boxes = labels_of[found[0]], found[1], found[2]
     known = (labels >= 0) & (boxes[:, 2:] > boxes[:, :2]).all(axis=1)

@@ -49,13 +49,9 @@ class Section:
         return self.values.get(key, (0, None))[1]
 
     def numbers(self, key: str, whole: bool, comment: bool = False, most: int | None = None) -> list[float]:
-        """Return a value's numbers, separated by commas.
+        """Return a value's numbers, separated by commas, whole ones only if so; at most the first so many.
 
-        Args:
-            key: must be there.
-            whole: whole numbers only.
-            comment: whether '#' ends the list; else Darknet goes on reading after each comma of a comment.
-            most: how many are read at most.
+        Without `comment`, that '#' ends the list, Darknet goes on reading after each comma of a comment.
         """
         value = self.text(key)
         if value is None:

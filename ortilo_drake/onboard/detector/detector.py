@@ -24,11 +24,7 @@ Boxes = tuple[np.ndarray, np.ndarray, np.ndarray]
 def detections_message(stamp: float, labels: np.ndarray, scores: np.ndarray, boxes: np.ndarray) -> np.ndarray:
     """Return the detections message of the boxes found, best first; of more than fit, the best.
 
-    Args:
-        stamp: when the picture was taken [s].
-        labels: classes (k).
-        scores: in (0, 1] (k).
-        boxes: (u_min, v_min, u_max, v_max) [px] (k, 4).
+    The picture was taken at the stamp [s]; classes (k), scores in (0, 1] (k), (u_min, v_min, u_max, v_max) [px] (k, 4).
     """
     message = np.zeros(DETECTIONS_SIZE)
     message[ARRIVED], message[STAMP] = 1.0, stamp

@@ -136,12 +136,7 @@ def head_of(
 def boxes_in(output: np.ndarray, head: Head, threshold: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return classes (k), scores (k) and corners (k, 4) [px of the input] of the places with that score or more.
 
-    A place says its best class alone.
-
-    Args:
-        output: the network's first output, of one picture.
-        head: how it says its boxes.
-        threshold: smallest score.
+    A place says its best class alone. The output is the network's first, of one picture.
     """
     rows = output[0] if head.in_rows else output[0].T
     first = 5 if head.has_object else 4

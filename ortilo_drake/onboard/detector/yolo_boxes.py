@@ -120,13 +120,8 @@ def overlap(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
 def non_max_suppression(labels: np.ndarray, scores: np.ndarray, boxes: np.ndarray, iou: float) -> np.ndarray:
     """Return the numbers (k) of the boxes to keep, the best first, of equal scores the first first.
 
-    A box falls if it overlaps a better one of its class, itself kept, by more than iou.
-
-    Args:
-        labels: classes (n).
-        scores: scores (n).
-        boxes: u_min, v_min, u_max, v_max (n, 4).
-        iou: intersection over union above which two boxes are one object.
+    A box (u_min, v_min, u_max, v_max) falls if it overlaps a better one of its class, itself kept, by more than iou:
+    intersection over union above which two boxes are one object.
     """
     order = np.argsort(-scores, kind="mergesort")
     kept = np.empty(len(order), dtype=np.int64)

@@ -45,13 +45,7 @@ def rest_of(belief: Belief) -> Rest | None:
 
 
 def zero_gyroscope(P: np.ndarray, c: int, variance: np.ndarray) -> None:
-    """Change a first covariance (n, n) to that after the gyroscope was zeroed.
-
-    Args:
-        P: first covariance.
-        c: first of the biases among its states.
-        variance: of nu_g (3).
-    """
+    """Change a first covariance P (n, n), biases from c on, to that after zeroing; nu_g has that variance (3)."""
     own = slice(c, c + 3)
     P[own], P[:, own] = 0.0, 0.0
     P[own, own] = np.diag(variance)
@@ -60,15 +54,10 @@ def zero_gyroscope(P: np.ndarray, c: int, variance: np.ndarray) -> None:
 def zero_accelerometer(
     P: np.ndarray, b: int, beta: list[int], variance: np.ndarray, level_variance: np.ndarray, yaw: float = 0.0
 ) -> None:
-    """Change a first covariance (n, n) to that after the accelerometer was zeroed.
+    """Change a first covariance P (n, n), biases from b on, to that after the accelerometer was zeroed.
 
-    Args:
-        P: first covariance.
-        b: first of the biases among its states.
-        beta: where the biases of roll, pitch and yaw stand; -1 for one that is believed to be 0.
-        variance: of nu_a (3).
-        level_variance: of nu_rpy (3).
-        yaw: psi [rad]; 0 for a bias in B.
+    beta is where the biases of roll, pitch and yaw stand, -1 for one that is believed to be 0. The variances are of
+    nu_a (3) and nu_rpy (3), the yaw is psi [rad], 0 for a bias in B.
     """
     own, T, tilted = slice(b, b + 3), np.eye(len(P)), -hover_A(yaw)[6:9, 3:6]
     T[own] = 0.0

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.measurement import Layout, Measurement
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR
@@ -69,14 +69,7 @@ def extra_out(belief: np.ndarray, out: np.ndarray) -> None:
         out[e + i] = np.sqrt(belief[size + (size + 1) * (N_X + i)])
 
 
-FILTER = Element(
-    "filter",
-    step=filter_step,
-    numbers=(Number("hover_thrust"),),
-    state=(Array("belief"),),
-    work=(Array("rows", 2), Array("S", 2), Array("deviation")),
-    shows="belief",
-)
+FILTER = Element("filter", step=filter_step, shows="belief")
 VEHICLE_BELIEF = Element("vehicle_belief", out=vehicle_belief_out)
 EXTRA = Element("extra_part", out=extra_out)
 PARTS = Element("belief_parts", out=parts_out)
@@ -90,13 +83,8 @@ def work_of(n: int, p: int) -> dict[str, tuple[int, ...]]:
 def filter_box(model: FilterModel, measurement: Measurement, hover_thrust: float, belief_0: np.ndarray) -> Box:
     """Return the filter: it reads y, delta, V2, the control, the reference and what is opened of P.
 
-    It says [xhat, P row by row] of all its states.
-
-    Args:
-        model: what it believes of the vehicle.
-        measurement: over all its states.
-        hover_thrust: m g [N].
-        belief_0: first [xhat, P row by row] (n + n^2).
+    It says [xhat, P row by row] of all its states, belief_0 (n + n^2) at first. The model is of the vehicle, the
+    measurement over all its states, the hover thrust m g [N].
     """
     n, p = len(model.Phi) + N_I, measurement.sizes["y"]
     given = Values({"hover_thrust": hover_thrust}, {"belief": belief_0})

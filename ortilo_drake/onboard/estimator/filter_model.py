@@ -48,12 +48,7 @@ def initial_covariance(
     """Return P_0 of [x; e; i] (15 x 15 without e): the scenario's variances, and 0 for the integral, which is known.
 
     A state that follows another, as the force of the step just flown follows d, is that one before the first tick too.
-
-    Args:
-        settings: of the filter.
-        extras: its states beside x.
-        rest: how the vehicle stood still before take-off, from which the imu's biases follow; None if it did not.
-        yaw: the heading that is held [rad].
+    The imu's biases follow from the rest before take-off, if there was one. The yaw is the heading that is held [rad].
     """
     variances = [e.walk.initial_sd**2 for e in extras for _ in e.names]
     P = np.diag([*np.repeat(np.square(settings.initial_sd), 3), *variances, 0.0, 0.0, 0.0])
@@ -77,14 +72,9 @@ def initial_covariance(
 def filter_model(
     settings: FilterSettings, vehicle: Vehicle, integrator: str, h: float, yaw: float = 0.0
 ) -> FilterModel:
-    """Return the paper's filter's model of the vehicle.
+    """Return the paper's filter's model of a vehicle as it is believed to be, for ticks of h [s] and a heading [rad].
 
-    Args:
-        settings: of the filter.
-        vehicle: as it is believed to be.
-        integrator: 'literal', 'hold' or 'estimate'.
-        h: tick [s].
-        yaw: the heading that is held [rad].
+    The integrator is 'literal', 'hold' or 'estimate'.
     """
     Phi, Gamma = discretize(hover_A(yaw), hover_B(vehicle), h)
     W = process_noise(settings, vehicle, h, yaw)

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.elementary import sin_cos
 from ortilo_drake.model.equations import euler_rates
 from ortilo_drake.model.measurement import Measurement
@@ -97,15 +97,13 @@ def with_imu_rows(
     return y_all, delta_all, V2_all
 
 
-IMU_ROWS = Element("imu_rows", out=imu_rows_out, numbers=(Number("number", kind="i8"),), tables=(Array("variances"),))
+IMU_ROWS = Element("imu_rows", out=imu_rows_out)
 
 
 def imu_rows_box(measurement: Measurement, variances: np.ndarray) -> Box:
     """Return the box that adds the imu's rows; it reads the imu's message as it lands, y, delta, V2 and stamps.
 
-    Args:
-        measurement: without those rows.
-        variances: of them, see imu_variances.
+    The measurement is without those rows, the variances are those of imu_variances.
     """
     m, (p, s, q) = len(variances) // 3, measurement.sizes.values()
     p, s, q = p + 3 * m, s + m, q + 9 * m

@@ -88,13 +88,8 @@ def tilted_lift(xbar: np.ndarray, u: np.ndarray, mass: float, yaw: float) -> Tri
     """Return the part of the lift's acceleration in W (3) that the hover model leaves out.
 
     The lift is l = (f_T + d_z) / m, d_z the vertical part of the disturbance force, in which a wrong mass or thrust
-    shows. It acts along z_B; the hover model takes l z_B to be R_z(yaw) [g theta, -g phi, l].
-
-    Args:
-        xbar: [x; d; ...].
-        u: control less hover (4).
-        mass: m [kg].
-        yaw: heading of the hover model [rad].
+    shows. It acts along z_B; the hover model takes l z_B to be R_z(yaw) [g theta, -g phi, l]. xbar is [x; d; ...], u
+    the control less hover (4), m the mass [kg], the yaw that of the hover model [rad].
     """
     lift = GRAVITY + (u[0] + xbar[N_X + 2]) / mass
     z_B = thrust_direction(xbar[3], xbar[4], xbar[5])
@@ -142,16 +137,8 @@ def intermittent_step(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return xhat_{k+1|k} (15), P_{k+1} (15, 15) and K_k (15, p), the columns of what did not arrive 0.
 
-    Args:
-        xhat: xhat_{k|k-1} (15).
-        P: P_k (15, 15).
-        y: values (p).
-        delta: arrivals (s).
-        V2_blocks: the sensors' covariances, each row by row (q).
-        u: control less hover (4).
-        r: reference position (3).
-        model: what the filter believes of the vehicle.
-        layout: of the measurement.
+    Given are xhat_{k|k-1} and P_k, the values y (p), which of them arrived, delta (s), the sensors' covariances, each
+    row by row (q), the control less hover u (4) and the reference position r (3).
     """
     Phi, Gamma, W, integrator, Gamma_a, mass, yaw, _ = model
     N = Phi.shape[0]

@@ -115,14 +115,7 @@ def measure(
 
 @register_jitable(_nrt=False)
 def propagate(P: np.ndarray, W: np.ndarray, structure: Structure, rows: np.ndarray) -> None:
-    """Change P, of which N rows and columns are meant, to Phi P Phi^T + W, symmetric.
-
-    Args:
-        P: covariance.
-        W: of the model (N, N).
-        structure: of the model.
-        rows: to work in (N, N or more).
-    """
+    """Change the first N rows and columns of P to Phi P Phi^T + W (N, N), symmetric; it works in rows (N, N)."""
     N = W.shape[0]
     columns, values, counts, mixing, keeps = structure
     for side in range(2):  # P Phi^T, then Phi times that
@@ -154,15 +147,7 @@ def propagate(P: np.ndarray, W: np.ndarray, structure: Structure, rows: np.ndarr
 
 @register_jitable(_nrt=False)
 def predict(x: np.ndarray, u: np.ndarray, Gamma: np.ndarray, structure: Structure, after: np.ndarray) -> None:
-    """Write Phi x + Gamma u (N) to `after`; x may be longer.
-
-    Args:
-        x: estimate.
-        u: control (m).
-        Gamma: how it enters (N, m).
-        structure: where Phi is not 0.
-        after: written to (N or more).
-    """
+    """Write Phi x + Gamma u (N) to `after`, of a control u (m) and Gamma (N, m); x and `after` may be longer."""
     columns, values, counts, _, _ = structure
     for i in range(Gamma.shape[0]):
         total = 0.0

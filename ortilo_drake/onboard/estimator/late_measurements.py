@@ -179,22 +179,10 @@ def replay_in_place(
     Not used are measurements older than the history or than a gap in it, ones stamped later than t_k, and a second one
     of the same sensor and tick.
 
-    Args:
-        rows: to work in, see filter_loops.to_work_in.
-        S: likewise.
-        history: the last ticks (N, slot.size).
-        slot: where everything is in a row of it.
-        belief: [xhat_{k|k-1}, P_k row by row] (n + n^2).
-        k: tick.
-        y: what arrived in tick k (p).
-        delta: of which sensors (s).
-        V2: their covariances (q).
-        stamps: when each sensor's measurement was true [s] (s); read where it arrived.
-        h: tick [s].
-        u: control of tick k less hover (4).
-        r: reference of tick k, of which the first three entries are read.
-        model: what the filter believes of the vehicle.
-        layout: of the measurement.
+    It works in rows and S, see filter_loops.to_work_in. The history has the last ticks (N, slot.size); the belief is
+    [xhat_{k|k-1}, P_k row by row] (n + n^2). In tick k came y (p) of the sensors delta (s) with covariances V2 (q),
+    each true at its stamp [s] (s). u is the control less hover (4); of the reference r the first three entries are
+    read.
     """
     N = history.shape[0]
     now = history[k % N]

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.onboard.estimator.kalman import measure, predict, propagate
 from ortilo_drake.onboard.estimator.structure import Structure, structure_of
 
@@ -73,13 +73,7 @@ def linear_filter_step(
     propagate(P, W, structure, rows)
 
 
-LINEAR_FILTER = Element(
-    "linear_filter",
-    step=linear_filter_step,
-    state=(Array("belief"),),
-    work=(Array("rows", 2), Array("S", 2)),
-    shows="belief",
-)
+LINEAR_FILTER = Element("linear_filter", step=linear_filter_step, shows="belief")
 
 
 def linear_filter_box(name: str, model: LinearModel, x_0: np.ndarray, P_0: np.ndarray) -> Box:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.clock import history_ticks, tick_of
 from ortilo_drake.model.measurement import Layout, Measurement
 from ortilo_drake.model.placing import fill, put
@@ -55,14 +55,11 @@ def incoming_of(
     gates: dict[str, float],
     oldest: int = MAX_AGE,
 ) -> Incoming:
-    """Return the layout of messages in one vector.
+    """Return the layout of messages in one vector: of the sensors that fly, with these sizes, in their order.
 
-    Args:
-        measurement: the layout of what the filter gets.
-        sizes: of the message of each sensor that flies, in their order in the vector.
-        V: covariance that is believed of each sensor; None where it comes with the message.
-        gates: probability with which a right value stays within its gate, for the sensors that have one.
-        oldest: largest age of a value that is used [ticks], where any is dropped.
+    V is the covariance that is believed of each sensor, None where it comes with the message. The gates of those that
+    have one are the probability with which a right value stays within it, `oldest` is the largest age of a value that
+    is used [ticks].
     """
     ends = np.cumsum([0, *sizes.values()])
     starts = dict(zip(sizes, ends[:-1].tolist(), strict=True))
@@ -90,21 +87,11 @@ def handler_out(
     GT: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Output [y, delta, V2, stamps] of tick k.
+    """Output [y, delta, V2, stamps] of tick k (p + 2 s + q), by the messages of the sensors, one after the other.
 
-    delta_j = 1 where sensor j's value is there, within its gate, and not too late. Rows that did not arrive hold 0,
-    and so do their stamps.
-
-    Args:
-        n: whether late ones are dropped, and the tick h [s].
-        k: tick.
-        messages: the messages of the sensors that fly, one after the other.
-        belief: prediction [xhat, P row by row] (240), for the gates.
-        incoming: how the messages stand in that vector, and what is believed of them.
-        layout: of the measurement.
-        S: to work in (p, p).
-        GT: to work in (p, 13).
-        out: to write to (p + 2 s + q).
+    delta_j = 1 where sensor j's value is there, within its gate, and not too late. Rows that did not arrive hold 0, and
+    so do their stamps. The gates are about the belief [xhat, P row by row] (240); n says whether late values are
+    dropped. It works in S (p, p) and GT (p, 13).
     """
     _, states, weights, first, block, _ = layout
     start, V2, with_message, gates, oldest = incoming
@@ -135,9 +122,7 @@ def handler_out(
         delta[j] = 1.0
 
 
-HANDLER = Element(
-    "handler", out=handler_out, numbers=(Number("drops", kind="i8"), Number("h")), work=(Array("S", 2), Array("GT", 2))
-)
+HANDLER = Element("handler", out=handler_out)
 
 
 def handler_box(incoming: Incoming, layout: Layout, drops: bool, h: float) -> Box:

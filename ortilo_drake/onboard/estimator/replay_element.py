@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.measurement import Layout, Measurement
 from ortilo_drake.model.placing import put
@@ -77,15 +77,8 @@ def belief_at_stamp_out(n: Any, message: np.ndarray, memory: np.ndarray, slot: S
     put(history[row, slot.belief : slot.y] if row >= 0 else present, out)
 
 
-REPLAY = Element(
-    "replay_filter",
-    step=replay_filter_step,
-    numbers=(Number("hover_thrust"), Number("h")),
-    state=(Array("memory"),),
-    work=(Array("rows", 2), Array("S", 2), Array("deviation")),
-    shows="memory",
-)
-PAST = Element("belief_at_stamp", out=belief_at_stamp_out, numbers=(Number("h"),))
+REPLAY = Element("replay_filter", step=replay_filter_step, shows="memory")
+PAST = Element("belief_at_stamp", out=belief_at_stamp_out)
 
 
 def replay_box(
@@ -108,10 +101,6 @@ def replay_box(
 def belief_at_stamp_box(name: str, measurement: Measurement, n: int, h: float) -> Box:
     """Return the box of the belief at the tick of a message's stamp; it reads the message and the filter's `memory`.
 
-    Args:
-        name: of the box.
-        measurement: of the filter, over all its states.
-        n: how many those are, the integral among them.
-        h: tick [s].
+    The measurement is the filter's, over all its n states, the integral among them; h is the tick [s].
     """
     return Box(name, PAST, n + n * n, Values({"h": h})).with_groups(slot=slot_of(measurement, n))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import N_I, N_X, N_XBAR
 
@@ -31,7 +31,7 @@ def widened_step(estimate: np.ndarray, reference: np.ndarray, i: np.ndarray) -> 
 
 
 TOGETHER = Element("belief_together", out=together_out)
-WIDENED = Element("belief_widened", out=widened_out, step=widened_step, state=(Array("i"),))
+WIDENED = Element("belief_widened", out=widened_out, step=widened_step)
 
 
 def together_box(name: str = "filter") -> Box:

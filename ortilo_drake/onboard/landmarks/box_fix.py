@@ -91,12 +91,8 @@ def boxes_to_solve(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return the boxes whose landmarks are found: centres (k, 2), p_W (k, 3), outlines (k, m, 3), errors (k, 2), which.
 
-    Args:
-        detections: the detections message; one that is there.
-        xhat: estimate (15).
-        P: its covariance row by row (225).
-        believed: of the boxes.
-        widened: by how much the estimate's error is taken for larger than P has it, when boxes are associated [1].
+    They are associated by an estimate (15) and its covariance, row by row (225), whose error is taken to be `widened`
+    times as large. A detections message is there.
     """
     positions, outlines = believed.positions, believed.outlines
     if not is_usable(xhat, P):
@@ -116,15 +112,9 @@ def boxes_to_solve(
 def box_fix_message(
     found: bool, value: np.ndarray, covariance: np.ndarray, xhat: np.ndarray, stamp: float, rows: int
 ) -> np.ndarray:
-    """Return the fix message of a method's solution: value (m) and its covariance, or zeros where it is no fix.
+    """Return the fix message of a method's value (m) and its covariance (m, m), or zeros where it found no fix.
 
-    Args:
-        found: whether there is a solution.
-        value: the solution (m).
-        covariance: its covariance (m, m).
-        xhat: estimate that its boxes were associated by (15).
-        stamp: of the boxes [s].
-        rows: m.
+    xhat is the estimate that its boxes were associated by (15), the stamp that of the boxes [s].
     """
     message = np.zeros(PAYLOAD + rows + rows * rows)
     if not found or not covariance[0, 0] + covariance[1, 1] + covariance[2, 2] <= MAX_SD**2:
@@ -139,14 +129,7 @@ def box_fix_message(
 
 @njit(cache=True)
 def refused_after(refused: float, is_fix: bool, detections: np.ndarray, believed: BoxBelief) -> float:
-    """Return the number of refused images after one more: it rises if that could have given a fix and gave none.
-
-    Args:
-        refused: before.
-        is_fix: whether it gave one.
-        detections: its message; one that is there.
-        believed: of the boxes.
-    """
+    """Return the number of refused images after one more: it rises if that could have given a fix and gave none."""
     if is_fix:
         return max(refused - 1.0, 0.0)
     labels, known = whole_boxes(detections, believed.camera.image)[0], 0

@@ -58,12 +58,9 @@ def rays(pixels: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
 
 @njit(cache=True)
 def distances_from_cosines(b: np.ndarray, positions: np.ndarray, d: np.ndarray) -> tuple[bool, np.ndarray, np.ndarray]:
-    """Return whether it converged, the distances d (n), and d(b_j . b_k) / d d_i (pairs, n) where the last step began.
+    """Return whether it converged, the distances (n), and d(b_j . b_k) / d d_i (pairs, n) where the last step began.
 
-    Args:
-        b: unit vectors to the landmarks (n, 3).
-        positions: p_W of the landmarks (n, 3).
-        d: distances to start from (n).
+    Given are unit vectors b to the landmarks (n, 3), p_W of these (n, 3), and the distances d to start from (n).
     """
     n = b.shape[0]
     pairs = n * (n - 1) // 2

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.elementary import power_of_two
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.room import Room
@@ -167,45 +167,18 @@ def learning_step(
         keep(learned, out[at : at + N_LASTING], out[at + N_LASTING + n_told : end])
 
 
-FIX_OF_BOXES, FIX_OF_COSINES = (
-    Element(
-        name,
-        allocates=True,
-        out=out,
-        step=refused_step,
-        numbers=(Number("rows", kind="i8"),),
-        tables=(Array("prior"),),
-        state=(Array("refused"),),
-    )
-    for name, out in (("fix_of_boxes", boxes_out), ("fix_of_cosines", cosines_out))
-)
-LEARNING = Element(
-    "learning_fix_of_boxes",
-    allocates=True,
-    out=learning_out,
-    step=learning_step,
-    numbers=(Number("keeps"), Number("worth")),
-    tables=(Array("prior"), Array("bank")),
-    state=(Array("refused"), Array("learned"), Array("gathered", 2), Array("scale")),
-    work=(Array("S", 2), Array("e"), Array("Q")),
-)
+FIX_OF_BOXES = Element("fix_of_boxes", out=boxes_out, step=refused_step, allocates=True)
+FIX_OF_COSINES = Element("fix_of_cosines", out=cosines_out, step=refused_step, allocates=True)
+LEARNING = Element("learning_fix_of_boxes", out=learning_out, step=learning_step, allocates=True)
 ELEMENTS = dict.fromkeys(("known_attitude", "known_tilt", "pose"), FIX_OF_BOXES) | {"cosine_law": FIX_OF_COSINES}
 
 
 def camera_fix_box(settings: LandmarkFixSettings, room: Room, width: int, period: float = 0.1) -> Box:
-    """Make the element that turns boxes into a fix: it reads the camera's message and a belief of [x; i] (240).
+    """Return the box that turns boxes into a fix: it reads the camera's message and a belief of [x; i] (240).
 
     With a bank, and where the noise's scale is learned, it says what is `lasting` (6) of a fix's error besides, see
-    landmark_bank.py.
-
-    Args:
-        settings: method and what it believes of the boxes.
-        room: landmarks, as they are known, and the camera.
-        width: image width [px] that the boxes are in.
-        period: from one message to the next [s].
-
-    Raises:
-        ValueError: if the method is OpenCV's, which is no element.
+    landmark_bank.py. The boxes are in images of that width [px]; the period is from one message to the next [s].
+    ValueError if the method is OpenCV's, which is no element.
     """
     element, m = ELEMENTS.get(settings.method), len(settings.rows)
     if element is None:

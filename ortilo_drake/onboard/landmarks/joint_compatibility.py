@@ -46,12 +46,9 @@ def joint_distance(e: np.ndarray, J: np.ndarray, P: np.ndarray, sd: np.ndarray) 
 def jointly_compatible(e: np.ndarray, J: np.ndarray, P: np.ndarray, sd: np.ndarray, limits: np.ndarray) -> np.ndarray:
     """Return the boxes that are compatible, as indices in rising order.
 
-    Args:
-        e: differences of the boxes' centres from the predicted ones [px] (n, 2).
-        J: their Jacobians by position and attitude (n, 2, 6).
-        P: covariance of position and attitude (6 x 6).
-        sd: error of each box centre [px] (n, 2).
-        limits: of joint_limits, at least of n boxes.
+    Their centres differ by e (n, 2) [px] from the predicted ones, of Jacobians J by position and attitude (n, 2, 6),
+    whose covariance is P (6 x 6); sd is the error of each centre (n, 2) [px]. The limits are joint_limits of n boxes or
+    more.
     """
     kept = np.arange(len(e))
     distance = distance_of(kept, e, J, P, sd)

@@ -45,11 +45,9 @@ class Predicted(NamedTuple):
 
 @njit(cache=True)
 def whole_boxes(detections: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return class (k), centre (k, 2) and width + height (k) of the boxes that the image border does not cut.
+    """Return class (k), centre (k, 2) and width + height (k) of the boxes that the image's border does not cut.
 
-    Args:
-        detections: the detections message.
-        image: width and height [px] (2).
+    They are those of a detections message; the image has that width and height [px] (2).
     """
     labels, centers, spans = np.empty(MAX_DETECTIONS), np.empty((MAX_DETECTIONS, 2)), np.empty(MAX_DETECTIONS)
     k = 0
@@ -90,24 +88,18 @@ def squared_distance(e_u: float, e_v: float, S_uu: float, S_uv: float, S_vv: flo
 
 @njit(cache=True)
 def center_sd(size: float, sd: float, growth: float) -> float:
-    """Return the error of a box's centre along an axis [px], by the box's size along it [px].
+    """Return the error of a box's centre along an axis [px], by the box's size along it [px], the width for u.
 
-    Args:
-        size: width for u, height for v.
-        sd: of small boxes [px].
-        growth: share of the size by which the error grows, over sd [1/px].
+    Of small boxes it is sd [px]; it grows by a share of the size, over sd [1/px].
     """
     return float(sd * np.sqrt(1.0 + (growth * size) ** 2))
 
 
 @register_jitable
 def with_survey(sd: float, J: np.ndarray, survey_sd: float) -> float:
-    """Return the error of a box's centre along an axis [px] together with what a landmark's survey makes of it.
+    """Return the error of a box's centre along an axis, its own sd [px] and what a landmark's survey makes of it.
 
-    Args:
-        sd: of the box itself [px].
-        J: d z / d(p_WB, rpy) of that axis (6); a landmark that is moved moves its box as p_WB does, the other way.
-        survey_sd: of the landmark's position, each axis [m].
+    J is d z / d(p_WB, rpy) of that axis (6): a landmark that is moved moves its box as p_WB does, the other way.
     """
     if survey_sd == 0.0:
         return sd
@@ -144,13 +136,9 @@ def cost_of(costs: np.ndarray, column: np.ndarray) -> float:
 
 @njit(cache=True)
 def ambiguous(costs: np.ndarray, column: np.ndarray, n_boxes: int, margin: float) -> np.ndarray:
-    """Return a mask (k) of the landmarks whose pairing is ambiguous: another one costs hardly more.
+    """Return a mask (k) of the landmarks whose pairing is ambiguous: another one costs less than a margin more.
 
-    Args:
-        costs: see associate (k, m + k).
-        column: of the best assignment, for each landmark (k).
-        n_boxes: m.
-        margin: by which the best assignment with another pairing must cost more.
+    The costs are those of associate (k, m + k); the best assignment is the column for each landmark (k).
     """
     n = len(costs)
     best, doubtful = cost_of(costs, column), np.zeros(n, dtype=np.bool_)

@@ -68,13 +68,8 @@ def put_information(
     """Write what the boxes of a fix tell of each landmark, and how the fix depends on it; zeros of one not seen.
 
     Returns how far each box is from where all others have it: how many residuals these are, and their sum of squares
-    sum_i (M e)_i^T M_ii^-1 (M e)_i.
-
-    Args:
-        out: to write [Lambda_i, eta_i] to, of Lambda_i the lower half (12 n).
-        sensitivities: to write the rows of G_i A_i to, x of all landmarks first, then y and z (9 n).
-        solved: the boxes.
-        believed: of them, with the survey's sd as it is believed now.
+    sum_i (M e)_i^T M_ii^-1 (M e)_i. Written are [Lambda_i, eta_i], of Lambda_i the lower half (12 n), and the rows of
+    G_i A_i, x of all landmarks first, then y and z (9 n). The survey's sd is as it is believed now.
     """
     fill(out, 0.0)
     fill(sensitivities, 0.0)
@@ -161,11 +156,8 @@ def dot(one: np.ndarray, other: np.ndarray) -> float:
 def put_lasting(out: np.ndarray, s: float, here: np.ndarray, learned: np.ndarray) -> None:
     """Write the sds of what lasts of a fix's error [m] and how it is correlated with that of the fix before (6).
 
-    Args:
-        out: to write to (6).
-        s: sd of a landmark's survey, as it is believed [m].
-        here: the fix's sensitivities (9 n).
-        learned: as survey_bank.learned_first, with 9 n sensitivities.
+    s is the sd of a landmark's survey, as it is believed [m], `here` has the fix's sensitivities (9 n), and so has what
+    is learned (survey_bank.learned_first).
     """
     m = here.size // 3
     for axis in range(3):
@@ -190,19 +182,10 @@ def learn(
 ) -> None:
     """Add what a fix told to what is gathered, and write the share and the weights of the models to what is learned.
 
-    Args:
-        learned: as survey_bank.learned_first, with 9 n sensitivities.
-        gathered: [Lambda_i, eta_i], of Lambda_i the lower half (3 n, 4).
-        scale: q, nu and c^2 of the boxes' noise (3); changed where worth is not 0.
-        told: of put_information, by the noise that is told (12 n).
-        left: what that returned (2).
-        keeps: what is left of what was told before [1].
-        worth: nu_0; 0 keeps the noise as it is told.
-        bank: c_j (m).
-        survey_sd: s [m].
-        Q: to work in (m).
-        S: to work in (3, 3).
-        e: to work in (3).
+    Learned is as survey_bank.learned_first has it, with 9 n sensitivities; gathered is [Lambda_i, eta_i], of Lambda_i
+    the lower half (3 n, 4). The scale q, nu and c^2 of the boxes' noise (3) is changed where `worth`, nu_0, is not 0. A
+    fix told what put_information wrote (12 n) and returned (2); of what was told before a share is kept. The bank is
+    c_j (m), survey_sd s [m]. It works in Q (m), S (3, 3) and e (3).
     """
     for i in range(gathered.shape[0]):
         for j in range(4):

@@ -162,13 +162,9 @@ def cells_along(
 ) -> list[Cell]:
     """Return few cells, in the order of the route, that hold every step of it and so connect its ends.
 
-    Each is the one, among the cells grown from the route's points, that holds the route for longest from
-    where the one before lets go; it also holds the LAP steps before that where such a cell leads on at all.
-
-    Args:
-        route: points with positive room (n, 2), close together [m].
-        space: the free space.
-        grow: grows a cell from a point of the route.
+    Each is the one, among the cells grown from the route's points, that holds the route for longest from where the one
+    before lets go; it also holds the LAP steps before that where such a cell leads on at all. The route is of points
+    with positive room (n, 2), close together [m].
     """
     cells = [grow(p, space) for p in route]
     inside = np.array([cell.contains(route) for cell in cells])

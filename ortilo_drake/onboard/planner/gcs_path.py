@@ -44,12 +44,8 @@ def shortest_route(
 ) -> np.ndarray | None:
     """Return the cheapest way over an 8-connected grid as flat indices (n), or None where there is none.
 
-    Args:
-        room: room at each point of the grid (n_x, n_y) [m]; a step needs positive room at both ends.
-        comfort: a step with less room than this [m] counts for sqrt(comfort / room) steps.
-        start: flat index of the first point.
-        goal: flat index of the last point.
-        seen: whether each point is seen (n_x, n_y); one that is not counts for UNSEEN.
+    A step needs positive room (n_x, n_y) [m] at both ends; one with less than `comfort` [m] counts for sqrt(comfort /
+    room) steps, and one that is not seen (n_x, n_y) for UNSEEN. Start and goal are flat indices.
     """
     n_x, n_y = room.shape
     index = np.arange(room.size).reshape(room.shape)
@@ -125,10 +121,7 @@ def find_cells(space: FreeSpace, start: np.ndarray, goal: np.ndarray, seen: Seen
 def smooth_path(cells: list[Cell], start: np.ndarray, goal: np.ndarray) -> CompositeTrajectory | None:
     """Return a path r(s) in the plane with continuous r' and r'', or None where the cells do not connect.
 
-    Args:
-        cells: convex cells in the order in which they may be passed; some may be skipped.
-        start: r(0) (2) [m].
-        goal: r at the end (2) [m].
+    It goes from start to goal (2) [m] through convex cells in the order in which they may be passed, skipping some.
     """
     sets = [HPolyhedron(cell.A, cell.b) for cell in cells]
     forward = [(i, j) for i in range(len(sets)) for j in range(i + 1, len(sets)) if sets[i].IntersectsWith(sets[j])]

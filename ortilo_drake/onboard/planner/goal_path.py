@@ -25,15 +25,11 @@ INSTANT: Final = 1e-6  # a shorter rest is none [s]
 
 
 def brake(trajectory: Trajectory, t: float, acceleration: float) -> PiecewisePolynomial:
-    """Return the braking to rest on a flight's own path, from a time on.
+    """Return the braking to rest on a flight's own path p_WB(t) (3 rows), at rest from its end on, from a time on [s].
 
     It is cubic between knots that lie on the path. With the limits of scenario.GcsPlanner it is within 1e-5 m of it
-    everywhere, and r_ddot goes on from t_0 to 1 % of its limit; r and r_dot go on to rounding.
-
-    Args:
-        trajectory: p_WB(t) (3 rows) [m], at rest from its end on.
-        t: t_0, not before its start [s].
-        acceleration: a, the path's own limit [m/s^2].
+    everywhere, and r_ddot goes on from t_0 to 1 % of its limit, the acceleration [m/s^2]; r and r_dot go on to
+    rounding.
     """
     end = trajectory.end_time()
     velocity = trajectory.MakeDerivative(1)
@@ -51,12 +47,9 @@ def brake(trajectory: Trajectory, t: float, acceleration: float) -> PiecewisePol
 
 
 def join_paths(first: PiecewisePolynomial, path: PiecewisePolynomial, t: float) -> PiecewisePolynomial:
-    """Return a flight that ends at rest, the rest until a time, and from then on a path, which starts there.
+    """Return a flight that ends at rest, the rest until a time [s], and from then on a path, at rest where that ends.
 
-    Args:
-        first: p_WB(t) (3 rows) [m], at rest at its end.
-        path: p_WB (3 rows) [m], at rest at its start, which is where first ends.
-        t: when the path begins, if first has ended by then; else it begins when first ends [s].
+    The path begins at that time, if the flight has ended by then; else when it ends.
     """
     before, after = knots(first), knots(path)
     end = before[0, -1]

@@ -115,12 +115,7 @@ def seen_on_grid(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a mask of the grid points (x_i, y_j) that are seen (n_x, n_y), and the places that are not (k, 2) [m].
 
-    Args:
-        x: the grid's x, equally spaced (n_x) [m].
-        y: its y (n_y) [m].
-        height: flying height [m].
-        room: the surveyed room.
-        sources: what fixes come from.
+    The grid's x (n_x) and y (n_y) are equally spaced [m]; the height is that of the flight [m].
     """
     centers = [np.array([part.mean() for part in np.split(c, range(BLOCK, len(c), BLOCK))]) for c in (x, y)]
     places = np.stack(np.meshgrid(*centers, indexing="ij"), axis=-1).reshape(-1, 2)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import REFERENCE_SIZE
 
@@ -12,7 +12,7 @@ def reference_out(k: int, path: np.ndarray, out: np.ndarray) -> None:
     put(path[min(k, path.shape[0] - 1)], out)
 
 
-REFERENCE = Element("reference", out=reference_out, tables=(Array("path", 2),))
+REFERENCE = Element("reference", out=reference_out)
 
 
 def reference_box(path: np.ndarray) -> Box:

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import fill
 from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import ARRIVED, FIX_SIZE, PAYLOAD
@@ -72,27 +72,14 @@ def bank_step(
         keep(survey, its[sensitivities - N_LASTING : sensitivities], its[sensitivities:])
 
 
-BANK = Element(
-    "survey_bank",
-    step=bank_step,
-    numbers=(Number("noise", (3,)), Number("keeps"), Number("worth")),
-    tables=(Array("anchors", 2), Array("bank")),
-    state=(Array("learned"), Array("gathered", 2), Array("scale")),
-    work=(Array("S", 2), Array("e"), Array("rows", 2), Array("told", 2), Array("Q")),
-    shows="learned",
-)
+BANK = Element("survey_bank", step=bank_step, shows="learned")
 
 
 def bank_box(settings: MultilaterationSettings, anchors: np.ndarray, period: float) -> Box:
-    """Return the box that learns from the uwb message as it lands and the fix made of it.
+    """Return the box that learns from the uwb message as it lands, every so often [s], and the fix made of it.
 
-    It says what is `learned` of the survey, see learned_first with 6 n sensitivities, and after it the ranges' `noise`
-    as it is believed (3).
-
-    Args:
-        settings: with bias_bank, noise_scale, or both.
-        anchors: a_i in W (n, 3).
-        period: from one message to the next [s].
+    It says what is `learned` of the survey of the anchors (n, 3), see learned_first with 6 n sensitivities, and after
+    it the ranges' `noise` as it is believed (3). The settings have a bias_bank, a noise_scale, or both.
     """
     bank, n, noise = np.array(settings.bias_bank or (1.0,)), len(anchors), believed_noise(settings)
     survey = learned_first(bank, 6 * n)

@@ -93,18 +93,10 @@ def consistent_fix(
     clock: np.ndarray,
     consistency: Consistency,
 ) -> Consistent:
-    """Return the fix of those ranges that fit one position, and which those are.
+    """Return the fix of those ranges that fit one position, and which those are; arguments as range_equations.py.
 
     Where all fit, and the clock is not known to be off, it is range_least_squares' fix of all of them, bit for bit.
-
-    Args:
-        ranges: r_i [m] (n).
-        there: 1 where a range is there, else 0 (n).
-        anchors: a_i in W (n, 3).
-        noise: s_0 [m] and s_1, and s_2 [m] where it is not 0 (2 or 3), see range_equations.py.
-        p_last: the last estimate of p_WB, from which fits begin (3).
-        clock: what is known of it, as Consistent has it (3).
-        consistency: what they must fulfil.
+    Fits begin from the last estimate of p_WB; the clock is what is known of it, as Consistent has it (3).
     """
     quantiles, least, share, seeks_offset = consistency
     used = (there != 0.0).astype(np.float64)

@@ -1,11 +1,10 @@
 """The fix of ranges as an element of the loop."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import ARRIVED, FIX_SIZE, N_XBAR, PAYLOAD
@@ -27,7 +26,7 @@ def fix_out(
     """Output the fix message (14) of the ranges that landed, zeros if there is none."""
     fill(out, 0.0)
     if message[ARRIVED] != 0.0:
-        put_fix_message(message, anchors, values_of(noise), belief, n.three != 0, used, out)
+        put_fix_message(message, anchors, values_of(noise), belief, n.three, used, out)
 
 
 def learning_out(
@@ -46,7 +45,7 @@ def learning_out(
     """
     fill(out, 0.0)
     if message[ARRIVED] != 0.0:
-        put_fix_message(message, anchors, values_of(noise), belief, n.three != 0, used, out)
+        put_fix_message(message, anchors, values_of(noise), belief, n.three, used, out)
     m = anchors.shape[0]
     at = out.size - 6 * m - N_LASTING
     if out[ARRIVED] == 0.0:
@@ -57,15 +56,9 @@ def learning_out(
         put_lasting(out[at : at + N_LASTING], p, there, anchors, values_of(noise), learned, here)
 
 
-FIX = Element(
-    "multilateration",
-    out=fix_out,
-    numbers=(Number("three", kind="i8"),),
-    tables=(Array("anchors", 2), Array("noise")),
-    work=(Array("used"),),
-)
-SCALED = replace(FIX, name="scaled_multilateration", tables=(Array("anchors", 2),))  # of noise that is learned
-LEARNING = replace(SCALED, name="learning_multilateration", out=learning_out)
+FIX = Element("multilateration", out=fix_out)
+SCALED = Element("scaled_multilateration", out=fix_out)  # of noise that is learned
+LEARNING = Element("learning_multilateration", out=learning_out)
 
 
 def tested_out(
@@ -81,7 +74,7 @@ def tested_out(
     fill(out, 0.0)
     put(clock, out, FIX_SIZE)
     if message[ARRIVED] != 0.0:
-        consistency = Consistency(quantiles, n.least, n.share, n.clock != 0)
+        consistency = Consistency(quantiles, n.least, n.share, n.clock)
         fix, after = tested_fix_message(message, anchors, n.noise, belief[:N_XBAR], clock, consistency)
         put(fix, out)
         put(after, out, FIX_SIZE)
@@ -92,15 +85,7 @@ def tested_step(clock: np.ndarray, out: np.ndarray) -> None:
     put(out[FIX_SIZE:], clock)
 
 
-TESTED = Element(
-    "tested_multilateration",
-    allocates=True,
-    out=tested_out,
-    step=tested_step,
-    numbers=(Number("noise", (3,)), Number("least", kind="i8"), Number("share"), Number("clock", kind="i8")),
-    tables=(Array("anchors", 2), Array("quantiles")),
-    state=(Array("clock"),),
-)
+TESTED = Element("tested_multilateration", allocates=True, out=tested_out, step=tested_step)
 
 
 def fix_box(settings: MultilaterationSettings, anchors: np.ndarray) -> Box:

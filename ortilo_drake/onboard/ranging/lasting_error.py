@@ -72,16 +72,10 @@ def put_lasting(
     learned: np.ndarray,
     here: np.ndarray,
 ) -> None:
-    """Write the sds of what lasts of a fix's error [m] and how it is correlated with that of the fix before (6).
+    """Write the sds of what lasts of a fix's error [m] and how it is correlated with that of the fix before to out (6).
 
-    Args:
-        out: to write to (6).
-        p: where the vehicle is believed to be (3).
-        there: 1 where a range is there, else 0 (n).
-        anchors: a_i in W (n, 3).
-        noise: s_0 [m], s_1 and s_2 [m].
-        learned: see bank_element.bank_box.
-        here: to write the fix's sensitivities to (6 n).
+    The vehicle is believed to be at p; what is learned is that of bank_element.bank_box; the fix's sensitivities go to
+    `here` (6 n). Other arguments as range_equations.py.
     """
     put_sensitivities(here, p, there, anchors, noise)
     key = learned[KEY : KEY + here.size]
@@ -107,13 +101,7 @@ def put_kept(
 
 @register_jitable
 def keep(learned: np.ndarray, lasting: np.ndarray, here: np.ndarray) -> None:
-    """Keep what a fix says lasts, and its sensitivities where it is far from the place with which it was compared.
-
-    Args:
-        learned: see bank_element.bank_box.
-        lasting: what the fix says (6).
-        here: its sensitivities.
-    """
+    """Keep what a fix says lasts (6), and its sensitivities, here, if it is far from where it was compared with."""
     put(lasting[:N_KEPT], learned, LASTING)
     least, is_first = 1.0, True
     for axis in range(3):

@@ -49,14 +49,8 @@ def put_fix_message(
 ) -> None:
     """Write the fix message (14) of a uwb message (2 + 2 n) that arrived; zeros if there is no fix.
 
-    Args:
-        uwb: the message.
-        anchors: a_i in W (n, 3).
-        noise: s_0 [m], s_1 and s_2 [m], see range_equations.py.
-        xhat: the estimate about which it is solved (3 or more).
-        three: whether by the nearest three.
-        used: to work in (n).
-        out: to write to (14).
+    It is solved about xhat (3 or more), by the nearest three anchors if so, and works in used (n). Anchors and noise as
+    range_equations.py.
     """
     n = anchors.shape[0]
     ranges, there, p_last = uwb[2 : 2 + n], uwb[2 + n :], triple(xhat)

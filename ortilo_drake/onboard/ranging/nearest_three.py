@@ -37,16 +37,9 @@ def three_spheres(
     x = (r_1^2 - r_2^2 + b^2) / 2b, y = (r_1^2 - r_3^2 + c^2 + e^2 - 2 c x) / 2e,
     z = +-sqrt(r_1^2 - x^2 - y^2).
 
-    Args:
-        ranges: r_i [m] (n); nearest means the smallest.
-        there: 1 where a range is there, else 0 (n).
-        anchors: a_i in W (n, 3).
-        noise: s_0 [m] and s_1, and s_2 [m] where it is not 0 (2 or 3), see range_equations.py.
-        p_last: the last estimate of p_WB, which picks between the two points.
-        used: to write to, 1 for the ranges that are used, else 0 (n).
-
-    Returns:
-        Whether there is a fix; p_WB; its covariance C [m^2].
+    Nearest means the smallest range; the last estimate of p_WB picks between the two points. Arguments as
+    range_equations.py; 1 is written to `used` (n) for the ranges that are used, else 0. Returns whether there is a fix,
+    p_WB, and its covariance C [m^2].
     """
     fill(used, 0.0)
     no_fix = (False, p_last, NONE)

@@ -48,18 +48,10 @@ def weigh_scales(
     S: np.ndarray,
     e: np.ndarray,
 ) -> float:
-    """Return the share of s_2 that is believed; write the models' weights (m), and c^2 to what is gathered of it.
+    """Return the share of s_2 [m], as it is told, that is believed; write the models' weights (m), and c^2 to scale.
 
-    Args:
-        gathered: [Lambda, eta] of each part that errs by itself (k n, n + 1), of Lambda the lower half.
-        scale: q, nu and c^2 (3).
-        bank: c_j (m).
-        s_2: sd that lasts as it is told [m].
-        worth: nu_0.
-        weights: to write to (m).
-        Q: to work in (m).
-        S: to work in (n, n).
-        e: to work in (n).
+    [Lambda, eta] is of each part that errs by itself (k n, n + 1), of Lambda the lower half; scale has q, nu and c^2,
+    bank c_j (m), worth is nu_0. It works in Q (m), S (n, n) and e (n).
     """
     c, n = np.sqrt(scale[SCALE]), e.size
     nu = worth + scale[RESIDUALS]

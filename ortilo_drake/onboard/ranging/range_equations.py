@@ -10,6 +10,9 @@ which for three ranges is J^-1 R J^-T.
 What lasts of a range's error, its bias and its anchor's survey, is of standard deviation s_2 besides. The weights of a
 fit have both in R. Of the fit's error C is the part that is new in every fix, with R_v of v_i alone: it is
 N^-1 (J^T R^-1 R_v R^-1 J) N^-1, N = J^T R^-1 J. The part that lasts is for the filter (estimator.biases.uwb_sd).
+
+In all functions of ranging `ranges` are r_i [m] (n), `there` (or `used`) is 1 where one is there and else 0 (n),
+`anchors` are a_i in W (n, 3), and `noise` is s_0 [m], s_1 and, where it is not 0, s_2 [m] (2 or 3).
 """
 
 import numpy as np
@@ -30,10 +33,7 @@ NONE: Symmetric = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # the covariance of no fix
 def normal_equations(
     p: Triple | np.ndarray, ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray
 ) -> tuple[float, Symmetric, Triple]:
-    """Return the cost e^T R^-1 e, N = J^T R^-1 J and g = J^T R^-1 e at p, with e_i = r_i - |p - a_i|.
-
-    noise is s_0 [m], s_1 and, where it is not 0, s_2 [m] (2 or 3).
-    """
+    """Return the cost e^T R^-1 e, N = J^T R^-1 J and g = J^T R^-1 e at p, with e_i = r_i - |p - a_i|."""
     lasts = noise[2] if noise.size > 2 else 0.0
     cost = gx = gy = gz = xx = xy = xz = yy = yz = zz = 0.0
     for i in range(anchors.shape[0]):
@@ -77,7 +77,7 @@ def product(C: Symmetric, g: Triple | np.ndarray) -> Triple:
 def covariance_of_the_new(
     p: Triple | np.ndarray, ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, C: Symmetric
 ) -> Symmetric:
-    """Return N^-1 (J^T R^-1 R_v R^-1 J) N^-1 at p, C = N^-1; arguments as normal_equations, with s_2."""
+    """Return N^-1 (J^T R^-1 R_v R^-1 J) N^-1 at p, C = N^-1."""
     xx = xy = xz = yy = yz = zz = 0.0
     for i in range(anchors.shape[0]):
         if there[i] == 0.0:
@@ -96,7 +96,7 @@ def covariance_of_the_new(
 def fix_with_covariance(
     p: Triple, ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray
 ) -> tuple[bool, Triple, Symmetric]:
-    """Return whether the ranges make p a fix, p and C; arguments as normal_equations."""
+    """Return whether the ranges make p a fix, p and C."""
     definite, C = inverse(normal_equations(p, ranges, there, anchors, noise)[1])
     if definite and noise.size > 2 and noise[2] > 0.0:
         C = covariance_of_the_new(p, ranges, there, anchors, noise, C)

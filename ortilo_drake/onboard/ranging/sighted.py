@@ -8,7 +8,7 @@ map is longer by nobody knows how much: it is left out.
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.geometry.line_of_sight import walls_crossed
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.room import Room
@@ -40,7 +40,7 @@ def sighted_out(
             out[PAYLOAD + i] += ages[i] * along / np.sqrt(squared)
 
 
-SIGHTED = Element("sighted", out=sighted_out, tables=(Array("anchors", 2), Array("walls", 2), Array("ages")))
+SIGHTED = Element("sighted", out=sighted_out)
 
 
 def sighted_box(settings: UwbSetup, room: Room) -> Box | None:

@@ -33,17 +33,10 @@ MEMORY: Final = 10.0  # [s]
 def gather(
     gathered: np.ndarray, p: np.ndarray, uwb: np.ndarray, anchors: np.ndarray, noise: np.ndarray, rows: np.ndarray
 ) -> tuple[float, float]:
-    """Add a fix's M and M e to [Lambda, eta], and return how many residuals it leaves and e^T M e.
+    """Add a fix's M and M e to [Lambda, eta] (n, n + 1), and return how many residuals it leaves and e^T M e.
 
-    Nothing and zeros where the ranges do not make a position.
-
-    Args:
-        gathered: [Lambda, eta] (n, n + 1), of Lambda the lower half.
-        p: the fix (3).
-        uwb: the message (2 + 2 n).
-        anchors: a_i in W (n, 3).
-        noise: s_0 [m] and s_1, see range_equations.py.
-        rows: to work in, for the rows of W J (n, 3).
+    Nothing and zeros where the ranges do not make a position. Of Lambda it is the lower half, p is the fix, the message
+    has 2 + 2 n numbers, anchors and noise are as range_equations.py. It works in rows (n, 3), those of W J.
     """
     n = anchors.shape[0]
     ranges, there = uwb[PAYLOAD : PAYLOAD + n], uwb[PAYLOAD + n :]

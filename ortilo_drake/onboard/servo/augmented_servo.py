@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_U, N_XBAR
 from ortilo_drake.model.vehicle import Vehicle
@@ -29,7 +29,7 @@ def augmented_out(
 
     before is [u_{k-1}; ...; u_{k-d}] (4 d).
     """
-    known = n.mass, n.yaw, n.error_form != 0, (force[0], force[1], force[2])
+    known = n.mass, n.yaw, n.error_form, (force[0], force[1], force[2])
     u_r = command(np.zeros(N_XBAR), reference, np.zeros((N_U, N_XBAR)), *known)
     put(command(belief, reference, L_x, *known), out)
     for i in range(N_U):
@@ -46,15 +46,7 @@ def augmented_step(control: np.ndarray, before: np.ndarray) -> None:
     put(control[: min(N_U, before.size)], before)
 
 
-AUGMENTED = Element(
-    "augmented_servo",
-    out=augmented_out,
-    step=augmented_step,
-    numbers=(Number("mass"), Number("yaw"), Number("error_form", kind="i8")),
-    tables=(Array("L_x", 2), Array("L_u", 2)),
-    state=(Array("before"),),
-    allocates=True,
-)
+AUGMENTED = Element("augmented_servo", out=augmented_out, step=augmented_step, allocates=True)
 
 
 def augmented_servo_box(settings: LqServo, vehicle: Vehicle, h: float, delay: float) -> Box:

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.elementary import sin_cos
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR, PAYLOAD
@@ -98,7 +98,7 @@ def servo_out(
     n: Any, belief: np.ndarray, force: np.ndarray, reference: np.ndarray, L: np.ndarray, out: np.ndarray
 ) -> None:
     """Output u_k of command (4)."""
-    put(command(belief, reference, L, n.mass, n.yaw, n.error_form != 0, (force[0], force[1], force[2])), out)
+    put(command(belief, reference, L, n.mass, n.yaw, n.error_form, (force[0], force[1], force[2])), out)
 
 
 def true_velocity_out(belief: np.ndarray, velocity: np.ndarray, out: np.ndarray) -> None:
@@ -107,12 +107,7 @@ def true_velocity_out(belief: np.ndarray, velocity: np.ndarray, out: np.ndarray)
     put(velocity[PAYLOAD:], out, 6)
 
 
-SERVO = Element(
-    "servo",
-    out=servo_out,
-    numbers=(Number("mass"), Number("yaw"), Number("error_form", kind="i8")),
-    tables=(Array("L", 2),),
-)
+SERVO = Element("servo", out=servo_out)
 TRUE_VELOCITY = Element("with_true_velocity", out=true_velocity_out)
 
 

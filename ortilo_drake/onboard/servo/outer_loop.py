@@ -22,13 +22,8 @@ _LEAST = 0.2  # of g: the vertical force wanted is at least this, so that an att
 def wanted_force(L: np.ndarray, mass: float, yaw: float, e: np.ndarray, v: np.ndarray, i: np.ndarray) -> np.ndarray:
     """Return the specific force that the servo wants in W (3) [m/s²].
 
-    Args:
-        L: servo gain about hover (4, 15).
-        mass: m [kg].
-        yaw: psi_0, the heading that L is of [rad].
-        e: position error p - r (3) [m].
-        v: velocity (3) [m/s].
-        i: the servo's integral (3).
+    L is the servo's gain about hover (4, 15) at the heading psi_0 [rad], e the position error p - r, v the velocity and
+    i the integral (3 each).
     """
     asked = L[:, 0:3] @ e + L[:, 6:9] @ v + L[:, 12:15] @ i
     phi, theta = np.linalg.solve(L[1:3, 3:5], -asked[1:3])
@@ -38,14 +33,9 @@ def wanted_force(L: np.ndarray, mass: float, yaw: float, e: np.ndarray, v: np.nd
 
 
 def attitude_along(f_W: np.ndarray, yaw: float, max_tilt: float) -> tuple[np.ndarray, float]:
-    """Return roll, pitch, yaw (3) that point the thrust along a force, and the thrust over the mass [m/s²].
+    """Return roll, pitch, yaw (3) [rad] that point the thrust along a force, and the thrust over the mass [m/s²].
 
-    A force that leans by more than max_tilt is made steeper: its vertical part is kept.
-
-    Args:
-        f_W: specific force in W (3), upward.
-        yaw: heading to hold [rad].
-        max_tilt: [rad].
+    A specific force in W that leans by more than max_tilt [rad] is made steeper: its vertical part is kept.
     """
     across = float(np.hypot(f_W[0], f_W[1]))
     shrink = min(1.0, np.tan(max_tilt) * f_W[2] / across) if across > 0.0 else 1.0

@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.parts import Part, find_part
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, PAYLOAD, STAMP
@@ -113,24 +113,10 @@ def asked_out(n: Any, k: int, delay: np.ndarray, faults: FaultTable, out: np.nda
             out[0] = max(out[0], 0.0)
 
 
-FAULT = Element(
-    "fault",
-    out=fault_out,
-    numbers=(Number("samples", kind="i8"), Number("h")),
-    tables=(Array("anchors", 2),),
-    allocates=True,
-)
-STUCK = Element(
-    "stuck",
-    out=stuck_out,
-    step=stuck_step,
-    numbers=(Number("samples", kind="i8"),),
-    state=(Array("held"),),
-    work=(Array("holds"),),
-    allocates=True,
-)
+FAULT = Element("fault", out=fault_out, allocates=True)
+STUCK = Element("stuck", out=stuck_out, step=stuck_step, allocates=True)
 LASTS = Element("lasts", out=lasts_out)
-ASKED = Element("asked", out=asked_out, numbers=(Number("before", kind="i8"), Number("h")))
+ASKED = Element("asked", out=asked_out)
 
 
 def fault_boxes(
@@ -138,16 +124,8 @@ def fault_boxes(
 ) -> list[Box]:
     """Return the faults of a sensor's messages, the last of which says them; they read the state as the sensor sees it.
 
-    Args:
-        sensor: its name.
-        message: what says its messages.
-        faults: its own, in the scenario's order.
-        anchors: where they stand (n, 3), unless that is drawn.
-        samples: in a message.
-        h: time from one sample to the next [s].
-
-    Raises:
-        InputError: if a fault of one's own does not fit the message.
+    A box says the messages, of so many samples, h [s] apart. The faults are the sensor's own, in the scenario's order;
+    the anchors stand there (n, 3), unless that is drawn. InputError if a fault of one's own does not fit the message.
     """
     boxes: list[Box] = []
     for its in faults:
@@ -188,14 +166,11 @@ def own_fault_box(part: Part, its: Numbered, message: Box, samples: int, h: floa
 def asked_box(sensor: str, faults: list[Numbered], samples: int, h: float) -> Box | None:
     """Return the box that says when a sensor that will be stuck is to measure; None where none will be.
 
-    Args:
-        sensor: its name; the delay of its link is read.
-        faults: its own.
-        samples: in a message. Those inside the tick before are held too, so it is asked a tick longer for them.
-        h: tick [s].
+    It reads the delay of the sensor's link. Samples inside the tick before are held too, so a sensor of several in a
+    message is asked a tick longer.
     """
     stuck = [its for its in faults if isinstance(its.fault, Stuck)]
     if not stuck:
         return None
-    given, reads = Values({"before": samples > 1, "h": h}), {"delay": f"{sensor}_link"}
+    given, reads = Values({"before": int(samples > 1), "h": h}), {"delay": f"{sensor}_link"}
     return Box(f"{sensor}_asked", ASKED, 1, given, reads=reads).with_groups(faults=table_of(stuck))

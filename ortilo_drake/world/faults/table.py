@@ -103,12 +103,7 @@ def values_of_fault(fault: AnyFault) -> list[float]:
 
 
 def table_of(faults: Sequence[Numbered], values: Sequence[Sequence[float]] | None = None) -> FaultTable:
-    """Return faults as a table.
-
-    Args:
-        faults: some of a scenario's.
-        values: of each, in place of values_of_fault.
-    """
+    """Return some of a scenario's faults as a table, with values in place of those of values_of_fault, if given."""
     settings = [values_of_fault(its.fault) for its in faults] if values is None else values
     ends = [getattr(its.fault, "end", None) for its in faults]
     return FaultTable(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from ortilo_drake.loop.element import Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_U
 from ortilo_drake.model.vehicle import Vehicle, mixing_inverse, mixing_matrix
@@ -77,8 +77,8 @@ def force_out(n: Any, k: int, disturbance: np.ndarray, faults: FaultTable, out: 
     put(force_at(disturbance, faults, k * n.h), out)
 
 
-WRENCH = Element("wrench_faults", out=wrench_out, numbers=(Number("h"),), allocates=True)
-FORCE = Element("force_faults", out=force_out, numbers=(Number("h"),), allocates=True)
+WRENCH = Element("wrench_faults", out=wrench_out, allocates=True)
+FORCE = Element("force_faults", out=force_out, allocates=True)
 
 
 def wrench_faults_box(faults: FaultTable, h: float) -> Box:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_U
 from ortilo_drake.scenario import CommandLink as CommandLinkSettings
@@ -93,14 +93,14 @@ def link_out(
     n: Any, k: int, seed: int, control: np.ndarray, link: np.ndarray, hover: np.ndarray, out: np.ndarray
 ) -> None:
     """Output the control that acts over tick k (4), and when the command arriving in it was sent [s], -1 for none."""
-    put(applied_command(k, link, control, n.loss, hover, n.holds != 0, seed, n.stream), out)
+    put(applied_command(k, link, control, n.loss, hover, n.holds, seed, n.stream), out)
     sent = arriving(k, link, n.loss, seed, n.stream)
     out[N_U] = sent * n.h if sent >= 0 else -1.0
 
 
 def delayed_out(n: Any, k: int, seed: int, link: np.ndarray, hover: np.ndarray, out: np.ndarray) -> None:
     """Output what link_out does, for a link that delays: no command acts in the tick in which it is sent."""
-    put(applied_command(k, link, hover, n.loss, hover, n.holds != 0, seed, n.stream), out)
+    put(applied_command(k, link, hover, n.loss, hover, n.holds, seed, n.stream), out)
     sent = arriving(k, link, n.loss, seed, n.stream)
     out[N_U] = sent * n.h if sent >= 0 else -1.0
 
@@ -110,15 +110,7 @@ def link_step(n: Any, k: int, seed: int, control: np.ndarray, applied: np.ndarra
     put(link_after(k, link, control, applied, n.loss, seed, n.stream), link)
 
 
-LINK = Element(
-    "command_link",
-    out=link_out,
-    step=link_step,
-    numbers=(Number("loss", (4,)), Number("holds", kind="i8"), Number("stream", kind="u8"), Number("h")),
-    tables=(Array("hover"),),
-    state=(Array("link"),),
-    allocates=True,
-)
+LINK = Element("command_link", out=link_out, step=link_step, allocates=True)
 DELAYED = replace(LINK, name="delayed_command_link", out=delayed_out)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import ARRIVED, STAMP
@@ -39,15 +39,8 @@ def delay_of_message(
 ) -> int:
     """Return the delay d [ticks] of the message due at tick k, or NOT_SENT.
 
-    Args:
-        k: tick.
-        p_WB: the vehicle's true position, at least (3).
-        bad: whether the chain is in its bad state.
-        loss: see loss_parameters (4).
-        blackouts: see blackout_rows (n, 3).
-        delays: fixed delay and greatest additional delay [ticks].
-        seed: seed of all noise.
-        stream: number of this noise stream.
+    p_WB is the vehicle's true position, at least (3), `bad` the state of the chain, loss that of loss_parameters (4),
+    the blackouts those of blackout_rows (n, 3), delays the fixed one and the greatest additional one [ticks].
     """
     for i in range(blackouts.shape[0]):
         axis = int(blackouts[i, 0])
@@ -149,22 +142,8 @@ def bursty_step(n: Any, k: int, seed: int, bad: np.ndarray) -> None:
     bad[0] = 1.0 if chain_after(k, bad[0] != 0.0, n.loss, seed, n.stream) else 0.0
 
 
-_NUMBERS = (
-    Number("every", kind="i8"),
-    Number("delay", kind="i8"),
-    Number("random", kind="i8"),
-    Number("loss", (4,)),
-    Number("stream", kind="u8"),
-)
-LINK = Element("link", out=link_out, numbers=_NUMBERS, tables=(Array("blackouts", 2),))
-BURSTY = Element(
-    "bursty_link",
-    out=bursty_out,
-    step=bursty_step,
-    numbers=_NUMBERS,
-    tables=(Array("blackouts", 2),),
-    state=(Array("bad"),),
-)
+LINK = Element("link", out=link_out)
+BURSTY = Element("bursty_link", out=bursty_out, step=bursty_step)
 
 
 def late_out(k: int, message: np.ndarray, delay: np.ndarray, flying: np.ndarray, out: np.ndarray) -> None:
@@ -199,8 +178,8 @@ def sent_out(message: np.ndarray, delay: np.ndarray, out: np.ndarray) -> None:
         put(message, out)
 
 
-LATE = Element("late", out=late_out, step=late_step, state=(Array("flying", 2),))
-DELAYED = Element("delayed", out=delayed_out, step=late_step, state=(Array("flying", 2),))
+LATE = Element("late", out=late_out, step=late_step)
+DELAYED = Element("delayed", out=delayed_out, step=late_step)
 SENT = Element("sent", out=sent_out)
 
 

@@ -48,17 +48,11 @@ _AXES = _axis_rotations()
 
 
 def sigma_ellipsoid(P: np.ndarray, R_near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the 3-sigma ellipsoid of a covariance P = R diag(s / 3)^2 R^T as (R, s).
+    """Return the 3-sigma ellipsoid of a covariance P = R diag(s / 3)^2 R^T of p_W [m^2] as (R, s).
 
-    Principal axes come in any order and sign. Of the 24 rotations that describe the same ellipsoid this is
-    the one nearest to R_near, so that a viewer that turns from one to the next does not tumble.
-
-    Args:
-        P: covariance of p_W (3, 3) [m^2].
-        R_near: rotation (3, 3).
-
-    Returns:
-        R (3, 3), whose columns are the principal axes in W, and the semi-axes s (3) [m].
+    Principal axes, the columns of R in W, come in any order and sign. Of the 24 rotations that describe the same
+    ellipsoid this is the one nearest to R_near, so that a viewer that turns from one to the next does not tumble. The
+    semi-axes are s (3) [m].
     """
     variances, R = np.linalg.eigh((P + P.T) / 2)
     R[:, 2] *= np.sign(np.linalg.det(R))
@@ -71,12 +65,8 @@ def sigma_ellipsoid(P: np.ndarray, R_near: np.ndarray) -> tuple[np.ndarray, np.n
 def tube(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
     """Return m square prisms along the m segments of a path, as vertices (3, 8 m) and triangles (3, 8 m).
 
-    Browsers draw every line one pixel wide, whatever width is asked for; a tube is seen from afar. Segments
-    of no length are left out.
-
-    Args:
-        points: p_W (n, 3) [m].
-        radius: from the axis to the edges [m].
+    Browsers draw every line one pixel wide, whatever width is asked for; a tube is seen from afar. Segments of no
+    length are left out. The path goes through p_W (n, 3), the edges are at that radius from it [m].
     """
     d = np.diff(points, axis=0)
     length = np.linalg.norm(d, axis=1)
@@ -126,18 +116,12 @@ def draw_vehicle(meshcat: Meshcat, vehicle: Vehicle = M100) -> None:
 def show_pose(
     meshcat: Meshcat, x: np.ndarray, xhat: np.ndarray, P: np.ndarray, R_near: np.ndarray, time: float
 ) -> np.ndarray:
-    """Move vehicle, estimate and ellipsoid, and return the ellipsoid's R.
+    """Move vehicle, estimate and ellipsoid where draw_vehicle has been, and return the ellipsoid's R.
 
     The ellipsoid is a unit ball under a pose and the property ``scale``: a RigidTransform has none, and of
-    SetTransform's two forms only that one is recorded.
-
-    Args:
-        meshcat: where draw_vehicle has been.
-        x: state (12).
-        xhat: estimate, at least [p_WB, rpy].
-        P: covariance of the estimated position (3, 3) [m^2].
-        R_near: see sigma_ellipsoid.
-        time: time in the recording [s], if one is being made.
+    SetTransform's two forms only that one is recorded. x is the state (12), xhat the estimate, at least [p_WB, rpy], P
+    its position's covariance (3, 3) [m^2], R_near that of sigma_ellipsoid, and the time that in the recording [s], if
+    one is being made.
     """
     R, s = sigma_ellipsoid(P, R_near)
     meshcat.SetTransform(VEHICLE, pose(x), time)

@@ -36,9 +36,7 @@ def triangles_of(text: str) -> tuple[np.ndarray, np.ndarray]:
 def with_face_normals(text: str, path: Path) -> InMemoryMesh:
     """Return an OBJ mesh that has neither normals nor texture, each face with its own normal.
 
-    Args:
-        text: the mesh; faces are triangles of positive vertex numbers.
-        path: the file whose library it uses.
+    Its faces are triangles of positive vertex numbers; it uses the library of the file at path.
     """
     lines = text.splitlines()
     vertices, faces = triangles_of(text)

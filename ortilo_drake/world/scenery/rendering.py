@@ -96,13 +96,8 @@ def make_scene_graph(
 ) -> SceneGraph:
     """Return a SceneGraph with a renderer in which the items stand; a landmark's label is its number.
 
-    Args:
-        items: what there is to see.
-        lamps: the light; by default room_lamps().
-        background: colour where there is nothing.
-
-    Raises:
-        InputError: if there is no EGL.
+    The lamps are by default room_lamps(), the background is the colour where there is nothing. InputError if there is
+    no EGL.
     """
     check_egl()
     scene_graph = SceneGraph()
@@ -158,12 +153,8 @@ def mount_camera(
 ) -> None:
     """Set how a camera is mounted and its lens, in a context of its RgbdSensor.
 
-    Args:
-        sensor: the camera.
-        context: its.
-        p_BC: where on the vehicle it is (3) [m].
-        rpy: roll, pitch and yaw by which it is turned from looking ahead (3) [rad].
-        focal_factor: by which its default focal length is multiplied [1].
+    It is at p_BC on the vehicle (3) [m], turned from looking ahead by rpy (3) [rad]; its default focal length is
+    multiplied by that factor [1].
     """
     turned = RotationMatrix(RollPitchYaw(rpy)) @ RotationMatrix(R_BC) if np.any(rpy) else RotationMatrix(R_BC)
     sensor.SetX_PB(context, RigidTransform(turned, p_BC))

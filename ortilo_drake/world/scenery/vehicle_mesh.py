@@ -104,9 +104,7 @@ def propeller_radius(vehicle: Vehicle) -> float:
 def parts(arms: tuple[ArmPlace, ...], propeller: float) -> Iterator[tuple[str, str, Solid]]:
     """Yield (name, material, solid) of every part; all but the propellers is as large as the arms beside the M100's.
 
-    Args:
-        arms: at least one.
-        propeller: radius of the propellers [m].
+    There is at least one arm; the propellers have that radius [m].
     """
     k = max(arm.length for arm in arms) / M100_ARM
     z_to_x = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.equations import rotation_rows
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import ARRIVED, PAYLOAD
@@ -51,14 +51,7 @@ def ahrs_step(n: Any, state: np.ndarray, acceleration: np.ndarray, e: np.ndarray
     e[2] = e[2] + n.h * n.drift
 
 
-AHRS = Element(
-    "ahrs",
-    out=ahrs_out,
-    step=ahrs_step,
-    numbers=(Number("samples", kind="i8"), Number("a"), Number("drift"), Number("h")),
-    state=(Array("e"),),
-    allocates=True,
-)
+AHRS = Element("ahrs", out=ahrs_out, step=ahrs_step, allocates=True)
 
 
 def ahrs_box(settings: Ahrs, message: Box, samples: int, h: float) -> Box:

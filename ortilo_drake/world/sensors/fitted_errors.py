@@ -93,14 +93,10 @@ def largest_sd(noise: UwbNoise) -> float:
 
 @njit(cache=True)
 def outlier_rows(anchor: np.ndarray, odd: np.ndarray, u: np.ndarray, begins: float, ends: float) -> np.ndarray:
-    """Return a mask (m) of the outlier rows.
+    """Return a mask (m) of the outlier rows, of the anchor of each row and of uniform numbers u on [0, 1) (m).
 
-    Args:
-        anchor: of each row (m).
-        odd: whether the row before the first of each anchor was one (n); changed.
-        u: uniform numbers on [0, 1) (m).
-        begins: see outlier_chain.
-        ends: likewise.
+    `odd` is whether the row before the first of each anchor was one (n), and changed; begins and ends are those of
+    outlier_chain.
     """
     found = np.empty(anchor.size, dtype=np.bool_)
     for k in range(anchor.size):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values, scalars
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import PAYLOAD, uwb_size
@@ -89,25 +89,7 @@ def fitted_step(
             odd[i] = 1.0 if odd_after(odd[i] != 0.0, chance[odd.size + i], n.begins, n.ends) else 0.0
 
 
-NUMBERS = (
-    Number("settings", (5,)),
-    *scalars("far begins ends missing near_floor floor h"),
-    *scalars("stream chances lasting tails", "u8"),
-)
-TABLES = (
-    *(Array("anchors", 2), Array("bias"), Array("walls", 2), Array("constants")),
-    *(Array("frequencies", 3), Array("phases", 2), Array("amplitudes", 2), Array("scales"), Array("a"), Array("q")),
-)
-FITTED = Element(
-    "fitted_uwb",
-    out=fitted_out,
-    step=fitted_step,
-    numbers=(*NUMBERS, Number("white")),
-    tables=TABLES,
-    state=(Array("g"), Array("odd")),
-    work=(Array("v"),),
-    allocates=True,
-)
+FITTED = Element("fitted_uwb", out=fitted_out, step=fitted_step, allocates=True)
 
 
 def fitted_box(settings: Uwb, room: Room, h: float) -> Box:
@@ -124,16 +106,10 @@ def fitted_box(settings: Uwb, room: Room, h: float) -> Box:
 def given_of(
     noise: UwbNoise, settings: Uwb, room: Room, lasting: SlowNoise, h: float, share: float, streams: tuple[str, str]
 ) -> Values:
-    """Return the values of NUMBERS, TABLES, g and odd; what a seed draws is zero.
+    """Return the numbers, tables and states that fitted ranges and differences share; what a seed draws is zero.
 
-    Args:
-        noise: the errors of single ranges.
-        settings: the uwb's.
-        room: anchors and walls.
-        lasting: process of the slow errors g.
-        h: tick [s].
-        share: of the rows that are outliers.
-        streams: of the rows' chances and of the slow errors.
+    The noise is that of single ranges, `lasting` the process of the slow errors g, the share that of the rows that are
+    outliers; the two streams are of the rows' chances and of the slow errors.
     """
     begins, ends = outlier_chain(share, noise.outliers.burst)
     numbers = {"settings": ranging_settings(settings), "far": noise.outliers.sd, "begins": begins, "ends": ends}

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.equations import rates_about_axes, rotation_rows
 from ortilo_drake.model.placing import fill, put
@@ -22,18 +22,11 @@ from ortilo_drake.world.vehicle.continuous import PASSED
 def put_imu_message(
     message: np.ndarray, v: np.ndarray, x: np.ndarray, v_dot: np.ndarray, bias: np.ndarray, sd: np.ndarray, time: float
 ) -> None:
-    """Write the imu message: [rpy, w_WB_B, f_B] + b + sd v, with f_B = R_WB^T (v_dot + g e_z).
+    """Write the imu message (11): [rpy, w_WB_B, f_B] + b + sd v, with f_B = R_WB^T (v_dot + g e_z).
 
-    Whatever makes the body accelerate is in v_dot: rotors, wind and the floor. At rest f_B is gravity's reaction.
-
-    Args:
-        message: to write to (11).
-        v: standard normal numbers (9).
-        x: state (12).
-        v_dot: acceleration of B's origin in W (3) [m/s^2].
-        bias: b (9).
-        sd: standard deviations for the angles, rates and specific force (3).
-        time: t_k [s].
+    Whatever makes the body accelerate is in v_dot: rotors, wind and the floor. At rest f_B is gravity's reaction. v are
+    standard normal numbers, bias is b (9 each), v_dot the acceleration of B's origin in W [m/s^2], sd the standard
+    deviations of angles, rates and specific force (3), the time t_k [s].
     """
     message[0] = 1.0
     message[1] = time
@@ -115,12 +108,9 @@ def samples_out(
     put_imu_message(sample_of(out, count - 1, count), v, state, acceleration, bias, n.sd, k * n.h)
 
 
-_NUMBERS = (Number("sd", (3,)), Number("stream", kind="u8"), Number("h"))
-ANGLES = Element("imu_angles", out=angles_out, numbers=_NUMBERS, tables=(Array("bias"),))
-IMU = Element("imu", out=imu_out, numbers=_NUMBERS, tables=(Array("bias"),), work=(Array("v"),))
-SAMPLES = Element(
-    "imu_samples", out=samples_out, numbers=_NUMBERS, tables=(Array("bias"),), work=(Array("v"),), allocates=True
-)
+ANGLES = Element("imu_angles", out=angles_out)
+IMU = Element("imu", out=imu_out)
+SAMPLES = Element("imu_samples", out=samples_out, allocates=True)
 
 
 def imu_box(settings: ImuSettings, h: float, whole: bool, samples: int = 1, stream: str = "imu") -> Box:

@@ -118,16 +118,8 @@ def view_box(
 ) -> tuple[float, float]:
     """Write landmark i's whole box to box (4); return its distance [m] and its share inside the image.
 
-    The share is 0, and the box is not written, if no part of the landmark is in the image.
-
-    Args:
-        i: the landmark.
-        p_WB: the body's origin in W (3).
-        R_WB: the body's attitude (3 x 3).
-        room: the landmarks.
-        camera: the camera.
-        limits: largest distance [m]; least width and height of the part in the image [px], above 0.
-        box: to be written.
+    The share is 0, and the box is not written, if no part of the landmark is in the image of a camera on the body at
+    p_WB and R_WB. The limits are the largest distance [m] and the least width and height of that part [px], above 0.
     """
     p_BL = in_body_frame(room.positions[i, 0], room.positions[i, 1], room.positions[i, 2], p_WB, R_WB)
     q_x, q_y, q_z = p_BL[0] - camera.p_BC[0], p_BL[1] - camera.p_BC[1], p_BL[2] - camera.p_BC[2]
@@ -154,11 +146,7 @@ def view_box(
 def landmark_views(x: np.ndarray, room: Surroundings, camera: Camera, limits: np.ndarray) -> np.ndarray:
     """Return a row for each landmark that is in the image, in the map's order (k, VIEW_SIZE).
 
-    Args:
-        x: state of the vehicle; position and attitude come first.
-        room: landmarks and what may hide them.
-        camera: the camera.
-        limits: see view_box.
+    Position and attitude come first in the state x; the limits are those of view_box.
     """
     p_WB, R_WB = x[0:3], rotation_matrix(x[3:6])
     p_WC = p_WB + R_WB @ camera.p_BC

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import ARRIVED, PAYLOAD
 from ortilo_drake.world.noise import stream_id
@@ -18,12 +18,8 @@ from ortilo_drake.world.slow_error import slow_noise_after
 def message_with_error(message: np.ndarray, factor: np.ndarray, error: np.ndarray, flagged: bool) -> np.ndarray:
     """Return a message with c_i (y_i + e_i) in place of its payload's first n numbers y_i, if it is there.
 
-    Args:
-        message: see model/signals.py.
-        factor: c (n).
-        error: e (n).
-        flagged: whether n flags follow these numbers, as in the uwb message: a number that is not there stays, and the
-            others, which are distances, are at least 0.
+    If it is flagged, n flags follow these numbers, as in the uwb message: a number that is not there stays, and the
+    others, which are distances, are at least 0.
     """
     found = message.copy()
     if message[ARRIVED] == 0.0:
@@ -45,7 +41,7 @@ def errors_out(
     put(message, out)
     for i in range(n.samples):
         sample = sample_of(out, i, n.samples)
-        put(message_with_error(sample, factor, bias + x, n.flagged != 0), sample)
+        put(message_with_error(sample, factor, bias + x, n.flagged), sample)
 
 
 def errors_step(n: Any, k: int, seed: int, x: np.ndarray, a: np.ndarray, q: np.ndarray) -> None:
@@ -53,27 +49,11 @@ def errors_step(n: Any, k: int, seed: int, x: np.ndarray, a: np.ndarray, q: np.n
     put(slow_noise_after(x, a, q, seed, n.stream, k * n.h, n.h), x)
 
 
-ERRORS = Element(
-    "message_errors",
-    out=errors_out,
-    step=errors_step,
-    numbers=(Number("samples", kind="i8"), Number("flagged", kind="i8"), Number("stream", kind="u8"), Number("h")),
-    tables=(Array("bias"), Array("factor"), Array("a"), Array("q")),
-    state=(Array("x"),),
-    allocates=True,
-)
+ERRORS = Element("message_errors", out=errors_out, step=errors_step, allocates=True)
 
 
 def errors_box(sensor: str, message: Box, errors: SensorErrors, samples: int, h: float) -> Box:
-    """Return the box that adds lasting errors to a sensor's messages; they are zero unless drawn.
-
-    Args:
-        sensor: its name.
-        message: what says its messages.
-        errors: what changes slowly of them.
-        samples: in a message.
-        h: tick [s].
-    """
+    """Return the box that adds lasting errors to a sensor's messages of so many samples; zero unless drawn."""
     noise, nothing = errors.noise, np.zeros(len(errors.noise.a))
     numbers = {
         "samples": samples,

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.parts import Compiled
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.room import Room
@@ -36,13 +36,7 @@ def compiled_sensor_out(measure: Callable[..., np.ndarray]) -> Callable[..., Non
 
 def own_sensor_box(name: str, share: Compiled, scenario: Scenario, room: Room) -> Box:
     """Return a sensor by its share: it reads `sent` (1), not negative where its message is sent, and the state (12)."""
-    element = Element(
-        "own_sensor",
-        out=compiled_sensor_out(share.measure),
-        numbers=(Number("stream", kind="u8"), Number("h")),
-        work=(Array("v"),),
-        allocates=True,
-    )
+    element = Element("own_sensor", out=compiled_sensor_out(share.measure), allocates=True)
     given = Values({"stream": stream_id(name), "h": scenario.h})
     box = Box(name, element, PAYLOAD + share.payload, given, {"v": (share.noises,)})
     return box.with_groups(numbers=share.numbers(scenario, room))

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.pinhole import Camera
@@ -67,19 +67,9 @@ def detections_message(
 ) -> np.ndarray:
     """Return the detections message at state x: the landmarks found, in the map's order, then false boxes.
 
-    Args:
-        x: state (12).
-        room: landmarks and what may hide them.
-        labels: the landmarks' classes (n).
-        camera: the camera.
-        tables: rates and errors, see camera_calibration.py.
-        seed: seed of the tick's noise.
-        of_nodes: seeds of the nodes before and after of errors and of misses, see persistent_normals (2, 2).
-        streams: numbers of the noise streams of each landmark, see STREAMS (n, 4); its noise is the same whatever
-            else is seen.
-        false_stream: number of the stream of false boxes.
-        time: t_k [s].
-        h: tick [s].
+    Landmarks and what may hide them are the room, `labels` the landmarks' classes (n). The seed is that of the tick's
+    noise, of_nodes has those of the nodes before and after of errors and of misses, see persistent_normals (2, 2). The
+    streams of each landmark are STREAMS (n, 4): its noise is the same whatever else is seen. The time is t_k [s].
     """
     message = np.zeros(DETECTIONS_SIZE)
     message[0], message[1] = 1.0, time
@@ -137,10 +127,7 @@ def detections_message(
 def body_that_looks_ahead(x: np.ndarray, p_BC: np.ndarray, rpy: np.ndarray) -> np.ndarray:
     """Return the state (12) of a body whose camera, at the same p_BC, looks ahead as a turned one does on this body.
 
-    Args:
-        x: state (12).
-        p_BC: where the camera is (3).
-        rpy: roll, pitch and yaw by which it is turned from looking ahead about its own centre (3) [rad].
+    It is turned from looking ahead about its own centre by rpy (3) [rad].
     """
     R_WB = rotation_matrix(x[3:6])
     R_WA = R_WB @ rotation_matrix(rpy)
@@ -197,30 +184,17 @@ def camera_out(
     put(detections_message(*seen, seed, of_nodes, streams[there], n.false_stream, time, n.h), out)
 
 
-PROJECTED_CAMERA = Element(
-    "projected_camera",
-    out=camera_out,
-    numbers=(Number("turned", (3,)), Number("false_stream", kind="u8"), Number("h")),
-    tables=(Array("labels", kind="i8"), Array("streams", 2, "u8")),
-    allocates=True,
-)
+PROJECTED_CAMERA = Element("projected_camera", out=camera_out, allocates=True)
 
 
 def camera_box(settings: CameraSettings, room: Room, faults: tuple[AnyFault, ...], h: float) -> Box:
     """Return the camera with its detector: it reads `sent` (1), not negative where it is sent, and the true state (12).
 
-    Args:
-        settings: image width and errors.
-        room: landmarks, walls, stands and the camera.
-        faults: of the scenario; those of the scene act here.
-        h: tick [s].
-
-    Raises:
-        InputError: if the file of measured errors is missing or wrong.
+    Of the scenario's faults those of the scene act here. InputError if the file of measured errors is missing or wrong.
     """
     streams, false_stream = noise_streams(room)
     numbers = {"turned": np.zeros(3), "false_stream": false_stream, "h": h}
-    given = Values(numbers, tables={"labels": room.landmark_labels, "streams": streams})
+    given = Values(numbers, tables={"labels": room.landmark_labels.astype(np.int64), "streams": streams})
     return Box("camera", PROJECTED_CAMERA, DETECTIONS_SIZE, given).with_groups(
         room=surroundings(room),
         camera=room.camera.scaled_to(settings.width).constants,

@@ -20,7 +20,7 @@ import numpy as np
 from numba.extending import register_jitable
 from scipy.special import ndtr
 
-from ortilo_drake.loop.element import Array, Box, Element, Values, scalars
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.geometry.line_of_sight import walls_crossed
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.range_pairs import AGE, ROW, THERE, VALUE, A, B, differences_size, pairs_in_turn
@@ -40,7 +40,7 @@ from ortilo_drake.world.sensors.fitted_errors import (
     row_error,
     share_of_pairs,
 )
-from ortilo_drake.world.sensors.fitted_uwb import NUMBERS, TABLES, field_tables, given_of, lasting_of, noise_of
+from ortilo_drake.world.sensors.fitted_uwb import field_tables, given_of, lasting_of, noise_of
 from ortilo_drake.world.sensors.matern_field import field_at
 from ortilo_drake.world.slow_error import SlowNoise, gauss_markov, slow_noise_after
 
@@ -136,16 +136,7 @@ def differences_step(
         row_is_odd(n, odd, in_turn(n, k, j, pairs)[1], chance, j)
 
 
-DIFFERENCES = Element(
-    "uwb_differences",
-    out=differences_out,
-    step=differences_step,
-    numbers=(*NUMBERS, *scalars("factor spacing"), *scalars("rows every", "i8")),
-    tables=(*TABLES, Array("pairs", 2, "i8")),
-    state=(Array("g"), Array("odd")),
-    work=(Array("follows"), Array("v")),
-    allocates=True,
-)
+DIFFERENCES = Element("uwb_differences", out=differences_out, step=differences_step, allocates=True)
 
 
 def differences_box(scenario: Scenario, room: Room) -> Box:

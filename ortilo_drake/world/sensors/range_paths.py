@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.geometry.line_of_sight import walls_crossed
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.room import Room
@@ -62,15 +62,7 @@ def paths_step(n: Any, k: int, seed: int, x: np.ndarray, a: np.ndarray, q: np.nd
     put(slow_noise_after(x, a, q, seed, n.stream, k * n.h, n.h), x)
 
 
-PATHS = Element(
-    "range_paths",
-    out=paths_out,
-    step=paths_step,
-    numbers=(Number("excess"), Number("stream", kind="u8"), Number("h")),
-    tables=(Array("anchors", 2), Array("walls", 2), Array("ages"), Array("a"), Array("q")),
-    state=(Array("x"),),
-    allocates=True,
-)
+PATHS = Element("range_paths", out=paths_out, step=paths_step, allocates=True)
 
 
 def paths_box(settings: Uwb, room: Room, h: float) -> Box | None:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_X
 
@@ -30,7 +30,7 @@ def delayed_state_out(n: Any, k: int, state: np.ndarray, out: np.ndarray) -> Non
     put_earlier_state(out, state, n.offset + n.drift * (k * n.h))
 
 
-CLOCK = Element("sensor_clock", out=delayed_state_out, numbers=(Number("offset"), Number("drift"), Number("h")))
+CLOCK = Element("sensor_clock", out=delayed_state_out)
 
 
 def clock_box(sensor: str, h: float) -> Box:

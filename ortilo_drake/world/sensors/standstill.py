@@ -36,11 +36,7 @@ def left_at_rest(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
 def zero_at_rest(scenario: Scenario, bias: np.ndarray, factor: np.ndarray, draw: AtStart) -> np.ndarray:
     """Return the offsets that zeroing takes off the body rates [rad/s] and the specific force [m/s^2] (6).
 
-    Args:
-        scenario: one whose vehicle stands still.
-        bias: b of angles, rates and specific force (9).
-        factor: c (9).
-        draw: what is drawn at the start.
+    Bias b and factor c are of angles, rates and specific force (9 each); the vehicle stands still.
     """
     nu = np.sqrt(variances_at_rest(scenario)) * draw("standstill", 9)
     at_rest = np.array([0.0] * 8 + [GRAVITY])

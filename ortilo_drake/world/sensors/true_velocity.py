@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ARRIVED, N_X, PAYLOAD, SHUTTER_SIZE, STAMP, VELOCITY_SIZE
 
@@ -15,7 +15,7 @@ def velocity_out(n: Any, k: int, state: np.ndarray, out: np.ndarray) -> None:
     put(state[6:N_X], out, PAYLOAD)
 
 
-VELOCITY = Element("true_velocity", out=velocity_out, numbers=(Number("h"),))
+VELOCITY = Element("true_velocity", out=velocity_out)
 
 
 def velocity_box(h: float) -> Box:
@@ -30,7 +30,7 @@ def shutter_out(n: Any, k: int, sent: np.ndarray, out: np.ndarray) -> None:
         out[ARRIVED], out[STAMP] = 1.0, k * n.h
 
 
-SHUTTER = Element("shutter", out=shutter_out, numbers=(Number("h"),))
+SHUTTER = Element("shutter", out=shutter_out)
 
 
 def shutter_box(h: float) -> Box:

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.geometry.line_of_sight import walls_crossed
 from ortilo_drake.model.placing import fill
@@ -28,20 +28,15 @@ def put_uwb_message(
     settings: np.ndarray,
     time: float,
 ) -> None:
-    """Write the uwb message: ranges d_i + b_i + b w_i + (s_0 + s_1 d_i) v_i, then which of them are there.
+    """Write the uwb message (2 + 2 n): ranges d_i + b_i + b w_i + (s_0 + s_1 d_i) v_i, then which of them are there.
 
-    d_i = |p_WB - p_WA_i|, w_i the number of walls between, v_i standard normal. A range is there if d_i is
-    within the greatest distance and w_i within the greatest number of walls; else it is 0. None is below 0.
+    d_i = |p_WB - p_WA_i|, w_i the number of walls between, v_i standard normal, one of each anchor, also where no range
+    is there. A range is there if d_i is within the greatest distance and w_i within the greatest number of walls; else
+    it is 0. None is below 0.
 
-    Args:
-        message: zeros, to write to (2 + 2 n).
-        v: standard normal numbers, one of each anchor, also where no range is there (n).
-        x: state (12); the antenna is B's origin.
-        anchors: p_WA_i (n, 3).
-        bias: b_i of each anchor [m] (n).
-        boxes: the walls that act on a range (m, 7).
-        settings: s_0 [m], s_1, bias b of each wall [m], greatest number of walls, greatest distance [m].
-        time: t_k [s].
+    The message is zeros; the antenna is the origin of B in the state x (12); bias is b_i of each anchor [m], boxes are
+    the walls that act on a range (m, 7), and settings s_0 [m], s_1, b of each wall [m], greatest number of walls,
+    greatest distance [m]. The time is t_k [s].
     """
     n = anchors.shape[0]
     message[0] = 1.0
@@ -113,13 +108,7 @@ def uwb_out(
         put_uwb_message(out, v, state, anchors, bias, walls, n.settings, k * n.h)
 
 
-UWB = Element(
-    "uwb",
-    out=uwb_out,
-    numbers=(Number("settings", (5,)), Number("stream", kind="u8"), Number("h")),
-    tables=(Array("anchors", 2), Array("bias"), Array("walls", 2)),
-    work=(Array("v"),),
-)
+UWB = Element("uwb", out=uwb_out)
 
 
 def uwb_box(settings: Uwb, room: Room, h: float, stream: str = "uwb") -> Box:

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import ACT_SIZE, ACTED_SIZE, ACTS, ARRIVED, N_U, PAYLOAD, STAMP
 from ortilo_drake.model.vehicle import Vehicle
@@ -20,15 +20,11 @@ _SINCE, _STAMP, _U = 0, 1, 2
 
 @njit(cache=True)
 def acts_after(acts: np.ndarray, t: float, stamp: float, u: np.ndarray, h: float) -> np.ndarray:
-    """Return the newest commands that acted (ACTS, 6), newest first, once u acts at time t.
+    """Return the newest commands that acted (ACTS, 6), newest first, once u (4) acts at time t [s].
 
-    Args:
-        acts: those before, rows (since, stamp, u).
-        t: time [s].
-        stamp: time of the tick that sent the command u [s], NO_COMMAND if none did. A held command is that command
-            still. A control that no command gave, such as the failsafe's, is told once a tick at most.
-        u: what acts (4).
-        h: tick [s].
+    Those before are rows (since, stamp, u). The stamp is the time of the tick that sent the command u [s], NO_COMMAND
+    if none did. A held command is that command still. A control that no command gave, such as the failsafe's, is told
+    once a tick, of h [s], at most.
     """
     newest = acts[0]
     if stamp >= 0.0:
@@ -68,10 +64,8 @@ def now_out(n: Any, k: int, out: np.ndarray) -> None:
     out[0] = k * n.h
 
 
-REPORT = Element(
-    "acted_report", out=report_out, step=report_step, numbers=(Number("h"),), state=(Array("acts", 2),), allocates=True
-)
-NOW = Element("now", out=now_out, numbers=(Number("h"),))
+REPORT = Element("acted_report", out=report_out, step=report_step, allocates=True)
+NOW = Element("now", out=now_out)
 
 
 def report_box(hover_thrust: float, h: float) -> Box:

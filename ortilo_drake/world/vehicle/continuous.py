@@ -65,16 +65,10 @@ def put_felt(
     t: float,
     room: np.ndarray,
 ) -> None:
-    """Write u as it acts on the body (4) at t [s], as the rotors make it at these speeds (n).
+    """Write u as it acts on the body (4) at t [s], as the rotors make it at these speeds (n) [rad/s].
 
-    Args:
-        u: to write to.
-        speeds: of the rotors [rad/s].
-        wrench: T of wrench_error.py (4, 4).
-        mixing: M of the rotors' squared speeds (4, n).
-        faults: of wrench_table.
-        t: time.
-        room: to work in (n + 4).
+    The wrench is T of wrench_error.py (4, 4), the mixing M of the rotors' squared speeds (4, n), the faults those of
+    wrench_table. It works in room (n + 4).
     """
     squared, made = room[: speeds.size], room[speeds.size :]
     for i in range(speeds.size):
@@ -128,19 +122,10 @@ def integrate(
     u: np.ndarray,
     room: np.ndarray,
 ) -> None:
-    """Go on from one time to another [s].
+    """Go on from one time to another [s]; changes the body, x and the speeds of rotors with dynamics [rad/s] (12 + n).
 
-    Args:
-        physics: what moves the vehicle.
-        body: x, and the speeds of rotors with dynamics [rad/s] (12 + n); changed.
-        commanded: speeds that those are to have (n).
-        held: u that acts, of rotors without dynamics (4).
-        d: disturbance (6).
-        start: from when.
-        end: until when.
-        rates: room to work in (4, 12 + n).
-        u: likewise (4).
-        room: likewise (n + 4).
+    Those are to have the speeds commanded (n); u is held of rotors without dynamics (4); d is the disturbance (6). It
+    works in rates (4, 12 + n), u (4) and room (n + 4).
     """
     a, b, c, between, t = rates[0], rates[1], rates[2], rates[3], start
     while t < end:

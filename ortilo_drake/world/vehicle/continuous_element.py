@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.equations import KINEMATICS, velocity_rate
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_U, N_X
@@ -66,46 +66,17 @@ def felt_out(
     put_felt(out, speeds, wrench, mixing, faults, k * n.h, room)
 
 
-CONTINUOUS = Element(
-    "continuous_plant",
-    step=continuous_step,
-    numbers=(
-        Number("mass"),
-        Number("inertia", (3,)),
-        Number("kinematics", kind="i8"),
-        Number("longest_step"),
-        Number("max_speed"),
-        Number("time_constant", (2,)),
-        Number("h"),
-    ),
-    tables=(Array("wrench", 2), Array("mixing", 2), Array("unmixing", 2)),
-    state=(Array("body"),),
-    work=(Array("rates", 2), Array("u"), Array("room")),
-    shows="body",
-    allocates=True,
-)
+CONTINUOUS = Element("continuous_plant", step=continuous_step, shows="body", allocates=True)
 STATE = Element("plant_state", out=plant_out)
-ROTORS_FELT = Element(
-    "rotors_felt",
-    out=felt_out,
-    numbers=(Number("h"),),
-    tables=(Array("wrench", 2), Array("mixing", 2)),
-    work=(Array("room"),),
-    allocates=True,
-)
+ROTORS_FELT = Element("rotors_felt", out=felt_out, allocates=True)
 
 
 def continuous_boxes(scenario: Scenario, x_0: np.ndarray, samples: int, needs_forces: bool) -> list[Box]:
     """Return the continuous plant: it reads the control (4) and the disturbance (6), and outputs x (12), `plant`.
 
     The control acts on the body. With rotors' dynamics it is the command, and `rotors_felt`, if asked for, is the
-    control that acts. `vehicle.passed` has rows of PASSED, what was passed inside the last tick, oldest first.
-
-    Args:
-        scenario: the scenario.
-        x_0: state at the start (12).
-        samples: of the fastest sensor in a tick.
-        needs_forces: whether it is asked for what acts on the body.
+    control that acts. `vehicle.passed` has rows of PASSED, what was passed inside the last tick, oldest first, as many
+    as the fastest sensor has samples, less 1. It starts at x_0 (12).
     """
     vehicle, h = scenario.vehicle, scenario.h
     has_rotors = scenario.world.rotors.kind == "first_order"

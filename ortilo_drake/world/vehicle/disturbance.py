@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.equations import rotation_rows
 from ortilo_drake.model.placing import put
@@ -30,11 +30,7 @@ def disturbance_out(n: Any, k: int, seed: int, out: np.ndarray) -> None:
     put_disturbance(out, n.force_sd, n.torque_sd, seed, n.stream, k * n.h, n.h)
 
 
-WHITE = Element(
-    "disturbance",
-    out=disturbance_out,
-    numbers=(Number("force_sd"), Number("torque_sd"), Number("stream", kind="u8"), Number("h")),
-)
+WHITE = Element("disturbance", out=disturbance_out)
 
 
 def disturbance_box(settings: Disturbance, h: float, stream: str = "disturbance") -> Box:
@@ -54,15 +50,7 @@ def lasting_step(n: Any, k: int, seed: int, x: np.ndarray, a: np.ndarray, q: np.
     put(slow_noise_after(x, a, q, seed, n.stream, k * n.h, n.h), x)
 
 
-LASTING = Element(
-    "lasting_force",
-    out=lasting_out,
-    step=lasting_step,
-    numbers=(Number("stream", kind="u8"), Number("h")),
-    tables=(Array("bias"), Array("a"), Array("q")),
-    state=(Array("x"),),
-    allocates=True,
-)
+LASTING = Element("lasting_force", out=lasting_out, step=lasting_step, allocates=True)
 
 
 def lasting_force_box(noise: SlowNoise, h: float) -> Box:
@@ -88,7 +76,7 @@ def drag_out(n: Any, disturbance: np.ndarray, state: np.ndarray, out: np.ndarray
             out[i] -= R_WB[i][j] * n.drag[j] * along
 
 
-DRAG = Element("drag", out=drag_out, numbers=(Number("drag", (3,)),))
+DRAG = Element("drag", out=drag_out)
 
 
 def drag_box(drag: tuple[float, float, float]) -> Box:

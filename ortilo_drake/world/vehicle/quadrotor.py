@@ -8,7 +8,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.equations import DYNAMICS, KINEMATICS, step, stepped, velocity_rate
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_U, N_X
@@ -35,15 +35,9 @@ def acceleration_out(n: Any, state: np.ndarray, control: np.ndarray, disturbance
     put(velocity_rate(state, control, disturbance, n.mass, n.kinematics), out)
 
 
-SAMPLED = Element(
-    "sampled_plant",
-    step=sampled_step,
-    numbers=(Number("mass"), Number("inertia", (3,)), Number("kinematics", kind="i8"), Number("h")),
-    state=(Array("x"),),
-    shows="x",
-)
-ACCELERATION = Element("acceleration", out=acceleration_out, numbers=(Number("mass"), Number("kinematics", kind="i8")))
-FELT = Element("felt", step=felt_step, state=(Array("values"),), shows="values")
+SAMPLED = Element("sampled_plant", step=sampled_step, shows="x")
+ACCELERATION = Element("acceleration", out=acceleration_out)
+FELT = Element("felt", step=felt_step, shows="values")
 
 
 def plant_box(vehicle: Vehicle, kinematics: str, x_0: np.ndarray, h: float) -> Box:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.signals import N_U
 from ortilo_drake.world.vehicle.rotors import put_times
 
@@ -10,12 +10,9 @@ from ortilo_drake.world.vehicle.rotors import put_times
 def wrench_matrix(thrust_factor: float, center_of_gravity: np.ndarray) -> np.ndarray:
     """Return T (4 x 4), u = T u_c of a commanded u_c = [f_T, tau_x, tau_y, tau_z].
 
-    Lift that is s times the believed makes thrust and the torques of roll and pitch s times as large; yaw comes from
-    drag. A centre of gravity at r from where it is believed to be feels the thrust f e_z turn it by -r x f e_z.
-
-    Args:
-        thrust_factor: s [1].
-        center_of_gravity: r_x, r_y in B (2) [m]; along z it changes nothing.
+    Lift that is s times the believed, the thrust factor, makes thrust and the torques of roll and pitch s times as
+    large; yaw comes from drag. A centre of gravity at r (r_x, r_y in B [m]; along z it changes nothing) from where it
+    is believed to be feels the thrust f e_z turn it by -r x f e_z.
     """
     r_x, r_y = center_of_gravity
     T = np.diag([thrust_factor, thrust_factor, thrust_factor, 1.0])
@@ -28,7 +25,7 @@ def wrench_out(control: np.ndarray, wrench: np.ndarray, out: np.ndarray) -> None
     put_times(out, wrench, control)
 
 
-WRENCH = Element("wrench_error", out=wrench_out, tables=(Array("wrench", 2),))
+WRENCH = Element("wrench_error", out=wrench_out)
 
 
 def wrench_error_box() -> Box:

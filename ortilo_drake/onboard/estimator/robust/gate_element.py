@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_I
 from ortilo_drake.onboard.estimator.extra_states import C as GYROSCOPE
@@ -62,26 +62,14 @@ def gate_step(refusals: np.ndarray, seen: np.ndarray, mean: np.ndarray, out: np.
         at += kept.size
 
 
-GATE = Element(
-    "robust_gate",
-    out=gate_out,
-    step=gate_step,
-    numbers=(Number("h"),),
-    tables=(Array("late", kind="i8"), Array("opening", 2)),
-    state=(Array("refusals", 2), Array("seen"), Array("mean")),
-    work=(Array("beliefs", 2),),
-    allocates=True,
-)
+GATE = Element("robust_gate", out=gate_out, step=gate_step, allocates=True)
 
 
 def gate_box(weighing: Weighing, opening: np.ndarray, late: list[int], h: float) -> Box:
     """Return the gate: it reads y, delta, V2, the filter's whole `belief` and those of `past` ticks, one after another.
 
-    Args:
-        weighing: what decides.
-        opening: variances that are added by what is opened of P (3, n).
-        late: of each sensor the number of the past belief by which it is judged; -1 for the present one.
-        h: tick [s].
+    The opening is what is added to the variances by what is opened of P (3, n); `late` has the number of the past
+    belief by which each sensor is judged, -1 for the present one.
     """
     n, s, p, q = opening.shape[1], len(late), int(weighing.first[-1]), int(weighing.block[-1])
     refusals, seen, mean = initial_gate_state(s)

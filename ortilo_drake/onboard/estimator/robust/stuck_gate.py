@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ARRIVED, PAYLOAD, STAMP
 
@@ -32,11 +32,9 @@ def put_said(message: np.ndarray, samples: int, said: np.ndarray) -> None:
 
 @njit(cache=True)
 def repeats(said: np.ndarray, last: np.ndarray) -> float:
-    """Return the number of equal messages in a row, this one included.
+    """Return the number of equal messages in a row, the one that says this (n) included.
 
-    Args:
-        said: what this one says (n).
-        last: how many said the same up to the last one, 0 before any came, and what that was (1 + n).
+    `last` is how many said the same up to the last one, 0 before any came, and what that was (1 + n).
     """
     if last[0] == 0.0:
         return 1.0
@@ -63,14 +61,7 @@ def stuck_gate_step(n: Any, message: np.ndarray, said: np.ndarray, last: np.ndar
         put(said, last, 1)
 
 
-STUCK = Element(
-    "stuck_gate",
-    out=stuck_gate_out,
-    step=stuck_gate_step,
-    numbers=(Number("stuck"), Number("samples", kind="i8")),
-    state=(Array("last"),),
-    work=(Array("said"),),
-)
+STUCK = Element("stuck_gate", out=stuck_gate_out, step=stuck_gate_step)
 
 
 def stuck_box(name: str, size: int, stuck: int, samples: int = 1) -> Box:

@@ -141,16 +141,9 @@ def judge_sensors(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:
     """Return factors on the covariances, 0 for what is not used (s), the next state, seen and mean, and what is opened.
 
-    Args:
-        y: values (p).
-        delta: arrivals (s).
-        V2: covariances, each row by row (q).
-        beliefs: [xhat, P row by row] by which each sensor's value is judged (s, n + n^2).
-        state: of each sensor (s, 3).
-        seen: when a sensor was used last that sees a state of the vehicle [s] (12).
-        mean: average innovation of the watched sensor (3).
-        t: time [s].
-        weighing: what decides.
+    Judged are the values y (p) that arrived, delta (s), of covariances V2, each row by row (q), at time t [s], each
+    sensor's by its own belief [xhat, P row by row] (s, n + n^2). Kept are the state of each sensor (s, 3), when one was
+    used last that sees a state of the vehicle [s] (12), and the mean innovation of the watched sensor (3).
     """
     C, first, block, gates, sees, huber, dof, time, tolerates, most, reacquire_after, watched, drift = weighing
     s, N, n = delta.size, C.shape[1], C.shape[1] + 3

@@ -44,16 +44,9 @@ def take_angles(
 ) -> int:
     """Take the imu's roll, pitch and yaw; return how many were used.
 
-    Args:
-        x: nominal state; changed.
-        C: covariance; changed.
-        layout: of both.
-        residual: measured less predicted angles, the mean over a tick's samples (3) [rad]; the errors b of the angles
-            are not in it.
-        variance: of its noise [rad^2].
-        gate: largest e^2 / S.
-        huber: see update.
-        normalized: written to: e / sqrt(S) of each, 0 where it was refused (3).
+    The residual is measured less predicted angles without their errors b, the mean over a tick's samples (3) [rad], of
+    noise of that variance [rad^2]. A gate is the largest e^2 / S; huber see update. e / sqrt(S) of each goes to
+    `normalized` (3), 0 where it was refused.
     """
     where, row, PHt = np.zeros(4, np.int64), np.zeros(4), np.empty(C.shape[0])
     where[:3] = np.arange(THETA, THETA + 3)
@@ -85,20 +78,10 @@ def take_fix(
     gate: float,
     huber: float,
 ) -> bool:
-    """Take values y = C x + v of the paper's twelve states; return whether one was used.
+    """Take a value y = C x + v (m) of the paper's twelve states by rows C (m, 12); return whether any of it was used.
 
-    Correlated values are turned into independent ones first: with the Cholesky factor L of V, L^-1 y has noise I.
-
-    Args:
-        x: nominal state; changed.
-        C: covariance; changed.
-        layout: of both.
-        value: y (m).
-        covariance: V (m, m).
-        rows: C over the twelve states (m, 12).
-        rates: the body rates as measured (3) [rad/s].
-        gate: largest e^2 / S of each.
-        huber: see update.
+    Correlated values are turned into independent ones first: with the Cholesky factor L of the covariance V (m, m),
+    L^-1 y has noise I. The body rates are as measured (3) [rad/s]; gate and huber as take_angles.
     """
     m = value.size
     inverse = np.eye(m)

@@ -23,17 +23,10 @@ def along_body(R: np.ndarray, v: np.ndarray, i: int) -> float:
 def drag_step(
     A: np.ndarray, N: np.ndarray, R: np.ndarray, v: np.ndarray, i: int, k: float, dt: float, density: float
 ) -> None:
-    """Add what drag along axis i does over a step to transition and noise.
+    """Add what drag along axis i (0 or 1), of k [1/s], does over a step dt [s] to transition and noise, both changed.
 
-    Args:
-        A: transition of (dp, dv, theta) since the tick's beginning (9, m); changed.
-        N: covariance of their noise (9, 9); changed.
-        R: R_WB (3, 3).
-        v: v_WB (3).
-        i: 0 or 1.
-        k: [1/s].
-        dt: length of the step [s].
-        density: variance of the drag's white error [m²/s³].
+    A is the transition of (dp, dv, theta) since the tick's beginning (9, m), N the covariance of their noise (9, 9), R
+    is R_WB and v v_WB. The density is the variance of the drag's white error [m²/s³].
     """
     turned = np.zeros(3)  # row i of [v_B]x
     a, b = (i + 1) % 3, (i + 2) % 3

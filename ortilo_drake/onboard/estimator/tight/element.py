@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, N_X, N_XBAR, PAYLOAD
@@ -123,29 +123,8 @@ def tight_handler_out(
             out[p + j] = 1.0
 
 
-TIGHT = Element(
-    "tight",
-    step=tight_step,
-    numbers=(Number("samples", kind="i8"),),
-    tables=(Array("own", kind="i8"), Array("rows", 2)),
-    state=(Array("x"), Array("C", 2), Array("kept"), Array("watched"), Array("belief")),
-    work=(Array("ahead"),),
-    shows="belief",
-    allocates=True,
-)
-HEARD = Element(
-    "tight_handler",
-    out=tight_handler_out,
-    numbers=(
-        Number("numbers", (3,), "i8"),
-        Number("samples", kind="i8"),
-        Number("clones", kind="i8"),
-        Number("angle_sd"),
-        Number("h"),
-    ),
-    tables=(Array("first", kind="i8"), Array("block", kind="i8"), Array("own", kind="i8"), Array("number", kind="i8")),
-    allocates=True,
-)
+TIGHT = Element("tight", step=tight_step, shows="belief", allocates=True)
+HEARD = Element("tight_handler", out=tight_handler_out, allocates=True)
 
 
 NO_ROWS: Mapping[str, np.ndarray] = {}
@@ -201,14 +180,9 @@ def tight_handler_box(
 ) -> Box:
     """Return the box of y, delta and V2 of a tick, `handler`; it reads the messages of imu, uwb, camera, and `fixes`.
 
-    Args:
-        measurement: the layout of what it says.
-        numbers: of uwb, imu and camera among its sensors, -1 where one does not fly.
-        samples: of the imu in a message.
-        clones: poses of past ticks that the filter keeps.
-        angle_sd: noise of a sample of the imu's angles [rad].
-        h: tick [s].
-        own: as tight_box's.
+    The measurement is the layout of what it says, the numbers are those of uwb, imu and camera among its sensors, -1
+    where one does not fly. The imu has so many samples in a message, its angles noise of angle_sd [rad] in each; the
+    filter keeps clones of past poses; h is the tick [s], `own` as tight_box's.
     """
     first, block = measurement.layout.first, measurement.layout.block
     p, s, q = int(first[-1]), len(first) - 1, int(block[-1])

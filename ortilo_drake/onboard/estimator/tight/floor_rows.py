@@ -21,13 +21,7 @@ def finder_row(
 ) -> float:
     """Return the predicted distance [m] and write its gradient by (dp_z, theta) to the first four of where and row.
 
-    Args:
-        p: p_WB (3).
-        R: R_WB (3, 3), R_33 > 0.
-        lever: l (3).
-        floor: its z [m].
-        where: written to.
-        row: written to.
+    p is p_WB, R is R_WB with R_33 > 0, the lever l (3), the floor at that z [m].
     """
     down = R[2]
     height = p[2] - floor + down[0] * lever[0] + down[1] * lever[1] + down[2] * lever[2]
@@ -57,18 +51,8 @@ def flow_row(
 ) -> float:
     """Return the predicted flow y_axis [px] and write its gradient to the first nine of where and row.
 
-    Args:
-        axis: 0 or 1.
-        p: p_WB (3).
-        v: v_WB (3).
-        R: R_WB (3, 3).
-        w: body rates less their bias (3).
-        floor: its z [m].
-        pixels: K.
-        scale: s.
-        scale_at: where s stands in the error state.
-        where: written to.
-        row: written to.
+    Of p_WB, v_WB, R_WB and body rates w less their bias (3 each), over a floor at that z [m]; pixels is K, scale s,
+    which stands at scale_at in the error state.
     """
     i, h, gain = 1 - axis, p[2] - floor, -pixels * (1.0 + scale)  # y_0 sees v_B,y, y_1 v_B,x
     down = R[2]

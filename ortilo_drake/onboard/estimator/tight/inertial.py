@@ -89,16 +89,11 @@ def angles_of(q: np.ndarray) -> np.ndarray:
 def inertial_step(
     x: np.ndarray, A: np.ndarray, N: np.ndarray, w: np.ndarray, f: np.ndarray, dt: float, variances: np.ndarray
 ) -> None:
-    """Propagate the nominal state, and the transition and noise of what has passed of a tick, by one sample.
+    """Propagate x, and the transition and noise of what has passed of a tick, by one sample; all are changed.
 
-    Args:
-        x: nominal state; changed.
-        A: transition of (dp, dv, theta) by the fifteen inertial errors since the tick's beginning (9, 15); changed.
-        N: covariance of the noise that entered (dp, dv, theta) since then (9, 9); changed.
-        w: body rates as measured, averaged over the step (3) [rad/s].
-        f: specific force as measured (3) [m/s^2].
-        dt: length of the step [s].
-        variances: of a sample's body rates [rad^2/s^2] and specific force [m^2/s^4] (2).
+    A is the transition of (dp, dv, theta) by the fifteen inertial errors since the tick's beginning (9, 15), N the
+    covariance of the noise that entered them since (9, 9). The body rates w are averaged over the step of dt [s], f is
+    the specific force as measured; a sample's variances are of [rad^2/s^2] and [m^2/s^4] (2).
     """
     wx, wy, wz = w[0] - x[Q + 4], w[1] - x[Q + 5], w[2] - x[Q + 6]
     fx, fy, fz = f[0] - x[Q + 7], f[1] - x[Q + 8], f[2] - x[Q + 9]
@@ -164,13 +159,9 @@ def propagate_covariance(
 ) -> None:
     """Propagate the covariance over a tick: C <- F C F^T + noise, symmetric.
 
-    Args:
-        C: covariance (n, n); changed.
-        A: transition of the first nine errors by the first fifteen (9, 15).
-        N: covariance of their noise (9, 9).
-        keeps: factor by which each further error goes on, from GYRO to the clones (core - 9).
-        steps: variance that each of them gets (core - 9).
-        scratch: of the caller's (9, n).
+    A is the transition of the first nine errors by the first fifteen (9, 15), N the covariance of their noise (9, 9).
+    Each further error, from GYRO to the clones (core - 9), goes on by a factor that it keeps, and gets the variance of
+    a step. It works in scratch (9, n).
     """
     n, core = C.shape[0], keeps.size + GYRO
     for i in range(GYRO):

@@ -5,6 +5,9 @@ last ticks. The error state has three numbers for an attitude, R_WB = R_hat exp(
 
     error    dp, dv, theta, db_g, db_a, the rest (additive), then (dp, theta) of each clone        (n)
     nominal  p_WB, v_WB, q_WB, b_g, b_a, the rest, then (p_WB, q_WB) of each clone                 (n + 1 + clones)
+
+In all functions of the filter x is the nominal state and C the covariance of the error state (n, n), which they change,
+layout that of both, and taken the rows that are not yet settled (update.py).
 """
 
 from typing import Final, NamedTuple

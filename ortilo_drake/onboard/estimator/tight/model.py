@@ -129,11 +129,8 @@ def initial_covariance(
 ) -> np.ndarray:
     """Return the first covariance (n, n); all clones are the first pose.
 
-    Args:
-        settings: of the filter.
-        layout: of its states.
-        rest: how the vehicle stood still before take-off, from which the imu's biases follow; None if it did not.
-        noise: of a sample of body rates [rad/s] and specific force [m/s^2]; read where it stood still.
+    After a rest before take-off the imu's biases follow from it and from the noise of a sample of body rates [rad/s]
+    and specific force [m/s^2].
     """
     imu, ranges, pixels = settings.imu, settings.ranges, settings.pixels
     sd = np.zeros(layout.core)
@@ -167,11 +164,7 @@ def first_states(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the first nominal state, what is kept of imu and control, and the prediction for t_0.
 
-    Args:
-        layout: of the states.
-        motion: imu and vehicle.
-        C_0: first covariance (n, n).
-        xbar_0: first estimate of the paper's states, at rest in hover (15).
+    C_0 is the first covariance (n, n), xbar_0 the first estimate of the paper's states, at rest in hover (15).
     """
     x, kept, ahead = np.zeros(nominal_size(layout)), np.zeros(N_KEPT), np.zeros(N_AHEAD)
     x[P : P + 3], x[V : V + 3], x[Q : Q + 4] = xbar_0[0:3], xbar_0[6:9], quaternion_of(xbar_0[3:6])

@@ -127,17 +127,8 @@ def box_misfit(
 ) -> tuple[float, float]:
     """Return e^T S^-1 e of a box's two rows and S_u, and write their C H^T to first and second (n).
 
-    Args:
-        C: covariance (n, n).
-        taken: rows that are not yet settled.
-        where: indices of the rows' entries (2, m at least).
-        rows: the entries, likewise.
-        m: how many of them count.
-        e: innovations (2).
-        r_u: variance of the first one's noise.
-        r_v: of the second's.
-        first: written to.
-        second: written to.
+    Of each row's m entries `where` has the indices and `rows` the numbers (2, m at least). The innovations e (2) have
+    noise of variance r_u and r_v.
     """
     S_u = innovation_variance(C, taken, where[0], rows[0], m, first) + r_u
     S_v = innovation_variance(C, taken, where[1], rows[1], m, second) + r_v

@@ -69,21 +69,11 @@ def signed_range(
     where: np.ndarray,
     row: np.ndarray,
 ) -> tuple[float, int]:
-    """Add sign times the row of the range to anchor i; return the predicted range and how many entries there are.
+    """Add sign (1, -1) times the row of anchor i's range; return the predicted range and how many entries there are.
 
-    Args:
-        x: nominal state.
-        p: p_WB where the range was taken (3).
-        R: R_WB there (3, 3).
-        lever: l_B (3).
-        anchors: a_i in W (n, 3).
-        i: the anchor.
-        sign: 1, or -1 of a range that is taken off another one.
-        lasting: where the anchors' constant errors begin in the error state, -1 where they have none.
-        slow: likewise their slow ones.
-        m: entries so far; the first six are those of (dp, theta).
-        where: indices of the entries; written to.
-        row: the entries; added to.
+    The range was taken at p_WB and R_WB with the lever l_B. The constant and the slow errors of the anchors, a_i in W
+    (n, 3), begin in the error state at `lasting` and `slow`, -1 where they have none. Of the m entries so far, indices
+    in `where` and numbers in `row`, the first six are those of (dp, theta).
     """
     gradient = np.empty(6)
     d = range_row(p, R, lever, anchors[i], gradient)
@@ -104,14 +94,8 @@ def take_ranges(
     """Take a uwb message range by range.
 
     Returns how many were used, how many refused, and how many more of the refused ones were too long than too short.
-
-    Args:
-        x: nominal state; changed.
-        C: covariance; changed.
-        layout: of both.
-        message: the uwb message.
-        aids: anchors, lever arm and noise; with aids.differences a clock offset is common to all ranges of a message.
-        clone: the clone that belongs to the stamp, -1 for the present.
+    With aids.differences a clock offset is common to all ranges of a message. The clone belongs to the stamp, -1 is the
+    present.
     """
     n, core, gate = aids.anchors.shape[0], layout.core, aids.gates[0]
     where, row = np.zeros(12, np.int64), np.zeros(12)

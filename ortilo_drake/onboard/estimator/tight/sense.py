@@ -22,11 +22,7 @@ PRESENT, NOT_TAKEN = -1, -2  # in place of a clone's number
 def clone_of(message: np.ndarray, now: float, h: float, clones: int) -> int:
     """Return the clone of a message's stamp, PRESENT for t_k, NOT_TAKEN if it did not arrive or is too old.
 
-    Args:
-        message: a message, see model/signals.py.
-        now: t_k [s].
-        h: tick [s].
-        clones: how many there are.
+    t_k is now [s], h the tick [s]; there are so many clones.
     """
     if message[ARRIVED] == 0.0 or not np.isfinite(message).all():
         return NOT_TAKEN
@@ -53,20 +49,10 @@ def take_messages(
     motion: Motion,
     aids: Aids,
 ) -> None:
-    """Go through the imu's samples to t_k and take the ranges and the boxes that arrived.
+    """Go through the imu's samples (m, 11) to t_k, now [s], and take the ranges and the boxes that arrived.
 
-    Args:
-        x: nominal state; changed.
-        C: covariance; changed.
-        kept: of imu and control, see tick.py; changed.
-        watched: what the watch keeps, see watch.py: its means, then the last payloads of uwb and detections; changed.
-        samples: of the imu (m, 11), see tick.propagate_to_now.
-        uwb: the uwb message; [0, 0] of one that does not fly.
-        detections: the detections message, likewise.
-        now: t_k [s].
-        layout: of the states.
-        motion: imu and vehicle.
-        aids: the other sensors.
+    Changed besides x and C are what is kept of imu and control (tick.py) and by the watch (watch.py): its means, then
+    the last payloads of uwb and detections. The message of a sensor that does not fly is [0, 0].
     """
     residual, normalized = np.empty(3), np.zeros(3)
     count = propagate_to_now(x, C, kept, samples, now, motion, residual)

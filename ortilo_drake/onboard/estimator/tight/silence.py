@@ -33,15 +33,9 @@ def is_repeated(sample: np.ndarray, quiet: np.ndarray) -> bool:
 
 @register_jitable
 def in_silence(x: np.ndarray, C: np.ndarray, quiet: np.ndarray, now: float, h: float, silent: np.ndarray) -> None:
-    """Let the biases of a silent imu walk for a tick.
+    """Let the biases of a silent imu walk for a tick of h [s] until t_k, now [s]; changes C and what is kept (N_QUIET).
 
-    Args:
-        x: nominal state.
-        C: covariance; changed.
-        quiet: what is kept (N_QUIET); changed.
-        now: t_k [s].
-        h: tick [s].
-        silent: variance per second of body rates and specific force (2).
+    `silent` is the variance per second of body rates and specific force (2).
     """
     if now - quiet[_STAMP] <= AFTER:
         return

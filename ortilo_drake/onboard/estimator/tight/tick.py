@@ -57,19 +57,11 @@ def propagate_to_now(
     motion: Motion,
     residual: np.ndarray,
 ) -> int:
-    """Propagate state and covariance to now; return how many samples of the imu there were.
+    """Propagate x, C and what is kept (N_KEPT) to t_k, now [s]; return how many samples of the imu there were.
 
-    Where samples are missing the last one stands for them, the specific force changed as the thrust was; silence.py
-    has what becomes of the biases then.
-
-    Args:
-        x: nominal state; changed.
-        C: covariance; changed.
-        kept: of imu and control (N_KEPT); changed.
-        samples: rows [arrived, stamp, rpy, body rates, specific force], oldest first (m, 11).
-        now: t_k [s].
-        motion: imu and vehicle.
-        residual: written to: the mean of measured less predicted angles (3) [rad].
+    Where samples are missing the last one stands for them, the specific force changed as the thrust was; silence.py has
+    what becomes of the biases then. Samples are rows [arrived, stamp, rpy, body rates, specific force], oldest first
+    (m, 11). The mean of measured less predicted angles [rad] goes to the residual (3).
     """
     A, N = np.zeros((9, N_INERTIAL)), np.zeros((9, 9))
     for i in range(9):

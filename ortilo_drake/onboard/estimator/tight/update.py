@@ -73,12 +73,7 @@ def keep_row(taken: Taken, PHt: np.ndarray, S: float) -> None:
 
 @njit(cache=True)
 def settle(C: np.ndarray, taken: Taken) -> None:
-    """Take what is kept from the covariance: C <- C - sum g g^T, symmetric; nothing is kept then.
-
-    Args:
-        C: covariance (n, n); changed.
-        taken: the rows; changed.
-    """
+    """Take what is kept from the covariance: C <- C - sum g g^T, symmetric; nothing is kept then."""
     n, count = C.shape[0], taken.number[0]
     if count == 0:
         return
@@ -159,21 +154,10 @@ def update(
     core: int,
     PHt: np.ndarray,
 ) -> float:
-    """Take one row; return e^2 / S, negative if the gate refused it.
+    """Take one row; return e^2 / S, negative if the gate, the largest e^2 / S, refused it.
 
-    Args:
-        x: nominal state; changed.
-        C: covariance (n, n).
-        taken: rows that are not yet settled; one more if it is taken.
-        where: indices of the row's entries.
-        row: the entries.
-        m: how many of them count.
-        e: innovation.
-        r: variance of its noise.
-        gate: largest e^2 / S.
-        huber: c; inf weighs all innovations alike.
-        core: numbers of the error state without clones.
-        PHt: of the caller's (n).
+    Of its m entries `where` has the indices and `row` the numbers; e is its innovation, r the variance of its noise.
+    huber is c, inf weighs all innovations alike; core is the number of errors without clones. It works in PHt (n).
     """
     own = innovation_variance(C, taken, where, row, m, PHt)
     S = own + r

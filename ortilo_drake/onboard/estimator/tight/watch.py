@@ -47,12 +47,7 @@ class Watch(NamedTuple):
 
 @njit(cache=True)
 def says_again(message: np.ndarray, last: np.ndarray) -> bool:
-    """Return whether a message's payload, not all of it 0 or less, is the last one's; that becomes this one's.
-
-    Args:
-        message: a message that arrived (2 + m).
-        last: the last payload (m); changed.
-    """
+    """Return whether a message's payload, not all of it 0 or less, is the last one's (m); that becomes this one's."""
     same, says = True, False
     for i in range(last.size):
         value = message[PAYLOAD + i]
@@ -66,11 +61,7 @@ def says_again(message: np.ndarray, last: np.ndarray) -> bool:
 def watch_angles(C: np.ndarray, watched: np.ndarray, normalized: np.ndarray, watch: Watch) -> bool:
     """Open the gyroscope's bias if the angles lean to one side; return whether they did.
 
-    Args:
-        C: covariance (n, n); changed.
-        watched: what is kept; changed.
-        normalized: e / sqrt(S) of this tick's angles (3).
-        watch: what to go by.
+    `normalized` is e / sqrt(S) of this tick's angles (3). C and what is kept, watched, are changed.
     """
     doubted = False
     for i in range(3):
