@@ -33,7 +33,7 @@ class Onboard(OfBelief):
         image (ImageRgba8U), shutter: the picture of a rendered camera and its message, in place of detections.
         velocity: the true velocities, only where the scenario lends them to the servo.
         acted: which commands acted, only where the scenario's commands want it; see onboard/commands.
-        path (object): the path to fly, see onboard/planner/path_player.py; only if takes_paths.
+        path (object): the path to fly, see onboard/planner/players.py; only if takes_paths.
         control (4, output): u_k, f_T absolute.
         estimate (15, output): xhat_{k|k-1}.
         covariance (225, output): P_k row by row.

@@ -16,7 +16,6 @@ from ortilo_drake.model.clock import history_ticks
 from ortilo_drake.model.measurement import CAMERA, UWB, Measurement
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import IMU_SIZE, N_X, N_XBAR
-from ortilo_drake.onboard.estimator.acted_element import acted_box
 from ortilo_drake.onboard.estimator.at_rest import rest_of
 from ortilo_drake.onboard.estimator.extra_states import Extra, augmented_rows, extra_states, names_of
 from ortilo_drake.onboard.estimator.filter_element import filter_box, vehicle_belief_box
@@ -30,7 +29,7 @@ from ortilo_drake.onboard.estimator.lasting_element import (
     told_box,
 )
 from ortilo_drake.onboard.estimator.measurement_handler import handler_box, incoming_of, oldest_used
-from ortilo_drake.onboard.estimator.replay_element import belief_at_stamp_box, replay_box
+from ortilo_drake.onboard.estimator.replay_element import acted_box, belief_at_stamp_box, replay_box
 from ortilo_drake.onboard.estimator.robust.gate_element import gate_box, opening_variances
 from ortilo_drake.onboard.estimator.robust.weights import weighing_of
 from ortilo_drake.onboard.ranging.bank_element import bank_box

@@ -34,7 +34,7 @@ from ortilo_drake.model.parts import find_part
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_U, N_X, N_XBAR, PAYLOAD, REFERENCE_SIZE, SENSORS
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.estimator.whole_belief import together_box, widened_box
+from ortilo_drake.onboard.estimator.belief import together_box, widened_box
 from ortilo_drake.scenario import Belief
 
 BELIEF = N_XBAR + N_XBAR * N_XBAR

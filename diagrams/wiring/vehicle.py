@@ -8,7 +8,7 @@ from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.truth import ForceTruth, VehicleTruth
 from ortilo_drake.world.faults.vehicle_faults import force_faults_box, force_table, wrench_faults_box, wrench_table
 from ortilo_drake.world.slow_error import gauss_markov
-from ortilo_drake.world.vehicle.continuous_element import continuous_boxes
+from ortilo_drake.world.vehicle.continuous import continuous_boxes
 from ortilo_drake.world.vehicle.disturbance import disturbance_box, drag_box, lasting_force_box
 from ortilo_drake.world.vehicle.quadrotor import acceleration_box, felt_box, plant_box
 from ortilo_drake.world.vehicle.wrench_error import wrench_error_box

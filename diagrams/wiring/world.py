@@ -23,11 +23,10 @@ from ortilo_drake.world.faults.fault_element import asked_box, fault_boxes
 from ortilo_drake.world.faults.scene_faults import message_faults
 from ortilo_drake.world.radio.command_link import command_link_box
 from ortilo_drake.world.radio.link import delivery_box, is_late, link_box
-from ortilo_drake.world.sensors.message_error import errors_box
 from ortilo_drake.world.sensors.own_sensor import own_sensor_box
 from ortilo_drake.world.sensors.sample_collector import SampleCollector
 from ortilo_drake.world.sensors.sensor_clock import clock_box
-from ortilo_drake.world.sensors.sensor_errors import errors_of
+from ortilo_drake.world.sensors.sensor_errors import errors_box, errors_of
 from ortilo_drake.world.sensors.true_velocity import shutter_box, velocity_box
 from ortilo_drake.world.vehicle.acted_report import now_box, report_box
 

@@ -23,8 +23,8 @@ from ortilo_drake.flight.simulator import fix_steps
 from ortilo_drake.model.signals import ARRIVED, N_XBAR
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.resume import about_reference, after_gap
-from ortilo_drake.onboard.planner.path_player import path_value
 from ortilo_drake.onboard.planner.planned import planned, start_of
+from ortilo_drake.onboard.planner.players import path_value
 from ortilo_drake.scenario import Belief, Scenario
 from ortilo_drake.world.vehicle.acted_report import NO_COMMAND
 from ortilo_drake.world.vehicle.failsafe import MODES

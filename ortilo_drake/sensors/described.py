@@ -9,8 +9,7 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.scenario import Belief, Scenario
 from ortilo_drake.sensors import camera, imu, uwb
 from ortilo_drake.sensors.faster import with_samples
-from ortilo_drake.sensors.information_linear import own_rows
-from ortilo_drake.sensors.information_rows import Information
+from ortilo_drake.sensors.information_rows import Information, own_rows
 
 BUILT_IN = {sensor.name: sensor for sensor in (uwb.SENSOR, camera.SENSOR, imu.SENSOR)}
 

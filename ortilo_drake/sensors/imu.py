@@ -22,8 +22,7 @@ from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.filter_model import filter_model, filter_of, initial_covariance
 from ortilo_drake.scenario import Belief, Imu, Scenario, Truth
 from ortilo_drake.sensors.envelope import SIGMAS, envelope_of
-from ortilo_drake.sensors.information_linear import linear_rows, own_rows
-from ortilo_drake.sensors.information_rows import GRADIENT, SOURCE, TICK, Information, rows_of
+from ortilo_drake.sensors.information_rows import GRADIENT, SOURCE, TICK, Information, linear_rows, own_rows, rows_of
 from ortilo_drake.sensors.mismatch import Mismatch, of_truth
 from ortilo_drake.sensors.unknown_error import Error, one_per_source, spread, walk
 from ortilo_drake.world.drawn_truth import AtStart, Drawn, draw_truth, of_seed

@@ -5,12 +5,16 @@ changing error (or none). Its information g g^T / r may be unbounded (r = 0), be
 flight are one array (l, 5 + m), m states in x.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
+from ortilo_drake.model.measurement import Row, rows_matrix, seen_earlier
+from ortilo_drake.model.parts import Sensor
+from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_X
+from ortilo_drake.scenario import Scenario
 
 TICK = 0
 VARIANCE = 1  # r
@@ -57,3 +61,25 @@ def information(rows: np.ndarray) -> np.ndarray:
     g = rows[:, GRADIENT]
     J: np.ndarray = g.T @ (g / rows[:, VARIANCE, np.newaxis])
     return J
+
+
+def linear_rows(
+    scenario: Scenario, samples: int, seen_rows: Iterable[Row], seen: np.ndarray, sd: np.ndarray
+) -> np.ndarray:
+    """Return the rows of y = C x + v; a sensor faster than the tick gives each sample, which sees t_k at its age.
+
+    C has rows (m), and v of ticks that are seen (n) an sd (k, m), NaN where there is nothing.
+    """
+    ticks, (i, j) = np.flatnonzero(seen), np.nonzero(np.isfinite(sd))
+    parts, seen_rows = [], list(seen_rows)
+    for age in scenario.h * np.arange(samples) / samples:
+        C = rows_matrix([seen_earlier(its, age, scenario.yaw) for its in seen_rows])
+        parts.append(rows_of(ticks[i], C[j], sd[i, j] ** 2, j))
+    return np.concatenate(parts)
+
+
+def own_rows(sensor: Sensor, scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Return the rows of a sensor that tells its noise by `sd`, at true states (n, 12) in the ticks that are seen."""
+    assert sensor.sd is not None
+    sd = sensor.sd(scenario, room, truth[np.flatnonzero(seen)])
+    return linear_rows(scenario, scenario.samples(sensor.name), sensor.rows, seen, sd)

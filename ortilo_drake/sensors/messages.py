@@ -8,7 +8,7 @@ from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.parts import Sensor
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_XBAR, PAYLOAD
-from ortilo_drake.onboard.estimator.whole_belief import together_box
+from ortilo_drake.onboard.estimator.belief import together_box
 from ortilo_drake.onboard.fix_solver import own_fix_box
 from ortilo_drake.scenario import Belief
 

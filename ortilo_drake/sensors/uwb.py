@@ -18,9 +18,8 @@ from ortilo_drake.onboard.ranging.multilateration import fix_message_at
 from ortilo_drake.scenario import Belief, Scenario, Uwb
 from ortilo_drake.sensors import uwb_theory
 from ortilo_drake.sensors.envelope import SIGMAS, envelope_of
-from ortilo_drake.sensors.information_differences import difference_rows
-from ortilo_drake.sensors.information_ranges import range_rows
 from ortilo_drake.sensors.information_rows import Information
+from ortilo_drake.sensors.information_uwb import difference_rows, range_rows
 from ortilo_drake.sensors.messages import solver_system
 from ortilo_drake.world.drawn_truth import AtStart, Drawn, draw_truth
 from ortilo_drake.world.faults.fault_element import fault_out
@@ -84,7 +83,7 @@ def covariance(scenario: Scenario, room: Room, x: np.ndarray) -> np.ndarray | No
 
 
 def information(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndarray) -> Information:
-    """Return the information of the ranges, see sensors/information_ranges.py, or of their differences."""
+    """Return the information of the ranges, or of their differences, see sensors/information_uwb.py."""
     if scenario.uwb.kind == "differences":
         return Information({"uwb": difference_rows(scenario, room, truth, seen)})
     return Information({"uwb": range_rows(scenario.uwb, room, truth, seen)})

@@ -10,9 +10,8 @@ from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.onboard.ranging.multilateration import fix_message_at
 from ortilo_drake.onboard.ranging.survey_bank import MEMORY
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.sensors.information_differences import between
-from ortilo_drake.sensors.information_ranges import range_rows
 from ortilo_drake.sensors.information_rows import GRADIENT, SOURCE, VARIANCE
+from ortilo_drake.sensors.information_uwb import between, range_rows
 from ortilo_drake.sensors.learned_survey import residual_information, scale_learned, share_learned, with_biases
 from ortilo_drake.sensors.mismatch import Mismatch, of_truth
 from ortilo_drake.sensors.unknown_error import (

@@ -22,7 +22,6 @@ from ortilo_drake.model.white_noise import USUAL_ROOT
 from ortilo_drake.scenario import Scenario, Uwb, load_scenario
 from ortilo_drake.scenario.camera import MeasuredErrors
 from ortilo_drake.sensors.information_camera import camera_rows, camera_tables, center_errors
-from ortilo_drake.sensors.information_ranges import range_rows
 from ortilo_drake.sensors.information_rows import (
     AMPLITUDE,
     GRADIENT,
@@ -33,6 +32,7 @@ from ortilo_drake.sensors.information_rows import (
     information,
     rows_of,
 )
+from ortilo_drake.sensors.information_uwb import range_rows
 from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.persistent_noise import persistent_normals
 from ortilo_drake.world.sensors.camera_calibration import load_calibration

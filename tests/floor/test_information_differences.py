@@ -10,8 +10,8 @@ from scipy.stats import norm
 from ortilo_drake.model.range_pairs import ROW, THERE, A, B, pairs_in_turn
 from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.sensors.information_differences import between, difference_rows
 from ortilo_drake.sensors.information_rows import GRADIENT, SOURCE, information
+from ortilo_drake.sensors.information_uwb import between, difference_rows
 from ortilo_drake.world.sensors.range_differences import differences_box
 
 ROOM = load_scenario("tight_differences").load_room()

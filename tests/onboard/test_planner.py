@@ -11,8 +11,8 @@ from scipy.interpolate import CubicSpline
 from ortilo_drake.model.room import ORTILO_ROOM, Room, load_room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.onboard.planner.path_player import PathPlayer, path_value
 from ortilo_drake.onboard.planner.planner import make_planner, plan, waypoint_path
+from ortilo_drake.onboard.planner.players import PathPlayer, path_value
 from ortilo_drake.scenario import GcsPlanner, HoverPlanner, WaypointPlanner
 
 ROOM = load_room(ORTILO_ROOM)

@@ -7,14 +7,16 @@ from hypothesis import strategies as st
 from played_box import PlayedBox
 
 from ortilo_drake.model.signals import ACT_SIZE, ACTED_SIZE, ACTS, PAYLOAD
-from ortilo_drake.onboard.commands.command_log import command_log_box, log_ticks, timeline_size
 from ortilo_drake.onboard.commands.timeline import (
     NONE,
+    command_log_box,
     expected_delay,
     first_acts,
+    log_ticks,
     mean_control,
     none_sent,
     timeline_of,
+    timeline_size,
     unpacked,
     with_command,
     with_report,

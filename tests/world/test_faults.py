@@ -13,8 +13,7 @@ from ortilo_drake.model.signals import DETECTION_SIZE, PAYLOAD
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.scenario.faults import LoadDropped, People, RotorWeak
-from ortilo_drake.world.faults.people import cylinders_at
-from ortilo_drake.world.faults.table import numbered, settings_of, table_of
+from ortilo_drake.world.faults.table import cylinders_at, numbered, settings_of, table_of
 from ortilo_drake.world.faults.vehicle_faults import wrench_matrix
 
 P_WB = np.array([6.6, 2.2, 1.5])

@@ -17,10 +17,9 @@ from ortilo_drake.world.radio.command_link import command_link_box
 from ortilo_drake.world.radio.link import delivery_box
 from ortilo_drake.world.sensors.ahrs import ahrs_box
 from ortilo_drake.world.sensors.imu import imu_box
-from ortilo_drake.world.sensors.message_error import errors_box
 from ortilo_drake.world.sensors.range_paths import paths_box
 from ortilo_drake.world.sensors.sensor_clock import clock_box
-from ortilo_drake.world.sensors.sensor_errors import SensorErrors
+from ortilo_drake.world.sensors.sensor_errors import SensorErrors, errors_box
 from ortilo_drake.world.sensors.true_velocity import velocity_box
 from ortilo_drake.world.sensors.uwb import uwb_box
 from ortilo_drake.world.slow_error import random_walk

@@ -30,11 +30,10 @@ from ortilo_drake.model.measurement import Layout, Measurement, Row
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import N_I
-from ortilo_drake.onboard.estimator.acted_element import acted_filter_step
 from ortilo_drake.onboard.estimator.filter_element import filter_step
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
 from ortilo_drake.onboard.estimator.late_measurements import Slot
-from ortilo_drake.onboard.estimator.replay_element import kept_in, replay_filter_step
+from ortilo_drake.onboard.estimator.replay_element import acted_filter_step, kept_in, replay_filter_step
 from ortilo_drake.onboard.ranging.lasting_error import N_KEPT, N_LASTING
 
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from ortilo_drake.model.hover import hover_A, hover_B, hover_B_d
 from ortilo_drake.model.signals import ACT_SIZE, N_I, N_U, N_XBAR, REFERENCE_SIZE
-from ortilo_drake.onboard.commands.command_log import SLACK
 from ortilo_drake.onboard.commands.state_ahead import state_ahead
 from ortilo_drake.onboard.commands.timeline import (
     NONE,
+    SLACK,
     expected_delay,
     first_acts,
     mean_control,
@@ -21,7 +21,7 @@ from ortilo_drake.onboard.commands.timeline import (
     timeline_of,
     with_command,
 )
-from ortilo_drake.onboard.servo.augmented_gain import delayed_gain, split_delay
+from ortilo_drake.onboard.servo.augmented_servo import delayed_gain, split_delay
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair, gain_of
 from ortilo_drake.onboard.servo.lq_servo import servo_control
 from ortilo_drake.scenario import LqServo, Scenario

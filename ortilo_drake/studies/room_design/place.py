@@ -36,8 +36,8 @@ from ortilo_drake.model.signals import N_X
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import measuring
 from ortilo_drake.sensors.information_camera import camera_rows, camera_tables
-from ortilo_drake.sensors.information_ranges import range_rows
 from ortilo_drake.sensors.information_rows import GRADIENT, TICK, VARIANCE
+from ortilo_drake.sensors.information_uwb import range_rows
 from ortilo_drake.studies.room_design.exchange import exchange, greedy
 from ortilo_drake.studies.room_design.mounting import mounting_places
 from ortilo_drake.studies.room_design.path_bound import (

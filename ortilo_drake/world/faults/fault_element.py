@@ -20,10 +20,11 @@ from ortilo_drake.world.faults.table import (
     YAW_JUMP,
     FaultTable,
     Numbered,
+    is_active,
+    is_ahead,
     settings_of,
     table_of,
 )
-from ortilo_drake.world.faults.timing import is_active, is_ahead
 from ortilo_drake.world.sensors.sample_collector import sample_of
 
 _YAW, _RATES = PAYLOAD + 2, PAYLOAD + 3  # in an imu message

@@ -8,18 +8,18 @@ from numba.extending import register_jitable
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.geometry.line_of_sight import crosses_cylinder
 from ortilo_drake.model.signals import PAYLOAD
-from ortilo_drake.world.faults.people import cylinders_at
 from ortilo_drake.world.faults.table import (
     ANCHOR_MOVED,
     ANCHORS_DYING,
     CLOCK_JUMP,
+    EARLY,
     NLOS_STORM,
     OUTLIER_BURSTS,
     PEOPLE,
     FaultTable,
+    cylinders_at,
     settings_of,
 )
-from ortilo_drake.world.faults.timing import EARLY
 from ortilo_drake.world.noise import normals, uniforms
 
 

@@ -10,18 +10,18 @@ import numpy as np
 from numba import njit
 
 from ortilo_drake.scenario.faults import AnyFault, LandmarkGone, LandmarkMoved, People, sensors_of
-from ortilo_drake.world.faults.people import cylinders_at
 from ortilo_drake.world.faults.table import (
     LANDMARK_GONE,
     LANDMARK_MOVED,
     PEOPLE,
     FaultTable,
     Numbered,
+    cylinders_at,
+    is_active,
     numbered,
     settings_of,
     table_of,
 )
-from ortilo_drake.world.faults.timing import is_active
 from ortilo_drake.world.sensors.landmark_view import Surroundings
 
 

@@ -1,4 +1,4 @@
-"""Faults as compiled functions take them: their settings as plain numbers."""
+"""Faults as compiled functions take them: settings as plain numbers, when they last, and people on their walks."""
 
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
@@ -124,3 +124,38 @@ def _number_of(kind: str) -> int:
 def settings_of(faults: FaultTable, i: int) -> np.ndarray:
     """Return the settings of fault i, see values_of_fault."""
     return faults.values[faults.first[i] : faults.first[i + 1]]
+
+
+EARLY: Final = 1e-6  # of a tick's time, which is a sum of floats [s]
+
+
+@register_jitable
+def is_ahead(faults: FaultTable, i: int, t: float) -> bool:
+    """Return whether fault i begins after t [s]."""
+    return t < faults.starts[i] - EARLY
+
+
+@register_jitable
+def is_active(faults: FaultTable, i: int, t: float) -> bool:
+    """Return whether fault i lasts at t [s]: from its start on, and before its end."""
+    return not is_ahead(faults, i, t) and t < faults.ends[i] - EARLY
+
+
+@register_jitable
+def cylinders_at(values: np.ndarray, t: float) -> np.ndarray:
+    """Return the cylinders of people t [s] after they came, rows (x, y, radius, height) (n, 4) [m].
+
+    Each walks from one end of its walk to the other and back at a steady speed, and is at the first end at the start.
+    """
+    speed, radius, height = values[0], values[1], values[2]
+    walks = values[4:].reshape((-1, 4))
+    rows = np.empty((walks.shape[0], 4))
+    for j in range(walks.shape[0]):
+        x_0, y_0, x_1, y_1 = walks[j, 0], walks[j, 1], walks[j, 2], walks[j, 3]
+        length, share = np.hypot(x_1 - x_0, y_1 - y_0), 0.0
+        if length > 0.0:
+            way = (speed * t) % (2.0 * length)
+            share = min(way, 2.0 * length - way) / length
+        rows[j, 0], rows[j, 1] = x_0 + share * (x_1 - x_0), y_0 + share * (y_1 - y_0)
+        rows[j, 2], rows[j, 3] = radius, height
+    return rows

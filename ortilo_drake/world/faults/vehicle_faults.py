@@ -14,8 +14,7 @@ from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_U
 from ortilo_drake.model.vehicle import Vehicle, mixing_inverse, mixing_matrix
 from ortilo_drake.scenario.faults import AnyFault, Gust, LoadDropped, RotorWeak
-from ortilo_drake.world.faults.table import GUST, LOAD_DROPPED, FaultTable, numbered, settings_of, table_of
-from ortilo_drake.world.faults.timing import is_active
+from ortilo_drake.world.faults.table import GUST, LOAD_DROPPED, FaultTable, is_active, numbered, settings_of, table_of
 from ortilo_drake.world.vehicle.rotors import times
 
 

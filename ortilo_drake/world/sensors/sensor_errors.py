@@ -1,13 +1,19 @@
-"""The errors that a scenario's `truth` gives each sensor, as slow_error.py and message_error.py take them."""
+"""The errors that a scenario's `truth` gives each sensor's payload: a bias, a slow part, and a factor of the whole."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import njit
 
+from ortilo_drake.loop.element import Box, Element, Values
+from ortilo_drake.model.placing import put
+from ortilo_drake.model.signals import ARRIVED, PAYLOAD
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.truth import ImuTruth, SensorTruth, UwbTruth
 from ortilo_drake.world.drawn_truth import Drawn
-from ortilo_drake.world.slow_error import SlowNoise, gauss_markov, random_walk
+from ortilo_drake.world.noise import stream_id
+from ortilo_drake.world.sensors.sample_collector import sample_of
+from ortilo_drake.world.slow_error import SlowNoise, gauss_markov, random_walk, slow_noise_after
 
 
 class SensorErrors(NamedTuple):
@@ -55,3 +61,55 @@ def factor_of(drawn: Drawn, sensor: str, n: int) -> np.ndarray:
 def bias_of(drawn: Drawn, sensor: str, n: int) -> np.ndarray:
     """Return the drawn biases (n) of a registered sensor's numbers; imu and uwb have theirs themselves, so zeros."""
     return drawn.get(f"sensors.{sensor}.bias", np.zeros(n))
+
+
+@njit(cache=True)
+def message_with_error(message: np.ndarray, factor: np.ndarray, error: np.ndarray, flagged: bool) -> np.ndarray:
+    """Return a message with c_i (y_i + e_i) in place of its payload's first n numbers y_i, if it is there.
+
+    If it is flagged, n flags follow these numbers, as in the uwb message: a number that is not there stays, and the
+    others, which are distances, are at least 0.
+    """
+    found = message.copy()
+    if message[ARRIVED] == 0.0:
+        return found
+    n = len(factor)
+    for i in range(n):
+        there = not flagged or message[PAYLOAD + n + i] != 0.0
+        if there:
+            found[PAYLOAD + i] = factor[i] * (message[PAYLOAD + i] + error[i])
+        if there and flagged and found[PAYLOAD + i] < 0.0:
+            found[PAYLOAD + i] = 0.0 * found[PAYLOAD + i]
+    return found
+
+
+def errors_out(
+    n: Any, message: np.ndarray, x: np.ndarray, bias: np.ndarray, factor: np.ndarray, out: np.ndarray
+) -> None:
+    """Output a message with its slow errors, see message_with_error; of several samples each of them."""
+    put(message, out)
+    for i in range(n.samples):
+        sample = sample_of(out, i, n.samples)
+        put(message_with_error(sample, factor, bias + x, n.flagged), sample)
+
+
+def errors_step(n: Any, k: int, seed: int, x: np.ndarray, a: np.ndarray, q: np.ndarray) -> None:
+    """Go on to the slow part of the next tick, see slow_error.py."""
+    put(slow_noise_after(x, a, q, seed, n.stream, k * n.h, n.h), x)
+
+
+ERRORS = Element("message_errors", out=errors_out, step=errors_step, allocates=True)
+
+
+def errors_box(sensor: str, message: Box, errors: SensorErrors, samples: int, h: float) -> Box:
+    """Return the box that adds lasting errors to a sensor's messages of so many samples; zero unless drawn."""
+    noise, nothing = errors.noise, np.zeros(len(errors.noise.a))
+    numbers = {
+        "samples": samples,
+        "flagged": errors.flagged,
+        "stream": stream_id(f"slow error/{sensor}_slow_error"),
+        "h": h,
+    }
+    tables = {"bias": nothing, "factor": np.ones(len(nothing)), "a": noise.a, "q": noise.q}
+    given = Values(numbers, start={"x": nothing}, tables=tables)
+    return Box(f"{sensor}_error", ERRORS, message.size, given, reads={"message": message.name})

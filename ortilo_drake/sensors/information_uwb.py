@@ -1,12 +1,17 @@
-"""Information on position and velocity in differences of UWB ranges.
+"""Information on position and velocity in UWB ranges and in their differences.
 
-A row r_ab = d_b - d_a + s v, v standard normal, s^2 = (s_0 + s_1 d_a)^2 + (s_0 + s_1 d_b)^2, of a packet that is t old:
-with d_i = |p - t v_WB - a_i| and unit vectors u_i from the anchors, its Fisher information about position is
+A range r = d + s(d) v, v standard normal, has the log-likelihood -ln s - (r - d)^2 / (2 s^2), and its Fisher
+information about d is 1 / s^2 + 2 (s' / s)^2 (Kay, "Fundamentals of Statistical Signal Processing: Estimation Theory",
+1993, eq. 3.31): noise that grows with the distance holds information about it. With s = s_0 + s_1 d it is
+(1 + 2 s_1^2) / s^2. In a round of ranging range i is taken s_i before its message's stamp, where d = |p - s_i v - a_i|.
+
+A difference r_ab = d_b - d_a + s v, s^2 = (s_0 + s_1 d_a)^2 + (s_0 + s_1 d_b)^2, of a packet that is t old, with
+d_i = |p - t v_WB - a_i| and unit vectors u_i from the anchors, has about position
 
     g g^T / s^2 + (grad s^2) (grad s^2)^T / (2 s^4),   g = u_b - u_a
 
-(Kay, "Fundamentals of Statistical Signal Processing: Estimation Theory", 1993, eq. 3.31), and -t times that for the
-velocity: two rows, the second one of grad s^2 with the variance 2 s^4, which no lasting error moves.
+and -t times that for the velocity: two rows, the second one of grad s^2 with the variance 2 s^4, which no lasting error
+moves.
 """
 
 import numpy as np
@@ -15,10 +20,32 @@ from ortilo_drake.model.geometry.line_of_sight import walls_crossed
 from ortilo_drake.model.range_pairs import pairs_in_turn
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_X
-from ortilo_drake.scenario import Scenario
+from ortilo_drake.scenario import Scenario, Uwb
 from ortilo_drake.sensors.information_rows import SOURCE, rows_of
 from ortilo_drake.sensors.unknown_error import Seen
 from ortilo_drake.world.sensors.uwb import ranging_settings
+
+
+def range_rows(settings: Uwb, room: Room, truth: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Return the rows of the ranges that there are, to every anchor, in the ticks in which uwb is seen (n).
+
+    True states are (n, 12). The excess of a range behind a wall is taken as known.
+    """
+    s_0, s_1, _, most_walls, max_distance = ranging_settings(settings)
+    ticks = np.flatnonzero(seen)
+    p_AB = truth[ticks, np.newaxis, :3] - room.anchor_positions  # (ticks, anchors, 3)
+    d = np.linalg.norm(p_AB, axis=2)
+    there = (d <= max_distance) & (d > 0.0)
+    if np.isfinite(most_walls):
+        for k, i in np.argwhere(there):
+            p_WB = np.ascontiguousarray(truth[ticks[k], :3])
+            there[k, i] = walls_crossed(p_WB, room.anchor_positions[i], room.wall_boxes) <= most_walls
+    k, i = np.nonzero(there)
+    gradients = np.zeros((len(k), N_X))
+    gradients[:, :3] = p_AB[k, i] / d[k, i, np.newaxis]
+    gradients[:, 6:9] = -settings.ages(len(room.anchors))[i, np.newaxis] * gradients[:, :3]
+    return rows_of(ticks[k], gradients, (s_0 + s_1 * d[k, i]) ** 2 / (1.0 + 2.0 * s_1**2), i)
+
 
 NO_PAIR = -1  # source of a row that tells by its noise
 
