@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from drake_box import PlayedBox
 
-from ortilo_drake.diagrams.wiring.truth import lasting
+from ortilo_drake.diagrams.wiring.truth import first_slow
+from ortilo_drake.loop.element import Values
 from ortilo_drake.world.drawn_truth import of_seed
 from ortilo_drake.world.slow_error import SlowNoise, gauss_markov, random_walk
 from ortilo_drake.world.vehicle.disturbance import lasting_force_box
@@ -15,7 +16,8 @@ H = 1.0 / 30.0
 def source_of(noise: SlowNoise, seed: int, bias: np.ndarray) -> PlayedBox:
     """Return what adds such an error to nothing, begun as in the world of a seed."""
     source = PlayedBox(lasting_force_box(noise, H), H, seed, disturbance=np.zeros(len(noise.a)))
-    source.system.give(source.context, {"lasting_force": lasting("lasting_force", noise, bias, of_seed(seed))})
+    drawn = first_slow("lasting_force", noise.start, of_seed(seed))
+    source.system.give(source.context, {"lasting_force": drawn.updated(Values(tables={"bias": bias}))})
     return source
 
 
