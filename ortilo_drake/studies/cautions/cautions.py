@@ -28,10 +28,8 @@ from ortilo_drake.studies.cautions.lagging import digits, lagging
 def cautions(scenario: Scenario, name_or_file: str | Path | None = None, settings: Sequence[Setting] = ()) -> list[str]:
     """Return a line for each thing, beginning with the setting; none for a scenario as one would expect it.
 
-    Args:
-        scenario: what is to be flown.
-        name_or_file: what it was made of, for settings that are given and not read; None leaves those out.
-        settings: that were laid over it.
+    Settings that are given and not read are those of the name or file that it was made of, None to leave these out, and
+    those laid over it.
     """
     unread = [] if name_or_file is None else unread_settings(scenario, name_or_file, settings)
     vehicle = vehicle_units(scenario.vehicle) or vehicle_fit(scenario)  # of a wrong vehicle nothing else is known

@@ -34,13 +34,10 @@ class Counted:
 
 @dataclass(frozen=True)
 class Joined:
-    """What repetitions and a count say, each by itself.
+    """What repetitions and a count say, each by itself: the repetitions' mean, and the ends of both intervals [1].
 
-    Attributes:
-        mean: of the repetitions [1].
-        by_repetitions: ends of their interval, of the confidence OF_REPETITIONS [1].
-        by_count: ends of Clopper and Pearson's interval, which holds at least as often as it says, of the confidence
-            OF_COUNT [1].
+    They are of the confidences OF_REPETITIONS and OF_COUNT; the count's is Clopper and Pearson's, which holds at least
+    as often as it says.
     """
 
     mean: float
@@ -80,15 +77,9 @@ def estimate(plan: Plan, found: list[Climb], paths: int, independent: Counted, c
 
     Without levels it is a count of all flights of the repetitions and those counted beside them. The plan's are left
     out: they decided that there is no level. With fewer than two repetitions above 0, and where a count without any
-    event contradicts the repetitions, it is that of `independent`.
-
-    Args:
-        plan: levels and steps, as the first climb chose them.
-        found: the repetitions.
-        paths: of each level.
-        independent: count of all flights that belong to no chain.
-        counted: flights that were counted beside the repetitions.
-        events: those of them in which it happened.
+    event contradicts the repetitions, it is that of `independent`, the count of all flights that belong to no chain.
+    The plan has the levels, of so many paths each; beside the repetitions found so many flights were counted, and so
+    many events in them.
     """
     met = events + sum(one.met for one in found)
     if found and met and not plan.levels:

@@ -29,12 +29,11 @@ TRIED = 3  # repetitions that fly before the others, which fly only if one of th
 
 @dataclass(frozen=True)
 class Event:
-    """What may happen in a flight: the vehicle comes so far from where it should be, or it is lost.
+    """What may happen in a flight: the vehicle comes so far from where it should be, the corridor [m], or it is lost.
 
-    Attributes:
-        corridor: the distance from which on it counts [m]; None if only a loss does. A lost flight counts always.
-        from_path: whether the distance is from the nearest point of the path, the points of the reference at all times;
-            otherwise from the reference of the same moment, so that a vehicle which is late is off too.
+    Without a corridor only a loss counts, which always does. The distance is from the nearest point of the path, the
+    points of the reference at all times; otherwise from the reference of the same moment, so that a vehicle which is
+    late is off too.
     """
 
     corridor: float | None

@@ -26,12 +26,10 @@ OWN: Final = "own"  # the faults of the scenario itself
 
 @dataclass(frozen=True)
 class Times:
-    """How many times as often an event happens as without a fault [1].
+    """How many times as often an event happens as without a fault, with its 95 % interval [1].
 
-    Attributes:
-        times: the ratio of both probabilities; None if one of them is known only as a bound.
-        low: lower end of its 95 % interval; of a bound the least that it can be.
-        high: upper end; None for no upper end.
+    The ratio is None if one of both probabilities is known only as a bound; low is then the least that it can be. High
+    is None for no upper end.
     """
 
     times: float | None
@@ -61,14 +59,9 @@ def _share(found: Rare) -> float:
 
 
 def faults_of(given: list[str], own: Scenario) -> dict[str, list[Any]]:
-    """Return lists of faults by the names that reports use, of what --fault is given.
+    """Return lists of faults by the names that reports use, of what --fault is given beside the scenario's own.
 
-    Args:
-        given: each a name of the catalogue, a fault in YAML, or OWN for those of the scenario.
-        own: the scenario as it is.
-
-    Raises:
-        InputError: naming what is given and what is allowed.
+    Each is a name of the catalogue, a fault in YAML, or OWN; InputError naming what is given and what is allowed.
     """
     found = {text: _faults(text, own) for text in given}
     kinds = [faults[0]["kind"] for text, faults in found.items() if text != OWN]

@@ -102,10 +102,8 @@ def analysis_data(analysis: Analysis) -> dict[str, Any]:
 def theory(scenario: Scenario, step: Step = lambda what, done, total: None) -> Theory:
     """Return all that needs no flight, of the filter with what its banks learn at hover, see sensors/learned_survey.py.
 
-    The linearisation alone is of the filter as it is.
-
-    Raises:
-        InputError: naming the modes, if the sensors leave some undetected, or naming what else is wrong.
+    The linearisation alone is of the filter as it is. InputError naming the modes, if the sensors leave some
+    undetected, or naming what else is wrong.
     """
     check_sensors(scenario)
     point = hover_point(scenario)
@@ -151,18 +149,12 @@ def honesty_section(
 def analyze(
     scenario: Scenario, flights: int, out: Path, workers: int = 1, step: Step = lambda what, done, total: None
 ) -> tuple[Analysis, list[Path]]:
-    """Return the whole analysis, and the figures drawn in the folder ``out``.
+    """Return the whole analysis, and the figures drawn in the folder `out`, beside the flights.
 
-    Args:
-        scenario: the scenario.
-        flights: of the scenario and of each pair of arrival rates, seeds as in the flights' sections; 0 flies none.
-            Those of a scenario without theory (why_no_loop) are judged all the same.
-        out: folder of figures and flights; flights that are already there are not flown again.
-        workers: processes that fly.
-        step: called with what is being done, how far and of how much.
-
-    Raises:
-        InputError: as theory; or if there is neither theory nor flights.
+    So many flights, 0 for none, are of the scenario and of each pair of arrival rates, seeds as in the flights'
+    sections; those of a scenario without theory (why_no_loop) are judged all the same, and those that are there already
+    are not flown again. A step is told as what is being done, how far and of how much. InputError as theory; or if
+    there is neither theory nor flights.
     """
     why = why_no_loop(scenario) or why_no_gain(hover_loop(scenario))
     if why and not flights:
