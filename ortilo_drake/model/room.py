@@ -64,28 +64,24 @@ class Landmark(Frozen):
 
 
 class CameraModel(Frozen):
-    """A camera at p_BC, looking along B's x axis: C's z = B's x, C's x = -B's y, C's y = -B's z.
-
-    Attributes:
-        width: of its pictures [px].
-        height: of them [px].
-        focal_length: along the picture's width [px].
-        center: principal point, where the first pixel's centre is (0, 0) [px].
-        position: p_BC [m].
-        aspect: focal length along the picture's height over that along its width [1].
-        distortion: how the lens bends straight lines, see model/lens.py.
-        coefficients: of brown_conrady k1, k2, p1, p2, or with k3, or with k3, k4, k5, k6; of fisheye k1, k2, k3, k4
-            [1].
-    """
+    """A camera at p_BC, looking along B's x axis: C's z = B's x, C's x = -B's y, C's y = -B's z."""
 
     width: Side
+    """of its pictures [px]."""
     height: Side
+    """of them [px]."""
     focal_length: Positive
+    """along the picture's width [px]."""
     center: Vec2
+    """principal point, where the first pixel's centre is (0, 0) [px]."""
     position: Vec3
+    """p_BC [m]."""
     aspect: Positive = 1.0
+    """focal length along the picture's height over that along its width [1]."""
     distortion: Distortion = "none"
+    """how the lens bends straight lines, see model/lens.py."""
     coefficients: Coefficients = ()
+    """of brown_conrady k1, k2, p1, p2, or with k3, or with k3, k4, k5, k6; of fisheye k1, k2, k3, k4 [1]."""
 
     @model_validator(mode="after")
     def _has_a_lens(self) -> "CameraModel":

@@ -27,18 +27,15 @@ def _both(lags: Any) -> Any:
 
 
 class Arm(Frozen):
-    """An arm in the plane through the centre of mass, with a rotor at its end that thrusts along B's z.
-
-    Attributes:
-        angle: from B's x axis (ahead), counter-clockwise seen from above [rad].
-        length: distance of the rotor's axis from the centre of mass [m].
-        spin: sign of the rotor's drag torque about B's z: +1 for a rotor that turns clockwise seen from above, -1 for
-            counter-clockwise.
-    """
+    """An arm in the plane through the centre of mass, with a rotor at its end that thrusts along B's z."""
 
     angle: Annotated[float, Field(ge=-2.0 * math.pi, le=2.0 * math.pi)]
+    """from B's x axis (ahead), counter-clockwise seen from above [rad]."""
     length: Positive
+    """distance of the rotor's axis from the centre of mass [m]."""
     spin: Literal[-1, 1]
+    """sign of the rotor's drag torque about B's z: +1 for a rotor that turns clockwise seen from above, -1 for
+    counter-clockwise."""
 
 
 class Vehicle(Frozen):
@@ -46,31 +43,29 @@ class Vehicle(Frozen):
 
     The defaults are the M100 of the authors' published simulation world and node parameters (repository
     loizoshad/ORTINa); their printed A and B follow from them by exact zero-order-hold discretisation.
-
-    Attributes:
-        mass: m [kg].
-        inertia: principal moments I_x, I_y, I_z [kg m^2] in B.
-        arm_length: distance of each rotor axis from the centre of mass [m], for a quadrotor in X configuration; give
-            either this or `arms`.
-        arms: the rotors' places, at least four; by default that X: front left, front right, rear right, rear left,
-            of spin +1, -1, +1, -1.
-        rotor_lift: thrust per squared rotor speed [N s^2/rad^2].
-        rotor_drag: torque about the rotor axis per squared rotor speed [N m s^2/rad^2].
-        rotor_time_constant: first-order lag of a rotor speeding up, slowing down [s].
-        rotor_max_speed: largest rotor speed [rad/s].
-        radius: horizontal radius of the smallest cylinder around airframe and propellers [m]; ours, from the
-            M100's 0.65 m diagonal wheelbase and its 13 inch propellers.
     """
 
     mass: Positive = 2.7
+    """m [kg]."""
     inertia: tuple[Positive, Positive, Positive] = (0.1547563, 0.1658929, 0.2077)
+    """principal moments I_x, I_y, I_z [kg m^2] in B."""
     arm_length: Positive = 0.17
+    """distance of each rotor axis from the centre of mass [m], for a quadrotor in X configuration; give either this or
+    `arms`."""
     arms: Annotated[tuple[Arm, ...], Field(min_length=4, max_length=MAX_ROTORS)] | None = None
+    """the rotors' places, at least four; by default that X: front left, front right, rear right, rear left, of spin +1,
+    -1, +1, -1."""
     rotor_lift: Positive = 1.858582798e-5
+    """thrust per squared rotor speed [N s^2/rad^2]."""
     rotor_drag: Positive = 7.905545266e-7
+    """torque about the rotor axis per squared rotor speed [N m s^2/rad^2]."""
     rotor_time_constant: Annotated[tuple[Lag, Lag], BeforeValidator(_both)] = (0.0125, 0.025)
+    """first-order lag of a rotor speeding up, slowing down [s]."""
     rotor_max_speed: Positive = 838.0
+    """largest rotor speed [rad/s]."""
     radius: NonNegativeFloat = 0.49
+    """horizontal radius of the smallest cylinder around airframe and propellers [m]; ours, from the M100's 0.65 m
+    diagonal wheelbase and its 13 inch propellers."""
 
     @model_validator(mode="after")
     def _has_one_layout(self) -> "Vehicle":

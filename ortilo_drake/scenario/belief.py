@@ -59,42 +59,39 @@ def measurement_of(
 
 
 class Belief(Frozen):
-    """A scenario as the onboard half knows it.
-
-    Attributes:
-        name: its name in tables and files.
-        control_rate: ticks a second, 1 / h [Hz].
-        room: the surveyed map: 'ortilo' or the path of a room file, relative to the scenario's own folder.
-        vehicle: mass, inertia and rotors as they are believed to be; a scenario file may name a file of them instead,
-            found as a room's is.
-        sensors: which of uwb, camera and imu fly; the others never arrive.
-        imu: attitude, body rates and specific force.
-        uwb: ranges to the room's anchors.
-        camera: boxes of landmarks.
-        detector: the network that looks at a rendered camera's pictures.
-        multilateration: position from ranges.
-        landmark_fix: position from boxes.
-        estimator: the filter.
-        servo: what makes a control of state and reference.
-        planner: the path to fly.
-        commands: the treatment of commands that act late.
-    """
+    """A scenario as the onboard half knows it."""
 
     name: Name = "default"
+    """its name in tables and files."""
     control_rate: Annotated[float, Field(ge=5.0, le=1000.0)] = 30.0
+    """ticks a second, 1 / h [Hz]."""
     room: FileName = "ortilo"
+    """the surveyed map: 'ortilo' or the path of a room file, relative to the scenario's own folder."""
     vehicle: Vehicle = Vehicle()
+    """mass, inertia and rotors as they are believed to be; a scenario file may name a file of them instead, found as a
+    room's is."""
     sensors: tuple[Literal["uwb", "camera", "imu"], ...] = SENSORS
+    """which of uwb, camera and imu fly; the others never arrive."""
     imu: ImuSetup = ImuSetup()
+    """attitude, body rates and specific force."""
     uwb: UwbSetup = UwbSetup()
+    """ranges to the room's anchors."""
     camera: CameraSetup = CameraSetup()
+    """boxes of landmarks."""
     detector: Detector = Detector()
+    """the network that looks at a rendered camera's pictures."""
     multilateration: Multilateration = Multilateration()
+    """position from ranges."""
     landmark_fix: LandmarkFix = LandmarkFix()
+    """position from boxes."""
     estimator: IntermittentFilter = IntermittentFilter()
+    """the filter."""
     servo: LqServo = LqServo()
+    """what makes a control of state and reference."""
     planner: Planner = GcsPlanner()
+    """the path to fly."""
     commands: Commands = Commands()
+    """the treatment of commands that act late."""
 
     @property
     def belief(self) -> "Belief":

@@ -12,63 +12,53 @@ from ortilo_drake.scenario.sensors import SensorSetup
 
 
 class MeasuredErrors(Frozen):
-    """Errors of a detector, as measured.
-
-    Attributes:
-        file: 'rendered', the rendered camera and our own detector, or the path of a calibration file
-            (ortilo detector calibrate).
-    """
+    """Errors of a detector, as measured."""
 
     kind: Literal["measured"] = "measured"
     file: FileName = "rendered"
+    """'rendered', the rendered camera and our own detector, or the path of a calibration file (ortilo detector
+    calibrate)."""
 
 
 class ParametricErrors(Frozen):
-    """Errors of a detector by a few numbers; new in every tick.
-
-    Attributes:
-        edge_sd: noise of each edge of a box that the image's border does not cut [px].
-        miss_base: miss rate at distance 0 [1].
-        miss_per_metre: growth of the miss rate with distance [1/m].
-        max_distance: farther landmarks are never found [m].
-        min_size: smaller boxes, in either direction, are never found [px].
-        min_visible: a landmark is found if at least this share of it [1] is not hidden by walls and stands.
-        false_boxes: mean number of false boxes an image (Poisson) [1].
-    """
+    """Errors of a detector by a few numbers; new in every tick."""
 
     kind: Literal["parametric"]
     edge_sd: NonNegativeFloat = 1.3
+    """noise of each edge of a box that the image's border does not cut [px]."""
     miss_base: Probability = 0.02
+    """miss rate at distance 0 [1]."""
     miss_per_metre: NonNegativeFloat = 0.02
+    """growth of the miss rate with distance [1/m]."""
     max_distance: Positive = 12.0
+    """farther landmarks are never found [m]."""
     min_size: NonNegativeFloat = 6.0
+    """smaller boxes, in either direction, are never found [px]."""
     min_visible: Probability = 0.6
+    """a landmark is found if at least this share of it [1] is not hidden by walls and stands."""
     false_boxes: Annotated[float, Field(ge=0.0, le=5.0)] = 0.1
+    """mean number of false boxes an image (Poisson) [1]."""
 
 
 CameraErrors = Annotated[MeasuredErrors | ParametricErrors, Field(discriminator="kind")]
 
 
 class Calibration(Frozen):
-    """A camera as it was calibrated, in the place of the room's; a file of Kalibr, ROS or OpenCV may stand for it.
-
-    Attributes:
-        width: of the pictures that it was calibrated with [px]; camera.width scales it.
-        height: of them [px].
-        focal_length: along width and height [px].
-        center: principal point, where the first pixel's centre is (0, 0) [px].
-        distortion: how the lens bends straight lines: 'brown_conrady' is OpenCV's usual model (plumb_bob,
-            rational_polynomial, radtan), 'fisheye' its other (equidistant).
-        coefficients: of brown_conrady k1, k2, p1, p2, or with k3, or with k3, k4, k5, k6; of fisheye k1, k2, k3, k4
-            [1].
-    """
+    """A camera as it was calibrated, in the place of the room's; a file of Kalibr, ROS or OpenCV may stand for it."""
 
     width: Side
+    """of the pictures that it was calibrated with [px]; camera.width scales it."""
     height: Side
+    """of them [px]."""
     focal_length: tuple[Positive, Positive]
+    """along width and height [px]."""
     center: tuple[float, float]
+    """principal point, where the first pixel's centre is (0, 0) [px]."""
     distortion: Distortion = "none"
+    """how the lens bends straight lines: 'brown_conrady' is OpenCV's usual model (plumb_bob, rational_polynomial,
+    radtan), 'fisheye' its other (equidistant)."""
     coefficients: Coefficients = ()
+    """of brown_conrady k1, k2, p1, p2, or with k3, or with k3, k4, k5, k6; of fisheye k1, k2, k3, k4 [1]."""
 
     @model_validator(mode="after")
     def _is_a_camera(self) -> "Calibration":
@@ -83,24 +73,21 @@ class Calibration(Frozen):
 
 
 class CameraSetup(SensorSetup):
-    """The landmark camera, as the onboard half knows it.
-
-    Attributes:
-        link: rate of the pictures or boxes.
-        kind: 'rendered' draws pictures for a detector; 'projected' computes the boxes of a detector with our detector's
-            measured errors, eighty times as fast.
-        width: image width [px], to which the room's camera is scaled; 16 to 8192, or 64 to 2048 where it is rendered.
-        latency: time from picture to boxes [ticks]; a rendered camera's detector takes one at least (it needs about a
-            third of a tick of 1/30 s).
-        calibration: the calibrated camera; null uses the room's. A scenario file, or `--set`, may name a file of
-            Kalibr, ROS (camera_info) or OpenCV (FileStorage) instead; a path is relative as a room's is.
-    """
+    """The landmark camera, as the onboard half knows it."""
 
     link: LinkRate = LinkRate(rate=10.0)
+    """rate of the pictures or boxes."""
     kind: Literal["projected", "rendered"] = "projected"
+    """'rendered' draws pictures for a detector; 'projected' computes the boxes of a detector with our detector's
+    measured errors, eighty times as fast."""
     width: Annotated[int, Field(ge=16, le=8192)] = 320
+    """image width [px], to which the room's camera is scaled; 16 to 8192, or 64 to 2048 where it is rendered."""
     latency: Annotated[int, Field(ge=0, le=1000)] = 1
+    """time from picture to boxes [ticks]; a rendered camera's detector takes one at least (it needs about a third of a
+    tick of 1/30 s)."""
     calibration: Calibration | None = None
+    """the calibrated camera; null uses the room's. A scenario file, or `--set`, may name a file of Kalibr, ROS
+    (camera_info) or OpenCV (FileStorage) instead; a path is relative as a room's is."""
 
     @model_validator(mode="after")
     def _can_be_rendered(self) -> "CameraSetup":
@@ -112,12 +99,9 @@ class CameraSetup(SensorSetup):
 
 
 class Camera(CameraSetup):
-    """The landmark camera: pictures or boxes, and their link.
-
-    Attributes:
-        link: rate and delivery of the pictures or boxes.
-        errors: missed landmarks, errors of boxes, and false boxes, for a projected camera and for the theory.
-    """
+    """The landmark camera: pictures or boxes, and their link."""
 
     link: Link = Link(rate=10.0)
+    """rate and delivery of the pictures or boxes."""
     errors: CameraErrors = MeasuredErrors()
+    """missed landmarks, errors of boxes, and false boxes, for a projected camera and for the theory."""

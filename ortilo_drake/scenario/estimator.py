@@ -27,34 +27,29 @@ class Noise(Frozen):
     """The filter's measurement noise V.
 
     A position sensor set to null takes its covariance from each fix: geometry and sensor noise.
-
-    Attributes:
-        uwb: variances of a uwb fix per axis [m^2].
-        camera: variances of a camera fix per axis [m^2].
-        imu: variances of roll, pitch and yaw [rad^2], as those below of a sample every 1/30 s; a sample every T
-            seconds is believed to have 1 / (30 T) of them.
-        specific_force: variances of the imu's specific force per axis [m^2/s^4]; read with force 'measured'.
-        rates: variances of the imu's body rates per axis [rad^2/s^2]; read with rates 'measured'.
     """
 
     uwb: PositiveVec3 | None = None
+    """variances of a uwb fix per axis [m^2]."""
     camera: PositiveVec3 | None = None
+    """variances of a camera fix per axis [m^2]."""
     imu: PositiveVec3 = (1.0e-4, 1.0e-4, 1.0e-4)
+    """variances of roll, pitch and yaw [rad^2], as those below of a sample every 1/30 s; a sample every T seconds is
+    believed to have 1 / (30 T) of them."""
     specific_force: PositiveVec3 = (2.5e-3, 2.5e-3, 2.5e-3)
+    """variances of the imu's specific force per axis [m^2/s^4]; read with force 'measured'."""
     rates: PositiveVec3 = (1.0e-6, 1.0e-6, 1.0e-6)
+    """variances of the imu's body rates per axis [rad^2/s^2]; read with rates 'measured'."""
 
 
 class DisturbanceW(Frozen):
-    """W = Gamma_d diag(force^2, torque^2) Gamma_d^T / h of a white disturbance held over each tick h.
-
-    Attributes:
-        force_density: of the force per axis [N/sqrt(Hz)]; the default is 0.27 N in a tick of 1/30 s.
-        torque_density: of the torque per axis [N m/sqrt(Hz)]; the default is 0.005 N m in a tick of 1/30 s.
-    """
+    """W = Gamma_d diag(force^2, torque^2) Gamma_d^T / h of a white disturbance held over each tick h."""
 
     kind: Literal["disturbance"] = "disturbance"
     force_density: Positive = 0.27 * USUAL_ROOT
+    """of the force per axis [N/sqrt(Hz)]; the default is 0.27 N in a tick of 1/30 s."""
     torque_density: Positive = 0.005 * USUAL_ROOT
+    """of the torque per axis [N m/sqrt(Hz)]; the default is 0.005 N m in a tick of 1/30 s."""
 
     def sds(self, h: float) -> tuple[float, float]:
         """Return the standard deviations of force [N] and torque [N m] in a tick [s]."""
@@ -62,116 +57,103 @@ class DisturbanceW(Frozen):
 
 
 class DiagonalW(Frozen):
-    """W diagonal, a variance for each group of states in a tick of 1/30 s; a tick h has 30 h of it.
-
-    Attributes:
-        position: of x, y, z [m^2].
-        angle: of roll, pitch, yaw [rad^2].
-        velocity: of the velocity [m^2/s^2].
-        rate: of the Euler rates [rad^2/s^2].
-    """
+    """W diagonal, a variance for each group of states in a tick of 1/30 s; a tick h has 30 h of it."""
 
     kind: Literal["diagonal"]
     position: NonNegativeFloat
+    """of x, y, z [m^2]."""
     angle: NonNegativeFloat
+    """of roll, pitch, yaw [rad^2]."""
     velocity: NonNegativeFloat
+    """of the velocity [m^2/s^2]."""
     rate: NonNegativeFloat
+    """of the Euler rates [rad^2/s^2]."""
 
 
 class Walks(Frozen):
-    """The random walks of force, torque and accelerometer bias, about 0 at first; see estimator.force.
-
-    Attributes:
-        force_sd: standard deviation of the disturbance force per axis at first [N].
-        force_rate: of its change, times the square root of the time that it takes [N/s^(1/2)].
-        torque_sd: of the disturbance torque in B at first [N m], for example from a wrong centre of gravity; with 0 the
-            filter estimates none.
-        torque_rate: of its change, likewise [N m/s^(1/2)].
-        accelerometer_sd: of the bias of the specific force per axis at first [m/s^2]; not read after a standstill.
-        accelerometer_rate: of its change, likewise [m/s^(5/2)].
-        gyroscope_sd: of the bias of the body rates per axis at first [rad/s]; read with rates 'measured' and without a
-            standstill, imu.standstill.
-        gyroscope_rate: of its change, likewise [rad/s^(3/2)].
-    """
+    """The random walks of force, torque and accelerometer bias, about 0 at first; see estimator.force."""
 
     force_sd: NonNegativeFloat = 1.5
+    """standard deviation of the disturbance force per axis at first [N]."""
     force_rate: NonNegativeFloat = 0.011
+    """of its change, times the square root of the time that it takes [N/s^(1/2)]."""
     torque_sd: NonNegativeFloat = 0.0
+    """of the disturbance torque in B at first [N m], for example from a wrong centre of gravity; with 0 the filter
+    estimates none."""
     torque_rate: NonNegativeFloat = 0.0001
+    """of its change, likewise [N m/s^(1/2)]."""
     accelerometer_sd: NonNegativeFloat = 0.2
+    """of the bias of the specific force per axis at first [m/s^2]; not read after a standstill."""
     accelerometer_rate: NonNegativeFloat = 0.0005
+    """of its change, likewise [m/s^(5/2)]."""
     gyroscope_sd: NonNegativeFloat = 0.0003
+    """of the bias of the body rates per axis at first [rad/s]; read with rates 'measured' and without a standstill,
+    imu.standstill."""
     gyroscope_rate: NonNegativeFloat = 1.0e-5
+    """of its change, likewise [rad/s^(3/2)]."""
 
 
 class Biases(Frozen):
     """Slow errors with known standard deviations; the filter estimates those whose sd is not 0.
 
     Each varies as a stationary first-order Gauss-Markov process.
-
-    Attributes:
-        uwb_sd: standard deviation of a bias of uwb fixes per axis [m]: survey of the anchors, ranges.
-        camera_sd: of camera fixes per axis [m]: survey of the landmarks, attitude of the camera.
-        level_sd: of the imu's roll and pitch [rad]; only a fix with method 'pose' tells it from a force.
-        yaw_sd: of the imu's yaw [rad]; seen by fixes with method 'known_tilt' or 'pose'.
-        row_sd: lasting error of any other row of y by its name, such as {z_alt: 0.02} [its unit], for sensors of your
-            own.
-        uwb_time: correlation time of the uwb fixes' bias [s], about as long as the same anchors are near.
-        camera_time: of the camera fixes' [s]: that of the filter's attitude error, or of the same landmarks in view.
-        imu_time: of the imu's biases [s].
-        row_time: of those in row_sd [s].
     """
 
     uwb_sd: tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat] = (0.0, 0.0, 0.0)
+    """standard deviation of a bias of uwb fixes per axis [m]: survey of the anchors, ranges."""
     camera_sd: tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat] = (0.0, 0.0, 0.0)
+    """of camera fixes per axis [m]: survey of the landmarks, attitude of the camera."""
     level_sd: NonNegativeFloat = 0.0
+    """of the imu's roll and pitch [rad]; only a fix with method 'pose' tells it from a force."""
     yaw_sd: NonNegativeFloat = 0.0
+    """of the imu's yaw [rad]; seen by fixes with method 'known_tilt' or 'pose'."""
     row_sd: RowSds = Field(default={}, validate_default=True)
+    """lasting error of any other row of y by its name, such as {z_alt: 0.02} [its unit], for sensors of your own."""
     uwb_time: Positive = 20.0
+    """correlation time of the uwb fixes' bias [s], about as long as the same anchors are near."""
     camera_time: Positive = 20.0
+    """of the camera fixes' [s]: that of the filter's attitude error, or of the same landmarks in view."""
     imu_time: Positive = 300.0
+    """of the imu's biases [s]."""
     row_time: Positive = 20.0
+    """of those in row_sd [s]."""
 
 
 class IntermittentFilter(Frozen):
-    """The paper's estimator: fixes, their gates, and the intermittent Kalman filter.
-
-    Attributes:
-        W: process noise covariance.
-        V: measurement noise.
-        initial_sd: standard deviations of its initial position [m], angles [rad], velocity [m/s] and
-            Euler rates [rad/s]; flights start without one, so NEES starts at 0.
-        delay: how late measurements are used. 'ignore' uses them as if they were current; 'drop' does too, but none
-            older than one tick, which a detector itself takes; 'replay' uses them at their stamp and runs the filter
-            again from there.
-        horizon: how far back 'replay' goes [s]; older measurements are not used.
-        integrator: 'literal' and 'hold' integrate r less the measured position, as printed, and are part of the
-            filter's model; where no fix arrived 'literal' integrates r itself, 'hold' keeps still. 'estimate'
-            integrates r - xhat, as in the authors' code.
-        force: how the filter estimates the disturbance force, which includes the effects of a wrong mass and a tilted
-            imu. 'none', as in the paper: not at all. 'thrust': from fixes, thrust and attitude. 'measured': from the
-            imu's specific force as well, whose bias it estimates. The servo counters the force.
-        rates: 'measured' uses the imu's body rates as well, whose bias it estimates; only with force 'measured'.
-            'none', as in the paper, uses the angles alone.
-        walks: how force and the biases of accelerometer and gyroscope vary.
-        biases: errors of fixes and yaw that the filter estimates as well; only with force 'thrust' or 'measured'. The
-            gates do not know of them.
-        gates: probability [1] by sensor, such as {uwb: 0.99}. A fix is ignored if its squared Mahalanobis distance
-            from the filter's prediction exceeds the chi-square quantile of its sensor's gate; no gate, no such test.
-        robust: protection against wrong measurements: gates, weights, re-acquisition, noise that follows the
-            innovations, stuck sensors. {} has all of them; null, as in the paper, none.
-    """
+    """The paper's estimator: fixes, their gates, and the intermittent Kalman filter."""
 
     kind: Literal["intermittent"] = "intermittent"
     W: Annotated[DisturbanceW | DiagonalW, Field(discriminator="kind")] = DisturbanceW()
+    """process noise covariance."""
     V: Noise = Noise()
+    """measurement noise."""
     initial_sd: tuple[InitialSd, InitialSd, InitialSd, InitialSd] = (0.05, 0.02, 0.05, 0.05)
+    """standard deviations of its initial position [m], angles [rad], velocity [m/s] and Euler rates [rad/s]; flights
+    start without one, so NEES starts at 0."""
     delay: Literal["ignore", "drop", "replay"] = "ignore"
+    """how late measurements are used. 'ignore' uses them as if they were current; 'drop' does too, but none older than
+    one tick, which a detector itself takes; 'replay' uses them at their stamp and runs the filter again from there."""
     horizon: Annotated[float, Field(gt=0.0, le=2.0)] = 0.5
+    """how far back 'replay' goes [s]; older measurements are not used."""
     integrator: Literal["literal", "hold", "estimate"] = "hold"
+    """'literal' and 'hold' integrate r less the measured position, as printed, and are part of the filter's model;
+    where no fix arrived 'literal' integrates r itself, 'hold' keeps still. 'estimate' integrates r - xhat, as in the
+    authors' code."""
     force: Literal["none", "thrust", "measured"] = "none"
+    """how the filter estimates the disturbance force, which includes the effects of a wrong mass and a tilted imu.
+    'none', as in the paper: not at all. 'thrust': from fixes, thrust and attitude. 'measured': from the imu's specific
+    force as well, whose bias it estimates. The servo counters the force."""
     rates: Literal["none", "measured"] = "none"
+    """'measured' uses the imu's body rates as well, whose bias it estimates; only with force 'measured'. 'none', as in
+    the paper, uses the angles alone."""
     walks: Walks = Walks()
+    """how force and the biases of accelerometer and gyroscope vary."""
     biases: Biases = Biases()
+    """errors of fixes and yaw that the filter estimates as well; only with force 'thrust' or 'measured'. The gates do
+    not know of them."""
     gates: Gates = Field(default={}, validate_default=True)
+    """probability [1] by sensor, such as {uwb: 0.99}. A fix is ignored if its squared Mahalanobis distance from the
+    filter's prediction exceeds the chi-square quantile of its sensor's gate; no gate, no such test."""
     robust: Robust | None = None
+    """protection against wrong measurements: gates, weights, re-acquisition, noise that follows the innovations, stuck
+    sensors. {} has all of them; null, as in the paper, none."""

@@ -20,74 +20,60 @@ class NoLoss(Frozen):
 
 
 class BernoulliLoss(Frozen):
-    """Each message is lost with the same probability, independently.
-
-    Attributes:
-        probability: of a loss [1].
-    """
+    """Each message is lost with the same probability, independently."""
 
     kind: Literal["bernoulli"]
     probability: Probability
+    """of a loss [1]."""
 
 
 class GilbertElliottLoss(Frozen):
     """Bursts: a two-state Markov chain steps once a tick; messages are lost at the rate of its state.
 
     The chain starts in the good state.
-
-    Attributes:
-        good_to_bad: probability a tick of leaving the good state [1].
-        bad_to_good: probability a tick of leaving the bad state [1].
-        loss_good: probability of a loss in the good state [1].
-        loss_bad: probability of a loss in the bad state [1].
     """
 
     kind: Literal["gilbert_elliott"]
     good_to_bad: Probability
+    """probability a tick of leaving the good state [1]."""
     bad_to_good: Probability
+    """probability a tick of leaving the bad state [1]."""
     loss_good: Probability = 0.0
+    """probability of a loss in the good state [1]."""
     loss_bad: Probability = 1.0
+    """probability of a loss in the bad state [1]."""
 
 
 class BurstLoss(Frozen):
-    """Bursts by their measured figures: everything is lost within one, nothing between two.
-
-    Attributes:
-        loss: share of the packets that are lost [1], at most b / (1 + b) with bursts of b ticks on average.
-        mean_length: mean length of a burst [s], a tick or more.
-    """
+    """Bursts by their measured figures: everything is lost within one, nothing between two."""
 
     kind: Literal["bursts"]
     loss: Probability
+    """share of the packets that are lost [1], at most b / (1 + b) with bursts of b ticks on average."""
     mean_length: Positive
+    """mean length of a burst [s], a tick or more."""
 
 
 class PositionBlackout(Frozen):
-    """No message while the vehicle's true coordinate on one axis lies in [start, end).
-
-    Attributes:
-        axis: which coordinate of p_WB.
-        start: where it begins [m].
-        end: where it ends [m].
-    """
+    """No message while the vehicle's true coordinate on one axis lies in [start, end)."""
 
     kind: Literal["position"]
     axis: Literal["x", "y", "z"] = "x"
+    """which coordinate of p_WB."""
     start: float
+    """where it begins [m]."""
     end: float
+    """where it ends [m]."""
 
 
 class TimeBlackout(Frozen):
-    """No message while the time lies in [start, end).
-
-    Attributes:
-        start: when it begins [s].
-        end: when it ends [s].
-    """
+    """No message while the time lies in [start, end)."""
 
     kind: Literal["time"]
     start: NonNegativeFloat
+    """when it begins [s]."""
     end: NonNegativeFloat
+    """when it ends [s]."""
 
 
 def _from_number(loss: Any) -> Any:
@@ -106,15 +92,12 @@ Blackout = Annotated[PositionBlackout | TimeBlackout, Field(discriminator="kind"
 
 
 class LinkRate(Frozen):
-    """The rate at which a sensor sends.
-
-    Attributes:
-        rate: samples a second [Hz]. It divides the scenario's control_rate; or it is a whole multiple of it (not of uwb
-            and camera), and each tick's packet carries the samples taken since the tick before, each with its stamp.
-            null sends on every tick.
-    """
+    """The rate at which a sensor sends."""
 
     rate: Annotated[float, Field(ge=1e-3)] | None = None
+    """samples a second [Hz]. It divides the scenario's control_rate; or it is a whole multiple of it (not of uwb and
+    camera), and each tick's packet carries the samples taken since the tick before, each with its stamp. null sends on
+    every tick."""
 
     def every(self, h: float) -> int:
         """Return the period of the messages in ticks of h [s]."""
@@ -126,19 +109,16 @@ class LinkRate(Frozen):
 
 
 class Link(LinkRate):
-    """The link of one sensor to the vehicle: one packet in each tick that is due, delivered or lost as a whole.
-
-    Attributes:
-        loss: random losses; a number is the probability of independent losses.
-        blackouts: where or when nothing arrives.
-        delay: fixed delay [ticks].
-        random_delay: largest additional delay [ticks], drawn uniformly for each message.
-    """
+    """The link of one sensor to the vehicle: one packet in each tick that is due, delivered or lost as a whole."""
 
     loss: Loss = NoLoss()
+    """random losses; a number is the probability of independent losses."""
     blackouts: Annotated[tuple[Blackout, ...], Field(max_length=1000)] = ()
+    """where or when nothing arrives."""
     delay: Annotated[int, Field(ge=0, le=1000)] = 0
+    """fixed delay [ticks]."""
     random_delay: Annotated[int, Field(ge=0, le=1000)] = 0
+    """largest additional delay [ticks], drawn uniformly for each message."""
 
     @model_validator(mode="after")
     def _blackouts_have_a_length(self) -> "Link":
@@ -194,14 +174,12 @@ class CommandLink(Frozen):
 
     There is no acknowledgement (as over UDP): filter and servo assume that every command is applied at once, unless the
     scenario's `commands` have the world report which acted.
-
-    Attributes:
-        loss: what is lost at random; a number is the probability of independent losses.
-        when_lost: the command in a tick in which none arrives: 'hold' repeats the last one, 'zero' is hover, f_T = m g
-            and no torques.
-        delay: fixed delay [ticks].
     """
 
     loss: Loss = NoLoss()
+    """what is lost at random; a number is the probability of independent losses."""
     when_lost: Literal["hold", "zero"] = "hold"
+    """the command in a tick in which none arrives: 'hold' repeats the last one, 'zero' is hover, f_T = m g and no
+    torques."""
     delay: Annotated[int, Field(ge=0, le=1000)] = 0
+    """fixed delay [ticks]."""

@@ -16,47 +16,40 @@ Worth = Annotated[float, Field(ge=1.0, le=1.0e6)]
 
 
 class Exclusion(Frozen):
-    """The exclusion of ranges that do not fit the others.
-
-    Attributes:
-        probability: with which right ranges pass the chi-square test of their residuals [1].
-        least_ranges: fewest ranges of which one may be left out [1].
-        share: of the ranges that may be left out at most [1]; if more do not fit there is no fix.
-        clock: whether to estimate an offset common to all ranges as well, such as a clock's.
-    """
+    """The exclusion of ranges that do not fit the others."""
 
     probability: Gate = 0.9999
+    """with which right ranges pass the chi-square test of their residuals [1]."""
     least_ranges: Annotated[int, Field(ge=5, le=1000)] = 5
+    """fewest ranges of which one may be left out [1]."""
     share: Annotated[float, Field(ge=0.0, le=0.9)] = 0.5
+    """of the ranges that may be left out at most [1]; if more do not fit there is no fix."""
     clock: bool = True
+    """whether to estimate an offset common to all ranges as well, such as a clock's."""
 
 
 class Multilateration(Frozen):
-    """Position from ranges.
-
-    Attributes:
-        method: 'nearest_three' intersects the spheres of the three nearest anchors, as the authors do;
-            'least_squares' is weighted nonlinear least squares over all ranges.
-        noise: what the solver believes of the ranges.
-        bias_sd: standard deviation of the lasting part of a range's error [m]: its bias, the survey of its anchor. It
-            counts in the weights of 'least_squares' and in whether ranges fit a position, but not in the fix's
-            covariance: estimator.biases.uwb_sd is the lasting part of a fix's error.
-        bias_bank: shares of bias_sd [1] that the ranges' residuals choose from in flight, such as [0, 0.4, 1] for a
-            survey that may be exact. The result replaces estimator.biases.uwb_sd. null uses bias_sd as it is. Only with
-            'least_squares', and without exclude.
-        noise_scale: learns the noise's scale in flight from the ranges' residuals, together with bias_bank; the number
-            is how many residuals [1] the configured noise counts as (10 is about one fix of twelve ranges). null uses
-            the noise as it is. Only with 'least_squares', and without exclude.
-        exclude: the test that excludes ranges that do not fit the others; null excludes none. Only with
-            'least_squares'.
-    """
+    """Position from ranges."""
 
     method: Literal["nearest_three", "least_squares"] = "least_squares"
+    """'nearest_three' intersects the spheres of the three nearest anchors, as the authors do; 'least_squares' is
+    weighted nonlinear least squares over all ranges."""
     noise: RangeNoise = ProportionalNoise()
+    """what the solver believes of the ranges."""
     bias_sd: NonNegativeFloat = 0.0
+    """standard deviation of the lasting part of a range's error [m]: its bias, the survey of its anchor. It counts in
+    the weights of 'least_squares' and in whether ranges fit a position, but not in the fix's covariance:
+    estimator.biases.uwb_sd is the lasting part of a fix's error."""
     bias_bank: Annotated[tuple[Share, ...], Field(min_length=2, max_length=8)] | None = None
+    """shares of bias_sd [1] that the ranges' residuals choose from in flight, such as [0, 0.4, 1] for a survey that may
+    be exact. The result replaces estimator.biases.uwb_sd. null uses bias_sd as it is. Only with 'least_squares', and
+    without exclude."""
     noise_scale: Worth | None = None
+    """learns the noise's scale in flight from the ranges' residuals, together with bias_bank; the number is how many
+    residuals [1] the configured noise counts as (10 is about one fix of twelve ranges). null uses the noise as it is.
+    Only with 'least_squares', and without exclude."""
     exclude: Exclusion | None = None
+    """the test that excludes ranges that do not fit the others; null excludes none. Only with 'least_squares'."""
 
     @model_validator(mode="after")
     def _has_what_it_learns_of(self) -> "Multilateration":
@@ -75,28 +68,25 @@ class Multilateration(Frozen):
 
 
 class Detector(Frozen):
-    """The network that finds landmarks in the rendered camera's pictures: ours, or one of a file.
-
-    Attributes:
-        cfg: a Darknet .cfg to use instead of our network, with its weights; needs torch.
-        weights: its .weights.
-        onnx: an ONNX file of YOLOv5, v8 or v11 to use instead of our network; needs onnxruntime.
-        names: its class names, each line one; by default FILE.names beside FILE.cfg, those in the ONNX file, or the 80
-            of MS COCO.
-        backend: what computes our network: 'onnxruntime' is the fastest, 'opencv' is always installed, 'torch' is what
-            it was trained with; 'auto' uses the first that is installed.
-        threshold: smallest score of a box [1].
-        overlap: two boxes of a class that overlap by a larger IoU [1] are one object.
-    """
+    """The network that finds landmarks in the rendered camera's pictures: ours, or one of a file."""
 
     kind: Literal["network"] = "network"
     cfg: FileName | None = None
+    """a Darknet .cfg to use instead of our network, with its weights; needs torch."""
     weights: FileName | None = None
+    """its .weights."""
     onnx: FileName | None = None
+    """an ONNX file of YOLOv5, v8 or v11 to use instead of our network; needs onnxruntime."""
     names: FileName | None = None
+    """its class names, each line one; by default FILE.names beside FILE.cfg, those in the ONNX file, or the 80 of MS
+    COCO."""
     backend: Literal["auto", "onnxruntime", "opencv", "torch"] = "auto"
+    """what computes our network: 'onnxruntime' is the fastest, 'opencv' is always installed, 'torch' is what it was
+    trained with; 'auto' uses the first that is installed."""
     threshold: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.4
+    """smallest score of a box [1]."""
     overlap: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.45
+    """two boxes of a class that overlap by a larger IoU [1] are one object."""
 
     @model_validator(mode="after")
     def _files_come_together(self) -> "Detector":
@@ -118,50 +108,43 @@ class Detector(Frozen):
 
 
 class LandmarkFix(Frozen):
-    """Position from landmark boxes.
-
-    Attributes:
-        method: 'known_attitude' (two landmarks or more, attitude from the filter), 'known_tilt' (two or more, roll and
-            pitch from the filter: position and yaw), 'pose' (two or more: position and attitude), 'cosine_law' (three
-            or more, the paper's) or 'pnp' (four or more, OpenCV's SQPNP in RANSAC).
-        center_sd: the solver's standard deviation of a small box's centre [px].
-        center_growth: g [1/px]: along an axis in which the box is b px long the error is center_sd sqrt(1 + (g b)^2).
-        gate: an association is refused beyond this probability [1] of the predicted projection's error.
-        max_residual: the first three methods drop boxes that disagree with the rest by more than so many standard
-            deviations [1].
-        margin: a box is ignored if assigning it to another landmark increases the sum of squared distances by less than
-            this [1]; 0 ignores none.
-        joint: boxes are ignored until the rest agree with the estimate within this probability [1], all together. While
-            no fix is left the estimate is trusted less and less. null for no test.
-        inside: a landmark is ignored if its predicted box ends nearer to the image's border than this [px]; null uses
-            the detected box alone.
-        prior_sd: assumed error of the estimate's position [m] and angles [rad] for the association; null uses the
-            filter's covariance.
-        survey_sd: standard deviation of each coordinate of a landmark's surveyed position [m]. It counts in the errors
-            of boxes. The lasting part of a fix's error is estimator.biases.camera_sd, or survey_bank's.
-        survey_bank: shares of survey_sd [1] that the boxes' residuals choose from in flight, as
-            multilateration.bias_bank. The result is added to estimator.biases.camera_sd. null uses survey_sd as it is.
-            Only with method 'pose'.
-        noise_scale: learns the scale of center_sd in flight from the boxes' residuals, as multilateration.noise_scale;
-            the number is how many residuals [1] center_sd counts as. null uses center_sd as it is. Only with method
-            'pose'.
-        shapes: what is known of the landmarks' shapes: 'outlines' is all that the room's file has, 'boxes' their
-            sizes alone.
-    """
+    """Position from landmark boxes."""
 
     method: Literal["known_attitude", "known_tilt", "pose", "cosine_law", "pnp"] = "known_attitude"
+    """'known_attitude' (two landmarks or more, attitude from the filter), 'known_tilt' (two or more, roll and pitch
+    from the filter: position and yaw), 'pose' (two or more: position and attitude), 'cosine_law' (three or more, the
+    paper's) or 'pnp' (four or more, OpenCV's SQPNP in RANSAC)."""
     center_sd: Positive = 3.0
+    """the solver's standard deviation of a small box's centre [px]."""
     center_growth: NonNegativeFloat = 0.0
+    """g [1/px]: along an axis in which the box is b px long the error is center_sd sqrt(1 + (g b)^2)."""
     gate: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.999
+    """an association is refused beyond this probability [1] of the predicted projection's error."""
     max_residual: Positive = 4.0
+    """the first three methods drop boxes that disagree with the rest by more than so many standard deviations [1]."""
     margin: NonNegativeFloat = 0.0
+    """a box is ignored if assigning it to another landmark increases the sum of squared distances by less than this
+    [1]; 0 ignores none."""
     joint: Gate | None = None
+    """boxes are ignored until the rest agree with the estimate within this probability [1], all together. While no fix
+    is left the estimate is trusted less and less. null for no test."""
     inside: NonNegativeFloat | None = None
+    """a landmark is ignored if its predicted box ends nearer to the image's border than this [px]; null uses the
+    detected box alone."""
     prior_sd: tuple[Positive, Positive] | None = None
+    """assumed error of the estimate's position [m] and angles [rad] for the association; null uses the filter's
+    covariance."""
     survey_sd: NonNegativeFloat = 0.0
+    """standard deviation of each coordinate of a landmark's surveyed position [m]. It counts in the errors of boxes.
+    The lasting part of a fix's error is estimator.biases.camera_sd, or survey_bank's."""
     survey_bank: Annotated[tuple[Share, ...], Field(min_length=2, max_length=8)] | None = None
+    """shares of survey_sd [1] that the boxes' residuals choose from in flight, as multilateration.bias_bank. The result
+    is added to estimator.biases.camera_sd. null uses survey_sd as it is. Only with method 'pose'."""
     noise_scale: Worth | None = None
+    """learns the scale of center_sd in flight from the boxes' residuals, as multilateration.noise_scale; the number is
+    how many residuals [1] center_sd counts as. null uses center_sd as it is. Only with method 'pose'."""
     shapes: Literal["outlines", "boxes"] = "outlines"
+    """what is known of the landmarks' shapes: 'outlines' is all that the room's file has, 'boxes' their sizes alone."""
 
     @model_validator(mode="after")
     def _has_what_the_bank_shares(self) -> "LandmarkFix":
@@ -179,42 +162,36 @@ class LandmarkFix(Frozen):
 
 
 class ServoWeights(Frozen):
-    """Diagonals of the servo's Q (by group of states) and R.
-
-    Attributes:
-        position: weights of x, y, z [1/m^2].
-        angle: weights of roll, pitch, yaw [1/rad^2].
-        velocity: weights of the velocity [s^2/m^2].
-        rate: weights of the Euler rates [s^2/rad^2].
-        integral: weights of the integral, a sum over ticks of positions [1/m^2].
-        control: weights of f_T [1/N^2] and of tau_x, tau_y, tau_z [1/(N m)^2].
-    """
+    """Diagonals of the servo's Q (by group of states) and R."""
 
     position: PositiveVec3 = (6.0, 6.0, 6.0)
+    """weights of x, y, z [1/m^2]."""
     angle: tuple[NonNegativeFloat, NonNegativeFloat, Positive] = (1.0, 1.0, 1.0)
+    """weights of roll, pitch, yaw [1/rad^2]."""
     velocity: tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat] = (1.0, 1.0, 1.0)
+    """weights of the velocity [s^2/m^2]."""
     rate: tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat] = (0.1, 0.1, 0.1)
+    """weights of the Euler rates [s^2/rad^2]."""
     integral: PositiveVec3 = (3.0e-4, 3.0e-4, 3.0e-4)
+    """weights of the integral, a sum over ticks of positions [1/m^2]."""
     control: tuple[Positive, Positive, Positive, Positive] = (0.02, 1.0, 1.0, 1.0)
+    """weights of f_T [1/N^2] and of tau_x, tau_y, tau_z [1/(N m)^2]."""
 
 
 class LqServo(Frozen):
-    """The LQ servo.
-
-    Attributes:
-        form: 'paper' is u = -L [xhat; i]; 'error' is u = -L [xhat - x_ref; i] with the planner's acceleration fed
-            forward, as in the authors' code.
-        velocities: 'truth' gives the servo the true velocities and Euler rates, as the authors did.
-        yaw: psi_r, the heading that is held [rad]; filter and servo are linear about hover under it. Only in the error
-            form.
-        weights: Q and R.
-    """
+    """The LQ servo."""
 
     kind: Literal["lq"] = "lq"
     form: Literal["paper", "error"] = "error"
+    """'paper' is u = -L [xhat; i]; 'error' is u = -L [xhat - x_ref; i] with the planner's acceleration fed forward, as
+    in the authors' code."""
     velocities: Literal["estimate", "truth"] = "estimate"
+    """'truth' gives the servo the true velocities and Euler rates, as the authors did."""
     yaw: Annotated[float, Field(ge=-2.0 * math.pi, le=2.0 * math.pi)] = 0.0
+    """psi_r, the heading that is held [rad]; filter and servo are linear about hover under it. Only in the error
+    form."""
     weights: ServoWeights = ServoWeights()
+    """Q and R."""
 
     @model_validator(mode="after")
     def _paper_holds_no_yaw(self) -> "LqServo":

@@ -16,13 +16,10 @@ _FAULT: Any = get_args(AnyFault)[0]  # the union
 
 
 class SensorSettings(Frozen):
-    """Base of the settings of a sensor of one's own.
-
-    Attributes:
-        link: how its messages reach the vehicle.
-    """
+    """Base of the settings of a sensor of one's own."""
 
     link: Link = Link()
+    """how its messages reach the vehicle."""
 
 
 def model_for(base: type[BaseModel], data: Any) -> type[BaseModel]:

@@ -14,48 +14,42 @@ MAX_POINTS = 10_000  # of a path
 
 
 class GcsPlanner(Frozen):
-    """A smooth collision-free path at constant altitude through convex free cells.
-
-    Attributes:
-        start: start of the path, x and y [m]; the flight starts hovering there. The room's, if its file has one and
-            none is given here.
-        goal: goal, x and y [m]; the room's likewise.
-        height: flying height [m].
-        speed: path speed [m/s].
-        acceleration: largest acceleration [m/s^2].
-        clearance: horizontal distance kept between the vehicle's outline and every obstacle where there is room
-            for it [m]; less in a narrow place.
-        vertical_clearance: obstacles that end lower than this below the flying height are flown over [m].
-        prefer: 'seen' prefers places where the surveyed room gives fixes: a metre without one costs six; 'none' takes
-            the shortest path.
-    """
+    """A smooth collision-free path at constant altitude through convex free cells."""
 
     kind: Literal["gcs"] = "gcs"
     start: tuple[float, float] = (0.0, 0.0)
+    """start of the path, x and y [m]; the flight starts hovering there. The room's, if its file has one and none is
+    given here."""
     goal: tuple[float, float] = (21.0, -3.2)
+    """goal, x and y [m]; the room's likewise."""
     height: Positive = 1.5
+    """flying height [m]."""
     speed: Positive = 0.35
+    """path speed [m/s]."""
     acceleration: Positive = 0.2
+    """largest acceleration [m/s^2]."""
     clearance: NonNegativeFloat = 1.6
+    """horizontal distance kept between the vehicle's outline and every obstacle where there is room for it [m]; less in
+    a narrow place."""
     vertical_clearance: NonNegativeFloat = 0.6
+    """obstacles that end lower than this below the flying height are flown over [m]."""
     prefer: Literal["none", "seen"] = "none"
+    """'seen' prefers places where the surveyed room gives fixes: a metre without one costs six; 'none' takes the
+    shortest path."""
 
 
 class WaypointPlanner(Frozen):
-    """A smooth path through given points, from the scenario or from a file.
-
-    Attributes:
-        points: the points p_W [m], if not in a file.
-        file: a text file with one 'x y z' [m] a line.
-        speed: path speed [m/s].
-        acceleration: largest acceleration [m/s^2].
-    """
+    """A smooth path through given points, from the scenario or from a file."""
 
     kind: Literal["waypoints"]
     points: Annotated[tuple[Vec3, ...], Field(max_length=MAX_POINTS)] = ()
+    """the points p_W [m], if not in a file."""
     file: FileName | None = None
+    """a text file with one 'x y z' [m] a line."""
     speed: Positive = 0.35
+    """path speed [m/s]."""
     acceleration: Positive = 0.2
+    """largest acceleration [m/s^2]."""
 
     @model_validator(mode="after")
     def _has_points(self) -> "WaypointPlanner":
@@ -67,16 +61,13 @@ class WaypointPlanner(Frozen):
 
 
 class HoverPlanner(Frozen):
-    """Stay at one point.
-
-    Attributes:
-        point: where, p_W [m].
-        duration: for how long [s].
-    """
+    """Stay at one point."""
 
     kind: Literal["hover"]
     point: Vec3 = (0.0, 0.0, 1.5)
+    """where, p_W [m]."""
     duration: Annotated[float, Field(ge=1e-3, le=36000.0)] = 10.0
+    """for how long [s]."""
 
 
 Planner = Annotated[GcsPlanner | WaypointPlanner | HoverPlanner, Field(discriminator="kind")]

@@ -28,72 +28,59 @@ def white_scales(freedom: float | None) -> np.ndarray:
 
 
 class LastingNoise(Frozen):
-    """A first-order Gauss-Markov error of each anchor.
-
-    Attributes:
-        time: how long it lasts, its correlation time [s].
-        sd: standard deviation [m].
-    """
+    """A first-order Gauss-Markov error of each anchor."""
 
     time: Positive
+    """how long it lasts, its correlation time [s]."""
     sd: NonNegativeFloat
+    """standard deviation [m]."""
 
 
 class FieldNoise(Frozen):
-    """An error of each anchor that is a field in space, Matérn 3/2, the same for all flights of a day.
-
-    Attributes:
-        length: over which it changes [m].
-        sd: standard deviation [m].
-    """
+    """An error of each anchor that is a field in space, Matérn 3/2, the same for all flights of a day."""
 
     length: Positive
+    """over which it changes [m]."""
     sd: NonNegativeFloat
+    """standard deviation [m]."""
 
 
 class Outliers(Frozen):
-    """Rows that err by more.
-
-    Attributes:
-        share: of all rows [1].
-        sd: standard deviation of the addition [m].
-        burst: how many rows of an anchor in a row are outliers, on average [1].
-    """
+    """Rows that err by more."""
 
     share: Share = 0.0
+    """of all rows [1]."""
     sd: NonNegativeFloat = 0.0
+    """standard deviation of the addition [m]."""
     burst: Annotated[float, Field(ge=1.0, le=1e4)] = 1.0
+    """how many rows of an anchor in a row are outliers, on average [1]."""
 
 
 class UwbNoise(Frozen):
-    """Errors of ranges, or of each anchor in a difference of ranges.
-
-    Attributes:
-        white: standard deviation of a row's white error [m]; Student's t scale if `freedom` is given.
-        freedom: Student's t degrees of freedom of the white error [1], fewer for a heavier tail; null if it is normal.
-        lasting: the lasting part of each anchor's error; null for none.
-        field: the part that belongs to places; null for none.
-        outliers: rows that err by more.
-        constants_sd: root mean square of the anchors' constants [m].
-        constants: each anchor's constant [m], if they are known; null has them drawn by constants_sd.
-        differences: whether the rows that it was fitted to are differences: white and outliers are those of two
-            anchors then.
-        near_floor: height at which the floor doubles errors: they grow by (this / height)^4 [m].
-        rate: rows in a second, of all anchors; a figure [1/s].
-        missing: share of the rows that do not come [1].
-    """
+    """Errors of ranges, or of each anchor in a difference of ranges."""
 
     white: NonNegativeFloat
+    """standard deviation of a row's white error [m]; Student's t scale if `freedom` is given."""
     freedom: Annotated[float, Field(ge=0.5, le=100.0)] | None = None
+    """Student's t degrees of freedom of the white error [1], fewer for a heavier tail; null if it is normal."""
     lasting: LastingNoise | None = None
+    """the lasting part of each anchor's error; null for none."""
     field: FieldNoise | None = None
+    """the part that belongs to places; null for none."""
     outliers: Outliers = Outliers()
+    """rows that err by more."""
     constants_sd: NonNegativeFloat = 0.0
+    """root mean square of the anchors' constants [m]."""
     constants: Annotated[tuple[Length, ...], Field(max_length=1000)] | None = None
+    """each anchor's constant [m], if they are known; null has them drawn by constants_sd."""
     differences: bool = False
+    """whether the rows that it was fitted to are differences: white and outliers are those of two anchors then."""
     near_floor: NonNegativeFloat = 0.0
+    """height at which the floor doubles errors: they grow by (this / height)^4 [m]."""
     rate: NonNegativeFloat = 0.0
+    """rows in a second, of all anchors; a figure [1/s]."""
     missing: Share = 0.0
+    """share of the rows that do not come [1]."""
 
     @property
     def white_rms(self) -> float:

@@ -25,32 +25,29 @@ Seed = Annotated[int, Field(ge=0, lt=2**63)]
 
 
 class Scenario(Belief):
-    """One flight: what the onboard half believes, what the world is, and how the two differ.
-
-    Attributes:
-        seed: the seed of all noise; the same seed gives the same flight bit for bit.
-        settle: time flown after the path's end [s].
-        seconds: the flight ends after so much of it [s], its planned path unchanged; null flies to the end.
-        world: the simulated physics apart from the sensors.
-        truth: differences of the world from the onboard belief; by default none.
-        faults: faults in the middle of the flight; by default none.
-        command_link: delivery of the control packets; perfect by default.
-        report_link: delivery of the reports of which commands acted; only where `commands` wants them.
-        failsafe: the controller while no command comes; only in real time (`ortilo hil world`).
-    """
+    """One flight: what the onboard half believes, what the world is, and how the two differ."""
 
     imu: Imu = Imu()
     uwb: Uwb = Uwb()
     camera: Camera = Camera()
     seed: Seed = 0
+    """the seed of all noise; the same seed gives the same flight bit for bit."""
     settle: Annotated[float, Field(ge=0.0, le=3600.0)] = 2.0
+    """time flown after the path's end [s]."""
     seconds: Annotated[float, Field(ge=0.1, le=36000.0)] | None = None
+    """the flight ends after so much of it [s], its planned path unchanged; null flies to the end."""
     world: World = World()
+    """the simulated physics apart from the sensors."""
     truth: Truth = Truth()
+    """differences of the world from the onboard belief; by default none."""
     faults: Faults = ()
+    """faults in the middle of the flight; by default none."""
     command_link: CommandLink = CommandLink()
+    """delivery of the control packets; perfect by default."""
     report_link: Link = Link()
+    """delivery of the reports of which commands acted; only where `commands` wants them."""
     failsafe: Failsafe = Failsafe()
+    """the controller while no command comes; only in real time (`ortilo hil world`)."""
 
     @property
     def belief(self) -> Belief:

@@ -1,9 +1,13 @@
-"""The settings of a scenario as a JSON schema and as a table, with the meanings that the docstrings give them."""
+"""The settings of a scenario as a JSON schema and as a table, with the meanings that stand below each."""
 
+import ast
 import inspect
 import json
 import re
+import textwrap
 from collections.abc import Iterator
+from functools import cache
+from itertools import pairwise
 from typing import Any, Final, Literal, NamedTuple, get_args, get_origin
 
 from pydantic import BaseModel
@@ -36,19 +40,35 @@ class Key(NamedTuple):
 
 
 def meanings(model: type[BaseModel]) -> dict[str, str]:
-    """Return the description of each field, a line each: from the Attributes of its model, or of the one it inherits.
+    """Return the description of each field, a line each: that of its model, or of the one it inherits.
 
-    A `kind` of one value needs none.
+    It stands below the field, or under Attributes in the model's docstring. A `kind` of one value needs none.
     """
     found: dict[str, str] = {}
     for its in model.__mro__[model.__mro__.index(BaseModel) - 1 :: -1]:
         _, _, section = inspect.cleandoc(its.__doc__ or "").partition(_SECTION)
         entries = re.split(r"^    (?=\w+: )", section, flags=re.MULTILINE)[1:]
         found |= {name: " ".join(text.split()) for name, _, text in (entry.partition(": ") for entry in entries)}
+        found |= _below_fields(its)
     kind = model.model_fields.get("kind")
     if kind and "kind" not in found and get_origin(kind.annotation) is Literal and len(get_args(kind.annotation)) == 1:
         found["kind"] = f"{get_args(kind.annotation)[0]!r}."
     return {name: found.pop(name) for name in model.model_fields if name in found} | found
+
+
+@cache
+def _below_fields(model: type[BaseModel]) -> dict[str, str]:
+    """Return the text below each field of a class, none where its source is not at hand."""
+    try:
+        (written,) = ast.parse(textwrap.dedent(inspect.getsource(model))).body
+    except (OSError, TypeError):
+        return {}
+    return {
+        field.target.id: " ".join(text.value.value.split())
+        for field, text in pairwise(getattr(written, "body", ()))
+        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
+        if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) and isinstance(text.value.value, str)
+    }
 
 
 def models_in(annotation: Any) -> Iterator[type[BaseModel]]:

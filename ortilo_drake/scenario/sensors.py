@@ -13,24 +13,18 @@ from ortilo_drake.scenario.range_errors import UwbNoise
 
 
 class SensorSetup(Frozen):
-    """A sensor, as the onboard half knows it.
-
-    Attributes:
-        link: rate of its messages.
-    """
+    """A sensor, as the onboard half knows it."""
 
     link: LinkRate = LinkRate()
+    """rate of its messages."""
 
 
 class ImuSetup(SensorSetup):
-    """The imu, as the onboard half knows it.
-
-    Attributes:
-        standstill: how long the vehicle rests on the floor before take-off [s], which calibrates gyroscope and
-            accelerometer; 0 for not at all. A filter's first covariance of their biases follows from it.
-    """
+    """The imu, as the onboard half knows it."""
 
     standstill: Annotated[float, Field(ge=0.0, le=3600.0)] = 0.0
+    """how long the vehicle rests on the floor before take-off [s], which calibrates gyroscope and accelerometer; 0 for
+    not at all. A filter's first covariance of their biases follows from it."""
 
 
 class Ahrs(Frozen):
@@ -38,32 +32,27 @@ class Ahrs(Frozen):
 
     Its roll and pitch are drawn to those of the specific force, so they err while the vehicle accelerates; nothing
     holds its yaw, which drifts. Walks of the angles are truth.imu's.
-
-    Attributes:
-        time: in which roll and pitch follow the specific force, the reciprocal of the filter's gain [s].
-        drift_sd: standard deviation of the rate at which the yaw drifts, drawn by seed [rad/s].
     """
 
     time: Positive = 5.0
+    """in which roll and pitch follow the specific force, the reciprocal of the filter's gain [s]."""
     drift_sd: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
+    """standard deviation of the rate at which the yaw drifts, drawn by seed [rad/s]."""
 
 
 class Imu(ImuSetup):
-    """An IMU with its own attitude filter: white noise on each output, of sd density / sqrt(period of its samples).
-
-    Attributes:
-        link: rate and delivery of its messages.
-        angle_density: of roll, pitch and yaw [rad/sqrt(Hz)]; the default is 0.01 rad at 30 Hz.
-        rate_density: of the body rates per axis [rad/s/sqrt(Hz)]; the default is 0.01 rad/s at 30 Hz.
-        specific_force_density: of the specific force per axis [m/s^2/sqrt(Hz)]; the default is 0.05 m/s^2 at 30 Hz.
-        ahrs: error of its attitude filter under acceleration; null for none.
-    """
+    """An IMU with its own attitude filter: white noise on each output, of sd density / sqrt(period of its samples)."""
 
     link: Link = Link()
+    """rate and delivery of its messages."""
     angle_density: NonNegativeFloat = 0.01 * USUAL_ROOT
+    """of roll, pitch and yaw [rad/sqrt(Hz)]; the default is 0.01 rad at 30 Hz."""
     rate_density: NonNegativeFloat = 0.01 * USUAL_ROOT
+    """of the body rates per axis [rad/s/sqrt(Hz)]; the default is 0.01 rad/s at 30 Hz."""
     specific_force_density: NonNegativeFloat = 0.05 * USUAL_ROOT
+    """of the specific force per axis [m/s^2/sqrt(Hz)]; the default is 0.05 m/s^2 at 30 Hz."""
     ahrs: Ahrs | None = None
+    """error of its attitude filter under acceleration; null for none."""
 
     def sds(self, period: float) -> tuple[float, float, float]:
         """Return the standard deviations of angles, rates and specific force of a sample every so many seconds."""
@@ -79,38 +68,29 @@ class _WhiteNoise(Frozen):
 
 
 class ProportionalNoise(_WhiteNoise):
-    """Range noise that grows with the distance.
-
-    Attributes:
-        fraction: standard deviation over distance [1].
-    """
+    """Range noise that grows with the distance."""
 
     kind: Literal["proportional"] = "proportional"
     fraction: NonNegativeFloat = 0.0075
+    """standard deviation over distance [1]."""
 
 
 class ConstantNoise(_WhiteNoise):
-    """Range noise that is the same at every distance.
-
-    Attributes:
-        sd: standard deviation [m].
-    """
+    """Range noise that is the same at every distance."""
 
     kind: Literal["constant"]
     sd: NonNegativeFloat
+    """standard deviation [m]."""
 
 
 class AffineNoise(_WhiteNoise):
-    """Range noise with a floor: its standard deviation is a constant and a share of the distance.
-
-    Attributes:
-        sd: standard deviation at distance 0 [m].
-        fraction: its growth over distance [1].
-    """
+    """Range noise with a floor: its standard deviation is a constant and a share of the distance."""
 
     kind: Literal["affine"]
     sd: NonNegativeFloat = 0.03
+    """standard deviation at distance 0 [m]."""
     fraction: NonNegativeFloat = 0.002
+    """its growth over distance [1]."""
 
 
 class WallsIgnored(Frozen):
@@ -120,14 +100,11 @@ class WallsIgnored(Frozen):
 
 
 class WallsBias(Frozen):
-    """Each wall in the line of sight lengthens a range; not the wall that holds the anchor.
-
-    Attributes:
-        per_wall: how much longer a wall makes it [m].
-    """
+    """Each wall in the line of sight lengthens a range; not the wall that holds the anchor."""
 
     kind: Literal["bias"]
     per_wall: NonNegativeFloat = 0.3
+    """how much longer a wall makes it [m]."""
 
 
 class WallsBlock(Frozen):
@@ -141,15 +118,13 @@ class WallsExcess(Frozen):
 
     The length of each anchor's ranges changes slowly, so that they come out too long in bursts: for as long as there is
     a wall between.
-
-    Attributes:
-        mean: of the length that a wall adds [m]; its standard deviation is the same, its skewness 2.
-        time: correlation time of it [s].
     """
 
     kind: Literal["excess"]
     mean: NonNegativeFloat = 0.3
+    """of the length that a wall adds [m]; its standard deviation is the same, its skewness 2."""
     time: Positive = 1.0
+    """correlation time of it [s]."""
 
 
 RangeNoise = Annotated[ProportionalNoise | ConstantNoise | AffineNoise, Field(discriminator="kind")]
@@ -157,28 +132,25 @@ WallEffect = Annotated[WallsIgnored | WallsBias | WallsBlock | WallsExcess, Fiel
 
 
 class UwbSetup(SensorSetup):
-    """The uwb sensor, as the onboard half knows it.
-
-    Attributes:
-        kind: 'ranges' has a range to each anchor in a message; 'differences' has packets in turn, each with the
-            difference of the ranges to two anchors, as a vehicle receives them that only listens (TDoA). Only
-            estimator.kind tight reads these.
-        pairs: the two anchors of each difference: 'cycle' takes each anchor and the next one, 'all' every two in turn.
-        packets: differences in a second, evenly spaced [1/s]: a whole number in each message.
-        round: how long a round of ranging takes [s]: the anchors are ranged one after the other in n even slots, the
-            last one at the message's stamp, so that range i of 0 to n - 1 is (1 - (i + 1) / n) of it older. The onboard
-            half knows that and takes each range on to the stamp by the velocity that it believes.
-        behind_walls: treatment of ranges that, by the map and the estimate, pass a wall: they are 'used' as any
-            other, or 'left_out'. null leaves them out where the scenario's walls lengthen ranges: that they do is known
-            to who flies there, by how much is not.
-    """
+    """The uwb sensor, as the onboard half knows it."""
 
     link: LinkRate = LinkRate(rate=10.0)
     kind: Literal["ranges", "differences"] = "ranges"
+    """'ranges' has a range to each anchor in a message; 'differences' has packets in turn, each with the difference of
+    the ranges to two anchors, as a vehicle receives them that only listens (TDoA). Only estimator.kind tight reads
+    these."""
     pairs: Pairs = "cycle"
+    """the two anchors of each difference: 'cycle' takes each anchor and the next one, 'all' every two in turn."""
     packets: Annotated[float, Field(ge=0.1, le=1e4)] = 300.0
+    """differences in a second, evenly spaced [1/s]: a whole number in each message."""
     round: Annotated[float, Field(ge=0.0, le=0.2)] = 0.0
+    """how long a round of ranging takes [s]: the anchors are ranged one after the other in n even slots, the last one
+    at the message's stamp, so that range i of 0 to n - 1 is (1 - (i + 1) / n) of it older. The onboard half knows that
+    and takes each range on to the stamp by the velocity that it believes."""
     behind_walls: Literal["used", "left_out"] | None = None
+    """treatment of ranges that, by the map and the estimate, pass a wall: they are 'used' as any other, or 'left_out'.
+    null leaves them out where the scenario's walls lengthen ranges: that they do is known to who flies there, by how
+    much is not."""
 
     def ages(self, n: int) -> np.ndarray:
         """Return by how much each of n ranges is older than its message's stamp (n) [s]."""
@@ -190,27 +162,24 @@ class UwbSetup(SensorSetup):
 
 
 class Uwb(UwbSetup):
-    """UWB ranging to the room's anchors; by default the authors' simulator: 10 Hz, sd 0.0075 d, no walls.
-
-    Attributes:
-        link: rate and delivery of its messages.
-        noise: noise of each range, where errors are white.
-        errors: 'white' draws `noise` anew for each range; 'fitted' draws the errors fitted to recordings: each anchor's
-            constant, lasting errors, white noise, outliers and their bursts, missing ranges.
-        file: NOISE.yaml of `ortilo fit`, or one that comes with the package, iasl_2023 or util_2021; its errors of the
-            ranges become `fitted`. A path is relative as a room's is.
-        fitted: the values of errors 'fitted'.
-        walls: what walls in the line of sight do to a range.
-        max_distance: farther anchors give no range [m].
-    """
+    """UWB ranging to the room's anchors; by default the authors' simulator: 10 Hz, sd 0.0075 d, no walls."""
 
     link: Link = Link(rate=10.0)
+    """rate and delivery of its messages."""
     noise: RangeNoise = ProportionalNoise()
+    """noise of each range, where errors are white."""
     errors: Literal["white", "fitted"] = "white"
+    """'white' draws `noise` anew for each range; 'fitted' draws the errors fitted to recordings: each anchor's
+    constant, lasting errors, white noise, outliers and their bursts, missing ranges."""
     file: FileName | None = None
+    """NOISE.yaml of `ortilo fit`, or one that comes with the package, iasl_2023 or util_2021; its errors of the ranges
+    become `fitted`. A path is relative as a room's is."""
     fitted: UwbNoise | None = None
+    """the values of errors 'fitted'."""
     walls: WallEffect = WallsIgnored()
+    """what walls in the line of sight do to a range."""
     max_distance: Positive = 100.0
+    """farther anchors give no range [m]."""
 
     @property
     def sds(self) -> tuple[float, float]:

@@ -23,15 +23,12 @@ class FirstOrderRotors(Frozen):
 
 
 class Disturbance(Frozen):
-    """Force in W and torque in B, Gaussian and white: drawn anew every tick h, held over it, of sd density / sqrt(h).
-
-    Attributes:
-        force_density: of the force per axis [N/sqrt(Hz)]; the default is 0.27 N in a tick of 1/30 s.
-        torque_density: of the torque per axis [N m/sqrt(Hz)]; the default is 0.005 N m in a tick of 1/30 s.
-    """
+    """Force in W and torque in B, Gaussian and white: drawn every tick h, held over it, of sd density / sqrt(h)."""
 
     force_density: NonNegativeFloat = 0.27 * USUAL_ROOT
+    """of the force per axis [N/sqrt(Hz)]; the default is 0.27 N in a tick of 1/30 s."""
     torque_density: NonNegativeFloat = 0.005 * USUAL_ROOT
+    """of the torque per axis [N m/sqrt(Hz)]; the default is 0.005 N m in a tick of 1/30 s."""
 
     def sds(self, h: float) -> tuple[float, float]:
         """Return the standard deviations of force [N] and torque [N m] in a tick [s]."""
@@ -39,24 +36,21 @@ class Disturbance(Frozen):
 
 
 class World(Frozen):
-    """The simulated physics apart from the sensors.
-
-    Attributes:
-        kinematics: 'small_angle' is the paper's nonlinear model, 'rigid_body' has proper Euler-rate kinematics,
-            'linear' is the paper's linearisation at hover.
-        plant: 'sampled' steps the vehicle once a tick by the classical Runge-Kutta method, which for held inputs leaves
-            the simulator nothing to integrate; 'continuous' has Drake integrate it. Rotors with a lag need the latter.
-            Where a sensor is faster than the tick the plant is always integrated, from sample to sample.
-        rotors: between the control and the body.
-        disturbance: random forces and torques on the vehicle.
-        drag: of the rotors in still air, force over velocity along x, y and z of B [N s/m].
-    """
+    """The simulated physics apart from the sensors."""
 
     kinematics: Literal["linear", "small_angle", "rigid_body"] = "small_angle"
+    """'small_angle' is the paper's nonlinear model, 'rigid_body' has proper Euler-rate kinematics, 'linear' is the
+    paper's linearisation at hover."""
     plant: Literal["sampled", "continuous"] = "sampled"
+    """'sampled' steps the vehicle once a tick by the classical Runge-Kutta method, which for held inputs leaves the
+    simulator nothing to integrate; 'continuous' has Drake integrate it. Rotors with a lag need the latter. Where a
+    sensor is faster than the tick the plant is always integrated, from sample to sample."""
     rotors: Annotated[IdealRotors | FirstOrderRotors, Field(discriminator="kind")] = IdealRotors()
+    """between the control and the body."""
     disturbance: Disturbance = Disturbance()
+    """random forces and torques on the vehicle."""
     drag: tuple[DragCoefficient, DragCoefficient, DragCoefficient] = (0.0, 0.0, 0.0)
+    """of the rotors in still air, force over velocity along x, y and z of B [N s/m]."""
 
     @model_validator(mode="after")
     def _lag_is_integrated(self) -> "World":
