@@ -14,7 +14,7 @@ def as_restructured_text(app: Any, what: str, name: str, obj: Any, options: Any,
 
     Args: are Sphinx's, for its event autodoc-process-docstring.
     """
-    del app, what, name, obj, options
+    del app, name, obj, options
     changed: list[str] = []
     in_section = False
     for block in _blocks(lines):
@@ -26,6 +26,8 @@ def as_restructured_text(app: Any, what: str, name: str, obj: Any, options: Any,
         else:
             changed += [_escaped(line) for line in block]
         changed.append("")
+    if what == "attribute" and changed:
+        changed[0] = f": {changed[0]}"  # Napoleon takes the words before the first colon for the type
     lines[:] = changed
 
 
