@@ -11,20 +11,18 @@ class Footprint:
     """An obstacle seen from above, as a rounded rectangle: all within ``radius`` of an axis-aligned core.
 
     A wall's core is the wall, a stand's is a point.
-
-    Attributes:
-        name: what to call it.
-        low: lower corner of the core [m].
-        high: upper corner of the core [m].
-        radius: how far the obstacle reaches beyond its core [m].
-        top: height of its top [m].
     """
 
     name: str
+    """what to call it."""
     low: tuple[float, float]
+    """lower corner of the core [m]."""
     high: tuple[float, float]
+    """upper corner of the core [m]."""
     radius: float
+    """how far the obstacle reaches beyond its core [m]."""
     top: float
+    """height of its top [m]."""
 
 
 def footprints(room: Room) -> list[Footprint]:

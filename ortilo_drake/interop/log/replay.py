@@ -21,23 +21,20 @@ from ortilo_drake.model.typed_yaml import InputError
 
 @dataclass(frozen=True)
 class ReplayReport:
-    """A replay beside its log.
-
-    Attributes:
-        ticks: how many.
-        identical: whether every output of every tick is the logged one bit for bit.
-        first_difference: the first tick that differs, None if none does.
-        largest_difference: of the estimate.
-        references_from_log: in how many ticks the reference was taken from the log.
-        state_from_log: whether the state at the first tick was.
-    """
+    """A replay beside its log."""
 
     ticks: int
+    """how many."""
     identical: bool
+    """whether every output of every tick is the logged one bit for bit."""
     first_difference: int | None
+    """the first tick that differs, None if none does."""
     largest_difference: float
+    """of the estimate."""
     references_from_log: int
+    """in how many ticks the reference was taken from the log."""
     state_from_log: bool
+    """whether the state at the first tick was."""
 
 
 def path_through(t: float, reference: np.ndarray) -> PiecewisePolynomial:

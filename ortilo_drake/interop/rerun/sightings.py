@@ -30,17 +30,14 @@ CameraView = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 @dataclass
 class Sightings:
-    """All that was seen in a flight, each behind the time [s] at which it was true, in the order in which it came.
-
-    Attributes:
-        pictures: as JPEG.
-        boxes: those found in a picture, rows (label, score, u_min, v_min, u_max, v_max) (k, 6).
-        ranges: those that came [m], by the path at which they stand in a recording; differences likewise.
-    """
+    """All that was seen in a flight, each behind the time [s] at which it was true, in the order in which it came."""
 
     pictures: list[tuple[float, bytes]] = field(default_factory=list)
+    """as JPEG."""
     boxes: list[tuple[float, np.ndarray]] = field(default_factory=list)
+    """those found in a picture, rows (label, score, u_min, v_min, u_max, v_max) (k, 6)."""
     ranges: defaultdict[str, list[tuple[float, float]]] = field(default_factory=lambda: defaultdict(list))
+    """those that came [m], by the path at which they stand in a recording; differences likewise."""
 
 
 def encode_jpeg(picture: np.ndarray) -> bytes:

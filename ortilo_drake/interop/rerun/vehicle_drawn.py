@@ -131,12 +131,6 @@ def send_series(recording: rr.RecordingStream, path: str, series: Series) -> Non
     recording.send_columns(path, indexes=[time_column(series.times[there])], columns=columns)
 
 
-def class_colors(room: Room) -> list[tuple[int, int, int]]:
-    """Return the colour of each landmark class, red, green, blue."""
-    rgba = [class_color(room, label) for label in room.classes]
-    return [(round(255 * c.r()), round(255 * c.g()), round(255 * c.b())) for c in rgba]
-
-
 def turned(yaws: np.ndarray) -> np.ndarray:
     """Return turns about W's z [rad] (n) as quaternions (x, y, z, w) (n, 4)."""
     zero = np.zeros_like(yaws)
@@ -146,7 +140,9 @@ def turned(yaws: np.ndarray) -> np.ndarray:
 def send_room(recording: rr.RecordingStream, room: Room) -> None:
     """Write the surveyed room below world/room."""
     recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    classes = [(i, name, color) for i, (name, color) in enumerate(zip(room.classes, class_colors(room), strict=True))]
+    rgba = [(c.r(), c.g(), c.b()) for c in (class_color(room, name) for name in room.classes)]
+    colors = [tuple(round(255 * part) for part in color) for color in rgba]
+    classes = [(i, name, color) for i, (name, color) in enumerate(zip(room.classes, colors, strict=True))]
     recording.log("world", rr.AnnotationContext(classes), static=True)
     low, high = np.array(room.interior.min), np.array(room.interior.max)
     recording.log("world/room", rr.Boxes3D(mins=[low], sizes=[high - low], colors=[ROOM_GREY]), static=True)

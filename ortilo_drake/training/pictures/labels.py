@@ -14,17 +14,14 @@ LEAST_CLEAR = (0.6, 8.0)  # of objects in clearer view, judged separately
 
 @dataclass(frozen=True)
 class Frames:
-    """Pictures and labels.
-
-    Attributes:
-        images: RGB (n, height, width, 3), uint8.
-        labels: one row for each landmark in the picture (n, MAX_OBJECTS, 8): class, u_min, v_min, u_max, v_max [px] of
-            the whole landmark cut at the image's border, share of it that nothing hides, landmark's number,
-            distance [m]; unused rows have class -1.
-    """
+    """Pictures and labels."""
 
     images: np.ndarray
+    """RGB (n, height, width, 3), uint8."""
     labels: np.ndarray
+    """one row for each landmark in the picture (n, MAX_OBJECTS, 8): class, u_min, v_min, u_max, v_max [px] of the whole
+    landmark cut at the image's border, share of it that nothing hides, landmark's number, distance [m]; unused rows
+    have class -1."""
 
 
 def is_to_be_found(labels: np.ndarray, least: tuple[float, float] = LEAST) -> np.ndarray:

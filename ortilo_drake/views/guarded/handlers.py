@@ -35,29 +35,26 @@ HEADERS: Final = {
 
 @dataclass
 class Rules:
-    """The guard's rules, and the pages that are open.
-
-    Attributes:
-        drawn_at: host:port where Drake's Meshcat listens.
-        hosts: host:port of every address by which a user may call the page.
-        token: first part of the path.
-        panel: what the page's messages are about.
-        readings: returns the JSON that the page shows as text, lamps and plots beside the view; None: the view alone.
-        refused: called with a line for what was not let through.
-        most_pages: open at a time.
-        most_waiting: of a page that does not read [bytes].
-        pages: those that are open.
-    """
+    """The guard's rules, and the pages that are open."""
 
     drawn_at: str
+    """host:port where Drake's Meshcat listens."""
     hosts: tuple[str, ...]
+    """host:port of every address by which a user may call the page."""
     token: str
+    """first part of the path."""
     panel: Panel
+    """what the page's messages are about."""
     readings: Callable[[], bytes] | None
+    """returns the JSON that the page shows as text, lamps and plots beside the view; None: the view alone."""
     refused: Callable[[str], None]
+    """called with a line for what was not let through."""
     most_pages: int
+    """open at a time."""
     most_waiting: int
+    """of a page that does not read [bytes]."""
     pages: set["PageSocket"] = field(default_factory=set)
+    """those that are open."""
 
     def refusal(self, request: HTTPServerRequest) -> str | None:
         """Return the reason why a request is refused; None if it is not.

@@ -5,7 +5,6 @@ Drake, whose own decoder ends the process at the first one that is malformed.
 """
 
 import math
-from dataclasses import dataclass
 from typing import Any, Final
 
 import msgpack
@@ -18,14 +17,6 @@ class BadMessage(ValueError):
     """A message that none of our pages sends: one line that says why."""
 
 
-@dataclass(frozen=True)
-class Slider:
-    """A slider's range."""
-
-    least: float
-    most: float
-
-
 class Panel:
     """The values that the user of a page has set, and the buttons clicked.
 
@@ -34,13 +25,13 @@ class Panel:
     """
 
     def __init__(self) -> None:
-        self._sliders: dict[str, Slider] = {}
+        self._ranges: dict[str, tuple[float, float]] = {}  # of the sliders
         self._values: dict[str, float] = {}
         self._clicks: dict[str, int] = {}
 
     def add_slider(self, name: str, least: float, most: float, first: float) -> None:
         """Add a slider with its range and first value."""
-        self._sliders[name], self._values[name] = Slider(least, most), first
+        self._ranges[name], self._values[name] = (least, most), first
 
     def add_button(self, name: str) -> None:
         """Add a button."""
@@ -72,11 +63,11 @@ class Panel:
         if kind == "button" and isinstance(name, str) and name in self._clicks:
             self._clicks[name] += 1
             return None
-        if kind == "slider" and isinstance(name, str) and name in self._sliders:
-            slider, value = self._sliders[name], said.get("value")
+        if kind == "slider" and isinstance(name, str) and name in self._ranges:
+            (least, most), value = self._ranges[name], said.get("value")
             if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
                 raise BadMessage(f"slider {name!r}: {value!r}: must be a finite number")
-            self._values[name] = min(max(float(value), slider.least), slider.most)
+            self._values[name] = min(max(float(value), least), most)
             return name
         raise BadMessage(f"{str(kind)[:40]!r} of {str(name)[:40]!r}: no slider or button of this page")
 

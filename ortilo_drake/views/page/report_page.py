@@ -25,7 +25,6 @@ from ortilo_drake.views.page.written_kinds import (
 LARGEST_JSON = 16 * MIB  # of short lists and objects a parser makes thirty times as much
 LARGEST_FIGURE = 16 * MIB
 LARGEST_FOLDER = 64 * MIB  # of its figures and the HTML of its reports
-DEEPEST = 32
 _PNG = b"\x89PNG\r\n\x1a\n"
 # HTML in a report is shown as text, and nothing leads out of the page.
 _MARKDOWN: Final = MarkdownIt("commonmark", {"html": False}).enable("table")
@@ -50,14 +49,14 @@ def _of_json(path: Path) -> str:
     content = read_bytes(path, LARGEST_JSON)
     try:
         data = json.loads(content)
-    except (ValueError, RecursionError):
+        body = data_html(data if isinstance(data, dict) else {"rows": data})
+    except (ValueError, RecursionError):  # of lists in lists in lists
         raise InputError(f"{path}: is no JSON: {ALLOWED}") from None
     kind = kind_of(data)
-    if kind is None or _depth(data) > DEEPEST:
+    if kind is None:
         raise InputError(f"{path}: not written by a command that reports: {ALLOWED}")
     subject = subject_of(kind, data)
     title = f"{kind.name} {subject}".strip()
-    body = data_html(data if isinstance(data, dict) else {"rows": data})
     return _page(title, f"<h1>{escape(title)}</h1>\n{body}", path, [command_of(kind, subject)])
 
 
@@ -118,14 +117,6 @@ def _page(title: str, body: str, path: Path, commands: list[str]) -> str:
 def _unicode(name: str) -> str:
     """Return a file's name with a mark in place of each byte that is no UTF-8."""
     return os.fsencode(name).decode(errors="replace")
-
-
-def _depth(data: Any, depth: int = 0) -> int:
-    """Return the nesting depth of objects and lists, at most DEEPEST + 1."""
-    parts = data.values() if isinstance(data, dict) else data if isinstance(data, list) else ()
-    if depth > DEEPEST:
-        return depth
-    return max((_depth(part, depth + 1) for part in parts if isinstance(part, dict | list)), default=depth)
 
 
 MOST_SHOWN = 8  # numbers of a long list
