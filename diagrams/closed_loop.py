@@ -58,33 +58,32 @@ class ClosedLoop(Diagram):
         self._world = world = builder.AddSystem(World(scenario, fused=fused, r_0=onboard.r_0))
         builder.AddSystem(onboard)
         self._yaw = scenario.yaw
-        for k in range(onboard.num_input_ports()):
-            port = onboard.get_input_port(k)
-            if not world.HasOutputPort(port.get_name()):
-                sent = [world.get_output_port(i).get_name() for i in range(world.num_output_ports())]
-                raise InputError(f"onboard: wants '{port.get_name()}', the world sends only {', '.join(sent)}")
-            sent_port = world.GetOutputPort(port.get_name())
-            if sent_port.get_data_type() == PortDataType.kVectorValued and sent_port.size() != port.size():
+        sent = {port.get_name(): port for port in map(world.get_output_port, range(world.num_output_ports()))}
+        for port in map(onboard.get_input_port, range(onboard.num_input_ports())):
+            name = port.get_name()
+            if name not in sent:
+                raise InputError(f"onboard: wants '{name}', the world sends only {', '.join(sent)}")
+            if port.get_data_type() == PortDataType.kVectorValued and port.size() != sent[name].size():
                 raise InputError(
-                    f"onboard: takes '{port.get_name()}' of {port.size()} numbers, the world sends {sent_port.size()}"
+                    f"onboard: takes '{name}' of {port.size()} numbers, the world sends {sent[name].size()}"
                 )
-            builder.Connect(sent_port, port)
+            builder.Connect(sent[name], port)
         builder.Connect(onboard.GetOutputPort("control"), world.GetInputPort("control"))
 
         sizes = scenario.measurement.logged_sizes()
         multiplexer = builder.AddNamedSystem("log_inputs", Multiplexer([N_X, sum(sizes.values()) - N_X]))
         builder.Connect(world.GetOutputPort("state"), multiplexer.get_input_port(0))
         builder.Connect(onboard.GetOutputPort("logged"), multiplexer.get_input_port(1))
-        for name in ("state", "control", "estimate", "covariance"):
-            source = world if name == "state" else onboard
-            builder.ExportOutput(source.GetOutputPort(name), name)
+        shown = {"state": world.GetOutputPort("state")}
+        shown |= {name: onboard.GetOutputPort(name) for name in ("control", "estimate", "covariance")}
+        for name, said in shown.items():
+            builder.ExportOutput(said, name)
         self._log = builder.AddNamedSystem("log", VectorLogSink(sum(sizes.values()), scenario.h))
         builder.Connect(multiplexer.get_output_port(), self._log.get_input_port())
         if meshcat is not None:
             display = builder.AddSystem(MeshcatFlight(meshcat, scenario.h, vehicle=scenario.vehicle))
             for name in ("state", "estimate", "covariance"):
-                source = world if name == "state" else onboard
-                builder.Connect(source.GetOutputPort(name), display.GetInputPort(name))
+                builder.Connect(shown[name], display.GetInputPort(name))
         builder.BuildInto(self)
         self.set_name(scenario.name)
 

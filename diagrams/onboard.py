@@ -78,13 +78,4 @@ class Onboard(OfBelief):
         self._assemble("onboard", belief, heard, boxes, fused)
 
 
-def make_onboard(
-    scenario: Belief,
-    trajectory: Trajectory | None = None,
-    detects: bool = True,
-    parts: Parts = NO_PARTS,
-    takes_paths: bool = False,
-    fused: bool = False,
-) -> Onboard:
-    """Return the onboard half of a scenario; arguments and errors as Onboard's."""
-    return Onboard(scenario, trajectory, detects, parts, takes_paths, fused)
+make_onboard = Onboard

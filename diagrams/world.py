@@ -5,7 +5,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPo
 
 from ortilo_drake.diagrams.rendered_camera import add_rendered_camera, move_scene
 from ortilo_drake.diagrams.vehicle import add_vehicle
-from ortilo_drake.diagrams.wiring.truth import body_of, drawn_values, of_body, payloads_of
+from ortilo_drake.diagrams.wiring.truth import body_of, drawn_values, of_body, payloads_of, true_vehicle
 from ortilo_drake.diagrams.wiring.world import check_room, is_system, sensors_boxes, world_boxes
 from ortilo_drake.loop.diagram import add_wiring
 from ortilo_drake.loop.element import Box, Values, outside
@@ -167,18 +167,11 @@ class World(Diagram):
 
     def _set_beside(self, context: Context, drawn: dict[str, np.ndarray]) -> None:
         """Set what is drawn of systems that are no elements: the plant that Drake integrates, the scene it renders."""
-        vehicle = self._scenario.vehicle
         if self._plant is not None:
-            inertia = tuple(float(drawn["vehicle.inertia_factor"] * moment) for moment in vehicle.inertia)
-            mass = float(drawn["vehicle.mass_factor"] * vehicle.mass)
-            flown = vehicle.model_copy(update={"mass": mass, "inertia": inertia})
-            self._plant.SetVehicle(self._plant.GetMyMutableContextFromRoot(context), flown)
+            vehicle = true_vehicle(self._scenario.vehicle, drawn)
+            self._plant.SetVehicle(self._plant.GetMyMutableContextFromRoot(context), vehicle)
         if self._scenario.is_rendered:
             move_scene(self.GetSubsystemByName("rendered_camera"), context, self._room, drawn)
 
 
-def make_world(
-    scenario: Scenario, command_period: float | None = None, fused: bool = False, r_0: np.ndarray | None = None
-) -> World:
-    """Return the world of a scenario; arguments and errors as World's."""
-    return World(scenario, command_period, fused, r_0)
+make_world = World

@@ -83,7 +83,12 @@ def intermittent_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages:
     at = {name: of_stamp.format(name) if setup.replays else setup.vehicle_belief for name in heard}
     solving = {name: solver_boxes(belief, room, name, said, at[name]) for name, said in heard.items()}
     fixes = {name: boxes[-1] for name, boxes in solving.items() if boxes}
-    past = belief_at_stamp_boxes(setup, {name: heard[name] for name in fixes}, belief.h) if setup.replays else {}
+    past = {
+        name: belief_at_stamp_box(f"{name}_belief_at_stamp", setup.seen, setup.n, belief.h).with_inputs(
+            message=heard[name].name, memory="filter"
+        )
+        for name in (fixes if setup.replays else ())
+    }
     split = [box for boxes in solving.values() for box in boxes[:-1]]
     ranging = measuring("anchors")
     sighted = sighted_box(belief.uwb, room) if ranging in fixes else None
@@ -107,9 +112,10 @@ def intermittent_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages:
         chain.append(rows.with_inputs(**measurement_of(chain[-1])))
     kalman = kalman_box(belief, setup, xbar_0).with_inputs(**measurement_of(chain[-1]), control="servo")
     banks = list[Box]()
-    if learns_of_ranges(belief):
-        fix = fixes[ranging]
-        banks.append(bank_of(belief, room).with_inputs(message=fix.reads["message"], fix=fix.name))
+    if learns_survey(belief) or (belief.measures_ranges and belief.multilateration.noise_scale is not None):
+        fix, period = fixes[ranging], belief.every(ranging) * belief.h
+        bank = bank_box(belief.multilateration, room.anchor_positions, period)
+        banks.append(bank.with_inputs(message=fix.reads["message"], fix=fix.name))
     if setup.extras and (learns_survey(belief) or learns_landmarks(belief)):
         banks.append(constant("nothing_lasting", np.zeros(N_LASTING)))
         kalman = told_box(kalman, learned_coefficients(belief, setup)).with_inputs(
@@ -151,11 +157,6 @@ def learns_survey(belief: Belief) -> bool:
     return belief.measures_ranges and belief.multilateration.bias_bank is not None
 
 
-def learns_of_ranges(belief: Belief) -> bool:
-    """Return whether fixes are made of ranges that tell how good the survey is, or how large their noise."""
-    return learns_survey(belief) or (belief.measures_ranges and belief.multilateration.noise_scale is not None)
-
-
 def learned_coefficients(belief: Belief, setup: Filtering) -> LearnedCoefficients:
     """Return the coefficients of a filter's measurement that come from fixes that learn."""
     biases = belief.estimator.biases
@@ -169,24 +170,9 @@ def learns_landmarks(belief: Belief) -> bool:
     return SIGHTING in belief.sensors and belief.landmark_fix.survey_bank is not None
 
 
-def bank_of(belief: Belief, room: Room) -> Box:
-    """Return the box that learns how good the survey of a room's anchors is, and how large the noise of ranges."""
-    return bank_box(belief.multilateration, room.anchor_positions, belief.every(measuring("anchors")) * belief.h)
-
-
 def measurement_of(box: Box) -> dict[str, str]:
     """Return the parts of a box that hold y, delta and V2, by input."""
     return {name: f"{box.name}.{name}" for name in ("y", "delta", "V2")}
-
-
-def belief_at_stamp_boxes(setup: Filtering, messages: dict[str, Box], h: float) -> dict[str, Box]:
-    """Return the box of the belief at the tick of each sensor's message."""
-    return {
-        name: belief_at_stamp_box(f"{name}_belief_at_stamp", setup.seen, setup.n, h).with_inputs(
-            message=said.name, memory="filter"
-        )
-        for name, said in messages.items()
-    }
 
 
 def handler_of(belief: Belief, sizes: dict[str, int]) -> Box:

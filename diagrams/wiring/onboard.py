@@ -84,17 +84,19 @@ def onboard_boxes(
         estimator = system_estimator_boxes(belief, make(belief, xbar_0), signals)
     else:
         estimator = ESTIMATORS.get(belief.estimator.kind, own_estimator_boxes)(belief, room, xbar_0, messages)
-    force = force_in(estimator)
-    boxes = list(estimator)
-    if force is None:
-        boxes.append(constant(force := "no_force", np.zeros(3)))
+    force = next((f"{box.name}.force" for box in estimator if "force" in box.parts), "no_force")
+    boxes = [*estimator, *([constant(force, np.zeros(3))] if force == "no_force" else [])]
     signals |= {"estimate": ("belief_parts.estimate", N_XBAR), "covariance": ("belief_parts.covariance", N_XBAR**2)}
     signals |= {"force": (force, 3)}
     if isinstance(plan, Box):
         says = {"force": force, "reference": "reference", "control": "servo"}
         boxes += wired("planner", "reference", belief, plan, says, messages, belief_in(estimator))
+    elif not isinstance(plan, Trajectory):
+        boxes.append(system_box("reference", plan, ("reference",), signals))
+    elif takes_paths:
+        boxes.append(system_box("reference", PathPlayer(), ("y0",), {}))
     else:
-        boxes.append(planner_box(plan, ticks, belief.h, takes_paths, signals))
+        boxes.append(reference_box(reference_table(plan, ticks, belief.h)))
     make_servo = parts.servo or system_of(belief, "servo")
     own_servo = None if make_servo is None else make_servo(belief)
     boxes += servo_boxes(belief, belief_in(estimator), force, messages, own_servo, signals)
@@ -203,22 +205,6 @@ def measurement_in(boxes: list[Box]) -> dict[str, str]:
     told = "robust_gate" if "robust_gate" in named else "handler"
     own = named["estimator"].parts if "estimator" in named else {}
     return {name: f"estimator.{name}" if name in own else f"{told}.{name}" for name in ("y", "delta", "V2")}
-
-
-def force_in(boxes: list[Box]) -> str | None:
-    """Return the name of the force that is believed to act; None where no estimator knows it."""
-    return next((f"{box.name}.force" for box in boxes if "force" in box.parts), None)
-
-
-def planner_box(
-    plan: Trajectory | System, ticks: int, h: float, takes_paths: bool, signals: dict[str, tuple[str, int]]
-) -> Box:
-    """Return the box of the reference; arguments as of onboard_boxes and system_box."""
-    if not isinstance(plan, Trajectory):
-        return system_box("reference", plan, ("reference",), signals)
-    if takes_paths:
-        return system_box("reference", PathPlayer(), ("y0",), {})
-    return reference_box(reference_table(plan, ticks, h))
 
 
 def reference_table(path: Trajectory, ticks: int, h: float) -> np.ndarray:

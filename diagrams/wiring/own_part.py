@@ -28,18 +28,18 @@ import numpy as np
 from pydrake.systems.framework import System
 
 from ortilo_drake.diagrams.wiring.systems import require_ports, system_box
-from ortilo_drake.loop.element import Box, constant
-from ortilo_drake.loop.own import output_at_first, slice_box
+from ortilo_drake.loop.element import Box, constant, parts_of
+from ortilo_drake.loop.own import output_at_first
 from ortilo_drake.model.parts import find_part
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_U, N_X, N_XBAR, PAYLOAD, REFERENCE_SIZE, SENSORS
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.belief import together_box, widened_box
+from ortilo_drake.onboard.estimator.filter_element import parts_box
 from ortilo_drake.scenario import Belief
 
 BELIEF = N_XBAR + N_XBAR * N_XBAR
 OF_VEHICLE = N_X + N_X * N_X
-CUTS = {"estimate": (0, N_XBAR), "covariance": (N_XBAR, N_XBAR * N_XBAR)}
 SAYS = {"estimator": (BELIEF, OF_VEHICLE), "servo": (N_U,), "planner": (REFERENCE_SIZE,)}
 LATER = {"estimator": ("reference", "control"), "servo": ("control",)}  # of a planner: onboard/planner/planned.py
 
@@ -60,10 +60,8 @@ def own_estimator_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages
 
 def silent_handler(belief: Belief) -> Box:
     """Return a handler of which nothing arrives."""
-    parts, at = {}, 0
-    for name, size in belief.measurement.sizes.items():
-        parts[name], at = (at, size), at + size
-    return replace(constant("handler", np.zeros(at)), parts=parts)
+    sizes = belief.measurement.sizes
+    return replace(constant("handler", np.zeros(sum(sizes.values()))), parts=parts_of(sizes))
 
 
 def system_estimator_boxes(belief: Belief, system: System, signals: dict[str, tuple[str, int]]) -> list[Box]:
@@ -136,25 +134,27 @@ def wired(
     """
     element, kind = made.element, getattr(scenario, role).kind
     if made.size not in SAYS[role]:
-        sizes = " or ".join(map(str, SAYS[role]))
-        raise InputError(f"{role}.kind: {kind}: says {made.size} numbers, must say {sizes}")
+        allowed = " or ".join(map(str, SAYS[role]))
+        raise InputError(f"{role}.kind: {kind}: says {made.size} numbers, must say {allowed}")
     added = {sensor: constant(f"{name}_no_{sensor}", np.zeros(PAYLOAD)) for sensor in SENSORS if sensor not in messages}
+    known = {sensor: box.name for sensor, box in messages.items()} | says
+    known |= {sensor: box.name for sensor, box in added.items()}
     if belief:
-        added |= {part: slice_box(f"{name}_{part}", *its).with_inputs(whole=belief) for part, its in CUTS.items()}
-    known = (
-        {sensor: box.name for sensor, box in messages.items()} | says | {part: box.name for part, box in added.items()}
-    )
-    known |= {"belief": belief} if belief else {}
+        known |= {part: f"{name}_belief.{part}" for part in ("estimate", "covariance")} | {"belief": belief}
     for what, function in element.functions.items():
-        allowed = [port for port in known if what == "step" or port not in LATER.get(role, ())]
+        there = [port for port in known if what == "step" or port not in LATER.get(role, ())]
         for port in element.inputs_of(function):
-            if port not in allowed:
-                raise InputError(f"{role}.kind: {kind}: {what} reads {port!r}, must be one of {', '.join(allowed)}")
-    ports = {"force": 3, "reference": REFERENCE_SIZE, "control": N_U, "belief": N_XBAR + N_XBAR**2}
-    ports |= {port: box.size for port, box in (messages | added).items()}
-    _try_out(made, ports, f"{role}.kind: {kind}")
-    reads = {port: known[port] for port in element.inputs}
-    return [replace(made, name=name, reads=reads), *(box for port, box in added.items() if port in element.inputs)]
+            if port not in there:
+                raise InputError(f"{role}.kind: {kind}: {what} reads {port!r}, must be one of {', '.join(there)}")
+    sizes = {"force": 3, "reference": REFERENCE_SIZE, "control": N_U, "belief": BELIEF}
+    sizes |= {"estimate": N_XBAR, "covariance": N_XBAR * N_XBAR}
+    sizes |= {sensor: box.size for sensor, box in (messages | added).items()}
+    _try_out(made, sizes, f"{role}.kind: {kind}")
+    boxes = [replace(made, name=name, reads={port: known[port] for port in element.inputs})]
+    boxes += [box for port, box in added.items() if port in element.inputs]
+    if belief and {"estimate", "covariance"} & {*element.inputs}:
+        boxes.append(parts_box(f"{name}_belief").with_inputs(belief=belief))
+    return boxes
 
 
 def _try_out(box: Box, sizes: Mapping[str, int], whose: str) -> None:

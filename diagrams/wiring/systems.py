@@ -2,7 +2,7 @@
 
 from pydrake.systems.framework import PortDataType, System, SystemBase
 
-from ortilo_drake.loop.element import Box, Element
+from ortilo_drake.loop.element import Box, Element, parts_of
 from ortilo_drake.model.typed_yaml import InputError
 
 
@@ -31,11 +31,9 @@ def system_box(name: str, system: System, says: tuple[str, ...], signals: dict[s
                     f"{role}: {system.get_name()}: takes '{port.get_name()}' of {port.size()} numbers, must be {size}"
                 )
             reads[port.get_name()] = said
-    parts, at = {}, 0
-    for port_name in says:
-        size = system.GetOutputPort(port_name).size()
-        parts[port_name], at = (at, size), at + size
-    return Box(name, Element("system", reads=tuple(reads)), at, reads=reads, parts=parts, system=system)
+    sizes = {port_name: system.GetOutputPort(port_name).size() for port_name in says}
+    element = Element("system", reads=tuple(reads))
+    return Box(name, element, sum(sizes.values()), reads=reads, parts=parts_of(sizes), system=system)
 
 
 def require_ports(system: System, inputs: tuple[str, ...], outputs: tuple[str, ...], role: str) -> None:

@@ -6,6 +6,7 @@ from ortilo_drake.loop.element import Values
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import PAYLOAD
+from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.scenario import Scenario, Truth
 from ortilo_drake.scenario.truth import ForceTruth, VehicleTruth
 from ortilo_drake.sensors.described import described
@@ -56,13 +57,12 @@ def normals_at_start(wiring: Wiring, scenario: Scenario, room: Room) -> dict[str
 
 def payloads_of(wiring: Wiring, scenario: Scenario, room: Room) -> dict[str, int]:
     """Return the size of each payload, of the sensors that fly, as draw_truth takes them."""
-
-    def size(name: str) -> int:
+    sizes = dict[str, int]()
+    for name in (name for name in scenario.measurement.sensors if name in scenario.sensors):
         sensor = described(name)
-        return wiring.boxes[name].size if sensor.payload is None else message_size(sensor, scenario, room)
-
-    flying = [name for name in scenario.measurement.sensors if name in scenario.sensors]
-    return {name: size(name) - PAYLOAD for name in flying}
+        size = wiring.boxes[name].size if sensor.payload is None else message_size(sensor, scenario, room)
+        sizes[name] = size - PAYLOAD
+    return sizes
 
 
 def body_of(wiring: Wiring) -> tuple[str, str]:
@@ -89,12 +89,16 @@ def of_vehicle(wiring: Wiring, scenario: Scenario, drawn: Drawn) -> dict[str, Va
     return found
 
 
+def true_vehicle(vehicle: Vehicle, drawn: Drawn) -> Vehicle:
+    """Return a vehicle with its true mass and inertia."""
+    inertia = tuple(float(drawn["vehicle.inertia_factor"] * moment) for moment in vehicle.inertia)
+    return vehicle.model_copy(update={"mass": float(drawn["vehicle.mass_factor"] * vehicle.mass), "inertia": inertia})
+
+
 def of_body(wiring: Wiring, scenario: Scenario, drawn: Drawn) -> dict[str, Values]:
     """Return the true mass and inertia, and the mean force, for the boxes that take them."""
-    vehicle, boxes = scenario.vehicle, wiring.boxes
-    mass = float(drawn["vehicle.mass_factor"] * vehicle.mass)
-    inertia = np.array([float(drawn["vehicle.inertia_factor"] * moment) for moment in vehicle.inertia])
-    numbers = {"mass": mass, "inertia": inertia}
+    vehicle, boxes = true_vehicle(scenario.vehicle, drawn), wiring.boxes
+    numbers = {"mass": vehicle.mass, "inertia": np.array(vehicle.inertia)}
     found = {}
     for name in ("vehicle", "plant", "acceleration"):
         told = {number for number in numbers if name in boxes and number in boxes[name].given.numbers}

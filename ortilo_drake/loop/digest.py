@@ -14,7 +14,7 @@ from typing import Any
 import numba
 import numpy as np
 
-_LIBRARIES = ("numpy", "math", "numba", "builtins")
+LIBRARIES = ("numpy", "math", "numba", "builtins")
 _VERSIONS = f"{platform.python_version()} {numba.__version__} {np.__version__}"
 
 
@@ -35,7 +35,7 @@ def modules_of(*functions: Any) -> set[str]:
         function = to_see.pop()
         if not isinstance(function, FunctionType) or id(function) in modules:
             continue
-        if not function.__module__.startswith(_LIBRARIES):
+        if not function.__module__.startswith(LIBRARIES):
             modules[id(function)] = function.__module__
             to_see += [plain(value) for _, value in _used(function)]
     return {*modules.values()}
@@ -44,7 +44,7 @@ def modules_of(*functions: Any) -> set[str]:
 def _parts(value: Any, seen: set[int]) -> Iterator[str]:
     function = plain(value)
     if isinstance(function, FunctionType):
-        if id(function) not in seen and not function.__module__.startswith(_LIBRARIES):
+        if id(function) not in seen and not function.__module__.startswith(LIBRARIES):
             seen.add(id(function))
             yield f"{function.__module__}.{function.__qualname__}"  # numba's cache has the module's name in it
             yield from _of_code(function.__code__)
@@ -52,7 +52,7 @@ def _parts(value: Any, seen: set[int]) -> Iterator[str]:
                 yield name
                 yield from _parts(used, seen)
     elif isinstance(value, ModuleType):
-        if not value.__name__.startswith(_LIBRARIES) and value.__file__:
+        if not value.__name__.startswith(LIBRARIES) and value.__file__:
             yield Path(value.__file__).read_text(encoding="utf-8")
     elif isinstance(value, np.ndarray):
         yield f"{value.dtype} {value.shape} {value.tobytes().hex()}"
@@ -74,15 +74,19 @@ def _of_code(code: CodeType) -> Iterator[str]:
             yield repr(sorted(constant, key=repr) if isinstance(constant, frozenset) else constant)
 
 
-def _used(function: FunctionType) -> Iterator[tuple[str, Any]]:
-    """Return the globals and closure variables that a function reads, by name."""
-    codes = [function.__code__]
-    names: dict[str, None] = {}
+def names_in(code: CodeType) -> dict[str, None]:
+    """Return the names that code reads, and the code in it, as keys in their order."""
+    codes, names = [code], dict[str, None]()
     while codes:
         code = codes.pop()
         names |= dict.fromkeys(code.co_names)
         codes += [constant for constant in code.co_consts if isinstance(constant, CodeType)]
-    for name in names:
+    return names
+
+
+def _used(function: FunctionType) -> Iterator[tuple[str, Any]]:
+    """Return the globals and closure variables that a function reads, by name."""
+    for name in names_in(function.__code__):
         if name in function.__globals__:
             yield name, function.__globals__[name]
     for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):

@@ -23,8 +23,9 @@ must give no arrays to code that does.
 """
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import accumulate
 from typing import Any, Literal
 
 import numpy as np
@@ -277,12 +278,18 @@ class Box:
         return replace(self, element=replace(self.element, groups=(*self.element.groups, *groups)), given=given)
 
 
+def parts_of(sizes: Mapping[str, int]) -> dict[str, tuple[int, int]]:
+    """Return where parts of these sizes stand, one after the other: first index and size."""
+    starts = accumulate(sizes.values(), initial=0)
+    return {name: (at, size) for at, (name, size) in zip(starts, sizes.items(), strict=False)}
+
+
 def bundle(name: str, boxes: list[Box]) -> Box:
     """Return a box that says what several boxes say, one after the other, each a part of it; 0 where there are none."""
-    parts, at = {}, 0
-    for box in boxes:
-        parts[box.name], at = (at, box.size), at + box.size
-    return Box(name, Element("bundle"), at, parts=parts, holds=tuple(parts)) if boxes else constant(name, 0.0)
+    if not boxes:
+        return constant(name, 0.0)
+    sizes = {box.name: box.size for box in boxes}
+    return Box(name, Element("bundle"), sum(sizes.values()), parts=parts_of(sizes), holds=tuple(sizes))
 
 
 OUTSIDE = Element("outside")

@@ -68,18 +68,14 @@ def clear(folder: Path, most: int = MOST, longest: float = LONGEST) -> None:
         most: how many stay, those that were asked for last.
         longest: how long one stays that is not asked for [s].
     """
-    newest, now = sorted(folder.glob("*.py"), key=_asked, reverse=True), time.time()
-    old = {file.stem for i, file in enumerate(newest) if i >= most or now - _asked(file) > longest}
+    asked, now = dict[str, float](), time.time()
+    for file in folder.glob("*.py"):
+        with contextlib.suppress(OSError):
+            asked[file.stem] = file.stat().st_atime
+    newest = sorted(asked, key=asked.__getitem__, reverse=True)
+    old = {*newest[most:], *(stem for stem in newest if now - asked[stem] > longest)}
     places = (folder, folder / "__pycache__", *folder.parent.glob("generated_*")) if old else ()
     for file in (file for place in places for file in place.glob("*.*")):
         if file.name.partition(".")[0] in old:
             with contextlib.suppress(OSError):
                 file.unlink()
-
-
-def _asked(file: Path) -> float:
-    """Return when a file was asked for last; 0 of one that is gone meanwhile."""
-    try:
-        return file.stat().st_atime
-    except OSError:
-        return 0.0

@@ -78,16 +78,3 @@ def output_at_first(its: Box, what: str, sizes: Mapping[str, int]) -> np.ndarray
     function(**{name: known[name] for name in takes(function)})
     said: np.ndarray = known["out"]
     return said
-
-
-def _cut_out(n: Any, whole: np.ndarray, out: np.ndarray) -> None:
-    for i in range(out.size):
-        out[i] = whole[n.first + i]
-
-
-CUT = Element("cut", out=_cut_out)
-
-
-def slice_box(name: str, first: int, size: int) -> Box:
-    """Return a box that says a part of the `whole` that it reads."""
-    return Box(name, CUT, size, Values({"first": first}))

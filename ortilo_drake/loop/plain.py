@@ -8,8 +8,10 @@ scalars: an iteration is not differentiated, only its last step; noise is drawn 
 """
 
 from collections.abc import Callable
-from types import CellType, CodeType, FunctionType
+from types import CellType, FunctionType
 from typing import Any
+
+from ortilo_drake.loop.digest import LIBRARIES, names_in, plain
 
 _INSTEAD: dict[int, Any] = {}
 _PLAIN: dict[int, tuple[Any, Any]] = {}  # with the function, so that its id stays its own
@@ -29,8 +31,8 @@ def plain_source(function: Any) -> Any:
     """Return a function that does the same to any scalar; what is no function of Python stays as it is."""
     if id(function) in _INSTEAD:
         return _INSTEAD[id(function)]
-    source = getattr(function, "py_func", function)
-    if not isinstance(source, FunctionType) or source.__module__.startswith(("numpy", "math", "numba", "builtins")):
+    source = plain(function)
+    if not isinstance(source, FunctionType) or source.__module__.startswith(LIBRARIES):
         return function
     if id(function) not in _PLAIN:
         _PLAIN[id(function)] = function, source  # of a function that calls itself
@@ -40,7 +42,7 @@ def plain_source(function: Any) -> Any:
 
 def _with_plain_callees(source: FunctionType) -> FunctionType:
     globals_, changed = source.__globals__, dict[str, Any]()
-    for name in _names(source.__code__):
+    for name in names_in(source.__code__):
         if name in globals_ and plain_source(globals_[name]) is not globals_[name]:
             changed[name] = plain_source(globals_[name])
     cells = source.__closure__ or ()
@@ -50,8 +52,3 @@ def _with_plain_callees(source: FunctionType) -> FunctionType:
     made = FunctionType(source.__code__, globals_ | changed, source.__name__, source.__defaults__, plain_cells)
     made.__kwdefaults__ = source.__kwdefaults__
     return made
-
-
-def _names(code: CodeType) -> set[str]:
-    nested = [constant for constant in code.co_consts if isinstance(constant, CodeType)]
-    return set(code.co_names).union(*(_names(one) for one in nested))

@@ -5,6 +5,7 @@ calls them one after the other. AutoDiffXd and Expression run through the plain 
 """
 
 import sys
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -129,9 +130,8 @@ def WiredSystem_(T: type) -> type:
             size = self._places.sizes[3]
 
             def calc(context: Any, cached: Any) -> None:
-                inputs = {name: self._ports[name].Eval(context) for name in needs}
                 Y = self._groups[frozenset()].Eval(context).copy() if needs else zeros(size)
-                self._put(inputs, Y)
+                self._put_inputs(context, needs, Y)
                 self._make(f"said_{i}", context, self._state_in(context), Y)
                 cached.set_value(Y)
 
@@ -166,10 +166,10 @@ def WiredSystem_(T: type) -> type:
             state = context.get_discrete_state_vector()
             return state.value() if T is float else state.CopyToVector()
 
-        def _put(self, inputs: dict[str, Any], Y: Any) -> None:
-            for name, values in inputs.items():
+        def _put_inputs(self, context: Any, names: Iterable[str], Y: Any) -> None:
+            for name in names:
                 at, size = self._at[name]
-                Y[at : at + size] = values
+                Y[at : at + size] = self._ports[name].Eval(context)
 
         def _make(self, what: str, context: Any, S: Any, Y: Any) -> None:
             """Make the calls of one kind, on states and on what is said."""
@@ -189,7 +189,7 @@ def WiredSystem_(T: type) -> type:
         def _update(self, context: Any, values: Any) -> None:
             said = self._groups.get(self._all)
             Y = np.zeros(0) if said is None else said.Eval(context).copy()  # with the inputs that it was made of
-            self._put({name: self._ports[name].Eval(context) for name in self._unsaid}, Y)
+            self._put_inputs(context, self._unsaid, Y)
             S = context.get_discrete_state(self._state).CopyToVector()
             self._make("step", context, S, Y)
             values.set_value(self._state, S)

@@ -6,7 +6,7 @@ from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
 
-from ortilo_drake.loop.element import RESERVED, Box
+from ortilo_drake.loop.element import RESERVED, Array, Box, Number
 
 
 @dataclass(frozen=True)
@@ -98,24 +98,23 @@ def check_values(box: Box) -> None:
         ValueError: if it has not.
     """
     element, given = box.element, box.given
-    for role, names, values in (
-        ("number", {number.name for number in element.constants}, given.numbers),
-        ("state", {array.name for array in element.state}, given.start),
-        ("table", {array.name for array in element.arrays}, given.tables),
-        ("work", {array.name for array in element.work}, box.work),
+    for role, items, values in (
+        ("number", element.constants, given.numbers),
+        ("state", element.state, given.start),
+        ("table", element.arrays, given.tables),
+        ("work", element.work, box.work),
     ):
+        names = {item.name for item in items}
         if names != set(values):
             raise ValueError(f"{box.name}: {role}: has {sorted(values)}, must have {sorted(names)}")
         if names & set(RESERVED):
             raise ValueError(f"{box.name}: {role}: is named {sorted(names & set(RESERVED))}, which is reserved")
-    for number in element.constants:
-        if np.shape(given.numbers[number.name]) != number.shape:
-            shape = np.shape(given.numbers[number.name])
-            raise ValueError(f"{box.name}: {number.name}: has the shape {shape}, must have {number.shape}")
-    for name, array in element.own.items():
-        shape = box.work[name] if name in box.work else np.shape((given.start | given.tables)[name])
-        if len(shape) != array.dimensions:
-            raise ValueError(f"{box.name}: {name}: has {len(shape)} dimensions, must have {array.dimensions}")
+        for item in items:
+            shape = values[item.name] if role == "work" else np.shape(values[item.name])
+            if isinstance(item, Number) and shape != item.shape:
+                raise ValueError(f"{box.name}: {item.name}: has the shape {shape}, must have {item.shape}")
+            if isinstance(item, Array) and len(shape) != item.dimensions:
+                raise ValueError(f"{box.name}: {item.name}: has {len(shape)} dimensions, must have {item.dimensions}")
     if element.shows:
         size = np.size(given.start[element.shows])
         if size != box.size:

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Box, Element, Values
+from ortilo_drake.loop.element import Box, Element, Values, parts_of
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_I
 from ortilo_drake.onboard.estimator.extra_states import C as GYROSCOPE
@@ -73,10 +73,8 @@ def gate_box(weighing: Weighing, opening: np.ndarray, late: list[int], h: float)
     """
     n, s, p, q = opening.shape[1], len(late), int(weighing.first[-1]), int(weighing.block[-1])
     refusals, seen, mean = initial_gate_state(s)
-    parts, at = {}, 0
-    for name, size in (("y", p), ("delta", s), ("V2", q), ("opening", n)):
-        parts[name], at = (at, size), at + size
+    parts = parts_of({"y": p, "delta": s, "V2": q, "opening": n})
     given = Values({"h": h}, {"refusals": refusals, "seen": seen, "mean": mean}, {"opening": opening, "late": late})
-    size = at + refusals.size + seen.size + mean.size
+    size = p + s + q + n + refusals.size + seen.size + mean.size
     box = Box("robust_gate", GATE, size, given, {"beliefs": (s, n + n * n)}, parts=parts)
     return box.with_groups(weighing=weighing)
