@@ -8,7 +8,6 @@ A sensor's block holds its clock, errors, faults and link, too; the handler's wh
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from ortilo_drake.loop.element import Box
 from ortilo_drake.loop.wiring import Wire, Wiring
 
 COLUMNS = ("planner", "servo", "command link", "vehicle", "sensor", "fix", "handler", "filter")  # as the signals go
@@ -60,7 +59,8 @@ def arrows_of(wiring: Wiring) -> Iterator[Arrow]:
 
 def blocks_of(wiring: Wiring) -> dict[str, Block]:
     """Return the blocks of a scenario's wiring by name, in the order of COLUMNS."""
-    places = {name: _place(wiring, name) for name in wiring.boxes if not _only_holds(wiring, name)}
+    acts = (name for name, box in wiring.boxes.items() if box.element.functions or box.system or name in _COLUMN_OF)
+    places = {name: _place(wiring, name) for name in acts}
     for name in wiring.boxes:  # constants and bundles belong to who reads them
         if name not in places:
             readers = (arrow.reader for arrow in arrows_of(wiring) if arrow.wire.box == name)
@@ -85,16 +85,6 @@ def signals_between(wiring: Wiring, blocks: dict[str, Block]) -> dict[tuple[str,
             if name not in names:
                 names.append(name)
     return found
-
-
-def system_of(box: Box) -> str | None:
-    """Return the type of the Drake System that stands in a box; None where it is an element."""
-    return None if box.system is None else type(box.system).__name__
-
-
-def _only_holds(wiring: Wiring, name: str) -> bool:
-    box = wiring.boxes[name]
-    return not box.element.functions and system_of(box) is None and name not in _COLUMN_OF
 
 
 def _place(wiring: Wiring, name: str) -> tuple[str, str]:

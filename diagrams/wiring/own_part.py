@@ -23,6 +23,7 @@ which is known, is added to it.
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import System
@@ -96,17 +97,10 @@ def system_estimator_boxes(belief: Belief, system: System, signals: dict[str, tu
 
 
 def own_box(role: str, belief: Belief, *arguments: np.ndarray) -> Box:
-    """Return the box of the part of a role that a scenario names, as the part makes it.
-
-    Raises:
-        InputError: if it is no element.
-    """
-    kind = getattr(belief, role).kind
-    part = find_part(role, kind)
-    if part is None or part.box is None:
-        raise InputError(f"{role}.kind: {kind}: is no element")
-    box: Box = part.box(belief, *arguments)
-    return box
+    """Return the box of the part of a role that a scenario names, an element, as the part makes it."""
+    part: Any = find_part(role, getattr(belief, role).kind)
+    made: Box = part.box(belief, *arguments)
+    return made
 
 
 def wired(

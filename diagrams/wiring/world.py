@@ -7,15 +7,15 @@ from pydrake.systems.framework import System
 
 from ortilo_drake.diagrams.wiring.systems import system_box
 from ortilo_drake.diagrams.wiring.vehicle import felt_control, vehicle_boxes
+from ortilo_drake.loop.diagram import system_of
 from ortilo_drake.loop.element import Box, constant, outside
-from ortilo_drake.loop.shell import WiredSystem_
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_U, N_X, PAYLOAD
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances
 from ortilo_drake.onboard.planner.planned import BUILT_IN
-from ortilo_drake.scenario import CommandLink, IntermittentFilter, Link, LqServo, Scenario
+from ortilo_drake.scenario import CommandLink, IntermittentFilter, LqServo, Scenario
 from ortilo_drake.scenario.truth import ClockTruth
 from ortilo_drake.sensors.described import described
 from ortilo_drake.world.drawn_truth import check_size
@@ -91,7 +91,9 @@ def report_link_boxes(scenario: Scenario, report: Box) -> list[Box]:
 
 def sensor_boxes(scenario: Scenario, room: Room, name: str, whole_imu: bool) -> list[Box]:
     """Return a sensor with its clock, errors, faults and link; the last box says its message as it lands."""
-    settings, h, samples = link_settings(scenario, name), scenario.h, scenario.samples(name)
+    settings, h, samples = scenario.link_of(name), scenario.h, scenario.samples(name)
+    if not scenario.is_picture(name):  # from picture to boxes it takes the projected camera's latency besides
+        settings = settings.model_copy(update={"delay": settings.delay + scenario.latency_of(name)})
     faults = [] if scenario.is_picture(name) else message_faults(scenario.faults, name)
     link = link_box(name, settings, scenario.every(name), h).with_inputs(state="plant")
     asked, clock = asked_box(name, faults, samples, h), None
@@ -121,13 +123,6 @@ def sensor_boxes(scenario: Scenario, room: Room, name: str, whole_imu: bool) -> 
     before = [box for box in (asked, clock) if box is not None]
     lands = is_late(settings) or asked is not None or sensor.system is not None
     return [link, *before, *said, *([delivery_box(name, said[-1], settings)] if lands else [])]
-
-
-def link_settings(scenario: Scenario, name: str) -> Link:
-    """Return the settings of a sensor's link; from picture to boxes it takes the projected camera's latency besides."""
-    settings = scenario.link_of(name)
-    latency = 0 if scenario.is_picture(name) else scenario.latency_of(name)
-    return settings.model_copy(update={"delay": settings.delay + latency})
 
 
 def source_box(scenario: Scenario, room: Room, name: str, seen: str, whole_imu: bool) -> Box:
@@ -162,8 +157,7 @@ def sensor_system(scenario: Scenario, room: Room, name: str) -> System:
         made: System = make(scenario, room)
         return made
     sensor = sensor_element(scenario, room, name, whole=True).with_inputs(state="state", sent="always")
-    wiring = Wiring([outside("state", N_X), constant("always", [0.0]), sensor])
-    return WiredSystem_[float](name, wiring, {name: (name,)}, scenario.h)
+    return system_of(Wiring([outside("state", N_X), constant("always", 0.0), sensor]), scenario.h)
 
 
 def is_system(scenario: Scenario, name: str) -> bool:

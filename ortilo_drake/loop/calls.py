@@ -37,12 +37,13 @@ class Reading:
             wires = (wiring.wires[box.name, port] for port in box.element.inputs_of(box.element.functions["out"]))
             self.reads[box.name] = frozenset().union(*(self.of(wire.box) for wire in wires))
         said = [box for box in wiring.out_order if box.element.out]
-        free: Calls = [(box, "out") for box in said if not self.reads[box.name]]
-        self.groups: dict[frozenset[str], Calls] = {frozenset(): free}
-        for needs in {self.reads[box.name] for box in said if self.reads[box.name]} | {self.all}:
-            if needs:
-                its = [box for box in said if self.reads[box.name] and self.reads[box.name] <= needs]
-                self.groups[needs] = [(box, "out") for box in its]
+        needed = {frozenset(), self.all, *(self.reads[box.name] for box in said)}
+        self.groups: dict[frozenset[str], Calls] = {
+            needs: [
+                (box, "out") for box in said if self.reads[box.name] <= needs and (self.reads[box.name] or not needs)
+            ]
+            for needs in sorted(needed, key=sorted)  # in the same order in every process: it is in generated code
+        }
         self.steps: Calls = [(box, "step") for box in wiring.step_order]
 
     def of(self, name: str) -> frozenset[str]:

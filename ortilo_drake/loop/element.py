@@ -87,33 +87,25 @@ class Group:
                 values.append(record[item.name] if isinstance(item, Number) else array_of(item.name))
         return self.of(*values)
 
-    def given(self, values: Any) -> "Values":
-        """Return the values of such a tuple as a box is given them."""
-        found = Values()
-        for item, value in zip(self.fields, values, strict=True):
-            if isinstance(item, Group):
-                given = item.given(value)
-            else:
-                given = Values(**{"numbers" if isinstance(item, Number) else "tables": {item.name: value}})
-            found = found.updated(given)
-        return found
 
-
-def group_of(name: str, values: Any) -> Group:
-    """Return the fields of a NamedTuple class as a Group.
+def group_of(name: str, values: Any) -> tuple[Group, "Values"]:
+    """Return the fields of a NamedTuple as a Group, and its values as a box is given them.
 
     Raises:
         ValueError: if a field is no number, array of numbers or such a tuple.
     """
-    fields = list[Number | Array | Group]()
+    fields, given = list[Number | Array | Group](), Values()
     for field_name, value in values._asdict().items():
         full_name = f"{name}_{field_name}"
         if hasattr(value, "_asdict"):
-            fields.append(group_of(full_name, value))
-            continue
-        kind, dimensions = kind_of(f"{type(values).__name__}.{field_name}", value), np.ndim(value)
-        fields.append(Array(full_name, dimensions, kind) if dimensions else Number(full_name, kind=kind))
-    return Group(name, type(values), tuple(fields))
+            group, its = group_of(full_name, value)
+            fields.append(group)
+        else:
+            kind, dimensions = kind_of(f"{type(values).__name__}.{field_name}", value), np.ndim(value)
+            fields.append(Array(full_name, dimensions, kind) if dimensions else Number(full_name, kind=kind))
+            its = Values(tables={full_name: value}) if dimensions else Values({full_name: value})
+        given = given.updated(its)
+    return Group(name, type(values), tuple(fields)), given
 
 
 def kind_of(name: str, value: Any) -> Kind:
@@ -272,9 +264,11 @@ class Box:
         Raises:
             ValueError: if a field of one is no number, array of numbers or NamedTuple of them.
         """
-        groups, given = [group_of(name, values) for name, values in tuples.items()], self.given
-        for group in groups:
-            given = given.updated(group.given(tuples[group.name]))
+        groups, given = list[Group](), self.given
+        for name, values in tuples.items():
+            group, its = group_of(name, values)
+            groups.append(group)
+            given = given.updated(its)
         return replace(self, element=replace(self.element, groups=(*self.element.groups, *groups)), given=given)
 
 

@@ -75,7 +75,7 @@ class Memory:
         self._wiring, self._places = wiring, places
         numbers, states, work, said, tables = places.sizes
         self.N, self.S, self.T = np.zeros(numbers, np.uint8), np.zeros(states), np.zeros(tables, np.int64)
-        self._sizes, self._kept = (work, said), dict[tuple[str, str], np.ndarray]()
+        self._kept = dict[tuple[str, str], np.ndarray]()
         self.W, self.Y = np.zeros(work), np.zeros(said)
         for name, box in wiring.boxes.items():
             self.put(name, box.given)
@@ -85,7 +85,7 @@ class Memory:
         other = Memory.__new__(Memory)
         other.__dict__.update(self.__dict__)
         other.N, other.S, other.T = self.N.copy(), self.S.copy(), self.T.copy()
-        other.W, other.Y = np.zeros(self._sizes[0]), np.zeros(self._sizes[1])
+        other.W, other.Y = np.zeros_like(self.W), np.zeros_like(self.Y)
         other._kept, other._known = dict(self._kept), None
         return other
 

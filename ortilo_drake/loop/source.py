@@ -87,14 +87,9 @@ def line_of(wiring: Wiring, places: Places, box: Box, what: str) -> str:
             said += [f"{letter} + {8 * at}", *map(str, shape)]
         else:
             wire = Wire(box.name, 0, box.size) if name == "out" else wiring.wires[box.name, name]
-            said += [address(wiring, places, wire), str(wire.size)]
+            letter, at = place_of(wiring, places, wire)
+            said += [f"{letter} + {8 * at}", str(wire.size)]
     return f"{box.name}_{what}({', '.join(said)})"
-
-
-def address(wiring: Wiring, places: Places, wire: Wire) -> str:
-    """Return the address of what a wire reads, as text."""
-    letter, at = place_of(wiring, places, wire)
-    return f"{letter} + {8 * at}"
 
 
 def place_of(wiring: Wiring, places: Places, wire: Wire) -> tuple[str, int]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.diagrams.wiring.blocks import WORLD, blocks_of, signals_between, system_of
+from ortilo_drake.diagrams.wiring.blocks import WORLD, blocks_of, signals_between
 from ortilo_drake.diagrams.wiring.whole import boxes_of
 from ortilo_drake.flight.flyable import flight_ticks
 from ortilo_drake.loop.element import Box
@@ -93,15 +93,16 @@ def parts_of(wiring: Wiring, box: Box) -> Iterator[tuple[str, str]]:
 
 def kind_of(box: Box) -> str:
     """Return the kind of a box: an element, or a Drake System."""
-    system = system_of(box)
-    return f"element {box.element.name}" if system is None else f"System {system} of Drake, no element"
+    if box.system is None:
+        return f"element {box.element.name}"
+    return f"System {type(box.system).__name__} of Drake, no element"
 
 
 def description_of(wiring: Wiring, box: Box) -> str:
     """Return a description of a box without functions: its source, its values, or the System behind it."""
     if box.holds:
         return ", ".join(f"{held} ({wiring.boxes[held].size})" for held in box.holds)
-    if system_of(box) is not None:
+    if box.system is not None:
         return ", ".join((kind_of(box), *all_reads(wiring, box)))
     return ", ".join(value_text(name, value) for name, value in box.given.start.items())
 
