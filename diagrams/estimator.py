@@ -70,16 +70,9 @@ class OfBelief(Diagram):
 class Estimator(OfBelief):
     """The chain from messages to the estimate, by the paper's filter or the tight one: see diagrams/onboard.py.
 
-    Ports:
-        uwb, detections, imu, ...: the messages of the sensors that the scenario flies.
+    Ports: those of make_estimator (single_parts.py), and
         image (ImageRgba8U), shutter: the picture of a rendered camera and its message, in place of detections.
-        control (4): u_k, f_T absolute.
-        reference (9): r, r_dot, r_ddot.
-        estimate (15, output): xhat_{k|k-1} and the integral.
-        covariance (225, output): P_k row by row.
-        force (3, output): the disturbance force in W as estimated [N]; only where estimator.force has it estimated.
-        extra (2 e, output): all states beside x and their standard deviations, see extra_states.py; likewise.
-        y (p), delta (s), V2 (q) (outputs): the measurement as it reaches the filter in this tick, late ones included.
+        extra (2 e, output): all states beside x and their standard deviations, see extra_states.py; only with force.
 
     Args:
         scenario: the scenario, of which the belief is all that is taken.

@@ -62,10 +62,9 @@ def IntermittentKalmanFilter(
         >>> [filter.get_input_port(i).get_name() for i in range(2)]
         ['u', 'gps']
     """
-    Phi, Gamma = _matrix("Phi", Phi), _matrix("Gamma", Gamma)
+    Gamma = _matrix("Gamma", Gamma)
     n, m = Gamma.shape
-    _has_shape("Phi", Phi, (n, n))
-    W = _covariance("W", W, n)
+    Phi, W = _matrix("Phi", Phi, (n, n)), _covariance("W", W, n)
     if not h > 0.0:
         raise ValueError(f"h: is {h}, must be positive")
     if not sensors:
@@ -75,33 +74,29 @@ def IntermittentKalmanFilter(
         if not isinstance(pair, tuple | list) or len(pair) != 2:
             raise ValueError(f"sensors[{name!r}]: must be C and V, a pair of matrices")
         given_C, given_V = pair
-        C = _matrix(f"sensors[{name!r}]: C", given_C)
-        _has_shape(f"sensors[{name!r}]: C", C, (len(C), n))
+        C = _matrix(f"sensors[{name!r}]: C", given_C, (*np.shape(given_C)[:1], n))
         its[name] = C, _covariance(f"sensors[{name!r}]: V", given_V, len(C), definite=True)
         if name in ("u", "estimate", "covariance", NAME, "messages"):
             raise ValueError(f"sensors: {name!r} is the name of another port")
     x = np.zeros(n) if x_0 is None else np.asarray(x_0, dtype=float)
-    _has_shape("x_0", x, (n,))
+    if x.shape != (n,):
+        raise ValueError(f"x_0: has the shape {x.shape}, must have {(n,)}")
     messages = [outside(name, 1 + len(C)) for name, (C, _) in its.items()]
     box = linear_filter_box(NAME, linear_model(Phi, Gamma, W, its.values()), x, _covariance("P_0", P_0, n))
     return system_of(Wiring([outside("u", m), *messages, bundle("messages", messages), box]), h)
 
 
-def _matrix(name: str, values: ArrayLike) -> np.ndarray:
+def _matrix(name: str, values: ArrayLike, shape: tuple[int, ...] | None = None) -> np.ndarray:
     found = np.asarray(values, dtype=float)
     if found.ndim != 2 or not np.all(np.isfinite(found)):
         raise ValueError(f"{name}: must be a matrix of finite numbers")
+    if shape not in (None, found.shape):
+        raise ValueError(f"{name}: has the shape {found.shape}, must have {shape}")
     return found
 
 
-def _has_shape(name: str, found: np.ndarray, shape: tuple[int, ...]) -> None:
-    if found.shape != shape:
-        raise ValueError(f"{name}: has the shape {found.shape}, must have {shape}")
-
-
 def _covariance(name: str, values: ArrayLike, n: int, definite: bool = False) -> np.ndarray:
-    found = _matrix(name, values)
-    _has_shape(name, found, (n, n))
+    found = _matrix(name, values, (n, n))
     if not np.allclose(found, found.T, rtol=0.0, atol=1e-9 * np.abs(found).max()):
         raise ValueError(f"{name}: is not symmetric")
     least, most = np.linalg.eigvalsh(found)[[0, -1]]

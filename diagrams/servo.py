@@ -14,12 +14,8 @@ from ortilo_drake.scenario import Belief
 def make_lq_servo(scenario: Belief, takes_force: bool = False) -> System:
     """Return the servo of a scenario whose commands act at once; it is memoryless.
 
-    Ports:
-        estimate (15): xhat_{k|k-1} and, in its last three entries, the integral of the position error.
-        reference (9): r, r_dot, r_ddot.
-        force (3): the disturbance force in W that the estimator found [N]; only if takes_force.
+    Ports: those of make_servo (single_parts.py), and
         velocity (8): velocity message; only where the scenario lends the servo the truth.
-        control (4, output): u_k = [f_T, tau_x, tau_y, tau_z], f_T absolute.
 
     Args:
         scenario: the scenario, of which the belief is all that is taken.

@@ -9,8 +9,8 @@ import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, InputPort, InputPortIndex, OutputPort, System
 from pydrake.systems.primitives import Multiplexer
 
-from ortilo_drake.loop.element import OUTSIDE, Box, Values
-from ortilo_drake.loop.shell import WiredSystem_, alone
+from ortilo_drake.loop.element import OUTSIDE, Box, Values, outside
+from ortilo_drake.loop.shell import WiredSystem_
 from ortilo_drake.loop.wiring import Wiring
 
 NOTHING: Final[Mapping[str, Any]] = MappingProxyType({})
@@ -162,8 +162,12 @@ def add_wiring(
 
 def _each_by_itself(wiring: Wiring) -> list[_Unit]:
     """Return a unit for each element, constants included."""
-    boxes = [box for box in wiring.boxes.values() if box.element.functions or box.element.shows]
-    return [_Unit(box.name, alone(wiring, box.name), _reads(wiring, box)) for box in boxes]
+    units = []
+    for box in (box for box in wiring.boxes.values() if box.element.functions or box.element.shows):
+        reads = _reads(wiring, box)
+        inputs = [outside(port, wiring.wires[box.name, port].size) for port in reads]
+        units.append(_Unit(box.name, Wiring([box.with_inputs(**{port: port for port in reads}), *inputs]), reads))
+    return units
 
 
 def _all_in_one(wiring: Wiring) -> _Unit:

@@ -58,10 +58,9 @@ def _parts(value: Any, seen: set[int]) -> Iterator[str]:
         yield f"{value.dtype} {value.shape} {value.tobytes().hex()}"
     elif isinstance(value, type):
         yield f"{value.__qualname__} {getattr(value, '_fields', '')}"
-    elif isinstance(value, (list, tuple, dict)):
-        yield repr(value)
     else:
-        yield repr(value) if isinstance(value, (int, float, str, bool, np.generic, np.dtype, type(None))) else ""
+        is_plain = isinstance(value, (list, tuple, dict, int, float, str, np.generic, np.dtype, type(None)))
+        yield repr(value) if is_plain else ""
 
 
 def _of_code(code: CodeType) -> Iterator[str]:

@@ -16,7 +16,7 @@ from pydrake.systems.framework import BasicVector_, LeafSystem_, ValueProducer
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.loop.calls import PlainCalls, Reading, compiled_calls
-from ortilo_drake.loop.element import OUTSIDE, Values, outside
+from ortilo_drake.loop.element import OUTSIDE, Values
 from ortilo_drake.loop.player import Memory
 from ortilo_drake.loop.seeds import seed_of
 from ortilo_drake.loop.source import place_of, places_of
@@ -239,11 +239,3 @@ def _value_of(scalar: Any) -> float:
     if isinstance(scalar, AutoDiffXd):
         return float(scalar.value())
     return float(scalar.Evaluate() if isinstance(scalar, Expression) else scalar)
-
-
-def alone(wiring: Wiring, name: str) -> Wiring:
-    """Return a wiring of one box, whose inputs come from outside."""
-    box = wiring.boxes[name]
-    wires = {port: wiring.wires[name, port] for port in box.element.inputs}
-    inputs = {port: wire.size for port, wire in wires.items() if wire.box != name}  # it may read what it says itself
-    return Wiring([box.with_inputs(**{port: port for port in inputs}), *(outside(*its) for its in inputs.items())])
