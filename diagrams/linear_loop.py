@@ -89,13 +89,6 @@ def make_frozen_filter(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> 
     return AffineSystem(A, B, f_0, identity, no_feedthrough, np.zeros(N + N_I), scenario.h)
 
 
-def make_flown_force(vehicle: Vehicle, h: float) -> AffineSystem:
-    """Return the force of the step just flown less the hover lift, f_{k+1} = (f_T - m g) e_z; u (4) to f (3)."""
-    B, f_0 = np.zeros((3, N_U)), np.array([0.0, 0.0, -vehicle.hover_thrust])
-    B[2, 0] = 1.0
-    return AffineSystem(np.zeros((3, 3)), B, f_0, np.eye(3), np.zeros((3, N_U)), np.zeros(3), h)
-
-
 def make_linear_loop(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> Diagram:
     """Return sampled plant, servo and frozen filter in a loop; discrete state [x; xhat; i] (27), in that order.
 
@@ -118,7 +111,9 @@ def make_linear_loop(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> Di
     boxes = _plant_boxes(plant, "servo")
     seen = boxes[:1]
     if set(F) <= set(names):
-        flown = make_flown_force(scenario.vehicle, scenario.h)
+        B, f_0 = np.eye(3, N_U, -2), np.array([0.0, 0.0, -scenario.vehicle.hover_thrust])  # (f_T - m g) e_z, flown
+        zeros, identity = np.zeros((3, 3)), np.eye(3)
+        flown = AffineSystem(zeros, B, f_0, identity, np.zeros((3, N_U)), np.zeros(3), scenario.h)
         seen = [*seen, system_box("flown_force", flown, ("y0",), {"u0": ("servo", N_U)})]
         columns += [names.index(name) for name in F]
     sensors = system_box("sensors", MatrixGain(rows[:, columns]), ("y0",), {"u0": ("seen", len(columns))})

@@ -5,21 +5,10 @@ from ortilo_drake.loop.element import Box
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_XBAR
 from ortilo_drake.onboard.estimator.filter_element import parts_box
-from ortilo_drake.onboard.estimator.robust.stuck_gate import stuck_box
 from ortilo_drake.onboard.fix_solver import own_fix_box
-from ortilo_drake.onboard.sample_mean import SampleMean
 from ortilo_drake.scenario import Belief
-from ortilo_drake.scenario.robust import Robust
 from ortilo_drake.sensors.described import described_per_tick
 from ortilo_drake.sensors.messages import message_port
-
-
-def gated_messages(settings: Robust | None, messages: dict[str, Box], samples: dict[str, int]) -> dict[str, Box]:
-    """Return the box of each sensor's message as it is heard: behind a gate if it may be stuck."""
-    if settings is None or settings.stuck is None:
-        return messages
-    gates = {name: stuck_box(name, said.size, settings.stuck, samples[name]) for name, said in messages.items()}
-    return {name: gate.with_inputs(message=messages[name].name) for name, gate in gates.items()}
 
 
 def solver_boxes(belief: Belief, room: Room, sensor: str, message: Box, at: str) -> list[Box]:
@@ -48,9 +37,3 @@ def solver_boxes(belief: Belief, room: Room, sensor: str, message: Box, at: str)
     signals |= {"estimate": (f"{prior}.estimate", N_XBAR), "covariance": (f"{prior}.covariance", N_XBAR**2)}
     fix = system_box(f"{sensor}_fix", system, (system.get_output_port().get_name(),), signals)
     return [parts_box(prior).with_inputs(belief=at), fix]
-
-
-def mean_box(sensor: str, size: int, samples: int, message: Box) -> Box:
-    """Return the box of the mean of the samples in a message, each of that size, as a message of one."""
-    mean = SampleMean(sensor, size, samples)
-    return system_box(f"{sensor}_mean", mean, ("mean",), {sensor: (message.name, message.size)})

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ortilo_drake.diagrams.wiring.fixes import gated_messages, mean_box, solver_boxes
+from ortilo_drake.diagrams.wiring.fixes import solver_boxes
+from ortilo_drake.diagrams.wiring.systems import system_box
 from ortilo_drake.loop.element import Box, bundle, constant
 from ortilo_drake.model.clock import history_ticks
 from ortilo_drake.model.measurement import CAMERA, UWB, Measurement
@@ -31,9 +32,11 @@ from ortilo_drake.onboard.estimator.lasting_element import (
 from ortilo_drake.onboard.estimator.measurement_handler import handler_box, incoming_of, oldest_used
 from ortilo_drake.onboard.estimator.replay_element import acted_box, belief_at_stamp_box, replay_box
 from ortilo_drake.onboard.estimator.robust.gate_element import gate_box, opening_variances
+from ortilo_drake.onboard.estimator.robust.stuck_gate import stuck_box
 from ortilo_drake.onboard.estimator.robust.weights import weighing_of
 from ortilo_drake.onboard.ranging.bank_element import bank_box
 from ortilo_drake.onboard.ranging.sighted import sighted_box
+from ortilo_drake.onboard.sample_mean import SampleMean
 from ortilo_drake.scenario import Belief
 from ortilo_drake.sensors.described import described_per_tick, measuring
 
@@ -77,8 +80,13 @@ def intermittent_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages:
         messages: which box says each sensor's message as it lands.
     """
     settings, setup = belief.estimator, filtering_of(belief)
-    heard = gated_messages(settings.robust, messages, {name: belief.samples(name) for name in messages})
-    gates = [box for name, box in heard.items() if box is not messages[name]]
+    stuck = None if settings.robust is None else settings.robust.stuck
+    gates = (
+        {}
+        if stuck is None
+        else {its: stuck_box(its, messages[its].size, stuck, belief.samples(its)) for its in messages}
+    )
+    heard = messages | {its: gate.with_inputs(message=messages[its].name) for its, gate in gates.items()}
     of_stamp = "{}_vehicle_at_stamp.belief" if setup.extras else "{}_belief_at_stamp"
     at = {name: of_stamp.format(name) if setup.replays else setup.vehicle_belief for name in heard}
     solving = {name: solver_boxes(belief, room, name, said, at[name]) for name, said in heard.items()}
@@ -107,7 +115,8 @@ def intermittent_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages:
         name, samples = belief.measurement.sensors[belief.measurement.inertial], belief.imu_samples
         imu = heard[name]
         if samples > 1:
-            split.append(imu := mean_box(name, IMU_SIZE, samples, imu))
+            mean, signals = SampleMean(name, IMU_SIZE, samples), {name: (imu.name, imu.size)}
+            split.append(imu := system_box(f"{name}_mean", mean, ("mean",), signals))
         rows = imu_rows_box(belief.measurement, variances).with_inputs(imu=imu.name, stamps="handler.stamps")
         chain.append(rows.with_inputs(**measurement_of(chain[-1])))
     kalman = kalman_box(belief, setup, xbar_0).with_inputs(**measurement_of(chain[-1]), control="servo")
@@ -127,7 +136,13 @@ def intermittent_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages:
         opening="no_opening" if settings.robust is None else "robust_gate.opening",
     )
 
-    boxes = [*gates, *past.values(), *split, *fixes.values(), bundle("messages", list(handler_inputs.values()))]
+    boxes = [
+        *(heard[its] for its in gates),
+        *past.values(),
+        *split,
+        *fixes.values(),
+        bundle("messages", list(handler_inputs.values())),
+    ]
     boxes += [*chain, kalman, *banks]
     if past:
         boxes.append(bundle("beliefs_at_stamp", list(past.values())))

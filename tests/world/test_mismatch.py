@@ -9,7 +9,6 @@ from pydrake.systems.analysis import Simulator
 
 from ortilo_drake.diagrams.world import World, make_world
 from ortilo_drake.flight.simulator import fix_steps
-from ortilo_drake.loop.element import Values
 from ortilo_drake.model.signals import DETECTION_SIZE, PAYLOAD
 from ortilo_drake.model.vehicle import GRAVITY, M100
 from ortilo_drake.scenario import Scenario, load_scenario
@@ -49,7 +48,7 @@ class Flown:
         self.world.GetInputPort("control").FixValue(self.context, u)
 
     def move_to(self, x: np.ndarray) -> None:
-        self.world.Give(self.context, {"plant": Values(start={"x": x})})
+        self.world.SetState(self.context, x)
 
     def fly(self, ticks: int = TICKS) -> np.ndarray:
         """Return x after that many ticks more (12)."""
@@ -234,7 +233,7 @@ def test_a_turned_rendered_camera_draws_as_one_on_a_turned_body() -> None:
         world = make_world(load_scenario("nominal_imu_uwb_yolo", ("camera.kind=rendered", width, *settings)))
         context = world.CreateDefaultContext()
         world.SetSeed(context, 0)
-        world.Give(context, {"plant": Values(start={"x": x})})
+        world.SetState(context, x)
         return world.GetOutputPort("label_image").Eval(context).data.copy()
 
     x = np.array([*START, *[0.0] * 9])

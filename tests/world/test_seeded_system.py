@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from pydrake.systems.framework import Context
 
 from ortilo_drake.diagrams.world import World, make_world
-from ortilo_drake.loop.element import Values
 from ortilo_drake.scenario import load_scenario
 
 # Every source of noise: loss in bursts, delays drawn, lost commands, rotors pushed by gusts.
@@ -34,7 +33,7 @@ def prepared(world: World, seed: int = 0) -> Context:
     """Return a context of a seed: the vehicle stands amid the room, told to climb, so that a lost command shows."""
     context = world.CreateDefaultContext()
     world.GetInputPort("control").FixValue(context, [27.0, 0.0, 0.0, 0.0])
-    world.Give(context, {"plant": Values(start={"x": np.array([8.0, 1.0, 1.5, *[0.02] * 9])})})
+    world.SetState(context, np.array([8.0, 1.0, 1.5, *[0.02] * 9]))
     world.SetSeed(context, seed)
     return context
 
