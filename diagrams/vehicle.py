@@ -1,6 +1,6 @@
 """The vehicle as Drake integrates it, where commands come in real time or a sensor is asked between two ticks.
 
-Else the vehicle is made of elements: wiring/vehicle.py.
+Else the vehicle is made of elements: wiring/world.py.
 """
 
 from typing import NamedTuple
@@ -9,8 +9,7 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import PassThrough, ZeroOrderHold
 
-from ortilo_drake.diagrams.wiring.vehicle import disturbance_boxes, rotors_lag, wrench_changes
-from ortilo_drake.diagrams.wiring.world import report_link_boxes
+from ortilo_drake.diagrams.wiring.world import disturbance_boxes, report_link_boxes, rotors_lag, wrench_changes
 from ortilo_drake.loop.diagram import add_wiring, together
 from ortilo_drake.loop.element import OUTSIDE, Box, outside
 from ortilo_drake.loop.wiring import Wiring

@@ -3,13 +3,11 @@
 whole.py           world and onboard half in one wiring
 blocks.py          the paper's block diagram of it, to be looked at
 truth.py           how the world of one seed differs
-world.py           the sensors and their links
-vehicle.py         the vehicle and what acts on it
+world.py           the vehicle, what acts on it, the sensors and their links
 onboard.py         an estimator, the servo and the planner, and what the servo knows of the way of its commands
 intermittent.py    the paper's estimator
-fixes.py           what makes fixes of messages
 tight.py           the tight filter
-messages.py        what an onboard half that is alone hears, and what looks at pictures
+messages.py        what an onboard half that is alone hears, and what makes detections and fixes of it
 systems.py         boxes that Drake Systems play, where no element can
 own_part.py        an estimator, a servo or a planner of one's own
 """

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ortilo_drake.diagrams.wiring.fixes import solver_boxes
+from ortilo_drake.diagrams.wiring.messages import solver_boxes
 from ortilo_drake.diagrams.wiring.systems import system_box
 from ortilo_drake.loop.element import Box, bundle, constant
 from ortilo_drake.model.clock import history_ticks

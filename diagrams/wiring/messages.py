@@ -1,14 +1,16 @@
-"""The messages of the sensors as they come to an onboard half that is alone, and what looks at pictures."""
+"""The messages of the sensors as an onboard half hears them, and what makes detections and fixes of them."""
 
 from ortilo_drake.diagrams.wiring.systems import system_box
 from ortilo_drake.loop.element import Box, outside
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import SHUTTER_SIZE, size_of_samples
+from ortilo_drake.model.signals import N_XBAR, SHUTTER_SIZE, size_of_samples
 from ortilo_drake.onboard.detector.detector import Detector
 from ortilo_drake.onboard.detector.detector_network import load_detector
+from ortilo_drake.onboard.estimator.filter_element import parts_box
+from ortilo_drake.onboard.fix_solver import own_fix_box
 from ortilo_drake.scenario import Belief
-from ortilo_drake.sensors.described import described, port_of
-from ortilo_drake.sensors.messages import message_size
+from ortilo_drake.sensors.described import described, described_per_tick, port_of
+from ortilo_drake.sensors.messages import message_port, message_size
 
 
 def message_boxes(belief: Belief, room: Room, detects: bool) -> dict[str, Box]:
@@ -46,3 +48,31 @@ def detected(belief: Belief, room: Room, messages: dict[str, Box]) -> tuple[list
     signals = {"shutter": (messages[seen].name, messages[seen].size)}
     box = system_box("detector", make_detector(belief, room), ("detections",), signals)
     return [box], messages | {seen: box}
+
+
+def solver_boxes(belief: Belief, room: Room, sensor: str, message: Box, at: str) -> list[Box]:
+    """Return the boxes that make a fix of a sensor's message, the last one says it; none where none is needed.
+
+    Args:
+        belief: what is known of a scenario.
+        room: its room as it was surveyed.
+        sensor: the sensor's name; one whose message begins with its value needs no fix.
+        message: its message.
+        at: the box, or its part, of the belief of [x; i] (240) about which the fix is solved. A System reads it in two
+            parts, `<sensor>_prior`.
+    """
+    its, solver = described_per_tick(sensor, belief), None
+    make = its.make_onboard
+    if belief.samples(sensor) == 1 and its.compiled is not None:
+        solver, make = own_fix_box(sensor, its.compiled, len(its.rows), belief, room), None
+    elif belief.samples(sensor) == 1 and its.solver is not None:
+        solver = its.solver(belief, room)
+    if solver is not None:
+        return [solver.with_inputs(message=message.name, belief=at)]
+    if make is None:
+        return []
+    system, prior = make(belief, room), f"{sensor}_prior"
+    signals = {message_port(system).get_name(): (message.name, message.size)}
+    signals |= {"estimate": (f"{prior}.estimate", N_XBAR), "covariance": (f"{prior}.covariance", N_XBAR**2)}
+    fix = system_box(f"{sensor}_fix", system, (system.get_output_port().get_name(),), signals)
+    return [parts_box(prior).with_inputs(belief=at), fix]

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.diagrams.wiring.fixes import solver_boxes
+from ortilo_drake.diagrams.wiring.messages import solver_boxes
 from ortilo_drake.loop.element import Box, bundle, constant
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import DETECTIONS_SIZE, IMU_SIZE, PAYLOAD
