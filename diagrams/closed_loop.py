@@ -33,12 +33,7 @@ class ClosedLoop(Diagram):
     A default Context hovers where the reference starts, truth and belief together, with noise of the scenario's seed;
     Drake's SetRandomContext and MonteCarloSimulation draw other noise, see diagrams/world.py.
 
-    Args:
-        scenario: the scenario.
-        trajectory: the path to fly; by default what the scenario's planner plans.
-        meshcat: if given, shows the flight in it.
-        parts: estimator, servo and planner in place of the scenario's, see diagrams/onboard.py.
-        fused: whether all elements of a half are one system, which is faster, or a system each.
+    Arguments as of make_closed_loop; `parts` are its estimator, servo and planner.
 
     Raises:
         InputError: if there is no path or no servo gain, or if the onboard half wants what the world does not send.
