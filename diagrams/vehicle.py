@@ -48,16 +48,9 @@ class Integrated(NamedTuple):
 def add_vehicle(
     builder: DiagramBuilder, scenario: Scenario, command_period: float | None, x_0: np.ndarray, chance: OutputPort
 ) -> Integrated:
-    """Add the plant with what commands and pushes it.
+    """Add the plant to a world, from its state x_0 (12), with what commands and pushes it.
 
-    The Diagram gets the inputs control or, with a command_period, command and command_stamp.
-
-    Args:
-        builder: of the world.
-        scenario: the scenario.
-        command_period: see diagrams/world.py.
-        x_0: state at the start (12).
-        chance: of loop/seeds.py.
+    The world gets the inputs control or, with a command_period, command and command_stamp; see World and loop/seeds.py.
     """
     h, period, vehicle = scenario.h, command_period or scenario.h, scenario.vehicle
     within, systems = [outside("control", N_U)], dict[str, System]()

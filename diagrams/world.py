@@ -108,10 +108,7 @@ class World(Diagram):
     def SetHovering(self, context: Context, r_0: np.ndarray, yaw: float) -> None:
         """Put the vehicle hovering at rest where it is believed to be; the context is the root's, its seed set.
 
-        Args:
-            context: the root's.
-            r_0: believed p_WB (3) [m]; the truth may differ.
-            yaw: believed yaw [rad]; the truth may differ.
+        The truth may differ from the believed p_WB, r_0 (3) [m], and yaw [rad].
         """
         x_0 = np.zeros(N_X)
         x_0[0:3], x_0[5] = r_0, yaw
@@ -145,10 +142,8 @@ class World(Diagram):
     def ChangeBody(self, context: Context, heavier: float, push: np.ndarray) -> None:
         """Have the vehicle be heavier and pushed, beside how this world differs anyway; the context is the root's.
 
-        Args:
-            context: the root's.
-            heavier: true over the world's own mass, less 1 [1].
-            push: a force in W beside the world's own mean force (3) [N]; felt only where truth.force is set.
+        Its mass is 1 + heavier times the world's own, and the push in W (3) [N] is added to the world's own mean force;
+        it is felt only where truth.force is set.
         """
         drawn = self.Drawn(context)
         drawn["vehicle.mass_factor"] = drawn["vehicle.mass_factor"] * (1.0 + heavier)

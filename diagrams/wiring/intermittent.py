@@ -80,13 +80,11 @@ def intermittent_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages:
         messages: which box says each sensor's message as it lands.
     """
     settings, setup = belief.estimator, filtering_of(belief)
-    stuck = None if settings.robust is None else settings.robust.stuck
-    gates = (
-        {}
-        if stuck is None
-        else {its: stuck_box(its, messages[its].size, stuck, belief.samples(its)) for its in messages}
-    )
-    heard = messages | {its: gate.with_inputs(message=messages[its].name) for its, gate in gates.items()}
+    stuck, gates = None if settings.robust is None else settings.robust.stuck, dict[str, Box]()
+    if stuck is not None:
+        for name, said in messages.items():
+            gates[name] = stuck_box(name, said.size, stuck, belief.samples(name)).with_inputs(message=said.name)
+    heard = messages | gates
     of_stamp = "{}_vehicle_at_stamp.belief" if setup.extras else "{}_belief_at_stamp"
     at = {name: of_stamp.format(name) if setup.replays else setup.vehicle_belief for name in heard}
     solving = {name: solver_boxes(belief, room, name, said, at[name]) for name, said in heard.items()}
@@ -136,14 +134,8 @@ def intermittent_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages:
         opening="no_opening" if settings.robust is None else "robust_gate.opening",
     )
 
-    boxes = [
-        *(heard[its] for its in gates),
-        *past.values(),
-        *split,
-        *fixes.values(),
-        bundle("messages", list(handler_inputs.values())),
-    ]
-    boxes += [*chain, kalman, *banks]
+    boxes = [*gates.values(), *past.values(), *split, *fixes.values()]
+    boxes += [bundle("messages", list(handler_inputs.values())), *chain, kalman, *banks]
     if past:
         boxes.append(bundle("beliefs_at_stamp", list(past.values())))
     if settings.robust is None:

@@ -166,12 +166,8 @@ def system_of(belief: Belief, role: str) -> Callable[..., System] | None:
 def half_of(belief: Belief, heard: list[Box], boxes: list[Box]) -> tuple[Wiring, dict[str, str]]:
     """Return the wiring of a half that is alone, or of its estimator, and what each of its output ports says.
 
-    What it reads of AROUND comes from outside where it is not among the boxes.
-
-    Args:
-        belief: what is known of a scenario.
-        heard: what says the messages.
-        boxes: the rest.
+    It is made of the boxes that say its messages, `heard`, and the rest; what it reads of AROUND comes from outside
+    where it is not among them.
     """
     named = {box.name for box in boxes}
     around = [outside(name, size) for name, size in AROUND.items() if name not in named]

@@ -68,12 +68,8 @@ def silent_handler(belief: Belief) -> Box:
 def system_estimator_boxes(belief: Belief, system: System, signals: dict[str, tuple[str, int]]) -> list[Box]:
     """Return the boxes of an estimator that is a System: `estimator`, and `filter`, which says its belief.
 
-    An estimator of the twelve states gets the integral of the position error beside them.
-
-    Args:
-        belief: what is known of the scenario.
-        system: the estimator.
-        signals: what its inputs may read, see system_box.
+    An estimator of the twelve states gets the integral of the position error beside them. Its inputs may read what
+    stands in `signals`, see system_box.
 
     Raises:
         InputError: if it has not the ports that it needs, or not the sizes.

@@ -30,7 +30,8 @@ def tight_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages: dict[s
     C_0 = initial_covariance(settings, layout, rest_of(belief), sample_sds(settings, samples, belief.h))
     size = sum(payloads.get(name, 0) for name in sensors)
     own = [name for name in sensors if name not in _NOTHING]
-    solving = [box for name in own for box in fix_boxes(belief, room, name, messages[name])]
+    fixing = [fix_boxes(belief, room, name, messages[name]) for name in own]
+    solving = [box for boxes in fixing for box in boxes]
     rows = {name: belief.measurement.C_of(name) for name in own}
     kalman = tight_box(layout, motion, aids, samples, size, C_0, xbar_0, rows)
     known = belief.measurement.sensors
@@ -42,7 +43,7 @@ def tight_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages: dict[s
     if sighted is not None:
         solving.append(sighted.with_inputs(message=said["uwb"], belief="filter"))
         said["uwb"] = sighted.name
-    fixes = bundle("fixes", [box for box in solving if box.name in {f"{name}_fix" for name in own}])
+    fixes = bundle("fixes", [boxes[-1] for boxes in fixing])
     return [heard.with_inputs(**said), kalman.with_inputs(**said, control="servo"), *silent, *solving, fixes]
 
 

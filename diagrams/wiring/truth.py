@@ -21,11 +21,7 @@ from ortilo_drake.world.vehicle.wrench_error import wrench_matrix
 def drawn_values(wiring: Wiring, scenario: Scenario, room: Room, draw: AtStart) -> dict[str, Values]:
     """Return the values given to each box in a flight whose world has these draws, by the boxes' names.
 
-    Args:
-        wiring: of the scenario, its world as it is believed to be.
-        scenario: the scenario.
-        room: as it was surveyed.
-        draw: what was drawn.
+    The wiring is that of the scenario, its world as it is believed to be, and the room as it was surveyed.
     """
     boxes, drawn, parts = wiring.boxes, dict[str, np.ndarray](), list[dict[str, Values]]()
     if scenario.truth != Truth():

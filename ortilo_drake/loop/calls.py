@@ -106,12 +106,7 @@ def _entry(box: Box, what: str) -> Any:
 
 
 class PlainCalls:
-    """Calls of plain source, on arrays of any scalar.
-
-    Args:
-        wiring: whose boxes they are.
-        T: the scalar type.
-    """
+    """Calls of plain source of a wiring's boxes, on arrays of a scalar type T."""
 
     def __init__(self, wiring: Wiring, T: type):
         self._wiring, self._places, self._T = wiring, places_of(wiring), T

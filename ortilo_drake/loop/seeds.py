@@ -24,12 +24,8 @@ def seed_of(own: int, chance: float, place: str) -> int:
 def add_chance(builder: DiagramBuilder, h: float) -> OutputPort:
     """Add what lets Drake draw the seed; return its output, `chance` (1).
 
-    Python's systems are not asked for a random Context. Drake's linear system is: x_{k+1} = x_k is 0 in a default
-    Context, and standard normal in one of SetRandomContext.
-
-    Args:
-        builder: of the Diagram.
-        h: tick [s].
+    Python's systems are not asked for a random Context. Drake's linear system is: x_{k+1} = x_k, of tick h [s], is 0
+    in a default Context, and standard normal in one of SetRandomContext.
     """
     one, none = np.eye(1), np.zeros((1, 0))
     chance = LinearSystem(A=one, B=none, C=one, D=none, time_period=h)

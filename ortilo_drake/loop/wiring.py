@@ -19,10 +19,7 @@ class Wire:
 
 
 class Wiring:
-    """Boxes, checked as a whole.
-
-    Args:
-        boxes: in any order.
+    """Boxes, in any order, checked as a whole.
 
     Raises:
         ValueError: if two boxes have one name, if an input reads what is not there, if a box lacks a value or is given
