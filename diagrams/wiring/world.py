@@ -223,7 +223,7 @@ def sensor_system(scenario: Scenario, room: Room, name: str) -> System:
         made: System = make(scenario, room)
         return made
     sensor = sensor_element(scenario, room, name, whole=True).with_inputs(state="state", sent="always")
-    return system_of(Wiring([outside("state", N_X), constant("always", 0.0), sensor]), scenario.h)
+    return system_of(Wiring([outside("state", N_X), constant("always", 0.0), sensor]), scenario.h, scenario.seed)
 
 
 def is_system(scenario: Scenario, name: str) -> bool:

@@ -7,6 +7,7 @@ from pydrake.systems.analysis import MonteCarloSimulation, Simulator
 from pydrake.systems.framework import Context, System
 
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
+from ortilo_drake.diagrams.world import make_world
 from ortilo_drake.flight.simulator import make_simulator
 from ortilo_drake.scenario import load_scenario
 
@@ -45,6 +46,17 @@ def test_a_default_context_is_that_of_the_flight() -> None:
         simulator.AdvanceTo(0.5)
         logs.append(simulator.get_system().FindLog(simulator.get_context()).data().tobytes())
     assert logs[0] == logs[1]
+
+
+def test_all_that_draws_has_the_scenario_s_seed_where_drake_integrates_the_vehicle() -> None:
+    link = "command_link.loss={kind: bernoulli, probability: 0.3}"
+    world = make_world(load_scenario("flow", ("seed=3", "altimeter.link.rate=60", link)))
+    context = world.CreateDefaultContext()
+    drawing = {system.get_name(): system for system in world.GetSystems() if hasattr(system, "seed_in")}
+    assert {"command_link", "altimeter", "altimeter_link"} <= drawing.keys()
+    assert {name: its.seed_in(its.GetMyContextFromRoot(context)) for name, its in drawing.items()} == dict.fromkeys(
+        drawing, 3
+    )
 
 
 def test_monte_carlo_simulation_draws_the_noise_and_one_generator_the_same() -> None:

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from small_loop import boxes
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.calls import Reading
+from ortilo_drake.loop.element import Array, Box, Element, Number, Values, outside
 from ortilo_drake.loop.wiring import Wiring
 
 
@@ -20,6 +21,17 @@ def test_outputs_come_after_what_they_read() -> None:
     names = [box.name for box in wiring.out_order]
     assert names.index("sensor") < names.index("gain")
     assert [box.name for box in wiring.step_order] == ["mass"]
+
+
+def test_what_depends_on_which_inputs_has_an_order_of_its_own_in_every_process() -> None:
+    """Generated code is in that order, and is kept by its text: a set of names has another in each process."""
+    names = [f"input_{letter}" for letter in "gdafcbe"]
+    read = [
+        replace(boxes()[0], name=f"of_{name}", reads=dict.fromkeys(boxes()[0].element.inputs, name)) for name in names
+    ]
+    groups = list(Reading(Wiring([*(outside(name, 2) for name in names), *read])).groups)
+    assert groups == sorted(groups, key=sorted)
+    assert len(groups) == len(names) + 2  # of none, of each, of all
 
 
 @pytest.mark.parametrize(
