@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from live_messages import START
-from made_up_motion import BAG_MAP, made_up, write_bag
+from live_messages import RANGES, START
+from made_up_motion import ANCHORS, BAG_MAP, as_map, made_up, write_bag
 from plain_filter import run_plainly
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
@@ -21,6 +21,7 @@ from ortilo_drake.interop.mavlink import MOST_THRUST, attitude_target_fields
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.live import live_bridge, live_filter
 from ortilo_drake.studies.live.live_bridge import LiveBridge
+from ortilo_drake.studies.live.live_warnings import LiveWarnings
 from ortilo_drake.studies.recorded import heading_doubts
 
 
@@ -99,6 +100,26 @@ def test_a_body_that_begins_upside_down_is_refused(recorded: list[str], tmp_path
     result = CliRunner().invoke(hil_app, recorded)
     assert isinstance(result.exception, InputError)
     assert "upside down: imu: {axes: frd} turns it up" in str(result.exception)
+
+
+def test_an_imu_in_another_unit_is_refused_with_the_unit(recorded: list[str], tmp_path: Path) -> None:
+    map_ = tmp_path / "MAP.yaml"
+    map_.write_text(map_.read_text().replace("axes: frd", "axes: frd, force_unit: g"))
+    result = CliRunner().invoke(hil_app, recorded)
+    assert isinstance(result.exception, InputError)
+    assert re.search(r"the force at rest is 9\d\.?\d* m/s², not 9\.81: imu: {force_unit: m/s2}", str(result.exception))
+
+
+def test_a_filter_that_is_lost_again_and_again_is_told_of_twice_a_minute() -> None:
+    lines = list[str]()
+    warnings = LiveWarnings(as_map(RANGES), lines.append)
+    filter_ = live_filter.LiveFilter(as_map(RANGES), ANCHORS, rate=1.0)
+    for second in range(100):
+        filter_.lost, filter_._next = second, second
+        warnings.look_at(filter_)
+    first, *later = lines
+    assert first == "the filter was lost, and starts anew from the ranges"
+    assert later == [f"{first} (31 times in 31 s)"] * 3
 
 
 def test_the_autopilot_is_told_why_the_bridge_ended(recorded: list[str], tmp_path: Path) -> None:

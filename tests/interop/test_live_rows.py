@@ -83,6 +83,22 @@ def test_a_row_that_comes_after_its_turn_is_counted_and_left_out() -> None:
     assert 0 in rows.before(ended=True)[1].ranges.anchor
 
 
+@pytest.mark.parametrize(("delay", "said"), [(0.08, None), (0.15, "--lag 0.15 takes them"), (3.0, "another clock?")])
+def test_a_topic_later_than_the_lag_is_warned_of_once_with_the_lag_it_needs(delay, said) -> None:
+    """IMU samples reach the bridge so much later than ranges of the same stamps do."""
+    rows, lines = LiveRows(as_map(RANGES + IMU), lag=0.1), list[str]()
+    arrivals = [(5.0 + 0.05 * k, one) for k in range(200) for one in all_ranges(5.0 + 0.05 * k)]
+    arrivals += [(5.0 + 0.05 * k + delay + 0.001, ("/imu", imu_message(5.0 + 0.05 * k))) for k in range(200)]
+    for _, message in sorted(arrivals, key=lambda one: one[0]):
+        lines += fed(rows, message)
+        rows.before()
+    found = [line for line in lines if "warning" in line]
+    assert len(found) == (said is not None)
+    if said is not None:
+        assert found[0].startswith("warning  /imu: 10 messages are not used")
+        assert said in found[0]
+
+
 def test_what_cannot_be_used_is_counted_by_its_reason() -> None:
     rows = LiveRows(as_map(RANGES + IMU))
     good = [(f"/r{i}", range_message(1.0, 2.0)) for i in range(6)]

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ortilo_drake.commands.terminal import say_if_compiling, say_written, show_report, write_json
+from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.inputs.numbers import not_radians
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
@@ -139,7 +140,9 @@ def run_live_bridge(
                 sender.send_text(f"the bridge has ended: {error}", CRITICAL)
             raise
     write_json(json_file, report)
-    show_report(report)
+    show_report({name: value for name, value in as_data(report).items() if name != "anchors"})
+    for name, one in report.anchors.items():
+        _say(f"  {f'anchor {name}':20}{one.text()}")
     say_written(json_file)
 
 

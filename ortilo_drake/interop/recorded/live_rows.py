@@ -15,7 +15,7 @@ import numpy as np
 
 from ortilo_drake.interop.recorded.anchor_names import anchors_of
 from ortilo_drake.interop.recorded.columns import Stream
-from ortilo_drake.interop.recorded.live_stream import LiveStream
+from ortilo_drake.interop.recorded.live_stream import TOO_LATE, LiveStream
 from ortilo_drake.interop.recorded.map_file import Find, Map
 from ortilo_drake.interop.recorded.range_rows import (
     Ranges,
@@ -33,6 +33,8 @@ from ortilo_drake.model.typed_yaml import InputError
 LAG: Final = 0.1  # by default [s]
 SILENT: Final = 2.0  # a topic so far behind the others is called silent [s]
 AGAIN: Final = ": heard again"
+LATE_ROWS: Final = 10  # of a topic that came too late, that is said
+OTHER_CLOCK: Final = 1.0  # rows that are late by more are by another clock, or not in their order [s]
 SOURCES: Final = ("ranges", "differences", "imu", "accelerometer", "range_finder", "flow")
 
 
@@ -91,6 +93,7 @@ class LiveRows:
         self._given = -np.inf
         self._said: set[str] = set()
         self._silent: set[str] = set()
+        self._late: set[str] = set()
         self._since: dict[str, float] = {}  # from when on a silence counts [s]
         self._strangers = 0
         self._of_ranges = self._range_streams()
@@ -117,7 +120,10 @@ class LiveRows:
         mine = [stream for stream in self._streams if stream.topic == topic]
         self._strangers += not mine
         wrong = [stream.add(received, message, self._given) for stream in mine]
-        lines = [f"{topic}: {line}" for line in wrong if line] + ([] if mine else [f"{topic}: is not in the map"])
+        late = [line for stream in mine if (line := self._lateness(stream))]
+        lines = (
+            late + [f"{topic}: {line}" for line in wrong if line] + ([] if mine else [f"{topic}: is not in the map"])
+        )
         new = [line for line in dict.fromkeys(lines) if line not in self._said]
         self._said.update(new)
         return new + self._silences()
@@ -165,6 +171,18 @@ class LiveRows:
     def _horizon(self) -> float:
         shown = min(stream.newest - stream.source.late for stream in self._streams)
         return max(shown, self.newest - self._lag)
+
+    def _lateness(self, stream: LiveStream) -> str:
+        """Return a warning when so many of a topic's messages were not used because they came later than the lag."""
+        n = stream.rejected.counts.get(TOO_LATE, 0)
+        if n < LATE_ROWS or stream.topic in self._late:
+            return ""
+        self._late.add(stream.topic)
+        needed, said = self._lag + stream.late_by, f"warning  {stream.topic}: {n} messages are not used: they come"
+        if stream.late_by > OTHER_CLOCK:
+            return f"{said} {needed:.1f} s after others with later stamps: another clock?"
+        lag = np.ceil(100.0 * needed - 1e-3) / 100.0
+        return f"{said} up to {needed:.2f} s after others with later stamps: --lag {lag:g} takes them"
 
     def _silences(self) -> list[str]:
         """Return a line for each source, and each of a source's several topics, that fell silent or speaks again."""

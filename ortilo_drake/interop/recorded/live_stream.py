@@ -13,6 +13,7 @@ from ortilo_drake.interop.recorded.units import size_of
 
 MOST: Final = 1_000_000  # rows that wait; the oldest go
 YOUNG, BELIEVED = 10, 3  # a stream's clock may still be set, and its stamps are believed, after so many rows
+TOO_LATE: Final = "rows that came too late"
 FAR: Final = "rows with a stamp more than an hour from the others"
 
 
@@ -38,6 +39,7 @@ class LiveStream:
         newest: largest stamp that was accepted [s], -inf before the first.
         messages: how many came.
         used: how many of them had a stamp that was accepted.
+        late_by: by how much the latest of those that came too late did [s].
     """
 
     topic: str
@@ -50,6 +52,7 @@ class LiveStream:
     newest: float = -np.inf
     messages: int = 0
     used: int = 0
+    late_by: float = 0.0
 
     @property
     def settled(self) -> bool:
@@ -107,7 +110,11 @@ class LiveStream:
             return "duplicate stamps"
         if not self.names and t < self.newest:
             return "backward stamps"
-        return "rows that came too late" if t - self.source.late < given else ""
+        late = given - (t - self.source.late)
+        if late <= 0.0:
+            return ""
+        self.late_by = max(self.late_by, late)
+        return TOO_LATE
 
     def until(self, stamp: float) -> Stream:
         """Return the waiting rows before a stamp [s] in its order, names (n, their number); they wait no more."""

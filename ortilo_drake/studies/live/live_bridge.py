@@ -17,10 +17,13 @@ from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import GRAVITY, NO_AID_ROWS, Imu
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.studies.live.anchor_record import AnchorFigures
 from ortilo_drake.studies.live.live_filter import RATE, LiveFilter
+from ortilo_drake.studies.live.live_warnings import LiveWarnings, Say
 from ortilo_drake.studies.live.setpoints import Holding, Setpoint
 from ortilo_drake.studies.live.stamped_estimate import StampedEstimate, estimate_at
 from ortilo_drake.studies.live.uncertainty import AGAIN, ALL, Limits
+from ortilo_drake.studies.recorded.moved_anchors import names_of
 
 WINDOW: Final = 30.0  # the least delay of the last one to two windows counts, so that clocks may drift [s]
 
@@ -47,10 +50,8 @@ class SensorClock:
 
 # Called with the estimate, the setpoint if there is one, and how often the filter was lost.
 Target = Callable[[StampedEstimate, Setpoint | None, int], None]
-Say = Callable[[str], None]
 QUIET = 5.0  # without any message, that is said [s]
-LONG: Final = 3.0  # if the filter has not begun by then, the line says why [s]
-FAR: Final = 0.3  # the first ranges may be so far from those of the map's start [m]
+LONG: Final = 3.0  # if the filter has not begun by then, a line says why [s]
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,8 @@ class LiveReport:
         messages: how many came of each topic.
         ranges: how many the filter saw.
         taken: how many of them passed its gate.
+        nis: mean squared innovation of those over its variance, 1 if the noise is right; None before the first.
+        anchors: figures by anchor.
         estimates: how many were made.
         lost: how often the filter was lost and started anew.
         late_ms: median and largest age of an estimate against the newest stamp of a sensor [ms].
@@ -75,6 +78,8 @@ class LiveReport:
     messages: dict[str, int]
     ranges: int
     taken: int
+    nis: float | None
+    anchors: dict[str, AnchorFigures]
     estimates: int
     lost: int
     late_ms: dict[str, float] | None
@@ -122,7 +127,7 @@ class LiveBridge:
         self._say, self._note = say, note or say
         self._imu, self._holding = map_.imu is not None, holding
         self._failed: dict[str, str] = {}
-        self._doubts = self._turned = self._waits = False
+        self._warnings, self._waits = LiveWarnings(map_, self._say, self._note), False
         self._ages: list[float] = []
         self._old, self._uncertain, self._refused = 0, 0, 0
         self._why: str | None = None  # why the last setpoint was refused, empty if it was not; None before the first
@@ -164,34 +169,12 @@ class LiveBridge:
             return []
         if self._rows.newest > -np.inf:
             self._clock.now(self._rows.newest)
-        begun, lost = self._filter.begun, self._filter.lost
         found = self._filter.advance(*due, ended=ended)
+        self._warnings.look_at(self._filter)
         origin, newest = self._rows.origin or 0.0, self._rows.newest
         if not self._filter.begun and not self._waits and not ended and due[0] > LONG:
             self._waits = True
             self._note(f"not begun after {LONG:g} s: {self._filter.why_not_begun}")
-        if self._filter.begun and not begun:
-            sd = 0.0 if self._map.start is None else self._map.start.position_sd
-            if self._filter.start_off > max(FAR, 3.0 * sd):
-                off = f"the first ranges are {self._filter.start_off:.1f} m (median) from those of its position"
-                raise InputError(
-                    f"start: {off}: is the vehicle there? Give the place, or position_sd; else leave it out"
-                )
-            self._note(f"the filter has begun, by the ranges from {self._filter.begins_at:.1f} s after the first on")
-        if self._filter.lost > lost:
-            self._say("the filter was lost, and starts anew from the ranges")
-        doubt = self._filter.agreement.doubt()
-        if bool(doubt) != self._doubts:
-            self._doubts = bool(doubt)
-            cause = "a wrong heading, place of an anchor, axis or noise?"
-            if doubt:
-                self._say(f"warning  ranges: {doubt}: {cause}")
-            else:
-                self._note("ranges: agree with the estimate again")
-        heading = None if self._filter.heading is None else self._filter.heading.doubt
-        if heading is not None and not self._turned:
-            self._turned = True
-            self._say(f"warning  heading: {heading.text()}")
         made = [estimate_at(origin + one.t, one.state, self._imu) for one in found]
         for one in made:
             self._ages.append(newest - one.t)
@@ -236,11 +219,14 @@ class LiveBridge:
 
     def report(self) -> LiveReport:
         """Return the report of the messages received and sent so far."""
-        ages = 1e3 * np.array(self._ages)
+        ages, figures = 1e3 * np.array(self._ages), self._filter.anchors.figures()
+        names = [name.strip("'") for name in names_of(self._map, len(figures))]
         return LiveReport(
             self._rows.message_counts(),
             self._filter.ranges,
             self._filter.taken,
+            self._filter.anchors.nis,
+            {name: one for name, one in zip(names, figures, strict=True) if one is not None},
             len(ages),
             self._filter.lost,
             {"median": round(float(np.median(ages)), 1), "largest": round(float(ages.max()), 1)} if len(ages) else None,

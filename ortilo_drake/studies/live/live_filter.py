@@ -20,10 +20,11 @@ import numpy as np
 from ortilo_drake.interop.recorded.live_rows import Block
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import Ranges
-from ortilo_drake.interop.recorded.recording import NO_AID_ROWS, Recording, between, held_at
+from ortilo_drake.interop.recorded.recording import GRAVITY, NO_AID_ROWS, Imu, Recording, between, held_at
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Q
+from ortilo_drake.studies.live.anchor_record import AnchorRecord
 from ortilo_drake.studies.recorded.at_rest import AT_REST, at_rest
 from ortilo_drake.studies.recorded.event_filter import Carried, initial_carried, run_filter
 from ortilo_drake.studies.recorded.filter_types import NO_AIDS, RANGE, Events, EventValues, Restart, Run, Setup, State
@@ -38,7 +39,7 @@ from ortilo_drake.studies.recorded.filtered import (
 )
 from ortilo_drake.studies.recorded.first_fix import FIRST_RANGES, LONGEST, fix_known_at
 from ortilo_drake.studies.recorded.heading_doubts import HeadingWatch
-from ortilo_drake.studies.recorded.imu_doubts import upside_doubts
+from ortilo_drake.studies.recorded.imu_doubts import force_doubts, upside_doubts
 from ortilo_drake.studies.recorded.reacquired import AGAIN, is_astray, no_restart, restart_from
 from ortilo_drake.studies.recorded.setups import uncalibrated_setup
 from ortilo_drake.studies.recorded.truth_path import modelled
@@ -101,6 +102,8 @@ class LiveFilter:
         begins_at: stamp of the range that it begins with [s].
         why_not_begun: what it waits for.
         agreement: whether the last ranges agree with the estimate.
+        anchors: figures by anchor.
+        force_doubt: what is odd of the size of the imu's force at the start; empty if nothing is.
         heading: whether its heading does, by ranges and accelerations; None without an imu, and before it begins.
         start_off: how far each anchor's first range is from that of the map's `start` [m], the median; 0 without one.
     """
@@ -122,6 +125,8 @@ class LiveFilter:
         self.begins_at, self.why_not_begun = 0.0, "no range was heard"
         self.start_off = 0.0
         self.agreement = Agreement()
+        self.anchors = AnchorRecord(len(anchors), map_.filter.bias_start)
+        self.force_doubt = ""
         self.heading: HeadingWatch | None = None
 
     @property
@@ -138,7 +143,7 @@ class LiveFilter:
         """Take in the rows since the last call, and return the estimates that are due.
 
         Before the horizon [s] nothing is still to come; with `ended` nothing at all. InputError if the imu is silent
-        while it should say how it stands still, or if by its force the body begins upside down.
+        while it should say how it stands still, or if by its force the body begins upside down, or in another unit.
         """
         self._kept = block if self._kept is None else _joined(self._kept, block)
         if ended:
@@ -166,7 +171,9 @@ class LiveFilter:
                     self.why_not_begun = "the accelerometer is silent"
                     return False
                 imu = imu._replace(force=held_at(imu.t, *imu.accelerometer))
-            for said in upside_doubts(imu, map_):
+            self.force_doubt = next(iter(force_doubts(imu, map_)), "")
+            wrong = [self.force_doubt] if self.force_doubt and not _is_gravity(imu) else []
+            for said in wrong + upside_doubts(imu, map_):
                 raise InputError(said)
         origin = Recording("live", ranges, imu, None, self._anchors, 0.0, 0.0, [], {}, looks)
         rest = at_rest(origin, map_)
@@ -230,6 +237,7 @@ class LiveFilter:
             self.ranges, self.taken = self.ranges + len(run.taken), self.taken + int(run.taken.sum())
             past = Events(*(part[:done] for part in events))
             self.agreement.add(past.t[past.kind == RANGE], run)
+            self.anchors.add(past.which[past.kind == RANGE], run, self._state)
             if self.heading is not None:
                 self.heading.advance(past, heard, self._state)
             if done == len(events.t):
@@ -259,6 +267,11 @@ class LiveFilter:
         self._anew = found or no_restart(len(self._state.C))
         self._wait = float(window.t[0]) + AGAIN
         self._carried, self._waits = self._fresh(), False
+
+
+def _is_gravity(imu: Imu) -> bool:
+    """Return whether the median size of the force may be gravity of a vehicle that already flies."""
+    return 0.5 < float(np.median(np.linalg.norm(imu.force, axis=1))) / GRAVITY < 2.0
 
 
 def _joined(a: Any, b: Any) -> Any:

@@ -1,0 +1,134 @@
+"""Figures by anchor of a live filter, and a warning of the anchor whose ranges do not suit the others'.
+
+The biases of the ranges are states of the filter, so an anchor in the wrong place hardly shows in its innovations: over
+a minute an error of 0.5 m left their mean within 3 mm and NIS as it was. It shows in the bias, which it moves away from
+the others' as far as the geometry lets it: about half of such errors are named.
+"""
+
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO
+from ortilo_drake.studies.recorded.filter_types import BIASES, Run, State
+
+APART: Final = 1.75  # a bias so many prior deviations from the median of the others: 0.35 m by default
+SURE: Final = 3.0  # and so many of its own deviations
+LASTS: Final = 2.0  # for so long [s]
+
+
+class OddAnchor(NamedTuple):
+    """An anchor's index, and how far its bias is from the others' median, with its deviation [m]."""
+
+    anchor: int
+    off: float
+    sd: float
+
+
+@dataclass(frozen=True)
+class AnchorFigures:
+    """The figures of one anchor.
+
+    Attributes:
+        ranges: how many came.
+        rejected: share of them that the gate rejected.
+        nis: mean squared innovation over its variance, of the others.
+        mean: of their innovations [m].
+        mean_sd: standard deviation that this mean should have [m].
+        bias: of its ranges, now [m].
+        bias_sd: its standard deviation [m].
+    """
+
+    ranges: int
+    rejected: float
+    nis: float
+    mean: float
+    mean_sd: float
+    bias: float
+    bias_sd: float
+
+    def text(self) -> str:
+        """Return them in words."""
+        innovations = f"innovations {self.mean:+.3f} m (sd {self.mean_sd:.3f})"
+        bias = f"bias {self.bias:+.2f} m (sd {self.bias_sd:.2f})"
+        return f"{self.ranges} ranges, {self.rejected:.1%} rejected, NIS {self.nis:.2f}, {innovations}, {bias}"
+
+
+def odd_anchor(biases: np.ndarray, C: np.ndarray, prior: float) -> OddAnchor | None:
+    """Return the anchor whose bias is farthest from the median of the others', if that is far.
+
+    Args:
+        biases: of the ranges (n) [m].
+        C: their covariance (n, n) [m²].
+        prior: deviation that they were expected to have [m].
+    """
+    n = len(biases)
+    if n < 4:  # of three nobody can say which
+        return None
+    off = np.array([biases[i] - np.median(np.delete(biases, i)) for i in range(n)])
+    i = int(np.argmax(np.abs(off)))
+    weights = np.full(n, -1.0 / (n - 1))
+    weights[i] = 1.0
+    sd = float(np.sqrt(weights @ C @ weights))
+    far = abs(off[i]) > max(APART * prior, SURE * sd)
+    return OddAnchor(i, float(off[i]), sd) if far else None
+
+
+class AnchorRecord:
+    """What n anchors' ranges were like so far; the biases were expected to have a deviation [m].
+
+    Attributes:
+        odd: the first anchor that was odd for LASTS, None if none was.
+    """
+
+    def __init__(self, n: int, prior: float):
+        self._prior, self._since, self._which = prior, np.inf, -1
+        self._heard, self._taken = np.zeros(n, np.int64), np.zeros(n, np.int64)
+        self._squares, self._sums, self._variances = np.zeros(n), np.zeros(n), np.zeros(n)
+        self._biases, self._C = np.zeros(n), np.eye(n)
+        self.odd: OddAnchor | None = None
+
+    def add(self, anchor: np.ndarray, run: Run, state: State) -> None:
+        """Add the ranges of a run, to these anchors (k), and the state behind it.
+
+        Those at rest on the floor, which it ignores, do not count.
+        """
+        used, n = run.taken | (run.innovation != 0.0), len(self._heard)
+        self._heard += np.bincount(anchor[used], minlength=n)
+        at, e, S = anchor[run.taken], run.innovation[run.taken], run.variance[run.taken]
+        self._taken += np.bincount(at, minlength=n)
+        self._squares += np.bincount(at, e**2 / S, minlength=n)
+        self._sums += np.bincount(at, e, minlength=n)
+        self._variances += np.bincount(at, S, minlength=n)
+        self._biases = state.x[ADDITIVE + BIASES - GYRO :][:n].copy()
+        self._C = state.C[BIASES : BIASES + n, BIASES : BIASES + n].copy()
+        found = odd_anchor(self._biases, self._C, self._prior)
+        which = -1 if found is None else found.anchor
+        self._since = min(self._since, state.t) if which == self._which >= 0 else state.t
+        self._which = which
+        if self.odd is None and found is not None and state.t - self._since >= LASTS:
+            self.odd = found
+
+    @property
+    def nis(self) -> float | None:
+        """NIS of all ranges that were taken; None before the first."""
+        return float(self._squares.sum() / self._taken.sum()) if self._taken.any() else None
+
+    def figures(self) -> list[AnchorFigures | None]:
+        """Return the figures of each anchor (n); None for one of which no range was taken."""
+        sd = np.sqrt(np.diag(self._C))
+        return [
+            AnchorFigures(
+                int(self._heard[i]),
+                1.0 - float(k / self._heard[i]),
+                float(self._squares[i] / k),
+                float(self._sums[i] / k),
+                float(np.sqrt(self._variances[i]) / k),
+                float(self._biases[i]),
+                float(sd[i]),
+            )
+            if k
+            else None
+            for i, k in enumerate(self._taken)
+        ]

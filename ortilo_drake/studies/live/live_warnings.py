@@ -1,0 +1,64 @@
+"""What a live bridge says of its filter, a line each: that it began or was lost, and what contradicts the map."""
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.studies.live.live_filter import LiveFilter
+from ortilo_drake.studies.recorded.moved_anchors import names_of
+
+Say = Callable[[str], None]
+FAR: Final = 0.3  # the first ranges may be so far from those of the map's start [m]
+SELDOM: Final = 30.0  # a filter that is lost again and again is told of so often [s]
+
+
+class LiveWarnings:
+    """The lines about a filter by a map, each once for as long as it holds; note takes those of no trouble."""
+
+    def __init__(self, map_: Map, say: Say, note: Say | None = None):
+        self._map, self._say, self._note = map_, say, note or say
+        self._begun = self._disagrees = self._turned = self._moved = self._unit = False
+        self._lost, self._told = 0, -np.inf
+
+    def look_at(self, filter_: LiveFilter) -> None:
+        """Say what has changed; InputError if the first ranges contradict the map's start."""
+        if filter_.begun and not self._begun:
+            self._begun = True
+            self._check_start(filter_.start_off)
+            self._note(f"the filter has begun, by the ranges from {filter_.begins_at:.1f} s after the first on")
+        if filter_.force_doubt and not self._unit:
+            self._unit = True
+            self._say(f"warning  {filter_.force_doubt}")
+        self._say_lost(filter_.lost, filter_.due)
+        doubt = filter_.agreement.doubt()
+        if bool(doubt) != self._disagrees:
+            self._disagrees = bool(doubt)
+            cause = "a wrong heading, place of an anchor, axis or noise?"
+            if doubt:
+                self._say(f"warning  ranges: {doubt}: {cause}")
+            else:
+                self._note("ranges: agree with the estimate again")
+        heading, odd = None if filter_.heading is None else filter_.heading.doubt, filter_.anchors.odd
+        if heading is not None and not self._turned:
+            self._turned = True
+            self._say(f"warning  heading: {heading.text()}")
+        if odd is not None and not self._moved:
+            self._moved = True
+            name = names_of(self._map, len(filter_.anchors.figures()))[odd.anchor]
+            off = f"its ranges are {odd.off:+.2f} m (sd {odd.sd:.2f} m) from what the others' biases are"
+            self._say(f"warning  anchor {name}: {off}: is it where the map has it, and in sight?")
+
+    def _check_start(self, off: float) -> None:
+        sd = 0.0 if self._map.start is None else self._map.start.position_sd
+        if off > max(FAR, 3.0 * sd):
+            off_by = f"the first ranges are {off:.1f} m (median) from those of its position"
+            raise InputError(f"start: {off_by}: is the vehicle there? Mend it or its position_sd, or leave it out")
+
+    def _say_lost(self, lost: int, t: float) -> None:
+        if lost > self._lost and t - self._told > SELDOM:
+            times = "" if lost - self._lost == 1 else f" ({lost - self._lost} times in {min(t - self._told, t):.0f} s)"
+            self._say(f"the filter was lost, and starts anew from the ranges{times}")
+            self._lost, self._told = lost, t
