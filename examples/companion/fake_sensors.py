@@ -70,6 +70,7 @@ class Tag:
 def main(map_file: str) -> None:
     """Run until Ctrl-C."""
     import rclpy
+    from rclpy.signals import SignalHandlerOptions
     from sensor_msgs.msg import Imu
 
     with open(map_file, encoding="utf-8") as file:
@@ -77,7 +78,7 @@ def main(map_file: str) -> None:
     addresses = [topic[-4:] for topic in map_["ranges"]["topics"]]
     tag = Tag(dict(zip(addresses, np.array(map_["anchors"], dtype=float), strict=True)))
     lever, rng = np.array(map_["calibration"]["lever"]), np.random.default_rng(1)
-    rclpy.init()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # signals end this process as any other
     publisher = rclpy.create_node("fake_imu").create_publisher(Imu, "/imu", 100)
     print(f"tag {tag.name}", flush=True)
     begin, next_imu, next_range = np.inf, time.time(), time.time()

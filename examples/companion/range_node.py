@@ -82,11 +82,12 @@ def ranges_of(port: int) -> Iterator[tuple[int, str, float]]:
 def main(map_file: str, port_name: str) -> None:
     """Publish until the port is closed or Ctrl-C."""
     import rclpy
+    from rclpy.signals import SignalHandlerOptions
     from sensor_msgs.msg import Range
 
     with open(map_file, encoding="utf-8") as file:
         topics = yaml.safe_load(file)["ranges"]["topics"]
-    rclpy.init()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # signals end this process as any other
     node = rclpy.create_node("ranges")
     publishers = {topic[-4:].upper(): node.create_publisher(Range, topic, 10) for topic in topics}
     strangers = set[str]()

@@ -63,9 +63,7 @@ class Holding:
     def aim(self) -> str:
         """The place and yaw to hold, in words."""
         place = ", ".join(f"{value:g}" for value in self._place)
-        yaw = (
-            "the yaw of their begin" if self._yaw is None else f"yaw {self._yaw:.2f} rad ({np.degrees(self._yaw):.0f}°)"
-        )
+        yaw = "the yaw of their begin" if self._yaw is None else f"yaw {self._yaw:.2f} rad"
         return f"({place}) m, {yaw}"
 
     def setpoint(self, stamped: StampedEstimate, now: float) -> Setpoint:
@@ -74,9 +72,8 @@ class Holding:
         old = f"the estimate is older than {self._timeout:g} s" if age > self._timeout else ""
         refused = old or FLOWN_BY.why_not(stamped)
         e = x[0:3] - self._place
-        most = NEAR if self._asked is None else AWAY
-        if not refused and not np.linalg.norm(e) <= most:
-            refused = f"the place to hold is more than {most:g} m away"
+        if not refused and not np.linalg.norm(e) <= (NEAR if self._asked is None else AWAY):
+            refused = f"the place to hold is too far away: they begin within {NEAR:g} m and stop beyond {AWAY:g} m"
         if refused:
             self._i[:], self._asked = 0.0, None
             yaw = x[5]
