@@ -104,9 +104,13 @@ def main(map_file: str, port_name: str) -> None:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 3:
+        sys.exit("usage: range_node.py MAP.yaml PORT")
     try:
         main(*sys.argv[1:])
     except KeyboardInterrupt:
         sys.exit(0)
-    except (OSError, TypeError, KeyError, ImportError) as error:
-        sys.exit(f"range_node.py: {error}; usage: range_node.py MAP.yaml PORT, with ROS 2 sourced")
+    except ImportError as error:
+        sys.exit(f"range_node.py: {error}: source ROS 2, or install the extra ros2")
+    except OSError as error:
+        sys.exit(f"range_node.py: {error}")
