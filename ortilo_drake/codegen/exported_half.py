@@ -140,8 +140,7 @@ class ExportedHalf:
 def manifest_in(folder: Path, scenario: Scenario) -> dict[str, Any]:
     """Return the manifest of an export, which must be of this scenario.
 
-    Raises:
-        InputError: if there is none, or it is of another belief.
+    InputError if there is none, or it is of another belief.
     """
     try:
         manifest: dict[str, Any] = json.loads((folder / "manifest.json").read_text())

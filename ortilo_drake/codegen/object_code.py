@@ -20,8 +20,7 @@ LIBRARY = re.compile(
 def object_code(irs: dict[str, str], target: Target) -> bytes:
     """Return the object file of neutral IR; the names by which the IR is given are seen by a linker, no others.
 
-    Raises:
-        InputError: if this LLVM was built without the processor, or if code for another than x86-64 calls its library.
+    InputError if this LLVM was built without the processor, or if code for another than x86-64 calls its library.
     """
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()

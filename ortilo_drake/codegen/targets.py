@@ -48,8 +48,7 @@ TARGETS: Final = {
 def target_of(name: str) -> Target:
     """Return a target by its name.
 
-    Raises:
-        InputError: if there is none of that name, or this LLVM was built without it.
+    InputError if there is none of that name, or this LLVM was built without it.
     """
     if name not in TARGETS:
         raise InputError(f"--target: {name!r}: must be one of {', '.join(TARGETS)}")

@@ -78,8 +78,7 @@ def only_drake(scenario: Scenario) -> str | None:
 def check(scenario: Scenario, room: Room) -> None:
     """Refuse a camera whose image is too small or kept too long, whose files are wrong, or that cannot be drawn here.
 
-    Raises:
-        InputError: naming the setting.
+    InputError naming the setting.
     """
     try:
         camera = room.camera.scaled_to(scenario.image_width)

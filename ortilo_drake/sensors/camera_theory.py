@@ -17,15 +17,13 @@ from ortilo_drake.onboard.landmarks.landmark_bank import REPEATS
 from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
 from ortilo_drake.onboard.ranging.survey_bank import MEMORY
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.scenario.camera import ParametricErrors
 from ortilo_drake.sensors.imu import attitude_covariance
 from ortilo_drake.sensors.information_camera import camera_rows, camera_tables
 from ortilo_drake.sensors.information_rows import GRADIENT, SOURCE, VARIANCE, Information
 from ortilo_drake.sensors.learned_survey import residual_information, share_learned, with_biases
 from ortilo_drake.sensors.mismatch import Mismatch, of_truth
 from ortilo_drake.sensors.unknown_error import Error, Made, along_position, derivative, spread, walk
-from ortilo_drake.world.sensors.camera_calibration import load_calibration
-from ortilo_drake.world.sensors.camera_tables import Tables, look_up, measured_tables, parametric_tables
+from ortilo_drake.world.sensors.camera_tables import Tables, look_up, tables_of
 from ortilo_drake.world.sensors.landmark_view import (
     BOX,
     DISTANCE,
@@ -54,11 +52,8 @@ MISMATCHES = (
 @lru_cache(maxsize=16)
 def _camera_of(scenario: Scenario) -> tuple[Camera, Tables]:
     """Return the camera and the rates at which it finds landmarks."""
-    room, errors = scenario.load_room(), scenario.camera.errors
-    camera = room.camera.scaled_to(scenario.image_width).constants
-    if isinstance(errors, ParametricErrors):
-        return camera, parametric_tables(errors, room.classes, camera.image)
-    return camera, measured_tables(load_calibration(errors), room.classes, scenario.image_width, scenario.h)
+    room = scenario.load_room()
+    return room.camera.scaled_to(scenario.image_width).constants, tables_of(scenario.camera, room, scenario.h)
 
 
 @lru_cache(maxsize=16)

@@ -18,7 +18,6 @@ A landmark's information is weighted by its detection rate. The bound is convex 
 over the found landmarks is not below the bound of the mean information.
 """
 
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -31,8 +30,7 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.scenario import Detector, Scenario
 from ortilo_drake.scenario.camera import MeasuredErrors, ParametricErrors
 from ortilo_drake.sensors.information_rows import AMPLITUDE, GRADIENT, ROW_SIZE, SLOW, SOURCE, TICK, VARIANCE
-from ortilo_drake.world.sensors.camera_calibration import CameraCalibration, load_calibration
-from ortilo_drake.world.sensors.camera_tables import Tables, look_up, measured_tables, parametric_tables
+from ortilo_drake.world.sensors.camera_tables import Tables, look_up, tables_of
 from ortilo_drake.world.sensors.landmark_view import Surroundings, landmark_views, surroundings
 
 _MOST_SLOW = 1.0 - 1e-6  # the changes of an error that is all slow would hold unbounded information
@@ -117,11 +115,6 @@ def box_rows(
     return rows[:m].copy()
 
 
-@cache
-def _own_calibration() -> CameraCalibration:
-    return load_calibration(MeasuredErrors())  # reading it takes as long as the bound of a flight
-
-
 def camera_tables(scenario: Scenario, room: Room) -> Tables | None:
     """Return the tables of the camera that a scenario flies; None if its detector's errors have not been measured."""
     errors: MeasuredErrors | ParametricErrors = scenario.camera.errors
@@ -129,11 +122,7 @@ def camera_tables(scenario: Scenario, room: Room) -> Tables | None:
         if not isinstance(scenario.detector, Detector) or scenario.detector.files:
             return None
         errors = MeasuredErrors()
-    if isinstance(errors, ParametricErrors):
-        image = room.camera.scaled_to(scenario.image_width).constants.image
-        return parametric_tables(errors, room.classes, image)
-    calibration = _own_calibration() if errors == MeasuredErrors() else load_calibration(errors)
-    return measured_tables(calibration, room.classes, scenario.image_width, scenario.h)
+    return tables_of(scenario.camera.model_copy(update={"errors": errors}), room, scenario.h)
 
 
 def camera_rows(tables: Tables, room: Room, width: int, truth: np.ndarray, seen: np.ndarray) -> np.ndarray:

@@ -24,15 +24,8 @@ def names_in_file(file: Path) -> list[str]:
 def room_labels(names: list[str], room: Room, source: str) -> np.ndarray:
     """Return the room's label of each of the network's classes, -1 for one that is no landmark here.
 
-    A 'pottedplant' is a 'potted plant', whichever of the two calls it so.
-
-    Args:
-        names: the network's classes.
-        room: gives the landmarks' classes.
-        source: the file that the names are from, for errors.
-
-    Raises:
-        InputError: if the network does not know a class of the room's landmarks.
+    A 'pottedplant' is a 'potted plant', whichever of the two calls it so. The source is the file that the names are
+    from. InputError if the network does not know a class of the room's landmarks.
     """
     label_of = {COCO_NAME.get(name, name): label for label, name in enumerate(room.classes)}
     label_of |= {name: label for label, name in enumerate(room.classes)}  # a room may have both words

@@ -194,14 +194,9 @@ def _layer(section: Section, layers: list[Layer], shapes: list[Shape]) -> tuple[
 
 
 def parse_cfg(text: str, source: str) -> DarknetCfg:
-    """Return the network that a .cfg's text describes.
+    """Return the network that a .cfg's text describes; an error calls it by its source.
 
-    Args:
-        text: the .cfg.
-        source: what to call it in an error.
-
-    Raises:
-        InputError: naming source, line, section, key, value and what is allowed.
+    InputError naming source, line, section, key, value and what is allowed.
     """
     first, *rest = read_sections(text, source)
     _check_keys(first)

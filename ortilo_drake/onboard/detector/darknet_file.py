@@ -39,13 +39,8 @@ def _check_classes(source: str, classes: object, network: DarknetNetwork) -> lis
 def network_bytes(network: DarknetNetwork, classes: list[str], source: str) -> bytes:
     """Return the bytes of a .safetensors file of a network, its .cfg and its class names.
 
-    Args:
-        network: the network.
-        classes: a name for each class.
-        source: what to call it in an error.
-
-    Raises:
-        InputError: if the class names do not fit, or a weight is not finite or too large for float16.
+    The source is what an error calls it. InputError if the class names do not fit, or a weight is not finite or too
+    large for float16.
     """
     _check_classes(source, classes, network)
     tensors = {}
@@ -62,8 +57,7 @@ def network_bytes(network: DarknetNetwork, classes: list[str], source: str) -> b
 def read_network(path: Path) -> tuple[DarknetNetwork, list[str]]:
     """Return the network of a file, ready to infer, and its class names.
 
-    Raises:
-        InputError: if the file cannot be read, is damaged, or holds other tensors than its own .cfg needs.
+    InputError if the file cannot be read, is damaged, or holds other tensors than its own .cfg needs.
     """
     check_file(path)
     try:

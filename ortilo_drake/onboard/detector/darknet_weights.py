@@ -31,8 +31,7 @@ def _tensors(network: DarknetNetwork) -> list[torch.Tensor]:
 def check_values(path: Path, network: DarknetNetwork) -> None:
     """Refuse a network with weights that are not finite or with a negative variance.
 
-    Raises:
-        InputError: naming the file the weights came from and the convolution, counted from 0.
+    InputError naming the file the weights came from and the convolution, counted from 0.
     """
     for number, layer in enumerate(network.convolutions()):
         for name, tensor in layer.state_dict().items():
@@ -56,14 +55,10 @@ def _header_size(path: Path) -> int:
 
 
 def read_weights(path: Path, network: DarknetNetwork) -> None:
-    """Fill a network from a .weights file.
+    """Fill a network from a .weights file, which is mapped, so that only the network's own copy takes memory.
 
-    Args:
-        path: the file; it is mapped, so only the network's own copy takes memory.
-        network: what to fill; unchanged in length and names, undefined in values after an error.
-
-    Raises:
-        InputError: if the file cannot be read, is shorter or longer than the network, or holds NaN or inf.
+    InputError if the file cannot be read, is shorter or longer than the network, or holds NaN or inf; the network's
+    values are undefined then.
     """
     needed = network.cfg.weight_count
     try:

@@ -40,9 +40,7 @@ def class_names(settings: Detector, cfg: DarknetCfg) -> tuple[list[str], str]:
     """Return the class names of a network of the user's, in the network's order, and which file they are from.
 
     As in Darknet a line is a class, a blank one too: a name's line is its number. Blank lines at the end do not count.
-
-    Raises:
-        InputError: if there are none or not as many as the network has classes.
+    InputError if there are none or not as many as the network has classes.
     """
     count = cfg.heads[0].classes
     assert settings.cfg is not None
@@ -62,15 +60,9 @@ def class_names(settings: Detector, cfg: DarknetCfg) -> tuple[list[str], str]:
 def load_detector(settings: Frozen, room: Room, size: tuple[int, int]) -> Callable[[np.ndarray], Boxes]:
     """Return the function from a picture to labels (k), scores (k) and boxes (k, 4) [px].
 
-    A picture is RGB (height, width, 3), uint8. Labels count the room's classes. Boxes are cut at the image's border.
-
-    Args:
-        settings: which network, and what of its boxes to keep; or the settings of a registered detector.
-        room: the landmarks.
-        size: width and height of the picture [px].
-
-    Raises:
-        InputError: if a file is wrong, or the network does not know a class of the room.
+    A picture is RGB (height, width, 3), uint8, of that width and height. Labels count the room's classes. Boxes are cut
+    at the image's border. The settings say which network and what of its boxes to keep, or are those of a registered
+    detector. InputError if a file is wrong, or the network does not know a class of the room.
     """
     if not isinstance(settings, Detector):
         return load_own(settings, room, size)
@@ -112,15 +104,8 @@ def load_detector(settings: Frozen, room: Room, size: tuple[int, int]) -> Callab
 def load_own(settings: Any, room: Room, size: tuple[int, int]) -> Callable[[np.ndarray], Boxes]:
     """Return the function from a picture to labels (k), scores (k) and boxes (k, 4) [px]; see load_detector.
 
-    What it finds is checked in every picture, and cut at the image's border.
-
-    Args:
-        settings: of a registered kind.
-        room: the landmarks.
-        size: width and height of the picture [px].
-
-    Raises:
-        InputError: from the function, if what it finds has another shape or is of no class of the room.
+    What it finds is checked in every picture, and cut at the image's border: InputError from the function, if it has
+    another shape or is of no class of the room.
     """
     part = find_part("detector", settings.kind)
     assert part is not None

@@ -57,8 +57,7 @@ def _by_beginning(path: Path, start: bytes, size: int) -> tuple[str, str] | None
 def check_onnx_file(path: Path) -> None:
     """Refuse a file of another kind that networks come in, before onnxruntime reads it.
 
-    Raises:
-        InputError: saying what the file is and what to do; or if it cannot be read.
+    InputError saying what the file is and what to do; or if it cannot be read.
     """
     with open_file(path) as file:
         start = file.read(4096)

@@ -60,8 +60,7 @@ def opencv_network(path: Path) -> Compute:
 def torch_network(path: Path, cfg: DarknetCfg) -> Compute:
     """Return a network that torch computes, from Darknet's .weights or our .safetensors.
 
-    Raises:
-        InputError: if torch is not installed, or the file is damaged or not of this .cfg.
+    InputError if torch is not installed, or the file is damaged or not of this .cfg.
     """
     check_installed("torch", "torch")
     check_installed("safetensors", "torch")

@@ -99,8 +99,7 @@ def _input_size(shape: list[Any], metadata: dict[str, str], source: str) -> tupl
 def load_onnx(settings: Detector, room: Room, size: tuple[int, int]) -> Callable[[np.ndarray], Boxes]:
     """Return the function from a picture to labels (k), scores (k) and boxes (k, 4) [px]; see load_detector.
 
-    Raises:
-        InputError: if onnxruntime is not installed, the file is wrong, or a class of the room is not among its names.
+    InputError if onnxruntime is not installed, the file is wrong, or a class of the room is not among its names.
     """
     assert settings.onnx is not None
     source = settings.onnx

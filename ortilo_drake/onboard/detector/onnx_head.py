@@ -43,8 +43,7 @@ class Head(NamedTuple):
 def names_in(metadata: Mapping[str, str], source: str) -> list[str] | None:
     """Return the class names in a file's metadata, None where it has none.
 
-    Raises:
-        InputError: if they are no list of names, nor names numbered from 0.
+    InputError if they are no list of names, nor names numbered from 0.
     """
     text = metadata.get("names")
     if text is None:
@@ -77,17 +76,10 @@ def head_of(
     names: list[str] | None,
     source: str,
 ) -> Head:
-    """Return the format of a network's boxes, found by the shapes of its outputs.
+    """Return the format of a network's boxes, found by the shapes of all its outputs, for an input of that size [px].
 
-    Args:
-        shapes: of all outputs.
-        size: width and height of its input [px].
-        metadata: of its file.
-        names: its classes, None where they are not known.
-        source: the file, for errors.
-
-    Raises:
-        InputError: if it is no detection network of YOLOv5, v8 or v11, or has not as many classes as names.
+    Names are its classes, None where they are not known; the source is the file, for errors. InputError if it is no
+    detection network of YOLOv5, v8 or v11, or has not as many classes as names.
     """
     task = metadata.get("task", "detect")
     if task != "detect":

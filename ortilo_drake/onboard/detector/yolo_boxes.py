@@ -91,15 +91,9 @@ def decode(
     """Return labels (k), scores (k) and boxes (k, 4) [px] of one image, in the order head, anchor, row, column.
 
     A box is (u_min, v_min, u_max, v_max) and may reach over the image's border. Each anchor of a cell gives its best
-    class only.
-
-    Args:
-        heads: raw heads, float32, each (a (5 + classes), n_y, n_x) or (1, a (5 + classes), n_y, n_x).
-        anchors: of each head (a, 2), widths and heights [px of the network's input].
-        input_size: width and height of the network's input [px] (2).
-        image_size: width and height of the image [px] (2).
-        threshold: smallest score of a box, above 0 and below 1.
-        scales: scale_x_y of each head, by default 1.
+    class only, if its score is the threshold or more. Raw heads are float32, (a (5 + classes), n_y, n_x) or (1, a (5 +
+    classes), n_y, n_x), each with anchors (a, 2) [px of the network's input] and a scale_x_y, by default 1. Sizes are
+    width and height [px] (2).
     """
     planes = tuple(np.ascontiguousarray(head.reshape(head.shape[-3:]), dtype=np.float32) for head in heads)
     p = tuple(np.ascontiguousarray(pairs, dtype=np.float64) for pairs in anchors)

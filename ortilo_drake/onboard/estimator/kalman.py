@@ -32,17 +32,10 @@ def innovation(
 ) -> None:
     """Write [C P, y - C x^] of one sensor to GT and the lower half of C P C^T + V to S.
 
-    Args:
-        x: estimate, of which N states [x; e] are meant.
-        P: its covariance, of which N rows and columns are.
-        y: values of all sensors (p).
-        V: covariance of this one's, row by row, and whatever follows (m^2 or more).
-        m: how many it has.
-        first: row of the first of them.
-        states: which states each row of y sees, see model.measurement.Layout (p, w).
-        weights: with which coefficients (p, w).
-        S: written to (m or more, m or more).
-        GT: likewise (m or more, N + 1).
+    Of the estimate x and its covariance P the first N states [x; e] are meant. y are the values of all sensors (p);
+    this one has m of them, from row `first` on, of covariance V, row by row, and whatever follows (m^2 or more). Each
+    row of y sees these states (p, w) with these weights, see model.measurement.Layout. S is (m or more, m or more), GT
+    (m or more, N + 1).
     """
     N = GT.shape[1] - 1
     for a in range(m):

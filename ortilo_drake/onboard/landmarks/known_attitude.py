@@ -123,20 +123,13 @@ def pose_from_boxes(
     """Return whether there is a fix, the part of the pose sought (m), its covariance (m x m), and the boxes kept (n).
 
     Sought are p_WB (m = 3), [p_WB, psi] (4), so that a compass that is off does not turn the position about the
-    vehicle, or [p_WB, rpy] (6). Only of the whole pose the filter's angles count, with the error free_sd. The box that
-    disagrees most with the rest is dropped, and the rest solved again, as long as r_i^T S_i^-1 r_i > max_residual^2.
+    vehicle, or [p_WB, rpy] (6). Only of the whole pose the filter's angles count, with the error free_sd [rad]; inf
+    leaves them out. The box that disagrees most with the rest is dropped, and the rest solved again, as long as r_i^T
+    S_i^-1 r_i > max_residual^2.
 
-    Args:
-        centers: centres of the boxes [px] (n, 2).
-        positions: p_W of the landmarks they are of (n, 3).
-        outlines: the landmarks' outlines, see pinhole.py (n, m, 3).
-        xhat: estimate; position and attitude come first.
-        P: its covariance (225); of the whole pose it is not used.
-        camera: the camera.
-        sd: error of each box centre [px] (n, 2).
-        max_residual: in standard deviations.
-        m: how much is sought.
-        free_sd: error of the filter's angles where the whole pose is sought [rad]; inf leaves them out.
+    The boxes have centres [px] (n, 2) with errors sd (n, 2), of landmarks at p_W (n, 3) with outlines as pinhole.py has
+    them (n, m, 3). Position and attitude come first in the estimate xhat; of the whole pose its covariance P (225) is
+    not used.
     """
     # In the sums R_i is in units of the least error's square, so that N there is N sd^2 of the equations.
     order = TILT_HELD if m == 4 else ATTITUDE_HELD

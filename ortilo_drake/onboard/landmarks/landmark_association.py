@@ -176,23 +176,13 @@ def associate(
 ) -> tuple[np.ndarray, np.ndarray, Predicted]:
     """Return the landmarks found, in rising order (k), their boxes' centres (k, 2) and what is predicted of these.
 
-    The order of the message's rows does not matter.
+    The order of the message's rows does not matter. Position and attitude come first in the estimate xhat, of
+    covariance P (225). Landmarks stand at p_W (n, 3), with outlines (n, m, 3) as pinhole.py has them and classes (n).
+    sd [px] and growth [1/px] are those of center_sd, survey_sd [m] that of with_survey; the gate is the largest
+    admissible d^2, the margin that of ambiguous, 0 leaves nothing out.
 
-    Args:
-        detections: the detections message.
-        xhat: estimate; position and attitude come first.
-        P: its covariance (225).
-        positions: p_W of the landmarks (n, 3).
-        outlines: their outlines, see pinhole.py (n, m, 3).
-        labels: their classes (n).
-        camera: the camera.
-        sd: error of a small box's centre [px].
-        gate: largest admissible d^2.
-        growth: of that error with the box's size [1/px], see center_sd.
-        margin: see ambiguous; 0 leaves nothing out.
-        inside: how far from the border a landmark's predicted box must end [px]. A box that the border cuts seems
-            whole where the detector errs, by tens of pixels if it is large, and its centre is then half of that off.
-        survey_sd: of the landmarks' positions, see with_survey [m].
+    A landmark's predicted box must end that far inside the border [px]. A box that the border cuts seems whole where
+    the detector errs, by tens of pixels if it is large, and its centre is then half of that off.
     """
     width, height = camera.image[0], camera.image[1]
     # Half an image beside the image, as slopes of the line of sight.

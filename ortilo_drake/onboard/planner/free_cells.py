@@ -74,14 +74,10 @@ class Cell:
 def free_space(
     room: Room, height: float, vehicle_radius: float, clearance: float, vertical_clearance: float
 ) -> FreeSpace:
-    """Return the free space between walls, outer walls and whatever ends above height - vertical_clearance.
+    """Return the free space between walls, outer walls and whatever ends above height - vertical_clearance [m].
 
-    Args:
-        room: the surveyed room.
-        height: flying height [m].
-        vehicle_radius: of the vehicle's outline [m].
-        clearance: to keep between outline and obstacles where there is room [m].
-        vertical_clearance: what ends lower than this below the flying height is flown over [m].
+    What ends lower is flown over. The vehicle's outline has that radius, and keeps the clearance to obstacles where
+    there is room [m].
     """
     names, low, high, radius, top = [], [], [], [], []
     for found in footprints(room):

@@ -72,20 +72,12 @@ def shortest_route(
 
 
 def find_cells(space: FreeSpace, start: np.ndarray, goal: np.ndarray, seen: SeenOn | None = None) -> list[Cell] | None:
-    """Return cells along the way from start to goal, or None where no way leads there.
+    """Return cells along the way from start to goal, with positive room (2) [m], or None where no way leads there.
 
     Where it matters what is seen, a cell grown from a point that is seen holds no place that is not, and one from
-    another point reaches no farther than UNSEEN_REACH: the path leaves the route for no place that is not seen.
-
-    Args:
-        space: the free space.
-        start: a point with positive room (2) [m].
-        goal: another (2) [m].
-        seen: says of a grid's x and y where it is seen (n_x, n_y) and the places that are not (k, 2); None does not
-            care.
-
-    Raises:
-        InputError: if the room is too large.
+    another point reaches no farther than UNSEEN_REACH: the path leaves the route for no place that is not seen. `seen`
+    says of a grid's x and y where it is seen (n_x, n_y) and the places that are not (k, 2). InputError if the room is
+    too large.
     """
     sides = space.bounds[1, :2] - space.bounds[0, :2]
     if np.prod(np.ceil(sides / SPACING)) > MAX_GRID:

@@ -24,8 +24,7 @@ _READ_AT_FIRST = {"estimate": N_XBAR, "covariance": N_XBAR**2, "belief": N_XBAR 
 def planned(scenario: Belief, make: Callable[[Belief], Planned] | None = None) -> Planned:
     """Return the plan of a scenario's planner, or the one given; a System is made anew, an element is a Box.
 
-    Raises:
-        InputError: if there is no path, or the planner returns neither a path nor a System with a reference.
+    InputError if there is no path, or the planner returns neither a path nor a System with a reference.
     """
     scenario = scenario.belief
     if make is None and not isinstance(scenario.planner, BUILT_IN):
@@ -63,8 +62,7 @@ def path_of(scenario: Belief) -> Trajectory:
 def start_of(plan: Planned) -> np.ndarray:
     """Return p_WB (3) at the start; a System's or a box's is its first reference, with zeros at its inputs.
 
-    Raises:
-        InputError: if a box says its reference by what is not known before.
+    InputError if a box says its reference by what is not known before.
     """
     if isinstance(plan, Box):
         element = plan.element
@@ -86,10 +84,7 @@ def duration_of(scenario: Belief, plan: Planned) -> float:
     """Return the time for which the flight follows its reference [s], before it settles.
 
     A System or a box does not tell. It flies for the duration in its settings in the scenario, or where those are a
-    built-in planner's, for as long as that one's path.
-
-    Raises:
-        InputError: if its settings have no duration.
+    built-in planner's, for as long as that one's path. InputError if its settings have no duration.
     """
     if not isinstance(plan, Trajectory) and isinstance(scenario.planner, BUILT_IN):
         plan = path_of(scenario)

@@ -31,14 +31,8 @@ def plan(
 ) -> PiecewisePolynomial:
     """Return the planned p_WB(t) (3 rows) [m] from t = 0; the same settings give the same bits.
 
-    Args:
-        settings: what to fly.
-        room: the surveyed room, whose obstacles are avoided.
-        vehicle: its radius keeps the outline off the obstacles.
-        sources: what fixes come from, for a path that prefers to be seen.
-
-    Raises:
-        InputError: if a point lies outside the room or too close to an obstacle, or no way leads to the goal.
+    It avoids the room's obstacles by the vehicle's radius; sources are what fixes come from, for a path that prefers to
+    be seen. InputError if a point lies outside the room or too close to an obstacle, or no way leads to the goal.
     """
     if isinstance(settings, HoverPlanner):
         point = np.array(settings.point)
@@ -57,13 +51,10 @@ def plan(
 
 
 def make_planner(trajectory: Trajectory) -> TrajectorySource:
-    """Return the system that plays a planned trajectory and then stays at its end.
+    """Return the system that plays a planned p_WB(t) (3 rows) [m] and then stays at its end.
 
     Ports:
         y0 (9, output): r, r_dot and r_ddot in W, see model/signals.py.
-
-    Args:
-        trajectory: p_WB(t) (3 rows) [m].
     """
     source = TrajectorySource(trajectory, output_derivative_order=2, zero_derivatives_beyond_limits=True)
     source.set_name("planner")

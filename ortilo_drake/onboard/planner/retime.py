@@ -54,12 +54,8 @@ def fastest_speed(ds: np.ndarray, kappa: np.ndarray, speed: float, acceleration:
 def averaged_length(ds: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the times t (m) of the result's knots, from 0, and s(t) averaged over WINDOW there.
 
-    Args:
-        ds: length between neighbouring samples (n - 1) [m].
-        v: speed at the samples (n) [m/s], 0 at both ends; between samples it is linear in time.
-
-    Raises:
-        InputError: if it takes longer than LONGEST.
+    Samples are ds (n - 1) [m] apart, with the speed v (n) [m/s], 0 at both ends; between samples it is linear in time.
+    InputError if it takes longer than LONGEST.
     """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # a speed may have underflowed to 0
         t_v = np.concatenate([[0.0], np.cumsum(2.0 * ds / (v[1:] + v[:-1]))])
@@ -85,15 +81,9 @@ def largest(trajectory: Trajectory, order: int) -> float:
 def retime(path: Trajectory, speed: float, acceleration: float) -> PiecewisePolynomial:
     """Return a flight along a path with continuous acceleration, at rest and unaccelerated at both ends.
 
-    It flies at ``speed`` wherever the acceleration allows, and keeps both limits to TOLERANCE.
-
-    Args:
-        path: r(u), any dimension, with continuous second derivative.
-        speed: limit of |r_dot| [m/s].
-        acceleration: limit of |r_ddot| [m/s^2].
-
-    Raises:
-        InputError: if the path turns too sharply to be flown within the limits.
+    It flies at ``speed`` [m/s] wherever the acceleration [m/s^2] allows, and keeps both limits to TOLERANCE. The path
+    r(u) has any dimension and a continuous second derivative. InputError if it turns too sharply to be flown within the
+    limits.
     """
     u = np.linspace(path.start_time(), path.end_time(), SAMPLES)
     r = path.vector_values(u)

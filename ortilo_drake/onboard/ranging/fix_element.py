@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from numba.extending import register_jitable
 
 from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import fill, put
@@ -14,6 +15,7 @@ from ortilo_drake.onboard.ranging.multilateration import believed_noise, put_fix
 from ortilo_drake.scenario import Multilateration as MultilaterationSettings
 
 
+@register_jitable
 def fix_out(
     n: Any,
     message: np.ndarray,
@@ -43,9 +45,7 @@ def learning_out(
 
     Without a fix all that lasts of the last one's error is kept.
     """
-    fill(out, 0.0)
-    if message[ARRIVED] != 0.0:
-        put_fix_message(message, anchors, values_of(noise), belief, n.three, used, out)
+    fix_out(n, message, belief, noise, anchors, used, out)
     m = anchors.shape[0]
     at = out.size - 6 * m - N_LASTING
     if out[ARRIVED] == 0.0:

@@ -32,8 +32,7 @@ def weight_matrices(weights: ServoWeights) -> tuple[np.ndarray, np.ndarray]:
 def is_detectable(Phi: np.ndarray, C: np.ndarray) -> bool:
     """Return whether C sees every mode of Phi on or outside the unit circle, in whatever coordinates they are given.
 
-    Raises:
-        InputError: if a number in them is not finite.
+    InputError if a number in them is not finite.
     """
     if not (np.isfinite(Phi).all() and np.isfinite(C).all()):
         raise InputError("servo: mass, inertia and control_rate are too far apart to be computed with")
@@ -45,9 +44,8 @@ def lq_gain(Phi: np.ndarray, Gamma: np.ndarray, Q: np.ndarray, R: np.ndarray) ->
 
     L = (Gamma^T S Gamma + R)^-1 Gamma^T S Phi;  S = Q + Phi^T S Phi - Phi^T S Gamma L.
 
-    Raises:
-        InputError: if (Phi, Gamma) is not stabilisable or (Phi, Q^1/2) not detectable, where Drake's solver would
-            end the process and SciPy's return a solution that does not stabilise.
+    InputError if (Phi, Gamma) is not stabilisable or (Phi, Q^1/2) not detectable, where Drake's solver would end the
+    process and SciPy's return a solution that does not stabilise.
     """
     try:
         if not is_detectable(Phi.T, Gamma.T):
@@ -82,8 +80,7 @@ def why_no_servo_gain(scenario: Belief) -> str | None:
 def gain_of(scenario: Belief) -> np.ndarray:
     """Return L (4 x 15) of a scenario's servo about hover at the heading that it holds.
 
-    Raises:
-        InputError: as lq_gain; if a servo of one's own has none, or one that is no 4 x 15 finite numbers.
+    InputError as lq_gain; if a servo of one's own has none, or one that is no 4 x 15 finite numbers.
     """
     if isinstance(scenario.servo, LqServo):
         return servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h, scenario.yaw)

@@ -38,20 +38,12 @@ def command(
     error_form: bool,
     force: np.ndarray | Triple | None,
 ) -> Four:
-    """Return u = [m g, 0, 0, 0] + u_ff - L [xhat - x_ref; i].
+    """Return u = [m g, 0, 0, 0] + u_ff - L [xhat - x_ref; i], with an estimate of [x; i] (15) and a gain L (4, 15).
 
-    Paper form: x_ref = 0 and u_ff = 0, u = -L [xhat; i]. Error form: x_ref = [r, phi_r, theta_r, psi_r, r_dot, 0]
-    with the roll and pitch that make the planned acceleration at hover, and u_ff = [m z_ddot_r, 0, 0, 0]. In either
-    form a disturbance force d that is known is countered: phi_r, theta_r and u_ff make the acceleration less d / m.
-
-    Args:
-        xbar: estimate of [x; i], i the integral of the position error (15).
-        reference: r, r_dot, r_ddot (9).
-        L: servo gain (4, 15).
-        mass: m [kg].
-        yaw: psi_r [rad].
-        error_form: whether to fly the error form.
-        force: d in W [N] (3); None for none.
+    Paper form: x_ref = 0 and u_ff = 0, u = -L [xhat; i]. Error form: x_ref = [r, phi_r, theta_r, psi_r, r_dot, 0] with
+    the roll and pitch that make the planned acceleration at hover, and u_ff = [m z_ddot_r, 0, 0, 0]. In either form a
+    disturbance force d in W [N] that is known is countered: phi_r, theta_r and u_ff make the acceleration less d / m.
+    The reference is r, r_dot, r_ddot (9), the mass m [kg], the yaw psi_r [rad].
     """
     a_x = a_y = a_z = psi_r = 0.0
     p_r = v_r = (0.0, 0.0, 0.0)

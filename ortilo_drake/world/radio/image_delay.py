@@ -16,8 +16,7 @@ MOST_KEPT = 1024 * MIB  # of pictures on the way
 def check_kept(every: int, longest: int, width: int, height: int) -> None:
     """Refuse to keep pictures (width x height), one every so many ticks for so many ticks, if they are too large.
 
-    Raises:
-        InputError: naming the setting and what is allowed.
+    InputError naming the setting and what is allowed.
     """
     kept = (longest // every + 1) * width * height * 4
     if kept > MOST_KEPT:

@@ -19,8 +19,7 @@ LARGEST = 4096  # sides of a straight picture [px]
 def straight_model(camera: CameraModel) -> CameraModel:
     """Return a straight camera with square pixels that sees all that a bent one sees, as fine in its middle.
 
-    Raises:
-        InputError: if the lens looks so far aside that no straight picture holds it.
+    InputError if the lens looks so far aside that no straight picture holds it.
     """
     reach = camera.constants.lens.reach
     if not np.all(2.0 * camera.focal_length * reach + 3.0 <= LARGEST):

@@ -69,19 +69,9 @@ def html_replay(
 ) -> str:
     """Return a logged flight as one HTML page that plays without a network.
 
-    Args:
-        room: where it flew.
-        trajectory: the planned path, p_W its first three values; None draws none.
-        times: equally spaced times of the log (n) [s].
-        states: x (n, 12).
-        estimates: xhat (n, 15).
-        covariances: P (n, 15, 15).
-        meshcat: where to draw; a new one if None.
-        vehicle: drawn with its own arms.
-        zones: marked on the floor.
-
-    Raises:
-        InputError: naming the array that does not fit.
+    The planned path has p_W as its first three values. The log has equally spaced times (n) [s], states x (n, 12),
+    estimates (n, 15) and covariances (n, 15, 15). It is drawn in a new Meshcat if none is given, the vehicle with its
+    own arms, zones on the floor. InputError naming the array that does not fit.
     """
     _check_log(times, states=states, estimates=estimates, covariances=covariances)
     meshcat = make_meshcat() if meshcat is None else meshcat

@@ -55,8 +55,7 @@ def room_lamps() -> list[LightParameter]:
 def check_egl() -> None:
     """Check that a picture can be drawn without a screen; the renderer itself would crash.
 
-    Raises:
-        InputError: saying what to install.
+    InputError saying what to install.
     """
     if not _egl_works():
         raise InputError(

@@ -146,8 +146,7 @@ class CameraCalibration(Frozen):
 def load_calibration(settings: MeasuredErrors) -> CameraCalibration:
     """Return the calibration that the settings name.
 
-    Raises:
-        InputError: if its file is missing or wrong.
+    InputError if its file is missing or wrong.
     """
     path = CALIBRATION if settings.file == "rendered" else Path(settings.file)
     if not exists(path):

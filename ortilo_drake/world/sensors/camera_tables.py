@@ -3,13 +3,16 @@
 For their meaning see camera_calibration.py.
 """
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.scenario.camera import ParametricErrors
-from ortilo_drake.world.sensors.camera_calibration import OTHER, QUANTILES, CameraCalibration
+from ortilo_drake.model.room import Room
+from ortilo_drake.scenario import Camera
+from ortilo_drake.scenario.camera import MeasuredErrors, ParametricErrors
+from ortilo_drake.world.sensors.camera_calibration import OTHER, QUANTILES, CameraCalibration, load_calibration
 
 
 class Tables(NamedTuple):
@@ -103,3 +106,17 @@ def parametric_tables(settings: ParametricErrors, classes: tuple[str, ...], imag
             [[0.0, 1.0], least + np.array([0.0, 0.25]) * image[0], least + np.array([0.0, 0.25]) * image[1]]
         ),
     )
+
+
+@cache
+def _own_calibration() -> CameraCalibration:
+    return load_calibration(MeasuredErrors())  # reading it takes as long as the bound of a flight
+
+
+def tables_of(settings: Camera, room: Room, h: float) -> Tables:
+    """Return a camera's rates and errors; InputError if the file of measured ones is missing or wrong."""
+    errors = settings.errors
+    if isinstance(errors, ParametricErrors):
+        return parametric_tables(errors, room.classes, room.camera.scaled_to(settings.width).constants.image)
+    calibration = _own_calibration() if errors == MeasuredErrors() else load_calibration(errors)
+    return measured_tables(calibration, room.classes, settings.width, h)

@@ -18,14 +18,12 @@ from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, MAX_DETECTIONS, PAYLOAD
 from ortilo_drake.scenario import Camera as CameraSettings
-from ortilo_drake.scenario.camera import ParametricErrors
 from ortilo_drake.scenario.faults import AnyFault
 from ortilo_drake.world.faults.scene_faults import scene_at, scene_table
 from ortilo_drake.world.faults.table import FaultTable
 from ortilo_drake.world.noise import stream_id, uniforms
 from ortilo_drake.world.persistent_noise import persistent_normals, seeds_of_nodes
-from ortilo_drake.world.sensors.camera_calibration import load_calibration
-from ortilo_drake.world.sensors.camera_tables import Tables, look_up, measured_tables, parametric_tables
+from ortilo_drake.world.sensors.camera_tables import Tables, look_up, tables_of
 from ortilo_drake.world.sensors.landmark_view import Surroundings, cut, surroundings, view_box, visible_share
 
 _MAX_FALSE = 16  # a Poisson number of mean 5, the largest allowed, exceeds it once in 70,000 images
@@ -139,14 +137,6 @@ def body_that_looks_ahead(x: np.ndarray, p_BC: np.ndarray, rpy: np.ndarray) -> n
     ahead[4] = np.arctan2(-R_WA[2, 0], np.sqrt(R_WA[0, 0] ** 2 + R_WA[1, 0] ** 2))
     ahead[5] = np.arctan2(R_WA[1, 0], R_WA[0, 0])
     return ahead
-
-
-def tables_of(settings: CameraSettings, room: Room, h: float) -> Tables:
-    """Return a camera's rates and errors; InputError if the file of measured ones is missing or wrong."""
-    if isinstance(settings.errors, ParametricErrors):
-        image = room.camera.scaled_to(settings.width).constants.image
-        return parametric_tables(settings.errors, room.classes, image)
-    return measured_tables(load_calibration(settings.errors), room.classes, settings.width, h)
 
 
 def noise_streams(room: Room) -> tuple[np.ndarray, np.uint64]:

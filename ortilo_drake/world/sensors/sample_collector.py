@@ -18,44 +18,53 @@ def sample_of(message: np.ndarray, i: int, n: int) -> np.ndarray:
     return message[PAYLOAD + i * size : PAYLOAD + (i + 1) * size]
 
 
-class SampleCollector(LeafSystem):
+class Kept(LeafSystem):
+    """Keeps a signal's values at the instants that divide a tick evenly, h i / n after it for i = 1 .. n - 1.
+
+    They are a discrete state ((n - 1) m), oldest first. Each has an event of period h at its own offset h (i / n): no
+    event falls between two ticks that is meant for one of them, as with a period of h / n, which splits coincident
+    events by an ulp; and what samples at one instant does so in one event.
+
+    Args:
+        name: of the system.
+        port: name of the signal's port.
+        size: of the signal, m.
+        n: parts of a tick, 2 or more.
+        h: tick [s].
+    """
+
+    def __init__(self, name: str, port: str, size: int, n: int, h: float):
+        super().__init__()
+        self.set_name(name)
+        self._n, self._size = n, size
+        self._signal = self.DeclareVectorInputPort(port, size)
+        self._kept = self.DeclareDiscreteState((n - 1) * size)
+        for i in range(1, n):
+            self.DeclarePeriodicDiscreteUpdateEvent(h, h * (i / n), partial(self._keep, i - 1))
+
+    def _keep(self, i: int, context: Context, values: DiscreteValues) -> None:
+        values.get_mutable_value(self._kept)[i * self._size : (i + 1) * self._size] = self._signal.Eval(context)
+
+
+class SampleCollector(Kept):
     """Samples a memoryless sensor n times a tick, at t_k - h + h / n, ..., t_k, and sends the n samples at t_k.
 
-    The last sample is the sensor's output at t_k itself. The others are kept by events of period h at the offsets
-    h (i / n): no event falls between two ticks that is meant for one of them, as with a period of h / n, which splits
-    coincident events by an ulp; and two sensors that sample at one instant do so in one event.
+    The last sample is the sensor's output at t_k itself, the others are kept. Arguments as Kept's, of a name the
+    message's and of a size 2 + p.
 
     Ports:
         sample (2 + p): the sensor's message [arrived, stamp, payload] of any instant.
         <name> (2 + n (2 + p), output): see model/signals.py; at t_0 only the last sample is there.
-
-    State (discrete):
-        samples ((n - 1) (2 + p)): those taken inside the tick, oldest first.
-
-    Args:
-        name: the message's.
-        size: 2 + p.
-        n: samples a tick, 2 or more.
-        h: tick [s].
     """
 
     def __init__(self, name: str, size: int, n: int, h: float):
-        super().__init__()
-        self.set_name(f"{name}_samples")
-        self._n, self._size = n, size
-        self._sample = self.DeclareVectorInputPort("sample", size)
-        self._kept = self.DeclareDiscreteState((n - 1) * size)
-        for i in range(1, n):
-            self.DeclarePeriodicDiscreteUpdateEvent(h, h * (i / n), partial(self._keep, i - 1))
-        needs = {self._sample.ticket(), self.xd_ticket()}
+        super().__init__(f"{name}_samples", "sample", size, n, h)
+        needs = {self._signal.ticket(), self.xd_ticket()}
         self.DeclareVectorOutputPort(name, size_of_samples(size, n), self._calc, prerequisites_of_calc=needs)
-
-    def _keep(self, i: int, context: Context, values: DiscreteValues) -> None:
-        values.get_mutable_value(self._kept)[i * self._size : (i + 1) * self._size] = self._sample.Eval(context)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         message = np.zeros(output.size())
-        message[PAYLOAD:] = np.concatenate((context.get_discrete_state(self._kept).value(), self._sample.Eval(context)))
+        message[PAYLOAD:] = np.concatenate((context.get_discrete_state(self._kept).value(), self._signal.Eval(context)))
         there = samples_in(message, self._n)
         there = there[there[:, ARRIVED] > 0.0]
         if len(there):
@@ -63,28 +72,9 @@ class SampleCollector(LeafSystem):
         output.SetFromVector(message)
 
 
-class Passed(LeafSystem):
-    """Keeps a signal's values at the instants that divide a tick evenly, t_k + h i / n for i = 1 .. n - 1.
-
-    Ports:
-        signal (m).
-        passed ((n - 1) m, output): a state: its values inside the last tick, oldest first.
-
-    Args:
-        size: m.
-        n: parts of a tick, 2 or more.
-        h: tick [s].
-    """
+class Passed(Kept):
+    """Shows what it keeps of `signal` (m) at `passed` ((n - 1) m, output); arguments as Kept's."""
 
     def __init__(self, size: int, n: int, h: float):
-        super().__init__()
-        self.set_name("passed")
-        self._size = size
-        self._signal = self.DeclareVectorInputPort("signal", size)
-        self._passed = self.DeclareDiscreteState((n - 1) * size)
-        for i in range(1, n):
-            self.DeclarePeriodicDiscreteUpdateEvent(h, h * (i / n), partial(self._keep, i - 1))
-        self.DeclareStateOutputPort("passed", self._passed)
-
-    def _keep(self, i: int, context: Context, values: DiscreteValues) -> None:
-        values.get_mutable_value(self._passed)[i * self._size : (i + 1) * self._size] = self._signal.Eval(context)
+        super().__init__("passed", "signal", size, n, h)
+        self.DeclareStateOutputPort("passed", self._kept)

@@ -37,15 +37,10 @@ _STATE_SIZE = 4
 def failsafe_state(
     t: float, s: np.ndarray, command: np.ndarray, x: np.ndarray, timeout: float, hold_for: float
 ) -> np.ndarray:
-    """Return the failsafe's state (4) for time t [s], from its last one.
+    """Return the failsafe's state (4) for time t [s], from its last one s, see Failsafe.
 
-    Args:
-        t: time [s].
-        s: the last state, see Failsafe (4).
-        command: u and the time at which it was received [s], -inf if there was none yet (5).
-        x: true state (12).
-        timeout: largest age of a command that still counts [s].
-        hold_for: how long to hold before the descent [s].
+    The command is u and the time at which it was received [s], -inf if there was none yet (5), and counts up to the
+    timeout; the descent begins after holding for so long [s]. x is the true state.
     """
     if t - command[N_U] <= timeout:
         return np.zeros(_STATE_SIZE)
@@ -67,18 +62,11 @@ def hold_control(
     inertia: np.ndarray,
     max_thrust: float,
 ) -> np.ndarray:
-    """Return the u (4) that brings the vehicle to rest, level, at z_r and psi_r; the loops are the module's.
+    """Return the u (4) that brings the vehicle to rest, level, at z_r [m] and psi_r [rad]; the loops are the module's.
 
-    Args:
-        x: true state (12).
-        z_r: altitude to go to [m].
-        psi_r: yaw to turn to [rad].
-        sink_rate: largest vertical speed asked for [m/s].
-        max_tilt: largest size of the roll and pitch asked for [rad].
-        frequencies: p, w_z, w_psi [rad/s].
-        mass: m [kg].
-        inertia: I_x, I_y, I_z [kg m^2].
-        max_thrust: largest f_T [N].
+    x is the true state, the sink rate the largest vertical speed asked for [m/s], max_tilt the largest size of roll and
+    pitch [rad], the frequencies p, w_z, w_psi [rad/s], the inertia I_x, I_y, I_z [kg m^2], max_thrust the largest f_T
+    [N].
     """
     p, w_z, w_psi = frequencies[0], frequencies[1], frequencies[2]
     phi, theta, psi = x[3], x[4], x[5]

@@ -150,15 +150,9 @@ def tight_box(
     It shows the belief of [x; i] (240) that was predicted for this tick. The message of a sensor that does not fly is
     zeros: 11 of the imu, two of the others.
 
-    Args:
-        layout: of its states.
-        motion: imu and vehicle.
-        aids: the other sensors.
-        samples: of the imu in a message.
-        payloads: size of those of uwb and camera together, of what flies.
-        C_0: first covariance (n, n).
-        xbar_0: first estimate (15).
-        own: C over the twelve states (m, 12) of each sensor of one's own whose fix is among the fixes.
+    The imu has so many samples in a message; the payloads are the size of those of uwb and camera together, of what
+    flies. It begins with the covariance C_0 (n, n) and the estimate xbar_0 (15). `own` has C over the twelve states (m,
+    12) of each sensor of one's own whose fix is among the fixes.
     """
     x, kept, ahead = first_states(layout, motion, C_0, xbar_0)
     belief = np.zeros(N_XBAR + N_XBAR * N_XBAR)

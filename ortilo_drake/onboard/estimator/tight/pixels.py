@@ -63,21 +63,10 @@ def box_rows(
 ) -> int:
     """Write the two rows of a box at a state; return the number of entries, 0 if the landmark has no projection.
 
-    Args:
-        x: nominal state.
-        layout: of it.
-        i: the landmark.
-        center: of its box (2) [px].
-        position: where it is believed to be, p_WL (3).
-        outline: its outline (m, 3).
-        camera: the camera.
-        noise: see Aids.pixel_noise.
-        rates: of the body at the stamp (3) [rad/s].
-        clone: whose pose counts.
-        where: indices of the rows' entries (2, 11 at least); written to.
-        rows: the entries, likewise.
-        e: innovations (2) [px]; written to.
-        sd: errors of the centre (2) [px]; written to if they are 0.
+    The box of landmark i, believed to be at p_WL, of that outline (m, 3), is centred there (2) [px]; the noise is
+    Aids.pixel_noise. The body turned at those rates (3) [rad/s] at the stamp, and the clone's pose counts. `where` has
+    the indices of the rows' entries (2, 11 at least), rows the numbers, e the innovations (2) [px], and sd the errors
+    of the centre (2) [px], written to if they are 0.
     """
     J, box = np.empty((2, 6)), np.empty(4)
     p_WB, q_WB = pose_of(x, layout, clone)
