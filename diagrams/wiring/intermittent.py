@@ -31,9 +31,8 @@ from ortilo_drake.onboard.estimator.lasting_element import (
 )
 from ortilo_drake.onboard.estimator.measurement_handler import handler_box, incoming_of, oldest_used
 from ortilo_drake.onboard.estimator.replay_element import acted_box, belief_at_stamp_box, replay_box
-from ortilo_drake.onboard.estimator.robust.gate_element import gate_box, opening_variances
 from ortilo_drake.onboard.estimator.robust.stuck_gate import stuck_box
-from ortilo_drake.onboard.estimator.robust.weights import weighing_of
+from ortilo_drake.onboard.estimator.robust.weights import gate_box, opening_variances, weighing_of
 from ortilo_drake.onboard.ranging.bank_element import bank_box
 from ortilo_drake.onboard.ranging.sighted import sighted_box
 from ortilo_drake.onboard.sample_mean import SampleMean

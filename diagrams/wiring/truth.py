@@ -15,7 +15,7 @@ from ortilo_drake.sensors.messages import message_size
 from ortilo_drake.sensors.uwb import errors_drawn, paths_drawn
 from ortilo_drake.world.drawn_truth import AtStart, Drawn, draw_truth
 from ortilo_drake.world.sensors.sensor_errors import bias_of, errors_of, factor_of
-from ortilo_drake.world.vehicle.wrench_error import wrench_matrix
+from ortilo_drake.world.vehicle.rotors import wrench_matrix
 
 
 def drawn_values(wiring: Wiring, scenario: Scenario, room: Room, draw: AtStart) -> dict[str, Values]:

@@ -33,7 +33,7 @@ from ortilo_drake.world.vehicle.acted_report import now_box, report_box
 from ortilo_drake.world.vehicle.continuous import continuous_boxes
 from ortilo_drake.world.vehicle.disturbance import disturbance_box, drag_box, lasting_force_box
 from ortilo_drake.world.vehicle.quadrotor import acceleration_box, felt_box, plant_box
-from ortilo_drake.world.vehicle.wrench_error import wrench_error_box
+from ortilo_drake.world.vehicle.rotors import wrench_error_box
 
 
 def world_boxes(

@@ -10,7 +10,7 @@ import pytest
 from ortilo_drake.model.room import Room, load_room
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.onboard.detector import detector_network
-from ortilo_drake.onboard.detector.coco import COCO_CLASSES
+from ortilo_drake.onboard.detector.class_names import COCO_CLASSES
 from ortilo_drake.onboard.detector.darknet_cfg import parse_cfg, read_cfg
 from ortilo_drake.onboard.detector.detector_network import (
     OWN_CFG,

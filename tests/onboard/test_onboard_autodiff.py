@@ -12,8 +12,7 @@ from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.estimator.filter_element import filter_box
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATOR_HOLD, FilterModel
 from ortilo_drake.onboard.estimator.measurement_handler import handler_box, incoming_of
-from ortilo_drake.onboard.estimator.robust.gate_element import gate_box, opening_variances
-from ortilo_drake.onboard.estimator.robust.weights import weighing_of
+from ortilo_drake.onboard.estimator.robust.weights import gate_box, opening_variances, weighing_of
 from ortilo_drake.onboard.ranging.fix_element import fix_box
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import servo_box

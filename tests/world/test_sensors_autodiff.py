@@ -24,7 +24,7 @@ from ortilo_drake.world.sensors.true_velocity import velocity_box
 from ortilo_drake.world.sensors.uwb import uwb_box
 from ortilo_drake.world.slow_error import random_walk
 from ortilo_drake.world.vehicle.disturbance import disturbance_box, drag_box
-from ortilo_drake.world.vehicle.wrench_error import wrench_error_box, wrench_matrix
+from ortilo_drake.world.vehicle.rotors import wrench_error_box, wrench_matrix
 
 H = 1.0 / 30.0
 ROOM = load_scenario("nominal_imu_uwb").load_room()

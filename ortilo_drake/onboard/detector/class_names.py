@@ -1,4 +1,4 @@
-"""The words that a network and a room have for the same classes."""
+"""The words that a network and a room have for the same classes, and the 80 classes of MS COCO (Lin et al., 2014)."""
 
 from pathlib import Path
 from typing import Final
@@ -8,9 +8,31 @@ import numpy as np
 from ortilo_drake.model.input_files import read_text
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.detector.coco import COCO_NAME
 from ortilo_drake.onboard.detector.detector import Boxes
 from ortilo_drake.onboard.detector.yolo_boxes import non_max_suppression
+
+COCO_CLASSES = (
+    "person", "bicycle", "car", "motorcycle", "airplane", "bus", "train", "truck", "boat", "traffic light",
+    "fire hydrant", "stop sign", "parking meter", "bench", "bird", "cat", "dog", "horse", "sheep", "cow",
+    "elephant", "bear", "zebra", "giraffe", "backpack", "umbrella", "handbag", "tie", "suitcase", "frisbee",
+    "skis", "snowboard", "sports ball", "kite", "baseball bat", "baseball glove", "skateboard", "surfboard",
+    "tennis racket", "bottle", "wine glass", "cup", "fork", "knife", "spoon", "bowl", "banana", "apple",
+    "sandwich", "orange", "broccoli", "carrot", "hot dog", "pizza", "donut", "cake", "chair", "couch",
+    "potted plant", "bed", "dining table", "toilet", "tv", "laptop", "mouse", "remote", "keyboard",
+    "cell phone", "microwave", "oven", "toaster", "sink", "refrigerator", "book", "clock", "vase", "scissors",
+    "teddy bear", "hair drier", "toothbrush",
+)  # fmt: skip
+
+# What Darknet's own data/coco.names calls six of them, after PASCAL VOC.
+COCO_NAME = {
+    "motorbike": "motorcycle",
+    "aeroplane": "airplane",
+    "sofa": "couch",
+    "pottedplant": "potted plant",
+    "diningtable": "dining table",
+    "tvmonitor": "tv",
+}
+
 
 SHOWN: Final = 8  # names of a network that an error lists
 

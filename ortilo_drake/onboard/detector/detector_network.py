@@ -12,8 +12,7 @@ from ortilo_drake.model.optional import later
 from ortilo_drake.model.parts import find_part
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import Frozen, InputError
-from ortilo_drake.onboard.detector.class_names import in_room, names_in_file, room_labels
-from ortilo_drake.onboard.detector.coco import COCO_CLASSES
+from ortilo_drake.onboard.detector.class_names import COCO_CLASSES, in_room, names_in_file, room_labels
 from ortilo_drake.onboard.detector.darknet_cfg import parse_cfg, read_cfg
 from ortilo_drake.onboard.detector.darknet_layers import DarknetCfg
 from ortilo_drake.onboard.detector.detector import Boxes

@@ -10,8 +10,7 @@ import numpy as np
 from ortilo_drake.model.optional import later
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.detector.class_names import in_room, names_in_file, room_labels
-from ortilo_drake.onboard.detector.coco import COCO_CLASSES
+from ortilo_drake.onboard.detector.class_names import COCO_CLASSES, in_room, names_in_file, room_labels
 from ortilo_drake.onboard.detector.detector import Boxes
 from ortilo_drake.onboard.detector.foreign_file import check_onnx_file
 from ortilo_drake.onboard.detector.network_backends import onnxruntime_session

@@ -32,7 +32,7 @@ class Physics(NamedTuple):
         kinematics: index in KINEMATICS.
         longest_step: of the integration [s].
         time_constant: of a rotor speeding up and slowing down [s] (2).
-        wrench: T of wrench_error.py (4, 4).
+        wrench: T of rotors.wrench_matrix (4, 4).
         mixing: M of the rotors' squared speeds (4, n); (4, 0) of rotors without dynamics.
         faults: of wrench_table, where the rotors have dynamics.
     """
@@ -69,8 +69,8 @@ def put_felt(
 ) -> None:
     """Write u as it acts on the body (4) at t [s], as the rotors make it at these speeds (n) [rad/s].
 
-    The wrench is T of wrench_error.py (4, 4), the mixing M of the rotors' squared speeds (4, n), the faults those of
-    wrench_table. It works in room (n + 4).
+    The wrench is T of rotors.wrench_matrix (4, 4), the mixing M of the rotors' squared speeds (4, n), the faults are
+    those of wrench_table. It works in room (n + 4).
     """
     squared, made = room[: speeds.size], room[speeds.size :]
     for i in range(speeds.size):

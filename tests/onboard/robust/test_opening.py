@@ -12,7 +12,7 @@ from ortilo_drake.onboard.estimator.filter_element import filter_box
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial_covariance
 from ortilo_drake.onboard.estimator.intermittent_filter import intermittent_step
 from ortilo_drake.onboard.estimator.replay_element import replay_box
-from ortilo_drake.onboard.estimator.robust.gate_element import opening_variances
+from ortilo_drake.onboard.estimator.robust.weights import opening_variances
 from ortilo_drake.scenario import IntermittentFilter
 from ortilo_drake.scenario.robust import Opening
 
