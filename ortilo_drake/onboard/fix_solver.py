@@ -97,9 +97,6 @@ def read_out(message: np.ndarray, V: np.ndarray, out: np.ndarray) -> None:
         put(V, out, out.size - V.size)
 
 
-FIX_READER = Element("fix_reader", out=read_out)
-
-
 def fix_reader_box(name: str, rows: int, V: np.ndarray | None) -> Box:
     """Return the box of the fix of a message that begins with the value of m rows.
 
@@ -109,4 +106,4 @@ def fix_reader_box(name: str, rows: int, V: np.ndarray | None) -> Box:
         V: covariance of the value (m, m); None where it comes with the message.
     """
     table = np.zeros(0) if V is None else np.ravel(V)
-    return Box(name, FIX_READER, PAYLOAD + rows + rows * rows, Values(tables={"V": table}))
+    return Box(name, Element("fix_reader", out=read_out), PAYLOAD + rows + rows * rows, Values(tables={"V": table}))

@@ -11,7 +11,8 @@ from scipy.linalg import block_diag
 
 from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, DETECTIONS_SIZE, MAX_DETECTIONS, N_X, N_XBAR, PAYLOAD
+from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, MAX_DETECTIONS, N_X, N_XBAR, PAYLOAD
+from ortilo_drake.onboard.detector.detector import detections_message
 from ortilo_drake.onboard.estimator.filter_model import filter_of
 from ortilo_drake.onboard.landmarks.landmark_bank import REPEATS
 from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
@@ -82,13 +83,9 @@ def likely_views(scenario: Scenario, room: Room, x: np.ndarray) -> list[tuple[in
 
 def likely_detections(scenario: Scenario, room: Room, x: np.ndarray) -> np.ndarray:
     """Return the detections message of likely_views."""
-    message = np.zeros(DETECTIONS_SIZE)
-    message[0] = 1.0
-    message[PAYLOAD::DETECTION_SIZE] = -1.0
-    for row, (_, label, box) in enumerate(likely_views(scenario, room, x)):
-        start = PAYLOAD + row * DETECTION_SIZE
-        message[start : start + DETECTION_SIZE] = [label, 1.0, *box]
-    return message
+    found = likely_views(scenario, room, x)
+    boxes = np.array([box for _, _, box in found]).reshape(-1, 4)
+    return detections_message(0.0, np.array([label for _, label, _ in found]), np.ones(len(found)), boxes)
 
 
 def fix_of_boxes(scenario: Scenario, x: np.ndarray, message: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
@@ -96,15 +93,11 @@ def fix_of_boxes(scenario: Scenario, x: np.ndarray, message: np.ndarray) -> tupl
 
     The filter believes to be at x (12).
     """
-    landmark_fix, m = _landmark_fix(scenario), len(scenario.landmark_fix.rows)
-    context = landmark_fix.CreateDefaultContext()
+    m, xhat = len(scenario.landmark_fix.rows), np.concatenate([x, np.zeros(N_XBAR - N_X)])
     P = block_diag(np.zeros((3, 3)), attitude_covariance(scenario), np.zeros((N_XBAR - 6, N_XBAR - 6)))
-    landmark_fix.GetInputPort("detections").FixValue(context, message)
-    landmark_fix.GetInputPort("estimate").FixValue(context, np.concatenate([x, np.zeros(N_XBAR - N_X)]))
-    landmark_fix.GetInputPort("covariance").FixValue(context, P.ravel())
-    fix = landmark_fix.get_output_port().Eval(context)
+    fix = _landmark_fix(scenario).fix_at(message, xhat, P.ravel())
     value, covariance = fix[PAYLOAD : PAYLOAD + m], fix[PAYLOAD + m : PAYLOAD + m + m * m].reshape(m, m)
-    return np.array(value), np.array(covariance) if fix[ARRIVED] else None
+    return value, covariance if fix[ARRIVED] else None
 
 
 def information(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndarray) -> Information | None:

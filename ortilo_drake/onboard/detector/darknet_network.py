@@ -95,11 +95,6 @@ class Pool(nn.Module):
         return functional.max_pool2d(functional.pad(x, sides, value=-float("inf")), self._size, self._stride)
 
 
-def _part(x: Tensor, groups: int, group: int) -> Tensor:
-    """Return one of several equal parts of the channels."""
-    return x if groups == 1 else x.chunk(groups, dim=1)[group]
-
-
 class DarknetNetwork(nn.Module):
     """A network of the YOLOv3 kind; its weights are random until read (darknet_weights.py) or trained.
 
@@ -145,7 +140,7 @@ class DarknetNetwork(nn.Module):
                 case Yolo():
                     heads.append(x)
                 case Route():
-                    parts = [_part(kept[n], layer.groups, layer.group) for n in layer.sources]
+                    parts = [kept[n].chunk(layer.groups, dim=1)[layer.group] for n in layer.sources]  # of the channels
                     x = parts[0] if len(parts) == 1 else torch.cat(parts, dim=1)
                 case Shortcut():
                     x = module(x + kept[layer.source])

@@ -97,9 +97,6 @@ def with_imu_rows(
     return y_all, delta_all, V2_all
 
 
-IMU_ROWS = Element("imu_rows", out=imu_rows_out)
-
-
 def imu_rows_box(measurement: Measurement, variances: np.ndarray) -> Box:
     """Return the box that adds the imu's rows; it reads the imu's message as it lands, y, delta, V2 and stamps.
 
@@ -109,4 +106,4 @@ def imu_rows_box(measurement: Measurement, variances: np.ndarray) -> Box:
     p, s, q = p + 3 * m, s + m, q + 9 * m
     parts = {"y": (0, p), "delta": (p, s), "V2": (p + s, q), "stamps": (p + s + q, s)}
     given = Values({"number": measurement.inertial}, tables={"variances": variances})
-    return Box("imu_rows", IMU_ROWS, p + 2 * s + q, given, parts=parts)
+    return Box("imu_rows", Element("imu_rows", out=imu_rows_out), p + 2 * s + q, given, parts=parts)

@@ -78,14 +78,16 @@ class LandmarkFix(LeafSystem):
         if detections[ARRIVED] != 1.0:  # most ticks: spare the other ports
             output.set_value(self._nothing)
             return
-        xhat, believed = self._estimate.Eval(context), self._believed
+        widened = 1.0 if self._refused is None else float(2.0 ** context.get_discrete_state(self._refused).value()[0])
         P = self._covariance.Eval(context) if self._prior is None else self._prior
-        *boxes, sds, _ = boxes_to_solve(detections, xhat, P, believed, self._widened(context))
-        solution = self._method(*boxes, xhat, P, believed.camera, sds, believed.max_residual)
-        output.set_value(box_fix_message(*solution, xhat, detections[STAMP], self._rows))
+        output.set_value(self.fix_at(detections, self._estimate.Eval(context), P, widened))
 
-    def _widened(self, context: Context) -> float:
-        return 1.0 if self._refused is None else float(2.0 ** context.get_discrete_state(self._refused).value()[0])
+    def fix_at(self, detections: np.ndarray, xhat: np.ndarray, P: np.ndarray, widened: float = 1.0) -> np.ndarray:
+        """Return the fix message of a detections message by an estimate (15) and its covariance row by row (225)."""
+        believed, P = self._believed, P if self._prior is None else self._prior
+        *boxes, sds, _ = boxes_to_solve(detections, xhat, P, believed, widened)
+        solution = self._method(*boxes, xhat, P, believed.camera, sds, believed.max_residual)
+        return box_fix_message(*solution, xhat, detections[STAMP], self._rows)
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         detections, refused = self._detections.Eval(context), context.get_discrete_state(self._refused).value()[0]

@@ -17,12 +17,9 @@ def reference_out(k: int, path: np.ndarray, out: np.ndarray) -> None:
     put(path[min(k, path.shape[0] - 1)], out)
 
 
-REFERENCE = Element("reference", out=reference_out)
-
-
 def reference_box(path: np.ndarray) -> Box:
     """Return the box that plays a path: r, r_dot and r_ddot at every tick (ticks, 9)."""
-    return Box("reference", REFERENCE, REFERENCE_SIZE, Values(tables={"path": path}))
+    return Box("reference", Element("reference", out=reference_out), REFERENCE_SIZE, Values(tables={"path": path}))
 
 
 class Path(NamedTuple):

@@ -40,9 +40,6 @@ def sighted_out(
             out[PAYLOAD + i] += ages[i] * along / np.sqrt(squared)
 
 
-SIGHTED = Element("sighted", out=sighted_out)
-
-
 def sighted_box(settings: UwbSetup, room: Room) -> Box | None:
     """Return the box that takes ranges on to their stamp and leaves out those behind walls; None if it does neither."""
     n = len(room.anchors)
@@ -50,4 +47,4 @@ def sighted_box(settings: UwbSetup, room: Room) -> Box | None:
         return None
     walls = room.wall_boxes if settings.behind_walls == "left_out" else np.empty((0, 7))
     tables = {"anchors": room.anchor_positions, "walls": walls, "ages": settings.ages(n)}
-    return Box("uwb_sighted", SIGHTED, PAYLOAD + 2 * n, Values(tables=tables))
+    return Box("uwb_sighted", Element("sighted", out=sighted_out), PAYLOAD + 2 * n, Values(tables=tables))

@@ -15,12 +15,9 @@ def velocity_out(n: Any, k: int, state: np.ndarray, out: np.ndarray) -> None:
     put(state[6:N_X], out, PAYLOAD)
 
 
-VELOCITY = Element("true_velocity", out=velocity_out)
-
-
 def velocity_box(h: float) -> Box:
     """Return the box that sends the true velocities; it reads the true state (12)."""
-    return Box("velocity", VELOCITY, VELOCITY_SIZE, Values({"h": h}))
+    return Box("velocity", Element("true_velocity", out=velocity_out), VELOCITY_SIZE, Values({"h": h}))
 
 
 def shutter_out(n: Any, k: int, sent: np.ndarray, out: np.ndarray) -> None:
@@ -30,9 +27,6 @@ def shutter_out(n: Any, k: int, sent: np.ndarray, out: np.ndarray) -> None:
         out[ARRIVED], out[STAMP] = 1.0, k * n.h
 
 
-SHUTTER = Element("shutter", out=shutter_out)
-
-
 def shutter_box(h: float) -> Box:
     """Return the shutter of a camera that renders: it reads `sent` (1), not negative where its message is sent."""
-    return Box("camera", SHUTTER, SHUTTER_SIZE, Values({"h": h}))
+    return Box("camera", Element("shutter", out=shutter_out), SHUTTER_SIZE, Values({"h": h}))

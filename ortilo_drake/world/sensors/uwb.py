@@ -108,9 +108,6 @@ def uwb_out(
         put_uwb_message(out, v, state, anchors, bias, walls, n.settings, k * n.h)
 
 
-UWB = Element("uwb", out=uwb_out)
-
-
 def uwb_box(settings: Uwb, room: Room, h: float, stream: str = "uwb") -> Box:
     """Return the receiver, with noise of a stream.
 
@@ -121,4 +118,4 @@ def uwb_box(settings: Uwb, room: Room, h: float, stream: str = "uwb") -> Box:
         {"settings": ranging_settings(settings), "stream": stream_id(stream), "h": h},
         tables={"anchors": room.anchor_positions, "bias": np.zeros(count), "walls": walls_between(settings, room)},
     )
-    return Box("uwb", UWB, uwb_size(count), given, {"v": (count,)})
+    return Box("uwb", Element("uwb", out=uwb_out), uwb_size(count), given, {"v": (count,)})

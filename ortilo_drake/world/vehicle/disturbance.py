@@ -30,13 +30,10 @@ def disturbance_out(n: Any, k: int, seed: int, out: np.ndarray) -> None:
     put_disturbance(out, n.force_sd, n.torque_sd, seed, n.stream, k * n.h, n.h)
 
 
-WHITE = Element("disturbance", out=disturbance_out)
-
-
 def disturbance_box(settings: Disturbance, h: float, stream: str = "disturbance") -> Box:
     """Return the source of white disturbance of a stream: force in W [N], torque in B [N m] (6)."""
     numbers = {"force_sd": settings.sds(h)[0], "torque_sd": settings.sds(h)[1], "stream": stream_id(stream), "h": h}
-    return Box("disturbance", WHITE, 6, Values(numbers))
+    return Box("disturbance", Element("disturbance", out=disturbance_out), 6, Values(numbers))
 
 
 def lasting_out(disturbance: np.ndarray, bias: np.ndarray, x: np.ndarray, out: np.ndarray) -> None:
@@ -76,9 +73,6 @@ def drag_out(n: Any, disturbance: np.ndarray, state: np.ndarray, out: np.ndarray
             out[i] -= R_WB[i][j] * n.drag[j] * along
 
 
-DRAG = Element("drag", out=drag_out)
-
-
 def drag_box(drag: tuple[float, float, float]) -> Box:
     """Return the box that adds the drag to the disturbance; it reads `disturbance` (6) and the true state (12)."""
-    return Box("drag", DRAG, 6, Values({"drag": np.array(drag)}))
+    return Box("drag", Element("drag", out=drag_out), 6, Values({"drag": np.array(drag)}))

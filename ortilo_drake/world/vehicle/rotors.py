@@ -155,9 +155,6 @@ def wrench_out(control: np.ndarray, wrench: np.ndarray, out: np.ndarray) -> None
     put_times(out, wrench, control)
 
 
-WRENCH = Element("wrench_error", out=wrench_out)
-
-
 def wrench_error_box() -> Box:
     """Return the box of the true wrench of rotors without dynamics; T is the identity unless it is drawn."""
-    return Box("wrench_error", WRENCH, N_U, Values(tables={"wrench": np.eye(N_U)}))
+    return Box("wrench_error", Element("wrench_error", out=wrench_out), N_U, Values(tables={"wrench": np.eye(N_U)}))
