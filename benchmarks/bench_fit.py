@@ -24,7 +24,7 @@ from ortilo_drake.interop.recorded.recording import GRAVITY, read_recording
 from ortilo_drake.model.typed_yaml import parse_yaml, validate
 from ortilo_drake.scenario.range_errors import FieldNoise, LastingNoise, Outliers, UwbNoise
 from ortilo_drake.studies.fit.fit import fit_recordings
-from ortilo_drake.studies.predict.simulated import draw_errors, numbers_of
+from ortilo_drake.studies.predict.predicted import draw_errors, numbers_of
 from ortilo_drake.world.sensors.fitted_errors import draw_day
 
 ANCHORS = np.array([(x, y, z) for z in (0.2, 2.8) for x, y in ((-3, -4), (3, -4), (3, 4), (-3, 4))], dtype=float)

@@ -72,8 +72,7 @@ def _tune_recorded(paths: list[Path], map_file: Path, by: FitBy, out_file: Path 
     from ortilo_drake.interop.recorded.map_edit import tuned_map_text
     from ortilo_drake.interop.recorded.map_file import Imposed, load_map
     from ortilo_drake.interop.recorded.recording import read_recording
-    from ortilo_drake.studies.recorded.fit_noise import FITTED, MOST, fit_noise
-    from ortilo_drake.studies.recorded.fit_text import fitted_lines, verdict_line
+    from ortilo_drake.studies.recorded.fit_noise import FITTED, MOST, fit_noise, fitted_lines, verdict_line
     from ortilo_drake.studies.recorded.replayed import replay
 
     map_ = load_map(map_file)
@@ -108,7 +107,7 @@ def _tune_by_flights(
     if len(files) != 1:
         raise InputError(f"--fly: {len(files)} files: must be one, a SEARCH.yaml")
     from ortilo_drake.studies.maps.sweep import load_over
-    from ortilo_drake.studies.tuning.search_file import Search
+    from ortilo_drake.studies.tuning.search import Search
 
     search = load_over(Search, files[0])
     check_installed("cma", "search")

@@ -13,8 +13,7 @@ from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from ortilo_drake.interop.recorded.anchor_names import anchors_of
-from ortilo_drake.interop.recorded.anchors import read_anchors
+from ortilo_drake.interop.recorded.anchors import anchors_of, read_anchors
 from ortilo_drake.interop.recorded.csv_columns import read_csv
 from ortilo_drake.interop.recorded.lec_console import read_lec
 from ortilo_drake.interop.recorded.map_file import load_map, map_text

@@ -5,8 +5,8 @@ import pytest
 from made_up_motion import TABLE_MAP, as_map, made_up, write_tables
 from scipy.spatial.transform import Rotation
 
-from ortilo_drake.interop.recorded.odd_rows import frozen_rows
 from ortilo_drake.interop.recorded.recording import read_recording
+from ortilo_drake.interop.recorded.rejected import frozen_rows
 from ortilo_drake.model.typed_yaml import InputError
 
 

@@ -37,17 +37,17 @@ def ulg() -> bytes:
     return data
 
 
-def read(path, topic="sensor_gyro", columns=("rad[0]", "rad[2]"), names=None, **of):
+def read(path, topic="sensor_gyro", columns=("rad[0]", "rad[2]"), names=(), **of):
     return read_stream([path], Source(file=path.name, topic=topic, **of), columns, "imu", topic, names)
 
 
 def test_messages_of_an_instance_are_read(tmp_path) -> None:
     path = tmp_path / "log.ulg"
     path.write_bytes(ulg())
-    first = read(path, names="id")
+    first = read(path, names=("id",))
     np.testing.assert_allclose(first.t, [0.010, 0.014, 0.018])
     np.testing.assert_allclose(first.values, [[0.1, 0.3], [0.4, 0.6], [0.7, 0.9]], rtol=1e-6)
-    assert first.names.tolist() == ["5", "5", "6"]
+    assert first.names[:, 0].tolist() == ["5", "5", "6"]
     np.testing.assert_array_equal(read(path, "sensor_gyro[0]").values, first.values)
     second = read(path, "sensor_gyro[1]", (2, 3), time="timestamp", unit="us")
     np.testing.assert_allclose(second.t, [0.010007, 0.014007])

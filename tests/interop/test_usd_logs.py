@@ -19,7 +19,7 @@ KINDS = {
 EVENTS = [(0, 10_000, (1, 2, 0.5)), (7, 11_500, (-3, 70_000)), (0, 12_000, (2, 3, -0.25)), (7, 13_000, (4, 5))]
 
 
-def read(path, topic="estTDOA", columns=("distanceDiff",), names=None):
+def read(path, topic="estTDOA", columns=("distanceDiff",), names=()):
     return read_stream([path], Source(file=path.name, topic=topic), columns, "ranges", topic, names)
 
 
@@ -27,10 +27,10 @@ def read(path, topic="estTDOA", columns=("distanceDiff",), names=None):
 def test_both_versions_are_read(tmp_path, version, unit) -> None:
     path = tmp_path / "log07"
     path.write_bytes(usd_log(KINDS, EVENTS, version))
-    tdoa, flow = read(path, names="idB"), read(path, "estFlow", ("deltaX", 2))
+    tdoa, flow = read(path, names=("idB",)), read(path, "estFlow", ("deltaX", 2))
     np.testing.assert_allclose(tdoa.t, np.array([10_000, 12_000]) * unit)
     np.testing.assert_array_equal(tdoa.values, [[0.5], [-0.25]])
-    assert tdoa.names.tolist() == ["2", "3"]
+    assert tdoa.names[:, 0].tolist() == ["2", "3"]
     np.testing.assert_array_equal(flow.values, [[-3, 70_000], [4, 5]])
     assert not tdoa.rejected.counts
 

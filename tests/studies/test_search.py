@@ -16,14 +16,15 @@ from ortilo_drake.studies.maps.map_flights import figures_of_points
 from ortilo_drake.studies.maps.sweep import load_over
 from ortilo_drake.studies.tuning.search import (
     LOST,
+    Search,
     compare_costs,
     costs_of,
     found_text,
     place_of,
     search_by_flights,
     search_lines,
+    settings_at,
 )
-from ortilo_drake.studies.tuning.search_file import Search, settings_at
 
 HOVER = {"planner": {"kind": "hover", "duration": 3.0}, "settle": 0.0}
 WEAK = {"servo.weights.position": [0.02, 0.02, 0.02], "world.disturbance.force_density": 0.183}

@@ -32,7 +32,8 @@ from ortilo_drake.studies.maps.sweep import Sweep, points_of
 from ortilo_drake.studies.paper_tables.error_figure import error_figure
 from ortilo_drake.studies.predict.predicted import Figures, Predicted
 from ortilo_drake.studies.predict.predicted_report import predicted_figure
-from ortilo_drake.studies.recorded.filtered import Estimate, Innovations
+from ortilo_drake.studies.recorded.filtered import Estimate
+from ortilo_drake.studies.recorded.reacquired import Innovations
 from ortilo_drake.studies.recorded.recorded_figure import motion_figure
 from ortilo_drake.studies.recorded.recorded_report import WITH_IMU
 from ortilo_drake.studies.recorded.replayed import Replayed

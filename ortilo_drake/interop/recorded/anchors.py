@@ -4,19 +4,18 @@ A list has them in the order of the ranges; the others have them by name, which 
 """
 
 import json
-from collections.abc import Iterator
+import re
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 
-from ortilo_drake.interop.recorded.anchor_names import anchors_of, key_of
-from ortilo_drake.interop.recorded.csv_columns import lines_of
+from ortilo_drake.interop.recorded.csv_columns import SIGNS, cells_of, lines_of, mark_of, plain
 from ortilo_drake.interop.recorded.lec_console import is_console, lec_ranges
 from ortilo_drake.interop.recorded.rejected import Rejections, named
 from ortilo_drake.interop.recorded.sources import MOST
-from ortilo_drake.interop.recorded.table_head import SIGNS, cells_of, mark_of, plain
 from ortilo_drake.interop.recorded.tables import number
 from ortilo_drake.model.input_files import MIB
 from ortilo_drake.model.typed_yaml import InputError, parse_yaml
@@ -197,3 +196,48 @@ def in_order(anchors: dict[str, Vector], names: tuple[str, ...], what: str) -> t
         missing = names[int(np.argmin(where))]
         raise InputError(f"{what}: '{missing}' is none of the anchors, which are {', '.join(known)}")
     return names, np.array([anchors[known[i]] for i in where])
+
+
+def key_of(name: str) -> str:
+    """Return the form in which anchors' names are compared: lower case, no 0x, no leading zeros, 3 for 3.0.
+
+    An address 00:1A:2B:3C is 1a2b3c, whatever is between its bytes.
+    """
+    text = name.strip().casefold().removeprefix("0x")
+    text = re.sub(r"[:-]", "", text) if re.fullmatch(r"[0-9a-f]{2}([:-][0-9a-f]{2})+", text) else text
+    text = re.sub(r"^(\d+)\.0*$", r"\1", text)
+    return text.lstrip("0") or "0"
+
+
+def _number(name: str, base: int = 10) -> int | None:
+    text = name.strip().casefold()
+    try:
+        return int(text, 16) if text.startswith("0x") else int(re.sub(r"^(\d+)\.0*$", r"\1", text), base)
+    except ValueError:
+        return None
+
+
+def _as_hex(name: str) -> int | None:
+    return _number(name, 16)
+
+
+def anchors_of(rows: Sequence[str], names: Sequence[str]) -> np.ndarray:
+    """Return the index of each row's name among the names (n), -1 for none of them.
+
+    Names are compared as text. Where a map has an address in hex and the rows have its number, or the other way round,
+    they are compared as numbers: of the three readings the one that knows the most rows counts, the first of equals.
+    """
+    said, of_row = np.unique(np.asarray(rows, dtype=str), return_inverse=True)
+    readings: tuple[tuple[Callable[[str], str | int | None], Callable[[str], str | int | None]], ...] = (
+        (key_of, key_of),
+        (_number, _number),
+        (_number, _as_hex),
+    )
+    best = np.full(len(of_row), -1)
+    for of_map, of_file in readings:
+        index = {of_map(name): i for i, name in reversed(list(enumerate(names)))}
+        index.pop(None, None)
+        found = np.array([index.get(of_file(text), -1) for text in said], dtype=np.int64)[of_row]
+        if (found >= 0).sum() > (best >= 0).sum():
+            best = found
+    return best

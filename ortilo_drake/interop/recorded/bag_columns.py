@@ -50,13 +50,9 @@ def messages_of(
         check_file(path)
     try:
         with files_of_bag(path) if path.is_dir() or path.suffix == PACKED else nullcontext([path]) as files:
-
-            def end() -> None:
-                short.append(path)
-
             for file in files:
                 if file.suffix == ".mcap":
-                    yield from mcap_messages(file, topic, topics, end)
+                    yield from mcap_messages(file, topic, topics, partial(short.append, path))
                 else:
                     yield from _of_file(file, topic, topics)
     except InputError:
@@ -91,7 +87,7 @@ def read_bag(
     source: Source,
     columns: tuple[Column, ...],
     rejected: Rejections,
-    names: Column | None = None,
+    names: tuple[Column, ...] = (),
 ) -> Table:
     """Return the messages of a topic, stamps in s, or the field `time` as it is; a field that is a list gives many.
 
@@ -102,11 +98,8 @@ def read_bag(
     """
     rejected.word = "message"
     rows, k, empty = Rows(path), 0, 0
-
-    def note_cut() -> None:
-        rejected.notes.append("the bag's end is missing, as after a loss of power: it is read as far as it goes")
-
-    for type_name, received, decode in messages_of(path, topic, set(), note_cut):
+    cut = "the bag's end is missing, as after a loss of power: it is read as far as it goes"
+    for type_name, received, decode in messages_of(path, topic, set(), partial(rejected.notes.append, cut)):
         k += 1
         try:
             message = decode()
@@ -115,7 +108,7 @@ def read_bag(
             continue
         try:
             numbers, stamp = numbers_of(message, columns), stamp_of(message, received, source.time)
-            called = None if names is None else field_of(message, str(names))
+            called = [field_of(message, str(name)) for name in names]
         except LookupError as error:
             if not rows.width:  # of the first message: a wrong map, not a wrong message
                 fields = ", ".join(name for name in getattr(message, "__dict__", {}) if not name.startswith("__"))
@@ -127,16 +120,19 @@ def read_bag(
             continue
         except (TypeError, ValueError):
             raise InputError(f"{path}: {topic}: a field of {list(columns)} is no number") from None
-        each, its = [None if called is None else str(called)], [numbers]
-        if isinstance(called, list | np.ndarray):  # a list of anchors beside one of ranges
-            each, fits = [str(one) for one in called], len(numbers) == len(called) * len(columns)
-            its = np.reshape(numbers, (len(columns), len(called))).T.tolist() if fits else []
-            empty += not len(called)
+        each, its = [tuple(map(str, called))], [numbers]
+        if called and isinstance(called[0], list | np.ndarray):  # a list of anchors beside one of ranges
+            n = len(called[0])
+            lists = [one if isinstance(one, list | np.ndarray) else [one] * n for one in called]
+            fits = len(numbers) == n * len(columns) and all(len(one) == n for one in lists)
+            each = [tuple(map(str, row)) for row in zip(*lists, strict=False)]
+            its = np.reshape(numbers, (len(columns), n)).T.tolist() if fits else []
+            empty += n == 0
         if len(each) != len(its) or any(rows.width not in (0, len(row)) for row in its):
             rejected.add(f"messages without {rows.width or len(each)} values", f"in message {k}")
             continue
-        for name, row in zip(each, its, strict=True):
-            rows.add(k, stamp, row, name, received)
+        for row_names, row in zip(each, its, strict=True):
+            rows.add(k, stamp, row, row_names, received)
     if len(rows) < max(2, (k - empty) / 2):
         most = f" ({rejected.most()})" if rejected.counts else ""
         why = (

@@ -51,18 +51,19 @@ def read_boxes(folder: Path, source: BoxSource, told: list[Rejections]) -> tuple
         InputError: if a file cannot be read, or no box is of a class that the room has.
     """
     room, scene = _scene(folder, source)
-    stream = read_stream(files_of(folder, source.file), source, source.box, "boxes", source.topic, source.label)
+    stream = read_stream(files_of(folder, source.file), source, source.box, "boxes", source.topic, (source.label,))
     told += stream.told
     assert stream.names is not None
+    names = stream.names[:, 0]
     of_class = {name.casefold(): k for k, name in enumerate(room.classes)}
-    label = np.array([of_class.get(name.strip().casefold(), -1) for name in stream.names])
+    label = np.array([of_class.get(name.strip().casefold(), -1) for name in names])
     unknown = ~np.isin(label, scene.labels)
     if unknown.all():
-        said, has = ", ".join(np.unique(stream.names)[:8]), ", ".join(sorted({one.label for one in room.landmarks}))
+        said, has = ", ".join(np.unique(names)[:8]), ", ".join(sorted({one.label for one in room.landmarks}))
         raise InputError(f"{stream.rejected.source}: no box is of a class that the room has: {said}, not {has}")
     none = ~np.isfinite(stream.values).all(axis=1)
     empty = ~none & ~(stream.values[:, 2:] > stream.values[:, :2]).all(axis=1)
-    stream.rejected.add_rows("boxes of classes that the room has no landmark of", unknown, stream.rows, stream.names)
+    stream.rejected.add_rows("boxes of classes that the room has no landmark of", unknown, stream.rows, names)
     stream.rejected.add_rows("boxes with NaN or an empty cell", none & ~unknown, stream.rows)
     stream.rejected.add_rows("boxes without a size", empty & ~unknown, stream.rows)
     good = ~(unknown | none | empty)

@@ -19,7 +19,7 @@ UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
 class Stream(NamedTuple):
-    """Rising stamps [s] (n), numbers (n, columns), the anchors' names if the rows have them, and what was rejected.
+    """Rising stamps [s] (n), numbers (n, columns), names of anchors and tag (n, k) if rows have any, what was rejected.
 
     `rows` (n) are lines or messages of their file; `told` holds what was rejected of each file, `rejected` last.
     """
@@ -72,11 +72,11 @@ def read_stream(
     columns: tuple[Column, ...],
     what: str,
     topic: str | None,
-    names: Column | None = None,
+    names: tuple[Column, ...] = (),
 ) -> Stream:
     """Read the columns of a source's files, merged by their stamps; NaN where a row has none.
 
-    `what` it is called in a line, `topic` if they are bags, `names` the column that names each row's anchor.
+    `what` it is called in a line, `topic` if they are bags, `names` the columns that name each row's anchors and tag.
 
     Raises:
         InputError: if a file cannot be read or hardly anything in it.
@@ -105,13 +105,12 @@ def read_stream(
 
 
 def _read_file(
-    path: Path, source: Source, columns: tuple[Column, ...], what: str, topic: str | None, names: Column | None
+    path: Path, source: Source, columns: tuple[Column, ...], what: str, topic: str | None, names: tuple[Column, ...]
 ) -> Stream:
     from ortilo_drake.interop.recorded.bag_columns import read_bag
     from ortilo_drake.interop.recorded.csv_columns import read_csv
+    from ortilo_drake.interop.recorded.flight_logs import is_flight_log, read_flight_log
     from ortilo_drake.interop.recorded.lec_console import read_lec
-    from ortilo_drake.interop.recorded.ulg_columns import is_ulg, read_ulg
-    from ortilo_drake.interop.recorded.usd_columns import is_usd, read_usd
 
     rejected = Rejections(named(path, what if topic is None else f"{what}, {topic}"))
     table: Table
@@ -119,18 +118,17 @@ def _read_file(
         table = read_lec(path, rejected)
     elif topic is None:
         table = read_csv(path, source, columns, rejected, names)
-    elif is_usd(path):
-        table = read_usd(path, topic, columns, rejected, names)
-    elif is_ulg(path):
-        table = read_ulg(path, topic, source.time, columns, rejected, names)
+    elif is_flight_log(path):
+        table = read_flight_log(path, topic, source.time, columns, rejected, names)
     else:
         table = read_bag(path, topic, source, columns, rejected, names)
     in_unit = source.time is not None or topic is None
     t = table.t * size_of(source.unit, UNITS) if in_unit else table.t
     tagged = getattr(source, "tag", None) is not None  # the rows of one tag may come after those of another
-    if not tagged and (back := began_anew(t, table.names)) is not None:
+    named_by = None if table.names is None else table.names[:, 0]
+    if not tagged and (back := began_anew(t, named_by)) is not None:
         row = f"{rejected.word} {table.rows[back]}"
         raise InputError(f"{rejected.source}: its clock begins anew in {row}: two times would be mixed; cut it there")
-    keep = kept_in_order(t, table.rows, rejected, table.names)
+    keep = kept_in_order(t, table.rows, rejected, named_by)
     called = None if table.names is None else table.names[keep]
     return Stream(t[keep] - source.late, table.values[keep], called, table.rows[keep], rejected, (rejected,))

@@ -2,18 +2,18 @@
 
 import csv
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE, getincrementaldecoder
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from io import TextIOWrapper
-from itertools import chain
+from itertools import chain, takewhile
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import BinaryIO, Final, NamedTuple
 
 import numpy as np
 
 from ortilo_drake.interop.recorded.rejected import Rejections
 from ortilo_drake.interop.recorded.sources import Column, Source
 from ortilo_drake.interop.recorded.stamps import clock_period, stamp, unrolled
-from ortilo_drake.interop.recorded.table_head import LOOKED_AT, Line, cells_of, is_comment, layout_of, plain
 from ortilo_drake.interop.recorded.tables import Rows, Table, number
 from ortilo_drake.model.input_files import DATA_LIMIT, MIB, open_file
 from ortilo_drake.model.typed_yaml import InputError, nearest
@@ -21,6 +21,11 @@ from ortilo_drake.model.typed_yaml import InputError, nearest
 BLOCK: Final = MIB
 LINE: Final = MIB  # characters; a row of 10,000 columns takes a quarter of it
 HEAD: Final = 10_000  # lines above the rows
+DELIMITERS = {"tab": "\t", "space": " "}
+SIGNS = "#%"  # of comments, and of heads that numpy, ROS and others write as comments
+LOOKED_AT = 20  # the rows that tell the delimiter
+
+Line = tuple[int, str]
 
 
 def _encoding(file: BinaryIO, path: Path, rejected: Rejections) -> str:
@@ -95,7 +100,7 @@ def _head_of(lines: Iterator[Line], path: Path) -> list[Line]:
 
 
 def read_csv(
-    path: Path, source: Source, columns: tuple[Column, ...], rejected: Rejections, names: Column | None = None
+    path: Path, source: Source, columns: tuple[Column, ...], rejected: Rejections, names: tuple[Column, ...] = ()
 ) -> Table:
     """Return the rows of a table, stamps in the file's unit.
 
@@ -106,7 +111,7 @@ def read_csv(
         InputError: if the file cannot be read, a column is missing, or most rows are no numbers.
     """
     times = source.time if isinstance(source.time, tuple) else (source.time or 1,)
-    wanted = (*times, *columns, *(() if names is None else (names,)))
+    wanted = (*times, *columns, *names)
     numbered = [c for c in wanted[: len(times) + len(columns)] if isinstance(c, int)]
 
     def is_row(cells: list[str]) -> bool:
@@ -131,6 +136,7 @@ def read_csv(
             count_comment(*comment)
         width, rows, count = max(places) + 1, Rows(path), 0
         at, where, first_stamp = places[0], places[len(times) : len(times) + len(columns)], ""
+        called = places[len(times) + len(columns) :]
         for k, text in chain(layout.rows, lines):
             if k > layout.rows[-1][0] and is_comment((k, text)):
                 count_comment(k, text)
@@ -147,7 +153,7 @@ def read_csv(
                 rejected.add("rows with a cell that is no number", f"in line {k}")
                 continue
             first_stamp = first_stamp or row[at]
-            rows.add(k, t, values, None if names is None else row[places[-1]])
+            rows.add(k, t, values, [row[i] for i in called])
     except csv.Error as error:
         raise InputError(f"{path}: cannot be read: {error}") from None
     if others:
@@ -157,3 +163,102 @@ def read_csv(
         raise InputError(f"{path}: {len(rows)} of {count} rows can be read ({why})")
     table = rows.table()
     return table._replace(t=unrolled(table.t, clock_period(first_stamp)))
+
+
+class Layout(NamedTuple):
+    """Names of the columns, if there are any, the lines with rows, and the comments that are neither."""
+
+    names: list[str] | None
+    mark: str
+    rows: list[Line]
+    comments: list[Line]
+
+
+def plain(name: str) -> str:
+    """Return a column's name without the sign before it."""
+    return name.strip().lstrip(SIGNS).strip()
+
+
+def is_comment(line: Line) -> bool:
+    """Return whether a line, which is not empty, begins with a sign of comments."""
+    return line[1].lstrip()[0] in SIGNS
+
+
+def cells_of(line: str, mark: str) -> list[str]:
+    """Return the cells of a line; CSV's quotes are understood."""
+    if '"' in line:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=mark, skipinitialspace=True))]
+    return line.split() if mark == " " else [cell.strip() for cell in line.split(mark)]
+
+
+def mark_of(line: str) -> str:
+    """Return the delimiter of a line: tab, comma, semicolon or bar, whichever it has most, else space.
+
+    In numbers such as 3,62 between other delimiters the comma is none.
+    """
+    for mark in "\t;| " if "," in line else "":
+        cells = cells_of(line, mark)
+        if len(cells) > 1 and all("," not in cell or number(cell) is not None for cell in cells):
+            return mark
+    return max("\t,;|", key=line.count) if any(mark in line for mark in "\t,;|") else " "
+
+
+def _readings(line: Line, mark: str) -> list[tuple[Line, list[str]]]:
+    """Return the names that a head may hold, by the rows' delimiter or by its own, first without a sign before them.
+
+    A sign that stands alone may be a name: a column of numbers is often called #.
+    """
+    found = []
+    for own in dict.fromkeys((mark, mark_of(line[1]), " ")):
+        cells = cells_of(line[1], own)
+        found.append((line, cells_of(line[1].lstrip().lstrip(SIGNS), own)))
+        if plain(cells[0]) == "":
+            found.append((line, cells))
+    return [(line, [plain(name) or name for name in names]) for line, names in found if not _all_numbers(names)]
+
+
+def _all_numbers(cells: list[str]) -> bool:
+    return all(number(cell) is not None for cell in cells)
+
+
+def layout_of(
+    lines: list[Line], delimiter: str, header: str, columns: Sequence[str | int], is_row: Callable[[list[str]], bool]
+) -> Layout:
+    """Find the head of a table: the line that has the columns asked for, and as many as the rows have.
+
+    Candidates are the lines above the first one with numbers, and the comments above them, from below; then the first
+    lines that follow, if one has all columns: Vicon's tables have a rate above their head.
+
+    Args:
+        lines: number and text of the lines that are not empty.
+        delimiter: the map's word for it.
+        header: auto, yes or no.
+        columns: those asked for, by name or number.
+        is_row: whether cells have numbers where columns are asked for by number.
+    """
+    comments = [line for line in lines if is_comment(line)]
+    rows = [line for line in lines if not is_comment(line)]
+    mark = DELIMITERS.get(delimiter, delimiter)
+    if delimiter == "auto":
+        marks = Counter(mark_of(text) for _, text in rows[:LOOKED_AT])
+        mark = marks.most_common(1)[0][0] if rows else " "
+    asked = {plain(column) for column in columns if isinstance(column, str)}
+    first = cells_of(rows[0][1], mark) if rows else []
+    if header == "no" or not rows or (header == "auto" and not asked and is_row(first)):
+        return Layout(None, mark, rows, comments)
+    lead = list(takewhile(lambda row: not (_all_numbers(its := cells_of(row[1], mark)) or is_row(its)), rows))
+    width = len(cells_of(rows[len(lead) if len(lead) < len(rows) else min(1, len(rows) - 1)][1], mark))
+    lines_above = [line for line in comments[::-1] if line[0] < rows[0][0]]
+    text_first = not _all_numbers(first)
+    maybe = lead + lines_above + [rows[0]] * (header == "yes" and not text_first)
+    heads = [head for line in maybe for head in _readings(line, mark)]
+    heads += [head for line in rows[len(lead) : LOOKED_AT] for head in _readings(line, mark) if asked <= set(head[1])]
+    with_all = [head for head in heads if asked and asked <= set(head[1])]
+    found = next((head for head in with_all or heads if len(head[1]) == width), next(iter(with_all), None))
+    if found is None and (text_first or header == "yes"):
+        found = (rows[0], [plain(name) for name in cells_of(rows[0][1], mark_of(rows[0][1]))])
+    if found is None:
+        return Layout(None, mark, rows, comments)
+    line, names = found
+    below = rows.index(line) + 1 if line in rows else 0
+    return Layout(names, mark, rows[below:], [comment for comment in comments if comment != line])

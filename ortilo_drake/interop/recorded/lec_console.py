@@ -84,7 +84,7 @@ def read_lec(path: Path, rejected: Rejections) -> Table:
             rejected.add("ranges without a stamp before their line", f"in line {heard.line}")
         else:
             first_stamp = first_stamp or heard.before
-            rows.add(heard.line, t, [heard.range], heard.anchor)
+            rows.add(heard.line, t, [heard.range], (heard.anchor,))
     if len(rows) < max(2, count / 2):
         why = rejected.most() or "it holds none of lec or les"
         raise InputError(f"{path}: {len(rows)} ranges with a stamp before their line ({why})")

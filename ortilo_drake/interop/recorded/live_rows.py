@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from ortilo_drake.interop.recorded.anchor_names import anchors_of
+from ortilo_drake.interop.recorded.anchors import anchors_of
 from ortilo_drake.interop.recorded.columns import Stream
 from ortilo_drake.interop.recorded.live_stream import TOO_LATE, LiveStream
 from ortilo_drake.interop.recorded.map_file import Find, Map
@@ -240,15 +240,13 @@ class LiveRows:
     def _by_name(self, stream: Stream) -> Ranges:
         assert self._map.ranges is not None
         assert stream.names is not None
-        names = stream.names[:, 0]
-        anchor = anchors_of(names.tolist(), self._names)
-        return ranges_by_name(stream._replace(names=names), anchor, _no_tags(stream), self._map.ranges.scale)
+        anchor = anchors_of(stream.names[:, 0].tolist(), self._names)
+        return ranges_by_name(stream, anchor, _no_tags(stream), self._map.ranges.scale)
 
     def _differences(self, stream: Stream) -> Ranges:
         assert self._map.differences is not None
         assert stream.names is not None
         b, a = (anchors_of(names.tolist(), self._names) for names in stream.names.T)
-        stream = stream._replace(names=np.where(b < 0, *stream.names.T))
         return differences_of(stream, b, a, _no_tags(stream), self.anchors, self._map.differences)
 
     def _ranges(self, horizon: float) -> Ranges:

@@ -1,13 +1,12 @@
 """Recorded ranges, one a row: of tables with a column for each anchor, of rows, files or topics of one anchor."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from ortilo_drake.interop.recorded.anchor_names import anchors_of
-from ortilo_drake.interop.recorded.anchors import in_order, read_anchors
+from ortilo_drake.interop.recorded.anchors import anchors_of, in_order, read_anchors
 from ortilo_drake.interop.recorded.columns import Stream, files_of, read_stream
 from ortilo_drake.interop.recorded.map_file import Find, Map
 from ortilo_drake.interop.recorded.range_sources import DifferenceSource, RangeSource
@@ -69,17 +68,11 @@ def _check_known(stream: Stream, called: Names | np.ndarray, found: np.ndarray, 
         raise InputError(f"{stream.rejected.source}: no row names {what} of the map: {shown}, not {', '.join(has)}")
 
 
-def _tags_of(paths: Sequence[Path], source: RangeSource | DifferenceSource, stream: Stream, tags: Names) -> np.ndarray:
+def _tags_of(source: RangeSource | DifferenceSource, stream: Stream, tags: Names) -> np.ndarray:
     """Return each row's tag (n): an index into the map's tags, -1 for none of them; 0 where rows name no tag."""
-    if source.tag is None:
+    if stream.names is None or source.tag is None:
         return np.zeros(len(stream.t), np.int64)
-    said, values = [], (source.value,) if isinstance(source, DifferenceSource) else source.values
-    for column in source.tag if isinstance(source.tag, tuple) else (source.tag,):
-        of_column = read_stream(paths, source, values, "tags", source.topic, column)
-        if of_column.names is None or not np.array_equal(of_column.rows, stream.rows):
-            raise InputError(f"{stream.rejected.source}: rows that name an anchor and no tag")
-        said.append(of_column.names.tolist())
-    called = np.array([".".join(row) for row in zip(*said, strict=True)])
+    called = np.array([".".join(row) for row in stream.names[:, -len(source.tag_columns) :]])
     found = anchors_of(called.tolist(), tags)
     _check_known(stream, called, found, "a tag", tags)
     stream.rejected.add_rows("rows of tags that the map does not name", found < 0, stream.rows, called)
@@ -89,7 +82,9 @@ def _tags_of(paths: Sequence[Path], source: RangeSource | DifferenceSource, stre
 def ranges_by_name(stream: Stream, anchor: np.ndarray, tag: np.ndarray, scale: float) -> Ranges:
     """Return the ranges [m] of rows that name their anchor (n), -1 for an unknown one; repetitions are counted."""
     ranges, unknown = single_ranges(stream.t, anchor, stream.values[:, 0])._replace(tag=tag), anchor < 0
-    stream.rejected.add_rows("ranges to anchors that the map does not name", unknown, stream.rows, stream.names)
+    assert stream.names is not None
+    named = stream.names[:, 0]
+    stream.rejected.add_rows("ranges to anchors that the map does not name", unknown, stream.rows, named)
     stream, ranges = stream.only(~unknown), ranges.only(~unknown)
     again = np.ones(len(ranges.t), dtype=bool)
     keys = np.column_stack([ranges.t, ranges.anchor, ranges.tag])
@@ -120,16 +115,15 @@ def _usable(stream: Stream, ranges: Ranges, scale: float, others: str = "") -> R
     far = np.isfinite(r) & (r > FARTHEST / scale)
     code = code_of_none(r[~(none | low)])
     coded = r == code
-    reasons = (
-        "ranges that are NaN or empty",
-        "ranges of 0 or less",
-        f"ranges of exactly {code:g}, far above all others: not heard?",
-        f"ranges of more than {FARTHEST / 1000:g} km",
-    )
-    bad = (none, low, coded, far & ~coded)
-    for which, reason in zip(bad, reasons, strict=True):
+    bad = {
+        "ranges that are NaN or empty": none,
+        "ranges of 0 or less": low,
+        f"ranges of exactly {code:g}, far above all others: not heard?": coded,
+        f"ranges of more than {FARTHEST / 1000:g} km": far & ~coded,
+    }
+    for reason, which in bad.items():
         stream.rejected.add_rows(reason + others, which, rows)
-    return ranges._replace(r=scale * r).only(~np.any(bad, axis=0))
+    return ranges._replace(r=scale * r).only(~np.any(list(bad.values()), axis=0))
 
 
 def code_of_none(r: np.ndarray) -> float:
@@ -185,10 +179,10 @@ def _of_ranges(
     if parts:
         return parts
     paths = files_of(folder, source.file)
-    of_tag = source.tag[0] if isinstance(source.tag, tuple) else source.tag
-    stream = read_stream(paths, source, source.values, "ranges", source.topic, source.anchor or of_tag)
+    called = (*(() if source.anchor is None else (source.anchor,)), *source.tag_columns)
+    stream = read_stream(paths, source, source.values, "ranges", source.topic, called)
     told += stream.told
-    tag, width = _tags_of(paths, source, stream, tags), stream.values.shape[1]
+    tag, width = _tags_of(source, stream, tags), stream.values.shape[1]
     stream, tag = stream.only(tag >= 0), tag[tag >= 0]
     if not source.rows_name_anchors:
         if width != count:
@@ -199,27 +193,21 @@ def _of_ranges(
     if width != 1:
         raise InputError(f"{stream.rejected.source}: {width} values in a row that names one anchor")
     assert stream.names is not None
-    anchor = anchors_of(stream.names.tolist(), names)
-    _check_known(stream, stream.names, anchor, "an anchor", names)
+    anchor = anchors_of(stream.names[:, 0].tolist(), names)
+    _check_known(stream, stream.names[:, 0], anchor, "an anchor", names)
     return [ranges_by_name(stream, anchor, tag, source.scale)]
 
 
 def _of_differences(
     folder: Path, source: DifferenceSource, names: Names, anchors: np.ndarray, told: list[Rejections], tags: Names
 ) -> Ranges:
-    paths = files_of(folder, source.file)
-    stream, of_a = (
-        read_stream(paths, source, (source.value,), "differences", source.topic, called)
-        for called in (source.b, source.a)
-    )
+    called = (source.b, source.a, *source.tag_columns)
+    stream = read_stream(files_of(folder, source.file), source, (source.value,), "differences", source.topic, called)
     told += stream.told
     assert stream.names is not None
-    assert of_a.names is not None
-    if not np.array_equal(of_a.rows, stream.rows):
-        raise InputError(f"{stream.rejected.source}: rows that name one of two anchors")
-    b, a = (anchors_of(called.tolist(), names) for called in (stream.names, of_a.names))
-    tag = _tags_of(paths, source, stream, tags)
-    _check_known(stream, stream.names, np.minimum(a, b), "two anchors", names)
+    b, a = (anchors_of(its.tolist(), names) for its in stream.names[:, :2].T)
+    tag = _tags_of(source, stream, tags)
+    _check_known(stream, stream.names[:, 0], np.minimum(a, b), "two anchors", names)
     value, apart = np.abs(source.scale * stream.values[:, 0]), np.linalg.norm(anchors[a] - anchors[b], axis=1)
     long = (np.minimum(a, b) >= 0) & (a != b) & (value > apart + LONGER)
     if long.sum() > len(long) / 2:
@@ -227,7 +215,6 @@ def _of_differences(
             f"{stream.rejected.source}: differences of {np.median(value[long]):.3g} m and more for anchors up to "
             f"{apart.max():.3g} m apart: in mm or cm? differences: {{scale: }} makes them metres"
         )
-    stream = stream._replace(names=np.where(b < 0, stream.names, of_a.names))
     return differences_of(stream, b, a, tag, anchors, source)
 
 
@@ -237,7 +224,7 @@ def differences_of(
     """Return the differences r_b - r_a [m]; what is no difference is counted.
 
     Args:
-        stream: values, and the names to blame where an anchor is unknown.
+        stream: values, and names of b and a.
         b: anchors (n), -1 for an unknown one.
         a: likewise.
         tag: which tag heard it (n), -1 for an unknown one.
@@ -248,7 +235,9 @@ def differences_of(
     none, same = ~unknown & ~np.isfinite(value), ~unknown & (a == b)
     apart = np.linalg.norm(anchors[a] - anchors[b], axis=1)
     long = ~(unknown | none | same) & (np.abs(source.scale * value) > apart + LONGER)
-    stream.rejected.add_rows("differences to anchors that are not surveyed", unknown, stream.rows, stream.names)
+    assert stream.names is not None
+    blamed = np.where(b < 0, *stream.names[:, :2].T)
+    stream.rejected.add_rows("differences to anchors that are not surveyed", unknown, stream.rows, blamed)
     for bad, reason in (
         (none, "differences that are NaN or empty"),
         (same, "differences of one anchor to itself"),

@@ -4,7 +4,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from ortilo_drake.interop.recorded.anchor_names import key_of
+from ortilo_drake.interop.recorded.anchors import key_of
 from ortilo_drake.interop.recorded.sources import MOST, Column, Name, Source
 from ortilo_drake.model.typed_yaml import Positive
 
@@ -20,6 +20,11 @@ class AnchoredSource(Source):
         default=(), max_length=MOST, description="What the rows call the anchors, in the order of `anchors`; as text."
     )
     scale: Positive = Field(default=1.0, description="Metres in one of the file's units.")
+
+    @property
+    def tag_columns(self) -> tuple[Column, ...]:
+        """Return the columns that together name the tag of each row; none if rows name no tag."""
+        return () if self.tag is None else self.tag if isinstance(self.tag, tuple) else (self.tag,)
 
 
 class RangeSource(AnchoredSource):

@@ -7,15 +7,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ortilo_drake.interop.recorded.attitudes import are_attitudes, rotations
 from ortilo_drake.interop.recorded.boxes import Scene, read_boxes
 from ortilo_drake.interop.recorded.columns import Stream, files_of, read_stream
 from ortilo_drake.interop.recorded.map_file import Map
-from ortilo_drake.interop.recorded.odd_rows import frozen_rows, leaping_rows
 from ortilo_drake.interop.recorded.range_rows import Ranges, read_range_rows
-from ortilo_drake.interop.recorded.rejected import Rejections, lines_of_all
+from ortilo_drake.interop.recorded.rejected import Rejections, frozen_rows, leaping_rows, lines_of_all
 from ortilo_drake.interop.recorded.sources import Column, Matrix, Quaternion, Source
-from ortilo_drake.interop.recorded.units import FORCE_UNITS, RATE_UNITS, axes_matrix, in_axes, size_of
+from ortilo_drake.interop.recorded.units import (
+    FORCE_UNITS,
+    RATE_UNITS,
+    are_attitudes,
+    axes_matrix,
+    in_axes,
+    rotations,
+    size_of,
+)
 from ortilo_drake.model.input_files import exists
 from ortilo_drake.model.signals import DETECTIONS_SIZE
 from ortilo_drake.model.typed_yaml import InputError
@@ -52,6 +58,10 @@ class Truth(NamedTuple):
     t: np.ndarray
     p: np.ndarray
     R: np.ndarray | None
+
+    def only(self, which: np.ndarray | slice) -> "Truth":
+        """Return some of the rows."""
+        return Truth(self.t[which], self.p[which], None if self.R is None else self.R[which])
 
 
 class AidRows(NamedTuple):

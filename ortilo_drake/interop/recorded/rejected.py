@@ -1,4 +1,4 @@
-"""Rows that a reader cannot use: counted with their reason, never dropped in silence."""
+"""Rows that cannot be used, by their stamps or of a truth by its positions: counted, never dropped in silence."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -11,6 +11,7 @@ from ortilo_drake.model.typed_yaml import InputError
 GAP = 5.0  # an interval longer than this many medians is called a gap
 RESTARTS, FEWEST = 5, 20  # of a clock at most, and the rows between them at least
 HOUR, TOGETHER = 3600.0, 0.9  # [s]; the share of the rows that must lie together
+LEAP = (1.0, 10.0)  # of a lone position: [m], and usual steps beside
 
 
 @dataclass
@@ -131,9 +132,7 @@ def _fills_a_gap(stamps: np.ndarray, good: np.ndarray) -> np.ndarray:
 def began_anew(stamps: np.ndarray, names: np.ndarray | None) -> int | None:
     """Return the first row behind which a clock began anew, so that it shows times again; None if it did not.
 
-    Args:
-        stamps: as they stand in the file (n).
-        names: of the anchors, if rows name them: the rows of one tell.
+    Stamps (n) are as they stand in the file; where rows name anchors (n), those of one tell.
     """
     rows = np.flatnonzero(np.isfinite(stamps))
     if names is not None and len(rows):
@@ -171,3 +170,23 @@ def _far_away(stamps: np.ndarray) -> np.ndarray:
 def named(path: Path, what: str) -> str:
     """Return the name of a file's part in a line."""
     return f"{path.name} ({what})"
+
+
+def frozen_rows(t: np.ndarray, p: np.ndarray, longest: float) -> np.ndarray:
+    """Return a mask (n) of the rows that repeat the position p (n, 3) before them, for longer than `longest` [s]."""
+    new = np.concatenate(([True], (np.diff(p, axis=0) != 0.0).any(axis=1)))
+    starts, run = np.flatnonzero(new), np.cumsum(new) - 1
+    lasts = np.maximum.reduceat(t, starts) - t[starts]
+    return np.asarray(~new & (lasts > longest)[run])
+
+
+def leaping_rows(p: np.ndarray) -> np.ndarray:
+    """Return a mask (n) of the rows whose position (n, 3) alone lies far from both beside it, which are near another.
+
+    Far is LEAP, and many usual steps.
+    """
+    steps = np.linalg.norm(np.diff(p, axis=0), axis=1)
+    beside = np.linalg.norm(p[2:] - p[:-2], axis=1)
+    least = np.minimum(steps[:-1], steps[1:])
+    far = (least > LEAP[0] + LEAP[1] * np.median(steps)) & (beside < 0.5 * least)
+    return np.concatenate(([False], far, [False]))

@@ -60,9 +60,9 @@ class OfOne(Frozen):
         return self
 
 
-def _named_once(axes: str | tuple[Axis, Axis, Axis]) -> str | tuple[Axis, Axis, Axis]:
+def _named_once(axes: str | tuple[Axis, Axis, Axis] | None) -> str | tuple[Axis, Axis, Axis] | None:
     """Refuse axes that do not name x, y and z once each."""
-    if not isinstance(axes, str) and sorted(axis[-1] for axis in axes) != ["x", "y", "z"]:
+    if isinstance(axes, tuple) and sorted(axis[-1] for axis in axes) != ["x", "y", "z"]:
         raise ValueError(f"{list(axes)}: must name x, y and z once each")
     return axes
 
@@ -184,12 +184,7 @@ class ImuSource(Source):
         "are known [s].",
     )
 
-    _axes_are_all = field_validator("axes")(_named_once)
-
-    @field_validator("rate_axes", "force_axes")
-    @classmethod
-    def _own_axes_are_all(cls, value: tuple[Axis, Axis, Axis] | None) -> str | tuple[Axis, Axis, Axis] | None:
-        return None if value is None else _named_once(value)
+    _axes_are_all = field_validator("axes", "rate_axes", "force_axes")(_named_once)
 
     @field_validator("standstill")
     @classmethod

@@ -2,7 +2,7 @@
 
 import re
 from array import array
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -20,8 +20,8 @@ _COMMA = re.compile(r"[-+]?\d+,\d+(e[-+]?\d+)?", re.IGNORECASE)
 class Table(NamedTuple):
     """Rows of a file.
 
-    t: stamps, the file's unit (n); values: (n, m), NaN where a row has none; names: what each row calls its anchor (n),
-    None if it does not; rows: number of the line or message (n), from 1.
+    t: stamps, the file's unit (n); values: (n, m), NaN where a row has none; names: what each row calls its anchors and
+    tag (n, k), None if it does not; rows: number of the line or message (n), from 1.
     """
 
     t: np.ndarray
@@ -44,7 +44,7 @@ class Rows:
     def __len__(self) -> int:
         return len(self._rows)
 
-    def add(self, row: int, t: float, values: Sequence[float], name: str | None = None, order: int = 0) -> None:
+    def add(self, row: int, t: float, values: Sequence[float], names: Iterable[str] = (), order: int = 0) -> None:
         """Add a row, with its number in the file; rows are sorted by `order`, those of one as they came.
 
         Raises:
@@ -53,10 +53,9 @@ class Rows:
         self.width = len(values)
         if len(self._values) + len(self._rows) + self.width >= NUMBERS:
             raise InputError(f"{self.path}: more than {NUMBERS:,} numbers in its rows; cut it into several recordings")
-        if name is not None:
-            self._names.append(self._known.setdefault(name[:LONGEST], name[:LONGEST]))
-            if len(self._known) > NAMES:
-                raise InputError(f"{self.path}: its rows name more than {NAMES:,} anchors: wrong column?")
+        self._names.extend(self._known.setdefault(name[:LONGEST], name[:LONGEST]) for name in names)
+        if len(self._known) > NAMES:
+            raise InputError(f"{self.path}: its rows name more than {NAMES:,} anchors: wrong column?")
         self._rows.append(row)
         self._t.append(t)
         self._values.extend(values)
@@ -66,7 +65,7 @@ class Rows:
         """Return all rows."""
         order = np.argsort(np.array(self._order), kind="stable")
         values = np.array(self._values).reshape(len(self), -1)[order]
-        names = np.array(self._names, dtype=object)[order] if self._known else None
+        names = np.array(self._names, dtype=object).reshape(len(self), -1)[order] if self._known else None
         return Table(np.array(self._t)[order], values, names, np.array(self._rows)[order])
 
 

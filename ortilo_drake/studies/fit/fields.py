@@ -16,7 +16,7 @@ from scipy.linalg import cho_solve, cholesky
 
 from ortilo_drake.studies.fit.greatest import Interval, deviations, greatest, log_interval
 from ortilo_drake.studies.fit.lasting import PRIOR
-from ortilo_drake.studies.fit.range_errors import RangeErrors
+from ortilo_drake.studies.fit.sensor_errors import RangeErrors
 
 ROWS = 800  # of the exact likelihood
 SIZES = (0.4, 0.1)  # of the searches, in logarithms

@@ -12,9 +12,16 @@ from ortilo_drake.scenario.noise_file import ImuNoise, NoiseFile
 from ortilo_drake.scenario.range_errors import FieldNoise, LastingNoise, Outliers, UwbNoise
 from ortilo_drake.studies.fit.fields import fit_fields
 from ortilo_drake.studies.fit.greatest import TIMES, Interval, half_width
-from ortilo_drake.studies.fit.imu_errors import ImuErrors, body_path, imu_errors, mount_of
 from ortilo_drake.studies.fit.lasting import Lasting, fit_lasting
-from ortilo_drake.studies.fit.range_errors import RangeErrors, calibration_of, range_errors
+from ortilo_drake.studies.fit.sensor_errors import (
+    ImuErrors,
+    RangeErrors,
+    body_path,
+    calibration_of,
+    imu_errors,
+    mount_of,
+    range_errors,
+)
 
 Figures = dict[str, Interval]
 DIGITS = 3

@@ -22,7 +22,7 @@ from numba import njit
 
 from ortilo_drake.scenario.range_errors import white_scales
 from ortilo_drake.studies.fit.greatest import TIMES, Interval, greatest, half_width, log_interval, normal_interval
-from ortilo_drake.studies.fit.range_errors import RangeErrors
+from ortilo_drake.studies.fit.sensor_errors import RangeErrors
 
 PRIOR = 1.0  # deviation of a constant [m]
 START = (0.5, 0.1, 0.1, 0.03, 1.0, 3.0)  # time [s], deviations [m], share, deviation [m], degrees of freedom

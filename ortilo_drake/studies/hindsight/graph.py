@@ -33,18 +33,19 @@ from ortilo_drake.sensors.described import measuring
 from ortilo_drake.studies.hindsight.factors import (
     Landmark,
     Moving,
+    Process,
     Reach,
     angles_factor,
     box_factor,
+    numbered,
     ranges_factor,
     rows_factor,
     rpy_of,
     weighted,
 )
-from ortilo_drake.studies.hindsight.inertial_factors import InertialTick, inertial_ticks, samples_of
+from ortilo_drake.studies.hindsight.inertial_factors import inertial_ticks, samples_of
 from ortilo_drake.studies.hindsight.recorded_flight import RecordedFlight
 from ortilo_drake.studies.hindsight.rts import Smoothed
-from ortilo_drake.studies.hindsight.slow import Process, numbered
 from ortilo_drake.studies.hindsight.solver import eliminated, minimum
 
 
@@ -126,15 +127,11 @@ class FlightGraph:
             if now != before:
                 no_step = gtsam.imuBias.ConstantBias()
                 self.graph.add(gtsam.BetweenFactorConstantBias(before, now, no_step, weighted(steps, np.inf)))
-            self._add_angles(k, tick, errors)
+            if tick.rpy is not None and imu.angle_density is not None:
+                sd = white_sd(imu.angle_density, self._scenario.imu_period) / np.sqrt(tick.samples)
+                noise = weighted(np.full(3, sd), self._settings.huber)
+                self.graph.add(angles_factor(X(k), errors.at(k * h) if errors else None, tick.rpy, noise))
         return w
-
-    def _add_angles(self, k: int, tick: InertialTick, errors: Process | None) -> None:
-        density = self._settings.imu.angle_density
-        if tick.rpy is not None and density is not None:
-            sd = white_sd(density, self._scenario.imu_period)
-            noise = weighted(np.full(3, sd / np.sqrt(tick.samples)), self._settings.huber)
-            self.graph.add(angles_factor(X(k), errors.at(k * self._h) if errors else None, tick.rpy, noise))
 
     def _messages(self, name: str) -> list[tuple[int, np.ndarray]]:
         """Return a port's messages with the ticks of their stamps, in the order of these."""
@@ -142,9 +139,6 @@ class FlightGraph:
         there = [message for message in found if message[ARRIVED] == 1.0 and np.isfinite(message).all()]
         stamped = [(round(message[STAMP] / self._h), message) for message in there]
         return sorted([(k, m) for k, m in stamped if 0 <= k < self._n], key=lambda its: its[0])
-
-    def _moving(self, k: int, clock: Process | None) -> Moving | None:
-        return None if clock is None else Moving(V(k), clock.at(k * self._h), self._w[k])
 
     def _add_ranges(self) -> None:
         ranges, huber = self._settings.ranges, self._settings.huber
@@ -213,7 +207,7 @@ class FlightGraph:
                         X(k),
                         survey[i].at(k * self._h) if survey else None,
                         (slow[i].at(k * self._h), share[0] * sds) if slow else None,
-                        self._moving(k, clock),
+                        Moving(V(k), clock.at(k * self._h), self._w[k]) if clock else None,
                         center,
                         Landmark(positions[i], outlines[i]),
                         camera,

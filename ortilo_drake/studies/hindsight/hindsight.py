@@ -1,6 +1,5 @@
 """The estimates of the filter that flew, beside those that hindsight makes of the same messages."""
 
-import importlib.util
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -10,8 +9,7 @@ import numpy as np
 from ortilo_drake.flight.efficiency import floor_at_ticks
 from ortilo_drake.flight.metrics import loss_of
 from ortilo_drake.flight.processes.workers import run_all
-from ortilo_drake.model.input_error import InputError
-from ortilo_drake.model.optional import check_installed
+from ortilo_drake.model.optional import is_installed, missing
 from ortilo_drake.scenario import IntermittentFilter, Scenario
 from ortilo_drake.studies.hindsight.recorded_flight import RecordedFlight, fly_recorded
 from ortilo_drake.studies.hindsight.rts import is_linear, smoothed
@@ -104,7 +102,7 @@ def in_hindsight(recorded: RecordedFlight) -> FlightInHindsight:
     if is_linear(recorded.scenario):
         x, P = smoothed(recorded)
         ways[RTS] = judged(x[:, :3], P[:, :3, :3], truth)
-    if has_graph():
+    if is_installed("gtsam"):
         from ortilo_drake.studies.hindsight.graph import graph_smoothed
 
         x, P = graph_smoothed(recorded)
@@ -115,11 +113,6 @@ def in_hindsight(recorded: RecordedFlight) -> FlightInHindsight:
         ways[FLOOR] = Judged((a, b, c), None)
     loss = loss_of(flight)
     return FlightInHindsight(int(flight.attrs["seed"]), None if loss is None else loss.time, ways)
-
-
-def has_graph() -> bool:
-    """Return whether GTSAM is there."""
-    return importlib.util.find_spec("gtsam") is not None
 
 
 def hindsight_of(scenario_json: str, seed: int) -> FlightInHindsight:
@@ -177,10 +170,7 @@ def _missing(scenario: Scenario, rows: list[HindsightRow]) -> list[str]:
         why = "runs again where a measurement comes late (estimator.delay replay)" if runs_again else "is not linear"
         lines.append(f"RTS: the filter that flew {why}.")
     if GRAPH not in there:
-        try:
-            check_installed("gtsam", EXTRA)
-        except InputError as error:
-            lines.append(f"graph: {error}.")
+        lines.append(f"graph: {missing('gtsam', EXTRA)}.")
     if FLOOR not in there:
         lines.append("floor: the errors of this camera's detector have not been measured.")
     return lines

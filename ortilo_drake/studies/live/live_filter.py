@@ -37,10 +37,17 @@ from ortilo_drake.studies.recorded.filtered import (
     noise_of,
     start_of,
 )
-from ortilo_drake.studies.recorded.first_fix import FIRST_RANGES, LONGEST, fix_known_at
 from ortilo_drake.studies.recorded.heading_doubts import HeadingWatch
 from ortilo_drake.studies.recorded.imu_doubts import force_doubts, upside_doubts
-from ortilo_drake.studies.recorded.reacquired import AGAIN, is_astray, no_restart, restart_from
+from ortilo_drake.studies.recorded.reacquired import (
+    AGAIN,
+    FIRST_RANGES,
+    LONGEST,
+    fix_known_at,
+    is_astray,
+    no_restart,
+    restart_from,
+)
 from ortilo_drake.studies.recorded.setups import uncalibrated_setup
 from ortilo_drake.studies.recorded.truth_path import modelled
 
@@ -193,16 +200,18 @@ class LiveFilter:
         first += first * self._period < begin
         queries = np.arange(first, int(horizon / self._period) + 2) * self._period
         queries = queries[queries < horizon]
+        aids = known.aids if map_.imu is not None else NO_AIDS
+        self._setup = Setup(known.anchors, levers_of(known, imu), known.level, self._noise, aids)
         try:
-            found = begin_of(ranges, imu, known, map_.filter, self._noise, queries)
+            events = events_of(ranges, imu, known, (), queries, begin)
+            found = begin_of(ranges, imu, known, map_.filter, self._setup, *events)
             self._state = start_of(ranges, imu, known, map_.filter, found, known.heading is not None)
         except InputError as error:
             self.why_not_begun = str(error)
             late = self._kept.ranges
             self._kept = self._kept._replace(ranges=late.only(np.flatnonzero(late.t > begin + LONGEST)))
             return False
-        self._known, aids = known._replace(looks=NO_AID_ROWS), known.aids if map_.imu is not None else NO_AIDS
-        self._setup = Setup(known.anchors, levers_of(known, imu), known.level, self._noise, aids)
+        self._known = known._replace(looks=NO_AID_ROWS)
         self.heading = None if imu is None else HeadingWatch(self._setup)
         self._begin_at, self._next, self.begins_at = begin, first, begin
         self._carried = self._fresh()

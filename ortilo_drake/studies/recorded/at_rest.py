@@ -132,8 +132,10 @@ def correct_by_rest(rest: AtRest, x: np.ndarray, C: np.ndarray) -> None:
     turn(x[Q : Q + 4], *by[THETA : THETA + 3])
 
 
-def at_rest_text(rest: AtRest, R: np.ndarray, by: str) -> str:
-    """Return a sentence on the gyro's bias and the force at rest, R (3, 3) believed by what `by` names."""
+def at_rest_text(rest: AtRest, imu: Imu, on_floor: bool) -> str:
+    """Return a sentence on the gyro's bias and the force at rest, beside the level that is believed."""
+    R = np.eye(3) if on_floor else first_tilt(imu, rest)
+    by = "the floor" if on_floor else "the force itself" if imu.attitude is None else "the unit's attitude"
     rates, off = (", ".join(f"{value:.5f}" for value in values) for values in (rest.rates, unlevel(rest, R)))
     rates_sd, sd = (", ".join(f"{value:.2g}" for value in values) for values in (rest.rates_sd, rest.force_sd))
     return (
@@ -154,8 +156,3 @@ def standstill_doubts(rest: AtRest | None) -> list[str]:
         f"differ by up to {turns:.2g} rad/s from ({', '.join(f'{rate:.2g}' for rate in rest.rates)}), of the force by "
         f"{shakes:.2g} m/s²: a shorter time?"
     ]
-
-
-def level_source(imu: Imu, rests: bool) -> str:
-    """Return the name of the level's source."""
-    return "the floor" if rests else "the force itself" if imu.attitude is None else "the unit's attitude"

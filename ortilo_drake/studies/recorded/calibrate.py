@@ -18,8 +18,9 @@ from scipy.spatial.transform import Rotation
 from ortilo_drake.interop.recorded.map_file import Estimated
 from ortilo_drake.interop.recorded.recording import ONE_TAG, Ranges, Recording
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.recorded.clock_offset import offset_by_rates
+from ortilo_drake.studies.recorded.clock_offset import TELLS, ByRates, best_by_rates
 from ortilo_drake.studies.recorded.filter_types import UNKNOWN_LEVEL, Level
+from ortilo_drake.studies.recorded.plain_fit import left_of
 from ortilo_drake.studies.recorded.truth_path import (
     LEAST,
     TruthPath,
@@ -37,6 +38,7 @@ COARSE = 0.25  # offsets tried as starts where the ranges tell the clock [s]
 FEW = 400  # ranges that a start goes by
 MANY = 40_000  # that a fit goes by at most
 SURE = 1e-4  # of the sum of all constants, which differences do not tell: it is 0 [m]
+KEPT = 0.99  # share of the errors that counts in what is left
 FLAT = 0.5  # anchors whose heights differ by less do not tell what is above them from what is below [m]
 
 
@@ -145,6 +147,22 @@ def offset_centres(recording: Recording, search: float) -> list[float]:
     return [0.0, one_clock] if abs(one_clock) > search and meet > search else [0.0]
 
 
+def clock_by_rates(recording: Recording, settings: Estimated, known: float | None) -> ByRates | None:
+    """Return the clock's offset, or only the mount if that is known [s], by the body rates; None if they tell neither.
+
+    That is without imu or attitudes, where the body hardly turned, and where the rates do not explain its turns.
+    """
+    imu, truth = recording.imu, recording.truth
+    if imu is None or truth is None or truth.R is None:
+        return None
+
+    def part(offset: float) -> tuple[float, float]:
+        return first_part(truth, recording.ranges, settings.share, offset)
+
+    found = best_by_rates(imu, truth, part, settings.search, known, offset_centres(recording, settings.search))
+    return found if found.left < TELLS else None
+
+
 def _uncalibrated(recording: Recording, settings: Estimated, lever: bool, airborne: float | None) -> Calibration:
     """Return what the map gives where nothing is calibrated: the truth only judges.
 
@@ -160,10 +178,9 @@ def _uncalibrated(recording: Recording, settings: Estimated, lever: bool, airbor
     p, R = path.at(seen.t + offset)
     c = np.zeros(len(anchors))
     p = antennas(p, R, arm, recording.tags * lever, seen.tag)
-    errors = np.abs(modelled(p, anchors, c, seen) - seen.r)
+    errors = modelled(p, anchors, c, seen) - seen.r
     up = p[:, 2] > truth.p[0, 2] + (-np.inf if airborne is None else airborne)
-    errors = np.sort(errors[up] if up.any() else errors)
-    left = float(np.sqrt(np.mean(errors[: max(1, int(0.99 * len(errors)))] ** 2)))
+    left = left_of(errors[up] if up.any() else errors, KEPT)
     return Calibration(offset, "map", np.eye(3), np.zeros(3), None, arm, c, anchors, float(truth.t[0]), left)
 
 
@@ -205,20 +222,14 @@ def calibrate(
     def part(offset: float) -> tuple[float, float]:
         return first_part(truth, ranges, settings.share, offset)
 
-    rates = None
-    if recording.imu is not None and lever:
-        known = None if settings.clock == "estimate" else float(settings.clock) - shift_of_files
-        rates = offset_by_rates(recording.imu, truth, part, settings.search, known, centres)
+    known = None if settings.clock == "estimate" else float(settings.clock) - shift_of_files
+    rates = clock_by_rates(recording, settings, known) if lever else None
     given = settings.lever if isinstance(settings.lever, tuple) else None
     frees_lever = lever and rates is not None and given is None
     mount = np.eye(3) if rates is None else rates.mount
     start_lever = mount @ np.array(given if given is not None and lever else (0.0, 0.0, 0.0))
-    if settings.clock != "estimate":
-        offset, told_by = float(settings.clock) - shift_of_files, "map"
-    elif rates is not None:
-        offset, told_by = rates.offset, "rates"
-    else:
-        offset, told_by = 0.0, "ranges"
+    told_by = "map" if known is not None else "ranges" if rates is None else "rates"
+    offset = known if known is not None else 0.0 if rates is None else rates.offset
     fit = _Fit(kind, told_by == "ranges", frees_lever, find, n, level, recording.tags @ mount.T * lever)
     centre = np.zeros(3) if find else np.asarray(recording.anchors).mean(axis=0)
     flat = not find and float(np.ptp(np.asarray(recording.anchors)[:, 2])) < FLAT
@@ -272,7 +283,6 @@ def calibrate(
     x, _, errors = _solve(x, fit, ranges, chosen, path, np.asarray(recording.anchors))
     offset, F, shift, biases, lever_T, found = fit.parts(x)
     anchors = found if find else np.asarray(recording.anchors)
-    kept = np.sort(np.abs(errors))[: max(1, int(0.99 * len(errors)))]
-    left = float(np.sqrt(np.mean(kept**2)))
+    left = left_of(errors, KEPT)
     told_mount, shift = None if rates is None else mount, shift - F @ middle
     return Calibration(offset, told_by, F, shift, told_mount, mount.T @ lever_T, biases, anchors, part(offset)[1], left)

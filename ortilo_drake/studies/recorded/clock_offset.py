@@ -34,12 +34,7 @@ class ByRates(NamedTuple):
 
 
 def intervals_apart(t: np.ndarray, R: Rotation) -> int:
-    """Return the number of stamps between two attitudes whose turn exceeds their noise.
-
-    Args:
-        t: stamps (n) [s].
-        R: attitudes (n).
-    """
+    """Return the number of stamps between two attitudes R (n) at t (n) [s] whose turn exceeds their noise."""
     step = float(np.median(np.diff(t)))
     third = np.diff((R[:-1].inv() * R[1:]).as_rotvec(), 2, axis=0)  # of independent noise 20 times its variance
     noise = float(np.sqrt(np.mean(np.sum(third**2, axis=1)) / 20.0))
@@ -52,30 +47,6 @@ def intervals_apart(t: np.ndarray, R: Rotation) -> int:
     return min(apart, len(t) - 1)
 
 
-def offset_by_rates(
-    imu: Imu,
-    truth: Truth,
-    part: Callable[[float], tuple[float, float]],
-    search: float,
-    known: float | None,
-    centres: Sequence[float] = (0.0,),
-) -> ByRates | None:
-    """Return the offset, or None if the truth has no attitude, hardly turned or the rates do not explain its turns.
-
-    Args:
-        imu: the body rates.
-        truth: its attitude.
-        part: the first and the last stamp of the truth that may be used with an offset [s].
-        search: greatest distance from a centre that is tried [s].
-        known: the offset, if only the mount is asked for [s].
-        centres: offsets to search around [s].
-    """
-    if truth.R is None:
-        return None
-    found = best_by_rates(imu, truth, part, search, known, centres)
-    return found if found.left < TELLS else None
-
-
 def best_by_rates(
     imu: Imu,
     truth: Truth,
@@ -85,9 +56,16 @@ def best_by_rates(
     centres: Sequence[float] = (0.0,),
     any_scale: bool = False,
 ) -> ByRates:
-    """Return the best offset, however much of the turns it leaves; arguments as above.
+    """Return the best offset, however much of the turns it leaves: it tells the clock if that is less than TELLS.
 
-    With `any_scale` it is the one that leaves least once the rates are scaled.
+    Args:
+        imu: the body rates.
+        truth: its attitude.
+        part: the first and the last stamp of the truth that may be used with an offset [s].
+        search: greatest distance from a centre that is tried [s].
+        known: the offset, if only the mount is asked for [s].
+        centres: offsets to search around [s].
+        any_scale: whether it is the one that leaves least once the rates are scaled.
     """
     assert truth.R is not None
     R = Rotation.from_matrix(truth.R)

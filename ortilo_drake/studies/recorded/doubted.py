@@ -5,23 +5,22 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ortilo_drake.interop.recorded.map_file import Map
-from ortilo_drake.interop.recorded.odd_rows import frozen_rows
-from ortilo_drake.interop.recorded.recording import Recording, Truth
+from ortilo_drake.interop.recorded.recording import Recording
+from ortilo_drake.interop.recorded.rejected import frozen_rows
 from ortilo_drake.studies.recorded import doubts
 from ortilo_drake.studies.recorded.calibrate import Calibration, offset_centres
 from ortilo_drake.studies.recorded.first_look import CheapFit
-from ortilo_drake.studies.recorded.imu_axes import axes_doubts
 from ortilo_drake.studies.recorded.imu_doubts import (
     attitude_doubts,
+    axes_doubts,
     drift_doubts,
     force_doubts,
     rate_doubts,
     upside_doubts,
 )
-from ortilo_drake.studies.recorded.plain_fit import plain_fit
+from ortilo_drake.studies.recorded.readings import as_read, cheap_fit, path_of
 from ortilo_drake.studies.recorded.scores import Scores
 from ortilo_drake.studies.recorded.setups import height_doubts
-from ortilo_drake.studies.recorded.truth_path import truth_path
 
 CALIBRATED = ("with IMU", "constant velocity")
 BARE = ("with IMU, not calibrated (biases online)", "constant velocity, not calibrated")
@@ -63,8 +62,7 @@ def doubts_of(
         frozen = [one for one in found_frozen if truth.p[np.searchsorted(truth.t, one[0]), 2] > up]
         kept = ~frozen_rows(truth.t, truth.p, doubts.FROZEN)
         if frozen:
-            R = None if truth.R is None else truth.R[kept]
-            moving = recording._replace(truth=Truth(truth.t[kept], truth.p[kept], R))
+            moving = recording._replace(truth=truth.only(kept))
             said += doubts.of_freezes(frozen, look.fit.left if look.fit else None, _left(moving, map_, calibration))
     if imu is not None:
         said += force_doubts(imu, map_) + upside_doubts(imu, map_)
@@ -101,10 +99,8 @@ def stamp_doubts(recording: Recording, map_: Map) -> list[str]:
 
 def _left(recording: Recording, map_: Map, calibration: Calibration) -> float | None:
     """Return the residual of a cheap fit to a motion, by the clock that was found [m]."""
-    if recording.truth is None or isinstance(recording.anchors, int):
+    if isinstance(recording.anchors, int):
         return None
-    path, offset = truth_path(recording.truth), np.array([calibration.offset])
-    fit = plain_fit(
-        recording.ranges, recording.anchors, path, offset, frame=map_.calibration.frame, tags=recording.tags
-    )
+    now = as_read(recording, map_)
+    fit = cheap_fit(now, path_of(now), np.array([calibration.offset]))
     return None if fit is None else fit.left

@@ -9,8 +9,8 @@ import numpy as np
 
 from ortilo_drake.interop.recorded.columns import UNITS
 from ortilo_drake.interop.recorded.map_file import FilterSettings
-from ortilo_drake.interop.recorded.odd_rows import frozen_rows
 from ortilo_drake.interop.recorded.recording import Imu, Ranges, Truth
+from ortilo_drake.interop.recorded.rejected import frozen_rows
 from ortilo_drake.interop.recorded.units import size_of
 from ortilo_drake.studies.recorded.readings import Guess
 from ortilo_drake.studies.recorded.scores import Scores

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import register_jitable
 
+from ortilo_drake.interop.recorded.map_file import FilterSettings
 from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, N_INERTIAL
 
@@ -77,6 +78,15 @@ class Noise(NamedTuple):
     huber: float = np.inf
     near_floor: float = 0.0
     range_tail: float = 0.0
+
+
+def noise_of(s: FilterSettings, imu: bool) -> Noise:
+    """Return the filter's noise by the map's settings; without an IMU that of the constant-velocity filter."""
+    last = (np.inf if s.huber is None else s.huber, s.near_floor, s.range_tail)
+    if imu:
+        white = (s.acceleration, s.rotation, s.acceleration_bias, s.rotation_bias, s.range_white, s.range_correlated)
+        return Noise(*white, s.correlation_time, s.bias_walk, s.gate, *last)
+    return Noise(s.baseline_acceleration, 0.0, 0.0, 0.0, s.baseline_range, 0.0, 1.0, 0.0, s.baseline_gate, *last)
 
 
 class Level(NamedTuple):

@@ -1,6 +1,7 @@
 """A recorded motion through the filter: the start, the events in order, and the estimate at the stamps asked for."""
 
 from collections.abc import Sequence
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -28,17 +29,24 @@ from ortilo_drake.studies.recorded.filter_types import (
     Events,
     EventValues,
     Level,
-    Noise,
-    Run,
     Setup,
     State,
+    noise_of,
     nominal,
     states,
 )
-from ortilo_drake.studies.recorded.first_fix import Fix, ranges_for_a_fix, solve_first_fix
 from ortilo_drake.studies.recorded.imu_watch import watched_from
 from ortilo_drake.studies.recorded.landing import Landing, landings
-from ortilo_drake.studies.recorded.reacquired import Lost, run_on
+from ortilo_drake.studies.recorded.reacquired import (
+    Fix,
+    Innovations,
+    Lost,
+    innovation_score,
+    joined,
+    ranges_for_a_fix,
+    run_on,
+    solve_first_fix,
+)
 from ortilo_drake.studies.recorded.run_tape import smooth
 
 LEVEL, STANDS = 0.03, 0.1  # of a tilt on the floor [rad], and of a velocity where the vehicle is known to be [m/s]
@@ -46,14 +54,6 @@ ANY_TILT = 1.0  # of a tilt of which nothing is known but by the force at rest [
 HEADINGS = 8  # tried, where none is known
 AGREES = 0.35  # headings carried back from the trials' ends are one that differ by less [rad]
 TRIAL = 30.0  # how long each is tried [s]
-
-
-class Innovations(NamedTuple):
-    """Of each range the innovation, its variance, and whether it was taken (n each)."""
-
-    innovation: np.ndarray
-    variance: np.ndarray
-    taken: np.ndarray
 
 
 class Begin(NamedTuple):
@@ -114,16 +114,6 @@ class Estimate(NamedTuple):
     begin: Begin = Begin(0.0, None)
 
 
-def noise_of(settings: FilterSettings, imu: bool) -> Noise:
-    """Return the filter's noise; without an IMU that of the constant-velocity filter."""
-    s = settings
-    last = (np.inf if s.huber is None else s.huber, s.near_floor, s.range_tail)
-    if imu:
-        white = (s.acceleration, s.rotation, s.acceleration_bias, s.rotation_bias, s.range_white, s.range_correlated)
-        return Noise(*white, s.correlation_time, s.bias_walk, s.gate, *last)
-    return Noise(s.baseline_acceleration, 0.0, 0.0, 0.0, s.baseline_range, 0.0, 1.0, 0.0, s.baseline_gate, *last)
-
-
 def events_of(
     ranges: Ranges, imu: Imu | None, known: FilterSetup, landed: Sequence[Landing], queries: np.ndarray, begin: float
 ) -> tuple[Events, EventValues]:
@@ -170,15 +160,13 @@ def start_of(
     n = len(known.anchors)
     variances = np.zeros(states(n))
     c = np.zeros(n) if known.biases is None else known.biases.copy()
-    R = np.eye(3)
+    R, rests = np.eye(3), known.start is not None and known.start.rests and imu is not None
     if imu is not None:
-        rest = known.start is not None and known.start.rests
-        R = Rotation.from_rotvec([0.0, 0.0, begin.heading]).as_matrix() @ (
-            np.eye(3) if rest else first_tilt(imu, known.rest)
-        )
+        level = np.eye(3) if rests else first_tilt(imu, known.rest)
+        R = Rotation.from_rotvec([0.0, 0.0, begin.heading]).as_matrix() @ level
         up = known.start.heading_sd if known.start is not None else 0.1 if sure else 0.4
         by_force = known.rest is not None and imu.attitude is None
-        tilt = LEVEL if rest else ANY_TILT if by_force else tilt_deviation(imu)
+        tilt = LEVEL if rests else ANY_TILT if by_force else tilt_deviation(imu)
         tilts = R.T @ np.diag([tilt**2] * 2 + [up**2]) @ R  # theta is in B
         variances[6:9] = np.diag(tilts)
         variances[9:12], variances[12:15] = 0.01**2, BIAS**2
@@ -203,7 +191,6 @@ def start_of(
             correct_by_rest(known.rest, x, C)
             R = matrix_of(x[Q:ADDITIVE])
     at_rest = np.append(np.zeros(3), R.T @ [0.0, 0.0, GRAVITY])  # holds until the first sample, and without any
-    rests = known.start is not None and known.start.rests and imu is not None
     return State(float(ranges.t[0]), x, C, at_rest, watched_from(rests))
 
 
@@ -222,42 +209,32 @@ def levers_of(known: FilterSetup, imu: Imu | None) -> np.ndarray:
     return known.lever + np.vstack([np.zeros(3), known.tags * (imu is not None)])
 
 
-def innovation_score(run: Innovations, gate: float) -> float:
-    """Return the log-likelihood of the innovations, each counted at most as if it lay on the gate."""
-    if not (run.variance > 0.0).all():  # it diverged
-        return -np.inf
-    return float(-0.5 * np.sum(np.log(run.variance) + np.minimum(run.innovation**2 / run.variance, gate**2)))
-
-
 def begin_of(
     ranges: Ranges,
     imu: Imu | None,
     known: FilterSetup,
     settings: FilterSettings,
-    noise: Noise,
-    queries: np.ndarray,
-    landed: Sequence[Landing] = (),
+    setup: Setup,
+    events: Events,
+    heard: EventValues,
 ) -> Begin:
     """Return where the filter begins; without an IMU with a heading of 0, else the known one or one by eight trials.
 
     Each trial lasts the first TRIAL seconds. Most end with the right heading, whatever they began with: it is the one
     that more than half of them agree on, carried back by the body rates; else that of the likeliest innovations.
-    Arguments as estimate; queries from the first range on, and the landings.
+    Arguments as estimate; events from the first range on.
     """
     by_ranges = known.start is None and not known.tags.any()  # else the fix depends on the heading, or none is needed
     fix = _fix_of(ranges, known, np.eye(3)) if by_ranges else None
     if known.heading is not None or imu is None:
         return Begin(known.heading or 0.0, fix)
-    begin = float(ranges.t[0])
-    events, heard = events_of(ranges, imu, known, landed, queries, begin)
-    events = Events(*(part[events.t <= begin + TRIAL] for part in events))
-    setup = Setup(known.anchors, levers_of(known, imu), known.level, noise, known.aids)
+    events = Events(*(part[events.t <= ranges.t[0] + TRIAL] for part in events))
 
     def tried(heading: float) -> tuple[float, float]:
         """Return the score of a heading, and the heading that the filter ends with, carried back by the body rates."""
         start = start_of(ranges, imu, known, settings, Begin(heading, fix), False)
         runs, _, end = run_on(events, heard, start, setup, np.inf, False)  # a wrong one must not be mended
-        score = innovation_score(joined(runs), noise.gate)
+        score = innovation_score(joined(runs), setup.noise.gate)
         if not np.isfinite(end.x).all() or not end.x[Q:ADDITIVE].any():
             return -np.inf, heading
         R = matrix_of(end.x[Q:ADDITIVE]) @ turned_by(events, heard, end.x[Q + 4 : Q + 7]).T
@@ -276,10 +253,7 @@ def turned_by(events: Events, heard: EventValues, bias: np.ndarray) -> np.ndarra
     """Return the turn from the last body axes to the first that the body rates add up to, less their bias (3, 3)."""
     at = np.flatnonzero(events.kind == RATES)
     steps = (heard.rates[events.which[at]] - bias) * np.diff(events.t[at], append=events.t[-1])[:, None]
-    R = np.eye(3)
-    for step in Rotation.from_rotvec(steps).as_matrix():
-        R = R @ step
-    return R
+    return reduce(np.matmul, Rotation.from_rotvec(steps).as_matrix(), np.eye(3))
 
 
 def estimate(
@@ -311,26 +285,16 @@ def estimate(
     noise = noise_of(settings, imu is not None)
     if known.biases is not None:  # calibrated ones are held: what wanders is the correlated error
         noise = noise._replace(bias_walk=0.0)
-
-    begin = begin or begin_of(ranges, imu, known, settings, noise, queries, landed)
-    events, heard = events_of(ranges, imu, known, landed, queries, first)
-    start = start_of(ranges, imu, known, settings, begin, known.heading is not None)
     aids = known.aids if imu is not None else NO_AIDS
     setup = Setup(known.anchors, levers_of(known, imu), known.level, noise, aids)
+    events, heard = events_of(ranges, imu, known, landed, queries, first)
+    begin = begin or begin_of(ranges, imu, known, settings, setup, events, heard)
+    start = start_of(ranges, imu, known, settings, begin, known.heading is not None)
     runs, lost, end = run_on(events, heard, start, setup, -np.inf, smoothed)
-    x, P = (
-        smooth(runs)
-        if smoothed
-        else tuple(np.concatenate(part) for part in zip(*(one[:2] for one in runs), strict=True))
-    )
+    x, P = smooth(runs) if smoothed else map(np.concatenate, zip(*(run[:2] for run in runs), strict=True))
     if not (np.isfinite(x).all() and (np.einsum("kii->ki", P) >= 0.0).all() and x[:, Q:ADDITIVE].any(axis=1).all()):
         raise InputError("the filter diverged: its numbers are none any more")
     R = Rotation.from_quat(x[:, Q:ADDITIVE], scalar_first=True).as_matrix() if len(x) else np.zeros((0, 3, 3))
     failed = (float(end.watched[4]), float(end.watched[5]))
     drag = (float(end.x[-1]), float(np.sqrt(end.C[-1, -1])))
     return Estimate(queries, x[:, :3], P, R, joined(runs), ranges.t, lost, failed, drag, begin)
-
-
-def joined(runs: list[Run]) -> Innovations:
-    """Return the innovations of all runs, in order."""
-    return Innovations(*(np.concatenate(part) for part in zip(*(run[2:5] for run in runs), strict=True)))

@@ -7,20 +7,19 @@ import numpy as np
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import Recording, Truth
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.recorded.calibrate import offset_centres
-from ortilo_drake.studies.recorded.clock_offset import gains_by_rates, offset_by_rates
+from ortilo_drake.studies.recorded.calibrate import clock_by_rates, offset_centres
+from ortilo_drake.studies.recorded.clock_offset import gains_by_rates
 from ortilo_drake.studies.recorded.doubts import range_noise
 from ortilo_drake.studies.recorded.freed import feet_or_nanoseconds, freed_guess
-from ortilo_drake.studies.recorded.lone_fit import lone_fit
 from ortilo_drake.studies.recorded.moved_anchors import (
+    CLEARLY,
     exchanged_order,
-    exchanged_pair,
     matched_order,
     moved_anchor,
     worst_anchor,
 )
 from ortilo_drake.studies.recorded.moved_by_filter import moved_by_filter
-from ortilo_drake.studies.recorded.plain_fit import PlainFit, plain_fit
+from ortilo_drake.studies.recorded.plain_fit import PlainFit
 from ortilo_drake.studies.recorded.readings import (
     NEAR,
     UNITS,
@@ -28,10 +27,11 @@ from ortilo_drake.studies.recorded.readings import (
     Trial,
     as_read,
     better_reading,
+    cheap_fit,
     path_of,
     scale_key,
 )
-from ortilo_drake.studies.recorded.truth_path import LEAST, first_part
+from ortilo_drake.studies.recorded.truth_path import LEAST
 
 SUSPECT = 1.5  # other readings are tried where more than so many standard deviations of a range are left
 COARSE = 1.0  # clock offsets tried where nothing tells them [s]
@@ -71,10 +71,7 @@ def first_look(recording: Recording, map_: Map) -> CheapFit:
     offsets, moves = (np.zeros(1), False) if recording.truth is None else _offsets(recording, map_)
     now = now._replace(truth=_airborne(now.truth, map_))
     path = path_of(now)
-    if path is None:
-        fit = None if far else lone_fit(ranges, anchors)
-    else:
-        fit = plain_fit(ranges, anchors, path, offsets, frame=now.frame, moves=moves, tags=now.tags)
+    fit = None if far and path is None else cheap_fit(now, path, offsets, moves=moves)
     noise *= np.sqrt(2.0) if (ranges.other >= 0).all() else 1.0  # a difference has the errors of two ranges
     if fit is None:
         if far:
@@ -92,7 +89,7 @@ def first_look(recording: Recording, map_: Map) -> CheapFit:
         better = better or freed_guess(trial, map_, _gained(recording, offsets))
         better = better or moved_anchor(trial, map_) or exchanged_order(trial, map_)
     else:
-        better = exchanged_pair(trial, map_) if worst_anchor(fit, anchors) > noise else None
+        better = exchanged_order(trial, map_, 1, CLEARLY) if worst_anchor(fit, anchors) > noise else None
         better = better or freed_guess(trial, map_, _gained(recording, offsets))
     if recording.truth is None:
         return CheapFit(fit, better or moved_by_filter(recording, trial, map_))
@@ -122,10 +119,7 @@ def _airborne(truth: Truth | None, map_: Map) -> Truth | None:
     if truth is None or map_.airborne is None:
         return truth
     up = np.flatnonzero(truth.p[:, 2] > truth.p[0, 2] + map_.airborne)
-    if len(up) < LEAST:
-        return truth
-    part = slice(up[0], up[-1] + 1)
-    return Truth(truth.t[part], truth.p[part], None if truth.R is None else truth.R[part])
+    return truth if len(up) < LEAST else truth.only(slice(up[0], up[-1] + 1))
 
 
 def _all_small(trial: Trial, map_: Map) -> Guess | None:
@@ -155,19 +149,13 @@ def _unit(middle: float, room: float, map_: Map) -> str:
 
 def _offsets(recording: Recording, map_: Map) -> tuple[np.ndarray, bool]:
     """Return the clock offsets to start from [s], and whether they may move."""
-    truth, settings = recording.truth, map_.calibration
-    assert truth is not None
+    settings = map_.calibration
     if settings.clock != "estimate":
         return np.array([float(settings.clock) - recording.truth_origin + recording.origin]), False
+    rates = clock_by_rates(recording, settings, None)
+    if rates is not None:
+        return np.array([rates.offset]), False
     centres = offset_centres(recording, settings.search)
-    if recording.imu is not None:
-
-        def part(offset: float) -> tuple[float, float]:
-            return first_part(truth, recording.ranges, settings.share, offset)
-
-        rates = offset_by_rates(recording.imu, truth, part, settings.search, None, centres)
-        if rates is not None:
-            return np.array([rates.offset]), False
     step = min(COARSE, settings.search / 2.0)
     steps = np.arange(-settings.search, settings.search + step / 2.0, step)
     return np.concatenate([centre + steps for centre in centres]), True

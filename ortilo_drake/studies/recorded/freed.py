@@ -18,10 +18,9 @@ from scipy.linalg import block_diag
 
 from ortilo_drake.interop.recorded.map_file import Map, unit_key
 from ortilo_drake.interop.recorded.recording import Ranges
-from ortilo_drake.studies.recorded.lone_fit import lone_fit
 from ortilo_drake.studies.recorded.moved_anchors import names_of, point_text
-from ortilo_drake.studies.recorded.plain_fit import CLOCK, SPREAD, PlainFit, left_of, plain_fit, toward
-from ortilo_drake.studies.recorded.readings import NEAR, OF_RANGES, UNITS, Guess, Reading, Trial, path_of, scale_key
+from ortilo_drake.studies.recorded.plain_fit import CLOCK, SPREAD, PlainFit, Reading, left_of, toward
+from ortilo_drake.studies.recorded.readings import NEAR, OF_RANGES, UNITS, Guess, Trial, cheap_fit, path_of, scale_key
 from ortilo_drake.studies.recorded.truth_path import LEAST, modelled
 
 RANGES, WINDOWS = 1500, 24  # that it goes by, at most; times of a fit without a truth
@@ -51,10 +50,7 @@ class _Solved(NamedTuple):
 def freed_guess(trial: Trial, map_: Map, imu_gains: float | None) -> Guess | None:
     """Return the anchor's place, the scale or the clock's rate that clearly explains what the fit leaves.
 
-    Args:
-        trial: what the fits go by.
-        map_: what it says.
-        imu_gains: by how much a second the truth's clock gains on the imu's, if the body rates tell it.
+    `imu_gains`: by how much a second the truth's clock gains on the imu's, if the body rates tell it.
     """
     anchors, fit = trial.now.anchors, _by_more(trial, trial.now)
     if fit is None or fit.left > NEAR * trial.noise:
@@ -94,14 +90,9 @@ def feet_or_nanoseconds(trial: Trial, map_: Map, guess: Guess) -> Guess:
 
 def _by_more(trial: Trial, now: Reading) -> PlainFit | None:
     """Return the cheap fit of a reading by more of the ranges; with a truth near where the clock is."""
-    path = path_of(now)
-    if path is None:
-        return lone_fit(now.ranges, now.anchors, windows=WINDOWS)
-    at, same = np.array([trial.fit.offset]), now.ranges is trial.now.ranges and now.frame != "same"
-    moves, near = trial.moves, trial.fit if same else None
-    return plain_fit(
-        now.ranges, now.anchors, path, at, frame=now.frame, moves=moves, near=near, tags=now.tags, few=RANGES
-    )
+    near = trial.fit if now.ranges is trial.now.ranges and now.frame != "same" else None
+    at = np.array([trial.fit.offset])
+    return cheap_fit(now, path_of(now), at, moves=trial.moves, near=near, few=RANGES, windows=WINDOWS)
 
 
 def _as_it_is(fit: PlainFit, anchors: np.ndarray) -> _Solved:

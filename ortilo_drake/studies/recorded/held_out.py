@@ -16,14 +16,8 @@ from ortilo_drake.interop.recorded.map_file import FilterSettings, Map
 from ortilo_drake.interop.recorded.recording import Recording
 from ortilo_drake.studies.recorded.at_rest import at_rest
 from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate
-from ortilo_drake.studies.recorded.filtered import (
-    Estimate,
-    FilterSetup,
-    Innovations,
-    estimate,
-    innovation_score,
-    noise_of,
-)
+from ortilo_drake.studies.recorded.filtered import Estimate, FilterSetup, estimate, noise_of
+from ortilo_drake.studies.recorded.reacquired import Innovations, innovation_score
 from ortilo_drake.studies.recorded.replayed import with_lever
 from ortilo_drake.studies.recorded.scores import nees_of, nis_of, rms_by_axis
 from ortilo_drake.studies.recorded.setups import (

@@ -16,15 +16,8 @@ import numpy as np
 
 from ortilo_drake.interop.recorded.map_file import FilterSettings
 from ortilo_drake.interop.recorded.recording import Imu, Ranges, between
-from ortilo_drake.studies.recorded.filtered import (
-    TRIAL,
-    Begin,
-    FilterSetup,
-    Innovations,
-    estimate,
-    innovation_score,
-    noise_of,
-)
+from ortilo_drake.studies.recorded.filtered import TRIAL, Begin, FilterSetup, estimate, noise_of
+from ortilo_drake.studies.recorded.reacquired import Innovations, innovation_score
 
 PRIOR = 0.1  # deviation of each component before a range is heard [m]
 TOLD = 0.05  # a component that the ranges leave less sure than this stays 0, as where the body does not turn [m]

@@ -13,8 +13,8 @@ from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 
 from ortilo_drake.interop.recorded.recording import Ranges
-from ortilo_drake.studies.recorded.first_fix import LEAST, SPEED
-from ortilo_drake.studies.recorded.plain_fit import SPREAD, PlainFit, counted, left_of, toward
+from ortilo_drake.studies.recorded.plain_fit import SPREAD, PlainFit, Reading, counted, left_of, toward
+from ortilo_drake.studies.recorded.reacquired import LEAST, SPEED
 from ortilo_drake.studies.recorded.truth_path import modelled, random_sample
 
 WINDOWS, MOST = 8, 60  # times, and ranges in each at most
@@ -23,18 +23,11 @@ ENOUGH = 12  # ranges
 STEPS = 40
 
 
-def lone_fit(ranges: Ranges, anchors: np.ndarray, without: int = -1, windows: int = WINDOWS) -> PlainFit | None:
-    """Return the fit of a recording's windows, or None if hardly one has ranges enough; offset and frame are none.
-
-    Args:
-        ranges: what was heard.
-        anchors: positions (n, 3).
-        without: an anchor whose ranges do not count.
-        windows: how many times, if there are as many.
-    """
-    found = []
-    for heard in _windows(ranges, windows):
-        counts = counted(heard, without)
+def lone_fit(now: Reading, windows: int = WINDOWS) -> PlainFit | None:
+    """Return the fit of so many windows, or None if hardly one has ranges enough; offset and frame are none."""
+    anchors, found = now.anchors, []
+    for heard in _windows(now.ranges, windows):
+        counts = counted(heard, now.without)
         to = np.concatenate([heard.anchor[counts > 0.0], heard.other[(counts > 0.0) & (heard.other >= 0)]])
         if len(np.unique(to)) > LEAST:
             found.append((heard, counts, *_fit(heard, anchors, counts)))

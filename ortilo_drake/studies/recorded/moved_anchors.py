@@ -12,12 +12,12 @@ from scipy.optimize import least_squares, linear_sum_assignment
 
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.studies.recorded.calibrate import found_roughly
-from ortilo_drake.studies.recorded.plain_fit import SPREAD, PlainFit, left_of
-from ortilo_drake.studies.recorded.readings import ALIKE, BETTER, Guess, Reading, Trial, path_of
+from ortilo_drake.studies.recorded.plain_fit import SPREAD, PlainFit, Reading, left_of
+from ortilo_drake.studies.recorded.readings import ALIKE, BETTER, Guess, Trial, path_of
 from ortilo_drake.studies.recorded.truth_path import LEAST, TruthPath, covered_ranges, modelled
 
 BEST = 3  # orders that go on to the next exchange of two places
-CLEARLY = 1.4  # a pair is told that leaves less by this factor: on real recordings no wrong one leaves less at all
+CLEARLY = 1.4  # of a pair, where the whole fits well: on real recordings no wrong one leaves less at all
 SAME = 1.2  # of orders whose distances add up to so many times the least, or less, the map's is the likeliest
 HEADINGS, SOME = 36, 60  # of the places found beside the map's; ranges that an anchor's place goes by
 ALL_HEADINGS = 8  # with more anchors, pairs are tried from the frame found only
@@ -50,11 +50,6 @@ def matched_order(trial: Trial, map_: Map) -> Guess | None:
     path = path_of(trial.now)
     order = tuple(range(len(trial.now.anchors))) if path is None else _matched(trial, path)
     return _best_of(trial, map_, _fits(trial, [order], path, None))
-
-
-def exchanged_pair(trial: Trial, map_: Map) -> Guess | None:
-    """Return the exchange of two anchors that fits better, where the whole fits about as well as the noise allows."""
-    return exchanged_order(trial, map_, 1, CLEARLY)
 
 
 def exchanged_order(trial: Trial, map_: Map, exchanges: int = 2, by: float = BETTER) -> Guess | None:
@@ -114,13 +109,7 @@ def _matched(trial: Trial, path: TruthPath) -> Order:
 
 
 def _alike(found: np.ndarray, anchors: np.ndarray, same: bool) -> Order:
-    """Return for each of n places found which of the anchors it is, whatever the heading and shift between the two.
-
-    Args:
-        found: places in the truth's frame (n, 3).
-        anchors: those of the map (n, 3).
-        same: whether both have one frame.
-    """
+    """Return for each place found (n, 3) which of the anchors (n, 3) it is, however turned and shifted the frame."""
     tried: list[tuple[float, Order]] = []
     for yaw in (0.0,) if same else np.linspace(0.0, 2.0 * np.pi, HEADINGS, endpoint=False):
         c, s = np.cos(yaw), np.sin(yaw)

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from ortilo_drake.interop.recorded.recording import ONE_TAG, Ranges
+from ortilo_drake.interop.recorded.recording import ONE_TAG, Ranges, Truth
 from ortilo_drake.studies.recorded.truth_path import (
     LEAST,
     TruthPath,
@@ -34,6 +34,23 @@ YAWS = (0.0, np.pi / 2, np.pi, -np.pi / 2)
 TURNED = {"same": 0, "yaw": 1, "se3": 3}  # components of the turn that are free, the last ones
 MOST, SCREEN, BEST = 40, 6, 2  # steps of a fit; of each start, and how many of the starts go on
 FLAT, NUDGE = 0.3, 0.7  # anchors less than this off a plane [m]: the fit starts so far above it, not on it [m]
+
+
+class Reading(NamedTuple):
+    """A key of the map and its value, the files so read, and the offsets to start from [s], None as found.
+
+    `near` says that the frame found may serve as the start; `without` is an anchor whose ranges do not count.
+    """
+
+    key: str
+    ranges: Ranges
+    anchors: np.ndarray
+    truth: Truth | None
+    frame: str
+    offsets: np.ndarray | None = None
+    near: bool = False
+    tags: np.ndarray = ONE_TAG
+    without: int = -1
 
 
 class PlainFit(NamedTuple):
@@ -66,33 +83,25 @@ class _Seen(NamedTuple):
 
 
 def plain_fit(
-    ranges: Ranges,
-    anchors: np.ndarray,
+    now: Reading,
     path: TruthPath,
     offsets: np.ndarray,
     *,
-    frame: str = "yaw",
     moves: bool = False,
     near: PlainFit | None = None,
-    tags: np.ndarray = ONE_TAG,
-    without: int = -1,
     few: int = FEW,
 ) -> PlainFit | None:
     """Return the best fit from several starts, or None if truth and ranges hardly meet.
 
     Args:
-        ranges: what was heard.
-        anchors: positions (n, 3).
-        path: the truth.
+        now: what is fitted.
+        path: its truth.
         offsets: of the clocks, to start from [s].
-        frame: between truth and anchors: `yaw`, `se3` or `same`.
         moves: whether the offset is fitted, too.
         near: a fit whose frame to start from, in place of four headings.
-        tags: where the tags are, truth's body axes (m, 3).
-        without: an anchor whose ranges do not count.
         few: ranges that it goes by, at most.
     """
-    starts = []
+    ranges, anchors, starts = now.ranges, now.anchors, []
     flat = float(np.linalg.svd(anchors - anchors.mean(axis=0))[1][-1]) < FLAT * np.sqrt(len(anchors))
     for offset in offsets:
         chosen = random_sample(covered_ranges(ranges, float(offset), path), few)
@@ -100,21 +109,22 @@ def plain_fit(
             continue
         t = np.clip(ranges.t[chosen] + offset, path.first, path.last)
         p, R = path.at(t)
-        p = antennas(p, R, np.zeros(3), tags, ranges.tag[chosen])
+        p = antennas(p, R, np.zeros(3), now.tags, ranges.tag[chosen])
         heard = ranges.only(chosen)
-        middle = anchors[np.unique(heard.anchor[counted(heard, without) > 0.0])].mean(axis=0)
-        seen = _Seen(float(offset), p, path.p(t, 1), R, heard, counted(heard, without))
+        counts = counted(heard, now.without)
+        middle = anchors[np.unique(heard.anchor[counts > 0.0])].mean(axis=0)
+        seen = _Seen(float(offset), p, path.p(t, 1), R, heard, counts)
         if near is not None:
             starts.append((seen, near.F, near.shift))
             continue
-        for yaw in YAWS if frame != "same" else (0.0,):
+        for yaw in YAWS if now.frame != "same" else (0.0,):
             F = Rotation.from_rotvec([0.0, 0.0, yaw]).as_matrix()
             shift = middle - F @ p.mean(axis=0) + [0.0, 0.0, NUDGE if flat else 0.0]
-            starts.append((seen, F, np.zeros(3) if frame == "same" else shift))
+            starts.append((seen, F, np.zeros(3) if now.frame == "same" else shift))
     if len(starts) > BEST:
-        costs = [_fit(*start, anchors, frame, moves, SCREEN).cost for start in starts]
+        costs = [_fit(*start, now, moves, SCREEN).cost for start in starts]
         starts = [starts[k] for k in np.argsort(costs)[:BEST]]
-    return min((_fit(*start, anchors, frame, moves, MOST) for start in starts), key=lambda fit: fit.cost, default=None)
+    return min((_fit(*start, now, moves, MOST) for start in starts), key=lambda fit: fit.cost, default=None)
 
 
 def counted(heard: Ranges, without: int) -> np.ndarray:
@@ -122,18 +132,17 @@ def counted(heard: Ranges, without: int) -> np.ndarray:
     return ((heard.anchor != without) & ((heard.other != without) | (heard.other < 0))).astype(float)
 
 
-def left_of(errors: np.ndarray) -> float:
-    """Return the RMS of errors [m], the largest 5 % aside."""
-    return float(np.sqrt(np.mean(np.sort(np.abs(errors))[: max(1, int(KEPT * len(errors)))] ** 2)))
+def left_of(errors: np.ndarray, kept: float = KEPT) -> float:
+    """Return the RMS of errors [m], but for the largest: a share of them is kept."""
+    return float(np.sqrt(np.mean(np.sort(np.abs(errors))[: max(1, int(kept * len(errors)))] ** 2)))
 
 
-def _fit(
-    seen: _Seen, F0: np.ndarray, shift: np.ndarray, anchors: np.ndarray, frame: str, moves: bool, most: int
-) -> PlainFit:
+def _fit(seen: _Seen, F0: np.ndarray, shift: np.ndarray, now: Reading, moves: bool, most: int) -> PlainFit:
     """Return the fit from one start; unknowns: shift (3), bias, lever (3), offset, and the free turn.
 
     Places count from their middle, which may be far away, as in UTM.
     """
+    anchors, frame = now.anchors, now.frame
     middle = seen.p.mean(axis=0) if far_away(seen.p) and frame != "same" else np.zeros(3)
     seen, shift = seen._replace(p=seen.p - middle), shift + F0 @ middle
     heard, counts = seen.heard, seen.counts

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ortilo_drake.interop.recorded.map_file import Map
-from ortilo_drake.interop.recorded.recording import ONE_TAG, Ranges, Recording, Truth
+from ortilo_drake.interop.recorded.recording import Ranges, Recording, Truth
 from ortilo_drake.interop.recorded.units import axes_matrix, axes_names, in_axes
-from ortilo_drake.studies.recorded.lone_fit import lone_fit
-from ortilo_drake.studies.recorded.plain_fit import PlainFit, plain_fit
+from ortilo_drake.studies.recorded.lone_fit import WINDOWS, lone_fit
+from ortilo_drake.studies.recorded.plain_fit import FEW, PlainFit, Reading, plain_fit
 from ortilo_drake.studies.recorded.truth_path import TruthPath, truth_path
 
 UNITS = {"mm": 0.001, "cm": 0.01, "in": 0.0254, "ft": 0.3048, "km": 1000.0}
@@ -36,23 +36,6 @@ ALIKE = 1.2  # of readings that leave this much more than the best, the first, w
 FAR = 100.0  # clock offsets tried, at most [s]
 LEAST_TIME, MEET = 5.0, 0.4  # truth and ranges meet for so long [s], and for this share of the shorter one
 SPREADS = (0.05, 1.2)  # of an anchor's ranges, in the sizes of the path: what may be
-
-
-class Reading(NamedTuple):
-    """A key of the map and its value, the files so read, and the offsets to start from [s], None as found.
-
-    `near` says that the frame found may serve as the start; `without` is an anchor whose ranges do not count.
-    """
-
-    key: str
-    ranges: Ranges
-    anchors: np.ndarray
-    truth: Truth | None
-    frame: str
-    offsets: np.ndarray | None = None
-    near: bool = False
-    tags: np.ndarray = ONE_TAG
-    without: int = -1
 
 
 class Guess(NamedTuple):
@@ -163,6 +146,22 @@ def clocks(trial: "Trial", map_: Map) -> Iterator[Reading]:
         yield now._replace(key="calibration: {clock: estimate, search: SEARCH}", offsets=wide)
 
 
+def cheap_fit(
+    reading: Reading,
+    path: TruthPath | None,
+    offsets: np.ndarray,
+    *,
+    moves: bool = False,
+    near: PlainFit | None = None,
+    few: int = FEW,
+    windows: int = WINDOWS,
+) -> PlainFit | None:
+    """Return the fit of a reading to its truth, see plain_fit; without one of its ranges to one another."""
+    if path is None:
+        return lone_fit(reading, windows)
+    return plain_fit(reading, path, offsets, moves=moves, near=near, few=few)
+
+
 class Trial(NamedTuple):
     """What the cheap fits of readings go by.
 
@@ -179,22 +178,8 @@ class Trial(NamedTuple):
 
     def fit_of(self, reading: Reading, path: TruthPath | None, near: PlainFit | None = None) -> PlainFit | None:
         """Return the cheap fit of a reading; near a frame if it is given."""
-        if path is None:
-            return lone_fit(reading.ranges, reading.anchors, reading.without)
         at = self.offsets if reading.offsets is None else reading.offsets
-        moves = self.moves or reading.offsets is not None
-        frame = reading.frame
-        return plain_fit(
-            reading.ranges,
-            reading.anchors,
-            path,
-            at,
-            frame=frame,
-            moves=moves,
-            near=near,
-            tags=reading.tags,
-            without=reading.without,
-        )
+        return cheap_fit(reading, path, at, moves=self.moves or reading.offsets is not None, near=near)
 
     def is_better(self, fit: PlainFit, reading: Reading, by: float = BETTER) -> bool:
         """Return whether a fit leaves clearly less, in metres, and beside ranges that it may have made small."""
@@ -206,12 +191,7 @@ class Trial(NamedTuple):
 
 
 def better_reading(trial: Trial, map_: Map) -> Guess | None:
-    """Return the reading that is clearly better than the map's, if there is one.
-
-    Args:
-        trial: what the fits go by.
-        map_: what it says.
-    """
+    """Return the reading that is clearly better than the map's, if there is one."""
     for tried in (readings(trial.now, map_), clocks(trial, map_)):
         good: list[Guess] = []
         read, path = trial.now.truth, path_of(trial.now)

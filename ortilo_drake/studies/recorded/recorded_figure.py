@@ -119,31 +119,28 @@ def _draw_nis(axes: Axes, estimate: Estimate) -> None:
     axes.set_ylabel("NIS")
 
 
-def error_limit(usable: np.ndarray, band: np.ndarray, error: np.ndarray | None) -> float:
+def error_limit(usable: np.ndarray, band: np.ndarray, error: np.ndarray) -> float:
     """Return where an axis of errors ends, so that they can be read although an outage's band is far wider.
 
     Args:
         usable: where the filter is available (m); if nowhere, all of them count.
         band: three standard deviations (m) [m].
-        error: the errors, if they are known (m) [m].
+        error: the errors (m) [m].
     """
     counted = usable if usable.any() else np.ones(len(band), dtype=bool)
-    largest = float(np.quantile(band[counted], WIDEST))
-    if error is not None:
-        largest = max(largest, float(np.quantile(np.abs(error[counted]), FARTHEST)))
-    return 1.2 * largest
+    return 1.2 * float(max(np.quantile(band[counted], WIDEST), np.quantile(np.abs(error[counted]), FARTHEST)))
 
 
-def _cut(axes: Axes, t: np.ndarray, usable: np.ndarray, band: np.ndarray, error: np.ndarray | None) -> None:
+def _cut(axes: Axes, t: np.ndarray, usable: np.ndarray, band: np.ndarray, error: np.ndarray) -> None:
     """Limit an axis by error_limit; say above it how far what lies beyond reaches, and mark where the error does."""
     limit = error_limit(usable, band, error)
-    farthest = np.zeros(len(band)) if error is None else np.abs(error)
+    farthest = np.abs(error)
     beyond = farthest > limit
     if max(band.max(), farthest.max()) <= limit:
         return
     axes.set_ylim(-limit, limit)
     said = [f"3 σ reaches ±{band.max():.2g} m"] if band.max() > limit else []
-    if error is not None and beyond.any():
+    if beyond.any():
         said.append(f"the error {farthest.max():.2g} m (orange)")
         axes.plot(t[beyond], 0.97 * limit * np.sign(error[beyond]), ".", color=RED, ms=3)
     axes.set_title(f"beyond the axis: {', '.join(said)}", loc="right", fontsize=7, pad=2)

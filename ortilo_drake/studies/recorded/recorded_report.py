@@ -20,20 +20,15 @@ from ortilo_drake.studies.recorded.replayed import CV, CV_RAW, RAW, WITH_IMU, Dr
 from ortilo_drake.studies.recorded.scores import Scores
 from ortilo_drake.views.markdown import table
 
-HEADER = [
-    "",
-    "x",
-    "y",
-    "z",
-    "ATE",
-    "ATE, aligned",
-    "RPE in 1 s",
-    "NEES",
-    "NIS",
-    "rejected",
-    "available",
-    "at gaps' ends",
-]
+COLUMNS = {  # of Scores what a column shows: its head and form
+    "ate": ("ATE", ".4f"),
+    "ate_aligned": ("ATE, aligned", ".4f"),
+    "rpe": ("RPE in 1 s", ".4f"),
+    "nees": ("NEES", ".2f"),
+    "nis": ("NIS", ".2f"),
+    "rejected": ("rejected", ".2%"),
+    "available": ("available", ".1%"),
+}
 OF_ERRORS = (
     "RMS errors in m. ATE and RPE by evo: of the position, as it is, after the best SE(3), and over a second. NEES is "
     "3 if consistent. At gaps' ends: RMS and largest position error. "
@@ -45,26 +40,6 @@ LEGEND = (
 CLAIMS = 12.0  # NEES of errors twice as large as claimed
 MOST_LOST = 6  # times that are listed
 LONG = 1.0  # a time without ranges that is told [s]
-
-
-def _cell(value: float | None, form: str) -> str:
-    return "-" if value is None else format(value, form)
-
-
-def _cells(name: str, s: Scores) -> list[str]:
-    axes = ["-"] * 3 if s.rmse is None else [f"{axis:.4f}" for axis in s.rmse]
-    ends = "-" if s.gap_end is None else f"{s.gap_end:.3f}, {s.gap_end_largest:.3f} of {s.gaps}"
-    figures = [_cell(value, ".4f") for value in (s.ate, s.ate_aligned, s.rpe)]
-    return [
-        name,
-        *axes,
-        *figures,
-        _cell(s.nees, ".2f"),
-        f"{s.nis:.2f}",
-        f"{s.rejected:.2%}",
-        f"{s.available:.1%}",
-        ends,
-    ]
 
 
 def _calibrated(found: Replayed) -> list[str]:
@@ -131,9 +106,14 @@ def _losses(rows: Mapping[str, Scores]) -> list[str]:
 
 def _table(rows: Mapping[str, Scores]) -> list[str]:
     """Return the table of the scores, without the columns that no row has."""
-    cells = [_cells(name, s) for name, s in rows.items()]
-    kept = [k for k in range(len(HEADER)) if any(row[k] != "-" for row in cells)]
-    return table([HEADER[k] for k in kept], [[row[k] for k in kept] for row in cells])
+    heads, cells = ["", "x", "y", "z", *(head for head, _ in COLUMNS.values()), "at gaps' ends"], []
+    for name, s in rows.items():
+        axes = ["-"] * 3 if s.rmse is None else [f"{axis:.4f}" for axis in s.rmse]
+        figures = [(getattr(s, of), form) for of, (_, form) in COLUMNS.items()]
+        ends = "-" if s.gap_end is None else f"{s.gap_end:.3f}, {s.gap_end_largest:.3f} of {s.gaps}"
+        cells.append([name, *axes, *("-" if value is None else format(value, form) for value, form in figures), ends])
+    kept = [k for k in range(len(heads)) if any(row[k] != "-" for row in cells)]
+    return table([heads[k] for k in kept], [[row[k] for k in kept] for row in cells])
 
 
 def _unheard(silent: float, lasted: float | None) -> str:

@@ -6,25 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.interop.recorded.map_file import Gaps, Map
 from ortilo_drake.interop.recorded.recording import Imu, Ranges, Recording
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.recorded.at_rest import (
-    AtRest,
-    at_rest,
-    at_rest_text,
-    first_tilt,
-    level_source,
-    standstill_doubts,
-    tilt_disagreement,
-)
+from ortilo_drake.studies.recorded.at_rest import AtRest, at_rest, at_rest_text, standstill_doubts, tilt_disagreement
 from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate
 from ortilo_drake.studies.recorded.doubted import doubts_of, stamp_doubts
 from ortilo_drake.studies.recorded.doubts import of_failed, range_noise
 from ortilo_drake.studies.recorded.filtered import TRIAL, Estimate, FilterSetup, estimate
 from ortilo_drake.studies.recorded.first_look import first_look
 from ortilo_drake.studies.recorded.heading_doubts import heading_doubts
-from ortilo_drake.studies.recorded.imposed import gap_ends, lose_gaps, lose_some
 from ortilo_drake.studies.recorded.lever_fit import fit_lever
 from ortilo_drake.studies.recorded.scores import Scores, score
 from ortilo_drake.studies.recorded.setups import (
@@ -87,9 +78,7 @@ def aided_name(map_: Map) -> str | None:
 def _notes(recording: Recording, map_: Map, rest: AtRest | None) -> list[str]:
     notes, imu = list(recording.told), recording.imu
     if imu is not None and rest is not None:
-        rests = map_.start is not None and map_.start.rests
-        R = np.eye(3) if rests else first_tilt(imu, rest)
-        notes.append(at_rest_text(rest, R, level_source(imu, rests)))
+        notes.append(at_rest_text(rest, imu, map_.start is not None and map_.start.rests))
     wrong = None if imu is None else tilt_disagreement(imu)
     if wrong is not None and wrong > TILTED:
         notes.append(
@@ -254,3 +243,23 @@ def _calibrated(by: Calibration, recording: Recording) -> dict[str, Any]:
         "biases": tuple(by.biases.tolist()),
         "residual": by.left,
     }
+
+
+def lose_some(ranges: Ranges, share: float, seed: int) -> Ranges:
+    """Return the ranges without a share of them, each lost independently."""
+    kept = np.random.Generator(np.random.Philox(seed)).random(len(ranges.t)) >= share
+    return ranges.only(kept)
+
+
+def gap_ends(ranges: Ranges, gaps: Gaps, first: float) -> np.ndarray:
+    """Return the times at which the gaps end [s]: the first begins at `first`, the last ends before the ranges do."""
+    starts = np.arange(first, ranges.t[-1] - gaps.last, gaps.every)
+    return starts + gaps.last
+
+
+def lose_gaps(ranges: Ranges, gaps: Gaps, ends: np.ndarray) -> Ranges:
+    """Return the ranges outside the gaps that end then."""
+    lost = np.zeros(len(ranges.t), dtype=bool)
+    for end in ends:
+        lost |= (ranges.t >= end - gaps.last) & (ranges.t < end)
+    return ranges.only(~lost)

@@ -6,8 +6,8 @@ import pytest
 from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.scenario.range_errors import FieldNoise, LastingNoise, UwbNoise
 from ortilo_drake.studies.fit.fields import fit_fields, matern
-from ortilo_drake.studies.fit.range_errors import RangeErrors
-from ortilo_drake.studies.predict.simulated import draw_errors, numbers_of
+from ortilo_drake.studies.fit.sensor_errors import RangeErrors
+from ortilo_drake.studies.predict.predicted import draw_errors, numbers_of
 from ortilo_drake.world.sensors.fitted_errors import draw_day
 from ortilo_drake.world.sensors.matern_field import field_of
 

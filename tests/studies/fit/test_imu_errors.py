@@ -9,7 +9,7 @@ from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import Imu, Recording, Truth
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.fit.fit import _of_recordings
-from ortilo_drake.studies.fit.imu_errors import _density, block_means, body_path, imu_errors, mount_of
+from ortilo_drake.studies.fit.sensor_errors import _density, block_means, body_path, imu_errors, mount_of
 from ortilo_drake.studies.recorded.calibrate import Calibration
 
 T = np.arange(0.0, 40.0, 0.004)

@@ -12,7 +12,7 @@ from ortilo_drake.scenario.tight import InertialNoise
 
 gtsam = pytest.importorskip("gtsam", reason="needs the extra 'smoother'")
 
-from ortilo_drake.studies.hindsight import factors, slow, solver  # noqa: E402
+from ortilo_drake.studies.hindsight import factors, solver  # noqa: E402
 from ortilo_drake.studies.hindsight import inertial_factors as inertial  # noqa: E402
 
 RNG = np.random.default_rng(3)
@@ -225,7 +225,7 @@ def test_a_process_is_the_one_of_its_covariance_function(
     """Estimates of a linear graph are those of the dense problem, K (K + R)^-1 y, and so are their covariances."""
     t, y, r = np.array([0.5, 0.6, 1.5, 4.0, 4.1]), RNG.normal(size=5), 0.1
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    process = slow.Process(graph, values, slow.numbered(), np.array([0.3]), rate, time)
+    process = factors.Process(graph, values, factors.numbered(), np.array([0.3]), rate, time)
     keys = [process.at(its) for its in t]
     for key, value in zip(keys, y, strict=True):
         graph.add(gtsam.PriorFactorVector(key, np.array([value]), gtsam.noiseModel.Isotropic.Sigma(1, r)))

@@ -16,10 +16,9 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario.noise_file import ImuNoise, NoiseFile, load_noise
 from ortilo_drake.scenario.range_errors import UwbNoise
 from ortilo_drake.studies.fit.fit import fit_recordings
-from ortilo_drake.studies.fit.imu_errors import body_path, mount_of
-from ortilo_drake.studies.predict.predicted import Figures, Predicted, group_of, interval, predict
+from ortilo_drake.studies.fit.sensor_errors import body_path, mount_of
+from ortilo_drake.studies.predict.predicted import Figures, Predicted, group_of, interval, predict, simulated
 from ortilo_drake.studies.predict.predicted_report import predicted_text
-from ortilo_drake.studies.predict.simulated import simulated
 from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.world.sensors.fitted_errors import Day
 

@@ -6,7 +6,7 @@ from made_up_motion import attitude, place
 from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.recording import Imu, Truth
-from ortilo_drake.studies.recorded.clock_offset import SPANS, intervals_apart, offset_by_rates
+from ortilo_drake.studies.recorded.clock_offset import SPANS, TELLS, best_by_rates, intervals_apart
 
 LATE, MOUNT = 0.137, Rotation.from_euler("z", 4.0, degrees=True)
 
@@ -28,18 +28,16 @@ def seen(step: float, rounded: float, duration=20.0) -> Truth:
 @pytest.mark.family
 @pytest.mark.parametrize(("step", "rounded", "within"), [(1 / 300, 0.0014, 1.0), (1 / 300, 0.0, 0.2), (0.05, 0.0, 0.2)])
 def test_offset_and_mount_are_found(step, rounded, within) -> None:
-    found = offset_by_rates(heard(), seen(step, rounded), lambda _: (-np.inf, np.inf), 0.5, None)
-    assert found is not None
+    found = best_by_rates(heard(), seen(step, rounded), lambda _: (-np.inf, np.inf), 0.5, None)
+    assert found.left < TELLS
     assert found.offset == pytest.approx(LATE, abs=0.004)
     assert Rotation.from_matrix(found.mount @ MOUNT.as_matrix().T).magnitude() < np.radians(within)
 
 
 def test_other_turns_are_refused() -> None:
     truth = seen(1 / 300, 0.0014)
-    assert (
-        offset_by_rates(heard(), truth._replace(R=truth.R.transpose(0, 2, 1)), lambda _: (-np.inf, np.inf), 0.5, None)
-        is None
-    )
+    turned = truth._replace(R=truth.R.transpose(0, 2, 1))
+    assert best_by_rates(heard(), turned, lambda _: (-np.inf, np.inf), 0.5, None).left > TELLS
 
 
 def test_intervals_are_as_short_as_the_noise_lets_them_be() -> None:

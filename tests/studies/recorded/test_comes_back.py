@@ -15,8 +15,7 @@ from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.doubts import of_plane
 from ortilo_drake.studies.recorded.filter_types import UNKNOWN_LEVEL, Level
 from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
-from ortilo_drake.studies.recorded.first_fix import ranges_for_a_fix, solve_first_fix
-from ortilo_drake.studies.recorded.reacquired import Lost
+from ortilo_drake.studies.recorded.reacquired import Lost, ranges_for_a_fix, solve_first_fix
 from ortilo_drake.studies.recorded.recorded_report import report_text
 from ortilo_drake.studies.recorded.replayed import CV, CV_RAW, replay
 from ortilo_drake.studies.recorded.setups import calibrated_level, given_level, height_doubts

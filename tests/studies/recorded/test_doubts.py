@@ -16,9 +16,9 @@ from ortilo_drake.studies.recorded import doubts
 from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.doubted import doubts_of
 from ortilo_drake.studies.recorded.first_look import CheapFit, first_look
-from ortilo_drake.studies.recorded.imu_axes import axes_doubts
 from ortilo_drake.studies.recorded.imu_doubts import (
     attitude_doubts,
+    axes_doubts,
     drift_doubts,
     force_doubts,
     rate_doubts,

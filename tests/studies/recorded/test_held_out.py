@@ -11,8 +11,7 @@ from ortilo_drake.interop.log.logged_map import LEAST
 from ortilo_drake.interop.recorded.map_file import FilterSettings
 from ortilo_drake.interop.recorded.recording import read_recording
 from ortilo_drake.studies.recorded import held_out
-from ortilo_drake.studies.recorded.fit_noise import LIMITS, Fitted
-from ortilo_drake.studies.recorded.fit_text import fitted_lines, verdict_line
+from ortilo_drake.studies.recorded.fit_noise import LIMITS, Fitted, fitted_lines, verdict_line
 from ortilo_drake.studies.recorded.held_out import Gain, HeldOut, gain_of, judge, parts_of
 
 

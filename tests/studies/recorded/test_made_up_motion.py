@@ -11,8 +11,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
 from ortilo_drake.studies.recorded.fit_noise import fit_noise
-from ortilo_drake.studies.recorded.imposed import gap_ends, lose_gaps, lose_some
-from ortilo_drake.studies.recorded.replayed import CV, RAW, SMOOTH, WITH_IMU, replay
+from ortilo_drake.studies.recorded.replayed import CV, RAW, SMOOTH, WITH_IMU, gap_ends, lose_gaps, lose_some, replay
 
 FIRST = 0.05  # the first range's stamp, from which the recording counts [s]
 

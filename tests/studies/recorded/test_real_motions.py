@@ -18,8 +18,17 @@ from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
 from ortilo_drake.studies.recorded.first_look import first_look
 from ortilo_drake.studies.recorded.fit_noise import fit_noise
-from ortilo_drake.studies.recorded.imposed import gap_ends, lose_gaps, lose_some
-from ortilo_drake.studies.recorded.replayed import CV, CV_SMOOTH, RAW, SMOOTH, WITH_IMU, replay
+from ortilo_drake.studies.recorded.replayed import (
+    CV,
+    CV_SMOOTH,
+    RAW,
+    SMOOTH,
+    WITH_IMU,
+    gap_ends,
+    lose_gaps,
+    lose_some,
+    replay,
+)
 from ortilo_drake.studies.recorded.setups import calibrated_setup
 from ortilo_drake.studies.recorded.truth_path import truth_path
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ortilo_drake.studies.recorded import recorded_figure
-from ortilo_drake.studies.recorded.filtered import Estimate, Innovations
-from ortilo_drake.studies.recorded.reacquired import Lost
+from ortilo_drake.studies.recorded.filtered import Estimate
+from ortilo_drake.studies.recorded.reacquired import Innovations, Lost
 from ortilo_drake.studies.recorded.recorded_figure import error_limit, motion_figure
 from ortilo_drake.studies.recorded.recorded_report import lost_line, overconfident, replay_summary, report_text
 from ortilo_drake.studies.recorded.replayed import CV, CV_RAW, RAW, SMOOTH, WITH_IMU, Replayed
@@ -20,7 +20,6 @@ def test_an_outage_does_not_stretch_an_axis_of_errors() -> None:
     error = np.where(usable, 0.02, 5.0)
     assert error_limit(usable, band, error) == pytest.approx(1.2 * 0.1)
     assert error_limit(usable, band, np.where(usable, 0.2, 5.0)) == pytest.approx(1.2 * 0.2)  # errors beyond the band
-    assert error_limit(usable, band, None) == pytest.approx(1.2 * 0.1)
     assert error_limit(np.zeros(9, dtype=bool), np.full(9, 30.0), None) == pytest.approx(1.2 * 30.0)  # never usable
 
 

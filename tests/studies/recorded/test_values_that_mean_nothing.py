@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from made_up_motion import ANCHORS, OFFSET, TABLE_MAP, as_map, made_up, write_tables
 
-from ortilo_drake.interop.recorded.odd_rows import leaping_rows
 from ortilo_drake.interop.recorded.range_rows import code_of_none
 from ortilo_drake.interop.recorded.recording import Recording, read_recording
+from ortilo_drake.interop.recorded.rejected import leaping_rows
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.doubts import of_stuck
 from ortilo_drake.studies.recorded.first_look import first_look

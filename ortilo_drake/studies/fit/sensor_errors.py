@@ -1,7 +1,8 @@
-"""The errors of an IMU's samples in flight and at rest, by the truth as a smooth path with an ideal IMU on it.
+"""Errors of recorded ranges while airborne, and of an IMU's samples in flight and at rest, by the truth.
 
-Positions and quaternions are resampled evenly, passed forwards and backwards through a Butterworth filter, and joined
-by cubic splines: the second derivative of a truth that is rounded to a millimetre would otherwise be noise alone.
+The truth is a smooth path with an ideal IMU on it: positions and quaternions are resampled evenly, passed forwards and
+backwards through a Butterworth filter, and joined by cubic splines. The second derivative of a truth that is rounded to
+a millimetre would otherwise be noise alone.
 """
 
 from typing import NamedTuple
@@ -14,8 +15,9 @@ from scipy.spatial.transform import Rotation
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import GRAVITY, Recording, Truth
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.recorded.calibrate import Calibration
+from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate
 from ortilo_drake.studies.recorded.setups import airborne
+from ortilo_drake.studies.recorded.truth_path import antennas, covered_ranges, modelled, truth_path
 
 RATE, CUT = 200.0, 8.0  # of the even stamps, and of the filter [Hz]
 TURNS = 1e-3  # body rates are differences over this time to either side [s]
@@ -25,6 +27,7 @@ FAULTY, BEYOND = 0.05, 3.0  # an axis with more than this share of samples off b
 LEAVES = 0.05  # the vehicle rests until a second before it is so far above its first height [m]
 LEAST = 8  # blocks that tell a spread
 SPREAD = 1.3605  # variance of the logarithm of a median absolute deviation, times how many normal numbers it is of
+FEWEST = 200  # ranges that a fit needs
 
 
 class BodyPath(NamedTuple):
@@ -155,3 +158,53 @@ def imu_errors(recording: Recording, path: BodyPath, mount: Rotation, by: Calibr
     of_force, of_force_rest = np.where(faulty, np.nan, in_flight), np.where(faulty, np.nan, at_rest)
     force_bias = np.where(faulty, np.nan, np.median(f, axis=0))
     return ImuErrors(rotation, of_force, rotation_rest, of_force_rest, e.mean(axis=0), force_bias, sd, sd_rest)
+
+
+class RangeErrors(NamedTuple):
+    """Errors in the order of their stamps (n each).
+
+    Stamp [s], anchor b, the other anchor a of a difference or -1, error [m], and where the antenna was (n, 3).
+    """
+
+    t: np.ndarray
+    anchor: np.ndarray
+    other: np.ndarray
+    e: np.ndarray
+    place: np.ndarray
+
+    def only(self, which: np.ndarray) -> "RangeErrors":
+        """Return some of them."""
+        return RangeErrors(*(part[which] for part in self))
+
+
+def calibration_of(recording: Recording, map_: Map) -> Calibration:
+    """Return the calibration between truth and sensors, with no anchor's constant taken off.
+
+    Raises:
+        InputError: if the recording has no truth.
+    """
+    if recording.truth is None:
+        raise InputError(f"{recording.name}: truth: the map has none, and errors are counted from it")
+    given = map_.calibration.share == 0.0
+    found = calibrate(recording, map_.calibration, lever=given or recording.imu is not None)
+    return found._replace(biases=np.zeros_like(found.biases))
+
+
+def range_errors(recording: Recording, map_: Map, by: Calibration) -> RangeErrors:
+    """Return the errors of a recording's ranges while it is airborne.
+
+    Raises:
+        InputError: if fewer than 200 ranges fall within it.
+    """
+    truth, ranges = recording.truth, recording.ranges
+    assert truth is not None
+    path = truth_path(truth)
+    ranges = ranges.only(covered_ranges(ranges, by.offset, path))
+    ranges = ranges.only(airborne(truth, by, map_)(ranges.t))
+    if len(ranges.t) < FEWEST:
+        raise InputError(f"{recording.name}: {len(ranges.t)} ranges within the truth's time, {FEWEST} are needed")
+    p, R = path.at(ranges.t + by.offset)
+    mount = np.eye(3) if by.mount is None else by.mount
+    place = by.position(antennas(p, R, mount @ by.lever, recording.tags @ mount.T, ranges.tag))
+    e = ranges.r - modelled(place, by.anchors, np.zeros(len(by.anchors)), ranges)
+    return RangeErrors(ranges.t, ranges.anchor, ranges.other, e, place)
