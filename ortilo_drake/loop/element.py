@@ -39,7 +39,7 @@ _KINDS: dict[str, Kind] = {"f": "f8", "i": "i8", "u": "u8", "b": "b1"}
 class Number:
     """A constant of an element: its name, its shape and its kind.
 
-    Floats (f8), whole numbers (i8) and streams of noise (u8) have eight bytes each, truths (b1) one: as C's struct does.
+    Floats (f8), whole numbers (i8) and streams of noise (u8) have eight bytes each, truths (b1) one, as in C.
     """
 
     name: str
