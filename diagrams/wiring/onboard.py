@@ -139,17 +139,18 @@ def servo_boxes(
     if own is not None:
         require_ports(own, ("estimate", "reference"), ("control",), "servo")
         return [*boxes, system_box("servo", own, ("control",), signals)]
+    seen = "true_velocity" if scenario.lends_velocities else belief
     if scenario.lends_velocities:
         boxes.append(Box("true_velocity", TRUE_VELOCITY, N_XBAR).with_inputs(belief=belief))
-        belief = "true_velocity"
     if not isinstance(scenario.servo, LqServo):
         says = {"force": force, "reference": reference, "control": "servo"}
+        says |= {"estimate": seen} if scenario.lends_velocities else {}
         return [*boxes, *wired("servo", "servo", scenario, own_box("servo", scenario), says, messages, belief)]
     if commands.servo == "augmented":
         servo = augmented_servo_box(scenario.servo, vehicle, scenario.h, commands.delay or 0.0)
     else:
         servo = servo_box(gain_of(scenario), vehicle.mass, scenario.servo)
-    return [*boxes, servo.with_inputs(belief=belief, force=force, reference=reference)]
+    return [*boxes, servo.with_inputs(belief=seen, force=force, reference=reference)]
 
 
 def system_of(belief: Belief, role: str) -> Callable[..., System] | None:

@@ -130,7 +130,8 @@ def wired(
     known = {sensor: box.name for sensor, box in messages.items()} | says
     known |= {sensor: box.name for sensor, box in added.items()}
     if belief:
-        known |= {part: f"{name}_belief.{part}" for part in ("estimate", "covariance")} | {"belief": belief}
+        cut = {part: f"{name}_belief.{part}" for part in ("estimate", "covariance") if part not in known}
+        known |= cut | {"belief": belief}
     for what, function in element.functions.items():
         there = [port for port in known if what == "step" or port not in LATER.get(role, ())]
         for port in element.inputs_of(function):
@@ -142,7 +143,7 @@ def wired(
     _try_out(made, sizes, f"{role}.kind: {kind}")
     boxes = [replace(made, name=name, reads={port: known[port] for port in element.inputs})]
     boxes += [box for port, box in added.items() if port in element.inputs]
-    if belief and {"estimate", "covariance"} & {*element.inputs}:
+    if belief and any(said.startswith(f"{name}_belief.") for said in boxes[0].reads.values()):
         boxes.append(parts_box(f"{name}_belief").with_inputs(belief=belief))
     return boxes
 

@@ -11,10 +11,11 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 from sameness import assert_same_bits
 
 import ortilo_drake as od
-from ortilo_drake.diagrams.wiring.whole import why_not
+from ortilo_drake.diagrams.wiring.whole import boxes_of, why_not
 from ortilo_drake.flight.engine import Engine
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.metrics import summary
+from ortilo_drake.loop.wiring import Wire, Wiring
 from ortilo_drake.model.equations import euler_rates, rotation_matrix
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import LqServo, with_seed
@@ -95,6 +96,25 @@ def test_a_servo_hears_its_last_control_and_the_messages_and_silence_of_what_doe
 
 
 @pytest.mark.long
+class Lent(Own):
+    """Settings of a servo that is lent the true velocities."""
+
+    velocities: Literal["truth"] = "truth"
+
+
+def reads_both(estimate: np.ndarray, covariance: np.ndarray, out: np.ndarray) -> None:
+    out[0] = estimate[14] + covariance[224]
+
+
+def test_a_servo_of_ones_own_may_be_lent_the_truth_and_reads_no_number_that_is_not_there() -> None:
+    od.register_servo("own", Lent, box=lambda belief: od.box(4, reads_both))
+    wiring = Wiring(boxes_of(od.load_scenario("nominal_imu_uwb", servo={"kind": "own"}, **SHORT), 3))
+    assert wiring.wires["servo", "estimate"] == Wire("true_velocity", 0, 15)
+    assert wiring.wires["servo", "covariance"].size == 225
+    split = wiring.wires["servo", "covariance"].box
+    assert wiring.wires[split, "belief"].size == 240
+
+
 def test_a_cascade_flies_to_the_goal() -> None:
     flight = example("cascade_servo").main(**SHORT)
     assert flight.attrs["lost"] == "null"
