@@ -139,6 +139,10 @@ class World(Diagram):
         if self._scenario.truth != Truth():
             self._set_beside(context, self.Drawn(context))
 
+    def Give(self, context: Context, given: dict[str, Values]) -> None:
+        """Give boxes of the wiring other numbers, tables or states, by their names; the context is the root's."""
+        self._added.give(context, given)
+
     def ChangeBody(self, context: Context, heavier: float, push: np.ndarray) -> None:
         """Have the vehicle be heavier and pushed, beside how this world differs anyway; the context is the root's.
 
