@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Box, Element, Values
+from ortilo_drake.loop.element import Box, Element, Values, parts_of
 from ortilo_drake.model.elementary import sin_cos
 from ortilo_drake.model.equations import euler_rates
 from ortilo_drake.model.measurement import Measurement
@@ -104,6 +104,6 @@ def imu_rows_box(measurement: Measurement, variances: np.ndarray) -> Box:
     """
     m, (p, s, q) = len(variances) // 3, measurement.sizes.values()
     p, s, q = p + 3 * m, s + m, q + 9 * m
-    parts = {"y": (0, p), "delta": (p, s), "V2": (p + s, q), "stamps": (p + s + q, s)}
+    parts = parts_of({"y": p, "delta": s, "V2": q, "stamps": s})
     given = Values({"number": measurement.inertial}, tables={"variances": variances})
     return Box("imu_rows", Element("imu_rows", out=imu_rows_out), p + 2 * s + q, given, parts=parts)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ortilo_drake.loop.element import Box, Element, Values
+from ortilo_drake.loop.element import Box, Element, Values, parts_of
 from ortilo_drake.model.clock import history_ticks, tick_of
 from ortilo_drake.model.measurement import Layout, Measurement
 from ortilo_drake.model.placing import fill, put
@@ -129,6 +129,6 @@ def handler_box(incoming: Incoming, layout: Layout, drops: bool, h: float) -> Bo
     """Return the handler: it reads all that landed, `messages`, and the belief of this tick (240)."""
     s, p, q = len(incoming.start), int(layout.first[-1]), int(layout.block[-1])
     given = Values({"drops": drops, "h": h})
-    parts = {"y": (0, p), "delta": (p, s), "V2": (p + s, q), "stamps": (p + s + q, s)}
+    parts = parts_of({"y": p, "delta": s, "V2": q, "stamps": s})
     box = Box("handler", HANDLER, p + 2 * s + q, given, {"S": (p, p), "GT": (p, N_X + 1)}, parts=parts)
     return box.with_groups(incoming=incoming, layout=layout)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Box, Element, Values
+from ortilo_drake.loop.element import Box, Element, Values, parts_of
 from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, N_X, N_XBAR, PAYLOAD
@@ -178,15 +178,9 @@ def tight_handler_box(
     where one does not fly. The imu has so many samples in a message, its angles noise of angle_sd [rad] in each; the
     filter keeps clones of past poses; h is the tick [s], `own` as tight_box's.
     """
-    first, block = measurement.layout.first, measurement.layout.block
-    p, s, q = int(first[-1]), len(first) - 1, int(block[-1])
-    given = Values(
-        {"numbers": np.array(numbers), "samples": samples, "clones": clones, "angle_sd": angle_sd, "h": h},
-        tables={
-            "first": first,
-            "block": block,
-            "own": starts_of(own),
-            "number": np.array([measurement.sensors.index(name) for name in own], dtype=np.int64),
-        },
-    )
-    return Box("handler", HEARD, p + s + q, given, parts={"y": (0, p), "delta": (p, s), "V2": (p + s, q)})
+    heard = {"numbers": np.array(numbers), "samples": samples, "clones": clones, "angle_sd": angle_sd, "h": h}
+    number = np.array([measurement.sensors.index(name) for name in own], dtype=np.int64)
+    tables = {"first": measurement.layout.first, "block": measurement.layout.block}
+    given = Values(heard, tables=tables | {"own": starts_of(own), "number": number})
+    sizes = measurement.sizes
+    return Box("handler", HEARD, sum(sizes.values()), given, parts=parts_of(sizes))
