@@ -4,7 +4,7 @@ import ast
 import inspect
 import json
 import re
-import textwrap
+import sys
 from collections.abc import Iterator
 from functools import cache
 from itertools import pairwise
@@ -56,19 +56,25 @@ def meanings(model: type[BaseModel]) -> dict[str, str]:
     return {name: found.pop(name) for name in model.model_fields if name in found} | found
 
 
-@cache
 def _below_fields(model: type[BaseModel]) -> dict[str, str]:
-    """Return the text below each field of a class, none where its source is not at hand."""
-    try:
-        (written,) = ast.parse(textwrap.dedent(inspect.getsource(model))).body
-    except (OSError, TypeError):
-        return {}
+    """Return the text below each field of a class."""
+    written = _classes_in(model.__module__).get(model.__name__)
     return {
         field.target.id: " ".join(text.value.value.split())
-        for field, text in pairwise(getattr(written, "body", ()))
+        for field, text in pairwise(written.body if written else ())
         if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
         if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) and isinstance(text.value.value, str)
     }
+
+
+@cache
+def _classes_in(module: str) -> dict[str, ast.ClassDef]:
+    """Return the classes in a module's source by their names, the outermost of a name; none where it is not at hand."""
+    try:
+        nodes = list(ast.walk(ast.parse(inspect.getsource(sys.modules[module]))))
+    except (OSError, TypeError, KeyError):
+        return {}
+    return {node.name: node for node in reversed(nodes) if isinstance(node, ast.ClassDef)}
 
 
 def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
