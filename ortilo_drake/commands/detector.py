@@ -9,6 +9,7 @@ import typer
 
 from ortilo_drake.commands.options import JsonOption, OnnxOption, SetOption, WorkersOption, finite
 from ortilo_drake.commands.terminal import bar, check_writable, out, progress_bar, say, say_written, write_json
+from ortilo_drake.model.optional import check_installed
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.scenario import Detector, load_scenario
 from ortilo_drake.views.pictures import figure_file
@@ -30,12 +31,6 @@ PICTURES = Path("out/detector/pictures")
 TRAINED = Path("out/detector/training")
 NETWORK = TRAINED / "ortilo.safetensors"
 LOWEST = 0.01  # score from which detections count in a precision-recall curve
-
-
-def _need_torch() -> None:
-    from ortilo_drake.model.optional import check_installed
-
-    check_installed("torch", "torch")
 
 
 def _settings(network: tuple[Path, Path] | None, onnx: Path | None, backend: str = "auto") -> Detector:
@@ -84,7 +79,7 @@ def train(
     threads: Annotated[int | None, typer.Option(min=1, max=256, help="Threads; by default all cores.")] = None,
 ) -> None:
     """Train the detector on the rendered pictures; an interrupted training continues from its last finished epoch."""
-    _need_torch()
+    check_installed("torch", "torch")
     check_writable(out_folder / NETWORK.name)
     import torch
 
@@ -205,7 +200,7 @@ def export(
     onnx: Annotated[Path, typer.Option(help="ONNX file to write.")] = TRAINED / "ortilo.onnx",
 ) -> None:
     """Write a trained network as ONNX, for OpenCV and onnxruntime."""
-    _need_torch()
+    check_installed("torch", "torch")
     check_writable(onnx)
     from ortilo_drake.training.network.export import export as export_network
 

@@ -24,6 +24,7 @@ __all__ = [
     "InputError",
     "Positive",
     "all_problems",
+    "as_pairs",
     "load_yaml",
     "nearest",
     "parse_yaml",
@@ -31,6 +32,7 @@ __all__ = [
 ]
 
 M = TypeVar("M", bound=BaseModel)
+V = TypeVar("V")
 
 LARGEST = 1e12  # larger numbers are no quantity of a room in SI units, and their squares may overflow
 DEEPEST = 32  # groups within groups; ours go to five
@@ -47,6 +49,11 @@ Positive = Annotated[float, Field(gt=0.0), AfterValidator(_not_tiny)]
 FileName = Annotated[str, Field(min_length=1, max_length=1024, pattern=r"^[^\x00]*$")]
 
 _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml's is eight times as fast, and nearly always there
+
+
+def as_pairs(mapping: dict[str, V]) -> tuple[tuple[str, V], ...]:
+    """Return a mapping as pairs sorted by name, which have a hash as a mapping has not: dict(pairs) is it again."""
+    return tuple(sorted(mapping.items(), key=lambda item: item[0]))
 
 
 class Frozen(BaseModel):

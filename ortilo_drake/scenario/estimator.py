@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, NonNegativeFloat, PlainSerializer
 
-from ortilo_drake.model.typed_yaml import Frozen, Positive
+from ortilo_drake.model.typed_yaml import Frozen, Positive, as_pairs
 from ortilo_drake.model.white_noise import USUAL_ROOT, white_sd
 from ortilo_drake.scenario.onboard import Gate, PositiveVec3
 from ortilo_drake.scenario.robust import Robust
@@ -12,15 +12,10 @@ from ortilo_drake.scenario.robust import Robust
 InitialSd = Annotated[float, Field(ge=1e-6, le=1e3)]
 
 
-def _as_pairs(mapping: dict[str, float]) -> tuple[tuple[str, float], ...]:
-    """Return a mapping as sorted pairs, by which a frozen model has a hash."""
-    return tuple(sorted(mapping.items()))
-
-
-# Mappings in a file, kept as pairs such as (sensor, probability): dict(gates) is the mapping again.
+# Mappings in a file, kept as pairs such as (sensor, probability).
 _AsDict = PlainSerializer(dict, return_type=dict[str, float])
-Gates = Annotated[dict[str, Gate], AfterValidator(_as_pairs), _AsDict]
-RowSds = Annotated[dict[str, Positive], AfterValidator(_as_pairs), _AsDict]
+Gates = Annotated[dict[str, Gate], AfterValidator(as_pairs), _AsDict]
+RowSds = Annotated[dict[str, Positive], AfterValidator(as_pairs), _AsDict]
 
 
 class Noise(Frozen):

@@ -10,11 +10,7 @@ from ortilo_drake.scenario.estimator import InitialSd
 from ortilo_drake.scenario.onboard import Gate
 from ortilo_drake.scenario.sensors import ProportionalNoise, RangeNoise
 
-Metres = tuple[
-    Annotated[float, Field(ge=-10.0, le=10.0)],
-    Annotated[float, Field(ge=-10.0, le=10.0)],
-    Annotated[float, Field(ge=-10.0, le=10.0)],
-]
+Length = Annotated[float, Field(ge=-10.0, le=10.0)]
 
 
 class Datasheet(Frozen):
@@ -81,7 +77,7 @@ class TightRanges(Frozen):
     """its correlation time [s]."""
     clock_sd: NonNegativeFloat = 0.0
     """by how much a message may be older than its stamp [s]; 0 for not estimated."""
-    lever: Metres = (0.0, 0.0, 0.0)
+    lever: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
     """where the antenna is in B [m]."""
     differences: bool = False
     """whether only differences of ranges count, as where the vehicle's clock is not that of the anchors (TDoA)."""

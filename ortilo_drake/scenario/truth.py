@@ -10,7 +10,7 @@ from typing import Annotated, NamedTuple
 
 from pydantic import AfterValidator, Field, PlainSerializer
 
-from ortilo_drake.model.typed_yaml import Frozen, Positive
+from ortilo_drake.model.typed_yaml import Frozen, Positive, as_pairs
 
 Number = Annotated[float, Field(ge=-100.0, le=100.0)]
 Sd = Annotated[float, Field(ge=0.0, le=100.0)]
@@ -194,14 +194,8 @@ class StartTruth(Frozen):
     """spread of that [rad]."""
 
 
-def _as_pairs(sensors: dict[str, SensorTruth]) -> tuple[tuple[str, SensorTruth], ...]:
-    """Return a mapping as sorted pairs, by which a frozen model has a hash."""
-    return tuple(sorted(sensors.items(), key=lambda item: item[0]))
-
-
-# A mapping in a file, kept as pairs: dict(sensors) is the mapping again.
 SensorTruths = Annotated[
-    dict[str, SensorTruth], AfterValidator(_as_pairs), PlainSerializer(dict, return_type=dict[str, SensorTruth])
+    dict[str, SensorTruth], AfterValidator(as_pairs), PlainSerializer(dict, return_type=dict[str, SensorTruth])
 ]
 
 

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from ortilo_drake.model.room import Room
+from ortilo_drake.views.figures import turned
 from ortilo_drake.views.page.flight_data import sensor_color
 from ortilo_drake.world.scenery.meshcat_zones import Zone
 
@@ -107,9 +108,8 @@ def plan_svg(room: Room, zones: list[Zone], reference: np.ndarray, data: dict[st
             f'fill="rgb({color})"/>'
         )
     for x, y, _, yaw, half_x, half_y, _ in room.wall_boxes:
-        corners = np.array([[-half_x, -half_y], [half_x, -half_y], [half_x, half_y], [-half_x, half_y]])
-        R = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
-        parts.append(f'<polygon class="wall" points="{points(corners @ R.T + [x, y])}"/>')
+        corners = turned(np.array([x, y]), yaw, np.array([half_x, half_y]))
+        parts.append(f'<polygon class="wall" points="{points(corners)}"/>')
     parts += [f'<circle class="stand" cx="{x}" cy="{y}" r="{r}"/>' for x, y, r, _ in room.stand_cylinders]
     parts += [f'<circle class="landmark" cx="{p[0]}" cy="{p[1]}" r="0.09"/>' for p in room.landmark_positions]
     parts += [f'<circle class="anchor" cx="{p[0]}" cy="{p[1]}" r="0.13"/>' for p in room.anchor_positions]
