@@ -144,9 +144,7 @@ def _plain_usage(error: Any) -> str:
 def run() -> int:
     """Run the command that the command line names; return its exit code.
 
-    Raises:
-        InputError: if the arguments, or the files that they name, are wrong.
-        KeyboardInterrupt: on Ctrl-C.
+    InputError if the arguments, or the files that they name, are wrong; KeyboardInterrupt on Ctrl-C.
     """
     usage_error = typer.BadParameter.__base__  # click's UsageError, of which some versions of Typer have a copy
     assert usage_error is not None

@@ -39,14 +39,9 @@ assert image.data.shape == (16, 16, 4)
 
 
 class Finding(NamedTuple):
-    """The result of one check.
+    """A thing's name, whether it is as it must be, its weight, what was found, and how to mend it and what for.
 
-    Attributes:
-        name: of the thing.
-        is_there: whether it is as it must be.
-        weight: 'needed' to fly, or 'wanted' for something more.
-        found: what was found.
-        mend: what to do if it is not there, and what for.
+    The weight is 'needed' to fly, or 'wanted' for something more.
     """
 
     name: str

@@ -38,11 +38,7 @@ def write_json(path: Path | None, report: Any) -> None:
 
 
 def check_writable(*paths: Path | None) -> None:
-    """Refuse a file that cannot be written before any work is done.
-
-    Raises:
-        InputError: naming the file and why.
-    """
+    """Refuse a file that cannot be written before any work is done; InputError names the file and why."""
     for path in paths:
         if path is not None:
             check_output(path)

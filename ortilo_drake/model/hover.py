@@ -67,12 +67,8 @@ def output_C() -> np.ndarray:
 def disturbance_W(vehicle: Vehicle, h: float, force_sd: float, torque_sd: float, yaw: float = 0.0) -> np.ndarray:
     """Return W (12 x 12) of a disturbance held over each tick: Gamma_d diag(sd^2) Gamma_d^T.
 
-    Args:
-        vehicle: mass and inertia.
-        h: tick [s].
-        force_sd: standard deviation of the force per axis [N].
-        torque_sd: standard deviation of the torque per axis [N m].
-        yaw: the heading that is held [rad].
+    The tick is h [s]; the standard deviations per axis are those of the force [N] and of the torque [N m], the yaw is
+    the heading that is held [rad].
     """
     _, Gamma_d = discretize(hover_A(yaw), hover_B_d(vehicle), h)
     return Gamma_d @ np.diag([force_sd**2] * 3 + [torque_sd**2] * 3) @ Gamma_d.T

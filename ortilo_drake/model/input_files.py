@@ -16,14 +16,9 @@ DATA_LIMIT = 4096 * MIB  # flights, logs and weights
 
 
 def open_file(path: Path, limit: int = DATA_LIMIT) -> BinaryIO:
-    """Open a regular file to read its bytes.
+    """Open a regular file, or one that a link leads to, to read its bytes.
 
-    Args:
-        path: the file; a link is followed.
-        limit: the largest size [bytes].
-
-    Raises:
-        InputError: if there is no such file, it is no regular one or larger than the limit, or it cannot be read.
+    InputError if there is no such file, it is no regular one or larger than the limit [bytes], or it cannot be read.
     """
     try:
         found = os.stat(path)

@@ -183,8 +183,7 @@ class Measurement:
 def make_measurement(rows: Rows = PAPER) -> Measurement:
     """Return the measurement of a list of sensors; of the paper's three by default.
 
-    Raises:
-        ValueError: if two sensors or two rows have the same name.
+    ValueError if two sensors or two rows have the same name.
     """
     names = [name for name, _ in rows] + [r.name for _, own in rows for r in own]
     if len(set(names)) != len(names):

@@ -12,9 +12,8 @@ import numpy as np
 def arrays_of(file: BinaryIO) -> Iterator[Mapping[str, np.ndarray]]:
     """Give the arrays of a .npz file.
 
-    Raises:
-        ValueError: if one is packed, as numpy.savez does not: a few kB may unpack to gigabytes. NumPy and zipfile raise
-            errors of a dozen kinds besides.
+    ValueError if one is packed, as numpy.savez does not: a few kB may unpack to gigabytes. NumPy and zipfile raise
+    errors of a dozen kinds besides.
     """
     loaded = np.load(file, allow_pickle=False)
     if not isinstance(loaded, np.lib.npyio.NpzFile):

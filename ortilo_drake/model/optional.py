@@ -24,11 +24,7 @@ def is_installed(package: str) -> bool:
 
 
 def check_installed(package: str, extra: str) -> None:
-    """Check that an optional package is there.
-
-    Raises:
-        InputError: naming the extra that brings it.
-    """
+    """Check that an optional package is there; InputError names the extra that brings it."""
     if not is_installed(package):
         raise missing(package, extra)
 

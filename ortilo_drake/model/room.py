@@ -95,12 +95,9 @@ class CameraModel(Frozen):
             raise ValueError(f".coefficients: {list(self.coefficients)}: fold the picture near its middle")
 
     def scaled_to(self, width: int) -> "CameraModel":
-        """Return the same camera at another resolution.
+        """Return the same camera at another resolution; InputError if such a picture has no pixels or too many.
 
         A pixel's centre has integer coordinates, so the principal point moves by c -> (c + 1/2) s - 1/2.
-
-        Raises:
-            InputError: if such a picture has no pixels or too many.
         """
         s = width / self.width
         height = round(self.height * s)
@@ -265,11 +262,7 @@ class Room(Frozen):
 
 
 def load_room(path: Path = ORTILO_ROOM) -> Room:
-    """Read a room file.
-
-    Raises:
-        InputError: naming file, field, value and what is allowed.
-    """
+    """Read a room file; InputError names file, field, value and what is allowed."""
     if not exists(path):
         raise InputError(f"room: {path}: no such room file")
     return _room_of(read_text(path), str(path))

@@ -128,14 +128,9 @@ Names = Callable[[yaml.Node], Iterable[yaml.Node]]  # the scalars of a document 
 def parse_yaml(text: str, source: str, names: Names | None = None) -> Any:
     """Return the plain data of a YAML text.
 
-    Args:
-        text: the YAML.
-        source: what to call it in an error.
-        names: which scalars are text as they are written, whatever YAML makes of 0715, 1516 or no.
-
-    Raises:
-        InputError: if the text is not YAML, repeats a key, has aliases, is nested too deeply or uses a tag that is
-            not plain data.
+    The scalars that are `names` are text as they are written, whatever YAML makes of 0715, 1516 or no. InputError,
+    which begins with the source, if the text is not YAML, repeats a key, has aliases, is nested too deeply or uses a
+    tag that is not plain data.
     """
     try:
         _refuse_bombs(text)
@@ -192,15 +187,9 @@ def _is_unicode(text: str) -> bool:
 
 
 def validate(model: type[M], data: Any, source: str) -> M:
-    """Return plain data as a typed model.
+    """Return plain data as a typed model; InputError names source, field, value and what is allowed.
 
-    Args:
-        model: the pydantic model; its classmethod model_for, where it has one, says which model the data is of.
-        data: what parse_yaml returned.
-        source: what to call the data in an error.
-
-    Raises:
-        InputError: naming source, field, value and what is allowed.
+    If the pydantic model has a classmethod model_for, that says which model the data is of.
     """
     for _, problem in _not_plain(data):
         raise InputError(f"{source}: {problem}")
@@ -213,15 +202,11 @@ def validate(model: type[M], data: Any, source: str) -> M:
 
 
 def all_problems(model: type[BaseModel], data: Any, stand_in: Mapping[str, Any]) -> list[str]:
-    """Return a line for each thing that is wrong with plain data; none if it is right.
+    """Return a line for each thing that is wrong with plain data of a model; none if it is right.
 
-    A model checks its fields together only once each is right. So wrong fields are left out and the rest is checked; a
-    field that was reported before is not reported then, as the second problem may follow from the first.
-
-    Args:
-        model: the pydantic model.
-        data: what parse_yaml returned.
-        stand_in: right values of the fields that the model needs, for where they are wrong or missing.
+    A model checks its fields together only once each is right. So wrong fields are left out and the rest is checked,
+    with right values to stand in for those that the model needs; a field that was reported before is not reported then,
+    as the second problem may follow from the first.
     """
     if not isinstance(data, dict):
         return [f"the file: {shown(data)}: must hold fields by name, not {type(data).__name__}"]

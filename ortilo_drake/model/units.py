@@ -20,9 +20,8 @@ _BY_LETTER: Final = {"d": "N", "f": "N", "n": "N m", "b": "m/s^2", "a": "m/s^2",
 def unit_of(name: str, rows: Rows = ()) -> str:
     """Return the unit of a number by its name, as in 'm/s' of x_dot, x_dot_hat and x_dot_flow.
 
-    Args:
-        name: of a state, its estimate, a control, a reference, a row of y or a bias of one.
-        rows: of the measurement, by sensor; a row has the unit of the first of the vehicle's states that it sees.
+    It is that of a state, its estimate, a control, a reference, a row of y or a bias of one. A row of the measurement
+    has the unit of the first of the vehicle's states that it sees.
     """
     name = name.removesuffix("_hat").removeprefix("bias_")
     for row in (row for _, own in rows for row in own if row.name == name):

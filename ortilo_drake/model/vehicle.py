@@ -184,8 +184,7 @@ M100 = Vehicle()
 def load_vehicle(path: Path) -> Vehicle:
     """Read a vehicle's file: the fields of Vehicle, with the M100's values for those that are left out.
 
-    Raises:
-        InputError: naming file, field, value and what is allowed.
+    InputError names file, field, value and what is allowed.
     """
     if not exists(path):
         raise InputError(f"vehicle: {str(path)[:200]!r}: no such vehicle file")

@@ -41,13 +41,10 @@ Name = Annotated[str, AfterValidator(_as_file_name)]  # a folder of flights is c
 def measurement_of(
     sensors: Iterable[str], camera: tuple[Row, ...] = CAMERA, ages: Mapping[str, float] | None = None, yaw: float = 0.0
 ) -> Measurement:
-    """Return the measurement of the paper's three sensors and of the registered ones among those named.
+    """Return the measurement of the paper's three sensors and of the registered ones among those of these names.
 
-    Args:
-        sensors: their names.
-        camera: the rows that a landmark fix fills.
-        ages: how old the values of some sensors are on average [s], of those that are faster than the tick.
-        yaw: the heading that is held [rad].
+    A landmark fix fills the rows `camera`. The values of sensors that are faster than the tick are of some ages on
+    average [s], by their names; the yaw is the heading that is held [rad].
     """
     own = ((name, find_sensor(name)) for name in sensors if name not in SENSORS)
     paper = ((name, camera if rows is CAMERA else rows) for name, rows in PAPER)

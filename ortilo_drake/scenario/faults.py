@@ -239,16 +239,7 @@ def sensors_of_kind(kind: str) -> tuple[str, ...]:
 
 
 def check_faults(faults: tuple[AnyFault, ...], sensors: tuple[str, ...], rendered: bool) -> None:
-    """Refuse faults of sensors that do not fly, and of a camera whose pictures are drawn.
-
-    Args:
-        faults: the scenario's.
-        sensors: those that fly.
-        rendered: whether the camera flies and draws pictures.
-
-    Raises:
-        ValueError: naming the fault and what is allowed.
-    """
+    """Refuse faults of sensors that do not fly, and of a rendered camera: ValueError names the fault."""
     for i, fault in enumerate(faults):
         concerned = sensors_of(fault)
         if concerned and not set(concerned) & set(sensors):

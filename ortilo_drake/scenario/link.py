@@ -131,14 +131,8 @@ class Link(LinkRate):
 def check_rate(sensor: str, rate: float, control_rate: float, field: str = "") -> None:
     """Check that a sensor's rate [Hz] divides the control rate [Hz], or is a multiple that can be flown.
 
-    Args:
-        sensor: whose rate it is.
-        rate: its rate [Hz].
-        control_rate: ticks a second [Hz].
-        field: its key, by default that of the sensor's link.
-
-    Raises:
-        ValueError: if it does not; it names the nearest rates that do, and a control rate that fits.
+    The field is its key, by default that of the sensor's link. ValueError if it does not; it names the nearest rates
+    that do, and a control rate that fits.
     """
     ticks, samples = control_rate / rate, rate / control_rate
     if abs(ticks - max(1, round(ticks))) <= 1e-9 * ticks:

@@ -14,8 +14,7 @@ from ortilo_drake.scenario.link import BernoulliLoss, GilbertElliottLoss, Loss
 def loss_parameters(loss: Loss, h: float) -> np.ndarray:
     """Return (good to bad, bad to good, loss while good, loss while bad) of any kind of loss at ticks of h [s].
 
-    Raises:
-        InputError: if there are no such bursts.
+    InputError if there are no such bursts.
     """
     match loss.kind:
         case "bursts":
@@ -48,17 +47,11 @@ def mean_loss(loss: Loss, h: float) -> float:
 
 
 def loss_of(share: float, burst: float | None = None) -> Loss:
-    """Return the loss that loses a share of the packets, independently or in bursts.
+    """Return the loss that loses a share of the packets, in [0, 1], independently or in bursts.
 
-    In bursts everything is lost while the chain is bad and nothing while it is good, which lasts a tick or more.
-
-    Args:
-        share: of the packets that are lost, in [0, 1].
-        burst: mean length of a burst [ticks], at least 1; None for independent losses, whose bursts are 1 / (1 - share)
-            long on average.
-
-    Raises:
-        InputError: if there is no such loss.
+    In bursts, of a mean length [ticks] of at least 1, everything is lost while the chain is bad and nothing while it is
+    good, which lasts a tick or more. Independent losses, of burst None, have bursts of 1 / (1 - share) on average.
+    InputError if there is no such loss.
     """
     if not 0.0 <= share <= 1.0:
         raise InputError(f"loss: {share}: must be in [0, 1]")

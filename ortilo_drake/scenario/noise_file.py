@@ -50,13 +50,7 @@ def preset_names() -> list[str]:
 
 
 def load_noise(name_or_file: str, field: str = "noise", folder: Path = Path()) -> NoiseFile:
-    """Read NOISE.yaml or one that comes with the package; InputError if anything is wrong.
-
-    Args:
-        name_or_file: the name of one of the package, or a file.
-        field: what an error begins with.
-        folder: from where the file is meant.
-    """
+    """Read NOISE.yaml, meant from a folder, or one of the package; InputError, by a field, if it is wrong."""
     path = folder / name_or_file
     if path.suffix not in (".yaml", ".yml"):
         names = preset_names()
@@ -89,10 +83,7 @@ def as_white(noise: NoiseFile) -> NoiseFile:
 def settings_of(noise: NoiseFile, file: str, below: Truth) -> dict[str, Any]:
     """Return the settings of a scenario whose ranges and IMU have the errors of a NOISE.yaml.
 
-    Args:
-        noise: the file's content.
-        file: its path, as the scenario names it.
-        below: the truth of the scenario's base, whose own errors of the ranges are set back to none.
+    The scenario names the file so; its base has the truth `below`, whose own errors of the ranges are set back to none.
     """
     imu, unfitted = noise.imu, UwbTruth()
     found: dict[str, Any] = {"uwb": {"errors": "fitted", "file": file}}

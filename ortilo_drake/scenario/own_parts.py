@@ -23,12 +23,7 @@ class SensorSettings(Frozen):
 
 
 def model_for(base: type[BaseModel], data: Any) -> type[BaseModel]:
-    """Return the model that data of a scenario is checked by: base, or base with fields for the parts it names.
-
-    Args:
-        base: the scenario's model.
-        data: what YAML or JSON holds.
-    """
+    """Return the model that data of a scenario is checked by: base, or base with fields for the parts it names."""
     if not isinstance(data, dict):
         return base
     listed = data.get("sensors")

@@ -76,8 +76,7 @@ Planner = Annotated[GcsPlanner | WaypointPlanner | HoverPlanner, Field(discrimin
 def read_waypoints(path: Path) -> np.ndarray:
     """Return the waypoints p_W (n, 3) of a text file with one 'x y z' a line; '#' starts a comment.
 
-    Raises:
-        InputError: naming file and line.
+    InputError names file and line.
     """
     points = []
     for number, line in enumerate(read_text(path).splitlines(), start=1):

@@ -177,11 +177,7 @@ _WHOLE = 1e-6  # within which a number of packets counts as whole
 
 
 def check_differences(scenario: Any) -> None:
-    """Refuse settings that read or change single ranges where the uwb has differences.
-
-    Raises:
-        ValueError: naming the setting and what is allowed.
-    """
+    """Refuse settings that read or change single ranges where the uwb has differences: ValueError."""
     uwb, estimator = scenario.uwb, scenario.estimator
     if uwb.kind != "differences" or "uwb" not in scenario.sensors:
         return
@@ -205,16 +201,9 @@ def check_differences(scenario: Any) -> None:
 
 
 def scenario_from_json(text: str, version: Any, source: str) -> Scenario:
-    """Return the scenario that a flight or a log carries.
+    """Return the scenario that a flight or a log carries as JSON, beside the version of its format, or None.
 
-    Args:
-        text: its JSON.
-        version: the format written beside it, None if there is none.
-        source: what to call it in an error.
-
-    Raises:
-        InputError: if it is no scenario of this format.
-        ValueError: if it is no JSON.
+    InputError, which begins with the source, if it is no scenario of this format; ValueError if it is no JSON.
     """
     if version != FORMAT:
         raise InputError(f"{source}: is of format {version}, this version reads format {FORMAT}")

@@ -16,13 +16,7 @@ from ortilo_drake.scenario.scenario import Scenario
 
 
 class Rule(NamedTuple):
-    """Settings that are read only under a condition.
-
-    Attributes:
-        keys: the settings, or groups of them.
-        read: whether a part of the scenario reads them.
-        by: what would read them.
-    """
+    """Settings, or groups of them, that are read only if a scenario's part reads them, and what would read them."""
 
     keys: tuple[str, ...]
     read: Callable[[Any], bool]
@@ -172,12 +166,9 @@ def why_unread(key: str, scenario: Scenario) -> str | None:
 
 
 def unread_settings(scenario: Scenario, name_or_file: str | Path, settings: Sequence[Setting] = ()) -> list[str]:
-    """Return a line for each setting that a user gave and no flown part reads.
+    """Return a line for each setting that a user gave and no flown part of a scenario reads.
 
-    Args:
-        scenario: what they made.
-        name_or_file: a ready-made scenario, whose own settings are not told, or a .yaml file.
-        settings: laid over it.
+    They are laid over a ready-made scenario, whose own settings are not told, or a .yaml file, whose own are.
     """
     given = [key for key, value, _ in map(parsed, settings) for key in _leaves(key, value)]
     given += _own_of(resolve(name_or_file, "scenario"))

@@ -34,9 +34,7 @@ def shade_blackouts_along_x(axes: Axes, scenario: Scenario) -> None:
 def draw_blackout_errors(flights: dict[str, xr.Dataset], axis: str = "x") -> Figure:
     """Return a figure of each flight's error and the filter's own standard deviation over time [m].
 
-    Args:
-        flights: the flights by title, one a row.
-        axis: of the position, 'x', 'y' or 'z' of the room.
+    The flights are by title, one a row; the axis is 'x', 'y' or 'z' of the room.
     """
     if axis not in AXES:
         raise InputError(f"axis: {axis!r}: must be one of {', '.join(AXES)}")
@@ -61,12 +59,8 @@ def draw_blackout_errors(flights: dict[str, xr.Dataset], axis: str = "x") -> Fig
 def availability(flight: xr.Dataset, sensor: str, edges: np.ndarray) -> np.ndarray:
     """Return the share of a sensor's due values that were used, by the vehicle's true x; NaN where none was due.
 
-    A value that comes late is counted where the vehicle is when it is used.
-
-    Args:
-        flight: the flight.
-        sensor: 'uwb', 'camera', ...
-        edges: of the bins along x [m] (n + 1).
+    The edges are those of the bins along x [m] (n + 1). A value that comes late is counted where the vehicle is when it
+    is used.
     """
     scenario = scenario_of(flight)
     late = scenario.camera.latency if sensor == "camera" else 0
@@ -114,8 +108,7 @@ def draw_availability(flight: xr.Dataset) -> Figure:
 def draw_errors_along_x(flights: dict[str, xr.Dataset]) -> Figure:
     """Return a figure of the estimate's distance from the truth [m] along the true x [m].
 
-    Args:
-        flights: the flights by label; the blackouts are the first one's.
+    The flights are by label; the blackouts are the first one's.
     """
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(10, 2.8), layout="constrained")

@@ -14,16 +14,11 @@ from ortilo_drake.views.palette import YELLOW
 def draw_boxes(
     axes: Axes, picture: np.ndarray, boxes: np.ndarray, names: Sequence[str] = (), expected: Sequence[np.ndarray] = ()
 ) -> None:
-    """Draw a picture with the boxes found in yellow and the boxes expected dotted in white.
+    """Draw a picture, RGB (height, width, 3), with the boxes found in yellow and the boxes expected dotted in white.
 
-    Call it once the figure's layout is final, as the place of a name depends on what it would cover.
-
-    Args:
-        axes: where; their units are pixels of the picture, u to the right and v down.
-        picture: RGB (height, width, 3).
-        boxes: u_min, v_min, u_max, v_max of what was found [px] (n, 4).
-        names: what stands beside each of these boxes (n), or nothing.
-        expected: boxes that a map expects [px], each (4).
+    Boxes are u_min, v_min, u_max, v_max [px] (n, 4), with or without names beside them (n); those that a map expects
+    are likewise (4) each. The axes' units are pixels of the picture, u to the right and v down. Call it once the
+    figure's layout is final, as the place of a name depends on what it would cover.
     """
     axes.imshow(picture)
     axes.set(xlim=(-0.5, picture.shape[1] - 0.5), ylim=(picture.shape[0] - 0.5, -0.5), xticks=[], yticks=[])

@@ -19,10 +19,7 @@ def fly_live(
 ) -> xr.Dataset:
     """Fly in real time while Meshcat shows it in the browser.
 
-    Args:
-        scenario: the scenario.
-        say: called with a line: the address to open, and what was refused there.
-        progress: as in fly.
+    `say` takes a line: the address to open, and what was refused there; the progress is as in fly.
     """
     room = scenario.load_room()
     meshcat = hidden_meshcat()

@@ -73,11 +73,9 @@ def thicken(legend: Legend) -> None:
 
 
 def trajectory_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
-    """Draw the true paths of many flights in the room, with the planned path (the paper's figure).
+    """Draw the true paths of flights by scenario in the room, with the planned path (the paper's figure).
 
-    Args:
-        flights: the flights by scenario; the first of each is drawn in a stronger line.
-        path: the image file.
+    The first flight of each scenario is drawn in a stronger line.
     """
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(11, 4.4), layout="constrained")

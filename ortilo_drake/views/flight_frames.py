@@ -26,9 +26,8 @@ _PATH_STEP = 0.1  # distance between two points of a drawn path [m]
 def error_strip(flight: xr.Dataset, width: int, height: int) -> tuple[np.ndarray, np.ndarray, tuple[int, int]]:
     """Draw position errors in 3-sigma bands, arrivals below them, blackouts shaded.
 
-    Returns:
-        The picture, blue, green, red (height, width, 3); the column of every tick (n) [px]; the first and the last row
-        of the plots over time.
+    It returns the picture, blue, green, red (height, width, 3); the column of every tick (n) [px]; the first and the
+    last row of the plots over time.
     """
     time, truth, scenario = flight["time"].values, flight["truth"].values, scenario_of(flight)
     error, sigma = position_errors(flight)
@@ -86,14 +85,8 @@ def _thinned(points: np.ndarray) -> np.ndarray:
 def make_views(flight: xr.Dataset, panel: int) -> Callable[[int], np.ndarray]:
     """Return the function from a tick to camera and room side by side, blue, green, red (height, 2 panel, 3).
 
-    The camera's side shows the last picture taken with the boxes found in it, also if they did not arrive.
-
-    Args:
-        flight: the flight.
-        panel: width of either picture [px].
-
-    Raises:
-        InputError: if there is no EGL or a file of the scenario's detector is wrong.
+    Either picture is a panel wide [px]. The camera's side shows the last picture taken with the boxes found in it, also
+    if they did not arrive. InputError if there is no EGL or a file of the scenario's detector is wrong.
     """
     scenario = scenario_of(flight)
     room = scenario.load_room()

@@ -16,14 +16,7 @@ _LEADER = 16.0  # a label farther from its point than that has a line to it [px]
 
 
 class Label(NamedTuple):
-    """A label to be.
-
-    Attributes:
-        x: of its point, in the axes' data.
-        y: of its point, in the axes' data.
-        text: what it says.
-        color: of its text.
-    """
+    """A text of a colour to put beside the point (x, y), in the axes' data."""
 
     x: float
     y: float
@@ -36,14 +29,9 @@ def put_labels(
 ) -> list[Annotation]:
     """Put labels beside their points, each at the nearest place where it covers nothing; return them.
 
-    Call it once limits and layout of the figure are final.
-
-    Args:
-        axes: where.
-        labels: the labels; earlier ones choose first.
-        points: what no label may be over: x and y in the axes' data, half width and half height [px] (n, 4).
-        size: of the text [pt].
-        halo: colour around the text, which sets it off from what is behind it.
+    Earlier ones choose first. None is over a point: x and y in the axes' data, half width and half height [px] (n, 4).
+    The size is that of the text [pt], the halo a colour around it, which sets it off from what is behind. Call it once
+    limits and layout of the figure are final.
     """
     figure = axes.get_figure(root=True)
     assert figure is not None

@@ -52,9 +52,7 @@ def make_camera_view(scenario: Scenario) -> CameraView:
 
     A flight keeps no pictures, but the same state gives the same picture, and the same picture or seed the same boxes.
     The picture is blue, green, red (height, width, 3), uint8; the boxes are the rows of a detections message (k, 6).
-
-    Raises:
-        InputError: if there is no EGL or a file of the detector is wrong.
+    InputError if there is no EGL or a file of the detector is wrong.
     """
     room, width = scenario.load_room(), scenario.image_width
     rendered = make_rendered_camera(room, width)
@@ -89,13 +87,10 @@ def class_bgr(room: Room, label: str) -> tuple[int, int, int]:
 
 
 def draw_boxes(picture: np.ndarray, boxes: np.ndarray, room: Room, scale: float) -> None:
-    """Draw boxes with class and score into a picture (height, width, 3).
+    """Draw boxes with class and score into a camera's picture (height, width, 3), enlarged by a scale.
 
-    Args:
-        picture: the camera's picture, enlarged.
-        boxes: rows (label, score, u_min, v_min, u_max, v_max), in pixels of the original picture (k, 6).
-        room: names and colours of the classes.
-        scale: factor of the enlargement.
+    The boxes are rows (label, score, u_min, v_min, u_max, v_max), in pixels of the original picture (k, 6); the room
+    has names and colours of the classes.
     """
     for label, score, *box in boxes:
         name = room.classes[int(label)]
@@ -130,18 +125,9 @@ def _draw_line(picture: np.ndarray, points: np.ndarray, seen: np.ndarray, color:
 def make_room_view(room: Room, planned: np.ndarray, width: int, height: int, vehicle: Vehicle = M100) -> RoomView:
     """Return the function from a state (12) and a path flown p_W (m, 3) to a picture of the vehicle in the room.
 
-    The view is from the west, behind and above; the walls on that side are left out. The planned path is blue, the
-    flown path red, both drawn only where no wall hides them. The picture is blue, green, red (height, width, 3), uint8.
-
-    Args:
-        room: the room.
-        planned: the planned path p_W (n, 3).
-        width: of the picture [px].
-        height: of the picture [px].
-        vehicle: drawn with its own arms.
-
-    Raises:
-        InputError: if there is no EGL.
+    The view is from the west, behind and above; the walls on that side are left out. The planned path p_W (n, 3) is
+    blue, the flown path red, both drawn only where no wall hides them. The picture is blue, green, red (height, width,
+    3), uint8; the vehicle has its own arms. InputError if there is no EGL.
     """
     west = room.interior.min[0]
     items = scene_items(room)

@@ -30,11 +30,7 @@ Draw = Callable[[int], np.ndarray]
 
 
 def check_video(path: Path) -> None:
-    """Check that a video of that name can be drawn.
-
-    Raises:
-        InputError: naming the file and what is allowed, or what to install.
-    """
+    """Check that a video of that name can be drawn; InputError says what is allowed, or what to install."""
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path}: unknown kind of video '{path.suffix}', give one of {', '.join(SUFFIXES)}")
     if path.suffix.lower() == ".mp4":
@@ -96,17 +92,10 @@ def _write_gif(file: io.BytesIO, draw: Draw, ticks: np.ndarray, fps: float, room
 def flight_video(flight: xr.Dataset, path: Path, progress: Progress | None = None, speed: float = SPEED) -> Path:
     """Draw a flight as a video: camera with boxes, vehicle in its room, errors and arrivals.
 
-    The pictures are drawn again from the recorded states. An .mp4 has 10 frames a second of flight, a small .gif 2.5.
-
-    Args:
-        flight: the flight.
-        path: the file, .mp4 or .gif.
-        progress: called with the number of frames drawn and to draw.
-        speed: how many times faster than the flight it plays.
-
-    Raises:
-        InputError: if the suffix is another, the file cannot be written, there is no EGL, or a file of the scenario's
-            detector is wrong.
+    The pictures are drawn again from the recorded states. An .mp4 has 10 frames a second of flight, a small .gif 2.5;
+    it plays so many times faster than the flight, its speed. The progress is told as frames drawn and to draw.
+    InputError if the suffix is another, the file cannot be written, there is no EGL, or a file of the scenario's
+    detector is wrong.
     """
     check_video(path)
     kind = path.suffix.lower()

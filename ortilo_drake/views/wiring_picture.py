@@ -27,11 +27,7 @@ edge [fontname="Times-Italic", fontsize=10, arrowsize=0.6];
 
 
 def wiring_picture(wiring: Wiring, depth: int) -> str:
-    """Return a wiring as SVG; arguments as of wiring_text.
-
-    Raises:
-        InputError: if Graphviz, which draws depths 2 and 3, is not installed.
-    """
+    """Return a wiring as SVG, as wiring_text; InputError if Graphviz, which draws depths 2 and 3, is not installed."""
     return block_picture(wiring) if depth == 1 else svg_of("\n".join(graph_of(wiring, depth)))
 
 
@@ -70,11 +66,7 @@ def drake_svg(scenario: Scenario) -> str:
 
 
 def svg_of(graph: str) -> str:
-    """Return Graphviz's SVG of a graph in the dot language.
-
-    Raises:
-        InputError: if Graphviz is not installed.
-    """
+    """Return Graphviz's SVG of a graph in the dot language; InputError if it is not installed."""
     if shutil.which("dot") is None:
         raise InputError("diagram: needs Graphviz's 'dot'; on Debian or Ubuntu: apt-get install graphviz")
     done = subprocess.run(["dot", "-Tsvg"], input=graph, capture_output=True, text=True, check=True)

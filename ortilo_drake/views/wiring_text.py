@@ -21,11 +21,9 @@ PACKAGE = Path(__file__).parents[1]
 
 
 def wiring_text(wiring: Wiring, depth: int) -> str:
-    """Return a wiring as text.
+    """Return a scenario's wiring as text.
 
-    Args:
-        wiring: of a scenario.
-        depth: 1 for the paper's blocks, 2 for every box in the order of a tick, 3 for every box's element.
+    Depth 1 has the paper's blocks, 2 every box in the order of a tick, 3 every box's element.
     """
     return "\n".join({1: blocks_text, 2: tick_text, 3: elements_text}[depth](wiring)) + "\n"
 

@@ -20,15 +20,9 @@ def fly_logged(
 ) -> xr.Dataset:
     """Fly a scenario as flight.fly does, bit for bit, and write all that crosses between its halves.
 
-    Args:
-        scenario: the scenario.
-        log: the log's folder, see interop/log/writer.py; what was written before an interruption is readable. None
-            writes no log.
-        progress: called with the number of ticks flown.
-        also: called with everything of a tick, as the log's writer is.
-
-    Raises:
-        InputError: if the log is there already or cannot be written, or as fly.
+    The log is a folder, see interop/log/writer.py, of which all that was written before an interruption is readable;
+    None writes none. The progress is told as ticks flown; `also` is called with everything of a tick, as the log's
+    writer is. InputError if the log is there already or cannot be written, or as fly.
     """
     ask, world = in_this_process(scenario), WorldHalf(scenario)
     with LogWriter(log, scenario) if log else nullcontext() as writer:

@@ -19,13 +19,10 @@ RANGES = "/uwb/anchor_"  # topics of ranges begin so
 
 
 def logged_noise(scenario: Scenario, ranges: np.ndarray) -> dict[str, tuple[float, str]]:
-    """Return the filter's noise that the scenario sets, each number with its origin, by FilterSettings' names.
+    """Return the filter's noise that a flown scenario sets, each number with its origin, by FilterSettings' names.
 
-    What makes ranges err for a while without a number for it, walls and fields, leaves the filter's own defaults.
-
-    Args:
-        scenario: what was flown.
-        ranges: all ranges of the log (n) [m].
+    Its white noise is that of all ranges of the log (n) [m]. What makes ranges err for a while without a number for it,
+    walls and fields, leaves the filter's own defaults.
     """
     uwb, imu, truth = scenario.uwb, scenario.imu, scenario.truth.uwb
     offset, growth = uwb.sds
@@ -53,12 +50,8 @@ def logged_map(
 ) -> str:
     """Return the map of a log as YAML: empty without ranges or imu.
 
-    Args:
-        scenario: what was flown.
-        room: its room.
-        topics: all topics of the log.
-        ranges: all its ranges (n) [m].
-        start: where it began, position (3) [m] and heading [rad]; None if it is not known.
+    The log has a scenario, its room, all its topics and all its ranges (n) [m]; it starts at a position (3) [m] and
+    heading [rad], None if they are not known.
     """
     heard = [i for i in range(len(room.anchors)) if f"{RANGES}{i}" in topics]
     if not heard or "/imu/data" not in topics:

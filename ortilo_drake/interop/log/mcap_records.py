@@ -84,11 +84,8 @@ def _all_records(path: Path, cut: Callable[[], None]) -> Iterator[tuple[int, byt
 def read_records(path: Path, cut: Callable[[], None] = lambda: None) -> Iterator[Schema | Channel | Message]:
     """Yield schemas, channels and messages of an MCAP file in the order they were written.
 
-    It may end anywhere; `cut` is called behind the last record of one that was cut short.
-
-    Raises:
-        InputError: if the file cannot be read, is no MCAP, is damaged before its end, or holds or unpacks to more than
-            the limits of interop/unpack.py.
+    It may end anywhere; `cut` is called behind the last record of one that was cut short. InputError if the file cannot
+    be read, is no MCAP, is damaged before its end, or holds or unpacks to more than the limits of interop/unpack.py.
     """
     definitions = 0
     try:
@@ -110,11 +107,7 @@ def read_records(path: Path, cut: Callable[[], None] = lambda: None) -> Iterator
 
 
 def read_logged(path: Path, wanted: Callable[[str], bool]) -> Iterator[LoggedMessage]:
-    """Yield the messages of wanted topics of an MCAP file, which may end anywhere, in the order they were written.
-
-    Raises:
-        InputError: as read_records.
-    """
+    """Yield the messages of wanted topics of an MCAP file, in the order they were written; errors as read_records."""
     schemas: dict[int, str] = {}
     channels: dict[int, tuple[str, str]] = {}
     for record in read_records(path):

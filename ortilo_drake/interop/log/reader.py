@@ -111,8 +111,7 @@ def _bounded(file: Path, k: int, messages: Iterable[LoggedMessage]) -> Iterator[
 def read_ticks(path: Path, images: bool = True) -> Iterator[LoggedTick]:
     """Yield the ticks of a log in order; a log that a kill cut short ends at the cut.
 
-    Raises:
-        InputError: if there is no such log, or it is not one, or it is damaged, or its log times do not rise.
+    InputError if there is no such log, or it is not one, or it is damaged, or its log times do not rise.
     """
     file, scenario = log_file(path), log_scenario(path)
     sizes = output_sizes(scenario.measurement)
@@ -153,9 +152,7 @@ def read_log(path: Path) -> xr.Dataset:
 
     A log that a kill cut short gives the ticks before the cut. Ticks that are not in the log are NaN; so is the truth
     in the log of an onboard half, which does not know it. A loss is found from the true states that are there.
-
-    Raises:
-        InputError: as read_ticks; also if there is no tick, or its flight would fill the memory.
+    InputError as read_ticks; also if there is no tick, or its flight would fill the memory.
     """
     file = log_file(path)
     description, scenario = _description(file), log_scenario(file)

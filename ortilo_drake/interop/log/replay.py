@@ -48,11 +48,8 @@ def replay_log(log: Path) -> ReplayReport:
 
     When the path to a goal was ready depended on wall time. So from the first goal on the reference is taken from the
     log, and from the first tick on if the half joined a flight on another path than the scenario's. An output that was
-    not recorded is not compared.
-
-    Raises:
-        InputError: if the log cannot be read, is empty, or its scenario does not fly; if it is a world's log of a
-            flight in real time, or the log of a half whose state at its first tick is not in it.
+    not recorded is not compared. InputError if the log cannot be read, is empty, or its scenario does not fly; if it is
+    a world's log of a flight in real time, or the log of a half whose state at its first tick is not in it.
     """
     if holds_what_was_sent(log):
         raise InputError(

@@ -81,19 +81,14 @@ _ONE_CHUNK = 2**40  # chunks end where write_tick ends them, at whole ticks, not
 class LogWriter:
     """A log being written: `with LogWriter(path, scenario) as log: log.write_tick(...)`.
 
-    Path NAME becomes the folder NAME with NAME.mcap and, once the log is closed, metadata.yaml: what rosbags, ros2 bag
-    and Foxglove open; with ranges and imu also map.yaml, for `ortilo replay --map`. Every half second of flight goes to
-    the file as one whole chunk, so that a killed process loses at most that much and read_log reads the rest; a machine
-    without power may lose more, nothing is synced to disk.
-    Log times are t_k in ns from the flight's start, not the date.
+    Path NAME becomes the folder NAME, which must not exist, with NAME.mcap and, once the log is closed, metadata.yaml:
+    what rosbags, ros2 bag and Foxglove open; with ranges and imu also map.yaml, for `ortilo replay --map`. Every half
+    second of flight goes to the file as one whole chunk, so that a killed process loses at most that much and read_log
+    reads the rest; a machine without power may lose more, nothing is synced to disk. Log times are t_k in ns from the
+    flight's start, not the date. The messages that write_tick is given are ros_messages.TAKEN, or SENT by a world in
+    real time.
 
-    Args:
-        path: the folder, which must not exist: a log is never overwritten.
-        scenario: what is flown.
-        messages: what write_tick is given: ros_messages.TAKEN, or SENT by a world in real time.
-
-    Raises:
-        InputError: on entering or writing, if the folder exists or cannot be written, or the scenario has no path.
+    InputError on entering or writing, if the folder exists or cannot be written, or the scenario has no path.
     """
 
     def __init__(self, path: Path, scenario: Scenario, messages: str = TAKEN):
@@ -143,18 +138,12 @@ class LogWriter:
         return self
 
     def write_tick(self, k: int, state: np.ndarray | None, messages: Signals, outputs: Signals) -> None:
-        """Write one tick; ticks come in ascending order.
+        """Write one tick k; ticks come in ascending order.
 
-        Args:
-            k: the tick.
-            state: the true x (12), if it is known.
-            messages: what crossed to the onboard half: message vectors by port, 'image' (height, width, 4),
-                and 'goal' (2), where it flies to from now on [m].
-            outputs: the onboard half's signals: control, y, delta, V2, estimate, covariance, reference.
-
-        Raises:
-            InputError: if the file cannot be written.
-            ValueError: if k does not follow.
+        The state is the true x (12), if it is known. The messages crossed to the onboard half: message vectors by port,
+        'image' (height, width, 4), and 'goal' (2), where it flies to from now on [m]. The outputs are the onboard
+        half's signals: control, y, delta, V2, estimate, covariance, reference. InputError if the file cannot be
+        written, ValueError if k does not follow.
         """
         if k <= self._last:
             raise ValueError(f"tick {k} after tick {self._last}")

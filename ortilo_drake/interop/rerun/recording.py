@@ -21,11 +21,7 @@ APPLICATION = "ortilo-drake"
 
 
 def check_recording(path: Path) -> None:
-    """Check that a recording of that name can be made.
-
-    Raises:
-        InputError: naming the file and what is allowed, or what to install.
-    """
+    """Check that a recording of that name can be made; InputError names the file and its ending, or what to install."""
     if path.suffix != SUFFIX:
         raise InputError(f"{path}: unknown kind of recording '{path.suffix}', give {SUFFIX}")
     check_installed("rerun", "rerun")

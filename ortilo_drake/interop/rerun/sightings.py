@@ -55,10 +55,7 @@ class SightingsRecorder:
     """Gathers sightings while a scenario flies; its `record` is given to flight.lockstep.
 
     A rendered camera's boxes do not cross between the halves: the detector is onboard. It looks again here, and finds
-    the same ones in the same picture.
-
-    Raises:
-        InputError: if a file of the scenario's detector is wrong.
+    the same ones in the same picture. InputError if a file of the scenario's detector is wrong.
     """
 
     def __init__(self, scenario: Scenario):
@@ -97,10 +94,7 @@ def drawn_again(flight: xr.Dataset, make_view: Callable[[Scenario], CameraView])
     """Return the pictures and boxes of a flight that is over, drawn from its true states.
 
     Each picture that was due is drawn, also if it did not arrive. There are none without a rendered camera, and no
-    ranges: a flight does not keep them.
-
-    Raises:
-        InputError: if there is no EGL or a file of the scenario's detector is wrong.
+    ranges: a flight does not keep them. InputError if there is no EGL or a file of the scenario's detector is wrong.
     """
     scenario, seen = scenario_of(flight), Sightings()
     if not scenario.is_rendered:

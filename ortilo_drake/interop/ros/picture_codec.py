@@ -18,10 +18,7 @@ def encode_png(image: np.ndarray) -> bytes:
     """Return a picture (height, width, 4), uint8 RGBA, as PNG; an opaque one, as all rendered are, without alpha.
 
     OpenCV's own choice of compression (run lengths of each row's differences) takes half the time of deflate's level 1
-    and is as small.
-
-    Raises:
-        ValueError: if the picture is of another kind.
+    and is as small. ValueError if the picture is of another kind.
     """
     if image.ndim != 3 or image.shape[2] != 4 or image.dtype != np.uint8:
         raise ValueError(f"a picture is (height, width, 4) of uint8, not {image.shape} of {image.dtype}")

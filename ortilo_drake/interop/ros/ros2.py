@@ -16,8 +16,7 @@ _SPINS: Final = 4  # of the executor at a time: one takes the newest goal, the r
 class Ros2Bridge(Ros2Node):
     """A ROS 2 node: `with Ros2Bridge(scenario) as bridge: bridge.send_tick(...)`.
 
-    Raises:
-        InputError: if rclpy is not installed, or, on entering, does not work or the scenario has no path.
+    InputError if rclpy is not installed, or, on entering, does not work or the scenario has no path.
     """
 
     def __init__(self, scenario: Scenario):

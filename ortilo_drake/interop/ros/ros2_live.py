@@ -23,10 +23,8 @@ _SPINS: Final = 3  # of the executor that bring no message: then none waits
 class Ros2Live(Ros2Node):
     """The node of `ortilo hil bridge --from ros2`, which listens to topics.
 
-    `say` takes a line about a topic that is found, or whose type is not installed.
-
-    Raises:
-        InputError: as Ros2Node, or on entering, if a topic's name is none that ROS allows.
+    `say` takes a line about a topic that is found, or whose type is not installed. InputError as Ros2Node, or on
+    entering, if a topic's name is none that ROS allows.
     """
 
     def __init__(self, topics: tuple[str, ...], say: Callable[[str], None]):

@@ -34,9 +34,7 @@ def fill(message: Any, fields: Fields) -> Any:
     """Write plain nested fields into an rclpy message and return it; what is absent stays as it is.
 
     The message's own values decide the types: a message within it is filled, an array keeps its element type.
-
-    Raises:
-        AttributeError: if there is no such field.
+    AttributeError if there is no such field.
     """
     for name, value in fields.items():
         setattr(message, name, _value(message, name, value))
@@ -62,10 +60,8 @@ class Ros2Node:
     """A node that publishes: `with Ros2Node() as node: node.send(...)`.
 
     What is sent once is kept for later subscribers (transient local); pictures go as sensor data (best effort), the
-    rest reliably. A topic whose type's package is missing is left out, with one line in ROS's log.
-
-    Raises:
-        InputError: if rclpy is not installed, or, on entering, does not work.
+    rest reliably. A topic whose type's package is missing is left out, with one line in ROS's log. InputError if rclpy
+    is not installed, or, on entering, does not work.
     """
 
     def __init__(self) -> None:

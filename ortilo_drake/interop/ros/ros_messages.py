@@ -74,15 +74,11 @@ def signal_message(name: str, signal: np.ndarray) -> RosMessage:
 def tick_messages(
     t: float, state: np.ndarray | None, messages: Signals, outputs: Signals, scenario: Scenario, room: Room
 ) -> list[RosMessage]:
-    """Return all ROS messages of one tick.
+    """Return all ROS messages of the tick at t_k = k h [s], of a scenario in its room.
 
-    Args:
-        t: t_k = k h [s].
-        state: the true x (12), if it is known.
-        messages: what crossed to the onboard half in this tick: message vectors by port, 'image', and 'goal' (2) [m].
-        outputs: what the onboard half has at t_k: control, y, delta, V2, estimate, covariance, reference.
-        scenario: the scenario.
-        room: its room.
+    The state is the true x (12), if it is known. The messages crossed to the onboard half in this tick: message vectors
+    by port, 'image', and 'goal' (2) [m]. The outputs are what that half has at t_k: control, y, delta, V2, estimate,
+    covariance, reference.
     """
     sent = [signal_message(name, value) for name, value in messages.items() if name not in ("image", "goal")]
     sent += [signal_message(name, value) for name, value in outputs.items()]
@@ -108,10 +104,8 @@ def blank_messages(scenario: Scenario, room: Room, state: np.ndarray | None) -> 
 def start_messages(scenario: Scenario, room: Room, messages: str = SENT) -> list[RosMessage]:
     """Return the messages sent once, before the first tick: scenario, fixed frames, planned path if there is one.
 
-    The ticks' `messages` are TAKEN or SENT; a listener on the bus knows only what was sent.
-
-    Raises:
-        InputError: if there is no path.
+    The ticks' `messages` are TAKEN or SENT; a listener on the bus knows only what was sent. InputError if there is no
+    path.
     """
     description = {
         "format": FORMAT,

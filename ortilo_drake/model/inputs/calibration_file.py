@@ -147,10 +147,7 @@ def _of_ros_or_opencv(source: str, data: Mapping[str, Any]) -> dict[str, Any]:
 def read_calibration(path: Path) -> dict[str, Any]:
     """Read a scenario's `camera.calibration` from a calibration file: size, focal lengths, centre and lens.
 
-    A file of those very keys is read as it is.
-
-    Raises:
-        InputError: naming the file, the field and what is allowed.
+    A file of those very keys is read as it is. InputError names the file, the field and what is allowed.
     """
     if not exists(path):
         raise InputError(f"camera.calibration: {str(path)[:200]!r}: no such file")

@@ -47,14 +47,9 @@ def words_of(name: str, value: Any) -> Words:
 def did_you_mean(keys: frozenset[Known], group: Words, words: Words, siblings: Iterable[str]) -> str:
     """Return ", did you mean 'x.y'?" for the keys that words of no key may have been meant for, or nothing.
 
-    In this order: a key of that very name below the group, or in another kind of it; a sibling that is nearly the same;
-    a key of that name in another group; one there that is nearly the same.
-
-    Args:
-        keys: of the schema.
-        group: words of the group that the unknown key is in.
-        words: the unknown key, and the keys below it as far as there is one each.
-        siblings: the keys of the group.
+    The words are an unknown key in a group, which has siblings, and the keys below it as far as there is one each. In
+    this order: a key of that very name below the group, or in another kind of it; a sibling that is nearly the same; a
+    key of that name in another group; one there that is nearly the same.
     """
     inside = [key for key in keys if key.words[: len(group)] == group]
     kinds = sorted({key.kind for key in inside if key.kind and key.words == (*group, *words)})

@@ -234,12 +234,9 @@ def emptied(data: dict[str, Any], places: Iterable[Place]) -> dict[str, Any]:
 
 
 def without(data: dict[str, Any], places: Iterable[Place], stand_in: Mapping[str, Any]) -> dict[str, Any]:
-    """Return data without the wrong part: an item of a list of lists or groups, or else the field.
+    """Return plain data without the wrong part, by its places: an item of a list of lists or groups, or else the field.
 
-    Args:
-        data: plain data.
-        places: where it is wrong.
-        stand_in: fields that take the place of those left out or missing.
+    Fields to stand in take the place of those left out or missing.
     """
     items: dict[str, set[int]] = {}
     left = dict(data)

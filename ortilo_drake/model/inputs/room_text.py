@@ -20,14 +20,9 @@ _WANTED = "must be [[x, y, z], ...] in m, or by name {0: {x: , y: , z: }, ...}"
 
 
 def parse_room(text: str, source: str) -> Any:
-    """Return the plain data of a room file.
+    """Return the plain data of a room file's YAML.
 
-    Args:
-        text: the YAML.
-        source: what to call it in an error.
-
-    Raises:
-        InputError: as parse_yaml, or if anchors have other keys than x, y and z.
+    InputError, which begins with the source, as parse_yaml, or if anchors have other keys than x, y and z.
     """
     data = parse_yaml(text, source, _names_of_anchors)
     if not isinstance(data, dict):

@@ -48,13 +48,9 @@ class Panel:
     def receive(self, message: bytes | str) -> str | None:
         """Take a page's message; return the name of the slider that moved, if one did.
 
-        Args:
-            message: msgpack: {type: button, name} or {type: slider, name, value}; of IGNORED types nothing is taken.
-                A value outside of its slider's range becomes the range's nearer end.
-
-        Raises:
-            BadMessage: if it is anything else, names no slider or button of this page, or its value is no finite
-                number.
+        It is msgpack: {type: button, name} or {type: slider, name, value}; of IGNORED types nothing is taken. A value
+        outside of its slider's range becomes the range's nearer end. BadMessage if it is anything else, names no slider
+        or button of this page, or its value is no finite number.
         """
         said = _decoded(message)
         kind, name = said.get("type"), said.get("name")

@@ -35,10 +35,8 @@ LARGEST = 4_000_000  # characters of all pictures; those that would go beyond ar
 def onboard_pictures(flight: xr.Dataset) -> dict[str, Any]:
     """Return the pictures of a flight with a rendered camera, at 2 Hz, with the boxes found in them.
 
-    A flight keeps no pictures: they are drawn again from its true states, which gives the same ones.
-
-    Returns:
-        time [s] and jpeg (base64), of as many pictures; both empty, with the reason in `none`, where there are none.
+    A flight keeps no pictures: they are drawn again from its true states, which gives the same ones. There are time [s]
+    and jpeg (base64) of as many pictures; both empty, with the reason in `none`, where there are none.
     """
     scenario = scenario_of(flight)
     if not scenario.is_rendered:
@@ -77,11 +75,7 @@ VIEWS = """<div class="views"><button id="fit" type="button" aria-pressed="true"
 
 
 def flight_page(flight: xr.Dataset) -> str:
-    """Return a flight as one self-contained HTML page that plays it.
-
-    Raises:
-        InputError: if fewer than two ticks of the flight are finite.
-    """
+    """Return a flight as one self-contained HTML page; InputError if fewer than two of its ticks are finite."""
     scenario, flown = scenario_of(flight), finite_part(flight)
     room, path = scenario.load_room(), planned(scenario)
     zones, data = blackout_zones(scenario, room), flight_data(flown)
@@ -169,10 +163,7 @@ def repeat_command(scenario: Scenario) -> str | None:
     """Return the `ortilo fly` command that flies a scenario again, its seed included.
 
     The differences from the ready-made scenario of that name stand in --set. The command is checked: it loads this very
-    scenario, or none is returned.
-
-    Returns:
-        The command; None if the scenario is of a file of the user's, whose place a flight does not know.
+    scenario, or none is returned, as for a file of the user's, whose place a flight does not know.
     """
     try:
         base = load_scenario(scenario.name).model_dump(mode="json")

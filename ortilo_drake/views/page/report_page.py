@@ -39,8 +39,7 @@ def markdown_html(text: str) -> str:
 def report_page(path: Path) -> str:
     """Return one self-contained page of a folder or a JSON file.
 
-    Raises:
-        InputError: naming the file, if none of those commands wrote it or it cannot be read.
+    InputError names the file, if none of those commands wrote it or it cannot be read.
     """
     return _of_folder(path) if os.path.isdir(path) else _of_json(path)
 

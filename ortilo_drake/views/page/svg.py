@@ -92,11 +92,8 @@ def _plot(label: str, title: str, limits: tuple[str, str] | None, drawn: str, ki
 def plan_svg(room: Room, zones: list[Zone], reference: np.ndarray, data: dict[str, Any]) -> str:
     """Return the room from above, north up, with planned, true and estimated path and two markers that move.
 
-    Args:
-        room: the room.
-        zones: where a sensor is blacked out.
-        reference: the planned positions (n, 3) [m].
-        data: see flight_data.
+    A sensor is blacked out in the zones; the reference are the planned positions (n, 3) [m], the data those of
+    flight_data.
     """
     (x0, y0), (x1, y1) = room.interior.min[:2], room.interior.max[:2]
     parts = [f'<rect class="floor" x="{x0}" y="{y0}" width="{x1 - x0}" height="{y1 - y0}"/>']
