@@ -66,68 +66,29 @@ def step_information(rows: np.ndarray, steps: int, m: int) -> np.ndarray:
 
 
 @njit(cache=True)
-def _update(P: np.ndarray, g: np.ndarray, k: np.ndarray) -> None:
-    """Update P by a row of unit variance: P <- P - P g g^T P / (g^T P g + 1)."""
-    s = 1.0
-    k[:] = 0.0
-    for j in range(g.size):
-        if g[j] != 0.0:
-            for i in range(12):
-                k[i] += g[j] * P[j, i]
-    for j in range(g.size):
-        s += g[j] * k[j]
-    for i in range(12):
-        a = k[i] / s
-        for j in range(12):
-            P[i, j] -= a * k[j]
-
-
-@njit(cache=True)
-def _factor(J: np.ndarray, L: np.ndarray) -> None:
-    """Overwrite L, row by row, by a factor of J = L^T L (3 x 3), which may be singular."""
-    least = 1e-12 * (J[0, 0] + J[1, 1] + J[2, 2])
-    L[:] = 0.0
-    for i in range(3):
-        d = J[i, i]
-        for k in range(i):
-            d -= L[k, i] ** 2
-        if d <= least:
-            continue
-        L[i, i] = np.sqrt(d)
-        for j in range(i + 1, 3):
-            c = J[i, j]
-            for k in range(i):
-                c -= L[k, i] * L[k, j]
-            L[i, j] = c / L[i, i]
+def _updated(P: np.ndarray, g: np.ndarray) -> np.ndarray:
+    """Return P after a row of unit variance, P - P g g^T P / (g^T P g + 1)."""
+    k = P @ g
+    return P - np.outer(k, k / (1.0 + g @ k))
 
 
 @njit(cache=True)
 def position_variance(model: PathModel, J: np.ndarray, there: np.ndarray, least: int) -> np.ndarray:
     """Return the trace of the position's bound at the start of every step [m^2] (steps).
 
-    The ranges inform about p_WB by J (steps, 3, 3) where at least so many anchors are heard, `there` (steps).
+    The ranges inform about p_WB by J (steps, 3, 3), which may be singular, where at least so many anchors are heard,
+    `there` (steps).
     """
-    steps = J.shape[0]
-    P, half, k, L = np.zeros((12, 12)), np.empty((12, 12)), np.empty(12), np.empty((3, 3))
-    out = np.empty(steps)
-    for step in range(steps):
+    P, g, Phi_T = np.zeros((12, 12)), np.zeros(12), np.ascontiguousarray(model.Phi.T)
+    out = np.empty(J.shape[0])
+    for step in range(J.shape[0]):
         out[step] = P[0, 0] + P[1, 1] + P[2, 2]
         for row in range(model.first[step], model.first[step + 1]):
-            _update(P, model.rows[row], k)
+            P = _updated(P, model.rows[row])
         if there[step] >= least:
-            _factor(J[step], L)
-            for row in range(3):
-                _update(P, L[row], k)
-        half[:] = 0.0
-        for i in range(12):
-            for j in range(12):
-                if model.Phi[i, j] != 0.0:
-                    for c in range(12):
-                        half[i, c] += model.Phi[i, j] * P[j, c]
-        P[:] = model.W
-        for j in range(12):
-            for c in range(12):
-                if model.Phi[j, c] != 0.0:
-                    for i in range(12):
-                        P[i, j] += half[i, c] * model.Phi[j, c]
+            values, vectors = np.linalg.eigh(J[step])
+            for i in range(3):
+                g[:3] = vectors[:, i] * np.sqrt(max(values[i], 0.0))
+                P = _updated(P, g)
+        P = model.Phi @ P @ Phi_T + model.W
     return out
