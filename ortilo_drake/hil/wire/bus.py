@@ -73,7 +73,7 @@ class Bus:
 
     def __init__(self, url: str, key: bytes, serves: bool = False, hears: bool = True, largest: int = LARGEST):
         self.url, self.refused = url, Counter[str]()
-        self._serves, self._hears, self._unsent = serves, hears, 0
+        self._serves, self._hears = serves, hears
         self._others: dict[bytes, None] = {}  # who joined, for the server
         self._takers: dict[str, list[Callable[[bytes], None]]] = {}
         self._context = zmq.Context()
@@ -131,7 +131,7 @@ class Bus:
             try:
                 self._socket.send_multipart([other, *message] if self._serves else message, zmq.NOBLOCK)
             except zmq.Again:
-                self._unsent += 1
+                continue  # it has QUEUE messages waiting
             except zmq.ZMQError as error:
                 if error.errno != errno.EHOSTUNREACH:
                     raise

@@ -18,8 +18,9 @@ from ortilo_drake.onboard.estimator.extra_states import extra_states
 from ortilo_drake.onboard.estimator.filter_model import filter_of, initial_covariance
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.scenario import DisturbanceW, IntermittentFilter, LqServo, Scenario, ServoWeights
+from ortilo_drake.studies.command_link.command_loop import over_arrivals, schedule
 from ortilo_drake.studies.linearization.operating_point import believed_V
-from ortilo_drake.studies.loop.hover_loop import arrivals_of, filter_V, hover_loop, open_loop, why_no_loop
+from ortilo_drake.studies.loop.hover_loop import filter_V, hover_loop, open_loop, why_no_loop
 from ortilo_drake.theory.margins.loop_margins import spectral_radius
 
 W_MARGIN = 1.5  # the lag's torque is no white noise
@@ -109,23 +110,11 @@ def settled_gains(scenario: Scenario) -> Gains | None:
     settings, N = filter_of(scenario), len(loop.Phi)
     extras = extra_states(settings, scenario.vehicle, scenario.h, scenario.flown_rows, scenario.yaw)
     P = initial_covariance(settings, extras, None, scenario.yaw)[:N, :N]
-    every = {sensor: scenario.every(sensor) for sensor in scenario.sensors}
-    period = math.lcm(*every.values())
-    deltas = [
-        arrivals_of(tuple(one for one, ticks in every.items() if k % ticks == 0), loop.measurement)
-        for k in range(period)
-    ]
-    gains: Gains = []
-    for _ in range(math.ceil(_SETTLED / (period * scenario.h))):
-        gains = []
-        for delta in deltas:
-            rows = loop.measurement.by_row(delta) > 0.0
-            C, K = loop.C[rows], np.zeros((N, len(rows)))
-            K[:, rows] = np.linalg.solve(C @ P @ C.T + V[np.ix_(rows, rows)], C @ P @ loop.Phi.T).T
-            P = loop.Phi @ P @ loop.Phi.T + loop.W - K[:, rows] @ C @ P @ loop.Phi.T
-            P = (P + P.T) / 2.0
-            gains.append((K, delta))
-    return gains
+    deltas = schedule(scenario)
+    there, Ks = loop.measurement.by_row(deltas), np.empty((0, N, 0))
+    for _ in range(math.ceil(_SETTLED / (len(deltas) * scenario.h))):
+        Ks, _, P = over_arrivals(loop.Phi, loop.C, loop.W, V, there, P)
+    return list(zip(Ks, deltas, strict=True))
 
 
 def loop_radius(scenario: Scenario, gains: Gains | None, tau: float) -> float:

@@ -70,26 +70,35 @@ def schedule(scenario: Scenario) -> np.ndarray:
     return np.array([[there[s] * (k % every[s] == 0) for s in range(len(sensors))] for k in range(T)])
 
 
+def over_arrivals(
+    Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarray, there: np.ndarray, P: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return K_k (T, n, p) and P_k (T, n, n) of the one-step predictor over arrivals (T, p) from P, and P after them.
+
+    Of Phi, W (n, n), C (p, n) and V (p, p); the columns of what does not arrive in a tick are 0.
+    """
+    Ks, Ps = np.zeros((len(there), *C.T.shape)), np.zeros((len(there), *Phi.shape))
+    for k, seen in enumerate(map(np.flatnonzero, there)):
+        Ps[k], H = P, C[seen]
+        Ks[k][:, seen] = np.linalg.solve(H @ P @ H.T + V[np.ix_(seen, seen)], H @ P @ Phi.T).T
+        P = Phi @ P @ Phi.T + W - Ks[k][:, seen] @ H @ P @ Phi.T
+        P = (P + P.T) / 2.0
+    return Ks, Ps, P
+
+
 def periodic_predictor(
     Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarray, there: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return K_k (T, n, p) and P_k (T, n, n) of the steady one-step predictor over a period of arrivals.
 
-    The Riccati recursion of Phi, W (n, n), C (p, n) and V (p, p) on the rows that arrive, gone through until it
-    repeats; S. Bittanti and P. Colaneri, "Periodic Systems" (Springer, 2009), for its convergence where (Phi, C) is
-    detectable over the period. The columns of what does not arrive in a tick, by `there` (T, p), are 0. InputError if
-    it does not settle; so it is where an unstable state stays unseen.
+    The Riccati recursion of over_arrivals, gone through until it repeats; S. Bittanti and P. Colaneri, "Periodic
+    Systems" (Springer, 2009), for its convergence where (Phi, C) is detectable over the period. InputError if it does
+    not settle; so it is where an unstable state stays unseen.
     """
-    n, rows = len(Phi), [np.flatnonzero(arrived) for arrived in there]
-    P, Ks, Ps = np.trace(W) * np.eye(n), np.zeros((len(rows), n, len(C))), np.zeros((len(rows), n, n))
+    P = np.trace(W) * np.eye(len(Phi))
     for _ in range(20_000):
         before = P
-        for k, seen in enumerate(rows):
-            Ps[k] = P
-            H = C[seen]
-            Ks[k][:, seen] = np.linalg.solve(H @ P @ H.T + V[np.ix_(seen, seen)], H @ P @ Phi.T).T
-            P = Phi @ P @ Phi.T + W - Ks[k][:, seen] @ H @ P @ Phi.T
-            P = (P + P.T) / 2.0
+        Ks, Ps, P = over_arrivals(Phi, C, W, V, there, P)
         if np.max(np.abs(P - before)) <= SETTLED * np.max(np.abs(P)):
             return Ks, Ps
         if np.max(np.abs(P)) > DIVERGED * np.trace(W):

@@ -19,7 +19,6 @@ besides, as here.
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ortilo_drake.floor.unknown_errors import force_errors, unknown_of
 from ortilo_drake.model.measurement import Measurement
@@ -145,21 +144,13 @@ def position_moments(scenario: Scenario, V: np.ndarray, some: list[Drive], ticks
     whole[:, : loop.by_v.shape[1], n:] = loop.by_v @ C
     whole[:, : len(G), n:] += G
     whole[:, n:, n:] = np.diag(np.concatenate([drive.keeps for drive in some]))
-    S, N = np.zeros((n + e, n + e)), np.zeros(n + e)
+    S, N = np.zeros((n + e, n + e)), np.zeros((n + e, n + e))
     S[n:, n:] = np.diag(np.concatenate([drive.sd for drive in some]) ** 2)
-    N[n:] = np.concatenate([drive.step_sd for drive in some]) ** 2
-    return _moments(whole, S, N, ticks)
-
-
-@njit(cache=True)
-def _moments(A: np.ndarray, S: np.ndarray, N: np.ndarray, ticks: int) -> np.ndarray:
-    found = np.zeros((ticks, 3, 3))
+    N[n:, n:] = np.diag(np.concatenate([drive.step_sd for drive in some]) ** 2)
+    found = np.empty((ticks, 3, 3))
     for k in range(ticks):
-        found[k] = S[:3, :3]
-        A_k = np.ascontiguousarray(A[k % A.shape[0]])
-        S = A_k @ S @ A_k.T
-        for i in range(N.size):
-            S[i, i] += N[i]
+        found[k], A_k = S[:3, :3], whole[k % len(whole)]
+        S = A_k @ S @ A_k.T + N
     return found
 
 
