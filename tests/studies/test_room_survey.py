@@ -12,8 +12,7 @@ from ortilo_drake.flight.flight import scenario_of
 from ortilo_drake.interop.log.logged_flight import fly_logged
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.studies.room_design.mds import aligned, all_distances, mirror_images, scaled
-from ortilo_drake.studies.room_design.network import Network, Ranges
+from ortilo_drake.studies.room_design.network import Network, Ranges, aligned, all_distances, mirror_images, scaled
 from ortilo_drake.studies.room_design.survey import Survey, doubts, survey
 from ortilo_drake.studies.room_design.survey_data import (
     flown_messages,

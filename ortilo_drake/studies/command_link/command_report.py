@@ -212,20 +212,13 @@ class LinkFigures:
 
 @dataclass(frozen=True)
 class CommandReport:
-    """The loss and the delay of commands that a loop bears at hover.
+    """The loss and the delay of commands that a loop bears at hover, with a period of the sensors [ticks].
 
-    Attributes:
-        scenario: its name.
-        period: of the sensors [ticks].
-        growth: of the second moment per tick with a perfect link.
-        largest_loss: by strategy, of independent losses and in bursts of a mean length [ticks].
-        rms: distance from r [m] by strategy and independent loss, None where it diverges.
-        acknowledged_loss: largest loss with the best gain for it, where arrivals are acknowledged and a lost command is
-            zero.
-        acknowledged_rms: distance from r [m] with that gain by independent loss, None where it diverges; empty with a
-            servo of one's own, which has no weights.
-        delay: that destabilises; None if it was stable with every one looked at.
-        own_link: behind the scenario's own command link.
+    Growth is that of the second moment per tick with a perfect link. The largest loss is by strategy, of independent
+    losses and in bursts of a mean length [ticks], rms the distance from r [m] by strategy and independent loss, None
+    where it diverges. Acknowledged are those with the best gain for the loss, where arrivals are acknowledged and a
+    lost command is zero; without weights, of a servo of one's own, there is no such rms. The delay is the one that
+    destabilises, None if it was stable with every one looked at; own_link is behind the scenario's own command link.
     """
 
     scenario: str

@@ -1,10 +1,9 @@
 """The report of a map: a summary, Sobol's indices, and a table with a row for each point."""
 
-import csv
-import io
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 from scipy.stats import sobol_indices
 
 from ortilo_drake.flight.intervals import Middle
@@ -136,16 +135,11 @@ def map_csv(found: Map) -> str:
 
     A figure is empty where there is none, and inf where a lost flight stands.
     """
-    text = io.StringIO()
-    sensors = list(found.rows[0].arrived)
     singles = ["flights", "lost", "lost_low", "lost_high", "rms", "kept_rms", "rms_low", "rms_high", "farthest", "nees"]
-    intervals = ["rms_interval", "kept_interval", "farthest_interval", "nees_interval"]
-    ends = [f"{name}_{end}" for name in intervals for end in ("low", "high")]
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*found.sweep.axes, *singles, *ends, *(f"arrived_{sensor}" for sensor in sensors)])
+    rows = []
     for row in found.rows:
-        figures = [getattr(row, name) for name in singles]
-        figures += [end for name in intervals for end in getattr(row, name) or (None, None)]
-        figures += [row.arrived[sensor] for sensor in sensors]
-        writer.writerow([*row.point.values(), *("" if value is None else value for value in figures)])
-    return text.getvalue()
+        its = row.point | {name: getattr(row, name) for name in singles}
+        for name in ("rms_interval", "kept_interval", "farthest_interval", "nees_interval"):
+            its[f"{name}_low"], its[f"{name}_high"] = getattr(row, name) or (None, None)
+        rows.append(its | {f"arrived_{sensor}": share for sensor, share in row.arrived.items()})
+    return pd.DataFrame(rows, dtype=object).to_csv(index=False, lineterminator="\n")

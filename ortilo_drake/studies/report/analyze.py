@@ -65,19 +65,12 @@ class Honesty(ConsistencyReport):
 
 @dataclass(frozen=True)
 class Analysis:
-    """The theory of a scenario and the flights that check it.
+    """The theory of a scenario, which needs no flight, or why there is none; and the flights that check it.
 
-    Attributes:
-        scenario: its name.
-        no_theory: why there is no theory, None if there is one.
-        theory: what needs no flight.
-        left_out: settings of the world that are not in it; None without a theory.
-        in_rms_alone: settings that the rms predicted at hover has, and no other figure; None likewise.
-        flights: of the scenario and of each pair of arrival rates.
-        command_flights: behind command links; None if none was flown.
-        honesty: of the scenario's own flights; None if none was flown.
-        no_tube: why there is no tube, None if there is one.
-        tube: the tube along the path.
+    Left out are settings of the world that are not in the theory; the rms predicted at hover alone has those in
+    in_rms_alone; None each without a theory. So many flights are of the scenario, which are judged in honesty, and of
+    each pair of arrival rates; others are behind command links; None each if none was flown. The tube is along the
+    path, or no_tube says why there is none.
     """
 
     scenario: str

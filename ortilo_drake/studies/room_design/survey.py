@@ -15,7 +15,7 @@ residuals,
 
 Distances cannot tell the network from its mirror image in the plane of three known anchors: of the best fit and its
 image that nearer to where the anchors were believed to be is taken. The search starts from where those were believed to
-be, and where ranges between anchors connect them all, from both images that these give (mds.py); the best fit counts.
+be, and where ranges between anchors connect them all, from both images that these give; the best fit counts.
 Places in one plane, as of a flight at constant height, cannot tell on which side of it each anchor stands: that takes
 ranges between anchors (better_sides).
 """
@@ -28,8 +28,7 @@ from scipy.optimize import OptimizeResult, least_squares
 from scipy.special import chdtri
 
 from ortilo_drake.model.input_error import InputError
-from ortilo_drake.studies.room_design.mds import mirror_images
-from ortilo_drake.studies.room_design.network import FLAT, Network, Ranges, better_sides, plane_of
+from ortilo_drake.studies.room_design.network import FLAT, Network, Ranges, better_sides, mirror_images, plane_of
 
 FEWEST = 4  # ranges of a place that says anything of the anchors, where it is not known itself
 SAME = 1e-3  # costs that differ by less, relative, are of mirror images

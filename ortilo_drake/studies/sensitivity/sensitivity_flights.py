@@ -69,19 +69,12 @@ SEARCH: Final = 3  # at most so many times the flights of a row search for a lim
 
 @dataclass(frozen=True)
 class MismatchRow:
-    """Flights under one mismatch at one value.
+    """Flights under one mismatch, its name with the value's unit, 'none' without one, at one value.
 
-    Attributes:
-        mismatch: its name with the value's unit; 'none' without one.
-        value: of the mismatch.
-        flights: how many.
-        lost: how many of them.
-        lost_share: Wilson's 95 % interval of the share lost [1].
-        mse: median of the estimate's mean squared error per axis [m^2], with the lost flights as worst and without.
-        nees: mean of the position's NEES over the flights that were not lost, 3 if the filter is consistent; None if
-            all were lost.
-        nees_interval: its 95 % interval by Student's t; None of fewer than two.
-        nees_with_lost: the same of all flights, lost ones up to their losses; infinite if one diverged.
+    So many of them were lost, with Wilson's 95 % interval of the share [1]. The mse is the median of the estimate's
+    mean squared error per axis [m^2], with the lost flights as worst and without; nees the mean of the position's over
+    the flights that were not lost, 3 if the filter is consistent, None if all were lost, with its 95 % interval by
+    Student's t, None of fewer than two; and of all flights, lost ones up to their losses, infinite if one diverged.
     """
 
     mismatch: str
