@@ -158,10 +158,8 @@ class LiveRows:
 
     def counts(self) -> dict[str, int]:
         """Return the number of rows not used, by topic and reason."""
-        found: dict[str, int] = {}
-        for stream in self._streams:
-            for reason, n in stream.rejected.counts.items():
-                found[f"{stream.rejected.source}: {reason}"] = n
+        all_ = [stream.rejected for stream in self._streams]
+        found = {f"{one.source}: {reason}": n for one in all_ for reason, n in one.counts.items()}
         return found | ({"messages of topics that are not in the map": self._strangers} if self._strangers else {})
 
     def message_counts(self) -> dict[str, int]:

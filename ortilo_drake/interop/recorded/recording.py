@@ -1,6 +1,7 @@
 """A recorded motion as plain arrays: ranges, IMU and truth, in our axes, with what was rejected."""
 
 import os
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -288,11 +289,10 @@ def read_recording(path: Path, map_: Map) -> Recording:
     if imu is not None:
         _check_overlap(path, ranges.t, imu.t)
     lines = lines_of_all(told)
-    counts: dict[str, int] = {}
+    counts = Counter[str]()
     for part in told:
-        for reason, n in part.counts.items():
-            counts[f"{part.source}: {reason}"] = counts.get(f"{part.source}: {reason}", 0) + n
+        counts.update({f"{part.source}: {reason}": n for reason, n in part.counts.items()})
     folder = path if path.is_dir() else path.parent
     name = Path(os.path.abspath(folder)).name  # "." has no name of its own, a link has
     tags = ONE_TAG if map_.tags is None else np.array(list(map_.tags.values()))
-    return Recording(name, ranges, imu, truth, anchors, origin, truth_origin, lines, counts, looks, tags, scene)
+    return Recording(name, ranges, imu, truth, anchors, origin, truth_origin, lines, dict(counts), looks, tags, scene)

@@ -42,11 +42,8 @@ def range_noise(settings: FilterSettings, imu: bool) -> float:
 def of_calibration(left: float, noise: float, lever: np.ndarray | None, biases: np.ndarray) -> list[str]:
     """Return the doubts about a calibration, a sentence each.
 
-    Args:
-        left: RMS of the ranges' errors after it [m].
-        noise: standard deviation of a range [m].
-        lever: the antenna's lever, if it was estimated (3) [m].
-        biases: of the ranges (n) [m].
+    By the RMS of the ranges' errors left after it and a range's standard deviation [m], the antenna's lever (3) [m] if
+    it was estimated, and the ranges' biases (n) [m].
     """
     found = []
     if left > TIMES * noise:
@@ -105,11 +102,8 @@ def of_stuck(ranges: Ranges) -> list[str]:
                 stuck[int(i)] = stuck.get(int(i), 0.0) + float(t[last] - t[first])
     least = STUCK * float(np.ptp(ranges.t))
     told = ", ".join(f"anchor {i + 1} for {long:.1f} s" for i, long in stuck.items() if long > least)
-    return (
-        [f"ranges that keep one value while others change or it then jumps: {told}: last values repeated?"]
-        if told
-        else []
-    )
+    said = f"ranges that keep one value while others change or it then jumps: {told}: last values repeated?"
+    return [said] if told else []
 
 
 def of_cover(ranges: Ranges, imu: Imu) -> list[str]:
