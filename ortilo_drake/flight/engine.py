@@ -17,7 +17,6 @@ from ortilo_drake.flight.figures import (
     TRUE,
     figures_of,
     squared_distances_from,
-    sums_of,
 )
 from ortilo_drake.flight.figures_element import figures_box
 from ortilo_drake.flight.flight import flight_dataset
@@ -134,7 +133,7 @@ class Engine:
         last, n = len(rows) - 1, len(FIGURES)
         out[0], out[1] = last, rows[last, TRACE_SIZE]
         figures_of(rows, np.ascontiguousarray(rows[:, REFERENCE]), out[:n])
-        out[n::2] = sums_of(rows, TRACE_SIZE + 1, self._log_from)[self._flying]
+        out[n::2] = rows[:, TRACE_SIZE + 1 : self._log_from].sum(axis=0)[self._flying]
         out[n + 1 :: 2] = last // self._periods + 1
 
     def simulated_time(self, figures: np.ndarray) -> float:

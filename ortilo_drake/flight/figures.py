@@ -1,5 +1,7 @@
 """The scalars of a compiled flight: those of flight/metrics.py, from the few numbers a tick that they need."""
 
+import math
+
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
@@ -161,14 +163,13 @@ def path_mse(trace: np.ndarray, path: np.ndarray) -> float:
     return total / n
 
 
-@njit(cache=True, nogil=True)
-def sums_of(rows: np.ndarray, first: int, end: int) -> np.ndarray:
-    """Return the sums of columns of rows (n, end or more), from the first one up to the end."""
-    sums = np.zeros(end - first)
-    for k in range(rows.shape[0]):
-        for j in range(first, end):
-            sums[j - first] += rows[k, j]
-    return sums
+@register_jitable
+def is_finite(row: np.ndarray, size: int) -> bool:
+    """Return whether the first numbers of a row are finite."""
+    total = 0.0
+    for i in range(size):
+        total += row[i]
+    return math.isfinite(total)
 
 
 @njit(cache=True, nogil=True)
@@ -181,7 +182,7 @@ def figures_of(trace: np.ndarray, path: np.ndarray, out: np.ndarray) -> None:
         out: one for each of FIGURES.
     """
     n = 0
-    while n < trace.shape[0] and np.isfinite(np.sum(trace[n, :6])):
+    while n < trace.shape[0] and is_finite(trace[n], 6):
         n += 1
     fill(out[2:], np.nan)
     if n == 0:

@@ -1,7 +1,11 @@
 """Helpers that are compiled for their callers alone: they compute the same, and numba's own way comes back."""
 
+import gc
+
 import pytest
 from numba import njit
+from numba.core import errors
+from numba.core.compiler import Flags
 from numba.core.target_extension import jit_registry, target_registry
 from numba.extending import register_jitable
 
@@ -52,7 +56,15 @@ def failing() -> None:
 
 
 def test_numbas_own_way_comes_back_also_after_an_error() -> None:
-    usual = jit_registry[target_registry["cpu"]]
+    usual = jit_registry[target_registry["cpu"]], errors.termcolor, gc.get_threshold()
     with pytest.raises(ZeroDivisionError):
         failing()
-    assert jit_registry[target_registry["cpu"]] is usual
+    assert usual == (jit_registry[target_registry["cpu"]], errors.termcolor, gc.get_threshold())
+
+
+def test_numbas_options_are_what_its_own_properties_say() -> None:
+    flags = Flags()
+    flags.nrt = flags.forceinline = True
+    assert flags.values() == {name: getattr(flags, name) for name in Flags.options}
+    assert flags == flags.copy()
+    assert flags != Flags()

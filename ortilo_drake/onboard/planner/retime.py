@@ -9,8 +9,9 @@ acceleration jumps, and that of a vehicle that tilts to accelerate cannot; so s(
 window, which makes the acceleration continuous and keeps both limits on v and dv/dt.
 """
 
+import math
+
 import numpy as np
-from numba import njit
 from pydrake.trajectories import PiecewisePolynomial, Trajectory
 
 from ortilo_drake.model.typed_yaml import InputError
@@ -32,22 +33,20 @@ def integral(y: np.ndarray, x: np.ndarray) -> np.ndarray:
     return np.concatenate(([0.0], np.cumsum(np.diff(x) * (y[1:] + y[:-1]) / 2.0)))
 
 
-@njit(cache=True)
 def fastest_speed(ds: np.ndarray, kappa: np.ndarray, speed: float, acceleration: float) -> np.ndarray:
     """Return v (n) [m/s] along a path: v <= speed, |(a_t, a_n)| <= acceleration [m/s^2], v = 0 at both ends.
 
-    Its samples are ds (n - 1) [m] apart and have curvatures kappa (n) [1/m].
+    Its samples are ds (n - 1) [m] apart and have curvatures kappa (n) [1/m]. In Python: compiling takes longer.
     """
-    n = len(kappa)
-    limit = np.minimum(speed**2, acceleration / np.maximum(kappa, 1.0e-9))
-    w = limit.copy()  # v^2
-    w[0] = w[n - 1] = 0.0
-    for i in range(1, n):
-        a_t = np.sqrt(max(0.0, acceleration**2 - (kappa[i - 1] * w[i - 1]) ** 2))
-        w[i] = min(w[i], w[i - 1] + 2.0 * a_t * ds[i - 1])
-    for i in range(n - 2, -1, -1):
-        a_t = np.sqrt(max(0.0, acceleration**2 - (kappa[i + 1] * w[i + 1]) ** 2))
-        w[i] = min(w[i], w[i + 1] + 2.0 * a_t * ds[i])
+    w = np.minimum(speed * speed, acceleration / np.maximum(kappa, 1.0e-9)).tolist()  # v^2
+    w[0] = w[-1] = 0.0
+    steps, bends, most = ds.tolist(), kappa.tolist(), acceleration * acceleration
+    for i in range(1, len(w)):
+        a_n = bends[i - 1] * w[i - 1]
+        w[i] = min(w[i], w[i - 1] + 2.0 * math.sqrt(max(0.0, most - a_n * a_n)) * steps[i - 1])
+    for i in range(len(w) - 2, -1, -1):
+        a_n = bends[i + 1] * w[i + 1]
+        w[i] = min(w[i], w[i + 1] + 2.0 * math.sqrt(max(0.0, most - a_n * a_n)) * steps[i])
     return np.sqrt(w)
 
 
