@@ -1,29 +1,15 @@
-"""Figures by anchor of a live filter, and a warning of the anchor whose ranges do not suit the others'.
+"""Figures by anchor of a live filter.
 
-The biases of the ranges are states of the filter, so an anchor in the wrong place hardly shows in its innovations: over
-a minute an error of 0.5 m left their mean within 3 mm and NIS as it was. It shows in the bias, which it moves away from
-the others' as far as the geometry lets it: about half of such errors are named.
+The biases of the ranges are states of the filter, so an anchor in the wrong place hardly shows in them: over a minute
+an error of 0.5 m left the mean of its innovations within 3 mm and NIS as it was. anchor_bank.py looks for such ones.
 """
 
 from dataclasses import dataclass
-from typing import Final, NamedTuple
 
 import numpy as np
 
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO
 from ortilo_drake.studies.recorded.filter_types import BIASES, Run, State
-
-APART: Final = 1.75  # a bias so many prior deviations from the median of the others: 0.35 m by default
-SURE: Final = 3.0  # and so many of its own deviations
-LASTS: Final = 2.0  # for so long [s]
-
-
-class OddAnchor(NamedTuple):
-    """An anchor's index, and how far its bias is from the others' median, with its deviation [m]."""
-
-    anchor: int
-    off: float
-    sd: float
 
 
 @dataclass(frozen=True)
@@ -55,39 +41,13 @@ class AnchorFigures:
         return f"{self.ranges} ranges, {self.rejected:.1%} rejected, NIS {self.nis:.2f}, {innovations}, {bias}"
 
 
-def odd_anchor(biases: np.ndarray, C: np.ndarray, prior: float) -> OddAnchor | None:
-    """Return the anchor whose bias is farthest from the median of the others', if that is far.
-
-    Args:
-        biases: of the ranges (n) [m].
-        C: their covariance (n, n) [m²].
-        prior: deviation that they were expected to have [m].
-    """
-    n = len(biases)
-    if n < 4:  # of three nobody can say which
-        return None
-    off = np.array([biases[i] - np.median(np.delete(biases, i)) for i in range(n)])
-    i = int(np.argmax(np.abs(off)))
-    weights = np.full(n, -1.0 / (n - 1))
-    weights[i] = 1.0
-    sd = float(np.sqrt(weights @ C @ weights))
-    far = abs(off[i]) > max(APART * prior, SURE * sd)
-    return OddAnchor(i, float(off[i]), sd) if far else None
-
-
 class AnchorRecord:
-    """What n anchors' ranges were like so far; the biases were expected to have a deviation [m].
+    """What n anchors' ranges were like so far."""
 
-    Attributes:
-        odd: the first anchor that was odd for LASTS, None if none was.
-    """
-
-    def __init__(self, n: int, prior: float):
-        self._prior, self._since, self._which = prior, np.inf, -1
+    def __init__(self, n: int):
         self._heard, self._taken = np.zeros(n, np.int64), np.zeros(n, np.int64)
         self._squares, self._sums, self._variances = np.zeros(n), np.zeros(n), np.zeros(n)
         self._biases, self._C = np.zeros(n), np.eye(n)
-        self.odd: OddAnchor | None = None
 
     def add(self, anchor: np.ndarray, run: Run, state: State) -> None:
         """Add the ranges of a run, to these anchors (k), and the state behind it.
@@ -103,12 +63,6 @@ class AnchorRecord:
         self._variances += np.bincount(at, S, minlength=n)
         self._biases = state.x[ADDITIVE + BIASES - GYRO :][:n].copy()
         self._C = state.C[BIASES : BIASES + n, BIASES : BIASES + n].copy()
-        found = odd_anchor(self._biases, self._C, self._prior)
-        which = -1 if found is None else found.anchor
-        self._since = min(self._since, state.t) if which == self._which >= 0 else state.t
-        self._which = which
-        if self.odd is None and found is not None and state.t - self._since >= LASTS:
-            self.odd = found
 
     @property
     def nis(self) -> float | None:

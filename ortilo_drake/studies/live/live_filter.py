@@ -24,6 +24,7 @@ from ortilo_drake.interop.recorded.recording import GRAVITY, NO_AID_ROWS, Imu, R
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Q
+from ortilo_drake.studies.live.anchor_bank import AnchorWatch
 from ortilo_drake.studies.live.anchor_record import AnchorRecord
 from ortilo_drake.studies.recorded.at_rest import AT_REST, at_rest
 from ortilo_drake.studies.recorded.event_filter import Carried, initial_carried, run_filter
@@ -39,6 +40,7 @@ from ortilo_drake.studies.recorded.filtered import (
 )
 from ortilo_drake.studies.recorded.heading_doubts import HeadingWatch
 from ortilo_drake.studies.recorded.imu_doubts import force_doubts, upside_doubts
+from ortilo_drake.studies.recorded.imu_watch import RESTS
 from ortilo_drake.studies.recorded.reacquired import (
     AGAIN,
     FIRST_RANGES,
@@ -110,6 +112,7 @@ class LiveFilter:
         why_not_begun: what it waits for.
         agreement: whether the last ranges agree with the estimate.
         anchors: figures by anchor.
+        places: whether an anchor is elsewhere.
         force_doubt: what is odd of the size of the imu's force at the start; empty if nothing is.
         heading: whether its heading does, by ranges and accelerations; None without an imu, and before it begins.
         start_off: how far each anchor's first range is from that of the map's `start` [m], the median; 0 without one.
@@ -132,7 +135,8 @@ class LiveFilter:
         self.begins_at, self.why_not_begun = 0.0, "no range was heard"
         self.start_off = 0.0
         self.agreement = Agreement()
-        self.anchors = AnchorRecord(len(anchors), map_.filter.bias_start)
+        self.anchors = AnchorRecord(len(anchors))
+        self.places = AnchorWatch(anchors, map_.filter)
         self.force_doubt = ""
         self.heading: HeadingWatch | None = None
 
@@ -223,9 +227,14 @@ class LiveFilter:
     def _start_off(self, ranges: Ranges) -> float:
         near = ranges.only(np.flatnonzero(ranges.t <= ranges.t[0] + FIRST_RANGES))
         first = near.only(np.unique(near.anchor, return_index=True)[1])
-        antenna = self._state.x[:3] + matrix_of(self._state.x[Q:ADDITIVE]) @ self._setup.levers[0]
-        expected = modelled(np.tile(antenna, (len(first.t), 1)), self._anchors, np.zeros(len(self._anchors)), first)
+        expected = modelled(
+            np.tile(self._antenna(), (len(first.t), 1)), self._anchors, np.zeros(len(self._anchors)), first
+        )
         return float(np.median(np.abs(first.r - expected)))
+
+    def _antenna(self) -> np.ndarray:
+        place: np.ndarray = self._state.x[:3] + matrix_of(self._state.x[Q:ADDITIVE]) @ self._setup.levers[0]
+        return place
 
     def _fresh(self) -> Carried:
         return initial_carried(len(self._anchors), len(self._state.C), self._state.t)
@@ -247,6 +256,8 @@ class LiveFilter:
             past = Events(*(part[:done] for part in events))
             self.agreement.add(past.t[past.kind == RANGE], run)
             self.anchors.add(past.which[past.kind == RANGE], run, self._state)
+            if self._state.watched[RESTS] == 0.0:
+                self.places.advance(past, self._antenna(), self._state.t)
             if self.heading is not None:
                 self.heading.advance(past, heard, self._state)
             if done == len(events.t):

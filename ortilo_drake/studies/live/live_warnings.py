@@ -8,7 +8,7 @@ import numpy as np
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.live.live_filter import LiveFilter
-from ortilo_drake.studies.recorded.moved_anchors import names_of
+from ortilo_drake.studies.recorded.moved_anchors import names_of, point_text
 
 Say = Callable[[str], None]
 FAR: Final = 0.3  # the first ranges may be so far from those of the map's start [m]
@@ -41,15 +41,17 @@ class LiveWarnings:
                 self._say(f"warning  ranges: {doubt}: {cause}")
             else:
                 self._note("ranges: agree with the estimate again")
-        heading, odd = None if filter_.heading is None else filter_.heading.doubt, filter_.anchors.odd
+        heading, moved = None if filter_.heading is None else filter_.heading.doubt, filter_.places.moved
         if heading is not None and not self._turned:
             self._turned = True
             self._say(f"warning  heading: {heading.text()}")
-        if odd is not None and not self._moved:
+        if moved is not None and not self._moved:
             self._moved = True
-            name = names_of(self._map, len(filter_.anchors.figures()))[odd.anchor]
-            off = f"its ranges are {odd.off:+.2f} m (sd {odd.sd:.2f} m) from what the others' biases are"
-            self._say(f"warning  anchor {name}: {off}: is it where the map has it, and in sight?")
+            name = names_of(self._map, len(filter_.anchors.figures()))[moved.anchor]
+            place, less = point_text(np.round(moved.place, 1)), 1.0 - moved.left
+            self._say(
+                f"warning  anchor {name}: about {place} fits the ranges better, by {less:.0%} of the squares: moved?"
+            )
 
     def _check_start(self, off: float) -> None:
         sd = 0.0 if self._map.start is None else self._map.start.position_sd

@@ -12,7 +12,7 @@ from ortilo_drake.interop.recorded.bag_columns import at_pace, bag_messages
 from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import Imu, Recording, read_recording
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.live import live_filter
+from ortilo_drake.studies.live import anchor_bank, live_filter
 from ortilo_drake.studies.live.live_bridge import LiveBridge, run_live
 from ortilo_drake.studies.recorded import heading_doubts, reacquired
 from ortilo_drake.studies.recorded.at_rest import at_rest
@@ -80,6 +80,7 @@ def test_topics_that_come_late_and_in_turns_make_no_difference(monkeypatch) -> N
     for module in (reacquired, live_filter):
         run_plainly(monkeypatch, module, "run_filter", "initial_carried")
     run_plainly(monkeypatch, heading_doubts, "follow")
+    run_plainly(monkeypatch, anchor_bank, "follow_ranges")
     motion, map_ = as_stamped(made_up(2.5)), as_map(RANGES + IMU + START)
     behind = {f"/r{i}": 7_000_000 * i for i in range(6)} | {"/imu": 20_000_000}  # [ns]
     messages = sorted(messages_of(motion), key=lambda one: one[1] + behind[one[0]])
@@ -130,6 +131,7 @@ def test_a_start_that_the_first_ranges_contradict_is_refused(monkeypatch, x, sd,
     """An autopilot that is given a wrong start flies by it for tens of seconds: the anchors' biases take it up."""
     run_plainly(monkeypatch, live_filter, "run_filter", "initial_carried")
     run_plainly(monkeypatch, heading_doubts, "follow")
+    run_plainly(monkeypatch, anchor_bank, "follow_ranges")
     motion, place = made_up(1.5), [x, 6.1, 1.4]
     map_ = as_map(RANGES + IMU + f"start: {{position: {place}, position_sd: {sd}, heading: 0.5}}\n")
     off = np.median(np.abs(motion.r[0] - np.linalg.norm(place - ANCHORS, axis=1)))
@@ -152,6 +154,7 @@ def quick_place(t):
 def test_a_heading_that_the_ranges_contradict_is_said(monkeypatch, heading, told) -> None:
     run_plainly(monkeypatch, live_filter, "run_filter", "initial_carried")
     run_plainly(monkeypatch, heading_doubts, "follow")
+    run_plainly(monkeypatch, anchor_bank, "follow_ranges")
     start = f"start: {{position: {quick_place(np.zeros(1))[0].tolist()}, position_sd: 0.1, heading: {heading}}}\n"
     noise = "filter: {range_white: 0.03, range_correlated: 0.02, acceleration: 0.05}\n"
     _, _, lines = live(as_map(RANGES + IMU + start + noise), messages_of(made_up(5.0, place=quick_place)))

@@ -8,7 +8,7 @@ from live_messages import RANGES, messages_of
 from made_up_motion import as_map, made_up
 from plain_filter import run_plainly
 
-from ortilo_drake.studies.live import live_bridge, live_filter
+from ortilo_drake.studies.live import anchor_bank, live_bridge, live_filter
 from ortilo_drake.studies.live.live_bridge import LiveBridge
 from ortilo_drake.studies.live.stamped_estimate import StampedEstimate
 from ortilo_drake.studies.live.uncertainty import Limits
@@ -32,6 +32,7 @@ def test_position_and_heading_are_judged_by_their_own_variances(variances, yaw_v
 def test_over_a_gap_the_autopilot_gets_nothing_beyond_the_limit(monkeypatch) -> None:
     """Ranges missing for 3 s: the constant-velocity filter's deviation grows past 0.2 m and comes back."""
     run_plainly(monkeypatch, live_filter, "run_filter", "initial_carried")
+    run_plainly(monkeypatch, anchor_bank, "follow_ranges")
     monkeypatch.setattr(live_bridge, "time", SimpleNamespace(monotonic=lambda: 0.0))
     motion = made_up(8.0)
     keep = (motion.t_r < 3.5) | (motion.t_r > 6.5)

@@ -1,0 +1,74 @@
+"""An anchor that is not where the map has it, found by the filter that frees its place."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from made_up_motion import ANCHORS, BIASES, as_map, made_up
+from scipy.optimize import least_squares
+
+from ortilo_drake.loop.plain import plain_source
+from ortilo_drake.studies.live import live_filter
+from ortilo_drake.studies.live.anchor_bank import SETTLED, AnchorWatch, anchor_bank, follow_ranges
+from ortilo_drake.studies.live.live_warnings import LiveWarnings
+from ortilo_drake.studies.recorded.filter_types import RANGE, Events
+
+
+def events_of(motion) -> Events:
+    k, n = motion.r.shape
+    t, none = np.repeat(motion.t_r, n), np.zeros(k * n, np.int64)
+    return Events(t, none + RANGE, np.tile(np.arange(n), k), none - 1, motion.r.ravel(), none)
+
+
+def test_the_estimate_is_that_of_least_squares_on_all_ranges() -> None:
+    """A body at rest whose ranges have one stamp: one system of equations with the same priors, by SciPy."""
+    rng, p = np.random.default_rng(0), np.array([2.5, 3.0, 1.2])
+    anchors, n = ANCHORS.copy(), len(ANCHORS)
+    anchors[2] += [0.1, 0.1, 0.0]
+    r = np.linalg.norm(p - ANCHORS, axis=1) + 0.003 * rng.standard_normal((40, n))
+    none = np.zeros(40 * n, np.int64)
+    events = Events(np.zeros(40 * n), none + RANGE, np.tile(np.arange(n), 40), none - 1, r.ravel(), none)
+    bank = anchor_bank(p + 0.02, 0.0, n, 0.02)
+    plain_source(follow_ranges)(bank, events, anchors, 1.0, 0.06, 100.0)
+
+    def residuals(y: np.ndarray) -> np.ndarray:
+        moved = anchors.copy()
+        moved[2] += y[3 + n :]
+        expected = np.linalg.norm(y[:3] - moved, axis=1) + y[3 : 3 + n]
+        start = np.concatenate(((y[:3] - p - 0.02) / 0.5, y[3 : 3 + n] / 0.02, y[3 + n :] / 0.5))
+        return np.concatenate((((r - expected) / 0.06).ravel(), start))
+
+    found = least_squares(residuals, np.concatenate((p, np.zeros(n + 3)))).x
+    estimate = np.delete(bank.x[3], [3, 4, 5])  # the third anchor's filter, without the velocity
+    assert np.abs(found[-3:]).max() > 0.02
+    np.testing.assert_allclose(estimate, found, atol=0.002)  # it is linearised once for each range
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("wrong", [None, 0, 2, 5])
+def test_an_anchor_half_a_metre_off_is_named_with_its_place(wrong) -> None:
+    motion, anchors = made_up(40.0), ANCHORS.copy()
+    if wrong is not None:
+        anchors[wrong] += [0.5, 0.0, 0.0]
+    map_, events = (
+        as_map(f"ranges: {{file: b, topics: [a, b, c, d, e, f], values: [r]}}\nanchors: {anchors.tolist()}"),
+        events_of(motion),
+    )
+    watch = AnchorWatch(anchors, map_.filter)
+    times = np.arange(0.5, 40.0, 0.5)
+    for begin, end in pairwise(times):
+        part = (events.t > begin) & (events.t <= end)
+        place = np.array([3.0, 4.0 + 2.5 * np.sin(1.0), 1.4])
+        watch.advance(Events(*(column[part] for column in events)), place, end)
+        assert watch.moved is None or end > SETTLED
+    assert (watch.moved is None) == (wrong is None)
+    if wrong is None:
+        return
+    assert watch.moved.anchor == wrong
+    np.testing.assert_allclose(watch.moved.place, ANCHORS[wrong], atol=0.2)
+    assert np.abs(BIASES).max() == 0.2  # which the ranges have beside
+    lines = list[str]()
+    filter_ = live_filter.LiveFilter(map_, anchors)
+    filter_.places = watch
+    LiveWarnings(map_, lines.append).look_at(filter_)
+    assert lines[0].startswith(f"warning  anchor {wrong + 1}: about [")
