@@ -49,9 +49,8 @@ class LiveWarnings:
             self._moved = True
             name = names_of(self._map, len(filter_.anchors.figures()))[moved.anchor]
             place, less = point_text(np.round(moved.place, 1)), 1.0 - moved.left
-            self._say(
-                f"warning  anchor {name}: about {place} fits the ranges better, by {less:.0%} of the squares: moved?"
-            )
+            better = f"about {place} fits the ranges better, by {less:.0%} of the squares"
+            self._say(f"warning  anchor {name}: {better}: moved, or surveyed wrongly?")
 
     def _check_start(self, off: float) -> None:
         sd = 0.0 if self._map.start is None else self._map.start.position_sd
