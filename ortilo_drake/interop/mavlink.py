@@ -211,7 +211,9 @@ class MavlinkBridge:
 
     def send_text(self, line: str, severity: int = WARNING) -> None:
         """Send a line as STATUSTEXT of a severity, which ground stations show, in parts of 50 bytes."""
-        text = line.encode()
+        text = (
+            line.replace("°", " deg").replace("²", "2").encode("ascii", "replace")
+        )  # a part may end within a character
         parts = [text[i : i + TEXT] for i in range(0, len(text) + (len(text) > TEXT), TEXT)]  # one of 50 goes on
         self._texts = self._texts % 65535 + 1 if len(parts) > 1 else self._texts
         for i, part in enumerate(parts):

@@ -3,6 +3,8 @@
 import json
 import re
 import socket
+import subprocess
+import sys
 from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
@@ -133,6 +135,43 @@ def test_the_autopilot_is_told_why_the_bridge_ended(recorded: list[str], tmp_pat
     assert isinstance(result.exception, InputError)
     assert {m.severity for m in received} == {2}  # MAV_SEVERITY_CRITICAL
     assert "".join(m.text for m in received) == f"the bridge has ended: {result.exception}"
+
+
+WATCHED = """
+import sys
+import numba.core.dispatcher
+import numpy as np
+import ortilo_drake.studies.live.live_bridge as live_bridge
+from ortilo_drake.cli import main
+from ortilo_drake.interop.ros.ros_motion import estimate_messages, setpoint_messages, tf_message
+
+found, compiles, runs = [], numba.core.dispatcher.Dispatcher.compile, live_bridge.run_live
+def watched(self, signature):
+    found.append(self.py_func.__name__)
+    return compiles(self, signature)
+def run_live(*parts):
+    found.clear()
+    report = runs(*parts)
+    estimate_messages(0.0, np.zeros(15), np.eye(15).ravel())
+    tf_message(0.0, np.zeros(15))
+    setpoint_messages(0.0, np.zeros(3), 9.8)
+    print("compiled in flight:", found)
+    return report
+numba.core.dispatcher.Dispatcher.compile, live_bridge.run_live = watched, run_live
+main()
+"""
+
+
+@pytest.mark.long
+def test_nothing_is_compiled_or_loaded_once_messages_come(tmp_path: Path) -> None:
+    """At the first start of an installation that takes seconds, in which the imu's messages are lost."""
+    write_bag(tmp_path / "bag", made_up(4.0), "sqlite3")
+    (tmp_path / "MAP.yaml").write_text(BAG_MAP[: BAG_MAP.index("truth:")].replace("BAG", "bag") + START)
+    command = [sys.executable, "-c", WATCHED, "hil", "bridge", "--from", str(tmp_path / "bag"), "--speed", "inf"]
+    command += ["--map", str(tmp_path / "MAP.yaml"), "--mavlink", "udpout:127.0.0.1:14999", "--hold", "4.5,6.4,1.9"]
+    told = subprocess.run([*command, "--arm", "--hover-thrust", "0.5"], capture_output=True, text=True, check=True)
+    assert "setpoints: to hold" in told.stdout
+    assert "compiled in flight: []" in told.stdout
 
 
 @pytest.mark.parametrize(

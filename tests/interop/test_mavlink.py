@@ -199,6 +199,18 @@ def test_what_is_sent_is_what_pymavlink_decodes(receiver: socket.socket) -> None
     assert messages[2].type == common.MAV_TYPE_ONBOARD_CONTROLLER
 
 
+def test_a_text_of_any_length_comes_whole_and_in_ascii(receiver: socket.socket) -> None:
+    """A part of 50 bytes may end within a character of several."""
+    from pymavlink.dialects.v20 import common
+
+    line = "x" * 49 + "90° at 9.81 m/s² or é"
+    with closing(MavlinkBridge(f"udpout:127.0.0.1:{receiver.getsockname()[1]}")) as bridge:
+        bridge.send_text(line, 5)
+        parts = [common.MAVLink(None).parse_buffer(receiver.recv(1000))[0] for _ in range(2)]
+    assert [part.severity for part in parts] == [5, 5]
+    assert "".join(part.text for part in parts) == "x" * 49 + "90 deg at 9.81 m/s2 or ?"
+
+
 def test_nobody_listening_is_no_error() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))

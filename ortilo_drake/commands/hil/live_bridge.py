@@ -119,6 +119,7 @@ def run_live_bridge(
             bridge.add_target("mavlink", _to_mavlink(sender, vision, options), scenario.failsafe.timeout, limits)
         say_if_compiling()
         bridge.warm_up()
+        _warm_up_outputs()
         if options.source == ROS2:
             from ortilo_drake.interop.ros.ros2_live import Ros2Live
 
@@ -148,6 +149,21 @@ def run_live_bridge(
 
 def _say(line: str) -> None:
     print(line, flush=True)
+
+
+def _warm_up_outputs() -> None:
+    """Compile what makes messages of an estimate: at the first one the bridge would be deaf for seconds."""
+    import numpy as np
+
+    from ortilo_drake.interop.mavlink import odometry_fields
+    from ortilo_drake.interop.ros.ros_motion import estimate_messages, setpoint_messages, tf_message
+    from ortilo_drake.model.signals import N_XBAR
+
+    x, P = np.zeros(N_XBAR), np.eye(N_XBAR)
+    odometry_fields(0.0, x, P)
+    estimate_messages(0.0, x, P.ravel())
+    tf_message(0.0, x)
+    setpoint_messages(0.0, np.zeros(3), 0.0)
 
 
 def _armed(options: LiveOptions, scenario: Scenario, mavlink: str) -> str:
