@@ -133,7 +133,6 @@ def main(seconds: float) -> int:
         parts.start(sys.executable, str(HERE / "range_node.py"), str(MAP), word_after(fake, "tag"))
         bridge = ["-m", "ortilo_drake", "hil", "bridge", "--from", "ros2", "--map", str(MAP), "--lag", "0.05"]
         parts.start(sys.executable, *bridge, "--mavlink", f"udpout:127.0.0.1:{sock.getsockname()[1]}")
-        print("the first start compiles for a minute", flush=True)
         begin = float(word_after(fake, "begin"))
         return 0 if judge(listen(sock, begin, seconds, start), begin) else 1
     finally:
