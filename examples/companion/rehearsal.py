@@ -49,11 +49,14 @@ class Parts:
         return one
 
     def end(self) -> None:
-        """End all by Ctrl-C."""
+        """End all by Ctrl-C, and what does not end by that."""
         for one in self.running:
             one.send_signal(signal.SIGINT)
         for one in self.running:
-            one.wait(ENDS)
+            try:
+                one.wait(ENDS)
+            except subprocess.TimeoutExpired:
+                one.kill()
 
 
 def word_after(process: subprocess.Popen, first: str) -> str:
