@@ -8,6 +8,8 @@ from ortilo_drake.scenario import scenario_names
 
 def offered(line: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> list[str]:
     """Return what is offered for the last word of a command line."""
+    monkeypatch.setattr("sys.argv", ["ortilo"])
+    monkeypatch.setattr("__main__.__package__", "")  # click names the program by both
     monkeypatch.setenv("_ORTILO_COMPLETE", "complete_bash")
     monkeypatch.setenv("COMP_WORDS", line)
     monkeypatch.setenv("COMP_CWORD", str(line.count(" ")))
