@@ -5,8 +5,8 @@ from pydrake.systems.framework import System
 from ortilo_drake.loop.diagram import system_of
 from ortilo_drake.loop.element import constant, outside
 from ortilo_drake.loop.wiring import Wiring
+from ortilo_drake.model.clock import check_tick
 from ortilo_drake.model.signals import N_X
-from ortilo_drake.model.tick import check_tick
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Imu
 from ortilo_drake.world.sensors.imu import imu_box

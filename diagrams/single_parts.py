@@ -20,11 +20,11 @@ from ortilo_drake.diagrams.wiring.world import is_element, sensor_boxes
 from ortilo_drake.loop.element import Box, outside
 from ortilo_drake.loop.shell import WiredSystem_
 from ortilo_drake.loop.wiring import Wiring
+from ortilo_drake.model.clock import check_tick
 from ortilo_drake.model.equations import KINEMATICS
 from ortilo_drake.model.parts import find_sensor, known_sensors
 from ortilo_drake.model.room import Interior, Room
 from ortilo_drake.model.signals import N_X, N_XBAR, SENSORS
-from ortilo_drake.model.tick import check_tick
 from ortilo_drake.model.typed_yaml import InputError, nearest
 from ortilo_drake.model.vehicle import M100, Vehicle
 from ortilo_drake.scenario import Scenario, load_scenario

@@ -1,6 +1,14 @@
 """The one clock: every discrete system ticks at the control period h."""
 
+from numbers import Real
+from typing import Any, Final
+
 from numba import njit
+
+from ortilo_drake.model.input_error import InputError
+
+SHORTEST: Final = 1e-3  # ticks [s]
+LONGEST: Final = 0.2
 
 
 @njit(cache=True)
@@ -12,3 +20,9 @@ def tick_of(time: float, h: float) -> int:
 def history_ticks(horizon: float, h: float) -> int:
     """Return N, the ticks to keep: the present one and all whose age does not exceed the horizon [s]."""
     return int(horizon / h + 1e-6) + 1  # an age that is the horizon up to rounding is within it
+
+
+def check_tick(h: Any) -> None:
+    """Check the tick of a part [s]; InputError says what it may be."""
+    if not isinstance(h, Real) or not SHORTEST <= float(h) <= LONGEST:
+        raise InputError(f"h: {h!r}: must be {SHORTEST:g} to {LONGEST:g} s")

@@ -5,8 +5,13 @@ A FIFO that nobody writes to would hang the program, and a device or a file with
 
 import os
 import stat
+import zipfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
+
+import numpy as np
 
 from ortilo_drake.model.input_error import InputError
 
@@ -68,3 +73,21 @@ def read_text(path: Path) -> str:
 def reason(error: Exception) -> str:
     """Return the text of an operating system's error without the file's name."""
     return getattr(error, "strerror", None) or str(error)
+
+
+@contextmanager
+def arrays_of(file: BinaryIO) -> Iterator[Mapping[str, np.ndarray]]:
+    """Give the arrays of a .npz file.
+
+    ValueError if one is packed, as numpy.savez does not: a few kB may unpack to gigabytes. NumPy and zipfile raise
+    errors of a dozen kinds besides.
+    """
+    loaded = np.load(file, allow_pickle=False)
+    if not isinstance(loaded, np.lib.npyio.NpzFile):
+        raise ValueError("holds one array, not several by name")
+    with loaded as found:
+        assert found.zip  # until it is closed
+        for part in found.zip.infolist():
+            if part.compress_type != zipfile.ZIP_STORED:
+                raise ValueError(f"{part.filename} is packed; arrays are read that are not")
+        yield found

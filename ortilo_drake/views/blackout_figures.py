@@ -9,9 +9,8 @@ from matplotlib.figure import Figure
 from ortilo_drake.flight.blackouts import in_blackout
 from ortilo_drake.flight.flight import AXES, scenario_of
 from ortilo_drake.scenario import InputError, PositionBlackout, Scenario
-from ortilo_drake.views.figures import position_errors
+from ortilo_drake.views.figures import ShownFigure, position_errors
 from ortilo_drake.views.palette import COLOR, ESTIMATED, GREY, OTHER, SHADE, STYLE
-from ortilo_drake.views.shown_figure import ShownFigure
 
 _STEP = 0.5  # width of the bins along x [m]
 _LEAST = 1e-3  # errors are drawn from here on [m]

@@ -1,5 +1,6 @@
 """Figures: trajectories in the room, errors, arrivals."""
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,28 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.scenario import PositionBlackout, Scenario
 from ortilo_drake.views.palette import BLUE, COLOR, ESTIMATED, GREEN, ORANGE, OTHER, PLANNED, PURPLE, SKY, STYLE, TRUE
 from ortilo_drake.views.pictures import save_picture
-from ortilo_drake.views.shown_figure import ShownFigure
 from ortilo_drake.views.themes import for_slides
 
 DRAWN = ["truth", "reference", "due", "arrival"]  # variables of a flight that trajectory_figure and arrival_figure read
 TITLE = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}
+
+
+class ShownFigure(Figure):
+    """A figure that a notebook shows as the result of a cell, also where `%matplotlib inline` was not called.
+
+    It is written in the dpi that it has by now, which a theme may have set; Matplotlib takes those that it was made in.
+    """
+
+    def savefig(self, fname: Any, **settings: Any) -> None:
+        """Write the figure, as Matplotlib's savefig."""
+        if settings.get("dpi", mpl.rcParams["savefig.dpi"]) == "figure":
+            settings["dpi"] = self.dpi
+        super().savefig(fname, **settings)
+
+    def _repr_png_(self) -> bytes:
+        drawn = io.BytesIO()
+        self.savefig(drawn, format="png", dpi="figure")
+        return drawn.getvalue()
 
 
 def draw_room(axes: Axes, room: Room, scenario: Scenario) -> None:

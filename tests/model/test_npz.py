@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ortilo_drake.model.input_error import InputError
-from ortilo_drake.model.npz import arrays_of
+from ortilo_drake.model.input_files import arrays_of
 from ortilo_drake.training.pictures.sets import load_frames
 
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from pydrake.trajectories import PiecewisePolynomial
 
 from ortilo_drake.flight.store import keep, kept
-from ortilo_drake.model.npz import arrays_of
+from ortilo_drake.model.input_files import arrays_of
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.goal_path import knots, through
 

@@ -16,10 +16,10 @@ from ortilo_drake.sensors.described import measuring
 from ortilo_drake.studies.rooms.coverage import Coverage
 from ortilo_drake.studies.rooms.planned_floor import ALL
 from ortilo_drake.studies.rooms.room_scenario import OF_A_ROOM
+from ortilo_drake.views.figures import ShownFigure
 from ortilo_drake.views.palette import COLOR
 from ortilo_drake.views.pictures import save_picture
 from ortilo_drake.views.room_plan import STYLE, draw_fabric
-from ortilo_drake.views.shown_figure import ShownFigure
 from ortilo_drake.views.themes import add_title, for_slides
 
 _LOST, _WORST = "#D00000", "#E69F00"  # the worst stretch where the room loses the vehicle, and where it does not

@@ -10,8 +10,7 @@ import numpy as np
 
 from ortilo_drake.flight.files import write_bytes, write_text
 from ortilo_drake.flight.processes.workers import run_all
-from ortilo_drake.model.input_files import exists, open_file, read_text
-from ortilo_drake.model.npz import arrays_of
+from ortilo_drake.model.input_files import arrays_of, exists, open_file, read_text
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.training.pictures.labels import LABEL_SIZE, MAX_OBJECTS, Frames
 from ortilo_drake.training.pictures.renders import render_scene
