@@ -93,17 +93,14 @@ def _measures_position(rows: tuple[Row, ...]) -> bool:
 class Measurement:
     """The measurement of a list of sensors; make_measurement keeps one for each list.
 
+    It is made of each sensor's rows, and of the states that C is over, more than STATE_NAMES in a filter that carries
+    more.
+
     Attributes:
-        rows: as they were given.
-        states: names of the states that C is over.
         sensors: their names (s).
         outputs: names of the rows of y (p).
         layout: for compiled functions.
         sizes: of the signals y, delta and V2.
-
-    Args:
-        rows: of each sensor.
-        states: names of the states that C is over; more than STATE_NAMES in a filter that carries more.
     """
 
     def __init__(self, rows: Rows, states: tuple[str, ...] = STATE_NAMES):

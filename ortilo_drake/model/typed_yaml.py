@@ -12,24 +12,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.input_files import read_text
-from ortilo_drake.model.inputs.nearest_key import nearest
+from ortilo_drake.model.inputs.nearest_key import nearest as nearest
 from ortilo_drake.model.inputs.problems import SHOWN, Place, emptied, first_problem, problem_lines, shown, without
-
-__all__ = [
-    "DEEPEST",
-    "LARGEST",
-    "SMALLEST",
-    "FileName",
-    "Frozen",
-    "InputError",
-    "Positive",
-    "all_problems",
-    "as_pairs",
-    "load_yaml",
-    "nearest",
-    "parse_yaml",
-    "validate",
-]
 
 M = TypeVar("M", bound=BaseModel)
 V = TypeVar("V")

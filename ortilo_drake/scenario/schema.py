@@ -20,15 +20,10 @@ _SECTION: Final = "\nAttributes:\n"
 
 
 class Key(NamedTuple):
-    """One setting.
+    """One setting: its dotted key, as `--set` takes it, '[]' standing for the entries of a list, and what it decides.
 
-    Attributes:
-        key: dotted, as `--set` takes it; '[]' stands for the entries of a list.
-        kind: of the group that it is in, '' where every kind has it.
-        allowed: its type and range.
-        unit: of its numbers, '' where it has none.
-        default: as YAML has it, 'needed' where there is none.
-        meaning: what it decides.
+    It is of groups of a kind, '' where every kind has it, and has an allowed type and range, a unit, '' where it has
+    none, and a default as YAML has it, 'needed' where there is none.
     """
 
     key: str

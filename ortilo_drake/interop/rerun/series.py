@@ -22,15 +22,10 @@ ERROR_RED, BAND_GREY = (200, 60, 40), (150, 150, 150)
 
 
 class Series(NamedTuple):
-    """Some lines over the same times.
+    """Some named lines (k) over the same times in simulated seconds (n), one column of values a line (n, k).
 
-    Attributes:
-        times: in simulated seconds (n).
-        values: one column a line (n, k).
-        names: of the lines (k).
-        is_sparse: whether there are values only where something arrived: drawn as points.
-        is_step: whether each value holds until the next.
-        colors: of the lines, red, green, blue; none leaves them to the viewer.
+    Sparse ones have values only where something arrived and are drawn as points; in steps each value holds until the
+    next. Colours are red, green, blue for each line; none leaves them to the viewer.
     """
 
     times: np.ndarray

@@ -1,9 +1,13 @@
-"""ROS 2 messages of true state, estimate, reference, path, goal and setpoint."""
+"""ROS 2 messages of true state, estimate, reference, path, goal and setpoint.
+
+REP 103 and 105: the map frame is W (east, north, up), base_link is B (forward, left, up). Orientations are quaternions,
+velocities are in the body's own axes.
+"""
 
 import numpy as np
+from numba import njit
 from pydrake.trajectories import Trajectory
 
-from ortilo_drake.interop.ros.body_motion import pose_and_twist, quaternion, twist_covariance
 from ortilo_drake.interop.ros.ros_types import (
     Fields,
     RosMessage,
@@ -14,11 +18,39 @@ from ortilo_drake.interop.ros.ros_types import (
     twist_fields,
     vector_fields,
 )
+from ortilo_drake.model.equations import body_rates, euler_rate_matrix, rotation_matrix
 from ortilo_drake.model.signals import N_XBAR
+from ortilo_drake.onboard.estimator.tight.inertial import quaternion_of
 
 GOAL_TYPE = "geometry_msgs/msg/PoseStamped"
 GOAL_TOPIC = "/goal_pose"  # where RViz's and Foxglove's tools for a 2D goal send it
 PATH_STEP = 0.1  # between two poses of the planned path [s]
+
+
+@njit(cache=True)
+def quaternion(rpy: np.ndarray) -> np.ndarray:
+    """Return q_WB = q_z(psi) q_y(theta) q_x(phi) as (x, y, z, w)."""
+    return np.roll(quaternion_of(rpy), -1)
+
+
+@njit(cache=True)
+def pose_and_twist(x: np.ndarray) -> np.ndarray:
+    """Return p_WB (3), q_WB as (x, y, z, w) (4), v_WB in B (3), w_WB_B (3) from a state's first twelve entries."""
+    v_B = rotation_matrix(x[3:6]).T @ np.ascontiguousarray(x[6:9])
+    return np.concatenate((x[0:3], quaternion(x[3:6]), v_B, body_rates(x[3:6], x[9:12])))
+
+
+@njit(cache=True)
+def twist_covariance(x: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """Return the covariance of (v_WB in B, w_WB_B) as T P_v T' with T = diag(R_BW, E(rpy)) (6, 6).
+
+    P_v is P's block of velocity and Euler rates. What the attitude's own error adds by turning the axes is left out:
+    it is the product of an angle's error and a speed. The estimate x has 12 entries or more, its covariance P as many.
+    """
+    T = np.zeros((6, 6))
+    T[0:3, 0:3] = rotation_matrix(x[3:6]).T
+    T[3:6, 3:6] = euler_rate_matrix(x[3:6])
+    return T @ np.ascontiguousarray(P[6:12, 6:12]) @ T.T
 
 
 def _motion(x: np.ndarray) -> list[float]:

@@ -3,8 +3,8 @@
 import numpy as np
 
 from ortilo_drake.flight.signals import Signals
-from ortilo_drake.interop.ros.body_motion import quaternion
 from ortilo_drake.interop.ros.picture_codec import decode_png, encode_png
+from ortilo_drake.interop.ros.ros_motion import quaternion
 from ortilo_drake.interop.ros.ros_types import (
     Fields,
     RosMessage,

@@ -51,7 +51,7 @@ def quaternion_fields(q: list[float]) -> Fields:
 
 
 def pose_fields(motion: list[float]) -> Fields:
-    """Return a geometry_msgs/Pose from a motion, body_motion.pose_and_twist's (13), or its first seven."""
+    """Return a geometry_msgs/Pose from a motion, ros_motion.pose_and_twist's (13), or its first seven."""
     return {"position": vector_fields(motion[0:3]), "orientation": quaternion_fields(motion[3:7])}
 
 

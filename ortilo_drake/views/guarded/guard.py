@@ -52,18 +52,10 @@ class _Upgrades(Matcher):
 class Guard:
     """Serves a Meshcat's page at an address with a random token, in a thread, while the context lasts.
 
-    Args:
-        meshcat: as hidden_meshcat returns.
-        panel: the page's sliders and buttons.
-        port: of the page; a free one if None.
-        readings: called in the server's thread; returns the JSON that the page shows beside the view. None: the view
-            alone.
-        refused: called in the server's thread with a line for what is refused, each line once.
-        most_pages: that may be open at a time.
-        most_waiting: of a page that does not read [bytes].
-
-    Raises:
-        InputError: if the port is taken.
+    The Meshcat is as hidden_meshcat returns, the panel has the page's sliders and buttons; without a port it takes a
+    free one. `readings` returns the JSON that the page shows beside the view, None for the view alone; `refused` takes
+    a line for what is refused, each line once: both are called in the server's thread. At most so many pages may be
+    open, and so many bytes wait for a page that does not read. InputError if the port is taken.
     """
 
     def __init__(
