@@ -64,10 +64,6 @@ def _say_version(asked: bool) -> None:
         raise typer.Exit
 
 
-def _warns(record: logging.LogRecord) -> bool:
-    return record.levelno >= logging.WARNING
-
-
 @app.callback()
 def set_up(
     context: typer.Context,
@@ -92,7 +88,8 @@ def set_up(
     ] = False,
 ) -> None:
     """Run the files that register parts, before the command reads a scenario that names them; join a cluster."""
-    logging.getLogger("drake").addFilter(_warns)  # Drake, imported later, sets the level to INFO
+    # Drake, imported later, sets the level to INFO.
+    logging.getLogger("drake").addFilter(lambda record: record.levelno >= logging.WARNING)
     context.with_resource(themed(theme))
     context.with_resource(drawn_as(figures))
     for file in plugin or ():

@@ -72,11 +72,6 @@ def in_container() -> bool:
     return any(Path(mark).exists() for mark in ("/.dockerenv", "/run/.containerenv"))
 
 
-def _install(package: str) -> str:
-    """Return the command that installs a system's package, by the name that Debian and Homebrew share."""
-    return f"brew install {package}" if system() == "macOS" else f"apt-get install {package}"
-
-
 def machine() -> Finding:
     """Name the system; native Windows is refused, as Drake has no wheels for it."""
     name = system()
@@ -168,7 +163,8 @@ def ros() -> Finding:
 def graphviz() -> Finding:
     """Look for Graphviz."""
     found = shutil.which("dot")
-    return Finding("Graphviz", bool(found), WANTED, found or "no dot", f"{_install('graphviz')}: ortilo diagram")
+    mend = f"{'brew' if system() == 'macOS' else 'apt-get'} install graphviz: ortilo diagram"
+    return Finding("Graphviz", bool(found), WANTED, found or "no dot", mend)
 
 
 def browser() -> Finding:

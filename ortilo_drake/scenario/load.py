@@ -211,8 +211,9 @@ def load_scenario(
     """
     given = as_settings(settings, changes)
     seed = plain_value("seed", seed)
-    if isinstance(scenario, Scenario):
-        return _with_settings(scenario, given, seed)
+    if isinstance(scenario, Scenario):  # a start and a goal that another room has take the place of its own
+        found = _relative_to(Path.cwd(), _laid_over(scenario, given, seed, scenario.name, Path.cwd()))
+        return _along_the_rooms_way(found, _WAY if found.room == scenario.room else _set_of_way(given))
     path = resolve(scenario, "scenario")
     source = str(path) if path != SCENARIO_FOLDER / path.name else path.stem
     data = _settings_in(path, source)
@@ -236,15 +237,6 @@ def _laid_over(
     if seed is not None:
         data["seed"] = seed
     return validate(Scenario, data, source)
-
-
-def _with_settings(scenario: Scenario, settings: Sequence[Setting], seed: int | None) -> Scenario:
-    """Return a scenario with settings laid over it.
-
-    A start and a goal that another room has take the place of the scenario's own.
-    """
-    found = _relative_to(Path.cwd(), _laid_over(scenario, settings, seed, scenario.name, Path.cwd()))
-    return _along_the_rooms_way(found, _WAY if found.room == scenario.room else _set_of_way(settings))
 
 
 _WAY = {"start", "goal"}

@@ -69,8 +69,8 @@ def _built_in_kinds(base: type[BaseModel], role: str) -> frozenset[str]:
 @lru_cache(maxsize=64)
 def _model(base: type[BaseModel], sensors: tuple[Sensor, ...], parts: tuple[tuple[str, Part], ...]) -> type[BaseModel]:
     fields: dict[str, Any] = {
-        sensor.name: (sensor.settings, Field(sensor.settings(), description=_first_line(sensor.settings)))
-        for sensor in sensors
+        sensor.name: (sensor.settings, Field(sensor.settings(), description=first.partition("\n")[0]))
+        for sensor, first in ((sensor, inspect.getdoc(sensor.settings) or "") for sensor in sensors)
     }
     names = (*SENSORS, *(sensor.name for sensor in sensors))
     fields["sensors"] = (tuple[Literal[names], ...], base.model_fields["sensors"].default)  # type: ignore[valid-type]
@@ -84,7 +84,3 @@ def _model(base: type[BaseModel], sensors: tuple[Sensor, ...], parts: tuple[tupl
         else:
             fields[role] = (one, base.model_fields[role].default)
     return create_model(base.__name__, __base__=base, __module__=base.__module__, __doc__=base.__doc__, **fields)
-
-
-def _first_line(settings: type[BaseModel]) -> str:
-    return (inspect.getdoc(settings) or "").partition("\n")[0]

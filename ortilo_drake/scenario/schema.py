@@ -118,7 +118,8 @@ def _keys(schema: dict[str, Any], group: dict[str, Any], above: str, defaults: A
             continue  # the union has it
         key, meaning = f"{above}{name}", field.get("description", "")
         default = defaults[name] if isinstance(defaults, dict) and name in defaults else field.get("default")
-        shown = "needed" if name in group.get("required", ()) else _shown(default)
+        shown = default if isinstance(default, str) else json.dumps(default)
+        shown = "needed" if name in group.get("required", ()) else shown
         outer, choices = _group_in(field)
         suffix = "[]." if outer is not choices else "."
         groups = [_resolved(schema, part) for part in choices.get("oneOf", [choices])]
@@ -145,10 +146,6 @@ def _group_in(field: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     outer = next((part for part in parts if not part.keys().isdisjoint({"oneOf", "$ref", "items"})), field)
     inner = outer.get("items", outer)
     return outer, next((part for part in inner.get("anyOf", ()) if "oneOf" in part), inner)
-
-
-def _shown(default: Any) -> str:
-    return default if isinstance(default, str) else json.dumps(default)
 
 
 def _resolved(schema: dict[str, Any], part: dict[str, Any]) -> dict[str, Any]:

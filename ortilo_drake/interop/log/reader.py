@@ -140,13 +140,6 @@ def read_messages(path: Path) -> Iterator[tuple[int, Signals, Signals]]:
         yield tick.k, tick.messages, tick.outputs
 
 
-def _check_extent(file: Path, k: int, there: int, row: int) -> None:
-    """Refuse a flight that would fill the memory, with its own ticks or with those that its log times leave out."""
-    if (k + 1) * row > LARGEST or (k + 1 - there) * row > MISSING_LIMIT:
-        most = f"{LARGEST / MIB:g} MiB, {MISSING_LIMIT / MIB:g} of them of missing ticks"
-        raise InputError(f"{file}: tick {k}, of which {k + 1 - there} are missing: at most {most}, are read")
-
-
 def read_log(path: Path) -> xr.Dataset:
     """Return a log as the Dataset that flight.fly returns of the same flight, but for `player` and `real_time_factor`.
 
@@ -164,7 +157,11 @@ def read_log(path: Path) -> xr.Dataset:
             if value.shape != (sizes[name],):
                 raise InputError(f"{file}: {SIGNAL_PREFIX}{name}: has {value.size} numbers, not {sizes[name]}")
         ticks.append((tick.k, signals))
-        _check_extent(file, tick.k, len(ticks), 8 * sum(sizes.values()))
+        # A flight may fill the memory, with its own ticks or with those that its log times leave out.
+        row, missing = 8 * sum(sizes.values()), tick.k + 1 - len(ticks)
+        if (tick.k + 1) * row > LARGEST or missing * row > MISSING_LIMIT:
+            most = f"{LARGEST / MIB:g} MiB, {MISSING_LIMIT / MIB:g} of them of missing ticks"
+            raise InputError(f"{file}: tick {tick.k}, of which {missing} are missing: at most {most}, are read")
     if not ticks:
         raise InputError(f"{file}: cut off before its first tick")
     logged = np.full((ticks[-1][0] + 1, sum(sizes.values())), np.nan)

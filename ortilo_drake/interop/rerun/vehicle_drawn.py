@@ -33,7 +33,9 @@ def send_vehicle(recording: rr.RecordingStream, flight: xr.Dataset) -> None:
         states = flight[name].values[:, :6]
         there = np.isfinite(states).all(axis=1)
         if there.any():
-            _send_pose(recording, path, time[there], states[there])
+            turns = np.array([quaternion(np.array(rpy)) for rpy in states[there, 3:6]])
+            columns = rr.Transform3D.columns(translation=states[there, :3], quaternion=turns)
+            recording.send_columns(path, indexes=[time_column(time[there])], columns=columns)
             _send_line(recording, f"world/paths/{name}", states[there, :3], COLORS[path])
             recording.log(f"{path}/body", _body(scenario.vehicle, COLORS[path]), static=True)
     reference = flight["reference"].values
@@ -49,12 +51,6 @@ def waypoints(scenario: Scenario) -> np.ndarray:
     """Return the waypoints p_W of a scenario that is flown through some (n, 3); none of another."""
     planner = scenario.planner
     return np.array(planner.points if isinstance(planner, WaypointPlanner) else []).reshape(-1, 3)
-
-
-def _send_pose(recording: rr.RecordingStream, path: str, times: np.ndarray, states: np.ndarray) -> None:
-    turns = np.array([quaternion(np.array(rpy)) for rpy in states[:, 3:6]])
-    columns = rr.Transform3D.columns(translation=states[:, :3], quaternion=turns)
-    recording.send_columns(path, indexes=[time_column(times)], columns=columns)
 
 
 def _send_line(recording: rr.RecordingStream, path: str, points: np.ndarray, color: tuple[int, int, int]) -> None:
