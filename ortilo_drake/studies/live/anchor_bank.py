@@ -25,6 +25,7 @@ FAR: Final = 0.2  # a shift that is told [m]
 LASTS: Final = 3.0  # for so long [s]
 PLACE: Final = 0.5  # standard deviation of a shift [m]
 FIRST: Final = (0.5, 1.0)  # of position and velocity at the start [m], [m/s]
+SILENT: Final = 1.5  # without ranges for longer, position and velocity begin anew [s]
 
 
 class AnchorBank(NamedTuple):
@@ -137,19 +138,34 @@ class AnchorWatch:
         self._began, self._since, self._which = 0.0, np.inf, -1
         self.moved: MovedAnchor | None = None
 
-    def advance(self, events: Events, antenna: np.ndarray, t: float) -> None:
-        """Take the ranges among events in; the antenna is at (3) behind them, at t [s]: there the filters begin."""
-        s = self._settings
-        if self._bank is None:
-            self._bank, self._began = anchor_bank(antenna, t, len(self._anchors), s.bias_start), t
+    def advance(self, events: Events, antenna: np.ndarray, t: float, sd: float) -> None:
+        """Take the ranges among events in; the antenna is at (3) behind them, at t [s], with a deviation [m].
+
+        There the filters begin, and begin anew if no ranges came for SILENT, once that is known to FIRST.
+        """
+        s, bank = self._settings, self._bank
+        if bank is None or ((events.kind == RANGE).any() and t - bank.marks[0] > SILENT):
+            if sd > FIRST[0]:
+                return
+            if bank is None:
+                self._bank, self._began = anchor_bank(antenna, t, len(self._anchors), s.bias_start), t
+            else:
+                _begin_anew(bank, antenna, t)
             return
-        follow_ranges(self._bank, events, self._anchors, s.baseline_acceleration, s.baseline_range, s.baseline_gate)
-        found = _judged(self._bank, self._anchors) if t - self._began > SETTLED else None
+        follow_ranges(bank, events, self._anchors, s.baseline_acceleration, s.baseline_range, s.baseline_gate)
+        found = _judged(bank, self._anchors) if t - self._began > SETTLED else None
         which = -1 if found is None else found.anchor
         if which != self._which:
             self._which, self._since = which, t
         if self.moved is None and found is not None and t - self._since >= LASTS:
             self.moved = found
+
+
+def _begin_anew(bank: AnchorBank, antenna: np.ndarray, t: float) -> None:
+    """Put all filters to the antenna at (3), at t [s]; what they know of biases and places stays."""
+    bank.x[:, :3], bank.x[:, 3:6], bank.marks[0] = antenna, 0.0, t
+    bank.C[:, :6], bank.C[:, :, :6] = 0.0, 0.0
+    bank.C[:, range(6), range(6)] = np.square([FIRST[0]] * 3 + [FIRST[1]] * 3)
 
 
 def _judged(bank: AnchorBank, anchors: np.ndarray) -> MovedAnchor | None:

@@ -257,7 +257,8 @@ class LiveFilter:
             self.agreement.add(past.t[past.kind == RANGE], run)
             self.anchors.add(past.which[past.kind == RANGE], run, self._state)
             if self._state.watched[RESTS] == 0.0:
-                self.places.advance(past, self._antenna(), self._state.t)
+                sd = float(np.sqrt(np.trace(self._state.C[:3, :3])))
+                self.places.advance(past, self._antenna(), self._state.t, sd)
             if self.heading is not None:
                 self.heading.advance(past, heard, self._state)
             if done == len(events.t):

@@ -1,7 +1,8 @@
 """A doubt about the heading, live and in replay: the accelerations do not point where the ranges say (turn_filter.py).
 
-Two turns are judged. That from the start, whose deviation counts the start's own, and how far the gyro's bias may have
-turned it since; and that of the main filter's heading now, with the filter's own deviation.
+Two turns are judged: that from the start, whose deviation counts the start's own, and how far the gyro's bias may have
+turned it since; and that of the main filter's heading now, with the filter's own deviation. It begins anew where imu or
+ranges were silent or the main filter was lost; then only the heading now is judged.
 """
 
 from typing import Final, NamedTuple
@@ -24,6 +25,8 @@ OFF: Final = 3.0  # standard deviations that are told
 LEAST: Final = np.radians(15.0)  # and no less: the anchors' errors turn the ranges' path a little
 SURE: Final = np.radians(15.0)  # the turn's own deviation, at most
 LENGTH: Final = (0.5, 1.5)  # of (c, s): else more than the heading is wrong
+ASTRAY: Final = 0.5  # with a larger deviation the main filter's position is nothing to begin with [m]
+APART: Final = 1.0  # the filters' positions are nearer to each other, or the one beside begins anew [m]
 HOLDS: Final = 2.0  # it must last so long [s]
 EVERY: Final = 0.5  # it is judged in a replay [s]
 RANGE_SD: Final = 0.1  # of a range, at least: the anchors' biases are none of its states [m]
@@ -62,17 +65,18 @@ class HeadingWatch:
         self._setup = setup
         self._beside: TurnFilter | None = None
         self._start: State | None = None
-        self._wrong_since = np.inf
+        self._wrong_since, self._anew = np.inf, False
         self.doubt: HeadingDoubt | None = None
 
     def advance(self, events: Events, heard: EventValues, state: State) -> None:
         """Take events in, and the main filter's state behind them."""
         if self.doubt is not None or np.isfinite(state.watched[SINCE : SINCE + 2]).any():
             return  # of an accelerometer that fails nothing follows
-        resting = state.watched[RESTS] > 0.0
-        beside = self._beside
-        if beside is None or resting or not follow(beside, events, heard, _ranging(self._setup, state)):
-            self._beside, self._start, self._wrong_since = turn_filter(state), state, np.inf
+        resting, beside = state.watched[RESTS] > 0.0, self._beside
+        astray = np.trace(state.C[:3, :3]) > ASTRAY**2
+        if beside is None or resting or astray or not self._goes_on(beside, events, heard, state):
+            self._anew |= beside is not None and not resting
+            self._beside, self._start, self._wrong_since = None if astray else turn_filter(state), state, np.inf
             return
         found = self._judged(state)
         if found is None:
@@ -81,6 +85,10 @@ class HeadingWatch:
             self._wrong_since = min(self._wrong_since, state.t)
             self.doubt = found if state.t - self._wrong_since >= HOLDS else None
 
+    def _goes_on(self, beside: TurnFilter, events: Events, heard: EventValues, state: State) -> bool:
+        followed: bool = follow(beside, events, heard, _ranging(self._setup, state))
+        return followed and float(np.linalg.norm(beside.z[:3] - state.x[:3])) < APART
+
     def _judged(self, state: State) -> HeadingDoubt | None:
         assert self._beside is not None
         assert self._start is not None
@@ -88,7 +96,7 @@ class HeadingWatch:
         if turn.sd > SURE or not LENGTH[0] < turn.length < LENGTH[1]:
             return None
         drift = np.sqrt(start.C[GYRO + 2, GYRO + 2]) * (state.t - start.t)
-        if _is_off(turn.angle, turn.sd, np.sqrt(start.C[THETA + 2, THETA + 2]), drift):
+        if not self._anew and _is_off(turn.angle, turn.sd, np.sqrt(start.C[THETA + 2, THETA + 2]), drift):
             return HeadingDoubt(state.t, -turn.angle, turn.sd, _wrapped(_yaw(start.x[Q:ADDITIVE]) + turn.angle))
         now = _wrapped(turn.angle + _yaw(self._beside.q) - _yaw(state.x[Q:ADDITIVE]))
         if _is_off(now, turn.sd, np.sqrt(state.C[THETA + 2, THETA + 2])):

@@ -27,13 +27,14 @@ CS, B, R = 6, 8, 11  # where (c, s), b and r begin in the state, behind p and v
 SIZE: Final = 13
 LEVELS: Final = 20.0  # time constant of R_0's level by the force: in a room nothing accelerates one way for so long [s]
 GAP: Final = 0.5  # without the imu for longer, R_0 is not known any more [s]
+SILENT: Final = 1.5  # without ranges for longer, the position is not [s]
 # Standard deviations at the start, and random walks [1/√s].
 FIRST: Final = np.array([0.5, 0.5, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.3, 0.05, 0.05])
 WALKS: Final = np.array([0.0, 0.0, 0.0, 0.1, 0.1, 0.1, 0.01, 0.01, 0.03, 0.03, 0.03, 0.003, 0.003])
 HUBER: Final = 2.0  # innovations beyond so many deviations count less
 MOST: Final = 9.0  # a squared innovation counts at most so much in their mean
 MEMORY: Final = 300.0  # ranges over which the mean square is taken
-T, FORCE_AT, RATES_AT, SQUARE, SEEN = range(5)  # what stands where in `marks`
+T, FORCE_AT, RATES_AT, SQUARE, SEEN, RANGE_AT = range(6)  # what stands where in `marks`
 
 
 class Ranging(NamedTuple):
@@ -49,7 +50,8 @@ class TurnFilter(NamedTuple):
     """The filter: all of it changes.
 
     State z (13) and covariance C (13, 13); R_0 as a quaternion (4); the samples that hold (6); the gyro's bias (3);
-    marks (5): the stamp, those of the last force and rates [s], the mean squared innovation, the number of ranges.
+    marks (6): the stamp, those of the last force and rates [s], the mean squared innovation, the number of ranges, and
+    the stamp of the last one [s].
     """
 
     z: np.ndarray
@@ -71,7 +73,7 @@ class Turn(NamedTuple):
 def turn_filter(start: State) -> TurnFilter:
     """Return the filter at a state of the main one."""
     z = np.concatenate((start.x[: V + 3], np.zeros(SIZE - V - 3)))
-    marks = np.array([start.t, start.t, start.t, 1.0, 0.0])
+    marks = np.array([start.t, start.t, start.t, 1.0, 0.0, start.t])
     held, bias = start.held.copy(), start.x[ADDITIVE : ADDITIVE + 3].copy()
     return TurnFilter(z, np.diag(FIRST**2), start.x[Q:ADDITIVE].copy(), held, bias, marks)
 
@@ -140,7 +142,7 @@ def _take_range(one: TurnFilter, ranging: Ranging, r: float, b: int, a: int, tag
 
 @njit(cache=True)
 def follow(one: TurnFilter, events: Events, heard: EventValues, ranging: Ranging) -> bool:
-    """Take events in, in order; return False, with no more taken in, where the imu is silent for longer than GAP."""
+    """Take events in, in order; return False, with no more taken in, where imu or ranges were silent for too long."""
     marks, F = one.marks, np.eye(SIZE)
     for k in range(len(events.t)):
         kind, t = events.kind[k], events.t[k]
@@ -156,5 +158,8 @@ def follow(one: TurnFilter, events: Events, heard: EventValues, ranging: Ranging
         elif kind == FORCE:
             one.held[3:], marks[FORCE_AT] = heard.force[events.which[k]], t
         else:
+            if t - marks[RANGE_AT] > SILENT:
+                return False
+            marks[RANGE_AT] = t
             _take_range(one, ranging, events.r[k], events.which[k], events.other[k], events.tag[k])
     return True

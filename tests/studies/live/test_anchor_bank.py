@@ -4,10 +4,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from live_messages import RANGES
 from made_up_motion import ANCHORS, BIASES, as_map, made_up
 from scipy.optimize import least_squares
 
 from ortilo_drake.loop.plain import plain_source
+from ortilo_drake.studies.live import anchor_bank as anchor_bank_module
 from ortilo_drake.studies.live import live_filter
 from ortilo_drake.studies.live.anchor_bank import SETTLED, AnchorWatch, anchor_bank, follow_ranges
 from ortilo_drake.studies.live.live_warnings import LiveWarnings
@@ -59,7 +61,7 @@ def test_an_anchor_half_a_metre_off_is_named_with_its_place(wrong) -> None:
     for begin, end in pairwise(times):
         part = (events.t > begin) & (events.t <= end)
         place = np.array([3.0, 4.0 + 2.5 * np.sin(1.0), 1.4])
-        watch.advance(Events(*(column[part] for column in events)), place, end)
+        watch.advance(Events(*(column[part] for column in events)), place, end, 0.1)
         assert watch.moved is None or end > SETTLED
     assert (watch.moved is None) == (wrong is None)
     if wrong is None:
@@ -72,3 +74,20 @@ def test_an_anchor_half_a_metre_off_is_named_with_its_place(wrong) -> None:
     filter_.places = watch
     LiveWarnings(map_, lines.append).look_at(filter_)
     assert lines[0].startswith(f"warning  anchor {wrong + 1}: about [")
+
+
+def test_after_a_silence_the_filters_begin_at_the_antenna_and_keep_what_they_know_of_the_anchors(monkeypatch) -> None:
+    monkeypatch.setattr(anchor_bank_module, "follow_ranges", plain_source(follow_ranges))
+    motion = made_up(4.0)
+    watch, events, far = AnchorWatch(ANCHORS, as_map(RANGES).filter), events_of(motion), np.array([9.0, 9.0, 9.0])
+    before, after = (Events(*(part[rows] for part in events)) for rows in (events.t < 1.5, events.t > 3.5))
+    watch.advance(before, np.array([3.0, 6.1, 1.4]), 0.0, 0.1)
+    watch.advance(before, far, 1.5, 0.1)
+    bank = watch._bank
+    known = bank.x[:, 6:].copy(), bank.C[:, 6:, 6:].copy()
+    watch.advance(after, far, 4.0, 3.0)  # the main filter does not know where it is either
+    assert not np.allclose(bank.x[:, :3], far)
+    watch.advance(after, far, 4.0, 0.1)
+    np.testing.assert_array_equal(bank.x[:, :3], np.tile(far, (7, 1)))
+    np.testing.assert_array_equal(bank.x[:, 6:], known[0])
+    np.testing.assert_array_equal(bank.C[:, 6:, 6:], known[1])

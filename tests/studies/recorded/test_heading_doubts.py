@@ -95,9 +95,12 @@ def test_the_heading_that_trials_find_in_a_recorded_motion_is_not_doubted(name) 
     assert doubted(read_recording(flight_folder(name), map_), map_) == []
 
 
-def test_the_turn_is_that_between_accelerations_and_ranges_without_any_noise() -> None:
-    """A level body on a circle of 1 m, its force turned by 50°, with the main filter's start exact but for the turn."""
-    h, psi, w = 0.01, np.radians(50.0), 2.0
+def circle(psi):
+    """Return a level body's start, events and values on a circle of 1 m, its force turned by psi, without any noise.
+
+    The main filter's start is exact but for the turn.
+    """
+    h, w = 0.01, 2.0
     t = np.arange(0.0, 4.0, h)
     p = np.column_stack([3.0 + np.cos(w * t), 4.0 + np.sin(w * t), 1.0 + 0.0 * t])
     a = -(w**2) * (p - [3.0, 4.0, 1.0])
@@ -107,17 +110,32 @@ def test_the_turn_is_that_between_accelerations_and_ranges_without_any_noise() -
     start = State(0.0, x, np.eye(39), np.array([0.0, 0.0, 0.0, *force[0]]), np.zeros(14))
     n, m = len(t), len(ANCHORS)
     r = np.linalg.norm(p[:, None] - ANCHORS, axis=2)
-    stamps = np.repeat(t, 2 + m)
     kind = np.tile([RATES, FORCE, *[RANGE] * m], n)
     which = np.column_stack([np.arange(n), np.arange(n), np.tile(np.arange(m), (n, 1))]).ravel()
+    none = np.zeros(len(kind), np.int64)
     values = np.column_stack([np.zeros((n, 2)), r]).ravel()
-    none = np.zeros(len(stamps), np.int64)
-    events = Events(stamps, kind, which, none - 1, values, none)
-    heard = EventValues(np.zeros((n, 3)), force, np.zeros((0, 2)), np.zeros((0, 1, 1)))
+    events = Events(np.repeat(t, 2 + m), kind, which, none - 1, values, none)
+    return start, events, EventValues(np.zeros((n, 3)), force, np.zeros((0, 2)), np.zeros((0, 1, 1)))
+
+
+RANGING = Ranging(ANCHORS, np.zeros(len(ANCHORS)), np.zeros((2, 3)), 0.1)
+
+
+def test_the_turn_is_that_between_accelerations_and_ranges_without_any_noise() -> None:
+    psi = np.radians(50.0)
+    start, events, heard = circle(psi)
     beside = turn_filter(start)
-    assert plain_source(follow)(beside, events, heard, Ranging(ANCHORS, np.zeros(m), np.zeros((2, 3)), 0.1))
+    assert plain_source(follow)(beside, events, heard, RANGING)
     found = turn_found(beside)
     assert found.angle == pytest.approx(psi, abs=np.radians(2.0))
     assert found.length == pytest.approx(1.0, abs=0.1)
     assert found.sd < np.radians(10.0)
-    assert x[Q:ADDITIVE].tolist() == [1.0, 0.0, 0.0, 0.0]  # the main filter's numbers stay
+    assert start.x[Q:ADDITIVE].tolist() == [1.0, 0.0, 0.0, 0.0]  # the main filter's numbers stay
+
+
+@pytest.mark.parametrize("silent", [RATES, RANGE])
+def test_after_a_silence_it_says_that_it_must_begin_anew(silent) -> None:
+    """Ranges that came back after ten seconds found it metres away, and turned a right heading by 80 degrees."""
+    start, events, heard = circle(0.0)
+    kept = (events.kind != silent) | (events.t < 1.0) | (events.t > 3.0)
+    assert not plain_source(follow)(turn_filter(start), Events(*(part[kept] for part in events)), heard, RANGING)
