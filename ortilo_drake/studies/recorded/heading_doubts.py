@@ -26,7 +26,6 @@ LEAST: Final = np.radians(15.0)  # and no less: the anchors' errors turn the ran
 SURE: Final = np.radians(15.0)  # the turn's own deviation, at most
 LENGTH: Final = (0.5, 1.5)  # of (c, s): else more than the heading is wrong
 ASTRAY: Final = 0.5  # with a larger deviation the main filter's position is nothing to begin with [m]
-APART: Final = 1.0  # the filters' positions are nearer to each other, or the one beside begins anew [m]
 HOLDS: Final = 2.0  # it must last so long [s]
 EVERY: Final = 0.5  # it is judged in a replay [s]
 RANGE_SD: Final = 0.1  # of a range, at least: the anchors' biases are none of its states [m]
@@ -74,7 +73,7 @@ class HeadingWatch:
             return  # of an accelerometer that fails nothing follows
         resting, beside = state.watched[RESTS] > 0.0, self._beside
         astray = np.trace(state.C[:3, :3]) > ASTRAY**2
-        if beside is None or resting or astray or not self._goes_on(beside, events, heard, state):
+        if beside is None or resting or astray or not follow(beside, events, heard, _ranging(self._setup, state)):
             self._anew |= beside is not None and not resting
             self._beside, self._start, self._wrong_since = None if astray else turn_filter(state), state, np.inf
             return
@@ -84,10 +83,6 @@ class HeadingWatch:
         else:
             self._wrong_since = min(self._wrong_since, state.t)
             self.doubt = found if state.t - self._wrong_since >= HOLDS else None
-
-    def _goes_on(self, beside: TurnFilter, events: Events, heard: EventValues, state: State) -> bool:
-        followed: bool = follow(beside, events, heard, _ranging(self._setup, state))
-        return followed and float(np.linalg.norm(beside.z[:3] - state.x[:3])) < APART
 
     def _judged(self, state: State) -> HeadingDoubt | None:
         assert self._beside is not None
