@@ -73,7 +73,7 @@ class HeadingWatch:
             return  # of an accelerometer that fails nothing follows
         resting, beside = state.watched[RESTS] > 0.0, self._beside
         astray = np.trace(state.C[:3, :3]) > ASTRAY**2
-        if beside is None or resting or astray or not follow(beside, events, heard, _ranging(self._setup, state)):
+        if beside is None or resting or not follow(beside, events, heard, _ranging(self._setup, state)):
             self._anew |= beside is not None and not resting
             self._beside, self._start, self._wrong_since = None if astray else turn_filter(state), state, np.inf
             return
