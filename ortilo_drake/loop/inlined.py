@@ -11,6 +11,7 @@ from functools import cache, partial
 from types import SimpleNamespace
 from typing import Any
 
+import llvmlite.binding as llvm
 from numba.core import errors, ir
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder, Flags
@@ -49,6 +50,10 @@ class OnlyLinked(JITCodeLibrary):
 
     def _finalize_final_module(self) -> None:
         self._finalize_dynamic_globals()
+        for its in self._final_module.functions:
+            if not its.is_declaration and its.linkage == llvm.Linkage.external:
+                its.linkage = "linkonce_odr"
+        self._shared_module = self._final_module  # callers link this, not a copy: nobody else needs it
         self._finalized = True
 
 
@@ -80,7 +85,7 @@ class KeepLowered(LoweringPass):
 @cache
 def only_linked(function: CPUDispatcher, counts: bool) -> CPUDispatcher:
     """Return an njit function as elements call it: one for those that count references, one for those that do not."""
-    return CPUDispatcher(function.py_func, function.locals, function.targetoptions | NO_WRAPPERS, pipeline_class=Linked)
+    return CPUDispatcher(function.py_func, function.locals, OPTIONS | function.targetoptions, pipeline_class=Linked)
 
 
 @register_pass(mutates_CFG=False, analysis_only=False)
@@ -132,7 +137,7 @@ def helpers_only_linked() -> Iterator[None]:
     processor = target_registry["cpu"]
     with global_compiler_lock:
         usual = jit_registry.pop(processor)  # only what is not there can be set
-        jit_registry[processor] = partial(usual, pipeline_class=Inlined, **NO_WRAPPERS)
+        jit_registry[processor] = partial(usual, pipeline_class=Inlined, **OPTIONS)
         thresholds, coloured = gc.get_threshold(), errors.termcolor
         gc.set_threshold(100_000, 50, 50)
         errors.termcolor = partial(SimpleNamespace, errmsg=str, filename=str)
