@@ -52,7 +52,6 @@ class ClosedLoop(Diagram):
         self._onboard = onboard = Onboard(scenario, trajectory, parts=parts, fused=fused)
         self._world = world = builder.AddSystem(World(scenario, fused=fused, r_0=onboard.r_0))
         builder.AddSystem(onboard)
-        self._yaw = scenario.yaw
         sent = {port.get_name(): port for port in map(world.get_output_port, range(world.num_output_ports()))}
         for port in map(onboard.get_input_port, range(onboard.num_input_ports())):
             name = port.get_name()
@@ -81,10 +80,6 @@ class ClosedLoop(Diagram):
                 builder.Connect(shown[name], display.GetInputPort(name))
         builder.BuildInto(self)
         self.set_name(scenario.name)
-
-    def SetHovering(self, context: Context) -> None:
-        """Put the vehicle hovering at rest at the start of its reference; the context is this diagram's."""
-        self._world.SetHovering(context, self._onboard.r_0, self._yaw)
 
     def SetSeed(self, context: Context, seed: int) -> None:
         """Set the seed of all noise; the context is this diagram's."""

@@ -5,7 +5,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPo
 
 from ortilo_drake.diagrams.rendered_camera import add_rendered_camera, move_scene
 from ortilo_drake.diagrams.vehicle import add_vehicle
-from ortilo_drake.diagrams.wiring.truth import body_of, drawn_values, of_body, payloads_of, true_vehicle
+from ortilo_drake.diagrams.wiring.truth import body_of, drawn_values, of_body, payloads_of, true_start, true_vehicle
 from ortilo_drake.diagrams.wiring.world import check_room, is_system, sensors_boxes, world_boxes
 from ortilo_drake.loop.diagram import add_wiring
 from ortilo_drake.loop.element import Box, Values, outside
@@ -72,12 +72,12 @@ class World(Diagram):
         check_room(scenario, room)
         self._scenario, self._room = scenario, room
         r_0, chance = np.zeros(3) if r_0 is None else r_0, add_chance(builder, scenario.h)
+        self._x_0 = np.concatenate([r_0, [0.0, 0.0, scenario.yaw], np.zeros(6)])
         self._plant, sources = None, dict[str, OutputPort]()
         beside, systems = list[Box](), dict[str, System]()  # of a vehicle that Drake integrates
         own = [name for name in scenario.sensors if is_system(scenario, name)]
         if command_period is not None or any(scenario.samples(name) > 1 for name in own):
-            x_0 = np.concatenate([r_0, [0.0, 0.0, scenario.yaw], np.zeros(6)])
-            vehicle = add_vehicle(builder, scenario, command_period, x_0, chance)
+            vehicle = add_vehicle(builder, scenario, command_period, self._x_0, chance)
             self._plant, beside, systems, sources = vehicle.plant, vehicle.within, vehicle.systems, vehicle.sources
             sensing, messages = sensors_boxes(scenario, room, whole_imu=True)
             boxes = [*vehicle.boxes, *sensing]
@@ -105,23 +105,6 @@ class World(Diagram):
         builder.BuildInto(self)
         self.set_name("world")
 
-    def SetHovering(self, context: Context, r_0: np.ndarray, yaw: float) -> None:
-        """Put the vehicle hovering at rest where it is believed to be; the context is the root's, its seed set.
-
-        The truth may differ from the believed p_WB, r_0 (3) [m], and yaw [rad].
-        """
-        x_0 = np.zeros(N_X)
-        x_0[0:3], x_0[5] = r_0, yaw
-        if self._scenario.truth != Truth():
-            drawn = self.Drawn(context)
-            x_0[0:3] += drawn["start.position"]
-            x_0[5] += drawn["start.yaw"]
-        self.SetState(context, x_0)
-        if self._plant is not None:
-            hold = self.GetSubsystemByName("hold")
-            hover = [self._scenario.vehicle.hover_thrust, 0.0, 0.0, 0.0]
-            hold.SetVectorState(hold.GetMyMutableContextFromRoot(context), hover)
-
     def SetState(self, context: Context, x: np.ndarray) -> None:
         """Set the true state x (12); rotors and what was felt stay as they are. The context is the root's."""
         if self._plant is not None:
@@ -133,11 +116,19 @@ class World(Diagram):
         self._added.give(context, {box: Values(start={state: body})})
 
     def SetSeed(self, context: Context, seed: int) -> None:
-        """Set the seed of all noise, and how the world of that seed differs; the context is the root's."""
+        """Set the seed of all noise, and how the world of that seed differs: it hovers at its true start.
+
+        The context is the root's.
+        """
         self._added.set_seed(context, seed)
         self._added.give(context, drawn_values(self._wiring, self._scenario, self._room, of_seed(seed)))
-        if self._scenario.truth != Truth():
-            self._set_beside(context, self.Drawn(context))
+        drawn = self.Drawn(context) if self._scenario.truth != Truth() else None
+        if drawn is not None:
+            self._set_beside(context, drawn)
+        if self._plant is not None:
+            hold, hover = self.GetSubsystemByName("hold"), [self._scenario.vehicle.hover_thrust, 0.0, 0.0, 0.0]
+            self.SetState(context, self._x_0 if drawn is None else self._x_0 + true_start(drawn))
+            hold.SetVectorState(hold.GetMyMutableContextFromRoot(context), hover)
 
     def Give(self, context: Context, given: dict[str, Values]) -> None:
         """Give boxes of the wiring other numbers, tables or states, by their names; the context is the root's."""

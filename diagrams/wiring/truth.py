@@ -66,15 +66,20 @@ def body_of(wiring: Wiring) -> tuple[str, str]:
     return ("vehicle", "body") if "vehicle" in wiring.boxes else ("plant", "x")
 
 
-def of_vehicle(wiring: Wiring, scenario: Scenario, drawn: Drawn) -> dict[str, Values]:
-    """Return the vehicle's true start, mass and inertia, and the wrench of its rotors."""
+def true_start(drawn: Drawn) -> np.ndarray:
+    """Return x at the true start less that at the believed one (12)."""
     start = np.zeros(12)
     start[0:3], start[5] = drawn["start.position"], drawn["start.yaw"]
+    return start
+
+
+def of_vehicle(wiring: Wiring, scenario: Scenario, drawn: Drawn) -> dict[str, Values]:
+    """Return the vehicle's true start, mass and inertia, and the wrench of its rotors."""
     found = of_body(wiring, scenario, drawn)
     name, state = body_of(wiring)
     if name in found:
         body = wiring.boxes[name].given.start[state].copy()
-        body[:12] += start
+        body[:12] += true_start(drawn)
         found[name] = found[name].updated(Values(start={state: body}))
     if scenario.truth.vehicle != VehicleTruth():
         wrench = wrench_matrix(float(drawn["vehicle.thrust_factor"]), drawn["vehicle.center_of_gravity"])

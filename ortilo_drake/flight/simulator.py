@@ -27,9 +27,7 @@ def make_simulator(diagram: ClosedLoop, scenario: Scenario) -> Simulator:
     """
     simulator = Simulator(diagram)
     fix_steps(simulator, scenario)
-    context = simulator.get_mutable_context()
-    diagram.SetSeed(context, scenario.seed)
-    diagram.SetHovering(context)
+    diagram.SetSeed(simulator.get_mutable_context(), scenario.seed)
     return simulator
 
 

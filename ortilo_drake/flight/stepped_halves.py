@@ -40,7 +40,7 @@ class WorldHalf:
     """
 
     def __init__(self, scenario: Scenario, command_period: float | None = None, draws: bool = True):
-        self._diagram = make_world(scenario, command_period, fused=True)
+        self._diagram = make_world(scenario, command_period, fused=True, r_0=start_of(planned(scenario)))
         ports = [self._diagram.get_output_port(i) for i in range(self._diagram.num_output_ports())]
         views = ("state", "failsafe_mode", "image", "depth_image", "label_image")
         self._messages = {port.get_name(): port for port in ports if port.get_name() not in views}
@@ -60,9 +60,7 @@ class WorldHalf:
     def _start(self, scenario: Scenario) -> None:
         self._simulator, self._k = Simulator(self._diagram), 0
         fix_steps(self._simulator, scenario)
-        r_0 = start_of(planned(scenario))
         self._diagram.SetSeed(self._simulator.get_mutable_context(), scenario.seed)
-        self._diagram.SetHovering(self._simulator.get_mutable_context(), r_0, scenario.yaw)
         self._control.FixValue(self._simulator.get_mutable_context(), self._hover)  # until another comes
         if self._stamp is not None:
             self._stamp.FixValue(self._simulator.get_mutable_context(), np.array([NO_COMMAND]))

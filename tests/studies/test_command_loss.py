@@ -241,7 +241,6 @@ def test_the_matrices_are_the_diagram_that_flies(when_lost: str, delay: int) -> 
     diagram = make_closed_loop(scenario)
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
-    diagram.SetHovering(context)
     x_0 = np.array([0.05, -0.04, 0.03, 0.01, -0.02, 0.01, 0.02, 0.01, -0.02, 0.02, 0.01, -0.01])
     r = np.concatenate([[8.0, 1.0, 1.5], np.zeros(9)])
     diagram.GetSubsystemByName("world").SetState(context, r + x_0)

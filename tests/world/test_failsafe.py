@@ -179,11 +179,11 @@ def test_a_descent_never_asks_to_climb(z: float, v_z: float) -> None:
 
 def make_flight(*options: str, name: str = "nominal_imu_uwb") -> tuple[Diagram, Simulator]:
     scenario = load_scenario(name, options)
-    world = make_world(scenario, DT)
+    world = make_world(scenario, DT, r_0=np.array([5.0, 2.0, 1.2]))
     simulator = Simulator(world)
     config = SimulatorConfig(integration_scheme="runge_kutta3", max_step_size=DT, use_error_control=False)
     ApplySimulatorConfig(config, simulator)
-    world.SetHovering(simulator.get_mutable_context(), np.array([5.0, 2.0, 1.2]), scenario.servo.yaw)
+    world.SetSeed(simulator.get_mutable_context(), scenario.seed)
     return world, simulator
 
 

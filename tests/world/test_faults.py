@@ -29,10 +29,9 @@ def scenario_with(*faults: Fault, name: str = "nominal_imu_uwb_yolo", settings: 
 
 
 def hovering(scenario: Scenario) -> tuple[World, Context]:
-    world = make_world(scenario)
+    world = make_world(scenario, r_0=P_WB)
     context = world.CreateDefaultContext()
     world.SetSeed(context, 3)
-    world.SetHovering(context, P_WB, 0.0)
     return world, context
 
 

@@ -35,12 +35,11 @@ class Flown:
     """A world that flies under a constant command, without an onboard half."""
 
     def __init__(self, scenario: Scenario, seed: int = 0):
-        self.world: World = make_world(scenario)
+        self.world: World = make_world(scenario, r_0=START)
         self._simulator = Simulator(self.world)
         fix_steps(self._simulator, scenario)
         self.context = self._simulator.get_mutable_context()
         self.world.SetSeed(self.context, seed)
-        self.world.SetHovering(self.context, START, 0.0)
         self.command()
 
     def command(self, *torques: float) -> None:

@@ -26,11 +26,10 @@ NOTHING: dict[str, Values] = {}
 
 def flown(scenario: Scenario, given: dict[str, Values] = NOTHING) -> list[Any]:
     """Return all that a world shows in ten ticks under a control that turns it, and the state that it comes to."""
-    world = make_world(scenario)
+    world = make_world(scenario, r_0=START)
     simulator = Simulator(world)
     fix_steps(simulator, scenario)
     context = simulator.get_mutable_context()
-    world.SetHovering(context, START, 0.0)
     world.Give(context, given)
     world.GetInputPort("control").FixValue(context, [28.0, 0.01, -0.02, 0.005])
     found = []
@@ -66,10 +65,9 @@ def test_a_body_that_is_changed_flies_as_the_one_built(settings: tuple[str, ...]
     heavier = M100.model_copy(update={"mass": 1.25 * M100.mass})
     flights = []
     for vehicle, more in ((heavier, 0.0), (M100, 0.25)):
-        world = make_world(world_of(*settings, vehicle=vehicle))
+        world = make_world(world_of(*settings, vehicle=vehicle), r_0=START)
         simulator = Simulator(world)
         context = simulator.get_mutable_context()
-        world.SetHovering(context, START, 0.0)
         world.ChangeBody(context, more, np.zeros(3))
         world.GetInputPort("control").FixValue(context, [28.0, 0.01, -0.02, 0.005])
         simulator.AdvanceTo(0.5)

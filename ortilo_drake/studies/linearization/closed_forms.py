@@ -180,7 +180,6 @@ def differentiate_closed_loop(scenario: Scenario, tick: int = 900) -> FlownTick:
     diagram = make_closed_loop(ideal)
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
-    diagram.SetHovering(context)
     kalman, loop = _systems(diagram)[1], hover_loop(ideal)
     n = len(loop.names) + N_I
 
