@@ -8,7 +8,7 @@ import io
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import xarray as xr
@@ -42,9 +42,9 @@ def chunk_file(folder: Path, seeds: range) -> Path:
 
 def write_chunk(folder: Path, seeds: range, columns: tuple[str, ...], figures: np.ndarray) -> None:
     """Keep a chunk's figures (n, columns); InputError, naming the file, if that fails."""
-    arrays = [pa.array(seeds, pa.int64()), *(pa.array(figures[:, i], pa.float64()) for i in range(len(columns)))]
     buffer = io.BytesIO()
-    pq.write_table(pa.table(arrays, _schema(columns)), buffer, write_page_checksum=True)
+    table = pa.table({SEED: np.array(seeds)} | dict(zip(columns, figures.T.astype(float), strict=True)))
+    pq.write_table(table, buffer, write_page_checksum=True)
     file = chunk_file(folder, seeds)
     keep(file, buffer.getvalue(), in_folder(file), sync=False)
 
@@ -55,14 +55,10 @@ def read_chunk(folder: Path, seeds: range, columns: tuple[str, ...]) -> np.ndarr
     return kept(file, in_folder(file), partial(_figures, seeds, columns))
 
 
-def _schema(columns: tuple[str, ...]) -> Any:
-    return pa.schema([(SEED, pa.int64()), *((name, pa.float64()) for name in columns)])
-
-
 def _figures(seeds: range, columns: tuple[str, ...], data: bytes) -> np.ndarray:
     """Return the figures in a Parquet file's bytes; ValueError naming what cannot be a flight's."""
     table = pq.read_table(io.BytesIO(data), page_checksum_verification=True)
-    if not table.schema.equals(_schema(columns)):
+    if table.schema.names != [SEED, *columns] or table.schema.types != [pa.int64(), *[pa.float64()] * len(columns)]:
         raise ValueError(f"{', '.join(table.schema.names)}: must be {SEED}, {', '.join(columns)}, all numbers")
     if table[SEED].to_pylist() != list(seeds):
         raise ValueError(f"{SEED}: must be {seeds.start} to {seeds.stop - 1}")
