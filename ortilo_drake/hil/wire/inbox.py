@@ -131,11 +131,14 @@ class Inbox:
 
     def _is_new(self, name: str, packet: Packet) -> bool:
         """Note a packet; return whether it is new. BadPacket if it is older than what is remembered."""
-        if isinstance(packet.value, Hello):
-            self._check_hello(packet.value)
+        if isinstance(hello := packet.value, Hello):
+            if self.flight and hello.session != self.flight.session:
+                raise BadPacket("foreign")
+            if self.flight and hello.role == "world":
+                self.tick = max(self.tick, hello.tick)
             return True
-        if isinstance(packet.value, Goal):
-            goal, age = packet.value, GOAL_AGE / self.flight.h if self.flight else 0.0
+        if isinstance(goal := packet.value, Goal):
+            age = GOAL_AGE / self.flight.h if self.flight else 0.0
             if goal.tick < max(self._joined, self.tick - age):
                 raise BadPacket("old")
             return True  # a repeated request asks for its answer again
@@ -148,12 +151,6 @@ class Inbox:
         self._first[name] = min(self._first.get(name, tick), tick)
         self.tick = max(self.tick, tick)
         return True
-
-    def _check_hello(self, hello: Hello) -> None:
-        if self.flight and hello.session != self.flight.session:
-            raise BadPacket("foreign")
-        if self.flight and hello.role == "world":
-            self.tick = max(self.tick, hello.tick)
 
     def counts(self, name: str = "") -> PacketCounts:
         """Return the counts so far.

@@ -94,12 +94,6 @@ def check_size(data: bytes, at: int, unit: int) -> None:
         raise BadPacket("length")
 
 
-def check_tick(tick: int, flight: Flight) -> None:
-    """Refuse a tick that is negative, or beyond the longest flight."""
-    if not 0 <= tick <= LONGEST / flight.h:
-        raise BadPacket("tick")
-
-
 def check_stamp(stamp: float, tick: int, limits: Limits, flight: Flight) -> None:
     """Refuse a stamp [s] from before the flight, after its tick, or older than the signal's link can delay it."""
     if not max(0.0, (tick - limits.oldest) * flight.h - TOLERANCE) <= stamp <= tick * flight.h + TOLERANCE:
@@ -176,8 +170,10 @@ def largest_to_world(flight: Flight) -> int:
 
 
 def _of_a_tick(kind: LcmType, data: bytes, sizes: tuple[int, int], flight: Flight) -> SimpleNamespace:
+    """Return a message of this flight, as open_message, whose tick is not negative or beyond the longest flight."""
     message = open_message(kind, data, sizes, flight.session)
-    check_tick(message.tick, flight)
+    if not 0 <= message.tick <= LONGEST / flight.h:
+        raise BadPacket("tick")
     return message
 
 
