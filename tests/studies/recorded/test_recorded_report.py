@@ -20,7 +20,8 @@ def test_an_outage_does_not_stretch_an_axis_of_errors() -> None:
     error = np.where(usable, 0.02, 5.0)
     assert error_limit(usable, band, error) == pytest.approx(1.2 * 0.1)
     assert error_limit(usable, band, np.where(usable, 0.2, 5.0)) == pytest.approx(1.2 * 0.2)  # errors beyond the band
-    assert error_limit(np.zeros(9, dtype=bool), np.full(9, 30.0), None) == pytest.approx(1.2 * 30.0)  # never usable
+    never = np.zeros(9, dtype=bool)
+    assert error_limit(never, np.full(9, 30.0), np.zeros(9)) == pytest.approx(1.2 * 30.0)
 
 
 def row(nees: float | None, **others) -> Scores:
