@@ -153,7 +153,7 @@ def _advance(
             M[THETA + i, j] = turned_i
 
 
-@njit(cache=True, forceinline=False)
+@njit(cache=True)
 def propagate_covariance(
     C: np.ndarray, A: np.ndarray, N: np.ndarray, keeps: np.ndarray, steps: np.ndarray, scratch: np.ndarray
 ) -> None:
