@@ -42,6 +42,7 @@ autodoc_mock_imports = ["cma", "gtsam", "rerun"]  # extras that the site is buil
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 napoleon_numpy_docstring = False  # ours are in Google's style
+napoleon_attr_annotations = False  # the signature has the types
 napoleon_use_ivar = True
 python_use_unqualified_type_names = True
 viewcode_line_numbers = True
