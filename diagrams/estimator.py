@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
-from ortilo_drake.diagrams.wiring.intermittent import filtering_of
+from ortilo_drake.diagrams.wiring.intermittent import Filtering, filtering_of
 from ortilo_drake.diagrams.wiring.messages import heard_boxes
 from ortilo_drake.diagrams.wiring.onboard import ESTIMATORS, INPUTS_NAMED, half_of
 from ortilo_drake.loop.diagram import add_wiring
@@ -31,7 +31,10 @@ class OfBelief(Diagram):
             builder.ExportOutput(port, signal)
         builder.BuildInto(self)
         self.set_name(name)
-        self._belief, self._own = belief, wiring.boxes["estimator"].system if "estimator" in wiring.boxes else None
+        self._own = wiring.boxes["estimator"].system if "estimator" in wiring.boxes else None
+        its = filtering_of(belief) if isinstance(belief.estimator, IntermittentFilter) else None
+        self._settable = None if its is None else ("memory" if its.replays else "belief", its.n)
+        self._has_history = its is None or _has_history(belief, its)
 
     def SetBelief(self, context: Context, xbar: np.ndarray, P: np.ndarray) -> None:
         """Set the estimator's estimate (15) and covariance (15 x 15); the context is the root's.
@@ -45,26 +48,24 @@ class OfBelief(Diagram):
         if hasattr(own, "SetBelief"):
             own.SetBelief(context, xbar, P)
             return
-        if own is not None or not isinstance(self._belief.estimator, IntermittentFilter):
+        if own is not None or self._settable is None:
             whose = f"{own.get_name()}: " if own is not None else ""
             raise InputError(f"estimator: {whose}has no method SetBelief, it cannot be resumed")
-        its = filtering_of(self._belief)
-        state, size = "memory" if its.replays else "belief", its.n + its.n**2
+        state, n = self._settable
         values = self._added.state_of(context, "filter", state).copy()
-        values[:size] = with_vehicle_part(values[:size], its.n, xbar, P)
+        values[: n + n * n] = with_vehicle_part(values[: n + n * n], n, xbar, P)
         self._added.give(context, {"filter": Values(start={state: values})})
 
     @property
     def has_history(self) -> bool:
         """True if the next estimates depend on past ticks as well as on the present belief."""
-        belief = self._belief
-        if self._own is not None:
-            return bool(getattr(self._own, "has_history", True))
-        if not isinstance(belief.estimator, IntermittentFilter):
-            return True
-        its, exclude = filtering_of(belief), belief.multilateration.exclude
-        keeps = belief.landmark_fix.joint is not None or (exclude is not None and exclude.clock)
-        return its.replays or bool(its.extras) or belief.estimator.robust is not None or keeps
+        return self._has_history if self._own is None else bool(getattr(self._own, "has_history", True))
+
+
+def _has_history(belief: Belief, its: Filtering) -> bool:
+    exclude = belief.multilateration.exclude
+    keeps = belief.landmark_fix.joint is not None or (exclude is not None and exclude.clock)
+    return its.replays or bool(its.extras) or belief.estimator.robust is not None or keeps
 
 
 class Estimator(OfBelief):

@@ -216,7 +216,8 @@ def WiredSystem_(T: type) -> type:
             """Give boxes other numbers, tables or states in a context of this system, by their names."""
             memory = self._memory_in(context).copy()
             for name, its in given.items():
-                memory.put(name, its)
+                plain = {state: values for state, values in its.start.items() if np.asarray(values).dtype != object}
+                memory.put(name, Values(its.numbers, plain, its.tables))  # a state with slopes is the context's alone
             context.get_mutable_abstract_parameter(self._given).set_value(memory)
             states = {(name, state): its.start[state] for name, its in given.items() for state in its.start}
             if states and self._state is not None:
