@@ -210,6 +210,8 @@ class LiveBridge:
         """Return whether an estimate is within an output's limits; say so when that changes."""
         before, limits = output.unsure, output.limits
         output.unsure = limits.why_not(one) or (limits.why_not(one, AGAIN) if before else "")
+        if limits.deviation < np.inf and not output.unsure:
+            output.unsure = self._filter.why_unfit(bool(before))
         if bool(output.unsure) != bool(before):
             if output.unsure:
                 self._say(f"warning  {name}: no estimates: {output.unsure}")

@@ -13,7 +13,7 @@ all rows came in time. Where replay looks ahead, this waits:
 Meanwhile no estimate is made; those left out follow at once when it resumes.
 """
 
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,11 +24,14 @@ from ortilo_drake.interop.recorded.recording import GRAVITY, NO_AID_ROWS, Imu, R
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Q
+from ortilo_drake.studies.live.agreement import Agreement
 from ortilo_drake.studies.live.anchor_bank import AnchorWatch
 from ortilo_drake.studies.live.anchor_record import AnchorRecord
+from ortilo_drake.studies.live.imu_record import SILENT, ImuRecord
 from ortilo_drake.studies.recorded.at_rest import AT_REST, at_rest
+from ortilo_drake.studies.recorded.doubts import of_plane
 from ortilo_drake.studies.recorded.event_filter import Carried, initial_carried, run_filter
-from ortilo_drake.studies.recorded.filter_types import NO_AIDS, RANGE, Events, EventValues, Restart, Run, Setup, State
+from ortilo_drake.studies.recorded.filter_types import NO_AIDS, RANGE, Events, EventValues, Restart, Setup, State
 from ortilo_drake.studies.recorded.filtered import (
     TRIAL,
     FilterSetup,
@@ -52,41 +55,6 @@ from ortilo_drake.studies.recorded.reacquired import (
 )
 from ortilo_drake.studies.recorded.setups import uncalibrated_setup
 from ortilo_drake.studies.recorded.truth_path import modelled
-
-WINDOW: Final = 5.0  # [s]
-FEWEST: Final = 30  # ranges in it, fewer tell nothing
-REJECTED, CONSISTENT = 0.1, 3.0  # share of ranges that the gate rejects, and mean NIS of the others, that are told
-
-
-class Agreement:
-    """Whether the ranges of the last seconds agree with the estimate, by their NIS, squared innovation over variance.
-
-    A wrong heading, anchor or axis shows here live.
-    """
-
-    def __init__(self) -> None:
-        self._t, self._nis, self._taken = np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool)
-
-    def add(self, t: np.ndarray, run: Run) -> None:
-        """Add the ranges of a run, stamped t (n) [s]; those at rest on the floor, which it ignores, do not count."""
-        used = run.taken | (run.innovation != 0.0)
-        nis = run.innovation[used] ** 2 / run.variance[used]
-        recent = self._t > t[-1] - WINDOW if len(t) else np.ones(len(self._t), dtype=bool)
-        self._t = np.concatenate((self._t[recent], t[used]))
-        self._nis = np.concatenate((self._nis[recent], nis))
-        self._taken = np.concatenate((self._taken[recent], run.taken[used]))
-
-    def doubt(self) -> str:
-        """Return how ranges and estimate disagree; empty if they agree or are too few to tell."""
-        n, taken = len(self._t), self._taken
-        if n < FEWEST:
-            return ""
-        rejected = 1.0 - float(np.mean(taken))
-        nis = float(np.mean(self._nis[taken])) if taken.any() else np.inf
-        if rejected <= REJECTED and nis <= CONSISTENT:
-            return ""
-        return f"the gate rejects {rejected:.0%} of the last {WINDOW:g} s, the others have NIS {nis:.1f} (1 is right)"
-
 
 RATE = 10.0  # of the estimates by default, as replay's without a truth [Hz]
 
@@ -114,6 +82,8 @@ class LiveFilter:
         anchors: figures by anchor.
         places: whether an anchor is elsewhere.
         force_doubt: what is odd of the size of the imu's force at the start; empty if nothing is.
+        imu: what the filter has received of the imu; None without one.
+        mirror: why ranges and start leave a mirror image of the path; empty if they do not.
         heading: whether its heading does, by ranges and accelerations; None without an imu, and before it begins.
         start_off: how far each anchor's first range is from that of the map's `start` [m], the median; 0 without one.
     """
@@ -137,7 +107,8 @@ class LiveFilter:
         self.agreement = Agreement()
         self.anchors = AnchorRecord(len(anchors))
         self.places = AnchorWatch(anchors, map_.filter)
-        self.force_doubt = ""
+        self.force_doubt = self.mirror = ""
+        self.imu = None if map_.imu is None else ImuRecord(map_)
         self.heading: HeadingWatch | None = None
 
     @property
@@ -149,6 +120,21 @@ class LiveFilter:
     def begun(self) -> bool:
         """True once the filter has started."""
         return self._known is not None
+
+    def why_unfit(self, before: bool) -> str:
+        """Return why nobody should fly by its estimates now, whatever variance they claim; empty if nothing is known.
+
+        It holds until the ranges agree again where it held `before`, so that it does not come and go.
+        """
+        if self.imu is not None and self.imu.is_silent(self._state.t):
+            return f"the imu has been silent for {SILENT:g} s"
+        if self.imu is not None and self.imu.doubt:
+            return "the body rates contradict the force"
+        if self.heading is not None and self.heading.doubt is not None:
+            return "the heading is wrong"
+        if self.agreement.rejects_most() or (before and self.agreement.doubt()):
+            return "the ranges contradict it"
+        return ""
 
     def advance(self, horizon: float, block: Block, ended: bool = False) -> list[LiveEstimate]:
         """Take in the rows since the last call, and return the estimates that are due.
@@ -222,6 +208,8 @@ class LiveFilter:
         self._anew: Restart = no_restart(len(self._state.C))
         self._wait = -np.inf
         self.start_off = 0.0 if known.start is None else self._start_off(ranges)
+        if map_.height is None:
+            self.mirror = next(iter(of_plane(self._anchors, self._state.x[None, :3], None, map_.planar)), "")
         return True
 
     def _start_off(self, ranges: Ranges) -> float:
@@ -271,6 +259,8 @@ class LiveFilter:
         assert self._kept is not None
         assert self._known is not None
         now, self._kept = _parted(self._kept, t)
+        if self.imu is not None and now.imu is not None:
+            self.imu.add(now.imu)
         begin, self._begin_at = self._begin_at, -np.inf
         return events_of(now.ranges, now.imu, self._known._replace(looks=now.looks), (), np.array([t]), begin)
 

@@ -12,6 +12,7 @@ from ortilo_drake.studies.recorded.moved_anchors import names_of, point_text
 
 Say = Callable[[str], None]
 FAR: Final = 0.3  # the first ranges may be so far from those of the map's start [m]
+UNIT: Final = 100.0  # so far off looks like another unit [m]
 SELDOM: Final = 30.0  # a filter that is lost again and again is told of so often [s]
 
 
@@ -20,7 +21,7 @@ class LiveWarnings:
 
     def __init__(self, map_: Map, say: Say, note: Say | None = None):
         self._map, self._say, self._note = map_, say, note or say
-        self._begun = self._disagrees = self._turned = self._moved = self._unit = False
+        self._begun = self._disagrees = self._turned = self._moved = self._unit = self._rates = False
         self._lost, self._told = 0, -np.inf
 
     def look_at(self, filter_: LiveFilter) -> None:
@@ -29,9 +30,14 @@ class LiveWarnings:
             self._begun = True
             self._check_start(filter_.start_off)
             self._note(f"the filter has begun, by the ranges from {filter_.begins_at:.1f} s after the first on")
+            if filter_.mirror:
+                self._say(f"warning  {filter_.mirror}")
         if filter_.force_doubt and not self._unit:
             self._unit = True
             self._say(f"warning  {filter_.force_doubt}")
+        if filter_.imu is not None and filter_.imu.doubt and not self._rates:
+            self._rates = True
+            self._say(f"warning  {filter_.imu.doubt}")
         self._say_lost(filter_.lost, filter_.due)
         doubt = filter_.agreement.doubt()
         if bool(doubt) != self._disagrees:
@@ -56,7 +62,10 @@ class LiveWarnings:
         sd = 0.0 if self._map.start is None else self._map.start.position_sd
         if off > max(FAR, 3.0 * sd):
             off_by = f"the first ranges are {off:.1f} m (median) from those of its position"
-            raise InputError(f"start: {off_by}: is the vehicle there? Mend it or its position_sd, or leave it out")
+            unit = "; or are they in mm (`scale: 0.001`)?" if off > UNIT else ""
+            raise InputError(
+                f"start: {off_by}: is the vehicle there? Mend it or its position_sd, or leave it out{unit}"
+            )
 
     def _say_lost(self, lost: int, t: float) -> None:
         if lost > self._lost and t - self._told > SELDOM:

@@ -1,0 +1,46 @@
+"""Whether the ranges of the last seconds agree with the estimate."""
+
+from typing import Final
+
+import numpy as np
+
+from ortilo_drake.studies.recorded.filter_types import Run
+
+WINDOW: Final = 5.0  # [s]
+FEWEST: Final = 30  # ranges in it, fewer tell nothing
+REJECTED, CONSISTENT = 0.1, 3.0  # share of ranges that the gate rejects, and mean NIS of the others, that are told
+MOST: Final = 0.5  # share of rejected ranges by which nobody should fly
+
+
+class Agreement:
+    """Whether the ranges of the last seconds agree with the estimate, by their NIS, squared innovation over variance.
+
+    A wrong heading, anchor or axis shows here live.
+    """
+
+    def __init__(self) -> None:
+        self._t, self._nis, self._taken = np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool)
+
+    def add(self, t: np.ndarray, run: Run) -> None:
+        """Add the ranges of a run, stamped t (n) [s]; those at rest on the floor, which it ignores, do not count."""
+        used = run.taken | (run.innovation != 0.0)
+        nis = run.innovation[used] ** 2 / run.variance[used]
+        recent = self._t > t[-1] - WINDOW if len(t) else np.ones(len(self._t), dtype=bool)
+        self._t = np.concatenate((self._t[recent], t[used]))
+        self._nis = np.concatenate((self._nis[recent], nis))
+        self._taken = np.concatenate((self._taken[recent], run.taken[used]))
+
+    def rejects_most(self) -> bool:
+        """Return whether the filter's gate rejects most of them."""
+        return len(self._t) >= FEWEST and float(np.mean(self._taken)) < 1.0 - MOST
+
+    def doubt(self) -> str:
+        """Return how ranges and estimate disagree; empty if they agree or are too few to tell."""
+        n, taken = len(self._t), self._taken
+        if n < FEWEST:
+            return ""
+        rejected = 1.0 - float(np.mean(taken))
+        nis = float(np.mean(self._nis[taken])) if taken.any() else np.inf
+        if rejected <= REJECTED and nis <= CONSISTENT:
+            return ""
+        return f"the gate rejects {rejected:.0%} of the last {WINDOW:g} s, the others have NIS {nis:.1f} (1 is right)"
