@@ -31,7 +31,7 @@ def wrapped(angle: float) -> float:
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
-@njit(cache=True, forceinline=False)
+@njit(cache=True)
 def take_angles(
     x: np.ndarray,
     C: np.ndarray,

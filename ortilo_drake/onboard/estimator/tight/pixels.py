@@ -21,7 +21,7 @@ from ortilo_drake.onboard.estimator.tight.update import Taken, correct, innovati
 from ortilo_drake.onboard.landmarks.landmark_association import center_sd
 
 
-@njit(cache=True, forceinline=False)
+@njit(cache=True)
 def pose_belief(x: np.ndarray, C: np.ndarray, layout: Layout, clone: int) -> tuple[np.ndarray, np.ndarray]:
     """Return a pose as the association takes it: xhat (15), and P (225) of position and Euler angles in it."""
     p_WB, q_WB = pose_of(x, layout, clone)

@@ -101,7 +101,7 @@ def propagate_to_now(
     return count
 
 
-@njit(cache=True, forceinline=False)
+@njit(cache=True)
 def keep_pose(x: np.ndarray, C: np.ndarray, layout: Layout) -> None:
     """Make the present pose the first of the clones; the oldest is dropped."""
     if layout.clones == 0:

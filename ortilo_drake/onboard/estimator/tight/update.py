@@ -71,7 +71,7 @@ def keep_row(taken: Taken, PHt: np.ndarray, S: float) -> None:
     taken.number[0] += 1
 
 
-@njit(cache=True, forceinline=False)
+@njit(cache=True)
 def settle(C: np.ndarray, taken: Taken) -> None:
     """Take what is kept from the covariance: C <- C - sum g g^T, symmetric; nothing is kept then."""
     n, count = C.shape[0], taken.number[0]

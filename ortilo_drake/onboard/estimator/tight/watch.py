@@ -57,7 +57,7 @@ def says_again(message: np.ndarray, last: np.ndarray) -> bool:
     return same and says
 
 
-@njit(cache=True, forceinline=False)
+@njit(cache=True)
 def watch_angles(C: np.ndarray, watched: np.ndarray, normalized: np.ndarray, watch: Watch) -> bool:
     """Open the gyroscope's bias if the angles lean to one side; return whether they did.
 
