@@ -24,17 +24,12 @@ from numba.core.untyped_passes import TranslateByteCode
 
 NO_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 OPTIONS = {"forceinline": True, **NO_WRAPPERS}
-
-
 DEFAULTS = {name: option.default for name, option in Flags.options.items()}
 
 
 def values_of(flags: Flags) -> dict[str, Any]:
     """Return what Flags.values does, at a tenth of its time: numba compares all its options for each call it types."""
     return DEFAULTS | flags._values
-
-
-Flags.values = values_of
 
 
 class OnlyLinked(JITCodeLibrary):
@@ -132,19 +127,20 @@ def helpers_only_linked() -> Iterator[None]:
     """Compile what is register_jitable, and NumPy's functions as numba has them, in the same way meanwhile.
 
     Python cannot call what numba makes of them, only its callers' code can. Unused cycles are looked for less often,
-    and the errors by which numba finds its way among types are not coloured: each took a tenth of the time.
+    numba's options are compared by values_of, and the errors by which it finds its way among types are not coloured:
+    each took a tenth of the time.
     """
     processor = target_registry["cpu"]
     with global_compiler_lock:
         usual = jit_registry.pop(processor)  # only what is not there can be set
         jit_registry[processor] = partial(usual, pipeline_class=Inlined, **OPTIONS)
-        thresholds, coloured = gc.get_threshold(), errors.termcolor
+        thresholds, coloured, values = gc.get_threshold(), errors.termcolor, Flags.values
         gc.set_threshold(100_000, 50, 50)
-        errors.termcolor = partial(SimpleNamespace, errmsg=str, filename=str)
+        errors.termcolor, Flags.values = partial(SimpleNamespace, errmsg=str, filename=str), values_of
         try:
             yield
         finally:
-            errors.termcolor = coloured
+            errors.termcolor, Flags.values = coloured, values
             gc.set_threshold(*thresholds)
             del jit_registry[processor]
             jit_registry[processor] = usual

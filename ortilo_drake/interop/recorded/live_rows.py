@@ -9,11 +9,12 @@ that is counted, and lost.
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
 from ortilo_drake.interop.recorded.anchors import anchors_of
+from ortilo_drake.interop.recorded.blocks import Block
 from ortilo_drake.interop.recorded.columns import Stream
 from ortilo_drake.interop.recorded.live_stream import TOO_LATE, LiveStream
 from ortilo_drake.interop.recorded.map_file import Find, Map
@@ -25,7 +26,7 @@ from ortilo_drake.interop.recorded.range_rows import (
     ranges_of_anchor,
     surveyed,
 )
-from ortilo_drake.interop.recorded.recording import AidRows, Imu, columns_of, complete, imu_of, looks_of, with_attitude
+from ortilo_drake.interop.recorded.recording import columns_of, complete, imu_of, looks_of, with_attitude
 from ortilo_drake.interop.recorded.rejected import Rejections
 from ortilo_drake.interop.recorded.sources import Column, Source
 from ortilo_drake.model.typed_yaml import InputError
@@ -36,17 +37,6 @@ AGAIN: Final = ": heard again"
 LATE_ROWS: Final = 10  # of a topic that came too late, that is said
 OTHER_CLOCK: Final = 1.0  # rows that are late by more are by another clock, or not in their order [s]
 SOURCES: Final = ("ranges", "differences", "imu", "accelerometer", "range_finder", "flow")
-
-
-class Block(NamedTuple):
-    """Rows in the order of their stamps [s], which count from the first range; imu is None where the map has none.
-
-    With an accelerometer of its own, the imu's `force` is not filled in.
-    """
-
-    ranges: Ranges
-    imu: Imu | None
-    looks: AidRows
 
 
 def why_not_live(map_: Map) -> str | None:

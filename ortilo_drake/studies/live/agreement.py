@@ -9,7 +9,7 @@ from ortilo_drake.studies.recorded.filter_types import Run
 WINDOW: Final = 5.0  # [s]
 FEWEST: Final = 30  # ranges in it, fewer tell nothing
 REJECTED, CONSISTENT = 0.1, 3.0  # share of ranges that the gate rejects, and mean NIS of the others, that are told
-MOST: Final = 0.5  # share of rejected ranges by which nobody should fly
+UNFIT: Final = (0.5, 0.25)  # share of rejected ranges from which, and down to which, nobody should fly
 
 
 class Agreement:
@@ -30,9 +30,9 @@ class Agreement:
         self._nis = np.concatenate((self._nis[recent], nis))
         self._taken = np.concatenate((self._taken[recent], run.taken[used]))
 
-    def rejects_most(self) -> bool:
-        """Return whether the filter's gate rejects most of them."""
-        return len(self._t) >= FEWEST and float(np.mean(self._taken)) < 1.0 - MOST
+    def is_unfit(self, before: bool) -> bool:
+        """Return whether the gate rejects too many to fly by the estimate; fewer are too many if it was so before."""
+        return len(self._t) >= FEWEST and 1.0 - float(np.mean(self._taken)) > UNFIT[before]
 
     def doubt(self) -> str:
         """Return how ranges and estimate disagree; empty if they agree or are too few to tell."""

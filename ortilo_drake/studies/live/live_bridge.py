@@ -11,8 +11,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from ortilo_drake.interop.recorded.blocks import Block
 from ortilo_drake.interop.recorded.live_rows import AGAIN as HEARD_AGAIN
-from ortilo_drake.interop.recorded.live_rows import LAG, Block, LiveRows
+from ortilo_drake.interop.recorded.live_rows import LAG, LiveRows
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import GRAVITY, NO_AID_ROWS, Imu

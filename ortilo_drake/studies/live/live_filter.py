@@ -13,14 +13,14 @@ all rows came in time. Where replay looks ahead, this waits:
 Meanwhile no estimate is made; those left out follow at once when it resumes.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from ortilo_drake.interop.recorded.live_rows import Block
+from ortilo_drake.interop.recorded.blocks import Block, joined, parted
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import Ranges
-from ortilo_drake.interop.recorded.recording import GRAVITY, NO_AID_ROWS, Imu, Recording, between, held_at
+from ortilo_drake.interop.recorded.recording import GRAVITY, NO_AID_ROWS, Imu, Recording, held_at
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Q
@@ -124,7 +124,7 @@ class LiveFilter:
     def why_unfit(self, before: bool) -> str:
         """Return why nobody should fly by its estimates now, whatever variance they claim; empty if nothing is known.
 
-        It holds until the ranges agree again where it held `before`, so that it does not come and go.
+        Where that was so before, the ranges must agree better, so that it does not come and go.
         """
         if self.imu is not None and self.imu.is_silent(self._state.t):
             return f"the imu has been silent for {SILENT:g} s"
@@ -132,7 +132,7 @@ class LiveFilter:
             return "the body rates contradict the force"
         if self.heading is not None and self.heading.doubt is not None:
             return "the heading is wrong"
-        if self.agreement.rejects_most() or (before and self.agreement.doubt()):
+        if self.agreement.is_unfit(before):
             return "the ranges contradict it"
         return ""
 
@@ -142,7 +142,7 @@ class LiveFilter:
         Before the horizon [s] nothing is still to come; with `ended` nothing at all. InputError if the imu is silent
         while it should say how it stands still, or if by its force the body begins upside down, or in another unit.
         """
-        self._kept = block if self._kept is None else _joined(self._kept, block)
+        self._kept = block if self._kept is None else joined(self._kept, block)
         if ended:
             horizon = float(self._kept.ranges.t[-1]) if len(self._kept.ranges.t) else -np.inf
         if not self.begun and not self._begin(horizon, ended):
@@ -258,7 +258,7 @@ class LiveFilter:
         """Return the events up to a stamp [s], with a query there last; keep the later ones."""
         assert self._kept is not None
         assert self._known is not None
-        now, self._kept = _parted(self._kept, t)
+        now, self._kept = parted(self._kept, t)
         if self.imu is not None and now.imu is not None:
             self.imu.add(now.imu)
         begin, self._begin_at = self._begin_at, -np.inf
@@ -269,8 +269,8 @@ class LiveFilter:
         assert self._kept is not None
         of = events.kind == RANGE
         left = Ranges(*(part[of] for part in (events.t, events.which, events.r, events.other, events.tag)))
-        joined: Ranges = _joined(left, self._kept.ranges)
-        return joined
+        both: Ranges = joined(left, self._kept.ranges)
+        return both
 
     def _start_anew(self, window: Ranges) -> None:
         found = restart_from(window, self._setup, self._state, is_astray(self._state))
@@ -283,26 +283,3 @@ class LiveFilter:
 def _is_gravity(imu: Imu) -> bool:
     """Return whether the median size of the force may be gravity of a vehicle that already flies."""
     return 0.5 < float(np.median(np.linalg.norm(imu.force, axis=1))) / GRAVITY < 2.0
-
-
-def _joined(a: Any, b: Any) -> Any:
-    """Return the rows of a, then those of b, which follows it: arrays, or tuples of what is joined likewise."""
-    if a is None or b is None:
-        return None
-    if isinstance(a, np.ndarray):
-        return np.concatenate((a, b))
-    joined = map(_joined, a, b)
-    return a._make(joined) if hasattr(a, "_make") else tuple(joined)
-
-
-def _parted(block: Block, t: float) -> tuple[Block, Block]:
-    """Return the rows up to a stamp [s], that one included, and those behind it."""
-    ranges, imu, looks = block
-
-    def part(after: float, until: float) -> Block:
-        r, f, m = ((stamps > after) & (stamps <= until) for stamps in (ranges.t, looks.finder_t, looks.flow_t))
-        finder = {"finder_t": looks.finder_t[f], "distance": looks.distance[f]}
-        seen = looks._replace(**finder, flow_t=looks.flow_t[m], flow=looks.flow[m])
-        return Block(ranges.only(r), None if imu is None else between(imu, after, until), seen)
-
-    return part(-np.inf, t), part(t, np.inf)

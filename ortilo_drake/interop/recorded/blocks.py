@@ -1,0 +1,42 @@
+"""Rows that came live in the order of their stamps: joined with those before, and parted at a stamp."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ortilo_drake.interop.recorded.range_rows import Ranges
+from ortilo_drake.interop.recorded.recording import AidRows, Imu, between
+
+
+class Block(NamedTuple):
+    """Rows in the order of their stamps [s], which count from the first range; imu is None where the map has none.
+
+    With an accelerometer of its own, the imu's `force` is not filled in.
+    """
+
+    ranges: Ranges
+    imu: Imu | None
+    looks: AidRows
+
+
+def joined(a: Any, b: Any) -> Any:
+    """Return the rows of a, then those of b, which follows it: arrays, or tuples of what is joined likewise."""
+    if a is None or b is None:
+        return None
+    if isinstance(a, np.ndarray):
+        return np.concatenate((a, b))
+    parts = map(joined, a, b)
+    return a._make(parts) if hasattr(a, "_make") else tuple(parts)
+
+
+def parted(block: Block, t: float) -> tuple[Block, Block]:
+    """Return the rows up to a stamp [s], that one included, and those behind it."""
+    ranges, imu, looks = block
+
+    def part(after: float, until: float) -> Block:
+        r, f, m = ((stamps > after) & (stamps <= until) for stamps in (ranges.t, looks.finder_t, looks.flow_t))
+        finder = {"finder_t": looks.finder_t[f], "distance": looks.distance[f]}
+        seen = looks._replace(**finder, flow_t=looks.flow_t[m], flow=looks.flow[m])
+        return Block(ranges.only(r), None if imu is None else between(imu, after, until), seen)
+
+    return part(-np.inf, t), part(t, np.inf)
