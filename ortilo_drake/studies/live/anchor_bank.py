@@ -1,15 +1,17 @@
-"""The anchor that is not where the map has it, by constant-velocity filters of which each frees one anchor's place.
+"""The anchor that is not where the map has it, or the two that changed places, by constant-velocity filters.
 
 The filter that flies estimates a bias for each anchor, and that takes most of a wrong place up. These filters have the
-biases too, and one of them in addition the place of one anchor: if that anchor is elsewhere, it predicts all ranges
-better. They need no imu, so a wrong heading does not disturb them. What counts as better is as in replay's
-moved_by_filter.py, where the places tried come from a fit.
+biases too, and each goes by another map: the user's; with one anchor's place free; with two anchors exchanged. If such
+a map is the right one, it predicts all ranges better. They need no imu, so a wrong heading does not disturb them.
 
-State of each: p and v of the antenna, the biases c (n), the anchor's shift d (3):
+State of each: p and v of the antenna, the biases c (n), the free anchor's shift d (3), which stays 0 without one:
 
     p' = v,   v' = white,   range to anchor i = |p - a_i - d (if i is free)| + c_i + white
+
+and a difference is one such range less another.
 """
 
+from itertools import combinations
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -17,22 +19,29 @@ from numba import njit
 
 from ortilo_drake.interop.recorded.map_file import FilterSettings
 from ortilo_drake.studies.recorded.filter_types import RANGE, Events
-from ortilo_drake.studies.recorded.moved_by_filter import SHRINKS
+from ortilo_drake.studies.recorded.moved_anchors import point_text
 
-SETTLED: Final = 30.0  # before that nothing is told: ranges whose errors last fit any place for a while [s]
-GAINS: Final = (15.0, 3.0)  # of the log-likelihood, over the map's place and over the second anchor
+SETTLED: Final = (30.0, 5.0)  # before that no place, no exchange is told: errors that last fit any place a while [s]
+GAINS: Final = (15.0, 100.0)  # of the log-likelihood over the map's: of a place, of an exchange, which moves more
+SHRINKS: Final = 0.92  # to this share, in the squares: in real rooms errors that depend on the place give 4 % less
 FAR: Final = 0.2  # a shift that is told [m]
-LASTS: Final = 3.0  # for so long [s]
+LASTS: Final = (3.0, 1.0)  # for so long: a place, an exchange [s]
 PLACE: Final = 0.5  # standard deviation of a shift [m]
 FIRST: Final = (0.5, 1.0)  # of position and velocity at the start [m], [m/s]
 SILENT: Final = 1.5  # without ranges for longer, position and velocity begin anew [s]
+NEARLY: Final = (
+    3.0,
+    0.1,
+)  # of maps that lack no more of the best one's gain, or that share of it, none is clearly best
+HOPELESS: Final = 200.0  # log-likelihood below the map's from which a filter is left out for good
 
 
 class AnchorBank(NamedTuple):
-    """The filters, the first without a free anchor: all of it changes.
+    """The filters of m maps: first the user's, then those with a free anchor, then those with two exchanged.
 
-    States (1 + n, 9 + n) and covariances; log-likelihoods and sums of squared innovations over their variances, none
-    above the gate's (1 + n each); the stamp and the number of ranges (2).
+    States (m, 9 + n) and covariances, log-likelihoods and sums of squared innovations over their variances, none above
+    the gate's (m each), and the stamp and the numbers of ranges and of differences (3) change; anchors (m, n, 3) and
+    the free anchor, -1 for none (m), do not.
     """
 
     x: np.ndarray
@@ -40,52 +49,76 @@ class AnchorBank(NamedTuple):
     score: np.ndarray
     squares: np.ndarray
     marks: np.ndarray
+    anchors: np.ndarray
+    free: np.ndarray
 
 
-def anchor_bank(p: np.ndarray, t: float, n: int, bias: float) -> AnchorBank:
-    """Return the filters of n anchors that begin with the antenna at p (3) at t [s]; biases have a deviation [m]."""
-    N = 9 + n
-    x, C = np.zeros((1 + n, N)), np.zeros((1 + n, N, N))
+def anchor_bank(anchors: np.ndarray, p: np.ndarray, t: float, bias: float) -> AnchorBank:
+    """Return the filters of anchors (n, 3) that begin with the antenna at p (3) at t [s]; biases have a deviation."""
+    n = len(anchors)
+    pairs = list(combinations(range(n), 2))
+    m, N = 1 + n + len(pairs), 9 + n
+    places, free = np.tile(anchors, (m, 1, 1)), np.full(m, -1)
+    free[1 : 1 + n] = range(n)
+    for k, (i, j) in enumerate(pairs, 1 + n):
+        places[k, [i, j]] = anchors[[j, i]]
+    x, C = np.zeros((m, N)), np.zeros((m, N, N))
     x[:, :3] = p
     deviations = np.array([FIRST[0]] * 3 + [FIRST[1]] * 3 + [bias] * n + [PLACE] * 3)
     C[:] = np.diag(deviations**2)
-    C[0, 6 + n :, 6 + n :] = 0.0
-    return AnchorBank(x, C, np.zeros(1 + n), np.zeros(1 + n), np.array([t, 0.0]))
+    C[free < 0, 6 + n :, 6 + n :] = 0.0
+    return AnchorBank(x, C, np.zeros(m), np.zeros(m), np.array([t, 0.0, 0.0]), places, free)
 
 
-class MovedAnchor(NamedTuple):
-    """An anchor's index, where the ranges have it (3) [m], and the share of the squared innovations that is left."""
+class WrongAnchors(NamedTuple):
+    """Anchors whose entries are wrong: one, with its place by the ranges (3) [m], or pairs that changed places.
 
-    anchor: int
-    place: np.ndarray
+    Of several pairs each explains the ranges as well. `left` is the share of the squared innovations that is left,
+    `gain` that of the log-likelihood.
+    """
+
+    anchors: list[tuple[int, ...]]
+    place: np.ndarray | None
     left: float
+    gain: float
+
+
+def wrong_anchors_text(wrong: WrongAnchors, names: list[str]) -> str:
+    """Return what is wrong of the anchors, which a map calls so, as a sentence."""
+    better = f"the ranges better, by {1.0 - wrong.left:.0%} of the squares"
+    if wrong.place is not None:
+        place = point_text(np.round(wrong.place, 1) + 0.0)
+        return f"anchor {names[wrong.anchors[0][0]]}: about {place} fits {better}: moved, or surveyed wrongly?"
+    pairs = ", or ".join(f"{names[i]} and {names[j]}" for i, j in wrong.anchors)
+    return f"anchors {pairs}: exchanged they fit {better}: do their places, or their topics, stand for each other?"
 
 
 @njit(cache=True)
-def follow_ranges(
-    bank: AnchorBank, events: Events, anchors: np.ndarray, acceleration: float, sd: float, gate: float
-) -> None:
-    """Take the ranges among events in, in order; differences are left out.
+def follow_ranges(bank: AnchorBank, events: Events, acceleration: float, sd: float, gate: float) -> None:
+    """Take the ranges and differences among events in, in order.
 
     Args:
         bank: the filters; changed.
         events: in order.
-        anchors: as the map has them (n, 3).
         acceleration: white [m/s²/√Hz].
         sd: of a range [m].
-        gate: innovations beyond so many deviations are not used.
+        gate: innovations beyond so many deviations count less; were they left out, a filter that began elsewhere would
+            stay there.
     """
-    n = len(anchors)
+    m, n = bank.anchors.shape[:2]
     N, at = 9 + n, 6 + n
-    H, CH = np.zeros(N), np.empty(N)
+    H, CH = np.empty(N), np.empty(N)
     for k in range(len(events.t)):
-        if events.kind[k] != RANGE or events.other[k] >= 0:
+        if events.kind[k] != RANGE:
             continue
-        h, i = events.t[k] - bank.marks[0], events.which[k]
+        h, other = events.t[k] - bank.marks[0], events.other[k]
         bank.marks[0] = events.t[k]
         bank.marks[1] += 1.0
+        bank.marks[2] += other >= 0
         q = acceleration**2 * h
-        for j in range(1 + n):
+        for j in range(m):
+            if bank.score[j] < bank.score[0] - HOPELESS:
+                continue
             x, C = bank.x[j], bank.C[j]
             if h > 0.0:
                 x[:3] += h * x[3:6]
@@ -96,47 +129,55 @@ def follow_ranges(
                     C[a, 3 + a] += q * h / 2.0
                     C[3 + a, a] += q * h / 2.0
                     C[3 + a, 3 + a] += q
-            free = j == i + 1
-            d0, d1, d2 = x[0] - anchors[i, 0], x[1] - anchors[i, 1], x[2] - anchors[i, 2]
-            if free:
-                d0, d1, d2 = d0 - x[at], d1 - x[at + 1], d2 - x[at + 2]
-            r = max(np.sqrt(d0 * d0 + d1 * d1 + d2 * d2), 1e-3)
-            H[:] = 0.0
-            H[0], H[1], H[2], H[6 + i] = d0 / r, d1 / r, d2 / r, 1.0
-            if free:
-                H[at], H[at + 1], H[at + 2] = -H[0], -H[1], -H[2]
-            for a in range(N):
-                CH[a] = C[a, 0] * H[0] + C[a, 1] * H[1] + C[a, 2] * H[2] + C[a, 6 + i]
-                if free:
-                    CH[a] += C[a, at] * H[at] + C[a, at + 1] * H[at + 1] + C[a, at + 2] * H[at + 2]
-            own = CH[0] * H[0] + CH[1] * H[1] + CH[2] * H[2] + CH[6 + i]
-            if free:
-                own += CH[at] * H[at] + CH[at + 1] * H[at + 1] + CH[at + 2] * H[at + 2]
-            S = own + sd**2
-            e = events.r[k] - r - x[6 + i]
+            H[:], e, variance = 0.0, events.r[k], 0.0
+            for sign, i in ((1.0, events.which[k]), (-1.0, other)):
+                if i < 0:
+                    continue
+                d = x[:3] - bank.anchors[j, i]
+                if i == bank.free[j]:
+                    d -= x[at:]
+                r = max(np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]), 1e-3)
+                e -= sign * (r + x[6 + i])
+                variance += sd**2
+                H[6 + i] = sign
+                for a in range(3):
+                    H[a] += sign * d[a] / r
+                    if i == bank.free[j]:
+                        H[at + a] = -sign * d[a] / r
+            used = N if bank.free[j] >= 0 else at
+            S = variance
+            for a in range(used):
+                CH[a] = 0.0
+                for b in range(used):
+                    CH[a] += C[a, b] * H[b]
+                S += H[a] * CH[a]
             squared = e * e / S
             bank.score[j] -= 0.5 * (np.log(S) + min(squared, gate**2))
             bank.squares[j] += min(squared, gate**2)
-            if squared <= gate**2:
-                for a in range(N):
-                    g = CH[a] / S
-                    x[a] += g * e
-                    for b in range(N):
-                        C[a, b] -= g * CH[b]
+            if squared > gate**2:
+                S += variance * (np.sqrt(squared) / gate - 1.0)
+            for a in range(used):
+                g = CH[a] / S
+                x[a] += g * e
+                for b in range(used):
+                    C[a, b] -= g * CH[b]
 
 
 class AnchorWatch:
     """The filters of anchors (n, 3) by a map's settings, fed with the ranges of a live filter.
 
     Attributes:
-        moved: the first anchor that was not where the map has it for LASTS, None if none was.
+        wrong: the first anchors whose entries were wrong for LASTS, None if none were.
+        suspected: whether another map explains the ranges better now, be it too early to say so, or did once.
     """
 
     def __init__(self, anchors: np.ndarray, settings: FilterSettings):
         self._anchors, self._settings = anchors, settings
         self._bank: AnchorBank | None = None
-        self._began, self._since, self._which = 0.0, np.inf, -1
-        self.moved: MovedAnchor | None = None
+        self._began, self._since = 0.0, np.inf
+        self._which: list[tuple[int, ...]] = []
+        self.wrong: WrongAnchors | None = None
+        self.suspected = False
 
     def advance(self, events: Events, antenna: np.ndarray, t: float, sd: float) -> None:
         """Take the ranges among events in; the antenna is at (3) behind them, at t [s], with a deviation [m].
@@ -148,17 +189,21 @@ class AnchorWatch:
             if sd > FIRST[0]:
                 return
             if bank is None:
-                self._bank, self._began = anchor_bank(antenna, t, len(self._anchors), s.bias_start), t
+                self._bank, self._began = anchor_bank(self._anchors, antenna, t, s.bias_start), t
             else:
                 _begin_anew(bank, antenna, t)
             return
-        follow_ranges(bank, events, self._anchors, s.baseline_acceleration, s.baseline_range, s.baseline_gate)
-        found = _judged(bank, self._anchors) if t - self._began > SETTLED else None
-        which = -1 if found is None else found.anchor
+        range_sd = max(s.baseline_range, float(np.hypot(s.range_white, s.range_correlated)))
+        follow_ranges(bank, events, s.baseline_acceleration, range_sd, s.baseline_gate)
+        found = judged(bank)
+        self.suspected = found is not None or self.wrong is not None
+        which = [] if found is None else found.anchors
         if which != self._which:
             self._which, self._since = which, t
-        if self.moved is None and found is not None and t - self._since >= LASTS:
-            self.moved = found
+        if self.wrong is None and found is not None:
+            pairs = found.place is None
+            if t - self._began > SETTLED[pairs] and t - self._since >= LASTS[pairs] and found.gain > GAINS[pairs]:
+                self.wrong = found
 
 
 def _begin_anew(bank: AnchorBank, antenna: np.ndarray, t: float) -> None:
@@ -168,10 +213,22 @@ def _begin_anew(bank: AnchorBank, antenna: np.ndarray, t: float) -> None:
     bank.C[:, range(6), range(6)] = np.square([FIRST[0]] * 3 + [FIRST[1]] * 3)
 
 
-def _judged(bank: AnchorBank, anchors: np.ndarray) -> MovedAnchor | None:
-    gains = bank.score[1:] - bank.score[0]
-    i, n = int(np.argmax(gains)), len(anchors)
-    second = float(np.max(np.delete(gains, i)))
-    left, shift = float(bank.squares[1 + i] / max(bank.squares[0], 1e-9)), bank.x[1 + i, 6 + n :]
-    clear = gains[i] > GAINS[0] and gains[i] - second > GAINS[1] and left <= SHRINKS
-    return MovedAnchor(i, anchors[i] + shift, left) if clear and np.linalg.norm(shift) > FAR else None
+def judged(bank: AnchorBank) -> WrongAnchors | None:
+    """Return which anchors are wrong by filters that have taken ranges in, if one map explains them clearly best.
+
+    Of differences no place is told: their errors depend on where the vehicle is, as a wrong place's would. The larger
+    the best one's innovations are beside their variances, the more must be gained.
+    """
+    n, best = bank.anchors.shape[1], int(np.argmax(bank.score))
+    scale = max(1.0, bank.squares[best] / max(bank.marks[1], 1.0))
+    gains, left = (bank.score - bank.score[0]) / scale, float(bank.squares[best] / max(bank.squares[0], 1e-9))
+    near = np.flatnonzero(gains >= gains[best] - max(NEARLY[0], NEARLY[1] * gains[best]))
+    if gains[best] <= GAINS[0] or left > SHRINKS:
+        return None
+    if best > n:
+        pairs = list(combinations(range(n), 2))
+        return WrongAnchors([pairs[k - 1 - n] for k in near if k > n], None, left, float(gains[best]))
+    shift = bank.x[best, 6 + n :]
+    if len(near) > 1 or np.linalg.norm(shift) < FAR or bank.marks[2]:
+        return None
+    return WrongAnchors([(best - 1,)], bank.anchors[0, best - 1] + shift, left, float(gains[best]))

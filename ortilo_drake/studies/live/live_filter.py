@@ -80,7 +80,7 @@ class LiveFilter:
         why_not_begun: what it waits for.
         agreement: whether the last ranges agree with the estimate.
         anchors: figures by anchor.
-        places: whether an anchor is elsewhere.
+        places: whether an anchor is elsewhere, or two are exchanged.
         force_doubt: what is odd of the size of the imu's force at the start; empty if nothing is.
         imu: what the filter has received of the imu; None without one.
         mirror: why ranges and start leave a mirror image of the path; empty if they do not.
@@ -132,6 +132,8 @@ class LiveFilter:
             return "the body rates contradict the force"
         if self.heading is not None and self.heading.doubt is not None:
             return "the heading is wrong"
+        if self.places.wrong is not None and self.places.wrong.place is None:
+            return "two anchors are exchanged"
         if self.agreement.is_unfit(before):
             return "the ranges contradict it"
         return ""
@@ -248,7 +250,7 @@ class LiveFilter:
                 sd = float(np.sqrt(np.trace(self._state.C[:3, :3])))
                 self.places.advance(past, self._antenna(), self._state.t, sd)
             if self.heading is not None:
-                self.heading.advance(past, heard, self._state)
+                self.heading.advance(past, heard, self._state, self.places.suspected)
             if done == len(events.t):
                 self._events = None
                 return True

@@ -7,8 +7,9 @@ import numpy as np
 
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.studies.live.anchor_bank import wrong_anchors_text
 from ortilo_drake.studies.live.live_filter import LiveFilter
-from ortilo_drake.studies.recorded.moved_anchors import names_of, point_text
+from ortilo_drake.studies.recorded.moved_anchors import names_of
 
 Say = Callable[[str], None]
 FAR: Final = 0.3  # the first ranges may be so far from those of the map's start [m]
@@ -21,7 +22,7 @@ class LiveWarnings:
 
     def __init__(self, map_: Map, say: Say, note: Say | None = None):
         self._map, self._say, self._note = map_, say, note or say
-        self._begun = self._disagrees = self._turned = self._moved = self._unit = self._rates = False
+        self._begun = self._disagrees = self._turned = self._wrong = self._unit = self._rates = False
         self._lost, self._told = 0, -np.inf
 
     def look_at(self, filter_: LiveFilter) -> None:
@@ -47,16 +48,13 @@ class LiveWarnings:
                 self._say(f"warning  ranges: {doubt}: {cause}")
             else:
                 self._note("ranges: agree with the estimate again")
-        heading, moved = None if filter_.heading is None else filter_.heading.doubt, filter_.places.moved
+        heading, wrong = None if filter_.heading is None else filter_.heading.doubt, filter_.places.wrong
         if heading is not None and not self._turned:
             self._turned = True
             self._say(f"warning  heading: {heading.text()}")
-        if moved is not None and not self._moved:
-            self._moved = True
-            name = names_of(self._map, len(filter_.anchors.figures()))[moved.anchor]
-            place, less = point_text(np.round(moved.place, 1)), 1.0 - moved.left
-            better = f"about {place} fits the ranges better, by {less:.0%} of the squares"
-            self._say(f"warning  anchor {name}: {better}: moved, or surveyed wrongly?")
+        if wrong is not None and not self._wrong:
+            self._wrong = True
+            self._say(f"warning  {wrong_anchors_text(wrong, names_of(self._map, len(filter_.anchors.figures())))}")
 
     def _check_start(self, off: float) -> None:
         sd = 0.0 if self._map.start is None else self._map.start.position_sd

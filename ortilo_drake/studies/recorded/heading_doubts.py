@@ -67,8 +67,8 @@ class HeadingWatch:
         self._wrong_since, self._anew = np.inf, False
         self.doubt: HeadingDoubt | None = None
 
-    def advance(self, events: Events, heard: EventValues, state: State) -> None:
-        """Take events in, and the main filter's state behind them."""
+    def advance(self, events: Events, heard: EventValues, state: State, excused: bool = False) -> None:
+        """Take events in, and the main filter's state behind them; `excused`: anchors explain what is wrong better."""
         if self.doubt is not None or np.isfinite(state.watched[SINCE : SINCE + 2]).any():
             return  # of an accelerometer that fails nothing follows
         resting, beside = state.watched[RESTS] > 0.0, self._beside
@@ -77,7 +77,7 @@ class HeadingWatch:
             self._anew |= beside is not None and not resting
             self._beside, self._start, self._wrong_since = None if astray else turn_filter(state), state, np.inf
             return
-        found = self._judged(state)
+        found = None if excused else self._judged(state)
         if found is None:
             self._wrong_since = np.inf
         else:

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from live_messages import RANGES
+from live_messages import IMU, RANGES, START, messages_of
 from made_up_motion import ANCHORS, BIASES, as_map, made_up
 from scipy.optimize import least_squares
 
@@ -12,6 +12,7 @@ from ortilo_drake.loop.plain import plain_source
 from ortilo_drake.studies.live import anchor_bank as anchor_bank_module
 from ortilo_drake.studies.live import live_filter
 from ortilo_drake.studies.live.anchor_bank import SETTLED, AnchorWatch, anchor_bank, follow_ranges
+from ortilo_drake.studies.live.live_bridge import LiveBridge
 from ortilo_drake.studies.live.live_warnings import LiveWarnings
 from ortilo_drake.studies.recorded.filter_types import RANGE, Events
 
@@ -30,8 +31,8 @@ def test_the_estimate_is_that_of_least_squares_on_all_ranges() -> None:
     r = np.linalg.norm(p - ANCHORS, axis=1) + 0.003 * rng.standard_normal((40, n))
     none = np.zeros(40 * n, np.int64)
     events = Events(np.zeros(40 * n), none + RANGE, np.tile(np.arange(n), 40), none - 1, r.ravel(), none)
-    bank = anchor_bank(p + 0.02, 0.0, n, 0.02)
-    plain_source(follow_ranges)(bank, events, anchors, 1.0, 0.06, 100.0)
+    bank = anchor_bank(anchors, p + 0.02, 0.0, 0.02)
+    plain_source(follow_ranges)(bank, events, 1.0, 0.06, 100.0)
 
     def residuals(y: np.ndarray) -> np.ndarray:
         moved = anchors.copy()
@@ -62,18 +63,40 @@ def test_an_anchor_half_a_metre_off_is_named_with_its_place(wrong) -> None:
         part = (events.t > begin) & (events.t <= end)
         place = np.array([3.0, 4.0 + 2.5 * np.sin(1.0), 1.4])
         watch.advance(Events(*(column[part] for column in events)), place, end, 0.1)
-        assert watch.moved is None or end > SETTLED
-    assert (watch.moved is None) == (wrong is None)
+        assert watch.wrong is None or end > SETTLED[0]
+    assert (watch.wrong is None) == (wrong is None)
     if wrong is None:
         return
-    assert watch.moved.anchor == wrong
-    np.testing.assert_allclose(watch.moved.place, ANCHORS[wrong], atol=0.2)
+    assert watch.wrong.anchors == [(wrong,)]
+    np.testing.assert_allclose(watch.wrong.place, ANCHORS[wrong], atol=0.2)
     assert np.abs(BIASES).max() == 0.2  # which the ranges have beside
     lines = list[str]()
     filter_ = live_filter.LiveFilter(map_, anchors)
     filter_.places = watch
     LiveWarnings(map_, lines.append).look_at(filter_)
     assert lines[0].startswith(f"warning  anchor {wrong + 1}: about [")
+
+
+def quick_place(t):
+    return np.column_stack([3 + 1.2 * np.sin(1.5 * t), 4 + 1.2 * np.sin(1.1 * t + 1), 1.4 + 0.4 * np.sin(0.9 * t)])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("pair", [(0, 1), (1, 3)])
+def test_two_exchanged_anchors_are_named_no_heading_is_and_an_autopilot_gets_nothing(pair) -> None:
+    """The filter of the turn alone calls the heading wrong by -80 and -38 degrees, after 5 s."""
+    order = np.arange(6)
+    order[list(pair)] = pair[::-1]
+    start = START.replace("[3, 6.1, 1.4]", str(quick_place(np.zeros(1))[0].tolist()))
+    map_ = as_map(RANGES.replace(str(ANCHORS.tolist()), str(ANCHORS[order].tolist())) + IMU + start)
+    lines = list[str]()
+    bridge = LiveBridge(map_, lines.append)
+    for message in messages_of(made_up(9.0, place=quick_place)):
+        bridge.receive(*message)
+    names = f"{pair[0] + 1} and {pair[1] + 1}"
+    assert any(line.startswith(f"warning  anchors {names}: exchanged they fit the ranges better") for line in lines)
+    assert not any(line.startswith("warning  heading") for line in lines)
+    assert bridge._filter.why_unfit(False) == "two anchors are exchanged"
 
 
 def test_after_a_silence_the_filters_begin_at_the_antenna_and_keep_what_they_know_of_the_anchors(monkeypatch) -> None:
@@ -88,6 +111,6 @@ def test_after_a_silence_the_filters_begin_at_the_antenna_and_keep_what_they_kno
     watch.advance(after, far, 4.0, 3.0)  # the main filter does not know where it is either
     assert not np.allclose(bank.x[:, :3], far)
     watch.advance(after, far, 4.0, 0.1)
-    np.testing.assert_array_equal(bank.x[:, :3], np.tile(far, (7, 1)))
+    np.testing.assert_array_equal(bank.x[:, :3], np.tile(far, (22, 1)))
     np.testing.assert_array_equal(bank.x[:, 6:], known[0])
     np.testing.assert_array_equal(bank.C[:, 6:, 6:], known[1])
