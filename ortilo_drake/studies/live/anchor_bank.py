@@ -29,10 +29,7 @@ LASTS: Final = (3.0, 1.0)  # for so long: a place, an exchange [s]
 PLACE: Final = 0.5  # standard deviation of a shift [m]
 FIRST: Final = (0.5, 1.0)  # of position and velocity at the start [m], [m/s]
 SILENT: Final = 1.5  # without ranges for longer, position and velocity begin anew [s]
-NEARLY: Final = (
-    3.0,
-    0.1,
-)  # of maps that lack no more of the best one's gain, or that share of it, none is clearly best
+NEARLY: Final = (3.0, 0.1)  # what maps may lack, or of an exchange's gain the share, and fit as well: mirror images
 HOPELESS: Final = 200.0  # log-likelihood below the map's from which a filter is left out for good
 
 
@@ -222,9 +219,12 @@ def judged(bank: AnchorBank) -> WrongAnchors | None:
     n, best = bank.anchors.shape[1], int(np.argmax(bank.score))
     scale = max(1.0, bank.squares[best] / max(bank.marks[1], 1.0))
     gains, left = (bank.score - bank.score[0]) / scale, float(bank.squares[best] / max(bank.squares[0], 1e-9))
-    near = np.flatnonzero(gains >= gains[best] - max(NEARLY[0], NEARLY[1] * gains[best]))
+    lacks = max(NEARLY[0], NEARLY[1] * gains[best]) if best > n else NEARLY[0]
+    near = np.flatnonzero(gains >= gains[best] - lacks)
     if gains[best] <= GAINS[0] or left > SHRINKS:
         return None
+    if best > n and near[0] <= n:
+        return None  # a place explains them as well
     if best > n:
         pairs = list(combinations(range(n), 2))
         return WrongAnchors([pairs[k - 1 - n] for k in near if k > n], None, left, float(gains[best]))
