@@ -18,6 +18,7 @@ The functions return the messages' fields by MAVLink's names and need no package
 
 import math
 import socket
+import threading
 from importlib import import_module
 from typing import Any
 
@@ -39,6 +40,7 @@ MOST_THRUST = 0.9  # of the largest that is ever asked for
 COMPONENT = 197  # MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
 TEXT = 50  # bytes of a STATUSTEXT
 CRITICAL, WARNING, NOTICE = 2, 4, 5  # of MAV_SEVERITY
+WAIT = 0.2  # for a packet [s]
 
 T = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 F = np.diag([1.0, -1.0, -1.0])
@@ -189,7 +191,8 @@ class MavlinkBridge:
         self._heartbeat = self._mavlink.heartbeat_encode(
             common.MAV_TYPE_ONBOARD_CONTROLLER, common.MAV_AUTOPILOT_INVALID, 0, 0, common.MAV_STATE_ACTIVE
         )
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket, self._sending = socket.socket(socket.AF_INET, socket.SOCK_DGRAM), threading.Lock()
+        self._socket.settimeout(WAIT)
         self._texts = 0  # of several parts, so far
 
     def send(self, t: float, estimate: np.ndarray, covariance: np.ndarray, reset_counter: int = 0) -> None:
@@ -219,11 +222,24 @@ class MavlinkBridge:
         for i, part in enumerate(parts):
             self._send(self._mavlink.statustext_encode(severity, part, self._texts if len(parts) > 1 else 0, i))
 
+    def send_timesync(self, now: int, asked: int) -> None:
+        """Send the answer to a TIMESYNC: the own clock [ns], and the asker's as it came."""
+        self._send(self._mavlink.timesync_encode(now, asked))
+
+    def receive(self) -> bytes | None:
+        """Return a packet that came from where this sends to; None if there is none within WAIT."""
+        try:
+            packet, sender = self._socket.recvfrom(2048)
+        except OSError:  # none came, or nobody listens there
+            return None
+        return packet if sender == self._address else None
+
     def close(self) -> None:
         """Close the socket."""
         self._socket.close()
 
     def _send(self, message: Any) -> None:
-        packet = message.pack(self._mavlink)
-        self._mavlink.seq = (self._mavlink.seq + 1) % 256
-        self._socket.sendto(packet, self._address)
+        with self._sending:  # TIMESYNC is answered by another thread
+            packet = message.pack(self._mavlink)
+            self._mavlink.seq = (self._mavlink.seq + 1) % 256
+            self._socket.sendto(packet, self._address)

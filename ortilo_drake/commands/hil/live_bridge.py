@@ -127,6 +127,11 @@ def run_live_bridge(
             bridge.add_target("ros2", _to_ros2(node))
             _say(f"waiting for {', '.join(bridge.topics)}")
             messages: Iterator[tuple[str, int, Any] | None] = node.messages()
+            if sender is not None:
+                from ortilo_drake.interop.mavlink_timesync import TimesyncThread
+
+                answers = stack.enter_context(TimesyncThread(sender, say))
+                messages = _checked(messages, bridge, answers.check_stamp)
         else:
             from ortilo_drake.interop.recorded.bag_columns import at_pace, bag_messages
 
@@ -145,6 +150,14 @@ def run_live_bridge(
     for name, one in report.anchors.items():
         _say(f"  {f'anchor {name}':20}{one.text()}")
     say_written(json_file)
+
+
+def _checked(messages: Iterator[Any], bridge: Any, check_stamp: Callable[[float], None]) -> Iterator[Any]:
+    """Yield messages, and check the newest stamp after the bridge took each."""
+    for message in messages:
+        yield message
+        if message is not None:
+            check_stamp(bridge.newest)
 
 
 def _say(line: str) -> None:
@@ -180,7 +193,7 @@ def _armed(options: LiveOptions, scenario: Scenario, mavlink: str) -> str:
 
 
 def _to_mavlink(sender: Any, vision: bool, options: LiveOptions) -> Callable[..., None]:
-    """Return a target that sends its estimates, a heartbeat a second, and if armed what is asked for."""
+    """Return a target that sends its estimates, a heartbeat a second of a bag, and if armed what is asked for."""
     from ortilo_drake.model.vehicle import GRAVITY
 
     first, beat = math.nan, -math.inf
@@ -189,7 +202,7 @@ def _to_mavlink(sender: Any, vision: bool, options: LiveOptions) -> Callable[...
     def send(told: Any, wanted: Any, lost: int) -> None:
         nonlocal first, beat
         first = told.t if math.isnan(first) else first
-        if told.t >= beat:
+        if options.source != ROS2 and told.t >= beat:  # live, TimesyncThread sends them from the beginning
             sender.send_heartbeat()
             beat = told.t + 1.0
         send_estimate(told.t, told.estimate, told.covariance, lost)

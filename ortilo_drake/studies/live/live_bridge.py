@@ -138,6 +138,11 @@ class LiveBridge:
         """The topics to listen to."""
         return self._rows.topics
 
+    @property
+    def newest(self) -> float:
+        """The newest stamp of the sensors [s], -inf before the first."""
+        return self._rows.newest
+
     def warm_up(self) -> None:
         """Compile or load all that the filter needs, which takes seconds, before messages come."""
         warm_up(self._map, self._rows.anchors)
