@@ -27,10 +27,8 @@ MAP = HERE / "room.yaml"
 ROW = 5.0  # between two rows of the table [s]
 GAP = 0.2  # between two of them an EKF2 of PX4 begins to fuse, EV_MAX_INTERVAL [s]
 ENDS = 10.0  # a process may take so long to end [s]
-T, F = (
-    np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]]),
-    np.diag([1, -1, -1]),
-)  # east north up to NED, forward left up to FRD
+T = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])  # east, north, up to north, east, down
+F = np.diag([1, -1, -1])  # forward, left, up to forward, right, down
 
 
 class Parts:

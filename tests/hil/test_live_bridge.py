@@ -79,6 +79,9 @@ def test_setpoints_reach_the_autopilot_only_when_armed(recorded: list[str], tmp_
     assert "failsafe: no setpoints: the estimate is older" in told
     assert "setpoints: to hold (4.5, 6.4, 1.9) m, yaw" in told  # once it came near
     assert ("ARMED" in result.output) == armed
+    rows = [line.split()[0] for line in result.output.splitlines() if line.startswith("  ")]
+    assert rows.count("refused") == 1
+    assert not {"rejected", "failed", "not"} & set(rows)  # nothing of the kind happened
     assert ("setpoints are off" in result.output) != armed
     assert "failsafe: no setpoints: the estimate is older" in result.output  # of the first second, which came at once
 
@@ -94,6 +97,7 @@ def test_an_autopilot_gets_estimates_as_often_as_px4_asks_for(
         stamps = [1e-6 * m.time_usec for m in messages_at(sock) if m.get_type() == "ODOMETRY"]
     assert result.exit_code == 0, result.output
     np.testing.assert_allclose(np.diff(stamps), period, atol=1e-5)
+    assert "refused" not in result.output  # no place is held
     assert ("warning  --rate: 10 Hz: PX4 asks for 30 to 50 Hz" in result.output) == bool(options)
 
 
@@ -103,6 +107,19 @@ def test_a_body_that_begins_upside_down_is_refused(recorded: list[str], tmp_path
     result = CliRunner().invoke(hil_app, recorded)
     assert isinstance(result.exception, InputError)
     assert "upside down: imu: {axes: frd} turns it up" in str(result.exception)
+
+
+def test_an_imu_that_lies_on_its_side_is_refused_unless_the_map_says_so(recorded: list[str], tmp_path: Path) -> None:
+    """So nothing reaches an autopilot. The bag's imu is one of frd axes."""
+    map_ = tmp_path / "MAP.yaml"
+    map_.write_text(map_.read_text().replace("axes: frd", "axes: [x, -z, y]"))
+    result = CliRunner().invoke(hil_app, recorded)
+    assert isinstance(result.exception, InputError)
+    assert "the body lies rolled by 9" in str(result.exception) or "rolled by 8" in str(result.exception)
+    assert "imu: {axes: [x, -y, -z]} makes it level" in str(result.exception)
+    map_.write_text(map_.read_text().replace("heading: 0.5", "heading: 0.5, tilted: true"))
+    result = CliRunner().invoke(hil_app, recorded)
+    assert not isinstance(result.exception, InputError), result.exception
 
 
 def test_an_imu_in_another_unit_is_refused_with_the_unit(recorded: list[str], tmp_path: Path) -> None:

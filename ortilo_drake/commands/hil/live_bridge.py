@@ -146,7 +146,7 @@ def run_live_bridge(
                 sender.send_text(f"the bridge has ended: {error}", CRITICAL)
             raise
     write_json(json_file, report)
-    show_report({name: value for name, value in as_data(report).items() if name != "anchors"})
+    show_report({name: value for name, value in as_data(report).items() if name != "anchors" and _applies(value)})
     for name, one in report.anchors.items():
         _say(f"  {f'anchor {name}':20}{one.text()}")
     say_written(json_file)
@@ -158,6 +158,11 @@ def _checked(messages: Iterator[Any], bridge: Any, check_stamp: Callable[[float]
         yield message
         if message is not None:
             check_stamp(bridge.newest)
+
+
+def _applies(value: Any) -> bool:
+    """Return whether a row of the report is printed: none without a value, nor an empty list of troubles."""
+    return value is not None and value not in ("", {})
 
 
 def _say(line: str) -> None:

@@ -118,6 +118,7 @@ class Start(Frozen):
     )
     heading_sd: Positive = Field(default=0.1, description="[rad].")
     rests: bool = Field(default=False, description="Whether it stands level on the floor until it takes off.")
+    tilted: bool = Field(default=False, description="Whether its imu may begin tilted by more than 30 degrees.")
     lands: bool = Field(default=False, description="Whether it lands at the height of the start: noticed by its imu.")
 
     @field_validator("heading")

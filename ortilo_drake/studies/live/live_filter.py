@@ -42,8 +42,9 @@ from ortilo_drake.studies.recorded.filtered import (
     start_of,
 )
 from ortilo_drake.studies.recorded.heading_doubts import HeadingWatch
-from ortilo_drake.studies.recorded.imu_doubts import force_doubts, upside_doubts
+from ortilo_drake.studies.recorded.imu_doubts import force_doubts
 from ortilo_drake.studies.recorded.imu_watch import RESTS
+from ortilo_drake.studies.recorded.level_doubts import level_doubts
 from ortilo_drake.studies.recorded.reacquired import (
     AGAIN,
     FIRST_RANGES,
@@ -172,7 +173,7 @@ class LiveFilter:
                 imu = imu._replace(force=held_at(imu.t, *imu.accelerometer))
             self.force_doubt = next(iter(force_doubts(imu, map_)), "")
             wrong = [self.force_doubt] if self.force_doubt and not _is_gravity(imu) else []
-            for said in wrong + upside_doubts(imu, map_):
+            for said in wrong + level_doubts(imu, map_):
                 raise InputError(said)
         origin = Recording("live", ranges, imu, None, self._anchors, 0.0, 0.0, [], {}, looks)
         rest = at_rest(origin, map_)

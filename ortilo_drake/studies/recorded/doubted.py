@@ -16,8 +16,8 @@ from ortilo_drake.studies.recorded.imu_doubts import (
     drift_doubts,
     force_doubts,
     rate_doubts,
-    upside_doubts,
 )
+from ortilo_drake.studies.recorded.level_doubts import level_doubts
 from ortilo_drake.studies.recorded.readings import as_read, cheap_fit, path_of
 from ortilo_drake.studies.recorded.scores import Scores
 from ortilo_drake.studies.recorded.setups import height_doubts
@@ -65,7 +65,7 @@ def doubts_of(
             moving = recording._replace(truth=truth.only(kept))
             said += doubts.of_freezes(frozen, look.fit.left if look.fit else None, _left(moving, map_, calibration))
     if imu is not None:
-        said += force_doubts(imu, map_) + upside_doubts(imu, map_)
+        said += force_doubts(imu, map_) + level_doubts(imu, map_)
         if calibration is None:
             said += rate_doubts(imu, map_)
         else:

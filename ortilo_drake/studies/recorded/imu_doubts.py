@@ -23,7 +23,6 @@ from ortilo_drake.studies.recorded.truth_path import TruthPath, truth_path
 OFF = 1.5  # of the force at rest from gravity; some units are 6 % wrong [m/s²]
 TELLING = 0.1  # a unit is told if it brings the force this near to gravity, as a share
 VARIES = 0.7  # a force whose size varies by more, in its median, from its 10 % to its 90 % has lost gravity
-DOWN = 0.5  # share of a mean force along -z that looks upside down
 FAST = 10.0  # body rates of this RMS look like degrees [rad/s]
 SPAN = 1.0  # over this time the force keeps its direction, but for the turn [s]
 LOSES = 0.05  # share of the force that its mean over a span loses, if it is turned wrongly
@@ -71,23 +70,6 @@ def force_doubts(imu: Imu, map_: Map) -> list[str]:
         return [f"{said}: imu: {{force_unit: {unit}}} makes it {there:.2f}"]
     made = f"imu: {{force_unit: {GRAVITY / in_file:.4g}}} makes it {GRAVITY:g}"
     return [f"{said}: {made}, if `imu: force` names the right columns"]
-
-
-def upside_doubts(imu: Imu, map_: Map) -> list[str]:
-    """A doubt if the mean force points down the body's z: then it would fly upside down."""
-    up, size = float(imu.force[:, 2].mean()), float(np.linalg.norm(imu.force, axis=1).mean())
-    if map_.imu is None or map_.command is not None or up > -DOWN * size or size == 0.0:
-        return []
-    if isinstance(map_.imu.axes, str):
-        key = {"flu": "frd", "frd": "flu"}[map_.imu.axes]
-    else:  # half a turn about x: the other sign of z alone would mirror
-        x, *others = map_.imu.axes
-        key = f"[{', '.join([x, *(axis[1:] if axis[0] == '-' else f'-{axis}' for axis in others)])}]"
-    turned = f"imu: {{force_unit: {-size_of(map_.imu.force_unit, FORCE_UNITS):.6g}}} if it reports gravity itself"
-    return [
-        f"imu: by its force, {up:.3g} m/s² along z, the body is upside down: imu: {{axes: {key}}} turns it up, or "
-        f"{turned}"
-    ]
 
 
 def rate_doubts(imu: Imu, map_: Map) -> list[str]:

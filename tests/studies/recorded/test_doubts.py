@@ -22,8 +22,8 @@ from ortilo_drake.studies.recorded.imu_doubts import (
     drift_doubts,
     force_doubts,
     rate_doubts,
-    upside_doubts,
 )
+from ortilo_drake.studies.recorded.level_doubts import level_doubts
 from ortilo_drake.studies.recorded.replayed import replay
 from ortilo_drake.studies.recorded.scores import Scores, by_evo
 
@@ -57,11 +57,11 @@ def doubted(recording: Recording, map_: Map) -> list[str]:
 
 def test_a_body_that_would_hang_upside_down_is_told_with_the_axes_that_turn_it_up(recording) -> None:
     turned = recording.imu._replace(force=recording.imu.force * [1.0, -1.0, -1.0])  # frd read as flu
-    (said,) = upside_doubts(turned, as_map())
+    (said,) = level_doubts(turned, as_map())
     assert ": imu: {axes: frd} turns it up, or imu: {force_unit: -1} if it reports gravity itself" in said
-    assert upside_doubts(recording.imu, as_map()) == []
+    assert level_doubts(recording.imu, as_map()) == []
     listed = as_map().model_copy(update={"imu": as_map().imu.model_copy(update={"axes": ("y", "-x", "z")})})
-    assert "imu: {axes: [y, x, -z]} turns it up, or" in upside_doubts(turned, listed)[0]  # a turn, no mirror
+    assert "imu: {axes: [y, x, -z]} turns it up, or" in level_doubts(turned, listed)[0]  # a turn, no mirror
 
 
 def test_a_clock_of_the_imu_that_is_late_by_a_tenth_of_a_second_is_told_with_the_key(recording) -> None:

@@ -12,7 +12,8 @@ from ortilo_drake.interop.recorded.rejected import leaping_rows
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.doubts import of_stuck
 from ortilo_drake.studies.recorded.first_look import first_look
-from ortilo_drake.studies.recorded.imu_doubts import attitude_doubts, force_doubts, upside_doubts
+from ortilo_drake.studies.recorded.imu_doubts import attitude_doubts, force_doubts
+from ortilo_drake.studies.recorded.level_doubts import level_doubts
 
 MAP = as_map(TABLE_MAP)
 MOTION = made_up(duration=30.0)
@@ -127,7 +128,7 @@ def test_an_imu_or_an_attitude_that_was_not_measured_is_told(right) -> None:
     assert force_doubts(nothing, MAP) == [
         "imu: its force is 0: it was not measured, or `imu: force` names other columns"
     ]
-    assert upside_doubts(nothing, MAP) == []
+    assert level_doubts(nothing, MAP) == []
     never = right._replace(truth=right.truth._replace(R=np.tile(np.eye(3), (len(right.truth.t), 1, 1))))
     (said,) = attitude_doubts(never, MAP, OFFSET, None)
     assert said == "truth: its attitude never changes though the body rates turn: leave `truth: rotation` out"

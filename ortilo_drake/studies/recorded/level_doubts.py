@@ -1,0 +1,67 @@
+"""Doubts about how the body lies, by the specific force: upside down, or tilted where it begins at rest.
+
+At rest the force is gravity's reaction, along the body's z if that is level. A quadrotor's thrust is along z too,
+so the rule also holds for one that is in the air already.
+"""
+
+from itertools import permutations, product
+from typing import Final
+
+import numpy as np
+
+from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.interop.recorded.recording import Imu
+from ortilo_drake.interop.recorded.units import FORCE_UNITS, axes_matrix, axes_names, size_of
+from ortilo_drake.studies.recorded.at_rest import AT_REST
+
+DOWN: Final = 0.5  # share of a mean force along -z that looks upside down
+TILTED: Final = np.radians(30.0)  # no floor is so steep
+TURNS: Final = sorted(
+    (
+        D
+        for order in permutations(range(3))
+        for s in product((1.0, -1.0), repeat=3)
+        if np.linalg.det(D := np.eye(3)[list(order)] * np.array(s)[:, None]) > 0.0
+    ),
+    key=lambda D: -np.trace(D),
+)  # of the axes, those that turn least first
+
+
+def level_doubts(imu: Imu, map_: Map) -> list[str]:
+    """A doubt if the body is upside down, or begins tilted though the map gives its `start` or `standstill`."""
+    size = float(np.linalg.norm(imu.force, axis=1).mean())
+    if map_.imu is None or map_.command is not None or size == 0.0:
+        return []
+    up = float(imu.force[:, 2].mean())
+    if up <= -DOWN * size:
+        return [_upside_down(map_, up)]
+    rests = map_.imu.standstill > 0.0 or map_.start is not None
+    if not rests or (map_.start is not None and map_.start.tilted):
+        return []
+    f = imu.force[imu.t <= imu.t[0] + max(AT_REST, map_.imu.standstill)].mean(axis=0)
+    f = f / np.linalg.norm(f)
+    if f[2] >= np.cos(TILTED):
+        return []
+    roll, pitch = np.degrees([np.arctan2(f[1], f[2]), np.arcsin(-f[0])])
+    how = f"rolled by {roll:.0f}" if abs(f[1]) > abs(f[0]) else f"pitched by {pitch:.0f}"
+    best = max(TURNS, key=lambda D: float((D @ f)[2]))
+    level = f"imu: {{axes: {axes_names(best @ axes_matrix(map_.imu.force_axes or map_.imu.axes, 'axes', True))}}}"
+    mends = "" if (best @ f)[2] < np.cos(TILTED) else f"is `axes` right? {level} makes it level; "
+    return [
+        f"imu: by its force at the start the body lies {how} degrees: {mends}if it does begin so, say `start: "
+        "{tilted: true}`"
+    ]
+
+
+def _upside_down(map_: Map, up: float) -> str:
+    assert map_.imu is not None
+    if isinstance(map_.imu.axes, str):
+        key = {"flu": "frd", "frd": "flu"}[map_.imu.axes]
+    else:  # half a turn about x: the other sign of z alone would mirror
+        x, *others = map_.imu.axes
+        key = f"[{', '.join([x, *(axis[1:] if axis[0] == '-' else f'-{axis}' for axis in others)])}]"
+    turned = f"imu: {{force_unit: {-size_of(map_.imu.force_unit, FORCE_UNITS):.6g}}} if it reports gravity itself"
+    return (
+        f"imu: by its force, {up:.3g} m/s² along z, the body is upside down: imu: {{axes: {key}}} turns it up, or "
+        f"{turned}"
+    )
