@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, PortDataType, System
-from pydrake.systems.primitives import Multiplexer, VectorLog, VectorLogSink
+from pydrake.systems.primitives import LogVectorOutput, VectorLog
 from pydrake.trajectories import Trajectory
 
 from ortilo_drake.diagrams.onboard import NO_PARTS, Onboard, Parts
 from ortilo_drake.diagrams.world import World
-from ortilo_drake.model.signals import N_X
+from ortilo_drake.loop.diagram import together
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.planned import Planned
 from ortilo_drake.scenario import Belief, Scenario, load_scenario
@@ -64,16 +64,14 @@ class ClosedLoop(Diagram):
             builder.Connect(sent[name], port)
         builder.Connect(onboard.GetOutputPort("control"), world.GetInputPort("control"))
 
-        sizes = scenario.measurement.logged_sizes()
-        multiplexer = builder.AddNamedSystem("log_inputs", Multiplexer([N_X, sum(sizes.values()) - N_X]))
-        builder.Connect(world.GetOutputPort("state"), multiplexer.get_input_port(0))
-        builder.Connect(onboard.GetOutputPort("logged"), multiplexer.get_input_port(1))
+        logged = together(builder, [world.GetOutputPort("state"), onboard.GetOutputPort("logged")])
+        logged.get_system().set_name("log_inputs")
+        self._log = LogVectorOutput(logged, builder, scenario.h)
+        self._log.set_name("log")
         shown = {"state": world.GetOutputPort("state")}
         shown |= {name: onboard.GetOutputPort(name) for name in ("control", "estimate", "covariance")}
         for name, said in shown.items():
             builder.ExportOutput(said, name)
-        self._log = builder.AddNamedSystem("log", VectorLogSink(sum(sizes.values()), scenario.h))
-        builder.Connect(multiplexer.get_output_port(), self._log.get_input_port())
         if meshcat is not None:
             display = builder.AddSystem(MeshcatFlight(meshcat, scenario.h, vehicle=scenario.vehicle))
             for name in ("state", "estimate", "covariance"):

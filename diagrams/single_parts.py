@@ -15,19 +15,19 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import System
 
 from ortilo_drake.diagrams.estimator import Estimator
-from ortilo_drake.diagrams.servo import make_lq_servo
+from ortilo_drake.diagrams.wiring.onboard import servo_boxes
 from ortilo_drake.diagrams.wiring.world import is_element, sensor_boxes
-from ortilo_drake.loop.element import Box, outside
+from ortilo_drake.loop.element import Box, constant, outside
 from ortilo_drake.loop.shell import WiredSystem_
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.clock import check_tick
 from ortilo_drake.model.equations import KINEMATICS
 from ortilo_drake.model.parts import find_sensor, known_sensors
 from ortilo_drake.model.room import Interior, Room
-from ortilo_drake.model.signals import N_X, N_XBAR, SENSORS
+from ortilo_drake.model.signals import N_X, N_XBAR, REFERENCE_SIZE, SENSORS, VELOCITY_SIZE
 from ortilo_drake.model.typed_yaml import InputError, nearest
 from ortilo_drake.model.vehicle import M100, Vehicle
-from ortilo_drake.scenario import Scenario, load_scenario
+from ortilo_drake.scenario import Belief, Scenario, load_scenario
 from ortilo_drake.sensors.described import described, port_of
 from ortilo_drake.world.vehicle.body_state import BodyState_
 from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
@@ -110,6 +110,27 @@ def make_servo(
         InputError: if a setting is wrong or there is no gain.
     """
     return make_lq_servo(_scenario("imu_uwb", vehicle, h, suiting_rates("imu_uwb", h) | settings), takes_force)
+
+
+def make_lq_servo(scenario: Belief, takes_force: bool = False) -> System:
+    """Return the servo of a scenario whose commands act at once; it is memoryless.
+
+    Ports: those of make_servo, and
+        velocity (8): velocity message; only where the scenario lends the servo the truth.
+
+    Args:
+        scenario: the scenario, of which the belief is all that is taken.
+        takes_force: whether it is told the force.
+
+    Raises:
+        InputError: if there is no gain.
+    """
+    belief = scenario.belief
+    inputs = [outside("estimate", N_XBAR), outside("reference", REFERENCE_SIZE)]
+    inputs.append(outside("force", 3) if takes_force else constant("force", np.zeros(3)))
+    inputs += [outside("velocity", VELOCITY_SIZE)] if belief.lends_velocities else []
+    wiring = Wiring([*inputs, *servo_boxes(belief, "estimate", "force", {}, None, {})])
+    return WiredSystem_[float]("lq_servo", wiring, {"control": ("servo",)}, belief.h)
 
 
 def make_sensor(

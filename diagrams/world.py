@@ -6,7 +6,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPo
 from ortilo_drake.diagrams.rendered_camera import add_rendered_camera, move_scene
 from ortilo_drake.diagrams.vehicle import add_vehicle
 from ortilo_drake.diagrams.wiring.truth import body_of, drawn_values, of_body, payloads_of, true_start, true_vehicle
-from ortilo_drake.diagrams.wiring.world import check_room, is_system, sensors_boxes, world_boxes
+from ortilo_drake.diagrams.wiring.world import is_system, sensors_boxes, world_boxes
 from ortilo_drake.loop.diagram import add_wiring
 from ortilo_drake.loop.element import Box, Values, outside
 from ortilo_drake.loop.seeds import add_chance
@@ -18,6 +18,7 @@ from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.truth import Truth
 from ortilo_drake.sensors.described import port_of
 from ortilo_drake.world.drawn_truth import draw_truth, of_seed
+from ortilo_drake.world.faults.scene_faults import check_room
 
 
 class World(Diagram):

@@ -1,7 +1,6 @@
 """The wiring of a scenario: which boxes fly, and which reads which. Every player is made of it.
 
 whole.py           world and onboard half in one wiring
-blocks.py          the paper's block diagram of it, to be looked at
 truth.py           how the world of one seed differs
 world.py           the vehicle, what acts on it, the sensors and their links
 onboard.py         an estimator, the servo and the planner, and what the servo knows of the way of its commands

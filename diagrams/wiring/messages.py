@@ -4,8 +4,7 @@ from ortilo_drake.diagrams.wiring.systems import system_box
 from ortilo_drake.loop.element import Box, outside
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_XBAR, SHUTTER_SIZE, size_of_samples
-from ortilo_drake.onboard.detector.detector import Detector
-from ortilo_drake.onboard.detector.detector_network import load_detector
+from ortilo_drake.onboard.detector.detector_network import make_detector
 from ortilo_drake.onboard.estimator.filter_element import parts_box
 from ortilo_drake.onboard.fix_solver import own_fix_box
 from ortilo_drake.scenario import Belief
@@ -30,14 +29,6 @@ def heard_boxes(belief: Belief, room: Room, detects: bool) -> tuple[list[Box], d
     outer = message_boxes(belief, room, detects)
     seeing, messages = detected(belief, room, outer) if detects else ([], outer)
     return [*outer.values(), *seeing], messages
-
-
-def make_detector(scenario: Belief, room: Room) -> Detector:
-    """Return the detector of a rendered camera's pictures; InputError if its files are wrong."""
-    camera = room.camera.scaled_to(scenario.camera.width)
-    size = camera.width, camera.height
-    detect = load_detector(scenario.detector, room, size)
-    return Detector(detect, size, scenario.camera.latency, scenario.h)
 
 
 def detected(belief: Belief, room: Room, messages: dict[str, Box]) -> tuple[list[Box], dict[str, Box]]:

@@ -24,7 +24,6 @@ from ortilo_drake.onboard.commands.timeline import command_log_box
 from ortilo_drake.onboard.estimator.filter_element import extra_box, parts_box
 from ortilo_drake.onboard.initial import initial_estimate
 from ortilo_drake.onboard.planner.planned import Planned, start_of
-from ortilo_drake.onboard.planner.planner import make_planner
 from ortilo_drake.onboard.planner.players import PathPlayer, reference_box
 from ortilo_drake.onboard.servo.augmented_servo import augmented_servo_box
 from ortilo_drake.onboard.servo.lq_gain import gain_of
@@ -96,7 +95,7 @@ def onboard_boxes(
     elif takes_paths:
         boxes.append(system_box("reference", PathPlayer(), ("y0",), {}))
     else:
-        boxes.append(reference_box(reference_table(plan, ticks, belief.h)))
+        boxes.append(reference_box(plan, ticks, belief.h))
     make_servo = parts.servo or system_of(belief, "servo")
     own_servo = None if make_servo is None else make_servo(belief)
     boxes += servo_boxes(belief, belief_in(estimator), force, messages, own_servo, signals)
@@ -202,13 +201,3 @@ def measurement_in(boxes: list[Box]) -> dict[str, str]:
     told = "robust_gate" if "robust_gate" in named else "handler"
     own = named["estimator"].parts if "estimator" in named else {}
     return {name: f"estimator.{name}" if name in own else f"{told}.{name}" for name in ("y", "delta", "V2")}
-
-
-def reference_table(path: Trajectory, ticks: int, h: float) -> np.ndarray:
-    """Return r, r_dot and r_ddot of a path at every tick (ticks + 1, 9)."""
-    planner = make_planner(path)
-    context, table = planner.CreateDefaultContext(), np.empty((ticks + 1, 9))
-    for k in range(ticks + 1):
-        context.SetTime(k * h)
-        table[k] = planner.get_output_port().Eval(context)
-    return table

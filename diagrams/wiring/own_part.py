@@ -86,10 +86,7 @@ def system_estimator_boxes(belief: Belief, system: System, signals: dict[str, tu
     own = system_box("estimator", system, says, signals)
     whole = together_box() if n == N_XBAR else widened_box()
     boxes = [own, whole.with_inputs(estimate="estimator.estimate", covariance="estimator.covariance")]
-    told = [name for name in sizes if name in own.parts]
-    if len(told) < len(sizes):
-        boxes.append(silent_handler(belief))
-    return boxes
+    return boxes if sizes.keys() <= own.parts.keys() else [*boxes, silent_handler(belief)]
 
 
 def own_box(role: str, belief: Belief, *arguments: np.ndarray) -> Box:

@@ -4,12 +4,13 @@ from pydrake.systems.framework import System
 
 from ortilo_drake.diagrams.wiring.messages import detected
 from ortilo_drake.diagrams.wiring.onboard import belief_in, measurement_in, onboard_boxes, system_of
-from ortilo_drake.diagrams.wiring.world import check_room, is_system, world_boxes
+from ortilo_drake.diagrams.wiring.world import is_system, world_boxes
 from ortilo_drake.loop.element import Box
 from ortilo_drake.onboard.planner.planned import planned, start_of
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.tight import TightFilter
 from ortilo_drake.sensors.described import described
+from ortilo_drake.world.faults.scene_faults import check_room
 
 
 def boxes_of(scenario: Scenario, ticks: int) -> list[Box]:

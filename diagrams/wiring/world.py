@@ -11,7 +11,6 @@ from ortilo_drake.loop.element import Box, constant, outside
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_U, N_X, PAYLOAD
-from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances
 from ortilo_drake.onboard.planner.planned import BUILT_IN
 from ortilo_drake.scenario import CommandLink, IntermittentFilter, LqServo, Scenario
@@ -136,16 +135,6 @@ def sensors_boxes(scenario: Scenario, room: Room, whole_imu: bool) -> tuple[list
             boxes += own
             messages[name] = own[-1]
     return boxes, messages
-
-
-def check_room(scenario: Scenario, room: Room) -> None:
-    """Raise InputError for faults of anchors, landmarks and rotors that are not there."""
-    counts = {"anchor": len(room.anchors), "landmark": len(room.landmarks), "rotor": scenario.vehicle.rotor_count}
-    for i, fault in enumerate(scenario.faults):
-        for name, count in counts.items():
-            for index in (*getattr(fault, f"{name}s", ()), getattr(fault, name, 0)):
-                if index >= count:
-                    raise InputError(f"faults.{i}: {fault.kind}: {name} {index}: must be below {count}, their number")
 
 
 def report_link_boxes(scenario: Scenario, report: Box) -> list[Box]:

@@ -84,7 +84,7 @@ class ExportedHalf:
         build(Path(folder).resolve(), self.target, TEMPLATES / "serve.c", made)
         command = emulated(self.target, made, "-display", "none", "-monitor", "none", "-serial", "stdio")
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-        self._inputs, self._anew, self._said, self.stopped = np.zeros(0), True, dict[str, np.ndarray](), 0
+        self._anew, self._said, self.stopped = True, dict[str, np.ndarray](), 0
 
     def __enter__(self) -> "ExportedHalf":
         return self

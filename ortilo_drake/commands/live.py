@@ -50,7 +50,7 @@ def live(
     goal = path.value(path.end_time())[:2, 0] if isinstance(path, Trajectory) else room.interior.min[:2]
     controls = Controls(meshcat, panel, room, chosen.sensors, (float(goal[0]), float(goal[1])))
     lamps = unwired(chosen.sensors)
-    scene = Scene(meshcat, room, chosen.vehicle, lamps, chosen.h)
+    scene = Scene(meshcat, room, chosen.vehicle, lamps)
     status: Status | None = None
     readings = b"null"  # until the first tick
 

@@ -25,7 +25,7 @@ class Added(NamedTuple):
         outputs: output ports by the names that were asked for.
     """
 
-    systems: dict[str, System]
+    systems: dict[str, Any]
     outputs: dict[str, OutputPort]
 
     def _players(self) -> Iterator[Any]:
@@ -34,9 +34,9 @@ class Added(NamedTuple):
 
     def set_seed(self, context: Context, seed: int) -> None:
         """Set the seed of all noise; the context is the root's."""
-        seeded: list[Any] = [system for system in self.systems.values() if hasattr(system, "set_seed_in")]
-        for system in seeded:
-            system.set_seed_in(system.GetMyMutableContextFromRoot(context), seed)
+        for system in self.systems.values():
+            if hasattr(system, "set_seed_in"):
+                system.set_seed_in(system.GetMyMutableContextFromRoot(context), seed)
 
     def seed_in(self, context: Context) -> int:
         """Return the seed of all noise; the context is the root's."""
@@ -120,11 +120,10 @@ def add_wiring(
     """
     several = {name: (said,) if isinstance(said, str) else said for name, said in asked.items()}
     shows = {name: tuple(_said(wiring, one) for one in said) for name, said in several.items()}
-    ports, systems, readers = dict(sources), dict[str, System](), list[tuple[InputPort, str]]()
+    ports, systems, readers = dict(sources), dict[str, Any](), list[tuple[InputPort, str]]()
     for box in wiring.boxes.values():
         if box.system is not None:
             systems[box.name] = builder.AddSystem(box.system)
-            _connect_chance(builder, chance, box.system)
             readers += [(box.system.GetInputPort(p), said) for p, said in _reads(wiring, box).items()]
             ports |= {f"{box.name}.{part}": box.system.GetOutputPort(part) for part in box.parts}
             ports[box.name] = together(builder, [ports[f"{box.name}.{part}"] for part in box.parts])
@@ -137,7 +136,7 @@ def add_wiring(
     wanted = [said for _, said in readers] + [said for unit in units for said in unit.reads.values()]
     apart = {name: said for name, said in shows.items() if name not in joined}
     wanted += [one for said in apart.values() for one in said]
-    outputs: dict[str, OutputPort] = {}
+    outputs = dict[str, OutputPort]()
     for unit in units:
         own = {unit.port_of(said): (said,) for said in wanted if unit.plays(said)}
         system = builder.AddSystem(WiredSystem_[float](unit.name, unit.wiring, own | joined, h, seed))
@@ -145,8 +144,10 @@ def add_wiring(
         ports |= {said: system.GetOutputPort(port) for port, (said,) in own.items()}
         outputs |= {port: system.GetOutputPort(port) for port in joined}
         readers += [(system.GetInputPort(port), said) for port, said in unit.reads.items()]
-        _connect_chance(builder, chance, system)
-    inputs: dict[str, InputPortIndex] = {}
+    for system in systems.values():
+        if chance is not None and hasattr(system, "set_seed_in") and system.HasInputPort("chance"):
+            builder.Connect(chance, system.GetInputPort("chance"))
+    inputs = dict[str, InputPortIndex]()
     for port, said in readers:
         if said in ports:
             builder.Connect(ports[said], port)
@@ -188,12 +189,6 @@ def _reads(wiring: Wiring, box: Box) -> dict[str, str]:
     """Return the source of each input of a box, "box" or "box.part"."""
     said = {port: _said(wiring, box.reads.get(port, port)) for port in box.element.inputs}
     return {port: its for port, its in said.items() if its.partition(".")[0] != box.name}
-
-
-def _connect_chance(builder: DiagramBuilder, chance: OutputPort | None, system: System) -> None:
-    """Connect what lets Drake draw the seed of a system, if it draws noise."""
-    if chance is not None and hasattr(system, "set_seed_in") and system.HasInputPort("chance"):
-        builder.Connect(chance, system.GetInputPort("chance"))
 
 
 def _unread(box: Box) -> list[InputPort]:

@@ -118,9 +118,7 @@ def kind_of(name: str, value: Any) -> Kind:
 
 @dataclass(frozen=True)
 class Element:
-    """A kind of box: its ports, constants, state and compiled functions.
-
-    One that names no numbers, tables, state and work has those of its box's values, see Box.
+    """A kind of box: its functions, and of a box the constants, tables, states and work that its values make.
 
     Attributes:
         name: of the kind.
@@ -149,20 +147,18 @@ class Element:
     groups: tuple[Group, ...] = ()
 
     def having(self, given: "Values", work: dict[str, tuple[int, ...]]) -> "Element":
-        """Return the element with the numbers, tables, state and work of a box's values, unless it names its own."""
+        """Return the element with the numbers, tables, state and work of a box's values."""
         grouped = {leaf.name for group in self.groups for leaf in group.leaves}
-        numbers = {name: value for name, value in given.numbers.items() if name not in grouped}
-        tables = {name: value for name, value in given.tables.items() if name not in grouped}
-        named = self.numbers or self.tables or self.state or self.work
-        if named or not (numbers or tables or given.start or work):
-            return self
-        return replace(
+        numbers = [(name, its) for name, its in given.numbers.items() if name not in grouped]
+        tables = [(name, its) for name, its in given.tables.items() if name not in grouped]
+        had = replace(
             self,
-            numbers=tuple(Number(name, np.shape(its), kind_of(name, its)) for name, its in numbers.items()),
-            tables=tuple(Array(name, np.ndim(its), kind_of(name, its)) for name, its in tables.items()),
+            numbers=tuple(Number(name, np.shape(its), kind_of(name, its)) for name, its in numbers),
+            tables=tuple(Array(name, np.ndim(its), kind_of(name, its)) for name, its in tables),
             state=tuple(Array(name, np.ndim(its)) for name, its in given.start.items()),
             work=tuple(Array(name, len(shape)) for name, shape in work.items()),
         )
+        return self if had == self else had
 
     @property
     def constants(self) -> tuple[Number, ...]:

@@ -102,7 +102,7 @@ class Memory:
         return self
 
     def numbers_of(self, name: str) -> Any:
-        """Return a box's constants as attributes, for plain source."""
+        """Return a box's constants as attributes, in their place in N."""
         at, dtype = self._places.numbers[name], self._wiring.boxes[name].element.dtype
         return self.N[at : at + dtype.itemsize].view(dtype).view(np.recarray)[0]
 
@@ -113,18 +113,16 @@ class Memory:
     def put(self, name: str, given: Values) -> None:
         """Put in what a box is given."""
         self._known = None
-        box, at = self._wiring.boxes[name], self._places.numbers[name]
-        dtype = box.element.dtype
-        record = self.N[at : at + dtype.itemsize].view(dtype)
+        record = self.numbers_of(name)
         for number, value in given.numbers.items():
-            record[number][0] = value
+            record[number] = value
         for state, value in given.start.items():
             first, shape = self._places.state[name, state]
             values = np.asarray(value, dtype=float)
             if values.shape != shape:
                 raise ValueError(f"{name}: {state}: has the shape {values.shape}, must have {shape}")
             self.S[first : first + values.size] = values.ravel()
-        for table in box.element.arrays:
+        for table in self._wiring.boxes[name].element.arrays:
             if table.name in given.tables:
                 values = np.ascontiguousarray(given.tables[table.name], dtype=table.kind)
                 first = self._places.tables[name, table.name]

@@ -29,9 +29,6 @@ _NOTHING = np.zeros(0)
 def WiredSystem_(T: type) -> type:
     """Return the system for a scalar type: float, AutoDiffXd or Expression."""
 
-    def zeros(size: int) -> Any:
-        return np.zeros(size) if T is float else np.full(size, T(0.0))
-
     class Impl(LeafSystem_[T]):
         """Boxes of a wiring as one system.
 
@@ -130,7 +127,7 @@ def WiredSystem_(T: type) -> type:
             size = self._places.sizes[3]
 
             def calc(context: Any, cached: Any) -> None:
-                Y = self._groups[frozenset()].Eval(context).copy() if needs else zeros(size)
+                Y = self._groups[frozenset()].Eval(context).copy() if needs else np.full(size, T(0.0))
                 self._put_inputs(context, needs, Y)
                 self._make(f"said_{i}", context, self._state_in(context), Y)
                 cached.set_value(Y)

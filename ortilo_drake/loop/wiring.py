@@ -6,7 +6,7 @@ from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
 
-from ortilo_drake.loop.element import RESERVED, Array, Box, Number
+from ortilo_drake.loop.element import RESERVED, Box
 
 
 @dataclass(frozen=True)
@@ -22,8 +22,8 @@ class Wiring:
     """Boxes, in any order, checked as a whole.
 
     Raises:
-        ValueError: if two boxes have one name, if an input reads what is not there, if a box lacks a value or is given
-            one of the wrong shape, or if outputs read each other in a circle.
+        ValueError: if two boxes have one name, if an input reads what is not there, if a value has a reserved name, if
+            a box shows what is no state of its size, or if outputs read each other in a circle.
     """
 
     def __init__(self, boxes: list[Box]):
@@ -89,30 +89,14 @@ def _sorted(graph: dict[str, list[str]]) -> list[str]:
 
 
 def check_values(box: Box) -> None:
-    """Check that a box has each of its values, in the right shape.
-
-    Raises:
-        ValueError: if it has not.
-    """
-    element, given = box.element, box.given
-    for role, items, values in (
-        ("number", element.constants, given.numbers),
-        ("state", element.state, given.start),
-        ("table", element.arrays, given.tables),
-        ("work", element.work, box.work),
-    ):
-        names = {item.name for item in items}
-        if names != set(values):
-            raise ValueError(f"{box.name}: {role}: has {sorted(values)}, must have {sorted(names)}")
-        if names & set(RESERVED):
-            raise ValueError(f"{box.name}: {role}: is named {sorted(names & set(RESERVED))}, which is reserved")
-        for item in items:
-            shape = values[item.name] if role == "work" else np.shape(values[item.name])
-            if isinstance(item, Number) and shape != item.shape:
-                raise ValueError(f"{box.name}: {item.name}: has the shape {shape}, must have {item.shape}")
-            if isinstance(item, Array) and len(shape) != item.dimensions:
-                raise ValueError(f"{box.name}: {item.name}: has {len(shape)} dimensions, must have {item.dimensions}")
+    """Check the names of a box's values, and the state that it shows; ValueError where they are wrong."""
+    element = box.element
+    named = {*element.own, *(number.name for number in element.constants)}
+    if reserved := sorted(named & set(RESERVED)):
+        raise ValueError(f"{box.name}: a value is named {reserved}, which is reserved")
     if element.shows:
-        size = np.size(given.start[element.shows])
+        if element.shows not in box.given.start:
+            raise ValueError(f"{box.name}: shows {element.shows!r}, must be one of its states: {list(box.given.start)}")
+        size = np.size(box.given.start[element.shows])
         if size != box.size:
             raise ValueError(f"{box.name}: {element.shows}: has {size} numbers, must have {box.size}")

@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from html import escape
 from typing import NamedTuple
 
-from ortilo_drake.diagrams.wiring.blocks import COLUMNS, WORLD, Block, blocks_of, signals_between
 from ortilo_drake.loop.wiring import Wiring
+from ortilo_drake.views.blocks import COLUMNS, WORLD, Block, blocks_of, signals_between
 from ortilo_drake.views.palette import BLUE, ORANGE
 
 WIDE, HIGH, GAP, ROW, LANE, MARGIN = 96, 46, 88, 78, 26, 34  # of blocks, between them, and around all of them [px]

@@ -9,12 +9,12 @@ from collections.abc import Iterator
 from html import escape
 
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
-from ortilo_drake.diagrams.wiring.blocks import WORLD, arrows_of, blocks_of
 from ortilo_drake.loop.element import Box
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.views.block_picture import block_picture
+from ortilo_drake.views.blocks import WORLD, arrows_of, blocks_of
 from ortilo_drake.views.palette import BLUE, ORANGE
 from ortilo_drake.views.wiring_text import kind_of, parts_of, row
 

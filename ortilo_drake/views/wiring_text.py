@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.diagrams.wiring.blocks import WORLD, blocks_of, signals_between
 from ortilo_drake.diagrams.wiring.whole import boxes_of
 from ortilo_drake.flight.flyable import flight_ticks
 from ortilo_drake.loop.element import Box
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.scenario import Scenario
+from ortilo_drake.views.blocks import WORLD, blocks_of, signals_between
 
 SHORT = 6  # numbers of an array whose values are printed
 PACKAGE = Path(__file__).parents[1]

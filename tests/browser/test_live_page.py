@@ -40,7 +40,7 @@ class Flying(Thread):
         )
         meshcat, panel, room = hidden_meshcat(), Panel(), scenario.load_room()
         controls = Controls(meshcat, panel, room, scenario.sensors, (8.0, 1.0))
-        scene = Scene(meshcat, room, scenario.vehicle, ("uwb", "camera"), scenario.h)
+        scene = Scene(meshcat, room, scenario.vehicle, ("uwb", "camera"))
         with Guard(meshcat, panel, None, lambda: self.readings, self.refused.append) as guard:
             self.url = guard.url
             self.is_ready.set()

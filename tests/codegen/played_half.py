@@ -4,7 +4,7 @@ import numpy as np
 
 from ortilo_drake.codegen.half import Half
 from ortilo_drake.diagrams.wiring.onboard import measurement_in
-from ortilo_drake.loop.element import OUTSIDE, Array, Box, Element, Values, constant
+from ortilo_drake.loop.element import OUTSIDE, Box, Element, Values, constant
 from ortilo_drake.loop.player import Player
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.placing import put
@@ -15,7 +15,7 @@ def sent_out(k: int, rows: np.ndarray, out: np.ndarray) -> None:
     put(rows[k], out)
 
 
-SENT = Element("sent", out=sent_out, tables=(Array("rows", 2),))
+SENT = Element("sent", out=sent_out)
 
 
 class PlayedHalf:

@@ -284,7 +284,7 @@ def test_no_message_wishes_more_than_the_sliders_ends_and_no_number_of_clicks_is
 @pytest.mark.long
 def test_the_scene_shows_a_flight_and_its_lamps() -> None:
     meshcat = Meshcat()
-    scene = Scene(meshcat, HOVERING.load_room(), HOVERING.vehicle, ("uwb", "camera"), HOVERING.h)
+    scene = Scene(meshcat, HOVERING.load_room(), HOVERING.vehicle, ("uwb", "camera"))
     live = flight()
     scene.begin(live.path)
     for _ in range(20):

@@ -12,7 +12,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 import ortilo_drake as od
 from ortilo_drake.diagrams.estimator import Estimator
-from ortilo_drake.diagrams.servo import make_lq_servo
+from ortilo_drake.diagrams.single_parts import make_lq_servo
 from ortilo_drake.flight.flight import fly, scenario_of
 from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
 from ortilo_drake.flight.stepped_halves import OnboardHalf

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Array, Box, Element, Number, Values
+from ortilo_drake.loop.element import Box, Element, Values
 
 
 def mass_step(n: Any, x: np.ndarray, u: np.ndarray) -> None:
@@ -29,9 +29,9 @@ def watch_out(x: np.ndarray, out: np.ndarray) -> None:
     out[0] = 2.0 if x[0] > 3.0 else -1.0
 
 
-MASS = Element("mass", step=mass_step, numbers=(Number("h"),), state=(Array("x"),), shows="x")
-SENSOR = Element("sensor", out=sensor_out, numbers=(Number("off"),))
-GAIN = Element("gain", out=gain_out, tables=(Array("K", 2),))
+MASS = Element("mass", step=mass_step, shows="x")
+SENSOR = Element("sensor", out=sensor_out)
+GAIN = Element("gain", out=gain_out)
 WATCH = Element("watch", out=watch_out)
 H, K, OFF, X_0 = 0.1, np.array([[1.2, 1.6]]), 0.05, np.array([1.0, 0.5])
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from plain_box import PlainBox
 
-from ortilo_drake.loop.element import Box, Element, Number, Values, constant, group_of
+from ortilo_drake.loop.element import Box, Element, Values, constant, group_of
 from ortilo_drake.loop.own import box
 from ortilo_drake.loop.player import Player
 from ortilo_drake.loop.wiring import Wiring
@@ -36,7 +36,7 @@ def without_n(settings: Settings, out: np.ndarray) -> None:
 
 
 SETTINGS = Settings(3, Grid(np.arange(6.0).reshape(3, 2), 2.0), True, np.array([True, False, True]))
-BOX = Box("said", Element("said", out=said, numbers=(Number("absent"),)), 3, Values({"absent": 7.0}))
+BOX = Box("said", Element("said", out=said), 3, Values({"absent": 7.0}))
 SAID = [[-20.0, 7.0, -60.0], [-21.0, 7.0, -65.0], [-22.0, 7.0, -70.0]]
 
 

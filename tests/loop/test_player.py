@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from small_loop import X_0, H, K, boxes, flown
 
-from ortilo_drake.loop.element import Array, Box, Element, Values, bundle, constant
+from ortilo_drake.loop.element import Box, Element, Values, bundle, constant
 from ortilo_drake.loop.player import Player
 from ortilo_drake.loop.wiring import Wiring
 
@@ -107,7 +107,7 @@ def test_who_reads_a_shown_state_reads_it_before_it_steps() -> None:
     def pulled_step(x: np.ndarray, leader: np.ndarray) -> None:
         x[0] = leader[0]
 
-    follower = Box("a_follower", Element("follower", step=pulled_step, state=(Array("x"),), shows="x"), 1,
+    follower = Box("a_follower", Element("follower", step=pulled_step, shows="x"), 1,
                    Values(start={"x": np.zeros(1)}), reads={"leader": "mass"})  # fmt: skip
     player = Player(Wiring([*boxes(), follower]), ("mass", "a_follower"), "watch")
     trace = fly(player, 12, 0)

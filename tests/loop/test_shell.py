@@ -15,7 +15,7 @@ from pydrake.autodiffutils import AutoDiffXd, ExtractValue
 from pydrake.symbolic import Variable
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from ortilo_drake.diagrams.servo import make_lq_servo
+from ortilo_drake.diagrams.single_parts import make_lq_servo
 from ortilo_drake.diagrams.wiring.whole import boxes_of
 from ortilo_drake.diagrams.wiring.world import world_boxes
 from ortilo_drake.loop.diagram import Added, add_wiring, system_of

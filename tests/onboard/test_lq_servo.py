@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from ortilo_drake.diagrams.servo import make_lq_servo
+from ortilo_drake.diagrams.single_parts import make_lq_servo
 from ortilo_drake.model.equations import small_angle_dynamics
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair, servo_gain

@@ -6,7 +6,7 @@ from pydrake.autodiffutils import AutoDiffXd, InitializeAutoDiff
 from pydrake.symbolic import Expression
 from pydrake.systems.framework import System
 
-from ortilo_drake.diagrams.servo import make_lq_servo
+from ortilo_drake.diagrams.single_parts import make_lq_servo
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.scenario import LqServo, Scenario
 from ortilo_drake.world.vehicle.rotors import Rotors_

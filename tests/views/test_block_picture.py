@@ -7,8 +7,8 @@ from xml.etree import ElementTree
 import pytest
 from views.test_wiring_text import CASES, richest, wired
 
-from ortilo_drake.diagrams.wiring.blocks import blocks_of, signals_between
 from ortilo_drake.views.block_picture import block_picture
+from ortilo_drake.views.blocks import blocks_of, signals_between
 
 SVG = "{http://www.w3.org/2000/svg}"
 Point = tuple[float, float]

@@ -9,10 +9,10 @@ import pytest
 from rich.cells import cell_len
 
 import ortilo_drake
-from ortilo_drake.diagrams.wiring.blocks import WORLD, blocks_of, signals_between
 from ortilo_drake.loop.element import Box
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.scenario import load_scenario, scenario_names
+from ortilo_drake.views.blocks import WORLD, blocks_of, signals_between
 from ortilo_drake.views.wiring_text import kind_of, wiring_of, wiring_text
 
 LATE = "command_link.delay=1", "commands.filter=acted", "commands.servo=predicted", "estimator.delay=replay"

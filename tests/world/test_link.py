@@ -12,7 +12,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from scipy import stats
 
 from ortilo_drake.loop.diagram import add_wiring
-from ortilo_drake.loop.element import Box, Element, Number, Values, constant, outside
+from ortilo_drake.loop.element import Box, Element, Values, constant, outside
 from ortilo_drake.loop.player import Player
 from ortilo_drake.loop.shell import WiredSystem_
 from ortilo_drake.loop.wiring import Wiring
@@ -95,7 +95,7 @@ def vehicle_out(k: int, out: np.ndarray) -> None:
     out[0], out[1], out[2] = k / 4, -k / 8, k / 16
 
 
-SOURCE = Element("source", out=source_out, numbers=(Number("h"), Number("late"), Number("silent", (), "i8")))
+SOURCE = Element("source", out=source_out)
 VEHICLE = Element("still_line", out=vehicle_out)
 
 

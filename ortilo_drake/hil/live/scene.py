@@ -30,11 +30,10 @@ class Scene:
         room: the room.
         vehicle: the vehicle.
         sensors: those with a lamp, side by side, the first in the west.
-        h: tick [s].
     """
 
-    def __init__(self, meshcat: Meshcat, room: Room, vehicle: Vehicle, sensors: tuple[str, ...], h: float):
-        self._meshcat, self._vehicle, self._sensors, self._h = meshcat, vehicle, sensors, h
+    def __init__(self, meshcat: Meshcat, room: Room, vehicle: Vehicle, sensors: tuple[str, ...]):
+        self._meshcat, self._vehicle, self._sensors = meshcat, vehicle, sensors
         draw_room(meshcat, room)
         low, high = np.array(room.interior.min), np.array(room.interior.max)
         length = np.array([high[0] - low[0], 0.0, 0.0])

@@ -62,7 +62,7 @@ class Detector(LeafSystem):
     def __init__(self, detect: Callable[[np.ndarray], Boxes], size: tuple[int, int], latency: int, h: float):
         super().__init__()
         self.set_name("detector")
-        self._detect, self._size, self._latency = detect, size, latency
+        self._detect, self._size = detect, size
         self._image = self.DeclareAbstractInputPort("image", Value(ImageRgba8U()))
         self._shutter = self.DeclareVectorInputPort("shutter", SHUTTER_SIZE)
         self._pipeline = self.DeclareDiscreteState(latency * DETECTIONS_SIZE)

@@ -16,10 +16,11 @@ from ortilo_drake.onboard.detector.class_names import COCO_CLASSES, in_room, nam
 from ortilo_drake.onboard.detector.darknet_cfg import parse_cfg, read_cfg
 from ortilo_drake.onboard.detector.darknet_layers import DarknetCfg
 from ortilo_drake.onboard.detector.detector import Boxes
+from ortilo_drake.onboard.detector.detector import Detector as DetectorSystem
 from ortilo_drake.onboard.detector.network_backends import Compute, onnxruntime_network, opencv_network, torch_network
 from ortilo_drake.onboard.detector.onnx_detector import load_onnx
 from ortilo_drake.onboard.detector.yolo_boxes import decode
-from ortilo_drake.scenario import Detector
+from ortilo_drake.scenario import Belief, Detector
 
 cv2 = later("cv2")
 
@@ -134,3 +135,11 @@ def load_own(settings: Any, room: Room, size: tuple[int, int]) -> Callable[[np.n
         return labels.astype(np.int64), scores, np.clip(boxes, -0.5, border)
 
     return detect
+
+
+def make_detector(scenario: Belief, room: Room) -> DetectorSystem:
+    """Return the detector of a rendered camera's pictures; InputError if its files are wrong."""
+    camera = room.camera.scaled_to(scenario.camera.width)
+    size = camera.width, camera.height
+    detect = load_detector(scenario.detector, room, size)
+    return DetectorSystem(detect, size, scenario.camera.latency, scenario.h)

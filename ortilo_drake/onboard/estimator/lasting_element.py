@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.element import Array, Box
+from ortilo_drake.loop.element import Box
 from ortilo_drake.model.measurement import Layout, Measurement, Row
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.scalars import values_of
@@ -234,8 +234,7 @@ STEPS: dict[str, Callable[..., None]] = {
 def told_box(filter_: Box, told: LearnedCoefficients) -> Box:
     """Return one of the paper's filters that reads what is `lasting` and `camera_lasting` (6) of fixes as well."""
     element = filter_.element
-    work = (*element.work, Array("weights", 2), Array("both"))
-    element = replace(element, name=f"told_{element.name}", step=STEPS[element.name], work=work)
+    element = replace(element, name=f"told_{element.name}", step=STEPS[element.name])
     shape = filter_.given.tables["layout_weights"].shape
     box = replace(filter_, element=element, work=filter_.work | {"weights": shape, "both": (2 * N_LASTING,)})
     return box.with_groups(told=told)

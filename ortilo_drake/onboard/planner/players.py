@@ -10,6 +10,7 @@ from pydrake.trajectories import Trajectory
 from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import REFERENCE_SIZE
+from ortilo_drake.onboard.planner.planner import make_planner
 
 
 def reference_out(k: int, path: np.ndarray, out: np.ndarray) -> None:
@@ -17,9 +18,14 @@ def reference_out(k: int, path: np.ndarray, out: np.ndarray) -> None:
     put(path[min(k, path.shape[0] - 1)], out)
 
 
-def reference_box(path: np.ndarray) -> Box:
-    """Return the box that plays a path: r, r_dot and r_ddot at every tick (ticks, 9)."""
-    return Box("reference", Element("reference", out=reference_out), REFERENCE_SIZE, Values(tables={"path": path}))
+def reference_box(path: Trajectory, ticks: int, h: float) -> Box:
+    """Return the box that plays a path: r, r_dot and r_ddot at every tick of h [s]."""
+    planner = make_planner(path)
+    context, table = planner.CreateDefaultContext(), np.empty((ticks + 1, REFERENCE_SIZE))
+    for k in range(ticks + 1):
+        context.SetTime(k * h)
+        table[k] = planner.get_output_port().Eval(context)
+    return Box("reference", Element("reference", out=reference_out), REFERENCE_SIZE, Values(tables={"path": table}))
 
 
 class Path(NamedTuple):

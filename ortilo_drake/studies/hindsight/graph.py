@@ -70,7 +70,6 @@ class FlightGraph:
         self.graph, self.values, self._keys = gtsam.NonlinearFactorGraph(), gtsam.Values(), numbered()
         self._add_start()
         self._w = self._add_imu()
-        self._clocks: dict[str, Process] = {}
         if self._scenario.measures_ranges:
             self._add_ranges()
         if self._scenario.sees_landmarks:

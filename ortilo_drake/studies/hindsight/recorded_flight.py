@@ -9,13 +9,13 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.sensors import ImageRgba8U
 
-from ortilo_drake.diagrams.wiring.messages import make_detector
 from ortilo_drake.flight.signals import Signals
 from ortilo_drake.flight.stepped_halves import image_value
 from ortilo_drake.interop.log.logged_flight import fly_logged
 from ortilo_drake.interop.log.reader import holds_what_was_sent, log_scenario, read_log, read_ticks
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.signals import N_X, SHUTTER_SIZE
+from ortilo_drake.onboard.detector.detector_network import make_detector
 from ortilo_drake.scenario import Scenario, with_seed
 
 

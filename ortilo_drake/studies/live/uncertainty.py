@@ -9,7 +9,6 @@ from typing import Final, NamedTuple
 
 from ortilo_drake.studies.live.stamped_estimate import StampedEstimate
 
-MOST_DEVIATION: Final = 1.0  # of a position that is sent, unless told otherwise [m]
 MOST_YAW: Final = 0.5  # of a heading that is sent [rad]
 AGAIN: Final = 0.8  # of a limit: an estimate is sent again below that, so that noise does not switch it
 

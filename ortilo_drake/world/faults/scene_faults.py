@@ -9,6 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.faults import AnyFault, LandmarkGone, LandmarkMoved, People, sensors_of
 from ortilo_drake.world.faults.table import (
     LANDMARK_GONE,
@@ -72,3 +75,13 @@ def scene_at(room: Surroundings, faults: FaultTable, t: float) -> Scene:
             cylinders = np.concatenate((cylinders, cylinders_at(values, t - faults.starts[i])))
     seen = Surroundings(positions[there], room.outlines[there], room.sizes[there], room.boxes, cylinders)
     return Scene(seen, there)
+
+
+def check_room(scenario: Scenario, room: Room) -> None:
+    """Raise InputError for faults of anchors, landmarks and rotors that are not there."""
+    counts = {"anchor": len(room.anchors), "landmark": len(room.landmarks), "rotor": scenario.vehicle.rotor_count}
+    for i, fault in enumerate(scenario.faults):
+        for name, count in counts.items():
+            for index in (*getattr(fault, f"{name}s", ()), getattr(fault, name, 0)):
+                if index >= count:
+                    raise InputError(f"faults.{i}: {fault.kind}: {name} {index}: must be below {count}, their number")
