@@ -66,19 +66,19 @@ class Flight:
 
     @property
     def player(self) -> str | None:
-        """The player that flew it: 'engine', 'drake' or 'drake-elements'; None where it is not known, as of a log."""
+        """The player that flew it: 'engine', 'drake' or 'drake-elements'; None if unknown, as for a log."""
         found: str | None = self.data.attrs.get("player")
         return found
 
     @property
     def lost(self) -> dict[str, Any] | None:
-        """Time [s] and cause of the loss, None of a flight that reached its end."""
+        """Time [s] and cause of the loss; None for a flight that reached its end."""
         found: dict[str, Any] | None = json.loads(self.data.attrs["lost"])
         return found
 
     @property
     def error(self) -> xr.DataArray:
-        """The estimate of the position less the truth at every tick (tick, axis) [m]."""
+        """The estimate of the position minus the truth at every tick (tick, axis) [m]."""
         axes = list(flight.AXES)
         estimate = self.data["estimate"].sel(xbar=axes).rename(xbar="axis")
         error = (estimate - self.data["truth"].sel(state=axes).rename(state="axis")).rename("error")
@@ -86,7 +86,7 @@ class Flight:
 
     @property
     def errors(self) -> xr.DataArray:
-        """The estimate of the whole state less the truth (tick, state), angles in [-pi, pi); `unit` is each state's."""
+        """The estimated state minus the true one (tick, state), angles in [-pi, pi); `unit` is each state's."""
         estimate = self.data["estimate"].sel(xbar=list(STATE_NAMES)).rename(xbar="state")
         errors = (estimate - self.data["truth"]).rename("errors")
         angles = {"state": list(STATE_NAMES[3:6])}
@@ -237,7 +237,7 @@ def fly(
     player: str = "fastest",
     **changes: Any,
 ) -> Flight:
-    """Fly a scenario once, with parts of one's own where they are given.
+    """Fly a scenario once, also with parts of your own.
 
         >>> import ortilo_drake as od
         >>> hover = {"kind": "hover", "duration": 0.5}

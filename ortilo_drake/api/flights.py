@@ -74,7 +74,7 @@ def fly_many(
     player: str = "fastest",
     **changes: Any,
 ) -> Flights:
-    """Fly a scenario once for each seed. Flights that are in the folder already are not flown again.
+    """Fly a scenario once for each seed. Flights already in the folder are not flown again.
 
     Args:
         scenario: a ready-made scenario's name, a .yaml file, or a Scenario.

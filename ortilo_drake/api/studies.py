@@ -32,7 +32,7 @@ from ortilo_drake.studies.paper_tables.tables import STATISTICS, Tables, make_ta
 
 @dataclass(frozen=True, repr=False)
 class Study:
-    """The result of a study. It prints as its report, and a notebook shows that.
+    """The result of a study. print and notebooks show its report.
 
     Attributes:
         text: the report, as the command prints it, in Markdown.
@@ -60,7 +60,7 @@ def linearize(
     lag: str = "down",
     **changes: Any,
 ) -> Linearization:
-    """Return a part of a scenario's diagram as matrices, linearised by Drake where it flies along a reference.
+    """Return the matrices of a part of a scenario's diagram, linearised by Drake along a reference.
 
         >>> import ortilo_drake as od
         >>> plant = od.linearize("nominal_imu_uwb", "plant")
@@ -107,7 +107,7 @@ def map(
     workers: int = 1,
     progress: Callable[[int], None] = lambda flown: None,
 ) -> Study:
-    """Fly a map as `ortilo map` does: at each point of a design over any settings as many flights as asked for.
+    """Fly a map as `ortilo map` does: a number of flights at each point of a design over any settings.
 
         >>> import ortilo_drake as od
         >>> hover = {"planner": {"kind": "hover", "duration": 0.5}, "settle": 0.0}
@@ -148,7 +148,7 @@ def tables(
     player: str = "fastest",
     **changes: Any,
 ) -> Study:
-    """Fly the paper's two scenarios, or one, as `ortilo tables` does, and set the paper's tables I and II beside ours.
+    """Fly the paper's two scenarios, or one, as `ortilo tables` does, and compare its tables I and II with ours.
 
     The camera is rendered as scenarios have it: `camera__kind="projected"` flies a hundred times as fast.
 

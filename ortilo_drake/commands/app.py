@@ -80,6 +80,7 @@ def set_up(
     theme: Annotated[
         Theme, typer.Option(metavar="THEME", help="The style of all figures: light, dark, slides or print.")
     ] = Theme.light,
+    title: Annotated[str, typer.Option(metavar="TEXT", help="A title for all figures, instead of their own.")] = "",
     figures: Annotated[
         Format, typer.Option(metavar="FORMAT", help="The format of figures in an --out folder: png, svg or pdf.")
     ] = Format.png,
@@ -90,7 +91,7 @@ def set_up(
     """Run the files that register parts, before the command reads a scenario that names them; join a cluster."""
     # Drake, imported later, sets the level to INFO.
     logging.getLogger("drake").addFilter(lambda record: record.levelno >= logging.WARNING)
-    context.with_resource(themed(theme))
+    context.with_resource(themed(theme, title))
     context.with_resource(drawn_as(figures))
     for file in plugin or ():
         load_plugin(file)
@@ -129,7 +130,7 @@ app.add_typer(room_app, name="room")
 def _plain_usage(error: Any) -> str:
     """Return what is wrong with the arguments, in a line."""
     option, context = getattr(error, "option_name", None), error.ctx
-    if context is not None and option in ("--plugin", "--scheduler", "--theme", "--figures"):
+    if context is not None and option in ("--plugin", "--scheduler", "--theme", "--title", "--figures"):
         command = context.info_name
         while (context := context.parent).parent is not None:
             command = f"{context.info_name} {command}"

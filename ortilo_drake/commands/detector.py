@@ -56,7 +56,8 @@ def render(
     pictures: PicturesOption = PICTURES,
     seed: SeedOption = 0,
     scale: Annotated[
-        float, typer.Option(min=0.001, max=100.0, callback=finite, help="Scenes, relative to our own training.")
+        float,
+        typer.Option(min=0.001, max=100.0, callback=finite, help="Number of scenes, as a multiple of our training's."),
     ] = 1.0,
     width: WidthOption = 320,
     workers: WorkersOption = None,
@@ -123,7 +124,7 @@ def evaluate(
     pictures: PicturesOption = PICTURES,
     seed: SeedOption = 0,
     scale: Annotated[
-        float, typer.Option(min=0.001, max=100.0, callback=finite, help="Scenes, relative to ours.")
+        float, typer.Option(min=0.001, max=100.0, callback=finite, help="Number of scenes, as a multiple of ours.")
     ] = 1.0,
     width: WidthOption = 320,
     backend: Annotated[str, typer.Option(help="auto, onnxruntime, opencv or torch.")] = "auto",

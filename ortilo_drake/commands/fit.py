@@ -19,18 +19,18 @@ def fit(
     places: Annotated[
         bool,
         typer.Option(
-            "--places", help="Separate errors that belong to places from those that last; takes some minutes."
+            "--places", help="Separate errors that depend on the place from those that last; takes some minutes."
         ),
     ] = False,
     scenario_file: Annotated[
         Path | None, typer.Option("--scenario", help="Also write a scenario with these errors.")
     ] = None,
-    base: Annotated[str, typer.Option("--base", help="With --scenario: its base.")] = "tight_imu_uwb",
+    base: Annotated[str, typer.Option("--base", help="The base of that scenario.")] = "tight_imu_uwb",
     json_file: JsonOption = None,
 ) -> None:
     """Fit the errors of ranges and IMU to recordings with a truth, with 95 % intervals.
 
-    Fitted are each anchor's constant, an error that lasts (Gauss-Markov), white noise, outliers and their bursts, and
+    It fits each anchor's constant, an error that lasts (Gauss-Markov), white noise, outliers and their bursts, and
     the IMU's noise in flight and at rest.
     """
     terminal.check_writable(out_file, scenario_file)

@@ -85,9 +85,7 @@ def fly(
     onnx: options.OnnxOption = None,
     seconds: Annotated[
         float | None,
-        typer.Option(
-            min=0.1, callback=options.finite, help="Fly only so much of it [s]; path and noise stay the same."
-        ),
+        typer.Option(min=0.1, callback=options.finite, help="Fly only this long [s]; path and noise stay the same."),
     ] = None,
     player: options.PlayerOption = options.PlayerName.fastest,
     meshcat: Annotated[bool, typer.Option("--meshcat", help="Show the flight live in the browser.")] = False,

@@ -32,7 +32,7 @@ def hindsight(
 ) -> None:
     """Estimate flights again from all their measurements, before and after each moment.
 
-    It shows the filter that flew, the smoother of a linear filter, the batch factor graph of ranges, boxes and imu
+    It compares the filter that flew, the smoother of a linear filter, the batch factor graph of ranges, boxes and imu
     (needs the extra `smoother`), and the Cramer-Rao floor of a filter.
     """
     log, laid_over = Path(flown), options.with_camera(settings, camera, None)

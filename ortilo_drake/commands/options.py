@@ -108,8 +108,8 @@ PlayerOption = Annotated[
     typer.Option(
         "--player",
         metavar="PLAYER",
-        help="Who flies it, the same flight bit for bit: compiled code (engine); a Drake Diagram, its halves compiled "
-        "(drake) or a system for each element (drake-elements); or the fastest that can.",
+        help="What computes the flight; all give the same bits: compiled code (engine); a Drake Diagram, its halves "
+        "compiled (drake) or a system for each element (drake-elements); or the fastest that can.",
     ),
 ]
 CameraOption = Annotated[

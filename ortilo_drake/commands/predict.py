@@ -20,7 +20,7 @@ def predict(
     out_folder: FolderOption = Path("out/predicted"),
     json_file: JsonOption = None,
 ) -> None:
-    """Simulate recorded flights, and compare error, NEES, NIS and refused ranges with the recorded ones.
+    """Simulate recorded flights, and compare error, NEES, NIS and rejected ranges with the recorded ones.
 
     Each simulation follows the recorded path, at the recorded stamps, through the same filter.
     """

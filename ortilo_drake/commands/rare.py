@@ -28,7 +28,7 @@ def rare(
         typer.Option(
             min=0.001,
             max=1000.0,
-            help="Distance that counts, in m, reached at any moment; a lost flight counts too (wall, tumble)."
+            help="Distance [m] that counts if the vehicle reaches it at any moment; a lost flight always counts."
             " Without it only a loss counts.",
         ),
     ] = None,
@@ -36,7 +36,7 @@ def rare(
         Origin,
         typer.Option(
             "--from",
-            help="What the distance is from: the moving point of the reference, so that a late vehicle is off too; or"
+            help="Measure the distance from the moving point of the reference, so that being late counts too, or from"
             " the nearest point of the planned path.",
         ),
     ] = Origin.reference,
@@ -45,7 +45,7 @@ def rare(
         typer.Option(
             "--fault",
             metavar="FAULT",
-            help="Fly without and with this fault, side by side: '{kind: gust, start: 5.0, ...}' in YAML, a name that"
+            help="Compare flights without and with this fault: '{kind: gust, start: 5.0, ...}' in YAML, a name that"
             " `ortilo faults --faults` takes, or `own` for the scenario's; may be repeated, for a row each.",
         ),
     ] = None,
@@ -53,7 +53,9 @@ def rare(
     repetitions: Annotated[
         int, typer.Option(min=2, help="Independent estimates; their spread gives the interval.")
     ] = 10,
-    count: Annotated[int, typer.Option(min=0, help="Flights to count as well; the answer joins both.")] = 0,
+    count: Annotated[
+        int, typer.Option(min=0, help="Additional flights, in which the event is counted; the answer combines both.")
+    ] = 0,
     least: Annotated[
         float, typer.Option(min=1e-30, max=0.1, help="Smallest probability of interest; the search stops there.")
     ] = 1e-9,
@@ -66,10 +68,10 @@ def rare(
     ] = Path("out/rare"),
     json_file: options.JsonOption = None,
 ) -> None:
-    """Estimate the probability that the vehicle is lost, or strays from its reference or path, where that is rare.
+    """Estimate the small probability that the vehicle is lost, or strays from its reference or path.
 
-    By subset simulation over the noise of all sensors, links and the disturbance in every tick, and over what the
-    scenario's truth draws at the start, in the compiled engine. It stops early where nothing is found, and then
+    It uses subset simulation over the noise of sensors, links and disturbance in every tick, and over what the
+    scenario's truth draws at the start, in the compiled engine. If it finds nothing it stops early and
     gives an upper bound. Repetitions already in the folder are not flown again, so a killed run can be resumed.
     """
     from ortilo_drake.flight.processes.workers import kept_workers

@@ -21,7 +21,7 @@ def replay(
 ) -> None:
     """Replay a log through the onboard half, or with --map filter recorded ranges and IMU and compare with the truth.
 
-    Exit code 3 means that a recording or its map is doubtful: the report says why, and which key may mend it.
+    Exit code 3 means that a recording or its map is doubtful: the report says why, and which key may correct it.
 
     With --map several motions share one map: FOLDER1 FOLDER2. `ortilo tune FOLDERS --map MAP.yaml` fits the noise.
     """

@@ -20,7 +20,7 @@ def sensitivity(
     out_folder: options.FolderOption = Path("out/sensitivity"),
     json_file: options.JsonOption = None,
 ) -> None:
-    """Fly a scenario in worlds that differ from what its filter believes, one mismatch at a time and all together.
+    """Fly a scenario in worlds that differ from what its filter believes, by one mismatch at a time, then all.
 
     It shows errors and losses at given values, and the value at which 5 % of the flights are lost. A camera is
     projected. Flights already in the folder are kept, so an interrupted run continues where it stopped.

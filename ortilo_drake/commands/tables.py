@@ -50,7 +50,7 @@ def tables(
     out_folder: options.FolderOption = Path("out/tables"),
     json_file: options.JsonOption = None,
 ) -> None:
-    """Fly the paper's two scenarios, or one, many times and print its tables I and II beside ours.
+    """Fly the paper's two scenarios, or one, many times, and compare its tables I and II with ours.
 
     --beside adds further scenarios, such as altimeter and flow, to the tables. Flights already in the folder
     are kept, so an interrupted run continues where it stopped.

@@ -151,7 +151,7 @@ def tune(
         Path | None, picture_option("Draw numbers, NEES and NIS before and after; not with --map or --fly")
     ] = None,
     check: Annotated[
-        int, typer.Option(min=0, max=1000, help="Fly both settings, before and after, on this many new seeds.")
+        int, typer.Option(min=0, max=1000, help="Fly this many new seeds with the settings before and after.")
     ] = 0,
     map_file: Annotated[
         Path | None,
@@ -161,7 +161,9 @@ def tune(
     ] = None,
     by: Annotated[
         FitBy,
-        typer.Option(help="With --map: what to maximise, the likelihood of innovations or of the errors to the truth."),
+        typer.Option(
+            help="With --map: maximise the likelihood of the innovations, or of the errors against the truth."
+        ),
     ] = FitBy.innovations,
     fly: Annotated[bool, typer.Option("--fly", help="Search settings by flying them: docs/how_to/tune.md.")] = False,
     kept: Annotated[Path, typer.Option(help="With --fly: folder of the flights' figures.")] = Path("out/tune"),

@@ -34,7 +34,7 @@ _LEARNED_BY = 4  # flights by which it is learned what noise a flight draws
 
 
 class Engine:
-    """A scenario's flights, played from its wiring by compiled code.
+    """Compiled code that flies the wiring of a scenario.
 
     A flight is that of flight.flight.FlightSimulator: the same functions on the same noise, in the same order. It
     depends on its scenario and seed alone, not on what flies beside it or on which thread.
@@ -156,7 +156,7 @@ class Engine:
         return self.ticks * self.noise.width + sum(self.drawn.values())
 
     def distances(self, seeds: np.ndarray, from_path: bool = False) -> np.ndarray:
-        """Fly, and return how far each flight is from its reference at each tick [m] (n, ticks); infinity once lost.
+        """Fly, and return each flight's distance from its reference at each tick [m] (n, ticks); infinity once lost.
 
         What is drawn at the start is of each flight's first seed.
 
@@ -167,7 +167,7 @@ class Engine:
         return np.array([self._fly_away(its, of_seed(int(its[0])), from_path) for its in seeds.astype(np.int64)])
 
     def distances_given(self, numbers: np.ndarray, from_path: bool = False) -> np.ndarray:
-        """Fly, and return the same of the numbers that decide each flight.
+        """Fly with given numbers, and return the same distances.
 
         Args:
             numbers: standard normal (n, numbers): the rows of `noise` for one tick after the other, then what is drawn

@@ -49,7 +49,7 @@ class Compiled:
 
 @dataclass(frozen=True)
 class Sensor:
-    """Everything that the laboratory knows of a sensor; where it is faster than the tick, of one of its samples.
+    """Everything that the laboratory knows about a sensor, or about one sample of a sensor faster than the tick.
 
     What crosses from the world to the onboard half is its message [arrived, stamp, payload ...] (model/signals.py).
     What reaches the filter is a value of m rows and its covariance: y = C x + v.
@@ -187,7 +187,7 @@ _registrations = 0  # so far: what replaces a part may get its id
 
 
 def register_sensor(sensor: Sensor) -> None:
-    """Let scenarios fly a sensor by its name; InputError if it is taken, or link, message or noise lack."""
+    """Let scenarios name a sensor; InputError if the name is taken, or link, message or noise are missing."""
     if not isinstance(sensor, Sensor):
         raise InputError(f"sensor: {sensor!r}: must be an od.Sensor")
     if not sensor.name.isidentifier() or sensor.name.lower() in _TAKEN:

@@ -112,7 +112,7 @@ class Belief(Frozen):
 
     @property
     def linear_filter(self) -> IntermittentFilter | None:
-        """The paper's filter that the estimator is about hover: itself, or as a registered one declares; else None."""
+        """The linear filter that the estimator equals near hover, its own or declared at registration; else None."""
         if isinstance(self.estimator, IntermittentFilter):
             return self.estimator
         part = find_part("estimator", self.estimator.kind)
@@ -138,7 +138,7 @@ class Belief(Frozen):
         return ticks
 
     def samples(self, sensor: str) -> int:
-        """Return the number of samples in a message: more than one of a sensor that flies faster than the tick."""
+        """Return the number of samples in a message: more than one for a sensor faster than the tick."""
         n: int = self.group_of(sensor).link.samples(self.h) if sensor in self.sensors else 1
         return n
 
@@ -163,7 +163,7 @@ class Belief(Frozen):
 
     @property
     def imu_period(self) -> float:
-        """Of how long a sample of the imu has the noise [s]: of a tick, or less where it is faster than that."""
+        """The interval between samples of the imu, which sets their noise [s]: a tick, or less if it is faster."""
         return self.h / self.samples("imu")
 
     @property

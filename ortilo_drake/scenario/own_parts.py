@@ -16,7 +16,7 @@ _FAULT: Any = get_args(AnyFault)[0]  # the union
 
 
 class SensorSettings(Frozen):
-    """Base of the settings of a sensor of one's own."""
+    """Base of the settings of a sensor of your own."""
 
     link: Link = Link()
     """how its messages reach the vehicle."""

@@ -51,7 +51,7 @@ class Scenario(Belief):
 
     @property
     def belief(self) -> Belief:
-        """All that the onboard half gets to see."""
+        """Everything that the onboard half may know."""
         return validate(Belief, _believed(self.model_dump(mode="json")), self.name)
 
     def projected(self) -> "Scenario":
@@ -68,7 +68,7 @@ class Scenario(Belief):
         return self.camera.latency if sensor == "camera" else 0
 
     def sampled_for(self, sensor: str) -> "Scenario":
-        """Return the scenario for a sensor's own clock: where it is faster than the tick, its samples are the ticks."""
+        """Return the scenario for a sensor's own clock: if it is faster than the tick, its samples are the ticks."""
         n = self.samples(sensor)
         return self if n == 1 else self.model_copy(update={"control_rate": n * self.control_rate})
 

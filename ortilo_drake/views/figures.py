@@ -143,7 +143,9 @@ def draw_flight(flight: xr.Dataset) -> Figure:
         for i, (axis, axes) in enumerate(zip(AXES, errors, strict=True)):
             axes.fill_between(time, -3 * sigma[:, i], 3 * sigma[:, i], color=SKY, alpha=0.35, lw=0, label="3 sigma")
             axes.plot(time, error[:, i], color="k", lw=0.8, label="error of the estimate")
-            axes.set_ylabel(f"error\n{axis} [m]")
+            axes.set_ylabel(
+                f"{axis} [m]" if side_by_side else f"{axis} error [m]"
+            )  # low axes: the legend says the rest
             axes.tick_params(labelbottom=side_by_side)
             if side_by_side:
                 axes.set_xlabel("time [s]")

@@ -41,7 +41,7 @@ def error_strip(flight: xr.Dataset, width: int, height: int) -> tuple[np.ndarray
             axes = figure.add_subplot(grid[i])
             axes.fill_between(time, -3 * sigma[:, i], 3 * sigma[:, i], color="#56B4E9", alpha=0.35, lw=0)
             axes.plot(time, error[:, i], color="k", lw=0.7)
-            axes.set_ylabel(f"error\n{axis} [m]")
+            axes.set_ylabel(f"{axis} error [m]")
             axes.tick_params(labelbottom=False)
         draw_arrivals(figure.add_subplot(grid[3]), flight)
         for axes in figure.axes:

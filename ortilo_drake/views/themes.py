@@ -22,6 +22,7 @@ SLIDE_TEXT: Final = 7.2  # the least size of its letters [pt], 20 pixels
 PRINTED: Final = 300  # of print [dpi]
 _NEUTRAL: Final = 0.15  # greatest less least of red, green and blue of what counts as a grey
 _CAPTION: Final = 8.0  # size of a caption [pt]
+_TITLE: Final = 12.0  # size of a title that the user chose [pt]
 _LETTER: Final = 0.54  # width of a letter over its size, on average
 _DARKEST: Final = 0.5  # least lightness of a colour on a dark ground
 _GROUND: Final = 0.07  # lightness of the dark ground
@@ -37,16 +38,18 @@ class Theme(StrEnum):
 
 
 _chosen: ContextVar[Theme] = ContextVar("theme", default=Theme.light)
+_title: ContextVar[str] = ContextVar("title", default="")
 
 
 @contextmanager
-def themed(theme: Theme) -> Iterator[None]:
-    """Write every figure in a look until the block ends."""
-    before = _chosen.set(theme)
+def themed(theme: Theme, title: str = "") -> Iterator[None]:
+    """Write every figure in a look, and under a title if there is one, until the block ends."""
+    before, titled = _chosen.set(theme), _title.set(title)
     try:
         yield
     finally:
         _chosen.reset(before)
+        _title.reset(titled)
 
 
 def for_slides() -> bool:
@@ -69,8 +72,12 @@ def balanced(text: str, most: int) -> str:
 
 
 def apply_theme(figure: "Figure") -> dict[str, Any]:
-    """Give a figure the chosen look; return the keyword arguments for savefig."""
+    """Give a figure the chosen look and title; return the keyword arguments for savefig."""
     theme = _chosen.get()
+    if title := _title.get():
+        width = (SLIDE_SIZE if for_slides() else figure.get_size_inches())[0]
+        lines = balanced(title, int(0.9 * width * 72.0 / (_LETTER * _TITLE)))
+        figure.suptitle(lines, fontsize=_TITLE, parse_math=False)
     if theme is Theme.dark:
         _darken(figure)
     elif theme is Theme.slides:

@@ -76,6 +76,20 @@ def test_a_caption_fits_below_a_slide_in_lines_alike(tmp_path: Path) -> None:
     assert len(lines[1]) > 0.8 * len(lines[0])
 
 
+@pytest.mark.parametrize("title", ["Which loss? 30 % costs $5, $_", "a long title " * 30])
+def test_a_title_of_ones_own_replaces_the_figures_and_fits_a_slide(title: str, tmp_path: Path) -> None:
+    figure = drawn()
+    add_title(figure, "the figure's own")
+    with themed(Theme.slides, title):
+        words = "".join(ElementTree.parse(save_picture(figure, tmp_path / "slide.svg")).getroot().itertext())
+    assert " ".join(title.split()) in " ".join(words.split())
+    assert "the figure's own" not in words
+    top, axes = figure.texts[0].get_window_extent(), [axes.get_tightbbox() for axes in figure.axes]
+    assert figure.bbox.x0 < top.x0 < top.x1 < figure.bbox.x1
+    assert top.y1 < figure.bbox.y1
+    assert all(box is not None and box.y1 <= top.y0 for box in axes)
+
+
 def test_names_are_broken_after_underscores_and_texts_into_even_lines() -> None:
     assert broken_name("robust_imu_uwb_yolo", 13) == "robust_imu_\nuwb_yolo"
     assert broken_name("nominal_imu_uwb", 13) == "nominal_\nimu_uwb"

@@ -111,7 +111,7 @@ def bridge(
     topics, and with --mavlink as ODOMETRY. Setpoints for the autopilot are sent only with --arm, near the place to
     hold, and not while the estimate is too old or too uncertain. See docs/how_to/real_sensors.md.
 
-    A simulated flight, without --from: that of a world and an onboard half in two other processes. With --ros2 the
+    A simulated flight, without --from: a world and an onboard half fly it in two other processes. With --ros2 the
     vehicle flies to goals on /goal_pose, in real time: to their x and y, at its present height.
     """
     chosen = load_scenario(scenario, tuple(settings or ()), seed)

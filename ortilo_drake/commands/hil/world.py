@@ -42,7 +42,7 @@ def world(
     log: Annotated[Path | None, typer.Option(help="Write the flight as MCAP to this new folder.")] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Run plant, sensors, link and camera; wait for an onboard half and obey its commands."""
+    """Run plant, sensors, link and camera; wait for an onboard half and follow its commands."""
     chosen = load_scenario(scenario, tuple(settings or ()), seed)
     if seconds is not None and lockstep:
         raise InputError("--seconds: ends a flight in real time, not in --lockstep")

@@ -29,7 +29,7 @@ def place(
     """Place N anchors on walls and ceiling to minimise the largest position error along the path.
 
     The error is the Cramér-Rao bound along the planned path: no estimator errs less. A room is flown as by `ortilo room
-    coverage`. Anchors that are best for one way may be worse on another: check yours by `ortilo room coverage SCENARIO
+    coverage`. The best anchors for one path may be worse for another; check yours with `ortilo room coverage SCENARIO
     --set room=ROOM.yaml --set planner.start=[X,Y] --set planner.goal=[X,Y]`. Fly in the written room with `ortilo fly
     SCENARIO --set room=ROOM.yaml`.
     """

@@ -42,9 +42,9 @@ def survey(
         float | None, typer.Option(min=0.0, callback=finite, help="Standard deviation of a range, in m.")
     ] = None,
     range_fraction: Annotated[
-        float | None, typer.Option(min=0.0, callback=finite, help="Its growth with each metre of distance.")
+        float | None, typer.Option(min=0.0, callback=finite, help="Its growth for each metre of distance.")
     ] = None,
-    most: Annotated[int, typer.Option(min=4, max=5000, help="Largest number of places used of a flight.")] = 200,
+    most: Annotated[int, typer.Option(min=4, max=5000, help="Use at most this many places of a flight.")] = 200,
     out_file: RoomFileOption = None,
     json_file: JsonOption = None,
 ) -> None:

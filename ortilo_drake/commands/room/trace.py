@@ -27,8 +27,8 @@ def trace(
 ) -> None:
     """Trace the walls of a floor plan, and write a room with them, anchors, landmarks, a start and a goal.
 
-    A grid has its own scale and origin: the room is in its frame. Walls along the picture's sides are found, as
-    rectangles; those at an angle are not.
+    A grid has its own scale and origin: the room is in its frame. The command finds walls along the
+    picture's sides, as rectangles, but none at an angle.
     """
     check_new(file, force)
     import numpy as np

@@ -49,7 +49,7 @@ def planned(scenario: Belief, make: Callable[[Belief], Planned] | None = None) -
 
 
 def path_of(scenario: Belief) -> Trajectory:
-    """Return the path p_WB(t) (3 rows) [m] that a scenario's planner plans; InputError if it says it tick by tick."""
+    """Return the path p_WB(t) (3 rows) [m] of a scenario's planner; InputError if it has none beforehand."""
     path = planned(scenario)
     if not isinstance(path, Trajectory):
         what = "an element" if isinstance(path, Box) else "a System"

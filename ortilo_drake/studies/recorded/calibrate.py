@@ -192,7 +192,7 @@ def calibrate(
     level: Level = UNKNOWN_LEVEL,
     airborne: float | None = None,
 ) -> Calibration:
-    """Return the calibration of the first part, or of a share of 0 the map's own.
+    """Return the calibration of the first part; with a share of 0 the map's own.
 
     Args:
         recording: with truth.
