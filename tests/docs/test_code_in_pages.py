@@ -69,7 +69,7 @@ def commands(text: str) -> Iterator[list[str]]:
 
 def after_options(words: list[str]) -> list[str]:
     """Return a command's words after the options that stand before it, each with a value."""
-    options = ("--plugin", "--scheduler", "--theme", "--figures")
+    options = ("--plugin", "--scheduler", "--theme", "--title", "--figures")
     return after_options(words[2:]) if words[:1] and words[0] in options else words
 
 
