@@ -4,6 +4,8 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
+from sphinx.pycode import ModuleAnalyzer
+
 _MARKS = re.compile(r"(`[^`]*`)|([\\*_|])")
 _SECTIONS = ("Args:", "Attributes:", "Returns:", "Raises:", "Yields:", "Note:", "Example:")
 _BULLET = re.compile(r"(- |\* |\d+\. )")
@@ -32,11 +34,12 @@ def as_restructured_text(app: Any, what: str, name: str, obj: Any, options: Any,
 
 
 def leave_out(app: Any, what: str, name: str, obj: Any, skip: bool, options: Any) -> bool | None:
-    """Say of a member whether it is left out: a NamedTuple's fields and pydantic's machinery are."""
-    del app, what, skip, options
-    if type(obj).__name__ == "_tuplegetter" or name.startswith("model_"):
-        return True
-    return None
+    """Say whether a member is left out: pydantic's machinery is, and a NamedTuple's field without a sentence."""
+    del what, skip, options
+    if type(obj).__name__ == "_tuplegetter":  # Python gives each the docstring "Alias for field number 0"
+        page = app.env.current_document
+        return (page.autodoc_class, name) not in ModuleAnalyzer.for_module(page.autodoc_module).find_attr_docs()
+    return name.startswith("model_") or None
 
 
 def _blocks(lines: list[str]) -> Iterator[list[str]]:

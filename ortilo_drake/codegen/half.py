@@ -14,17 +14,14 @@ from ortilo_drake.scenario import Belief
 
 
 class Half(NamedTuple):
-    """The onboard half as it is exported.
-
-    Attributes:
-        wiring: of its boxes.
-        inputs: size of each message that it takes, by the name of its box.
-        outputs: where each output stands, by its name.
-    """
+    """The onboard half as it is exported."""
 
     wiring: Wiring
+    """of its boxes."""
     inputs: dict[str, int]
+    """size of each message that it takes, by the name of its box."""
     outputs: dict[str, Wire]
+    """where each output stands, by its name."""
 
 
 def onboard_half(scenario: Belief) -> Half:

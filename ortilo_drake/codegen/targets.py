@@ -6,19 +6,16 @@ from ortilo_drake.model.typed_yaml import InputError
 
 
 class Target(NamedTuple):
-    """A processor as LLVM knows it.
-
-    Attributes:
-        triple: its architecture, system and calling convention.
-        cpu: the least of its kind.
-        features: beyond those of the cpu; + there, - not.
-        flags: with which gcc compiles C for it.
-    """
+    """A processor as LLVM knows it."""
 
     triple: str
+    """its architecture, system and calling convention."""
     cpu: str
+    """the least of its kind."""
     features: str
+    """beyond those of the cpu; + there, - not."""
     flags: str
+    """with which gcc compiles C for it."""
 
     @property
     def is_arm32(self) -> bool:

@@ -54,19 +54,16 @@ def quantile_interval(values: Sequence[float], q: float = 0.5, level: float = LE
 
 @dataclass(frozen=True)
 class Middle:
-    """The median of a figure over flights, with the lost ones as worst and without them.
-
-    Attributes:
-        median: of all flights; infinite (null in JSON) if a lost flight stands there, None of no flights.
-        interval: its 95 % interval, infinite at an end where a lost flight stands; None of too few flights.
-        kept: median of the flights that were not lost; None if there are none.
-        kept_interval: its 95 % interval; None of too few.
-    """
+    """The median of a figure over flights, with the lost ones as worst and without them."""
 
     median: float | None
+    """of all flights; infinite (null in JSON) if a lost flight stands there, None of no flights."""
     interval: Interval | None
+    """its 95 % interval, infinite at an end where a lost flight stands; None of too few flights."""
     kept: float | None
+    """median of the flights that were not lost; None if there are none."""
     kept_interval: Interval | None
+    """its 95 % interval; None of too few."""
 
 
 def middle_of(kept: Sequence[float], lost: int) -> Middle:

@@ -51,18 +51,15 @@ def touched(p_WB: np.ndarray, room: Room, vehicle: Vehicle) -> tuple[np.ndarray,
 
 
 class Bounds(NamedTuple):
-    """The bounds within which a flight is not lost, as compiled functions take them.
-
-    Attributes:
-        low: lower corner of the room's inside [m] (3).
-        high: upper corner [m] (3).
-        walls: rows of a wall's low and high corner in plan, the reach of wall and outline about them, and its top less
-            the outline's half height [m] (n, 6).
-    """
+    """The bounds within which a flight is not lost, as compiled functions take them."""
 
     low: np.ndarray
+    """lower corner of the room's inside [m] (3)."""
     high: np.ndarray
+    """upper corner [m] (3)."""
     walls: np.ndarray
+    """rows of a wall's low and high corner in plan, the reach of wall and outline about them, and its top less the
+    outline's half height [m] (n, 6)."""
 
 
 @lru_cache(maxsize=8)

@@ -35,47 +35,44 @@ class FixError:
 
 @dataclass(frozen=True)
 class Summary:
-    """Figures of a flight, as `ortilo fly --json` writes them; a lost flight's errors are those up to its loss.
-
-    Attributes:
-        scenario: its name.
-        seed: of all noise.
-        lost: when and why it was lost, None of a flight that reached its end.
-        contacts: furniture that the vehicle touched.
-        mse: mean squared error of the estimate per axis [m^2], see metrics.estimation_mse.
-        floor: mean Cramer-Rao floor of that per axis [m^2], None where there is none.
-        efficiency: mse over floor per axis.
-        tick_efficiency: mean over ticks of squared error over floor per axis.
-        path_mse: see metrics.path_mse [m^2]; None where it is not defined.
-        path_distance_mse: see metrics.path_distance_mse [m^2].
-        max_path_distance: farthest from the path [m].
-        max_reference_distance: farthest from r_k [m].
-        arrivals: measurements used over those due by sensor; None of one that is never due.
-        fix_errors: errors of the position fixes by sensor.
-        nees: mean of metrics.position_nees, 3 if the filter is consistent.
-        nis: mean of metrics.nis by sensor.
-        player: who flew it, see players.py; None where it is not known, as of a log.
-        real_time_factor: simulated over wall time; NaN where time was not measured.
-    """
+    """Figures of a flight, as `ortilo fly --json` writes them; a lost flight's errors are those up to its loss."""
 
     scenario: str
+    """its name."""
     seed: Count
+    """of all noise."""
     lost: Loss | None
+    """when and why it was lost, None of a flight that reached its end."""
     contacts: list[str]
+    """furniture that the vehicle touched."""
     mse: dict[str, Error]
+    """mean squared error of the estimate per axis [m^2], see metrics.estimation_mse."""
     floor: dict[str, Error] | None
+    """mean Cramer-Rao floor of that per axis [m^2], None where there is none."""
     efficiency: dict[str, Error | None]
+    """mse over floor per axis."""
     tick_efficiency: dict[str, Error | None]
+    """mean over ticks of squared error over floor per axis."""
     path_mse: Error | None
+    """see metrics.path_mse [m^2]; None where it is not defined."""
     path_distance_mse: Error
+    """see metrics.path_distance_mse [m^2]."""
     max_path_distance: Error
+    """farthest from the path [m]."""
     max_reference_distance: Error
+    """farthest from r_k [m]."""
     arrivals: dict[str, Error | None]
+    """measurements used over those due by sensor; None of one that is never due."""
     fix_errors: dict[str, FixError]
+    """errors of the position fixes by sensor."""
     nees: float
+    """mean of metrics.position_nees, 3 if the filter is consistent."""
     nis: dict[str, float]
+    """mean of metrics.nis by sensor."""
     player: str | None
+    """who flew it, see players.py; None where it is not known, as of a log."""
     real_time_factor: Error
+    """simulated over wall time; NaN where time was not measured."""
 
 
 def players_of(summaries: Iterable[Summary]) -> str:

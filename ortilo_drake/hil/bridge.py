@@ -143,23 +143,20 @@ def goals_target(goals: Goals, link: GoalLink, answers: deque[Goal], say: Callab
 
 @dataclass(frozen=True)
 class BridgeReport:
-    """The ticks that a bridge handed on.
-
-    Attributes:
-        ticks: how many were given out.
-        lost: how many between them were lost.
-        without_world: how many lacked messages of the world; the onboard half goes on for some ticks after the end.
-        without_answer: how many lacked outputs of the onboard half.
-        packets: all of them.
-        failed: why targets failed.
-    """
+    """The ticks that a bridge handed on."""
 
     ticks: int
+    """how many were given out."""
     lost: int
+    """how many between them were lost."""
     without_world: int
+    """how many lacked messages of the world; the onboard half goes on for some ticks after the end."""
     without_answer: int
+    """how many lacked outputs of the onboard half."""
     packets: PacketCounts
+    """all of them."""
     failed: dict[str, str]
+    """why targets failed."""
 
     def lines(self) -> dict[str, Any]:
         """Return the report's figures, printed and written as JSON; lost packets are left out: they have no channel."""

@@ -12,21 +12,18 @@ from ortilo_drake.model.as_data import as_data
 
 @dataclass(frozen=True)
 class WorldReport:
-    """A world's flight.
-
-    Attributes:
-        ticks: how many.
-        packets: the commands.
-        timing: of the ticks in real time; None in lockstep.
-        latencies_ms: of every answered tick in real time [ms]; None in lockstep.
-        pictures_skipped: by a camera's process; None without one.
-    """
+    """A world's flight."""
 
     ticks: int
+    """how many."""
     packets: PacketCounts
+    """the commands."""
     timing: TimingFigures | None = None
+    """of the ticks in real time; None in lockstep."""
     latencies_ms: np.ndarray | None = None
+    """of every answered tick in real time [ms]; None in lockstep."""
     pictures_skipped: int | None = None
+    """by a camera's process; None without one."""
 
     def lines(self) -> dict[str, Any]:
         """Return the report's figures, as the commands print them and write them as JSON."""
@@ -36,34 +33,28 @@ class WorldReport:
 
 @dataclass(frozen=True)
 class OnboardFigures:
-    """An onboard half in real time.
-
-    Attributes:
-        silent_at: the tick at which the world fell silent before it said that it has finished; None if it did not.
-        age_in_ticks: how many messages were used at what age [ticks].
-        overtaken: messages not used, as a newer one had come.
-    """
+    """An onboard half in real time."""
 
     silent_at: int | None
+    """the tick at which the world fell silent before it said that it has finished; None if it did not."""
     age_in_ticks: dict[str, int]
+    """how many messages were used at what age [ticks]."""
     overtaken: int
+    """messages not used, as a newer one had come."""
 
 
 @dataclass(frozen=True)
 class OnboardReport:
-    """An onboard half's flight.
-
-    Attributes:
-        ticks: how many.
-        packets: the world's ticks.
-        real_time: None in lockstep.
-        pictures_skipped: by a detector's thread; None without one.
-    """
+    """An onboard half's flight."""
 
     ticks: int
+    """how many."""
     packets: PacketCounts
+    """the world's ticks."""
     real_time: OnboardFigures | None = None
+    """None in lockstep."""
     pictures_skipped: int | None = None
+    """by a detector's thread; None without one."""
 
     def lines(self) -> dict[str, Any]:
         """Return the report's figures, as the command prints them and writes them as JSON."""

@@ -34,20 +34,17 @@ QUARTER: Final = 0.5 * np.pi
 
 
 class Lens(NamedTuple):
-    """A lens as compiled functions take it.
-
-    Attributes:
-        aspect: focal length along v over that along u.
-        bend: coefficients: none of a straight lens; k1 ... k4 of a fisheye (4); k1, k2, p1, p2, k3, k4, k5, k6 of
-            Brown-Conrady, OpenCV's order (8).
-        farthest: largest x^2 + y^2 that has a pixel.
-        reach: largest |x| and |y| that is seen in the image (2).
-    """
+    """A lens as compiled functions take it."""
 
     aspect: float
+    """focal length along v over that along u."""
     bend: np.ndarray
+    """coefficients: none of a straight lens; k1 ... k4 of a fisheye (4); k1, k2, p1, p2, k3, k4, k5, k6 of
+    Brown-Conrady, OpenCV's order (8)."""
     farthest: float
+    """largest x^2 + y^2 that has a pixel."""
     reach: np.ndarray
+    """largest |x| and |y| that is seen in the image (2)."""
 
 
 STRAIGHT: Final = Lens(1.0, np.zeros(0), np.inf, np.full(2, np.inf))

@@ -65,23 +65,20 @@ PAPER: Final[Rows] = tuple(zip(SENSORS, (UWB, CAMERA, IMU), strict=True))
 
 
 class Layout(NamedTuple):
-    """The measurement's layout as compiled functions take it.
-
-    Attributes:
-        C: rows of y over the states (p, 12), or more, see Measurement.
-        states: the same sparsely: which states a row sees (p, w), w the most of any row ...
-        weights: ... and with which coefficients (p, w), 0 where it sees fewer.
-        first: first row of each sensor, and p (s + 1).
-        block: where each sensor's covariance begins in V2, and q (s + 1).
-        is_position: whether a sensor's first three rows are p_WB itself, which the integrator may take (s).
-    """
+    """The measurement's layout as compiled functions take it."""
 
     C: np.ndarray
+    """rows of y over the states (p, 12), or more, see Measurement."""
     states: np.ndarray
+    """the same sparsely: which states a row sees (p, w), w the most of any row ..."""
     weights: np.ndarray
+    """... and with which coefficients (p, w), 0 where it sees fewer."""
     first: np.ndarray
+    """first row of each sensor, and p (s + 1)."""
     block: np.ndarray
+    """where each sensor's covariance begins in V2, and q (s + 1)."""
     is_position: np.ndarray
+    """whether a sensor's first three rows are p_WB itself, which the integrator may take (s)."""
 
 
 def _measures_position(rows: tuple[Row, ...]) -> bool:

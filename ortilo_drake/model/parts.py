@@ -28,23 +28,20 @@ KINDS: Final = ("estimator", "servo", "planner", "detector", "fault")
 
 @dataclass(frozen=True)
 class Compiled:
-    """A sensor's share in compiled flights (diagrams/wiring): functions compiled by numba, and the numbers they take.
-
-    Attributes:
-        numbers: (scenario, room) -> NamedTuple of floats and arrays, of a class that is this sensor's alone.
-        payload: numbers n in its message after arrived and stamp.
-        noises: standard normal numbers that a message takes.
-        measure: (numbers, true x (12), standard normal numbers, t_k [s]) -> payload (n), an empty array where the
-            sensor gives nothing; compiled by numba.njit.
-        solve: (numbers, payload (n), xhat (15), P (15, 15)) -> [value (m), covariance row by row (m^2)], an empty array
-            where there is no solution; compiled likewise. None if the message begins with the value.
-    """
+    """A sensor's share in compiled flights (diagrams/wiring): functions compiled by numba, and their numbers."""
 
     numbers: Callable[[Any, Any], Any]
+    """(scenario, room) -> NamedTuple of floats and arrays, of a class that is this sensor's alone."""
     payload: int
+    """numbers n in its message after arrived and stamp."""
     noises: int
+    """standard normal numbers that a message takes."""
     measure: Callable[..., np.ndarray]
+    """(numbers, true x (12), standard normal numbers, t_k [s]) -> payload (n), an empty array where the sensor gives
+    nothing; compiled by numba.njit."""
     solve: Callable[..., np.ndarray] | None = None
+    """(numbers, payload (n), xhat (15), P (15, 15)) -> [value (m), covariance row by row (m^2)], an empty array where
+    there is no solution; compiled likewise. None if the message begins with the value."""
 
 
 @dataclass(frozen=True)
@@ -53,125 +50,119 @@ class Sensor:
 
     What crosses from the world to the onboard half is its message [arrived, stamp, payload ...] (model/signals.py).
     What reaches the filter is a value of m rows and its covariance: y = C x + v.
-
-    Attributes:
-        name: in scenarios, tables and logs; its message has that name too.
-        settings: its group in a scenario, a frozen model with at least a field ``link: Link``.
-        rows: what it tells the filter, m rows of y.
-        make_world: (scenario, room) -> System with inputs among state (12), control (4) and disturbance (6), and one
-            output, the message, a function of its inputs, the time and noise. Where the sensor is faster than the tick,
-            that scenario's h is the time from one sample to the next, and its message is one sample. Not asked for
-            where the sensor has a compiled share, and None where an element says its message.
-        make_onboard: (scenario, room) -> System with the message as input, if it wants them estimate (15) and
-            covariance (225), and one output, the fix [arrived, stamp, value (m), covariance row by row (m^2)]. None if
-            the message itself begins with the value, or is a fix. Not asked for where it has a compiled share.
-        payload: numbers in its message after arrived and stamp, or (scenario, room) -> that. None where make_onboard's
-            port tells, for the value alone, or for value and covariance where V says that it comes with each.
-        V: scenario -> covariance of the value as the filter believes it (m, m); None where it comes with each fix.
-        sd: (scenario, room, true states (n, 12)) -> the world's noise of each row there, a standard deviation (n, m),
-            NaN where the sensor gives nothing. None if `covariance` and `information` tell it.
-        covariance: (scenario, room, true state (12)) -> covariance of the value that the filter would get there (m, m),
-            None where it gets none. By default of independent rows of that sd.
-        information: (scenario, room, true states (n, 12), seen (n)) -> sensors.information_rows.Information, the Fisher
-            information of the messages that were sent in the ticks that are seen; None where it is not known. By
-            default of rows of that sd.
-        unknown: (scenario, room) -> the errors that the scenario's truth leaves unknown, sensors.unknown_error.Error.
-            By default those that its filter believes in (estimator.biases.row_sd).
-        made: (scenario, room, true state (12)) -> (D (m, l), rows (l, 17)): at that state its value errs by D e if the
-            measurements of which it is made, those rows of `information`, err by e; None where D is not known. By
-            default the value itself is what is measured.
-        learned: (scenario, room, true state (12)) -> the scenario whose filter has the survey's errors that it learns.
-        left_out: scenario -> (settings that are not in the predicted rms at hover, settings that are in it and in no
-            other figure), each with whether the world differs by it.
-        mismatches: ways in which its world may differ from what is believed, sensors.mismatch.Mismatch.
-        element: (scenario, room, whole) -> Box that says its message as it is sent, of a sensor that is built in; whole
-            where all of the message is asked for. Other sensors have `compiled` or make_world.
-        after_sensor: (scenario, room, the Box of its message, samples a tick) -> Box that changes the message before
-            the errors of `truth` do, None where nothing does. It reads the true state, and may the acceleration.
-        solver: (scenario, room) -> Box that makes its fix, None where make_onboard's System must; built in likewise.
-        drawn: (scenario, room, what was drawn of `truth`, the wiring's boxes) -> what boxes are given in that world, by
-            their names; built in likewise.
-        needs_forces: whether its element reads what acts on the body.
-        samples_itself: whether its element says all samples of a tick, where it is faster than that.
-        is_wired: whether it is the onboard computer's own: its messages go over no radio and its clock is the filter's.
-        measures: the things in the room that it measures by, 'anchors' or 'landmarks'.
-        port: name of its messages at Drake's diagrams; by default its own.
-        title: what texts and figures call it; by default its name.
-        components: a letter for each row in figures; by default their numbers.
-        only_drake: scenario -> the setting, as `field: value`, by which Drake alone can play it; None where none is.
-        check: (scenario, room) -> None; raises InputError where the sensor cannot fly.
-        advice: the hint for a flight in which none of its values arrived.
-        noise_numbers: scenario -> the numbers that state V where it comes with each fix, by their place there.
-        noise_settings: how those places begin.
-        nominal_variances: variances of the value for theory that is of no place, where V comes with each fix (m or
-            more). By default the noise in the middle of the room.
-        limits: (scenario, room) -> the payload's least and greatest values that hardware in the loop takes; or LARGEST.
-        whole: (scenario, room) -> which numbers of the payload are whole, by their places in it.
-        members: (scenario, size of the payload) -> its members in a struct in C, each with what it is; () of plain
-            numbers.
-        compiled: its share in compiled flights; None if Drake alone flies it.
     """
 
     name: str
+    """in scenarios, tables and logs; its message has that name too."""
     settings: type[Frozen]
+    """its group in a scenario, a frozen model with at least a field ``link: Link``."""
     rows: tuple[Row, ...]
+    """what it tells the filter, m rows of y."""
     make_world: Callable[[Any, Any], Any] | None = None
+    """(scenario, room) -> System with inputs among state (12), control (4) and disturbance (6), and one output, the
+    message, a function of its inputs, the time and noise. Where the sensor is faster than the tick, that scenario's h
+    is the time from one sample to the next, and its message is one sample. Not asked for where the sensor has a
+    compiled share, and None where an element says its message."""
     sd: Callable[[Any, Any, np.ndarray], np.ndarray] | None = field(default=None, kw_only=True)
+    """(scenario, room, true states (n, 12)) -> the world's noise of each row there, a standard deviation (n, m), NaN
+    where the sensor gives nothing. None if `covariance` and `information` tell it."""
     make_onboard: Callable[[Any, Any], Any] | None = None
+    """(scenario, room) -> System with the message as input, if it wants them estimate (15) and covariance (225), and
+    one output, the fix [arrived, stamp, value (m), covariance row by row (m^2)]. None if the message itself begins with
+    the value, or is a fix. Not asked for where it has a compiled share."""
     payload: int | Callable[[Any, Any], int] | None = None
+    """numbers in its message after arrived and stamp, or (scenario, room) -> that. None where make_onboard's port
+    tells, for the value alone, or for value and covariance where V says that it comes with each."""
     V: Callable[[Any], np.ndarray | None] = lambda scenario: None
+    """scenario -> covariance of the value as the filter believes it (m, m); None where it comes with each fix."""
     limits: Callable[[Any, Any], tuple[np.ndarray, np.ndarray]] | None = None
+    """(scenario, room) -> the payload's least and greatest values that hardware in the loop takes; or LARGEST."""
     compiled: Compiled | None = None
+    """its share in compiled flights; None if Drake alone flies it."""
     covariance: Callable[[Any, Any, np.ndarray], np.ndarray | None] | None = None
+    """(scenario, room, true state (12)) -> covariance of the value that the filter would get there (m, m), None where
+    it gets none. By default of independent rows of that sd."""
     information: Callable[[Any, Any, np.ndarray, np.ndarray], Any] | None = None
+    """(scenario, room, true states (n, 12), seen (n)) -> sensors.information_rows.Information, the Fisher information
+    of the messages that were sent in the ticks that are seen; None where it is not known. By default of rows of that
+    sd."""
     unknown: Callable[[Any, Any], Any] | None = None
+    """(scenario, room) -> the errors that the scenario's truth leaves unknown, sensors.unknown_error.Error. By default
+    those that its filter believes in (estimator.biases.row_sd)."""
     made: Callable[[Any, Any, np.ndarray], tuple[np.ndarray, np.ndarray] | None] | None = None
+    """(scenario, room, true state (12)) -> (D (m, l), rows (l, 17)): at that state its value errs by D e if the
+    measurements of which it is made, those rows of `information`, err by e; None where D is not known. By default the
+    value itself is what is measured."""
     learned: Callable[[Any, Any, np.ndarray], Any] = lambda scenario, room, x: scenario
+    """(scenario, room, true state (12)) -> the scenario whose filter has the survey's errors that it learns."""
     left_out: Callable[[Any], tuple[dict[str, bool], dict[str, bool]]] = lambda scenario: ({}, {})
+    """scenario -> (settings that are not in the predicted rms at hover, settings that are in it and in no other
+    figure), each with whether the world differs by it."""
     mismatches: tuple[Any, ...] = ()
+    """ways in which its world may differ from what is believed, sensors.mismatch.Mismatch."""
     whole: Callable[[Any, Any], list[int]] = lambda scenario, room: []
+    """(scenario, room) -> which numbers of the payload are whole, by their places in it."""
     members: Callable[[Any, int], tuple[tuple[str, str], ...]] = lambda scenario, payload: ()
+    """(scenario, size of the payload) -> its members in a struct in C, each with what it is; () of plain numbers."""
     element: Callable[[Any, Any, bool], Any] | None = None
+    """(scenario, room, whole) -> Box that says its message as it is sent, of a sensor that is built in; whole where all
+    of the message is asked for. Other sensors have `compiled` or make_world."""
     after_sensor: Callable[[Any, Any, Any, int], Any] | None = None
+    """(scenario, room, the Box of its message, samples a tick) -> Box that changes the message before the errors of
+    `truth` do, None where nothing does. It reads the true state, and may the acceleration."""
     solver: Callable[[Any, Any], Any] | None = None
+    """(scenario, room) -> Box that makes its fix, None where make_onboard's System must; built in likewise."""
     drawn: Callable[[Any, Any, Any, Any], Any] | None = None
+    """(scenario, room, what was drawn of `truth`, the wiring's boxes) -> what boxes are given in that world, by their
+    names; built in likewise."""
     needs_forces: bool = False
+    """whether its element reads what acts on the body."""
     samples_itself: bool = False
+    """whether its element says all samples of a tick, where it is faster than that."""
     is_wired: bool = False
+    """whether it is the onboard computer's own: its messages go over no radio and its clock is the filter's."""
     measures: str | None = None
+    """the things in the room that it measures by, 'anchors' or 'landmarks'."""
     port: str | None = None
+    """name of its messages at Drake's diagrams; by default its own."""
     title: str | None = None
+    """what texts and figures call it; by default its name."""
     components: str | None = None
+    """a letter for each row in figures; by default their numbers."""
     only_drake: Callable[[Any], str | None] | None = None
+    """scenario -> the setting, as `field: value`, by which Drake alone can play it; None where none is."""
     check: Callable[[Any, Any], None] | None = None
+    """(scenario, room) -> None; raises InputError where the sensor cannot fly."""
     advice: str | None = None
+    """the hint for a flight in which none of its values arrived."""
     noise_numbers: Callable[[Any], dict[str, float]] | None = None
+    """scenario -> the numbers that state V where it comes with each fix, by their place there."""
     noise_settings: tuple[str, ...] = ()
+    """how those places begin."""
     nominal_variances: tuple[float, ...] | None = None
+    """variances of the value for theory that is of no place, where V comes with each fix (m or more). By default the
+    noise in the middle of the room."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """An estimator, a servo, a planner, a detector or a fault that scenarios may name by its kind.
-
-    Attributes:
-        kind: what stands after ``kind:`` in a scenario.
-        settings: its group in a scenario, a frozen model with a field ``kind: Literal[...]``.
-        make: makes it as a System; see diagrams/onboard.py for what each takes and returns. None where `box` makes it.
-            A detector's makes a function from a picture to what it finds, see register_detector.
-        box: makes it as a Box of an element (loop/own.py), which every player flies; None if Drake alone flies it. An
-            estimator's takes the Belief and xbar_0 (15), a servo's and a planner's the Belief, a fault's its settings,
-            the size of the message that it changes and the tick h [s]. What each may read: diagrams/wiring/own_part.py.
-        gain: of a servo, Belief -> L (4, 15) about hover, u = -L [x - x_ref; i] + u_ff. None if it has none.
-        linear: of an estimator, Belief -> the paper's filter (its settings) that it is about hover. None if it is none.
-    """
+    """An estimator, a servo, a planner, a detector or a fault that scenarios may name by its kind."""
 
     kind: str
+    """what stands after ``kind:`` in a scenario."""
     settings: type[Frozen]
+    """its group in a scenario, a frozen model with a field ``kind: Literal[...]``."""
     make: Callable[..., Any] | None = None
+    """makes it as a System; see diagrams/onboard.py for what each takes and returns. None where `box` makes it. A
+    detector's makes a function from a picture to what it finds, see register_detector."""
     box: Callable[..., Any] | None = None
+    """makes it as a Box of an element (loop/own.py), which every player flies; None if Drake alone flies it. An
+    estimator's takes the Belief and xbar_0 (15), a servo's and a planner's the Belief, a fault's its settings, the size
+    of the message that it changes and the tick h [s]. What each may read: diagrams/wiring/own_part.py."""
     gain: Callable[[Any], np.ndarray] | None = None
+    """of a servo, Belief -> L (4, 15) about hover, u = -L [x - x_ref; i] + u_ff. None if it has none."""
     linear: Callable[[Any], Any] | None = None
+    """of an estimator, Belief -> the paper's filter (its settings) that it is about hover. None if it is none."""
 
 
 # Names of signals, of logs' topics and of packets, whose channels are in capitals: a sensor's message would be theirs.

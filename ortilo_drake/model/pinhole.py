@@ -37,21 +37,18 @@ NEAR = 0.1  # points nearer than this in front of the camera have no projection 
 
 
 class Camera(NamedTuple):
-    """The camera as compiled functions take it.
-
-    Attributes:
-        p_BC: its origin in B [m] (3).
-        f: focal length along u [px].
-        c: principal point [px] (2).
-        image: width and height [px] (2).
-        lens: how it bends, and its pixels' shape.
-    """
+    """The camera as compiled functions take it."""
 
     p_BC: np.ndarray
+    """its origin in B [m] (3)."""
     f: float
+    """focal length along u [px]."""
     c: np.ndarray
+    """principal point [px] (2)."""
     image: np.ndarray
+    """width and height [px] (2)."""
     lens: Lens = STRAIGHT
+    """how it bends, and its pixels' shape."""
 
 
 @register_jitable

@@ -27,17 +27,14 @@ LEAST_UPRIGHT = cos(1.2)  # of a tilt of 1.2 rad, beyond which the beam meets th
 
 
 class Altimeter(SensorSettings):
-    """A range finder that looks down; by default a small lidar's, ours.
-
-    Attributes:
-        sd: noise that does not depend on the range [m].
-        fraction: noise over the range [1].
-        max_range: farther floors give no range [m].
-    """
+    """A range finder that looks down; by default a small lidar's, ours."""
 
     sd: Positive = 0.02
+    """noise that does not depend on the range [m]."""
     fraction: NonNegativeFloat = 0.01
+    """noise over the range [1]."""
     max_range: Annotated[float, Field(gt=0.0, le=1000.0)] = 8.0
+    """farther floors give no range [m]."""
 
 
 class AltimeterNumbers(NamedTuple):

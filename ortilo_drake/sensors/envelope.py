@@ -23,23 +23,20 @@ SIGMAS: Final = 10.0
 
 
 class Envelope(NamedTuple):
-    """The limits of a vehicle's motion.
-
-    Attributes:
-        u: the size of a command [N, N m] (4).
-        size: of the room, its diagonal [m].
-        force: specific force [m/s^2].
-        speed: [m/s].
-        rate: of the body [rad/s].
-        angles: roll, pitch and yaw [rad] (3).
-    """
+    """The limits of a vehicle's motion."""
 
     u: np.ndarray
+    """the size of a command [N, N m] (4)."""
     size: float
+    """of the room, its diagonal [m]."""
     force: float
+    """specific force [m/s^2]."""
     speed: float
+    """[m/s]."""
     rate: float
+    """of the body [rad/s]."""
     angles: np.ndarray
+    """roll, pitch and yaw [rad] (3)."""
 
 
 def largest_command(vehicle: Vehicle) -> np.ndarray:

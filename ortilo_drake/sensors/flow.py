@@ -35,21 +35,18 @@ WORST = 0.05  # quality below which there is no measurement
 
 
 class Flow(SensorSettings):
-    """An optical-flow sensor; by default of the kind sold for small multirotors, figures ours.
-
-    Attributes:
-        flow_sd: noise of each component at quality 1 [rad/s].
-        gyro_sd: noise of its gyro's rates [rad/s].
-        far: distance at which the quality is one half [m].
-        near: least distance [m].
-        max_flow: fastest flow that it can follow [rad/s].
-    """
+    """An optical-flow sensor; by default of the kind sold for small multirotors, figures ours."""
 
     flow_sd: Positive = 0.02
+    """noise of each component at quality 1 [rad/s]."""
     gyro_sd: Positive = 0.005
+    """noise of its gyro's rates [rad/s]."""
     far: Positive = 4.0
+    """distance at which the quality is one half [m]."""
     near: Positive = 0.1
+    """least distance [m]."""
     max_flow: Annotated[float, Field(gt=0.0, le=100.0)] = 7.4
+    """fastest flow that it can follow [rad/s]."""
 
 
 class FlowNumbers(NamedTuple):

@@ -37,17 +37,14 @@ _MOST_SLOW = 1.0 - 1e-6  # the changes of an error that is all slow would hold u
 
 
 class CenterErrors(NamedTuple):
-    """The distribution of the errors of a box's centre, u and v.
-
-    Attributes:
-        gain: E of each, in 1 / m (2).
-        extra: information beside the normal error's, in 1 / m^2 (2).
-        share: w.
-    """
+    """The distribution of the errors of a box's centre, u and v."""
 
     gain: np.ndarray
+    """E of each, in 1 / m (2)."""
     extra: np.ndarray
+    """information beside the normal error's, in 1 / m^2 (2)."""
     share: float
+    """w."""
 
 
 def quantile_information(normal: np.ndarray, quantiles: np.ndarray) -> tuple[float, float, float]:

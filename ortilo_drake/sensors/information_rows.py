@@ -26,18 +26,15 @@ ROW_SIZE = 5 + N_X
 
 
 class Information(NamedTuple):
-    """The Fisher information of a sensor's messages.
-
-    Attributes:
-        rows: by what gave them, such as the sensor's name (l, 17 each).
-        spacing: ticks between the nodes of its slowly changing errors, 1 where it has none.
-        with_errors: rows that are information only beside those of unknown errors, likewise: they join `rows`, and
-            replace those of the same name.
-    """
+    """The Fisher information of a sensor's messages."""
 
     rows: dict[str, np.ndarray]
+    """by what gave them, such as the sensor's name (l, 17 each)."""
     spacing: int = 1
+    """ticks between the nodes of its slowly changing errors, 1 where it has none."""
     with_errors: Mapping[str, np.ndarray] = {}
+    """rows that are information only beside those of unknown errors, likewise: they join `rows`, and replace those of
+    the same name."""
 
 
 def rows_of(

@@ -17,23 +17,20 @@ Made = tuple[np.ndarray, np.ndarray]  # D (m, l) and rows (l, 17): a value errs 
 
 
 class Error(NamedTuple):
-    """An unknown error: independent components, all of the same kind.
-
-    Attributes:
-        sd: standard deviations at first (e).
-        step_sd: of what is added in a tick (e).
-        keeps: share of the value that is left a tick later (e).
-        G: how the components drive x (12, e).
-        by_x: how x drives the components (12, e).
-        sees: by the kind of rows the coefficients of the components in them.
-    """
+    """An unknown error: independent components, all of the same kind."""
 
     sd: np.ndarray
+    """standard deviations at first (e)."""
     step_sd: np.ndarray
+    """of what is added in a tick (e)."""
     keeps: np.ndarray
+    """share of the value that is left a tick later (e)."""
     G: np.ndarray
+    """how the components drive x (12, e)."""
     by_x: np.ndarray
+    """how x drives the components (12, e)."""
     sees: dict[str, Seen]
+    """by the kind of rows the coefficients of the components in them."""
 
 
 def walk(sd: np.ndarray, step_sd: np.ndarray | float, sees: dict[str, Seen], G: np.ndarray | None = None) -> Error:

@@ -17,17 +17,14 @@ from ortilo_drake.world.noise import normals
 
 
 class SlowNoise(NamedTuple):
-    """The process of x_k, for each of its n components.
-
-    Attributes:
-        a: decay over a tick (n).
-        q: standard deviation of what is new in a tick (n).
-        start: standard deviation of x_0 (n).
-    """
+    """The process of x_k, for each of its n components."""
 
     a: np.ndarray
+    """decay over a tick (n)."""
     q: np.ndarray
+    """standard deviation of what is new in a tick (n)."""
     start: np.ndarray
+    """standard deviation of x_0 (n)."""
 
 
 def gauss_markov(sd: np.ndarray, time: float, h: float) -> SlowNoise:

@@ -1,5 +1,6 @@
 """The documentation site: it builds without a warning, holds every command and setting, and names what exists."""
 
+import ast
 import html
 import importlib
 import importlib.util
@@ -8,6 +9,7 @@ import re
 import subprocess
 import sys
 from importlib.util import find_spec
+from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 
@@ -77,6 +79,32 @@ def test_functions_have_pages_and_equations_are_drawn_by_the_browser_alone(site:
     for page in ("index", "paper", "results", "reference/settings", "notebooks/01_fly_the_paper"):
         text = (site / f"{page}.html").read_text(encoding="utf-8")
         assert re.findall(r'<(?:script|link|img)[^>]+(?:src|href)="(?:https?:)?//', text) == [], page
+
+
+@pytest.mark.long
+def test_a_field_stands_in_the_site_with_the_sentence_below_it(site: Path) -> None:
+    """Those of NamedTuples too, whose fields Sphinx takes for documented where they have no sentence."""
+    shown = 0
+    for file in sorted((ROOT / "ortilo_drake").rglob("*.py")):
+        module = ".".join(file.relative_to(ROOT).with_suffix("").parts)
+        written = [node for node in ast.parse(file.read_text(encoding="utf-8")).body if isinstance(node, ast.ClassDef)]
+        pairs = [pair for its in written if its.name[0] != "_" for pair in pairwise(its.body)]
+        fields = [
+            text.value.value
+            for field, text in pairs
+            if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)
+        ]
+        if fields:
+            page = plain(text_of(site / f"reference/modules/{module}.html"))
+            assert [field for field in fields if plain(field) not in page] == [], module
+            assert "Alias for field" not in page
+            shown += len(fields)
+    assert shown > 700
+
+
+def plain(text: str) -> str:
+    """Leave out what Sphinx sets in its own way: spaces, quotes, dashes and dots."""
+    return re.sub(r"\W", "", text)
 
 
 @pytest.fixture(scope="module")

@@ -24,29 +24,26 @@ MESSAGES = {measuring("landmarks"): ("detections", "shutter", "image")}  # of ot
 
 
 class ShownTick(NamedTuple):
-    """The state of a live flight after a tick, as it is shown.
-
-    Attributes:
-        time: of the tick [s].
-        x: the true state (12).
-        xhat: the estimate (15).
-        P: its covariance (15, 15).
-        arrived: sensors of which the filter took a message.
-        sent: sensors that sent one.
-        path: a new path that the vehicle flies from now on; None if it is the same.
-        answers: to goals, in a line each.
-        lost: when and why the flight is lost; it then goes no further.
-    """
+    """The state of a live flight after a tick, as it is shown."""
 
     time: float
+    """of the tick [s]."""
     x: np.ndarray
+    """the true state (12)."""
     xhat: np.ndarray
+    """the estimate (15)."""
     P: np.ndarray
+    """its covariance (15, 15)."""
     arrived: tuple[str, ...]
+    """sensors of which the filter took a message."""
     sent: tuple[str, ...]
+    """sensors that sent one."""
     path: PiecewisePolynomial | None
+    """a new path that the vehicle flies from now on; None if it is the same."""
     answers: tuple[str, ...]
+    """to goals, in a line each."""
     lost: Lost | None
+    """when and why the flight is lost; it then goes no further."""
 
 
 def with_a_force(scenario: Scenario) -> Scenario:

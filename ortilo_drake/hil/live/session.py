@@ -30,31 +30,28 @@ class SaysWishes(Protocol):
 
 @dataclass
 class Status:
-    """A live flight so far.
-
-    Attributes:
-        time: of its last tick [s].
-        error: distance of the estimate from the truth [m].
-        sd: three standard deviations of it, root of the covariance's trace [m].
-        by_axis: error and three standard deviations of x, y and z [m].
-        lit: whether each sensor's lamp is lit; none without a scene.
-        arrivals: share of each sensor's due messages that arrived in the last RECENT seconds; None where none was due.
-        is_paused: whether time stands still.
-        is_lost: whether the flight is lost, see flight/lost.py.
-        note: the last thing that happened, such as an answer to a goal; empty if nothing did.
-        scenario: its name.
-    """
+    """A live flight so far."""
 
     time: float = 0.0
+    """of its last tick [s]."""
     error: float = 0.0
+    """distance of the estimate from the truth [m]."""
     sd: float = 0.0
+    """three standard deviations of it, root of the covariance's trace [m]."""
     by_axis: list[tuple[float, float]] = field(default_factory=lambda: [(0.0, 0.0)] * 3)
+    """error and three standard deviations of x, y and z [m]."""
     lit: dict[str, bool] = field(default_factory=dict)
+    """whether each sensor's lamp is lit; none without a scene."""
     arrivals: dict[str, float | None] = field(default_factory=dict)
+    """share of each sensor's due messages that arrived in the last RECENT seconds; None where none was due."""
     is_paused: bool = False
+    """whether time stands still."""
     is_lost: bool = False
+    """whether the flight is lost, see flight/lost.py."""
     note: str = ""
+    """the last thing that happened, such as an answer to a goal; empty if nothing did."""
     scenario: str = ""
+    """its name."""
 
     def json(self) -> bytes:
         """Return it as JSON, which the page beside Meshcat's view shows; null for what is not finite."""

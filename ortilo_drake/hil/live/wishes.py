@@ -4,28 +4,25 @@ from typing import NamedTuple
 
 
 class Wishes(NamedTuple):
-    """The values of the controls.
-
-    Attributes:
-        lost: share of each sensor's messages that is lost, beside what the scenario's link loses [1].
-        push: a steady force in W along x and y, beside the scenario's own [N].
-        heavier: true over believed mass, less 1, beside the scenario's own [1].
-        speed: simulated over real time.
-        goal: x, y of the goal that the marker shows [m].
-        goes: a new goal: the vehicle is to fly there.
-        pauses: time stands still.
-        steps: ticks to fly nevertheless.
-        restarts: the flight is to begin anew.
-        ends: nothing more is wanted.
-    """
+    """The values of the controls."""
 
     lost: dict[str, float] = {}  # noqa: RUF012 - never changed
+    """share of each sensor's messages that is lost, beside what the scenario's link loses [1]."""
     push: tuple[float, float] = (0.0, 0.0)
+    """a steady force in W along x and y, beside the scenario's own [N]."""
     heavier: float = 0.0
+    """true over believed mass, less 1, beside the scenario's own [1]."""
     speed: float = 1.0
+    """simulated over real time."""
     goal: tuple[float, float] = (0.0, 0.0)
+    """x, y of the goal that the marker shows [m]."""
     goes: bool = False
+    """a new goal: the vehicle is to fly there."""
     pauses: bool = False
+    """time stands still."""
     steps: int = 0
+    """ticks to fly nevertheless."""
     restarts: bool = False
+    """the flight is to begin anew."""
     ends: bool = False
+    """nothing more is wanted."""

@@ -16,27 +16,24 @@ class Quantiles:
 
 @dataclass(frozen=True)
 class TimingFigures:
-    """Figures of the ticks of a flight in real time.
-
-    Attributes:
-        ticks: how many there were.
-        latency_ms: from a tick's messages sent to its command received [ms].
-        missed_deadlines: ticks whose command was not there when the next one was due, those sent late included.
-        unanswered: ticks without a command.
-        longest_silence: the longest run of ticks without an answer [s].
-        lateness_ms: how far the worst was beyond its deadline [ms].
-        jitter_ms: how late the world sent its ticks [ms].
-        real_time_factor: simulated over wall time; None of less than two ticks.
-    """
+    """Figures of the ticks of a flight in real time."""
 
     ticks: int
+    """how many there were."""
     latency_ms: Quantiles
+    """from a tick's messages sent to its command received [ms]."""
     missed_deadlines: int
+    """ticks whose command was not there when the next one was due, those sent late included."""
     unanswered: int
+    """ticks without a command."""
     longest_silence: float
+    """the longest run of ticks without an answer [s]."""
     lateness_ms: float
+    """how far the worst was beyond its deadline [ms]."""
     jitter_ms: Quantiles
+    """how late the world sent its ticks [ms]."""
     real_time_factor: float | None
+    """simulated over wall time; None of less than two ticks."""
 
 
 def quantiles(values: np.ndarray) -> Quantiles:

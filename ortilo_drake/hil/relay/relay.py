@@ -33,33 +33,30 @@ _CHAIN, _LOST, _DELAY, _TWICE, _SECOND_DELAY, _HELD, _N = 0, 1, 2, 3, 4, 5, 6  #
 
 
 class Faults(Frozen):
-    """The faults of one direction; none by default.
-
-    Attributes:
-        loss: probability of losing a packet outside a burst.
-        burst_loss: the same within a burst.
-        into_burst: probability that a burst begins with a packet.
-        out_of_burst: probability that it ends with a packet.
-        delay: mean delay [s].
-        spread: greatest deviation from it [s], uniform; a delay below zero is zero. Packets overtake each other.
-        duplicate: probability that a packet comes twice, each with a delay of its own.
-        held: probability that a packet is held back, so that others overtake it.
-        hold: how long it is held back [s].
-        rate: greatest number of packets per second; 0 for any.
-        queue: number of packets that may wait for their turn under a rate; more are lost.
-    """
+    """The faults of one direction; none by default."""
 
     loss: Probability = 0.0
+    """probability of losing a packet outside a burst."""
     burst_loss: Probability = 1.0
+    """the same within a burst."""
     into_burst: Probability = 0.0
+    """probability that a burst begins with a packet."""
     out_of_burst: Probability = 0.5
+    """probability that it ends with a packet."""
     delay: Seconds = 0.0
+    """mean delay [s]."""
     spread: Seconds = 0.0
+    """greatest deviation from it [s], uniform; a delay below zero is zero. Packets overtake each other."""
     duplicate: Probability = 0.0
+    """probability that a packet comes twice, each with a delay of its own."""
     held: Probability = 0.0
+    """probability that a packet is held back, so that others overtake it."""
     hold: Seconds = 0.1
+    """how long it is held back [s]."""
     rate: float = Field(default=0.0, ge=0.0, le=1e6)
+    """greatest number of packets per second; 0 for any."""
     queue: int = Field(default=100, ge=1, le=100_000)
+    """number of packets that may wait for their turn under a rate; more are lost."""
 
 
 def delay_of(faults: Faults, u: float) -> float:

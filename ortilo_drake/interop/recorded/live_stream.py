@@ -26,33 +26,30 @@ class _Waiting(NamedTuple):
 
 @dataclass
 class LiveStream:
-    """A use of a topic.
-
-    Attributes:
-        topic: its name.
-        source: the map's entry.
-        columns: fields with numbers.
-        width: how many numbers a message has.
-        names: fields that name anchors; rows of such streams need not come in the order of their stamps.
-        rejected: what was not used.
-        rows: those that wait.
-        newest: largest stamp that was accepted [s], -inf before the first.
-        messages: how many came.
-        used: how many of them had a stamp that was accepted.
-        late_by: by how much the latest of those that came too late did [s].
-    """
+    """A use of a topic."""
 
     topic: str
+    """its name."""
     source: Source
+    """the map's entry."""
     columns: tuple[Column, ...]
+    """fields with numbers."""
     width: int
+    """how many numbers a message has."""
     names: tuple[Column, ...]
+    """fields that name anchors; rows of such streams need not come in the order of their stamps."""
     rejected: Rejections
+    """what was not used."""
     rows: list[_Waiting] = field(default_factory=list)
+    """those that wait."""
     newest: float = -np.inf
+    """largest stamp that was accepted [s], -inf before the first."""
     messages: int = 0
+    """how many came."""
     used: int = 0
+    """how many of them had a stamp that was accepted."""
     late_by: float = 0.0
+    """by how much the latest of those that came too late did [s]."""
 
     @property
     def settled(self) -> bool:

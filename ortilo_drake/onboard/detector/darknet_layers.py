@@ -86,17 +86,14 @@ class Dropout:
 
 @dataclass(frozen=True)
 class Yolo:
-    """[yolo]: a head.
-
-    Attributes:
-        anchors: its own (width, height) [px of the network's input].
-        classes: their number.
-        scale_x_y: stretches the centre's place in its cell about the cell's middle.
-    """
+    """[yolo]: a head."""
 
     anchors: tuple[tuple[float, float], ...]
+    """its own (width, height) [px of the network's input]."""
     classes: int
+    """their number."""
     scale_x_y: float = 1.0
+    """stretches the centre's place in its cell about the cell's middle."""
 
 
 Layer = Convolutional | Shortcut | Route | Upsample | Maxpool | Dropout | Yolo
@@ -104,19 +101,16 @@ Layer = Convolutional | Shortcut | Route | Upsample | Maxpool | Dropout | Yolo
 
 @dataclass(frozen=True)
 class DarknetCfg:
-    """A network that fits together.
-
-    Attributes:
-        text: the .cfg it was read from.
-        net: its input.
-        layers: its layers in Darknet's order and numbers.
-        shapes: of each layer's output.
-    """
+    """A network that fits together."""
 
     text: str
+    """the .cfg it was read from."""
     net: Net
+    """its input."""
     layers: tuple[Layer, ...]
+    """its layers in Darknet's order and numbers."""
     shapes: tuple[Shape, ...]
+    """of each layer's output."""
 
     @property
     def heads(self) -> tuple[Yolo, ...]:

@@ -27,18 +27,16 @@ class Letterbox(NamedTuple):
 
     As Ultralytics' YOLOv5, v8 and v11 see a picture (their LetterBox): scaled by r = min(W / w, H / h), rounded to
     whole pixels, and put in the middle of the input (W, H).
-
-    Attributes:
-        picture: width and height of the picture [px].
-        scaled: width and height of it in the input [px].
-        corner: left and top of it in the input [px].
-        whole: width and height of the input [px].
     """
 
     picture: tuple[int, int]
+    """width and height of the picture [px]."""
     scaled: tuple[int, int]
+    """width and height of it in the input [px]."""
     corner: tuple[int, int]
+    """left and top of it in the input [px]."""
     whole: tuple[int, int]
+    """width and height of the input [px]."""
 
     def put(self, image: np.ndarray) -> np.ndarray:
         """Return the network's input (H, W, 3) with an image (h, w, 3) in it, uint8."""

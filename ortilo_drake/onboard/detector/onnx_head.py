@@ -27,17 +27,14 @@ _WANTED = "must be a detection network of YOLOv5, v8 or v11"
 
 
 class Head(NamedTuple):
-    """The format of a network's boxes.
-
-    Attributes:
-        classes: c.
-        has_object: whether a place has the score of an object beside those of its classes, as in YOLOv5.
-        in_rows: whether a place is a row of the output, or a column.
-    """
+    """The format of a network's boxes."""
 
     classes: int
+    """c."""
     has_object: bool
+    """whether a place has the score of an object beside those of its classes, as in YOLOv5."""
     in_rows: bool
+    """whether a place is a row of the output, or a column."""
 
 
 def names_in(metadata: Mapping[str, str], source: str) -> list[str] | None:

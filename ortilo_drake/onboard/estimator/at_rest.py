@@ -21,17 +21,14 @@ from ortilo_drake.scenario import Belief
 
 
 class Rest(NamedTuple):
-    """A vehicle's rest before take-off.
-
-    Attributes:
-        samples: how many the imu took.
-        time: for how long [s].
-        period: of how long a sample has the noise [s].
-    """
+    """A vehicle's rest before take-off."""
 
     samples: int
+    """how many the imu took."""
     time: float
+    """for how long [s]."""
     period: float
+    """of how long a sample has the noise [s]."""
 
     def variance(self, of_sample: np.ndarray | float, rate: float) -> np.ndarray:
         """Return the variance of nu per axis (3), from that of a sample and the rate of the bias's random walk."""

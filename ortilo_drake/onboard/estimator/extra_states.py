@@ -44,17 +44,14 @@ Sees = tuple[tuple[str, str, float], ...]  # (row, state, coefficient)
 
 
 class Walk(NamedTuple):
-    """A process e_{k+1} = keeps e_k + w_k: a random walk where all is kept.
-
-    Attributes:
-        initial_sd: standard deviation of e_0, which is believed 0; not read of what follows another state.
-        step_sd: of w.
-        keeps: share of the value that is left a tick later.
-    """
+    """A process e_{k+1} = keeps e_k + w_k: a random walk where all is kept."""
 
     initial_sd: float
+    """standard deviation of e_0, which is believed 0; not read of what follows another state."""
     step_sd: float
+    """of w."""
     keeps: float = 1.0
+    """share of the value that is left a tick later."""
 
 
 def gauss_markov(sd: float, time: float, h: float) -> Walk:
@@ -64,25 +61,22 @@ def gauss_markov(sd: float, time: float, h: float) -> Walk:
 
 
 class Extra(NamedTuple):
-    """States that the filter carries beside the vehicle's.
-
-    Attributes:
-        names: of the states (e).
-        walk: how they vary.
-        follows: names of the extra states whose values they keep in the next tick, their own for a random walk (e).
-        G: how they drive x (12, e).
-        Gamma: how the control drives them (e, 4).
-        Gamma_d: how the new part of the disturbance's force and torque drives them (e, 6).
-        sees: rows of y that see them.
-    """
+    """States that the filter carries beside the vehicle's."""
 
     names: tuple[str, ...]
+    """of the states (e)."""
     walk: Walk
+    """how they vary."""
     follows: tuple[str, ...]
+    """names of the extra states whose values they keep in the next tick, their own for a random walk (e)."""
     G: np.ndarray
+    """how they drive x (12, e)."""
     Gamma: np.ndarray
+    """how the control drives them (e, 4)."""
     Gamma_d: np.ndarray
+    """how the new part of the disturbance's force and torque drives them (e, 6)."""
     sees: Sees
+    """rows of y that see them."""
 
 
 def _slow(names: tuple[str, ...], walk: Walk, sees: Sees, G: np.ndarray | None = None) -> Extra:

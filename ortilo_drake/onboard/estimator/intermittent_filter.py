@@ -45,28 +45,25 @@ INTEGRATORS = {"estimate": INTEGRATOR_ESTIMATE, "literal": INTEGRATOR_LITERAL, "
 
 
 class FilterModel(NamedTuple):
-    """The filter's model of the vehicle, of N = 12 states x, or of more, [x; e].
-
-    Attributes:
-        Phi: discrete dynamics of x (N, N).
-        Gamma: discrete control input (N, 4).
-        W: process noise covariance (N, N).
-        integrator: INTEGRATOR_ESTIMATE, INTEGRATOR_LITERAL or INTEGRATOR_HOLD.
-        Gamma_a: how an acceleration enters (N, 3); read where there are states e: in the paper's hover model lift does
-            not tilt.
-        mass: m [kg]; read where lift tilts.
-        yaw: heading of the hover that the model is linear about [rad]; read where lift tilts.
-        structure: where Phi is not 0, see `of`.
-    """
+    """The filter's model of the vehicle, of N = 12 states x, or of more, [x; e]."""
 
     Phi: np.ndarray
+    """discrete dynamics of x (N, N)."""
     Gamma: np.ndarray
+    """discrete control input (N, 4)."""
     W: np.ndarray
+    """process noise covariance (N, N)."""
     integrator: int
+    """INTEGRATOR_ESTIMATE, INTEGRATOR_LITERAL or INTEGRATOR_HOLD."""
     Gamma_a: np.ndarray
+    """how an acceleration enters (N, 3); read where there are states e: in the paper's hover model lift does not
+    tilt."""
     mass: float
+    """m [kg]; read where lift tilts."""
     yaw: float
+    """heading of the hover that the model is linear about [rad]; read where lift tilts."""
     structure: Structure
+    """where Phi is not 0, see `of`."""
 
     @classmethod
     def of(

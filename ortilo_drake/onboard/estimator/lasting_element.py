@@ -38,39 +38,33 @@ from ortilo_drake.onboard.ranging.lasting_error import N_KEPT, N_LASTING
 
 
 class LearnedCoefficients(NamedTuple):
-    """The coefficients of the measurement's layout that fixes set.
-
-    Attributes:
-        row: of y (m).
-        column: of the layout's weights (m).
-        at: where what lasts of it stands in what the fixes tell; N_KEPT after it what is kept (m).
-        state: which state it is the coefficient of (m).
-        sd: that the filter believes of the state [m] (m).
-        own: of what the state stands for beside what is told [m] (m).
-        keeps: what is left of that after a tick [1] (m).
-    """
+    """The coefficients of the measurement's layout that fixes set."""
 
     row: np.ndarray
+    """of y (m)."""
     column: np.ndarray
+    """of the layout's weights (m)."""
     at: np.ndarray
+    """where what lasts of it stands in what the fixes tell; N_KEPT after it what is kept (m)."""
     state: np.ndarray
+    """which state it is the coefficient of (m)."""
     sd: np.ndarray
+    """that the filter believes of the state [m] (m)."""
     own: np.ndarray
+    """of what the state stands for beside what is told [m] (m)."""
     keeps: np.ndarray
+    """what is left of that after a tick [1] (m)."""
 
 
 class Sort(NamedTuple):
-    """Fixes of one sort that tell what lasts of their error.
-
-    Attributes:
-        rows: of a position.
-        sd: setting of estimator.biases [m] (3).
-        keeps: what is left after a tick of a part that is there whatever is told, of that sd; None where none is.
-    """
+    """Fixes of one sort that tell what lasts of their error."""
 
     rows: tuple[Row, ...]
+    """of a position."""
     sd: tuple[float, float, float]
+    """setting of estimator.biases [m] (3)."""
     keeps: float | None = None
+    """what is left after a tick of a part that is there whatever is told, of that sd; None where none is."""
 
 
 def learned_coefficients_of(

@@ -17,27 +17,24 @@ from ortilo_drake.onboard.estimator.structure import Structure, structure_of
 
 
 class LinearModel(NamedTuple):
-    """A linear model with sensors, as compiled functions take it.
-
-    Attributes:
-        Gamma: how the control enters (n, m).
-        W: process noise covariance (n, n).
-        structure: where Phi is not 0.
-        states: which states each row of y sees (p, w).
-        weights: with which coefficients (p, w).
-        first: first row of each sensor in y, and p (s + 1).
-        V: the sensors' covariances, each row by row (q).
-        block: where each sensor's covariance begins in V (s).
-    """
+    """A linear model with sensors, as compiled functions take it."""
 
     Gamma: np.ndarray
+    """how the control enters (n, m)."""
     W: np.ndarray
+    """process noise covariance (n, n)."""
     structure: Structure
+    """where Phi is not 0."""
     states: np.ndarray
+    """which states each row of y sees (p, w)."""
     weights: np.ndarray
+    """with which coefficients (p, w)."""
     first: np.ndarray
+    """first row of each sensor in y, and p (s + 1)."""
     V: np.ndarray
+    """the sensors' covariances, each row by row (q)."""
     block: np.ndarray
+    """where each sensor's covariance begins in V (s)."""
 
 
 def linear_model(

@@ -26,21 +26,18 @@ MAX_AGE = 1  # of a measurement that 'drop' still uses [ticks]: a detector takes
 
 
 class Incoming(NamedTuple):
-    """The layout of the sensors' messages in one vector.
-
-    Attributes:
-        start: where each sensor's message begins, -1 for one that does not fly (s).
-        V2: the covariances that are believed where none comes with the message (q).
-        with_message: whether a sensor's covariance comes with its message, behind the value (s).
-        gates: largest squared Mahalanobis distance of each sensor from the prediction, inf for none (s).
-        oldest: largest age of a value that is used [ticks].
-    """
+    """The layout of the sensors' messages in one vector."""
 
     start: np.ndarray
+    """where each sensor's message begins, -1 for one that does not fly (s)."""
     V2: np.ndarray
+    """the covariances that are believed where none comes with the message (q)."""
     with_message: np.ndarray
+    """whether a sensor's covariance comes with its message, behind the value (s)."""
     gates: np.ndarray
+    """largest squared Mahalanobis distance of each sensor from the prediction, inf for none (s)."""
     oldest: int
+    """largest age of a value that is used [ticks]."""
 
 
 def oldest_used(delay: str, horizon: float, h: float) -> int:

@@ -10,21 +10,18 @@ from numba.extending import register_jitable
 
 
 class Structure(NamedTuple):
-    """The entries of Phi (N, N) that are not 0.
-
-    Attributes:
-        columns: of each row, which entries are not 0 (N, w); counts says how many of them are meant.
-        values: those entries (N, w).
-        counts: how many there are (N).
-        mixing: the rows that see another state than their own (c).
-        keeps: of every other row its one entry, on the diagonal; 1 of those that mix (N).
-    """
+    """The entries of Phi (N, N) that are not 0."""
 
     columns: np.ndarray
+    """of each row, which entries are not 0 (N, w); counts says how many of them are meant."""
     values: np.ndarray
+    """those entries (N, w)."""
     counts: np.ndarray
+    """how many there are (N)."""
     mixing: np.ndarray
+    """the rows that see another state than their own (c)."""
     keeps: np.ndarray
+    """of every other row its one entry, on the diagonal; 1 of those that mix (N)."""
 
 
 @register_jitable

@@ -21,35 +21,32 @@ LOST = 1.0e6  # an estimate as large as this associates nothing
 
 
 class BoxBelief(NamedTuple):
-    """The model of the boxes, as compiled functions take it.
-
-    Attributes:
-        positions: p_W of the landmarks (n, 3).
-        outlines: their outlines (n, m, 3).
-        labels: their classes (n).
-        camera: the camera.
-        sd: error of a small box's centre [px].
-        gate: largest squared Mahalanobis distance of an association.
-        max_residual: largest disagreement of a box with the others [sd].
-        growth: of the error with the box's size [1/px].
-        margin: of the association, see landmark_association.py.
-        limits: of the joint test, see joint_compatibility.py; empty to leave it out.
-        inside: how far from the border a landmark's predicted box must end [px].
-        survey_sd: of the landmarks' positions [m].
-    """
+    """The model of the boxes, as compiled functions take it."""
 
     positions: np.ndarray
+    """p_W of the landmarks (n, 3)."""
     outlines: np.ndarray
+    """their outlines (n, m, 3)."""
     labels: np.ndarray
+    """their classes (n)."""
     camera: Camera
+    """the camera."""
     sd: float
+    """error of a small box's centre [px]."""
     gate: float
+    """largest squared Mahalanobis distance of an association."""
     max_residual: float
+    """largest disagreement of a box with the others [sd]."""
     growth: float
+    """of the error with the box's size [1/px]."""
     margin: float
+    """of the association, see landmark_association.py."""
     limits: np.ndarray
+    """of the joint test, see joint_compatibility.py; empty to leave it out."""
     inside: float
+    """how far from the border a landmark's predicted box must end [px]."""
     survey_sd: float
+    """of the landmarks' positions [m]."""
 
 
 def box_belief(settings: LandmarkFixSettings, room: Room, width: int) -> BoxBelief:

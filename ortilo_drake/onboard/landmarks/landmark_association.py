@@ -30,17 +30,14 @@ _FORBIDDEN = 1.0e6
 
 
 class Predicted(NamedTuple):
-    """The boxes of landmarks that the estimate predicts.
-
-    Attributes:
-        centers: z_i [px] (k, 2).
-        J: J_i (k, 2, 6).
-        sd: errors of the centres of boxes of the predicted size, see center_sd [px] (k, 2).
-    """
+    """The boxes of landmarks that the estimate predicts."""
 
     centers: np.ndarray
+    """z_i [px] (k, 2)."""
     J: np.ndarray
+    """J_i (k, 2, 6)."""
     sd: np.ndarray
+    """errors of the centres of boxes of the predicted size, see center_sd [px] (k, 2)."""
 
 
 @njit(cache=True)

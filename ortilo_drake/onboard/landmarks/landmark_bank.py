@@ -48,17 +48,14 @@ PER_LANDMARK = 12  # of [Lambda_i, eta_i] (3 x 4); of sensitivities 9
 
 
 class Solved(NamedTuple):
-    """The boxes of which a fix was made.
-
-    Attributes:
-        centers: of the boxes [px] (k, 2).
-        chosen: which landmarks they are of (k).
-        pose: [p_WB, rpy] (6).
-    """
+    """The boxes of which a fix was made."""
 
     centers: np.ndarray
+    """of the boxes [px] (k, 2)."""
     chosen: np.ndarray
+    """which landmarks they are of (k)."""
     pose: np.ndarray
+    """[p_WB, rpy] (6)."""
 
 
 @register_jitable

@@ -26,25 +26,22 @@ ELBOW = 0.15  # space that a cell leaves around its seed before it keeps the cle
 
 @dataclass(frozen=True)
 class FreeSpace:
-    """The places that the vehicle's centre may take at its flying height.
-
-    Attributes:
-        names: what errors call the obstacles (n).
-        low: lower corners of their cores (n, 2) [m].
-        high: upper corners of their cores (n, 2) [m].
-        radius: how far they reach beyond their cores, the vehicle's radius included (n) [m].
-        top: below this height they are in the way (n) [m].
-        clearance: room to keep to them where there is so much [m].
-        bounds: lower and upper corner of the room's interior (2, 3) [m].
-    """
+    """The places that the vehicle's centre may take at its flying height."""
 
     names: tuple[str, ...]
+    """what errors call the obstacles (n)."""
     low: np.ndarray
+    """lower corners of their cores (n, 2) [m]."""
     high: np.ndarray
+    """upper corners of their cores (n, 2) [m]."""
     radius: np.ndarray
+    """how far they reach beyond their cores, the vehicle's radius included (n) [m]."""
     top: np.ndarray
+    """below this height they are in the way (n) [m]."""
     clearance: float
+    """room to keep to them where there is so much [m]."""
     bounds: np.ndarray
+    """lower and upper corner of the room's interior (2, 3) [m]."""
 
     def room(self, p: np.ndarray) -> np.ndarray:
         """Return the distance of a point p (2) from each inflated obstacle (n) [m]."""

@@ -28,21 +28,18 @@ BLOCK = 4  # points of the planner's grid along each side of a place that is loo
 
 @dataclass(frozen=True)
 class FixSources:
-    """The things by which the onboard half finds its position.
-
-    Attributes:
-        ranges: whether ranges to anchors are measured.
-        boxes: whether landmarks are looked for.
-        noise: s_0 [m] and s_1 of a range's believed standard deviation s_0 + s_1 d.
-        yaw: heading that is held [rad].
-        width: of the camera's image [px].
-    """
+    """The things by which the onboard half finds its position."""
 
     ranges: bool = True
+    """whether ranges to anchors are measured."""
     boxes: bool = True
+    """whether landmarks are looked for."""
     noise: tuple[float, float] = (0.0, 0.0075)
+    """s_0 [m] and s_1 of a range's believed standard deviation s_0 + s_1 d."""
     yaw: float = 0.0
+    """heading that is held [rad]."""
     width: int = 320
+    """of the camera's image [px]."""
 
 
 ALL_SOURCES = FixSources()

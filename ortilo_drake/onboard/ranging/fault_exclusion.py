@@ -30,39 +30,33 @@ UNKNOWNS = 3  # of a fit; with an offset of the clock one more
 
 
 class Consistency(NamedTuple):
-    """The conditions for ranges to make a fix, as compiled functions take them.
-
-    Attributes:
-        quantiles: largest cost by degrees of freedom; inf where there are none.
-        least: fewest ranges of which one may be left out.
-        share: of the ranges that may be left out at most [1].
-        clock: whether an offset common to all ranges is looked for.
-    """
+    """The conditions for ranges to make a fix, as compiled functions take them."""
 
     quantiles: np.ndarray
+    """largest cost by degrees of freedom; inf where there are none."""
     least: int
+    """fewest ranges of which one may be left out."""
     share: float
+    """of the ranges that may be left out at most [1]."""
     clock: bool
+    """whether an offset common to all ranges is looked for."""
 
 
 class Consistent(NamedTuple):
-    """Ranges that fit one position, and the position.
-
-    Attributes:
-        found: whether there is a fix; nothing else counts if not.
-        used: 1 for each range that made it (n).
-        p: p_WB [m] (3).
-        C: its covariance [m^2] (3, 3).
-        clock: [1 if it is off, its offset b [m], b's variance [m^2]] (3), for the next ranges.
-        unknowns: PLAIN, KNOWN or AFRESH: whether b was fitted too, about what was known of it or without.
-    """
+    """Ranges that fit one position, and the position."""
 
     found: bool
+    """whether there is a fix; nothing else counts if not."""
     used: np.ndarray
+    """1 for each range that made it (n)."""
     p: np.ndarray
+    """p_WB [m] (3)."""
     C: np.ndarray
+    """its covariance [m^2] (3, 3)."""
     clock: np.ndarray
+    """[1 if it is off, its offset b [m], b's variance [m^2]] (3), for the next ranges."""
     unknowns: int
+    """PLAIN, KNOWN or AFRESH: whether b was fitted too, about what was known of it or without."""
 
 
 def consistency_of(settings: Exclusion, anchors: int) -> Consistency:

@@ -91,39 +91,36 @@ class Phase:
 
 @dataclass(frozen=True)
 class FaultRow:
-    """Flights of a scenario with one fault.
-
-    Attributes:
-        fault: its name in the catalogue.
-        scenario: its name.
-        flights: how many.
-        lost: how many of them.
-        lost_share: Wilson's 95 % interval of the share lost [1].
-        before: until the fault; None if all flights were lost, as the two below.
-        during: from its start to its end; to 10 s after the start if it does not end.
-        after: from 2 s after its end, or from there on, to the flight's end.
-        recovery: from the fault's end, or its start if it does not end, to the first 5 s in which the error of all
-            flights together is at most 1.5 times the one without the fault [s]; None if there are none.
-        passed_during: during the fault the error is at most 1.5 times the one without it, or the filter knows that it
-            is not: the mean NEES is at most WITHIN_3_SIGMA.
-        passed_after: afterwards the error is at most 1.5 times the one without the fault.
-        passed: no flight lost, and both.
-        settings: the fault as the list `faults` of the scenario has it.
-    """
+    """Flights of a scenario with one fault."""
 
     fault: str
+    """its name in the catalogue."""
     scenario: str
+    """its name."""
     flights: int
+    """how many."""
     lost: int
+    """how many of them."""
     lost_share: Interval
+    """Wilson's 95 % interval of the share lost [1]."""
     before: Phase | None
+    """until the fault; None if all flights were lost, as the two below."""
     during: Phase | None
+    """from its start to its end; to 10 s after the start if it does not end."""
     after: Phase | None
+    """from 2 s after its end, or from there on, to the flight's end."""
     recovery: float | None
+    """from the fault's end, or its start if it does not end, to the first 5 s in which the error of all flights
+    together is at most 1.5 times the one without the fault [s]; None if there are none."""
     passed_during: bool
+    """during the fault the error is at most 1.5 times the one without it, or the filter knows that it is not: the mean
+    NEES is at most WITHIN_3_SIGMA."""
     passed_after: bool
+    """afterwards the error is at most 1.5 times the one without the fault."""
     passed: bool
+    """no flight lost, and both."""
     settings: dict[str, Any] = field(default_factory=dict)
+    """the fault as the list `faults` of the scenario has it."""
 
 
 @dataclass(frozen=True)

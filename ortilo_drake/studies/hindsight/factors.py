@@ -85,17 +85,14 @@ def ranges_factor(
 
 
 class Moving(NamedTuple):
-    """The variables by which a box's prediction changes with the camera's clock.
-
-    Attributes:
-        velocity: key of v_WB.
-        clock: key of the time by which the message is older than its stamp.
-        w: body rates (3) [rad/s].
-    """
+    """The variables by which a box's prediction changes with the camera's clock."""
 
     velocity: int
+    """key of v_WB."""
     clock: int
+    """key of the time by which the message is older than its stamp."""
     w: np.ndarray
+    """body rates (3) [rad/s]."""
 
 
 class Landmark(NamedTuple):

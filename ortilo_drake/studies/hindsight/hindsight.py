@@ -21,68 +21,56 @@ EXTRA: Final = "smoother"  # brings gtsam
 
 @dataclass(frozen=True)
 class Judged:
-    """Estimates of one flight beside the truth.
-
-    Attributes:
-        mse: mean squared error of the position per axis [m^2].
-        nees: mean of e^T P_pp^-1 e, 3 if P is right; None of a floor, which has no errors.
-    """
+    """Estimates of one flight beside the truth."""
 
     mse: tuple[float, float, float]
+    """mean squared error of the position per axis [m^2]."""
     nees: float | None
+    """mean of e^T P_pp^-1 e, 3 if P is right; None of a floor, which has no errors."""
 
 
 @dataclass(frozen=True)
 class FlightInHindsight:
-    """A flight.
-
-    Attributes:
-        seed: of all noise.
-        lost: when it was lost [s]; None if it was not. Its errors are those up to then.
-        ways: what each way of estimating made of it: FLOWN, RTS, GRAPH, FLOOR, as far as there are any.
-    """
+    """A flight."""
 
     seed: int
+    """of all noise."""
     lost: float | None
+    """when it was lost [s]; None if it was not. Its errors are those up to then."""
     ways: dict[str, Judged]
+    """what each way of estimating made of it: FLOWN, RTS, GRAPH, FLOOR, as far as there are any."""
 
 
 @dataclass(frozen=True)
 class HindsightRow:
-    """One way of estimating, over all flights.
-
-    Attributes:
-        way: FLOWN, RTS, GRAPH or FLOOR.
-        rms: root mean square of the flights' errors per axis [m].
-        rms_distance: of the distance between estimated and true position [m].
-        nees: mean over the flights.
-    """
+    """One way of estimating, over all flights."""
 
     way: str
+    """FLOWN, RTS, GRAPH or FLOOR."""
     rms: tuple[float, float, float]
+    """root mean square of the flights' errors per axis [m]."""
     rms_distance: float
+    """of the distance between estimated and true position [m]."""
     nees: float | None
+    """mean over the flights."""
 
 
 @dataclass(frozen=True)
 class Hindsight:
-    """A study, as `ortilo hindsight --json` writes it.
-
-    Attributes:
-        scenario: its name.
-        estimator: the kind of filter that flew.
-        lost: flights that were lost.
-        rows: by way.
-        missing: why a row is not there, a line each.
-        flights: each of them.
-    """
+    """A study, as `ortilo hindsight --json` writes it."""
 
     scenario: str
+    """its name."""
     estimator: str
+    """the kind of filter that flew."""
     lost: int
+    """flights that were lost."""
     rows: list[HindsightRow]
+    """by way."""
     missing: list[str]
+    """why a row is not there, a line each."""
     flights: list[FlightInHindsight]
+    """each of them."""
 
 
 def judged(x: np.ndarray, P: np.ndarray, truth: np.ndarray) -> Judged:

@@ -25,35 +25,29 @@ _CLOSE = 1e-9  # two stamps are the same within this [s]
 
 
 class Sample(NamedTuple):
-    """A sample of the imu.
-
-    Attributes:
-        stamp: when its step ended [s].
-        rpy: roll, pitch, yaw as the imu has them (3) [rad].
-        w: body rates, the mean of this sample and the one before (3) [rad/s].
-        f: specific force (3) [m/s^2].
-    """
+    """A sample of the imu."""
 
     stamp: float
+    """when its step ended [s]."""
     rpy: np.ndarray
+    """roll, pitch, yaw as the imu has them (3) [rad]."""
     w: np.ndarray
+    """body rates, the mean of this sample and the one before (3) [rad/s]."""
     f: np.ndarray
+    """specific force (3) [m/s^2]."""
 
 
 class InertialTick(NamedTuple):
-    """The imu's samples of the step that ends at a tick.
-
-    Attributes:
-        motion: preintegrated.
-        rpy: its angles, each brought to the tick by the body rates, their mean (3) [rad]; None where there are none.
-        samples: how many they are of.
-        w: body rates (3) [rad/s].
-    """
+    """The imu's samples of the step that ends at a tick."""
 
     motion: gtsam.PreintegratedImuMeasurements
+    """preintegrated."""
     rpy: np.ndarray | None
+    """its angles, each brought to the tick by the body rates, their mean (3) [rad]; None where there are none."""
     samples: int
+    """how many they are of."""
     w: np.ndarray
+    """body rates (3) [rad/s]."""
 
 
 def samples_of(messages: tuple[Signals, ...], imu: str, n: int) -> list[Sample]:

@@ -21,18 +21,15 @@ from ortilo_drake.scenario import Scenario, with_seed
 
 @dataclass(frozen=True)
 class RecordedFlight:
-    """A flight and its messages, up to where truth or estimate are no longer finite.
-
-    Attributes:
-        scenario: what was flown, its seed included.
-        flight: the Dataset of flight.fly (n ticks).
-        messages: what the onboard half took in each tick, by port (n). Pictures are not kept, but the boxes that the
-            scenario's detector finds in them are.
-    """
+    """A flight and its messages, up to where truth or estimate are no longer finite."""
 
     scenario: Scenario
+    """what was flown, its seed included."""
     flight: xr.Dataset
+    """the Dataset of flight.fly (n ticks)."""
     messages: tuple[Signals, ...]
+    """what the onboard half took in each tick, by port (n). Pictures are not kept, but the boxes that the scenario's
+    detector finds in them are."""
 
 
 class BoxFinder:

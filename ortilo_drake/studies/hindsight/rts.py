@@ -35,47 +35,38 @@ from ortilo_drake.studies.hindsight.recorded_flight import RecordedFlight
 
 
 class Tick(NamedTuple):
-    """The signals that a linear filter took in a tick.
-
-    Attributes:
-        y: values (p).
-        delta: arrivals (s).
-        V2: the sensors' covariances, each row by row (q).
-        u: control less hover (4).
-    """
+    """The signals that a linear filter took in a tick."""
 
     y: np.ndarray
+    """values (p)."""
     delta: np.ndarray
+    """arrivals (s)."""
     V2: np.ndarray
+    """the sensors' covariances, each row by row (q)."""
     u: np.ndarray
+    """control less hover (4)."""
 
 
 class Smoothed(NamedTuple):
-    """Estimates of a flight.
-
-    Attributes:
-        x: [x; e] (n, N).
-        P: covariance (n, N, N).
-    """
+    """Estimates of a flight."""
 
     x: np.ndarray
+    """[x; e] (n, N)."""
     P: np.ndarray
+    """covariance (n, N, N)."""
 
 
 class Forward(NamedTuple):
-    """A filter's run.
-
-    Attributes:
-        prior: xhat_{k|k-1} and P_k.
-        carries: L_k (n, N, N).
-        gradient: H^T S^-1 e (n, N).
-        information: H^T S^-1 H (n, N, N).
-    """
+    """A filter's run."""
 
     prior: Smoothed
+    """xhat_{k|k-1} and P_k."""
     carries: np.ndarray
+    """L_k (n, N, N)."""
     gradient: np.ndarray
+    """H^T S^-1 e (n, N)."""
     information: np.ndarray
+    """H^T S^-1 H (n, N, N)."""
 
 
 def arrived(measurement: Measurement, tick: Tick) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

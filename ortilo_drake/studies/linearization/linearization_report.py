@@ -116,34 +116,31 @@ class Gramians:
 
 @dataclass(frozen=True)
 class LinearizationReport:
-    """Figures of Drake's matrices at hover and yaw 0.
-
-    Attributes:
-        scenario: its name.
-        h: tick [s].
-        sensors: of the scenario.
-        agreement: largest differences from the closed forms by part and matrix.
-        flown: largest difference of a tick of the flying diagram, by what arrives in it.
-        eigenvalues: the largest modulus first, of plant (continuous), sampled_plant, servo_loop (15), filter (12, or as
-            many as it has states) and closed_loop (27, or more), filter and loop with every sensor in every tick.
-        jordan_blocks: eigenvalue and block sizes of the sampled plant.
-        uncontrollable_modes: that no control reaches.
-        unobservable_states: by subset of the sensors.
-        unobservable_modes: by subset of the sensors.
-        gramians: over the horizon.
-    """
+    """Figures of Drake's matrices at hover and yaw 0."""
 
     scenario: str
+    """its name."""
     h: float
+    """tick [s]."""
     sensors: tuple[str, ...]
+    """of the scenario."""
     agreement: dict[str, dict[str, float]]
+    """largest differences from the closed forms by part and matrix."""
     flown: dict[str, float]
+    """largest difference of a tick of the flying diagram, by what arrives in it."""
     eigenvalues: dict[str, list[complex]]
+    """the largest modulus first, of plant (continuous), sampled_plant, servo_loop (15), filter (12, or as many as it
+    has states) and closed_loop (27, or more), filter and loop with every sensor in every tick."""
     jordan_blocks: list[tuple[float, tuple[int, ...]]]
+    """eigenvalue and block sizes of the sampled plant."""
     uncontrollable_modes: list[Mode]
+    """that no control reaches."""
     unobservable_states: dict[str, list[str]]
+    """by subset of the sensors."""
     unobservable_modes: dict[str, list[Mode]]
+    """by subset of the sensors."""
     gramians: Gramians
+    """over the horizon."""
 
 
 def _sorted(z: np.ndarray) -> list[complex]:

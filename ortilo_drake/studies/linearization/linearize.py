@@ -35,29 +35,26 @@ REFERENCE_NAMES = tuple(f"r_{axis}{dots}" for dots in ("", "_dot", "_ddot") for 
 
 
 class Linearization(NamedTuple):
-    """A part near a point: x_dot or x_{k+1} = A x + B u, y = C x + D u, in deviations from the point.
-
-    Attributes:
-        A: (n x n).
-        B: (n x m).
-        C: (p x n).
-        D: (p x m).
-        h: tick [s]; None if continuous or without a state.
-        states: names of the states.
-        inputs: names of the inputs.
-        outputs: names of the outputs.
-        units: of everything that is named.
-    """
+    """A part near a point: x_dot or x_{k+1} = A x + B u, y = C x + D u, in deviations from the point."""
 
     A: np.ndarray
+    """(n x n)."""
     B: np.ndarray
+    """(n x m)."""
     C: np.ndarray
+    """(p x n)."""
     D: np.ndarray
+    """(p x m)."""
     h: float | None
+    """tick [s]; None if continuous or without a state."""
     states: tuple[str, ...]
+    """names of the states."""
     inputs: tuple[str, ...]
+    """names of the inputs."""
     outputs: tuple[str, ...]
+    """names of the outputs."""
     units: dict[str, str]
+    """of everything that is named."""
 
     def __repr__(self) -> str:
         steps = "x_dot" if self.h is None else f"x after a tick of {self.h:.4g} s"

@@ -32,36 +32,33 @@ VELOCITIES = tuple(range(N_X // 2, N_X))  # numbers of the states that are veloc
 
 
 class HoverLoop(NamedTuple):
-    """The matrices of a scenario's vehicle, filter and servo at hover; N is 12 for the paper's filter.
-
-    Attributes:
-        Phi: what the filter believes, [x; e]_{k+1} = Phi [x; e]_k + Gamma u_k + w_k (N x N).
-        Gamma: (N x 4).
-        C: y = C [x; e] + v (p x N).
-        W: covariance of w as the filter believes it (N x N), of rank 6 where it follows from the disturbance.
-        L: servo gain, u = -L [xhat; ehat; i], or as loop_gain has it (4 x N + 3).
-        h: tick [s].
-        integrator: 'literal', 'hold' or 'estimate'.
-        true_states: numbers of the states that the servo gets from the truth in place of the estimate; VELOCITIES in
-            the paper's scenarios.
-        measurement: the sensors and their rows of C.
-        names: of the filter's states (N).
-        world: numbers of those that the world has (M).
-        Phi_world: how the world moves them (M x M): as Phi, and by drag.
-    """
+    """The matrices of a scenario's vehicle, filter and servo at hover; N is 12 for the paper's filter."""
 
     Phi: np.ndarray
+    """what the filter believes, [x; e]_{k+1} = Phi [x; e]_k + Gamma u_k + w_k (N x N)."""
     Gamma: np.ndarray
+    """(N x 4)."""
     C: np.ndarray
+    """y = C [x; e] + v (p x N)."""
     W: np.ndarray
+    """covariance of w as the filter believes it (N x N), of rank 6 where it follows from the disturbance."""
     L: np.ndarray
+    """servo gain, u = -L [xhat; ehat; i], or as loop_gain has it (4 x N + 3)."""
     h: float
+    """tick [s]."""
     integrator: str
+    """'literal', 'hold' or 'estimate'."""
     true_states: tuple[int, ...]
+    """numbers of the states that the servo gets from the truth in place of the estimate; VELOCITIES in the paper's
+    scenarios."""
     measurement: Measurement
+    """the sensors and their rows of C."""
     names: tuple[str, ...]
+    """of the filter's states (N)."""
     world: tuple[int, ...]
+    """numbers of those that the world has (M)."""
     Phi_world: np.ndarray
+    """how the world moves them (M x M): as Phi, and by drag."""
 
     @property
     def state_names(self) -> tuple[str, ...]:

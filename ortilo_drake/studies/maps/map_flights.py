@@ -20,44 +20,41 @@ from ortilo_drake.theory.consistency.consistency import nees_interval
 
 @dataclass(frozen=True)
 class MapPoint:
-    """The flights at a point of a map.
-
-    Attributes:
-        point: its settings.
-        flights: how many flew.
-        lost: how many were lost.
-        lost_low: lower end of Wilson's 95 % interval of the share of lost flights [1].
-        lost_high: its upper end [1].
-        rms: median root mean squared error of the estimated position [m]; infinite (null in JSON) where a lost flight
-            stands, as each is worse than any that was kept.
-        rms_interval: its 95 % interval; None of too few flights.
-        kept_rms: median of the flights that were not lost, as all that follow; None where all were.
-        kept_interval: its 95 % interval; None of too few.
-        rms_low: their lower quartile [m].
-        rms_high: their upper quartile [m].
-        farthest: median of the largest distance from the path [m].
-        farthest_interval: its 95 % interval; None of too few.
-        nees: mean of the position's NEES, 3 if the filter is consistent.
-        nees_interval: its 95 % interval by Student's t; None of fewer than two.
-        arrived: measurements used over those due, by sensor [1], of all flights.
-    """
+    """The flights at a point of a map."""
 
     point: dict[str, Value]
+    """its settings."""
     flights: int
+    """how many flew."""
     lost: int
+    """how many were lost."""
     lost_low: float
+    """lower end of Wilson's 95 % interval of the share of lost flights [1]."""
     lost_high: float
+    """its upper end [1]."""
     rms: float | None
+    """median root mean squared error of the estimated position [m]; infinite (null in JSON) where a lost flight stands,
+    as each is worse than any that was kept."""
     rms_interval: Interval | None
+    """its 95 % interval; None of too few flights."""
     kept_rms: float | None
+    """median of the flights that were not lost, as all that follow; None where all were."""
     kept_interval: Interval | None
+    """its 95 % interval; None of too few."""
     rms_low: float | None
+    """their lower quartile [m]."""
     rms_high: float | None
+    """their upper quartile [m]."""
     farthest: float | None
+    """median of the largest distance from the path [m]."""
     farthest_interval: Interval | None
+    """its 95 % interval; None of too few."""
     nees: float | None
+    """mean of the position's NEES, 3 if the filter is consistent."""
     nees_interval: Interval | None
+    """its 95 % interval by Student's t; None of fewer than two."""
     arrived: dict[str, float]
+    """measurements used over those due, by sensor [1], of all flights."""
 
 
 @dataclass(frozen=True)

@@ -27,21 +27,18 @@ MOST_POINTS: Final = 100_000
 
 
 class Range(Frozen):
-    """Values from a start to a stop.
-
-    Attributes:
-        start: the first value, in the setting's unit.
-        stop: the last one, above the start.
-        count: how many a grid has.
-        scale: evenly spaced, or by their logarithm.
-        whole: whether the setting takes whole numbers alone.
-    """
+    """Values from a start to a stop."""
 
     start: Annotated[float, Field(allow_inf_nan=False)]
+    """the first value, in the setting's unit."""
     stop: Annotated[float, Field(allow_inf_nan=False)]
+    """the last one, above the start."""
     count: Annotated[int, Field(ge=2, le=1000)] = 11
+    """how many a grid has."""
     scale: Literal["linear", "log"] = "linear"
+    """evenly spaced, or by their logarithm."""
     whole: bool = False
+    """whether the setting takes whole numbers alone."""
 
     @model_validator(mode="after")
     def _goes_up(self) -> "Range":
@@ -77,43 +74,34 @@ class Grid(Frozen):
 
 
 class Scattered(Frozen):
-    """Points scattered over the ranges, evenly however few axes one looks at.
-
-    Attributes:
-        kind: 'latin_hypercube', or 'sobol' (Sobol's sequence, scrambled).
-        points: how many; a power of 2 with 'sobol'.
-        seed: of their places.
-    """
+    """Points scattered over the ranges, evenly however few axes one looks at."""
 
     kind: Literal["latin_hypercube", "sobol"]
+    """'latin_hypercube', or 'sobol' (Sobol's sequence, scrambled)."""
     points: Annotated[int, Field(ge=2, le=MOST_POINTS)]
+    """how many; a power of 2 with 'sobol'."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+    """of their places."""
 
 
 class Sensitivity(Frozen):
-    """Saltelli's points for Sobol's indices: points (axes + 2) of them.
-
-    Attributes:
-        kind: 'sensitivity'.
-        points: of each of the samples, a power of 2.
-        seed: of their places.
-    """
+    """Saltelli's points for Sobol's indices: points (axes + 2) of them."""
 
     kind: Literal["sensitivity"]
+    """'sensitivity'."""
     points: Annotated[int, Field(ge=2, le=2**14)]
+    """of each of the samples, a power of 2."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+    """of their places."""
 
 
 class Until(Frozen):
-    """Flights until it is known how many are lost.
-
-    Attributes:
-        half_width: half the width of the 95 % interval of the share of lost flights that is narrow enough [1].
-        at_most: flights at a point.
-    """
+    """Flights until it is known how many are lost."""
 
     half_width: Annotated[float, Field(gt=0.0, lt=0.5)]
+    """half the width of the 95 % interval of the share of lost flights that is narrow enough [1]."""
     at_most: Annotated[int, Field(ge=1, le=10_000_000)]
+    """flights at a point."""
 
 
 _Fixed = Annotated[int, Field(ge=1, le=10_000_000)]
@@ -121,36 +109,30 @@ Flights = Annotated[Annotated[_Fixed, Tag(TAGS[0])] | Annotated[Until, Tag(TAGS[
 
 
 class OverScenario(Frozen):
-    """The scenario that a file of a study is about.
-
-    Attributes:
-        scenario: a ready-made scenario's name, or a .yaml file, meant from where this file lies.
-        settings: laid over it in all flights, such as {camera.kind: projected}.
-    """
+    """The scenario that a file of a study is about."""
 
     scenario: str = "imu_uwb"
+    """a ready-made scenario's name, or a .yaml file, meant from where this file lies."""
     settings: dict[Name, Any] = Field(default={})
+    """laid over it in all flights, such as {camera.kind: projected}."""
 
 
 Over = TypeVar("Over", bound=OverScenario)
 
 
 class Sweep(OverScenario):
-    """A sweep file.
-
-    Attributes:
-        axes: by setting the values, in a list, or a range of them.
-        design: which points.
-        flights: at each point, seeds from `seed` on; or until it is known how many are lost.
-        seed: the first.
-        whole: of each point's flights, how many are kept whole, as netCDF; Drake flies these.
-    """
+    """A sweep file."""
 
     axes: Annotated[dict[Name, Axis], Field(min_length=1, max_length=20)]
+    """by setting the values, in a list, or a range of them."""
     design: Annotated[Grid | Scattered | Sensitivity, Field(discriminator="kind")] = Grid()
+    """which points."""
     flights: Flights = 100
+    """at each point, seeds from `seed` on; or until it is known how many are lost."""
     seed: Annotated[int, Field(ge=0, lt=2**40)] = 0
+    """the first."""
     whole: Annotated[int, Field(ge=0, le=10_000)] = 0
+    """of each point's flights, how many are kept whole, as netCDF; Drake flies these."""
 
     @model_validator(mode="after")
     def _has_points(self) -> "Sweep":

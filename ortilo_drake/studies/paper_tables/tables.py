@@ -70,47 +70,44 @@ class AxisEfficiency:
 
 @dataclass(frozen=True)
 class Tables:
-    """The tables of an ensemble, as `ortilo tables --json` writes them; each field by scenario, but for a few.
-
-    Attributes:
-        preset: one of PRESETS.
-        flights: of each scenario.
-        lost: how many were lost; they are not averaged.
-        lost_share: Wilson's 95 % interval of the share of lost flights [1].
-        touched: how many of the others touched furniture.
-        estimation: statistics of the mean squared error by axis [m^2].
-        path: statistics of the path-following error [m^2].
-        path_distance: statistics of the mean squared distance to the path [m^2].
-        intervals: 95 % intervals by column, the axes, 'path' and 'path_distance', and statistic.
-        with_lost: median and quartiles of these columns with each lost flight as worst: null where one stands.
-        with_lost_intervals: their 95 % intervals: null at an end where a lost flight stands.
-        efficiency: by axis.
-        drop_in_x: of both scenarios together; None each where only one flew.
-        nees: mean NEES of the position.
-        nees_with_lost: the same with the lost flights up to their losses.
-        arrivals: mean rate of arrivals by sensor.
-        players: who flew.
-        paper: the paper's own tables.
-    """
+    """The tables of an ensemble, as `ortilo tables --json` writes them; each field by scenario, but for a few."""
 
     preset: str
+    """one of PRESETS."""
     flights: int
+    """of each scenario."""
     lost: dict[str, int]
+    """how many were lost; they are not averaged."""
     lost_share: dict[str, Interval]
+    """Wilson's 95 % interval of the share of lost flights [1]."""
     touched: dict[str, int]
+    """how many of the others touched furniture."""
     estimation: dict[str, dict[str, Statistics]]
+    """statistics of the mean squared error by axis [m^2]."""
     path: dict[str, Statistics]
+    """statistics of the path-following error [m^2]."""
     path_distance: dict[str, Statistics]
+    """statistics of the mean squared distance to the path [m^2]."""
     intervals: dict[str, dict[str, Intervals]]
+    """95 % intervals by column, the axes, 'path' and 'path_distance', and statistic."""
     with_lost: dict[str, dict[str, Statistics]]
+    """median and quartiles of these columns with each lost flight as worst: null where one stands."""
     with_lost_intervals: dict[str, dict[str, Intervals]]
+    """their 95 % intervals: null at an end where a lost flight stands."""
     efficiency: dict[str, dict[str, AxisEfficiency]]
+    """by axis."""
     drop_in_x: Drop
+    """of both scenarios together; None each where only one flew."""
     nees: dict[str, Ratio]
+    """mean NEES of the position."""
     nees_with_lost: dict[str, Ratio]
+    """the same with the lost flights up to their losses."""
     arrivals: dict[str, dict[str, float | None]]
+    """mean rate of arrivals by sensor."""
     players: dict[str, str]
+    """who flew."""
     paper: PaperTables
+    """the paper's own tables."""
 
 
 # The paper's tables (mean squared errors [m^2]), each in the order of STATISTICS.

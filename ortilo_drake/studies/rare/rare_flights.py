@@ -71,37 +71,34 @@ def doubted_corridor(scenario: Scenario, event: Event) -> list[str]:
 
 @dataclass(frozen=True)
 class Rare:
-    """The probability of a rare event in a flight, and how it was found.
-
-    Attributes:
-        event: what happens.
-        probability: how likely the event is in a flight [1]; None if it is known only by the count of `independent`.
-        low: lower end of its 95 % interval [1].
-        high: its upper end [1].
-        joined: what the repetitions and the count say, each by itself; None where only a count gives the probability.
-        least: the smallest probability that was sought [1].
-        plan: levels [m] and steps, as the first climb chose them.
-        repetitions: what each of those after it found; empty if the first climb never came to the event.
-        flights: how many flew in all of them, the first climb's among them.
-        paths: flights of each level.
-        drawn: how many normal numbers decide what is drawn at the start, by the name of each draw.
-        independent: plain counting of all flights that belong to no chain: the first of each climb, and `counted`.
-        counted: plain counting beside it, if asked for.
-    """
+    """The probability of a rare event in a flight, and how it was found."""
 
     event: Event
+    """what happens."""
     probability: float | None
+    """how likely the event is in a flight [1]; None if it is known only by the count of `independent`."""
     low: float
+    """lower end of its 95 % interval [1]."""
     high: float
+    """its upper end [1]."""
     joined: Joined | None
+    """what the repetitions and the count say, each by itself; None where only a count gives the probability."""
     least: float
+    """the smallest probability that was sought [1]."""
     plan: Plan
+    """levels [m] and steps, as the first climb chose them."""
     repetitions: list[Climb]
+    """what each of those after it found; empty if the first climb never came to the event."""
     flights: int
+    """how many flew in all of them, the first climb's among them."""
     paths: int
+    """flights of each level."""
     drawn: dict[str, int]
+    """how many normal numbers decide what is drawn at the start, by the name of each draw."""
     independent: Counted
+    """plain counting of all flights that belong to no chain: the first of each climb, and `counted`."""
     counted: Counted | None
+    """plain counting beside it, if asked for."""
 
 
 class _Job(NamedTuple):

@@ -149,24 +149,21 @@ _KEPT_OFF = 0.3  # of start and goal from the ends of the room, as a share of it
 
 
 class Traced(NamedTuple):
-    """Walls of a floor plan, from the lower left corner of the space within the outer ones; x right, y up.
-
-    Attributes:
-        walls: x, y of the middle, length along x and along y [m] (n, 4).
-        size: of the space within, along x and y [m] (2).
-        covered: share of the thick dark pixels that are in a wall [1].
-        start: the roomiest place in its left part [m] (2).
-        goal: the roomiest place in its right part that a free way leads to from there; the farthest of the roomier
-            places if none leads to the right part, and start itself if nothing is free [m] (2).
-        corner: of the space within, in the plan's frame [m] (2).
-    """
+    """Walls of a floor plan, from the lower left corner of the space within the outer ones; x right, y up."""
 
     walls: np.ndarray
+    """x, y of the middle, length along x and along y [m] (n, 4)."""
     size: np.ndarray
+    """of the space within, along x and y [m] (2)."""
     covered: float
+    """share of the thick dark pixels that are in a wall [1]."""
     start: np.ndarray
+    """the roomiest place in its left part [m] (2)."""
     goal: np.ndarray
+    """the roomiest place in its right part that a free way leads to from there; the farthest of the roomier places if
+    none leads to the right part, and start itself if nothing is free [m] (2)."""
     corner: np.ndarray
+    """of the space within, in the plan's frame [m] (2)."""
 
 
 def _rectangles(dark: np.ndarray) -> list[tuple[int, int, int, int]]:

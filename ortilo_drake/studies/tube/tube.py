@@ -108,23 +108,20 @@ AT_ONCE = 50  # cases side by side; more do not fit into a processor's nearer me
 
 
 class Tube(NamedTuple):
-    """The predicted deviation of the vehicle from the planned path r_k [m] (n, 3) at t_k [s] (n).
-
-    Attributes:
-        mean: expected deviation of the true position from r_k [m] (n, 3).
-        covariance: of that deviation [m^2] (n, 3, 3).
-        X: expected covariance of the filter's position error [m^2] (n, 3, 3).
-        radius: of the horizontal disc about r_k that the vehicle is outside of with 0.27 %, as of 3 sigma [m] (n).
-        height: |mean| and 3 sigma of the vertical deviation [m] (n).
-    """
+    """The predicted deviation of the vehicle from the planned path r_k [m] (n, 3) at t_k [s] (n)."""
 
     time: np.ndarray
     r: np.ndarray
     mean: np.ndarray
+    """expected deviation of the true position from r_k [m] (n, 3)."""
     covariance: np.ndarray
+    """of that deviation [m^2] (n, 3, 3)."""
     X: np.ndarray
+    """expected covariance of the filter's position error [m^2] (n, 3, 3)."""
     radius: np.ndarray
+    """of the horizontal disc about r_k that the vehicle is outside of with 0.27 %, as of 3 sigma [m] (n)."""
     height: np.ndarray
+    """|mean| and 3 sigma of the vertical deviation [m] (n)."""
 
 
 def tube_height(mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:

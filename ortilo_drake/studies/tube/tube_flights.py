@@ -64,34 +64,31 @@ class Flown(NamedTuple):
 
 @dataclass(frozen=True)
 class PointResult:
-    """A point of a map: the theory's prediction, and the flights. Lengths in m.
-
-    Attributes:
-        at: arrival rates of the two sensors, or of both and the mean burst [s].
-        radius_mean: of the tube over the path; radius_max is its greatest.
-        margin: least of corridor less tube.
-        contained: share of ticks within the tube, with its 95 % interval, contained_low to contained_high.
-        contained_worst: the share in the worst of STRETCHES parts of the path.
-        expected: the share that the linear theory expects, given the seeds' arrivals.
-        contained_mixture: share of ticks within the radius that the mixture leaves with 0.27 %.
-        radius_mixture: mean of that radius over the path.
-        holds: see the head of this file; a breakdown says why not.
-    """
+    """A point of a map: the theory's prediction, and the flights. Lengths in m."""
 
     at: Point
+    """arrival rates of the two sensors, or of both and the mean burst [s]."""
     radius_mean: float
+    """of the tube over the path; radius_max is its greatest."""
     radius_max: float
     margin: float
+    """least of corridor less tube."""
     flights: int
     contained: float
+    """share of ticks within the tube, with its 95 % interval, contained_low to contained_high."""
     contained_low: float
     contained_high: float
     contained_worst: float
+    """the share in the worst of STRETCHES parts of the path."""
     expected: float
+    """the share that the linear theory expects, given the seeds' arrivals."""
     contained_mixture: float
+    """share of ticks within the radius that the mixture leaves with 0.27 %."""
     radius_mixture: float
+    """mean of that radius over the path."""
     lost: int
     holds: bool
+    """see the head of this file; a breakdown says why not."""
     breakdown: str
 
 

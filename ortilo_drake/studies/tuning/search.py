@@ -34,22 +34,19 @@ FEWEST: Final = 2  # settings that CMA-ES can search
 
 
 class Search(OverScenario):
-    """A search file.
-
-    Attributes:
-        axes: by setting the range to search. A setting that is several numbers, such as servo.weights.position, is
-            multiplied by what lies in its range.
-        flights: by which each candidate is weighed, seeds from `seed` on.
-        judge: flights by which start and result are compared, seeds after those.
-        evaluations: candidates at most.
-        seed: of the first flight, and of the search.
-    """
+    """A search file."""
 
     axes: Annotated[dict[Name, Range], Field(min_length=FEWEST, max_length=20)]
+    """by setting the range to search. A setting that is several numbers, such as servo.weights.position, is multiplied
+    by what lies in its range."""
     flights: Annotated[int, Field(ge=2, le=100_000)] = 50
+    """by which each candidate is weighed, seeds from `seed` on."""
     judge: Annotated[int, Field(ge=2, le=100_000)] = 400
+    """flights by which start and result are compared, seeds after those."""
     evaluations: Annotated[int, Field(ge=1, le=100_000)] = 200
+    """candidates at most."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+    """of the first flight, and of the search."""
 
     @model_validator(mode="after")
     def _searches_numbers(self) -> "Search":

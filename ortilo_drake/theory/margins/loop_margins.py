@@ -119,37 +119,34 @@ class DiskMargin:
 
 @dataclass(frozen=True)
 class ChannelMargins:
-    """Margins of a stable loop of one channel; None for a margin without limit.
-
-    Attributes:
-        gain_up: least factor above 1.
-        gain_up_at: its frequency [rad/s].
-        gain_down: greatest factor below 1.
-        gain_down_at: its frequency [rad/s].
-        phase: [rad].
-        phase_at: its frequency [rad/s].
-        delay: [s].
-        delay_ticks: the same in ticks.
-        delay_at: its frequency [rad/s].
-        crossovers: where |L| = 1 [rad/s].
-        sensitivity: peak of |S|.
-        complementary: peak of |T|.
-        disk: disk margin.
-    """
+    """Margins of a stable loop of one channel; None for a margin without limit."""
 
     gain_up: float | None
+    """least factor above 1."""
     gain_up_at: float | None
+    """its frequency [rad/s]."""
     gain_down: float | None
+    """greatest factor below 1."""
     gain_down_at: float | None
+    """its frequency [rad/s]."""
     phase: float | None
+    """[rad]."""
     phase_at: float | None
+    """its frequency [rad/s]."""
     delay: float | None
+    """[s]."""
     delay_ticks: float | None
+    """the same in ticks."""
     delay_at: float | None
+    """its frequency [rad/s]."""
     crossovers: list[float]
+    """where |L| = 1 [rad/s]."""
     sensitivity: float
+    """peak of |S|."""
     complementary: float
+    """peak of |T|."""
     disk: DiskMargin
+    """disk margin."""
 
 
 @dataclass(frozen=True)

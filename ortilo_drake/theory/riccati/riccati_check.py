@@ -13,24 +13,21 @@ from ortilo_drake.theory.riccati.riccati_problem import real_matrices, symmetris
 
 @dataclass(frozen=True)
 class RiccatiCheck:
-    """Quality of a solution X of the DARE.
-
-    Attributes:
-        residual: Frobenius norm of the equation's left side over that of X.
-        asymmetry: of X - X^T over that of X.
-        least_eigenvalue: of X over the largest; negative beyond rounding where X is not >= 0.
-        spectral_radius: of A - B L; below 1 where X stabilises.
-        distance_to_instability: the least norm of a complex perturbation of A - B L that makes it unstable.
-        condition: relative change of X per relative change of A, B R^-1 B^T and Q (riccati_condition), an estimate
-            from below; None where R is singular or X does not stabilise.
-    """
+    """Quality of a solution X of the DARE."""
 
     residual: float
+    """Frobenius norm of the equation's left side over that of X."""
     asymmetry: float
+    """of X - X^T over that of X."""
     least_eigenvalue: float
+    """of X over the largest; negative beyond rounding where X is not >= 0."""
     spectral_radius: float
+    """of A - B L; below 1 where X stabilises."""
     distance_to_instability: float
+    """the least norm of a complex perturbation of A - B L that makes it unstable."""
     condition: float | None
+    """relative change of X per relative change of A, B R^-1 B^T and Q (riccati_condition), an estimate from below; None
+    where R is singular or X does not stabilise."""
 
 
 def residual(

@@ -9,23 +9,20 @@ from typing import Any, Final, NamedTuple
 
 
 class Kind(NamedTuple):
-    """A kind of file that a command writes.
-
-    Attributes:
-        command: the command, up to its scenario or preset.
-        keys: of its JSON file, or of each row where that is a list, by which it is known.
-        subject: the key of its scenario or preset in there, dotted; None if it is not in there.
-        heading: of its .md file, a pattern whose group is the scenario or preset; None if it writes none.
-        figures: the stem of its figures in its folder, PNG or SVG, as a pattern; {} stands for the scenario or preset.
-        takes_subject: whether the scenario or preset is the command's argument; a sweep's file, say, is not named.
-    """
+    """A kind of file that a command writes."""
 
     command: str
+    """the command, up to its scenario or preset."""
     keys: frozenset[str]
+    """of its JSON file, or of each row where that is a list, by which it is known."""
     subject: str | None = None
+    """the key of its scenario or preset in there, dotted; None if it is not in there."""
     heading: str | None = None
+    """of its .md file, a pattern whose group is the scenario or preset; None if it writes none."""
     figures: str = ""
+    """the stem of its figures in its folder, PNG or SVG, as a pattern; {} stands for the scenario or preset."""
     takes_subject: bool = True
+    """whether the scenario or preset is the command's argument; a sweep's file, say, is not named."""
 
     @property
     def name(self) -> str:

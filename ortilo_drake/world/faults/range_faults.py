@@ -24,21 +24,18 @@ from ortilo_drake.world.noise import normals, uniforms
 
 
 class Moment(NamedTuple):
-    """The data that a fault may use beside the message.
-
-    Attributes:
-        x: state as the sensor sees it (12).
-        t: time [s].
-        anchors: p_WA, where the anchors truly stand (n, 3).
-        seed: seed of all noise.
-        h: time from one message to the next [s].
-    """
+    """The data that a fault may use beside the message."""
 
     x: np.ndarray
+    """state as the sensor sees it (12)."""
     t: float
+    """time [s]."""
     anchors: np.ndarray
+    """p_WA, where the anchors truly stand (n, 3)."""
     seed: int
+    """seed of all noise."""
     h: float
+    """time from one message to the next [s]."""
 
 
 @register_jitable

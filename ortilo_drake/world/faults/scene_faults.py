@@ -29,15 +29,12 @@ from ortilo_drake.world.sensors.landmark_view import Surroundings
 
 
 class Scene(NamedTuple):
-    """The scene in front of a camera.
-
-    Attributes:
-        room: landmarks that are there, and what may hide them.
-        there: which of the room's landmarks these are (n).
-    """
+    """The scene in front of a camera."""
 
     room: Surroundings
+    """landmarks that are there, and what may hide them."""
     there: np.ndarray
+    """which of the room's landmarks these are (n)."""
 
 
 def is_of_scene(fault: AnyFault) -> bool:

@@ -34,37 +34,31 @@ OWN: Final = -1
 
 
 class FaultTable(NamedTuple):
-    """Some faults, one after the other.
-
-    Attributes:
-        kinds: of each, an index in KINDS, OWN of one's own (n).
-        starts: when each begins [s] (n).
-        ends: when each ends [s], inf if it does not (n).
-        streams: number of each one's noise stream (n).
-        first: where each one's settings begin in values, and where the last one's end (n + 1).
-        values: the settings of all, see values_of_fault.
-    """
+    """Some faults, one after the other."""
 
     kinds: np.ndarray
+    """of each, an index in KINDS, OWN of one's own (n)."""
     starts: np.ndarray
+    """when each begins [s] (n)."""
     ends: np.ndarray
+    """when each ends [s], inf if it does not (n)."""
     streams: np.ndarray
+    """number of each one's noise stream (n)."""
     first: np.ndarray
+    """where each one's settings begin in values, and where the last one's end (n + 1)."""
     values: np.ndarray
+    """the settings of all, see values_of_fault."""
 
 
 class Numbered(NamedTuple):
-    """A fault among those of a scenario.
-
-    Attributes:
-        i: which of all it is.
-        number: which of its kind; its noise stream is 'fault/<kind>/<number>'.
-        fault: the fault.
-    """
+    """A fault among those of a scenario."""
 
     i: int
+    """which of all it is."""
     number: int
+    """which of its kind; its noise stream is 'fault/<kind>/<number>'."""
     fault: AnyFault
+    """the fault."""
 
 
 def numbered(faults: Sequence[AnyFault]) -> Iterator[Numbered]:

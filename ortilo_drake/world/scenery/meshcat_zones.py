@@ -13,17 +13,14 @@ OPACITY = 0.22
 
 
 class Zone(NamedTuple):
-    """A strip of the floor.
-
-    Attributes:
-        low: its south-western corner (x, y) [m].
-        high: its north-eastern corner (x, y) [m].
-        color: red, green and blue, each 0 to 1.
-    """
+    """A strip of the floor."""
 
     low: tuple[float, float]
+    """its south-western corner (x, y) [m]."""
     high: tuple[float, float]
+    """its north-eastern corner (x, y) [m]."""
     color: tuple[float, float, float]
+    """red, green and blue, each 0 to 1."""
 
 
 def draw_zones(meshcat: Meshcat, room: Room, zones: list[Zone]) -> None:

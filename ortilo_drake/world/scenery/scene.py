@@ -28,23 +28,20 @@ _NEAR_WALL = 0.35  # a landmark this near to a wall hangs on it [m]
 
 @dataclass(frozen=True)
 class SceneItem:
-    """One thing in the room.
-
-    Attributes:
-        group: what it is: floor, walls, stands, furniture, landmarks or posts.
-        kind: which of these: a landmark's class, a piece of furniture's kind.
-        shape: its shape in its own frame G.
-        X_WG: its pose.
-        landmark: its number among the room's landmarks, or NO_LANDMARK.
-        rgba: the colour of a shape that has no texture.
-    """
+    """One thing in the room."""
 
     group: str
+    """what it is: floor, walls, stands, furniture, landmarks or posts."""
     kind: str
+    """which of these: a landmark's class, a piece of furniture's kind."""
     shape: Shape
+    """its shape in its own frame G."""
     X_WG: RigidTransform
+    """its pose."""
     landmark: int = NO_LANDMARK
+    """its number among the room's landmarks, or NO_LANDMARK."""
     rgba: Rgba = field(default_factory=lambda: _BLOCK)
+    """the colour of a shape that has no texture."""
 
 
 def mesh_file(kind: str) -> Path:

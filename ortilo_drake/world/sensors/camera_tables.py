@@ -16,29 +16,26 @@ from ortilo_drake.world.sensors.camera_calibration import OTHER, QUANTILES, Came
 
 
 class Tables(NamedTuple):
-    """A calibration as compiled functions take it; the first row of a table holds its knots.
-
-    Attributes:
-        found: distance [m]; rate of each class of the room (1 + classes, k).
-        inside: share inside the image; factor; growth of errors; factor of errors at the border (4, k).
-        visible: share not hidden; factor; growth of errors (3, k).
-        errors: size [px]; mean error of centre and of extent [px] (3, k).
-        quantiles: normal quantile; quantiles of the errors of centre u, v, width, height (5, k).
-        slow: share of the slow part; ticks between its nodes; of errors and of misses (2, 2).
-        limits: max_distance [m], min_size [px], min_visible (3).
-        false_classes: mean number of false boxes; then the sums of the classes' shares (1 + classes).
-        false_sizes: chance; width, height [px] (3, k).
-    """
+    """A calibration as compiled functions take it; the first row of a table holds its knots."""
 
     found: np.ndarray
+    """distance [m]; rate of each class of the room (1 + classes, k)."""
     inside: np.ndarray
+    """share inside the image; factor; growth of errors; factor of errors at the border (4, k)."""
     visible: np.ndarray
+    """share not hidden; factor; growth of errors (3, k)."""
     errors: np.ndarray
+    """size [px]; mean error of centre and of extent [px] (3, k)."""
     quantiles: np.ndarray
+    """normal quantile; quantiles of the errors of centre u, v, width, height (5, k)."""
     slow: np.ndarray
+    """share of the slow part; ticks between its nodes; of errors and of misses (2, 2)."""
     limits: np.ndarray
+    """max_distance [m], min_size [px], min_visible (3)."""
     false_classes: np.ndarray
+    """mean number of false boxes; then the sums of the classes' shares (1 + classes)."""
     false_sizes: np.ndarray
+    """chance; width, height [px] (3, k)."""
 
 
 @register_jitable

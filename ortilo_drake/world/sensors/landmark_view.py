@@ -24,21 +24,18 @@ _SAMPLES = np.array([[0.0, 0.0, 0.0], *[[x, y, z] for x in (-0.7, 0.7) for y in 
 
 
 class Surroundings(NamedTuple):
-    """Landmarks and what may hide them, as compiled functions take them.
-
-    Attributes:
-        positions: p_W of the landmarks [m] (n, 3).
-        outlines: their outlines, see pinhole.py (n, m, 3).
-        sizes: their extents along W's axes [m] (n, 3).
-        boxes: what hides, turned boxes, see line_of_sight.py, and their radius in plan [m] (k, 8).
-        cylinders: what hides, cylinders on the floor (l, 4).
-    """
+    """Landmarks and what may hide them, as compiled functions take them."""
 
     positions: np.ndarray
+    """p_W of the landmarks [m] (n, 3)."""
     outlines: np.ndarray
+    """their outlines, see pinhole.py (n, m, 3)."""
     sizes: np.ndarray
+    """their extents along W's axes [m] (n, 3)."""
     boxes: np.ndarray
+    """what hides, turned boxes, see line_of_sight.py, and their radius in plan [m] (k, 8)."""
     cylinders: np.ndarray
+    """what hides, cylinders on the floor (l, 4)."""
 
 
 def surroundings(room: Room) -> Surroundings:

@@ -17,15 +17,12 @@ from ortilo_drake.world.slow_error import SlowNoise, gauss_markov, random_walk, 
 
 
 class SensorErrors(NamedTuple):
-    """Errors of the first n numbers of a payload.
-
-    Attributes:
-        noise: what changes slowly (n).
-        flagged: whether n flags follow them.
-    """
+    """Errors of the first n numbers of a payload."""
 
     noise: SlowNoise
+    """what changes slowly (n)."""
     flagged: bool
+    """whether n flags follow them."""
 
 
 def errors_of(scenario: Scenario, sensor: str, payload: int) -> SensorErrors | None:

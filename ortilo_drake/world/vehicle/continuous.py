@@ -24,27 +24,24 @@ _STRETCH = 1.01  # by which Drake lengthens a step that would end just before an
 
 
 class Physics(NamedTuple):
-    """The forces, torques and rotors that move the vehicle.
-
-    Attributes:
-        mass: m [kg].
-        inertia: I_x, I_y, I_z [kg m^2].
-        kinematics: index in KINEMATICS.
-        longest_step: of the integration [s].
-        time_constant: of a rotor speeding up and slowing down [s] (2).
-        wrench: T of rotors.wrench_matrix (4, 4).
-        mixing: M of the rotors' squared speeds (4, n); (4, 0) of rotors without dynamics.
-        faults: of wrench_table, where the rotors have dynamics.
-    """
+    """The forces, torques and rotors that move the vehicle."""
 
     mass: float
+    """m [kg]."""
     inertia: np.ndarray
+    """I_x, I_y, I_z [kg m^2]."""
     kinematics: int
+    """index in KINEMATICS."""
     longest_step: float
+    """of the integration [s]."""
     time_constant: np.ndarray
+    """of a rotor speeding up and slowing down [s] (2)."""
     wrench: np.ndarray
+    """T of rotors.wrench_matrix (4, 4)."""
     mixing: np.ndarray
+    """M of the rotors' squared speeds (4, n); (4, 0) of rotors without dynamics."""
     faults: FaultTable
+    """of wrench_table, where the rotors have dynamics."""
 
 
 def steps_a_tick(scenario: Scenario) -> int:

@@ -47,37 +47,34 @@ SHUT, OPEN_RATES, OPEN_ALL = range(3)  # what is opened of P: nothing, angles an
 
 
 class Weighing(NamedTuple):
-    """The settings that decide on values, as compiled functions take them.
-
-    Attributes:
-        C: rows of y over all that the filter estimates but the integral (p, N).
-        first: first row of each sensor, and p (s + 1).
-        block: where each sensor's covariance begins in V2, and q (s + 1).
-        gates: largest d^2 of each sensor (s).
-        sees: which states of the vehicle each sensor sees (s, 12).
-        huber: c; inf for Student's t.
-        dof: nu; inf for Huber.
-        time: over which innovations are averaged [s]; inf keeps the noise as it is.
-        tolerates: a_0.
-        most: lambda_max.
-        reacquire_after: time refused after which P is opened [s].
-        watched: number of the sensor whose average innovation tells a gyroscope's bias, -1 for none.
-        drift: time over which it is averaged [s].
-    """
+    """The settings that decide on values, as compiled functions take them."""
 
     C: np.ndarray
+    """rows of y over all that the filter estimates but the integral (p, N)."""
     first: np.ndarray
+    """first row of each sensor, and p (s + 1)."""
     block: np.ndarray
+    """where each sensor's covariance begins in V2, and q (s + 1)."""
     gates: np.ndarray
+    """largest d^2 of each sensor (s)."""
     sees: np.ndarray
+    """which states of the vehicle each sensor sees (s, 12)."""
     huber: float
+    """c; inf for Student's t."""
     dof: float
+    """nu; inf for Huber."""
     time: float
+    """over which innovations are averaged [s]; inf keeps the noise as it is."""
     tolerates: float
+    """a_0."""
     most: float
+    """lambda_max."""
     reacquire_after: float
+    """time refused after which P is opened [s]."""
     watched: int
+    """number of the sensor whose average innovation tells a gyroscope's bias, -1 for none."""
     drift: float
+    """time over which it is averaged [s]."""
 
 
 def weighing_of(settings: Robust, measurement: Measurement, sensors: int) -> Weighing:

@@ -26,31 +26,28 @@ ADDITIVE: Final = 10  # where the additive part begins in the nominal state; GYR
 
 
 class Layout(NamedTuple):
-    """The first index of the states beside the inertial ones in the error state; -1 where there are none.
-
-    Attributes:
-        angles: errors of the imu's roll, pitch and yaw [rad] (3).
-        clock: how much older than its stamp a uwb, a camera message is [s] (2).
-        range_bias: constant error of each anchor's ranges [m].
-        range_slow: slow error of each anchor's ranges [m].
-        range_offset: error that all ranges have in common [m] (1): 0 until the watch opens it, see watch.py.
-        survey: from where each landmark was surveyed to where it is [m] (3 each).
-        pixel_slow: slow error of each landmark's box centre, u and v, in units of its standard deviation (2 each).
-        core: numbers without the clones.
-        clones: poses of past ticks that are kept.
-        n: all numbers of the error state.
-    """
+    """The first index of the states beside the inertial ones in the error state; -1 where there are none."""
 
     angles: int
+    """errors of the imu's roll, pitch and yaw [rad] (3)."""
     clock: int
+    """how much older than its stamp a uwb, a camera message is [s] (2)."""
     range_bias: int
+    """constant error of each anchor's ranges [m]."""
     range_slow: int
+    """slow error of each anchor's ranges [m]."""
     range_offset: int
+    """error that all ranges have in common [m] (1): 0 until the watch opens it, see watch.py."""
     survey: int
+    """from where each landmark was surveyed to where it is [m] (3 each)."""
     pixel_slow: int
+    """slow error of each landmark's box centre, u and v, in units of its standard deviation (2 each)."""
     core: int
+    """numbers without the clones."""
     clones: int
+    """poses of past ticks that are kept."""
     n: int
+    """all numbers of the error state."""
 
 
 GROUPS: Final = Layout._fields[:-3]

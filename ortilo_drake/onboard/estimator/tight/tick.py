@@ -20,31 +20,28 @@ N_AHEAD = N_X + N_X * N_X  # the prediction for the next tick, estimate and cova
 
 
 class Motion(NamedTuple):
-    """The tight filter's model of imu and vehicle.
-
-    Attributes:
-        variances: of a sample's body rates [rad^2/s^2] and specific force [m^2/s^4] (2).
-        coasting: likewise of what stands for them in a tick without samples (2).
-        keeps: factor by which each additive error goes on in a tick (core - 9).
-        steps: variance that each of them gets (core - 9).
-        mass: of the vehicle [kg].
-        inertia: about its axes (3) [kg m^2].
-        h: tick [s].
-        silent: what a silent imu lets body rates [rad^2/s^3] and specific force [m^2/s^5] walk (2).
-        watches: whether a sample that is the one before again is none.
-        yaw: the heading that is held [rad]: yaw is told within half a turn of it.
-    """
+    """The tight filter's model of imu and vehicle."""
 
     variances: np.ndarray
+    """of a sample's body rates [rad^2/s^2] and specific force [m^2/s^4] (2)."""
     coasting: np.ndarray
+    """likewise of what stands for them in a tick without samples (2)."""
     keeps: np.ndarray
+    """factor by which each additive error goes on in a tick (core - 9)."""
     steps: np.ndarray
+    """variance that each of them gets (core - 9)."""
     mass: float
+    """of the vehicle [kg]."""
     inertia: np.ndarray
+    """about its axes (3) [kg m^2]."""
     h: float
+    """tick [s]."""
     silent: np.ndarray
+    """what a silent imu lets body rates [rad^2/s^3] and specific force [m^2/s^5] walk (2)."""
     watches: bool
+    """whether a sample that is the one before again is none."""
     yaw: float
+    """the heading that is held [rad]: yaw is told within half a turn of it."""
 
 
 @njit(cache=True)

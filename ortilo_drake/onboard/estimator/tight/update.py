@@ -41,15 +41,12 @@ def inject(x: np.ndarray, error: np.ndarray, core: int) -> None:
 
 
 class Taken(NamedTuple):
-    """Rows that were taken and not yet settled: the covariance is C - sum g g^T.
-
-    Attributes:
-        g: C H^T / sqrt(S) of each; 0 where there is none (m, n).
-        number: how many there are (1).
-    """
+    """Rows that were taken and not yet settled: the covariance is C - sum g g^T."""
 
     g: np.ndarray
+    """C H^T / sqrt(S) of each; 0 where there is none (m, n)."""
     number: np.ndarray
+    """how many there are (1)."""
 
 
 _AT_ONCE = 4  # rows for which C is passed over once

@@ -26,23 +26,20 @@ _FEWEST: Final = 3  # ranges that can have an error in common
 
 
 class Watch(NamedTuple):
-    """The settings of the watch.
-
-    Attributes:
-        share: of a new value in the means, a [1].
-        leans: mean of normalized angles from which on the body rates are doubted [1].
-        sided: mean share of refused ranges on one side from which on their clock is doubted [1].
-        gyroscope: variance that the gyroscope's bias gets then [rad^2/s^2].
-        attitude: variance that the attitude gets then [rad^2].
-        offset: variance that the error of all ranges gets [m^2].
-    """
+    """The settings of the watch."""
 
     share: float
+    """of a new value in the means, a [1]."""
     leans: float
+    """mean of normalized angles from which on the body rates are doubted [1]."""
     sided: float
+    """mean share of refused ranges on one side from which on their clock is doubted [1]."""
     gyroscope: float
+    """variance that the gyroscope's bias gets then [rad^2/s^2]."""
     attitude: float
+    """variance that the attitude gets then [rad^2]."""
     offset: float
+    """variance that the error of all ranges gets [m^2]."""
 
 
 @njit(cache=True)
