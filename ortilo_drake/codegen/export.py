@@ -39,7 +39,8 @@ def export(
 ) -> dict[str, Any]:
     """Write the onboard half of a scenario for a processor; return the manifest.
 
-    `od.export("imu_uwb", "cortex-m7", "half")` does so. All is made before anything is written.
+    `od.export("imu_uwb", "cortex-m7", "half")` does so. All is made before anything is written. InputError if a part
+    cannot be exported, or there is no such processor.
 
     Args:
         scenario: a ready-made scenario's name, a .yaml file, or a Scenario; its seed is that of the golden vectors.
@@ -48,9 +49,6 @@ def export(
             and the files of cmake_files.py.
         ticks: of the golden vectors.
         precision: "double", with the bits of Python, or "single", for processors without doubles: see single.py.
-
-    Raises:
-        InputError: if a part cannot be exported, or there is no such processor.
     """
     if precision not in PRECISIONS:
         raise InputError(f"--precision: {precision!r}: must be one of {', '.join(PRECISIONS)}")

@@ -27,8 +27,7 @@ class Half(NamedTuple):
 def onboard_half(scenario: Belief) -> Half:
     """Return the onboard half of a scenario; nothing but its belief is used.
 
-    Raises:
-        InputError: in one line, naming the part that cannot be exported and why.
+    InputError in one line, naming the part that cannot be exported and why.
     """
     belief = scenario.belief
     if belief.is_rendered:

@@ -48,8 +48,7 @@ CHANGED: Final[dict[str, dict[str, float]]] = {
 def check_near(boxes: Iterable[Box]) -> None:
     """Check that floats are known to do for all boxes.
 
-    Raises:
-        InputError: in one line, naming the first of which that is not known.
+    InputError in one line, naming the first of which that is not known.
     """
     boxes = list(boxes)
     for box in boxes:

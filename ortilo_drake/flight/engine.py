@@ -37,7 +37,8 @@ class Engine:
     """Compiled code that flies the wiring of a scenario.
 
     A flight is that of flight.flight.FlightSimulator: the same functions on the same noise, in the same order. It
-    depends on its scenario and seed alone, not on what flies beside it or on which thread.
+    depends on its scenario and seed alone, not on what flies beside it or on which thread. InputError if a part of the
+    scenario is no element, see why_not, or if it cannot be flown.
 
     Args:
         scenario: the scenario; its own seed is not used.
@@ -47,9 +48,6 @@ class Engine:
             values reached the filter and how many were due.
         ticks: of a flight that is not lost, the first and the last included.
         h: tick [s].
-
-    Raises:
-        InputError: if a part of the scenario is no element, see why_not, or if it cannot be flown.
     """
 
     def __init__(self, scenario: Scenario):
@@ -77,12 +75,11 @@ class Engine:
     def fly(self, seed: int, progress: Callable[[int], None] | None = None) -> xr.Dataset:
         """Fly one seed; return its Dataset over ticks, see flight.flight.FlightSimulator.fly.
 
+        InputError if a scenario allows no such seed.
+
         Args:
             seed: of all noise.
             progress: called with the number of ticks flown, once it is flown.
-
-        Raises:
-            InputError: if a scenario allows no such seed.
         """
         scenario = with_seed(self._scenario, seed)
         _ = self._logger  # compiling does not count as flying time
@@ -99,8 +96,7 @@ class Engine:
     def trace(self, seed: int) -> tuple[np.ndarray, Lost | None]:
         """Fly one seed; return rows that begin with the figures of figures.py, one for each tick flown, and its loss.
 
-        Raises:
-            InputError: if a scenario allows no such seed.
+        InputError if a scenario allows no such seed.
         """
         with_seed(self._scenario, seed)
         rows = self._fly_seed(seed, self._player.rows(self.ticks))

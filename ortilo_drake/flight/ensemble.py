@@ -93,9 +93,10 @@ def fly_many(
 ) -> list[Summary]:
     """Fly a scenario once for each seed and return the summaries in the order of the seeds.
 
-    Flights already in the folder are not flown again, so an interrupted run goes on where it stopped; a damaged one
-    is flown again, with a warning. Each flight is written as it ends. A flight depends on its scenario and seed alone,
-    not on the number of workers; a worker that dies is replaced and its flight flown again.
+    Flights already in the folder are not flown again, so an interrupted run goes on where it stopped; a damaged one is
+    flown again, with a warning. Each flight is written as it ends. A flight depends on its scenario and seed alone, not
+    on the number of workers; a worker that dies is replaced and its flight flown again. InputError if the player cannot
+    fly the scenario, or a flight cannot be flown or written.
 
     Args:
         scenario: the scenario; its own seed is not used.
@@ -104,9 +105,6 @@ def fly_many(
         workers: worker processes; 1 flies in this process.
         progress: called with each summary as it comes in.
         player: as players.choose; what is already in the folder stays, whoever flew it.
-
-    Raises:
-        InputError: if the player cannot fly the scenario, or a flight cannot be flown or written.
     """
     seeds, player = list(seeds), choose(scenario, player)
     summaries: dict[int, Summary] = {}

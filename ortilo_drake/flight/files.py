@@ -35,15 +35,13 @@ def write_bytes(path: Path, data: bytes, sync: bool = True) -> None:
 
     A link stays one: what it points to is written, whether it is there yet or not. A file that is there keeps its mode;
     a new one gets the usual one, as do folders that are missing. Pipes and character devices are written to; a pipe
-    that nobody reads is waited for until somebody does, as by the shell's `> PIPE`.
+    that nobody reads is waited for until somebody does, as by the shell's `> PIPE`. InputError if it cannot be written;
+    what was there before stays.
 
     Args:
         path: the file.
         data: all of it.
         sync: whether to wait for the disk, so that a loss of power leaves the old file or the new one.
-
-    Raises:
-        InputError: if it cannot be written; what was there before stays.
     """
     try:
         there = _status(path)
@@ -62,8 +60,7 @@ def write_bytes(path: Path, data: bytes, sync: bool = True) -> None:
 def check_output(path: Path) -> None:
     """Refuse a file that cannot be written, before any work is done; remove what killed processes left beside it.
 
-    Raises:
-        InputError: naming the file and why.
+    InputError naming the file and why.
     """
     try:
         there = _status(path)

@@ -34,16 +34,13 @@ class FlightSimulator:
 
     A Diagram takes a tenth of a second to build and 4 MiB, with a renderer twenty times that, which Drake 1.51 never
     gives back. Each flight gets a Context of its own, which holds its seed, its start and all that evolves: so earlier
-    flights change nothing.
+    flights change nothing. InputError if the scenario cannot be flown, see check_flyable.
 
     Args:
         scenario: the scenario; its own seed is not used.
         meshcat: shows each flight live; it is then paced by the wall clock.
         parts: estimator, servo and planner in place of the scenario's, see diagrams/onboard.py.
         fused: whether all elements of a half are one system, which is faster, or a system each.
-
-    Raises:
-        InputError: if the scenario cannot be flown, see check_flyable.
     """
 
     def __init__(self, scenario: Scenario, meshcat: Meshcat | None = None, parts: Parts = NO_PARTS, fused: bool = True):
@@ -60,6 +57,8 @@ class FlightSimulator:
     def fly(self, seed: int, progress: Callable[[int], None] | None = None) -> xr.Dataset:
         """Fly one seed.
 
+        InputError if a scenario allows no such seed.
+
         Args:
             seed: the seed of all noise.
             progress: called with the number of ticks flown.
@@ -67,9 +66,6 @@ class FlightSimulator:
         Returns:
             A Dataset over ticks; see flight_dataset. The same seed gives the same numbers bit for bit, whichever
             player flies it (players.py); only the attributes `player` and `real_time_factor` differ.
-
-        Raises:
-            InputError: if a scenario allows no such seed.
         """
         scenario = with_seed(self._scenario, seed)
         simulator = make_simulator(self._diagram, scenario)
@@ -97,6 +93,8 @@ def fly(
 ) -> xr.Dataset:
     """Fly one scenario by Drake, its seed included; for many seeds of it make one FlightSimulator.
 
+    InputError if the scenario cannot be flown, see check_flyable.
+
     Args:
         scenario: the scenario.
         progress: called with the number of ticks flown.
@@ -105,9 +103,6 @@ def fly(
 
     Returns:
         A Dataset over ticks; see FlightSimulator.fly.
-
-    Raises:
-        InputError: if the scenario cannot be flown, see check_flyable.
     """
     return FlightSimulator(scenario, meshcat, parts).fly(scenario.seed, progress)
 

@@ -17,8 +17,7 @@ LARGEST_LOG = 2048 * MIB  # of one flight: 8 hours at 30 Hz; a flight takes abou
 def flight_ticks(scenario: Scenario, plan: Planned | None = None) -> int:
     """Return the length of a flight in ticks: its plan, or the one given, and the time to settle, or its `seconds`.
 
-    Raises:
-        InputError: if there is no path, its `seconds` are more than that, or the flight is too long to be logged.
+    InputError if there is no path, its `seconds` are more than that, or the flight is too long to be logged.
     """
     seconds = duration_of(scenario, plan or planned(scenario)) + scenario.settle
     if scenario.seconds is not None:
@@ -38,10 +37,9 @@ def flight_ticks(scenario: Scenario, plan: Planned | None = None) -> int:
 def check_flyable(scenario: Scenario, plan: Planned | None = None) -> int:
     """Return the length of a flight in ticks, after a check that all it needs is there.
 
-    Raises:
-        InputError: if there is no path or no servo gain, the flight needs too much memory, a registered sensor has
-            not as many errors as its payload numbers, a fault names what is not there, a file of detector or
-            calibration is wrong, or nothing can be rendered here.
+    InputError if there is no path or no servo gain, the flight needs too much memory, a registered sensor has not as
+    many errors as its payload numbers, a fault names what is not there, a file of detector or calibration is wrong, or
+    nothing can be rendered here.
     """
     room = scenario.load_room()
     check_room(scenario, room)

@@ -35,8 +35,8 @@ def fly_kept(
 ) -> list[list[T]]:
     """Fly scenarios, each once for each of its seeds, and return the figures of each in the order of the seeds.
 
-    All flights go to the workers together. Flights of which it is already there are not flown again, so an
-    interrupted run goes on where it stopped.
+    All flights go to the workers together. Flights of which it is already there are not flown again, so an interrupted
+    run goes on where it stopped. InputError if a flight cannot be flown or what is kept cannot be written.
 
     Args:
         kind: what is kept of a flight, a dataclass with its seed.
@@ -46,9 +46,6 @@ def fly_kept(
         workers: worker processes; 1 flies in this process.
         progress: called with the number of flights that came in.
         at_once: flights in one job of a worker where the engine flies all of them; Drake's are AT_ONCE.
-
-    Raises:
-        InputError: if a flight cannot be flown or what is kept cannot be written.
     """
     at_once = at_once if all(why_not(scenario) is None for scenario, _ in wanted) else AT_ONCE
     asked = [(scenario, list(seeds), kept_file(out, scenario)) for scenario, seeds in wanted]

@@ -43,6 +43,8 @@ def fly_lockstep(
 ) -> xr.Dataset:
     """Fly the world of a scenario on the commands of an onboard half.
 
+    InputError as in fly.
+
     Args:
         scenario: the scenario.
         ask: gives the onboard half's outputs of a tick.
@@ -52,9 +54,6 @@ def fly_lockstep(
 
     Returns:
         The Dataset of flight.fly, without its real_time_factor.
-
-    Raises:
-        InputError: as in fly.
     """
     ticks, room = flight_ticks(scenario), scenario.load_room()
     world = world or WorldHalf(scenario)

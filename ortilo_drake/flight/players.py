@@ -20,7 +20,7 @@ def choose(scenario: Scenario, player: str = "fastest", parts: Parts = NO_PARTS)
     """Return the player of a scenario: 'engine', 'drake' or 'drake-elements'.
 
     Of a single flight of a scenario never flown before, engine and 'drake' take about as long: both compile the same
-    elements, which takes longer than the flight.
+    elements, which takes longer than the flight. InputError if there is no such player, or it cannot fly this.
 
     Args:
         scenario: the scenario.
@@ -28,9 +28,6 @@ def choose(scenario: Scenario, player: str = "fastest", parts: Parts = NO_PARTS)
             elements of each half are one system, 'drake-elements' one in which each is its own; 'fastest' takes the
             engine where it can, else 'drake'.
         parts: estimator, servo and planner in place of the scenario's, which only Drake takes.
-
-    Raises:
-        InputError: if there is no such player, or it cannot fly this.
     """
     if player not in CHOICES:
         raise InputError(f"player: {player!r}: must be one of {', '.join(CHOICES)}")
@@ -72,6 +69,8 @@ def fly(
 ) -> xr.Dataset:
     """Fly one scenario, its seed included.
 
+    InputError as player_of.
+
     Args:
         scenario: the scenario.
         progress: called with the number of ticks flown.
@@ -80,8 +79,5 @@ def fly(
 
     Returns:
         A Dataset over ticks; see flight.flight_dataset.
-
-    Raises:
-        InputError: as player_of.
     """
     return player_of(scenario, player, parts).fly(scenario.seed, progress)

@@ -32,11 +32,7 @@ FLIGHT: Final = "flight"  # as flight/store.py has it, whatever the file is call
 
 
 def save_flight(flight: xr.Dataset, path: Path) -> None:
-    """Write a flight to a netCDF file with a digest.
-
-    Raises:
-        InputError: if the file cannot be written.
-    """
+    """Write a flight to a netCDF file with a digest; InputError if the file cannot be written."""
     encoding = {name: {"zlib": True, "complevel": 1} for name in flight.data_vars}
     with _no_lock_of_dask():
         data = bytes(flight.to_netcdf(engine="h5netcdf", encoding=encoding))
@@ -50,11 +46,7 @@ def _no_lock_of_dask() -> AbstractContextManager[Any]:
 
 
 def load_flight(path: Path) -> xr.Dataset:
-    """Read a flight that save_flight wrote.
-
-    Raises:
-        InputError: if the file is missing or damaged, or is not such a flight.
-    """
+    """Read a flight that save_flight wrote; InputError if the file is missing or damaged, or is not such a flight."""
     data = read_bytes(path, LARGEST)
     try:
         data = unsealed(data, FLIGHT)

@@ -158,8 +158,7 @@ class OnboardHalf:
     def fly_path(self, path: Trajectory) -> None:
         """Fly another path, p_WB(t) (3 rows) [m], from this tick on; call it before this tick's take.
 
-        Raises:
-            InputError: if its planner is a System.
+        InputError if its planner is a System.
         """
         if "path" not in self._ports:
             raise InputError("planner: is a System: it takes no other path in flight")

@@ -75,14 +75,13 @@ def in_folder(path: Path) -> str:
 def keep(path: Path, data: bytes, of: str, sync: bool = True) -> None:
     """Write bytes with their digest, whole or not at all.
 
+    InputError if it cannot be written.
+
     Args:
         path: the file.
         data: all of it.
         of: of what they are, so that a file under another's name is not taken for it.
         sync: as write_bytes.
-
-    Raises:
-        InputError: if it cannot be written.
     """
     write_bytes(path, sealed(data, of), sync)
 

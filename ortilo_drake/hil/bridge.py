@@ -177,6 +177,9 @@ def run_bridge(
 ) -> BridgeReport:
     """Hand every tick of one flight to targets, until the world says that it has finished.
 
+    InputError if the bus does not work, the world is not heard, flies another scenario or falls silent, or every target
+    has failed.
+
     Args:
         url: the bus, tcp://HOST:PORT.
         key: that the halves share, see key_file.py.
@@ -186,10 +189,6 @@ def run_bridge(
         wait: how long to look for the world [s].
         say: takes a line when it listens, about a target that failed, and about a goal.
         goals: gives the user's goals, see goals_target; by default there are none.
-
-    Raises:
-        InputError: if the bus does not work, the world is not heard, flies another scenario or falls silent, or every
-            target has failed.
     """
     with Bus(url, key) as bus:
         inbox = Inbox(bus, ("hello", "tick", *ports(), "command", "telemetry", "goal"))

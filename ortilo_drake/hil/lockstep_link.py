@@ -82,8 +82,7 @@ def answer_over_link(
 ) -> int:
     """Answer the world as its onboard half until the world has finished; return the number of ticks answered.
 
-    Raises:
-        InputError: if the world is silent for PATIENCE.
+    InputError if the world is silent for PATIENCE.
     """
     ticks = TickInbox()
     k = 0

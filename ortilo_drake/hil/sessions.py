@@ -43,6 +43,8 @@ def run_world(
 ) -> tuple[xr.Dataset, WorldReport]:
     """Fly a scenario's world against an onboard half over a link.
 
+    InputError if the bus does not work or the onboard half is missing, silent or flies another scenario.
+
     Args:
         scenario: the scenario.
         url: the bus, tcp://HOST:PORT, which this process serves.
@@ -57,9 +59,6 @@ def run_world(
 
     Returns:
         The flight, and a report.
-
-    Raises:
-        InputError: if the bus does not work or the onboard half is missing, silent or flies another scenario.
     """
     with contextlib.ExitStack() as stack:
         bus = stack.enter_context(Bus(url, key, serves=True, largest=largest_to_world(flight_of(scenario, 0))))

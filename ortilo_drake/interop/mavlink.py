@@ -174,13 +174,12 @@ def udp_address(url: str) -> tuple[str, int]:
 class MavlinkBridge:
     """Sends estimates to a flight controller over UDP.
 
+    InputError if the url is wrong or pymavlink is not installed.
+
     Args:
         url: where to, 'udpout:HOST:PORT'; this machine by default.
         system: the vehicle's MAVLink system id, MAV_SYS_ID of a PX4: of the sender, and whom setpoints are for.
         component: the sender's MAVLink component id.
-
-    Raises:
-        InputError: if the url is wrong or pymavlink is not installed.
     """
 
     def __init__(self, url: str = DEFAULT_URL, system: int = 1, component: int = COMPONENT):

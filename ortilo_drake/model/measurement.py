@@ -31,8 +31,7 @@ class Row(NamedTuple):
 def row(name: str, **sees: float) -> Row:
     """Name a row of y and the states that it sees, as in ``row("z_alt", z=1.0)``.
 
-    Raises:
-        ValueError: if a state is none of STATE_NAMES, or none is seen.
+    ValueError if a state is none of STATE_NAMES, or none is seen.
     """
     unknown = [state for state in sees if state not in STATE_NAMES]
     if unknown or not sees:

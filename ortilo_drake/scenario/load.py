@@ -196,7 +196,8 @@ def load_scenario(
         0.3
 
     A file may name another as its `base` and then holds only the differences. Paths in a base are relative to the
-    base's folder. Paths in settings laid over a scenario are relative to the working folder.
+    base's folder. Paths in settings laid over a scenario are relative to the working folder. InputError naming file,
+    field, value and what is allowed.
 
     Args:
         scenario: a ready-made scenario's name, the path of a .yaml file, or a scenario.
@@ -205,9 +206,6 @@ def load_scenario(
         seed: the seed of all noise, if not the scenario's own.
         changes: more of them by keyword, two underscores for a dot: `uwb__link__loss=0.3`. Values as in YAML, or paths,
             NumPy's numbers and arrays, and settings of a scenario such as `scenario.uwb`.
-
-    Raises:
-        InputError: naming file, field, value and what is allowed.
     """
     given = as_settings(settings, changes)
     seed = plain_value("seed", seed)

@@ -22,8 +22,7 @@ LOOPBACK = "127.0.0.1"
 def start_cluster(workers: int) -> SpecCluster:
     """Return a cluster of that many processes on this machine; its context manager ends them.
 
-    Raises:
-        InputError: if a process ends while it starts, and one does so at a second try, too.
+    InputError if a process ends while it starts, and one does so at a second try, too.
     """
     try:
         return _start_cluster(workers)

@@ -45,8 +45,7 @@ def _is_length(value: Any) -> bool:
 def as_anchors(value: Any) -> Any:
     """Return a map's anchors as a tuple of positions or as positions by name; anything else is left as it is.
 
-    Raises:
-        ValueError: if a position is none, a name stands twice, or there are fewer than 3 or more than 256.
+    ValueError if a position is none, a name stands twice, or there are fewer than 3 or more than 256.
     """
     found: Any = value
     if isinstance(value, dict) and "find" in value:
@@ -164,9 +163,7 @@ def read_anchors(path: Path) -> dict[str, Vector]:
     """Return the positions [m] of a file's anchors by name.
 
     It is cfclient's YAML, a table `id, x, y, z`, or what a DWM1001's console printed (medians of what it says).
-
-    Raises:
-        InputError: if it cannot be read, or has fewer than three anchors.
+    InputError if it cannot be read, or has fewer than three anchors.
     """
     told = Rejections(named(path, "anchors"))
     text = "\n".join(line for _, line in lines_of(path, told, CONSOLE_LIMIT))
@@ -185,8 +182,7 @@ def read_anchors(path: Path) -> dict[str, Vector]:
 def in_order(anchors: dict[str, Vector], names: tuple[str, ...], what: str) -> tuple[tuple[str, ...], np.ndarray]:
     """Return names and positions (n, 3) of anchors: of those named, in that order, or of all.
 
-    Raises:
-        InputError: if one that is named is none of them.
+    InputError if one that is named is none of them.
     """
     known = tuple(anchors)
     if not names:

@@ -37,11 +37,8 @@ def messages_of(
 ) -> Iterator[tuple[str, int, Callable[[], Any]]]:
     """Yield type, time of receipt [ns] and decoder of each message of a topic; `topics` gets the names of all topics.
 
-    An MCAP file that was cut short is read as far as it goes, and `cut` is called.
-
-    Raises:
-        InputError: if it is no bag or one of another kind that was cut short, has no such topic, or holds or unpacks to
-            more than the limits.
+    An MCAP file that was cut short is read as far as it goes, and `cut` is called. InputError if it is no bag or one of
+    another kind that was cut short, has no such topic, or holds or unpacks to more than the limits.
     """
     short: list[Path] = []
     if not exists(path):
@@ -92,9 +89,7 @@ def read_bag(
     """Return the messages of a topic, stamps in s, or the field `time` as it is; a field that is a list gives many.
 
     Messages that cannot be decoded, or have another number of values than the first, are counted and left out.
-
-    Raises:
-        InputError: as messages_of, or if there is no such field, or hardly a message can be read.
+    InputError as messages_of, or if there is no such field, or hardly a message can be read.
     """
     rejected.word = "message"
     rows, k, empty = Rows(path), 0, 0
@@ -148,8 +143,7 @@ Message = tuple[str, int, Any]  # topic, when it was received [ns], the message
 def bag_messages(path: Path, topics: tuple[str, ...]) -> Iterator[Message]:
     """Yield the messages of some topics of a bag; those that cannot be decoded come as None.
 
-    Raises:
-        InputError: if there is no such bag, it cannot be read, or a topic is not in it.
+    InputError if there is no such bag, it cannot be read, or a topic is not in it.
     """
 
     def of(topic: str) -> Iterator[Message]:
@@ -207,11 +201,9 @@ def mcap_messages(
 ) -> Iterator[tuple[str, int, Callable[[], Any]]]:
     """Yield type, time of logging [ns] and decoder of each of a topic's messages, in the file's order.
 
-    `topics` gets the names of all topics; a message may be packed with zstd of its own.
-
-    Raises:
-        InputError: if the file is damaged or too large, or its messages are of an encoding that is not read;
-            the library raises errors of many kinds for a wrong schema.
+    `topics` gets the names of all topics; a message may be packed with zstd of its own. InputError if the file is
+    damaged or too large, or its messages are of an encoding that is not read; the library raises errors of many kinds
+    for a wrong schema.
     """
     schemas: dict[int, Schema] = {}
     channels: dict[int, tuple[str, Decode]] = {}

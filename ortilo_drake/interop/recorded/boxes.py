@@ -45,10 +45,8 @@ def _scene(folder: Path, source: BoxSource) -> tuple[Room, Scene]:
 def read_boxes(folder: Path, source: BoxSource, told: list[Rejections]) -> tuple[np.ndarray, np.ndarray, Scene]:
     """Return the pictures' stamps [s] (k), a detections message of each (k, DETECTIONS_SIZE), and what they show.
 
-    Rows with one stamp are of one picture.
-
-    Raises:
-        InputError: if a file cannot be read, or no box is of a class that the room has.
+    Rows with one stamp are of one picture. InputError if a file cannot be read, or no box is of a class that the room
+    has.
     """
     room, scene = _scene(folder, source)
     stream = read_stream(files_of(folder, source.file), source, source.box, "boxes", source.topic, (source.label,))

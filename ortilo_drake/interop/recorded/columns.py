@@ -45,8 +45,7 @@ class Stream(NamedTuple):
 def files_of(folder: Path, names: str | Sequence[str | OfOne]) -> list[Path]:
     """Return the files that a map names; those of a pattern in order, anchor2 before anchor10.
 
-    Raises:
-        InputError: if nothing fits a pattern.
+    InputError if nothing fits a pattern.
     """
     base, found = folder if folder.is_dir() else folder.parent, []
     for entry in [names] if isinstance(names, str) else names:
@@ -77,9 +76,7 @@ def read_stream(
     """Read the columns of a source's files, merged by their stamps; NaN where a row has none.
 
     `what` it is called in a line, `topic` if they are bags, `names` the columns that name each row's anchors and tag.
-
-    Raises:
-        InputError: if a file cannot be read or hardly anything in it.
+    InputError if a file cannot be read or hardly anything in it.
     """
     parts = [_read_file(path, source, columns, what, topic, names) for path in paths]
     if len(parts) == 1:

@@ -56,8 +56,7 @@ def _encoding(file: BinaryIO, path: Path, rejected: Rejections) -> str:
 def lines_of(path: Path, rejected: Rejections, limit: int = DATA_LIMIT) -> Iterator[Line]:
     """Yield number and text of the lines that are not empty, one after the other, so that a file may be large.
 
-    Raises:
-        InputError: if it cannot be read, is no text, has no lines or one of more than LINE characters.
+    InputError if it cannot be read, is no text, has no lines or one of more than LINE characters.
     """
     with open_file(path, limit) as file, TextIOWrapper(file, _encoding(file, path, rejected), "replace") as text:
         empty = True
@@ -105,10 +104,8 @@ def read_csv(
     """Return the rows of a table, stamps in the file's unit.
 
     Rows with fewer cells than asked for, or with a cell that is no number, are counted and left out, and so are rows
-    that are commented out with `#` or `%`.
-
-    Raises:
-        InputError: if the file cannot be read, a column is missing, or most rows are no numbers.
+    that are commented out with `#` or `%`. InputError if the file cannot be read, a column is missing, or most rows are
+    no numbers.
     """
     times = source.time if isinstance(source.time, tuple) else (source.time or 1,)
     wanted = (*times, *columns, *names)

@@ -204,8 +204,7 @@ def read_flight_log(
 ) -> Table:
     """Return the rows of a topic: of a ULog with its stamps [s], or the field `time` as it is.
 
-    Raises:
-        InputError: if the file is no such log, is spoilt, or there is no such topic, field or hardly a row.
+    InputError if the file is no such log, is spoilt, or there is no such topic, field or hardly a row.
     """
     log = _log(path, path.stat().st_mtime_ns)
     time = None if log.word == "event" else time  # it has no other stamp

@@ -41,8 +41,7 @@ def is_console(text: str) -> bool:
 def ranges_in(line: str) -> tuple[str, list[tuple[str, tuple[float, float, float], float]]]:
     """Return the text before a line's ranges, and of each the anchor's address, its position (3) and the range [m].
 
-    Raises:
-        ValueError: if the line holds fewer or more ranges than it announces, as one that is cut short.
+    ValueError if the line holds fewer or more ranges than it announces, as one that is cut short.
     """
     said = _DIST.search(line)
     groups = list((_LES if said is None else _LEC).finditer(line))
@@ -73,8 +72,7 @@ def lec_ranges(path: Path, rejected: Rejections) -> Iterator[LecRange]:
 def read_lec(path: Path, rejected: Rejections) -> Table:
     """Return the ranges of a console's log, each with its anchor's address.
 
-    Raises:
-        InputError: if hardly a line has a stamp and ranges.
+    InputError if hardly a line has a stamp and ranges.
     """
     rows, count, first_stamp = Rows(path), 0, ""
     for heard in lec_ranges(path, rejected):

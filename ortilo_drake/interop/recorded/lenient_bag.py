@@ -132,10 +132,8 @@ class LenientReader(Reader):
 def raw_messages(path: Path, topic: str, topics: set[str]) -> Iterator[tuple[AnyReader, str, int, bytes]]:
     """Yield reader, type, time of receipt [ns] and bytes of a topic's messages in a ROS 1 bag or a ROS 2 database.
 
-    The database is to be checked before, see check_database; `topics` gets the names of all topics.
-
-    Raises:
-        InputError: if it holds or unpacks to more than the limits; rosbags raises errors of many kinds besides.
+    The database is to be checked before, see check_database; `topics` gets the names of all topics. InputError if it
+    holds or unpacks to more than the limits; rosbags raises errors of many kinds besides.
     """
     reader = AnyReader([path], default_typestore=typestore())
     lenient = None

@@ -61,6 +61,8 @@ def why_not_live(map_: Map) -> str | None:
 class LiveRows:
     """The rows of a map's topics.
 
+    InputError if the map cannot be heard live.
+
     Args:
         map_: what is what.
         lag: by how much the newest stamp is ahead of a row that is given out although a topic is silent [s].
@@ -68,9 +70,6 @@ class LiveRows:
     Attributes:
         anchors: positions (n, 3).
         origin: stamp of the first range [s], None before it is known.
-
-    Raises:
-        InputError: if the map cannot be heard live.
     """
 
     def __init__(self, map_: Map, lag: float = LAG):

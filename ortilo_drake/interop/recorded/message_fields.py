@@ -65,10 +65,8 @@ def check_types(types: Any, name: str) -> None:
     """Refuse messages without fields inside others, and long arrays of fixed length whose entries are no numbers.
 
     `types` are as rosbags' get_types_from_msg returns them; those that `name` uses are checked with it. A message
-    without fields takes no bytes, so one of 8 bytes may announce an array of 4 billion of them.
-
-    Raises:
-        ValueError: naming type and field.
+    without fields takes no bytes, so one of 8 bytes may announce an array of 4 billion of them. ValueError naming type
+    and field.
     """
     checked, left = set(), {name}
     while left:

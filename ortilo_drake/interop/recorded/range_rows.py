@@ -251,8 +251,7 @@ def differences_of(
 def read_range_rows(folder: Path, map_: Map, told: list[Rejections]) -> tuple[Ranges, np.ndarray | int]:
     """Return ranges and differences [m] by their stamps [s], and the anchors' positions (n, 3), or their number.
 
-    Raises:
-        InputError: if a file cannot be read, or its ranges are not those to the map's anchors.
+    InputError if a file cannot be read, or its ranges are not those to the map's anchors.
     """
     (names, anchors), tags = surveyed(folder, map_), tuple(map_.tags or ())
     count = anchors if isinstance(anchors, int) else len(anchors)

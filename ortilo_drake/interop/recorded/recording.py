@@ -267,8 +267,7 @@ def _check_overlap(path: Path, ranges: np.ndarray, imu: np.ndarray) -> None:
 def read_recording(path: Path, map_: Map) -> Recording:
     """Read a motion from the folder with the map's files, or from one of them.
 
-    Raises:
-        InputError: one line, if a file, column, topic or field is missing, or hardly anything can be read.
+    InputError in one line, if a file, column, topic or field is missing, or hardly anything can be read.
     """
     if not exists(path):
         raise InputError(f"{path}: no such file or folder")

@@ -61,11 +61,8 @@ def natural(name: str) -> list[tuple[int, str]]:
 def files_of_bag(bag: Path) -> Iterator[list[Path]]:
     """Give the files of a ROS 2 bag, mcap or db3: of a folder, or of one file that is packed.
 
-    Those packed as a whole are unpacked to a temporary folder.
-
-    Raises:
-        InputError: if metadata.yaml is wrong, a file it names is not there, no regular one or too large, or all of them
-            unpack to more than the limit.
+    Those packed as a whole are unpacked to a temporary folder. InputError if metadata.yaml is wrong, a file it names is
+    not there, no regular one or too large, or all of them unpack to more than the limit.
     """
     folder = bag if bag.is_dir() else bag.parent
     if bag != folder:
@@ -97,8 +94,7 @@ def files_of_bag(bag: Path) -> Iterator[list[Path]]:
 def check_database(path: Path) -> None:
     """Refuse a database with views or generated columns, whose computation may never end.
 
-    Raises:
-        InputError: if it is such a one, no database, or holds a message of more than CHUNK_LIMIT.
+    InputError if it is such a one, no database, or holds a message of more than CHUNK_LIMIT.
     """
     try:
         with closing(sqlite3.connect(f"file:{quote(str(path))}?mode=ro&immutable=1", uri=True)) as database:

@@ -47,8 +47,7 @@ class Rows:
     def add(self, row: int, t: float, values: Sequence[float], names: Iterable[str] = (), order: int = 0) -> None:
         """Add a row, with its number in the file; rows are sorted by `order`, those of one as they came.
 
-        Raises:
-            InputError: if there are more than NUMBERS, or more than NAMES of anchors.
+        InputError if there are more than NUMBERS, or more than NAMES of anchors.
         """
         self.width = len(values)
         if len(self._values) + len(self._rows) + self.width >= NUMBERS:

@@ -57,8 +57,7 @@ def are_attitudes(values: np.ndarray, source: Matrix | Quaternion) -> np.ndarray
 def rotations(values: np.ndarray, source: Matrix | Quaternion, what: str) -> np.ndarray:
     """Return rotation matrices body to world (n, 3, 3) of quaternions (n, 4) or matrices (n, 9).
 
-    Raises:
-        InputError: if a row is none.
+    InputError if a row is none.
     """
     good, values = are_attitudes(values, source).all(), np.clip(values, -LARGEST, LARGEST)
     if isinstance(source, Matrix):

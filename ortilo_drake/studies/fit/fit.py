@@ -33,9 +33,7 @@ def fit_recordings(
     """Fit the sensors' errors to recordings, in the form that a simulation takes.
 
     With `places`, errors that belong to places are told from errors that last. `say` is called with what is done.
-
-    Raises:
-        InputError: if a recording has no truth, too few ranges, or other anchors than the first.
+    InputError if a recording has no truth, too few ranges, or other anchors than the first.
     """
     for one in recordings:
         if np.ndim(one.anchors) == 0 or not np.array_equal(one.anchors, recordings[0].anchors):

@@ -67,11 +67,7 @@ class BodyPath(NamedTuple):
 
 
 def body_path(name: str, truth: Truth, by: Calibration) -> BodyPath:
-    """Return the path of a truth in the anchors' frame, B as the truth has it.
-
-    Raises:
-        InputError: if it has no attitude.
-    """
+    """Return the path of a truth in the anchors' frame, B as the truth has it; InputError if it has no attitude."""
     if truth.R is None:
         raise InputError(f"{name}: truth.rotation: the map has none, and an IMU is flown along an attitude")
     t = np.arange(truth.t[0], truth.t[-1], 1.0 / RATE)
@@ -180,8 +176,7 @@ class RangeErrors(NamedTuple):
 def calibration_of(recording: Recording, map_: Map) -> Calibration:
     """Return the calibration between truth and sensors, with no anchor's constant taken off.
 
-    Raises:
-        InputError: if the recording has no truth.
+    InputError if the recording has no truth.
     """
     if recording.truth is None:
         raise InputError(f"{recording.name}: truth: the map has none, and errors are counted from it")
@@ -193,8 +188,7 @@ def calibration_of(recording: Recording, map_: Map) -> Calibration:
 def range_errors(recording: Recording, map_: Map, by: Calibration) -> RangeErrors:
     """Return the errors of a recording's ranges while it is airborne.
 
-    Raises:
-        InputError: if fewer than 200 ranges fall within it.
+    InputError if fewer than 200 ranges fall within it.
     """
     truth, ranges = recording.truth, recording.ranges
     assert truth is not None

@@ -113,14 +113,13 @@ def fly_in_hindsight(
 ) -> Hindsight:
     """Fly seeds of a scenario and look back on each.
 
+    InputError as flight.fly.
+
     Args:
         scenario: the scenario; its own seed is not used.
         seeds: of the flights.
         workers: worker processes; 1 flies in this process.
         progress: called with the number of flights that came in.
-
-    Raises:
-        InputError: as flight.fly.
     """
     found: dict[int, FlightInHindsight] = {}
 

@@ -67,11 +67,7 @@ def _kept(messages: Signals, boxes: np.ndarray | None) -> Signals:
 
 
 def fly_recorded(scenario: Scenario, seed: int) -> RecordedFlight:
-    """Fly a seed of a scenario, its two halves in lockstep (flight/lockstep.py).
-
-    Raises:
-        InputError: as flight.fly.
-    """
+    """Fly a seed of a scenario, its two halves in lockstep (flight/lockstep.py); InputError as flight.fly."""
     scenario = with_seed(scenario, seed)
     finder = BoxFinder(scenario) if scenario.is_rendered else None
     messages: list[Signals] = []
@@ -85,8 +81,7 @@ def fly_recorded(scenario: Scenario, seed: int) -> RecordedFlight:
 def read_recorded(log: Path) -> RecordedFlight:
     """Return the flight of a log that `ortilo fly --log` wrote, or an onboard half that was told the truth.
 
-    Raises:
-        InputError: if there is no such log, it holds what a world sent and not what was taken, or no true states.
+    InputError if there is no such log, it holds what a world sent and not what was taken, or no true states.
     """
     if holds_what_was_sent(log):
         raise InputError(f"{log}: holds what a world sent in real time, not what the onboard half took and when")

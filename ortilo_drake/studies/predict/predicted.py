@@ -88,10 +88,8 @@ def predict(
 ) -> Predicted:
     """Return a flight's figures beside those of simulations along its path, each on a day of its own.
 
-    The days are drawn by the seed, the same for all recordings; `say` is called before each flight.
-
-    Raises:
-        InputError: if it has no truth, or too little of it, or the noise is that of another number of anchors.
+    The days are drawn by the seed, the same for all recordings; `say` is called before each flight. InputError if it
+    has no truth, or too little of it, or the noise is that of another number of anchors.
     """
     truth, imu = recording.truth, recording.imu
     if truth is None:
