@@ -73,13 +73,9 @@ class Engine:
         return self._player.text
 
     def fly(self, seed: int, progress: Callable[[int], None] | None = None) -> xr.Dataset:
-        """Fly one seed; return its Dataset over ticks, see flight.flight.FlightSimulator.fly.
+        """Fly one seed, of all noise; return its Dataset over ticks, see flight.flight.FlightSimulator.fly.
 
-        InputError if a scenario allows no such seed.
-
-        Args:
-            seed: of all noise.
-            progress: called with the number of ticks flown, once it is flown.
+        `progress` is called with the number of ticks once they are flown. InputError if a scenario allows no such seed.
         """
         scenario = with_seed(self._scenario, seed)
         _ = self._logger  # compiling does not count as flying time
@@ -103,12 +99,7 @@ class Engine:
         return rows, self._loss(rows)
 
     def figures(self, seeds: Sequence[int], threads: int = 1) -> np.ndarray:
-        """Fly seeds and return the figures of each (n, columns).
-
-        Args:
-            seeds: of all noise.
-            threads: that fly.
-        """
+        """Fly seeds, on so many threads, and return the figures of each (n, columns)."""
         found = np.empty((len(seeds), len(self.columns)))
         to_fly = iter(range(len(seeds)))
 
@@ -154,21 +145,17 @@ class Engine:
     def distances(self, seeds: np.ndarray, from_path: bool = False) -> np.ndarray:
         """Fly, and return each flight's distance from its reference at each tick [m] (n, ticks); infinity once lost.
 
-        What is drawn at the start is of each flight's first seed.
-
-        Args:
-            seeds: of all noise, of each flight at each tick (n, ticks).
-            from_path: measure to the nearest of all points of the reference, instead of to the one of the same tick.
+        What is drawn at the start is of each flight's first seed. The seeds (n, ticks) are those of all noise, of each
+        flight at each tick. With `from_path` the distance is the one to the nearest of all points of the reference, not
+        to the one of the same tick.
         """
         return np.array([self._fly_away(its, of_seed(int(its[0])), from_path) for its in seeds.astype(np.int64)])
 
     def distances_given(self, numbers: np.ndarray, from_path: bool = False) -> np.ndarray:
         """Fly with given numbers, and return the same distances.
 
-        Args:
-            numbers: standard normal (n, numbers): the rows of `noise` for one tick after the other, then what is drawn
-                at the start, stream after stream as `drawn` has them.
-            from_path: as for distances.
+        The standard normal numbers (n, numbers) are the rows of `noise` for one tick after the other, then what is
+        drawn at the start, stream after stream as `drawn` has them.
         """
         names, ends = list(self.drawn), np.cumsum(list(self.drawn.values()))
         found, at = np.empty((len(numbers), self.ticks)), self.ticks * self.noise.width
@@ -203,12 +190,9 @@ class Engine:
     def _fly(self, seeds: np.ndarray, draw: AtStart, rows: np.ndarray, player: Player | None = None) -> np.ndarray:
         """Fly once; return a row of each tick flown: figures.py, the cause, the arrivals and, if there is one, the log.
 
-        Args:
-            seeds: of all noise, at each tick: one and the same for a flight of a seed, another from some tick on for
-                one that branches off it.
-            draw: what is drawn at the start.
-            rows: to write to (ticks, width).
-            player: that flies; by default the one without a log.
+        The seeds are those of all noise at each tick: one and the same for a flight of a seed, another from some tick
+        on for one that branches off it. `draw` gives what is drawn at the start. The rows (ticks, width) are written
+        to. The player flies, by default the one without a log.
         """
         given = drawn_values(self._wiring, self._scenario, self._room, draw)
         return rows[: (player or self._player).fly(seeds, rows, given) + 1]

@@ -62,16 +62,9 @@ def nearest_beside(
     """Return the point on one side of a path (n, 3) that is nearest to p (3), and its squared distance [m^2].
 
     From a point at the distance D a nearer one than the best is at least (D - best) / longest points away: the search
-    goes that far at once, and so looks at few points and misses none.
-
-    Args:
-        path: its points.
-        longest: distance between two neighbours [m].
-        p: the position.
-        start: the point to begin at.
-        direction: 1 for it and those after it, -1 for it and those before it.
-        nearest: the point to return if none of these is nearer.
-        least: its squared distance.
+    goes that far at once, and so looks at few points and misses none. `longest` is the distance between two neighbours
+    on the path [m]. The search begins at the point `start`, with it and those after it in the direction 1, with it and
+    those before it in -1. Where none is nearer, it returns the point `nearest` with its squared distance `least`.
     """
     i, best = start, np.sqrt(least)
     while 0 <= i < path.shape[0]:
@@ -89,12 +82,8 @@ def squared_path_distances(trace: np.ndarray, path: np.ndarray, longest: float) 
 
     Positions follow each other closely. So the points near the last one are looked at, a window of them; all others
     were at least `clear` away when the window was laid, less what the vehicle has moved since. As long as that is more
-    than the least in the window, none of them is nearer.
-
-    Args:
-        trace: rows of a flight, of which the position is read.
-        path: its points.
-        longest: distance between two neighbours [m].
+    than the least in the window, none of them is nearer. `longest` is the distance between two neighbours on the path
+    [m].
     """
     found = np.empty(trace.shape[0])
     low, high, near, clear = 0, 1, 0, 0.0
@@ -176,10 +165,8 @@ def is_finite(row: np.ndarray, size: int) -> bool:
 def figures_of(trace: np.ndarray, path: np.ndarray, out: np.ndarray) -> None:
     """Write the errors of a flight, FIGURES but the first two, to out.
 
-    Args:
-        trace: rows that begin as above, one for each tick flown; r is not read (n, TRACE_SIZE or more).
-        path: r at those ticks (n, 3).
-        out: one for each of FIGURES.
+    The trace has a row for each tick flown that begins as above, whose r is not read (n, TRACE_SIZE or more); the path
+    is r at those ticks (n, 3).
     """
     n = 0
     while n < trace.shape[0] and is_finite(trace[n], 6):

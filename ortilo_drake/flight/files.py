@@ -35,13 +35,9 @@ def write_bytes(path: Path, data: bytes, sync: bool = True) -> None:
 
     A link stays one: what it points to is written, whether it is there yet or not. A file that is there keeps its mode;
     a new one gets the usual one, as do folders that are missing. Pipes and character devices are written to; a pipe
-    that nobody reads is waited for until somebody does, as by the shell's `> PIPE`. InputError if it cannot be written;
-    what was there before stays.
-
-    Args:
-        path: the file.
-        data: all of it.
-        sync: whether to wait for the disk, so that a loss of power leaves the old file or the new one.
+    that nobody reads is waited for until somebody does, as by the shell's `> PIPE`. With `sync` the disk is waited for,
+    so that a loss of power leaves the old file or the new one. InputError if it cannot be written; what was there
+    before stays.
     """
     try:
         there = _status(path)

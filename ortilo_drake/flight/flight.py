@@ -34,13 +34,10 @@ class FlightSimulator:
 
     A Diagram takes a tenth of a second to build and 4 MiB, with a renderer twenty times that, which Drake 1.51 never
     gives back. Each flight gets a Context of its own, which holds its seed, its start and all that evolves: so earlier
-    flights change nothing. InputError if the scenario cannot be flown, see check_flyable.
-
-    Args:
-        scenario: the scenario; its own seed is not used.
-        meshcat: shows each flight live; it is then paced by the wall clock.
-        parts: estimator, servo and planner in place of the scenario's, see diagrams/onboard.py.
-        fused: whether all elements of a half are one system, which is faster, or a system each.
+    flights change nothing. The scenario's own seed is not used. A Meshcat shows each flight live; it is then paced by
+    the wall clock. The parts are estimator, servo and planner in place of the scenario's, see diagrams/onboard.py. With
+    `fused` all elements of a half are one system, which is faster, else a system each. InputError if the scenario
+    cannot be flown, see check_flyable.
     """
 
     def __init__(self, scenario: Scenario, meshcat: Meshcat | None = None, parts: Parts = NO_PARTS, fused: bool = True):
@@ -110,11 +107,8 @@ def fly(
 def flight_dataset(scenario: Scenario, times: np.ndarray, logged: np.ndarray, lost: Lost | None) -> xr.Dataset:
     """Return the log of a closed loop as a Dataset over ticks.
 
-    Args:
-        scenario: the scenario flown.
-        times: t_k (n).
-        logged: the log's rows, signals in the order of the scenario's measurement.logged_sizes().
-        lost: when and why the flight ended early, if it did.
+    The log's rows at the times t_k (n) have signals in the order of the scenario's measurement.logged_sizes(). `lost`
+    says when and why the flight ended early, if it did.
     """
     measurement = scenario.measurement
     sizes, sensors = measurement.logged_sizes(), measurement.sensors

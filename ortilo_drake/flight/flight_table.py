@@ -22,14 +22,11 @@ _SIGNALS = (  # name in the Dataset, its dimension
 
 
 def flight_table(data: xr.Dataset) -> pd.DataFrame:
-    """Return a flight as a table over time [s], its index.
+    """Return a flight, a Dataset of flight.flight_dataset, as a table over time [s], its index.
 
     A column is named after its signal and what it is of, `truth.x`, `estimate.phi`, `innovation.x_uwb`, `arrival.uwb`,
     `control.f_T`; of the symmetric covariance there is the upper triangle, `covariance.x.x`, `covariance.x.y`, ...
     The attribute `units` of the table, `table.attrs["units"]`, has the unit of every column, "1" of one without any.
-
-    Args:
-        data: a Dataset of flight.flight_dataset.
     """
     of_signals = _units(data)
     columns: dict[str, np.ndarray] = {}

@@ -67,11 +67,6 @@ class Middle:
 
 
 def middle_of(kept: Sequence[float], lost: int) -> Middle:
-    """Return the median of a figure.
-
-    Args:
-        kept: the figure of each flight that was not lost.
-        lost: how many flights were lost.
-    """
+    """Return the median of a figure, given for each flight that was not lost, and how many flights were lost."""
     every = [*kept, *[math.inf] * lost]
     return Middle(quantile(every), quantile_interval(every), quantile(kept), quantile_interval(kept))

@@ -36,16 +36,11 @@ def fly_kept(
     """Fly scenarios, each once for each of its seeds, and return the figures of each in the order of the seeds.
 
     All flights go to the workers together. Flights of which it is already there are not flown again, so an interrupted
-    run goes on where it stopped. InputError if a flight cannot be flown or what is kept cannot be written.
-
-    Args:
-        kind: what is kept of a flight, a dataclass with its seed.
-        fly: importable; of a scenario's JSON, seeds and a folder's name what is kept of these flights.
-        wanted: scenarios with their seeds; a scenario's own seed is not used.
-        out: folder for what is kept.
-        workers: worker processes; 1 flies in this process.
-        progress: called with the number of flights that came in.
-        at_once: flights in one job of a worker where the engine flies all of them; Drake's are AT_ONCE.
+    run goes on where it stopped. What is kept of a flight is a dataclass with its seed, `kind`. `fly` is importable and
+    returns, of a scenario's JSON, seeds and a folder's name, what is kept of these flights. The scenarios are wanted
+    with their seeds; a scenario's own is not used. One worker flies in this process. `progress` is called with the
+    number of flights that came in. A worker's job has `at_once` flights where the engine flies all of them; Drake's are
+    AT_ONCE. InputError if a flight cannot be flown or what is kept cannot be written.
     """
     at_once = at_once if all(why_not(scenario) is None for scenario, _ in wanted) else AT_ONCE
     asked = [(scenario, list(seeds), kept_file(out, scenario)) for scenario, seeds in wanted]

@@ -103,15 +103,9 @@ def first_loss(states: np.ndarray, bounds: Bounds) -> tuple[int, int]:
 def find_loss(states: np.ndarray, h: float, room: Room, vehicle: Vehicle, first: int = 0) -> Lost | None:
     """Return the first loss in a series of true states, if any.
 
-    A flight is lost when its state is no longer finite, when the vehicle tilts by more than 60 degrees, when its
-    centre leaves the room, or when its outline touches a wall. Touching furniture does not end it, see contacts.
-
-    Args:
-        states: x at every tick (n, 12).
-        h: tick [s].
-        room: the room.
-        vehicle: the vehicle.
-        first: the first of these ticks.
+    A flight is lost when its state is no longer finite, when the vehicle tilts by more than 60 degrees, when its centre
+    leaves the room, or when its outline touches a wall. Touching furniture does not end it, see contacts. States x (n,
+    12) are those of every tick from `first` on; h is the tick [s].
     """
     k, cause = first_loss(np.ascontiguousarray(states), bounds_of(room, vehicle))
     return None if cause == NOT_LOST else Lost(first + k, (first + k) * h, CAUSES[cause])

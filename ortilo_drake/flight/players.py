@@ -20,14 +20,10 @@ def choose(scenario: Scenario, player: str = "fastest", parts: Parts = NO_PARTS)
     """Return the player of a scenario: 'engine', 'drake' or 'drake-elements'.
 
     Of a single flight of a scenario never flown before, engine and 'drake' take about as long: both compile the same
-    elements, which takes longer than the flight. InputError if there is no such player, or it cannot fly this.
-
-    Args:
-        scenario: the scenario.
-        player: 'engine' is compiled code, which needs all parts to be elements; 'drake' is a Diagram in which the
-            elements of each half are one system, 'drake-elements' one in which each is its own; 'fastest' takes the
-            engine where it can, else 'drake'.
-        parts: estimator, servo and planner in place of the scenario's, which only Drake takes.
+    elements, which takes longer than the flight. 'engine' is compiled code, which needs all parts to be elements.
+    'drake' is a Diagram in which the elements of each half are one system, 'drake-elements' one in which each is its
+    own. 'fastest' takes the engine where it can, else 'drake'. The parts are estimator, servo and planner in place of
+    the scenario's, which only Drake takes. InputError if there is no such player, or it cannot fly this.
     """
     if player not in CHOICES:
         raise InputError(f"player: {player!r}: must be one of {', '.join(CHOICES)}")

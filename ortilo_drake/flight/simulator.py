@@ -19,11 +19,8 @@ def make_simulator(diagram: ClosedLoop, scenario: Scenario) -> Simulator:
     """Return a simulator of a closed loop that hovers at the start, with a Context of its own and the scenario's seed.
 
     A sampled plant leaves Drake nothing to integrate. A continuous one gets one third-order Runge-Kutta step a tick,
-    whose error is far below any noise here; rotors, whose lag is shorter than a tick, get four.
-
-    Args:
-        diagram: the closed loop of the scenario, whatever seed it was built with.
-        scenario: the scenario.
+    whose error is far below any noise here; rotors, whose lag is shorter than a tick, get four. The diagram is the
+    closed loop of the scenario, whatever seed it was built with.
     """
     simulator = Simulator(diagram)
     fix_steps(simulator, scenario)

@@ -33,10 +33,8 @@ from ortilo_drake.world.vehicle.failsafe import MODES
 class WorldHalf:
     """The world of a scenario, hovering at the start of the planned path.
 
-    Args:
-        scenario: the scenario.
-        command_period: how often it looks for a command [s], see diagrams/world.py; by default every tick.
-        draws: whether a rendered camera draws its pictures here.
+    It looks for a command every `command_period` [s], see diagrams/world.py, by default every tick. `draws` says
+    whether a rendered camera draws its pictures here.
     """
 
     def __init__(self, scenario: Scenario, command_period: float | None = None, draws: bool = True):
@@ -108,10 +106,8 @@ class WorldHalf:
 class OnboardHalf:
     """The onboard half of a scenario.
 
-    Args:
-        scenario: the scenario, of which the belief is all that is taken.
-        detects: whether it looks at a rendered camera's pictures; if not, it takes detections.
-        fused: whether all its elements are one system, which is faster, or a system each.
+    Of the scenario the belief is all that is taken. `detects` says whether it looks at a rendered camera's pictures; if
+    not, it takes detections. With `fused` all its elements are one system, which is faster, else a system each.
     """
 
     def __init__(self, scenario: Belief, detects: bool = True, fused: bool = True):
@@ -188,13 +184,7 @@ class OnboardHalf:
         return np.concatenate([groups.value(i) for i in range(groups.num_groups())])
 
     def resume(self, tick: int, state: np.ndarray | None, gap: float) -> None:
-        """Join a flight that is under way, see onboard/estimator/resume.py.
-
-        Args:
-            tick: the tick that the flight is at.
-            state: what state() returned some time ago; None if nothing is known.
-            gap: how long ago that was [s].
-        """
+        """Join a flight at a tick; state() returned the state, None if there is none, `gap` [s] ago, see resume.py."""
         context = self._simulator.get_mutable_context()
         context.SetTime(tick * self._h)
         groups = context.get_mutable_discrete_state()

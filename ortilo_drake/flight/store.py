@@ -75,13 +75,8 @@ def in_folder(path: Path) -> str:
 def keep(path: Path, data: bytes, of: str, sync: bool = True) -> None:
     """Write bytes with their digest, whole or not at all.
 
+    `of` says what they are of, so that a file under another's name is not taken for it. `sync` is write_bytes'.
     InputError if it cannot be written.
-
-    Args:
-        path: the file.
-        data: all of it.
-        of: of what they are, so that a file under another's name is not taken for it.
-        sync: as write_bytes.
     """
     write_bytes(path, sealed(data, of), sync)
 
@@ -89,11 +84,8 @@ def keep(path: Path, data: bytes, of: str, sync: bool = True) -> None:
 def kept(path: Path, of: str, read: Callable[[bytes], T], then: str = "flown again") -> T | None:
     """Return the content of a file; None if there is none, and a warning of one line if it is damaged.
 
-    Args:
-        path: the file.
-        of: as keep was told.
-        read: makes it of the bytes that keep was given; whatever it raises is damage.
-        then: what is done about damage, in words.
+    `of` is what keep was told. `read` makes the content of the bytes that keep was given; whatever it raises is damage.
+    `then` says in words what is done about damage.
     """
     if not exists(path):
         return None

@@ -34,12 +34,8 @@ _ANSWERS: Final = 100
 def mavlink_target(bridge: MavlinkBridge, scenario: Scenario, vision: bool = False) -> Target:
     """Return a target that sends every estimate, and a heartbeat once a second of flight.
 
-    The estimate may jump after a gap in which the failsafe flew; that is counted as a reset.
-
-    Args:
-        bridge: where to.
-        scenario: what is flown.
-        vision: whether to send VISION_POSITION_ESTIMATE in place of ODOMETRY.
+    The estimate may jump after a gap in which the failsafe flew; that is counted as a reset. With `vision` it sends
+    VISION_POSITION_ESTIMATE in place of ODOMETRY.
     """
     rate, resets, last = scenario.control_rate, 0, -1
     longest = max(1.0, scenario.failsafe.timeout * rate)  # in ticks; an answer in the very next tick leaves no gap
@@ -119,11 +115,8 @@ class TickCollector:
 def goals_target(goals: Goals, link: GoalLink, answers: deque[Goal], say: Callable[[str], None]) -> Target:
     """Return a target that passes a user's goals on to the onboard half, at every tick.
 
-    Args:
-        goals: gives the newest goal p_W (2 or more) [m] since the last call, whose x and y are taken, or None.
-        link: to the onboard half.
-        answers: what was heard on the goals' channel; emptied here.
-        say: takes a line about what became of a goal.
+    `goals` gives the newest goal p_W (2 or more) [m] since the last call, whose x and y are taken, or None. The answers
+    are what was heard on the goals' channel; they are emptied here. `say` takes a line about what became of a goal.
     """
 
     def pass_on(t: float, messages: Signals, outputs: Signals) -> None:

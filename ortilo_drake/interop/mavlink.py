@@ -60,12 +60,9 @@ def quaternion_ned(rpy: np.ndarray) -> np.ndarray:
 
 
 def odometry_jacobian(x: np.ndarray) -> np.ndarray:
-    """Return d[p_N, r, v_F, w_F] / dx (12 x 12), r the rotation vector in F of a small turn of the body.
+    """Return d[p_N, r, v_F, w_F] / dx (12 x 12) at x (12), r the rotation vector in F of a small turn of the body.
 
     With v_B = R_WB^T v_W and r_B = E drpy:  dv_B = R_WB^T dv_W + [v_B]x r_B,  dw_B = E drpy_dot + dE rpy_dot.
-
-    Args:
-        x: state (12).
     """
     rpy, rpy_dot = x[3:6], x[9:12]
     R_WB, E = rotation_matrix(rpy), euler_rate_matrix(rpy)
@@ -139,11 +136,8 @@ def vision_fields(t: float, estimate: np.ndarray, covariance: np.ndarray, reset_
 def attitude_target_fields(t: float, rpy: np.ndarray, thrust: float, target: int = 1) -> dict[str, Any]:
     """Return the fields of SET_ATTITUDE_TARGET.
 
-    Args:
-        t: since the start [s].
-        rpy: roll, pitch, yaw of B in W that are asked for (3) [rad].
-        thrust: share of the largest; sent within 0 and MOST_THRUST.
-        target: the autopilot's system id.
+    It is t after the start [s]. Roll, pitch and yaw of B in W are asked for (3) [rad], and a thrust as share of the
+    largest, sent within 0 and MOST_THRUST. The target is the autopilot's system id.
     """
     return {
         "time_boot_ms": round(t * 1e3) % 2**32,

@@ -89,12 +89,8 @@ def angular_acceleration(w: np.ndarray, u: np.ndarray, d: np.ndarray, inertia: n
 def small_angle_accelerations(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray) -> Six:
     """Return v_dot and rpy_ddot of the paper's nonlinear equations, which take the Euler rates for the body rates.
 
-    Args:
-        x: state (12).
-        u: control (4).
-        d: disturbance (6).
-        mass: m [kg].
-        inertia: I_x, I_y, I_z [kg m^2].
+    They are of the state x (12), the control u (4) and the disturbance d (6), with the mass m [kg] and the inertia I_x,
+    I_y, I_z [kg m^2].
     """
     return translational_acceleration(x, u, d, mass) + angular_acceleration(x[9:12], u, d, inertia)
 
@@ -261,13 +257,7 @@ def step(
 ) -> np.ndarray:
     """Return x after h [s] under held u and d: one step of the classical fourth-order Runge-Kutta method.
 
-    Args:
-        x: state (12).
-        u: control (4).
-        d: disturbance (6).
-        mass: m [kg].
-        inertia: I_x, I_y, I_z [kg m^2].
-        kinematics: index in KINEMATICS.
-        h: step [s].
+    x (12), u (4) and d (6) are held, mass m [kg] and inertia I_x, I_y, I_z [kg m^2]; kinematics is an index in
+    KINEMATICS.
     """
     return np.array(stepped(x, u, d, mass, inertia, kinematics, h))

@@ -56,10 +56,7 @@ Bent = tuple[float, float, float, float, float]
 def bent(x: float, y: float, bend: np.ndarray) -> Bent:
     """Return x', y', d x' / d x, d x' / d y = d y' / d x and d y' / d y of a lens that bends.
 
-    Args:
-        x: of the straight picture.
-        y: of it.
-        bend: coefficients, see Lens (4) or (8).
+    x and y are those of the straight picture; the coefficients of the bend (4) or (8) are Lens's.
     """
     s = x * x + y * y
     if bend.size == FISHEYE:
@@ -116,13 +113,7 @@ def _straight_of_fisheye(x: float, y: float, lens: Lens) -> tuple[float, float]:
 
 @njit(cache=True)
 def straightened(x: float, y: float, lens: Lens) -> tuple[float, float]:
-    """Return (x, y) of the straight picture that the lens moves to (x', y'); NaN where there is none.
-
-    Args:
-        x: x'.
-        y: y'.
-        lens: the lens.
-    """
+    """Return (x, y) of the straight picture that the lens moves to (x', y'), here x and y; NaN where there is none."""
     if lens.bend.size == 0:
         return x, y
     if lens.bend.size == FISHEYE:
@@ -175,12 +166,8 @@ def make_lens(
 ) -> tuple[Lens, bool]:
     """Return a camera's lens, and whether half of the way from its centre to every side of the image has a ray.
 
-    Args:
-        coefficients: see Lens.
-        aspect: focal length along v over that along u.
-        focal_length: along u [px].
-        center: principal point [px].
-        image: width and height [px].
+    The coefficients are Lens's, the aspect is the focal length along v over that along u [px]. The principal point,
+    width and height are in pixels, too.
     """
     if not coefficients:
         return STRAIGHT._replace(aspect=aspect), True

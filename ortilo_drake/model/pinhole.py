@@ -91,13 +91,8 @@ def _pixel(p_BL: Point, view: View, bend: np.ndarray) -> Point:
 def project(p_WL: np.ndarray, p_WB: np.ndarray, R_WB: np.ndarray, camera: Camera) -> Point:
     """Return u, v [px] and the depth q_x [m] of a point; u and v are NaN if it is nearer than NEAR.
 
-    All three are NaN where the lens turns back.
-
-    Args:
-        p_WL: the point in W (3).
-        p_WB: the body's origin in W (3).
-        R_WB: the body's attitude (3 x 3).
-        camera: the camera.
+    All three are NaN where the lens turns back. All three are NaN where the lens turns back. The point p_WL and the
+    body's origin p_WB are in W (3), R_WB is its attitude (3 x 3).
     """
     return _pixel(in_body_frame(p_WL[0], p_WL[1], p_WL[2], p_WB, R_WB), _view_of(camera), camera.lens.bend)
 

@@ -21,12 +21,10 @@ Pairs = Literal["cycle", "all"]
 
 
 def pairs_in_turn(pairs: Pairs, n: int) -> np.ndarray:
-    """Return the pairs (a, b) of n anchors in the order in which they come (m, 2).
+    """Return the pairs (a, b) of n anchors, 2 or more, in the order in which they come (m, 2).
 
-    Args:
-        pairs: 'cycle' has each anchor with the next one, and the last one with the first; 'all' goes on with each and
-            the next but one, and so on, until each pair has come once.
-        n: number of anchors, at least 2.
+    'cycle' has each anchor with the next one, and the last one with the first; 'all' goes on with each and the next but
+    one, and so on, until each pair has come once.
     """
     steps = range(1, 2 if pairs == "cycle" else n // 2 + 1)
     found = [(i, (i + step) % n) for step in steps for i in range(n // 2 if 2 * step == n else n)]

@@ -100,10 +100,7 @@ def read_out(message: np.ndarray, V: np.ndarray, out: np.ndarray) -> None:
 def fix_reader_box(name: str, rows: int, V: np.ndarray | None) -> Box:
     """Return the box of the fix of a message that begins with the value of m rows.
 
-    Args:
-        name: of the box.
-        rows: m.
-        V: covariance of the value (m, m); None where it comes with the message.
+    V is the covariance of the value (m, m); None where it comes with the message.
     """
     table = np.zeros(0) if V is None else np.ravel(V)
     return Box(name, Element("fix_reader", out=read_out), PAYLOAD + rows + rows * rows, Values(tables={"V": table}))

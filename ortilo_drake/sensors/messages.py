@@ -22,11 +22,7 @@ def message_port(system: System) -> InputPort:
 def solver_system(port: str, size: int, solver: Box, h: float) -> System:
     """Return an element that makes fixes as a System with the ports of make_onboard (model/parts.py).
 
-    Args:
-        port: name of the messages' port.
-        size: of a message.
-        solver: reads `message` and `belief`.
-        h: tick [s].
+    The port is that of messages of a size. The solver reads `message` and `belief`; h is the tick [s].
     """
     prior = together_box("prior")
     inputs = [outside(port, size), outside("estimate", N_XBAR), outside("covariance", N_XBAR**2)]

@@ -33,12 +33,9 @@ def remote_client() -> Any:
 
 @contextmanager
 def on_scheduler(address: str) -> Iterator[None]:
-    """In this context, run_all runs its tasks on a scheduler's workers.
+    """In this context, run_all runs its tasks on a scheduler's workers, at tcp://127.0.0.1:8786 or tls://10.0.0.5:8786.
 
     InputError if it is no such address, nobody answers, there is no worker, or one has another program.
-
-    Args:
-        address: such as tcp://127.0.0.1:8786 or tls://10.0.0.5:8786.
     """
     check_address(address)
     check_installed("distributed", "workers")

@@ -46,15 +46,11 @@ def run_all(
 ) -> None:
     """Call a function once for each job, on that many processes; a worker that dies is replaced and its job done again.
 
-    Within scheduler.on_scheduler its workers do it, however many there are. InputError if the script that runs would
-    start processes again in each of them, a scheduler goes away, or processes are killed while they start or whenever
-    they do a job.
-
-    Args:
-        function: an importable function; arguments and result are plain data.
-        jobs: its arguments.
-        workers: processes; 1 works in this one, as any number does where Dask, the extra `workers`, is not installed.
-        take: called here with each job's number and result as it comes in, in any order.
+    Within scheduler.on_scheduler its workers do it, however many there are. The function is importable; its arguments,
+    the jobs, and its result are plain data. One worker works in this process, as any number does where Dask, the extra
+    `workers`, is not installed. `take` is called here with each job's number and result as it comes in, in any order.
+    InputError if the script that runs would start processes again in each of them, a scheduler goes away, or processes
+    are killed while they start or whenever they do a job.
     """
     if workers < 1:
         raise InputError(f"workers: {workers}: must be 1 or more")

@@ -23,12 +23,8 @@ MOST_STEPS = 10  # single ticks at a look; nobody clicks faster
 class Controls:
     """The controls on the page, and what the user has set and clicked.
 
-    Args:
-        meshcat: shows the sliders and buttons on its pages.
-        panel: what the pages' users do with them.
-        room: whose floor the goals are on.
-        sensors: that fly; each but the imu can lose its messages.
-        goal: x, y of the first goal shown [m].
+    A Meshcat shows the sliders and buttons on its pages; the panel has what the pages' users do with them. Goals are on
+    the room's floor, the first at x, y [m]. Of the sensors that fly each but the imu can lose its messages.
     """
 
     def __init__(self, meshcat: Meshcat, panel: Panel, room: Room, sensors: tuple[str, ...], goal: tuple[float, float]):

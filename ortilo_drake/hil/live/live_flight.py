@@ -57,9 +57,7 @@ def with_a_force(scenario: Scenario) -> Scenario:
 class LiveFlight:
     """One flight of a scenario that goes on for as long as it is stepped.
 
-    Args:
-        scenario: the scenario.
-        planner: plans ways to goals; its context is the caller's.
+    The planner plans ways to goals; its context is the caller's.
     """
 
     def __init__(self, scenario: Scenario, planner: GoalPlanner):
@@ -77,8 +75,7 @@ class LiveFlight:
     def step(self, wishes: Wishes) -> ShownTick:
         """Fly a tick and return what it showed.
 
-        Args:
-            wishes: of its losses, push and mass those of this tick are taken, and a goal where there is a new one.
+        Of the wishes' losses, push and mass those of this tick are taken, and a goal where there is a new one.
         """
         self._change_the_world(wishes)
         time = self._k * self._scenario.h

@@ -25,11 +25,7 @@ LIT, DARK = (0.15, 0.85, 0.25, 1.0), (0.75, 0.1, 0.1, 1.0)
 class Scene:
     """The room, the vehicle, its estimate, a lamp above it for each sensor, and the goal.
 
-    Args:
-        meshcat: where to draw.
-        room: the room.
-        vehicle: the vehicle.
-        sensors: those with a lamp, side by side, the first in the west.
+    The lamps of `sensors` stand side by side, the first in the west.
     """
 
     def __init__(self, meshcat: Meshcat, room: Room, vehicle: Vehicle, sensors: tuple[str, ...]):

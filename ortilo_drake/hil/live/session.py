@@ -68,9 +68,7 @@ class Status:
 class Shares:
     """The share of each sensor's messages that arrived of late; one may arrive in a later tick than it is due in.
 
-    Args:
-        due: a sensor has a message due every so many ticks.
-        ticks: over which shares are counted.
+    A sensor has a message due every so many ticks, `due`; shares are counted over `ticks`.
     """
 
     def __init__(self, due: dict[str, int], ticks: int):
@@ -91,9 +89,7 @@ class Shares:
 def wait_for_page(pages: Callable[[], int], clock: Any = time) -> None:
     """Return once a page is open: a flight that began before would be over, or lost, unseen.
 
-    Args:
-        pages: returns how many are open, as Meshcat.GetNumActiveConnections.
-        clock: as in fly_live.
+    `pages` returns how many are open, as Meshcat.GetNumActiveConnections; the clock is as in fly_live.
     """
     while not pages():
         clock.sleep(_REST)
@@ -109,15 +105,9 @@ def fly_live(
 ) -> Status:
     """Fly until the controls want no more; return how it stood then.
 
-    A flight that is lost stands still until it is flown anew.
-
-    Args:
-        scenario: the scenario.
-        planner: plans ways to goals.
-        controls: say what is wanted.
-        scene: shows the flight; None shows nothing.
-        show: called now and then with how it stands.
-        clock: has monotonic() and sleep().
+    A flight that is lost stands still until it is flown anew. The planner plans ways to goals, the controls say what is
+    wanted, the scene shows the flight, if there is one. `show` is called now and then with how it stands. The clock has
+    monotonic() and sleep().
     """
     due: dict[str, int] = {sensor: scenario.every(sensor) for sensor in scenario.sensors}
     status, drawn_at, begins = Status(scenario=scenario.name), -np.inf, True

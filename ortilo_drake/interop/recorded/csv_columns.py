@@ -224,14 +224,9 @@ def layout_of(
     """Find the head of a table: the line that has the columns asked for, and as many as the rows have.
 
     Candidates are the lines above the first one with numbers, and the comments above them, from below; then the first
-    lines that follow, if one has all columns: Vicon's tables have a rate above their head.
-
-    Args:
-        lines: number and text of the lines that are not empty.
-        delimiter: the map's word for it.
-        header: auto, yes or no.
-        columns: those asked for, by name or number.
-        is_row: whether cells have numbers where columns are asked for by number.
+    lines that follow, if one has all columns: Vicon's tables have a rate above their head. The lines that are not empty
+    come with their numbers, the delimiter as the map's word for it; the header is auto, yes or no. The columns are
+    asked for by name or number; `is_row` says whether cells have numbers in the latter.
     """
     comments = [line for line in lines if is_comment(line)]
     rows = [line for line in lines if not is_comment(line)]

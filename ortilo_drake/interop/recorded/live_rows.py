@@ -120,11 +120,8 @@ class LiveRows:
     def before(self, wanted: float = -np.inf, ended: bool = False) -> tuple[float, Block] | None:
         """Return the stamp before which nothing more will come [s], and the rows before it.
 
-        None until the first range is due, and until that stamp is beyond the one wanted.
-
-        Args:
-            wanted: by the clock of the block [s].
-            ended: whether the topics have ended: then all that waits is due.
+        None until the first range is due, and until that stamp is beyond the one wanted. The stamp wanted is by the
+        clock of the block [s]. Where the topics have ended, all that waits is due.
         """
         horizon = np.inf if ended else self._horizon()
         if self.origin is not None and horizon - self.origin <= wanted:

@@ -223,13 +223,8 @@ def differences_of(
 ) -> Ranges:
     """Return the differences r_b - r_a [m]; what is no difference is counted.
 
-    Args:
-        stream: values, and names of b and a.
-        b: anchors (n), -1 for an unknown one.
-        a: likewise.
-        tag: which tag heard it (n), -1 for an unknown one.
-        anchors: positions (n, 3).
-        source: the map's entry.
+    The anchors b and a and the tag that heard it are given by their places (n), -1 for an unknown one, the anchors'
+    positions as (n, 3). The source is the map's entry.
     """
     value, unknown = stream.values[:, 0], (a < 0) | (b < 0)
     none, same = ~unknown & ~np.isfinite(value), ~unknown & (a == b)

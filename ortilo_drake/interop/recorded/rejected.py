@@ -68,14 +68,9 @@ def kept_in_order(
 ) -> np.ndarray:
     """Return the rows to keep, in order: stamps [s] finite, near the others and rising. The rest is counted.
 
-    InputError if more than half would go.
-
-    Args:
-        stamps: as they stand in the file.
-        rows: their lines or messages, for the report.
-        rejected: where to count.
-        names: of the anchors, if rows name them: such rows are sorted by their stamps, and may share one. Others are
-            sorted where they fill a gap.
+    The stamps are as they stand in the file, the rows their lines or messages, for the report. If rows name anchors,
+    they are sorted by their stamps and may share one; others are sorted where they fill a gap. InputError if more than
+    half would go.
     """
     finite = np.isfinite(stamps)
     rejected.add_rows("rows without a stamp", ~finite, rows)

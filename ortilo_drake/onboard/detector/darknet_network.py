@@ -98,9 +98,7 @@ class Pool(nn.Module):
 class DarknetNetwork(nn.Module):
     """A network of the YOLOv3 kind; its weights are random until read (darknet_weights.py) or trained.
 
-    Args:
-        cfg: the network, from darknet_cfg.py.
-        epsilon: of the batch normalisation.
+    The cfg is that of darknet_cfg.py, epsilon that of the batch normalisation.
     """
 
     def __init__(self, cfg: DarknetCfg, epsilon: float = EPSILON):
@@ -130,8 +128,7 @@ class DarknetNetwork(nn.Module):
     def forward(self, images: Tensor) -> tuple[Tensor, ...]:
         """Return the raw heads, each (n, anchors (5 + classes), n_y, n_x), before any sigmoid.
 
-        Args:
-            images: RGB in [0, 1] (n, 3, height, width), height and width those of [net].
+        The images are RGB in [0, 1] (n, 3, height, width), height and width those of [net].
         """
         x, heads = images, []
         kept: dict[int, Tensor] = {}

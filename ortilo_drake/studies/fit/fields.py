@@ -46,14 +46,10 @@ def fit_fields(
     start: tuple[float, float, float],
     rows: int = ROWS,
 ) -> Fields:
-    """Return the fit.
+    """Return the fit of the errors of each recording, of n anchors.
 
-    Args:
-        errors: of each recording.
-        outlier: each row's probability to be one, by recording.
-        n: number of anchors.
-        start: time constant [s] and deviation of what lasts, and the white deviation [m], without a field.
-        rows: how many to go by.
+    By recording, `outlier` has each row's probability to be one. The start has the time constant [s] and deviation of
+    what lasts, and the white deviation [m], without a field. The fit goes by so many rows.
     """
     flight = np.concatenate([np.full(len(one.t), k) for k, one in enumerate(errors)])
     t, anchor, other, e, place = (np.concatenate(part) for part in zip(*errors, strict=True))

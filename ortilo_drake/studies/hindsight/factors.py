@@ -52,15 +52,9 @@ def ranges_factor(
 ) -> gtsam.CustomFactor:
     """Return the factor of a range or of a difference of two, see onboard/estimator/tight/ranges.py, differences.py.
 
-    Args:
-        pose: key of the pose at the message's stamp.
-        velocity: key of v_WB there; None where nothing is older than the stamp.
-        clock: key of the time by which the message is older than its stamp; None where that is known.
-        ranges: what it is the sum of.
-        measured: the sum [m].
-        age: of the packet at the message's stamp [s].
-        lever: where the antenna is in B (3).
-        noise: of the sum.
+    Keys are those of the pose at the message's stamp, of v_WB there (None where nothing is older than the stamp) and of
+    the time by which the message is older than its stamp (None where that is known). `measured` is the sum of `ranges`
+    [m], the packet's age is at the message's stamp [s], the antenna's lever is in B (3).
     """
 
     def error(_: gtsam.CustomFactor, values: gtsam.Values, H: list[np.ndarray] | None) -> np.ndarray:
@@ -183,15 +177,8 @@ def rows_factor(
 ) -> gtsam.CustomFactor:
     """Return the factor of values y = C x + v of the paper's twelve states.
 
-    Args:
-        pose: key of the pose.
-        velocity: of v_WB.
-        bias: of the imu's biases.
-        w: body rates as measured (3) [rad/s].
-        y: values (m).
-        C: their rows (m, 12).
-        V: covariance of v (m, m).
-        huber: see weighted.
+    Keys are those of the pose, of v_WB and of the imu's biases; w are the body rates as measured (3) [rad/s]. There are
+    m values y with rows C (m, 12), and V is the covariance of v (m, m); huber as in weighted.
     """
     whiten = np.linalg.inv(np.linalg.cholesky(V))
     rows, value = whiten @ C, whiten @ y

@@ -111,15 +111,9 @@ def hindsight_of(scenario_json: str, seed: int) -> FlightInHindsight:
 def fly_in_hindsight(
     scenario: Scenario, seeds: Sequence[int], workers: int = 1, progress: Callable[[int], None] | None = None
 ) -> Hindsight:
-    """Fly seeds of a scenario and look back on each.
+    """Fly seeds of a scenario, whose own is not used, and look back on each; InputError as flight.fly.
 
-    InputError as flight.fly.
-
-    Args:
-        scenario: the scenario; its own seed is not used.
-        seeds: of the flights.
-        workers: worker processes; 1 flies in this process.
-        progress: called with the number of flights that came in.
+    One worker flies in this process. `progress` is called with the number of flights that came in.
     """
     found: dict[int, FlightInHindsight] = {}
 

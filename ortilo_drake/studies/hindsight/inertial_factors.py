@@ -84,15 +84,8 @@ def inertial_ticks(
     """Return the imu's measurement of each step that ends at ticks 1 to n - 1; that of tick 0 is None.
 
     A step whose end no sample reaches continues with the last one, with noise coasting_sd, as the tight filter does for
-    the rest of a tick.
-
-    Args:
-        samples: in the order of their stamps.
-        n: ticks.
-        h: tick [s].
-        per_tick: samples in a tick.
-        sds: of a sample's body rates [rad/s] and specific force [m/s^2].
-        settings: what is believed of the imu.
+    the rest of a tick. The samples, so many in a tick of h [s], come in the order of their stamps; the sds are those of
+    a sample's body rates [rad/s] and specific force [m/s^2].
     """
     known = _parameters(np.array(sds), h / per_tick, h)
     coasting = _parameters(np.array(settings.coasting_sd), h, h)

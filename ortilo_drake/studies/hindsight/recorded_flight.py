@@ -35,9 +35,7 @@ class RecordedFlight:
 class BoxFinder:
     """The detector of a rendered camera, beside an onboard half that has one of its own.
 
-    Args:
-        scenario: of the flight.
-        start: the tick that it begins at.
+    It begins at the tick `start`.
     """
 
     def __init__(self, scenario: Scenario, start: int = 0):

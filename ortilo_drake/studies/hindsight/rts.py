@@ -78,14 +78,9 @@ def arrived(measurement: Measurement, tick: Tick) -> tuple[np.ndarray, np.ndarra
 def run_forward(
     model: FilterModel, measurement: Measurement, x_0: np.ndarray, P_0: np.ndarray, ticks: list[Tick]
 ) -> Forward:
-    """Run the filter's recursion.
+    """Run the filter's recursion over ticks, from the first estimate x_0 of [x; e] (N) and its covariance P_0 (N, N).
 
-    Args:
-        model: what it believes of the vehicle; its integrator is not used.
-        measurement: over [x; e].
-        x_0: first estimate of [x; e] (N).
-        P_0: its covariance (N, N).
-        ticks: what it took (n).
+    The model is what it believes of the vehicle, whose integrator is not used; the measurement is over [x; e].
     """
     n, N = len(ticks), len(x_0)
     found = Forward(

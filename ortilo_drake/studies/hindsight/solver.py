@@ -18,11 +18,8 @@ def minimum(
 ) -> gtsam.Values:
     """Return values at a minimum of half the graph's sum of weighted squares.
 
-    Args:
-        graph: the factors.
-        values: where the method begins; not changed.
-        relative: it ends with a step that changes the sum by no more than this share.
-        iterations: most steps.
+    The method begins at the values, which are not changed. It ends with a step that changes the sum by no more than the
+    relative share, or after so many iterations.
     """
     order = gtsam.Ordering.MetisNonlinearFactorGraph(graph)
     error, damping = graph.error(values), _FIRST

@@ -247,16 +247,9 @@ def simulated(
 ) -> Recording:
     """Return a simulated recording along a recorded path, without range finder, flow and camera.
 
-    Args:
-        recording: whose stamps and pairs it has.
-        by: how its truth and sensors go together.
-        path: where the body goes.
-        mount: the IMU's axes in the truth's body.
-        floor: its z [m].
-        noise: of the sensors.
-        day: what is the same all day.
-        failed: since when the accelerometer's x and y are not to be used [s].
-        rng: draws the rest.
+    It has the recording's stamps and pairs. `by` is how its truth and sensors go together, the path where the body
+    goes, the mount the IMU's axes in the truth's body, `floor` its z [m]. The noise is the sensors', `day` what is the
+    same all day. The accelerometer's x and y are not to be used from `failed` on [s].
     """
     ranges = recording.ranges
     place = path.position(ranges.t) + (path.attitude(ranges.t) * mount).apply(by.lever + recording.tags[ranges.tag])

@@ -23,14 +23,8 @@ class Kept(LeafSystem):
 
     They are a discrete state ((n - 1) m), oldest first. Each has an event of period h at its own offset h (i / n): no
     event falls between two ticks that is meant for one of them, as with a period of h / n, which splits coincident
-    events by an ulp; and what samples at one instant does so in one event.
-
-    Args:
-        name: of the system.
-        port: name of the signal's port.
-        size: of the signal, m.
-        n: parts of a tick, 2 or more.
-        h: tick [s].
+    events by an ulp; and what samples at one instant does so in one event. A signal of size m has n samples in a tick
+    of h [s], 2 or more.
     """
 
     def __init__(self, name: str, port: str, size: int, n: int, h: float):

@@ -28,10 +28,7 @@ class SensorErrors(NamedTuple):
 def errors_of(scenario: Scenario, sensor: str, payload: int) -> SensorErrors | None:
     """Return a sensor's errors; None if it has none, or, as camera and differences of ranges, none of its messages.
 
-    Args:
-        scenario: the scenario.
-        sensor: its name.
-        payload: how many numbers its payload has.
+    Its payload has so many numbers.
     """
     truth, h = scenario.truth, scenario.h
     its: ImuTruth | UwbTruth | SensorTruth

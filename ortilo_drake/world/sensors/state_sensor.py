@@ -17,8 +17,7 @@ class SeededSystem(LeafSystem):
     Parameters of the Context:
         seed (abstract, int): any that a scenario allows; a number would hold no more than 2^53.
 
-    Args:
-        seed: the seed of a default Context.
+    The seed given is that of a default Context.
     """
 
     def __init__(self, seed: int):
