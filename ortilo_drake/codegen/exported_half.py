@@ -63,15 +63,8 @@ def build(folder: Path, target: str, source: Path, made: Path, flags: Sequence[s
 class ExportedHalf:
     """The onboard half of a scenario, flown by what was exported of it; as flight.stepped_halves.OnboardHalf.
 
-    InputError if the folder holds no export of this scenario, or a program that it needs is not there.
-
-    Args:
-        scenario: what was exported.
-        folder: where it lies.
-
-    Attributes:
-        target: its processor.
-        stopped: how many functions had to stop in the last tick.
+    `target` is its processor, `stopped` how many functions had to stop in the last tick. InputError if the folder holds
+    no export of this scenario, or a program that it needs is not there.
     """
 
     def __init__(self, scenario: Scenario, folder: str | Path):

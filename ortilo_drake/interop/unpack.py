@@ -35,12 +35,7 @@ def _open(kind: str, packed: BinaryIO) -> Any:
 
 
 class Unpacker:
-    """Unpacks the parts of one file.
-
-    Attributes:
-        path: the file, named in errors.
-        left: how many bytes its parts may still unpack to.
-    """
+    """Unpacks the parts of one file, whose `path` errors name; they may still unpack to `left` bytes."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -49,11 +44,8 @@ class Unpacker:
     def pieces(self, kind: str, packed: BinaryIO, limit: int, what: str) -> Iterator[bytes]:
         """Yield what a part, packed with zstd, lz4 or bz2, unpacks to, at most PIECE bytes at a time.
 
-        It may unpack to so many bytes; `what` it is called in an error.
-
-        Raises:
-                InputError: if it is damaged or unpacks to more than the limit, or all parts of the file to more than
-                    FILE_LIMIT.
+        It may unpack to so many bytes; `what` it is called in an error. InputError if it is damaged or unpacks to more
+        than the limit, or all parts of the file to more than FILE_LIMIT.
         """
         size = 0
         try:

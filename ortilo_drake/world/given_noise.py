@@ -89,15 +89,9 @@ def _note(size: np.ndarray, entries: np.ndarray, i: int, stream: int, n: int, se
 class GivenNoise:
     """The place of each stream's numbers in the row of a tick, and the seeds that stand for rows.
 
-    Args:
-        ticks: of a flight.
-        fly: flies once, of seeds for each tick (ticks).
-        flights: that it learns by, of the seeds from 0 on.
-
-    Attributes:
-        streams: where each begins, how many numbers it has, and in how many ticks of its own: (number of the stream,
-            first, numbers, ticks), one after the other.
-        width: of a row.
+    `fly` flies once, of seeds for each of a flight's ticks (ticks); the place is learned by so many flights, of the
+    seeds from 0 on. A row has `width` numbers. `streams` says where each begins, how many numbers it has, and in how
+    many ticks of its own: (number of the stream, first, numbers, ticks), one after the other.
     """
 
     def __init__(self, ticks: int, fly: Callable[[np.ndarray], object], flights: int):

@@ -73,9 +73,8 @@ class Inbox:
     what the bus refuses (bus.Bus). The channels to listen on are names of packets.KINDS or a sensor; only poll handles
     the bus's subscriptions.
 
-    Attributes:
-        flight: that packets are checked against; with None only hellos pass, until begin.
-        tick: the newest heard of; -1 before any.
+    Packets are checked against `flight`; with None only hellos pass, until begin. `tick` is the newest heard of, -1
+    before any.
     """
 
     def __init__(self, bus: Bus, names: Iterable[str], flight: Flight | None = None):

@@ -59,17 +59,10 @@ def why_not_live(map_: Map) -> str | None:
 
 
 class LiveRows:
-    """The rows of a map's topics.
+    """The rows of a map's topics; `origin` is the stamp of the first range [s], None before it is known.
 
-    InputError if the map cannot be heard live.
-
-    Args:
-        map_: what is what.
-        lag: by how much the newest stamp is ahead of a row that is given out although a topic is silent [s].
-
-    Attributes:
-        anchors: positions (n, 3).
-        origin: stamp of the first range [s], None before it is known.
+    The anchors are at positions (n, 3). A row is given out although a topic is silent once the newest stamp is `lag`
+    [s] ahead of it. InputError if the map cannot be heard live.
     """
 
     def __init__(self, map_: Map, lag: float = LAG):

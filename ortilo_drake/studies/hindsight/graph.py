@@ -50,15 +50,9 @@ from ortilo_drake.studies.hindsight.solver import eliminated, minimum
 
 
 class FlightGraph:
-    """The factor graph of a flight.
+    """The factor graph of a flight, and the values of its variables where the method begins.
 
-    Attributes:
-        graph: the factors.
-        values: of the variables, where the method begins.
-
-    Args:
-        recorded: the flight.
-        about: estimates about which boxes are given to landmarks and from which the method begins (n, 12 or more).
+    It begins from the estimates `about` (n, 12 or more), by which boxes are given to landmarks.
     """
 
     def __init__(self, recorded: RecordedFlight, about: Smoothed):
