@@ -7,12 +7,13 @@ and x_0 = s w: stationary with E[x_j x_k] = s^2 a^|j - k|. A random walk that co
 has a = 1, q = r sqrt(h) and x_0 = 0. (A. Gelb, ed., "Applied Optimal Estimation", 1974, section 3.8.)
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from ortilo_drake.model.clock import tick_of
+from ortilo_drake.model.placing import put
 from ortilo_drake.world.noise import normals
 
 
@@ -44,3 +45,8 @@ def slow_noise_after(
 ) -> np.ndarray:
     """Return x_{k+1} from x_k (n) at t_k [s]."""
     return a * x + q * normals(seed, stream, tick_of(time, h) + 1, len(a))
+
+
+def slow_step(n: Any, k: int, seed: int, x: np.ndarray, a: np.ndarray, q: np.ndarray) -> None:
+    """Go on to the slow part of the next tick, of an element with a stream and the tick h [s]."""
+    put(slow_noise_after(x, a, q, seed, n.stream, k * n.h, n.h), x)

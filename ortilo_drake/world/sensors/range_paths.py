@@ -27,7 +27,7 @@ from ortilo_drake.scenario import Uwb
 from ortilo_drake.scenario.sensors import WallsExcess
 from ortilo_drake.world.faults.range_faults import distance_to
 from ortilo_drake.world.noise import stream_id
-from ortilo_drake.world.slow_error import gauss_markov, slow_noise_after
+from ortilo_drake.world.slow_error import gauss_markov, slow_step
 
 STREAM = "slow error/uwb_paths"
 
@@ -57,12 +57,7 @@ def paths_out(
         out[PAYLOAD + i] = max(message[PAYLOAD + i] + longer, 0.0)
 
 
-def paths_step(n: Any, k: int, seed: int, x: np.ndarray, a: np.ndarray, q: np.ndarray) -> None:
-    """Go on to the noise of the next tick, see slow_error.py."""
-    put(slow_noise_after(x, a, q, seed, n.stream, k * n.h, n.h), x)
-
-
-PATHS = Element("range_paths", out=paths_out, step=paths_step, allocates=True)
+PATHS = Element("range_paths", out=paths_out, step=slow_step, allocates=True)
 
 
 def paths_box(settings: Uwb, room: Room, h: float) -> Box | None:

@@ -13,7 +13,7 @@ from ortilo_drake.scenario.truth import ImuTruth, SensorTruth, UwbTruth
 from ortilo_drake.world.drawn_truth import Drawn
 from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.sensors.sample_collector import sample_of
-from ortilo_drake.world.slow_error import SlowNoise, gauss_markov, random_walk, slow_noise_after
+from ortilo_drake.world.slow_error import SlowNoise, gauss_markov, random_walk, slow_step
 
 
 class SensorErrors(NamedTuple):
@@ -87,12 +87,7 @@ def errors_out(
         put(message_with_error(sample, factor, bias + x, n.flagged), sample)
 
 
-def errors_step(n: Any, k: int, seed: int, x: np.ndarray, a: np.ndarray, q: np.ndarray) -> None:
-    """Go on to the slow part of the next tick, see slow_error.py."""
-    put(slow_noise_after(x, a, q, seed, n.stream, k * n.h, n.h), x)
-
-
-ERRORS = Element("message_errors", out=errors_out, step=errors_step, allocates=True)
+ERRORS = Element("message_errors", out=errors_out, step=slow_step, allocates=True)
 
 
 def errors_box(sensor: str, message: Box, errors: SensorErrors, samples: int, h: float) -> Box:

@@ -11,7 +11,7 @@ from ortilo_drake.model.equations import rotation_rows
 from ortilo_drake.model.placing import put
 from ortilo_drake.scenario import Disturbance
 from ortilo_drake.world.noise import put_normals, stream_id
-from ortilo_drake.world.slow_error import SlowNoise, slow_noise_after
+from ortilo_drake.world.slow_error import SlowNoise, slow_step
 
 
 @register_jitable
@@ -42,12 +42,7 @@ def lasting_out(disturbance: np.ndarray, bias: np.ndarray, x: np.ndarray, out: n
         out[i] = disturbance[i] + (bias[i] + x[i])
 
 
-def lasting_step(n: Any, k: int, seed: int, x: np.ndarray, a: np.ndarray, q: np.ndarray) -> None:
-    """Go on to the gust of the next tick."""
-    put(slow_noise_after(x, a, q, seed, n.stream, k * n.h, n.h), x)
-
-
-LASTING = Element("lasting_force", out=lasting_out, step=lasting_step, allocates=True)
+LASTING = Element("lasting_force", out=lasting_out, step=slow_step, allocates=True)
 
 
 def lasting_force_box(noise: SlowNoise, h: float) -> Box:
