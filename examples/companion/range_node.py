@@ -2,9 +2,8 @@
 
     python examples/companion/range_node.py MAP.yaml /dev/ttyACM0
 
-The map's `ranges.topics` end with the anchors' addresses, /uwb/a0CA8 (ROS allows no name that begins with a digit). A
-range is stamped when the first byte of its line
-arrives. Another tag needs another `ranges_in`; the rest stays.
+The map's `ranges.topics` end with the anchors' names, /uwb/a0CA8 (ROS allows no name that begins with a digit). A range
+is stamped when the first byte of its line arrives. For another tag replace SPEED, `ranges_in` and `ask_for_ranges`.
 """
 
 import math
@@ -18,9 +17,23 @@ from collections.abc import Iterator
 
 import yaml
 
-from ortilo_drake.interop.recorded.lec_console import ranges_in
+from ortilo_drake.interop.recorded import lec_console
 
 SPEED = termios.B115200  # of a DWM1001; its USB port takes any
+
+
+def ranges_in(line: str) -> list[tuple[str, float]]:
+    """Return anchor's name and range [m] of each range in a tag's line; ValueError if the line is cut short."""
+    return [(anchor, r) for anchor, _, r in lec_console.ranges_in(line)[1]]
+
+
+def ask_for_ranges(port: int) -> None:
+    """Send what makes a DWM1001 print ranges: two returns open its shell, `lec` starts them, and would stop them."""
+    os.write(port, b"\r\r")
+    time.sleep(1.0)
+    os.write(port, b"lec\r")
+
+
 SILENT = 3.0  # without a range, the tag is asked for them [s]
 
 
@@ -49,18 +62,22 @@ class Lines:
         self._rest, self._since = rest, since
 
 
-def ask_for_ranges(port: int) -> None:
-    """Send what makes a DWM1001 print ranges: two returns open its shell, `lec` starts them, and would stop them."""
-    os.write(port, b"\r\r")
-    time.sleep(1.0)
-    os.write(port, b"lec\r")
-
-
 def ranges_of(port: int) -> Iterator[tuple[int, str, float]]:
-    """Yield time of arrival [ns], anchor's address and range [m] of each measurement, until the port is closed."""
-    lines, heard = Lines(), time.monotonic()
+    """Yield time of arrival [ns], anchor's name and range [m] of each range, until the port is closed.
+
+    One line tells of the first line that cannot be read, one of lines without ranges.
+    """
+    lines, heard, last, told = Lines(), time.monotonic(), "", set[str]()
+
+    def tell(what: str) -> None:
+        if what not in told:
+            told.add(what)
+            print(f"{what}: {last!r} (told once)", flush=True)
+
     while True:
         if time.monotonic() - heard > SILENT:
+            if last:
+                tell(f"no range for {SILENT:g} s, the last line")
             ask_for_ranges(port)
             heard = time.monotonic()
         if not select.select([port], [], [], 0.5)[0]:
@@ -69,14 +86,31 @@ def ranges_of(port: int) -> Iterator[tuple[int, str, float]]:
         if not data:
             return
         for since, line in lines.add(time.time_ns(), data):
+            last = line or last
             try:
-                found = ranges_in(line)[1]
-            except ValueError:  # cut short
+                found = ranges_in(line)
+            except ValueError as error:
+                tell(f"a line that cannot be read, {error}")
                 continue
-            for anchor, _, r in found:
+            for anchor, r in found:
                 heard = time.monotonic()
                 if math.isfinite(r) and r > 0.0:
-                    yield since, anchor.upper(), r
+                    yield since, anchor, r
+
+
+def topics_of(topics: list[str]) -> dict[str, str]:
+    """Return which topic is whose: by the last part of its name, with and without what all the last parts begin with.
+
+    The anchors' names are in capitals; where two topics could have one name, the one with less left out has it.
+    """
+    parts = [topic.rsplit("/", 1)[-1].upper() for topic in topics]
+    found: dict[str, str] = {}
+    for k in range(max(map(len, parts))):
+        if len({part[:k] for part in parts}) == 1:
+            for part, topic in zip(parts, topics, strict=True):
+                found.setdefault(part[k:], topic)
+    found.pop("", None)
+    return found
 
 
 def main(map_file: str, port_name: str) -> None:
@@ -89,10 +123,12 @@ def main(map_file: str, port_name: str) -> None:
         topics = yaml.safe_load(file)["ranges"]["topics"]
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # signals end this process as any other
     node = rclpy.create_node("ranges")
-    publishers = {topic[-4:].upper(): node.create_publisher(Range, topic, 10) for topic in topics}
+    publishers = {topic: node.create_publisher(Range, topic, 10) for topic in topics}
+    names = topics_of(topics)
     strangers = set[str]()
     for stamp, anchor, r in ranges_of(open_port(port_name)):  # it ends when the tag is unplugged
-        if anchor not in publishers:
+        topic = names.get(anchor.upper())
+        if topic is None:
             if anchor not in strangers:
                 strangers.add(anchor)
                 print(f"{anchor}: {r:.2f} m, but {map_file} has no topic that ends with it", flush=True)
@@ -100,7 +136,7 @@ def main(map_file: str, port_name: str) -> None:
         message = Range(radiation_type=Range.INFRARED, min_range=0.0, max_range=100.0, range=r)
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
         message.header.frame_id = anchor
-        publishers[anchor].publish(message)
+        publishers[topic].publish(message)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,6 @@ from typer.testing import CliRunner
 from waiting import HANGS
 
 from ortilo_drake.commands.hil.app import hil_app
-from ortilo_drake.interop.recorded.lec_console import ranges_in
 from ortilo_drake.interop.recorded.live_rows import why_not_live
 from ortilo_drake.interop.recorded.map_file import load_map
 
@@ -58,13 +57,58 @@ RANGE_NODE, FAKE = example("range_node"), example("fake_sensors")
     ],
 )
 def test_a_line_gives_its_ranges(line: str, found: list[tuple[str, float]]) -> None:
-    assert [(anchor, r) for anchor, _, r in ranges_in(line)[1]] == found
+    assert RANGE_NODE.ranges_in(line) == found
 
 
 def test_a_line_that_is_cut_short_gives_none() -> None:
     for n in range(LEC.index("3.19") - 1, len("DIST,4"), -1):
         with pytest.raises(ValueError, match="do not hold"):
-            ranges_in(LEC[:n])
+            RANGE_NODE.ranges_in(LEC[:n])
+
+
+@pytest.mark.parametrize(
+    ("topics", "names"),
+    [
+        (["/uwb/a0CA8", "/uwb/a111c"], ["0CA8", "111C"]),
+        (["/uwb/a0CA8", "/uwb/a111c"], ["A0CA8", "A111C"]),
+        (["/a0/uwb1150", "/a1/uwb1151"], ["1150", "1151"]),  # beyond what all begin with
+        (["/tag/a1", "/tag/a2", "/tag/a11"], ["A1", "A2", "A11"]),
+        (["/tag/a1", "/tag/a11"], ["1", "11"]),
+        (["/north_east", "/south"], ["NORTH_EAST", "SOUTH"]),
+    ],
+)
+def test_a_topic_ends_with_its_anchor_s_name_of_any_length(topics: list[str], names: list[str]) -> None:
+    found = RANGE_NODE.topics_of(topics)
+    assert [found[name] for name in names] == topics
+    assert not {"", "CA8", "EAST", "NOBODY"} & set(found)
+
+
+def test_another_tag_needs_another_two_functions(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A tag that prints by itself, in mm; nothing is written to it, and what it says beside is told once."""
+
+    def ranges_in(line: str) -> list[tuple[str, float]]:
+        if not line.startswith("$"):
+            return []
+        _, anchor, mm = line.split(",")
+        return [(anchor, int(mm) / 1000.0)]
+
+    monkeypatch.setattr(RANGE_NODE, "ranges_in", ranges_in)
+    monkeypatch.setattr(RANGE_NODE, "ask_for_ranges", lambda port: asked.append(port))
+    monkeypatch.setattr(RANGE_NODE, "SILENT", 0.1)
+    asked = list[int]()
+    read, write = os.pipe()
+    found = RANGE_NODE.ranges_of(read)
+    os.write(write, b"hello\n$D,a1\n$D,a1,x\n$D,a1,500\n$D,b,0\n$D,b,2250\n")
+    assert [one[1:] for one in islice(found, 2)] == [("a1", 0.5), ("b", 2.25)]
+    assert capsys.readouterr().out.count("'$D,a1' (told once)") == 1
+    os.write(write, b"bye\n")
+    os.close(write)
+    time.sleep(0.15)
+    assert list(found) == []
+    os.close(read)
+    assert set(asked) == {read}
 
 
 @given(st.lists(st.integers(0, 2 * len(LEC) + 10), max_size=12).map(sorted))
