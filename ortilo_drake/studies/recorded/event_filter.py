@@ -12,8 +12,8 @@ A range to anchor i, and a difference of the ranges to b and a, of a tag at the 
 taken one at a time, and left out if its innovation exceeds the gate times its standard deviation, or if its anchor has
 yet to come back (anchor_trust.py). Boxes are given to landmarks and taken as in tight/pixels.py. Where the height is
 known or constant, a row of z or v_z comes first at each epoch. Without an IMU, no samples and no variance of R, b_g and
-b_a, this is the constant-velocity filter, driven by white acceleration. A vehicle that rests, and an accelerometer that
-fails, are in imu_watch.py.
+b_a, this is the constant-velocity filter, driven by white acceleration. A vehicle that rests, its take-off, and an
+accelerometer that fails, are in imu_watch.py.
 """
 
 from typing import NamedTuple

@@ -179,11 +179,11 @@ class Setup(NamedTuple):
 class State(NamedTuple):
     """The filter between two events.
 
-    t [s]; nominal x (N + 1); covariance C (N, N); the samples of the imu that hold (6); watched (14): whether it rests,
+    t [s]; nominal x (N + 1); covariance C (N, N); the samples of the imu that hold (6); watched (17): whether it rests,
     the speed upward that its force has added up to [m/s], share of doubted samples and the stamp since when the
     accelerometer is not used, inf if it is (2 each, x and y), for how long that speed has been above 0 [s]; and (2
     each) the force less drag added up [m/s], for how long [s], and how badly they agree; and how much ranges change at
-    rest. See imu_watch.py.
+    rest; the last force upward there [m/s²], and how much it varied at first and lately [m²/s⁴]. See imu_watch.py.
     """
 
     t: float

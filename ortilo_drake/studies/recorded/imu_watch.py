@@ -3,7 +3,10 @@
 Until take-off, and after a landing (landing.py), the vehicle may be known to rest: then no force is integrated and
 nothing else is taken in. Take-off is where the force upward, less its mean so far and SLACK, has added up to RISE
 (Page's cumulative sum, Biometrika 41, 1954). A take-off that is gentler shows in the single ranges: their squared
-deviation from each anchor's mean so far, over its variance, is on average above CHANGED.
+deviation from each anchor's mean so far, over its variance, is on average above CHANGED. Rotors show sooner: once the
+force upward varies from sample to sample SHAKEN times as much as in the first second, the next single range is taken as
+one in flight. A vehicle whose rotors turn on the floor then flies by its ranges, which is harmless. Differences of
+ranges are metres wrong on the floor: for them the rotors are no take-off.
 
 Where drag is given, an accelerometer is checked axis by axis: a sample farther than `doubted` from drag's force is not
 used, and an axis with more than a share FAILS of such samples in a second is not used any more. Drag takes its place.
@@ -22,11 +25,14 @@ from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import ACCEL, THETA, P, Q, V
 from ortilo_drake.studies.recorded.filter_types import Aids
 
-RESTS, ROSE, SHARE, SINCE, LASTS, DIFFERS, HELD, MISFIT, CHANGE, WATCHED = 0, 1, 2, 4, 6, 7, 9, 11, 13, 14
+RESTS, ROSE, SHARE, SINCE, LASTS, DIFFERS, HELD, MISFIT, CHANGE = 0, 1, 2, 4, 6, 7, 9, 11, 13
+LAST_UP, QUIET, SHAKES, WATCHED = 14, 15, 16, 17
 SLACK, RISE = 0.15, 0.2  # of the force upward at rest [m/s²], and of the speed upward that is no rest [m/s]
 OFF = (0.05, 0.2)  # standard deviations of position and velocity that take-off adds [m], [m/s]
 CHANGED, COUNTED, LATELY = 4.0, 50, 100  # mean square that shows it, over so many ranges; a mean is of so many
 VARIES = 0.1  # standard deviation of ranges at rest, beside the white noise [m]
+SHAKEN, LEAST_SHAKEN = 9.0, 0.05  # variance of the force over that at rest, which is no less than of so much [m/s²]
+FIRST, SHORT = 1.0, 0.2  # the force varies at rest as it does at first, and now as it did lately, so long [s]
 GONE = (1.0, 0.5)  # as OFF, of a take-off that the ranges show
 USUAL, SETTLES = 0.5, 0.5  # a mean force at rest is no farther from gravity [m/s²], and is known after so long [s]
 SPAN, FAILS = 1.0, 0.1  # share of doubted samples over so long [s] at which an axis has failed
@@ -45,6 +51,12 @@ def watched_from(rests: bool) -> np.ndarray:
 @register_jitable
 def watch_rest(x: np.ndarray, C: np.ndarray, watched: np.ndarray, up: float, h: float) -> None:
     """Add up the force upward (up [m/s²], for h [s]) of a vehicle at rest, and let it take off."""
+    if watched[HELD] > 0.0:
+        varies = (up - watched[LAST_UP]) ** 2 / 2.0
+        if watched[HELD] < FIRST:
+            watched[QUIET] += h / (watched[HELD] + h) * (varies - watched[QUIET])
+        watched[SHAKES] += min(1.0, h / SHORT) * (varies - watched[SHAKES])
+    watched[LAST_UP] = up
     usual = GRAVITY + min(max(watched[DIFFERS] / (watched[HELD] + SETTLES), -USUAL), USUAL)
     watched[DIFFERS], watched[HELD] = watched[DIFFERS] + h * (up - GRAVITY), watched[HELD] + h
     watched[ROSE] = max(0.0, watched[ROSE] + h * (up - usual - SLACK))
@@ -57,7 +69,7 @@ def watch_rest(x: np.ndarray, C: np.ndarray, watched: np.ndarray, up: float, h: 
 
 @register_jitable
 def watch_range(e: float, variance: float, C: np.ndarray, watched: np.ndarray, usual: np.ndarray) -> None:
-    """Let a vehicle at rest take off whose ranges change.
+    """Let a vehicle at rest take off whose ranges change, or whose rotors turn.
 
     Args:
         e: a single range less the one expected where the vehicle rests [m].
@@ -71,9 +83,10 @@ def watch_range(e: float, variance: float, C: np.ndarray, watched: np.ndarray, u
         watched[CHANGE] += (min(squared, MOST) - watched[CHANGE]) / COUNTED
     usual[1] = min(usual[1] + 1.0, LATELY)
     usual[0] += (e - usual[0]) / usual[1]
-    if watched[CHANGE] > CHANGED:
+    turn = watched[HELD] > FIRST and watched[SHAKES] > SHAKEN * max(watched[QUIET], LEAST_SHAKEN**2)
+    if turn or watched[CHANGE] > CHANGED:
         watched[RESTS] = 0.0
-        _take_off(C, watched, GONE)
+        _take_off(C, watched, OFF if turn else GONE)
 
 
 @register_jitable
@@ -88,7 +101,7 @@ def _take_off(C: np.ndarray, watched: np.ndarray, sd: tuple[float, float]) -> No
 def rest_again(watched: np.ndarray, usual: np.ndarray) -> None:
     """Let the vehicle rest until its specific force, or its ranges' change from here on (n, 2), show the take-off."""
     watched[RESTS], watched[ROSE], watched[LASTS], watched[CHANGE] = 1.0, 0.0, 0.0, 0.0
-    watched[DIFFERS : HELD + 2] = 0.0
+    watched[DIFFERS : HELD + 2], watched[LAST_UP:] = 0.0, 0.0
     usual[:] = 0.0
 
 
