@@ -180,7 +180,8 @@ class LiveBridge:
         origin, newest = self._rows.origin or 0.0, self._rows.newest
         if not self._filter.begun and not self._waits and not ended and due[0] > LONG:
             self._waits = True
-            self._note(f"not begun after {LONG:g} s: {self._filter.why_not_begun}")
+            begins = "the filter begins anew" if self._filter.lost else f"not begun after {LONG:g} s"
+            self._note(f"{begins}: {self._filter.why_not_begun}")
         made = [estimate_at(origin + one.t, one.state, self._imu) for one in found]
         for one in made:
             self._ages.append(newest - one.t)

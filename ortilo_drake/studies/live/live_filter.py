@@ -10,7 +10,8 @@ all rows came in time. Where replay looks ahead, this waits:
                     its time at rest; and TRIAL seconds where no heading is given, as eight are tried
     a lost filter   the ranges of one to three seconds that it starts anew from
 
-Meanwhile no estimate is made; those left out follow at once when it resumes.
+Meanwhile no estimate is made; those left out follow at once when it resumes. Where the imu was silent for LOST, replay
+goes on; this begins anew, as in the air, for the heading that it would claim may be any.
 """
 
 from typing import NamedTuple
@@ -146,6 +147,9 @@ class LiveFilter:
         while it should say how it stands still, or if by its force the body begins upside down, or in another unit.
         """
         self._kept = block if self._kept is None else joined(self._kept, block)
+        again = None if self.imu is None or block.imu is None else self.imu.heard_again(block.imu)
+        if again is not None and (self.begun or self._map.start is None):
+            self._begin_anew(parted(self._kept, np.nextafter(again, -np.inf))[1])
         if ended:
             horizon = float(self._kept.ranges.t[-1]) if len(self._kept.ranges.t) else -np.inf
         if not self.begun and not self._begin(horizon, ended):
@@ -156,6 +160,13 @@ class LiveFilter:
             found.append(LiveEstimate(t, self._state))
             self._next += 1
         return found
+
+    def _begin_anew(self, kept: Block) -> None:
+        """Forget all but these rows, and the start and the standstill, which are past."""
+        self._kept, self._map = kept, self._map.without_standstill().model_copy(update={"start": None})
+        self.imu, self.agreement = ImuRecord(self._map), Agreement()
+        self.lost, self._waits = self.lost + self.begun, False
+        self._known = self._events = self.heading = None
 
     def _begin(self, horizon: float, ended: bool) -> bool:
         """Start the filter if what it starts by is here; return whether it was."""

@@ -6,7 +6,7 @@ from live_messages import IMU, RANGES
 from made_up_motion import as_map, made_up
 
 from ortilo_drake.interop.recorded.recording import Imu, between
-from ortilo_drake.studies.live.imu_record import SILENT, ImuRecord
+from ortilo_drake.studies.live.imu_record import LOST, SILENT, ImuRecord
 
 
 def received(per_rad: float, place=None) -> ImuRecord:
@@ -35,3 +35,15 @@ def test_degrees_are_told_by_the_force_and_radians_are_not_doubted(per_rad, said
     doubt = received(per_rad).doubt
     assert said in doubt
     assert bool(doubt) == bool(said)
+
+
+def test_only_a_long_silence_is_told_whether_it_lies_within_rows_or_between_them() -> None:
+    def rows(*t: float) -> Imu:
+        return Imu(np.array(t), np.zeros((len(t), 3)), np.zeros((len(t), 3)), None)
+
+    record = ImuRecord(as_map(RANGES + IMU))
+    assert record.heard_again(rows(3.0, 3.1, 3.1 + 0.9 * LOST)) is None  # nor is the first row's stamp a silence
+    assert record.heard_again(rows()) is None
+    after = 3.2 + 2.0 * LOST
+    assert record.heard_again(rows(after, after + 0.1)) == after
+    assert record.heard_again(rows(after + 0.2, after + 1.3 * LOST)) == after + 1.3 * LOST

@@ -13,6 +13,7 @@ from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import Imu, Recording, read_recording
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.live import anchor_bank, live_filter
+from ortilo_drake.studies.live.imu_record import LOST
 from ortilo_drake.studies.live.live_bridge import LiveBridge, run_live
 from ortilo_drake.studies.recorded import heading_doubts, reacquired
 from ortilo_drake.studies.recorded.at_rest import at_rest
@@ -161,6 +162,25 @@ def test_a_heading_that_the_ranges_contradict_is_said(monkeypatch, heading, told
     assert any(line.startswith("warning  ranges: the gate rejects") for line in lines) == told
     said = [line for line in lines if line.startswith("warning  heading: the heading at the start is off by -")]
     assert len(said) == told
+
+
+@pytest.mark.parametrize(("lasts", "anew"), [(0.8 * LOST, False), (1.2 * LOST, True)])
+def test_after_a_long_silence_of_the_imu_nothing_is_claimed_by_the_old_heading(monkeypatch, lasts, anew) -> None:
+    """It claimed a heading to 7 degrees that was 93 degrees wrong; in the air one is found in 30 s, see TRIAL."""
+    run_plainly(monkeypatch, live_filter, "run_filter", "initial_carried")
+    run_plainly(monkeypatch, heading_doubts, "follow")
+    run_plainly(monkeypatch, anchor_bank, "follow_ranges")
+    motion = made_up(9.0)
+    keep = (motion.t_imu < 1.5) | (motion.t_imu > 1.5 + lasts)
+    motion = motion._replace(t_imu=motion.t_imu[keep], imu=motion.imu[keep])
+    map_ = as_map(RANGES + IMU + START)
+    lines: list[str] = []
+    bridge = LiveBridge(map_, lines.append)
+    found = [one for message in messages_of(motion) for one in bridge.receive(*message)]
+    assert (found[-1].t < 1.6 + lasts) == anew
+    assert bridge.report().lost == anew
+    assert ("needs ranges until" in bridge.report().not_begun) == anew
+    assert any(line.startswith("the filter begins anew: ") for line in lines) == anew
 
 
 LANDS = START.replace("heading: 0.5", "heading: 0.5, rests: true, lands: true")
