@@ -9,7 +9,7 @@ from ortilo_drake.studies.recorded.filter_types import Run
 WINDOW: Final = 5.0  # [s]
 FEWEST: Final = 30  # ranges in it, fewer tell nothing
 REJECTED, CONSISTENT = 0.1, 3.0  # share of ranges that the gate rejects, and mean NIS of the others, that are told
-UNFIT: Final = (0.5, 0.25)  # share of rejected ranges from which, and down to which, nobody should fly
+UNFIT: Final = (0.3, 0.15)  # share of rejected ranges from which, and down to which, nobody should fly
 
 
 class Agreement:

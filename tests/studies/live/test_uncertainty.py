@@ -9,9 +9,11 @@ from made_up_motion import as_map, made_up
 from plain_filter import run_plainly
 
 from ortilo_drake.studies.live import anchor_bank, live_bridge, live_filter
+from ortilo_drake.studies.live.agreement import Agreement
 from ortilo_drake.studies.live.live_bridge import LiveBridge
 from ortilo_drake.studies.live.stamped_estimate import StampedEstimate
 from ortilo_drake.studies.live.uncertainty import Limits
+from ortilo_drake.studies.recorded.filter_types import Run
 
 
 @pytest.mark.parametrize(
@@ -27,6 +29,19 @@ def test_position_and_heading_are_judged_by_their_own_variances(variances, yaw_v
     C = np.diag([*variances, 0.0, 0.0, yaw_variance, *np.zeros(9)])
     assert why in (found := Limits(1.0, 0.5).why_not(StampedEstimate(0.0, np.zeros(15), C)))
     assert bool(found) == bool(why)
+
+
+@pytest.mark.parametrize(
+    ("anchors", "wrong", "unfit", "stays"),
+    [(6, 2, True, True), (4, 2, True, True), (4, 1, False, True), (6, 1, False, True), (8, 1, False, False)],
+)
+def test_two_wrong_anchors_of_six_hold_estimates_back_one_does_not(anchors, wrong, unfit, stays) -> None:
+    """All ranges of the wrong ones are rejected, from each in turn."""
+    agreement, which = Agreement(), np.arange(20 * anchors) % anchors
+    nis = np.ones(len(which))
+    agreement.add(np.linspace(0.0, 4.0, len(which)), Run(nis, nis, nis, nis, which >= wrong, ()))
+    assert agreement.is_unfit(False) == unfit
+    assert agreement.is_unfit(True) == stays
 
 
 def test_over_a_gap_the_autopilot_gets_nothing_beyond_the_limit(monkeypatch) -> None:
