@@ -14,14 +14,17 @@ from ortilo_drake.theory.riccati.riccati_problem import real_matrices
 
 
 class Dare(NamedTuple):
-    """A solution of the discrete algebraic Riccati equation."""
+    """A solution of the discrete algebraic Riccati equation.
+
+    Attributes:
+        X: the stabilising solution (n, n).
+        L: the gain of u = -L x (m, n).
+        quality: residual, spectral radius of A - B L, distance to instability, condition number.
+    """
 
     X: np.ndarray
-    """the stabilising solution (n, n)."""
     L: np.ndarray
-    """the gain of u = -L x (m, n)."""
     quality: RiccatiCheck
-    """residual, spectral radius of A - B L, distance to instability, condition number."""
 
 
 def solve_dare(

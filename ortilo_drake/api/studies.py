@@ -32,14 +32,17 @@ from ortilo_drake.studies.paper_tables.tables import STATISTICS, Tables, make_ta
 
 @dataclass(frozen=True, repr=False)
 class Study:
-    """The result of a study. print and notebooks show its report."""
+    """The result of a study. print and notebooks show its report.
+
+    Attributes:
+        text: the report, as the command prints it, in Markdown.
+        table: its figures.
+        data: everything, as the command's --json writes it.
+    """
 
     text: str
-    """the report, as the command prints it, in Markdown."""
     table: pd.DataFrame
-    """its figures."""
     data: dict[str, Any]
-    """everything, as the command's --json writes it."""
 
     def __repr__(self) -> str:
         return self.text

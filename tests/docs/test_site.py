@@ -94,8 +94,9 @@ def test_a_field_stands_in_the_site_with_the_sentence_below_it(site: Path) -> No
             for field, text in pairs
             if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)
         ]
-        if fields:
-            page = plain(text_of(site / f"reference/modules/{module}.html"))
+        own = site / f"reference/modules/{module}.html"
+        if fields and own.exists():  # ortilo_drake.codegen has none
+            page = plain(text_of(own))
             assert [field for field in fields if plain(field) not in page] == [], module
             assert "Alias for field" not in page
             shown += len(fields)
