@@ -53,6 +53,8 @@ class ClosedLoop(Diagram):
         self._world = world = builder.AddSystem(World(scenario, fused=fused, r_0=onboard.r_0))
         builder.AddSystem(onboard)
         sent = {port.get_name(): port for port in map(world.get_output_port, range(world.num_output_ports()))}
+        if not scenario.lends_velocities:
+            del sent["state"]  # the truth: no part of one's own may read it
         for port in map(onboard.get_input_port, range(onboard.num_input_ports())):
             name = port.get_name()
             if name not in sent:

@@ -126,7 +126,7 @@ def servo_boxes(
         InputError: if a servo of one's own has not the ports that it needs.
     """
     commands, vehicle, boxes = scenario.commands, scenario.vehicle, list[Box]()
-    reference = "reference"
+    reference, present = "reference", belief
     if commands.are_kept:
         boxes.append(command_log_box(scenario).with_inputs(control="servo", acted="acted_delivered"))
         signals = signals | {"timeline": ("command_log", boxes[-1].size)}
@@ -143,8 +143,8 @@ def servo_boxes(
         boxes.append(Box("true_velocity", TRUE_VELOCITY, N_XBAR).with_inputs(belief=belief))
     if not isinstance(scenario.servo, LqServo):
         says = {"force": force, "reference": reference, "control": "servo"}
-        says |= {"estimate": seen} if scenario.lends_velocities else {}
-        return [*boxes, *wired("servo", "servo", scenario, own_box("servo", scenario), says, messages, belief)]
+        says |= {"estimate": seen} if seen != present else {}
+        return [*boxes, *wired("servo", "servo", scenario, own_box("servo", scenario), says, messages, present)]
     if commands.servo == "augmented":
         servo = augmented_servo_box(scenario.servo, vehicle, scenario.h, commands.delay or 0.0)
     else:

@@ -115,6 +115,15 @@ def test_a_servo_of_ones_own_may_be_lent_the_truth_and_reads_no_number_that_is_n
     assert wiring.wires[split, "belief"].size == 240
 
 
+def test_a_servo_of_ones_own_that_acts_ahead_reads_the_state_ahead_and_the_covariance_of_the_tick() -> None:
+    od.register_servo("own", Own, box=lambda belief: od.box(4, reads_both))
+    ahead = {"servo": "predicted", "delay": 0.05}
+    wiring = Wiring(boxes_of(od.load_scenario("nominal_imu_uwb", servo={"kind": "own"}, commands=ahead, **SHORT), 3))
+    assert wiring.wires["servo", "estimate"] == Wire("state_ahead", 0, 15)
+    split = wiring.wires["servo", "covariance"].box
+    assert wiring.wires[split, "belief"].size == 240
+
+
 def test_a_cascade_flies_to_the_goal() -> None:
     flight = example("cascade_servo").main(**SHORT)
     assert flight.attrs["lost"] == "null"

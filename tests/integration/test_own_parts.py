@@ -269,8 +269,10 @@ def test_a_part_that_does_not_fit_is_refused_with_what_is_wrong() -> None:
             self.DeclareVectorOutputPort("estimate", 12, lambda _, out: out.SetZero())
             self.DeclareVectorOutputPort("covariance", 144, lambda _, out: out.SetZero())
 
-    with pytest.raises(od.InputError, match="onboard: wants 'lidar', the world sends only state, uwb, imu"):
+    with pytest.raises(od.InputError, match="onboard: wants 'lidar', the world sends only uwb, imu"):
         od.fly("nominal_imu_uwb", estimator=lambda scenario, xbar_0: Sees("lidar", 5), **HOVER)
+    with pytest.raises(od.InputError, match="onboard: wants 'state', the world sends only uwb, imu"):  # the truth
+        od.fly("nominal_imu_uwb", estimator=lambda scenario, xbar_0: Sees("state", 12), **HOVER)
     with pytest.raises(od.InputError, match="takes 'imu' of 11 numbers, must be 90"):
         od.fly("nominal_imu_uwb", estimator=lambda scenario, xbar_0: Sees("imu", 11), imu__link__rate=240, **HOVER)
 
