@@ -84,8 +84,9 @@ def test_subsets_agree_with_counting_and_goes_on_where_it_stopped(tmp_path: Path
     assert rare_flights(SCENARIO, Event(corridor), 100, 4, tmp_path, 2, 300, lambda *c: calls.append(c)) == found
     each = flights_of(len(found.plan.levels), 100)
     assert calls[0] == (AT_ONCE // Engine(SCENARIO).numbers, None)  # how many levels there will be is not known yet
-    kept = calls.index((3 * each, 5 * each + 300))  # the plan and the two repetitions that are kept of four
-    assert calls[kept + 1 :] == [(n * each, 5 * each + 300) for n in (4, 5)] + [(5 * each + 300,) * 2]
+    total = 5 * each + 300
+    kept = calls.index((3 * each, None))  # the plan and the two repetitions that are kept of four
+    assert calls[kept + 1 :] == [(4 * each, None), *((n, total) for n in (4 * each, 5 * each, total))]  # three decide
     assert counted.stat().st_mtime_ns == before
 
 
