@@ -85,6 +85,12 @@ class FilterSettings(Frozen):
         le=1.0,
         description="Share of its estimate that a lasting error is expected to have: above 0 an anchor may err by far.",
     )
+    reflected: float = Field(
+        default=0.0,
+        ge=0.0,
+        le=0.5,
+        description="Share of ranges that came by a reflection and are too long; above 0, ranges need no `huber`.",
+    )
     correlation_time: Positive = Field(default=0.7, description="How long it lasts [s].")
     bias_walk: Positive = Field(default=0.001, description="Random walk of an anchor's bias [m/√s].")
     bias_start: Positive = Field(default=0.2, description="Standard deviation of a bias that was not calibrated [m].")

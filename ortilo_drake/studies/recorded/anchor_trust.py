@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import register_jitable
 
+from ortilo_drake.studies.recorded.reflected import share_after, weigh_range
+
 ASTRAY = 3.0  # deviation of a position at which ranges no longer correct it [m]
 REFUSED, SHARE = 1.0, 1.0 / 3.0  # so long [s], and of so many of the anchors, and of two
 RECENT = 5.0  # an anchor counts among those heard if its last range is not older [s]
@@ -23,19 +25,21 @@ class Trust(NamedTuple):
     """The record of each anchor (n).
 
     Since when it is refused [s], inf if it is not; when it was last heard [s], -inf if never; the mean of its
-    innovations [standard deviations]; and whether it was refused by far.
+    innovations [standard deviations]; whether it was refused by far; and the probability that its last range was
+    reflected.
     """
 
     refused_from: np.ndarray
     heard_at: np.ndarray
     mean: np.ndarray
     far: np.ndarray
+    reflected: np.ndarray
 
 
 @register_jitable
 def new_trust(n: int) -> Trust:
     """Return the record of n anchors before their first range."""
-    return Trust(np.full(n, np.inf), np.full(n, -np.inf), np.zeros(n), np.zeros(n, np.bool_))
+    return Trust(np.full(n, np.inf), np.full(n, -np.inf), np.zeros(n), np.zeros(n, np.bool_), np.zeros(n))
 
 
 @register_jitable
@@ -88,3 +92,14 @@ def accept_range(trust: Trust, i: int, t: float, e: float, S: float, passes: boo
     elif since == np.inf and not low:
         trust.refused_from[i] = t
     return taken
+
+
+@register_jitable
+def weigh_by(trust: Trust, i: int, t: float, e: float, S: float, usual: float) -> tuple[float, float]:
+    """Return innovation and variance of the row that a range to anchor i is taken as; update the anchor's record.
+
+    Arguments as accept_range, which is called afterwards; usual is the share of reflected ranges.
+    """
+    share = share_after(trust.reflected[i], usual, t - trust.heard_at[i])
+    weighed_e, weighed_S, trust.reflected[i] = weigh_range(e, S, share)
+    return weighed_e, weighed_S

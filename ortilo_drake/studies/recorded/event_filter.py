@@ -23,7 +23,7 @@ from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.onboard.estimator.tight.update import Taken, none_taken, settle
-from ortilo_drake.studies.recorded.anchor_trust import ASTRAY, Trust, accept_range, is_lost, new_trust
+from ortilo_drake.studies.recorded.anchor_trust import ASTRAY, Trust, accept_range, is_lost, new_trust, weigh_by
 from ortilo_drake.studies.recorded.event_rows import (
     ROOM,
     Now,
@@ -210,8 +210,14 @@ def run_filter(
             squared = e * e / S
             taken = e * e <= noise.gate**2 * S
             if kind == RANGE:
-                taken = accept_range(trust, events.which[k], t, e, S, taken, low)
+                i, passes = events.which[k], taken
+                weighed = weigh_by(trust, i, t, e, S, noise.reflected)
+                taken = accept_range(trust, i, t, e, S, passes, low)
                 write_range(run, written, e, S, taken)
+                if noise.reflected > 0.0:
+                    if taken or not passes:
+                        take(now, row, weighed[0], weighed[1])
+                    continue
             if kind == FORCE:
                 taken = force_agrees(watched, axis, squared) and taken
             if squared > noise.huber**2:

@@ -15,7 +15,7 @@ from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import THETA, Layout, P, Q, V
 from ortilo_drake.onboard.estimator.tight.pixels import box_misfit, box_rows, pose_belief
 from ortilo_drake.onboard.estimator.tight.ranges import signed_range
-from ortilo_drake.onboard.estimator.tight.update import Taken, correct, innovation_variance, settle
+from ortilo_drake.onboard.estimator.tight.update import Taken, correct, inject, innovation_variance, settle
 from ortilo_drake.onboard.landmarks.landmark_association import associate
 from ortilo_drake.studies.recorded.filter_types import (
     BIASES,
@@ -128,9 +128,23 @@ class Now(NamedTuple):
 
 
 @register_jitable
+def widen(C: np.ndarray, PHt: np.ndarray, S: float) -> None:
+    """Add PHt PHt' / S to the covariance."""
+    for i in range(len(PHt)):
+        for j in range(len(PHt)):
+            C[i, j] += PHt[i] * PHt[j] / S
+
+
+@register_jitable
 def take(now: Now, row: SparseRow, e: float, S: float) -> None:
-    """Take a row of innovation e, whose variance is S, and write it down."""
+    """Take a row of innovation e, whose variance is S, and write it down; one of negative S widens the covariance."""
     write_row(now.tape, now.written, row, e, S)
+    if S < 0.0:
+        settle(now.C, now.waiting)
+        widen(now.C, row.PHt, -S)
+        row.PHt[:] *= e / S
+        inject(now.x, row.PHt, now.C.shape[0])
+        return
     correct(now.x, now.waiting, row.PHt, S, e, now.C.shape[0])
     if now.waiting.number[0] == ROOM:
         settle(now.C, now.waiting)

@@ -78,11 +78,12 @@ class Noise(NamedTuple):
     huber: float = np.inf
     near_floor: float = 0.0
     range_tail: float = 0.0
+    reflected: float = 0.0
 
 
 def noise_of(s: FilterSettings, imu: bool) -> Noise:
     """Return the filter's noise by the map's settings; without an IMU that of the constant-velocity filter."""
-    last = (np.inf if s.huber is None else s.huber, s.near_floor, s.range_tail)
+    last = (np.inf if s.huber is None else s.huber, s.near_floor, s.range_tail, s.reflected)
     if imu:
         white = (s.acceleration, s.rotation, s.acceleration_bias, s.rotation_bias, s.range_white, s.range_correlated)
         return Noise(*white, s.correlation_time, s.bias_walk, s.gate, *last)

@@ -64,8 +64,10 @@ def assert_same(found, expected):
 
 
 @pytest.mark.long
-def test_with_an_imu_each_estimate_is_the_replayed_one_bit_for_bit() -> None:
-    motion, map_ = as_stamped(made_up(6.0, outliers=0.05)), as_map(RANGES + IMU + START)
+@pytest.mark.parametrize("reflected", [0.0, 0.05])
+def test_with_an_imu_each_estimate_is_the_replayed_one_bit_for_bit(reflected) -> None:
+    motion = as_stamped(made_up(6.0, outliers=0.05))
+    map_ = as_map(RANGES + IMU + START + f"filter: {{reflected: {reflected}}}\n")
     bridge, found, lines = live(map_, messages_of(motion))
     expected = replayed(motion, map_)
     assert len(expected.t) > 50
