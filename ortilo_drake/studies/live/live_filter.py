@@ -29,6 +29,8 @@ from ortilo_drake.studies.live.agreement import Agreement
 from ortilo_drake.studies.live.anchor_bank import AnchorWatch
 from ortilo_drake.studies.live.anchor_record import AnchorRecord
 from ortilo_drake.studies.live.imu_record import SILENT, ImuRecord
+from ortilo_drake.studies.live.rates_watch import RatesWatch, rest_doubts
+from ortilo_drake.studies.live.start_check import check_start
 from ortilo_drake.studies.recorded.at_rest import AT_REST, at_rest
 from ortilo_drake.studies.recorded.doubts import of_plane
 from ortilo_drake.studies.recorded.event_filter import Carried, initial_carried, run_filter
@@ -42,13 +44,12 @@ from ortilo_drake.studies.recorded.filtered import (
     noise_of,
     start_of,
 )
-from ortilo_drake.studies.recorded.heading_doubts import HeadingWatch
+from ortilo_drake.studies.recorded.heading_doubts import HeadingWatch, ranging_of
 from ortilo_drake.studies.recorded.imu_doubts import force_doubts
 from ortilo_drake.studies.recorded.imu_watch import RESTS
 from ortilo_drake.studies.recorded.level_doubts import level_doubts
 from ortilo_drake.studies.recorded.reacquired import (
     AGAIN,
-    FIRST_RANGES,
     LONGEST,
     fix_known_at,
     is_astray,
@@ -56,7 +57,6 @@ from ortilo_drake.studies.recorded.reacquired import (
     restart_from,
 )
 from ortilo_drake.studies.recorded.setups import uncalibrated_setup
-from ortilo_drake.studies.recorded.truth_path import modelled
 
 RATE = 10.0  # of the estimates by default, as replay's without a truth [Hz]
 
@@ -86,8 +86,9 @@ class LiveFilter:
         force_doubt: what is odd of the size of the imu's force at the start; empty if nothing is.
         imu: what the filter has received of the imu; None without one.
         mirror: why ranges and start leave a mirror image of the path; empty if they do not.
+        rates: whether the body rates fit the ranges; None without an imu.
         heading: whether its heading does, by ranges and accelerations; None without an imu, and before it begins.
-        start_off: how far each anchor's first range is from that of the map's `start` [m], the median; 0 without one.
+        start_doubt: how the first ranges contradict the map's `start`; empty if they do not.
     """
 
     def __init__(self, map_: Map, anchors: np.ndarray, rate: float = RATE):
@@ -105,12 +106,12 @@ class LiveFilter:
         self._waits = False  # for the ranges to start anew from
         self.ranges = self.taken = self.lost = 0
         self.begins_at, self.why_not_begun = 0.0, "no range was heard"
-        self.start_off = 0.0
         self.agreement = Agreement()
         self.anchors = AnchorRecord(len(anchors))
         self.places = AnchorWatch(anchors, map_.filter)
-        self.force_doubt = self.mirror = ""
-        self.imu = None if map_.imu is None else ImuRecord(map_)
+        self.force_doubt = self.mirror = self.start_doubt = ""
+        self.imu = None if map_.imu is None else ImuRecord()
+        self.rates = None if map_.imu is None else RatesWatch(map_)
         self.heading: HeadingWatch | None = None
 
     @property
@@ -130,8 +131,8 @@ class LiveFilter:
         """
         if self.imu is not None and self.imu.is_silent(self._state.t):
             return f"the imu has been silent for {SILENT:g} s"
-        if self.imu is not None and self.imu.doubt:
-            return "the body rates contradict the force"
+        if self.rates is not None and self.rates.doubt:
+            return "the body rates are not those that the map says"
         if self.heading is not None and self.heading.doubt is not None:
             return "the heading is wrong"
         if self.places.wrong is not None and self.places.wrong.place is None:
@@ -144,7 +145,8 @@ class LiveFilter:
         """Take in the rows since the last call, and return the estimates that are due.
 
         Before the horizon [s] nothing is still to come; with `ended` nothing at all. InputError if the imu is silent
-        while it should say how it stands still, or if by its force the body begins upside down, or in another unit.
+        while it should say how it stands still, if by its force the body begins upside down, or in another unit, and if
+        the first ranges contradict the start.
         """
         self._kept = block if self._kept is None else joined(self._kept, block)
         again = None if self.imu is None or block.imu is None else self.imu.heard_again(block.imu)
@@ -164,7 +166,7 @@ class LiveFilter:
     def _begin_anew(self, kept: Block) -> None:
         """Forget all but these rows, and the start and the standstill, which are past."""
         self._kept, self._map = kept, self._map.without_standstill().model_copy(update={"start": None})
-        self.imu, self.agreement = ImuRecord(self._map), Agreement()
+        self.imu, self.agreement = ImuRecord(), Agreement()
         self.lost, self._waits = self.lost + self.begun, False
         self._known = self._events = self.heading = None
 
@@ -184,7 +186,7 @@ class LiveFilter:
                 imu = imu._replace(force=held_at(imu.t, *imu.accelerometer))
             self.force_doubt = next(iter(force_doubts(imu, map_)), "")
             wrong = [self.force_doubt] if self.force_doubt and not _is_gravity(imu) else []
-            for said in wrong + level_doubts(imu, map_):
+            for said in wrong + level_doubts(imu, map_) + rest_doubts(imu, map_):
                 raise InputError(said)
         origin = Recording("live", ranges, imu, None, self._anchors, 0.0, 0.0, [], {}, looks)
         rest = at_rest(origin, map_)
@@ -221,18 +223,11 @@ class LiveFilter:
         self._carried = self._fresh()
         self._anew: Restart = no_restart(len(self._state.C))
         self._wait = -np.inf
-        self.start_off = 0.0 if known.start is None else self._start_off(ranges)
+        if known.start is not None:
+            self.start_doubt = check_start(ranges, self._antenna(), self._anchors, map_)
         if map_.height is None:
             self.mirror = next(iter(of_plane(self._anchors, self._state.x[None, :3], None, map_.planar)), "")
         return True
-
-    def _start_off(self, ranges: Ranges) -> float:
-        near = ranges.only(np.flatnonzero(ranges.t <= ranges.t[0] + FIRST_RANGES))
-        first = near.only(np.unique(near.anchor, return_index=True)[1])
-        expected = modelled(
-            np.tile(self._antenna(), (len(first.t), 1)), self._anchors, np.zeros(len(self._anchors)), first
-        )
-        return float(np.median(np.abs(first.r - expected)))
 
     def _antenna(self) -> np.ndarray:
         place: np.ndarray = self._state.x[:3] + matrix_of(self._state.x[Q:ADDITIVE]) @ self._setup.levers[0]
@@ -263,6 +258,10 @@ class LiveFilter:
                 self.places.advance(past, self._antenna(), self._state.t, sd)
             if self.heading is not None:
                 self.heading.advance(past, heard, self._state, self.places.suspected)
+            if self.rates is not None:
+                self.rates.advance(
+                    past, heard, self._state, ranging_of(self._setup, self._state), self.places.suspected
+                )
             if done == len(events.t):
                 self._events = None
                 return True

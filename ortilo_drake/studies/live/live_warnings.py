@@ -6,14 +6,11 @@ from typing import Final
 import numpy as np
 
 from ortilo_drake.interop.recorded.map_file import Map
-from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.live.anchor_bank import wrong_anchors_text
 from ortilo_drake.studies.live.live_filter import LiveFilter
 from ortilo_drake.studies.recorded.moved_anchors import names_of
 
 Say = Callable[[str], None]
-FAR: Final = 0.3  # the first ranges may be so far from those of the map's start [m]
-UNIT: Final = 100.0  # so far off looks like another unit [m]
 SELDOM: Final = 30.0  # a filter that is lost again and again is told of so often [s]
 
 
@@ -26,19 +23,18 @@ class LiveWarnings:
         self._lost, self._told = 0, -np.inf
 
     def look_at(self, filter_: LiveFilter) -> None:
-        """Say what has changed; InputError if the first ranges contradict the map's start."""
+        """Say what has changed."""
         if filter_.begun and not self._begun:
             self._begun = True
-            self._check_start(filter_.start_off)
             self._note(f"the filter has begun, by the ranges from {filter_.begins_at:.1f} s after the first on")
-            if filter_.mirror:
-                self._say(f"warning  {filter_.mirror}")
+            for doubt in filter(None, (filter_.start_doubt, filter_.mirror)):
+                self._say(f"warning  {doubt}")
         if filter_.force_doubt and not self._unit:
             self._unit = True
             self._say(f"warning  {filter_.force_doubt}")
-        if filter_.imu is not None and filter_.imu.doubt and not self._rates:
+        if filter_.rates is not None and filter_.rates.doubt and not self._rates:
             self._rates = True
-            self._say(f"warning  {filter_.imu.doubt}")
+            self._say(f"warning  {filter_.rates.doubt}")
         self._say_lost(filter_.lost, filter_.due)
         doubt = filter_.agreement.doubt()
         if bool(doubt) != self._disagrees:
@@ -55,15 +51,6 @@ class LiveWarnings:
         if wrong is not None and not self._wrong:
             self._wrong = True
             self._say(f"warning  {wrong_anchors_text(wrong, names_of(self._map, len(filter_.anchors.figures())))}")
-
-    def _check_start(self, off: float) -> None:
-        sd = 0.0 if self._map.start is None else self._map.start.position_sd
-        if off > max(FAR, 3.0 * sd):
-            off_by = f"the first ranges are {off:.1f} m (median) from those of its position"
-            unit = "; or are they in mm (`scale: 0.001`)?" if off > UNIT else ""
-            raise InputError(
-                f"start: {off_by}: is the vehicle there? Mend it or its position_sd, or leave it out{unit}"
-            )
 
     def _say_lost(self, lost: int, t: float) -> None:
         if lost > self._lost and t - self._told > SELDOM:

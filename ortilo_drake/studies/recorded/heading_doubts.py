@@ -73,7 +73,7 @@ class HeadingWatch:
             return  # of an accelerometer that fails nothing follows
         resting, beside = state.watched[RESTS] > 0.0, self._beside
         astray = np.trace(state.C[:3, :3]) > ASTRAY**2
-        if beside is None or resting or not follow(beside, events, heard, _ranging(self._setup, state)):
+        if beside is None or resting or not follow(beside, events, heard, ranging_of(self._setup, state)):
             self._anew |= beside is not None and not resting
             self._beside, self._start, self._wrong_since = None if astray else turn_filter(state), state, np.inf
             return
@@ -124,7 +124,8 @@ def heading_doubts(
     return []
 
 
-def _ranging(setup: Setup, state: State) -> Ranging:
+def ranging_of(setup: Setup, state: State) -> Ranging:
+    """Return what a filter of the turn knows of the ranges, with the main filter's biases of the anchors."""
     n, noise = len(setup.anchors), setup.noise
     sd = max(RANGE_SD, float(np.hypot(noise.range_white, noise.range_correlated)))
     return Ranging(setup.anchors, state.x[nominal(BIASES) : nominal(BIASES) + n].copy(), setup.levers, sd)

@@ -31,10 +31,11 @@ SILENT: Final = 1.5  # without ranges for longer, the position is not [s]
 # Standard deviations at the start, and random walks [1/√s].
 FIRST: Final = np.array([0.5, 0.5, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.3, 0.05, 0.05])
 WALKS: Final = np.array([0.0, 0.0, 0.0, 0.1, 0.1, 0.1, 0.01, 0.01, 0.03, 0.03, 0.03, 0.003, 0.003])
+EYE: Final = np.eye(3)
 HUBER: Final = 2.0  # innovations beyond so many deviations count less
 MOST: Final = 9.0  # a squared innovation counts at most so much in their mean
 MEMORY: Final = 300.0  # ranges over which the mean square is taken
-T, FORCE_AT, RATES_AT, SQUARE, SEEN, RANGE_AT = range(6)  # what stands where in `marks`
+T, FORCE_AT, RATES_AT, SQUARE, SEEN, RANGE_AT, LIKELY = range(7)  # what stands where in `marks`
 
 
 class Ranging(NamedTuple):
@@ -50,8 +51,8 @@ class TurnFilter(NamedTuple):
     """The filter: all of it changes.
 
     State z (13) and covariance C (13, 13); R_0 as a quaternion (4); the samples that hold (6); the gyro's bias (3);
-    marks (6): the stamp, those of the last force and rates [s], the mean squared innovation, the number of ranges, and
-    the stamp of the last one [s].
+    marks (7): the stamp, those of the last force and rates [s], the mean squared innovation, the number of ranges, the
+    stamp of the last one [s], and the logarithm of the ranges' likelihood; axes (3, 3) in which the rates are read.
     """
 
     z: np.ndarray
@@ -60,6 +61,7 @@ class TurnFilter(NamedTuple):
     held: np.ndarray
     bias: np.ndarray
     marks: np.ndarray
+    axes: np.ndarray
 
 
 class Turn(NamedTuple):
@@ -70,12 +72,12 @@ class Turn(NamedTuple):
     length: float
 
 
-def turn_filter(start: State) -> TurnFilter:
-    """Return the filter at a state of the main one."""
+def turn_filter(start: State, axes: np.ndarray = EYE) -> TurnFilter:
+    """Return the filter at a state of the main one; the body rates are read in axes (3, 3), of whatever unit."""
     z = np.concatenate((start.x[: V + 3], np.zeros(SIZE - V - 3)))
-    marks = np.array([start.t, start.t, start.t, 1.0, 0.0, start.t])
+    marks = np.array([start.t, start.t, start.t, 1.0, 0.0, start.t, 0.0])
     held, bias = start.held.copy(), start.x[ADDITIVE : ADDITIVE + 3].copy()
-    return TurnFilter(z, np.diag(FIRST**2), start.x[Q:ADDITIVE].copy(), held, bias, marks)
+    return TurnFilter(z, np.diag(FIRST**2), start.x[Q:ADDITIVE].copy(), held, bias, marks, axes)
 
 
 def turn_found(one: TurnFilter) -> Turn:
@@ -94,7 +96,7 @@ def _propagate(one: TurnFilter, F: np.ndarray, h: float) -> None:
     R_0 = matrix_of(one.q)
     a = R_0 @ held[3:]
     a[2] -= GRAVITY
-    w = held[:3] - one.bias
+    w = one.axes @ (held[:3] - one.bias)
     spin = h * (R_0[2] @ w)
     by = h * (w + np.cross(held[3:], R_0[2]) / (GRAVITY * LEVELS))
     turn(one.q, by[0], by[1], by[2])
@@ -134,6 +136,7 @@ def _take_range(one: TurnFilter, ranging: Ranging, r: float, b: int, a: int, tag
     squared = e * e / S
     marks[SQUARE] += (min(squared, MOST) - marks[SQUARE]) / min(MEMORY, 1.0 + marks[SEEN])
     marks[SEEN] += 1.0
+    marks[LIKELY] -= 0.5 * (np.log(S) + min(squared, MOST))
     if squared > HUBER**2:
         S += variance * (np.sqrt(squared) / HUBER - 1.0)
     z += CH * (e / S)

@@ -1,0 +1,71 @@
+"""Whether the first ranges contradict the map's start.
+
+The median of each anchor's first ranges, r_i, gives a least-squares place of the antenna beside that of the start. Its
+errors are the anchors' biases and the ranges' own, as the map has them. Places farther apart than both claim, by the
+chi-square of three, are doubted, and those as far apart as FAR told, unless the ranges do not fit that place either.
+"""
+
+from typing import Final
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import chi2
+
+from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.interop.recorded.range_rows import Ranges
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.studies.recorded.reacquired import FIRST_RANGES
+from ortilo_drake.studies.recorded.readings import UNITS
+from ortilo_drake.studies.recorded.truth_path import modelled
+
+FAR: Final = 0.3  # the first ranges may be so far from those of the map's start [m]
+RARE: Final = 5e-3  # share of right starts that are doubted
+KNOWN: Final = 0.5  # a place that the ranges know less well is not told [m]
+
+
+def check_start(ranges: Ranges, antenna: np.ndarray, anchors: np.ndarray, map_: Map) -> str:
+    """Return a doubt about the start, empty if there is none.
+
+    Raises:
+        InputError: if half of the anchors' first ranges are far from those of the start; it names the unit that fits.
+
+    Args:
+        ranges: from the start on.
+        antenna: its place at the start (3).
+        anchors: positions (n, 3).
+        map_: what is known of start and noise.
+    """
+    assert map_.start is not None
+    near, none = ranges.only(np.flatnonzero(ranges.t <= ranges.t[0] + FIRST_RANGES)), np.zeros(len(anchors))
+    single = near.only(np.flatnonzero(near.other < 0))
+    if map_.start.rests:  # differences are metres wrong on the floor
+        near = single
+    if not len(near.t):
+        return ""
+    first = near.only(np.unique(near.anchor, return_index=True)[1])
+    expected = modelled(np.tile(antenna, (len(first.t), 1)), anchors, none, first)
+    off, limit = np.median(np.abs(first.r - expected)), max(FAR, 3.0 * map_.start.position_sd)
+    if off > limit:
+        fits = [unit for unit, by in UNITS.items() if np.median(np.abs(by * first.r - expected)) <= limit]
+        unit = f"; or are they in {fits[0]} (`scale: {UNITS[fits[0]]:g}`)?" if len(fits) == 1 else ""
+        raise InputError(
+            f"start: the first ranges are {off:.1f} m (median) from those of its position: is the vehicle there? Mend "
+            f"it or its position_sd, or leave it out{unit}"
+        )
+    heard = np.unique(single.anchor)
+    if len(heard) < 5:  # four leave too little to check the place by
+        return ""
+    r, settings = np.array([np.median(single.r[single.anchor == i]) for i in heard]), map_.filter
+    variance = settings.bias_start**2 + settings.range_white**2 + settings.range_correlated**2
+    found = least_squares(lambda p: np.linalg.norm(p - anchors[heard], axis=1) - r, antenna)
+    C = variance * np.linalg.pinv(found.jac.T @ found.jac)
+    d = found.x - antenna
+    if 2.0 * found.cost / variance > chi2.isf(RARE, len(heard) - 3):
+        return ""
+    sd = np.sqrt(np.diag(C))
+    rare = d @ np.linalg.solve(C + map_.start.position_sd**2 * np.eye(3), d) > chi2.isf(RARE, 3)
+    if not rare and (np.linalg.norm(d) < limit or sd.max() > KNOWN):
+        return ""
+    place, by, known = (", ".join(f"{one:.2f}" for one in part) for part in (found.x, d, sd))
+    why = "more than it and the anchors' biases allow" if rare else "which the anchors' biases may make"
+    return f"start: the first ranges put the antenna at ({place}) m, by ({by}) m off (sd {known}), {why}: is it right?"
