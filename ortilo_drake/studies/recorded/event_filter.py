@@ -22,6 +22,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.onboard.estimator.tight.layout import THETA
 from ortilo_drake.onboard.estimator.tight.update import Taken, none_taken, settle
 from ortilo_drake.studies.recorded.anchor_trust import ASTRAY, Trust, accept_range, is_lost, new_trust, weigh_by
 from ortilo_drake.studies.recorded.event_rows import (
@@ -152,7 +153,7 @@ def run_filter(
     trust, passing, waiting, row, marks = carried.trust, carried.passing, carried.waiting, carried.row, carried.marks
     now = Now(x, C, waiting, row, run.tape, written, watched)
     epoch, force_at, rates_at, grown = marks[EPOCH], marks[FORCE_AT], marks[RATES_AT], marks[GROWN]
-    imu = len(heard_all.rates) > 0
+    imu = C[THETA, THETA] > 0.0  # not by its rows: live, a run in which it is silent has none
     low, begun, done = marks[LOW] > 0.0, marks[BEGUN] > 0.0, total
     for k in range(total):
         h, kind = events.t[k] - t, events.kind[k]

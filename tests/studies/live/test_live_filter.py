@@ -91,6 +91,21 @@ def test_topics_that_come_late_and_in_turns_make_no_difference(monkeypatch) -> N
     assert_same(found, replayed(motion, map_))
 
 
+def test_in_a_silence_of_the_imu_the_estimates_are_the_replayed_ones(monkeypatch) -> None:
+    """Live, a run then has no samples at all: the last one must not hold for longer than in a replay."""
+    for module in (reacquired, live_filter):
+        run_plainly(monkeypatch, module, "run_filter", "initial_carried")
+    run_plainly(monkeypatch, heading_doubts, "follow")
+    run_plainly(monkeypatch, anchor_bank, "follow_ranges")
+    motion, map_ = as_stamped(made_up(2.6)), as_map(RANGES + IMU + START)
+    heard = (motion.t_imu < 1.2) | (motion.t_imu > 2.2)
+    motion = motion._replace(t_imu=motion.t_imu[heard], imu=motion.imu[heard])
+    _, found, _ = live(map_, messages_of(motion))
+    assert_same(found, replayed(motion, map_))
+    yaw = {round(one.t - found[0].t, 1): one.yaw_deviation for one in found}
+    assert yaw[2.0] > 2.0 * yaw[1.0]  # the body may have turned
+
+
 @pytest.mark.long
 def test_a_filter_that_is_lost_waits_for_the_ranges_that_replay_starts_anew_from() -> None:
     motion, map_ = as_stamped(without(made_up(14.0), 3.0, 10.0)), as_map(RANGES)
