@@ -1,13 +1,16 @@
 """Helpers that are compiled for their callers alone: they compute the same, and numba's own way comes back."""
 
 import gc
+from typing import Any
 
+import numpy as np
 import pytest
 from numba import njit
 from numba.core import errors
 from numba.core.compiler import Flags
 from numba.core.target_extension import jit_registry, target_registry
 from numba.extending import register_jitable
+from numba.np import arrayobj
 
 from ortilo_drake.loop.inlined import Inlined, OnlyLinked, helpers_only_linked, values_of
 
@@ -55,11 +58,33 @@ def failing() -> None:
         raise ZeroDivisionError
 
 
+def lent() -> tuple[Any, ...]:
+    processor = jit_registry[target_registry["cpu"]]
+    return processor, errors.termcolor, gc.isenabled(), Flags.values, arrayobj.raise_with_shape_context
+
+
 def test_numbas_own_way_comes_back_also_after_an_error() -> None:
-    usual = jit_registry[target_registry["cpu"]], errors.termcolor, gc.get_threshold(), Flags.values
+    usual = lent()
     with pytest.raises(ZeroDivisionError):
         failing()
-    assert usual == (jit_registry[target_registry["cpu"]], errors.termcolor, gc.get_threshold(), Flags.values)
+    assert usual == lent()
+
+
+def put_slice(source: np.ndarray, target: np.ndarray) -> None:
+    target[1:] = source
+
+
+def test_a_slice_is_assigned_without_text_and_one_of_another_shape_is_refused_as_in_numpy() -> None:
+    with helpers_only_linked():
+        there = njit("void(float64[::1], float64[::1])")(put_slice)
+    target = np.zeros(3)
+    there(np.array([1.0, 2.0]), target)
+    assert target.tolist() == [0.0, 1.0, 2.0]
+    for function in (there, put_slice):
+        with pytest.raises(ValueError, match="input"):
+            function(np.zeros(3), target)
+    (ir,) = there.inspect_llvm().values()
+    assert "PyUnicode_FromKindAndData" not in ir  # made for a text of the shapes
 
 
 def test_numbas_options_are_what_its_own_properties_say() -> None:
