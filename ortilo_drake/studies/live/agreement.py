@@ -30,17 +30,27 @@ class Agreement:
         self._nis = np.concatenate((self._nis[recent], nis))
         self._taken = np.concatenate((self._taken[recent], run.taken[used]))
 
-    def is_unfit(self, before: bool) -> bool:
-        """Return whether the gate rejects too many to fly by the estimate; fewer are too many if it was so before."""
-        return len(self._t) >= FEWEST and 1.0 - float(np.mean(self._taken)) > UNFIT[before]
+    def is_unfit(self, before: bool, gate: float = 0.0) -> bool:
+        """Return whether the gate rejects too many to fly by the estimate; fewer are too many if it was so before.
 
-    def doubt(self) -> str:
-        """Return how ranges and estimate disagree; empty if they agree or are too few to tell."""
-        n, taken = len(self._t), self._taken
+        Squared innovations over their variance up to `gate` do not count as rejected.
+        """
+        taken = self._taken | (self._nis <= gate)
+        return len(taken) >= FEWEST and 1.0 - float(np.mean(taken)) > UNFIT[before]
+
+    def doubt(self, gate: float = 0.0, widened: float = 1.0) -> str:
+        """Return how ranges and estimate disagree; empty if they agree or are too few to tell.
+
+        Args:
+            gate: as is_unfit.
+            widened: by what the variances of innovations are too small.
+        """
+        taken = self._taken | (self._nis <= gate)
+        n = len(taken)
         if n < FEWEST:
             return ""
         rejected = 1.0 - float(np.mean(taken))
-        nis = float(np.mean(self._nis[taken])) if taken.any() else np.inf
+        nis = float(np.mean(self._nis[taken])) / widened if taken.any() else np.inf
         if rejected <= REJECTED and nis <= CONSISTENT:
             return ""
         return f"the gate rejects {rejected:.0%} of the last {WINDOW:g} s, the others have NIS {nis:.1f} (1 is right)"

@@ -1,8 +1,9 @@
 """The anchor that is not where the map has it, or the two that changed places, by constant-velocity filters.
 
 The filter that flies estimates a bias for each anchor, and that takes most of a wrong place up. These filters have the
-biases too, and each goes by another map: the user's; with one anchor's place free; with two anchors exchanged. If such
-a map is the right one, it predicts all ranges better. They need no imu, so a wrong heading does not disturb them.
+biases too, and each goes by another map: the user's; with one anchor's place free; with two anchors exchanged; the
+user's with larger errors of the ranges. If such a map is the right one, it predicts all ranges better. They need no
+imu, so a wrong heading does not disturb them.
 
 State of each: p and v of the antenna, the biases c (n), the free anchor's shift d (3), which stays 0 without one:
 
@@ -18,7 +19,7 @@ import numpy as np
 from numba import njit
 
 from ortilo_drake.interop.recorded.map_file import FilterSettings
-from ortilo_drake.studies.recorded.filter_types import RANGE, Events
+from ortilo_drake.studies.recorded.filter_types import RANGE, Events, Noise
 from ortilo_drake.studies.recorded.moved_anchors import point_text
 
 SETTLED: Final = (30.0, 5.0)  # before that no place, no exchange is told: errors that last fit any place a while [s]
@@ -30,31 +31,39 @@ PLACE: Final = 0.5  # standard deviation of a shift [m]
 FIRST: Final = (0.5, 1.0)  # of position and velocity at the start [m], [m/s]
 SILENT: Final = 1.5  # without ranges for longer, position and velocity begin anew [s]
 NEARLY: Final = (3.0, 0.1)  # what maps may lack, or of an exchange's gain the share, and fit as well: mirror images
+LOUDER: Final = (2.0, 4.0, 8.0)  # times the map's deviation of a range, which may be too small
+NOISY: Final = 2.0  # times the map's deviation from which it is told
+MOST_SCATTER: Final = 0.5  # a larger deviation is none of ranges, but something wrong [m]
+MEMORY: Final = 10.0  # over which noise is judged, as ranges of a vehicle at rest scatter less [s]
+FITS: Final = 2.0  # mean squared innovation over its variance, at most, of a map that is told
 HOPELESS: Final = 200.0  # log-likelihood below the map's from which a filter is left out for good
 
 
 class AnchorBank(NamedTuple):
-    """The filters of m maps: first the user's, then those with a free anchor, then those with two exchanged.
+    """The filters of m maps: the user's, those with a free anchor, those with two exchanged, and the user's, louder.
 
     States (m, 9 + n) and covariances, log-likelihoods and sums of squared innovations over their variances, none above
-    the gate's (m each), and the stamp and the numbers of ranges and of differences (3) change; anchors (m, n, 3) and
-    the free anchor, -1 for none (m), do not.
+    the gate's (m each), both again of the last MEMORY (m, 2), and the stamp, the numbers of ranges and of differences,
+    and of ranges of the last MEMORY (4) change; anchors (m, n, 3), the
+    free anchor, -1 for none (m), and how many times as large as the map's the ranges' deviation is (m), do not.
     """
 
     x: np.ndarray
     C: np.ndarray
     score: np.ndarray
     squares: np.ndarray
+    lately: np.ndarray
     marks: np.ndarray
     anchors: np.ndarray
     free: np.ndarray
+    louder: np.ndarray
 
 
 def anchor_bank(anchors: np.ndarray, p: np.ndarray, t: float, bias: float) -> AnchorBank:
     """Return the filters of anchors (n, 3) that begin with the antenna at p (3) at t [s]; biases have a deviation."""
     n = len(anchors)
     pairs = list(combinations(range(n), 2))
-    m, N = 1 + n + len(pairs), 9 + n
+    m, N = 1 + n + len(pairs) + len(LOUDER), 9 + n
     places, free = np.tile(anchors, (m, 1, 1)), np.full(m, -1)
     free[1 : 1 + n] = range(n)
     for k, (i, j) in enumerate(pairs, 1 + n):
@@ -64,7 +73,14 @@ def anchor_bank(anchors: np.ndarray, p: np.ndarray, t: float, bias: float) -> An
     deviations = np.array([FIRST[0]] * 3 + [FIRST[1]] * 3 + [bias] * n + [PLACE] * 3)
     C[:] = np.diag(deviations**2)
     C[free < 0, 6 + n :, 6 + n :] = 0.0
-    return AnchorBank(x, C, np.zeros(m), np.zeros(m), np.array([t, 0.0, 0.0]), places, free)
+    louder = np.append(np.ones(m - len(LOUDER)), LOUDER)
+    scores, marks = (np.zeros(m), np.zeros(m), np.zeros((m, 2))), np.array([t, 0.0, 0.0, 0.0])
+    return AnchorBank(x, C, *scores, marks, places, free, louder)
+
+
+def stated_sd(noise: Noise) -> float:
+    """Return the deviation of a range, white and lasting [m]."""
+    return float(np.hypot(noise.range_white, noise.range_correlated))
 
 
 class WrongAnchors(NamedTuple):
@@ -112,9 +128,12 @@ def follow_ranges(bank: AnchorBank, events: Events, acceleration: float, sd: flo
         bank.marks[0] = events.t[k]
         bank.marks[1] += 1.0
         bank.marks[2] += other >= 0
-        q = acceleration**2 * h
+        q, kept = acceleration**2 * h, np.exp(-h / MEMORY)
+        bank.lately[:] *= kept
+        bank.marks[3] = kept * bank.marks[3] + 1.0
         for j in range(m):
-            if bank.score[j] < bank.score[0] - HOPELESS:
+            if bank.score[j] < bank.score[0] - HOPELESS and bank.louder[j] == 1.0:
+                bank.lately[j, 0] = -np.inf
                 continue
             x, C = bank.x[j], bank.C[j]
             if h > 0.0:
@@ -135,7 +154,7 @@ def follow_ranges(bank: AnchorBank, events: Events, acceleration: float, sd: flo
                     d -= x[at:]
                 r = max(np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]), 1e-3)
                 e -= sign * (r + x[6 + i])
-                variance += sd**2
+                variance += (bank.louder[j] * sd) ** 2
                 H[6 + i] = sign
                 for a in range(3):
                     H[a] += sign * d[a] / r
@@ -149,8 +168,12 @@ def follow_ranges(bank: AnchorBank, events: Events, acceleration: float, sd: flo
                     CH[a] += C[a, b] * H[b]
                 S += H[a] * CH[a]
             squared = e * e / S
-            bank.score[j] -= 0.5 * (np.log(S) + min(squared, gate**2))
-            bank.squares[j] += min(squared, gate**2)
+            counted = min(squared, gate**2)
+            loss = 0.5 * (np.log(S) + counted)
+            bank.score[j] -= loss
+            bank.squares[j] += counted
+            bank.lately[j, 0] -= loss
+            bank.lately[j, 1] += counted
             if squared > gate**2:
                 S += variance * (np.sqrt(squared) / gate - 1.0)
             for a in range(used):
@@ -164,17 +187,20 @@ class AnchorWatch:
     """The filters of anchors (n, 3) by a map's settings, fed with the ranges of a live filter.
 
     Attributes:
+        stated: the deviation of a range that the live filter goes by [m].
         wrong: the first anchors whose entries were wrong for LASTS, None if none were.
         suspected: whether another map explains the ranges better now, be it too early to say so, or did once.
+        scatter: the deviation of a range that explains them best where the map's is much too small, else None [m].
     """
 
-    def __init__(self, anchors: np.ndarray, settings: FilterSettings):
-        self._anchors, self._settings = anchors, settings
+    def __init__(self, anchors: np.ndarray, settings: FilterSettings, stated: float):
+        self._anchors, self._settings, self.stated = anchors, settings, stated
         self._bank: AnchorBank | None = None
-        self._began, self._since = 0.0, np.inf
+        self._began, self._since, self._noisy_since = 0.0, np.inf, np.inf
         self._which: list[tuple[int, ...]] = []
         self.wrong: WrongAnchors | None = None
         self.suspected = False
+        self.scatter: float | None = None
 
     def advance(self, events: Events, antenna: np.ndarray, t: float, sd: float) -> None:
         """Take the ranges among events in; the antenna is at (3) behind them, at t [s], with a deviation [m].
@@ -201,6 +227,20 @@ class AnchorWatch:
             pairs = found.place is None
             if t - self._began > SETTLED[pairs] and t - self._since >= LASTS[pairs] and found.gain > GAINS[pairs]:
                 self.wrong = found
+        scatter = range_sd * noise_found(bank)
+        noisy = scatter >= NOISY * range_sd and scatter <= MOST_SCATTER
+        self._noisy_since = min(self._noisy_since, t) if noisy else np.inf
+        self.scatter = scatter if t - max(self._noisy_since, self._began + SETTLED[1]) >= LASTS[1] else None
+
+    @property
+    def widened(self) -> float:
+        """How many times as large as the live filter's the ranges' variance is; 1 where nothing says so."""
+        return 1.0 if self.scatter is None else (self.scatter / self.stated) ** 2
+
+    @property
+    def judges(self) -> bool:
+        """Whether the filters have heard enough to name an exchange or larger noise, if that were it."""
+        return self._bank is not None and self._bank.marks[0] - self._began > SETTLED[1] + MEMORY
 
 
 def _begin_anew(bank: AnchorBank, antenna: np.ndarray, t: float) -> None:
@@ -214,11 +254,15 @@ def judged(bank: AnchorBank) -> WrongAnchors | None:
     """Return which anchors are wrong by filters that have taken ranges in, if one map explains them clearly best.
 
     Of differences no place is told: their errors depend on where the vehicle is, as a wrong place's would. The larger
-    the best one's innovations are beside their variances, the more must be gained.
+    the best one's innovations are beside their variances, the more must be gained; beyond FITS it does not fit, either,
+    and larger errors must not explain the ranges as well.
     """
-    n, best = bank.anchors.shape[1], int(np.argmax(bank.score))
-    scale = max(1.0, bank.squares[best] / max(bank.marks[1], 1.0))
-    gains, left = (bank.score - bank.score[0]) / scale, float(bank.squares[best] / max(bank.squares[0], 1e-9))
+    n, best, loud = bank.anchors.shape[1], int(np.argmax(bank.score)), len(bank.score) - len(LOUDER)
+    nis = float(bank.squares[best] / max(bank.marks[1], 1.0))
+    if best >= loud or nis > FITS:
+        return None
+    gains = (bank.score - max(bank.score[0], *bank.score[loud:])) / max(1.0, nis)
+    left = float(bank.squares[best] / max(bank.squares[0], 1e-9))
     lacks = max(NEARLY[0], NEARLY[1] * gains[best]) if best > n else NEARLY[0]
     near = np.flatnonzero(gains >= gains[best] - lacks)
     if gains[best] <= GAINS[0] or left > SHRINKS:
@@ -232,3 +276,16 @@ def judged(bank: AnchorBank) -> WrongAnchors | None:
     if len(near) > 1 or np.linalg.norm(shift) < FAR or bank.marks[2]:
         return None
     return WrongAnchors([(best - 1,)], bank.anchors[0, best - 1] + shift, left, float(gains[best]))
+
+
+def noise_found(bank: AnchorBank) -> float:
+    """Return how many times as large as the map's the ranges' deviation is, if that explains them clearly best; else 1.
+
+    It follows from the last squared innovations of the best of the louder filters, in which the position's share is
+    small.
+    """
+    score, squares = bank.lately.T
+    best = int(np.argmax(score))
+    if bank.louder[best] == 1.0 or score[best] - score[0] <= GAINS[1]:
+        return 1.0
+    return float(bank.louder[best] * np.sqrt(squares[best] / bank.marks[3]))

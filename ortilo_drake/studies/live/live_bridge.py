@@ -189,6 +189,7 @@ class LiveBridge:
         return made
 
     def _hand_on(self, one: StampedEstimate, newest: float) -> None:
+        one = one._replace(covariance=self._filter.places.widened * one.covariance)
         now = self._clock.now(newest)
         wanted = None if self._holding is None else self._holding.setpoint(one, now)
         if self._holding is not None and wanted is not None:

@@ -21,14 +21,15 @@ import numpy as np
 from ortilo_drake.interop.recorded.blocks import Block, joined, parted
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import Ranges
-from ortilo_drake.interop.recorded.recording import GRAVITY, NO_AID_ROWS, Imu, Recording, held_at
+from ortilo_drake.interop.recorded.recording import NO_AID_ROWS, Recording, held_at
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Q
 from ortilo_drake.studies.live.agreement import Agreement
-from ortilo_drake.studies.live.anchor_bank import AnchorWatch
+from ortilo_drake.studies.live.anchor_bank import AnchorWatch, stated_sd
 from ortilo_drake.studies.live.anchor_record import AnchorRecord
-from ortilo_drake.studies.live.imu_record import SILENT, ImuRecord
+from ortilo_drake.studies.live.contradictions import contradiction
+from ortilo_drake.studies.live.imu_record import ImuRecord
 from ortilo_drake.studies.live.rates_watch import RatesWatch, rest_doubts
 from ortilo_drake.studies.live.start_check import check_start
 from ortilo_drake.studies.recorded.at_rest import AT_REST, at_rest
@@ -45,7 +46,7 @@ from ortilo_drake.studies.recorded.filtered import (
     start_of,
 )
 from ortilo_drake.studies.recorded.heading_doubts import HeadingWatch, ranging_of
-from ortilo_drake.studies.recorded.imu_doubts import force_doubts
+from ortilo_drake.studies.recorded.imu_doubts import force_doubts, is_gravity
 from ortilo_drake.studies.recorded.imu_watch import RESTS
 from ortilo_drake.studies.recorded.level_doubts import level_doubts
 from ortilo_drake.studies.recorded.reacquired import (
@@ -108,7 +109,7 @@ class LiveFilter:
         self.begins_at, self.why_not_begun = 0.0, "no range was heard"
         self.agreement = Agreement()
         self.anchors = AnchorRecord(len(anchors))
-        self.places = AnchorWatch(anchors, map_.filter)
+        self.places = AnchorWatch(anchors, map_.filter, stated_sd(self._noise))
         self.force_doubt = self.mirror = self.start_doubt = ""
         self.imu = None if map_.imu is None else ImuRecord()
         self.rates = None if map_.imu is None else RatesWatch(map_)
@@ -129,17 +130,14 @@ class LiveFilter:
 
         Where that was so before, the ranges must agree better, so that it does not come and go.
         """
-        if self.imu is not None and self.imu.is_silent(self._state.t):
-            return f"the imu has been silent for {SILENT:g} s"
-        if self.rates is not None and self.rates.doubt:
-            return "the body rates are not those that the map says"
-        if self.heading is not None and self.heading.doubt is not None:
-            return "the heading is wrong"
-        if self.places.wrong is not None and self.places.wrong.place is None:
-            return "two anchors are exchanged"
-        if self.agreement.is_unfit(before):
-            return "the ranges contradict it"
-        return ""
+        if said := contradiction(self._state.t, self.imu, self.rates, self.heading, self.places):
+            return said
+        return "the ranges contradict it" if self.agreement.is_unfit(before, self.gate) else ""
+
+    @property
+    def gate(self) -> float:
+        """Squared innovations over their variance up to which ranges that scatter more are no outliers; else 0."""
+        return 0.0 if self.places.scatter is None else self._noise.gate**2 * self.places.widened
 
     def advance(self, horizon: float, block: Block, ended: bool = False) -> list[LiveEstimate]:
         """Take in the rows since the last call, and return the estimates that are due.
@@ -185,7 +183,7 @@ class LiveFilter:
                     return False
                 imu = imu._replace(force=held_at(imu.t, *imu.accelerometer))
             self.force_doubt = next(iter(force_doubts(imu, map_)), "")
-            wrong = [self.force_doubt] if self.force_doubt and not _is_gravity(imu) else []
+            wrong = [self.force_doubt] if self.force_doubt and not is_gravity(imu) else []
             for said in wrong + level_doubts(imu, map_) + rest_doubts(imu, map_):
                 raise InputError(said)
         origin = Recording("live", ranges, imu, None, self._anchors, 0.0, 0.0, [], {}, looks)
@@ -291,8 +289,3 @@ class LiveFilter:
         self._anew = found or no_restart(len(self._state.C))
         self._wait = float(window.t[0]) + AGAIN
         self._carried, self._waits = self._fresh(), False
-
-
-def _is_gravity(imu: Imu) -> bool:
-    """Return whether the median size of the force may be gravity of a vehicle that already flies."""
-    return 0.5 < float(np.median(np.linalg.norm(imu.force, axis=1))) / GRAVITY < 2.0

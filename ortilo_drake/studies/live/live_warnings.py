@@ -11,6 +11,11 @@ from ortilo_drake.studies.live.live_filter import LiveFilter
 from ortilo_drake.studies.recorded.moved_anchors import names_of
 
 Say = Callable[[str], None]
+PUZZLED: Final = (  # by all that is tried
+    "no one cause explains them: no two anchors exchanged, no heading, mirrored room or larger noise. Are several "
+    "anchors wrong, or stamps, scale or axes? `ortilo replay` of a recording tries more"
+)
+LASTS: Final = 3.0  # ranges must contradict the estimate for so long: on the floor after a landing all do [s]
 SELDOM: Final = 30.0  # a filter that is lost again and again is told of so often [s]
 
 
@@ -20,7 +25,8 @@ class LiveWarnings:
     def __init__(self, map_: Map, say: Say, note: Say | None = None):
         self._map, self._say, self._note = map_, say, note or say
         self._begun = self._disagrees = self._turned = self._wrong = self._unit = self._rates = False
-        self._lost, self._told = 0, -np.inf
+        self._noisy = self._mirrored = self._puzzled = False
+        self._lost, self._told, self._fit_at = 0, -np.inf, np.inf
 
     def look_at(self, filter_: LiveFilter) -> None:
         """Say what has changed."""
@@ -36,7 +42,8 @@ class LiveWarnings:
             self._rates = True
             self._say(f"warning  {filter_.rates.doubt}")
         self._say_lost(filter_.lost, filter_.due)
-        doubt = filter_.agreement.doubt()
+        self._say_noise(filter_)
+        doubt = filter_.agreement.doubt(filter_.gate, filter_.places.widened)
         if bool(doubt) != self._disagrees:
             self._disagrees = bool(doubt)
             cause = "a wrong heading, place of an anchor, axis or noise?"
@@ -44,13 +51,40 @@ class LiveWarnings:
                 self._say(f"warning  ranges: {doubt}: {cause}")
             else:
                 self._note("ranges: agree with the estimate again")
+        if not filter_.agreement.is_unfit(False, filter_.gate):
+            self._fit_at = filter_.due
+        if filter_.due - self._fit_at > LASTS and filter_.places.judges and not (self._named(filter_) or self._puzzled):
+            self._puzzled = True
+            self._say(f"warning  ranges: {PUZZLED}")
         heading, wrong = None if filter_.heading is None else filter_.heading.doubt, filter_.places.wrong
         if heading is not None and not self._turned:
             self._turned = True
             self._say(f"warning  heading: {heading.text()}")
+        mirror = None if filter_.heading is None else filter_.heading.mirror
+        if mirror is not None and not self._mirrored:
+            self._mirrored = True
+            self._say(f"warning  {mirror.text()}")
         if wrong is not None and not self._wrong:
             self._wrong = True
             self._say(f"warning  {wrong_anchors_text(wrong, names_of(self._map, len(filter_.anchors.figures())))}")
+
+    def _named(self, filter_: LiveFilter) -> bool:
+        """Return whether a cause is known, or suspected, of ranges that contradict the estimate."""
+        turned = filter_.heading is not None and (filter_.heading.doubt or filter_.heading.mirror)
+        return bool(turned) or filter_.places.suspected or filter_.places.scatter is not None
+
+    def _say_noise(self, filter_: LiveFilter) -> None:
+        """Say once that the map's ranges scatter less than those that come, and which key of the map mends that."""
+        places = filter_.places
+        if places.scatter is None or self._noisy:
+            return
+        self._noisy = True
+        sd = f"{np.ceil(100.0 * places.scatter) / 100.0:.2f}"
+        key = f"range_white: {sd}, range_correlated: {sd}"  # both: in real rooms such errors last
+        if self._map.imu is None:
+            key = f"baseline_range: {places.scatter:.2f}"
+        told = f"a range scatters by {places.scatter:.2f} m, the map says {places.stated:.2f} m"
+        self._say(f"warning  noise: {told}: `filter: {{{key}}}` would fit; until then estimates go out less sure")
 
     def _say_lost(self, lost: int, t: float) -> None:
         if lost > self._lost and t - self._told > SELDOM:

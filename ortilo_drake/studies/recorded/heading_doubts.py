@@ -1,8 +1,14 @@
-"""A doubt about the heading, live and in replay: the accelerations do not point where the ranges say (turn_filter.py).
+"""Doubts about heading and handedness, live and in replay: the accelerations do not point where the ranges say.
+
+They are judged by the filter of turn_filter.py.
 
 Two turns are judged: that from the start, whose deviation counts the start's own, and how far the gyro's bias may have
 turned it since; and that of the main filter's heading now, with the filter's own deviation. It begins anew where imu or
 ranges were silent or the main filter was lost; then only the heading now is judged.
+
+Anchors whose x and y are exchanged, or of which one axis has the wrong sign, are a mirror image of the room. The ranges
+fit it, but no turn takes the accelerations to a mirrored path. So the filter runs once more, with anchors and start
+mirrored back in y: there a turn of length 1 fits, and among the map's anchors none does.
 """
 
 from typing import Final, NamedTuple
@@ -12,20 +18,31 @@ import numpy as np
 from ortilo_drake.interop.recorded.map_file import FilterSettings
 from ortilo_drake.interop.recorded.recording import NO_AID_ROWS, Recording
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
-from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, THETA, Q
+from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, THETA, Q, V
 from ortilo_drake.studies.recorded.event_filter import initial_carried, run_filter
 from ortilo_drake.studies.recorded.filter_types import BIASES, Events, EventValues, Setup, State, nominal
 from ortilo_drake.studies.recorded.filtered import Begin, FilterSetup, events_of, levers_of, noise_of, start_of
 from ortilo_drake.studies.recorded.imu_watch import RESTS, SINCE
 from ortilo_drake.studies.recorded.landing import landings
 from ortilo_drake.studies.recorded.reacquired import no_restart
-from ortilo_drake.studies.recorded.turn_filter import Ranging, TurnFilter, follow, turn_filter, turn_found
+from ortilo_drake.studies.recorded.turn_filter import SQUARE, Ranging, TurnFilter, follow, turn_filter, turn_found
 
 OFF: Final = 3.0  # standard deviations that are told
 LEAST: Final = np.radians(15.0)  # and no less: the anchors' errors turn the ranges' path a little
 SURE: Final = np.radians(15.0)  # the turn's own deviation, at most
 LENGTH: Final = (0.5, 1.5)  # of (c, s): else more than the heading is wrong
 ASTRAY: Final = 0.5  # with a larger deviation the main filter's position is nothing to begin with [m]
+MIRRORED: Final = (0.7, 1.3)  # length of (c, s) among mirrored anchors, and the map's OTHERWISE at most
+OTHERWISE: Final = 0.75
+APART: Final = 4.0  # deviations between both lengths
+TIMES: Final = (1.1, 2.0)  # the map's mean squared innovation beside the other: no heading is told, and a mirror is
+Y: Final = np.array([1.0, -1.0, 1.0])
+MIRRORS: Final = (  # by the turn among anchors mirrored in y, if the start's heading is that of the room [rad]
+    (0.0, "the sign of y wrong"),
+    (-0.5 * np.pi, "x and y exchanged"),
+    (np.pi, "the sign of x wrong"),
+    (0.5 * np.pi, "x and y exchanged, and both signs wrong"),
+)
 HOLDS: Final = 2.0  # it must last so long [s]
 EVERY: Final = 0.5  # it is judged in a replay [s]
 RANGE_SD: Final = 0.1  # of a range, at least: the anchors' biases are none of its states [m]
@@ -53,36 +70,80 @@ class HeadingDoubt(NamedTuple):
         )
 
 
+class MirrorDoubt(NamedTuple):
+    """When it was found [s], the turn among the anchors mirrored in y [rad], and whether it counts from the start."""
+
+    t: float
+    turn: float
+    started: bool
+
+    def text(self) -> str:
+        """Return it as part of a sentence."""
+        near = [of for turn, of in MIRRORS if self.started and abs(_wrapped(self.turn - turn)) < np.radians(30.0)]
+        which = "".join(near) or "x and y exchanged, or one axis's sign wrong"
+        return (
+            "the anchors are a mirror image of the room: the imu turns the other way round than the path that the "
+            f"ranges give: of all anchors {which}?"
+        )
+
+
 class HeadingWatch:
-    """The filter of the turn beside the main one.
+    """The filters of the turn beside the main one, among the map's anchors and among mirrored ones.
 
     Attributes:
         doubt: the first one, None if there is none.
+        mirror: that the anchors are a mirror image of the room; None if nothing says so.
     """
 
     def __init__(self, setup: Setup):
         self._setup = setup
         self._beside: TurnFilter | None = None
+        self._mirrored: TurnFilter | None = None
         self._start: State | None = None
-        self._wrong_since, self._anew = np.inf, False
+        self._wrong_since, self._mirrored_since, self._anew = np.inf, np.inf, False
         self.doubt: HeadingDoubt | None = None
+        self.mirror: MirrorDoubt | None = None
 
     def advance(self, events: Events, heard: EventValues, state: State, excused: bool = False) -> None:
         """Take events in, and the main filter's state behind them; `excused`: anchors explain what is wrong better."""
-        if self.doubt is not None or np.isfinite(state.watched[SINCE : SINCE + 2]).any():
+        if self.doubt is not None or self.mirror is not None or np.isfinite(state.watched[SINCE : SINCE + 2]).any():
             return  # of an accelerometer that fails nothing follows
         resting, beside = state.watched[RESTS] > 0.0, self._beside
         astray = np.trace(state.C[:3, :3]) > ASTRAY**2
-        if beside is None or resting or not follow(beside, events, heard, ranging_of(self._setup, state)):
+        ranging = ranging_of(self._setup, state)
+        if beside is None or resting or not follow(beside, events, heard, ranging):
             self._anew |= beside is not None and not resting
-            self._beside, self._start, self._wrong_since = None if astray else turn_filter(state), state, np.inf
+            self._beside, self._start = None if astray else turn_filter(state), state
+            self._mirrored = None if astray else _mirrored(turn_filter(state))
+            self._wrong_since = self._mirrored_since = np.inf
             return
-        found = None if excused else self._judged(state)
+        assert self._mirrored is not None
+        follow(self._mirrored, events, heard, ranging._replace(anchors=ranging.anchors * Y))
+        self._mirrored_since = min(self._mirrored_since, state.t) if self._is_mirrored() and not excused else np.inf
+        if state.t - self._mirrored_since >= HOLDS:
+            self.mirror = MirrorDoubt(state.t, turn_found(self._mirrored).angle, not self._anew)
+            return
+        found = None if excused or self._is_worse(TIMES[0]) else self._judged(state)
         if found is None:
             self._wrong_since = np.inf
         else:
             self._wrong_since = min(self._wrong_since, state.t)
             self.doubt = found if state.t - self._wrong_since >= HOLDS else None
+
+    def _is_mirrored(self) -> bool:
+        """Return whether a turn fits among the mirrored anchors, and among the map's none, or much worse."""
+        assert self._beside is not None
+        assert self._mirrored is not None
+        own, other = turn_found(self._beside), turn_found(self._mirrored)
+        apart = APART * float(np.hypot(own.sd * own.length, other.sd * other.length))
+        fits = MIRRORED[0] < other.length < MIRRORED[1] and other.sd < SURE
+        return fits and ((own.length < OTHERWISE and other.length - own.length > apart) or self._is_worse(TIMES[1]))
+
+    def _is_worse(self, times: float) -> bool:
+        """Return whether the innovations among the map's anchors are so many times as large as among mirrored ones."""
+        assert self._beside is not None
+        assert self._mirrored is not None
+        return bool(self._beside.marks[SQUARE] > times * self._mirrored.marks[SQUARE])
 
     def _judged(self, state: State) -> HeadingDoubt | None:
         assert self._beside is not None
@@ -101,8 +162,8 @@ class HeadingWatch:
 
 def heading_doubts(
     recording: Recording, known: FilterSetup, settings: FilterSettings, begin: Begin
-) -> list[HeadingDoubt]:
-    """Return the doubt about the heading of a filter with imu that begins there, if there is one."""
+) -> list[HeadingDoubt | MirrorDoubt]:
+    """Return the doubt about heading or handedness of a filter with imu that begins there, if there is one."""
     ranges, imu = recording.ranges, recording.imu
     assert imu is not None
     if known.rest is not None:
@@ -119,8 +180,8 @@ def heading_doubts(
         part, done = Events(*(column[done:end] for column in events)), end
         _, state, _ = run_filter(part, heard, state, carried, anew, setup, np.inf, False)
         watch.advance(part, heard, state)
-        if watch.doubt is not None:
-            return [watch.doubt]
+        if (doubt := watch.mirror or watch.doubt) is not None:
+            return [doubt]
     return []
 
 
@@ -129,6 +190,13 @@ def ranging_of(setup: Setup, state: State) -> Ranging:
     n, noise = len(setup.anchors), setup.noise
     sd = max(RANGE_SD, float(np.hypot(noise.range_white, noise.range_correlated)))
     return Ranging(setup.anchors, state.x[nominal(BIASES) : nominal(BIASES) + n].copy(), setup.levers, sd)
+
+
+def _mirrored(one: TurnFilter) -> TurnFilter:
+    """Return a filter that begins at the mirror image in y of its position and velocity; it is changed."""
+    one.z[:3] *= Y
+    one.z[V : V + 3] *= Y
+    return one
 
 
 def _is_off(angle: float, *deviations: float) -> bool:

@@ -72,6 +72,11 @@ def force_doubts(imu: Imu, map_: Map) -> list[str]:
     return [f"{said}: {made}, if `imu: force` names the right columns"]
 
 
+def is_gravity(imu: Imu) -> bool:
+    """Return whether the median size of the force may be gravity of a vehicle that already flies."""
+    return 0.5 < float(np.median(np.linalg.norm(imu.force, axis=1))) / GRAVITY < 2.0
+
+
 def rate_doubts(imu: Imu, map_: Map) -> list[str]:
     """Return a doubt if body rates look like those of a smaller unit, by the force alone.
 

@@ -15,7 +15,7 @@ from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Q
 from ortilo_drake.studies.recorded.at_rest import at_rest
 from ortilo_drake.studies.recorded.filter_types import FORCE, RANGE, RATES, Events, EventValues, Setup, State
 from ortilo_drake.studies.recorded.filtered import Begin, begin_of, events_of, levers_of, noise_of
-from ortilo_drake.studies.recorded.heading_doubts import HeadingDoubt, heading_doubts
+from ortilo_drake.studies.recorded.heading_doubts import HeadingDoubt, MirrorDoubt, heading_doubts
 from ortilo_drake.studies.recorded.setups import uncalibrated_setup
 from ortilo_drake.studies.recorded.turn_filter import Ranging, follow, turn_filter, turn_found
 
@@ -70,6 +70,25 @@ def test_a_wrong_heading_and_an_imu_turned_about_z_are_told_with_the_angle(off, 
     assert abs(np.angle(np.exp(1j * (found.off - wrong)))) < 3.0 * found.sd + 0.03
     assert abs(np.angle(np.exp(1j * (found.start - (TRUE + off if turned else TRUE))))) < 3.0 * found.sd + 0.03
     assert f"{np.degrees(found.off):+.0f}°" in found.text()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("mirror", "which"),
+    [
+        ([[0, 1, 0], [1, 0, 0], [0, 0, 1]], "of all anchors x and y exchanged?"),
+        (np.diag([-1, 1, 1]), "of all anchors the sign of x wrong?"),
+        (np.diag([1, -1, 1]), "of all anchors the sign of y wrong?"),
+    ],
+)
+def test_a_mirror_image_of_the_room_is_named_though_the_ranges_fit_it(mirror, which) -> None:
+    """Every range fits the mirrored path exactly as well: the imu alone tells, and no heading is right."""
+    M = np.array(mirror, dtype=float)
+    recording = recorded(quick_place)._replace(anchors=ANCHORS @ M.T)
+    (found,) = doubted(recording, started(lambda t: quick_place(t) @ M.T, TRUE))
+    assert isinstance(found, MirrorDoubt)
+    assert found.t < 10.0
+    assert which in found.text()
 
 
 @pytest.mark.long

@@ -1,0 +1,23 @@
+"""Why nobody should fly by the estimates of a live filter, whatever variance they claim."""
+
+from ortilo_drake.studies.live.anchor_bank import AnchorWatch
+from ortilo_drake.studies.live.imu_record import SILENT, ImuRecord
+from ortilo_drake.studies.live.rates_watch import RatesWatch
+from ortilo_drake.studies.recorded.heading_doubts import HeadingWatch
+
+
+def contradiction(
+    t: float, imu: ImuRecord | None, rates: RatesWatch | None, heading: HeadingWatch | None, places: AnchorWatch
+) -> str:
+    """Return what says at a stamp [s] that the map is wrong, or that the imu is silent; empty if nothing does."""
+    if imu is not None and imu.is_silent(t):
+        return f"the imu has been silent for {SILENT:g} s"
+    if rates is not None and rates.doubt:
+        return "the body rates are not those that the map says"
+    if heading is not None and heading.doubt is not None:
+        return "the heading is wrong"
+    if heading is not None and heading.mirror is not None:
+        return "the anchors are a mirror image"
+    if places.wrong is not None and places.wrong.place is None:
+        return "two anchors are exchanged"
+    return ""
