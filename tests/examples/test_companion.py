@@ -203,6 +203,7 @@ def test_a_service_that_is_restarted_leaves_the_start_out(tmp_path: Path) -> Non
     ]
     assert "--map MAP.yaml " in told[0]
     assert "--map MAP_in_air.yaml " in told[1]
+    assert all(f"--state {tmp_path}/state.npz " in one for one in told)  # what the first kept, the second reads
 
 
 @pytest.mark.long

@@ -34,12 +34,12 @@ def test_a_process_that_dies_at_once_is_given_up(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(module, "TOO_SOON", 600.0)  # however long a busy machine takes to kill it
     said: list[str] = []
     with pytest.raises(InputError, match="killed 3 times within 600 s of its start, by SIGKILL"):
-        keep_alive(lambda: os.kill(os.getpid(), signal.SIGKILL), said.append)
+        keep_alive(lambda killed: os.kill(os.getpid(), signal.SIGKILL), said.append)
     assert sum("was killed by SIGKILL" in line for line in said) == 3
 
 
 def test_what_a_process_cannot_fly_is_told_in_one_line(capfd: pytest.CaptureFixture[str]) -> None:
-    def refuse() -> None:
+    def refuse(killed: int) -> None:
         raise InputError("world: not heard")
 
     with pytest.raises(SystemExit) as ended:
@@ -53,7 +53,7 @@ def test_what_a_process_cannot_fly_is_told_in_one_line(capfd: pytest.CaptureFixt
 def is_ended_with(number: int, fly: Callable[[], None], pids: Path) -> None:
     """Assert that keep_alive raises what a signal asks for, and that the child it started is gone."""
 
-    def fly_noted() -> None:
+    def fly_noted(killed: int) -> None:
         pids.write_text(str(os.getpid()))
         fly()
 
@@ -116,10 +116,9 @@ def test_a_signal_while_a_killed_process_is_spoken_of_is_not_lost(tmp_path: Path
         if "was killed" in line:
             os.kill(os.getpid(), signal.SIGTERM)
 
-    def die_once() -> None:
-        if (tmp_path / "died").exists():
+    def die_once(killed: int) -> None:
+        if killed:
             fly_a_minute()
-        (tmp_path / "died").touch()
         os.kill(os.getpid(), signal.SIGKILL)
 
     with pytest.raises(SystemExit) as ended:
@@ -133,5 +132,5 @@ def test_the_handlers_and_the_mask_are_put_back() -> None:
         return (*handlers, signal.pthread_sigmask(signal.SIG_BLOCK, []))
 
     before = state()
-    assert keep_alive(lambda: None, lambda line: None) == 0
+    assert keep_alive(lambda killed: None, lambda line: None) == 0
     assert state() == before

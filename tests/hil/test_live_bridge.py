@@ -1,7 +1,9 @@
 """`ortilo hil bridge --from`: a bag through the command, and what reaches an autopilot when it is armed and not."""
 
 import json
+import os
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -20,6 +22,7 @@ from typer.testing import CliRunner
 
 from ortilo_drake.commands.hil.app import hil_app
 from ortilo_drake.interop.mavlink import MOST_THRUST, attitude_target_fields
+from ortilo_drake.interop.recorded.bag_columns import bag_messages
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.live import anchor_bank, live_bridge, live_filter
 from ortilo_drake.studies.live.live_bridge import LiveBridge
@@ -84,6 +87,58 @@ def test_setpoints_reach_the_autopilot_only_when_armed(recorded: list[str], tmp_
     assert not {"rejected", "failed", "not"} & set(rows)  # nothing of the kind happened
     assert ("setpoints are off" in result.output) != armed
     assert "failsafe: no setpoints: the estimate is older" in result.output  # of the first second, which came at once
+
+
+def test_a_bridge_keeps_its_state_for_the_next_which_the_autopilot_can_tell_from_it(
+    recorded: list[str], tmp_path: Path
+) -> None:
+    """The next is given the same bag from its beginning, before the state: that is another clock."""
+    resets, said = list[set[int]](), ""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind(("127.0.0.1", 0))
+        options = ["--mavlink", f"udpout:127.0.0.1:{sock.getsockname()[1]}", "--state", str(tmp_path / "state.npz")]
+        for _ in range(2):
+            result = CliRunner().invoke(hil_app, [*recorded, *options])
+            assert result.exit_code == 0, result.output
+            resets.append({m.reset_counter for m in messages_at(sock) if m.get_type() == "ODOMETRY"})
+            said = result.output
+    assert resets == [{0}, {1}]
+    assert f"warning  {tmp_path}/state.npz: is not used: its clock is another: the stamps went on by -" in said
+
+
+def test_a_bridge_that_is_killed_in_flight_is_replaced_by_one_that_goes_on(
+    recorded: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Killed at 2 s of the bag, of which the next process gets what comes from 2.5 s on."""
+
+    def run_part(bridge: LiveBridge, messages: Any, *rest: Any) -> Any:
+        if (tmp_path / "killed").exists():
+            return run_live(bridge, (one for one in messages if one[1] > first_at() + 2.5e9), *rest)
+        for message in messages:
+            if message[1] > first_at() + 2.0e9:
+                (tmp_path / "killed").touch()
+                os.kill(os.getpid(), signal.SIGKILL)
+            bridge.receive(*message)
+        raise AssertionError
+
+    def first_at() -> int:
+        return int(next(iter(bag_messages(tmp_path / "bag", ("/imu",))))[1])
+
+    run_live = live_bridge.run_live
+    monkeypatch.setattr(live_bridge, "run_live", run_part)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind(("127.0.0.1", 0))
+        options = ["--mavlink", f"udpout:127.0.0.1:{sock.getsockname()[1]}", "--state", str(tmp_path / "state.npz")]
+        result = CliRunner().invoke(hil_app, [*recorded, *options, "--keep-alive"])
+        received = messages_at(sock)
+    assert result.exit_code == 0, result.output
+    odometry = [m for m in received if m.get_type() == "ODOMETRY"]
+    before, after = (
+        [m for m in odometry if (m.time_usec - odometry[0].time_usec > 1.7e6) == late] for late in (False, True)
+    )
+    assert {m.reset_counter for m in before} == {0}
+    assert {m.reset_counter for m in after} == {2}
+    assert "state.npz, 0." in "".join(m.text for m in received if m.get_type() == "STATUSTEXT")
 
 
 @pytest.mark.parametrize(("options", "period"), [([], 1 / 30), (["--rate", "10"], 0.1)])
@@ -154,6 +209,15 @@ def test_the_autopilot_is_told_why_the_bridge_ended(recorded: list[str], tmp_pat
     assert "".join(m.text for m in received) == f"the bridge has ended: {result.exception}"
 
 
+def test_a_bridge_that_holds_no_place_loads_neither_drake_nor_scipy_s_statistics() -> None:
+    """Which take half a second: so much longer it would be away after a crash in flight."""
+    parts = ("studies.live.live_bridge", "studies.live.kept_state", "commands.hil.bridge")
+    code = f"import sys, {', '.join(f'ortilo_drake.{part}' for part in parts)}; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert "scipy.optimize" in loaded
+    assert not {"pydrake", "scipy.stats"} & set(loaded)
+
+
 WATCHED = """
 import sys
 import numba.core.dispatcher
@@ -202,6 +266,9 @@ def test_nothing_is_compiled_or_loaded_once_messages_come(tmp_path: Path) -> Non
         (["--from", "bag", "--map", "m", "--yaw", "1"], "--yaw: belongs to --hold"),
         (["--from", "bag", "--map", "m", "--ros2"], "ros2 bag play"),
         (["--map", "m", "--ros2"], "--from"),
+        (["--from", "bag", "--map", "m", "--state", "s"], "--state: keeps what was sent by --mavlink"),
+        (["--from", "bag", "--map", "m", "--keep-alive"], "--keep-alive: needs --state"),
+        (["--from", "bag", "--map", "m", "--mavlink", "udpout:a:1", "--state", "/dev/null/s"], "/dev/null"),
     ],
 )
 def test_options_that_do_not_fit_are_refused(options: list[str], said: str) -> None:

@@ -96,6 +96,16 @@ def bridge(
             help="With --from and --mavlink, no estimate is sent whose position has a larger standard deviation [m].",
         ),
     ] = 1.0,
+    state: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="With --from and --mavlink, keep the filter's state in this file, and go on from it after a crash.",
+        ),
+    ] = None,
+    keep: Annotated[
+        bool, typer.Option("--keep-alive", help="With --state, restart at once whenever the bridge is killed.")
+    ] = False,
     url: UrlOption = DEFAULT_URL,
     key: KeyOption = None,
     insecure: InsecureOption = False,
@@ -116,7 +126,9 @@ def bridge(
     """
     chosen = load_scenario(scenario, tuple(settings or ()), seed)
     if source is not None:
-        options = LiveOptions(source, map_file, rate, lag, speed, hold, yaw, arm, hover_thrust, most_deviation)
+        options = LiveOptions(
+            source, map_file, rate, lag, speed, hold, yaw, arm, hover_thrust, most_deviation, state, keep
+        )
         if vision and mavlink is None:
             raise InputError("--vision: is how the estimate is sent to --mavlink, which is not given")
         run_live_bridge(options, chosen, mavlink, vision, seconds, json_file, ros2, (system, component))
@@ -125,6 +137,8 @@ def bridge(
         ("--map", map_file),
         ("--hold", hold),
         ("--yaw", yaw),
+        ("--state", state),
+        ("--keep-alive", keep or None),
         ("--arm", arm or None),
         ("--hover-thrust", hover_thrust),
     ):

@@ -2,13 +2,16 @@
 
 import contextlib
 import math
+import signal
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from ortilo_drake.commands.terminal import say_if_compiling, say_written, show_report, write_json
+from ortilo_drake.commands.hil.going_on import interrupt_once, kept_in
+from ortilo_drake.commands.terminal import check_writable, say_if_compiling, say_written, show_report, write_json
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.inputs.numbers import not_radians
 from ortilo_drake.model.typed_yaml import InputError
@@ -33,6 +36,8 @@ class LiveOptions:
         arm: whether setpoints go to the autopilot.
         hover_thrust: share of the largest thrust that hovers.
         most_deviation: an estimate whose position's standard deviation is larger is not sent by MAVLink [m].
+        state_file: where the filter's state is kept, and gone on from; None for nowhere.
+        keep: whether a bridge that is killed is replaced at once.
     """
 
     source: str
@@ -45,6 +50,8 @@ class LiveOptions:
     arm: bool
     hover_thrust: float | None
     most_deviation: float
+    state_file: Path | None = None
+    keep: bool = False
 
 
 def check_live(options: LiveOptions, mavlink: str | None, ros2: bool) -> tuple[float, ...] | None:
@@ -57,6 +64,12 @@ def check_live(options: LiveOptions, mavlink: str | None, ros2: bool) -> tuple[f
         raise InputError("--map: is missing: MAP.yaml says which topic is what (docs/how_to/recorded.md)")
     if options.arm and (options.hold is None or mavlink is None or options.hover_thrust is None):
         raise InputError("--arm: needs --mavlink, --hold x,y,z and --hover-thrust: the share of the thrust that hovers")
+    if options.keep and options.state_file is None:
+        raise InputError("--keep-alive: needs --state FILE, from which the next process goes on")
+    if options.state_file is not None:
+        if mavlink is None:
+            raise InputError("--state: keeps what was sent by --mavlink, which is not given")
+        check_writable(options.state_file)
     if ros2 and options.source != ROS2:
         raise InputError("--ros2: a bag's estimates are not published; play it with `ros2 bag play` and --from ros2")
     if options.yaw is not None and (wrong := not_radians(options.yaw)):
@@ -89,6 +102,37 @@ def run_live_bridge(
     Its MAVLink messages have these system and component ids.
     """
     place = check_live(options, mavlink, ros2)
+    run = partial(_run, options, place, scenario, mavlink, vision, seconds, json_file, ids)
+    if not options.keep:
+        run(0)
+        return
+    from ortilo_drake.hil.restart.keep_alive import keep_alive
+    from ortilo_drake.interop.recorded.map_file import load_map
+    from ortilo_drake.studies.live.live_bridge import LiveBridge
+
+    assert options.map_file is not None
+    say_if_compiling()
+    LiveBridge(load_map(options.map_file), _say).warm_up()
+    _warm_up_outputs()
+    if options.source == ROS2:
+        with contextlib.suppress(ImportError):  # the first process says so
+            import_module("rclpy")
+    with contextlib.suppress(KeyboardInterrupt):  # which the bridge has answered with its report
+        keep_alive(run, _say, "bridge")
+
+
+def _run(
+    options: LiveOptions,
+    place: tuple[float, ...] | None,
+    scenario: Scenario,
+    mavlink: str | None,
+    vision: bool,
+    seconds: float | None,
+    json_file: Path | None,
+    ids: tuple[int, int],
+    killed: int,
+) -> None:
+    """Run a bridge; if others were killed before it, the vehicle has left its start."""
     from ortilo_drake.interop.mavlink import CRITICAL, NOTICE, WARNING, MavlinkBridge
     from ortilo_drake.interop.recorded.map_file import load_map
     from ortilo_drake.studies.live.live_bridge import LiveBridge, run_live
@@ -98,6 +142,10 @@ def run_live_bridge(
 
     assert options.map_file is not None
     map_ = load_map(options.map_file)
+    if killed:
+        map_ = map_.in_the_air()
+    if options.keep:
+        signal.signal(signal.SIGINT, interrupt_once)
     holding = None if place is None else Holding(scenario, place, options.yaw)
     with contextlib.ExitStack() as stack:
         sender = None if mavlink is None else stack.enter_context(contextlib.closing(MavlinkBridge(mavlink, *ids)))
@@ -115,11 +163,14 @@ def run_live_bridge(
             _say("truth: is not heard live, and nothing is calibrated by it")
         if sender is not None:
             # An autopilot fuses an estimate at its own stamp, a fraction of a second ago at most.
-            limits = Limits(options.most_deviation, MOST_YAW)
-            bridge.add_target("mavlink", _to_mavlink(sender, vision, options), scenario.failsafe.timeout, limits)
-        say_if_compiling()
-        bridge.warm_up()
-        _warm_up_outputs()
+            limits, send = Limits(options.most_deviation, MOST_YAW), _to_mavlink(sender, vision, options)
+            if options.state_file is not None:
+                send = kept_in(options.state_file, map_, bridge, send, say)
+            bridge.add_target("mavlink", send, scenario.failsafe.timeout, limits)
+        if not options.keep:
+            say_if_compiling()
+            bridge.warm_up()
+            _warm_up_outputs()
         if options.source == ROS2:
             from ortilo_drake.interop.ros.ros2_live import Ros2Live
 

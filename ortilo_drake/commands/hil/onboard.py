@@ -96,7 +96,7 @@ def onboard(
         checkpoint.parent.mkdir(parents=True, exist_ok=True)
     ticks = flight_ticks(chosen)
 
-    def fly_once() -> None:
+    def fly_once(killed: int = 0) -> None:
         with contextlib.ExitStack() as stack:
             writer = stack.enter_context(LogWriter(log, chosen)) if log else None
             record = UntilItFails(writer.write_tick, say_error) if writer else None

@@ -1,4 +1,4 @@
-"""A parent process that keeps an onboard half flying: when its child is killed, it forks the next at once.
+"""A parent process that keeps an onboard half, or a bridge, going: when its child is killed, it forks the next at once.
 
 The parent has imported, compiled and planned all that a flight needs before it forks, so a child has only to open the
 bus and build its diagram (with a rendered camera also to load the detector).
@@ -10,6 +10,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable
+from functools import partial
 from types import FrameType
 from typing import Final
 
@@ -36,13 +37,13 @@ class _Ending:
             os.kill(self.child, number)
 
 
-def keep_alive(fly: Callable[[], None], say: Callable[[str], None]) -> int:
+def keep_alive(fly: Callable[[int], None], say: Callable[[str], None], name: str = "onboard half") -> int:
     """Call fly in a child process, again whenever a signal has killed it; return how many were killed.
 
-    What fly raises ends child and parent, with the line of `ortilo`. Every start is told (by the child, before it
-    flies), every end by a signal, and an InputError. SystemExit with the child's code if that is not 0, and on SIGTERM,
-    after the child has received it too; KeyboardInterrupt on Ctrl-C, likewise; InputError if TRIES in a row were killed
-    TOO_SOON.
+    It is called with the number of those killed before. What it raises ends child and parent, with the line of
+    `ortilo`. Every start is told (by the child, before it flies), every end by a signal, and an InputError. SystemExit
+    with the child's code if that is not 0, and on SIGTERM, after the child has received it too; KeyboardInterrupt on
+    Ctrl-C, likewise; InputError if TRIES in a row were killed TOO_SOON.
     """
     killed = in_a_row = 0
     ending = _Ending()
@@ -50,7 +51,7 @@ def keep_alive(fly: Callable[[], None], say: Callable[[str], None]) -> int:
     try:
         while True:
             started = time.monotonic()
-            child, status = _fly_in_child(fly, say, ending)
+            child, status = _fly_in_child(partial(fly, killed), say, ending, name)
             if ending.number == signal.SIGINT:
                 raise KeyboardInterrupt
             if ending.number:
@@ -60,17 +61,17 @@ def keep_alive(fly: Callable[[], None], say: Callable[[str], None]) -> int:
                     raise SystemExit(os.WEXITSTATUS(status))
                 return killed
             killed += 1
-            name = signal.Signals(os.WTERMSIG(status)).name
-            say(f"onboard half: process {child} was killed by {name}")
+            by = signal.Signals(os.WTERMSIG(status)).name
+            say(f"{name}: process {child} was killed by {by}")
             in_a_row = in_a_row + 1 if time.monotonic() < started + TOO_SOON else 0
             if in_a_row == TRIES:
-                raise InputError(f"onboard half: killed {TRIES} times within {TOO_SOON:g} s of its start, by {name}")
+                raise InputError(f"{name}: killed {TRIES} times within {TOO_SOON:g} s of its start, by {by}")
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
 
 
-def _fly_in_child(fly: Callable[[], None], say: Callable[[str], None], ending: _Ending) -> tuple[int, int]:
+def _fly_in_child(fly: Callable[[], None], say: Callable[[str], None], ending: _Ending, name: str) -> tuple[int, int]:
     """Call fly in a child process and wait for its end; return its number and its status."""
     sys.stdout.flush()
     sys.stderr.flush()
@@ -82,7 +83,7 @@ def _fly_in_child(fly: Callable[[], None], say: Callable[[str], None], ending: _
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
             signal.signal(signal.SIGINT, signal.default_int_handler)
             signal.pthread_sigmask(signal.SIG_SETMASK, unblocked)
-            code = _exit_code(fly, say)
+            code = _exit_code(fly, say, name)
         finally:
             os._exit(code)
     ending.child = child
@@ -97,11 +98,11 @@ def _fly_in_child(fly: Callable[[], None], say: Callable[[str], None], ending: _
     return child, os.waitpid(child, 0)[1]
 
 
-def _exit_code(fly: Callable[[], None], say: Callable[[str], None]) -> int:
+def _exit_code(fly: Callable[[], None], say: Callable[[str], None], name: str) -> int:
     """Call fly in the child; return the exit code for the child."""
     code = 1
     try:
-        say(f"onboard half: process {os.getpid()}")
+        say(f"{name}: process {os.getpid()}")
         fly()
         code = 0
     except InputError as error:

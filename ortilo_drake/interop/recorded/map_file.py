@@ -228,6 +228,10 @@ class Map(Frozen):
         of_ranges = () if self.ranges is None else self.ranges.names
         return of_ranges or (() if self.differences is None else self.differences.names)
 
+    def in_the_air(self) -> "Map":
+        """Return the map of a vehicle that has left its start."""
+        return self.without_standstill().model_copy(update={"start": None})
+
     def without_standstill(self) -> "Map":
         """Return the map of a flight of which nothing is known to stand still; one without an imu as it is."""
         if self.imu is None:

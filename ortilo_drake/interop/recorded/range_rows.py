@@ -46,6 +46,9 @@ def single_ranges(t: np.ndarray, anchor: np.ndarray, r: np.ndarray) -> Ranges:
     return Ranges(t, anchor, r, np.full(len(t), -1), np.zeros(len(t), np.int64))
 
 
+NO_RANGES = single_ranges(np.zeros(0), np.zeros(0, np.int64), np.zeros(0))
+
+
 def surveyed(folder: Path, map_: Map) -> tuple[Names, np.ndarray | int]:
     """Return the anchors' names in the rows, () if not known, and positions (n, 3) or the number to be found.
 

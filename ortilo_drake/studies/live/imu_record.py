@@ -16,6 +16,10 @@ class ImuRecord:
     def __init__(self) -> None:
         self._last, self._newest = np.inf, np.inf
 
+    def resume(self, t: float) -> None:
+        """Take its last row for received at a stamp [s]."""
+        self._last = self._newest = t
+
     def add(self, imu: Imu) -> None:
         """Add rows, in order."""
         if len(imu.t):

@@ -5,25 +5,22 @@ It knows neither ROS nor MAVLink. A source of messages feeds it, and targets tak
 
 import time
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
-from ortilo_drake.interop.recorded.blocks import Block
 from ortilo_drake.interop.recorded.live_rows import AGAIN as HEARD_AGAIN
 from ortilo_drake.interop.recorded.live_rows import LAG, LiveRows
 from ortilo_drake.interop.recorded.map_file import Map
-from ortilo_drake.interop.recorded.range_rows import single_ranges
-from ortilo_drake.interop.recorded.recording import GRAVITY, NO_AID_ROWS, Imu
-from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.live.anchor_record import AnchorFigures
+from ortilo_drake.studies.live.kept_state import Kept, why_not
 from ortilo_drake.studies.live.live_filter import RATE, LiveFilter
 from ortilo_drake.studies.live.live_warnings import LiveWarnings, Say
 from ortilo_drake.studies.live.setpoints import Holding, Setpoint
 from ortilo_drake.studies.live.stamped_estimate import StampedEstimate, estimate_at
 from ortilo_drake.studies.live.uncertainty import AGAIN, ALL, Limits
+from ortilo_drake.studies.live.warm_up import warm_up
 from ortilo_drake.studies.recorded.moved_anchors import names_of
 
 WINDOW: Final = 30.0  # the least delay of the last one to two windows counts, so that clocks may drift [s]
@@ -49,7 +46,7 @@ class SensorClock:
         return wall - min(self._least, self._before)
 
 
-# Called with the estimate, the setpoint if there is one, and how often the filter was lost.
+# Called with the estimate, the setpoint if there is one, and how often the filter has started anew.
 Target = Callable[[StampedEstimate, Setpoint | None, int], None]
 QUIET = 5.0  # without any message, that is said [s]
 LONG: Final = 3.0  # if the filter has not begun by then, a line says why [s]
@@ -131,6 +128,9 @@ class LiveBridge:
         self._warnings, self._waits = LiveWarnings(map_, self._say, self._note), False
         self._ages: list[float] = []
         self._old, self._uncertain, self._refused = 0, 0, 0
+        self._received = self._resets = 0
+        self._resumes: tuple[Kept, str] | None = None
+        self._from = -np.inf  # estimates before that stamp are of a silence that is past [s]
         self._why: str | None = None  # why the last setpoint was refused, empty if it was not; None before the first
 
     @property
@@ -147,6 +147,16 @@ class LiveBridge:
         """Compile or load all that the filter needs, which takes seconds, before messages come."""
         warm_up(self._map, self._rows.anchors)
 
+    @property
+    def kept(self) -> Kept:
+        """What another process needs to go on from the last estimate."""
+        resets = self._resets + self._filter.lost
+        return Kept(self._rows.origin or 0.0, self._rows.newest, self._received, resets, self._filter.state)
+
+    def resume(self, kept: Kept, name: str) -> None:
+        """Go on from a state that another process kept under a name, if the first messages fit it; else say why not."""
+        self._resumes, self._resets = (kept, name), kept.resets + 1
+
     def add_target(self, name: str, target: Target, oldest: float = np.inf, limits: Limits = ALL) -> None:
         """Give a target the estimates from now on that are no older than `oldest` [s], by the sensors' clock.
 
@@ -161,9 +171,21 @@ class LiveBridge:
         Raises:
             InputError: if the first ranges contradict the map's start, or by the force the body begins upside down.
         """
+        self._received = received
         for line in self._rows.add(topic, received, message):
             (self._note if line.endswith(HEARD_AGAIN) else self._say)(line)
+        if self._resumes is not None and self._rows.newest > -np.inf:
+            self._go_on_from(*self._resumes)
         return self._go_on(False)
+
+    def _go_on_from(self, kept: Kept, name: str) -> None:
+        self._resumes, newest = None, self._rows.newest
+        if why := why_not(kept, newest, self._received):
+            self._say(f"warning  {name}: is not used: {why}")
+            return
+        self._rows.origin, self._from = kept.origin, newest
+        self._filter.resume(kept.state)
+        self._note(f"goes on from {name}, {newest - kept.origin - kept.state.t:.1f} s later")
 
     def end(self) -> list[StampedEstimate]:
         """Process the messages that still wait, and return the last estimates."""
@@ -182,6 +204,7 @@ class LiveBridge:
             self._waits = True
             begins = "the filter begins anew" if self._filter.lost else f"not begun after {LONG:g} s"
             self._note(f"{begins}: {self._filter.why_not_begun}")
+        found = [one for one in found if origin + one.t >= self._from]
         made = [estimate_at(origin + one.t, one.state, self._imu) for one in found]
         for one in made:
             self._ages.append(newest - one.t)
@@ -208,7 +231,7 @@ class LiveBridge:
             if not of_age[name] or not sure[name]:
                 continue
             try:
-                output.send(one, wanted, self._filter.lost)
+                output.send(one, wanted, self._resets + self._filter.lost)
             except Exception as error:  # whatever a library raises, the other targets go on
                 del self._outputs[name]
                 self._failed[name] = " ".join(str(error).split()) or type(error).__name__
@@ -273,23 +296,3 @@ def run_live(
     except KeyboardInterrupt:
         say("stopped")
     return bridge.report()
-
-
-LASTS = 3.0  # of a made-up rest among the anchors [s]
-
-
-def warm_up(map_: Map, anchors: np.ndarray) -> None:
-    """Filter a made-up rest of LASTS seconds by a map, to anchors (n, 3), and forget it."""
-    t_r, t = np.arange(0.0, LASTS, 0.1), np.arange(0.0, LASTS, 0.02)
-    n, place = len(anchors), anchors.mean(axis=0) + [0.3, 0.2, 0.1]
-    r = np.linalg.norm(anchors - place, axis=1)
-    ranges = single_ranges(np.repeat(t_r, n), np.tile(np.arange(n), len(t_r)), np.tile(r, len(t_r)))
-    imu = None
-    if map_.imu is not None:
-        rates, force = np.zeros((len(t), 3)), np.tile([0.0, 0.0, GRAVITY], (len(t), 1))
-        turned = None if map_.imu.orientation is None else np.tile(np.eye(3), (len(t), 1, 1))
-        imu = Imu(t, rates, force, turned, None if map_.accelerometer is None else (t, force))
-        map_ = map_.without_standstill()
-    with suppress(InputError):  # a map that contradicts the made-up rest compiles all the same
-        for one in LiveFilter(map_, anchors).advance(LASTS, Block(ranges, imu, NO_AID_ROWS), ended=True):
-            estimate_at(one.t, one.state, imu is not None)

@@ -29,26 +29,24 @@ from ortilo_drake.studies.live.agreement import Agreement
 from ortilo_drake.studies.live.anchor_bank import AnchorWatch, stated_sd
 from ortilo_drake.studies.live.anchor_record import AnchorRecord
 from ortilo_drake.studies.live.contradictions import contradiction
+from ortilo_drake.studies.live.filter_start import checked_force, settings_of, setup_of
 from ortilo_drake.studies.live.imu_record import ImuRecord
-from ortilo_drake.studies.live.rates_watch import RatesWatch, rest_doubts
+from ortilo_drake.studies.live.rates_watch import RatesWatch
 from ortilo_drake.studies.live.start_check import check_start
+from ortilo_drake.studies.recorded.anchor_trust import ASTRAY
 from ortilo_drake.studies.recorded.at_rest import AT_REST, at_rest
 from ortilo_drake.studies.recorded.doubts import of_plane
 from ortilo_drake.studies.recorded.event_filter import Carried, initial_carried, run_filter
-from ortilo_drake.studies.recorded.filter_types import NO_AIDS, RANGE, Events, EventValues, Restart, Setup, State
+from ortilo_drake.studies.recorded.filter_types import RANGE, Events, EventValues, Restart, State
 from ortilo_drake.studies.recorded.filtered import (
     TRIAL,
     FilterSetup,
     begin_of,
     events_of,
-    levers_of,
-    noise_of,
     start_of,
 )
 from ortilo_drake.studies.recorded.heading_doubts import HeadingWatch, ranging_of
-from ortilo_drake.studies.recorded.imu_doubts import force_doubts, is_gravity
 from ortilo_drake.studies.recorded.imu_watch import RESTS
-from ortilo_drake.studies.recorded.level_doubts import level_doubts
 from ortilo_drake.studies.recorded.reacquired import (
     AGAIN,
     LONGEST,
@@ -99,7 +97,7 @@ class LiveFilter:
             if getattr(map_, key) is not None:
                 raise InputError(f"{key}: are not heard live yet: leave them out of a live map")
         self._map, self._anchors, self._period = map_, anchors, 1.0 / rate
-        self._noise = noise_of(map_.filter, map_.imu is not None)
+        self._setup = setup_of(settings_of(map_, anchors), map_)
         self._kept: Block | None = None  # rows that the filter has not taken in
         self._known: FilterSetup | None = None
         self._next = 0  # number of the next estimate
@@ -109,7 +107,7 @@ class LiveFilter:
         self.begins_at, self.why_not_begun = 0.0, "no range was heard"
         self.agreement = Agreement()
         self.anchors = AnchorRecord(len(anchors))
-        self.places = AnchorWatch(anchors, map_.filter, stated_sd(self._noise))
+        self.places = AnchorWatch(anchors, map_.filter, stated_sd(self._setup.noise))
         self.force_doubt = self.mirror = self.start_doubt = ""
         self.imu = None if map_.imu is None else ImuRecord()
         self.rates = None if map_.imu is None else RatesWatch(map_)
@@ -119,6 +117,11 @@ class LiveFilter:
     def due(self) -> float:
         """The stamp beyond which there is something to do [s]."""
         return self._next * self._period
+
+    @property
+    def state(self) -> State:
+        """The state of a filter that has begun."""
+        return self._state
 
     @property
     def begun(self) -> bool:
@@ -137,7 +140,7 @@ class LiveFilter:
     @property
     def gate(self) -> float:
         """Squared innovations over their variance up to which ranges that scatter more are no outliers; else 0."""
-        return 0.0 if self.places.scatter is None else self._noise.gate**2 * self.places.widened
+        return 0.0 if self.places.scatter is None else self._setup.noise.gate**2 * self.places.widened
 
     def advance(self, horizon: float, block: Block, ended: bool = False) -> list[LiveEstimate]:
         """Take in the rows since the last call, and return the estimates that are due.
@@ -163,7 +166,7 @@ class LiveFilter:
 
     def _begin_anew(self, kept: Block) -> None:
         """Forget all but these rows, and the start and the standstill, which are past."""
-        self._kept, self._map = kept, self._map.without_standstill().model_copy(update={"start": None})
+        self._kept, self._map = kept, self._map.in_the_air()
         self.imu, self.agreement = ImuRecord(), Agreement()
         self.lost, self._waits = self.lost + self.begun, False
         self._known = self._events = self.heading = None
@@ -182,10 +185,7 @@ class LiveFilter:
                     self.why_not_begun = "the accelerometer is silent"
                     return False
                 imu = imu._replace(force=held_at(imu.t, *imu.accelerometer))
-            self.force_doubt = next(iter(force_doubts(imu, map_)), "")
-            wrong = [self.force_doubt] if self.force_doubt and not is_gravity(imu) else []
-            for said in wrong + level_doubts(imu, map_) + rest_doubts(imu, map_):
-                raise InputError(said)
+            self.force_doubt = checked_force(imu, map_)
         origin = Recording("live", ranges, imu, None, self._anchors, 0.0, 0.0, [], {}, looks)
         rest = at_rest(origin, map_)
         if imu is not None and rest is not None:
@@ -204,8 +204,6 @@ class LiveFilter:
         first += first * self._period < begin
         queries = np.arange(first, int(horizon / self._period) + 2) * self._period
         queries = queries[queries < horizon]
-        aids = known.aids if map_.imu is not None else NO_AIDS
-        self._setup = Setup(known.anchors, levers_of(known, imu), known.level, self._noise, aids)
         try:
             events = events_of(ranges, imu, known, (), queries, begin)
             found = begin_of(ranges, imu, known, map_.filter, self._setup, *events)
@@ -215,24 +213,33 @@ class LiveFilter:
             late = self._kept.ranges
             self._kept = self._kept._replace(ranges=late.only(np.flatnonzero(late.t > begin + LONGEST)))
             return False
-        self._known = known._replace(looks=NO_AID_ROWS)
-        self.heading = None if imu is None else HeadingWatch(self._setup)
-        self._begin_at, self._next, self.begins_at = begin, first, begin
-        self._carried = self._fresh()
-        self._anew: Restart = no_restart(len(self._state.C))
-        self._wait = -np.inf
+        self._set_out(known, begin, first)
         if known.start is not None:
             self.start_doubt = check_start(ranges, self._antenna(), self._anchors, map_)
         if map_.height is None:
             self.mirror = next(iter(of_plane(self._anchors, self._state.x[None, :3], None, map_.planar)), "")
         return True
 
+    def _set_out(self, known: FilterSetup, begin: float, first: int) -> None:
+        """Start at the state, with the events from a stamp [s] on, and the estimate of that number."""
+        self._known = known._replace(looks=NO_AID_ROWS)
+        self.heading = None if self.imu is None else HeadingWatch(self._setup)
+        self._begin_at, self._next, self.begins_at = begin, first, begin
+        self._carried: Carried = initial_carried(len(self._anchors), len(self._state.C), self._state.t)
+        self._anew: Restart = no_restart(len(self._state.C))
+        self._wait = -np.inf
+
+    def resume(self, state: State) -> None:
+        """Go on from a state that another process had, as after a silence of all sensors since its stamp."""
+        state.C[:3, :3] += ASTRAY**2 * np.eye(3)  # so a second's ranges tell it: one that is too long would be believed
+        self._map, self._state = self._map.in_the_air(), state
+        self._set_out(settings_of(self._map, self._anchors), state.t, int(state.t / self._period) + 1)
+        if self.imu is not None:
+            self.imu.resume(state.t)
+
     def _antenna(self) -> np.ndarray:
         place: np.ndarray = self._state.x[:3] + matrix_of(self._state.x[Q:ADDITIVE]) @ self._setup.levers[0]
         return place
-
-    def _fresh(self) -> Carried:
-        return initial_carried(len(self._anchors), len(self._state.C), self._state.t)
 
     def _reach(self, t: float, horizon: float, ended: bool) -> bool:
         """Bring the filter to a stamp [s], and return whether it got there: one that is lost may have to wait."""
@@ -288,4 +295,5 @@ class LiveFilter:
         self.lost += found is not None
         self._anew = found or no_restart(len(self._state.C))
         self._wait = float(window.t[0]) + AGAIN
-        self._carried, self._waits = self._fresh(), False
+        self._carried = initial_carried(len(self._anchors), len(self._state.C), self._state.t)
+        self._waits = False

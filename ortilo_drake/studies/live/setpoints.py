@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ortilo_drake.model.input_error import InputError
-from ortilo_drake.onboard.servo.lq_gain import gain_of
 from ortilo_drake.onboard.servo.outer_loop import attitude_along, wanted_force
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.live.stamped_estimate import StampedEstimate
@@ -42,6 +41,8 @@ class Holding:
     """
 
     def __init__(self, scenario: Scenario, place: Sequence[float], yaw: float | None = None):
+        from ortilo_drake.onboard.servo.lq_gain import gain_of  # loads Drake, which takes a while
+
         self._L, self._mass, self._of_gain = gain_of(scenario), scenario.vehicle.mass, scenario.yaw
         self._h, self._place, self._yaw = scenario.h, np.array(place), yaw
         self._asked: float | None = None  # yaw of the last setpoint that was let through [rad]

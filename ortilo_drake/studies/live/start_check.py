@@ -8,8 +8,8 @@ chi-square of three, are doubted, and those as far apart as FAR told, unless the
 from typing import Final
 
 import numpy as np
+import scipy  # not scipy.stats: that takes a second to import, and loads by itself when it is used
 from scipy.optimize import least_squares
-from scipy.stats import chi2
 
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import Ranges
@@ -60,10 +60,10 @@ def check_start(ranges: Ranges, antenna: np.ndarray, anchors: np.ndarray, map_: 
     found = least_squares(lambda p: np.linalg.norm(p - anchors[heard], axis=1) - r, antenna)
     C = variance * np.linalg.pinv(found.jac.T @ found.jac)
     d = found.x - antenna
-    if 2.0 * found.cost / variance > chi2.isf(RARE, len(heard) - 3):
+    if 2.0 * found.cost / variance > scipy.stats.chi2.isf(RARE, len(heard) - 3):
         return ""
     sd = np.sqrt(np.diag(C))
-    rare = d @ np.linalg.solve(C + map_.start.position_sd**2 * np.eye(3), d) > chi2.isf(RARE, 3)
+    rare = d @ np.linalg.solve(C + map_.start.position_sd**2 * np.eye(3), d) > scipy.stats.chi2.isf(RARE, 3)
     if not rare and (np.linalg.norm(d) < limit or sd.max() > KNOWN):
         return ""
     place, by, known = (", ".join(f"{one:.2f}" for one in part) for part in (found.x, d, sd))

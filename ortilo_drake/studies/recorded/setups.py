@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
-from scipy.stats import chi2
+import scipy  # not scipy.stats: that takes a second to import, and loads by itself when it is used
 
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import NO_AID_ROWS, Recording, Truth
@@ -96,8 +96,8 @@ def with_aids(known: FilterSetup, recording: Recording, map_: Map, looks: bool) 
     if map_.range_finder is not None:
         aids = aids._replace(finder=np.array(map_.range_finder.at), finder_sd=map_.range_finder.sd)
     if map_.boxes is not None and recording.scene is not None:
-        noise, inside = np.array([map_.boxes.sd, map_.boxes.growth, 0.0]), chi2.cdf(map_.filter.gate**2, 1)
-        gates = np.full(2, chi2.ppf(inside, 2))  # of two numbers what the gate is of one
+        noise, inside = np.array([map_.boxes.sd, map_.boxes.growth, 0.0]), scipy.stats.chi2.cdf(map_.filter.gate**2, 1)
+        gates = np.full(2, scipy.stats.chi2.ppf(inside, 2))  # of two numbers what the gate is of one
         aids = aids._replace(sight=Sight(*recording.scene, noise, gates))
     if map_.flow is not None:
         aids = aids._replace(pixels=map_.flow.per_rad, flow_sd=map_.flow.sd)

@@ -1,0 +1,38 @@
+"""The filter's settings, and whether the first samples of the imu are those of a body by the map."""
+
+import numpy as np
+
+from ortilo_drake.interop.recorded.map_file import Map
+from ortilo_drake.interop.recorded.range_rows import NO_RANGES
+from ortilo_drake.interop.recorded.recording import Imu, Recording
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.studies.live.rates_watch import rest_doubts
+from ortilo_drake.studies.recorded.filter_types import NO_AIDS, Setup
+from ortilo_drake.studies.recorded.filtered import FilterSetup, levers_of, noise_of
+from ortilo_drake.studies.recorded.imu_doubts import force_doubts, is_gravity
+from ortilo_drake.studies.recorded.level_doubts import level_doubts
+from ortilo_drake.studies.recorded.setups import uncalibrated_setup
+
+
+def settings_of(map_: Map, anchors: np.ndarray) -> FilterSetup:
+    """Return the filter's settings by a map with anchors (n, 3), before anything is received."""
+    return uncalibrated_setup(Recording("live", NO_RANGES, None, None, anchors, 0.0, 0.0, [], {}), map_, None)
+
+
+def setup_of(known: FilterSetup, map_: Map) -> Setup:
+    """Return what holds throughout a run of a filter of one tag, by a map."""
+    aids = known.aids if map_.imu is not None else NO_AIDS
+    noise = noise_of(map_.filter, map_.imu is not None)
+    return Setup(known.anchors, levers_of(known, None), known.level, noise, aids)
+
+
+def checked_force(imu: Imu, map_: Map) -> str:
+    """Return what is odd of the force's size at the start, by a map; empty if nothing is.
+
+    InputError if the body begins upside down or turns at rest, or the force is not even that of a vehicle that flies.
+    """
+    doubt = next(iter(force_doubts(imu, map_)), "")
+    wrong = [doubt] if doubt and not is_gravity(imu) else []
+    for said in wrong + level_doubts(imu, map_) + rest_doubts(imu, map_):
+        raise InputError(said)
+    return doubt
