@@ -79,17 +79,12 @@ class FilterSettings(Frozen):
     range_correlated: Positive = Field(
         default=0.05, description="Of the error that lasts, first-order Gauss-Markov [m]."
     )
-    range_tail: float = Field(
+    range_tail: Annotated[float, Field(ge=0.0, le=1.0)] = Field(
         default=0.3,
-        ge=0.0,
-        le=1.0,
         description="Share of its estimate that a lasting error is expected to have: above 0 an anchor may err by far.",
     )
-    reflected: float = Field(
-        default=0.0,
-        ge=0.0,
-        le=0.5,
-        description="Share of ranges that came by a reflection and are too long; above 0, ranges need no `huber`.",
+    reflected: Annotated[float, Field(ge=0.0, le=0.5)] = Field(
+        default=0.0, description="Share of ranges that came by a reflection and are too long; replaces their `huber`."
     )
     correlation_time: Positive = Field(default=0.7, description="How long it lasts [s].")
     bias_walk: Positive = Field(default=0.001, description="Random walk of an anchor's bias [m/√s].")
@@ -100,10 +95,8 @@ class FilterSettings(Frozen):
     huber: Positive | None = Field(
         default=None, description="Innovations beyond so many standard deviations count less (Huber)."
     )
-    near_floor: float = Field(
+    near_floor: Annotated[float, Field(ge=0.0, le=10.0)] = Field(
         default=0.0,
-        ge=0.0,
-        le=10.0,
         description="Height [m] at which the floor doubles the errors of ranges: they grow by (this / height)^4.",
     )
     baseline_acceleration: Positive = Field(
@@ -257,6 +250,8 @@ class Map(Frozen):
             raise ValueError("height_sd: belongs to `height`, which is not given")
         if self.differences is not None and isinstance(self.anchors, Find):
             raise ValueError("anchors: find: from single ranges only; differences need surveyed anchors")
+        if self.differences is not None and self.filter.reflected > 0.0:
+            raise ValueError("filter.reflected: is of single ranges only; leave it out with differences")
         for key in ("ranges", "differences"):
             source = getattr(self, key)
             says = source is not None and bool(source.tag is not None or source.tags_of_files)

@@ -29,7 +29,7 @@ from numba.extending import register_jitable
 
 LENGTH = 1.5  # of what a reflection adds, whose density is one over it [m]
 WILD = 1e-3  # density of a range that says nothing [1/m]: as likely as a direct one some 4 standard deviations off
-LASTS = 3.0  # time by which a reflection is forgotten [s]
+LASTS = 3.0  # time constant by which a reflection is forgotten [s]
 LEAST = 1e-9  # share of S by which a row changes the variance at least, so that S' is finite
 DEEPEST = -8.0  # standard deviations below which nothing of u's distribution is left under e
 

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from made_up_motion import ANCHORS, LEVER, made_up, place
+from made_up_motion import ANCHORS, LEVER, as_map, made_up, place
 from scipy.stats import norm
 
 from ortilo_drake.interop.recorded.map_file import FilterSettings, Start
 from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import Imu
+from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
 from ortilo_drake.studies.recorded.reflected import LENGTH, WILD, share_after, weigh_range
 
@@ -92,3 +93,12 @@ def test_without_reflections_it_costs_next_to_nothing(seed) -> None:
     (gated, gated_sd, _), (off, sd, _) = (flown(seed, share, no_fault) for share in (0.0, 0.05))
     assert np.sqrt(np.mean(off**2)) < 1.1 * np.sqrt(np.mean(gated**2))
     assert sd.mean() == pytest.approx(gated_sd.mean(), rel=0.05)
+
+
+def test_differences_are_refused_whose_sign_tells_no_reflection() -> None:
+    text = (
+        "differences: {file: f, topic: t, value: d, a: a, b: b}\nanchors: {A: [0, 0, 0], B: [6, 0, 2], C: [6, 8, 0]}\n"
+    )
+    as_map(text)
+    with pytest.raises(InputError, match=r"filter\.reflected: is of single ranges only"):
+        as_map(text + "filter: {reflected: 0.05}\n")
