@@ -3,7 +3,7 @@
     python examples/companion/range_node.py MAP.yaml /dev/ttyACM0
 
 The map's `ranges.topics` end with the anchors' names, /uwb/a0CA8 (ROS allows no name that begins with a digit). A range
-is stamped when the first byte of its line arrives. For another tag replace SPEED, `ranges_in` and `ask_for_ranges`.
+is stamped when the first byte of its line arrives. For another tag replace BAUD, `ranges_in` and `ask_for_ranges`.
 """
 
 import math
@@ -19,7 +19,7 @@ import yaml
 
 from ortilo_drake.interop.recorded import lec_console
 
-SPEED = termios.B115200  # of a DWM1001; its USB port takes any
+BAUD = 115200  # of a DWM1001; its USB port takes any
 
 
 def ranges_in(line: str) -> list[tuple[str, float]]:
@@ -42,24 +42,32 @@ def open_port(name: str) -> int:
     port = os.open(name, os.O_RDWR | os.O_NOCTTY)
     tty.setraw(port)
     *flags, _, _, characters = termios.tcgetattr(port)
-    termios.tcsetattr(port, termios.TCSANOW, [*flags, SPEED, SPEED, characters])
+    speed = getattr(termios, f"B{BAUD}")
+    termios.tcsetattr(port, termios.TCSANOW, [*flags, speed, speed, characters])
     return port
 
 
 class Lines:
-    """Lines cut from bytes as they come, each with the time at which its first byte came [ns]."""
+    """Lines cut from bytes as they come, each with the time at which its first byte came [ns].
+
+    One read gives what has come since the last, several lines where this process had to wait. The last byte came then,
+    those before it one after the other at BAUD, or sooner if that began before the last read.
+    """
 
     def __init__(self) -> None:
-        self._rest, self._since = b"", 0
+        self._rest, self._since, self._read = b"", 0, 0
 
     def add(self, now: int, data: bytes) -> Iterator[tuple[int, str]]:
         """Yield time and text of each line that these bytes, received now [ns], end."""
+        step = min(10 * 10**9 // BAUD, (now - self._read) // max(1, len(data)))  # a byte has ten bits on the line
         *ended, rest = (self._rest + data).split(b"\n")
-        since = self._since if self._rest else now
+        begin = now - step * len(data)
+        since, at = (self._since, begin - step * len(self._rest)) if self._rest else (begin, begin)
         for line in ended:
             yield since, line.decode("ascii", "replace").strip()
-            since = now
-        self._rest, self._since = rest, since
+            at += step * (len(line) + 1)
+            since = at
+        self._rest, self._since, self._read = rest, since, now
 
 
 def ranges_of(port: int) -> Iterator[tuple[int, str, float]]:

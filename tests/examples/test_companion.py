@@ -112,14 +112,23 @@ def test_another_tag_needs_another_two_functions(
 
 
 @given(st.lists(st.integers(0, 2 * len(LEC) + 10), max_size=12).map(sorted))
-def test_lines_are_stamped_by_their_first_byte_however_they_are_cut(cuts: list[int]) -> None:
-    data = f"{LEC}\r\n{LES}\r\n{LEC}".encode()
+def test_lines_are_stamped_by_their_first_byte_however_they_are_cut_or_come_together(cuts: list[int]) -> None:
+    """The port gives a byte every ten bits, and each read what has come since the last one."""
+    data, byte = f"{LEC}\r\n{LES}\r\n{LEC}".encode(), 10 * 10**9 // RANGE_NODE.BAUD
     lines, found = RANGE_NODE.Lines(), []
     for a, b in zip([0, *cuts], [*cuts, len(data)], strict=True):
-        found += lines.add(a, data[a:b])  # so a chunk's time is the number of its first byte
-    assert [line for _, line in found] == [LEC, LES]
-    begins = [0, len(LEC) + 2]
-    assert [t for t, _ in found] == [max(cut for cut in [0, *cuts] if cut <= begin) for begin in begins]
+        found += lines.add(1_000 * byte + b * byte, data[a:b])
+    assert found == [(1_000 * byte, LEC), ((1_000 + len(LEC) + 2) * byte, LES)]
+
+
+def test_lines_of_a_burst_are_stamped_after_the_read_before_it_and_in_order() -> None:
+    """By USB bytes come faster than at the port's speed."""
+    lines = RANGE_NODE.Lines()
+    ((first, _),) = lines.add(10_000_000, b"a\n")
+    stamps = [t for t, _ in lines.add(11_000_000, 40 * f"{LEC}\n".encode())]
+    assert first < 10_000_000 <= stamps[0]
+    assert stamps[-1] < 11_000_000
+    assert (np.diff(stamps) > 0).all()
 
 
 def test_the_driver_asks_a_silent_tag_and_stamps_what_comes(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,7 +24,7 @@ from ortilo_drake.commands.hil.app import hil_app
 from ortilo_drake.interop.mavlink import MOST_THRUST, attitude_target_fields
 from ortilo_drake.interop.recorded.bag_columns import bag_messages
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.live import anchor_bank, live_bridge, live_filter
+from ortilo_drake.studies.live import anchor_bank, live_bridge, live_filter, rates_watch
 from ortilo_drake.studies.live.live_bridge import LiveBridge
 from ortilo_drake.studies.live.live_warnings import LiveWarnings
 from ortilo_drake.studies.recorded import heading_doubts
@@ -34,6 +34,7 @@ from ortilo_drake.studies.recorded import heading_doubts
 def recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     run_plainly(monkeypatch, live_filter, "run_filter", "initial_carried")
     run_plainly(monkeypatch, heading_doubts, "follow")
+    run_plainly(monkeypatch, rates_watch, "follow")
     run_plainly(monkeypatch, anchor_bank, "follow_ranges")
     monkeypatch.setattr(live_bridge, "time", SimpleNamespace(monotonic=lambda: 0.0))  # ages by the stamps alone
     write_bag(tmp_path / "bag", made_up(4.0), "sqlite3")
@@ -156,6 +157,18 @@ def test_an_autopilot_gets_estimates_as_often_as_px4_asks_for(
     assert ("warning  --rate: 10 Hz: PX4 asks for 30 to 50 Hz" in result.output) == bool(options)
 
 
+def test_heartbeats_go_on_where_no_estimate_is_sent(recorded: list[str]) -> None:
+    """PX4 took the companion for lost."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind(("127.0.0.1", 0))
+        options = ["--mavlink", f"udpout:127.0.0.1:{sock.getsockname()[1]}", "--most-deviation", "0.01"]
+        result = CliRunner().invoke(hil_app, [*recorded, *options])
+        kinds = Counter(message.get_type() for message in messages_at(sock))
+    assert result.exit_code == 0, result.output
+    assert kinds["ODOMETRY"] == 0
+    assert 3 <= kinds["HEARTBEAT"] <= 5  # of a bag of 4 s
+
+
 def test_a_body_that_begins_upside_down_is_refused(recorded: list[str], tmp_path: Path) -> None:
     map_ = tmp_path / "MAP.yaml"
     map_.write_text(map_.read_text().replace("axes: frd", "axes: flu"))
@@ -203,7 +216,7 @@ def test_the_autopilot_is_told_why_the_bridge_ended(recorded: list[str], tmp_pat
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.bind(("127.0.0.1", 0))
         result = CliRunner().invoke(hil_app, [*recorded, "--mavlink", f"udpout:127.0.0.1:{sock.getsockname()[1]}"])
-        received = messages_at(sock)
+        received = [m for m in messages_at(sock) if m.get_type() == "STATUSTEXT"]
     assert isinstance(result.exception, InputError)
     assert {m.severity for m in received} == {2}  # MAV_SEVERITY_CRITICAL
     assert "".join(m.text for m in received) == f"the bridge has ended: {result.exception}"

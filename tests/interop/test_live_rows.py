@@ -99,6 +99,36 @@ def test_a_topic_later_than_the_lag_is_warned_of_once_with_the_lag_it_needs(dela
         assert said in found[0]
 
 
+@pytest.mark.parametrize(
+    ("gains", "said"), [(0.004, "the clock of /r3 is fast by "), (-0.004, "the clock of /r3 is slow by ")]
+)
+def test_a_clock_that_drifts_is_named_with_its_rate(gains, said) -> None:
+    """The stamps of one topic's clock; all arrive up to 5 ms after they were made."""
+    rows, lines, rng = LiveRows(as_map(RANGES), lag=0.03), list[str](), np.random.default_rng(1)
+    for k in range(800):
+        t = 1000.0 + 0.05 * k
+        for i in range(6):
+            stamp = t + (gains * (t - 1000.0) if i == 3 else 0.0)
+            lines += rows.add(f"/r{i}", round(1e9 * (t + rng.uniform(0.0, 0.005))), range_message(stamp, 1.0))
+        rows.before()
+    found = [line for line in lines if "warning" in line]
+    assert found
+    for line in found:
+        assert said in line
+        assert float(re.search(r"by ([0-9.]+)% \(", line)[1]) == pytest.approx(0.4, abs=0.02)
+
+
+def test_rows_dropped_long_ago_are_no_cause_of_a_silence() -> None:
+    rows, lines = LiveRows(as_map(RANGES + IMU)), []
+    for k in range(100):
+        t = 5.0 + 0.1 * k
+        lines += fed(rows, ("/imu", imu_message(t if t < 11.0 else 10.9)))
+        lines += [] if 7.0 < t < 10.0 else fed(rows, *all_ranges(t), *all_ranges(4.0 if k == 10 else t))
+    assert lines[0] == "all topics of ranges: silent for 2 s"  # not: 12 backward and duplicate stamps
+    assert lines[-1].startswith("/imu (imu): silent for 2 s. What came is not used: ")
+    assert "duplicate stamps, first in message 61" in lines[-1]
+
+
 def test_what_cannot_be_used_is_counted_by_its_reason() -> None:
     rows = LiveRows(as_map(RANGES + IMU))
     good = [(f"/r{i}", range_message(1.0, 2.0)) for i in range(6)]

@@ -188,6 +188,8 @@ def _run(
 
             played = bag_messages(Path(options.source), bridge.topics)
             messages = played if math.isinf(options.speed) else at_pace(played, options.speed)
+            if sender is not None:
+                messages = _beating(messages, sender)
         if mavlink is not None:
             _say(_armed(options, scenario, mavlink))
         try:
@@ -209,6 +211,16 @@ def _checked(messages: Iterator[Any], bridge: Any, check_stamp: Callable[[float]
         yield message
         if message is not None:
             check_stamp(bridge.newest)
+
+
+def _beating(messages: Iterator[Any], sender: Any) -> Iterator[Any]:
+    """Yield a bag's messages, with a heartbeat a second of it; live, TimesyncThread sends them."""
+    beat = -math.inf
+    for message in messages:
+        if message[1] >= beat:
+            sender.send_heartbeat()
+            beat = message[1] + 1e9
+        yield message
 
 
 def _applies(value: Any) -> bool:
@@ -249,18 +261,15 @@ def _armed(options: LiveOptions, scenario: Scenario, mavlink: str) -> str:
 
 
 def _to_mavlink(sender: Any, vision: bool, options: LiveOptions) -> Callable[..., None]:
-    """Return a target that sends its estimates, a heartbeat a second of a bag, and if armed what is asked for."""
+    """Return a target that sends its estimates, and if armed what is asked for."""
     from ortilo_drake.model.vehicle import GRAVITY
 
-    first, beat = math.nan, -math.inf
+    first = math.nan
     send_estimate = sender.send_vision if vision else sender.send
 
     def send(told: Any, wanted: Any, lost: int) -> None:
-        nonlocal first, beat
+        nonlocal first
         first = told.t if math.isnan(first) else first
-        if options.source != ROS2 and told.t >= beat:  # live, TimesyncThread sends them from the beginning
-            sender.send_heartbeat()
-            beat = told.t + 1.0
         send_estimate(told.t, told.estimate, told.covariance, lost)
         if options.arm and wanted is not None and not wanted.refused:
             assert options.hover_thrust is not None

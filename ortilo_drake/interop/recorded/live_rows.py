@@ -16,7 +16,7 @@ import numpy as np
 from ortilo_drake.interop.recorded.anchors import anchors_of
 from ortilo_drake.interop.recorded.blocks import Block
 from ortilo_drake.interop.recorded.columns import Stream
-from ortilo_drake.interop.recorded.live_stream import TOO_LATE, LiveStream
+from ortilo_drake.interop.recorded.live_stream import BELIEVED, TOO_LATE, LiveStream
 from ortilo_drake.interop.recorded.map_file import Find, Map
 from ortilo_drake.interop.recorded.range_rows import (
     Ranges,
@@ -158,6 +158,14 @@ class LiveRows:
         needed, said = self._lag + stream.late_by, f"warning  {stream.topic}: {n} messages are not used: they come"
         if stream.late_by > OTHER_CLOCK:
             return f"{said} {needed:.1f} s after others with later stamps: another clock?"
+        drifts = {one.topic: one.drift for one in self._streams if one.drift != 0.0}
+        if drifts:
+            name = max(drifts, key=lambda one: abs(drifts[one]))
+            by, which = abs(drifts[name]), "fast" if drifts[name] > 0.0 else "slow"
+            return (
+                f"{said} up to {needed:.2f} s after others with later stamps, and the clock of {name} is {which} by "
+                f"{by:.2%} ({round(1e6 * by, -2):.0f} ppm): no --lag will do for long; stamp all by one clock"
+            )
         lag = np.ceil(100.0 * needed - 1e-3) / 100.0
         return f"{said} up to {needed:.2f} s after others with later stamps: --lag {lag:g} takes them"
 
@@ -186,8 +194,8 @@ class LiveRows:
         self._silent ^= {name}
         if behind <= SILENT:
             return [name + AGAIN]
-        why = next((why for stream in streams if (why := stream.rejected.most())), "")
-        return [f"{name}: silent for {SILENT:g} s" + (f": {why}" if why else "")]
+        why = next((stream.rejected.most() for stream in streams if stream.dropped >= BELIEVED), "")
+        return [f"{name}: silent for {SILENT:g} s" + (f". What came is not used: {why}" if why else "")]
 
     def _stream(
         self, key: str, columns: tuple[Column, ...], names: tuple[Column, ...] = (), topic: str = "", width: int = 0

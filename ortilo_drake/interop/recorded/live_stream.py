@@ -13,6 +13,8 @@ from ortilo_drake.interop.recorded.units import size_of
 
 MOST: Final = 1_000_000  # rows that wait; the oldest go
 YOUNG, BELIEVED = 10, 3  # a stream's clock may still be set, and its stamps are believed, after so many rows
+PIECE, PIECES = 1.0, (5, 200)  # the least delay of so long [s]; a drift is told by so many of them, the last so many
+DRIFTS, LINEAR = 3e-4, 0.1  # a slope of the delay that is told, and how far it is from a line, as a share of its change
 TOO_LATE: Final = "rows that came too late"
 FAR: Final = "rows with a stamp more than an hour from the others"
 
@@ -48,6 +50,10 @@ class LiveStream:
     """how many came."""
     used: int = 0
     """how many of them had a stamp that was accepted."""
+    delays: list[list[float]] = field(default_factory=list)
+    """stamp and least delay of receipt behind it [s], of each piece of time."""
+    dropped: int = 0
+    """how many were dropped since the last whose stamp was accepted."""
     late_by: float = 0.0
     """by how much the latest of those that came too late did [s]."""
 
@@ -59,6 +65,7 @@ class LiveStream:
     def drop(self, reason: str) -> None:
         """Count a row that is not used."""
         self.rejected.add(reason, f"in message {self.messages}")
+        self.dropped += 1
 
     def add(self, received: int, message: Any, given: float) -> str:
         """Take a message, received at so many ns; return the problem that all such messages have, empty without one.
@@ -81,11 +88,12 @@ class LiveStream:
             return f"{len(numbers)} values in a message, not {self.width}"
         if self.source.time is not None:
             t *= size_of(self.source.unit, UNITS)
+        self._add_delay(t, 1e-9 * received - t)
         reason = self._why_not(t, given)
         if reason:
             self.drop(reason)
             return ""
-        self.newest, self.used = max(self.newest, t), self.used + 1
+        self.newest, self.used, self.dropped = max(self.newest, t), self.used + 1, 0
         self.rows.append(_Waiting(t - self.source.late, self.messages, numbers, names))
         if len(self.rows) > MOST:
             self.rejected.add(
@@ -93,6 +101,23 @@ class LiveStream:
             )
             del self.rows[: MOST // 2]
         return ""
+
+    @property
+    def drift(self) -> float:
+        """By how much of the time its clock gains on that of the receipts; 0 where the delays are on no line."""
+        if len(self.delays) < PIECES[0]:
+            return 0.0
+        t, delay = np.transpose(self.delays)
+        slope, first = np.polyfit(t - t[0], delay, 1)
+        off = np.std(delay - first - slope * (t - t[0]))
+        return -float(slope) if abs(slope) > DRIFTS and off < LINEAR * abs(slope) * (t[-1] - t[0]) else 0.0
+
+    def _add_delay(self, t: float, delay: float) -> None:
+        if not np.isfinite(delay):
+            return
+        if not self.delays or not 0.0 <= t - self.delays[-1][0] < PIECE:
+            self.delays = [*self.delays[1 - PIECES[1] :], [t, delay]]
+        self.delays[-1][1] = min(self.delays[-1][1], delay)
 
     def _why_not(self, t: float, given: float) -> str:
         """Return the reason why a stamp [s] cannot be used, in the words of the file readers; empty if it can."""

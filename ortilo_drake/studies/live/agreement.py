@@ -9,6 +9,7 @@ from ortilo_drake.studies.recorded.filter_types import Run
 WINDOW: Final = 5.0  # [s]
 FEWEST: Final = 30  # ranges in it, fewer tell nothing
 REJECTED, CONSISTENT = 0.1, 3.0  # share of ranges that the gate rejects, and mean NIS of the others, that are told
+MOSTLY: Final = 0.6  # share of the rejected ranges that are one anchor's where it alone is to blame
 UNFIT: Final = (0.3, 0.15)  # share of rejected ranges from which, and down to which, nobody should fly
 
 
@@ -20,15 +21,30 @@ class Agreement:
 
     def __init__(self) -> None:
         self._t, self._nis, self._taken = np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool)
+        self._anchor = np.zeros(0, np.int64)
 
-    def add(self, t: np.ndarray, run: Run) -> None:
-        """Add the ranges of a run, stamped t (n) [s]; those at rest on the floor, which it ignores, do not count."""
+    def add(self, t: np.ndarray, anchor: np.ndarray, run: Run) -> None:
+        """Add the ranges of a run, stamped t (n) [s], to these anchors (n).
+
+        Those at rest on the floor, which it ignores, do not count.
+        """
         used = run.taken | (run.innovation != 0.0)
         nis = run.innovation[used] ** 2 / run.variance[used]
         recent = self._t > t[-1] - WINDOW if len(t) else np.ones(len(self._t), dtype=bool)
         self._t = np.concatenate((self._t[recent], t[used]))
         self._nis = np.concatenate((self._nis[recent], nis))
         self._taken = np.concatenate((self._taken[recent], run.taken[used]))
+        self._anchor = np.concatenate((self._anchor[recent], anchor[used]))
+
+    def alone(self) -> int | None:
+        """Return the anchor whose ranges alone are rejected, of the others no more than usual; None without one."""
+        out, counts = self._anchor[~self._taken], np.bincount(self._anchor)
+        if not len(out):
+            return None
+        worst = int(np.argmax(np.bincount(out)))
+        of_it = float(np.mean(out == worst))
+        others = (1.0 - of_it) * len(out) / max(1, len(self._anchor) - counts[worst])
+        return worst if of_it >= MOSTLY and others <= REJECTED else None
 
     def is_unfit(self, before: bool, gate: float = 0.0) -> bool:
         """Return whether the gate rejects too many to fly by the estimate; fewer are too many if it was so before.

@@ -256,8 +256,9 @@ class LiveFilter:
             )
             self.ranges, self.taken = self.ranges + len(run.taken), self.taken + int(run.taken.sum())
             past = Events(*(part[:done] for part in events))
-            self.agreement.add(past.t[past.kind == RANGE], run)
-            self.anchors.add(past.which[past.kind == RANGE], run, self._state)
+            of = past.kind == RANGE
+            self.agreement.add(past.t[of], past.which[of], run)
+            self.anchors.add(past.which[of], run, self._state)
             if self._state.watched[RESTS] == 0.0:
                 sd = float(np.sqrt(np.trace(self._state.C[:3, :3])))
                 self.places.advance(past, self._antenna(), self._state.t, sd)

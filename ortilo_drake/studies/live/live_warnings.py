@@ -46,9 +46,8 @@ class LiveWarnings:
         doubt = filter_.agreement.doubt(filter_.gate, filter_.places.widened)
         if bool(doubt) != self._disagrees:
             self._disagrees = bool(doubt)
-            cause = "a wrong heading, place of an anchor, axis or noise?"
             if doubt:
-                self._say(f"warning  ranges: {doubt}: {cause}")
+                self._say(f"warning  ranges: {doubt}: {self._cause(filter_)}")
             else:
                 self._note("ranges: agree with the estimate again")
         if not filter_.agreement.is_unfit(False, filter_.gate):
@@ -85,6 +84,13 @@ class LiveWarnings:
             key = f"baseline_range: {places.scatter:.2f}"
         told = f"a range scatters by {places.scatter:.2f} m, the map says {places.stated:.2f} m"
         self._say(f"warning  noise: {told}: `filter: {{{key}}}` would fit; until then estimates go out less sure")
+
+    def _cause(self, filter_: LiveFilter) -> str:
+        alone = filter_.agreement.alone()
+        if alone is None:
+            return "a wrong heading, place of an anchor, axis or noise?"
+        name = names_of(self._map, len(filter_.anchors.figures()))[alone]
+        return f"anchor {name} alone: is a wall, the body or a person in its way, or is it in another place?"
 
     def _say_lost(self, lost: int, t: float) -> None:
         if lost > self._lost and t - self._told > SELDOM:

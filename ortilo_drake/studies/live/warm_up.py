@@ -28,6 +28,8 @@ def warm_up(map_: Map, anchors: np.ndarray) -> None:
         turned = None if map_.imu.orientation is None else np.tile(np.eye(3), (len(t), 1, 1))
         imu = Imu(t, rates, force, turned, None if map_.accelerometer is None else (t, force))
         map_ = map_.without_standstill()
+    if map_.start is not None:
+        map_ = map_.model_copy(update={"start": map_.start.model_copy(update={"position": tuple(place.tolist())})})
     with suppress(InputError):  # a map that contradicts the made-up rest compiles all the same
         for one in LiveFilter(map_, anchors).advance(LASTS, Block(ranges, imu, NO_AID_ROWS), ended=True):
             estimate_at(one.t, one.state, imu is not None)

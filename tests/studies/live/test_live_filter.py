@@ -12,7 +12,7 @@ from ortilo_drake.interop.recorded.bag_columns import at_pace, bag_messages
 from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import Imu, Recording, read_recording
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.live import anchor_bank, live_filter
+from ortilo_drake.studies.live import anchor_bank, live_filter, rates_watch
 from ortilo_drake.studies.live.imu_record import LOST
 from ortilo_drake.studies.live.live_bridge import LiveBridge, run_live
 from ortilo_drake.studies.recorded import heading_doubts, reacquired
@@ -83,6 +83,7 @@ def test_topics_that_come_late_and_in_turns_make_no_difference(monkeypatch) -> N
     for module in (reacquired, live_filter):
         run_plainly(monkeypatch, module, "run_filter", "initial_carried")
     run_plainly(monkeypatch, heading_doubts, "follow")
+    run_plainly(monkeypatch, rates_watch, "follow")
     run_plainly(monkeypatch, anchor_bank, "follow_ranges")
     motion, map_ = as_stamped(made_up(2.5)), as_map(RANGES + IMU + START)
     behind = {f"/r{i}": 7_000_000 * i for i in range(6)} | {"/imu": 20_000_000}  # [ns]
@@ -149,6 +150,7 @@ def test_a_start_that_the_first_ranges_contradict_is_refused(monkeypatch, x, sd,
     """An autopilot that is given a wrong start flies by it for tens of seconds: the anchors' biases take it up."""
     run_plainly(monkeypatch, live_filter, "run_filter", "initial_carried")
     run_plainly(monkeypatch, heading_doubts, "follow")
+    run_plainly(monkeypatch, rates_watch, "follow")
     run_plainly(monkeypatch, anchor_bank, "follow_ranges")
     motion, place = made_up(1.5), [x, 6.1, 1.4]
     map_ = as_map(RANGES + IMU + f"start: {{position: {place}, position_sd: {sd}, heading: 0.5}}\n")
@@ -172,6 +174,7 @@ def quick_place(t):
 def test_a_heading_that_the_ranges_contradict_is_said(monkeypatch, heading, told) -> None:
     run_plainly(monkeypatch, live_filter, "run_filter", "initial_carried")
     run_plainly(monkeypatch, heading_doubts, "follow")
+    run_plainly(monkeypatch, rates_watch, "follow")
     run_plainly(monkeypatch, anchor_bank, "follow_ranges")
     start = f"start: {{position: {quick_place(np.zeros(1))[0].tolist()}, position_sd: 0.1, heading: {heading}}}\n"
     noise = "filter: {range_white: 0.03, range_correlated: 0.02, acceleration: 0.05}\n"
@@ -186,6 +189,7 @@ def test_after_a_long_silence_of_the_imu_nothing_is_claimed_by_the_old_heading(m
     """It claimed a heading to 7 degrees that was 93 degrees wrong; in the air one is found in 30 s, see TRIAL."""
     run_plainly(monkeypatch, live_filter, "run_filter", "initial_carried")
     run_plainly(monkeypatch, heading_doubts, "follow")
+    run_plainly(monkeypatch, rates_watch, "follow")
     run_plainly(monkeypatch, anchor_bank, "follow_ranges")
     motion = made_up(9.0)
     keep = (motion.t_imu < 1.5) | (motion.t_imu > 1.5 + lasts)

@@ -39,9 +39,10 @@ def test_two_wrong_anchors_of_six_hold_estimates_back_one_does_not(anchors, wron
     """All ranges of the wrong ones are rejected, from each in turn."""
     agreement, which = Agreement(), np.arange(20 * anchors) % anchors
     nis = np.ones(len(which))
-    agreement.add(np.linspace(0.0, 4.0, len(which)), Run(nis, nis, nis, nis, which >= wrong, ()))
+    agreement.add(np.linspace(0.0, 4.0, len(which)), which, Run(nis, nis, nis, nis, which >= wrong, ()))
     assert agreement.is_unfit(False) == unfit
     assert agreement.is_unfit(True) == stays
+    assert agreement.alone() == (0 if wrong == 1 else None)
 
 
 def test_ranges_that_scatter_more_than_the_map_says_do_not_hold_estimates_back() -> None:
