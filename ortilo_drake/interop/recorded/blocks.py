@@ -40,3 +40,9 @@ def parted(block: Block, t: float) -> tuple[Block, Block]:
         return Block(ranges.only(r), None if imu is None else between(imu, after, until), seen)
 
     return part(-np.inf, t), part(t, np.inf)
+
+
+def behind_gap(block: Block, longest: float) -> Block:
+    """Return the rows from the first range behind the last gap of the ranges that is longer [s]; all without one."""
+    gaps = np.flatnonzero(np.diff(block.ranges.t) > longest)
+    return parted(block, float(np.nextafter(block.ranges.t[gaps[-1] + 1], -np.inf)))[1] if len(gaps) else block

@@ -11,14 +11,14 @@ all rows came in time. Where replay looks ahead, this waits:
     a lost filter   the ranges of one to three seconds that it starts anew from
 
 Meanwhile no estimate is made; those left out follow at once when it resumes. Where the imu was silent for LOST, replay
-goes on; this begins anew, as in the air, for the heading that it would claim may be any.
+goes on; this begins anew, as in the air, for the heading that it would claim may be any; a BLACKOUT starts that over.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from ortilo_drake.interop.recorded.blocks import Block, joined, parted
+from ortilo_drake.interop.recorded.blocks import Block, behind_gap, joined, parted
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import Ranges
 from ortilo_drake.interop.recorded.recording import NO_AID_ROWS, Recording, held_at
@@ -57,6 +57,7 @@ from ortilo_drake.studies.recorded.reacquired import (
 )
 from ortilo_drake.studies.recorded.setups import uncalibrated_setup
 
+BLACKOUT = 1.0  # headings that are tried over one that is longer do not come back together [s]
 RATE = 10.0  # of the estimates by default, as replay's without a truth [Hz]
 
 
@@ -102,7 +103,7 @@ class LiveFilter:
         self._known: FilterSetup | None = None
         self._next = 0  # number of the next estimate
         self._events: tuple[Events, EventValues] | None = None  # those that a lost filter left
-        self._waits = False  # for the ranges to start anew from
+        self._waits = self._again = False  # for the ranges to start anew from; has begun anew behind a silent imu
         self.ranges = self.taken = self.lost = 0
         self.begins_at, self.why_not_begun = 0.0, "no range was heard"
         self.agreement = Agreement()
@@ -168,12 +169,13 @@ class LiveFilter:
         """Forget all but these rows, and the start and the standstill, which are past."""
         self._kept, self._map = kept, self._map.in_the_air()
         self.imu, self.agreement = ImuRecord(), Agreement()
-        self.lost, self._waits = self.lost + self.begun, False
+        self.lost, self._waits, self._again = self.lost + self.begun, False, True
         self._known = self._events = self.heading = None
 
     def _begin(self, horizon: float, ended: bool) -> bool:
         """Start the filter if what it starts by is here; return whether it was."""
         assert self._kept is not None
+        self._kept = behind_gap(self._kept, BLACKOUT) if self._again else self._kept
         map_, (ranges, imu, looks) = self._map, self._kept
         if imu is not None:
             standstill = 0.0 if map_.imu is None else map_.imu.standstill
@@ -214,8 +216,7 @@ class LiveFilter:
             self._kept = self._kept._replace(ranges=late.only(np.flatnonzero(late.t > begin + LONGEST)))
             return False
         self._set_out(known, begin, first)
-        if known.start is not None:
-            self.start_doubt = check_start(ranges, self._antenna(), self._anchors, map_)
+        self.start_doubt = check_start(ranges, self._antenna(), self._anchors, map_) if known.start is not None else ""
         if map_.height is None:
             self.mirror = next(iter(of_plane(self._anchors, self._state.x[None, :3], None, map_.planar)), "")
         return True

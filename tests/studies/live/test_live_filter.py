@@ -17,7 +17,7 @@ from ortilo_drake.studies.live.imu_record import LOST
 from ortilo_drake.studies.live.live_bridge import LiveBridge, run_live
 from ortilo_drake.studies.recorded import heading_doubts, reacquired
 from ortilo_drake.studies.recorded.at_rest import at_rest
-from ortilo_drake.studies.recorded.filtered import estimate
+from ortilo_drake.studies.recorded.filtered import TRIAL, estimate
 from ortilo_drake.studies.recorded.replayed import RAW, replay
 from ortilo_drake.studies.recorded.setups import uncalibrated_setup
 
@@ -202,6 +202,22 @@ def test_after_a_long_silence_of_the_imu_nothing_is_claimed_by_the_old_heading(m
     assert bridge.report().lost == anew
     assert ("needs ranges until" in bridge.report().not_begun) == anew
     assert any(line.startswith("the filter begins anew: ") for line in lines) == anew
+
+
+@pytest.mark.parametrize("blackout", [0.0, 2.0])
+def test_the_trials_behind_a_long_silence_of_the_imu_start_over_behind_a_blackout(monkeypatch, blackout) -> None:
+    """Headings tried over one ended 102 degrees off."""
+    run_plainly(monkeypatch, live_filter, "run_filter", "initial_carried")
+    run_plainly(monkeypatch, heading_doubts, "follow")
+    run_plainly(monkeypatch, rates_watch, "follow")
+    run_plainly(monkeypatch, anchor_bank, "follow_ranges")
+    motion = without(made_up(13.0), 9.02, 9.02 + blackout)
+    keep = (motion.t_imu < 1.5) | (motion.t_imu > 1.7 + LOST)
+    bridge = LiveBridge(as_map(RANGES + IMU + START), lambda line: None)
+    for message in messages_of(motion._replace(t_imu=motion.t_imu[keep], imu=motion.imu[keep])):
+        bridge.receive(*message)
+    first = 9.05 + blackout if blackout else 1.75 + LOST  # of the ranges that count, every 0.05 s from 0.05 s on
+    assert f"needs ranges until {first - 0.05 + TRIAL:.1f} s" in bridge.report().not_begun
 
 
 LANDS = START.replace("heading: 0.5", "heading: 0.5, rests: true, lands: true")
