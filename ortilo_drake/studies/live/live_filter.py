@@ -38,23 +38,10 @@ from ortilo_drake.studies.recorded.at_rest import AT_REST, at_rest
 from ortilo_drake.studies.recorded.doubts import of_plane
 from ortilo_drake.studies.recorded.event_filter import Carried, initial_carried, run_filter
 from ortilo_drake.studies.recorded.filter_types import RANGE, Events, EventValues, Restart, State
-from ortilo_drake.studies.recorded.filtered import (
-    TRIAL,
-    FilterSetup,
-    begin_of,
-    events_of,
-    start_of,
-)
+from ortilo_drake.studies.recorded.filtered import TRIAL, FilterSetup, begin_of, events_of, start_of
 from ortilo_drake.studies.recorded.heading_doubts import HeadingWatch, ranging_of
 from ortilo_drake.studies.recorded.imu_watch import RESTS
-from ortilo_drake.studies.recorded.reacquired import (
-    AGAIN,
-    LONGEST,
-    fix_known_at,
-    is_astray,
-    no_restart,
-    restart_from,
-)
+from ortilo_drake.studies.recorded.reacquired import AGAIN, LONGEST, fix_known_at, is_astray, no_restart, restart_from
 from ortilo_drake.studies.recorded.setups import uncalibrated_setup
 
 BLACKOUT = 1.0  # headings that are tried over one that is longer do not come back together [s]

@@ -48,8 +48,8 @@ def test_two_wrong_anchors_of_six_hold_estimates_back_one_does_not(anchors, wron
 def test_ranges_that_scatter_more_than_the_map_says_do_not_hold_estimates_back() -> None:
     """Of ranges with five times the deviation half are beyond 3.4 deviations of the map's; none beyond five times 4."""
     agreement, squares = Agreement(), 25.0 * np.tile([0.1, 0.5, 1.0, 4.0], 20)
-    sd = np.ones(len(squares))
-    agreement.add(np.linspace(0.0, 4.0, len(squares)), Run(sd, sd, np.sqrt(squares), sd, squares < 16.0, ()))
+    sd, which = np.ones(len(squares)), np.arange(len(squares)) % 4
+    agreement.add(np.linspace(0.0, 4.0, len(squares)), which, Run(sd, sd, np.sqrt(squares), sd, squares < 16.0, ()))
     assert agreement.is_unfit(False)
     assert not agreement.is_unfit(True, 25.0 * 16.0)
     assert "rejects 50%" in agreement.doubt()
