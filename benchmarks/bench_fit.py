@@ -22,10 +22,10 @@ from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import Ranges
 from ortilo_drake.interop.recorded.recording import GRAVITY, read_recording
 from ortilo_drake.model.typed_yaml import parse_yaml, validate
-from ortilo_drake.scenario.range_errors import FieldNoise, LastingNoise, Outliers, UwbNoise
+from ortilo_drake.scenario.noise_file import FieldNoise, LastingNoise, Outliers, UwbNoise
 from ortilo_drake.studies.fit.fit import fit_recordings
 from ortilo_drake.studies.predict.predicted import draw_errors, numbers_of
-from ortilo_drake.world.sensors.fitted_errors import draw_day
+from ortilo_drake.world.sensors.fitted_uwb import draw_day
 
 ANCHORS = np.array([(x, y, z) for z in (0.2, 2.8) for x, y in ((-3, -4), (3, -4), (3, 4), (-3, 4))], dtype=float)
 REST, FLIGHT, RATE, IMU_RATE, TRUTH_RATE = 3.0, 40.0, 320, 250, 100

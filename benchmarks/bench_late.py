@@ -42,7 +42,7 @@ from ortilo_drake.studies.late.late_flights import (
     mode_report,
     paired,
 )
-from ortilo_drake.views.markdown import table
+from ortilo_drake.views.numbers import table
 
 FAULTS = "{loss: 0.2, delay: 0.04, spread: 0.02}"
 TOLD = 0.077  # from a tick to when its command acts behind the relay at 30 Hz, which a delay that is told is [s]

@@ -18,7 +18,7 @@ from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.truth import Truth
 from ortilo_drake.sensors.described import port_of
 from ortilo_drake.world.drawn_truth import draw_truth, of_seed
-from ortilo_drake.world.faults.scene_faults import check_room
+from ortilo_drake.world.faults.table import check_room
 
 
 class World(Diagram):

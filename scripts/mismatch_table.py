@@ -16,8 +16,7 @@ from ortilo_drake.flight.engine import Engine
 from ortilo_drake.flight.intervals import middle_of
 from ortilo_drake.flight.lost import NOT_LOST
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.views.markdown import table
-from ortilo_drake.views.numbers import count, number, with_interval
+from ortilo_drake.views.numbers import count, number, table, with_interval
 
 Settings = tuple[tuple[str, Any], ...]
 

@@ -19,7 +19,7 @@ from command_line import run
 
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.flight.engine import Engine
-from ortilo_drake.flight.simulator import make_simulator
+from ortilo_drake.flight.flight import make_simulator
 from ortilo_drake.hil.real_time.warm_up import warm_up
 from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.filter_model import filter_model

@@ -10,6 +10,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import xarray as xr
@@ -187,3 +188,11 @@ def other_bus() -> Iterator[str]:
 
     with own_bus() as url:
         yield url
+
+
+@pytest.fixture
+def drawn_figures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """The figures that are drawn to be written, which none is."""
+    made: list[Any] = []
+    monkeypatch.setattr("ortilo_drake.views.pictures.save_picture", lambda figure, path: made.append(figure))
+    return made

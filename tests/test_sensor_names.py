@@ -23,7 +23,7 @@ OWN = (
     "model/inputs/calibration_file.py",  # of the camera
     "world/scenery/bent_picture.py",  # likewise
     "training/calibration/calibrate.py",  # of the camera
-    "world/faults/scene_faults.py",  # of what the camera looks at
+    "world/faults/table.py",  # of what the camera looks at
     "world/radio/image_delay.py",  # of the camera's pictures
 )
 

@@ -19,15 +19,13 @@ from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.parts import find_part
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import ACTED_SIZE, N_U, N_XBAR, REFERENCE_SIZE, VELOCITY_SIZE
-from ortilo_drake.onboard.commands.state_ahead import state_ahead_box
-from ortilo_drake.onboard.commands.timeline import command_log_box
+from ortilo_drake.onboard.commands.timeline import command_log_box, state_ahead_box
 from ortilo_drake.onboard.estimator.filter_element import extra_box, parts_box
 from ortilo_drake.onboard.initial import initial_estimate
 from ortilo_drake.onboard.planner.planned import Planned, start_of
 from ortilo_drake.onboard.planner.players import PathPlayer, reference_box
-from ortilo_drake.onboard.servo.augmented_servo import augmented_servo_box
 from ortilo_drake.onboard.servo.lq_gain import gain_of
-from ortilo_drake.onboard.servo.lq_servo import TRUE_VELOCITY, servo_box
+from ortilo_drake.onboard.servo.lq_servo import TRUE_VELOCITY, augmented_servo_box, servo_box
 from ortilo_drake.scenario import Belief, LqServo
 from ortilo_drake.sensors.described import port_of
 

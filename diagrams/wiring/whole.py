@@ -10,7 +10,7 @@ from ortilo_drake.onboard.planner.planned import planned, start_of
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.tight import TightFilter
 from ortilo_drake.sensors.described import described
-from ortilo_drake.world.faults.scene_faults import check_room
+from ortilo_drake.world.faults.table import check_room
 
 
 def boxes_of(scenario: Scenario, ticks: int) -> list[Box]:

@@ -18,8 +18,9 @@ from ortilo_drake.scenario.truth import ClockTruth, ForceTruth, VehicleTruth
 from ortilo_drake.sensors.described import described
 from ortilo_drake.world.drawn_truth import check_size
 from ortilo_drake.world.faults.fault_element import asked_box, fault_boxes
-from ortilo_drake.world.faults.scene_faults import message_faults
+from ortilo_drake.world.faults.table import message_faults
 from ortilo_drake.world.faults.vehicle_faults import force_faults_box, force_table, wrench_faults_box, wrench_table
+from ortilo_drake.world.noise import gauss_markov
 from ortilo_drake.world.radio.command_link import command_link_box
 from ortilo_drake.world.radio.link import delivery_box, is_late, link_box
 from ortilo_drake.world.sensors.own_sensor import own_sensor_box
@@ -27,7 +28,6 @@ from ortilo_drake.world.sensors.sample_collector import SampleCollector
 from ortilo_drake.world.sensors.sensor_clock import clock_box
 from ortilo_drake.world.sensors.sensor_errors import errors_box, errors_of
 from ortilo_drake.world.sensors.true_velocity import shutter_box, velocity_box
-from ortilo_drake.world.slow_error import gauss_markov
 from ortilo_drake.world.vehicle.acted_report import now_box, report_box
 from ortilo_drake.world.vehicle.continuous import continuous_boxes
 from ortilo_drake.world.vehicle.disturbance import disturbance_box, drag_box, lasting_force_box

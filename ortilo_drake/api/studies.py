@@ -22,8 +22,7 @@ from ortilo_drake.scenario.plain import plain_value
 from ortilo_drake.studies.linearization.linearize import Linearization
 from ortilo_drake.studies.linearization.linearize import linearize as linearize_part
 from ortilo_drake.studies.maps.map_flights import fly_map
-from ortilo_drake.studies.maps.map_report import map_csv, map_text
-from ortilo_drake.studies.maps.map_theory import theory_of
+from ortilo_drake.studies.maps.map_report import map_csv, map_text, theory_of
 from ortilo_drake.studies.maps.sweep import Sweep, load_sweep
 from ortilo_drake.studies.paper_tables.flown_tables import fly_tables, scenarios_of_tables
 from ortilo_drake.studies.paper_tables.report import table_text

@@ -14,7 +14,7 @@ import numba
 from ortilo_drake.codegen.c_header import ROOM_BYTES, header_text
 from ortilo_drake.codegen.c_source import TEMPLATES, source_text
 from ortilo_drake.codegen.cmake_files import cmake_files
-from ortilo_drake.codegen.golden import flown_ticks, golden_text
+from ortilo_drake.codegen.exported_half import flown_ticks, golden_text
 from ortilo_drake.codegen.half import onboard_half
 from ortilo_drake.codegen.ir import makes_arrays, neutral_irs
 from ortilo_drake.codegen.object_code import object_code

@@ -67,15 +67,11 @@ def system() -> str:
     return {"Darwin": "macOS"}.get(name, name)
 
 
-def in_container() -> bool:
-    """Return whether this is a container of Docker's or Podman's."""
-    return any(Path(mark).exists() for mark in ("/.dockerenv", "/run/.containerenv"))
-
-
 def machine() -> Finding:
     """Name the system; native Windows is refused, as Drake has no wheels for it."""
     name = system()
-    found = f"{name} {platform.machine()}{', in a container' if in_container() else ''}"
+    in_container = any(Path(mark).exists() for mark in ("/.dockerenv", "/run/.containerenv"))  # Docker's, Podman's
+    found = f"{name} {platform.machine()}{', in a container' if in_container else ''}"
     mend = "use Linux, macOS on arm64, or WSL2: docs/how_to/machines.md"
     return Finding("machine", name in ("Linux", "WSL2", "macOS"), NEEDED, found, mend)
 

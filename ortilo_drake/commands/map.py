@@ -37,8 +37,7 @@ def map_(
     terminal.check_writable(report, table, figure)
     from ortilo_drake.studies.maps.map_figure import map_figure
     from ortilo_drake.studies.maps.map_flights import fly_map
-    from ortilo_drake.studies.maps.map_report import map_csv, map_text
-    from ortilo_drake.studies.maps.map_theory import theory_of
+    from ortilo_drake.studies.maps.map_report import map_csv, map_text, theory_of
 
     terminal.say_if_compiling()
     count = workers or os.cpu_count() or 1

@@ -15,10 +15,10 @@ from ortilo_drake.flight.figures import (
     REFERENCE,
     TRACE_SIZE,
     TRUE,
+    figures_box,
     figures_of,
     squared_distances_from,
 )
-from ortilo_drake.flight.figures_element import figures_box
 from ortilo_drake.flight.flight import flight_dataset
 from ortilo_drake.flight.flyable import check_flyable
 from ortilo_drake.flight.lost import CAUSES, NOT_LOST, Lost, bounds_of

@@ -6,6 +6,8 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.flight.lost import Bounds, cause_of_loss
+from ortilo_drake.loop.element import Box, Element
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import N_XBAR
 from ortilo_drake.onboard.ranging.range_equations import inverse, product
@@ -186,3 +188,28 @@ def figures_of(trace: np.ndarray, path: np.ndarray, out: np.ndarray) -> None:
         out[7] = max(out[7], np.sqrt(squared[k]))
         out[8] = max(out[8], np.sqrt(squared_distance_to(path, k, p)))
         out[9] += trace[k, NEES] / n
+
+
+_R = REFERENCE.start
+
+
+def figures_out(
+    state: np.ndarray,
+    belief: np.ndarray,
+    reference: np.ndarray,
+    bounds: Bounds,
+    out: np.ndarray,
+) -> None:
+    """Output a row of flight/figures.py, and the cause of the flight's loss, see lost.CAUSES (11)."""
+    for i in range(3):
+        out[i], out[3 + i], out[_R + i] = state[i], belief[i], reference[i]
+    out[NEES] = position_nees(state, belief, belief[N_XBAR:])
+    out[TRACE_SIZE] = cause_of_loss(state, bounds)
+
+
+OF_A_TICK = Element("figures", out=figures_out)
+
+
+def figures_box(bounds: Bounds) -> Box:
+    """Return the box of a flight's figures; it reads the true state (12), the belief (240) and the reference."""
+    return Box("figures", OF_A_TICK, TRACE_SIZE + 1).with_groups(bounds=bounds)

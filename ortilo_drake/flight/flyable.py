@@ -9,7 +9,7 @@ from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import described
 from ortilo_drake.sensors.messages import message_size
 from ortilo_drake.world.drawn_truth import check_size
-from ortilo_drake.world.faults.scene_faults import check_room
+from ortilo_drake.world.faults.table import check_room
 
 LARGEST_LOG = 2048 * MIB  # of one flight: 8 hours at 30 Hz; a flight takes about four times that in memory
 

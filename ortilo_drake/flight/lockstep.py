@@ -9,11 +9,10 @@ from collections.abc import Callable
 import numpy as np
 import xarray as xr
 
-from ortilo_drake.flight.flight import flight_dataset
+from ortilo_drake.flight.flight import CHECK_EVERY, flight_dataset
 from ortilo_drake.flight.flyable import flight_ticks
 from ortilo_drake.flight.lost import find_loss
 from ortilo_drake.flight.signals import Record, output_sizes
-from ortilo_drake.flight.simulator import CHECK_EVERY
 from ortilo_drake.flight.stepped_halves import OnboardHalf, Signals, WorldHalf
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.scenario import Scenario

@@ -113,10 +113,6 @@ def _made_fixes(flight: xr.Dataset, sensor: str, measurement: Measurement) -> np
     return np.asarray(flight["arrival"].sel(sensor=sensor).values & np.isfinite(values).all(axis=1))
 
 
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
-
-
 def loss_of(flight: xr.Dataset) -> Loss | None:
     """Return the time and reason of a flight's loss; None if the flight reached its end."""
     lost = json.loads(flight.attrs["lost"])
@@ -139,7 +135,7 @@ def summary(flight: xr.Dataset) -> Summary:
         floor=mean_floor(floor),
         efficiency=efficiency(mse, mean_floor(floor)),
         tick_efficiency=tick_efficiency(flight, floor),
-        path_mse=_finite(path_mse(flight)),
+        path_mse=by_x if np.isfinite(by_x := path_mse(flight)) else None,
         path_distance_mse=path_distance_mse(flight),
         max_path_distance=float(np.max(path_distance(flight))),
         max_reference_distance=float(np.max(reference_distance(flight))),

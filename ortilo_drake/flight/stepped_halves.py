@@ -18,8 +18,8 @@ from pydrake.trajectories import Trajectory
 
 from ortilo_drake.diagrams.onboard import Onboard, make_onboard
 from ortilo_drake.diagrams.world import make_world
+from ortilo_drake.flight.flight import fix_steps
 from ortilo_drake.flight.signals import Signals, output_sizes
-from ortilo_drake.flight.simulator import fix_steps
 from ortilo_drake.model.signals import ARRIVED, N_XBAR
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.resume import about_reference, after_gap

@@ -1,7 +1,6 @@
 """The summary of a flight."""
 
 import json
-from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Annotated, Final
 
@@ -73,11 +72,6 @@ class Summary:
     """who flew it, see players.py; None where it is not known, as of a log."""
     real_time_factor: Error
     """simulated over wall time; NaN where time was not measured."""
-
-
-def players_of(summaries: Iterable[Summary]) -> str:
-    """Return the players of flights, in words."""
-    return ", ".join(sorted({summary.player or "unknown" for summary in summaries}))
 
 
 _SUMMARY: Final = TypeAdapter(Summary)

@@ -17,7 +17,7 @@ from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.model.signals import N_X
-from ortilo_drake.onboard.estimator.structure import Structure, structure_of
+from ortilo_drake.onboard.estimator.kalman import Structure, structure_of
 from ortilo_drake.sensors.information_rows import AMPLITUDE, GRADIENT, SLOW, TICK, VARIANCE
 
 

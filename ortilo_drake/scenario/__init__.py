@@ -11,9 +11,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.scenario.belief import Belief
 from ortilo_drake.scenario.camera import Camera
-from ortilo_drake.scenario.commands import Commands
 from ortilo_drake.scenario.estimator import Biases, DiagonalW, DisturbanceW, IntermittentFilter, Noise, Walks
-from ortilo_drake.scenario.failsafe import Failsafe
 from ortilo_drake.scenario.link import (
     BernoulliLoss,
     Blackout,
@@ -45,4 +43,4 @@ from ortilo_drake.scenario.sensors import (
     WallsIgnored,
 )
 from ortilo_drake.scenario.truth import Truth
-from ortilo_drake.scenario.world import Disturbance, FirstOrderRotors, IdealRotors, World
+from ortilo_drake.scenario.world import Commands, Disturbance, Failsafe, FirstOrderRotors, IdealRotors, World

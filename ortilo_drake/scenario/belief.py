@@ -19,12 +19,12 @@ from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import FileName, Frozen
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.scenario.camera import CameraSetup
-from ortilo_drake.scenario.commands import Commands
 from ortilo_drake.scenario.estimator import IntermittentFilter
 from ortilo_drake.scenario.onboard import Detector, LandmarkFix, LqServo, Multilateration
 from ortilo_drake.scenario.own_parts import model_for, model_of_all
 from ortilo_drake.scenario.planner import GcsPlanner, Planner
 from ortilo_drake.scenario.sensors import ImuSetup, UwbSetup
+from ortilo_drake.scenario.world import Commands
 
 
 def _as_file_name(name: str) -> str:

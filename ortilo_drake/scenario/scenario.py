@@ -11,14 +11,13 @@ from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import InputError, nearest, validate
 from ortilo_drake.scenario.belief import Belief
 from ortilo_drake.scenario.camera import Camera
-from ortilo_drake.scenario.failsafe import Failsafe
 from ortilo_drake.scenario.faults import Faults, check_faults, sensors_of_kind
 from ortilo_drake.scenario.link import CommandLink, Link, check_rate
 from ortilo_drake.scenario.loss_chain import loss_parameters
 from ortilo_drake.scenario.onboard import LqServo
 from ortilo_drake.scenario.sensors import Imu, Uwb
 from ortilo_drake.scenario.truth import Truth
-from ortilo_drake.scenario.world import World
+from ortilo_drake.scenario.world import Failsafe, World
 
 BIAS_SDS = ("uwb_sd", "camera_sd", "level_sd", "yaw_sd", "row_sd")
 Seed = Annotated[int, Field(ge=0, lt=2**63)]

@@ -9,7 +9,7 @@ from ortilo_drake.model.range_pairs import Pairs
 from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive
 from ortilo_drake.model.white_noise import USUAL_ROOT, white_sd
 from ortilo_drake.scenario.link import Link, LinkRate
-from ortilo_drake.scenario.range_errors import UwbNoise
+from ortilo_drake.scenario.noise_file import UwbNoise
 
 
 class SensorSetup(Frozen):

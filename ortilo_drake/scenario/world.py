@@ -1,11 +1,63 @@
-"""The simulated physics apart from the sensors."""
+"""The simulated physics apart from the sensors, the command link and the failsafe."""
 
+import math
 from typing import Annotated, Literal
 
 from pydantic import Field, NonNegativeFloat, model_validator
 
-from ortilo_drake.model.typed_yaml import Frozen
+from ortilo_drake.model.typed_yaml import Frozen, Positive
 from ortilo_drake.model.white_noise import USUAL_ROOT, white_sd
+
+
+class Commands(Frozen):
+    """How filter and servo account for the delay and loss of commands on their way to the rotors."""
+
+    filter: Literal["sent", "acted"] = "sent"
+    """'sent' predicts with each command as if it acted at its tick, the paper's filter. 'acted' predicts with the
+    commands that acted and when, as the world reports them, and puts right the ticks of which it learns later; only
+    with estimator.delay 'replay'."""
+    servo: Literal["present", "predicted", "augmented"] = "present"
+    """'present' acts on the state of the tick. 'predicted' acts on the state and the reference of the time at which its
+    command will act, with the commands on the way. 'augmented' acts on the state of the tick and the commands on the
+    way, by the LQ gain of a plant that has them as states."""
+    delay: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
+    """time from the tick of a command until it acts [s]. null uses the delays that the world reports; 'augmented' needs
+    a number, because its gain is computed before the flight."""
+
+    @property
+    def are_reported(self) -> bool:
+        """True if the world reports which commands acted."""
+        return self.filter == "acted" or (self.servo == "predicted" and self.delay is None)
+
+    @property
+    def are_kept(self) -> bool:
+        """True if the onboard half keeps its commands."""
+        return self.filter == "acted" or self.servo == "predicted"
+
+
+Frequency = Annotated[float, Field(gt=0.0, le=20.0)]
+
+
+class Failsafe(Frozen):
+    """The flight controller's hold and landing while no command comes."""
+
+    timeout: Positive = 0.2
+    """largest age of a command that still counts [s]."""
+    hold_for: NonNegativeFloat = 5.0
+    """time without a command after which the vehicle descends [s], counted from the hold's start."""
+    descent_rate: Positive = 0.3
+    """vertical speed of the descent [m/s]."""
+    landing_height: NonNegativeFloat = 0.15
+    """z of the centre of mass of the vehicle standing on its legs [m]; ours."""
+    max_tilt: Annotated[float, Field(gt=0.0, le=math.pi / 4.0)] = math.radians(20.0)
+    """largest roll or pitch asked for to brake [rad]."""
+    braking_frequency: Frequency = 3.0
+    """p, where the horizontal velocity has its triple pole [rad/s]."""
+    altitude_frequency: Frequency = 2.0
+    """w_z, where the altitude has its double pole [rad/s]."""
+    yaw_frequency: Frequency = 2.0
+    """w_psi, where the yaw has its double pole [rad/s]."""
+
 
 DragCoefficient = Annotated[float, Field(ge=0.0, le=10.0)]
 

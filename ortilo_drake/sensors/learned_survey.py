@@ -9,7 +9,7 @@ the fixes that are remembered, of eigenvalues l, has E[eta eta^T] = s_w^2 Lambda
 
     E log L(s) = 1/2 sum_l s^2 (s_w^2 l^2 + l) / (1 + s^2 l) - log(1 + s^2 l)
 
-Where the scale of the noise is learned (onboard/ranging/noise_scale.py), the filter is told noise of that scale.
+Where the scale of the noise is learned (onboard/ranging/bank_element.py), the filter is told noise of that scale.
 """
 
 import numpy as np

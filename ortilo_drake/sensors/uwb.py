@@ -24,8 +24,7 @@ from ortilo_drake.sensors.messages import solver_system
 from ortilo_drake.world.drawn_truth import AtStart, Drawn, draw_truth
 from ortilo_drake.world.faults.fault_element import fault_out
 from ortilo_drake.world.noise import stream_id
-from ortilo_drake.world.sensors.fitted_errors import largest_sd
-from ortilo_drake.world.sensors.fitted_uwb import fitted_box, fitted_drawn, noise_of
+from ortilo_drake.world.sensors.fitted_uwb import fitted_box, fitted_drawn, largest_sd, noise_of
 from ortilo_drake.world.sensors.range_differences import differences_box, differences_drawn
 from ortilo_drake.world.sensors.range_paths import STREAM as PATHS_STREAM
 from ortilo_drake.world.sensors.range_paths import paths_box, paths_out

@@ -10,7 +10,7 @@ from ortilo_drake.onboard.planner.planned import planned
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.views.guarded.guard import Guard, hidden_meshcat
 from ortilo_drake.views.guarded.panel import Panel
-from ortilo_drake.world.scenery.meshcat_draw import draw_plan
+from ortilo_drake.world.scenery.meshcat_replay import draw_plan
 from ortilo_drake.world.scenery.meshcat_room import draw_room
 
 

@@ -17,7 +17,7 @@ from ortilo_drake.flight.verdict import ending
 from ortilo_drake.model.room import Room
 from ortilo_drake.scenario import PositionBlackout, Scenario
 from ortilo_drake.views.palette import BLUE, COLOR, ESTIMATED, GREEN, ORANGE, OTHER, PLANNED, PURPLE, SKY, STYLE, TRUE
-from ortilo_drake.views.pictures import save_picture
+from ortilo_drake.views.pictures import figure_to, save_picture
 from ortilo_drake.views.themes import for_slides
 
 DRAWN = ["truth", "reference", "due", "arrival"]  # variables of a flight that trajectory_figure and arrival_figure read
@@ -95,8 +95,7 @@ def trajectory_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
 
     The first flight of each scenario is drawn in a stronger line.
     """
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(11, 4.4), layout="constrained")
+    with figure_to(path, (11, 4.4)) as figure:
         axes = figure.add_subplot()
         first = next(iter(flights.values()))[0]
         draw_room(axes, scenario_of(first).load_room(), scenario_of(first))
@@ -112,7 +111,7 @@ def trajectory_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
                 )
         axes.plot(*first["reference"].values[:, :2].T, "k--", lw=1.0, label="desired")
         thicken(axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=5, fontsize=8))
-        return save_picture(figure, path)
+    return path
 
 
 def flight_figure(flight: xr.Dataset, path: Path) -> Path:
@@ -227,11 +226,10 @@ def _runs(t: np.ndarray, period: float) -> list[tuple[float, float]]:
 
 def arrival_figure(flights: dict[str, xr.Dataset], path: Path) -> Path:
     """Draw the arrivals of one flight of each scenario over time."""
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(10, 1.5 * len(flights) + 0.4), layout="constrained")
+    with figure_to(path, (10, 1.5 * len(flights) + 0.4)) as figure:
         for k, (name, flight) in enumerate(flights.items()):
             axes = figure.add_subplot(len(flights), 1, k + 1)
             draw_arrivals(axes, flight)
             axes.set_xlim(0, float(flight["time"].values[-1]))
             axes.set_title(f"{TITLE.get(name, name)}, seed {flight.attrs['seed']}", loc="left")
-        return save_picture(figure, path)
+    return path

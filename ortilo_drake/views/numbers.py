@@ -1,8 +1,17 @@
-"""Numbers as text: no more digits than their intervals know, and lost flights by name."""
+"""Tables in Markdown, and numbers as text: no more digits than their intervals know, and lost flights by name."""
 
 import math
 
 from ortilo_drake.flight.intervals import Interval, Middle, share_interval
+
+Rows = list[list[str]]
+
+
+def table(header: list[str], rows: Rows) -> list[str]:
+    """Return a Markdown table and the empty line after it."""
+    lines = [" | ".join(header), " | ".join("---" for _ in header)]
+    return [f"| {line} |" for line in (*lines, *(" | ".join(row) for row in rows))] + [""]
+
 
 LOST = "lost"
 

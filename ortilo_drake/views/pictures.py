@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from ortilo_drake.flight.files import write_bytes
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.views.palette import STYLE
 from ortilo_drake.views.themes import apply_theme
 
 if TYPE_CHECKING:
@@ -67,3 +68,15 @@ def save_picture(figure: "Figure", path: Path) -> Path:
         figure.savefig(drawn, format=ending, metadata=_UNDATED.get(ending), **apply_theme(figure))
     write_bytes(path, drawn.getvalue())
     return path
+
+
+@contextmanager
+def figure_to(path: Path, size: tuple[float, float], style: Any = STYLE) -> Iterator["Figure"]:
+    """Give a figure of a size [in] in a style to draw in, and write it when the block ends. Errors as save_picture."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context(style):
+        figure = Figure(figsize=size, layout="constrained")
+        yield figure
+        save_picture(figure, path)

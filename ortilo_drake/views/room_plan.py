@@ -34,11 +34,6 @@ _LEAST = np.array([2.6, 1.8])  # that a narrow room has with the space for its l
 _STEPS = (1, 2, 5, 10)  # between ticks, times powers of ten
 
 
-def class_colors(room: Room) -> dict[str, str]:
-    """Return the colour of each landmark class."""
-    return {label: _CLASS[i % len(_CLASS)] for i, label in enumerate(room.classes)}
-
-
 def plan_figure(room: Room, height: float = 1.25) -> tuple[Figure, Axes]:
     """Return a figure with axes that hold the room to scale, and further inches of height for a legend; or a slide."""
     width, depth = np.subtract(room.interior.max, room.interior.min)[:2] + 4.0 * _FRAME
@@ -138,7 +133,8 @@ def draw_plan(room: Room, path: Trajectory | None, name: str | None = None) -> F
     with mpl.rc_context(STYLE):
         figure, axes = plan_figure(room)
         draw_fabric(axes, room)
-        colors, labels, points = class_colors(room), [], []
+        colors = {label: _CLASS[i % len(_CLASS)] for i, label in enumerate(room.classes)}
+        labels, points = [], []
         if path is not None:
             line = draw_path(axes, path)
             points += [[x, y, 3.0, 3.0] for x, y in line] + [[x, y, 9.0, 9.0] for x, y in line[[0, -1]]]

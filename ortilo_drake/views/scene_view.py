@@ -27,7 +27,7 @@ from ortilo_drake.model.vehicle import M100, Vehicle
 from ortilo_drake.onboard.detector.detector import detections_message
 from ortilo_drake.onboard.detector.detector_network import load_detector
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.world.scenery.meshcat_draw import pose
+from ortilo_drake.world.scenery.meshcat_replay import pose
 from ortilo_drake.world.scenery.meshcat_room import class_color
 from ortilo_drake.world.scenery.obj_normals import with_face_normals
 from ortilo_drake.world.scenery.rendering import FARTHEST, NEAREST, RENDERER, make_scene_graph

@@ -1,22 +1,145 @@
-"""A flight as a video."""
+"""A flight as a video: its frames, and the file."""
 
 import io
 from collections.abc import Callable, Iterator
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 import xarray as xr
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from PIL import Image
 
+from ortilo_drake.flight.blackouts import in_blackout
 from ortilo_drake.flight.files import write_bytes
-from ortilo_drake.flight.flight import scenario_of
-from ortilo_drake.model.optional import check_installed
+from ortilo_drake.flight.flight import AXES, scenario_of
+from ortilo_drake.model.optional import check_installed, later
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.views.flight_frames import make_frames
-from ortilo_drake.views.scene_view import class_bgr
+from ortilo_drake.views.figures import COLOR, draw_arrivals, position_errors
+from ortilo_drake.views.scene_view import FLOWN, PLANNED, class_bgr, draw_boxes, make_camera_view, make_room_view
 from ortilo_drake.world.scenery.rendering import check_egl
+
+cv2 = later("cv2")
+
+DPI = 100
+CURSOR = (30, 30, 30)
+STRIP_HEIGHT = 240
+_PATH_STEP = 0.1  # distance between two points of a drawn path [m]
+
+
+def error_strip(flight: xr.Dataset, width: int, height: int) -> tuple[np.ndarray, np.ndarray, tuple[int, int]]:
+    """Draw position errors in 3-sigma bands, arrivals below them, blackouts shaded.
+
+    It returns the picture, blue, green, red (height, width, 3); the column of every tick (n) [px]; the first and the
+    last row of the plots over time.
+    """
+    time, truth, scenario = flight["time"].values, flight["truth"].values, scenario_of(flight)
+    error, sigma = position_errors(flight)
+    with mpl.rc_context({"font.size": 7, "axes.spines.top": False, "axes.spines.right": False}):
+        figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI)
+        canvas = FigureCanvasAgg(figure)
+        grid = figure.add_gridspec(
+            4, 1, left=70 / width, right=1 - 15 / width, top=1 - 8 / height, bottom=34 / height, hspace=0.25
+        )
+        for i, axis in enumerate(AXES):
+            axes = figure.add_subplot(grid[i])
+            axes.fill_between(time, -3 * sigma[:, i], 3 * sigma[:, i], color="#56B4E9", alpha=0.35, lw=0)
+            axes.plot(time, error[:, i], color="k", lw=0.7)
+            axes.set_ylabel(f"{axis} error [m]")
+            axes.tick_params(labelbottom=False)
+        draw_arrivals(figure.add_subplot(grid[3]), flight)
+        for axes in figure.axes:
+            axes.set_xlim(time[0], max(time[-1], time[0] + 1e-3))
+            for sensor in ("uwb", "camera"):
+                shaded = in_blackout(truth, scenario, sensor)
+                across = axes.get_xaxis_transform()
+                shade: Any = {"color": COLOR[sensor], "alpha": 0.12, "lw": 0, "zorder": 0}  # below the bars
+                axes.fill_between(time, 0, 1, where=shaded, transform=across, **shade)
+        canvas.draw()
+        first, last = figure.axes[0], figure.axes[-1]
+        columns = first.transData.transform(np.column_stack([time, np.zeros_like(time)]))[:, 0]
+        rows = round(height - first.bbox.y1), round(height - last.bbox.y0)
+        picture = np.asarray(canvas.buffer_rgba())[..., 2::-1].copy()
+    return picture, np.round(columns).astype(int), rows
+
+
+def _write(picture: np.ndarray, text: str) -> None:
+    """Write a line into the upper left corner, white on black."""
+    (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.4, 1)
+    cv2.rectangle(picture, (0, 0), (width + 12, height + 11), (0, 0, 0), cv2.FILLED)
+    cv2.putText(picture, text, (6, height + 6), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (255, 255, 255), 1, cv2.LINE_AA)
+
+
+def _name_paths(picture: np.ndarray) -> None:
+    """Write the names of the two paths beside lines of their colours into the lower left corner."""
+    low, width = picture.shape[0], 160
+    cv2.rectangle(picture, (0, low - 20), (width, low), (255, 255, 255), cv2.FILLED)
+    for left, name, color in ((6, "planned", PLANNED), (92, "flown", FLOWN)):
+        cv2.line(picture, (left, low - 10), (left + 16, low - 10), color, 2)
+        cv2.putText(picture, name, (left + 20, low - 6), cv2.FONT_HERSHEY_SIMPLEX, 0.38, (0, 0, 0), 1, cv2.LINE_AA)
+
+
+def _thinned(points: np.ndarray) -> np.ndarray:
+    """Return the indices of points about _PATH_STEP apart along a path, the last point included."""
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    _, kept = np.unique(np.floor(way / _PATH_STEP), return_index=True)
+    return np.union1d(kept, [len(points) - 1])
+
+
+def make_views(flight: xr.Dataset, panel: int) -> Callable[[int], np.ndarray]:
+    """Return the function from a tick to camera and room side by side, blue, green, red (height, 2 panel, 3).
+
+    Either picture is a panel wide [px]. The camera's side shows the last picture taken with the boxes found in it, also
+    if they did not arrive. InputError if there is no EGL or a file of the scenario's detector is wrong.
+    """
+    scenario = scenario_of(flight)
+    room = scenario.load_room()
+    model = room.camera.scaled_to(scenario.image_width)
+    height = 2 * round(panel * model.height / model.width / 2)  # video codecs need even sizes
+    time, x = flight["time"].values, flight["truth"].values
+    planned = flight["reference"].values
+    shown = _thinned(x[:, :3])
+    room_view = make_room_view(room, planned[_thinned(planned)], panel, height, scenario.vehicle)
+    has_camera = "camera" in scenario.sensors
+    camera_view = make_camera_view(scenario) if has_camera else None
+
+    def camera_picture(tick: int) -> np.ndarray:
+        if camera_view is None:
+            picture = np.zeros((height, panel, 3), dtype=np.uint8)
+            _write(picture, "no camera in this scenario")
+            return picture
+        taken = tick - tick % scenario.every("camera")
+        image, boxes = camera_view(float(time[taken]), x[taken])
+        picture = cv2.resize(image, (panel, height), interpolation=cv2.INTER_LINEAR)
+        draw_boxes(picture, boxes, room, panel / model.width)
+        return picture
+
+    def views(tick: int) -> np.ndarray:
+        flown = x[np.append(shown[shown < tick], tick), :3]
+        right = room_view(x[tick], flown)
+        _write(right, f"{time[tick]:5.1f} s   {scenario.name}, seed {scenario.seed}")
+        _name_paths(right)
+        return np.hstack([camera_picture(tick), right])
+
+    return views
+
+
+def make_frames(flight: xr.Dataset, panel: int) -> Callable[[int], np.ndarray]:
+    """Return the function from a tick to a whole frame of the video, (height, 2 panel, 3); see make_views."""
+    views = make_views(flight, panel)
+    strip, columns, (top, bottom) = error_strip(flight, 2 * panel, STRIP_HEIGHT)
+
+    def frame(tick: int) -> np.ndarray:
+        below = strip.copy()
+        cv2.line(below, (int(columns[tick]), top), (int(columns[tick]), bottom), CURSOR, 1)
+        return np.vstack([views(tick), below])
+
+    return frame
+
 
 SUFFIXES = (".gif", ".mp4")
 SPEED = 3.0  # times real time: a flight of a minute takes 20 s to watch

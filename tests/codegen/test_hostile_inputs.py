@@ -14,8 +14,7 @@ import pytest
 from exports import SHORT, Exported, needs
 from played_half import PlayedHalf
 
-from ortilo_drake.codegen.exported_half import TEMPLATES, build
-from ortilo_drake.codegen.golden import flown_ticks
+from ortilo_drake.codegen.exported_half import TEMPLATES, build, flown_ticks
 from ortilo_drake.codegen.half import Half, onboard_half
 from ortilo_drake.model.signals import N_U, N_XBAR, STAMP
 from ortilo_drake.scenario import load_scenario

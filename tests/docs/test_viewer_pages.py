@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from ortilo_drake.interop.log.logged_flight import fly_logged
+from ortilo_drake.interop.log.writer import fly_logged
 from ortilo_drake.interop.rerun.recording import save_recording
 from ortilo_drake.interop.rerun.sightings import SightingsRecorder
 from ortilo_drake.interop.ros.ros_messages import LATCHED

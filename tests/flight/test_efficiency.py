@@ -18,7 +18,7 @@ from ortilo_drake.flight.efficiency import (
 )
 from ortilo_drake.flight.flight import fly, scenario_of
 from ortilo_drake.flight.metrics import estimation_mse, summary
-from ortilo_drake.floor.information_arrivals import arrived
+from ortilo_drake.floor.cramer_rao import arrived
 from ortilo_drake.scenario import load_scenario
 
 HOVER = (

@@ -5,8 +5,7 @@ import pytest
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
-from ortilo_drake.flight.flight import fly
-from ortilo_drake.flight.simulator import make_simulator
+from ortilo_drake.flight.flight import fly, make_simulator
 from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario

@@ -19,8 +19,8 @@ from made_up_summaries import made_up_summary
 from pydantic import Field
 from pydrake.trajectories import PiecewisePolynomial
 
+from ortilo_drake.flight.ensemble import fly_kept, kept_file
 from ortilo_drake.flight.flight import flight_dataset
-from ortilo_drake.flight.kept import fly_kept, kept_file
 from ortilo_drake.flight.saved_flight import FLIGHT, save_flight, summary_in
 from ortilo_drake.flight.store import in_folder, keep, keep_json, kept, kept_json, sealed, unsealed
 from ortilo_drake.flight.summary import Loss, Summary, summary_text

@@ -12,8 +12,7 @@ from scipy.linalg import solve_discrete_are
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
-from ortilo_drake.floor.cramer_rao import position_floor, state_bound
-from ortilo_drake.floor.information_arrivals import arrived
+from ortilo_drake.floor.cramer_rao import arrived, position_floor, state_bound
 from ortilo_drake.floor.information_filter import predicted_bound
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, hover_B_d
 from ortilo_drake.model.room import Room

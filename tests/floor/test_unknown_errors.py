@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from ortilo_drake.flight.efficiency import floor_at_ticks
 from ortilo_drake.flight.flight import FlightSimulator
-from ortilo_drake.floor.cramer_rao import state_bound
-from ortilo_drake.floor.information_arrivals import arrived
+from ortilo_drake.floor.cramer_rao import arrived, state_bound
 from ortilo_drake.floor.unknown_errors import unknown_errors
 from ortilo_drake.model.hover import discretize, hover_A, hover_B_d
 from ortilo_drake.model.vehicle import GRAVITY

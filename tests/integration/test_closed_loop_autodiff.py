@@ -7,7 +7,7 @@ import pytest
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 
 from ortilo_drake.diagrams.closed_loop import ClosedLoop, make_closed_loop
-from ortilo_drake.flight.simulator import make_simulator
+from ortilo_drake.flight.flight import make_simulator
 from ortilo_drake.model.signals import N_X, N_XBAR
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.linearization.closed_forms import differentiate_closed_loop, without_noise

@@ -8,7 +8,7 @@ from pydrake.systems.framework import Context, System
 
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.diagrams.world import make_world
-from ortilo_drake.flight.simulator import make_simulator
+from ortilo_drake.flight.flight import make_simulator
 from ortilo_drake.scenario import load_scenario
 
 HOVER = "planner={kind: hover, point: [3.0, 1.0, 1.5], duration: 3.0}"

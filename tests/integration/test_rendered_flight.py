@@ -13,9 +13,8 @@ from flight_tracks import digest
 import ortilo_drake as od
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.flight.ensemble import flight_file, fly_many
-from ortilo_drake.flight.flight import fly
+from ortilo_drake.flight.flight import fly, make_simulator
 from ortilo_drake.flight.saved_flight import load_flight
-from ortilo_drake.flight.simulator import make_simulator
 from ortilo_drake.model.room import ORTILO_ROOM, load_room
 from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, PAYLOAD, STAMP
 from ortilo_drake.model.typed_yaml import Frozen, InputError

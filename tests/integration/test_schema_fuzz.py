@@ -14,8 +14,8 @@ import yaml
 from schema_mutations import Where, as_settings, as_yaml, places, spoil
 
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
+from ortilo_drake.flight.flight import make_simulator
 from ortilo_drake.flight.flyable import check_flyable
-from ortilo_drake.flight.simulator import make_simulator
 from ortilo_drake.model.input_error import LONGEST, InputError
 from ortilo_drake.model.parts import known_sensors
 from ortilo_drake.model.room import ORTILO_ROOM, Room

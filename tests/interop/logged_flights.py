@@ -6,9 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ortilo_drake.diagrams.closed_loop import make_closed_loop
-from ortilo_drake.flight.flight import fly
+from ortilo_drake.flight.flight import fly, make_simulator
 from ortilo_drake.flight.signals import output_sizes
-from ortilo_drake.flight.simulator import make_simulator
 from ortilo_drake.scenario import Scenario, load_scenario
 
 

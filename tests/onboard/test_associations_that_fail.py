@@ -9,8 +9,7 @@ from scipy.stats import chi2
 from seen_landmarks import CAMERA, EXACT, OUTLINES, POINTS, ROOM, boxes, centers, covariance, jacobian, state
 
 from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, PAYLOAD
-from ortilo_drake.onboard.landmarks.box_fix import DOUBLINGS
-from ortilo_drake.onboard.landmarks.joint_compatibility import joint_distance, joint_limits, jointly_compatible
+from ortilo_drake.onboard.landmarks.box_fix import DOUBLINGS, joint_distance, joint_limits, jointly_compatible
 from ortilo_drake.onboard.landmarks.landmark_association import ambiguous, associate
 from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
 from ortilo_drake.scenario import LandmarkFix as Settings

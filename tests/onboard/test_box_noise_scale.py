@@ -19,7 +19,7 @@ from ortilo_drake.onboard.landmarks.landmark_bank import (
     learn,
     put_information,
 )
-from ortilo_drake.onboard.ranging.noise_scale import NOTHING_YET, RESIDUALS, SCALE, SQUARES
+from ortilo_drake.onboard.ranging.bank_element import NOTHING_YET, RESIDUALS, SCALE, SQUARES
 from ortilo_drake.onboard.ranging.survey_bank import learned_first
 from ortilo_drake.scenario import LandmarkFix as Settings
 from ortilo_drake.scenario import load_scenario

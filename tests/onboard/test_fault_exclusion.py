@@ -22,7 +22,7 @@ from ortilo_drake.onboard.ranging.fault_exclusion import (
     consistent_fix,
 )
 from ortilo_drake.onboard.ranging.fix_element import fix_box
-from ortilo_drake.onboard.ranging.range_least_squares import least_squares
+from ortilo_drake.onboard.ranging.range_equations import least_squares
 from ortilo_drake.scenario import Exclusion, Multilateration, load_scenario
 
 ANCHORS = load_room().anchor_positions

@@ -24,8 +24,8 @@ from ortilo_drake.onboard.landmarks.landmark_bank import (
     put_information,
     put_lasting,
 )
+from ortilo_drake.onboard.ranging.bank_element import NOTHING_YET
 from ortilo_drake.onboard.ranging.lasting_error import KEPT, KEY, N_LASTING, NEW_KEY, SHARE, keep
-from ortilo_drake.onboard.ranging.noise_scale import NOTHING_YET
 from ortilo_drake.onboard.ranging.survey_bank import learned_first
 from ortilo_drake.scenario import LandmarkFix as Settings
 from ortilo_drake.scenario import load_scenario

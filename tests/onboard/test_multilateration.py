@@ -14,8 +14,7 @@ from ortilo_drake.model.room import load_room
 from ortilo_drake.model.signals import FIX_SIZE, N_XBAR, uwb_size
 from ortilo_drake.onboard.ranging.fix_element import fix_box
 from ortilo_drake.onboard.ranging.nearest_three import nearest_three
-from ortilo_drake.onboard.ranging.range_equations import MAX_SD
-from ortilo_drake.onboard.ranging.range_least_squares import least_squares
+from ortilo_drake.onboard.ranging.range_equations import MAX_SD, least_squares
 from ortilo_drake.scenario import ConstantNoise, ProportionalNoise
 from ortilo_drake.scenario import Multilateration as Settings
 

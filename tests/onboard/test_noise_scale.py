@@ -11,9 +11,8 @@ from scipy.stats import invgamma, multivariate_normal, multivariate_t
 
 from ortilo_drake.model.room import ORTILO_ROOM, load_room
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.ranging.bank_element import bank_box
+from ortilo_drake.onboard.ranging.bank_element import LIMIT, SCALE, bank_box, counted, weigh_scales
 from ortilo_drake.onboard.ranging.fix_element import fix_box
-from ortilo_drake.onboard.ranging.noise_scale import LIMIT, SCALE, counted, weigh_scales
 from ortilo_drake.onboard.ranging.survey_bank import gather
 from ortilo_drake.scenario import Multilateration, load_scenario
 

@@ -17,7 +17,7 @@ from ortilo_drake.onboard.ranging.fix_element import fix_box
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import servo_box
 from ortilo_drake.scenario import LqServo, Multilateration, ServoWeights
-from ortilo_drake.scenario.robust import HuberWeight, Opening, Robust
+from ortilo_drake.scenario.estimator import HuberWeight, Opening, Robust
 
 H = 1.0 / 30.0
 P_WB = np.array([1.0, 0.7, 1.4])

@@ -13,7 +13,7 @@ import pytest
 DISTANCES = """
 import numpy as np
 from ortilo_drake.onboard.estimator.robust.weights import squared_distances
-from ortilo_drake.onboard.landmarks.joint_compatibility import joint_distance
+from ortilo_drake.onboard.landmarks.box_fix import joint_distance
 
 rng = np.random.default_rng(3)
 A, P = rng.normal(size=(12, 12)), 20.0 * np.eye(12)

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from ortilo_drake.model.room import load_room
-from ortilo_drake.onboard.ranging.range_equations import normal_equations
-from ortilo_drake.onboard.ranging.range_least_squares import descend, least_squares, linear_start
+from ortilo_drake.onboard.ranging.range_equations import descend, least_squares, linear_start, normal_equations
 
 ANCHORS = load_room().anchor_positions
 ALL = np.ones(len(ANCHORS))

@@ -11,9 +11,9 @@ from scipy.signal import cont2discrete
 from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.onboard.commands.state_ahead import predicted_state, reference_after, state_ahead
-from ortilo_drake.onboard.servo.augmented_servo import delayed_gain, delayed_pair, split_delay
+from ortilo_drake.onboard.commands.timeline import predicted_state, reference_after, state_ahead
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair, servo_gain, weight_matrices
+from ortilo_drake.onboard.servo.lq_servo import delayed_gain, delayed_pair, split_delay
 from ortilo_drake.scenario import ServoWeights, load_scenario
 from ortilo_drake.studies.command_link.late_servo import late_gains
 

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -104,13 +105,9 @@ def test_bad_input_is_refused(flights: list[xr.Dataset], tmp_path: Path) -> None
 
 
 @pytest.mark.long
-def test_the_legend_of_nees_is_below_what_it_would_cover(
-    flights: list[xr.Dataset], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(
-        "ortilo_drake.studies.consistency.consistency_figures.save_picture", lambda figure, path: figure
-    )
-    figure = nees_figure({"nominal_imu_uwb": flights}, Path())
+def test_the_legend_of_nees_is_below_what_it_would_cover(flights: list[xr.Dataset], drawn_figures: list[Any]) -> None:
+    nees_figure({"nominal_imu_uwb": flights}, Path())
+    (figure,) = drawn_figures
     figure.draw_without_rendering()
     (legend,) = figure.legends
     assert legend.get_window_extent().y1 <= figure.axes[0].bbox.y0

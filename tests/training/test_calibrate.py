@@ -18,7 +18,7 @@ from ortilo_drake.scenario import Camera as Settings
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.scenario.camera import MeasuredErrors
 from ortilo_drake.training.calibration import calibrate as calibration_of
-from ortilo_drake.training.calibration.estimates import (
+from ortilo_drake.training.calibration.measured_errors import (
     both_below,
     fit_slow,
     fit_table,

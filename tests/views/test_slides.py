@@ -1,6 +1,7 @@
 """Slides: every figure that a command draws is 16:9, its words large enough for a room and none cut or over another."""
 
 import ast
+import re
 from collections.abc import Callable
 from itertools import combinations
 from pathlib import Path
@@ -27,7 +28,7 @@ from ortilo_drake.studies.faults.fault_flights import FaultRow, FaultStudy, Phas
 from ortilo_drake.studies.faults.fault_report import fault_figure
 from ortilo_drake.studies.maps.map_figure import map_figure
 from ortilo_drake.studies.maps.map_flights import Map, MapPoint
-from ortilo_drake.studies.maps.map_theory import MapTheory
+from ortilo_drake.studies.maps.map_report import MapTheory
 from ortilo_drake.studies.maps.sweep import Sweep, points_of
 from ortilo_drake.studies.paper_tables.error_figure import error_figure
 from ortilo_drake.studies.predict.predicted import Figures, Predicted
@@ -291,28 +292,24 @@ def test_a_bar_of_anchors_in_sight_names_the_most_that_are_seen(
 
 
 def test_a_slide_of_a_recording_shows_the_filter_and_its_smoother_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, drawn_figures: list[Figure]
 ) -> None:
-    made: list[Figure] = []
-    monkeypatch.setattr(
-        "ortilo_drake.studies.recorded.recorded_figure.save_picture", lambda figure, path: made.append(figure)
-    )
     of_motion({}, tmp_path / "page.png")
     with themed(Theme.slides):
         of_motion({}, tmp_path / "slide.png")
-    page, slide = ([text.get_text() for text in figure.legends[0].get_texts()] for figure in made)
+    page, slide = ([text.get_text() for text in figure.legends[0].get_texts()] for figure in drawn_figures)
     assert len(page) == 4
     assert slide == ["with IMU (90%)", "with IMU, smoothed (90%)"]
-    assert [len(figure.axes) for figure in made] == [7, 5]
+    assert [len(figure.axes) for figure in drawn_figures] == [7, 5]
 
 
 def test_all_figures_that_are_written_are_looked_at() -> None:
     writing = set()
     for file in Path(ortilo_drake.__file__).parent.glob("**/*.py"):
         text = file.read_text()
-        for node in ast.walk(ast.parse(text)) if "save_picture" in text else ():
+        for node in ast.walk(ast.parse(text)) if re.search("save_picture|figure_to", text) else ():
             if isinstance(node, ast.FunctionDef):
                 calls = (call.func for call in ast.walk(node) if isinstance(call, ast.Call))
-                if any(isinstance(call, ast.Name) and call.id == "save_picture" for call in calls):
+                if any(isinstance(call, ast.Name) and call.id in ("save_picture", "figure_to") for call in calls):
                     writing.add(node.name)
-    assert writing == {name.partition(",")[0] for name in DRAWN if "plot_" not in name}
+    assert writing - {"figure_to"} == {name.partition(",")[0] for name in DRAWN if "plot_" not in name}

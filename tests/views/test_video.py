@@ -17,9 +17,8 @@ from ortilo_drake.model.room import load_room
 from ortilo_drake.model.signals import DETECTION_SIZE, PAYLOAD
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.views import video
-from ortilo_drake.views.flight_frames import STRIP_HEIGHT, error_strip, make_views
 from ortilo_drake.views.scene_view import class_bgr, draw_boxes, make_camera_view, make_room_view, viewer_pose
-from ortilo_drake.views.video import flight_video, frame_ticks
+from ortilo_drake.views.video import STRIP_HEIGHT, error_strip, flight_video, frame_ticks, make_views
 
 HOVER = "planner={kind: hover, point: [2, 0.5, 1.5], duration: 0.7}"
 PARAMETRIC = "camera.errors={kind: parametric}"

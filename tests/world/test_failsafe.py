@@ -15,7 +15,7 @@ from ortilo_drake.model.equations import DYNAMICS, KINEMATICS, step
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.scenario.failsafe import Failsafe as FailsafeSettings
+from ortilo_drake.scenario.world import Failsafe as FailsafeSettings
 from ortilo_drake.world.vehicle.failsafe import MODES, Failsafe, failsafe_control, failsafe_state, hold_control
 
 P, W_Z, W_PSI = FREQUENCIES = np.array([3.0, 2.0, 2.0])

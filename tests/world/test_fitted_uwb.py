@@ -15,8 +15,7 @@ from ortilo_drake.scenario import Uwb, load_scenario
 from ortilo_drake.scenario.noise_file import load_noise
 from ortilo_drake.sensors.uwb import check
 from ortilo_drake.world.drawn_truth import of_seed
-from ortilo_drake.world.sensors.fitted_errors import draw_day, growth
-from ortilo_drake.world.sensors.fitted_uwb import fitted_box, fitted_drawn
+from ortilo_drake.world.sensors.fitted_uwb import draw_day, fitted_box, fitted_drawn, growth
 from ortilo_drake.world.sensors.uwb import uwb_box
 
 H = 1.0 / 30.0

@@ -22,17 +22,17 @@ from ortilo_drake.model.room import load_room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.world.scenery.meshcat_draw import (
+from ortilo_drake.world.scenery.meshcat_flight import CHUNK, MeshcatFlight
+from ortilo_drake.world.scenery.meshcat_replay import (
     PLANNED_PATH,
     TRUE,
     draw_path,
     draw_plan,
     draw_vehicle,
+    html_replay,
     sigma_ellipsoid,
     tube,
 )
-from ortilo_drake.world.scenery.meshcat_flight import CHUNK, MeshcatFlight
-from ortilo_drake.world.scenery.meshcat_replay import html_replay
 from ortilo_drake.world.scenery.meshcat_room import draw_room, make_meshcat
 from ortilo_drake.world.scenery.scene import scene_items
 from ortilo_drake.world.scenery.vehicle_mesh import M100_MESH, vehicle_obj

@@ -8,7 +8,7 @@ from pydrake.math import RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
 from ortilo_drake.diagrams.world import World, make_world
-from ortilo_drake.flight.simulator import fix_steps
+from ortilo_drake.flight.flight import fix_steps
 from ortilo_drake.model.signals import DETECTION_SIZE, PAYLOAD
 from ortilo_drake.model.vehicle import GRAVITY, M100
 from ortilo_drake.scenario import Scenario, load_scenario

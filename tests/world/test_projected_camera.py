@@ -17,7 +17,7 @@ from ortilo_drake.model.signals import DETECTION_SIZE, MAX_DETECTIONS, PAYLOAD
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.scenario import Camera as Settings
 from ortilo_drake.scenario.camera import MeasuredErrors, ParametricErrors
-from ortilo_drake.training.calibration.estimates import slow_correlation
+from ortilo_drake.training.calibration.measured_errors import slow_correlation
 from ortilo_drake.world.sensors.camera_calibration import QUANTILES, load_calibration
 from ortilo_drake.world.sensors.camera_tables import look_up
 from ortilo_drake.world.sensors.projected_camera import camera_box, poisson

@@ -16,7 +16,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.sensors.uwb import drawn, errors_drawn
 from ortilo_drake.world.drawn_truth import draw_truth, of_seed
-from ortilo_drake.world.sensors.fitted_errors import draw_day
+from ortilo_drake.world.sensors.fitted_uwb import draw_day
 from ortilo_drake.world.sensors.range_differences import differences_box
 
 ROOM = load_scenario("tight_differences").load_room()

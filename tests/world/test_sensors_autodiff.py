@@ -13,6 +13,7 @@ from ortilo_drake.model.vehicle import M100
 from ortilo_drake.onboard.ranging.sighted import sighted_box
 from ortilo_drake.scenario import Ahrs, Disturbance, Imu, Link, Uwb, load_scenario
 from ortilo_drake.scenario import CommandLink as CommandLinkSettings
+from ortilo_drake.world.noise import random_walk
 from ortilo_drake.world.radio.command_link import command_link_box
 from ortilo_drake.world.radio.link import delivery_box
 from ortilo_drake.world.sensors.ahrs import ahrs_box
@@ -22,7 +23,6 @@ from ortilo_drake.world.sensors.sensor_clock import clock_box
 from ortilo_drake.world.sensors.sensor_errors import SensorErrors, errors_box
 from ortilo_drake.world.sensors.true_velocity import velocity_box
 from ortilo_drake.world.sensors.uwb import uwb_box
-from ortilo_drake.world.slow_error import random_walk
 from ortilo_drake.world.vehicle.disturbance import disturbance_box, drag_box
 from ortilo_drake.world.vehicle.rotors import wrench_error_box, wrench_matrix
 

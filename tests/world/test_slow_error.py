@@ -7,7 +7,7 @@ from drake_box import PlayedBox
 from ortilo_drake.diagrams.wiring.truth import first_slow
 from ortilo_drake.loop.element import Values
 from ortilo_drake.world.drawn_truth import of_seed
-from ortilo_drake.world.slow_error import SlowNoise, gauss_markov, random_walk
+from ortilo_drake.world.noise import SlowNoise, gauss_markov, random_walk
 from ortilo_drake.world.vehicle.disturbance import lasting_force_box
 
 H = 1.0 / 30.0

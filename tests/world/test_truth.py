@@ -11,7 +11,7 @@ from pydrake.systems.analysis import Simulator
 
 from ortilo_drake.diagrams.wiring.world import world_boxes
 from ortilo_drake.diagrams.world import make_world
-from ortilo_drake.flight.simulator import fix_steps
+from ortilo_drake.flight.flight import fix_steps
 from ortilo_drake.loop.element import Values
 from ortilo_drake.model.room import ORTILO_ROOM
 from ortilo_drake.model.signals import N_X

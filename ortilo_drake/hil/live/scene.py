@@ -11,7 +11,7 @@ from pydrake.trajectories import Trajectory
 from ortilo_drake.hil.live.live_flight import ShownTick
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.vehicle import Vehicle
-from ortilo_drake.world.scenery.meshcat_draw import PLANNED_PATH, draw_flown, draw_plan, draw_vehicle, show_pose
+from ortilo_drake.world.scenery.meshcat_replay import PLANNED_PATH, draw_flown, draw_plan, draw_vehicle, show_pose
 from ortilo_drake.world.scenery.meshcat_room import aim_camera, draw_room
 
 GOAL: Final = "/flight/goal"

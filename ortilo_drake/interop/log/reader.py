@@ -15,9 +15,8 @@ from ortilo_drake.flight.saved_flight import LARGEST
 from ortilo_drake.flight.signals import Signals, output_sizes
 from ortilo_drake.interop.log.mcap_records import LoggedMessage, read_logged
 from ortilo_drake.interop.ros.ros_messages import ARRAY_TYPE, FORMAT, SCENARIO_TOPIC, SENT, SIGNAL_PREFIX, STRING_TYPE
-from ortilo_drake.interop.ros.ros_motion import GOAL_TOPIC, GOAL_TYPE
 from ortilo_drake.interop.ros.ros_sensors import IMAGE_TOPIC, IMAGE_TYPE, image_of
-from ortilo_drake.interop.ros.ros_types import from_cdr
+from ortilo_drake.interop.ros.ros_types import GOAL_TOPIC, GOAL_TYPE, from_cdr
 from ortilo_drake.model.input_files import MIB, exists
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario

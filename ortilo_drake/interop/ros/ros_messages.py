@@ -22,7 +22,10 @@ from pydrake.trajectories import Trajectory
 
 from ortilo_drake import __version__
 from ortilo_drake.flight.signals import Signals, output_sizes
-from ortilo_drake.interop.ros.ros_motion import (
+from ortilo_drake.interop.ros.ros_sensors import fixed_frames_message, sensor_messages
+from ortilo_drake.interop.ros.ros_types import (
+    Fields,
+    RosMessage,
     estimate_messages,
     goal_message,
     path_message,
@@ -30,8 +33,6 @@ from ortilo_drake.interop.ros.ros_motion import (
     tf_message,
     truth_messages,
 )
-from ortilo_drake.interop.ros.ros_sensors import fixed_frames_message, sensor_messages
-from ortilo_drake.interop.ros.ros_types import Fields, RosMessage
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import CONTROL_NAMES, N_XBAR, STATE_NAMES, XBAR_NAMES
 from ortilo_drake.onboard.planner.planned import planned

@@ -35,7 +35,7 @@ from ortilo_drake.model.scalars import solve
 from ortilo_drake.model.signals import N_I, N_X
 from ortilo_drake.model.triples import Triple
 from ortilo_drake.model.vehicle import GRAVITY
-from ortilo_drake.onboard.estimator.structure import Structure, structure_of
+from ortilo_drake.onboard.estimator.kalman import Structure, structure_of
 
 # What the last three states integrate. 'literal' (the paper) and 'hold' take the measured position and belong to
 # the filter's model: i_{k+1} = i_k + r_k - E_k y_k, which 'hold' leaves out where E_k = 0. 'estimate' (the authors'

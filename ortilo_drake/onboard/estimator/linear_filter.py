@@ -12,8 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ortilo_drake.loop.element import Box, Element, Values
-from ortilo_drake.onboard.estimator.kalman import measure, predict, propagate
-from ortilo_drake.onboard.estimator.structure import Structure, structure_of
+from ortilo_drake.onboard.estimator.kalman import Structure, measure, predict, propagate, structure_of
 
 
 class LinearModel(NamedTuple):

@@ -27,8 +27,8 @@ from ortilo_drake.onboard.landmarks.landmark_bank import (
     put_information,
     put_lasting,
 )
+from ortilo_drake.onboard.ranging.bank_element import NOTHING_YET, SCALE
 from ortilo_drake.onboard.ranging.lasting_error import KEPT, LASTING, N_KEPT, N_LASTING, SHARE, keep
-from ortilo_drake.onboard.ranging.noise_scale import NOTHING_YET, SCALE
 from ortilo_drake.onboard.ranging.survey_bank import kept_from, learned_first
 from ortilo_drake.scenario import LandmarkFix as LandmarkFixSettings
 

@@ -15,8 +15,8 @@ its square: of a share c_j of the sd s of a survey as it is believed (landmark_f
 What is believed follows as in ranging/survey_bank.py. Boxes err alike for a while: 0.44 of their variance lasts for a
 second (world/sensors/camera_calibration.yaml), so that an image counts as 1 / REPEATS of one.
 
-Where the scale of the boxes' noise is learned too (landmark_fix.noise_scale), nu and q of ranging/noise_scale.py are of
-what each box is away from where all others have it, which M_ii^-1 (M e)_i is and of covariance M_ii^-1,
+Where the scale of the boxes' noise is learned too (landmark_fix.noise_scale), nu and q of ranging/bank_element.py are
+of what each box is away from where all others have it, which M_ii^-1 (M e)_i is and of covariance M_ii^-1,
 
     nu = sum_k 2 k_k / REPEATS,   q = sum_k sum_i (M e)_i^T M_ii^-1 (M e)_i / REPEATS
 
@@ -37,8 +37,8 @@ from ortilo_drake.model.products import product, times
 from ortilo_drake.onboard.landmarks.box_fix import BoxBelief
 from ortilo_drake.onboard.landmarks.known_attitude import FREE_SD
 from ortilo_drake.onboard.landmarks.landmark_association import center_sd, with_survey
+from ortilo_drake.onboard.ranging.bank_element import RESIDUALS, SQUARES, weigh_scales
 from ortilo_drake.onboard.ranging.lasting_error import KEY, SHARE, put_kept
-from ortilo_drake.onboard.ranging.noise_scale import RESIDUALS, SQUARES, weigh_scales
 from ortilo_drake.onboard.ranging.survey_bank import weigh
 
 LEAST = 4  # boxes that leave residuals of six unknowns

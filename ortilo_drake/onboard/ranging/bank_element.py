@@ -1,26 +1,100 @@
-"""What fixes tell of the anchors' survey and of the scale of the ranges' noise, as an element of the loop."""
+"""What fixes tell of the anchors' survey and of the scale of the ranges' noise, as an element of the loop.
 
-from typing import Any
+The scale of the noise of ranges or boxes is learned together with the share of the survey's error that lasts. The noise
+is c times as large as it is told, and c^2 ~ IG(nu_0 / 2, nu_0 / 2) before the first fix (inverse gamma): what
+is told counts as nu_0 residuals. Beside Lambda and eta (survey_bank.py) fixes give the number of their residuals and
+what those come to, by the weights that are told,
+
+    nu = sum_k nu_k,   q = sum_k e_k^T M_k e_k
+
+An error that lasts, of sd sigma in units of the noise, is conjugate to that (Gelman et al., "Bayesian Data Analysis",
+2013, chapter 14): with
+
+    Q = q - sigma^2 eta^T (I + sigma^2 Lambda)^-1 eta
+
+a model's likelihood is that of Student's t, and the scale's distribution is an inverse gamma again,
+
+    log L = -1/2 log det(I + sigma^2 Lambda) - 1/2 (nu_0 + nu) log(nu_0 + Q)
+    c^2 ~ IG((nu_0 + nu) / 2, (nu_0 + Q) / 2)
+
+Models are of a survey's sd in metres: sigma_j = c_j s_2 / c by the scale c of the fix before. What is white goes into
+c, and what lasts into the share of s_2. The scale that is believed is the mean of 1 / E[c^-2] over the models.
+
+One fix counts at most as LIMIT times what was expected of it, c^2 nu_k + s^2 tr M_k: a range that a wall lengthens is
+no noise. A scale that is truly larger is still found, by a few fixes one after the other.
+"""
+
+from typing import Any, Final
 
 import numpy as np
+from numba.extending import register_jitable
 
 from ortilo_drake.loop.element import Box, Element, Values
+from ortilo_drake.model.elementary import log
 from ortilo_drake.model.placing import fill
 from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import ARRIVED, FIX_SIZE, PAYLOAD
 from ortilo_drake.onboard.ranging.lasting_error import N_LASTING, SHARE, keep
 from ortilo_drake.onboard.ranging.multilateration import believed_noise
-from ortilo_drake.onboard.ranging.noise_scale import (
-    NOTHING_YET,
-    RESIDUALS,
-    SCALE,
-    SQUARES,
-    counted,
-    put_noise,
-    weigh_scales,
-)
-from ortilo_drake.onboard.ranging.survey_bank import gather, kept_from, learned_first, weigh
+from ortilo_drake.onboard.ranging.survey_bank import gather, kept_from, learned_first, log_likelihood, share_of, weigh
 from ortilo_drake.scenario import Multilateration as MultilaterationSettings
+
+SQUARES, RESIDUALS, SCALE = 0, 1, 2  # of what is gathered of the scale: q, nu and c^2
+NOTHING_YET: Final = (0.0, 0.0, 1.0)
+LIMIT: Final = 4.0
+
+
+@register_jitable
+def weigh_scales(
+    gathered: np.ndarray,
+    scale: np.ndarray,
+    bank: np.ndarray,
+    s_2: float,
+    worth: float,
+    weights: np.ndarray,
+    Q: np.ndarray,
+    S: np.ndarray,
+    e: np.ndarray,
+) -> float:
+    """Return the share of s_2 [m], as it is told, that is believed; write the models' weights (m), and c^2 to scale.
+
+    [Lambda, eta] is of each part that errs by itself (k n, n + 1), of Lambda the lower half; scale has q, nu and c^2,
+    bank c_j (m), worth is nu_0. It works in Q (m), S (n, n) and e (n).
+    """
+    c, n = np.sqrt(scale[SCALE]), e.size
+    nu = worth + scale[RESIDUALS]
+    for j in range(bank.size):
+        weights[j], Q[j], sigma = 0.0, scale[SQUARES], bank[j] * s_2 / c
+        for i in range(0, gathered.shape[0] if sigma > 0.0 else 0, n):
+            weights[j] += log_likelihood(gathered[i : i + n], sigma, S, e)
+            gain = 0.0
+            for row in range(n):
+                gain += e[row] * e[row]
+            weights[j] -= 0.5 * gain
+            Q[j] -= gain
+        Q[j] = worth + max(Q[j], 0.0)
+        weights[j] -= 0.5 * nu * log(Q[j])
+    share = share_of(weights, bank)
+    scale[SCALE] = 0.0
+    for j in range(bank.size):
+        scale[SCALE] += weights[j] * Q[j] / nu
+    return share
+
+
+@register_jitable
+def counted(squares: float, expected: float) -> float:
+    """Return the share of a fix's residuals that counts: the root of what LIMIT leaves of e^T M e."""
+    if squares <= LIMIT * expected:
+        return 1.0
+    return float(np.sqrt(LIMIT * expected / squares))
+
+
+@register_jitable
+def put_noise(noise: np.ndarray, told: np.ndarray, scale: np.ndarray, share: float) -> None:
+    """Write the ranges' noise (3) as it is believed, of that which is told."""
+    c = np.sqrt(scale[SCALE])
+    noise[0], noise[1], noise[2] = c * told[0], c * told[1], share * told[2]
+
 
 N_NOISE = 3  # s_0, s_1 and s_2 of range_equations.py
 

@@ -14,8 +14,7 @@ from numba.extending import register_jitable
 from ortilo_drake.model.cholesky import scaled_inverse
 from ortilo_drake.model.products import product, times
 from ortilo_drake.model.scalars import solve, values_of
-from ortilo_drake.onboard.ranging.range_equations import MAX_SD, MIN_SD
-from ortilo_drake.onboard.ranging.range_least_squares import STEP
+from ortilo_drake.onboard.ranging.range_equations import MAX_SD, MIN_SD, STEP
 
 REGULAR = 1e-9  # four unknowns whose scaled N has a smaller determinant are not told apart
 STEPS, HALVINGS = 20, 8  # of a fit, of a step; more are none that converges

@@ -21,8 +21,7 @@ from numba.extending import register_jitable
 
 from ortilo_drake.onboard.gate import squared_gate
 from ortilo_drake.onboard.ranging.clock_offset import fit_with_offset
-from ortilo_drake.onboard.ranging.range_equations import normal_equations
-from ortilo_drake.onboard.ranging.range_least_squares import least_squares
+from ortilo_drake.onboard.ranging.range_equations import least_squares, normal_equations
 from ortilo_drake.scenario import Exclusion
 
 PLAIN, KNOWN, AFRESH = range(3)

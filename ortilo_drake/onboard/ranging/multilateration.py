@@ -20,11 +20,11 @@ from ortilo_drake.onboard.ranging.nearest_three import three_spheres
 from ortilo_drake.onboard.ranging.range_equations import (
     Symmetric,
     covariance_of_the_new,
+    fit_all,
     inverse,
     normal_equations,
     product,
 )
-from ortilo_drake.onboard.ranging.range_least_squares import fit_all
 from ortilo_drake.scenario import Multilateration as MultilaterationSettings
 
 

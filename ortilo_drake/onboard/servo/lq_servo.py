@@ -1,5 +1,16 @@
-"""The LQ servo (paper, section IV-A)."""
+"""The LQ servo (paper, section IV-A), and its gain where commands act late.
 
+The commands on the way are then states. With tau = (d - theta) h, whole d and 0 <= theta < 1, and Gamma(s) = int_0^s
+e^(A r) dr B,
+
+    x_{k+1} = Phi x_k + (Gamma(h) - Gamma(theta h)) u_{k-d} + Gamma(theta h) u_{k-d+1}
+
+(K. J. Åström and B. Wittenmark, "Computer-Controlled Systems", on systems with time delay). The state
+[x; i; u_{k-1}; ...; u_{k-d}] has no delay. Its LQ gain with Q on [x; i] and R on u_k is, for a whole number of ticks,
+L [Phibar^d, Gammabar, Phibar Gammabar, ...]: the gain without a delay on the state predicted to the command's time.
+"""
+
+import math
 from typing import Any
 
 import numpy as np
@@ -8,10 +19,13 @@ from numba.extending import register_jitable
 
 from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.elementary import sin_cos
+from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR, PAYLOAD
 from ortilo_drake.model.triples import Four, Triple, triple
-from ortilo_drake.model.vehicle import GRAVITY
+from ortilo_drake.model.vehicle import GRAVITY, Vehicle
+from ortilo_drake.onboard.servo.lq_gain import augmented_pair, lq_gain, weight_matrices
+from ortilo_drake.scenario import LqServo, ServoWeights
 from ortilo_drake.scenario import LqServo as ServoSettings
 
 Reference = tuple[float, float, float, float, float, float, float, float, float]  # x_ref but for its rates, which are 0
@@ -107,3 +121,84 @@ def servo_box(L: np.ndarray, mass: float, settings: ServoSettings) -> Box:
     """Return the servo: it reads the belief (15 or more), the force that is believed to act (3) and the reference."""
     numbers = {"mass": mass, "yaw": settings.yaw, "error_form": settings.form == "error"}
     return Box("servo", SERVO, N_U, Values(numbers, tables={"L": L}))
+
+
+def split_delay(delay: float, h: float) -> tuple[int, float]:
+    """Return d and theta of a delay [s] in ticks of h [s]; what is a whole tick up to rounding is one."""
+    d = math.ceil(delay / h - 1e-9)
+    return d, max(0.0, d - delay / h)
+
+
+def delayed_pair(vehicle: Vehicle, h: float, delay: float, yaw: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Return Phi and Gamma of [x; i; u_{k-1}; ...; u_{k-d}], n = 15 + 4 d; delay [s], yaw held [rad]."""
+    Phibar, Gammabar = augmented_pair(vehicle, h, yaw)
+    d, theta = split_delay(delay, h)
+    n = N_XBAR + N_U * d
+    Phi, Gamma = np.zeros((n, n)), np.zeros((n, N_U))
+    Phi[:N_XBAR, :N_XBAR] = Phibar
+    if d == 0:
+        return Phibar, Gammabar
+    late = np.zeros_like(Gammabar)
+    late[:N_X] = discretize(hover_A(yaw), hover_B(vehicle), theta * h)[1]
+    Phi[:N_XBAR, n - N_U :] = Gammabar - late
+    if d == 1:
+        Gamma[:N_XBAR] = late
+    else:
+        Phi[:N_XBAR, n - 2 * N_U : n - N_U] = late
+    Gamma[N_XBAR : N_XBAR + N_U] = np.eye(N_U)
+    Phi[N_XBAR + N_U :, N_XBAR : n - N_U] = np.eye(n - N_XBAR - N_U)
+    return Phi, Gamma
+
+
+def delayed_gain(vehicle: Vehicle, weights: ServoWeights, h: float, delay: float, yaw: float = 0.0) -> np.ndarray:
+    """Return L (4 x 15 + 4 d) of delayed_pair; raises as lq_gain."""
+    Phi, Gamma = delayed_pair(vehicle, h, delay, yaw)
+    Q, R = weight_matrices(weights)
+    wide = np.zeros_like(Phi)
+    wide[:N_XBAR, :N_XBAR] = Q
+    return lq_gain(Phi, Gamma, wide, R)[0]
+
+
+def augmented_out(
+    n: Any,
+    belief: np.ndarray,
+    force: np.ndarray,
+    reference: np.ndarray,
+    before: np.ndarray,
+    L_x: np.ndarray,
+    L_u: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Output u_k (4) of the estimate, the reference and the commands on the way.
+
+        u_k = command(xhat, r; L_x) - sum_j L_j (u_{k-j} - u_r),   u_r what holds the reference
+
+    before is [u_{k-1}; ...; u_{k-d}] (4 d).
+    """
+    known = n.mass, n.yaw, n.error_form, (force[0], force[1], force[2])
+    u_r = command(np.zeros(N_XBAR), reference, np.zeros((N_U, N_XBAR)), *known)
+    put(command(belief, reference, L_x, *known), out)
+    for i in range(N_U):
+        feedback = 0.0
+        for j in range(before.size):
+            feedback += L_u[i, j] * (before[j] - u_r[j % N_U])
+        out[i] -= feedback
+
+
+def augmented_step(control: np.ndarray, before: np.ndarray) -> None:
+    """Keep u_k, the oldest goes."""
+    for i in range(before.size - 1, N_U - 1, -1):
+        before[i] = before[i - N_U]
+    put(control[: min(N_U, before.size)], before)
+
+
+AUGMENTED = Element("augmented_servo", out=augmented_out, step=augmented_step, allocates=True)
+
+
+def augmented_servo_box(settings: LqServo, vehicle: Vehicle, h: float, delay: float) -> Box:
+    """Return the servo, `servo`: it reads what servo_box reads; its commands act `delay` [s] after their tick."""
+    L = delayed_gain(vehicle, settings.weights, h, delay, settings.yaw)
+    numbers = {"mass": vehicle.mass, "yaw": settings.yaw, "error_form": settings.form == "error"}
+    hover = np.tile([vehicle.hover_thrust, 0.0, 0.0, 0.0], (L.shape[1] - N_XBAR) // N_U)
+    given = Values(numbers, start={"before": hover}, tables={"L_x": L[:, :N_XBAR], "L_u": L[:, N_XBAR:]})
+    return Box("servo", AUGMENTED, N_U, given, reads={"control": "servo"})

@@ -10,7 +10,6 @@ import numpy as np
 
 from ortilo_drake.model.hover import hover_A, hover_B, hover_B_d
 from ortilo_drake.model.signals import ACT_SIZE, N_I, N_U, N_XBAR, REFERENCE_SIZE
-from ortilo_drake.onboard.commands.state_ahead import state_ahead
 from ortilo_drake.onboard.commands.timeline import (
     NONE,
     SLACK,
@@ -18,12 +17,12 @@ from ortilo_drake.onboard.commands.timeline import (
     first_acts,
     mean_control,
     none_sent,
+    state_ahead,
     timeline_of,
     with_command,
 )
-from ortilo_drake.onboard.servo.augmented_servo import delayed_gain, split_delay
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair, gain_of
-from ortilo_drake.onboard.servo.lq_servo import servo_control
+from ortilo_drake.onboard.servo.lq_servo import delayed_gain, servo_control, split_delay
 from ortilo_drake.scenario import LqServo, Scenario
 
 Law = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]  # xbar (15), force (3), u_{k-1} ... (D, 4) -> u_k (4)

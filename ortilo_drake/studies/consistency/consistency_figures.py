@@ -20,7 +20,7 @@ from ortilo_drake.theory.consistency.consistency import average_band, ensemble_a
 from ortilo_drake.views.blackout_figures import shade_blackouts
 from ortilo_drake.views.figures import TITLE
 from ortilo_drake.views.palette import BLUE, GREEN, GREY, ORANGE, SKY, STYLE
-from ortilo_drake.views.pictures import save_picture
+from ortilo_drake.views.pictures import figure_to
 
 _SMALLEST_P = 1e-16  # what double precision tells from 0
 
@@ -50,8 +50,7 @@ def _draw_nees(axes: Axes, flights: Sequence[xr.Dataset]) -> None:
 
 def nees_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
     """Draw the average NEES of position over time with its band, one row for each scenario."""
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(10, 2.4 * len(flights) + 0.7), layout="constrained")
+    with figure_to(path, (10, 2.4 * len(flights) + 0.7)) as figure:
         for k, (name, rows) in enumerate(flights.items()):
             axes = figure.add_subplot(len(flights), 1, k + 1)
             _draw_nees(axes, rows)
@@ -59,14 +58,13 @@ def nees_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
             axes.set_title(f"{TITLE.get(name, name)}  ({bar})", loc="left")
         figure.axes[-1].set_xlabel("time [s]")
         figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
-        return save_picture(figure, path)
+    return path
 
 
 def whiteness_figure(reports: dict[str, ConsistencyReport], path: Path) -> Path:
     """Draw the autocorrelation of the normalised innovations, a row for each scenario, a column for each sensor."""
     sensors = list(dict.fromkeys(s for report in reports.values() for s in report.whiteness))
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(3.4 * len(sensors) + 0.4, 2.2 * len(reports) + 0.5), layout="constrained")
+    with figure_to(path, (3.4 * len(sensors) + 0.4, 2.2 * len(reports) + 0.5)) as figure:
         grid = figure.subplots(len(reports), len(sensors), squeeze=False, sharex=True)
         for row, (name, report) in zip(grid, reports.items(), strict=True):
             for axes, sensor in zip(row, sensors, strict=True):
@@ -95,13 +93,12 @@ def whiteness_figure(reports: dict[str, ConsistencyReport], path: Path) -> Path:
         for axes in grid[0]:
             if axes.axison:
                 axes.legend(fontsize=7, ncols=3, loc="upper right")
-        return save_picture(figure, path)
+    return path
 
 
 def tuning_figure(tuning: Tuning, path: Path) -> Path:
     """Draw the effect of a tuning: the numbers with their 95 % intervals, NEES by region and NIS by sensor."""
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(11, 0.32 * len(tuning.numbers) + 2.2), layout="constrained")
+    with figure_to(path, (11, 0.32 * len(tuning.numbers) + 2.2)) as figure:
         numbers, nees, nis = figure.subplots(1, 3, width_ratios=[1.7, 1.2, 1.0])
         for row, number in enumerate(tuning.numbers.values()):
             ratio = number.after / number.before
@@ -135,7 +132,7 @@ def tuning_figure(tuning: Tuning, path: Path) -> Path:
             axes.set_title(f"{title} (3 if consistent)", fontsize=9)
             axes.legend(fontsize=8)
         figure.suptitle(f"{tuning.scenario}: fitted to {len(tuning.flights)} flights", fontsize=10)
-        return save_picture(figure, path)
+    return path
 
 
 _START = 2.0  # a flight starts without error, so that the floor is 0 there and a ratio says nothing [s]

@@ -9,9 +9,9 @@ from typing import Any, Final
 import numpy as np
 from scipy.stats import chi2
 
+from ortilo_drake.flight.ensemble import fly_kept
 from ortilo_drake.flight.figures import ESTIMATED, NEES, TRUE
 from ortilo_drake.flight.intervals import Interval, Middle, middle_of, share_interval
-from ortilo_drake.flight.kept import fly_kept
 from ortilo_drake.flight.lost import Lost
 from ortilo_drake.flight.players import kept_player
 from ortilo_drake.flight.store import Amount, Count, Error

@@ -6,14 +6,11 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import LogNorm
-from matplotlib.figure import Figure
 
 from ortilo_drake.flight.intervals import Middle
 from ortilo_drake.studies.faults.fault_flights import PASSES, WITHIN_3_SIGMA, FaultRow, FaultStudy, Phase
-from ortilo_drake.views.markdown import table
-from ortilo_drake.views.numbers import count, number, of_all_and_kept, with_interval
-from ortilo_drake.views.palette import STYLE
-from ortilo_drake.views.pictures import save_picture
+from ortilo_drake.views.numbers import count, number, of_all_and_kept, table, with_interval
+from ortilo_drake.views.pictures import figure_to
 from ortilo_drake.views.themes import SLIDE_SIZE, add_title, broken_name, for_slides
 
 
@@ -150,8 +147,7 @@ def _size(found: FaultStudy, faults: int) -> float:
 def fault_figure(found: FaultStudy, path: Path) -> Path:
     """Draw how many times the error grows during and after each fault, whether it is passed, and the flights lost."""
     faults = list(dict.fromkeys(row.fault for row in found.rows))
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(4.6 + 1.7 * len(found.scenarios), 0.28 * len(faults) + 1.6), layout="constrained")
+    with figure_to(path, (4.6 + 1.7 * len(found.scenarios), 0.28 * len(faults) + 1.6)) as figure:
         panels = figure.subplots(1, 2, sharey=True)
         size = _size(found, len(faults)) if for_slides() else 8.0
         colors = mpl.colormaps["YlOrRd"].with_extremes(over=_LOST)
@@ -184,4 +180,4 @@ def fault_figure(found: FaultStudy, path: Path) -> Path:
             f"most {PASSES:g} times; during the fault more, if the filter knows it (NEES up to {WITHIN_3_SIGMA:.1f}). "
             "✗: failed.",
         )
-        return save_picture(figure, path)
+    return path

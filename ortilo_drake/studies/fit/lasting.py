@@ -5,7 +5,7 @@ Gauss-Markov process of its own. An error of a range to b, or of a difference of
 
     e = c_b + g_b (- c_a - g_a) + white,   an outlier with probability q, whose error has a further deviation o
 
-The white part may have a heavy tail: it is Student's t by six normals (scenario/range_errors.py).
+The white part may have a heavy tail: it is Student's t by six normals (scenario/noise_file.py).
 A row's density is the mixture of all. What is known behind it has the mixture's mean and covariance (Bar-Shalom, Li
 and Kirubarajan, Estimation with Applications, 2001, section 11.6.4: the first generalised pseudo-Bayesian estimator).
 
@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ortilo_drake.scenario.range_errors import white_scales
+from ortilo_drake.scenario.noise_file import white_scales
 from ortilo_drake.studies.fit.greatest import TIMES, Interval, greatest, half_width, log_interval, normal_interval
 from ortilo_drake.studies.fit.sensor_errors import RangeErrors
 

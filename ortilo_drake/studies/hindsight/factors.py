@@ -50,7 +50,7 @@ def ranges_factor(
     lever: np.ndarray,
     noise: gtsam.noiseModel.Base,
 ) -> gtsam.CustomFactor:
-    """Return the factor of a range or of a difference of two, see onboard/estimator/tight/ranges.py, differences.py.
+    """Return the factor of a range or of a difference of two, see onboard/estimator/tight/ranges.py, ranges.py.
 
     Keys are those of the pose at the message's stamp, of v_WB there (None where nothing is older than the stamp) and of
     the time by which the message is older than its stamp (None where that is known). `measured` is the sum of `ranges`

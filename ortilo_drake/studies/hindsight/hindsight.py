@@ -13,7 +13,7 @@ from ortilo_drake.model.optional import is_installed, missing
 from ortilo_drake.scenario import IntermittentFilter, Scenario
 from ortilo_drake.studies.hindsight.recorded_flight import RecordedFlight, fly_recorded
 from ortilo_drake.studies.hindsight.rts import is_linear, smoothed
-from ortilo_drake.views.markdown import table
+from ortilo_drake.views.numbers import table
 
 FLOWN, RTS, GRAPH, FLOOR = "flown", "rts", "graph", "floor"
 EXTRA: Final = "smoother"  # brings gtsam

@@ -4,7 +4,6 @@ import math
 from pathlib import Path as File
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
@@ -14,11 +13,11 @@ from matplotlib.ticker import PercentFormatter
 
 from ortilo_drake.scenario.schema import scenario_keys
 from ortilo_drake.sensors.described import BUILT_IN, title_of
-from ortilo_drake.studies.maps.map_flights import Map, MapPoint
-from ortilo_drake.studies.maps.map_theory import MapTheory
+from ortilo_drake.studies.maps.map_flights import Map
+from ortilo_drake.studies.maps.map_report import MapTheory
 from ortilo_drake.studies.maps.sweep import Grid, Range
-from ortilo_drake.views.palette import BLUE, ORANGE, STYLE
-from ortilo_drake.views.pictures import save_picture
+from ortilo_drake.views.palette import BLUE, ORANGE
+from ortilo_drake.views.pictures import figure_to
 from ortilo_drake.views.themes import add_title
 
 BOUND = "theory: bound on the mean,\napproximate, near hover"
@@ -49,8 +48,7 @@ def map_figure(found: Map, path: File, theory: MapTheory | None = None) -> File 
     axes = found.sweep.axes
     if not isinstance(found.sweep.design, Grid) or len(axes) > 2:
         return None
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9.5, 3.8), layout="constrained")
+    with figure_to(path, (9.5, 3.8)) as figure:
         some_lost = any(row.lost for row in found.rows)
         panels = figure.subplots(1, 1 + some_lost, squeeze=False)[0]
         if len(axes) == 1:
@@ -58,7 +56,7 @@ def map_figure(found: Map, path: File, theory: MapTheory | None = None) -> File 
         else:
             _heat(figure, panels, found, theory)
         add_title(figure, _heading(found), "" if some_lost else _none_lost(found))
-        return save_picture(figure, path)
+    return path
 
 
 def _values(found: Map, key: str) -> list[Any]:
@@ -242,12 +240,3 @@ def _round_levels(low: float, high: float, digits: tuple[float, ...]) -> list[fl
 def _ticks(values: list[Any]) -> tuple[list[int], list[str]]:
     at = list(range(len(values) - 1, -1, -max(1, len(values) // 6)))[::-1]
     return at, [f"{v:.3g}" if isinstance(v, float) else str(v) for v in (values[i] for i in at)]
-
-
-def best_and_worst(found: Map) -> tuple[MapPoint, MapPoint]:
-    """Return the point with the smallest and that with the largest share of lost flights, then by their errors."""
-
-    def badness(row: MapPoint) -> tuple[float, float]:
-        return row.lost / row.flights, np.inf if row.kept_rms is None else row.kept_rms
-
-    return min(found.rows, key=badness), max(found.rows, key=badness)

@@ -2,15 +2,13 @@
 
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.figure import Figure
 
 from ortilo_drake.flight.flight import AXES
 from ortilo_drake.flight.summary import Summary
 from ortilo_drake.studies.paper_tables.tables import PAPER
-from ortilo_drake.views.figures import COLOR, OTHER, STYLE, TITLE
-from ortilo_drake.views.pictures import save_picture
+from ortilo_drake.views.figures import COLOR, OTHER, TITLE
+from ortilo_drake.views.pictures import figure_to
 from ortilo_drake.views.themes import broken_name
 
 BOXED = 5  # flights from which on they have a box: quartiles of fewer are the flights themselves
@@ -27,8 +25,7 @@ def error_figure(summaries: dict[str, list[Summary]], path: Path) -> Path:
 
     Few flights are drawn as points about their median, BOXED or more with a box.
     """
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(10, 3.6), layout="constrained")
+    with figure_to(path, (10, 3.6)) as figure:
         for k, column in enumerate((*AXES, "path")):
             axes = figure.add_subplot(1, 4, k + 1)
             for i, (name, rows) in enumerate(summaries.items()):
@@ -52,4 +49,4 @@ def error_figure(summaries: dict[str, list[Summary]], path: Path) -> Path:
             axes.set_yscale("log")
             axes.set_title("path following" if column == "path" else f"estimation, {column}")
         figure.axes[0].set_ylabel("MSE [m²]  (grey: the paper's quartiles, bar: its median)")
-        return save_picture(figure, path)
+    return path

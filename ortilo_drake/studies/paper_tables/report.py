@@ -15,8 +15,7 @@ from ortilo_drake.studies.paper_tables.tables import (
     Statistics,
     Tables,
 )
-from ortilo_drake.views.markdown import table
-from ortilo_drake.views.numbers import count, number, share, with_interval
+from ortilo_drake.views.numbers import count, number, share, table, with_interval
 
 TITLES = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}
 

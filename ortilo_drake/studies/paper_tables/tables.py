@@ -11,7 +11,7 @@ import scipy  # not scipy.stats: that takes a second to import, and loads by its
 from ortilo_drake.flight.efficiency import Ratio, ratio_of_means
 from ortilo_drake.flight.flight import AXES
 from ortilo_drake.flight.intervals import LEVEL, Interval, quantile, quantile_interval, share_interval
-from ortilo_drake.flight.summary import Summary, players_of
+from ortilo_drake.flight.summary import Summary
 
 SCENARIOS = ("imu_uwb", "imu_uwb_yolo")
 PRESETS = ("tuned", "nominal", "paper", "printed")
@@ -279,6 +279,6 @@ def make_tables(preset: str, summaries: dict[str, list[Summary]]) -> Tables:
             }
             for name, rows in kept.items()
         },
-        players={name: players_of(rows) for name, rows in summaries.items()},
+        players={k: ", ".join(sorted({s.player or "unknown" for s in rows})) for k, rows in summaries.items()},
         paper=PAPER,
     )

@@ -3,7 +3,7 @@
 The IMU says what an ideal one would on the smoothed truth, as it is mounted, with bias and white noise. An axis of the
 accelerometer that the recorded flight's filter gave up says nothing from then on.
 
-Errors of ranges are drawn as world/sensors/fitted_errors.py has them. A difference of the ranges to b and a errs by
+Errors of ranges are drawn as world/sensors/fitted_uwb.py has them. A difference of the ranges to b and a errs by
 e_b - e_a. Its row has the white noise of two ranges, drawn once, and is an outlier where one of them is: with
 probability 1 - (1 - q)².
 """
@@ -19,8 +19,7 @@ from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import Ranges
 from ortilo_drake.interop.recorded.recording import Imu, Recording
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.scenario.noise_file import ImuNoise, NoiseFile, as_white
-from ortilo_drake.scenario.range_errors import UwbNoise, white_scales
+from ortilo_drake.scenario.noise_file import ImuNoise, NoiseFile, UwbNoise, as_white, white_scales
 from ortilo_drake.studies.fit.sensor_errors import BodyPath, body_path, mount_of
 from ortilo_drake.studies.recorded.at_rest import at_rest
 from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate
@@ -29,7 +28,7 @@ from ortilo_drake.studies.recorded.scores import nees_of, nis_of
 from ortilo_drake.studies.recorded.setups import calibrated_setup, judged_part, with_aids
 from ortilo_drake.studies.recorded.truth_path import modelled
 from ortilo_drake.world.drawn_truth import AtStart
-from ortilo_drake.world.sensors.fitted_errors import (
+from ortilo_drake.world.sensors.fitted_uwb import (
     Day,
     draw_day,
     growth,

@@ -3,14 +3,12 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.figure import Figure
 
 from ortilo_drake.studies.predict.predicted import Figures, Group, Predicted, group_of, interval, mean_of
-from ortilo_drake.views.markdown import table
-from ortilo_drake.views.palette import BLUE, ORANGE, STYLE
-from ortilo_drake.views.pictures import save_picture
+from ortilo_drake.views.numbers import table
+from ortilo_drake.views.palette import BLUE, ORANGE
+from ortilo_drake.views.pictures import figure_to
 
 COLUMNS = {
     "error": ("error [m]", ".3f"),
@@ -67,8 +65,7 @@ APART, WIDE = 0.18, 0.06  # of the two kinds, and of the points of one
 
 def predicted_figure(flights: Sequence[Predicted], path: Path) -> Path:
     """Draw the flights and return the file's path."""
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(2.0 + 1.3 * len(flights), 6.0), layout="constrained")
+    with figure_to(path, (2.0 + 1.3 * len(flights), 6.0)) as figure:
         for k, (of, label) in enumerate((("error", "RMS error [m]"), ("nees", "NEES (3 if consistent)"))):
             axes = figure.add_subplot(2, 1, k + 1)
             for at, one in enumerate(flights):
@@ -88,4 +85,4 @@ def predicted_figure(flights: Sequence[Predicted], path: Path) -> Path:
             axes.set_xticks(range(len(flights)), [one.name for one in flights] if k else [""] * len(flights))
             if k == 0:
                 axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.2), ncols=3, fontsize=7)
-        return save_picture(figure, path)
+    return path

@@ -7,7 +7,7 @@ from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.rare.estimate import Joined
 from ortilo_drake.studies.rare.rare_flights import Event, Rare
 from ortilo_drake.studies.rare.subset import CHAIN, FIRST, KEPT, most_levels
-from ortilo_drake.views.markdown import table
+from ortilo_drake.views.numbers import table
 
 WIDE = 100.0  # of an interval's ends, from which only the bound is told that is known [1]
 _MILLIARD = 1e9  # flights, from which their number is written with an exponent

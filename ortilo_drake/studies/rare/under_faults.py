@@ -19,7 +19,7 @@ from ortilo_drake.studies.rare.rare_report import (
     spans_far,
     two_digits,
 )
-from ortilo_drake.views.markdown import table
+from ortilo_drake.views.numbers import table
 
 OWN: Final = "own"  # the faults of the scenario itself
 

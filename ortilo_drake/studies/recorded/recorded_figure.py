@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -12,8 +11,8 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from ortilo_drake.studies.recorded.filtered import Estimate
 from ortilo_drake.studies.recorded.recorded_report import main_row
 from ortilo_drake.studies.recorded.replayed import Drawn, Replayed
-from ortilo_drake.views.palette import BLUE, GREEN, ORANGE, PURPLE, SKY, STYLE
-from ortilo_drake.views.pictures import save_picture
+from ortilo_drake.views.palette import BLUE, GREEN, ORANGE, PURPLE, SKY
+from ortilo_drake.views.pictures import figure_to
 from ortilo_drake.views.themes import add_title, for_slides
 
 RED, GREY = ORANGE, "#999999"
@@ -27,8 +26,7 @@ def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Pa
     name = main_row(drawn)
     estimate, truth = drawn[name]
     anchors = np.array(found.anchors)
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(11, 8), layout="constrained")
+    with figure_to(path, (11, 8)) as figure:
         paths, strips, nis, last = _places(figure, 3 if truth is not None else 0)
         for axes, k in zip(paths, (1, 2), strict=False):
             if truth is not None:
@@ -84,7 +82,7 @@ def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Pa
         ate = found.rows[name].ate
         rms = "" if ate is None else f", RMS error {ate:.3f} m"
         add_title(figure, f"{found.name}: {name}{rms}" + " (grey: the part that calibrates)" * _calibrates(found))
-        return save_picture(figure, path)
+    return path
 
 
 def _places(figure: Figure, errors: int) -> tuple[list[Axes], list[Axes], Axes | None, Axes]:

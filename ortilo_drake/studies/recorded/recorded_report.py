@@ -18,7 +18,7 @@ from ortilo_drake.studies.recorded.calibrate import truth_path
 from ortilo_drake.studies.recorded.doubts import of_noise
 from ortilo_drake.studies.recorded.replayed import CV, CV_RAW, RAW, WITH_IMU, Drawn, Replayed
 from ortilo_drake.studies.recorded.scores import Scores
-from ortilo_drake.views.markdown import table
+from ortilo_drake.views.numbers import table
 
 COLUMNS = {  # of Scores what a column shows: its head and form
     "ate": ("ATE", ".4f"),

@@ -12,7 +12,7 @@ from ortilo_drake.studies.loop.margins import LoopMargins
 from ortilo_drake.studies.loop.riccati_report import IllPosed, RiccatiReport, Unsolved
 from ortilo_drake.studies.report.analyze import Analysis, Honesty, Theory
 from ortilo_drake.studies.tube.tube_report import TubeReport
-from ortilo_drake.views.markdown import table
+from ortilo_drake.views.numbers import table
 
 SOLVERS = ["drake", "scipy", "doubling", "recursion"]
 

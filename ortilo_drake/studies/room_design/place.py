@@ -26,8 +26,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import yaml
 
-from ortilo_drake.floor.cramer_rao import dynamics, information_rows, position_floor
-from ortilo_drake.floor.information_arrivals import arrived
+from ortilo_drake.floor.cramer_rao import arrived, dynamics, information_rows, position_floor
 from ortilo_drake.floor.information_filter import predicted_bound
 from ortilo_drake.model.footprints import footprints
 from ortilo_drake.model.input_error import InputError

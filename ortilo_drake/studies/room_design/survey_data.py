@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from ortilo_drake.floor.information_arrivals import arrived
+from ortilo_drake.floor.cramer_rao import arrived
 from ortilo_drake.interop.log.reader import log_scenario, read_log, read_messages
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.input_files import read_text

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ortilo_drake.floor.information_arrivals import arrived
+from ortilo_drake.floor.cramer_rao import arrived
 from ortilo_drake.onboard.planner.free_cells import free_space
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import measuring

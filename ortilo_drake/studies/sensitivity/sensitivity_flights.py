@@ -8,10 +8,10 @@ from typing import Final
 
 import numpy as np
 
+from ortilo_drake.flight.ensemble import fly_kept
 from ortilo_drake.flight.figures import FIGURES
 from ortilo_drake.flight.flight import AXES
 from ortilo_drake.flight.intervals import Interval, Middle, middle_of, share_interval
-from ortilo_drake.flight.kept import fly_kept
 from ortilo_drake.flight.lost import NOT_LOST
 from ortilo_drake.flight.store import Count, Error
 from ortilo_drake.scenario import Scenario

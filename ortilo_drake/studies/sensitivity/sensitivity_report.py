@@ -4,18 +4,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from textwrap import fill
 
-import matplotlib as mpl
-from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
 from ortilo_drake.flight.flight import AXES
 from ortilo_drake.studies.sensitivity.loss_level import ERROR
 from ortilo_drake.studies.sensitivity.mismatches import TOGETHER, known_mismatches
 from ortilo_drake.studies.sensitivity.sensitivity_flights import LOST_SHARE, NONE, Limit, MismatchRow, Sensitivity
-from ortilo_drake.views.markdown import table
-from ortilo_drake.views.numbers import count, number, of_all_and_kept, with_interval
-from ortilo_drake.views.palette import BLUE, ORANGE, STYLE
-from ortilo_drake.views.pictures import save_picture
+from ortilo_drake.views.numbers import count, number, of_all_and_kept, table, with_interval
+from ortilo_drake.views.palette import BLUE, ORANGE
+from ortilo_drake.views.pictures import figure_to
 
 NO_LIMITS = (
     f"More than {LOST_SHARE:.0%} of the flights are lost without any mismatch (Wald's sequential test, error "
@@ -92,8 +89,7 @@ def sensitivity_figure(found: Sensitivity, path: Path) -> Path:
     limits, usual = found.limits[::-1], of_careful_team()
     ends = [end / usual[x.mismatch] for x in limits for end in (x.value, *x.interval) if end]
     least, most = min([0.2, *(0.5 * end for end in ends)]), max([5.0, *(2.0 * end for end in ends)])
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9.0, 0.45 * len(limits) + 1.3), layout="constrained")
+    with figure_to(path, (9.0, 0.45 * len(limits) + 1.3)) as figure:
         axes = figure.add_subplot()
         for i, limit in enumerate(limits):
             careful = usual[limit.mismatch]
@@ -119,7 +115,7 @@ def sensitivity_figure(found: Sensitivity, path: Path) -> Path:
             note = fill(NO_LIMITS, 60)
             axes.text(0.5, 0.5, note, ha="center", va="center", transform=axes.transAxes, bbox={"color": "white"})
         figure.suptitle(f"What must you know, how well: {found.scenario}")
-        return save_picture(figure, path)
+    return path
 
 
 def sensitivity_summary(found: Sensitivity, careful: Mapping[str, float], together: str) -> list[str]:

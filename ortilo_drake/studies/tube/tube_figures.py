@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection
@@ -23,7 +22,7 @@ from ortilo_drake.studies.tube.tube_flights import SHARE, Flown, Point, PointRes
 from ortilo_drake.studies.tube.tube_map import MarginMap, map_sensors, with_rates
 from ortilo_drake.views.figures import draw_room
 from ortilo_drake.views.palette import BLUE, GREEN, ORANGE, PLANNED
-from ortilo_drake.views.pictures import save_picture
+from ortilo_drake.views.pictures import figure_to
 from ortilo_drake.views.themes import for_slides
 
 INSIDE: Final = "#9fd0f0"
@@ -151,8 +150,7 @@ def rates_figure(
 
     A rate of 0 is drawn at the axis.
     """
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(8.6, 6.6), layout="constrained")
+    with figure_to(path, (8.6, 6.6), _STYLE) as figure:
         axes, (first, second) = figure.add_subplot(), _names(sensors)
         _draw_map(figure, axes, second, margins, chance, results, _NONE)
         for name in ("x", "y"):
@@ -163,15 +161,14 @@ def rates_figure(
         axes.set_xlabel(f"share of {first} messages that arrive")
         axes.set_ylabel(f"share of {second} messages that arrive")
         axes.set_title("How few measurements keep the vehicle in the corridor", fontsize=11, pad=16)
-        return save_picture(figure, path)
+    return path
 
 
 def bursts_figure(
     sensors: tuple[str, str], margins: MarginMap, chance: ChanceGrid, results: Sequence[PointResult], path: Path
 ) -> Path:
     """Draw the margins over the arrival rate of both sensors and the mean length of bursts, as rates_figure."""
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(8.0, 5.8), layout="constrained")
+    with figure_to(path, (8.0, 5.8), _STYLE) as figure:
         axes, (first, second) = figure.add_subplot(), _names(sensors)
         axes.set_facecolor(_NO_LINK)
         axes.text(
@@ -188,14 +185,13 @@ def bursts_figure(
         axes.set_xlabel(f"share of the time in which a link is good ({first} and {second} alike, independent)")
         axes.set_ylabel("mean length of a burst of losses [s]")
         axes.set_title("How long bursts may last", fontsize=11)
-        return save_picture(figure, path)
+    return path
 
 
 def plan_figure(scenario: Scenario, nominal: NominalFlight, flights: dict[Point, Sequence[Flown]], path: Path) -> Path:
     """Draw the room from above with the tube along the path and the flights on it, one plan for each pair of rates."""
     names = _names(map_sensors(scenario))
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(9.5, 3.6 * len(flights)), layout="constrained")
+    with figure_to(path, (9.5, 3.6 * len(flights)), _STYLE) as figure:
         for row, (pair, flown) in enumerate(flights.items()):
             axes = figure.add_subplot(len(flights), 1, row + 1)
             draw_room(axes, scenario.load_room(), scenario)
@@ -217,4 +213,4 @@ def plan_figure(scenario: Scenario, nominal: NominalFlight, flights: dict[Point,
             rates = " and ".join(f"{100 * rate:g} % of the {name}" for name, rate in zip(names, pair, strict=True))
             axes.set_title(f"{rates} messages arrive: {len(flown)} flights, {lost} lost", fontsize=10)
         figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=8, frameon=False)
-        return save_picture(figure, path)
+    return path

@@ -22,8 +22,7 @@ from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.model.measurement import Layout
-from ortilo_drake.onboard.estimator.kalman import measure, predict, propagate
-from ortilo_drake.onboard.estimator.structure import Structure, structure_of
+from ortilo_drake.onboard.estimator.kalman import Structure, measure, predict, propagate, structure_of
 
 
 class Record(NamedTuple):

@@ -1,11 +1,20 @@
-"""Faults as compiled functions take them: settings as plain numbers, when they last, and people on their walks."""
+"""Faults as compiled functions take them: settings as plain numbers, when they last, and people on their walks.
+
+In a projected camera's scene landmarks are moved or gone, and people in the way. A box tells no landmark's identity, so
+these are not faults of the message but of the scene. Each landmark's noise is its own, so what the others give stays as
+it was.
+"""
 
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
+from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.model.room import Room
+from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.faults import (
     AnchorMoved,
     AnchorsDying,
@@ -20,8 +29,10 @@ from ortilo_drake.scenario.faults import (
     OutlierBursts,
     People,
     YawJump,
+    sensors_of,
 )
 from ortilo_drake.world.noise import stream_id
+from ortilo_drake.world.sensors.landmark_view import Surroundings
 
 # A fault's kind as a number.
 NLOS_STORM, OUTLIER_BURSTS, STUCK, ANCHOR_MOVED, ANCHORS_DYING, CLOCK_JUMP, YAW_JUMP, GYRO_BIAS = range(8)
@@ -101,17 +112,13 @@ def table_of(faults: Sequence[Numbered], values: Sequence[Sequence[float]] | Non
     settings = [values_of_fault(its.fault) for its in faults] if values is None else values
     ends = [getattr(its.fault, "end", None) for its in faults]
     return FaultTable(
-        np.array([_number_of(its.fault.kind) for its in faults], dtype=np.int64),
+        np.array([KINDS.index(kind) if (kind := its.fault.kind) in KINDS else OWN for its in faults], dtype=np.int64),
         np.array([its.fault.start for its in faults], dtype=float),
         np.array([np.inf if end is None else end for end in ends], dtype=float),
         np.array([stream_id(f"fault/{its.fault.kind}/{its.number}") for its in faults], dtype=np.uint64),
         np.cumsum([0, *map(len, settings)], dtype=np.int64),
         np.array([v for its in settings for v in its], dtype=float),
     )
-
-
-def _number_of(kind: str) -> int:
-    return KINDS.index(kind) if kind in KINDS else OWN
 
 
 @register_jitable
@@ -153,3 +160,59 @@ def cylinders_at(values: np.ndarray, t: float) -> np.ndarray:
         rows[j, 0], rows[j, 1] = x_0 + share * (x_1 - x_0), y_0 + share * (y_1 - y_0)
         rows[j, 2], rows[j, 3] = radius, height
     return rows
+
+
+class Scene(NamedTuple):
+    """The scene in front of a camera."""
+
+    room: Surroundings
+    """landmarks that are there, and what may hide them."""
+    there: np.ndarray
+    """which of the room's landmarks these are (n)."""
+
+
+def is_of_scene(fault: AnyFault) -> bool:
+    """Return whether a fault changes the scene."""
+    return isinstance(fault, LandmarkGone | LandmarkMoved | People)
+
+
+def message_faults(faults: tuple[AnyFault, ...], sensor: str) -> list[Numbered]:
+    """Return those of a scenario's faults that change a sensor's messages, in their order."""
+    concern = [its for its in numbered(faults) if sensor in sensors_of(its.fault)]
+    return [its for its in concern if not (sensor == "camera" and is_of_scene(its.fault))]
+
+
+def scene_table(faults: tuple[AnyFault, ...]) -> FaultTable:
+    """Return those of a scenario's faults that change the scene."""
+    return table_of([its for its in numbered(faults) if is_of_scene(its.fault)])
+
+
+@njit(cache=True)
+def scene_at(room: Surroundings, faults: FaultTable, t: float) -> Scene:
+    """Return the scene at t [s] of a room without faults."""
+    there = np.ones(room.positions.shape[0], dtype=np.bool_)
+    if faults.kinds.size == 0:
+        return Scene(room, there)
+    positions, cylinders = room.positions.copy(), room.cylinders.copy()
+    for i in range(faults.kinds.size):
+        if not is_active(faults, i, t):
+            continue
+        kind, values = faults.kinds[i], settings_of(faults, i)
+        if kind == LANDMARK_MOVED:
+            positions[int(values[0])] += values[1:4]
+        elif kind == LANDMARK_GONE:
+            there[int(values[0])] = False
+        elif kind == PEOPLE:
+            cylinders = np.concatenate((cylinders, cylinders_at(values, t - faults.starts[i])))
+    seen = Surroundings(positions[there], room.outlines[there], room.sizes[there], room.boxes, cylinders)
+    return Scene(seen, there)
+
+
+def check_room(scenario: Scenario, room: Room) -> None:
+    """Raise InputError for faults of anchors, landmarks and rotors that are not there."""
+    counts = {"anchor": len(room.anchors), "landmark": len(room.landmarks), "rotor": scenario.vehicle.rotor_count}
+    for i, fault in enumerate(scenario.faults):
+        for name, count in counts.items():
+            for index in (*getattr(fault, f"{name}s", ()), getattr(fault, name, 0)):
+                if index >= count:
+                    raise InputError(f"faults.{i}: {fault.kind}: {name} {index}: must be below {count}, their number")

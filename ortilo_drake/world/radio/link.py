@@ -105,11 +105,6 @@ def landing_row(flying: np.ndarray, k: int, newest: float) -> int:
     return NOT_SENT
 
 
-def steps_a_chain(settings: Link) -> bool:
-    """Return whether losses depend on a Markov chain, which steps each tick."""
-    return settings.loss.kind in ("bursts", "gilbert_elliott")
-
-
 def blackout_rows(settings: Link, h: float) -> np.ndarray:
     """Return the blackouts as rows (axis, start, end): axes 0 to 2 in metres, 3 the time in whole ticks."""
 
@@ -195,7 +190,7 @@ def link_box(sensor: str, settings: Link, every: int, h: float) -> Box:
         },
         tables={"blackouts": blackout_rows(settings, h)},
     )
-    if not steps_a_chain(settings):
+    if settings.loss.kind not in ("bursts", "gilbert_elliott"):  # no chain that steps each tick
         return Box(f"{sensor}_link", LINK, 1, given)
     return Box(f"{sensor}_link", BURSTY, 1, given.updated(Values(start={"bad": np.zeros(1)})))
 

@@ -8,7 +8,7 @@ from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.signals import N_X, N_XBAR
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100, Vehicle
-from ortilo_drake.world.scenery.meshcat_draw import draw_flown, draw_vehicle, show_pose
+from ortilo_drake.world.scenery.meshcat_replay import draw_flown, draw_vehicle, show_pose
 
 CHUNK = 30  # points in one object of a live trail
 

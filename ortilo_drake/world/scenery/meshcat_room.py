@@ -54,11 +54,6 @@ def class_color(room: Room, label: str) -> Rgba:
     return CLASS_COLORS[room.classes.index(label) % len(CLASS_COLORS)]
 
 
-def path_name(label: str) -> str:
-    """Return a label as one element of a Meshcat path."""
-    return label.replace("/", "_").replace(" ", "_")
-
-
 def aim_camera(meshcat: Meshcat, low: np.ndarray, high: np.ndarray) -> None:
     """Show the box between two corners p_W, from the south and above.
 
@@ -113,7 +108,7 @@ def _draw_items(meshcat: Meshcat, room: Room) -> None:
     for item in scene_items(room):
         if item.group not in _SHOWN_AS_SEEN:
             continue
-        kind = f"/{path_name(item.kind)}" if item.group in ("landmarks", "furniture") else ""
+        kind = "/" + item.kind.replace("/", "_").replace(" ", "_") if item.group in ("landmarks", "furniture") else ""
         path = f"/room/{item.group}{kind}/{next(numbers[item.group]):02d}"
         shape = item.shape
         if isinstance(shape, Mesh):

@@ -19,8 +19,7 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, MAX_DETECTIONS, PAYLOAD
 from ortilo_drake.scenario import Camera as CameraSettings
 from ortilo_drake.scenario.faults import AnyFault
-from ortilo_drake.world.faults.scene_faults import scene_at, scene_table
-from ortilo_drake.world.faults.table import FaultTable
+from ortilo_drake.world.faults.table import FaultTable, scene_at, scene_table
 from ortilo_drake.world.noise import stream_id, uniforms
 from ortilo_drake.world.persistent_noise import persistent_normals, seeds_of_nodes
 from ortilo_drake.world.sensors.camera_tables import Tables, look_up, tables_of

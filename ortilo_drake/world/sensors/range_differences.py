@@ -6,7 +6,7 @@ turn. With s its age, p = p_WB - s v_WB and d_i = |p - p_WA_i| it is
     r_ab = f (d_b + e_b - (d_a + e_a) + sqrt(n_a^2 + n_b^2) v),   e_i = b_i + z g_i + z h_i(p)
 
 with a constant b_i, first-order Gauss-Markov noise g_i and a field h_i of each anchor, a factor f, and v standard
-normal. White errors have n_i = s_0 + s_1 d_i, z = 1 and no field; fitted ones those of fitted_errors.py, where z grows
+normal. White errors have n_i = s_0 + s_1 d_i, z = 1 and no field; fitted ones those of fitted_uwb.py, where z grows
 n_i too, and a row is an outlier where one of its two ranges is, along the rows of anchor b. A row is missing where an
 anchor is out of reach or behind a wall that blocks, and at random with the fitted probability.
 
@@ -28,21 +28,23 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import ARRIVED, PAYLOAD, STAMP
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.scenario.range_errors import UwbNoise
+from ortilo_drake.scenario.noise_file import UwbNoise
 from ortilo_drake.world.drawn_truth import AtStart
-from ortilo_drake.world.faults.range_faults import distance_to
-from ortilo_drake.world.noise import put_normals, uniforms
-from ortilo_drake.world.sensors.fitted_errors import (
+from ortilo_drake.world.faults.fault_element import distance_to
+from ortilo_drake.world.noise import SlowNoise, gauss_markov, put_normals, slow_noise_after, uniforms
+from ortilo_drake.world.sensors.fitted_uwb import (
     draw_day,
     drawn_scales,
+    field_at,
+    field_tables,
+    given_of,
     growth,
+    lasting_of,
+    noise_of,
     odd_after,
     row_error,
     share_of_pairs,
 )
-from ortilo_drake.world.sensors.fitted_uwb import field_tables, given_of, lasting_of, noise_of
-from ortilo_drake.world.sensors.matern_field import field_at
-from ortilo_drake.world.slow_error import SlowNoise, gauss_markov, slow_noise_after
 
 LASTING, CHANCES, ODD = "differences/lasting", "differences/chances", "differences/outliers"  # streams
 

@@ -25,9 +25,8 @@ from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import ARRIVED, PAYLOAD
 from ortilo_drake.scenario import Uwb
 from ortilo_drake.scenario.sensors import WallsExcess
-from ortilo_drake.world.faults.range_faults import distance_to
-from ortilo_drake.world.noise import stream_id
-from ortilo_drake.world.slow_error import gauss_markov, slow_step
+from ortilo_drake.world.faults.fault_element import distance_to
+from ortilo_drake.world.noise import gauss_markov, slow_step, stream_id
 
 STREAM = "slow error/uwb_paths"
 

@@ -11,9 +11,8 @@ from ortilo_drake.model.signals import ARRIVED, PAYLOAD
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.truth import ImuTruth, SensorTruth, UwbTruth
 from ortilo_drake.world.drawn_truth import Drawn
-from ortilo_drake.world.noise import stream_id
+from ortilo_drake.world.noise import SlowNoise, gauss_markov, random_walk, slow_step, stream_id
 from ortilo_drake.world.sensors.sample_collector import sample_of
-from ortilo_drake.world.slow_error import SlowNoise, gauss_markov, random_walk, slow_step
 
 
 class SensorErrors(NamedTuple):

@@ -1,6 +1,6 @@
 """The vehicle where its state is continuous: a rigid body, with rotors that take time, between two ticks.
 
-It goes by the steps and the arithmetic of Drake's RungeKutta3Integrator, as flight/simulator.py has Drake take them.
+It goes by the steps and the arithmetic of Drake's RungeKutta3Integrator, as flight/flight.py has Drake take them.
 """
 
 import math

@@ -10,8 +10,7 @@ from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.equations import rotation_rows
 from ortilo_drake.model.placing import put
 from ortilo_drake.scenario import Disturbance
-from ortilo_drake.world.noise import put_normals, stream_id
-from ortilo_drake.world.slow_error import SlowNoise, slow_step
+from ortilo_drake.world.noise import SlowNoise, put_normals, slow_step, stream_id
 
 
 @register_jitable
@@ -37,7 +36,7 @@ def disturbance_box(settings: Disturbance, h: float, stream: str = "disturbance"
 
 
 def lasting_out(disturbance: np.ndarray, bias: np.ndarray, x: np.ndarray, out: np.ndarray) -> None:
-    """Output the disturbance with its slow part (6), see world/slow_error.py."""
+    """Output the disturbance with its slow part (6), see world/noise.py."""
     for i in range(out.size):
         out[i] = disturbance[i] + (bias[i] + x[i])
 

@@ -23,7 +23,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from ortilo_drake.model.signals import N_U, N_X
 from ortilo_drake.model.vehicle import GRAVITY, Vehicle
-from ortilo_drake.scenario.failsafe import Failsafe as FailsafeSettings
+from ortilo_drake.scenario.world import Failsafe as FailsafeSettings
 
 COMMAND_SIZE = N_U + 1  # u, and the time at which it was received
 MODES = ("command", "hold", "descend")

@@ -14,7 +14,7 @@ from ortilo_drake.onboard.estimator.intermittent_filter import intermittent_step
 from ortilo_drake.onboard.estimator.replay_element import replay_box
 from ortilo_drake.onboard.estimator.robust.weights import opening_variances
 from ortilo_drake.scenario import IntermittentFilter
-from ortilo_drake.scenario.robust import Opening
+from ortilo_drake.scenario.estimator import Opening
 
 H = 1.0 / 30.0
 SETTINGS = IntermittentFilter(force="thrust")

@@ -20,7 +20,7 @@ from ortilo_drake.onboard.estimator.robust.weights import (
     weighed,
     weighing_of,
 )
-from ortilo_drake.scenario.robust import Robust
+from ortilo_drake.scenario.estimator import Robust
 
 H = 1.0 / 30.0
 N = 15

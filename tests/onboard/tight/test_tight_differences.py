@@ -5,9 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ortilo_drake.model.range_pairs import ROW
-from ortilo_drake.onboard.estimator.tight.differences import take_differences
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, Layout, Q, make_layout, nominal_size
 from ortilo_drake.onboard.estimator.tight.model import aids_of
+from ortilo_drake.onboard.estimator.tight.ranges import take_differences
 from ortilo_drake.onboard.estimator.tight.tick import keep_pose
 from ortilo_drake.onboard.estimator.tight.update import inject
 from ortilo_drake.scenario import load_scenario

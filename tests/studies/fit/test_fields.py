@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from ortilo_drake.interop.recorded.range_rows import single_ranges
-from ortilo_drake.scenario.range_errors import FieldNoise, LastingNoise, UwbNoise
-from ortilo_drake.studies.fit.fields import fit_fields, matern
+from ortilo_drake.scenario.noise_file import FieldNoise, LastingNoise, UwbNoise
+from ortilo_drake.studies.fit.fit import fit_fields, matern
 from ortilo_drake.studies.fit.sensor_errors import RangeErrors
 from ortilo_drake.studies.predict.predicted import draw_errors, numbers_of
-from ortilo_drake.world.sensors.fitted_errors import draw_day
-from ortilo_drake.world.sensors.matern_field import field_of
+from ortilo_drake.world.sensors.fitted_uwb import draw_day, field_of
 
 
 def test_a_field_has_the_covariance_of_matern() -> None:

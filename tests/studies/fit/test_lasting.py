@@ -5,11 +5,11 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from ortilo_drake.interop.recorded.range_rows import Ranges
-from ortilo_drake.scenario.range_errors import LastingNoise, Outliers, UwbNoise
+from ortilo_drake.scenario.noise_file import LastingNoise, Outliers, UwbNoise
 from ortilo_drake.studies.fit.lasting import PRIOR, fit_lasting, lasting_filter, widest
 from ortilo_drake.studies.fit.sensor_errors import RangeErrors
 from ortilo_drake.studies.predict.predicted import draw_errors, numbers_of
-from ortilo_drake.world.sensors.fitted_errors import draw_day
+from ortilo_drake.world.sensors.fitted_uwb import draw_day
 
 ANCHORS = 6
 NOISE = UwbNoise(

@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,8 +20,7 @@ from ortilo_drake.studies.command_link.command_flights import hover_V
 from ortilo_drake.studies.loop.hover_loop import hover_loop
 from ortilo_drake.studies.maps.map_figure import map_figure
 from ortilo_drake.studies.maps.map_flights import Map, MapPoint
-from ortilo_drake.studies.maps.map_report import map_text
-from ortilo_drake.studies.maps.map_theory import MapTheory, expected_rms, lost_in_bursts, theory_of
+from ortilo_drake.studies.maps.map_report import MapTheory, expected_rms, lost_in_bursts, map_text, theory_of
 from ortilo_drake.studies.maps.sweep import Sweep, points_of
 
 BURSTS = {"uwb.link.blackouts": [], "uwb.link.loss": {"kind": "bursts", "loss": 0.5, "mean_length": 1.0}}
@@ -113,13 +113,13 @@ def test_what_is_drawn_by_theory_is_in_report_and_figure(tmp_path: Path) -> None
     assert plain.read_bytes() != with_lines.read_bytes()
 
 
-def test_a_heat_map_rises_along_named_axes_with_round_lines_and_no_fragment(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_heat_map_rises_along_named_axes_with_round_lines_and_no_fragment(drawn_figures: list[Any]) -> None:
     """Errors of 0.3 m Hz / rate along one axis, and one corner where most is lost, which gives no line."""
-    monkeypatch.setattr("ortilo_drake.studies.maps.map_figure.save_picture", lambda figure, path: figure)
     axes = {"uwb.link.rate": [5.0, 4.0, 2.0, 1.0], "uwb.link.delay": [0, 1, 2]}
     found = made(axes, lambda p: 900 * (p["uwb.link.rate"] == 1.0 and p["uwb.link.delay"] == 0))
     rows = [dataclasses.replace(row, kept_rms=0.3 / row.point["uwb.link.rate"]) for row in found.rows]
-    lost, errors = map_figure(dataclasses.replace(found, rows=rows), Path()).axes[:2]
+    map_figure(dataclasses.replace(found, rows=rows), Path())
+    lost, errors = drawn_figures[0].axes[:2]
     assert (errors.get_xlabel(), errors.get_ylabel()) == ("UWB delay [ticks]", "UWB rate [Hz]")
     assert [text.get_text() for text in errors.get_yticklabels()] == ["1", "2", "4", "5"]
     np.testing.assert_allclose(errors.images[0].get_array()[:, 0], [0.3, 0.15, 0.075, 0.06])
@@ -127,38 +127,38 @@ def test_a_heat_map_rises_along_named_axes_with_round_lines_and_no_fragment(monk
     assert not lost.texts
 
 
-def test_theory_far_from_what_was_flown_has_lines_at_values_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ortilo_drake.studies.maps.map_figure.save_picture", lambda figure, path: figure)
+def test_theory_far_from_what_was_flown_has_lines_at_values_of_its_own(drawn_figures: list[Any]) -> None:
     found = made({"uwb.link.rate": [1.0, 2.0, 4.0], LOSS: [0.0, 0.3, 0.6, 0.9]}, lambda _: 0)
     rms = np.array([0.01 * row.kept_rms for row in found.rows if row.kept_rms])
-    errors, _ = map_figure(found, Path(), MapTheory(rms, None, None, None)).axes
+    map_figure(found, Path(), MapTheory(rms, None, None, None))
+    errors, _ = drawn_figures[0].axes
     drawn = {text.get_text() for text in errors.texts if same_color(text.get_color(), "magenta")}
     assert "0.005 m" in drawn
     assert errors.get_legend_handles_labels()[1][-1].startswith("theory")
 
 
-def test_labels_of_a_level_that_flights_and_theory_share_lie_apart(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ortilo_drake.studies.maps.map_figure.save_picture", lambda figure, path: figure)
+def test_labels_of_a_level_that_flights_and_theory_share_lie_apart(drawn_figures: list[Any]) -> None:
     found = made({"uwb.link.rate": [1.0, 2.0, 4.0], LOSS: [0.0, 0.3, 0.6, 0.9]}, lambda _: 0)
     rows = [
         dataclasses.replace(r, kept_rms=rms) for r, rms in zip(found.rows, np.geomspace(0.015, 0.09, 12), strict=True)
     ]
     theory = MapTheory(0.98 * np.geomspace(0.015, 0.09, 12), None, None, None)
-    figure = map_figure(dataclasses.replace(found, rows=rows), Path(), theory)
+    map_figure(dataclasses.replace(found, rows=rows), Path(), theory)
+    (figure,) = drawn_figures
     figure.draw_without_rendering()
     labels = [(text.get_text(), text.get_window_extent()) for text in figure.axes[0].texts]
     assert [text for text, _ in labels].count("0.02 m") == 2
     assert not any(a.overlaps(b) for (_, a), (_, b) in combinations(labels, 2))
 
 
-def test_one_lost_flight_of_twenty_is_no_catastrophe_and_lines_stand_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_lost_flight_of_twenty_is_no_catastrophe_and_lines_stand_out(drawn_figures: list[Any]) -> None:
     """The colours' scale has at least half of the flights; a halo makes the lines readable on dark cells."""
-    monkeypatch.setattr("ortilo_drake.studies.maps.map_figure.save_picture", lambda figure, path: figure)
     axes = {LOSS: [0.2, 0.5, 0.8], "uwb.noise.fraction": [0.01, 0.02, 0.1]}
     found = made(axes, lambda p: 100 * (p[LOSS] > 0.6))
     of = found.sweep.model_copy(update={"scenario": "rooms/mine.yaml"})
     rows = [dataclasses.replace(row, kept_rms=10.0 * row.point["uwb.noise.fraction"]) for row in found.rows]
-    figure = map_figure(dataclasses.replace(found, sweep=of, rows=rows), Path())
+    map_figure(dataclasses.replace(found, sweep=of, rows=rows), Path())
+    (figure,) = drawn_figures
     lost, errors, bar, _ = figure.axes
     assert lost.images[0].get_clim() == (0.0, 0.5)
     assert bar.get_ylabel() == "flights lost [%]"

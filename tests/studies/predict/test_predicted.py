@@ -13,14 +13,13 @@ from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import Imu, Recording, Truth, read_recording
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.scenario.noise_file import ImuNoise, NoiseFile, load_noise
-from ortilo_drake.scenario.range_errors import UwbNoise
+from ortilo_drake.scenario.noise_file import ImuNoise, NoiseFile, UwbNoise, load_noise
 from ortilo_drake.studies.fit.fit import fit_recordings
 from ortilo_drake.studies.fit.sensor_errors import body_path, mount_of
 from ortilo_drake.studies.predict.predicted import Figures, Predicted, group_of, interval, predict, simulated
 from ortilo_drake.studies.predict.predicted_report import predicted_text
 from ortilo_drake.studies.recorded.calibrate import calibrate
-from ortilo_drake.world.sensors.fitted_errors import Day
+from ortilo_drake.world.sensors.fitted_uwb import Day
 
 SILENT = NoiseFile(uwb=UwbNoise(white=0.0), imu=ImuNoise(rotation=(0.0,) * 3, force=(0.0,) * 3))
 

@@ -5,10 +5,9 @@ import pytest
 from scipy.stats import t as student
 
 from ortilo_drake.interop.recorded.range_rows import Ranges
-from ortilo_drake.scenario.noise_file import NoiseFile
-from ortilo_drake.scenario.range_errors import FieldNoise, LastingNoise, Outliers, UwbNoise
+from ortilo_drake.scenario.noise_file import FieldNoise, LastingNoise, NoiseFile, Outliers, UwbNoise
 from ortilo_drake.studies.predict.predicted import as_white, draw_errors, draw_outliers, lasting_errors, numbers_of
-from ortilo_drake.world.sensors.fitted_errors import Day, draw_day
+from ortilo_drake.world.sensors.fitted_uwb import Day, draw_day
 
 
 @pytest.mark.long

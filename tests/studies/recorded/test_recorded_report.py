@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ortilo_drake.studies.recorded import recorded_figure
 from ortilo_drake.studies.recorded.filtered import Estimate
 from ortilo_drake.studies.recorded.reacquired import Innovations, Lost
 from ortilo_drake.studies.recorded.recorded_figure import error_limit, motion_figure
@@ -70,7 +69,7 @@ def test_columns_that_no_row_has_are_left_out() -> None:
 
 
 @pytest.mark.parametrize(("truth", "panels"), [(True, 7), (False, 4)])
-def test_the_picture_has_errors_and_a_grey_part_only_with_truth(tmp_path, monkeypatch, truth, panels) -> None:
+def test_the_picture_has_errors_and_a_grey_part_only_with_truth(tmp_path, drawn_figures, truth, panels) -> None:
     """Seven panels: two of the path, three of errors, NIS, deviations."""
     t = np.arange(0.0, 20.0, 0.1)
     run = Innovations(np.ones(len(t)), np.ones(len(t)), np.ones(len(t), dtype=bool))
@@ -84,13 +83,11 @@ def test_the_picture_has_errors_and_a_grey_part_only_with_truth(tmp_path, monkey
         notes=[],
         offset=0.0 if truth else None,
     )
-    drawn: dict = {}
-    monkeypatch.setattr(recorded_figure, "save_picture", lambda figure, path: drawn.update(figure=figure))
     motion_figure(found, {RAW: (one, one.p if truth else None)}, 0.3, tmp_path / "log.png")
-    axes = drawn["figure"].axes
+    axes = drawn_figures[0].axes
     assert len(axes) == panels
     assert sum(one.get_ylabel().startswith("error") for one in axes) == 3 * truth
-    assert ("grey" in drawn["figure"].get_suptitle()) == truth
+    assert ("grey" in drawn_figures[0].get_suptitle()) == truth
 
 
 def test_the_summary_tells_the_largest_error_and_what_losses_did() -> None:

@@ -38,7 +38,7 @@ from ortilo_drake.model.scalars import values_of
 from ortilo_drake.model.signals import N_I, N_X
 from ortilo_drake.onboard.estimator.extra_states import C as GYROSCOPE
 from ortilo_drake.onboard.gate import squared_gate
-from ortilo_drake.scenario.robust import HuberWeight, Opening, Robust
+from ortilo_drake.scenario.estimator import HuberWeight, Opening, Robust
 
 SINCE, AVERAGE, LAST = range(3)  # columns of the state: refused since [s], NEVER if not; a; when a was changed [s]
 NEVER = -1.0

@@ -7,10 +7,9 @@ from numba.extending import register_jitable
 from ortilo_drake.model.signals import ARRIVED, STAMP
 from ortilo_drake.onboard.estimator.tight.aids import Aids
 from ortilo_drake.onboard.estimator.tight.attitude_rows import take_angles
-from ortilo_drake.onboard.estimator.tight.differences import take_differences
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Layout
 from ortilo_drake.onboard.estimator.tight.pixels import pose_belief, take_boxes
-from ortilo_drake.onboard.estimator.tight.ranges import take_ranges
+from ortilo_drake.onboard.estimator.tight.ranges import take_differences, take_ranges
 from ortilo_drake.onboard.estimator.tight.tick import RATES, Motion, propagate_to_now
 from ortilo_drake.onboard.estimator.tight.watch import LAST, says_again, watch_angles, watch_ranges
 from ortilo_drake.onboard.landmarks.landmark_association import associate
