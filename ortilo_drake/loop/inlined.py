@@ -4,49 +4,27 @@ By default numba optimises such a function and makes machine code of it, and the
 Here it stays as it was lowered, or is optimised once if it is njit, without the wrappers that Python and C call.
 """
 
-import gc
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache, partial
 from types import SimpleNamespace
 from typing import Any
 
 import llvmlite.binding as llvm
-from numba.core import errors, ir
+from numba.core import ir
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompilerBase, DefaultPassBuilder, Flags
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import FunctionPass, LoweringPass, register_pass
 from numba.core.registry import CPUDispatcher
 from numba.core.target_extension import jit_registry, target_registry
 from numba.core.typed_passes import AnnotateTypes
 from numba.core.untyped_passes import TranslateByteCode
-from numba.extending import overload
-from numba.np import arrayobj
+
+from ortilo_drake.loop.shorter import shorter_ways
 
 NO_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 OPTIONS = {"forceinline": True, **NO_WRAPPERS}
-DEFAULTS = {name: option.default for name, option in Flags.options.items()}
-
-
-def values_of(flags: Flags) -> dict[str, Any]:
-    """Return what Flags.values does, at a tenth of its time: numba compares all its options for each call it types."""
-    return DEFAULTS | flags._values
-
-
-def shapes_differ(source: Any, target: Any) -> None:
-    """Raise for a slice to which an array of another shape is assigned.
-
-    numba's own writes both shapes out: string code of a thousand instructions at each such assignment.
-    """
-
-
-@overload(shapes_differ)
-def _compiled_shapes_differ(source: Any, target: Any) -> Callable[[Any, Any], None]:
-    def raised(source: Any, target: Any) -> None:
-        raise ValueError("cannot assign slice from input of different size")
-
-    return raised
 
 
 class OnlyLinked(JITCodeLibrary):
@@ -143,25 +121,15 @@ class Linked(Inlined):
 def helpers_only_linked() -> Iterator[None]:
     """Compile what is register_jitable, and NumPy's functions as numba has them, in the same way meanwhile.
 
-    Python cannot call what numba makes of them, only its callers' code can. Unused cycles are not looked for, numba's
-    options are compared by values_of, the errors by which it finds its way among types are not coloured, and
-    shapes_differ raises for slices: each took a tenth of the time.
+    Python cannot call what numba makes of them, only its callers' code can.
     """
     processor = target_registry["cpu"]
     with global_compiler_lock:
         usual = jit_registry.pop(processor)  # only what is not there can be set
         jit_registry[processor] = partial(usual, pipeline_class=Inlined, **OPTIONS)
-        collects, raises = gc.isenabled(), arrayobj.raise_with_shape_context
-        coloured, values = errors.termcolor, Flags.values
-        gc.disable()
-        errors.termcolor, Flags.values = partial(SimpleNamespace, errmsg=str, filename=str), values_of
-        arrayobj.raise_with_shape_context = shapes_differ
         try:
-            yield
+            with shorter_ways():
+                yield
         finally:
-            errors.termcolor, Flags.values = coloured, values
-            arrayobj.raise_with_shape_context = raises
-            if collects:
-                gc.enable()
             del jit_registry[processor]
             jit_registry[processor] = usual

@@ -1,18 +1,17 @@
 """Helpers that are compiled for their callers alone: they compute the same, and numba's own way comes back."""
 
 import gc
-from typing import Any
+import sys
 
 import numpy as np
 import pytest
-from numba import njit
-from numba.core import errors
-from numba.core.compiler import Flags
+from numba import njit, types
+from numba.core.compiler import Flags, run_frontend
 from numba.core.target_extension import jit_registry, target_registry
 from numba.extending import register_jitable
-from numba.np import arrayobj
 
-from ortilo_drake.loop.inlined import Inlined, OnlyLinked, helpers_only_linked, values_of
+from ortilo_drake.loop.inlined import Inlined, OnlyLinked, helpers_only_linked
+from ortilo_drake.loop.shorter import LENT, shorter_ways, values_of
 
 
 @register_jitable
@@ -58,9 +57,8 @@ def failing() -> None:
         raise ZeroDivisionError
 
 
-def lent() -> tuple[Any, ...]:
-    processor = jit_registry[target_registry["cpu"]]
-    return processor, errors.termcolor, gc.isenabled(), Flags.values, arrayobj.raise_with_shape_context
+def lent() -> list[object]:
+    return [jit_registry[target_registry["cpu"]], gc.isenabled(), *(getattr(owner, name) for owner, name, _ in LENT)]
 
 
 def test_numbas_own_way_comes_back_also_after_an_error() -> None:
@@ -94,3 +92,33 @@ def test_numbas_options_are_what_its_own_properties_say() -> None:
     with helpers_only_linked():
         assert flags == flags.copy()
         assert flags != Flags()
+
+
+def sum_of_scaled(a: np.ndarray, pairs: tuple[tuple[float, np.ndarray], ...], k: int) -> float:
+    total = 0.5 * k
+    for factor, b in pairs:
+        total += (a[k:] + factor * b[k:] - True).sum() ** 2
+    return total
+
+
+def test_variables_are_those_that_numba_finds_itself() -> None:
+    code = [its for block in run_frontend(sum_of_scaled).blocks.values() for its in block.body]
+    own = [[its.name for its in statement.list_vars()] for statement in code]
+    assert max(len(names) for names in own) > 2
+    with shorter_ways():
+        assert own == [[its.name for its in statement.list_vars()] for statement in code]
+
+
+def test_numbers_and_arrays_are_typed_and_counted_the_same_in_shorter_ways() -> None:
+    a, b = np.array([0.1, 0.7, 1.3]), np.array([0.3, -0.2, 0.9])
+    pairs = ((0.3, b), (1.7, a))
+    shorter = njit(sum_of_scaled)
+    with shorter_ways():
+        shorter(a, pairs, 1)
+    assert shorter(a, pairs, 1) == pytest.approx(sum_of_scaled(a, pairs, 1), rel=1e-14)
+    (result,) = shorter.overloads.values()
+    assert result.signature.return_type == types.float64
+    held = b.copy()
+    for _ in range(100):
+        shorter(a, ((0.3, held), (1.7, a)), 1)
+    assert sys.getrefcount(held) == 2
