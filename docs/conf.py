@@ -9,7 +9,7 @@ HERE = Path(__file__).parent
 os.environ["NUMBA_DISABLE_JIT"] = "1"  # compiled functions have no signature that Sphinx can read
 sys.path[:0] = [str(HERE), str(HERE.parent)]
 
-from site_docstrings import as_restructured_text, leave_out  # noqa: E402
+from site_docstrings import as_restructured_text, leave_out, leave_out_bounds, readable_signature  # noqa: E402
 from site_math import draw_block, draw_inline  # noqa: E402
 from site_pages import write_pages  # noqa: E402
 
@@ -28,6 +28,8 @@ extensions = [
 templates_path = ["_templates"]
 exclude_patterns = ["_build", "_templates", "**.ipynb_checkpoints"]
 default_role = "code"  # docstrings set code in single backticks
+smartquotes_action = "qe"  # no dashes: --set in a help text must stay what one types
+highlight_language = "none"  # a block without a language is a command, an equation or what is printed
 suppress_warnings = ["ref.python"]  # names of the page Python stand in Modules as well
 
 # --- pages -----------------------------------------------------------------------------------------------------
@@ -35,6 +37,7 @@ myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 nb_execution_mode = "off"  # site_pages.py takes outputs from kept runs; `make docs NOTEBOOKS=1` makes those
 nb_merge_streams = True
+nb_render_markdown_format = "myst"  # tables in what cells print
 
 # --- docstrings ------------------------------------------------------------------------------------------------
 autosummary_generate = True
@@ -80,12 +83,14 @@ html_theme_options = {
     "pygments_light_style": "default",
     "pygments_dark_style": "monokai",
 }
-html_sidebars = {page.stem: [] for page in HERE.glob("*.md")}  # nothing stands below them
+html_sidebars = {page.stem: [] for page in HERE.glob("*.md")} | {"reference/settings": []}  # nothing stands below them
 
 
 def setup(app) -> None:  # type: ignore[no-untyped-def]  # Sphinx is there only where the site is built
     """Give Sphinx the pages made of the program itself, its docstrings and equations without JavaScript."""
     app.add_html_math_renderer("mathml", (draw_inline, None), (draw_block, None))
     app.connect("autodoc-process-docstring", as_restructured_text, priority=400)  # before Napoleon, at 500
+    app.connect("autodoc-process-signature", readable_signature)
     app.connect("autodoc-skip-member", leave_out)
+    leave_out_bounds()
     write_pages(HERE)

@@ -1,10 +1,12 @@
 """Our docstrings are plain text; Sphinx reads reStructuredText. What would be taken for its marks is kept as it is."""
 
 import re
+import sys
 from collections.abc import Iterator
-from typing import Any
+from typing import Annotated, Any, get_origin
 
 from sphinx.pycode import ModuleAnalyzer
+from sphinx.util import typing as sphinx_typing
 
 _MARKS = re.compile(r"(`[^`]*`)|([\\*_|])")
 _SECTIONS = ("Args:", "Attributes:", "Returns:", "Raises:", "Yields:", "Note:", "Example:")
@@ -31,6 +33,27 @@ def as_restructured_text(app: Any, what: str, name: str, obj: Any, options: Any,
     if what == "attribute" and changed:
         changed[0] = f": {changed[0]}"  # Napoleon takes the words before the first colon for the type
     lines[:] = changed
+
+
+def leave_out_bounds() -> None:
+    """Let Sphinx print the type alone of an Annotated one: the page Settings has the bounds."""
+    whole = sphinx_typing.stringify_annotation
+
+    def bare(annotation: Any, *args: Any, **options: Any) -> str:
+        annotated = get_origin(annotation) is Annotated
+        return whole(annotation.__origin__ if annotated else annotation, *args, **options)
+
+    for module in list(sys.modules.values()):
+        if getattr(module, "stringify_annotation", None) is whole:
+            module.stringify_annotation = bare  # type: ignore[attr-defined]
+
+
+def readable_signature(
+    app: Any, what: str, name: str, obj: Any, options: Any, signature: str | None, returned: Any
+) -> Any:
+    """Set ... for defaults such as <factory>: with one that is no Python, Sphinx shows a signature without links."""
+    del app, what, name, obj, options
+    return signature and re.sub(r"= ?<(?:[^<>]|<[^<>]*>)*>", "= ...", signature), returned
 
 
 def leave_out(app: Any, what: str, name: str, obj: Any, skip: bool, options: Any) -> bool | None:

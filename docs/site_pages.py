@@ -106,6 +106,9 @@ def commands_page() -> str:
     from ortilo_drake.commands.app import app
 
     command = typer.main.get_command(app)
+    for group in (command, *command.commands.values()):
+        for part in getattr(group, "commands", {}).values():
+            part.short_help = (part.help or "").partition("\n\n")[0]  # else lists cut it at 45 letters
     text = get_docs_for_click(obj=command, ctx=command.context_class(command), name="ortilo")
     text = re.sub(r"^\* `--help`: .*\n", "", text, flags=re.MULTILINE)
     text = re.sub(r"^\*\*(Usage|Arguments|Options|Commands)\*\*:", r"*\1*", text, flags=re.MULTILINE)

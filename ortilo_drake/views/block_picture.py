@@ -184,6 +184,9 @@ def detours(
             leaves = [_line(source, placed[target]) for name, target in straight if name == net.source]
             y = (min if above else max)(leaves, default=source.middle)
             x = source.right + (12 if above or len({n.above for n in nets if n.source == net.source}) < 2 else 22)
+            x += 8 * sum(
+                placed[other.source].column == source.column for other in side[i + 1 :]
+            )  # one column, two nets
             start = f"M{x} {y} V{lane}" if leaves else f"M{source.right} {y} H{x} V{lane}"
             ends = [_end(net, target, placed, side) for target in net.targets]
             far = (max if above else min)(x_end for x_end, _ in ends)

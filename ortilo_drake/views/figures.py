@@ -209,7 +209,7 @@ def draw_arrivals(axes: Axes, flight: xr.Dataset) -> None:
             axes.broken_barh(_runs(t, period), (row - 0.5 * height, height), facecolors=color, edgecolors="none")
     axes.set_yticks(range(len(sensors)), [s.replace("uwb", "UWB") for s in sensors])
     axes.set_ylim(-0.6, max(len(sensors), 1) - 0.4)
-    axes.set_xlabel("time [s]  (fixes used; grey: due, but none)")
+    axes.set_xlabel("time [s]  (colour: fixes used; grey: expected, but none)")
 
 
 def _runs(t: np.ndarray, period: float) -> list[tuple[float, float]]:

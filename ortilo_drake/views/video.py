@@ -43,13 +43,13 @@ def error_strip(flight: xr.Dataset, width: int, height: int) -> tuple[np.ndarray
         figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI)
         canvas = FigureCanvasAgg(figure)
         grid = figure.add_gridspec(
-            4, 1, left=70 / width, right=1 - 15 / width, top=1 - 8 / height, bottom=34 / height, hspace=0.25
+            4, 1, left=70 / width, right=1 - 15 / width, top=1 - 8 / height, bottom=37 / height, hspace=0.25
         )
         for i, axis in enumerate(AXES):
             axes = figure.add_subplot(grid[i])
             axes.fill_between(time, -3 * sigma[:, i], 3 * sigma[:, i], color="#56B4E9", alpha=0.35, lw=0)
             axes.plot(time, error[:, i], color="k", lw=0.7)
-            axes.set_ylabel(f"{axis} error [m]")
+            axes.set_ylabel(f"error\n{axis} [m]")  # in one line it is longer than its axes
             axes.tick_params(labelbottom=False)
         draw_arrivals(figure.add_subplot(grid[3]), flight)
         for axes in figure.axes:

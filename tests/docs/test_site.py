@@ -103,6 +103,31 @@ def test_a_field_stands_in_the_site_with_the_sentence_below_it(site: Path) -> No
     assert shown > 700
 
 
+@pytest.mark.long
+def test_the_reference_prints_what_one_types(site: Path) -> None:
+    """A dash in place of --set cannot be copied; a type's bounds and a default's address hide its name."""
+    python, commands = text_of(site / "reference/python.html"), text_of(site / "reference/commands.html")
+    assert "progress: Callable[[int], None] = ..." in python
+    assert re.findall(r"Annotated\[|FieldInfo|<factory>|~\w+\.\w+", python) == []
+    assert "With --map" in commands
+    assert re.findall(r"\u2013\w+", commands) == []
+    assert re.findall(r"\w+\u2026|\w+\.\.\.$", commands, re.MULTILINE) == []  # cut sentences
+
+
+def test_equations_and_drawings_are_marked_as_such() -> None:
+    """Else an equation stands with its braces, and a drawing breaks at the edge of a phone."""
+    marks = 0
+    for page in [*PAGES, ROOT / "README.md"]:
+        text = page.read_text(encoding="utf-8")
+        drawn = re.findall(r"^ *(```.*?^) *```", text, re.MULTILINE | re.DOTALL)
+        assert [block for block in drawn if "+--" in block and not block.startswith("```text")] == [], page
+        text = re.sub(r"^ *```.*?^ *```|^    .*?$", "", text, flags=re.MULTILINE | re.DOTALL)
+        words = re.sub(r"\$\$.+?\$\$|`[^`]+`|\$[^$]+\$|\]\([^)]+\)", "", text, flags=re.DOTALL)
+        assert re.findall(r"\w+_\{.*|\w+\^[-{\d].*", words) == [], page
+        marks += text.count("$$")
+    assert marks > 20
+
+
 def plain(text: str) -> str:
     """Leave out what Sphinx sets in its own way: spaces, quotes, dashes and dots."""
     return re.sub(r"\W", "", text)

@@ -32,6 +32,11 @@ def crosses(a: Point, b: Point, rect: Rect) -> bool:
     return max(a[0], b[0]) > left and min(a[0], b[0]) < right and max(a[1], b[1]) > top and min(a[1], b[1]) < bottom
 
 
+def upright(line: list[Point]) -> list[tuple[float, float, float]]:
+    """The upright pieces of a line: x, upper and lower end."""
+    return [(a[0], min(a[1], b[1]), max(a[1], b[1])) for a, b in pairwise(line) if a[0] == b[0] and a[1] != b[1]]
+
+
 def touches(point: Point, rect: Rect) -> bool:
     left, top, right, bottom = rect
     inside = left <= point[0] <= right and top <= point[1] <= bottom
@@ -52,7 +57,7 @@ def test_blocks_and_arrows_are_the_wirings_and_keep_clear_of_each_other(case: st
     for a, b in combinations(rects.values(), 2):
         assert a[0] >= b[2] or b[0] >= a[2] or a[1] >= b[3] or b[1] >= a[3]
 
-    pairs = []
+    pairs, going = [], []
     width, height = (float(side) for side in (root.get("viewBox") or "").split()[2:])
     for group in root.iter(f"{SVG}g"):
         if group.get("class") == "edge":
@@ -60,7 +65,10 @@ def test_blocks_and_arrows_are_the_wirings_and_keep_clear_of_each_other(case: st
             source, target = str(said).rpartition(": ")[2].split(" → ")
             line = corners(str(path))
             pairs.append((source, target))
+            going += [(source, *piece) for piece in upright(line)]
             assert touches(line[-1], rects[target])
             assert [name for name, r in rects.items() if any(crosses(a, b, r) for a, b in pairwise(line))] == []
             assert all(0 < x < width and 0 < y < height for x, y in line)
+    for (one, x, top, low), (other, x_other, top_other, low_other) in combinations(going, 2):
+        assert one == other or x != x_other or max(top, top_other) >= min(low, low_other), (one, other)
     assert sorted(pairs) == sorted(signals_between(wired(case), blocks))

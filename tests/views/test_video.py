@@ -1,6 +1,7 @@
 """Videos: that other programs read them, and that they show what happened in the flight."""
 
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from command_line import run
+from matplotlib.figure import Figure
 from PIL import Image
 
 from ortilo_drake.diagrams.wiring.world import sensor_system
@@ -172,6 +174,15 @@ def test_the_strip_counts_its_columns_in_time(flight: xr.Dataset) -> None:
     np.testing.assert_allclose(columns, expected, atol=0.51)
     frame = picture[top:bottom, columns[0]]
     assert np.mean(np.all(frame < 60, axis=1)) > 0.5  # the axis stands at the first tick
+
+
+def test_labels_of_the_strip_stay_beside_their_own_axes(flight: xr.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[Figure] = []
+    monkeypatch.setattr(video, "Figure", lambda **size: drawn.append(Figure(**size)) or drawn[0])
+    error_strip(flight, 640, STRIP_HEIGHT)
+    upright = [axes.yaxis.label.get_window_extent().intervaly for axes in drawn[0].axes[:3]]
+    assert all(above[0] > below[1] for above, below in pairwise(upright))
+    assert drawn[0].axes[-1].xaxis.label.get_window_extent().y0 >= 0
 
 
 # --- files ----------------------------------------------------------------------------------------------------

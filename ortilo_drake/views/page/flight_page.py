@@ -111,7 +111,7 @@ def flight_page(flight: xr.Dataset) -> str:
 <section class="panel">{CONTROLS}<div class="lamps">{lamps}</div></section>
 <section class="plots"><h2>Errors in their 3σ bands, and arrivals</h2>{plots}
 <div class="ticks">{time_ticks(data)}</div>
-<p class="unit">time [s]; strips: blackouts; grey marks: due, but none came</p>
+<p class="unit">time [s]; strips: blackouts; grey marks: expected, but none came</p>
 </section>
 <section><h2>Figures</h2>{facts(_figures(found))}</section>
 <section><h2>How it was flown</h2>{facts(_origin(flight, scenario, pictures.get("none")))}
