@@ -35,6 +35,14 @@ class OnlyLinked(JITCodeLibrary):
         """Stands in for numba's codegen, which would write the environment's address into machine code."""
         return SimpleNamespace(set_env=lambda name, environment: None)
 
+    def _optimize_functions(self, module: llvm.ModuleRef) -> None:
+        """Do what numba does to what is defined; it makes its passes anew for each function, declared ones as well."""
+        module.data_layout = self._codegen._data_layout
+        passes, builder = self._codegen._function_pass_manager()
+        for its in module.functions:
+            if not its.is_declaration:
+                passes.run(its, builder)
+
     def _optimize_final_module(self) -> None:
         pass
 
