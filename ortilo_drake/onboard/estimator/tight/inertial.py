@@ -18,6 +18,7 @@ from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.model.elementary import arctan2, cos, sin, sin_cos
+from ortilo_drake.model.placing import put
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.onboard.estimator.tight.layout import ACCEL, GYRO, N_INERTIAL, THETA, P, Q, V
 
@@ -177,7 +178,7 @@ def propagate_covariance(
         for i in range(GYRO):
             C[j, i] = scratch[i, j]
     for i in range(GYRO):
-        C[i, GYRO:] = scratch[i, GYRO:]
+        put(scratch[i, GYRO:], C[i], GYRO)
         for j in range(i, GYRO):
             total = N[i, j]
             for k in range(N_INERTIAL):
@@ -196,7 +197,8 @@ def propagate_covariance(
                 for j in range(fading.size):
                     columns[j] *= fading[j]
             for i in range(first, end):
-                C[i] *= keeps[i - GYRO]
+                for j in range(n):
+                    C[i, j] *= keeps[i - GYRO]
         end += 1
     for i in range(GYRO, core):
         C[i, i] += steps[i - GYRO]

@@ -13,6 +13,7 @@ from numba import njit
 from numba.extending import register_jitable
 
 from ortilo_drake.model.pinhole import Camera, box_and_jacobian, sines
+from ortilo_drake.model.placing import put
 from ortilo_drake.onboard.estimator.tight.aids import Aids
 from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matrix
 from ortilo_drake.onboard.estimator.tight.inertial import angles_of, matrix_of
@@ -26,11 +27,12 @@ def pose_belief(x: np.ndarray, C: np.ndarray, layout: Layout, clone: int) -> tup
     """Return a pose as the association takes it: xhat (15), and P (225) of position and Euler angles in it."""
     p_WB, q_WB = pose_of(x, layout, clone)
     xhat, rpy = np.zeros(15), angles_of(q_WB)
-    xhat[0:3], xhat[3:6] = p_WB, rpy
-    E = inverse_rate_matrix(rpy)
-    T = np.zeros((6, 6))
-    T[:3, :3] = np.eye(3)
-    T[3:, 3:] = E
+    put(p_WB, xhat)
+    put(rpy, xhat, 3)
+    E, T = inverse_rate_matrix(rpy), np.zeros((6, 6))
+    for i in range(3):
+        T[i, i] = 1.0
+        put(E[i], T[3 + i], 3)
     at = np.empty(6, np.int64)
     put_places(layout, clone, at)
     whole = np.zeros((15, 15))

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.model.placing import put
 from ortilo_drake.model.products import product, times
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matrix, wrapped
@@ -139,7 +140,8 @@ def propagate_to_now(
         rpy = angles_of(x[Q : Q + 4])
         for i in range(3):
             residual[i] += wrapped(samples[k, 2 + i] - rpy[i])
-        kept[RATES:FORCE], kept[FORCE:TIME], kept[TIME] = w, f, stamp
+        put(samples[k, 5:11], kept, RATES)
+        kept[TIME] = stamp
         count += 1
     if count > 0:
         residual /= count
@@ -148,7 +150,8 @@ def propagate_to_now(
         w, f = kept[RATES:FORCE].copy(), kept[FORCE:TIME].copy()
         w += dt * kept[TORQUE : TORQUE + 3] / motion.inertia
         inertial_step(x, A, N, 0.5 * (kept[RATES:FORCE] + w), f, dt, motion.coasting)
-        kept[RATES:FORCE], kept[TIME] = w, now
+        put(w, kept, RATES)
+        kept[TIME] = now
     propagate_covariance(C, A, N, motion.keeps, motion.steps, np.empty((9, C.shape[0])))
     for i in range(motion.keeps.size):
         if motion.keeps[i] != 1.0:
@@ -166,12 +169,13 @@ def keep_pose(x: np.ndarray, C: np.ndarray, layout: Layout) -> None:
     core, n = layout.core, layout.n
     for at in range(x.size - 1, core + 7, -1):
         x[at] = x[at - 7]
-    x[core + 1 : core + 4] = x[P : P + 3]
-    x[core + 4 : core + 8] = x[Q : Q + 4]
+    put(x[P : P + 3], x, core + 1)
+    put(x[Q : Q + 4], x, core + 4)
     for i in range(n - 1, core + 5, -1):
-        C[i] = C[i - 6]
+        put(C[i - 6], C[i])
     for k in range(3):
-        C[core + k], C[core + 3 + k] = C[P + k], C[THETA + k]
+        put(C[P + k], C[core + k])
+        put(C[THETA + k], C[core + 3 + k])
     for i in range(n):
         row = C[i]
         for j in range(n - 1, core + 5, -1):
@@ -191,7 +195,7 @@ def predict_next_tick(
     Arguments as propagate_to_now, with the control from now on u (4), whose thrust and torque are kept.
     """
     kept[FORCE + 2] += (u[0] - kept[THRUST]) / motion.mass
-    kept[THRUST], kept[TORQUE : TORQUE + 3] = u[0], u[1:4]
+    put(u[:4], kept, THRUST)
     y, A, N = x.copy(), np.zeros((9, N_INERTIAL)), np.zeros((9, 9))
     for i in range(9):
         A[i, i] = 1.0
@@ -200,8 +204,10 @@ def predict_next_tick(
     rpy = angles_of(y[Q : Q + 4])
     rpy[2] += 2.0 * np.pi * np.round((motion.yaw - rpy[2]) / (2.0 * np.pi))
     E = inverse_rate_matrix(rpy)
-    ahead[0:3], ahead[3:6], ahead[6:9] = y[P : P + 3], rpy, y[V : V + 3]
-    ahead[9:12] = times(E, w - y[ADDITIVE : ADDITIVE + 3])
+    put(y[P : P + 3], ahead)
+    put(rpy, ahead, 3)
+    put(y[V : V + 3], ahead, 6)
+    put(times(E, w - y[ADDITIVE : ADDITIVE + 3]), ahead, 9)
     # Errors of [dp, dv, theta, db_g] ahead, then as the paper's states.
     D, T = C[:N_INERTIAL, :N_INERTIAL].copy(), np.zeros((12, 12))
     walks = N_INERTIAL - GYRO
