@@ -33,7 +33,7 @@ class Scene:
         draw_room(meshcat, room)
         low, high = np.array(room.interior.min), np.array(room.interior.max)
         length = np.array([high[0] - low[0], 0.0, 0.0])
-        aim_camera(meshcat, low - 0.1 * length, high + 0.4 * length)  # the controls cover the east
+        aim_camera(meshcat, low - 0.25 * length, high + 0.4 * length)  # readings and controls take both sides
         meshcat.SetObject(GOAL, Sphere(0.12), Rgba(0.95, 0.6, 0.05, 0.8))
         for i, sensor in enumerate(sensors):
             meshcat.SetObject(f"{LAMPS}/{sensor}", Sphere(0.08), Rgba(*DARK))

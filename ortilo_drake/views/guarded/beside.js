@@ -3,7 +3,7 @@
   const SHOWN = 20;  // of the flight [s]
   const INK = "#1f2733", FAINT = "#5a6675", BAND = "#bfe0f5", LIT = "#0072b2", DARK = "#dfe3e8";
   const SPARSE = 0.5;  // readings farther apart than that are marked [s]
-  const LEFT = 44, RIGHT = 8;  // margins of a plot [px]
+  const LEFT = 44, RIGHT = 14;  // margins of a plot [px]
   const aside = document.createElement("aside");
   aside.id = "flight";
   aside.innerHTML = `
