@@ -11,7 +11,7 @@ sys.path[:0] = [str(HERE), str(HERE.parent)]
 
 from site_docstrings import as_restructured_text, leave_out, leave_out_bounds, readable_signature  # noqa: E402
 from site_math import draw_block, draw_inline  # noqa: E402
-from site_pages import write_pages  # noqa: E402
+from site_pages import show_code, write_pages  # noqa: E402
 
 project = "ortilo-drake"
 author = "The ortilo-drake authors"
@@ -92,5 +92,6 @@ def setup(app) -> None:  # type: ignore[no-untyped-def]  # Sphinx is there only 
     app.connect("autodoc-process-docstring", as_restructured_text, priority=400)  # before Napoleon, at 500
     app.connect("autodoc-process-signature", readable_signature)
     app.connect("autodoc-skip-member", leave_out)
+    app.connect("doctree-read", show_code, priority=400)  # before Sphinx collects what is to be downloaded, at 500
     leave_out_bounds()
     write_pages(HERE)

@@ -8,7 +8,7 @@ from typing import Annotated, Any, get_origin
 from sphinx.pycode import ModuleAnalyzer
 from sphinx.util import typing as sphinx_typing
 
-_MARKS = re.compile(r"(`[^`]*`)|([\\*_|])")
+_MARKS = re.compile(r"(`[^`]*`)|([\\*_|]|(?<=tcp):)")  # tcp://HOST is no link
 _SECTIONS = ("Args:", "Attributes:", "Returns:", "Raises:", "Yields:", "Note:", "Example:")
 _BULLET = re.compile(r"(- |\* |\d+\. )")
 

@@ -6,7 +6,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 ROOT: Final = Path(__file__).parents[1]
 _SETTINGS: Final = """# Settings
@@ -66,6 +66,19 @@ def write_tick(folder: Path) -> None:
     folder.mkdir(exist_ok=True)
     for ending, text in json.loads(done.stdout).items():
         _write(folder / f"paper_imu_uwb.{ending}", text)
+
+
+def show_code(app: Any, doctree: Any) -> None:
+    """Let links to the package's files open their pages in the site, which else would download the files."""
+    from docutils import nodes  # the tests read this module without Sphinx
+    from sphinx.addnodes import download_reference
+
+    for link in list(doctree.findall(download_reference)):
+        page = Path(app.env.doc2path(link["refdoc"]))
+        file = (page.parent / link["reftarget"]).resolve()
+        if file.suffix == ".py" and file.is_relative_to(ROOT / "ortilo_drake"):
+            code = "../" * link["refdoc"].count("/") + f"_modules/{file.relative_to(ROOT).with_suffix('.html')}"
+            link.replace_self(nodes.reference("", link.astext(), internal=True, refuri=code))
 
 
 def with_outputs(notebook: Path) -> Path:

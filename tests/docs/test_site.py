@@ -12,6 +12,7 @@ from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
+from urllib.parse import unquote
 
 import pytest
 import typer
@@ -112,6 +113,23 @@ def test_the_reference_prints_what_one_types(site: Path) -> None:
     assert "With --map" in commands
     assert re.findall(r"\u2013\w+", commands) == []
     assert re.findall(r"\w+\u2026|\w+\.\.\.$", commands, re.MULTILINE) == []  # cut sentences
+
+
+@pytest.mark.long
+def test_links_within_the_site_lead_somewhere(site: Path) -> None:
+    """Also those of tables and notebooks, and to headings."""
+    pages = [page for page in site.rglob("*.html") if not {"_static", "_modules"} & set(page.parts)]
+    marks = {page: set(re.findall(r'\bid="([^"]+)"', page.read_text(encoding="utf-8"))) for page in pages}
+    dead, seen = [], 0
+    for page in pages:
+        for link in set(re.findall(r'(?:href|src)="(?!\w+:)([^"]+)"', page.read_text(encoding="utf-8"))):
+            path, _, mark = unquote(html.unescape(link)).partition("#")
+            target = (page.parent / path.partition("?")[0]).resolve() if path else page
+            seen += 1
+            if not target.exists() or (mark and mark not in marks.get(target, {mark})):
+                dead.append((page.name, link))
+    assert dead == []
+    assert seen > 10_000
 
 
 def test_equations_and_drawings_are_marked_as_such() -> None:
