@@ -73,7 +73,7 @@ nightly: rest
 
 # Whatever reads ORTILO_FUZZ_CASES.
 FUZZ := tests/integration/test_schema_fuzz.py tests/interop/test_file_fuzz.py \
-	tests/codegen/test_hostile_inputs.py
+	tests/codegen/test_exported_half.py
 
 fuzz: kernels
 	@ORTILO_FUZZ_CASES=$${ORTILO_FUZZ_CASES:-20000} $(PYTEST) $(FUZZ)

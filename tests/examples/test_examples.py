@@ -1,6 +1,5 @@
 """The examples of parts of one's own: each flies as a user would run it, and does what it says."""
 
-import importlib.util
 import subprocess
 import sys
 from pathlib import Path
@@ -8,6 +7,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from module_of import module_of
 from pydrake.math import RollPitchYaw
 from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
 from sameness import assert_same_bits
@@ -28,12 +28,7 @@ SHORT = {"planner": {"kind": "waypoints", "points": [[0.0, 0.0, 1.5], [1.2, 0.6,
 
 
 def example(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(f"example_{name}", FOLDER / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return module_of(FOLDER / f"{name}.py", "example_")
 
 
 def test_examples_are_a_page_each_and_reach_for_nothing_private() -> None:

@@ -1,6 +1,5 @@
 """The hexarotor: its physics by hand, its flight, and the example as a user runs it."""
 
-import importlib.util
 import os
 import subprocess
 import sys
@@ -12,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from module_of import module_of
 
 from ortilo_drake.model.vehicle import load_vehicle, mixing_inverse, mixing_matrix
 from ortilo_drake.world.vehicle.rotors import Rotors_, wrench_of
@@ -29,10 +29,7 @@ LOSSLESS = {"uwb__link__loss": 0.0, "camera__link__loss": 0.0, "uwb__link__black
 
 @pytest.fixture(scope="module")
 def example() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("hexarotor", EXAMPLE)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return module_of(EXAMPLE)
 
 
 def test_each_rotor_carries_a_sixth_at_hover() -> None:

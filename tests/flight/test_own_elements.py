@@ -1,12 +1,12 @@
 """Estimators, servos, planners and faults of one's own that are elements, flown by the engine."""
 
-import importlib.util
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal
 
 import numpy as np
 import pytest
+from module_of import module_of
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 from sameness import assert_same_bits
 
@@ -26,12 +26,7 @@ SHORT = {"planner": {"kind": "waypoints", "points": [[0.0, 0.0, 1.5], [1.2, 0.6,
 
 
 def example(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(f"example_{name}", EXAMPLES / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return module_of(EXAMPLES / f"{name}.py", "example_")
 
 
 class Own(od.Frozen):

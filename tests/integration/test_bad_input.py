@@ -16,26 +16,6 @@ HOVER = "planner={kind: hover, point: [8, 1, 1.5], duration: 0.2}"
 INF = float("inf")
 
 
-@pytest.fixture
-def refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Any:
-    """Return a function that runs `ortilo`, holds it to the rules for bad input and returns its one line."""
-
-    def refuse(*words: str) -> str:
-        monkeypatch.chdir(tmp_path)
-        before = sorted(tmp_path.rglob("*"))
-        assert run(*words) == 2
-        printed = capsys.readouterr()
-        assert printed.out == ""
-        lines = printed.err.splitlines()
-        assert len(lines) == 1, printed.err
-        assert lines[0].startswith("ortilo: ")
-        assert len(lines[0]) < 500
-        assert sorted(tmp_path.rglob("*")) == before
-        return lines[0]
-
-    return refuse
-
-
 def room_file(folder: Path, **changes: Any) -> str:
     room = yaml.safe_load(ORTILO_ROOM.read_text(encoding="utf-8"))
     path = folder / "room.yaml"

@@ -1,12 +1,12 @@
 """The notebooks: one course, stored without outputs, each runs from top to bottom."""
 
-import importlib.util
 import re
 from pathlib import Path
 from types import ModuleType
 
 import nbformat
 import pytest
+from module_of import module_of
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "notebooks"
@@ -19,12 +19,7 @@ def runner() -> ModuleType:
 
 
 def script(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, ROOT / f"scripts/{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return module_of(ROOT / f"scripts/{name}.py")
 
 
 def code_cells(notebook: nbformat.NotebookNode) -> list[nbformat.NotebookNode]:

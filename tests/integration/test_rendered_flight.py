@@ -255,25 +255,6 @@ def test_a_detector_that_nobody_registered_is_answered_with_those_that_are() -> 
 # --- bad input ------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Any:
-    """Return a function that runs `ortilo`, holds it to the rules for bad input and returns its one line."""
-
-    def refuse(*words: str) -> str:
-        monkeypatch.chdir(tmp_path)
-        before = sorted(tmp_path.rglob("*"))
-        assert run(*words) == 2
-        printed = capsys.readouterr()
-        assert printed.out == ""
-        (line,) = printed.err.splitlines()
-        assert line.startswith("ortilo: ")
-        assert len(line) < 500
-        assert sorted(tmp_path.rglob("*")) == before
-        return str(line)
-
-    return refuse
-
-
 def fails_in_flight(words: tuple[str, ...], bare: str) -> list[str]:
     return command(*words, "--set", bare, "--out", "new/flight.nc", "--json", "new/flight.json")
 

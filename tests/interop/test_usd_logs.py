@@ -1,11 +1,11 @@
 """A Crazyflie's uSD log: what struct wrote is read, and one line or a count says what is wrong with a spoilt one."""
 
-import importlib.util
 import struct
 from zlib import crc32
 
 import numpy as np
 import pytest
+from module_of import module_of
 from usd_logs import usd_log, util_folder
 
 from ortilo_drake.interop.recorded.columns import read_stream
@@ -94,10 +94,7 @@ def test_an_event_that_nobody_announced_ends_what_is_read_and_is_counted(tmp_pat
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # their loader leaves its file open
 def test_a_recorded_log_is_read_as_its_publishers_loader_reads_it() -> None:
     folder = util_folder()
-    spec = importlib.util.spec_from_file_location("read_usd", folder / "read_usd.py")
-    theirs = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(theirs)
-    events, _ = theirs.decode(folder / "0425-traj20")
+    events, _ = module_of(folder / "read_usd.py").decode(folder / "0425-traj20")
     for topic, columns in {"estTDOA": ("distanceDiff",), "estAcceleration": ("acc.x", "acc.y", "acc.z")}.items():
         expected, names, _ = events[topic]
         columns = tuple(names[-len(columns) :])

@@ -1,12 +1,17 @@
 """Drake's matrices against SciPy's, Drake's symbols and differences of the compiled equations."""
 
+import json
+
 import numpy as np
 import pytest
 from pydrake.symbolic import Evaluate, Expression, Jacobian, MakeVectorContinuousVariable
+from scipy.linalg import solve_discrete_lyapunov
 from scipy.signal import cont2discrete
 
 from ortilo_drake.diagrams.linear_loop import make_linear_loop
+from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.equations import DYNAMICS, KINEMATICS, step
+from ortilo_drake.model.hover import discretize, hover_A, hover_B, output_C
 from ortilo_drake.model.vehicle import M100, mixing_matrix
 from ortilo_drake.onboard.planner.planner import plan
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
@@ -14,9 +19,18 @@ from ortilo_drake.onboard.servo.lq_servo import servo_control
 from ortilo_drake.scenario import InputError, Noise, Scenario, World, load_scenario
 from ortilo_drake.scenario import IntermittentFilter as FilterSettings
 from ortilo_drake.scenario import LqServo as ServoSettings
+from ortilo_drake.studies.linearization.closed_forms import DIFFERENTIATED, differentiate_closed_loop, without_noise
+from ortilo_drake.studies.linearization.linearization_report import (
+    CONTROL_UNITS,
+    STATE_UNITS,
+    controllability_gramian,
+    gramian,
+    linearization_report,
+    observability_gramian,
+)
 from ortilo_drake.studies.linearization.linearize import differentiate_tick, linearize
 from ortilo_drake.studies.linearization.operating_point import LAGS, frozen_gain, operating_point, reference_at
-from ortilo_drake.studies.loop.hover_loop import hover_loop
+from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, hover_loop
 from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
 from ortilo_drake.world.vehicle.rotors import commanded_speeds, rotor_acceleration, wrench_of
 
@@ -252,3 +266,161 @@ def test_states_that_never_change_are_named_for_their_gain_does_not_settle() -> 
         linearize(scenario, "estimator")
     walking = ("estimator.walks.accelerometer_rate=1.0e-4", "estimator.walks.gyroscope_rate=1.0e-5")
     assert len(linearize(load_scenario(scenario, walking), "estimator").A) == N + 3
+
+
+PHI, GAMMA = discretize(hover_A(), hover_B(M100), H)
+
+
+def test_gramian_of_two_integrators_is_the_closed_form_sum() -> None:
+    n = 50
+    A, C = np.array([[1.0, 0.1], [0.0, 1.0]]), np.array([[1.0, 0.0]])
+    first, second = 0.1 * n * (n - 1) / 2, 0.01 * (n - 1) * n * (2 * n - 1) / 6
+    np.testing.assert_allclose(gramian(A, C, n), [[n, first], [first, second]], rtol=1e-13)
+
+
+def test_gramian_of_a_stable_pair_is_the_lyapunov_solution_less_its_tail() -> None:
+    rng = np.random.default_rng(8)
+    A = rng.normal(size=(5, 5))
+    A *= 0.9 / np.max(np.abs(np.linalg.eigvals(A)))
+    C = rng.normal(size=(2, 5))
+    X = solve_discrete_lyapunov(A.T, C.T @ C)
+    power = np.linalg.matrix_power(A, 17)
+    np.testing.assert_allclose(gramian(A, C, 17), X - power.T @ X @ power, rtol=1e-9, atol=1e-9)
+
+
+def test_gramians_of_the_vehicle_in_their_units() -> None:
+    scenario, ticks = Scenario(), 60
+    sensors = ("uwb", "imu")
+    seen = np.vstack([output_C()[r] for r in (0, 1, 2, 6, 7, 8)])
+    stacked = np.vstack([seen @ np.linalg.matrix_power(PHI, k) for k in range(ticks)])
+    weights = np.tile(np.repeat([1.0, 0.1], 3), ticks)  # m, 0.1 rad
+    scaled = stacked * STATE_UNITS / weights[:, None]
+    by_outputs = observability_gramian(scenario, sensors, 2.0)
+    s = np.linalg.svd(scaled, compute_uv=False)
+    np.testing.assert_allclose(by_outputs.singular_values, s**2, rtol=1e-9)
+    assert by_outputs.condition == pytest.approx((s[0] / s[-1]) ** 2, rel=1e-9)
+    reached = np.hstack([np.linalg.matrix_power(PHI, k) @ GAMMA * CONTROL_UNITS for k in range(ticks)])
+    s = np.linalg.svd(reached / STATE_UNITS[:, None], compute_uv=False)
+    by_control = controllability_gramian(scenario, 2.0)
+    np.testing.assert_allclose(by_control.singular_values, s**2, rtol=1e-8)
+    assert np.isinf(observability_gramian(scenario, ("imu",), 2.0).condition)
+
+
+def test_gramians_grow_with_the_horizon_without_end() -> None:
+    def largest(sensors: tuple[str, ...], horizon: float) -> float:
+        return float(observability_gramian(Scenario(), sensors, horizon).singular_values[0])
+
+    assert largest(("uwb",), 800.0) / largest(("uwb",), 400.0) == pytest.approx(2.0**7, rel=0.02)
+    assert largest(("imu",), 800.0) / largest(("imu",), 400.0) == pytest.approx(2.0**3, rel=0.02)
+
+
+def test_a_horizon_below_a_tick_is_refused() -> None:
+    for horizon in (0.0, -1.0, 0.01, np.nan, np.inf):
+        with pytest.raises(InputError, match=r"horizon: .* must be at least a tick, 0\.0333333 s"):
+            controllability_gramian(Scenario(), horizon)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("late", [0, 1])  # UWB is there on every third tick
+@pytest.mark.parametrize(
+    "settings",
+    [
+        (),
+        ("estimator.integrator=estimate",),
+        ("estimator.integrator=literal", "servo.form=paper"),
+        ("servo.velocities=truth",),
+        ("estimator.V.uwb=[0.05, 0.05, 0.05]", "multilateration.method=nearest_three"),
+        ("estimator.force=thrust",),
+        ("estimator.force=measured",),
+        ("estimator.force=measured", "estimator.integrator=estimate", "servo.velocities=truth"),
+        ("estimator.force=thrust", "servo.form=paper"),
+        ("world.drag=[0.5, 1.5, 0.2]",),
+        ("world.drag=[0.5, 1.5, 0.2]", "estimator.force=measured"),
+    ],
+    ids=[
+        "hold",
+        "estimate",
+        "literal",
+        "truth",
+        "constant V",
+        "thrust",
+        "measured",
+        "measured, truth",
+        "thrust, paper",
+        "drag",
+        "drag, measured",
+    ],
+)
+def test_the_matrices_are_those_of_the_diagram_that_flies(settings: tuple[str, ...], late: int) -> None:
+    # The literal integrator throws the vehicle in the ticks without a fix: a fix far away has another covariance.
+    thrown = "estimator.integrator=literal" in settings
+    flown_tick = differentiate_closed_loop(load_scenario("nominal_imu_uwb", settings), late + (300 if thrown else 900))
+    np.testing.assert_array_equal(flown_tick.delta[:3], [1.0 - late, 0.0, 1.0])
+    assert np.max(np.abs(flown_tick.expected)) > 1.0
+    assert np.max(np.abs(flown_tick.K)) > 0.1
+    walks = any("force" in setting for setting in settings)  # whose covariance takes minutes to settle
+    assert flown_tick.gain_change < (1e-2 if thrown or walks else 1e-10)
+    assert flown_tick.largest_difference < (1e-9 if thrown else 1e-12)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["imu_uwb", "imu_uwb_yolo", "realistic_flow", "robust_imu_uwb", "robust_imu_uwb_yolo"])
+def test_so_they_are_with_torque_and_biases_as_states(name: str) -> None:
+    tick = differentiate_closed_loop(load_scenario(name), 300)
+    loop = hover_loop(without_noise(load_scenario(name)))
+    assert set(loop.names) >= {"n_x", "bias_z_uwb"}
+    assert len(tick.A) == len(loop.state_names) == 15 + len(loop.names) + 3
+    assert tick.largest_difference < 1e-12
+
+
+@pytest.mark.family("measured")
+@pytest.mark.parametrize("force", ["thrust", "measured"])
+def test_the_flown_tick_tells_a_wrong_force(force: str) -> None:
+    scenario = load_scenario("nominal_imu_uwb", (f"estimator.force={force}",))
+    tick, loop = differentiate_closed_loop(scenario, 300), hover_loop(scenario)
+    without = loop.L.copy()
+    without[:, loop.names.index("d_y")] = 0.0
+    assert np.max(np.abs(closed_loop_matrix(loop._replace(L=without), tick.K, tick.delta) - tick.A)) > 1e-3
+
+
+@pytest.mark.long
+def test_the_flown_tick_tells_a_wrong_model() -> None:
+    scenario = load_scenario("nominal_imu_uwb")
+    tick = differentiate_closed_loop(scenario, 300)
+    there = np.array([1.0, 0.0, 1.0])
+    wrong_gain = closed_loop_matrix(hover_loop(scenario), 1.001 * tick.K, there)
+    assert np.max(np.abs(wrong_gain - tick.A)) > 1e-5
+    wrong_integrator = closed_loop_matrix(hover_loop(scenario)._replace(integrator="estimate"), tick.K, there)
+    assert np.max(np.abs(wrong_integrator - tick.A)) > 0.9
+
+
+def test_a_tick_before_a_period_of_the_sensors_is_refused() -> None:
+    with pytest.raises(InputError, match="tick: 2: must be at least 3"):
+        differentiate_closed_loop(load_scenario("nominal_imu_uwb"), 2)
+
+
+@pytest.mark.long
+def test_a_report_is_json_and_holds_the_must_shows() -> None:
+    report = linearization_report(load_scenario("nominal_imu_uwb"))
+    json.dumps(as_data(report), allow_nan=False)
+    assert set(report.agreement) == {*DIFFERENTIATED, "rotors_and_plant (up)", "rotors_and_plant (down)"} - {
+        "rotors_and_plant"
+    }
+    for part in ("plant", "sampled_plant", "closed_loop"):
+        assert max(report.agreement[part].values()) < 1e-10
+    assert set(report.flown) == {"uwb+imu", "imu"}
+    assert max(report.flown.values()) < 1e-8
+    assert {name: len(z) for name, z in report.eigenvalues.items()} == {
+        "plant": 12, "sampled_plant": 12, "servo_loop": 15, "filter": 12, "closed_loop": 27,
+    }  # fmt: skip
+    radius = {name: max(abs(w) for w in z) for name, z in report.eigenvalues.items()}
+    assert radius["plant"] == 0.0
+    assert radius["closed_loop"] == pytest.approx(max(radius["servo_loop"], radius["filter"]), abs=1e-9)
+    assert report.unobservable_states["uwb"] == ["psi", "psi_dot"]
+    assert report.gramians.observability["imu"].condition == np.inf
+    assert report.uncontrollable_modes == []
+
+
+def test_a_report_without_sensors_is_refused() -> None:
+    with pytest.raises(InputError, match=r"no measurement sees eigenvalue 1 \(12 times\) in x, y, z, phi"):
+        linearization_report(Scenario(sensors=()))

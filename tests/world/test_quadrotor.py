@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, InitializeAutoDiff
 from pydrake.examples import QuadrotorPlant as DrakeQuadrotor
-from pydrake.math import RollPitchYaw
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import SpatialInertia, UnitInertia
 from pydrake.symbolic import Evaluate, Expression, Jacobian, MakeVectorContinuousVariable
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
@@ -12,6 +15,7 @@ from pydrake.systems.primitives import ConstantVectorSource, Linearize, MatrixGa
 from pydrake.trajectories import PiecewisePolynomial
 from scipy.integrate import solve_ivp
 
+import ortilo_drake as od
 from ortilo_drake.model.equations import DYNAMICS, rigid_body_dynamics, small_angle_dynamics
 from ortilo_drake.model.hover import discretize, hover_A, hover_B, hover_B_d
 from ortilo_drake.model.vehicle import M100
@@ -207,3 +211,32 @@ def test_a_step_of_the_sampled_plant_agrees_with_scipy(kinematics: str) -> None:
     plant.GetInputPort("disturbance").FixValue(context, d)
     simulator.AdvanceTo(0.5 * h)
     np.testing.assert_allclose(context.get_discrete_state_vector().CopyToVector(), exact, atol=2e-8)
+
+
+@pytest.mark.long
+def test_the_state_of_a_tumbling_body_is_what_its_motion_says() -> None:
+    builder = DiagramBuilder()
+    plant = builder.AddSystem(MultibodyPlant(0.0))
+    plant.AddRigidBody("other", SpatialInertia(1.0, [0.0, 0.0, 0.0], UnitInertia(1.0, 1.0, 1.0)))
+    body = plant.AddRigidBody("body", SpatialInertia(1.2, [0.0, 0.0, 0.0], UnitInertia(0.01, 0.012, 0.02)))
+    plant.Finalize()
+    seen = builder.AddSystem(od.make_body_state(body.index()))
+    for name in ("body_poses", "body_spatial_velocities", "body_spatial_accelerations"):
+        builder.Connect(plant.GetOutputPort(name), seen.GetInputPort(name))
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    own = plant.GetMyMutableContextFromRoot(context)
+    plant.SetFreeBodyPose(own, body, RigidTransform(RollPitchYaw(0.3, -0.4, 0.5), [1.0, 2.0, 3.0]))
+    plant.SetFreeBodySpatialVelocity(own, body, SpatialVelocity([0.7, -0.2, 0.4], [0.1, 0.2, 3.0]))
+    simulator = Simulator(diagram, context)
+
+    def at(time: float) -> np.ndarray:
+        simulator.AdvanceTo(time)
+        return np.array(seen.GetOutputPort("state").Eval(seen.GetMyContextFromRoot(simulator.get_context())))
+
+    step = 1e-4
+    states = [at(k * step) for k in range(3)]
+    acceleration = seen.GetOutputPort("acceleration").Eval(seen.GetMyContextFromRoot(simulator.get_context()))
+    np.testing.assert_allclose(states[0][:6], [1.0, 2.0, 3.0, 0.3, -0.4, 0.5], atol=1e-12)
+    np.testing.assert_allclose(states[1][6:], (states[2] - states[0])[:6] / (2.0 * step), rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(acceleration, [0.0, 0.0, -9.81], atol=1e-12)

@@ -14,7 +14,7 @@ RAW holds the bare solvers. SOLVERS holds them between require_well_posed, which
 is a solution, and refine, which measures the error of X: with one signature and the same errors. All refuse complex
 matrices (InputError): the equation is that of real matrices.
 
-tests/theory/test_riccati_accuracy.py holds each to 120 digits, over weights and units far apart: right to 1e-8, or
+tests/theory/test_riccati.py holds each to 120 digits, over weights and units far apart: right to 1e-8, or
 refused.
 """
 
