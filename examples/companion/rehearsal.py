@@ -129,6 +129,7 @@ def main(seconds: float) -> int:
     sock.bind(("127.0.0.1", 0))
     sock.settimeout(0.1)
     parts = Parts()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # the parts end with it, as by Ctrl-C
     try:
         fake = parts.start(sys.executable, str(HERE / "fake_sensors.py"), str(MAP))
         parts.start(sys.executable, str(HERE / "range_node.py"), str(MAP), word_after(fake, "tag"))

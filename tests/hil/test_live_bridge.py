@@ -7,7 +7,9 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections import Counter
+from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -88,6 +90,20 @@ def test_setpoints_reach_the_autopilot_only_when_armed(recorded: list[str], tmp_
     assert not {"rejected", "failed", "not"} & set(rows)  # nothing of the kind happened
     assert ("setpoints are off" in result.output) != armed
     assert "failsafe: no setpoints: the estimate is older" in result.output  # of the first second, which came at once
+
+
+def test_no_estimate_of_a_bag_that_is_played_without_waiting_is_old_by_a_slow_computer(
+    recorded: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = []
+    for slow in (False, True):
+        if slow:
+            monkeypatch.setattr(time, "monotonic", count(0.0, 0.3).__next__)
+        report = tmp_path / "report.json"
+        options = ["--mavlink", "udpout:127.0.0.1:9", "--json", str(report)]
+        assert CliRunner().invoke(hil_app, [*recorded, *options]).exit_code == 0
+        found.append(json.loads(report.read_text())["old"])
+    assert found[0] == found[1] > 0  # of the first second, which levels the IMU
 
 
 def test_a_bridge_keeps_its_state_for_the_next_which_the_autopilot_can_tell_from_it(
@@ -233,6 +249,7 @@ def test_a_bridge_that_holds_no_place_loads_neither_drake_nor_scipy_s_statistics
 
 WATCHED = """
 import sys
+import time
 import numba.core.dispatcher
 import numpy as np
 import ortilo_drake.studies.live.live_bridge as live_bridge

@@ -3,6 +3,7 @@
 import contextlib
 import math
 import signal
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -158,7 +159,10 @@ def _run(
         rate = options.rate or (RATE if mavlink is None else LEAST)
         if mavlink is not None and rate < LEAST:
             _say(f"warning  --rate: {rate:g} Hz: PX4 asks for {LEAST:g} to 50 Hz, and may not fuse less")
-        bridge = LiveBridge(map_, say, rate, options.lag, holding, partial(say, severity=NOTICE))
+        pace = 1.0 if options.source == ROS2 else options.speed
+        # A bag that nobody waits for has no wall clock: its estimates are as old as its stamps say.
+        wall = (lambda: 0.0) if math.isinf(pace) else (lambda: pace * time.monotonic())
+        bridge = LiveBridge(map_, say, rate, options.lag, holding, partial(say, severity=NOTICE), wall)
         if map_.truth is not None:
             _say("truth: is not heard live, and nothing is calibrated by it")
         if sender is not None:

@@ -10,7 +10,7 @@ from ortilo_drake.studies.live.rates_watch import rest_doubts
 from ortilo_drake.studies.recorded.filter_types import NO_AIDS, Setup
 from ortilo_drake.studies.recorded.filtered import FilterSetup, levers_of, noise_of
 from ortilo_drake.studies.recorded.imu_doubts import force_doubts, is_gravity
-from ortilo_drake.studies.recorded.level_doubts import level_doubts
+from ortilo_drake.studies.recorded.level_doubts import lean_warning, level_doubts
 from ortilo_drake.studies.recorded.setups import uncalibrated_setup
 
 
@@ -27,7 +27,7 @@ def setup_of(known: FilterSetup, map_: Map) -> Setup:
 
 
 def checked_force(imu: Imu, map_: Map) -> str:
-    """Return what is odd of the force's size at the start, by a map; empty if nothing is.
+    """Return what is odd of the force at the start, by a map; empty if nothing is.
 
     InputError if the body begins upside down or turns at rest, or the force is not even that of a vehicle that flies.
     """
@@ -35,4 +35,4 @@ def checked_force(imu: Imu, map_: Map) -> str:
     wrong = [doubt] if doubt and not is_gravity(imu) else []
     for said in wrong + level_doubts(imu, map_) + rest_doubts(imu, map_):
         raise InputError(said)
-    return doubt
+    return doubt or lean_warning(imu, map_)

@@ -104,7 +104,8 @@ class LiveBridge:
 
     Say takes a line about what is wrong, note one about a change for the better (say, unless given). Estimates are made
     at a rate [Hz], a silent topic holds the others back for the lag [s], and setpoints are asked for by what is
-    holding, if anything. InputError if the map cannot be heard live, or the place to hold is far outside the anchors.
+    holding, if anything. `wall` [s] passes as fast as the sensors' clock. InputError if the map cannot be heard live,
+    or the place to hold is far outside the anchors.
     """
 
     def __init__(
@@ -115,13 +116,14 @@ class LiveBridge:
         lag: float = LAG,
         holding: Holding | None = None,
         note: Say | None = None,
+        wall: Callable[[], float] = time.monotonic,
     ):
         self._map, self._rows = map_, LiveRows(map_, lag)
         if holding is not None:
             holding.check_within(self._rows.anchors)
         self._filter = LiveFilter(map_, self._rows.anchors, rate)
         self._outputs: dict[str, _Output] = {}
-        self._clock = SensorClock(time.monotonic)
+        self._clock = SensorClock(wall)
         self._say, self._note = say, note or say
         self._imu, self._holding = map_.imu is not None, holding
         self._failed: dict[str, str] = {}

@@ -70,7 +70,7 @@ class LiveFilter:
         agreement: whether the last ranges agree with the estimate.
         anchors: figures by anchor.
         places: whether an anchor is elsewhere, or two are exchanged.
-        force_doubt: what is odd of the size of the imu's force at the start; empty if nothing is.
+        force_doubt: what is odd of the imu's force at the start; empty if nothing is.
         imu: what the filter has received of the imu; None without one.
         mirror: why ranges and start leave a mirror image of the path; empty if they do not.
         rates: whether the body rates fit the ranges; None without an imu.

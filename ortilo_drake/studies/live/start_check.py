@@ -49,8 +49,8 @@ def check_start(ranges: Ranges, antenna: np.ndarray, anchors: np.ndarray, map_: 
         fits = [unit for unit, by in UNITS.items() if np.median(np.abs(by * first.r - expected)) <= limit]
         unit = f"; or are they in {fits[0]} (`scale: {UNITS[fits[0]]:g}`)?" if len(fits) == 1 else ""
         raise InputError(
-            f"start: the first ranges are {off:.1f} m (median) from those of its position: is the vehicle there? Mend "
-            f"it or its position_sd, or leave it out{unit}"
+            f"start: the first ranges are {off:.1f} m (median) from those of its position: is the vehicle there, "
+            f"and is each anchor where the map has it? Mend them or its position_sd, or leave it out{unit}"
         )
     heard = np.unique(single.anchor)
     if len(heard) < 5:  # four leave too little to check the place by

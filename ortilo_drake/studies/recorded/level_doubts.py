@@ -16,6 +16,7 @@ from ortilo_drake.studies.recorded.at_rest import AT_REST
 
 DOWN: Final = 0.5  # share of a mean force along -z that looks upside down
 TILTED: Final = np.radians(30.0)  # no floor is so steep
+LEANS: Final = np.radians(12.0)  # few are
 TURNS: Final = sorted(
     (
         D
@@ -35,22 +36,43 @@ def level_doubts(imu: Imu, map_: Map) -> list[str]:
     up = float(imu.force[:, 2].mean())
     if up <= -DOWN * size:
         return [_upside_down(map_, up)]
-    rests = map_.imu.standstill > 0.0 or map_.start is not None
-    if not rests or (map_.start is not None and map_.start.tilted):
+    f = _first_force(imu, map_)
+    if f is None or f[2] >= np.cos(TILTED):
         return []
-    f = imu.force[imu.t <= imu.t[0] + max(AT_REST, map_.imu.standstill)].mean(axis=0)
-    f = f / np.linalg.norm(f)
-    if f[2] >= np.cos(TILTED):
-        return []
-    roll, pitch = np.degrees([np.arctan2(f[1], f[2]), np.arcsin(-f[0])])
-    how = f"rolled by {roll:.0f}" if abs(f[1]) > abs(f[0]) else f"pitched by {pitch:.0f}"
     best = max(TURNS, key=lambda D: float((D @ f)[2]))
     level = f"imu: {{axes: {axes_names(best @ axes_matrix(map_.imu.force_axes or map_.imu.axes, 'axes', True))}}}"
     mends = "" if (best @ f)[2] < np.cos(TILTED) else f"is `axes` right? {level} makes it level; "
     return [
-        f"imu: by its force at the start the body lies {how} degrees: {mends}if it does begin so, say `start: "
+        f"imu: by its force at the start the body lies {_lies(f)} degrees: {mends}if it does begin so, say `start: "
         "{tilted: true}`"
     ]
+
+
+def lean_warning(imu: Imu, map_: Map) -> str:
+    """Return a warning if the body begins at its `start` or `standstill` as few floors are; empty if it does not."""
+    f = _first_force(imu, map_)
+    if f is None or f[2] >= np.cos(LEANS):
+        return ""
+    return (
+        f"imu: by its force at the start the body lies {_lies(f)} degrees: unless the floor is so, the imu is mounted "
+        "so, and the attitude is as wrong"
+    )
+
+
+def _first_force(imu: Imu, map_: Map) -> np.ndarray | None:
+    """Return the direction of the first force (3) of a body that begins level, by its map; None if it may not."""
+    if map_.imu is None or map_.command is not None or (map_.start is not None and map_.start.tilted):
+        return None
+    if map_.start is None and map_.imu.standstill == 0.0:
+        return None
+    f = imu.force[imu.t <= imu.t[0] + max(AT_REST, map_.imu.standstill)].mean(axis=0)
+    size = float(np.linalg.norm(f))
+    return f / size if size > 0.0 else None
+
+
+def _lies(f: np.ndarray) -> str:
+    roll, pitch = np.degrees([np.arctan2(f[1], f[2]), np.arcsin(-f[0])])
+    return f"rolled by {roll:.0f}" if abs(f[1]) > abs(f[0]) else f"pitched by {pitch:.0f}"
 
 
 def _upside_down(map_: Map, up: float) -> str:

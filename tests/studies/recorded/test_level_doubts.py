@@ -1,4 +1,4 @@
-"""A body that begins on its side, by SciPy's rotations."""
+"""A body that begins on its side, or leans, by SciPy's rotations."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from ortilo_drake.interop.recorded.map_file import Start
 from ortilo_drake.interop.recorded.recording import Imu
 from ortilo_drake.interop.recorded.units import axes_matrix
-from ortilo_drake.studies.recorded.level_doubts import level_doubts
+from ortilo_drake.studies.recorded.level_doubts import lean_warning, level_doubts
 
 MAP = as_map(BAG_MAP.replace("axes: frd", "axes: flu"))
 RESTING = {"position": (0.0, 0.0, 0.0), "heading": 0.0}
@@ -42,3 +42,15 @@ def test_a_tilt_that_no_exchange_of_axes_mends_is_told_without_one(degrees, told
     said = level_doubts(imu, MAP.model_copy(update={"start": Start(**RESTING)}))
     assert bool(said) == told
     assert not any("makes it level" in line for line in said)
+
+
+@pytest.mark.parametrize(("degrees", "told"), [(8.3, False), (11.0, False), (13.0, True), (20.0, True)])
+def test_a_body_that_leans_at_its_start_is_warned_of(degrees, told) -> None:
+    """The recorded flights begin within 8.3 degrees."""
+    f = Rotation.from_euler("x", degrees, degrees=True).inv().apply([0.0, 0.0, 9.81])
+    imu, start = Imu(np.arange(0.0, 2.0, 0.01), np.zeros((200, 3)), np.tile(f, (200, 1)), None), Start(**RESTING)
+    said = lean_warning(imu, MAP.model_copy(update={"start": start}))
+    assert bool(said) == told
+    assert (f"rolled by {degrees:.0f} degrees" in said) == told
+    assert lean_warning(imu, MAP) == ""
+    assert lean_warning(imu, MAP.model_copy(update={"start": start.model_copy(update={"tilted": True})})) == ""
