@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 
 def _entry(found: "Average | None") -> str:
-    if found is None:
-        return "-"
-    return f"{found.mean:.2f}" + (f" [{found.interval[0]:.2f}, {found.interval[1]:.2f}]" if found.interval else "")
+    from ortilo_drake.views.numbers import mean_with_interval
+
+    return "-" if found is None else mean_with_interval(found.mean, found.interval)
 
 
 def _print_tuning(report: "Tuning", short: list[str]) -> None:

@@ -46,6 +46,13 @@ def with_interval(value: float | None, interval: Interval | None) -> str:
     return f"{number(value, width)} [{number(low, width)}, {number(high, width)}]"
 
 
+def mean_with_interval(mean: float | None, interval: Interval | None) -> str:
+    """Return a mean and its interval, if there is one, with two decimal places; '-' where there is no mean."""
+    if mean is None:
+        return "-"
+    return f"{mean:.2f}" + (f" [{interval[0]:.2f}, {interval[1]:.2f}]" if interval else "")
+
+
 def in_its_digits(other: float, value: float, interval: Interval | None) -> str:
     """Return another number to the decimal places of a number with its interval, as with_interval writes it."""
     known = interval is not None and not math.isinf(interval[0])

@@ -42,8 +42,7 @@ from ortilo_drake.studies.tuning.tune import Tuning
 from ortilo_drake.training.judging.judge import Judgement
 from ortilo_drake.training.judging.recognised import Recognised
 from ortilo_drake.views.page.flight_page import repeat_command
-from ortilo_drake.views.page.report_page import data_html, markdown_html, report_page
-from ortilo_drake.views.page.written_kinds import KINDS, Kind
+from ortilo_drake.views.page.report_page import KINDS, Kind, data_html, markdown_html, report_page
 
 SENSITIVITY = """# What must you know, how well: own_room
 

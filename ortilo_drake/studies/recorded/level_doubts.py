@@ -4,7 +4,6 @@ At rest the force is gravity's reaction, along the body's z if that is level. A 
 so the rule also holds for one that is in the air already.
 """
 
-from itertools import permutations, product
 from typing import Final
 
 import numpy as np
@@ -13,19 +12,12 @@ from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.recording import Imu
 from ortilo_drake.interop.recorded.units import FORCE_UNITS, axes_matrix, axes_names, size_of
 from ortilo_drake.studies.recorded.at_rest import AT_REST
+from ortilo_drake.studies.recorded.imu_doubts import AXES
 
 DOWN: Final = 0.5  # share of a mean force along -z that looks upside down
 TILTED: Final = np.radians(30.0)  # no floor is so steep
 LEANS: Final = np.radians(12.0)  # few are
-TURNS: Final = sorted(
-    (
-        D
-        for order in permutations(range(3))
-        for s in product((1.0, -1.0), repeat=3)
-        if np.linalg.det(D := np.eye(3)[list(order)] * np.array(s)[:, None]) > 0.0
-    ),
-    key=lambda D: -np.trace(D),
-)  # of the axes, those that turn least first
+TURNS: Final = sorted((D for D in AXES if np.linalg.det(D) > 0.0), key=lambda D: -np.trace(D))  # the least turn first
 
 
 def level_doubts(imu: Imu, map_: Map) -> list[str]:

@@ -12,7 +12,7 @@ from ortilo_drake.studies.loop.margins import LoopMargins
 from ortilo_drake.studies.loop.riccati_report import IllPosed, RiccatiReport, Unsolved
 from ortilo_drake.studies.report.analyze import Analysis, Honesty, Theory
 from ortilo_drake.studies.tube.tube_report import TubeReport
-from ortilo_drake.views.numbers import table
+from ortilo_drake.views.numbers import mean_with_interval, table
 
 SOLVERS = ["drake", "scipy", "doubling", "recursion"]
 
@@ -165,7 +165,7 @@ def honesty_text(found: Honesty) -> list[str]:
     for kind, averages, dof in (("NEES", found.nees, DOF), ("NIS", found.nis, {})):
         for name, over in averages.items():
             means = [over[region] for region in ("clear", "blackout", "after", "all")]
-            cells = ["-" if mean is None else _mean(mean.mean, mean.interval) for mean in means]
+            cells = ["-" if mean is None else mean_with_interval(mean.mean, mean.interval) for mean in means]
             rows.append([f"{kind} {name} ({dof.get(name, 3)})", *cells])
     lines += table(["", "no blackout near", "in a blackout", "just after one", "whole flight"], rows)
     lines += ["Efficiency, the mean squared error over the Cramér-Rao floor (at best 1):", ""]
@@ -176,14 +176,8 @@ def honesty_text(found: Honesty) -> list[str]:
             "all flights, with the lost up to their losses": [a.all_with_lost for a in axes],
             "tick by tick, likewise": [a.ticks_with_lost for a in axes],
         }
-    rows = [[name, *(_mean(ratio.value, ratio.interval) for ratio in of)] for name, of in ratios.items()]
+    rows = [[name, *(mean_with_interval(ratio.value, ratio.interval) for ratio in of)] for name, of in ratios.items()]
     return lines + table(["", *found.efficiency], rows)
-
-
-def _mean(mean: float | None, interval: tuple[float, float] | None) -> str:
-    if mean is None:
-        return "-"
-    return f"{mean:.2f}" + (f" [{interval[0]:.2f}, {interval[1]:.2f}]" if interval else "")
 
 
 def least_rates(found: TubeReport) -> str:
