@@ -88,7 +88,7 @@ def consistent_fix(
 ) -> Consistent:
     """Return the fix of those ranges that fit one position, and which those are; arguments as range_equations.py.
 
-    Where all fit, and the clock is not known to be off, it is range_least_squares' fix of all of them, bit for bit.
+    Where all fit, and the clock is not known to be off, it is least_squares' fix of all of them, bit for bit.
     Fits begin from the last estimate of p_WB; the clock is what is known of it, as Consistent has it (3).
     """
     quantiles, least, share, seeks_offset = consistency
