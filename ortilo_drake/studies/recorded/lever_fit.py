@@ -7,6 +7,9 @@ the innovations e of variance S larger. Gauss-Newton steps minimise, over the fi
 
 with the derivative by differences between runs of the filter. What else errs, such as the ranges' biases and lasting
 errors and the imu's biases, are the filter's states, and weighed as such.
+
+The runs take no range as one that may be reflected: its weight, and with it all that follows, depends so steeply on its
+innovation that the derivatives hold over millimetres only.
 """
 
 from collections.abc import Sequence
@@ -43,6 +46,7 @@ def fit_lever(ranges: Ranges, imu: Imu, known: FilterSetup, settings: FilterSett
     ranges = ranges.only(np.flatnonzero(ranges.t >= first))
     ranges = ranges.only(np.flatnonzero(ranges.t <= ranges.t[:1] + TRIAL))
     imu = between(imu, -np.inf, np.append(ranges.t, -np.inf).max())
+    settings = settings.model_copy(update={"reflected": 0.0})
     begin: Begin | None = None
     gate = noise_of(settings, True).gate
 
