@@ -37,6 +37,10 @@ def place(t):
     return np.column_stack([3 + 1.8 * np.sin(0.5 * t), 4 + 2.5 * np.sin(0.37 * t + 1), 1.4 + 0.6 * np.sin(0.61 * t)])
 
 
+def quick_place(t):
+    return np.column_stack([3 + 1.2 * np.sin(1.5 * t), 4 + 1.2 * np.sin(1.1 * t + 1), 1.4 + 0.4 * np.sin(0.9 * t)])
+
+
 def attitude(t):
     angles = np.column_stack([0.8 * np.sin(0.45 * t) + 0.5, 0.10 * np.sin(0.9 * t), 0.08 * np.cos(0.7 * t)])
     return Rotation.from_euler("ZYX", angles)

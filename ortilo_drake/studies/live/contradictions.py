@@ -10,8 +10,12 @@ def contradiction(
     t: float, imu: ImuRecord | None, rates: RatesWatch | None, heading: HeadingWatch | None, places: AnchorWatch
 ) -> str:
     """Return what says at a stamp [s] that the map is wrong, or that the imu is silent; empty if nothing does."""
-    if imu is not None and imu.is_silent(t):
-        return f"the imu has been silent for {SILENT:g} s"
+    silent = imu is not None and imu.is_silent(t)
+    return f"the imu has been silent for {SILENT:g} s" if silent else lasting_cause(rates, heading, places)
+
+
+def lasting_cause(rates: RatesWatch | None, heading: HeadingWatch | None, places: AnchorWatch) -> str:
+    """Return what is wrong of the map, said for good; empty if nothing is."""
     if rates is not None and rates.doubt:
         return "the body rates are not those that the map says"
     if heading is not None and heading.doubt is not None:

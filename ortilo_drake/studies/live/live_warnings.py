@@ -7,6 +7,7 @@ import numpy as np
 
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.studies.live.anchor_bank import wrong_anchors_text
+from ortilo_drake.studies.live.contradictions import lasting_cause
 from ortilo_drake.studies.live.live_filter import LiveFilter
 from ortilo_drake.studies.recorded.moved_anchors import names_of
 
@@ -20,7 +21,10 @@ SELDOM: Final = 30.0  # a filter that is lost again and again is told of so ofte
 
 
 class LiveWarnings:
-    """The lines about a filter by a map, each once for as long as it holds; note takes those of no trouble."""
+    """The lines about a filter by a map, each once for as long as it holds; note takes those of no trouble.
+
+    What a cause that is named for good explains is not said any more: wrong rates turn the heading too.
+    """
 
     def __init__(self, map_: Map, say: Say, note: Say | None = None):
         self._map, self._say, self._note = map_, say, note or say
@@ -38,13 +42,15 @@ class LiveWarnings:
         if filter_.force_doubt and not self._unit:
             self._unit = True
             self._say(f"warning  {filter_.force_doubt}")
-        if filter_.rates is not None and filter_.rates.doubt and not self._rates:
+        rates, watch = filter_.rates, filter_.heading
+        if rates is not None and rates.doubt and not (self._rates or self._mirrored):
             self._rates = True
-            self._say(f"warning  {filter_.rates.doubt}")
+            self._say(f"warning  {rates.doubt}")
         self._say_lost(filter_.lost, filter_.due)
         self._say_noise(filter_)
         doubt = filter_.agreement.doubt(filter_.gate, filter_.places.widened)
-        if bool(doubt) != self._disagrees:
+        known = bool(lasting_cause(rates, watch, filter_.places))
+        if bool(doubt) != self._disagrees and not known:
             self._disagrees = bool(doubt)
             if doubt:
                 self._say(f"warning  ranges: {doubt}: {self._cause(filter_)}")
@@ -52,25 +58,21 @@ class LiveWarnings:
                 self._note("ranges: agree with the estimate again")
         if not filter_.agreement.is_unfit(False, filter_.gate):
             self._fit_at = filter_.due
-        if filter_.due - self._fit_at > LASTS and filter_.places.judges and not (self._named(filter_) or self._puzzled):
+        known |= filter_.places.suspected or filter_.places.scatter is not None
+        if filter_.due - self._fit_at > LASTS and filter_.places.judges and not (known or self._puzzled):
             self._puzzled = True
             self._say(f"warning  ranges: {PUZZLED}")
-        heading, wrong = None if filter_.heading is None else filter_.heading.doubt, filter_.places.wrong
-        if heading is not None and not self._turned:
+        heading, mirror = (None, None) if watch is None else (watch.doubt, watch.mirror)
+        if heading is not None and not (self._turned or self._rates):
             self._turned = True
             self._say(f"warning  heading: {heading.text()}")
-        mirror = None if filter_.heading is None else filter_.heading.mirror
-        if mirror is not None and not self._mirrored:
+        if mirror is not None and not (self._mirrored or (rates is not None and rates.mirrors)):
             self._mirrored = True
             self._say(f"warning  {mirror.text()}")
+        wrong = filter_.places.wrong
         if wrong is not None and not self._wrong:
             self._wrong = True
             self._say(f"warning  {wrong_anchors_text(wrong, names_of(self._map, len(filter_.anchors.figures())))}")
-
-    def _named(self, filter_: LiveFilter) -> bool:
-        """Return whether a cause is known, or suspected, of ranges that contradict the estimate."""
-        turned = filter_.heading is not None and (filter_.heading.doubt or filter_.heading.mirror)
-        return bool(turned) or filter_.places.suspected or filter_.places.scatter is not None
 
     def _say_noise(self, filter_: LiveFilter) -> None:
         """Say once that the map's ranges scatter less than those that come, and which key of the map mends that."""

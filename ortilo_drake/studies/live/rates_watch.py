@@ -36,6 +36,7 @@ class RatesWatch:
 
     Attributes:
         doubt: which other reading of the rates fits the ranges better; empty if none does.
+        mirrors: whether it says that mirrored anchors would look alike.
     """
 
     def __init__(self, map_: Map):
@@ -44,7 +45,7 @@ class RatesWatch:
         unit, self._other = _units(map_)
         self._axes = [np.eye(3), np.eye(3), np.eye(3) * unit, *REVERSED]
         self._refuted, self._worst = np.zeros(len(self._axes), dtype=bool), np.zeros(len(self._axes))
-        self._begun, self.doubt = -np.inf, ""
+        self._begun, self.doubt, self.mirrors = -np.inf, "", False
 
     def advance(self, events: Events, heard: EventValues, state: State, ranging: Ranging, excused: bool) -> None:
         """Take events in, and the main filter's state behind them; `excused`: anchors explain what is wrong better."""
@@ -67,6 +68,7 @@ class RatesWatch:
         turns = np.array_equal(self._axes[best], ABOUT_Z)  # with a force along z the same as another heading
         clearly = likely[best] > max(BEATS, likely[FREE] + (0.0 if turns else CLEARLY))
         if clearly and self._worst[best] < FITS and not excused:
+            self.mirrors = best > UNIT and self._axes[best][0, 0] * self._axes[best][1, 1] < 0.0
             self.doubt = f"imu: the ranges contradict the body rates: imu: {self._key(best)} fits"
 
     def _begin(self, state: State) -> None:
@@ -85,7 +87,7 @@ class RatesWatch:
         key = f"{{rate_axes: {axes_names(D @ axes_matrix(self._source.rate_axes or self._source.axes, 'imu', True))}}}"
         if np.array_equal(D, ABOUT_Z):
             return f"{key} or a `heading`, or `axes`, turned by 180°"
-        return f"{key} or anchors that are mirrored (x and y exchanged)" if D[0, 0] * D[1, 1] < 0.0 else key
+        return f"{key} or anchors that are mirrored (x and y exchanged)" if self.mirrors else key
 
 
 def _units(map_: Map) -> tuple[float, str]:

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from live_messages import IMU, RANGES, START, messages_of
-from made_up_motion import ANCHORS, BIASES, as_map, made_up
+from made_up_motion import ANCHORS, BIASES, as_map, made_up, quick_place
 from scipy.optimize import least_squares
 from usd_logs import util_folder, util_map
 
@@ -80,10 +80,6 @@ def test_an_anchor_half_a_metre_off_is_named_with_its_place(wrong) -> None:
     filter_.places = watch
     LiveWarnings(map_, lines.append).look_at(filter_)
     assert lines[0].startswith(f"warning  anchor {wrong + 1}: about [")
-
-
-def quick_place(t):
-    return np.column_stack([3 + 1.2 * np.sin(1.5 * t), 4 + 1.2 * np.sin(1.1 * t + 1), 1.4 + 0.4 * np.sin(0.9 * t)])
 
 
 @pytest.mark.long

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from live_messages import IMU, RANGES, START
-from made_up_motion import ANCHORS, BIASES, LEVER, as_map, attitude, made_up
+from made_up_motion import ANCHORS, BIASES, LEVER, as_map, attitude, made_up, quick_place
 from ortilo_flights import MAP, flight_folder
 from plain_filter import run_plainly
 from usd_logs import FLIGHTS, util_folder, util_map
@@ -19,10 +19,6 @@ from ortilo_drake.studies.recorded.turn_filter import Ranging
 
 RANGING = Ranging(ANCHORS, BIASES, np.tile(LEVER, (2, 1)), 0.1)
 DEGREES = 180.0 / np.pi
-
-
-def quick_place(t):
-    return np.column_stack([3 + 1.2 * np.sin(1.5 * t), 4 + 1.2 * np.sin(1.1 * t + 1), 1.4 + 0.4 * np.sin(0.9 * t)])
 
 
 def watched(monkeypatch, text: str, by: np.ndarray) -> str:
