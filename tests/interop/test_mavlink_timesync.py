@@ -83,6 +83,7 @@ def test_px4_maps_the_stamp_of_an_estimate_to_when_it_was_measured() -> None:
 
 
 def test_only_requests_are_answered_and_stamps_of_another_clock_end_that() -> None:
+    """Stamps 1.33 s behind are those of a new process that catches up, unless they last."""
     said, now = list[str](), 1_800_000_000_000_000_000
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.bind(("127.0.0.1", 0))
@@ -95,7 +96,12 @@ def test_only_requests_are_answered_and_stamps_of_another_clock_end_that() -> No
             broken[-1] ^= 1  # of the checksum
             for packet in (reply, bytes(broken), request[:-4], b"\xfd" + bytes(300), request):
                 answers.answer(packet)
+            asked = now
             answers.check_stamp(-math.inf)
+            answers.check_stamp(1e-9 * now - 1.33)
+            now += 9_000_000_000
+            answers.check_stamp(1e-9 * now - 1.33)
+            now += 1_000_000_000
             answers.check_stamp(1e-9 * now - 0.9)
             assert not said
             for stamp in (1e-9 * now - 86400.0, 1e-9 * now):
@@ -104,7 +110,7 @@ def test_only_requests_are_answered_and_stamps_of_another_clock_end_that() -> No
             bridge.send_heartbeat()
             found = [common.MAVLink(None).parse_buffer(sock.recv(2000))[0] for _ in range(2)]
     assert [one.get_type() for one in found] == ["TIMESYNC", "HEARTBEAT"]
-    assert (found[0].tc1, found[0].ts1) == (now, 7)
+    assert (found[0].tc1, found[0].ts1) == (asked, 7)
     assert len(said) == 1
     assert said[0].startswith("warning  stamps are 8.64e+04 s behind this machine's clock: TIMESYNC is not answered")
 
