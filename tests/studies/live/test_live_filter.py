@@ -5,7 +5,7 @@ import contextlib
 import numpy as np
 import pytest
 from live_messages import IMU, RANGES, START, messages_of
-from made_up_motion import ANCHORS, BAG_MAP, as_map, made_up, write_bag
+from made_up_motion import ANCHORS, BAG_MAP, as_map, made_up, quick_place, write_bag
 from plain_filter import run_plainly
 
 from ortilo_drake.interop.recorded.bag_columns import at_pace, bag_messages
@@ -164,10 +164,6 @@ def test_why_nothing_begins_is_said_after_three_seconds() -> None:
     """Without a heading eight are tried, for 30 s: nobody would know what it waits for."""
     _, _, lines = live(as_map(RANGES + IMU), messages_of(made_up(4.0)))
     assert lines[0] == "not begun after 3 s: it needs ranges until 30.0 s after the first"
-
-
-def quick_place(t):
-    return np.column_stack([3 + 1.2 * np.sin(1.5 * t), 4 + 1.2 * np.sin(1.1 * t + 1), 1.4 + 0.4 * np.sin(0.9 * t)])
 
 
 @pytest.mark.parametrize(("heading", "told"), [(0.5, False), (0.5 - np.pi / 2, True)])

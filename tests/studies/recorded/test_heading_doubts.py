@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from live_messages import IMU, RANGES
-from made_up_motion import ANCHORS, as_map, made_up
+from made_up_motion import ANCHORS, as_map, made_up, quick_place
 from ortilo_flights import MAP, flight_folder
 from scipy.spatial.transform import Rotation
 from usd_logs import FLIGHTS, util_folder, util_map
@@ -20,10 +20,6 @@ from ortilo_drake.studies.recorded.setups import uncalibrated_setup
 from ortilo_drake.studies.recorded.turn_filter import Ranging, follow, turn_filter, turn_found
 
 TRUE = 0.5  # of the made-up motion at its start [rad]
-
-
-def quick_place(t):
-    return np.column_stack([3 + 1.2 * np.sin(1.5 * t), 4 + 1.2 * np.sin(1.1 * t + 1), 1.4 + 0.4 * np.sin(0.9 * t)])
 
 
 def still_place(t):
