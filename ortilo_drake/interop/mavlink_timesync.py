@@ -19,7 +19,7 @@ from ortilo_drake.interop.mavlink import MavlinkBridge
 
 ID: Final = bytes([111, 0, 0])  # TIMESYNC's number as each of its MAVLink 2 packets contains it
 OTHER_CLOCK: Final = 1.0  # stamps that are so far from the companion's clock are of another [s]
-GRACE: Final = 10.0  # after the first stamp none is judged: a new process that catches up takes in old ones [s]
+GRACE: Final = 10.0  # so long all stamps must be off: a process that catches up takes in old ones for a while [s]
 BEAT: Final = 1.0  # between two heartbeats [s]; a router learns by them where requests have to go
 
 
@@ -27,14 +27,14 @@ class TimesyncThread:
     """Sends heartbeats and answers TIMESYNC in a thread of its own, from entering to leaving; clock returns ns.
 
     An autopilot that maps stamps of another clock by these answers would fuse estimates of years ago: `check_stamp`
-    ends the answers for good when it sees such a stamp, GRACE after the first or later, and says so. PX4 trusts its
-    offset no earlier than 50 s after the first answer.
+    ends the answers for good when all stamps of GRACE are such ones, and says so. PX4 trusts its offset no earlier than
+    50 s after the first answer.
     """
 
     def __init__(self, bridge: MavlinkBridge, say: Callable[[str], None], clock: Callable[[], int] = time.time_ns):
         self._bridge, self._say, self._clock = bridge, say, clock
         self._common = import_module("pymavlink.dialects.v20.common")
-        self._answers, self._judges, self._ended = True, math.inf, threading.Event()
+        self._answers, self._off_since, self._ended = True, math.inf, threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def __enter__(self) -> "TimesyncThread":
@@ -49,11 +49,15 @@ class TimesyncThread:
 
     def check_stamp(self, stamp: float) -> None:
         """Compare a stamp that has just come [s], -inf for none, with the clock that is answered with."""
+        now = 1e-9 * self._clock()
+        off = stamp - now
         if not stamp > 0.0:
             return
-        now = 1e-9 * self._clock()
-        self._judges, off = min(self._judges, now + GRACE), stamp - now
-        if self._answers and now >= self._judges and abs(off) > OTHER_CLOCK:
+        if abs(off) <= OTHER_CLOCK:
+            self._off_since = math.inf
+            return
+        self._off_since = min(self._off_since, now)
+        if self._answers and now - self._off_since >= GRACE:
             self._answers = False
             self._say(
                 f"warning  stamps are {abs(off):.3g} s {'ahead of' if off > 0.0 else 'behind'} this machine's clock: "

@@ -103,7 +103,13 @@ def test_only_requests_are_answered_and_stamps_of_another_clock_end_that() -> No
             answers.check_stamp(1e-9 * now - 1.33)
             now += 1_000_000_000
             answers.check_stamp(1e-9 * now - 0.9)
+            for _ in range(2):  # a process that was stopped, and catches up
+                now += 8_000_000_000
+                answers.check_stamp(1e-9 * now - 1.54)
+                answers.check_stamp(1e-9 * now - 0.02)
+            answers.check_stamp(1e-9 * now - 86400.0)
             assert not said
+            now += 10_000_000_000
             for stamp in (1e-9 * now - 86400.0, 1e-9 * now):
                 answers.check_stamp(stamp)
                 answers.answer(request)

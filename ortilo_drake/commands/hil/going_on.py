@@ -30,4 +30,9 @@ def kept_in(
         send(told, wanted, resets)
         keeper.keep(told.t, bridge.kept)
 
+    def forget(told: Any, wanted: Any, resets: int) -> None:
+        if bridge.kept is None:  # the next begins without what is wrong, or is held by it again
+            keeper.keep(told.t, None)
+
+    bridge.add_target("state", forget)
     return send_and_keep

@@ -1,17 +1,8 @@
 """Why nobody should fly by the estimates of a live filter, whatever variance they claim."""
 
 from ortilo_drake.studies.live.anchor_bank import AnchorWatch
-from ortilo_drake.studies.live.imu_record import SILENT, ImuRecord
 from ortilo_drake.studies.live.rates_watch import RatesWatch
 from ortilo_drake.studies.recorded.heading_doubts import HeadingWatch
-
-
-def contradiction(
-    t: float, imu: ImuRecord | None, rates: RatesWatch | None, heading: HeadingWatch | None, places: AnchorWatch
-) -> str:
-    """Return what says at a stamp [s] that the map is wrong, or that the imu is silent; empty if nothing does."""
-    silent = imu is not None and imu.is_silent(t)
-    return f"the imu has been silent for {SILENT:g} s" if silent else lasting_cause(rates, heading, places)
 
 
 def lasting_cause(rates: RatesWatch | None, heading: HeadingWatch | None, places: AnchorWatch) -> str:

@@ -57,11 +57,14 @@ class StateKeeper:
         self._path, self._digest, self._say = path, digest_of(map_), say
         self._last = -np.inf
 
-    def keep(self, t: float, one: Kept) -> None:
-        """Write the state of an estimate stamped t [s] unless the last is recent.
+    def keep(self, t: float, one: Kept | None) -> None:
+        """Write the state of an estimate stamped t [s] unless the last is recent; None deletes what was written.
 
         Nor is one kept that is already further than that estimate, or that rests: it may take off in the meantime.
         """
+        if one is None:
+            self._path.unlink(missing_ok=True)
+            return
         later = one.origin + one.state.t > t
         if later or one.state.t < self._last + EVERY or one.state.watched[RESTS] > 0.0:
             return

@@ -102,10 +102,9 @@ class _Output:
 class LiveBridge:
     """The filter between topics and targets, by a map that says what is what.
 
-    Say takes a line about what is wrong, note one about a change for the better (say, unless given). Estimates are made
-    at a rate [Hz], a silent topic holds the others back for the lag [s], and setpoints are asked for by what is
-    holding, if anything. `wall` [s] passes as fast as the sensors' clock. InputError if the map cannot be heard live,
-    or the place to hold is far outside the anchors.
+    Say takes a line about what is wrong, note one about a change for the better (say, unless given). Estimates come at
+    a rate [Hz], a silent topic holds the others back for the lag [s], and what is holding asks for setpoints; `wall`
+    [s] passes as the sensors' clock. InputError if the map cannot be heard live, or the place to hold is far away.
     """
 
     def __init__(
@@ -150,10 +149,11 @@ class LiveBridge:
         warm_up(self._map, self._rows.anchors)
 
     @property
-    def kept(self) -> Kept:
-        """What another process needs to go on from the last estimate."""
+    def kept(self) -> Kept | None:
+        """What another process needs to go on from the last estimate; None once the map is wrong for good."""
         resets = self._resets + self._filter.lost
-        return Kept(self._rows.origin or 0.0, self._rows.newest, self._received, resets, self._filter.state)
+        kept = Kept(self._rows.origin or 0.0, self._rows.newest, self._received, resets, self._filter.state)
+        return None if self._filter.wrong else kept
 
     def resume(self, kept: Kept, name: str) -> None:
         """Go on from a state that another process kept under a name, if the first messages fit it; else say why not."""

@@ -28,9 +28,9 @@ from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Q
 from ortilo_drake.studies.live.agreement import Agreement
 from ortilo_drake.studies.live.anchor_bank import AnchorWatch, stated_sd
 from ortilo_drake.studies.live.anchor_record import AnchorRecord
-from ortilo_drake.studies.live.contradictions import contradiction
+from ortilo_drake.studies.live.contradictions import lasting_cause
 from ortilo_drake.studies.live.filter_start import checked_force, settings_of, setup_of
-from ortilo_drake.studies.live.imu_record import ImuRecord
+from ortilo_drake.studies.live.imu_record import SILENT, ImuRecord
 from ortilo_drake.studies.live.rates_watch import RatesWatch
 from ortilo_drake.studies.live.start_check import check_start
 from ortilo_drake.studies.recorded.anchor_trust import ASTRAY
@@ -121,9 +121,14 @@ class LiveFilter:
 
         Where that was so before, the ranges must agree better, so that it does not come and go.
         """
-        if said := contradiction(self._state.t, self.imu, self.rates, self.heading, self.places):
-            return said
-        return "the ranges contradict it" if self.agreement.is_unfit(before, self.gate) else ""
+        if self.imu is not None and self.imu.is_silent(self._state.t):
+            return f"the imu has been silent for {SILENT:g} s"
+        return self.wrong or ("the ranges contradict it" if self.agreement.is_unfit(before, self.gate) else "")
+
+    @property
+    def wrong(self) -> str:
+        """What is wrong of the map, said for good; empty if nothing is."""
+        return lasting_cause(self.rates, self.heading, self.places)
 
     @property
     def gate(self) -> float:
@@ -165,9 +170,9 @@ class LiveFilter:
         self._kept = behind_gap(self._kept, BLACKOUT) if self._again else self._kept
         map_, (ranges, imu, looks) = self._map, self._kept
         if imu is not None:
-            standstill = 0.0 if map_.imu is None else map_.imu.standstill
-            if not len(imu.t) or (not ended and horizon <= imu.t[0] + max(AT_REST, standstill)):
-                self.why_not_begun = "the imu has said too little to level it by"
+            levels = AT_REST if map_.imu is None else max(AT_REST, map_.imu.standstill)
+            if not len(imu.t) or (not ended and horizon <= imu.t[0] + levels):
+                self.why_not_begun = f"the first {levels:g} s of the imu level the body"
                 return False
             if imu.accelerometer is not None:
                 if not len(imu.accelerometer[0]):

@@ -40,8 +40,9 @@ def worst_anchor(fit: PlainFit, anchors: np.ndarray) -> float:
 
 
 def names_of(map_: Map, n: int) -> list[str]:
-    """Return what the map calls its anchors, or their places in the list, from 1."""
+    """Return what the map calls its anchors, or their topics, or their places in the list, from 1."""
     named = map_.names or (tuple(map_.anchors) if isinstance(map_.anchors, dict) else ())
+    named = named or (() if map_.ranges is None else tuple(map_.ranges.topics))
     return [f"'{name}'" for name in named] if len(named) == n else [str(i + 1) for i in range(n)]
 
 

@@ -79,7 +79,7 @@ def test_an_anchor_half_a_metre_off_is_named_with_its_place(wrong) -> None:
     filter_ = live_filter.LiveFilter(map_, anchors)
     filter_.places = watch
     LiveWarnings(map_, lines.append).look_at(filter_)
-    assert lines[0].startswith(f"warning  anchor {wrong + 1}: about [")
+    assert lines[0].startswith(f"warning  anchor {'abcdef'[wrong]!r}: about [")
 
 
 @pytest.mark.long
@@ -94,7 +94,7 @@ def test_two_exchanged_anchors_are_named_no_heading_is_and_an_autopilot_gets_not
     bridge = LiveBridge(map_, lines.append)
     for message in messages_of(made_up(9.0, place=quick_place)):
         bridge.receive(*message)
-    names = f"{pair[0] + 1} and {pair[1] + 1}"
+    names = f"'/r{pair[0]}' and '/r{pair[1]}'"
     assert any(line.startswith(f"warning  anchors {names}: exchanged they fit the ranges better") for line in lines)
     assert not any(line.startswith("warning  heading") for line in lines)
     assert bridge._filter.why_unfit(False) == "two anchors are exchanged"

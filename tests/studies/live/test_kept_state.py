@@ -9,9 +9,11 @@ from live_messages import IMU, RANGES, START, messages_of
 from made_up_motion import as_map, made_up, place
 from plain_filter import run_plainly
 
+from ortilo_drake.commands.hil.going_on import kept_in
 from ortilo_drake.studies.live import anchor_bank, kept_state, live_filter
 from ortilo_drake.studies.live.kept_state import EVERY, Kept, StateKeeper, load_state, why_not
 from ortilo_drake.studies.live.live_bridge import LiveBridge
+from ortilo_drake.studies.live.uncertainty import Limits
 from ortilo_drake.studies.recorded import heading_doubts
 from ortilo_drake.studies.recorded.anchor_trust import ASTRAY
 from ortilo_drake.studies.recorded.filter_types import State
@@ -170,6 +172,20 @@ def test_a_file_that_is_damaged_or_of_another_map_is_refused(tmp_path) -> None:
         StateKeeper(path, MAP, lambda _: None).keep(107.0, kept)
         with pytest.raises(ValueError, match="not finite"):
             load_state(path, MAP)
+
+
+def test_nobody_goes_on_from_the_state_of_a_filter_whose_heading_is_wrong(tmp_path, monkeypatch) -> None:
+    motion, path, lines, sent = messages_of(made_up(2.5)), tmp_path / "state.npz", [], []
+    bridge = bridge_of(MAP, path, lines, sent)
+    target = kept_in(path, MAP, bridge, lambda *_: None, lines.append)
+    bridge.add_target("mavlink", target, limits=Limits(1.0, 0.5))
+    later = len(motion) // 2
+    fed(bridge, motion[:later])
+    assert path.exists()
+    monkeypatch.setattr(live_filter, "lasting_cause", lambda *_: "the heading is wrong")
+    fed(bridge, motion[later : later + 20])
+    assert bridge.kept is None
+    assert not path.exists()
 
 
 def test_a_file_that_cannot_be_written_any_more_is_told_once_and_harms_nothing(tmp_path, monkeypatch) -> None:
