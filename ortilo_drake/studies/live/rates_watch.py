@@ -84,7 +84,7 @@ class RatesWatch:
         if best == UNIT:
             return f"{{rate_unit: {self._other}}}"
         D = self._axes[best]
-        key = f"{{rate_axes: {axes_names(D @ axes_matrix(self._source.rate_axes or self._source.axes, 'imu', True))}}}"
+        key = f"{{rate_axes: {axes_names(D @ axes_matrix(self._source.rate_axes or self._source.axes, 'axes', True))}}}"
         if np.array_equal(D, ABOUT_Z):
             return f"{key} or a `heading`, or `axes`, turned by 180°"
         return f"{key} or anchors that are mirrored (x and y exchanged)" if self.mirrors else key
