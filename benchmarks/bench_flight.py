@@ -25,8 +25,9 @@ import numpy as np
 from filterpy.kalman import KalmanFilter as FilterpyFilter
 
 from ortilo_drake.flight.flight import fly
+from ortilo_drake.interop.log.logged_flight import fly_logged
 from ortilo_drake.interop.log.reader import read_ticks
-from ortilo_drake.interop.log.writer import LogWriter, fly_logged
+from ortilo_drake.interop.log.writer import LogWriter
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, output_C
 from ortilo_drake.model.measurement import make_measurement
 from ortilo_drake.model.vehicle import M100

@@ -3,6 +3,8 @@
 import fnmatch
 import hashlib
 import re
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -54,3 +56,13 @@ def test_readme_and_pages_are_filled_in_and_their_links_lead_somewhere() -> None
         links = [link.partition("#")[0] for link in re.findall(r"\]\(([^)]+)\)", text) if "://" not in link]
         made = {"reference/settings.md", "reference/commands.md", "reference/modules.md"}  # with the site
         assert [link for link in links if link not in made and not (page.parent / link).exists()] == [], page
+
+
+def test_no_extra_is_loaded_with_the_package() -> None:
+    """Who has none of them can import it, and no command waits for what it does not use."""
+    names = "ortilo_drake.api, ortilo_drake.flight.engine, ortilo_drake.diagrams.closed_loop"
+    code = f"import sys, {names}; print(*sys.modules)"
+    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    extras = {"torch", "cv2", "onnxruntime", "mcap", "rosbags", "dask", "gtsam", "av", "rerun"}  # pandas loads pyarrow
+    assert "numba" in printed.split()
+    assert not extras & set(printed.split())

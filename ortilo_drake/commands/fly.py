@@ -149,7 +149,7 @@ def fly(
             update(completed=ticks, description="flying")
 
         if log or recorder:
-            from ortilo_drake.interop.log.writer import fly_logged
+            from ortilo_drake.interop.log.logged_flight import fly_logged
 
             flight = fly_logged(chosen, log, show, recorder.record if recorder else None)
         elif meshcat:

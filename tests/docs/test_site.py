@@ -20,7 +20,7 @@ from module_of import module_of
 
 from ortilo_drake.commands.app import app
 from ortilo_drake.flight.engine import Engine
-from ortilo_drake.interop.log.writer import fly_logged
+from ortilo_drake.interop.log.logged_flight import fly_logged
 from ortilo_drake.interop.rerun.recording import save_recording
 from ortilo_drake.interop.rerun.sightings import SightingsRecorder
 from ortilo_drake.interop.ros.ros_messages import LATCHED

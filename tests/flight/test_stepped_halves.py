@@ -10,9 +10,9 @@ from pydrake.trajectories import PiecewisePolynomial
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
 from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
+from ortilo_drake.interop.log.logged_flight import fly_logged
 from ortilo_drake.interop.log.reader import read_log
 from ortilo_drake.interop.log.replay import replay_log
-from ortilo_drake.interop.log.writer import fly_logged
 from ortilo_drake.scenario import Scenario, load_scenario
 
 LATE = (

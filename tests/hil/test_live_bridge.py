@@ -254,7 +254,7 @@ import numba.core.dispatcher
 import numpy as np
 import ortilo_drake.studies.live.live_bridge as live_bridge
 from ortilo_drake.cli import main
-from ortilo_drake.interop.ros.ros_types import estimate_messages, setpoint_messages, tf_message
+from ortilo_drake.interop.ros.ros_motion import estimate_messages, setpoint_messages, tf_message
 
 found, compiles, runs = [], numba.core.dispatcher.Dispatcher.compile, live_bridge.run_live
 def watched(self, signature):

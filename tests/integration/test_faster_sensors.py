@@ -14,8 +14,9 @@ from ortilo_drake.flight.stepped_halves import WorldHalf
 from ortilo_drake.hil.wire.handshake import flight_of
 from ortilo_drake.hil.wire.packets import encode_vector
 from ortilo_drake.hil.wire.unpack import BadPacket, decode
-from ortilo_drake.interop.log.reader import log_file, read_logged, read_messages
-from ortilo_drake.interop.log.writer import fly_logged
+from ortilo_drake.interop.log.logged_flight import fly_logged
+from ortilo_drake.interop.log.mcap_records import read_logged
+from ortilo_drake.interop.log.reader import log_file, read_messages
 from ortilo_drake.interop.ros.ros_types import from_cdr
 from ortilo_drake.model.equations import DYNAMICS
 from ortilo_drake.model.signals import IMU_SIZE, PAYLOAD, STAMP, samples_in

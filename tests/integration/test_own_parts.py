@@ -17,9 +17,10 @@ from ortilo_drake.flight.flight import fly, scenario_of
 from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
 from ortilo_drake.flight.stepped_halves import OnboardHalf
 from ortilo_drake.hil.goals.goals import goal_settings
-from ortilo_drake.interop.log.reader import log_file, read_log, read_logged
+from ortilo_drake.interop.log.logged_flight import fly_logged
+from ortilo_drake.interop.log.mcap_records import read_logged
+from ortilo_drake.interop.log.reader import log_file, read_log
 from ortilo_drake.interop.log.replay import replay_log
-from ortilo_drake.interop.log.writer import fly_logged
 from ortilo_drake.interop.ros.ros_types import from_cdr
 from ortilo_drake.model import parts
 from ortilo_drake.scenario import GcsPlanner, LqServo

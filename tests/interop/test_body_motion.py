@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from motions import attitude, body_rates
 from scipy.spatial.transform import Rotation
 
-from ortilo_drake.interop.ros.ros_types import pose_and_twist, twist_covariance
+from ortilo_drake.interop.ros.ros_motion import pose_and_twist, twist_covariance
 
 values = arrays(np.float64, 12, elements=st.floats(-3.0, 3.0))
 

@@ -19,7 +19,7 @@ from made_up_motion import BAG_MAP, TABLE_MAP, as_map, made_up, write_bag, write
 from mcap.opcode import Opcode
 
 from ortilo_drake.interop import unpack
-from ortilo_drake.interop.log import reader
+from ortilo_drake.interop.log import mcap_records, reader
 from ortilo_drake.interop.log.writer import LogWriter
 from ortilo_drake.interop.recorded import csv_columns, lenient_bag, tables
 from ortilo_drake.interop.recorded.recording import read_recording
@@ -148,7 +148,7 @@ def refusal(act, path: Path) -> str:
 
 @pytest.fixture
 def small(monkeypatch):
-    for module in (unpack, reader, lenient_bag):
+    for module in (unpack, mcap_records, lenient_bag):
         monkeypatch.setattr(module, "CHUNK_LIMIT", LIMIT)
     monkeypatch.setattr(unpack, "PIECE", 2**16)
 
@@ -167,7 +167,7 @@ def test_many_chunks_of_mcap_are_unpacked_to_the_limit_of_a_file(tmp_path, small
     monkeypatch.setattr(unpack, "FILE_LIMIT", 3 * LIMIT)
     part = chunk("lz4", lz4.frame.compress(record(200, bytes(LIMIT - 9))), LIMIT, 0)
     mcap_ok = mcap(tmp_path / "a.mcap", part, part)
-    assert list(reader.read_records(mcap_ok)) == []
+    assert list(mcap_records.read_records(mcap_ok)) == []
     line = refusal(read, mcap(tmp_path / "b.mcap", part, part, part, part))
     assert "unpacks to more than 3 MiB, the most that is read of a file" in line
 

@@ -19,9 +19,11 @@ from mcap.writer import Writer
 from ortilo_drake.flight.flight import flight_dataset
 from ortilo_drake.flight.lost import find_loss
 from ortilo_drake.interop.log import reader as log_reader
+from ortilo_drake.interop.log.logged_flight import fly_logged
 from ortilo_drake.interop.log.logged_map import logged_noise
-from ortilo_drake.interop.log.reader import log_file, log_scenario, read_log, read_logged, read_messages, read_ticks
-from ortilo_drake.interop.log.writer import KEEP_EVERY, LogWriter, fly_logged
+from ortilo_drake.interop.log.mcap_records import read_logged
+from ortilo_drake.interop.log.reader import log_file, log_scenario, read_log, read_messages, read_ticks
+from ortilo_drake.interop.log.writer import KEEP_EVERY, LogWriter
 from ortilo_drake.interop.recorded.map_file import load_map
 from ortilo_drake.interop.recorded.recording import read_recording
 from ortilo_drake.interop.ros.ros_messages import ARRAY_TYPE, SCENARIO_TOPIC

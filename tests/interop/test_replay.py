@@ -20,9 +20,10 @@ from ortilo_drake.commands.hil.app import hil_app
 from ortilo_drake.flight.lockstep import fly_lockstep, in_this_process
 from ortilo_drake.flight.signals import Record
 from ortilo_drake.flight.stepped_halves import OnboardHalf, Signals, WorldHalf
+from ortilo_drake.interop.log.logged_flight import fly_logged
 from ortilo_drake.interop.log.reader import read_ticks
 from ortilo_drake.interop.log.replay import ReplayReport, path_through, replay_log
-from ortilo_drake.interop.log.writer import LogWriter, fly_logged
+from ortilo_drake.interop.log.writer import LogWriter
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.goal_path import brake, join_paths
 from ortilo_drake.onboard.planner.planner import plan

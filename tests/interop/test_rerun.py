@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 import ortilo_drake as od
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.saved_flight import save_flight
+from ortilo_drake.interop.log.logged_flight import fly_logged
 from ortilo_drake.interop.log.reader import LoggedTick, read_ticks
-from ortilo_drake.interop.log.writer import fly_logged
 from ortilo_drake.interop.rerun.recording import save_recording
 from ortilo_drake.interop.rerun.sightings import Sightings, SightingsRecorder
 from ortilo_drake.model.room import Room

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.detector.darknet_cfg import parse_cfg, read_cfg
-from ortilo_drake.onboard.detector.darknet_network import (
+from ortilo_drake.onboard.detector.darknet_layers import (
     Convolutional,
     DarknetCfg,
     Dropout,

@@ -13,7 +13,7 @@ from darknet_architectures import ANCHORS, SIZES, architecture, seeded_image, wr
 from scipy.ndimage import correlate
 
 from ortilo_drake.onboard.detector.darknet_cfg import parse_cfg
-from ortilo_drake.onboard.detector.darknet_network import ACTIVATIONS, Convolutional, Maxpool
+from ortilo_drake.onboard.detector.darknet_layers import ACTIVATIONS, Convolutional, Maxpool
 from ortilo_drake.onboard.detector.yolo_boxes import decode
 
 torch = pytest.importorskip("torch", reason="torch is not installed: the network in torch cannot run")

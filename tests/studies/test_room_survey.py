@@ -9,7 +9,7 @@ from scipy.optimize import approx_fprime
 from scipy.stats import chi2
 
 from ortilo_drake.flight.flight import scenario_of
-from ortilo_drake.interop.log.writer import fly_logged
+from ortilo_drake.interop.log.logged_flight import fly_logged
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.room_design.network import Network, Ranges, aligned, all_distances, mirror_images, scaled

@@ -241,7 +241,7 @@ def _warm_up_outputs() -> None:
     import numpy as np
 
     from ortilo_drake.interop.mavlink import odometry_fields
-    from ortilo_drake.interop.ros.ros_types import estimate_messages, setpoint_messages, tf_message
+    from ortilo_drake.interop.ros.ros_motion import estimate_messages, setpoint_messages, tf_message
     from ortilo_drake.model.signals import N_XBAR
 
     x, P = np.zeros(N_XBAR), np.eye(N_XBAR)

@@ -18,7 +18,7 @@ import numpy as np
 from mcap.records import Channel, Schema
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-from ortilo_drake.interop.log.reader import read_records
+from ortilo_drake.interop.log.mcap_records import read_records
 from ortilo_drake.interop.recorded.message_fields import check_types, field_of, numbers_of, stamp_of
 from ortilo_drake.interop.recorded.rejected import Rejections
 from ortilo_drake.interop.recorded.ros2_folder import PACKED, check_database, files_of_bag

@@ -7,7 +7,8 @@ import xarray as xr
 from ortilo_drake.flight.flight import scenario_of
 from ortilo_drake.interop.rerun.series import Series
 from ortilo_drake.interop.rerun.sightings import Sightings
-from ortilo_drake.interop.ros.ros_types import quaternion, to_ns
+from ortilo_drake.interop.ros.ros_motion import quaternion
+from ortilo_drake.interop.ros.ros_types import to_ns
 from ortilo_drake.model.pinhole import R_BC
 from ortilo_drake.model.room import CameraModel, Room
 from ortilo_drake.model.vehicle import Vehicle, rotor_places

@@ -6,7 +6,7 @@ import numpy as np
 
 from ortilo_drake.interop.ros.ros2_node import Ros2Node, message_class
 from ortilo_drake.interop.ros.ros_messages import blank_messages, start_messages, tick_messages
-from ortilo_drake.interop.ros.ros_types import GOAL_TOPIC, GOAL_TYPE
+from ortilo_drake.interop.ros.ros_motion import GOAL_TOPIC, GOAL_TYPE
 from ortilo_drake.scenario import Scenario
 
 FRAME: Final = "map"

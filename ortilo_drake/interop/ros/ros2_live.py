@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from ortilo_drake.interop.ros.ros2_node import Ros2Node, message_class
-from ortilo_drake.interop.ros.ros_types import estimate_messages, setpoint_messages, tf_message
+from ortilo_drake.interop.ros.ros_motion import estimate_messages, setpoint_messages, tf_message
 from ortilo_drake.model.typed_yaml import InputError
 
 _DEPTH: Final = 1000  # messages of a topic that may wait: two seconds of an imu at 500 Hz

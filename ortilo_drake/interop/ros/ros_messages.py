@@ -22,10 +22,7 @@ from pydrake.trajectories import Trajectory
 
 from ortilo_drake import __version__
 from ortilo_drake.flight.signals import Signals, output_sizes
-from ortilo_drake.interop.ros.ros_sensors import fixed_frames_message, sensor_messages
-from ortilo_drake.interop.ros.ros_types import (
-    Fields,
-    RosMessage,
+from ortilo_drake.interop.ros.ros_motion import (
     estimate_messages,
     goal_message,
     path_message,
@@ -33,6 +30,8 @@ from ortilo_drake.interop.ros.ros_types import (
     tf_message,
     truth_messages,
 )
+from ortilo_drake.interop.ros.ros_sensors import fixed_frames_message, sensor_messages
+from ortilo_drake.interop.ros.ros_types import Fields, RosMessage
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import CONTROL_NAMES, N_XBAR, STATE_NAMES, XBAR_NAMES
 from ortilo_drake.onboard.planner.planned import planned

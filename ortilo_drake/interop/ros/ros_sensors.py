@@ -4,11 +4,11 @@ import numpy as np
 
 from ortilo_drake.flight.signals import Signals
 from ortilo_drake.interop.ros.picture_codec import decode_png, encode_png
+from ortilo_drake.interop.ros.ros_motion import quaternion
 from ortilo_drake.interop.ros.ros_types import (
     Fields,
     RosMessage,
     header_fields,
-    quaternion,
     quaternion_fields,
     transform_fields,
     vector_fields,

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ortilo_drake.model.input_files import TEXT_LIMIT, read_bytes
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.detector.darknet_network import (
+from ortilo_drake.onboard.detector.darknet_layers import (
     ACTIVATIONS,
     Convolutional,
     DarknetCfg,

@@ -14,7 +14,7 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import Frozen, InputError
 from ortilo_drake.onboard.detector.class_names import COCO_CLASSES, in_room, names_in_file, room_labels
 from ortilo_drake.onboard.detector.darknet_cfg import parse_cfg, read_cfg
-from ortilo_drake.onboard.detector.darknet_network import DarknetCfg
+from ortilo_drake.onboard.detector.darknet_layers import DarknetCfg
 from ortilo_drake.onboard.detector.detector import Boxes
 from ortilo_drake.onboard.detector.detector import Detector as DetectorSystem
 from ortilo_drake.onboard.detector.network_backends import Compute, onnxruntime_network, opencv_network, torch_network

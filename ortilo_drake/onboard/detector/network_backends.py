@@ -12,7 +12,7 @@ import numpy as np
 
 from ortilo_drake.model.optional import check_installed, later
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.detector.darknet_network import DarknetCfg
+from ortilo_drake.onboard.detector.darknet_layers import DarknetCfg
 
 cv2 = later("cv2")
 

@@ -11,8 +11,8 @@ from pydrake.systems.sensors import ImageRgba8U
 
 from ortilo_drake.flight.signals import Signals
 from ortilo_drake.flight.stepped_halves import image_value
+from ortilo_drake.interop.log.logged_flight import fly_logged
 from ortilo_drake.interop.log.reader import holds_what_was_sent, log_scenario, read_log, read_ticks
-from ortilo_drake.interop.log.writer import fly_logged
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.signals import N_X, SHUTTER_SIZE
 from ortilo_drake.onboard.detector.detector_network import make_detector

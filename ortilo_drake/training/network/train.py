@@ -15,7 +15,8 @@ from ortilo_drake.flight.files import write_bytes, write_text
 from ortilo_drake.flight.store import sealed, unsealed
 from ortilo_drake.model.input_files import read_bytes
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.detector.darknet_network import Convolution, DarknetNetwork, Yolo
+from ortilo_drake.onboard.detector.darknet_layers import Yolo
+from ortilo_drake.onboard.detector.darknet_network import Convolution, DarknetNetwork
 from ortilo_drake.training.network.augment import augment
 from ortilo_drake.training.network.loss import yolo_loss
 from ortilo_drake.training.pictures.labels import BOX, CLASS, VISIBLE, Frames, is_to_be_found

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from command_line import run
 
-from ortilo_drake.interop.log.writer import fly_logged
+from ortilo_drake.interop.log.logged_flight import fly_logged
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.hindsight import hindsight as study
 from ortilo_drake.studies.hindsight.hindsight import FlightInHindsight, Judged, hindsight_text, judged, study_of

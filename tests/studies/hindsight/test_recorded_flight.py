@@ -8,7 +8,8 @@ import xarray as xr
 
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.stepped_halves import OnboardHalf
-from ortilo_drake.interop.log.writer import LogWriter, fly_logged
+from ortilo_drake.interop.log.logged_flight import fly_logged
+from ortilo_drake.interop.log.writer import LogWriter
 from ortilo_drake.interop.ros.ros_messages import SENT
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
