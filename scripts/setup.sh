@@ -59,7 +59,6 @@ if [ -n "${EXPORT:-}" ]; then # the tests of `ortilo export`: compilers for othe
 fi
 command -v dot >/dev/null || install_packages graphviz || echo "setup: 'ortilo diagram' will need it" >&2
 
-find ortilo_drake diagrams -name '*.nb[ci]' -delete # numba does not notice a change in a function that another calls
 [ -x "$VENV/bin/python" ] || "$PYTHON" -m venv "$VENV"
 echo "setup: installing into $VENV" >&2
 "$VENV/bin/python" -m pip install -qq --disable-pip-version-check --no-compile -c constraints.txt -e '.[dev]'

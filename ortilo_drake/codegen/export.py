@@ -21,8 +21,8 @@ from ortilo_drake.codegen.object_code import object_code
 from ortilo_drake.codegen.readme import readme_text
 from ortilo_drake.codegen.single import check_near, with_floats
 from ortilo_drake.codegen.targets import target_of
+from ortilo_drake.compiled.digest import digest_of
 from ortilo_drake.flight.files import write_bytes, write_text
-from ortilo_drake.loop.digest import digest_of
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 

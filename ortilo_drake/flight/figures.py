@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.flight.lost import Bounds, cause_of_loss
 from ortilo_drake.loop.element import Box, Element
 from ortilo_drake.model.placing import fill, put
@@ -42,7 +42,7 @@ def position_nees(x: np.ndarray, xhat: np.ndarray, P: np.ndarray) -> float:
     return e[0] * Ce[0] + e[1] * Ce[1] + e[2] * Ce[2]
 
 
-@njit(cache=True)
+@cached_njit
 def nees_of_ticks(x: np.ndarray, xhat: np.ndarray, P: np.ndarray) -> np.ndarray:
     """Return position_nees at each tick (n) of a log: x (n, 12), xhat (n, 15), P row by row (n, 225)."""
     found = np.empty(x.shape[0])
@@ -78,7 +78,7 @@ def nearest_beside(
     return nearest, least
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def squared_path_distances(trace: np.ndarray, path: np.ndarray, longest: float) -> np.ndarray:
     """Return the squared distances (n) of a trace (n, 3 or more) from the nearest point of a path (m, 3) [m^2].
 
@@ -119,7 +119,7 @@ def distinct(path: np.ndarray) -> np.ndarray:
     return points[:m]
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def squared_distances_from(path: np.ndarray, trace: np.ndarray) -> np.ndarray:
     """Return squared_path_distances of a trace (n, 3 or more) from a path that may wait at a point (m, 3) [m^2]."""
     longest = 1e-12
@@ -128,7 +128,7 @@ def squared_distances_from(path: np.ndarray, trace: np.ndarray) -> np.ndarray:
     return squared_path_distances(trace, distinct(path), longest)  # one that waits at its goal has many the same
 
 
-@njit(cache=True)
+@cached_njit
 def path_mse(trace: np.ndarray, path: np.ndarray) -> float:
     """Return metrics.path_mse [m^2] of a flight along a path (n, 3): NaN where that does not run forward in x."""
     n, m = trace.shape[0], 1
@@ -163,7 +163,7 @@ def is_finite(row: np.ndarray, size: int) -> bool:
     return math.isfinite(total)
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def figures_of(trace: np.ndarray, path: np.ndarray, out: np.ndarray) -> None:
     """Write the errors of a flight, FIGURES but the first two, to out.
 

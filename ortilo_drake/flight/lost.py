@@ -5,8 +5,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.footprints import footprints
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.vehicle import MAX_TILT, Vehicle
@@ -70,7 +70,7 @@ def bounds_of(room: Room, vehicle: Vehicle) -> Bounds:
     return Bounds(np.array(room.interior.min, dtype=float), np.array(room.interior.max, dtype=float), walls)
 
 
-@njit(cache=True, _nrt=False)
+@cached_njit(_nrt=False)
 def cause_of_loss(x: np.ndarray, bounds: Bounds) -> int:
     """Return the cause that ends a flight at the state x (12), an index in CAUSES; NOT_LOST if none does."""
     low, high, walls = bounds
@@ -90,7 +90,7 @@ def cause_of_loss(x: np.ndarray, bounds: Bounds) -> int:
     return NOT_LOST
 
 
-@njit(cache=True)
+@cached_njit
 def first_loss(states: np.ndarray, bounds: Bounds) -> tuple[int, int]:
     """Return the first tick at which a flight is lost, and its cause; its length and NOT_LOST if it is not."""
     for k in range(states.shape[0]):

@@ -36,9 +36,9 @@ refused.
 """
 
 import numpy as np
-from numba import njit
 from scipy.linalg import block_diag
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.floor.information_filter import predicted_bound
 from ortilo_drake.floor.unknown_errors import start_covariance, unknown_errors
 from ortilo_drake.model.hover import discretize, disturbance_W, drag_D, hover_A, hover_B_d
@@ -52,7 +52,7 @@ from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.radio.link import NOT_SENT, blackout_rows, chain_after, delay_of_message
 
 
-@njit(cache=True)
+@cached_njit
 def messages_sent(
     truth: np.ndarray,
     every: int,

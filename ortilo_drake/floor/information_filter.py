@@ -13,9 +13,9 @@ update is exact.
 """
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.onboard.estimator.kalman import Structure, structure_of
 from ortilo_drake.sensors.information_rows import AMPLITUDE, GRADIENT, SLOW, TICK, VARIANCE
@@ -96,7 +96,7 @@ def _new_nodes(P: np.ndarray, m: int, number: np.ndarray, used: np.ndarray, coun
     return kept
 
 
-@njit(cache=True)
+@cached_njit
 def predicted_bound(
     rows: np.ndarray, ticks: int, Phi: np.ndarray, W: np.ndarray, P_0: np.ndarray, spacing: int
 ) -> np.ndarray:

@@ -3,7 +3,6 @@
 element.py    an element: one box of the block diagram, as two small functions
 own.py        boxes of plain functions and values, for parts of one's own
 wiring.py     which box reads which, and the order of a tick that follows
-digest.py     what a compiled function is made of
 native.py     an element's functions as compiled code with a C interface
 generated.py  generated modules and where they are kept
 addresses.py  arrays and records at an address, for that code

@@ -19,7 +19,7 @@ from typing import Any
 import llvmlite.binding as llvm
 from numba import njit
 
-from ortilo_drake.loop.digest import digest_of, modules_of, plain
+from ortilo_drake.compiled.digest import digest_of, modules_of, plain
 from ortilo_drake.loop.element import Array, Element, Group, Number, takes
 from ortilo_drake.loop.generated import load
 from ortilo_drake.loop.inlined import OPTIONS, Inlined, helpers_only_linked

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from types import CellType, FunctionType
 from typing import Any
 
-from ortilo_drake.loop.digest import LIBRARIES, names_in, plain
+from ortilo_drake.compiled.digest import LIBRARIES, names_in, plain
 
 _INSTEAD: dict[int, Any] = {}
 _PLAIN: dict[int, tuple[Any, Any]] = {}  # with the function, so that its id stays its own

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.digest import digest_of
+from ortilo_drake.compiled.digest import digest_of
 from ortilo_drake.loop.element import Values
 from ortilo_drake.loop.generated import load
 from ortilo_drake.loop.source import Places, flight_text, places_of

@@ -1,8 +1,9 @@
 """Linear equations of small positive definite matrices, in place, for compiled loops: S = L L^T (Cholesky)."""
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
+
+from ortilo_drake.compiled.cached import cached_njit
 
 
 @register_jitable(error_model="numpy", _nrt=False)
@@ -64,7 +65,7 @@ def squared_norm_in_place(S: np.ndarray, e: np.ndarray) -> float:
     return squared
 
 
-@njit(cache=True)
+@cached_njit
 def scaled_inverse(N: np.ndarray, regular: float = 1e-12) -> tuple[bool, np.ndarray]:
     """Return whether a symmetric N >= 0 (n x n) is far enough from singular, and N^-1.
 

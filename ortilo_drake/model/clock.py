@@ -3,15 +3,14 @@
 from numbers import Real
 from typing import Any, Final
 
-from numba import njit
-
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.input_error import InputError
 
 SHORTEST: Final = 1e-3  # ticks [s]
 LONGEST: Final = 0.2
 
 
-@njit(cache=True)
+@cached_njit
 def tick_of(time: float, h: float) -> int:
     """Return the number k of the tick at time t_k = k h."""
     return int(time / h + 0.5)

@@ -10,9 +10,9 @@ R_WB = R_z(psi) R_y(theta) R_x(phi).
 """
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.elementary import sin_cos
 from ortilo_drake.model.triples import Six, Triple, Twelve
 from ortilo_drake.model.vehicle import GRAVITY
@@ -46,7 +46,7 @@ def rotation(rpy: np.ndarray) -> np.ndarray:
     return np.array(rotation_rows(rpy))
 
 
-rotation_matrix = njit(cache=True)(rotation)
+rotation_matrix = cached_njit(rotation)
 
 
 @register_jitable(error_model="numpy")
@@ -183,9 +183,9 @@ KINEMATICS = ("linear", "small_angle", "rigid_body")
 
 # The three, compiled; the plain form of each is its py_func.
 DYNAMICS = {
-    "linear": njit(cache=True)(linear_dynamics),
-    "small_angle": njit(cache=True)(small_angle_dynamics),
-    "rigid_body": njit(cache=True)(rigid_body_dynamics),
+    "linear": cached_njit(linear_dynamics),
+    "small_angle": cached_njit(small_angle_dynamics),
+    "rigid_body": cached_njit(rigid_body_dynamics),
 }
 
 
@@ -251,7 +251,7 @@ def stepped(
     )
 
 
-@njit(cache=True)
+@cached_njit
 def step(
     x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray, kinematics: int, h: float
 ) -> np.ndarray:

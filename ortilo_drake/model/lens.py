@@ -20,10 +20,10 @@ from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 from numpy.polynomial import Polynomial
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.elementary import arctan2, cos, sin
 
 FISHEYE, BROWN_CONRADY = 4, 8  # numbers of coefficients; none of a straight lens
@@ -111,7 +111,7 @@ def _straight_of_fisheye(x: float, y: float, lens: Lens) -> tuple[float, float]:
     return scale * x, scale * y
 
 
-@njit(cache=True)
+@cached_njit
 def straightened(x: float, y: float, lens: Lens) -> tuple[float, float]:
     """Return (x, y) of the straight picture that the lens moves to (x', y'), here x and y; NaN where there is none."""
     if lens.bend.size == 0:

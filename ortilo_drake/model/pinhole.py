@@ -20,9 +20,9 @@ would counting references of arrays handed on to a helper that is called for eve
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.elementary import sin_cos
 from ortilo_drake.model.lens import STRAIGHT, Lens, bent, straightened
 
@@ -87,7 +87,7 @@ def _pixel(p_BL: Point, view: View, bend: np.ndarray) -> Point:
     return u, v, depth
 
 
-@njit(cache=True)
+@cached_njit
 def project(p_WL: np.ndarray, p_WB: np.ndarray, R_WB: np.ndarray, camera: Camera) -> Point:
     """Return u, v [px] and the depth q_x [m] of a point; u and v are NaN if it is nearer than NEAR.
 
@@ -104,7 +104,7 @@ def _outline_point(k: int, p_WL: np.ndarray, outline: np.ndarray, p_WB: np.ndarr
     return in_body_frame(x, y, z, p_WB, R_WB)
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@cached_njit(error_model="numpy", _nrt=False)
 def extent_box(
     p_WL: np.ndarray, outline: np.ndarray, p_WB: np.ndarray, R_WB: np.ndarray, camera: Camera, box: np.ndarray
 ) -> bool:
@@ -159,7 +159,7 @@ def sines(rpy: np.ndarray) -> Sines:
     return *sin_cos(rpy[0]), *sin_cos(rpy[1])
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@cached_njit(error_model="numpy", _nrt=False)
 def box_and_jacobian(
     p_WL: np.ndarray,
     outline: np.ndarray,
@@ -213,7 +213,7 @@ def box_and_jacobian(
     return True
 
 
-@njit(cache=True)
+@cached_njit
 def box_center(
     p_WL: np.ndarray,
     outline: np.ndarray,
@@ -235,7 +235,7 @@ def box_center(
     return True
 
 
-@njit(cache=True)
+@cached_njit
 def point_pixels(
     centers: np.ndarray,
     positions: np.ndarray,
@@ -258,7 +258,7 @@ def point_pixels(
     return pixels
 
 
-@njit(cache=True)
+@cached_njit
 def straight_pixels(pixels: np.ndarray, camera: Camera) -> np.ndarray:
     """Return these pixels (n, 2) without distortion, with square pixels of focal length f; NaN where there are none."""
     lens = camera.lens

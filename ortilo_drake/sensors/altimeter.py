@@ -11,10 +11,10 @@ the range is turned upright by the estimated attitude:
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 from pydantic import Field, NonNegativeFloat
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.elementary import cos, sin
 from ortilo_drake.model.measurement import row
 from ortilo_drake.model.parts import Compiled, Sensor, register_sensor
@@ -61,14 +61,14 @@ def noise_sd(numbers: AltimeterNumbers, r: float) -> float:
     return np.sqrt(numbers.sd**2 + (numbers.fraction * r) ** 2)
 
 
-@njit(cache=True)
+@cached_njit
 def slant_range(x: np.ndarray, floor: float) -> float:
     """Return the distance to the floor along the beam [m] at a state (12); inf where the beam does not meet it."""
     upright = cos(x[3]) * cos(x[4])
     return (x[2] - floor) / upright if upright > LEAST_UPRIGHT else np.inf
 
 
-@njit(cache=True)
+@cached_njit
 def measured_range(numbers: AltimeterNumbers, x: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
     """Return the payload [r], nothing where there is none; arguments as model.parts.Compiled's measure."""
     r = slant_range(x, numbers.floor)
@@ -78,7 +78,7 @@ def measured_range(numbers: AltimeterNumbers, x: np.ndarray, v: np.ndarray, t: f
     return np.array([measured]) if measured > 0.0 else np.zeros(0)
 
 
-@njit(cache=True)
+@cached_njit
 def upright_range(numbers: AltimeterNumbers, payload: np.ndarray, xhat: np.ndarray, P: np.ndarray) -> np.ndarray:
     """Return z and its variance, nothing where there is none; arguments as model.parts.Compiled's solve."""
     r, phi, theta = payload[0], xhat[3], xhat[4]

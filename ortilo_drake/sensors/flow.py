@@ -17,10 +17,10 @@ filter's own error and not new in every tick, so V treats it as if it were.
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 from pydantic import Field
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.equations import body_rates, rotation_matrix
 from ortilo_drake.model.measurement import row
 from ortilo_drake.model.parts import Compiled, Sensor, register_sensor
@@ -75,7 +75,7 @@ def quality_at(far: float, d: float) -> float:
     return 1.0 / (1.0 + (d / far) ** 2)
 
 
-@njit(cache=True)
+@cached_njit
 def flow_of(x: np.ndarray, d: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the flow without noise (2) and the body rates w_x, w_y (2) [rad/s] at state x (12), the floor at d [m]."""
     v_B = times(rotation_matrix(x[3:6]).T, x[6:9])
@@ -83,7 +83,7 @@ def flow_of(x: np.ndarray, d: float) -> tuple[np.ndarray, np.ndarray]:
     return np.array([-v_B[0] / d + w[1], -v_B[1] / d - w[0]]), np.array([w[0], w[1]])
 
 
-@njit(cache=True)
+@cached_njit
 def measured_flow(numbers: FlowNumbers, x: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
     """Return the payload [flow_x, flow_y, w_x, w_y, quality], nothing where there is none; see model.parts.Compiled."""
     d = slant_range(x, numbers.floor)
@@ -100,7 +100,7 @@ def measured_flow(numbers: FlowNumbers, x: np.ndarray, v: np.ndarray, t: float) 
     return said
 
 
-@njit(cache=True)
+@cached_njit
 def velocity_over_ground(numbers: FlowNumbers, payload: np.ndarray, xhat: np.ndarray, P: np.ndarray) -> np.ndarray:
     """Return the velocity (2) and its covariance (4), nothing where there is none; see model.parts.Compiled."""
     d = slant_range(xhat, numbers.floor)

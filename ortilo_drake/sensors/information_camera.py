@@ -21,9 +21,9 @@ over the found landmarks is not below the bound of the mean information.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.interpolate import PchipInterpolator
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.pinhole import Camera, box_center
 from ortilo_drake.model.room import Room
@@ -67,7 +67,7 @@ def center_errors(tables: Tables) -> CenterErrors:
     return CenterErrors(gain, np.maximum(fisher - gain**2 + w / (1.0 - w) * (square - gain**2), 0.0), w)
 
 
-@njit(cache=True)
+@cached_njit
 def box_rows(
     ticks: np.ndarray,
     truth: np.ndarray,

@@ -23,9 +23,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types, uint64
+from numba import types, uint64
 from numba.extending import intrinsic, register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.loop.plain import generic_twin_of
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.placing import put
@@ -120,7 +121,7 @@ def four_uniforms(seed: int, stream: np.uint64, tick: int) -> Four:
     return _uniform(word0), _uniform(word1), _uniform(word2), _uniform(word3)
 
 
-@njit(cache=True)
+@cached_njit
 def uniforms(seed: int, stream: np.uint64, tick: int, n: int) -> np.ndarray:
     """Return n numbers uniform on [0, 1) that belong to this seed, stream and tick."""
     values = np.empty(n)
@@ -163,7 +164,7 @@ def _put_drawn(values: np.ndarray, seed: int, stream: np.uint64, tick: int) -> N
                 values[at + 3] = fourth
 
 
-@njit(cache=True)
+@cached_njit
 def normals(seed: int, stream: np.uint64, tick: int, n: int) -> np.ndarray:
     """Return n standard normal numbers that belong to this seed, stream and tick."""
     values = np.empty(n)
@@ -217,7 +218,7 @@ def random_walk(after_1_s: np.ndarray, h: float) -> SlowNoise:
     return SlowNoise(np.ones(len(after_1_s)), after_1_s * np.sqrt(h), np.zeros(len(after_1_s)))
 
 
-@njit(cache=True)
+@cached_njit
 def slow_noise_after(
     x: np.ndarray, a: np.ndarray, q: np.ndarray, seed: int, stream: np.uint64, time: float, h: float
 ) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from small_loop import boxes, mass_step, sensor_out
 
-from ortilo_drake.loop.digest import digest_of, modules_of
+from ortilo_drake.compiled.digest import digest_of, modules_of
 from ortilo_drake.loop.native import native_of
 
 HELPER = "def twice(x):\n    return {factor} * x\n"

@@ -19,8 +19,8 @@ from numba import njit
 from numba.core.dispatcher import Dispatcher
 
 import ortilo_drake
+from ortilo_drake.compiled.digest import _used, plain
 from ortilo_drake.diagrams.wiring.whole import boxes_of
-from ortilo_drake.loop.digest import _used, plain
 from ortilo_drake.loop.element import Element
 from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.scenario import load_scenario

@@ -5,9 +5,9 @@ velocities are in the body's own axes.
 """
 
 import numpy as np
-from numba import njit
 from pydrake.trajectories import Trajectory
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.interop.ros.ros_types import (
     Fields,
     RosMessage,
@@ -27,20 +27,20 @@ GOAL_TOPIC = "/goal_pose"  # where RViz's and Foxglove's tools for a 2D goal sen
 PATH_STEP = 0.1  # between two poses of the planned path [s]
 
 
-@njit(cache=True)
+@cached_njit
 def quaternion(rpy: np.ndarray) -> np.ndarray:
     """Return q_WB = q_z(psi) q_y(theta) q_x(phi) as (x, y, z, w)."""
     return np.roll(quaternion_of(rpy), -1)
 
 
-@njit(cache=True)
+@cached_njit
 def pose_and_twist(x: np.ndarray) -> np.ndarray:
     """Return p_WB (3), q_WB as (x, y, z, w) (4), v_WB in B (3), w_WB_B (3) from a state's first twelve entries."""
     v_B = rotation_matrix(x[3:6]).T @ np.ascontiguousarray(x[6:9])
     return np.concatenate((x[0:3], quaternion(x[3:6]), v_B, body_rates(x[3:6], x[9:12])))
 
 
-@njit(cache=True)
+@cached_njit
 def twist_covariance(x: np.ndarray, P: np.ndarray) -> np.ndarray:
     """Return the covariance of (v_WB in B, w_WB_B) as T P_v T' with T = diag(R_BW, E(rpy)) (6, 6).
 

@@ -12,12 +12,12 @@ anchor is mounted in its wall and sees out of it.
 """
 
 import numpy as np
-from numba import njit
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.elementary import sin_cos
 
 
-@njit(cache=True)
+@cached_njit
 def _slab(o: float, d: float, half: float, t_in: float, t_out: float) -> tuple[float, float]:
     """Return the interval [t_in, t_out] narrowed to where |o + t d| <= half; t_in > t_out if it is empty."""
     if d == 0.0:
@@ -26,13 +26,13 @@ def _slab(o: float, d: float, half: float, t_in: float, t_out: float) -> tuple[f
     return max(t_in, min(t1, t2)), min(t_out, max(t1, t2))
 
 
-@njit(cache=True)
+@cached_njit
 def _outside_and_through(t_in: float, t_out: float) -> bool:
     """Return whether the line is inside for t in (t_in, t_out), and outside at both ends t = 0 and t = 1."""
     return 0.0 < t_in < t_out < 1.0
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@cached_njit(error_model="numpy", _nrt=False)
 def crosses_box(p: np.ndarray, q: np.ndarray, box: np.ndarray) -> bool:
     """Return whether the line from p to q (3, in W) goes through a box (7) that holds neither end."""
     x, y = p[0] - box[0], p[1] - box[1]
@@ -47,7 +47,7 @@ def crosses_box(p: np.ndarray, q: np.ndarray, box: np.ndarray) -> bool:
     return _outside_and_through(t_in, t_out)
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@cached_njit(error_model="numpy", _nrt=False)
 def crosses_cylinder(p: np.ndarray, q: np.ndarray, cylinder: np.ndarray) -> bool:
     """Return whether the line from p to q (3, in W) goes through a cylinder (4) that holds neither end."""
     x, y = p[0] - cylinder[0], p[1] - cylinder[1]
@@ -68,7 +68,7 @@ def crosses_cylinder(p: np.ndarray, q: np.ndarray, cylinder: np.ndarray) -> bool
     return _outside_and_through(t_in, t_out)
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@cached_njit(error_model="numpy", _nrt=False)
 def walls_crossed(p: np.ndarray, q: np.ndarray, boxes: np.ndarray) -> int:
     """Return the number of boxes (n, 7) that the line from p to q (3, in W) goes through.
 
@@ -81,7 +81,7 @@ def walls_crossed(p: np.ndarray, q: np.ndarray, boxes: np.ndarray) -> int:
     return count
 
 
-@njit(cache=True)
+@cached_njit
 def is_hidden(p: np.ndarray, q: np.ndarray, boxes: np.ndarray, cylinders: np.ndarray) -> bool:
     """Return whether a box (n, 7) or a cylinder (m, 4) stands between p and q (3, in W).
 

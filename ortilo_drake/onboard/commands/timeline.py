@@ -16,9 +16,9 @@ that stabilises the plant without one stabilises z, with the same eigenvalues.
 from typing import Any, Final
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.clock import history_ticks
 from ortilo_drake.model.hover import hover_A, hover_B, hover_B_d
@@ -33,7 +33,7 @@ EVER: Final = -1e9  # since when the first row acts [s]
 NONE: Final = -1.0  # a stamp of no command, of an empty row
 
 
-@njit(cache=True)
+@cached_njit
 def with_report(acts: np.ndarray, message: np.ndarray) -> np.ndarray:
     """Return the acts known (A, 6), ascending, with those of an 'acted' message that are newer; the oldest go."""
     known = acts.copy()
@@ -48,7 +48,7 @@ def with_report(acts: np.ndarray, message: np.ndarray) -> np.ndarray:
     return known
 
 
-@njit(cache=True)
+@cached_njit
 def delays_of(acts: np.ndarray) -> np.ndarray:
     """Return from tick to act of the commands that acted [s]."""
     found = np.empty(len(acts))
@@ -60,7 +60,7 @@ def delays_of(acts: np.ndarray) -> np.ndarray:
     return found[:n]
 
 
-@njit(cache=True)
+@cached_njit
 def expected_delay(acts: np.ndarray, given: float) -> float:
     """Return tau [s]: as it is given, or if that is negative the mean of those that acted; 0 before any did."""
     if given >= 0.0:
@@ -69,7 +69,7 @@ def expected_delay(acts: np.ndarray, given: float) -> float:
     return float(np.mean(delays)) if delays.size else 0.0
 
 
-@njit(cache=True)
+@cached_njit
 def timeline_of(acts: np.ndarray, heard: float, sent: np.ndarray, tau: float, slack: float) -> np.ndarray:
     """Return the commands that acted and those expected to (n, 5), ascending.
 
@@ -93,7 +93,7 @@ def timeline_of(acts: np.ndarray, heard: float, sent: np.ndarray, tau: float, sl
     return rows[:n]
 
 
-@njit(cache=True)
+@cached_njit
 def mean_control(rows: np.ndarray, begin: float, end: float) -> np.ndarray:
     """Return the mean over time of what acts from begin to end [s] (4), of a timeline that reaches back that far."""
     total = np.zeros(N_U)
@@ -105,7 +105,7 @@ def mean_control(rows: np.ndarray, begin: float, end: float) -> np.ndarray:
     return total / (end - begin)
 
 
-@njit(cache=True)
+@cached_njit
 def with_command(rows: np.ndarray, since: float, u: np.ndarray) -> np.ndarray:
     """Return a timeline with one more command, which acts from `since` [s], or once the last one does."""
     after = np.empty((len(rows) + 1, ROW))
@@ -115,7 +115,7 @@ def with_command(rows: np.ndarray, since: float, u: np.ndarray) -> np.ndarray:
     return after
 
 
-@njit(cache=True)
+@cached_njit
 def packed(tau: float, rows: np.ndarray, size: int) -> np.ndarray:
     """Return a timeline as a vector of a fixed size: [tau, number of rows, rows ..., zeros]."""
     vector = np.zeros(size)
@@ -124,7 +124,7 @@ def packed(tau: float, rows: np.ndarray, size: int) -> np.ndarray:
     return vector
 
 
-@njit(cache=True)
+@cached_njit
 def unpacked(vector: np.ndarray) -> np.ndarray:
     """Return the rows (n, 5) of a packed timeline."""
     return vector[2 : 2 + int(vector[1]) * ROW].copy().reshape(-1, ROW)
@@ -196,7 +196,7 @@ def command_log_box(scenario: Belief) -> Box:
     return Box("command_log", LOG, timeline_size(ticks), Values(numbers, start, tables))
 
 
-@njit(cache=True)
+@cached_njit
 def predicted_state(x: np.ndarray, b: np.ndarray, A: np.ndarray, s: float) -> np.ndarray:
     """Return x after s [s] of x_dot = A x + b; exact for A^4 = 0.
 
@@ -210,7 +210,7 @@ def predicted_state(x: np.ndarray, b: np.ndarray, A: np.ndarray, s: float) -> np
     return after
 
 
-@njit(cache=True)
+@cached_njit
 def reference_after(reference: np.ndarray, s: float) -> np.ndarray:
     """Return r, r_dot, r_ddot (9) after s [s] of the present acceleration."""
     later = reference.copy()
@@ -219,7 +219,7 @@ def reference_after(reference: np.ndarray, s: float) -> np.ndarray:
     return later
 
 
-@njit(cache=True)
+@cached_njit
 def state_ahead(
     xbar: np.ndarray,
     reference: np.ndarray,

@@ -15,8 +15,9 @@ pixel's centre has integer coordinates, so the share b_x lies at u = b_x width -
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
+
+from ortilo_drake.compiled.cached import cached_njit
 
 
 @register_jitable
@@ -34,7 +35,7 @@ def _best_class(head: np.ndarray, first: int, classes: int, row: int, column: in
     return best
 
 
-@njit(cache=True)
+@cached_njit
 def _decode(
     heads: tuple[np.ndarray, ...],
     anchors: tuple[np.ndarray, ...],
@@ -110,7 +111,7 @@ def overlap(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
     return both, (a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - both
 
 
-@njit(cache=True)
+@cached_njit
 def non_max_suppression(labels: np.ndarray, scores: np.ndarray, boxes: np.ndarray, iou: float) -> np.ndarray:
     """Return the numbers (k) of the boxes to keep, the best first, of equal scores the first first.
 

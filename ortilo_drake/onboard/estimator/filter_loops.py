@@ -8,9 +8,9 @@ and the rest is a Kalman filter of the N states [x; e], measured and then propag
 """
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.measurement import Layout
 from ortilo_drake.model.signals import N_I, N_X
 from ortilo_drake.onboard.estimator.intermittent_filter import (
@@ -29,7 +29,7 @@ def to_work_in(n: int, p: int) -> tuple[np.ndarray, np.ndarray]:
     return np.empty((max(n - N_I, p), n - N_I + 1)), np.empty((p, p))
 
 
-@njit(cache=True, _nrt=False)
+@cached_njit(_nrt=False)
 def step_in_place(
     rows: np.ndarray,
     S: np.ndarray,
@@ -74,7 +74,7 @@ def step_in_place(
     propagate(P, W, structure, rows)
 
 
-@njit(cache=True)
+@cached_njit
 def filter_step(
     belief: np.ndarray,
     y: np.ndarray,

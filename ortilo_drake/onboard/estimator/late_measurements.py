@@ -21,9 +21,9 @@ steps from there in the same way.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.measurement import Layout, Measurement
 from ortilo_drake.model.placing import fill, put
@@ -60,7 +60,7 @@ def empty_history(ticks: int, slot: Slot) -> np.ndarray:
     return history
 
 
-@njit(cache=True)
+@cached_njit
 def put_in(
     row: np.ndarray, slot: Slot, y: np.ndarray, V2: np.ndarray, sensor: int, first: np.ndarray, block: np.ndarray
 ) -> bool:
@@ -75,7 +75,7 @@ def put_in(
     return True
 
 
-@njit(cache=True)
+@cached_njit
 def reaches_back(history: np.ndarray, j: int, k: int) -> bool:
     """Return whether the history holds every tick from j to k; after a restart it has a gap."""
     if not 0 <= j <= k or k - j >= history.shape[0]:
@@ -121,7 +121,7 @@ def run_again(
         )
 
 
-@njit(cache=True)
+@cached_njit
 def with_acted(
     history: np.ndarray,
     slot: Slot,
@@ -156,7 +156,7 @@ def with_acted(
     return after
 
 
-@njit(cache=True, _nrt=False)
+@cached_njit(_nrt=False)
 def replay_in_place(
     rows: np.ndarray,
     S: np.ndarray,
@@ -200,7 +200,7 @@ def replay_in_place(
     run_again(rows, S, history, slot, first, k, belief, model, layout)
 
 
-@njit(cache=True)
+@cached_njit
 def row_of_past(history: np.ndarray, j: int) -> int:
     """Return the history's row of tick j, the oldest row if j is older, -1 if j is newer than all of it."""
     N = history.shape[0]

@@ -6,10 +6,11 @@ best assignments the same one is found.
 """
 
 import numpy as np
-from numba import njit
+
+from ortilo_drake.compiled.cached import cached_njit
 
 
-@njit(cache=True)
+@cached_njit
 def assign(costs: np.ndarray) -> np.ndarray:
     """Return the column of each row (k) by costs (k, n), k at most n, all finite."""
     rows, columns = costs.shape

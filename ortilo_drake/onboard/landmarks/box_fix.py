@@ -14,8 +14,8 @@ large, the box goes whose absence makes it smallest.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.cholesky import squared_norm_in_place
 from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.model.room import Room
@@ -30,7 +30,7 @@ def joint_limits(probability: float, most: int) -> np.ndarray:
     return np.array([0.0, *(squared_gate(probability, 2 * n) for n in range(1, most + 1))])
 
 
-@njit(cache=True)
+@cached_njit
 def joint_distance(e: np.ndarray, J: np.ndarray, P: np.ndarray, sd: np.ndarray) -> float:
     """Return d^2 of the differences e (2 n), of Jacobian J (2 n, 6), P (6 x 6) and the boxes' errors sd (2 n).
 
@@ -50,7 +50,7 @@ def joint_distance(e: np.ndarray, J: np.ndarray, P: np.ndarray, sd: np.ndarray) 
     return squared_norm_in_place(S, e.copy())
 
 
-@njit(cache=True)
+@cached_njit
 def jointly_compatible(e: np.ndarray, J: np.ndarray, P: np.ndarray, sd: np.ndarray, limits: np.ndarray) -> np.ndarray:
     """Return the boxes that are compatible, as indices in rising order.
 
@@ -71,7 +71,7 @@ def jointly_compatible(e: np.ndarray, J: np.ndarray, P: np.ndarray, sd: np.ndarr
     return kept
 
 
-@njit(cache=True)
+@cached_njit
 def distance_of(kept: np.ndarray, e: np.ndarray, J: np.ndarray, P: np.ndarray, sd: np.ndarray) -> float:
     """Return joint_distance of the boxes kept alone, of e (n, 2), J (n, 2, 6) and sd (n, 2) of all."""
     if kept.size == 0:
@@ -141,7 +141,7 @@ def prior_covariance(settings: LandmarkFixSettings) -> np.ndarray | None:
     return np.diag([position] * 3 + [angle] * 3 + [0.0] * (N_XBAR - 6)).ravel()
 
 
-@njit(cache=True)
+@cached_njit
 def boxes_to_solve(
     detections: np.ndarray, xhat: np.ndarray, P: np.ndarray, believed: BoxBelief, widened: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -164,7 +164,7 @@ def boxes_to_solve(
     return centers, positions[chosen], outlines[chosen], sds, chosen
 
 
-@njit(cache=True)
+@cached_njit
 def box_fix_message(
     found: bool, value: np.ndarray, covariance: np.ndarray, xhat: np.ndarray, stamp: float, rows: int
 ) -> np.ndarray:
@@ -183,7 +183,7 @@ def box_fix_message(
     return message
 
 
-@njit(cache=True)
+@cached_njit
 def refused_after(refused: float, is_fix: bool, detections: np.ndarray, believed: BoxBelief) -> float:
     """Return the number of refused images after one more: it rises if that could have given a fix and gave none."""
     if is_fix:

@@ -14,8 +14,8 @@ and landmarks in nearly one direction everything but the distance, poorly known.
 """
 
 import numpy as np
-from numba import njit
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.lens import bent
 from ortilo_drake.model.pinhole import Camera, point_pixels, straight_pixels
@@ -25,7 +25,7 @@ _ITERATIONS = 30
 _CONVERGED = 1e-9  # [m]
 
 
-@njit(cache=True)
+@cached_njit
 def rays(pixels: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """Return unit vectors towards pixels (n, 2) in B's axes (n, 3) and their derivatives (n, 3, 2) [1/px].
 
@@ -56,7 +56,7 @@ def rays(pixels: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     return b, db
 
 
-@njit(cache=True)
+@cached_njit
 def distances_from_cosines(b: np.ndarray, positions: np.ndarray, d: np.ndarray) -> tuple[bool, np.ndarray, np.ndarray]:
     """Return whether it converged, the distances (n), and d(b_j . b_k) / d d_i (pairs, n) where the last step began.
 
@@ -85,7 +85,7 @@ def distances_from_cosines(b: np.ndarray, positions: np.ndarray, d: np.ndarray) 
     return False, d, A
 
 
-@njit(cache=True)
+@cached_njit
 def trilaterate(d: np.ndarray, positions: np.ndarray, p: np.ndarray) -> tuple[bool, np.ndarray, np.ndarray]:
     """Return whether it converged, the point (3) at distances d (n) from positions (n, 3), and d point / d d.
 
@@ -109,7 +109,7 @@ def trilaterate(d: np.ndarray, positions: np.ndarray, p: np.ndarray) -> tuple[bo
     return False, p, np.zeros((3, n))
 
 
-@njit(cache=True)
+@cached_njit
 def cosine_law(
     centers: np.ndarray,
     positions: np.ndarray,

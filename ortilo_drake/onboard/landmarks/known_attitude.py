@@ -26,9 +26,9 @@ and fro across one (by a millimetre, say); so steps shrink after the first few.
 """
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.cholesky import scaled_inverse
 from ortilo_drake.model.elementary import power_of_two
 from ortilo_drake.model.equations import rotation_matrix
@@ -46,7 +46,7 @@ ATTITUDE_HELD = np.array([0, 1, 2, 3, 4, 5])
 TILT_HELD = np.array([0, 1, 2, 5, 3, 4])
 
 
-@njit(cache=True)
+@cached_njit
 def inverse_3x3(N: np.ndarray) -> tuple[bool, np.ndarray]:
     """Return whether a symmetric N >= 0 (3 x 3) is far enough from singular, and N^-1."""
     a, b = N[1, 1] * N[2, 2] - N[1, 2] ** 2, N[0, 2] * N[1, 2] - N[0, 1] * N[2, 2]
@@ -107,7 +107,7 @@ def add_boxes(
     return True
 
 
-@njit(cache=True)
+@cached_njit
 def pose_from_boxes(
     centers: np.ndarray,
     positions: np.ndarray,

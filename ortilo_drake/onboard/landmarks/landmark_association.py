@@ -16,9 +16,9 @@ its place, of the landmark or of the box, costs less than a margin more; such pa
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.pinhole import NEAR, Camera, box_and_jacobian, in_body_frame, sines
 from ortilo_drake.model.signals import DETECTION_SIZE, MAX_DETECTIONS, PAYLOAD
@@ -40,7 +40,7 @@ class Predicted(NamedTuple):
     """errors of the centres of boxes of the predicted size, see center_sd [px] (k, 2)."""
 
 
-@njit(cache=True)
+@cached_njit
 def whole_boxes(detections: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return class (k), centre (k, 2) and width + height (k) of the boxes that the image's border does not cut.
 
@@ -59,13 +59,13 @@ def whole_boxes(detections: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, 
     return labels[:k], centers[:k], spans[:k]
 
 
-@njit(cache=True)
+@cached_njit
 def pose_covariance(P: np.ndarray) -> np.ndarray:
     """Return the block of position and attitude (6, 6) of the filter's P (225, row by row)."""
     return np.ascontiguousarray(P.reshape((15, 15))[:6, :6])
 
 
-@njit(cache=True)
+@cached_njit
 def innovation_covariance(J: np.ndarray, P: np.ndarray, sd: np.ndarray) -> tuple[float, float, float]:
     """Return S_uu, S_uv, S_vv of S = J P J^T + diag(sd^2)."""
     S_uu, S_uv, S_vv = sd[0] ** 2, 0.0, sd[1] ** 2
@@ -77,13 +77,13 @@ def innovation_covariance(J: np.ndarray, P: np.ndarray, sd: np.ndarray) -> tuple
     return S_uu, S_uv, S_vv
 
 
-@njit(cache=True)
+@cached_njit
 def squared_distance(e_u: float, e_v: float, S_uu: float, S_uv: float, S_vv: float) -> float:
     """Return e^T S^-1 e."""
     return (S_vv * e_u**2 - 2.0 * S_uv * e_u * e_v + S_uu * e_v**2) / (S_uu * S_vv - S_uv**2)
 
 
-@njit(cache=True)
+@cached_njit
 def center_sd(size: float, sd: float, growth: float) -> float:
     """Return the error of a box's centre along an axis [px], by the box's size along it [px], the width for u.
 
@@ -131,7 +131,7 @@ def cost_of(costs: np.ndarray, column: np.ndarray) -> float:
     return total
 
 
-@njit(cache=True)
+@cached_njit
 def ambiguous(costs: np.ndarray, column: np.ndarray, n_boxes: int, margin: float) -> np.ndarray:
     """Return a mask (k) of the landmarks whose pairing is ambiguous: another one costs less than a margin more.
 
@@ -155,7 +155,7 @@ def ambiguous(costs: np.ndarray, column: np.ndarray, n_boxes: int, margin: float
     return doubtful
 
 
-@njit(cache=True)
+@cached_njit
 def associate(
     detections: np.ndarray,
     xhat: np.ndarray,

@@ -11,8 +11,8 @@ the path loses no fix.
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.geometry.line_of_sight import is_hidden, walls_crossed
 from ortilo_drake.model.pinhole import Camera, extent_box
@@ -51,7 +51,7 @@ def fix_sources(belief: Belief) -> FixSources:
     return FixSources(belief.measures_ranges, belief.sees_landmarks, sds, belief.yaw, belief.image_width)
 
 
-@njit(cache=True)
+@cached_njit
 def ranges_fix(p: np.ndarray, anchors: np.ndarray, boxes: np.ndarray, noise: np.ndarray) -> bool:
     """Return whether the ranges at p (3) to anchors (n, 3), past walls (m, 7), make a fix of at most FIX_SD."""
     n = anchors.shape[0]
@@ -67,7 +67,7 @@ def ranges_fix(p: np.ndarray, anchors: np.ndarray, boxes: np.ndarray, noise: np.
     return definite and C[0] + C[3] + C[5] <= FIX_SD**2
 
 
-@njit(cache=True)
+@cached_njit
 def landmarks_fix(
     p: np.ndarray,
     rpy: np.ndarray,

@@ -16,9 +16,9 @@ come, up to its variance, until it is none again.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.onboard.gate import squared_gate
 from ortilo_drake.onboard.ranging.clock_offset import fit_with_offset
 from ortilo_drake.onboard.ranging.range_equations import least_squares, normal_equations
@@ -76,7 +76,7 @@ def fit(
     return cost, p, C, clock
 
 
-@njit(cache=True)
+@cached_njit
 def consistent_fix(
     ranges: np.ndarray,
     there: np.ndarray,

@@ -7,9 +7,9 @@ that do not fit the others may be left out before (fault_exclusion.py).
 """
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.loop.plain import generic_twin_of
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.scalars import values_of
@@ -37,7 +37,7 @@ def put_fix(out: np.ndarray, stamp: float, p: Triple, C: Symmetric) -> None:
     put((xx, xy, xz, xy, yy, yz, xz, yz, zz), out, 5)
 
 
-@njit(cache=True, _nrt=False)
+@cached_njit(_nrt=False)
 def put_fix_message(
     uwb: np.ndarray,
     anchors: np.ndarray,
@@ -63,7 +63,7 @@ def put_fix_message(
         put_fix(out, uwb[1], p, C)
 
 
-@njit(cache=True)
+@cached_njit
 def tested_fix_message(
     uwb: np.ndarray,
     anchors: np.ndarray,

@@ -5,9 +5,9 @@ all three lies in the plane of their anchors, and across that plane J says nothi
 """
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.placing import fill
 from ortilo_drake.model.triples import Triple, cross, dot, minus, plus, times, triple
 from ortilo_drake.onboard.ranging.range_equations import NONE, Symmetric, fix_with_covariance, matrix
@@ -27,7 +27,7 @@ def next_nearest(ranges: np.ndarray, there: np.ndarray, used: np.ndarray) -> int
     return best
 
 
-@njit(cache=True, _nrt=False)
+@cached_njit(_nrt=False)
 def three_spheres(
     ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, p_last: Triple, used: np.ndarray
 ) -> tuple[bool, Triple, Symmetric]:
@@ -72,7 +72,7 @@ def three_spheres(
     return fix_with_covariance(plus(foot, times(side, up)), ranges, used, anchors, noise)
 
 
-@njit(cache=True)
+@cached_njit
 def nearest_three(
     ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, p_last: np.ndarray
 ) -> tuple[bool, np.ndarray, np.ndarray]:

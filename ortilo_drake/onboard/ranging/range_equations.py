@@ -19,9 +19,9 @@ image: the one nearer to the last estimate is taken.
 """
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.triples import Triple, dot, minus, plus, times, triple
 
 MAX_SD = 10.0  # a fix less certain than this, sqrt(tr C) [m], says nothing in a room
@@ -32,7 +32,7 @@ Symmetric = tuple[float, float, float, float, float, float]  # xx, xy, xz, yy, y
 NONE: Symmetric = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # the covariance of no fix
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@cached_njit(error_model="numpy", _nrt=False)
 def normal_equations(
     p: Triple | np.ndarray, ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray
 ) -> tuple[float, Symmetric, Triple]:
@@ -54,7 +54,7 @@ def normal_equations(
     return cost, (xx, xy, xz, yy, yz, zz), (gx, gy, gz)
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def inverse(N: Symmetric) -> tuple[bool, Symmetric]:
     """Return whether a symmetric 3x3 matrix is positive definite to rounding, and its inverse (cofactors)."""
     xx, xy, xz, yy, yz, zz = N
@@ -66,7 +66,7 @@ def inverse(N: Symmetric) -> tuple[bool, Symmetric]:
     return True, (a * s, b * s, c * s, (xx * zz - xz * xz) * s, (xy * xz - xx * yz) * s, (xx * yy - xy * xy) * s)
 
 
-@njit(cache=True)
+@cached_njit
 def product(C: Symmetric, g: Triple | np.ndarray) -> Triple:
     """Return C g."""
     return (
@@ -76,7 +76,7 @@ def product(C: Symmetric, g: Triple | np.ndarray) -> Triple:
     )
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@cached_njit(error_model="numpy", _nrt=False)
 def covariance_of_the_new(
     p: Triple | np.ndarray, ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, C: Symmetric
 ) -> Symmetric:
@@ -120,7 +120,7 @@ POOR = 2.0  # a fit with a greater mean of (e_i / sd_i)^2 may sit in a wrong min
 FLAT = 0.01  # anchors within about this of one plane count as in one plane [m]
 
 
-@njit(cache=True, _nrt=False)
+@cached_njit(_nrt=False)
 def linear_start(ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray) -> tuple[bool, Triple]:
     """Return whether there is a first guess of p without an estimate (not with anchors in one plane), and it.
 
@@ -147,7 +147,7 @@ def linear_start(ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray) -> 
     return definite and C[0] + C[3] + C[5] < 1.0 / FLAT**2, product(C, g)
 
 
-@njit(cache=True, _nrt=False)
+@cached_njit(_nrt=False)
 def descend(
     ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, p: Triple
 ) -> tuple[float, Triple]:
@@ -176,7 +176,7 @@ def descend(
     return np.inf, p
 
 
-@njit(cache=True, _nrt=False)
+@cached_njit(_nrt=False)
 def fit_all(
     ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, p_last: Triple
 ) -> tuple[bool, Triple, Symmetric]:
@@ -202,7 +202,7 @@ def fit_all(
     return fix_with_covariance(p, ranges, there, anchors, noise)
 
 
-@njit(cache=True)
+@cached_njit
 def least_squares(
     ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, p_last: np.ndarray
 ) -> tuple[bool, np.ndarray, np.ndarray]:

@@ -14,9 +14,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.elementary import sin_cos
 from ortilo_drake.model.hover import discretize, hover_A, hover_B
@@ -79,7 +79,7 @@ def command(
     )
 
 
-@njit(cache=True)
+@cached_njit
 def servo_control(
     xbar: np.ndarray,
     reference: np.ndarray,

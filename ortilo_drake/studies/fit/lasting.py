@@ -18,8 +18,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.scenario.noise_file import white_scales
 from ortilo_drake.studies.fit.greatest import TIMES, Interval, greatest, half_width, log_interval, normal_interval
 from ortilo_drake.studies.fit.sensor_errors import RangeErrors
@@ -30,7 +30,7 @@ LIMITS = ((0.02, 60.0), (1e-3, 5.0), (1e-3, 5.0), (1e-5, 0.4), (0.05, 30.0), (0.
 BLOCKS, NEAR = 10, (0.3,)  # of time, and the size of the search in each, in logarithms
 
 
-@njit(cache=True)
+@cached_njit
 def lasting_filter(
     t: np.ndarray,
     anchor: np.ndarray,

@@ -16,8 +16,8 @@ from itertools import combinations
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.interop.recorded.map_file import FilterSettings
 from ortilo_drake.studies.recorded.filter_types import RANGE, Events, Noise
 from ortilo_drake.studies.recorded.moved_anchors import point_text
@@ -106,7 +106,7 @@ def wrong_anchors_text(wrong: WrongAnchors, names: list[str]) -> str:
     return f"anchors {pairs}: exchanged they fit {better}: do their places, or their topics, stand for each other?"
 
 
-@njit(cache=True)
+@cached_njit
 def follow_ranges(bank: AnchorBank, events: Events, acceleration: float, sd: float, gate: float) -> None:
     """Take the ranges and differences among events in, in order.
 

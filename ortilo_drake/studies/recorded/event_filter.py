@@ -19,9 +19,9 @@ accelerometer that fails, are in imu_watch.py.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.onboard.estimator.tight.layout import THETA
 from ortilo_drake.onboard.estimator.tight.update import Taken, none_taken, settle
 from ortilo_drake.studies.recorded.anchor_trust import ASTRAY, Trust, accept_range, is_lost, new_trust, weigh_by
@@ -95,7 +95,7 @@ class Carried(NamedTuple):
     usual: np.ndarray
 
 
-@njit(cache=True)
+@cached_njit
 def initial_carried(anchors: int, N: int, t: float) -> Carried:
     """Return the values carried at the start of a run at t [s], with N error states."""
     row = SparseRow(np.zeros(ENTRIES, np.int64), np.zeros(ENTRIES), np.empty(N))
@@ -122,7 +122,7 @@ def _take_force(
         doubt_force(f, x, C, watched, t, h, aids)
 
 
-@njit(cache=True)
+@cached_njit
 def run_filter(
     events: Events,
     heard_all: EventValues,

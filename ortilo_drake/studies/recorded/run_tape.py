@@ -16,9 +16,9 @@ Source: G. J. Bierman, "Fixed interval smoothing with discrete measurements", In
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.signals import MAX_DETECTIONS
 from ortilo_drake.onboard.estimator.tight.inertial import turn
 from ortilo_drake.onboard.estimator.tight.layout import GYRO, N_INERTIAL, THETA, Q
@@ -150,7 +150,7 @@ def _through(M: np.ndarray, A: np.ndarray, keeps: np.ndarray) -> None:
             M[j, c] = kept + (top[j, c] if j < N_INERTIAL else top[N_INERTIAL, c] if j == N - 1 else 0.0)
 
 
-@njit(cache=True)
+@cached_njit
 def _back(tape: Tape, x: np.ndarray, P: np.ndarray, adjoint: np.ndarray, information: np.ndarray) -> None:
     """Go back through a tape; x (q, N + 1) and P (q, 3, 3) become the smoothed ones, adjoint and information go on."""
     step, number, asked, N = len(tape.A), len(tape.e), len(x), len(adjoint)

@@ -15,9 +15,9 @@ direction is known only where the vehicle accelerates sideways or, by the lever,
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of, turn
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Q, V
@@ -143,7 +143,7 @@ def _take_range(one: TurnFilter, ranging: Ranging, r: float, b: int, a: int, tag
     C -= np.outer(CH, CH) / S
 
 
-@njit(cache=True)
+@cached_njit
 def follow(one: TurnFilter, events: Events, heard: EventValues, ranging: Ranging) -> bool:
     """Take events in, in order; return False, with no more taken in, where imu or ranges were silent for too long."""
     marks, F = one.marks, np.eye(SIZE)

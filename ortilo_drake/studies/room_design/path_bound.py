@@ -11,8 +11,8 @@ reported of a room is the bound of every tick.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.sensors.information_rows import AMPLITUDE, GRADIENT, SLOW, TICK, VARIANCE
 
 STEPS = 200  # of a path, about
@@ -65,14 +65,14 @@ def step_information(rows: np.ndarray, steps: int, m: int) -> np.ndarray:
     return J
 
 
-@njit(cache=True)
+@cached_njit
 def _updated(P: np.ndarray, g: np.ndarray) -> np.ndarray:
     """Return P after a row of unit variance, P - P g g^T P / (g^T P g + 1)."""
     k = P @ g
     return P - np.outer(k, k / (1.0 + g @ k))
 
 
-@njit(cache=True)
+@cached_njit
 def position_variance(model: PathModel, J: np.ndarray, there: np.ndarray, least: int) -> np.ndarray:
     """Return the trace of the position's bound at the start of every step [m^2] (steps).
 

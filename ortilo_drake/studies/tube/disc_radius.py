@@ -12,7 +12,8 @@ Gauss-Legendre quadrature with x = R sin t. At 0.27 % the radius is 3 sigma for 
 import math
 
 import numpy as np
-from numba import njit
+
+from ortilo_drake.compiled.cached import cached_njit
 
 THREE_SIGMA = math.erfc(3.0 / math.sqrt(2.0))  # 0.27 %, what one dimension leaves outside 3 sigma
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
@@ -20,7 +21,7 @@ _REACH = 9.0  # standard deviations beyond which a density is nothing
 _LEAST = 1e-300  # so that Q has a logarithm
 
 
-@njit(cache=True)
+@cached_njit
 def outside_interval(low: float, high: float, m: float, s: float) -> float:
     """Return P(z < low or z > high) of z ~ N(m, s^2)."""
     if s == 0.0:
@@ -29,7 +30,7 @@ def outside_interval(low: float, high: float, m: float, s: float) -> float:
     return 0.5 * math.erfc((m - low) / scale) + 0.5 * math.erfc((high - m) / scale)
 
 
-@njit(cache=True)
+@cached_njit
 def outside_disc(R: float, m: np.ndarray, s: np.ndarray) -> float:
     """Return Q(R) for mean m (2) and standard deviations s (2) along the principal axes, s_1 >= s_2, s_1 > 0."""
     total = outside_interval(-R, R, m[0], s[0])
@@ -45,7 +46,7 @@ def outside_disc(R: float, m: np.ndarray, s: np.ndarray) -> float:
     return max(total, _LEAST)
 
 
-@njit(cache=True)
+@cached_njit
 def _radius(m: np.ndarray, s: np.ndarray, outside: float) -> float:
     """Return R with Q(R) = outside.
 
@@ -74,7 +75,7 @@ def _radius(m: np.ndarray, s: np.ndarray, outside: float) -> float:
     return float(math.sqrt(b))
 
 
-@njit(cache=True)
+@cached_njit
 def principal(m: np.ndarray, C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return a mean (2) turned into the principal axes of C (2 x 2), and the standard deviations there, s_1 >= s_2."""
     a, b, c = C[0, 0], C[0, 1], C[1, 1]
@@ -85,7 +86,7 @@ def principal(m: np.ndarray, C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.array([cos * m[0] + sin * m[1], cos * m[1] - sin * m[0]]), s
 
 
-@njit(cache=True)
+@cached_njit
 def disc_radii(means: np.ndarray, covariances: np.ndarray, outside: float) -> np.ndarray:
     """Return the radius R_k (n) of the disc about 0 that N(m_k, C_k) leaves with the probability `outside`, in (0, 1).
 
@@ -98,7 +99,7 @@ def disc_radii(means: np.ndarray, covariances: np.ndarray, outside: float) -> np
     return radii
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def least_margin(corridor: np.ndarray, means: np.ndarray, covariances: np.ndarray, outside: float) -> float:
     """Return the least of corridor_k - R_k, R of disc_radii, finding R_k only where it may be the least.
 
@@ -122,7 +123,7 @@ def least_margin(corridor: np.ndarray, means: np.ndarray, covariances: np.ndarra
     return least
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def outside_discs(radii: np.ndarray, means: np.ndarray, covariances: np.ndarray) -> np.ndarray:
     """Return the probability (n) with which N(m_k, C_k) leaves the disc of R_k > 0 about 0. Arguments as disc_radii."""
     outside = np.empty(radii.shape[0])

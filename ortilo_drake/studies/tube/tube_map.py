@@ -30,8 +30,8 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import BernoulliLoss, Loss, NoLoss, Scenario
 from ortilo_drake.scenario.loss_chain import loss_of, loss_parameters
@@ -63,7 +63,7 @@ def arrivals_of_seed(scenario: Scenario, nominal: NominalFlight, seed: int) -> n
     return arrives
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def _kept_by_link(there: np.ndarray, r: np.ndarray, loss: np.ndarray, seed: int, stream: np.uint64) -> np.ndarray:
     """Return a mask (n) of the messages that a link does not lose, its blackouts aside."""
     kept, bad, no_blackouts = np.zeros_like(there), False, np.empty((0, 3))

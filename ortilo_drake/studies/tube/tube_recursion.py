@@ -54,8 +54,8 @@ times and narrower at others: a mixture, whose tails are longer than the Gaussia
 """
 
 import numpy as np
-from numba import njit
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.measurement import Layout
 from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATOR_ESTIMATE, INTEGRATOR_LITERAL
 from ortilo_drake.studies.tube.tube_kernel import (
@@ -69,7 +69,7 @@ from ortilo_drake.studies.tube.tube_kernel import (
 )
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def propagate(
     Phi: np.ndarray,
     Gamma: np.ndarray,

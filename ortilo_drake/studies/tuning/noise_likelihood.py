@@ -18,9 +18,9 @@ C. Varin, N. Reid, D. Firth, "An overview of composite likelihood methods", Stat
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.measurement import Layout
 from ortilo_drake.onboard.estimator.kalman import Structure, measure, predict, propagate, structure_of
 
@@ -105,7 +105,7 @@ def predictor_step(
     return total
 
 
-@njit(cache=True)
+@cached_njit
 def log_likelihood(record: Record, noise: NoiseModel, Phi: np.ndarray, Gamma: np.ndarray, counts: np.ndarray) -> float:
     """Return log L of one record; NaN if a covariance is not positive definite.
 
@@ -119,7 +119,7 @@ def log_likelihood(record: Record, noise: NoiseModel, Phi: np.ndarray, Gamma: np
     return total
 
 
-@njit(cache=True)
+@cached_njit
 def refilter(record: Record, noise: NoiseModel, Phi: np.ndarray, Gamma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return xhat_{k|k-1} (n, 12) and P_k (n, 12, 12) of a filter on a record; arguments as log_likelihood."""
     n = record.y.shape[0]

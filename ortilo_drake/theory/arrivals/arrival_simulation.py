@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.theory.arrivals.arrivals import Model
 from ortilo_drake.theory.arrivals.expected_riccati_kernel import averaged_update, predicted
 
@@ -43,7 +43,7 @@ def draw_markov(
     return patterns
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def _last_covariances(
     P_0: np.ndarray,
     A: np.ndarray,

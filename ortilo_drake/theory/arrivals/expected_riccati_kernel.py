@@ -7,9 +7,9 @@ the last bit.
 """
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.cholesky import forward_in_place
 
 
@@ -100,7 +100,7 @@ def largest_change(before: np.ndarray, after: np.ndarray) -> float:
     return change
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def coupled_fixed_point(
     X: np.ndarray,
     A: np.ndarray,

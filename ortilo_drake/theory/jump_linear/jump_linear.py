@@ -16,9 +16,9 @@ import contextlib
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.typed_yaml import InputError
 
 DENSE = 100  # up to this many unknowns the operator's matrix is made and all its eigenvalues found
@@ -49,7 +49,7 @@ def stationary(transition: np.ndarray) -> np.ndarray:
     return np.linalg.lstsq(equations, np.append(np.zeros(M), 1.0), rcond=None)[0]
 
 
-@njit(cache=True)
+@cached_njit
 def over_a_tick(A: np.ndarray, chance: np.ndarray, transition: np.ndarray, S: np.ndarray) -> np.ndarray:
     """Return the linear part of (*) with a tick's A (P, n, n) applied to S (M, n, n)."""
     after = np.zeros(S.shape)
@@ -63,7 +63,7 @@ def over_a_tick(A: np.ndarray, chance: np.ndarray, transition: np.ndarray, S: np
     return after
 
 
-@njit(cache=True)
+@cached_njit
 def over_periods(periods: int, A: np.ndarray, chance: np.ndarray, transition: np.ndarray, S: np.ndarray) -> np.ndarray:
     """Return the linear part of (*) over some periods, A (T, P, n, n), applied to S (M, n, n)."""
     for k in range(periods * A.shape[0]):
@@ -114,7 +114,7 @@ def steady_second_moment(system: JumpLinear) -> np.ndarray:
     return _settle(A, system.chance, system.transition, noise, ACCURACY / max(to_come, 1.0))
 
 
-@njit(cache=True)
+@cached_njit
 def _settle(
     A: np.ndarray, chance: np.ndarray, transition: np.ndarray, noise: np.ndarray, accuracy: float
 ) -> np.ndarray:

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba import njit
 from pydrake.common import MemoryFile
 from pydrake.geometry import InMemoryMesh, LightParameter, Mesh, ReadObjToTriangleSurfaceMesh, SceneGraph
 from pydrake.math import RigidTransform
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.optional import later
 from ortilo_drake.model.room import CameraModel, Room
 from ortilo_drake.model.typed_yaml import InputError
@@ -190,7 +190,7 @@ def render_scene(kind: str, seed: int, scene: int, frames: int, width: int) -> F
     return Frames(np.array([image for image, _ in pictures]), np.array([labels for _, labels in pictures]))
 
 
-@njit(cache=True)
+@cached_njit
 def silhouette_pixels(uv: np.ndarray, triangles: np.ndarray, width: int, height: int) -> int:
     """Return the number of pixels whose centres a mesh covers, as the renderer counts them.
 

@@ -4,9 +4,9 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.geometry.line_of_sight import crosses_cylinder
@@ -128,7 +128,7 @@ def with_range_fault(message: np.ndarray, faults: FaultTable, i: int, moment: Mo
 _YAW, _RATES = PAYLOAD + 2, PAYLOAD + 3  # in an imu message
 
 
-@njit(cache=True)
+@cached_njit
 def with_fault(message: np.ndarray, faults: FaultTable, i: int, moment: Moment) -> np.ndarray:
     """Return a sensor's message under fault i, which is none of a stuck sensor."""
     if message[ARRIVED] == 0.0 or not is_active(faults, i, moment.t):

@@ -9,9 +9,9 @@ from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
@@ -187,7 +187,7 @@ def scene_table(faults: tuple[AnyFault, ...]) -> FaultTable:
     return table_of([its for its in numbered(faults) if is_of_scene(its.fault)])
 
 
-@njit(cache=True)
+@cached_njit
 def scene_at(room: Surroundings, faults: FaultTable, t: float) -> Scene:
     """Return the scene at t [s] of a room without faults."""
     there = np.ones(room.positions.shape[0], dtype=np.bool_)

@@ -7,8 +7,8 @@ torques unchanged; so does its accelerometer. So a dropped load is a change of t
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_U
@@ -43,7 +43,7 @@ def force_table(faults: tuple[AnyFault, ...]) -> FaultTable:
     return table_of([one for one in numbered(faults) if isinstance(one.fault, Gust | LoadDropped)])
 
 
-@njit(cache=True)
+@cached_njit
 def wrench_at(u: np.ndarray, faults: FaultTable, t: float) -> np.ndarray:
     """Return u = T_1 ... T_n u_c (4) of a commanded u_c at t [s], as it acts on a body of the old mass."""
     acting = u.copy()
@@ -53,7 +53,7 @@ def wrench_at(u: np.ndarray, faults: FaultTable, t: float) -> np.ndarray:
     return acting
 
 
-@njit(cache=True)
+@cached_njit
 def force_at(d: np.ndarray, faults: FaultTable, t: float) -> np.ndarray:
     """Return a disturbance d (6) with the faults at t [s], as it acts on a body of the old mass."""
     acting = d.copy()

@@ -14,8 +14,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_U
@@ -30,13 +30,13 @@ _FLYING = 1 + N_U
 _PACKET = 1 + N_U  # a packet in flight: 1 if it was sent, and the command
 
 
-@njit(cache=True)
+@cached_njit
 def is_lost(k: int, bad: bool, loss: np.ndarray, seed: int, stream: np.uint64) -> bool:
     """Return whether the packet sent at tick k is lost; loss as loss_parameters returns it."""
     return uniforms(seed, stream, k, 1)[0] < loss[3 if bad else 2]
 
 
-@njit(cache=True)
+@cached_njit
 def applied_command(
     k: int,
     state: np.ndarray,
@@ -63,7 +63,7 @@ def applied_command(
     return state[_HELD].copy() if holds else fallback.copy()
 
 
-@njit(cache=True)
+@cached_njit
 def arriving(k: int, state: np.ndarray, loss: np.ndarray, seed: int, stream: np.uint64) -> int:
     """Return the tick of the command that begins to act in tick k, -1 if none arrives; arguments as applied_command."""
     d = (state.shape[0] - _FLYING) // _PACKET
@@ -72,7 +72,7 @@ def arriving(k: int, state: np.ndarray, loss: np.ndarray, seed: int, stream: np.
     return k - d if state[_FLYING + (k % d) * _PACKET] == 1.0 else -1
 
 
-@njit(cache=True)
+@cached_njit
 def link_after(
     k: int, state: np.ndarray, u: np.ndarray, applied: np.ndarray, loss: np.ndarray, seed: int, stream: np.uint64
 ) -> np.ndarray:

@@ -10,9 +10,9 @@ at tick k with a delay of d ticks arrives at tick k + d; d = 0 is the same tick.
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.scalars import values_of
@@ -26,7 +26,7 @@ _TIME = 3  # a blackout's axis, after x, y, z
 _LOST, _DELAY, _CHAIN = 0, 1, 2  # what each uniform number of a tick decides
 
 
-@njit(cache=True, _nrt=False)
+@cached_njit(_nrt=False)
 def delay_of_message(
     k: int,
     p_WB: np.ndarray,
@@ -74,14 +74,14 @@ def delay_of_tick(
     return delay_of_message(k, p_WB, bad, loss, blackouts, delays, seed, stream)
 
 
-@njit(cache=True, _nrt=False)
+@cached_njit(_nrt=False)
 def chain_after(k: int, bad: bool, loss: np.ndarray, seed: int, stream: np.uint64) -> bool:
     """Return whether the chain is bad at tick k + 1, from what it is at tick k."""
     u = four_uniforms(seed, stream, k)[_CHAIN]
     return u >= loss[1] if bad else u < loss[0]
 
 
-@njit(cache=True)
+@cached_njit
 def put_in_flight(flying: np.ndarray, arrival: int, message: np.ndarray) -> None:
     """Put a message (n) among those in flight, rows (tick of arrival, message) (D, 1 + n).
 

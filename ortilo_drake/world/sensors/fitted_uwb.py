@@ -27,10 +27,10 @@ three degrees of freedom, so w = z / length sqrt(3 / chi²_3) with z standard no
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 from scipy.special import ndtr
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.room import Room
@@ -45,7 +45,7 @@ FEATURES = 200
 NUMBERS = 8  # that a feature is drawn by: three of z, three of chi², its phase, n
 
 
-@njit(cache=True)
+@cached_njit
 def field_at(w: np.ndarray, u: np.ndarray, amplitude: np.ndarray, p: np.ndarray) -> float:
     """Return a field at a place p (3), of its features (M, 3), (M) and (M)."""
     total = 0.0 * p[0]
@@ -142,7 +142,7 @@ def largest_sd(noise: UwbNoise) -> float:
     return constant + s * float(np.linalg.norm([white, noise.outliers.sd, *lasts]))
 
 
-@njit(cache=True)
+@cached_njit
 def outlier_rows(anchor: np.ndarray, odd: np.ndarray, u: np.ndarray, begins: float, ends: float) -> np.ndarray:
     """Return a mask (m) of the outlier rows, of the anchor of each row and of uniform numbers u on [0, 1) (m).
 

@@ -7,9 +7,9 @@ The very numbers that a detector's rates and errors are measured by (training/ca
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.equations import rotation_matrix
 from ortilo_drake.model.geometry.line_of_sight import crosses_box, crosses_cylinder
 from ortilo_drake.model.pinhole import NEAR, Camera, extent_box, in_body_frame
@@ -92,7 +92,7 @@ def hide(
     return n_hidden
 
 
-@njit(cache=True)
+@cached_njit
 def visible_share(p_WC: np.ndarray, i: int, room: Surroundings) -> float:
     """Return the share of landmark i's sample points that the camera at p_WC (3, in W) sees."""
     p_WL, size, boxes, cylinders = room.positions[i], room.sizes[i], room.boxes, room.cylinders
@@ -139,7 +139,7 @@ def view_box(
     return distance, width * height / ((box[2] - box[0]) * (box[3] - box[1]))
 
 
-@njit(cache=True)
+@cached_njit
 def landmark_views(x: np.ndarray, room: Surroundings, camera: Camera, limits: np.ndarray) -> np.ndarray:
     """Return a row for each landmark that is in the image, in the map's order (k, VIEW_SIZE).
 

@@ -7,9 +7,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.equations import rotation_matrix
@@ -36,7 +36,7 @@ def _write_row(message: np.ndarray, row: int, label: float, score: float, box: n
     put(box, message, start + 2)
 
 
-@njit(cache=True)
+@cached_njit
 def poisson(u: float, mean: float, largest: int) -> int:
     """Return the Poisson number of a mean that belongs to u in [0, 1), by inversion; at most largest."""
     term = np.exp(-mean)
@@ -48,7 +48,7 @@ def poisson(u: float, mean: float, largest: int) -> int:
     return k
 
 
-@njit(cache=True)
+@cached_njit
 def detections_message(
     x: np.ndarray,
     room: Surroundings,
@@ -120,7 +120,7 @@ def detections_message(
     return message
 
 
-@njit(cache=True)
+@cached_njit
 def body_that_looks_ahead(x: np.ndarray, p_BC: np.ndarray, rpy: np.ndarray) -> np.ndarray:
     """Return the state (12) of a body whose camera, at the same p_BC, looks ahead as a turned one does on this body.
 

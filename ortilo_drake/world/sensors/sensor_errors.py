@@ -3,8 +3,8 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import ARRIVED, PAYLOAD
@@ -56,7 +56,7 @@ def bias_of(drawn: Drawn, sensor: str, n: int) -> np.ndarray:
     return drawn.get(f"sensors.{sensor}.bias", np.zeros(n))
 
 
-@njit(cache=True)
+@cached_njit
 def message_with_error(message: np.ndarray, factor: np.ndarray, error: np.ndarray, flagged: bool) -> np.ndarray:
     """Return a message with c_i (y_i + e_i) in place of its payload's first n numbers y_i, if it is there.
 

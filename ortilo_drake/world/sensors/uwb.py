@@ -3,9 +3,9 @@
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.geometry.line_of_sight import walls_crossed
@@ -54,7 +54,7 @@ def put_uwb_message(
         message[2 + n + i] = 1.0
 
 
-@njit(cache=True)
+@cached_njit
 def uwb_message(
     x: np.ndarray,
     anchors: np.ndarray,

@@ -6,9 +6,9 @@ A message holds the newest ACTS of them, so that the content of a lost message i
 from typing import Any
 
 import numpy as np
-from numba import njit
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import ACT_SIZE, ACTED_SIZE, ACTS, ARRIVED, N_U, PAYLOAD, STAMP
@@ -18,7 +18,7 @@ NO_COMMAND = -1.0  # the stamp of what acts without a command
 _SINCE, _STAMP, _U = 0, 1, 2
 
 
-@njit(cache=True)
+@cached_njit
 def acts_after(acts: np.ndarray, t: float, stamp: float, u: np.ndarray, h: float) -> np.ndarray:
     """Return the newest commands that acted (ACTS, 6), newest first, once u (4) acts at time t [s].
 

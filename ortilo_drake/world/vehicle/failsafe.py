@@ -17,10 +17,10 @@ of the horizontal position. The plant knows no floor: for standing on it the veh
 """
 
 import numpy as np
-from numba import njit
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem, ValueProducer
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.signals import N_U, N_X
 from ortilo_drake.model.vehicle import GRAVITY, Vehicle
 from ortilo_drake.scenario.world import Failsafe as FailsafeSettings
@@ -33,7 +33,7 @@ _MODE, _SINCE, _Z, _PSI = range(4)  # the state: index in MODES; when, at which 
 _STATE_SIZE = 4
 
 
-@njit(cache=True)
+@cached_njit
 def failsafe_state(
     t: float, s: np.ndarray, command: np.ndarray, x: np.ndarray, timeout: float, hold_for: float
 ) -> np.ndarray:
@@ -50,7 +50,7 @@ def failsafe_state(
     return np.array([mode, s[_SINCE], s[_Z], s[_PSI]])
 
 
-@njit(cache=True)
+@cached_njit
 def hold_control(
     x: np.ndarray,
     z_r: float,
@@ -91,7 +91,7 @@ def hold_control(
     )
 
 
-@njit(cache=True)
+@cached_njit
 def failsafe_control(
     s: np.ndarray,
     command: np.ndarray,

@@ -10,12 +10,12 @@ import sys
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.framework import BasicVector_, LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.signals import N_U
 from ortilo_drake.model.vehicle import M100, Vehicle, mixing_inverse, mixing_matrix
@@ -40,7 +40,7 @@ def put_times(product: np.ndarray, M: np.ndarray, v: np.ndarray) -> None:
         product[i] = total
 
 
-@njit(cache=True)
+@cached_njit
 def commanded_speeds(u: np.ndarray, M_inverse: np.ndarray, max_speed: float) -> np.ndarray:
     """Return the rotor speeds (n) that make u, by M^+ (n x 4), each limited to [0, max_speed] [rad/s]."""
     squared = times(M_inverse, u)
@@ -58,7 +58,7 @@ def put_acceleration(
         acceleration[i] = error / (time_constant[0] if error >= 0.0 else time_constant[1])
 
 
-@njit(cache=True)
+@cached_njit
 def rotor_acceleration(speeds: np.ndarray, commanded: np.ndarray, time_constant: np.ndarray) -> np.ndarray:
     """Return the lag of put_acceleration (n)."""
     acceleration = np.empty_like(speeds)
@@ -66,7 +66,7 @@ def rotor_acceleration(speeds: np.ndarray, commanded: np.ndarray, time_constant:
     return acceleration
 
 
-@njit(cache=True)
+@cached_njit
 def wrench_of(speeds: np.ndarray, M: np.ndarray) -> np.ndarray:
     """Return u = M [W_1^2 ... W_n^2]."""
     return times(M, speeds**2)

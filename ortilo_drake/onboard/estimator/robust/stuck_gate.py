@@ -7,9 +7,9 @@ refuses it in time. But no sensor with noise says the same twice.
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ARRIVED, PAYLOAD, STAMP
@@ -30,7 +30,7 @@ def put_said(message: np.ndarray, samples: int, said: np.ndarray) -> None:
             at += 1
 
 
-@njit(cache=True)
+@cached_njit
 def repeats(said: np.ndarray, last: np.ndarray) -> float:
     """Return the number of equal messages in a row, the one that says this (n) included.
 

@@ -25,8 +25,8 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.loop.element import Box, Element, Values, parts_of
 from ortilo_drake.loop.plain import generic_twin_of
 from ortilo_drake.model.cholesky import squared_norm_in_place
@@ -106,7 +106,7 @@ def initial_gate_state(sensors: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
     return np.tile([NEVER, 1.0, 0.0], (sensors, 1)), np.full(N_X, NEVER), np.zeros(3)
 
 
-@njit(cache=True)
+@cached_njit
 def squared_distances(e: np.ndarray, CPCt: np.ndarray, V: np.ndarray, scale: float) -> tuple[float, float]:
     """Return d^2 with V as it is, and with V scaled; inf or NaN, which no gate lets pass, where there is none."""
     if not (
@@ -119,7 +119,7 @@ def squared_distances(e: np.ndarray, CPCt: np.ndarray, V: np.ndarray, scale: flo
     return plain, squared_norm_in_place(CPCt + scale * V, e.copy())
 
 
-@njit(cache=True)
+@cached_njit
 def weight_of(squared: float, rows: int, huber: float, dof: float) -> float:
     """Return w, the factor on a value's covariance, at least 1; huber or dof is inf."""
     if huber < np.inf:
@@ -127,7 +127,7 @@ def weight_of(squared: float, rows: int, huber: float, dof: float) -> float:
     return max(1.0, (dof + squared) / (dof + rows))
 
 
-@njit(cache=True)
+@cached_njit
 def judge_sensors(
     y: np.ndarray,
     delta: np.ndarray,
@@ -195,7 +195,7 @@ def judge_values(*judged: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.n
     return found
 
 
-@njit(cache=True)
+@cached_njit
 def weighed(
     y: np.ndarray, delta: np.ndarray, V2: np.ndarray, factors: np.ndarray, first: np.ndarray, block: np.ndarray
 ) -> np.ndarray:

@@ -5,9 +5,9 @@ with the E of model/equations.py, and to first order the Euler rates err by E^-1
 """
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.cholesky import forward_in_place
 from ortilo_drake.model.elementary import sin_cos
 from ortilo_drake.model.products import times
@@ -31,7 +31,7 @@ def wrapped(angle: float) -> float:
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
-@njit(cache=True)
+@cached_njit
 def take_angles(
     x: np.ndarray,
     C: np.ndarray,
@@ -66,7 +66,7 @@ def take_angles(
     return used
 
 
-@njit(cache=True)
+@cached_njit
 def take_fix(
     x: np.ndarray,
     C: np.ndarray,

@@ -14,9 +14,9 @@ The noise of a sample enters theta by dt n_g and dv by dt n_a.
 """
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.elementary import arctan2, cos, sin, sin_cos
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.vehicle import GRAVITY
@@ -86,7 +86,7 @@ def angles_of(q: np.ndarray) -> np.ndarray:
     )
 
 
-@njit(cache=True)
+@cached_njit
 def inertial_step(
     x: np.ndarray, A: np.ndarray, N: np.ndarray, w: np.ndarray, f: np.ndarray, dt: float, variances: np.ndarray
 ) -> None:
@@ -154,7 +154,7 @@ def _advance(
             M[THETA + i, j] = turned_i
 
 
-@njit(cache=True)
+@cached_njit
 def propagate_covariance(
     C: np.ndarray, A: np.ndarray, N: np.ndarray, keeps: np.ndarray, steps: np.ndarray, scratch: np.ndarray
 ) -> None:

@@ -9,9 +9,9 @@ association, the covariance being that of the pose at the stamp.
 """
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.pinhole import Camera, box_and_jacobian, sines
 from ortilo_drake.model.placing import put
 from ortilo_drake.onboard.estimator.tight.aids import Aids
@@ -22,7 +22,7 @@ from ortilo_drake.onboard.estimator.tight.update import Taken, correct, innovati
 from ortilo_drake.onboard.landmarks.landmark_association import center_sd
 
 
-@njit(cache=True)
+@cached_njit
 def pose_belief(x: np.ndarray, C: np.ndarray, layout: Layout, clone: int) -> tuple[np.ndarray, np.ndarray]:
     """Return a pose as the association takes it: xhat (15), and P (225) of position and Euler angles in it."""
     p_WB, q_WB = pose_of(x, layout, clone)
@@ -130,7 +130,7 @@ def box_misfit(
     return squared, S_u
 
 
-@njit(cache=True)
+@cached_njit
 def take_boxes(
     x: np.ndarray,
     C: np.ndarray,

@@ -18,9 +18,9 @@ to now, are left out. No clock of the vehicle is in a difference.
 """
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.range_pairs import AGE, ROW, THERE, VALUE, A, B
 from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.onboard.estimator.tight.aids import Aids
@@ -97,7 +97,7 @@ def signed_range(
     return d, m
 
 
-@njit(cache=True)
+@cached_njit
 def take_ranges(
     x: np.ndarray, C: np.ndarray, layout: Layout, message: np.ndarray, aids: Aids, clone: int
 ) -> tuple[int, int, int]:
@@ -162,7 +162,7 @@ def take_ranges(
     return used, refused, longer
 
 
-@njit(cache=True)
+@cached_njit
 def take_differences(
     x: np.ndarray, C: np.ndarray, layout: Layout, message: np.ndarray, aids: Aids, clone: int
 ) -> tuple[int, int]:

@@ -1,9 +1,9 @@
 """The tight filter's updates by the messages of a tick: imu, ranges, boxes, each at its stamp."""
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.signals import ARRIVED, STAMP
 from ortilo_drake.onboard.estimator.tight.aids import Aids
 from ortilo_drake.onboard.estimator.tight.attitude_rows import take_angles
@@ -17,7 +17,7 @@ from ortilo_drake.onboard.landmarks.landmark_association import associate
 PRESENT, NOT_TAKEN = -1, -2  # in place of a clone's number
 
 
-@njit(cache=True)
+@cached_njit
 def clone_of(message: np.ndarray, now: float, h: float, clones: int) -> int:
     """Return the clone of a message's stamp, PRESENT for t_k, NOT_TAKEN if it did not arrive or is too old.
 
@@ -34,7 +34,7 @@ def _is_news(message: np.ndarray, last: np.ndarray, watches: bool) -> bool:
     return not watches or not says_again(message, last)
 
 
-@njit(cache=True)
+@cached_njit
 def take_messages(
     x: np.ndarray,
     C: np.ndarray,

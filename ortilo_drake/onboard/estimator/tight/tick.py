@@ -10,9 +10,9 @@ the biases are what they were before.
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.products import product, times
 from ortilo_drake.model.signals import N_X
@@ -105,7 +105,7 @@ class Motion(NamedTuple):
     """the heading that is held [rad]: yaw is told within half a turn of it."""
 
 
-@njit(cache=True)
+@cached_njit
 def propagate_to_now(
     x: np.ndarray,
     C: np.ndarray,
@@ -161,7 +161,7 @@ def propagate_to_now(
     return count
 
 
-@njit(cache=True)
+@cached_njit
 def keep_pose(x: np.ndarray, C: np.ndarray, layout: Layout) -> None:
     """Make the present pose the first of the clones; the oldest is dropped."""
     if layout.clones == 0:
@@ -184,7 +184,7 @@ def keep_pose(x: np.ndarray, C: np.ndarray, layout: Layout) -> None:
             row[core + k], row[core + 3 + k] = row[P + k], row[THETA + k]
 
 
-@njit(cache=True)
+@cached_njit
 def predict_next_tick(
     x: np.ndarray, C: np.ndarray, kept: np.ndarray, u: np.ndarray, motion: Motion, ahead: np.ndarray
 ) -> None:

@@ -18,9 +18,9 @@ within c standard deviations sqrt(S) and takes r |e| / (c sqrt(S)) beyond (Huber
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.onboard.estimator.tight.inertial import turn
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, THETA, Q
 
@@ -68,7 +68,7 @@ def keep_row(taken: Taken, PHt: np.ndarray, S: float) -> None:
     taken.number[0] += 1
 
 
-@njit(cache=True)
+@cached_njit
 def settle(C: np.ndarray, taken: Taken) -> None:
     """Take what is kept from the covariance: C <- C - sum g g^T, symmetric; nothing is kept then."""
     n, count = C.shape[0], taken.number[0]
@@ -96,7 +96,7 @@ def settle(C: np.ndarray, taken: Taken) -> None:
     taken.number[0] = 0
 
 
-@njit(cache=True)
+@cached_njit
 def innovation_variance(
     C: np.ndarray, taken: Taken, where: np.ndarray, row: np.ndarray, m: int, PHt: np.ndarray
 ) -> float:
@@ -124,7 +124,7 @@ def innovation_variance(
     return S
 
 
-@njit(cache=True)
+@cached_njit
 def correct(x: np.ndarray, taken: Taken, PHt: np.ndarray, S: float, e: float, core: int) -> None:
     """Correct the nominal state by an innovation e of variance S, and keep what it takes from the covariance.
 
@@ -136,7 +136,7 @@ def correct(x: np.ndarray, taken: Taken, PHt: np.ndarray, S: float, e: float, co
     inject(x, PHt, core)
 
 
-@njit(cache=True)
+@cached_njit
 def update(
     x: np.ndarray,
     C: np.ndarray,

@@ -12,8 +12,8 @@ the state: the measurements decide what has become of it.
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.onboard.estimator.tight.layout import GYRO, THETA, Layout
 
@@ -42,7 +42,7 @@ class Watch(NamedTuple):
     """variance that the error of all ranges gets [m^2]."""
 
 
-@njit(cache=True)
+@cached_njit
 def says_again(message: np.ndarray, last: np.ndarray) -> bool:
     """Return whether a message's payload, not all of it 0 or less, is the last one's (m); that becomes this one's."""
     same, says = True, False
@@ -54,7 +54,7 @@ def says_again(message: np.ndarray, last: np.ndarray) -> bool:
     return same and says
 
 
-@njit(cache=True)
+@cached_njit
 def watch_angles(C: np.ndarray, watched: np.ndarray, normalized: np.ndarray, watch: Watch) -> bool:
     """Open the gyroscope's bias if the angles lean to one side; return whether they did.
 
@@ -72,7 +72,7 @@ def watch_angles(C: np.ndarray, watched: np.ndarray, normalized: np.ndarray, wat
     return doubted
 
 
-@njit(cache=True)
+@cached_njit
 def watch_ranges(
     C: np.ndarray, watched: np.ndarray, layout: Layout, used: int, refused: int, longer: int, watch: Watch
 ) -> bool:

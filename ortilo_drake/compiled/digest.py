@@ -48,6 +48,8 @@ def _parts(value: Any, seen: set[int]) -> Iterator[str]:
             seen.add(id(function))
             yield f"{function.__module__}.{function.__qualname__}"  # numba's cache has the module's name in it
             yield from _of_code(function.__code__)
+            for default in (*(function.__defaults__ or ()), *(function.__kwdefaults__ or {}).values()):
+                yield from _parts(default, seen)
             for name, used in _used(function):
                 yield name
                 yield from _parts(used, seen)
