@@ -1,7 +1,7 @@
-"""The belief of the filter, [xhat, P row by row], and its parts.
+"""The belief of the filter, [xhat, P row by row], and the parts of it.
 
-A filter of xbar = [x; e; i], e the states between (extra_states.py), shows the others what it has of [x; i]. Of an
-estimator that says its estimate and its covariance apart, elements put the belief of [x; i] together.
+A filter of xbar = [x; e; i], with extra states e (extra_states.py), gives other parts its belief of [x; i] only. The
+elements below make the belief of [x; i] from an estimator with separate outputs for estimate and covariance.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from ortilo_drake.model.signals import N_I, N_X, N_XBAR
 
 @register_jitable
 def put_vehicle_part(out: np.ndarray, belief: np.ndarray, n: int) -> None:
-    """Write [xhat, P row by row] of [x; i] alone to out (240), from that of [x; e; i] (n + n^2)."""
+    """Write the belief [xhat, P row by row] of [x; i] to out (240), given the belief of [x; e; i] (n + n^2)."""
     for i in range(N_XBAR):
         row = i if i < N_X else n - N_XBAR + i
         out[i] = belief[row]
@@ -23,9 +23,9 @@ def put_vehicle_part(out: np.ndarray, belief: np.ndarray, n: int) -> None:
 
 
 def with_vehicle_part(belief: np.ndarray, n: int, xbar: np.ndarray, P: np.ndarray) -> np.ndarray:
-    """Return [xhat, P row by row] of [x; e; i] with this [x; i] (15), of covariance P (15 x 15).
+    """Return the belief of [x; e; i] (n + n^2) after [x; i] is replaced by xbar (15) with covariance P (15 x 15).
 
-    The states between keep their values and covariance, uncorrelated with the new ones.
+    The states e keep their values and covariance; their correlation with [x; i] becomes 0.
     """
     known = np.concatenate((np.arange(N_X), np.arange(n - N_I, n)))
     x, P_whole = belief[:n].copy(), belief[n:].reshape(n, n).copy()
@@ -39,13 +39,13 @@ SIZE = N_XBAR + N_XBAR * N_XBAR
 
 
 def together_out(estimate: np.ndarray, covariance: np.ndarray, out: np.ndarray) -> None:
-    """Output [xhat, P row by row] (240) of both (15, 225)."""
+    """Output the belief [xhat, P row by row] (240) of an estimate (15) and its covariance, row by row (225)."""
     put(estimate, out)
     put(covariance, out, N_XBAR)
 
 
 def widened_out(estimate: np.ndarray, covariance: np.ndarray, i: np.ndarray, out: np.ndarray) -> None:
-    """Output likewise of an estimate of x (12, 144); the integral is known: its rows and columns of P are 0."""
+    """Output the belief of [x; i] (240) from an estimate of x (12, 144); the integral i has covariance 0."""
     fill(out, 0.0)
     put(estimate, out)
     put(i, out, N_X)
@@ -54,7 +54,7 @@ def widened_out(estimate: np.ndarray, covariance: np.ndarray, i: np.ndarray, out
 
 
 def widened_step(estimate: np.ndarray, reference: np.ndarray, i: np.ndarray) -> None:
-    """Go on to the next tick: i_{k+1} = i_k + r_k - p_hat_k, as in the authors' code."""
+    """Advance the integral by one tick: i_{k+1} = i_k + r_k - p_hat_k, as in the authors' code."""
     for axis in range(N_I):
         i[axis] += reference[axis] - estimate[axis]
 
@@ -64,10 +64,10 @@ WIDENED = Element("belief_widened", out=widened_out, step=widened_step)
 
 
 def together_box(name: str = "filter") -> Box:
-    """Return the box of the belief of an estimator of [x; i]."""
+    """Return the box that makes the belief from the outputs of an estimator of [x; i]."""
     return Box(name, TOGETHER, SIZE)
 
 
 def widened_box() -> Box:
-    """Return the box of the belief of an estimator of x; it also reads the reference."""
+    """Return the box that makes the belief from the outputs of an estimator of x; the box also reads the reference."""
     return Box("filter", WIDENED, SIZE, Values(start={"i": np.zeros(N_I)}))

@@ -1,23 +1,23 @@
-"""The states that the filter carries beside the vehicle's twelve: what is unknown and varies slowly.
+"""The extra states e that the filter estimates beside the vehicle's twelve: unknown quantities that vary slowly.
 
-Each is a random walk or a Gauss-Markov process of its own standard deviations. They stand between x and the integral,
-xbar = [x; e; i], and enter the paper's equations by larger matrices alone:
+Each is a random walk or a Gauss-Markov process with its own standard deviations. The extra states stand between x and
+the integral, xbar = [x; e; i]. Only the matrices of the paper's equations become larger:
 
     [x; e]_{k+1} = [[Phi, G], [0, F]] [x; e]_k + [Gamma; Gamma_e] u_k + w_k,   y_k = Delta_k ([C, C_e] [x; e]_k + v_k)
 
-The rows of E_k y_k that the integrator takes see what its sensor's rows see, so V12, E_k and the integrator's known
-rows of K stay as they are.
+The integrator reads E_k y_k, whose rows depend on the same states as the rows of the selected sensor. So V12, E_k and
+the integrator's known rows of K do not change.
 
-    d     disturbance force in W [N]: x_{k+1} takes Gamma_d d_k, Gamma_d = (h^2/2, h)/m on position and velocity
-    f     'measured' only: force of the step just flown less the hover lift, f_{k+1} = d_k + f_T e_z + w [N], w the new
-          part of the disturbance force that W holds
-    n     disturbance torque in B [N m], such as a centre of gravity that is off makes: x_{k+1} takes its columns of
-          Gamma_d; only where walks.torque_sd is not 0
+    d     disturbance force in W [N]: adds Gamma_d d_k to x_{k+1}, Gamma_d = (h^2/2, h)/m on position and velocity
+    f     'measured' only: force of the last step less the hover lift, f_{k+1} = d_k + f_T e_z + w [N], with w the new
+          part of the disturbance force, whose variance is in W
+    n     disturbance torque in B [N m], for instance of a centre of gravity off its place: adds its columns of Gamma_d,
+          times n_k, to x_{k+1}; only where walks.torque_sd is not 0
     b     'measured' only: bias of the accelerometer [m/s^2]; its rows are f/m + b, see imu_rows.py
     c     bias of the gyroscope [rad/s], 'rates: measured' only: its rows are the Euler-angle rates + c
-    s     errors of a fix that last [m], one process for each kind of fix: its rows are p + s. What the filter averages
-          as if it were noise otherwise, such as the survey's error, stays in the covariance of p this way
-    beta  bias of the imu's roll, pitch or yaw [rad]: psi_imu = psi + beta; likewise of any row of a sensor of one's own
+    s     lasting error of a fix [m], one process for each axis and kind of fix: the fix's rows are p + s. Without s the
+          filter would average errors such as the survey's like noise; with s they stay in the covariance of p
+    beta  bias of the imu's roll, pitch or yaw [rad]: psi_imu = psi + beta; or bias of any row of a sensor of one's own
 """
 
 from typing import NamedTuple
@@ -32,7 +32,7 @@ from ortilo_drake.scenario import Biases, Walks
 from ortilo_drake.scenario import IntermittentFilter as FilterSettings
 
 D, F, B, N, C = (tuple(f"{letter}_{axis}" for axis in "xyz") for letter in "dfbnc")
-# Sensors whose rows the filter makes of the imu's message, the states that come with them, and the rows.
+# The sensors whose rows the filter makes from the imu's message: the states that they need, and the rows.
 IMU_ROWS = {
     "accelerometer": (F, tuple(Row(f"a_{axis}", ()) for axis in "xyz")),
     "gyroscope": (C, tuple(row(f"{rate}_imu", **{rate: 1.0}) for rate in STATE_NAMES[9:])),
@@ -44,43 +44,43 @@ Sees = tuple[tuple[str, str, float], ...]  # (row, state, coefficient)
 
 
 class Walk(NamedTuple):
-    """A process e_{k+1} = keeps e_k + w_k: a random walk where all is kept."""
+    """A process e_{k+1} = keeps e_k + w_k; a random walk if keeps is 1."""
 
     initial_sd: float
-    """standard deviation of e_0, which is believed 0; not read of what follows another state."""
+    """standard deviation of e_0, whose estimate is 0; not used for a state that follows another one."""
     step_sd: float
-    """of w."""
+    """standard deviation of w."""
     keeps: float = 1.0
-    """share of the value that is left a tick later."""
+    """share of the value that is left after one tick."""
 
 
 def gauss_markov(sd: float, time: float, h: float) -> Walk:
-    """Return the first-order Gauss-Markov process of that sd at all times and that correlation time [s]."""
+    """Return the first-order Gauss-Markov process with a constant sd and a correlation time [s], for ticks of h [s]."""
     keeps = np.exp(-h / time)
     return Walk(sd, sd * np.sqrt(1.0 - keeps**2), keeps)
 
 
 class Extra(NamedTuple):
-    """States that the filter carries beside the vehicle's."""
+    """A group of e extra states of the filter."""
 
     names: tuple[str, ...]
-    """of the states (e)."""
+    """names of the states (e)."""
     walk: Walk
-    """how they vary."""
+    """process that each state follows."""
     follows: tuple[str, ...]
-    """names of the extra states whose values they keep in the next tick, their own for a random walk (e)."""
+    """for each state, the extra state whose value it keeps in the next tick; itself for a random walk (e)."""
     G: np.ndarray
-    """how they drive x (12, e)."""
+    """input matrix of these states into x (12, e)."""
     Gamma: np.ndarray
-    """how the control drives them (e, 4)."""
+    """input matrix of the control into these states (e, 4)."""
     Gamma_d: np.ndarray
-    """how the new part of the disturbance's force and torque drives them (e, 6)."""
+    """input matrix of the new part of the disturbance's force and torque into these states (e, 6)."""
     sees: Sees
-    """rows of y that see them."""
+    """coefficients of these states in the rows of y."""
 
 
 def _slow(names: tuple[str, ...], walk: Walk, sees: Sees, G: np.ndarray | None = None) -> Extra:
-    """Return states that vary by themselves; arguments as Extra's."""
+    """Return states that each follow their own past, without control and disturbance; arguments as Extra's fields."""
     e = len(names)
     G = np.zeros((N_X, e)) if G is None else G
     return Extra(names, walk, names, G, np.zeros((e, N_U)), np.zeros((e, 6)), sees)
@@ -135,9 +135,9 @@ def _biases(biases: Biases, h: float, flown: tuple[str, ...]) -> list[Extra]:
 def extra_states(
     settings: FilterSettings, vehicle: Vehicle, h: float, flown: tuple[str, ...] = PAPERS_ROWS, yaw: float = 0.0
 ) -> tuple[Extra, ...]:
-    """Return the extra states of a scenario's filter, in their order in xbar: the force comes first.
+    """Return the extra states of the scenario's filter in their order in xbar, the force first.
 
-    Arguments as filter_model; of rows of y that are not `flown` there is no bias.
+    Arguments as in filter_model; only rows of y named in `flown` get a bias.
     """
     if settings.force == "none":
         return ()
@@ -159,7 +159,7 @@ def names_of(extras: tuple[Extra, ...]) -> tuple[str, ...]:
 
 
 def augmented_rows(rows: Rows, extras: tuple[Extra, ...]) -> Measurement:
-    """Return the measurement that the filter gets: rows over [x; e], and those of IMU_ROWS whose states are there."""
+    """Return the filter's measurement: `rows` over [x; e], then the rows of IMU_ROWS whose states are in `extras`."""
     names = names_of(extras)
     rows = (*rows, *((sensor, its) for sensor, (states, its) in IMU_ROWS.items() if set(states) <= set(names)))
 

@@ -13,7 +13,7 @@ from ortilo_drake.onboard.estimator.belief import put_vehicle_part
 from ortilo_drake.onboard.estimator.filter_loops import step_in_place
 from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
 
-KNOWN = N_XBAR + N_XBAR * N_XBAR  # of the belief of [x; i]
+KNOWN = N_XBAR + N_XBAR * N_XBAR  # size of the belief of [x; i]
 
 
 @register_jitable
@@ -32,7 +32,7 @@ def filter_step(
     model: FilterModel,
     layout: Layout,
 ) -> None:
-    """Take what arrived in tick k and predict tick k + 1, see filter_loops.step_in_place."""
+    """Update the belief with the measurements of tick k and predict tick k + 1, see filter_loops.step_in_place."""
     put(control, deviation)
     deviation[0] -= n.hover_thrust
     open_belief(belief, opening)
@@ -41,7 +41,7 @@ def filter_step(
 
 @register_jitable
 def open_belief(belief: np.ndarray, opening: np.ndarray) -> None:
-    """Add to the diagonal of P what is opened of it (n)."""
+    """Add the variances `opening` (n) to the diagonal of P."""
     size = opening.size
     for i in range(size):
         if opening[i] != 0.0:
@@ -49,19 +49,19 @@ def open_belief(belief: np.ndarray, opening: np.ndarray) -> None:
 
 
 def vehicle_belief_out(belief: np.ndarray, out: np.ndarray) -> None:
-    """Output the belief of [x; i] (240), and the force that is believed to act (3) [N], of a filter of more states."""
-    size = int(np.sqrt(belief.size + 0.25))  # n + n^2 numbers
+    """Output the belief of [x; i] (240) and the estimated disturbance force (3) [N], from a belief of [x; e; i]."""
+    size = int(np.sqrt(belief.size + 0.25))  # the belief has n + n^2 numbers
     put_vehicle_part(out, belief, size)
     put(belief[N_X : N_X + 3], out, KNOWN)
 
 
 def parts_out(belief: np.ndarray, out: np.ndarray) -> None:
-    """Output a belief of [x; i] (240) again."""
+    """Output the belief of [x; i] (240) unchanged, so that the box can name its parts."""
     put(belief[:KNOWN], out)
 
 
 def extra_out(belief: np.ndarray, out: np.ndarray) -> None:
-    """Output the states between x and i and their standard deviations (2 e), of a belief of [x; e; i]."""
+    """Output the extra states e and their standard deviations (2 e numbers), from a belief of [x; e; i]."""
     e = out.size // 2
     size = e + N_XBAR
     for i in range(e):
@@ -76,15 +76,15 @@ PARTS = Element("belief_parts", out=parts_out)
 
 
 def work_of(n: int, p: int) -> dict[str, tuple[int, ...]]:
-    """Return the shapes of what a step works in: of n states, the integral among them, and p values."""
+    """Return the shapes of a step's work arrays, for n states (with the integral) and p measured values."""
     return {"rows": (max(n - N_I, p), n - N_I + 1), "S": (p, p), "deviation": (N_U,)}
 
 
 def filter_box(model: FilterModel, measurement: Measurement, hover_thrust: float, belief_0: np.ndarray) -> Box:
-    """Return the filter: it reads y, delta, V2, the control, the reference and what is opened of P.
+    """Return the filter's box; it reads y, delta, V2, the control, the reference and the variances added to P.
 
-    It says [xhat, P row by row] of all its states, belief_0 (n + n^2) at first. The model is of the vehicle, the
-    measurement over all its states, the hover thrust m g [N].
+    The box outputs the belief [xhat, P row by row] of all n states, at first belief_0 (n + n^2). `measurement` has rows
+    over all states of the filter; hover_thrust is m g [N].
     """
     n, p = len(model.Phi) + N_I, measurement.sizes["y"]
     given = Values({"hover_thrust": hover_thrust}, {"belief": belief_0})
@@ -93,15 +93,15 @@ def filter_box(model: FilterModel, measurement: Measurement, hover_thrust: float
 
 
 def vehicle_belief_box(name: str) -> Box:
-    """Return the box that splits a belief of [x; e; i] into that of [x; i], its part `belief`, and the `force`."""
+    """Return the box that takes the parts `belief` of [x; i] and `force` from a belief of [x; e; i]."""
     return Box(name, VEHICLE_BELIEF, KNOWN + 3, parts={"belief": (0, KNOWN), "force": (KNOWN, 3)})
 
 
 def parts_box(name: str) -> Box:
-    """Return the box that splits a belief, which begins with that of [x; i] (240), into `estimate` and `covariance`."""
+    """Return the box that splits the belief of [x; i], the first 240 numbers read, in `estimate` and `covariance`."""
     return Box(name, PARTS, KNOWN, parts={"estimate": (0, N_XBAR), "covariance": (N_XBAR, N_XBAR * N_XBAR)})
 
 
 def extra_box(name: str, n: int) -> Box:
-    """Return the box that reads a belief of [x; e; i], n states, and gives e and its standard deviations."""
+    """Return the box that reads a belief of [x; e; i] (n states) and outputs e and its standard deviations."""
     return Box(name, EXTRA, 2 * (n - N_XBAR))

@@ -1,10 +1,10 @@
-"""The step of intermittent_filter.py by the kernel of kalman.py, faster than its matrices.
+"""The step of intermittent_filter.py with the kernel of kalman.py, faster than with whole matrices.
 
-Of xbar = [x; e; i] the integral is known: from P_ii = 0 the printed equations leave K_i = -E and P_ii = 0, so that
+The integral i of xbar = [x; e; i] is known: P_ii starts at 0, so the printed equations give K_i = -E and P_ii = 0, and
 
-    i_{k+1} = i_k + r_k - E y_k
+    i_{k+1} = i_k + r_k - E y_k.
 
-and the rest is a Kalman filter of the N states [x; e], measured and then propagated, Phibar K the printed gain.
+The rest is a Kalman filter of the N states [x; e], which measures and then predicts; Phibar K is the printed gain.
 """
 
 import numpy as np
@@ -25,7 +25,7 @@ from ortilo_drake.onboard.estimator.kalman import measure, predict, propagate
 
 @register_jitable
 def to_work_in(n: int, p: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the work arrays of step_in_place for n states, the integral among them, and p values."""
+    """Return the work arrays `rows` and `S` of step_in_place, for n states (with the integral) and p values."""
     return np.empty((max(n - N_I, p), n - N_I + 1)), np.empty((p, p))
 
 
@@ -42,9 +42,9 @@ def step_in_place(
     model: FilterModel,
     layout: Layout,
 ) -> None:
-    """Change [xhat_{k|k-1}, P_k row by row] (n + n^2), in which P_ii = 0, to the same of tick k + 1.
+    """Replace the belief [xhat_{k|k-1}, P_k row by row] (n + n^2), in which P_ii = 0, by the belief of tick k + 1.
 
-    It allocates nothing. Arguments as intermittent_step, after those of to_work_in.
+    The step allocates nothing. rows and S are the work arrays of to_work_in; other arguments as in intermittent_step.
     """
     Phi, Gamma, W, integrator, Gamma_a, mass, yaw, structure = model
     _, states, weights, first, block, is_position = layout
@@ -85,9 +85,9 @@ def filter_step(
     model: FilterModel,
     layout: Layout,
 ) -> np.ndarray:
-    """Return [xhat_{k+1|k}, P_{k+1} row by row] (n + n^2) from the same of tick k, in which P_ii = 0.
+    """Return the belief [xhat_{k+1|k}, P_{k+1} row by row] (n + n^2), given the belief of tick k, in which P_ii = 0.
 
-    Arguments as intermittent_step.
+    Other arguments as in intermittent_step.
     """
     after = belief.copy()
     rows, S = to_work_in(model.Phi.shape[0] + N_I, layout.first[-1])

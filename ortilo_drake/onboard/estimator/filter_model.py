@@ -1,4 +1,4 @@
-"""The filter's model of the vehicle, from the scenario: the paper's twelve states, and those beside them."""
+"""The filter's model of the vehicle, made from the scenario: the paper's twelve states and any extra states."""
 
 import numpy as np
 
@@ -18,7 +18,7 @@ IMU_BIASES = tuple(f"bias_{row.name}" for row in IMU)  # of roll, pitch and yaw
 
 
 def why_no_filter(scenario: Belief) -> str | None:
-    """Return why the linear theory knows nothing of a scenario's estimator, None if it does."""
+    """Return why the linear theory does not cover the scenario's estimator, None if it does."""
     if scenario.linear_filter is not None:
         return None
     kind = scenario.estimator.kind
@@ -26,7 +26,7 @@ def why_no_filter(scenario: Belief) -> str | None:
 
 
 def filter_of(scenario: Belief) -> FilterSettings:
-    """Return the paper's filter that a scenario's estimator is about hover; InputError if it is none."""
+    """Return the settings of the paper's filter to which the estimator is equal about hover; InputError if none is."""
     if why := why_no_filter(scenario):
         raise InputError(why)
     found = scenario.linear_filter
@@ -35,7 +35,7 @@ def filter_of(scenario: Belief) -> FilterSettings:
 
 
 def process_noise(settings: FilterSettings, vehicle: Vehicle, h: float, yaw: float = 0.0) -> np.ndarray:
-    """Return W (12 x 12) as the scenario gives it, under that yaw [rad]."""
+    """Return the process noise covariance W (12 x 12) of the scenario's filter for a tick h [s] and a yaw [rad]."""
     W = settings.W
     if isinstance(W, DiagonalW):
         return np.diag(np.repeat([W.position, W.angle, W.velocity, W.rate], 3)) * (h / USUAL_PERIOD)
@@ -47,8 +47,8 @@ def initial_covariance(
 ) -> np.ndarray:
     """Return P_0 of [x; e; i] (15 x 15 without e): the scenario's variances, and 0 for the integral, which is known.
 
-    A state that follows another, as the force of the step just flown follows d, is that one before the first tick too.
-    The imu's biases follow from the rest before take-off, if there was one. The yaw is the heading that is held [rad].
+    A state that follows another one, as the force f of the last step follows d, equals that state before the first
+    tick. The imu's biases get their covariance from the rest before take-off, if any. yaw is the heading held [rad].
     """
     variances = [e.walk.initial_sd**2 for e in extras for _ in e.names]
     P = np.diag([*np.repeat(np.square(settings.initial_sd), 3), *variances, 0.0, 0.0, 0.0])
@@ -72,7 +72,7 @@ def initial_covariance(
 def filter_model(
     settings: FilterSettings, vehicle: Vehicle, integrator: str, h: float, yaw: float = 0.0
 ) -> FilterModel:
-    """Return the paper's filter's model of a vehicle as it is believed to be, for ticks of h [s] and a heading [rad].
+    """Return the model of the paper's filter for the believed vehicle, ticks of h [s] and a heading yaw [rad].
 
     The integrator is 'literal', 'hold' or 'estimate'.
     """
@@ -84,7 +84,7 @@ def filter_model(
 def augmented_model(
     settings: FilterSettings, vehicle: Vehicle, integrator: str, h: float, extras: tuple[Extra, ...], yaw: float = 0.0
 ) -> FilterModel:
-    """Return the filter's model of [x; e], see extra_states.py; without extra states it is filter_model."""
+    """Return the filter's model of [x; e], see extra_states.py; without extra states, the one of filter_model."""
     model = filter_model(settings, vehicle, integrator, h, yaw)
     if not extras:
         return model
@@ -92,7 +92,7 @@ def augmented_model(
     N = N_X + len(names)
     _, Gamma_d = discretize(hover_A(yaw), hover_B_d(vehicle), h)
     Phi, Gamma, W = np.zeros((N, N)), np.zeros((N, N_U)), np.zeros((N, N))
-    by_force = np.zeros((N, 6))  # how the new part of the disturbance enters [x; e]
+    by_force = np.zeros((N, 6))  # input matrix of the new part of the disturbance's force and torque into [x; e]
     Phi[:N_X, :N_X], Gamma[:N_X], by_force[:N_X] = model.Phi, model.Gamma, Gamma_d
     at = N_X
     for extra in extras:

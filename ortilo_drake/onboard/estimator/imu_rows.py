@@ -1,19 +1,19 @@
-"""The accelerometer's and the gyroscope's rows of y, made of the imu's message.
+"""The accelerometer's and the gyroscope's rows of y, made from the imu's message.
 
-The message of tick k holds f_B: all forces on the body but gravity, over its mass, in the step [t_{k-1}, t_k), seen in
-B as it stands at t_k. Less the hover lift and turned by the yaw it is
+The message of tick k holds the specific force f_B: all forces but gravity over the mass, in the step [t_{k-1}, t_k), in
+the axes of B at t_k. Turned by the yaw, and less the hover lift, it is
 
     y_a = R_z(psi) (f_B - g e_z) = f / m + b + v_a
 
-with f that step's force less the hover lift, in W to first order in the tilt: lift stands along B's own z axis, so that
-no error of roll and pitch enters. f is a state (extra_states.py), and W correlates it with the velocity that it gave.
-This correction by y_a equals a prediction by measured acceleration, R f_B - g e_z + b, in the filter's order of a tick.
+with f the force of that step less the hover lift, in W to first order in the tilt. The lift acts along z_B, so no error
+of roll and pitch enters. f is a state (extra_states.py); W correlates f with the velocity that f caused. In the
+filter's order of a tick, the update with y_a equals a prediction with the measured acceleration R f_B - g e_z + b.
 
-It also holds the body rates w at t_k. As Euler-angle rates, by the roll and pitch of the same message, they are
+The message also holds the body rates w at t_k. With the roll and pitch of the same message, the Euler-angle rates are
 
     y_g = E(rpy)^-1 w = [phi_dot, theta_dot, psi_dot] + c + v_g
 
-with c the gyroscope's bias, to first order in the tilt.
+with c the gyroscope's bias; this holds to first order in the tilt.
 """
 
 from types import SimpleNamespace
@@ -33,10 +33,10 @@ from ortilo_drake.scenario import Belief
 
 
 def imu_variances(scenario: Belief) -> np.ndarray | None:
-    """Return the variances of v_a [m^2/s^4], and after them those of v_g [rad^2/s^2], that a scenario's filter takes.
+    """Return the variances of v_a [m^2/s^4] (3), followed by those of v_g [rad^2/s^2] if the filter uses rates (6).
 
-    They are 3, or 6 with the gyroscope's; None where the filter takes neither. Of an imu faster than the tick the
-    filter gets the mean of a tick's samples.
+    The result is None if the scenario's filter uses neither. If the imu is faster than the tick, the filter gets the
+    mean of the samples of a tick.
     """
     settings = scenario.linear_filter
     if settings is None or settings.force != "measured":
@@ -55,11 +55,11 @@ def imu_rows_out(
     variances: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Output [y, delta, V2, stamps] with the accelerometer's rows after them, and the gyroscope's with six variances.
+    """Output [y, delta, V2, stamps], with the accelerometer's rows appended, and with six variances the gyroscope's.
 
-    To y (p), delta (s) and V2 (q) come 3, 1 and 9 numbers for either; n.number is the imu's among the sensors. They
-    arrive with its angles, and their stamp is that of its message. The variances (3 or 6) are of v_a per axis
-    [m^2/s^4], then of v_g per angle [rad^2/s^2].
+    Each of the two adds 3, 1, 9 and 1 numbers to y (p), delta (s), V2 (q) and stamps (s); n.number is the imu's index
+    among the sensors. Their rows arrive with the imu's angles and have the stamp of the imu's message. The variances (3
+    or 6) are of v_a per axis [m^2/s^4], then of v_g per angle [rad^2/s^2].
     """
     p, s, q, m = y.size, delta.size, V2.size, variances.size // 3
     at_delta = p + 3 * m
@@ -88,7 +88,7 @@ def imu_rows_out(
 def with_imu_rows(
     y: np.ndarray, delta: np.ndarray, V2: np.ndarray, imu: np.ndarray, j: int, variances: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return y, delta and V2 of imu_rows_out; j is the imu's number."""
+    """Return y, delta and V2 with the imu's rows, as imu_rows_out does; j is the imu's index among the sensors."""
     m, s = len(variances) // 3, len(delta)
     ends = np.cumsum([len(y) + 3 * m, s + m, len(V2) + 9 * m])
     out = np.zeros(ends[-1] + s + m)
@@ -98,9 +98,9 @@ def with_imu_rows(
 
 
 def imu_rows_box(measurement: Measurement, variances: np.ndarray) -> Box:
-    """Return the box that adds the imu's rows; it reads the imu's message as it lands, y, delta, V2 and stamps.
+    """Return the box that appends the imu's rows; it reads the arrived imu message, y, delta, V2 and stamps.
 
-    The measurement is without those rows, the variances are those of imu_variances.
+    `measurement` is the one without these rows; `variances` comes from imu_variances.
     """
     m, (p, s, q) = len(variances) // 3, measurement.sizes.values()
     p, s, q = p + 3 * m, s + m, q + 9 * m

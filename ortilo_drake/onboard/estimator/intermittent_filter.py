@@ -5,22 +5,22 @@ State xbar = [x; i] (15): the vehicle's twelve states and the three integrals of
     xbar_{k+1} = Phibar xbar_k + Gammabar u_k + Ebar [w_k; v_k] + Ibar r_k,   y_k = H_k xbar_k + Delta_k v_k
 
 with Phibar = [[Phi, 0], [-E C, I]], Gammabar = [Gamma; 0], Ebar = [[I, 0], [0, -E]], Cbar = [C, 0],
-H_k = Delta_k Cbar, V1 = blkdiag(W, V2) and V12 = [0; V2], so that Ebar V12 = [0; -E V2]. As printed, with the
-slips mended (Phibar and P_k throughout, V12^T Ebar^T in the last factor):
+H_k = Delta_k Cbar, V1 = blkdiag(W, V2) and V12 = [0; V2], so that Ebar V12 = [0; -E V2]. The printed equations, with
+two misprints corrected (Phibar and P_k throughout, V12^T Ebar^T in the last factor), are:
 
     K_k = (Phibar P_k H^T + Ebar V12) (H P_k H^T + V2)^-1                                       (gain)
     P_{k+1} = Phibar P_k Phibar^T + Ebar V1 Ebar^T - K_k (H P_k Phibar^T + V12^T Ebar^T)        (covariance)
     xhat_{k+1|k} = Phibar xhat_{k|k-1} + Gammabar u_k + Ibar r_k + K_k (y_k - H xhat_{k|k-1})   (prediction)
 
-intermittent_step below is these three lines. filter_loops.py computes the same in less time, and flies; a test
-holds it to this one, which is plain Python.
+intermittent_step below is these three lines in plain Python. Flights use filter_loops.py, which computes the same
+faster; a test compares the two.
 
-Rows that did not arrive are left out, which equals the full-size formula because V2 is block diagonal. The
-integrator is a known quantity: from P_ii = 0 the last three rows of K equal -E_k, and its block of P stays 0.
+The code leaves out rows that did not arrive. The result equals the full-size formula because V2 is block diagonal. The
+integral is known without error: P_ii starts at 0, so the last three rows of K equal -E_k and P_ii stays 0.
 
-A filter that estimates more than the paper's, such as the disturbance force, has xbar = [x; e; i] and, in the place of
-Phi, Gamma, W and C, their like over [x; e], see extra_states.py; the lines are the same. Its prediction adds what the
-hover model leaves out of a tilted lift, Gamma_a tilted_lift.
+A filter that estimates more than the paper's, such as the disturbance force, has xbar = [x; e; i]. Its Phi, Gamma, W
+and C are those over [x; e], see extra_states.py; the three lines are the same. Its prediction adds Gamma_a tilted_lift,
+the acceleration of a tilted lift that the hover model leaves out.
 """
 
 from typing import NamedTuple
@@ -37,33 +37,33 @@ from ortilo_drake.model.triples import Triple
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.onboard.estimator.kalman import Structure, structure_of
 
-# What the last three states integrate. 'literal' (the paper) and 'hold' take the measured position and belong to
-# the filter's model: i_{k+1} = i_k + r_k - E_k y_k, which 'hold' leaves out where E_k = 0. 'estimate' (the authors'
-# code) takes i_{k+1} = i_k + r_k - xhat_k: the filter proper then has 12 states, and the integral only rides along.
+# The integrator's law. 'literal' (the paper) and 'hold' integrate the measured position inside the filter's model:
+# i_{k+1} = i_k + r_k - E_k y_k; 'hold' skips it where E_k = 0. 'estimate' (the authors' code) integrates the estimate,
+# i_{k+1} = i_k + r_k - p_hat_k: the Kalman filter then has 12 states, and the integral is computed beside it.
 INTEGRATOR_ESTIMATE, INTEGRATOR_LITERAL, INTEGRATOR_HOLD = 0, 1, 2
 INTEGRATORS = {"estimate": INTEGRATOR_ESTIMATE, "literal": INTEGRATOR_LITERAL, "hold": INTEGRATOR_HOLD}
 
 
 class FilterModel(NamedTuple):
-    """The filter's model of the vehicle, of N = 12 states x, or of more, [x; e]."""
+    """The filter's model of the vehicle, with N = 12 states x or with N > 12 states [x; e]."""
 
     Phi: np.ndarray
-    """discrete dynamics of x (N, N)."""
+    """discrete state matrix (N, N)."""
     Gamma: np.ndarray
-    """discrete control input (N, 4)."""
+    """discrete input matrix of the control (N, 4)."""
     W: np.ndarray
     """process noise covariance (N, N)."""
     integrator: int
     """INTEGRATOR_ESTIMATE, INTEGRATOR_LITERAL or INTEGRATOR_HOLD."""
     Gamma_a: np.ndarray
-    """how an acceleration enters (N, 3); read where there are states e: in the paper's hover model lift does not
-    tilt."""
+    """discrete input matrix of an acceleration in W (N, 3); used only with states e, as the paper's hover model does
+    not tilt the lift."""
     mass: float
-    """m [kg]; read where lift tilts."""
+    """m [kg]; used only with states e."""
     yaw: float
-    """heading of the hover that the model is linear about [rad]; read where lift tilts."""
+    """heading of the hover about which the model is linearized [rad]; used only with states e."""
     structure: Structure
-    """where Phi is not 0, see `of`."""
+    """nonzero entries of Phi, computed by `of`."""
 
     @classmethod
     def of(
@@ -76,7 +76,7 @@ class FilterModel(NamedTuple):
         mass: float = 1.0,
         yaw: float = 0.0,
     ) -> "FilterModel":
-        """Return the model with the structure of its Phi."""
+        """Return the model with these matrices and the computed structure of Phi."""
         return cls(Phi, Gamma, W, integrator, Gamma_a, mass, yaw, structure_of(Phi))
 
 
@@ -84,9 +84,9 @@ class FilterModel(NamedTuple):
 def tilted_lift(xbar: np.ndarray, u: np.ndarray, mass: float, yaw: float) -> Triple:
     """Return the part of the lift's acceleration in W (3) that the hover model leaves out.
 
-    The lift is l = (f_T + d_z) / m, d_z the vertical part of the disturbance force, in which a wrong mass or thrust
-    shows. It acts along z_B; the hover model takes l z_B to be R_z(yaw) [g theta, -g phi, l]. xbar is [x; d; ...], u
-    the control less hover (4), m the mass [kg], the yaw that of the hover model [rad].
+    The lift is l = (f_T + d_z) / m, with d_z the vertical disturbance force, which absorbs an error of mass or thrust.
+    The lift acts along z_B; the hover model replaces l z_B by R_z(yaw) [g theta, -g phi, l]. xbar is [x; d; ...], u is
+    the control less hover (4), m the mass [kg], and yaw the heading of the hover model [rad].
     """
     lift = GRAVITY + (u[0] + xbar[N_X + 2]) / mass
     z_B = thrust_direction(xbar[3], xbar[4], xbar[5])
@@ -97,9 +97,9 @@ def tilted_lift(xbar: np.ndarray, u: np.ndarray, mass: float, yaw: float) -> Tri
 
 @register_jitable
 def integrated_sensor(delta: np.ndarray, is_position: np.ndarray, integrator: int) -> int:
-    """Return the sensor that E_k selects: the first that measures the position and arrived, -1 for none.
+    """Return the index of the sensor that E_k selects: the first position sensor that arrived, -1 if none did.
 
-    With the paper's sensors that is E_k = [Delta_1, not Delta_1 and Delta_2, 0].
+    With the paper's sensors, E_k = [Delta_1, not Delta_1 and Delta_2, 0].
     """
     if integrator != INTEGRATOR_ESTIMATE:
         for s in range(delta.shape[0]):
@@ -132,10 +132,11 @@ def intermittent_step(
     model: FilterModel,
     layout: Layout,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return xhat_{k+1|k} (15), P_{k+1} (15, 15) and K_k (15, p), the columns of what did not arrive 0.
+    """Return xhat_{k+1|k} (15), P_{k+1} (15, 15) and K_k (15, p); columns of K_k are 0 for rows that did not arrive.
 
-    Given are xhat_{k|k-1} and P_k, the values y (p), which of them arrived, delta (s), the sensors' covariances, each
-    row by row (q), the control less hover u (4) and the reference position r (3).
+    xhat and P are xhat_{k|k-1} and P_k; y holds the values (p), delta says which sensors arrived (s), V2_blocks holds
+    each sensor's covariance row by row (q), u is the control less hover (4), r the reference, whose first three numbers
+    are the position [m].
     """
     Phi, Gamma, W, integrator, Gamma_a, mass, yaw, _ = model
     N = Phi.shape[0]
@@ -190,7 +191,7 @@ def intermittent_step(
 def filter_gain(
     P: np.ndarray, delta: np.ndarray, V2: np.ndarray, Phi: np.ndarray, integrator: int, layout: Layout
 ) -> np.ndarray:
-    """Return K_k at full size (n x p), its columns 0 where nothing arrived. Arguments as in intermittent_step."""
+    """Return K_k (n x p), with columns of 0 for rows that did not arrive. Arguments as in intermittent_step."""
     N = len(Phi)
     model = FilterModel.of(Phi, np.zeros((N, 4)), np.zeros((N, N)), integrator, np.zeros((N, 3)))
     x, y, u, r = np.zeros(N + N_I), np.zeros(layout.first[-1]), np.zeros(4), np.zeros(3)

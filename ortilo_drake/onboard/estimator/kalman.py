@@ -1,16 +1,16 @@
-"""The Kalman filter's two steps as loops over what is not zero, in place: the one kernel of all linear filters.
+"""The two steps of the Kalman filter, in place, as loops over nonzero entries: the kernel of all linear filters.
 
-The covariances of sensors are blocks of V, so one sensor is taken after the other, with a root of its innovation's
-covariance; what did not arrive is not taken.
+V is block diagonal with one block a sensor. So the filter processes one sensor after another, with a root L of the
+innovation covariance, and skips each sensor whose message did not arrive.
 
     L L^T = C P C^T + V,   G = P C^T L^-T,   x^ <- x^ + G L^-1 (y - C x^),   P <- P - G G^T        (measure)
     x^ <- Phi x^ + Gamma u,   P <- Phi P Phi^T + W                                                 (predict, propagate)
 
-G G^T is the printed K S K^T, K = G L^-1, and symmetric to the last bit. intermittent_filter.py has the printed form.
-Rows one by one, with a gate and Huber's weight, of a state that is not linear: tight/update.py.
+G G^T equals the printed K S K^T, K = G L^-1, and is symmetric to the last bit. intermittent_filter.py has the printed
+form. tight/update.py updates a nonlinear state row by row, with an outlier gate and Huber's weight.
 
-Phi's zeros are known, so that Phi P Phi^T + W takes only what must be computed: most rows of Phi leave a state as it
-is, or shrink it; the others see few states.
+The zeros of Phi are known, so the loops of Phi P Phi^T + W skip them. Most rows of Phi only keep or shrink one state;
+the other rows read few states.
 """
 
 from typing import NamedTuple
@@ -25,15 +25,15 @@ class Structure(NamedTuple):
     """The entries of Phi (N, N) that are not 0."""
 
     columns: np.ndarray
-    """of each row, which entries are not 0 (N, w); counts says how many of them are meant."""
+    """columns of the nonzero entries of each row (N, w); only the first `counts` of a row are valid."""
     values: np.ndarray
-    """those entries (N, w)."""
+    """values of these entries (N, w)."""
     counts: np.ndarray
-    """how many there are (N)."""
+    """number of nonzero entries of each row (N)."""
     mixing: np.ndarray
-    """the rows that see another state than their own (c)."""
+    """indices of the rows with a nonzero entry off the diagonal, or with none at all (c)."""
     keeps: np.ndarray
-    """of every other row its one entry, on the diagonal; 1 of those that mix (N)."""
+    """diagonal entry of each row that is not in `mixing`; 1 for the rows in `mixing` (N)."""
 
 
 @register_jitable
@@ -71,9 +71,9 @@ def innovation(
 ) -> None:
     """Write [C P, y - C x^] of one sensor to GT and the lower half of C P C^T + V to S.
 
-    Of the estimate x and its covariance P the first N states [x; e] are meant. y are the values of all sensors (p);
-    this one has m of them, from row `first` on, of covariance V, row by row, and whatever follows (m^2 or more). Each
-    row of y sees these states (p, w) with these weights, see model.measurement.Layout. S is (m or more, m or more), GT
+    Only the first N states [x; e] of the estimate x and its covariance P are used. y holds the values of all sensors
+    (p); the sensor has m of them, from row `first` on. V begins with their covariance, row by row (m^2 or more). Row i
+    of y is the sum of `weights` times `states` (p, w), see model.measurement.Layout. S is (m or more, m or more), GT is
     (m or more, N + 1).
     """
     N = GT.shape[1] - 1
@@ -97,9 +97,9 @@ def innovation(
 
 @register_jitable(_nrt=False)
 def squared_distance(S: np.ndarray, GT: np.ndarray, m: int) -> float:
-    """Return the squared Mahalanobis distance of a sensor's m values from their prediction, by what innovation wrote.
+    """Return the squared Mahalanobis distance of a sensor's m values from their prediction; S, GT as in `innovation`.
 
-    It is infinite where the prediction is no longer finite or S is not positive definite. Both are overwritten.
+    The distance is infinite if the prediction is not finite or S is not positive definite. S and GT are overwritten.
     """
     for a in range(m):
         for b in range(a + 1):
@@ -122,9 +122,9 @@ def measure(
     S: np.ndarray,
     GT: np.ndarray,
 ) -> None:
-    """Change an estimate and its covariance by what one sensor measured.
+    """Update the estimate x and its covariance P with the values of one sensor.
 
-    Arguments as innovation. GT then holds [G^T, L^-1 (y - C x^)], and S L below its diagonal and on it.
+    Arguments as in `innovation`. Afterwards GT holds [G^T, L^-1 (y - C x^)], and the lower triangle of S holds L.
     """
     N = GT.shape[1] - 1
     innovation(x, P, y, V, m, first, states, weights, S, GT)
@@ -132,7 +132,7 @@ def measure(
     for a in range(m):
         for j in range(N):
             x[j] += GT[a, j] * GT[a, N]
-    threes = m - m % 3  # P is passed over once for three values
+    threes = m - m % 3  # one pass over P for three values
     for a in range(0, threes, 3):
         for i in range(N):
             g_0, g_1, g_2 = GT[a, i], GT[a + 1, i], GT[a + 2, i]
@@ -147,10 +147,10 @@ def measure(
 
 @register_jitable(_nrt=False)
 def propagate(P: np.ndarray, W: np.ndarray, structure: Structure, rows: np.ndarray) -> None:
-    """Change the first N rows and columns of P to Phi P Phi^T + W (N, N), symmetric; it works in rows (N, N)."""
+    """Replace the first N rows and columns of P by Phi P Phi^T + W (N, N), symmetric; `rows` is work memory (N, N)."""
     N = W.shape[0]
     columns, values, counts, mixing, keeps = structure
-    for side in range(2):  # P Phi^T, then Phi times that
+    for side in range(2):  # first P Phi^T, then Phi (P Phi^T)
         for a in range(mixing.size):
             i = mixing[a]
             k, f = columns[i, 0], values[i, 0]
@@ -179,7 +179,7 @@ def propagate(P: np.ndarray, W: np.ndarray, structure: Structure, rows: np.ndarr
 
 @register_jitable(_nrt=False)
 def predict(x: np.ndarray, u: np.ndarray, Gamma: np.ndarray, structure: Structure, after: np.ndarray) -> None:
-    """Write Phi x + Gamma u (N) to `after`, of a control u (m) and Gamma (N, m); x and `after` may be longer."""
+    """Write Phi x + Gamma u (N) to `after`, with the control u (m) and Gamma (N, m); x and `after` may be longer."""
     columns, values, counts, _, _ = structure
     for i in range(Gamma.shape[0]):
         total = 0.0

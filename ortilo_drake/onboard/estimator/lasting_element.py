@@ -1,21 +1,21 @@
-"""The filter whose fixes say how large the part of their error is that lasts.
+"""The filter that learns from each fix how large the lasting part of the fix's error is.
 
     y_uwb = p + diag(rho) s + v,   rho_i = sigma_i / estimator.biases.uwb_sd_i
 
-with sigma_i the sd that a fix says of its row i (ranging/lasting_error.py). The state s is the Gauss-Markov process of
-that setting still. It is seen by larger or smaller coefficients where the geometry, or what has been learned of the
-survey, makes it larger or smaller, and not at all where nothing lasts; of it a fix elsewhere keeps r_i,
+with sigma_i the sd of the lasting error that a fix gives for its row i (ranging/lasting_error.py). The state s is still
+the Gauss-Markov process of that setting. Its coefficient rho_i follows the geometry and what the filter has learned of
+the survey; it is 0 where no error lasts. A fix at another place keeps the share r_i of s_i,
 
     s_i <- r_i s_i + w_i,   w_i of variance (1 - r_i^2) uwb_sd_i^2.
 
-Of a camera fix a part lasts besides, whatever the survey: of the boxes' own errors, a Gauss-Markov process of
-estimator.biases.camera_sd and camera_time. Both are one state s,
+A camera fix has a second lasting error, of the boxes themselves and independent of the survey: a Gauss-Markov process
+of estimator.biases.camera_sd and camera_time. One state s stands for both,
 
     rho = sqrt(sigma^2 + c^2) / c,   r <- (r sigma^2 + exp(-h / camera_time) c^2) / (sigma^2 + c^2),   c = camera_sd
 
-with r applied in every tick. The coefficients are those where the vehicle is believed to be: at the fix itself they
-would be correlated with its noise. Those of a camera fix are where its boxes were seen from, which is known to
-centimetres. What is run again from a past tick has the present ones.
+with r applied in every tick. The coefficients are computed at the estimated position of the vehicle: at the fix itself
+they would be correlated with the fix's noise. A camera fix's coefficients are computed where its boxes were seen from,
+which is known to centimetres. A run again from a past tick uses the present coefficients.
 """
 
 from collections.abc import Callable
@@ -38,39 +38,39 @@ from ortilo_drake.onboard.ranging.lasting_error import N_KEPT, N_LASTING
 
 
 class LearnedCoefficients(NamedTuple):
-    """The coefficients of the measurement's layout that fixes set."""
+    """The m coefficients in the measurement's layout that fixes set."""
 
     row: np.ndarray
-    """of y (m)."""
+    """row of y (m)."""
     column: np.ndarray
-    """of the layout's weights (m)."""
+    """column in the layout's weights (m)."""
     at: np.ndarray
-    """where what lasts of it stands in what the fixes tell; N_KEPT after it what is kept (m)."""
+    """index of the lasting sd among the numbers of the fixes; the share that is kept stands N_KEPT later (m)."""
     state: np.ndarray
-    """which state it is the coefficient of (m)."""
+    """index of the state that the coefficient multiplies (m)."""
     sd: np.ndarray
-    """that the filter believes of the state [m] (m)."""
+    """sd of that state in the filter [m] (m)."""
     own: np.ndarray
-    """of what the state stands for beside what is told [m] (m)."""
+    """sd of the second lasting error, which the fix does not give [m]; 0 if there is none (m)."""
     keeps: np.ndarray
-    """what is left of that after a tick [1] (m)."""
+    """share of the second lasting error that is left after a tick [1] (m)."""
 
 
 class Sort(NamedTuple):
-    """Fixes of one sort that tell what lasts of their error."""
+    """One kind of fix that gives its lasting error."""
 
     rows: tuple[Row, ...]
-    """of a position."""
+    """rows of the position."""
     sd: tuple[float, float, float]
-    """setting of estimator.biases [m] (3)."""
+    """sd of the state per axis, a setting of estimator.biases [m] (3)."""
     keeps: float | None = None
-    """what is left after a tick of a part that is there whatever is told, of that sd; None where none is."""
+    """share that is left after a tick of a second lasting error of the same sd; None if there is no second one."""
 
 
 def learned_coefficients_of(
     measurement: Measurement, ranges: Sort | None, boxes: Sort | None = None
 ) -> LearnedCoefficients:
-    """Return the coefficients of a filter's measurement that fixes set; None for fixes that set none."""
+    """Return the coefficients that fixes set in the filter's measurement; None stands for fixes that set none."""
     found = list[tuple[float, ...]]()
     for first, its in ((0, ranges), (N_LASTING, boxes)):
         for axis, row in enumerate(() if its is None else its.rows):
@@ -87,7 +87,7 @@ def learned_coefficients_of(
 
 @register_jitable
 def told_layout(layout: Layout, told: LearnedCoefficients, lasting: np.ndarray, weights: np.ndarray) -> Layout:
-    """Return a layout with the coefficients that a fix tells, in an array to write to (p, w)."""
+    """Return the layout with the coefficients that fixes set; they are written to `weights` (p, w)."""
     for i in range(weights.shape[0]):
         for j in range(weights.shape[1]):
             weights[i, j] = layout.weights[i, j]
@@ -100,7 +100,7 @@ def told_layout(layout: Layout, told: LearnedCoefficients, lasting: np.ndarray, 
 
 @register_jitable
 def vary(belief: np.ndarray, n: int, told: LearnedCoefficients, lasting: np.ndarray) -> None:
-    """Change a belief (n + n^2) by what a fix elsewhere keeps of what lasts: s <- r s + w, w of (1 - r^2) sd^2."""
+    """Propagate the lasting errors in a belief (n + n^2): s <- r s + w, w of variance (1 - r^2) sd^2."""
     kept, P = values_of(lasting), belief[n:].reshape((n, n))
     for i in range(told.row.size):
         r, state, own = kept[told.at[i] + N_KEPT], told.state[i], told.own[i]
@@ -111,14 +111,14 @@ def vary(belief: np.ndarray, n: int, told: LearnedCoefficients, lasting: np.ndar
             belief[state] *= r
             for j in range(n):
                 P[state, j] *= r
-            for j in range(n):  # apart from the row: numbers that stand side by side are taken together
+            for j in range(n):  # a loop of its own, so that the row's adjacent numbers are processed together
                 P[j, state] *= r
             P[state, state] += (1.0 - r * r) * told.sd[i] ** 2
 
 
 @register_jitable
 def vary_all(memory: np.ndarray, slot: Slot, n: int, told: LearnedCoefficients, lasting: np.ndarray) -> None:
-    """Change the present belief and those of the history by vary: run again from a past tick it would be forgotten."""
+    """Apply `vary` to the present belief and to those of the history, or else a run from a past tick would lose it."""
     belief, history = kept_in(memory, slot)
     vary(belief, n, told, lasting)
     for row in range(history.shape[0]):
@@ -145,7 +145,7 @@ def told_filter_step(
     layout: Layout,
     told: LearnedCoefficients,
 ) -> None:
-    """Take filter_step with the coefficients that are told."""
+    """Do filter_step with the coefficients that the fixes set."""
     put(values_of(lasting), both)
     put(values_of(camera_lasting), both, N_LASTING)
     its = told_layout(layout, told, both, weights)
@@ -176,7 +176,7 @@ def told_replay_step(
     told: LearnedCoefficients,
     slot: Slot,
 ) -> None:
-    """Take replay_filter_step with the coefficients that are told."""
+    """Do replay_filter_step with the coefficients that the fixes set."""
     put(values_of(lasting), both)
     put(values_of(camera_lasting), both, N_LASTING)
     its = told_layout(layout, told, both, weights)
@@ -209,7 +209,7 @@ def told_acted_step(
     told: LearnedCoefficients,
     slot: Slot,
 ) -> None:
-    """Take acted_filter_step with the coefficients that are told."""
+    """Do acted_filter_step with the coefficients that the fixes set."""
     put(values_of(lasting), both)
     put(values_of(camera_lasting), both, N_LASTING)
     its = told_layout(layout, told, both, weights)
@@ -226,7 +226,7 @@ STEPS: dict[str, Callable[..., None]] = {
 
 
 def told_box(filter_: Box, told: LearnedCoefficients) -> Box:
-    """Return one of the paper's filters that reads what is `lasting` and `camera_lasting` (6) of fixes as well."""
+    """Return the filter's box, changed to also read the fixes' `lasting` and `camera_lasting` numbers (6 each)."""
     element = filter_.element
     element = replace(element, name=f"told_{element.name}", step=STEPS[element.name])
     shape = filter_.given.tables["layout_weights"].shape

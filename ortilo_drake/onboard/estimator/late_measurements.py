@@ -1,21 +1,21 @@
-"""Late measurements put where they belong: the filter run again from the tick of a stamp.
+"""Late measurements processed in the tick of their stamp: the filter runs again from this tick.
 
-A measurement taken at t_j that arrives at t_k, j < k, says something of x_j. The exact answer goes back: keep, for each
-of the last N ticks, what the filter believed and what it was given,
+A measurement taken at t_j that arrives at t_k, j < k, depends on x_j. To use it exactly, keep the filter's belief and
+inputs of each of the last N ticks,
 
     slot j = [j, xhat_{j|j-1}, P_j, y_j, delta_j, V2_j, u_j, r_j],
 
-put the measurement into slot j's own rows and repeat the filter's step from j to k. The result is the filter that had
-received everything in order; Y. Bar-Shalom, "Update with out-of-sequence measurements in tracking: exact solution",
-IEEE Trans. Aerospace and Electronic Systems 38 (2002), gets there without the repetition, one measurement at a time.
-The reference of a tick that is past is what it was, and so is the control unless it is known what acted.
+write the measurement into slot j and repeat the filter's steps from j to k. The result equals the filter that received
+everything in order. Y. Bar-Shalom, "Update with out-of-sequence measurements in tracking: exact solution", IEEE Trans.
+Aerospace and Electronic Systems 38 (2002), has the same result without the repetition, one measurement at a time.
+A past tick keeps its reference. It also keeps its control, unless the control that acted is known.
 
-With the integrators 'literal' and 'hold' the integral depends on what arrived, i_{j+1} = i_j + r_j - E_j y_j, so it
-is done again as well: it becomes what it would have been, and in the tick in which a late position arrives u jumps by
-the integral gain times the correction. 'literal' has by then integrated r_j itself, which the repetition takes back.
+With the integrators 'literal' and 'hold' the integral depends on the arrivals, i_{j+1} = i_j + r_j - E_j y_j, so it is
+recomputed too. In the tick in which a late position arrives, u jumps by the integral gain times the correction.
+'literal' has integrated r_j alone by then; the repetition undoes this.
 
-What acted on the rotors is known only later too. with_acted puts it into the ticks in which it acted, and repeats the
-steps from there in the same way.
+The control that acted on the rotors is also known only later. with_acted writes it into the ticks in which it acted,
+and repeats the steps from there in the same way.
 """
 
 from typing import NamedTuple
@@ -47,7 +47,7 @@ class Slot(NamedTuple):
 
 
 def slot_of(measurement: Measurement, n: int = N_XBAR) -> Slot:
-    """Return the slot that holds such a measurement, and the belief of n states."""
+    """Return the slot for this measurement and a belief of n states."""
     sizes = (1, n + n * n, *measurement.sizes.values(), N_U, N_I)
     return Slot(*(int(n) for n in np.cumsum((0, *sizes))))
 
@@ -64,7 +64,7 @@ def empty_history(ticks: int, slot: Slot) -> np.ndarray:
 def put_in(
     row: np.ndarray, slot: Slot, y: np.ndarray, V2: np.ndarray, sensor: int, first: np.ndarray, block: np.ndarray
 ) -> bool:
-    """Put one sensor's value and covariance into a slot's row; False, and nothing done, if it has them already."""
+    """Write one sensor's value and covariance to the history row of a slot; False if the row already holds them."""
     if row[slot.delta + sensor] != 0.0:
         return False
     row[slot.delta + sensor] = 1.0
@@ -77,7 +77,7 @@ def put_in(
 
 @cached_njit
 def reaches_back(history: np.ndarray, j: int, k: int) -> bool:
-    """Return whether the history holds every tick from j to k; after a restart it has a gap."""
+    """Return whether the history holds every tick from j to k; a restart leaves a gap."""
     if not 0 <= j <= k or k - j >= history.shape[0]:
         return False
     there = True
@@ -98,9 +98,9 @@ def run_again(
     model: FilterModel,
     layout: Layout,
 ) -> None:
-    """Write the belief after tick k from that of tick first; changes the beliefs of the history in between.
+    """Write the belief of tick k + 1 to `after` by repeating the steps from tick `first`; updates the history between.
 
-    It works in rows and S, see filter_loops.to_work_in.
+    rows and S are work memory, see filter_loops.to_work_in.
     """
     N = history.shape[0]
     for j in range(first, k + 1):
@@ -133,13 +133,13 @@ def with_acted(
     model: FilterModel,
     layout: Layout,
 ) -> np.ndarray:
-    """Return [xhat_{k|k-1}, P_k row by row] as if it had been known what acted in the past ticks; changes the history.
+    """Return the belief [xhat_{k|k-1}, P_k row by row] given the control that acted in past ticks; updates the history.
 
-    In the place of a slot's u comes the mean over its tick of what acted. From the first tick in which that is another
-    than was assumed, the filter runs again. A tick that the timeline does not reach back to stays as it is.
+    Each slot's u becomes the mean, over the slot's tick, of the control that acted. The filter runs again from the
+    first tick whose u changes. Ticks before the start of the timeline stay as they are.
 
-    Arguments as replay_in_place, with the timeline's rows (n, 5), see onboard/commands/timeline.py, and the control at
-    hover (4); the history is without tick k.
+    `rows` is the timeline (n, 5), see onboard/commands/timeline.py; `hover` is the control at hover (4); the history
+    does not yet hold tick k. Other arguments as in replay_in_place.
     """
     N, first, j = history.shape[0], k, k - 1
     while j > k - N and reaches_back(history, j, k - 1) and j * h >= rows[0, 0]:
@@ -174,21 +174,21 @@ def replay_in_place(
     model: FilterModel,
     layout: Layout,
 ) -> None:
-    """Change a belief of tick k to that of k + 1, from all that has arrived up to tick k; changes the history.
+    """Replace the belief of tick k by the belief of tick k + 1, given all arrivals up to tick k; updates the history.
 
-    Not used are measurements older than the history or than a gap in it, ones stamped later than t_k, and a second one
-    of the same sensor and tick.
+    Three kinds of measurement are not used: older than the history or than a gap in it, stamped later than t_k, or a
+    second one of the same sensor and tick.
 
-    It works in rows and S, see filter_loops.to_work_in. The history has the last ticks (N, slot.size); the belief is
-    [xhat_{k|k-1}, P_k row by row] (n + n^2). In tick k came y (p) of the sensors delta (s) with covariances V2 (q),
-    each true at its stamp [s] (s). u is the control less hover (4); of the reference r the first three entries are
-    read.
+    rows and S are work memory, see filter_loops.to_work_in. The history holds the last N ticks (N, slot.size); the
+    belief is [xhat_{k|k-1}, P_k row by row] (n + n^2). y (p), arrivals delta (s), covariances V2 (q) and stamps (s) [s]
+    are the measurements that arrived in tick k. u is the control less hover (4); only the first three entries of the
+    reference r are read.
     """
     N = history.shape[0]
     now = history[k % N]
     fill(now, 0.0)
     now[slot.tick] = k
-    put(belief, now[slot.belief : slot.y])  # a part: compiled code copies several numbers at once
+    put(belief, now[slot.belief : slot.y])  # a slice, because compiled code then copies several numbers at once
     put(u, now, slot.u)
     put(r[:3], now, slot.r)
     first = k
@@ -202,7 +202,7 @@ def replay_in_place(
 
 @cached_njit
 def row_of_past(history: np.ndarray, j: int) -> int:
-    """Return the history's row of tick j, the oldest row if j is older, -1 if j is newer than all of it."""
+    """Return the index of the history row of tick j; the oldest row if j is older than all rows, otherwise -1."""
     N = history.shape[0]
     if j >= 0 and history[j % N, 0] == j:
         return j % N

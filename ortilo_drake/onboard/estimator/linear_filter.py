@@ -1,9 +1,9 @@
-"""The Kalman filter of any linear model whose measurements arrive now and then, as an element.
+"""The Kalman filter of any linear model with intermittent measurements, as an element.
 
     x_{k+1} = Phi x_k + Gamma u_k + w_k,   y_{j,k} = C_j x_k + v_j where sensor j arrived
 
 with w_k of covariance W and v_j of covariance V_j, all independent. The element's state is [xhat_{k|k-1}, P_k row by
-row]. A tick measures with each sensor that arrived, and then predicts, both by the kernel of kalman.py.
+row]. In a tick the filter measures with each sensor that arrived, then predicts, both with the kernel of kalman.py.
 """
 
 from collections.abc import Iterable
@@ -16,30 +16,30 @@ from ortilo_drake.onboard.estimator.kalman import Structure, measure, predict, p
 
 
 class LinearModel(NamedTuple):
-    """A linear model with sensors, as compiled functions take it."""
+    """A linear model with sensors, in arrays for compiled functions."""
 
     Gamma: np.ndarray
-    """how the control enters (n, m)."""
+    """input matrix of the control (n, m)."""
     W: np.ndarray
     """process noise covariance (n, n)."""
     structure: Structure
-    """where Phi is not 0."""
+    """nonzero entries of Phi."""
     states: np.ndarray
-    """which states each row of y sees (p, w)."""
+    """indices of the states in each row of y (p, w)."""
     weights: np.ndarray
-    """with which coefficients (p, w)."""
+    """coefficients of these states (p, w)."""
     first: np.ndarray
-    """first row of each sensor in y, and p (s + 1)."""
+    """first row of each sensor in y, and p at the end (s + 1)."""
     V: np.ndarray
-    """the sensors' covariances, each row by row (q)."""
+    """covariances of the sensors, each row by row (q)."""
     block: np.ndarray
-    """where each sensor's covariance begins in V (s)."""
+    """index in V at which each sensor's covariance begins (s)."""
 
 
 def linear_model(
     Phi: np.ndarray, Gamma: np.ndarray, W: np.ndarray, sensors: Iterable[tuple[np.ndarray, np.ndarray]]
 ) -> LinearModel:
-    """Return the model of these matrices and of each sensor's C_j and V_j."""
+    """Return the model with Phi (n, n), Gamma (n, m), W (n, n) and the pair C_j, V_j of each sensor."""
     Cs, Vs = zip(*sensors, strict=True)
     C, sizes = np.vstack(Cs), np.array([len(own) for own in Cs], dtype=np.int64)
     widest = max(1, int(np.count_nonzero(C, axis=1).max()))
@@ -55,13 +55,13 @@ def linear_model(
 def linear_filter_step(
     u: np.ndarray, messages: np.ndarray, belief: np.ndarray, rows: np.ndarray, S: np.ndarray, model: LinearModel
 ) -> None:
-    """Measure with what arrived in tick k, and predict tick k + 1; `messages` has [arrived, y_j] of each sensor."""
+    """Measure with the sensors that arrived in tick k, then predict; `messages` holds [arrived, y_j] of each sensor."""
     Gamma, W, structure, states, weights, first, V, block = model
     N = Gamma.shape[0]
     P = belief[N:].reshape((N, N))
     for j in range(block.size):
         if messages[first[j] + j] != 0.0:
-            y = messages[j + 1 :]  # so that row i of all sensors stands at i
+            y = messages[j + 1 :]  # shifted so that y[i] is row i of all sensors
             measure(belief, P, y, V[block[j] :], first[j + 1] - first[j], first[j], states, weights, S, rows)
     predict(belief, u, Gamma, structure, rows[0])
     for i in range(N):
@@ -73,7 +73,7 @@ LINEAR_FILTER = Element("linear_filter", step=linear_filter_step, shows="belief"
 
 
 def linear_filter_box(name: str, model: LinearModel, x_0: np.ndarray, P_0: np.ndarray) -> Box:
-    """Return the filter; it reads `u` and `messages`, and says its `estimate` (n) and its `covariance` (n^2)."""
+    """Return the filter's box; it reads `u` and `messages` and outputs `estimate` (n) and `covariance` (n^2)."""
     n, p = len(model.W), len(model.states)
     given = Values(start={"belief": np.concatenate((x_0, P_0.ravel()))})
     parts = {"estimate": (0, n), "covariance": (n, n * n)}

@@ -1,12 +1,12 @@
 """The intermittent measurements handler (paper, section IV-B).
 
-It stacks what arrived in this tick into y_k, says by delta_k which of it is there, and gives each sensor's
-noise covariance (model/measurement.py). The filter forms H_k = Delta_k Cbar and E_k from the arrivals.
+The handler stacks the measurements that arrived in this tick into y_k, sets their arrivals delta_k, and gives each
+sensor's noise covariance (model/measurement.py). The filter forms H_k = Delta_k Cbar and E_k from the arrivals.
 
-What becomes of a measurement that comes late is the scenario's to say (estimator.delay). With 'ignore' it enters as if
-it were current and its stamp is not used; with 'drop' it must not be older than MAX_AGE ticks, and then enters as if it
-were current; with 'replay' the stamps go to the filter, see late_measurements.py, and what is older than the ticks that
-it keeps does not count as arrived.
+The scenario's estimator.delay decides how late measurements are used. With 'ignore' they enter as if they were current,
+and their stamps are not used. With 'drop' the handler drops those older than MAX_AGE ticks; the others enter as if they
+were current. With 'replay' the filter gets the stamps, see late_measurements.py, and a measurement older than the ticks
+that the filter keeps does not count as arrived.
 """
 
 from typing import Any, NamedTuple
@@ -22,26 +22,26 @@ from ortilo_drake.model.signals import N_X, N_XBAR
 from ortilo_drake.onboard.estimator.kalman import innovation, squared_distance
 from ortilo_drake.onboard.gate import squared_gate
 
-MAX_AGE = 1  # of a measurement that 'drop' still uses [ticks]: a detector takes one, so none would leave no camera
+MAX_AGE = 1  # largest age that 'drop' still uses [ticks]: a detector takes one tick, so 0 would drop all camera fixes
 
 
 class Incoming(NamedTuple):
     """The layout of the sensors' messages in one vector."""
 
     start: np.ndarray
-    """where each sensor's message begins, -1 for one that does not fly (s)."""
+    """index at which each sensor's message begins, -1 for a sensor that does not fly (s)."""
     V2: np.ndarray
-    """the covariances that are believed where none comes with the message (q)."""
+    """covariances used for the sensors whose messages hold none (q)."""
     with_message: np.ndarray
-    """whether a sensor's covariance comes with its message, behind the value (s)."""
+    """whether a sensor's message holds its covariance, after the value (s)."""
     gates: np.ndarray
-    """largest squared Mahalanobis distance of each sensor from the prediction, inf for none (s)."""
+    """outlier gate of each sensor: largest squared Mahalanobis distance from the prediction, inf for no gate (s)."""
     oldest: int
     """largest age of a value that is used [ticks]."""
 
 
 def oldest_used(delay: str, horizon: float, h: float) -> int:
-    """Return the largest age of a measurement that is used [ticks], as estimator.delay and its horizon [s] have it."""
+    """Return the largest age of a measurement that is used [ticks], given estimator.delay and its horizon [s]."""
     return history_ticks(horizon, h) - 1 if delay == "replay" else MAX_AGE
 
 
@@ -52,11 +52,11 @@ def incoming_of(
     gates: dict[str, float],
     oldest: int = MAX_AGE,
 ) -> Incoming:
-    """Return the layout of messages in one vector: of the sensors that fly, with these sizes, in their order.
+    """Return the layout of the messages in one vector: the sensors that fly, in the order of `sizes` [numbers].
 
-    V is the covariance that is believed of each sensor, None where it comes with the message. The gates of those that
-    have one are the probability with which a right value stays within it, `oldest` is the largest age of a value that
-    is used [ticks].
+    V is the noise covariance of each sensor, None if the sensor's message holds it. `gates` gives, for each sensor with
+    an outlier gate, the probability that a correct value passes; `oldest` is the largest age of a value that is used
+    [ticks].
     """
     ends = np.cumsum([0, *sizes.values()])
     starts = dict(zip(sizes, ends[:-1].tolist(), strict=True))
@@ -84,11 +84,11 @@ def handler_out(
     GT: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Output [y, delta, V2, stamps] of tick k (p + 2 s + q), by the messages of the sensors, one after the other.
+    """Output [y, delta, V2, stamps] of tick k (p + 2 s + q), given the sensors' messages, one after the other.
 
-    delta_j = 1 where sensor j's value is there, within its gate, and not too late. Rows that did not arrive hold 0, and
-    so do their stamps. The gates are about the belief [xhat, P row by row] (240); n says whether late values are
-    dropped. It works in S (p, p) and GT (p, 13).
+    delta_j is 1 if sensor j's value arrived, passed the gate and is not too late; otherwise its rows of y are 0. The
+    stamp is 0 if no message arrived. The gates use the belief [xhat, P row by row] (240). n.drops says whether late
+    values are dropped. S (p, p) and GT (p, 13) are work memory.
     """
     _, states, weights, first, block, _ = layout
     start, V2, with_message, gates, oldest = incoming
@@ -123,7 +123,7 @@ HANDLER = Element("handler", out=handler_out)
 
 
 def handler_box(incoming: Incoming, layout: Layout, drops: bool, h: float) -> Box:
-    """Return the handler: it reads all that landed, `messages`, and the belief of this tick (240)."""
+    """Return the handler's box; it reads all arrived `messages` and the belief of this tick (240)."""
     s, p, q = len(incoming.start), int(layout.first[-1]), int(layout.block[-1])
     given = Values({"drops": drops, "h": h})
     parts = parts_of({"y": p, "delta": s, "V2": q, "stamps": s})

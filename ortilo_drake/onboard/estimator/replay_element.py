@@ -1,9 +1,9 @@
-"""The filter that puts late measurements into the tick of their stamp, as elements of the loop.
+"""The filter that processes late measurements in the tick of their stamp, as elements of the loop.
 
 REPLAY   the filter with its history, see late_measurements.py
-PAST     the belief of the tick of a message's stamp
+PAST     the belief at the tick of a message's stamp
 
-The filter of acted_box puts commands into the ticks that they acted in as well.
+The filter of acted_box also puts commands into the ticks in which they acted.
 """
 
 from dataclasses import replace
@@ -32,14 +32,14 @@ from ortilo_drake.onboard.estimator.late_measurements import (
 
 @register_jitable
 def kept_in(memory: np.ndarray, slot: Slot) -> tuple[np.ndarray, np.ndarray]:
-    """Return the present belief of what the filter keeps (n + n^2), and its history (N, slot.size)."""
+    """Return the two parts of the filter's memory: the present belief (n + n^2) and the history (N, slot.size)."""
     size = slot.y - slot.belief
     return memory[:size], memory[size:].reshape(((memory.size - size) // slot.size, slot.size))
 
 
 @register_jitable
 def open_all(belief: np.ndarray, history: np.ndarray, slot: Slot, opening: np.ndarray) -> None:
-    """Open the present belief and those of the history: run again from a past tick the filter would forget it."""
+    """Add `opening` to P of the present belief and of the history, or else a run from a past tick would lose it."""
     opens = False
     for i in range(opening.size):
         opens = opens or opening[i] != 0.0
@@ -68,7 +68,7 @@ def replay_filter_step(
     layout: Layout,
     slot: Slot,
 ) -> None:
-    """Take what arrived in tick k, each value in the tick of its stamp, and predict tick k + 1, see replay_in_place."""
+    """Process the arrivals of tick k, each in the tick of its stamp, and predict tick k + 1, see replay_in_place."""
     put(control, deviation)
     deviation[0] -= n.hover_thrust
     belief, history = kept_in(memory, slot)
@@ -78,10 +78,10 @@ def replay_filter_step(
 
 
 def belief_at_stamp_out(n: Any, message: np.ndarray, memory: np.ndarray, slot: Slot, out: np.ndarray) -> None:
-    """Output [xhat, P row by row] of the tick at which a message was true, by all that has arrived since (n + n^2).
+    """Output the belief [xhat, P row by row] (n + n^2) at the tick of a message's stamp, given all arrivals since.
 
-    It is the present one where no message arrived or its stamp is of this tick or a later one, and that of the oldest
-    tick kept where the stamp is older.
+    The output is the present belief if no message arrived or its stamp is of this tick or later. If the stamp is older
+    than the history, the output is the belief of the oldest tick kept.
     """
     present, history = kept_in(memory, slot)
     row = row_of_past(history, tick_of(message[STAMP], n.h)) if message[ARRIVED] != 0.0 else -1
@@ -95,11 +95,11 @@ PAST = Element("belief_at_stamp", out=belief_at_stamp_out)
 def replay_box(
     model: FilterModel, measurement: Measurement, hover_thrust: float, belief_0: np.ndarray, ticks: int, h: float
 ) -> Box:
-    """Return the filter: it reads y, delta, V2, stamps, the control, the reference and what is opened of P.
+    """Return the filter's box; it reads y, delta, V2, stamps, the control, the reference and the variances added to P.
 
-    It says its `belief`, [xhat, P row by row] of all its states, and after it the history.
+    The box outputs the `belief`, [xhat, P row by row] of all its states, followed by the history.
 
-    Arguments as filter_box, with the ticks that are kept in the history and the tick h [s].
+    `ticks` is the number of ticks kept in the history, h the tick [s]; other arguments as in filter_box.
     """
     n = len(model.Phi) + N_I
     slot = slot_of(measurement, n)
@@ -112,7 +112,7 @@ def replay_box(
 def belief_at_stamp_box(name: str, measurement: Measurement, n: int, h: float) -> Box:
     """Return the box of the belief at the tick of a message's stamp; it reads the message and the filter's `memory`.
 
-    The measurement is the filter's, over all its n states, the integral among them; h is the tick [s].
+    `measurement` is the filter's; n is the number of the filter's states with the integral; h is the tick [s].
     """
     return Box(name, PAST, n + n * n, Values({"h": h})).with_groups(slot=slot_of(measurement, n))
 
@@ -137,16 +137,16 @@ def acted_filter_step(
     layout: Layout,
     slot: Slot,
 ) -> None:
-    """Take what arrived in tick k and what is known to have acted, and predict tick k + 1.
+    """Process the arrivals of tick k and the control known to have acted, and predict tick k + 1.
 
-    As replay_filter_step, with the mean over each tick of what acted in it in the place of the command that was sent.
+    Same as replay_filter_step, with the mean control that acted in each tick in place of the command that was sent.
     """
     hover = np.zeros(N_U)
     hover[0] = n.hover_thrust
     belief, history = kept_in(memory, slot)
     open_all(belief, history, slot, opening)
     start, end = k * n.h, (k + 1) * n.h
-    sent = control - hover + hover  # rounded as in Drake, where the filter takes what differs from hover
+    sent = control - hover + hover  # rounds as in Drake, where the filter reads the difference from hover
     acted = with_command(unpacked(timeline), start + timeline[0], sent)
     put(with_acted(history, slot, belief, k, acted, hover, n.h, model, layout), belief)
     put(mean_control(acted, start, end) - hover, deviation)
@@ -155,6 +155,6 @@ def acted_filter_step(
 
 
 def acted_box(replay: Box) -> Box:
-    """Return the filter of replay_box that also reads the timeline of the commands, see commands/timeline.py."""
+    """Return the box of replay_box, changed to also read the timeline of the commands, see commands/timeline.py."""
     element = replace(replay.element, name="acted_filter", step=acted_filter_step, allocates=True)
     return replace(replay, element=element).with_inputs(timeline="command_log")

@@ -1,8 +1,8 @@
-"""The filter of an onboard half that was away: what it knew, and how much less it knows now.
+"""The belief of the filter after the onboard half was away.
 
-While no command came the world's failsafe flew the vehicle (world/vehicle/failsafe.py), by no model that the filter
-has. So the estimate is not predicted through the gap; what was known last stands, with the variances of a vehicle that
-may have gone any way at its speed. Where nothing is known, it may be anywhere about the reference.
+Without commands the world's failsafe flies the vehicle (world/vehicle/failsafe.py); the filter has no model of it. So
+the estimate is not predicted through the gap. The last estimate stands, with the added variances of a vehicle that may
+have moved in any direction at SPEED. If no estimate is left, the vehicle may be anywhere about the reference.
 """
 
 from typing import Final
@@ -11,13 +11,13 @@ import numpy as np
 
 from ortilo_drake.model.signals import N_X, N_XBAR
 
-SPEED: Final = 0.5  # [m/s] at which it may have gone, in any direction
-VELOCITY_SD, ANGLE_SD, RATE_SD = 0.3, 0.1, 0.3  # [m/s], [rad], [rad/s]: braking bends all of them
-LOST_SD: Final = 1.0  # error of the position of a vehicle that is somewhere about its reference [m]
+SPEED: Final = 0.5  # [m/s] at which the vehicle may have moved, in any direction
+VELOCITY_SD, ANGLE_SD, RATE_SD = 0.3, 0.1, 0.3  # [m/s], [rad], [rad/s]: braking changes all three
+LOST_SD: Final = 1.0  # sd of the position about the reference if no estimate is left [m]
 
 
 def after_gap(xbar: np.ndarray, P: np.ndarray, seconds: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return estimate (15) and covariance (15, 15) a gap of some seconds after they held."""
+    """Return the estimate (15) and the covariance (15, 15) after a gap of `seconds`, given both before the gap."""
     sd = np.repeat([SPEED * seconds, ANGLE_SD, VELOCITY_SD, RATE_SD], 3)
     wider = P.copy()
     wider[:N_X, :N_X] += np.diag(sd**2)
@@ -25,7 +25,7 @@ def after_gap(xbar: np.ndarray, P: np.ndarray, seconds: float) -> tuple[np.ndarr
 
 
 def about_reference(reference: np.ndarray, yaw: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return estimate (15) and covariance (15, 15) of a vehicle somewhere about r, r_dot (9), its integral at rest."""
+    """Return the estimate (15) and covariance (15, 15) of a vehicle near the reference [r, r_dot, ...], integral 0."""
     xbar = np.zeros(N_XBAR)
     xbar[0:3], xbar[5], xbar[6:9] = reference[0:3], yaw, reference[3:6]
     P = np.zeros((N_XBAR, N_XBAR))

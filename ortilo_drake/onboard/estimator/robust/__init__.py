@@ -1,1 +1,1 @@
-"""The robust form of the paper's filter: what stands before it, so that it hears what it can believe."""
+"""The robust form of the paper's filter: gates and weights in front of it, which pass only plausible measurements."""

@@ -1,7 +1,7 @@
-"""The gate of a sensor that is stuck: what its noise should have changed and did not is no measurement.
+"""The gate of a stuck sensor: it refuses values that repeat exactly, which noise would have changed.
 
-A frozen value is consistent with itself, and near what it was when it froze, so that no test against the prediction
-refuses it in time. But no sensor with noise says the same twice.
+A frozen value stays close to the prediction for a while after it froze, so that a test against the prediction refuses
+the value too late. But a sensor with noise never gives the same value twice.
 """
 
 from typing import Any
@@ -14,12 +14,12 @@ from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ARRIVED, PAYLOAD, STAMP
 
-SAME = 1e-12  # values that differ by less are the same: they may have gone through text
+SAME = 1e-12  # values that differ by less count as equal: they may have been written as text and read again
 
 
 @register_jitable
 def put_said(message: np.ndarray, samples: int, said: np.ndarray) -> None:
-    """Write what a message says beside when: its payload, of each sample where there are several."""
+    """Write the message's payload without stamps to `said`; of several samples, the payload of each."""
     if samples == 1:
         put(message[PAYLOAD:], said)
         return
@@ -32,9 +32,9 @@ def put_said(message: np.ndarray, samples: int, said: np.ndarray) -> None:
 
 @cached_njit
 def repeats(said: np.ndarray, last: np.ndarray) -> float:
-    """Return the number of equal messages in a row, the one that says this (n) included.
+    """Return the number of equal messages in a row, including the present one with the payload `said` (n).
 
-    `last` is how many said the same up to the last one, 0 before any came, and what that was (1 + n).
+    `last` (1 + n) holds this number up to the last message, 0 before the first one, and the last message's payload.
     """
     if last[0] == 0.0:
         return 1.0
@@ -54,7 +54,7 @@ def stuck_gate_out(n: Any, message: np.ndarray, last: np.ndarray, said: np.ndarr
 
 
 def stuck_gate_step(n: Any, message: np.ndarray, said: np.ndarray, last: np.ndarray) -> None:
-    """Remember what a message said, and how many have in a row."""
+    """Store the message's payload and the number of equal messages in a row."""
     if message[ARRIVED] != 0.0:
         put_said(message, n.samples, said)
         last[0] = repeats(said, last)
@@ -65,9 +65,9 @@ STUCK = Element("stuck_gate", out=stuck_gate_out, step=stuck_gate_step)
 
 
 def stuck_box(name: str, size: int, stuck: int, samples: int = 1) -> Box:
-    """Return the gate of a sensor whose messages have that size and so many samples: it reads the message as it lands.
+    """Return the gate's box for a sensor with messages of `size` numbers and `samples` samples; it reads the message.
 
-    It refuses what has been said so many times in a row.
+    The gate refuses a message whose payload has come `stuck` times in a row.
     """
     payload = size - PAYLOAD - (samples if samples > 1 else 0)
     given = Values({"stuck": stuck, "samples": samples}, {"last": np.zeros(1 + payload)})

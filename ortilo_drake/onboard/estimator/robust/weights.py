@@ -1,24 +1,24 @@
-"""Gate, weight, noise scale and re-acquisition of what arrives, by its distance from the filter's prediction.
+"""Outlier gate, weight, noise scale and re-acquisition of measurements, from their distance to the filter's prediction.
 
-Of a sensor's value y_j, with e = y_j - C_j xhat and S = C_j P C_j^T + lambda V_j over all that the filter estimates,
-biases included,
+For a sensor's value y_j, with e = y_j - C_j xhat and S = C_j P C_j^T + lambda V_j over all states of the filter but the
+integral, biases included,
 
-    d^2 = e^T S^-1 e                                 distributed as chi-square with m degrees of freedom if all is right
+    d^2 = e^T S^-1 e                                 chi-square with m degrees of freedom if the model is right
     refused                                          if d^2 exceeds a quantile of it
     V_j <- lambda w V_j                              w = max(1, d / c)                        (Huber)
                                                      w = max(1, (nu + d^2) / (nu + m))        (Student's t)
 
 P. Huber, "Robust Statistics", 1981; M. Roth, E. Ozkan and F. Gustafsson, "A Student's t filter for heavy tailed process
 and measurement noise", ICASSP 2013. lambda follows the innovations: a is the average of d^2 / m, with lambda = 1, over
-the values that were used, and lambda = a / a_0 within [1, lambda_max], a_0 what is tolerated: 1 where all is right.
+the values that were used; lambda = a / a_0, limited to [1, lambda_max]. a_0 is the tolerated a; a is 1 for the right V.
 
-An estimate that has gone astray refuses right values for ever. A sensor that was refused for a while is therefore
-believed more than the estimate: the filter's P is opened. Not so where others were used meanwhile that see, together,
-all states which it sees: those stand for the estimate.
+A diverged estimate would refuse correct values for ever. So when a sensor was refused for some time, the filter trusts
+the sensor: it adds variance to P ("opens" P). It does not do so if other sensors that were used in this time depend,
+together, on all vehicle states on which the refused sensor depends: these sensors confirm the estimate.
 
-A gyroscope whose bias steps is believed more than the angles, each of which is noisy. Their innovations are white if
-all is right, so their average over some time, weights alpha (1 - alpha)^i, has the covariance alpha / (2 - alpha) S. If
-its squared distance by that exceeds the quantile, P is opened of the angles and of the gyroscope's bias.
+The filter trusts a gyroscope more than the noisy angles, so a step of the gyroscope's bias passes the gate. If the
+model is right, the angles' innovations are white, and their average with weights alpha (1 - alpha)^i has the covariance
+alpha / (2 - alpha) S. If its squared distance exceeds the quantile, P of the angles and of the gyroscope's bias opens.
 """
 
 from itertools import pairwise
@@ -40,45 +40,45 @@ from ortilo_drake.onboard.estimator.extra_states import C as GYROSCOPE
 from ortilo_drake.onboard.gate import squared_gate
 from ortilo_drake.scenario.estimator import HuberWeight, Opening, Robust
 
-SINCE, AVERAGE, LAST = range(3)  # columns of the state: refused since [s], NEVER if not; a; when a was changed [s]
+SINCE, AVERAGE, LAST = range(3)  # columns of `state`: refused since [s] or NEVER; a; time of the last change of a [s]
 NEVER = -1.0
-ROUNDING = 1e-9  # of times [s]
-SHUT, OPEN_RATES, OPEN_ALL = range(3)  # what is opened of P: nothing, angles and the gyroscope's bias, all
+ROUNDING = 1e-9  # tolerance of times [s]
+SHUT, OPEN_RATES, OPEN_ALL = range(3)  # part of P that opens: none, the angles and the gyroscope's bias, all
 
 
 class Weighing(NamedTuple):
-    """The settings that decide on values, as compiled functions take them."""
+    """The settings of gate and weight, in arrays for compiled functions."""
 
     C: np.ndarray
-    """rows of y over all that the filter estimates but the integral (p, N)."""
+    """measurement matrix over all states of the filter but the integral (p, N)."""
     first: np.ndarray
-    """first row of each sensor, and p (s + 1)."""
+    """first row of each sensor, and p at the end (s + 1)."""
     block: np.ndarray
-    """where each sensor's covariance begins in V2, and q (s + 1)."""
+    """index in V2 at which each sensor's covariance begins, and q at the end (s + 1)."""
     gates: np.ndarray
     """largest d^2 of each sensor (s)."""
     sees: np.ndarray
-    """which states of the vehicle each sensor sees (s, 12)."""
+    """whether each sensor depends on each state of the vehicle (s, 12)."""
     huber: float
     """c; inf for Student's t."""
     dof: float
     """nu; inf for Huber."""
     time: float
-    """over which innovations are averaged [s]; inf keeps the noise as it is."""
+    """time constant of the average a [s]; inf keeps lambda at 1."""
     tolerates: float
     """a_0."""
     most: float
     """lambda_max."""
     reacquire_after: float
-    """time refused after which P is opened [s]."""
+    """time for which a sensor is refused before P opens [s]."""
     watched: int
-    """number of the sensor whose average innovation tells a gyroscope's bias, -1 for none."""
+    """index of the sensor whose mean innovation shows a step of the gyroscope's bias, -1 for none."""
     drift: float
-    """time over which it is averaged [s]."""
+    """time constant of this mean [s]."""
 
 
 def weighing_of(settings: Robust, measurement: Measurement, sensors: int) -> Weighing:
-    """Return the settings that weigh the first so many sensors of a measurement, whose rows are over [x; e]."""
+    """Return the settings for the first `sensors` sensors of a measurement with rows over [x; e]."""
     layout, weight, adaptation = measurement.layout, settings.weight, settings.adaptation
     first, block = layout.first[: sensors + 1], layout.block[: sensors + 1]
     C = np.ascontiguousarray(layout.C[: first[-1]])
@@ -102,16 +102,16 @@ def weighing_of(settings: Robust, measurement: Measurement, sensors: int) -> Wei
 
 
 def initial_gate_state(sensors: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return state (s, 3), seen (12) and mean (3) before anything arrived."""
+    """Return the arrays state (s, 3), seen (12) and mean (3) of judge_sensors before the first arrival."""
     return np.tile([NEVER, 1.0, 0.0], (sensors, 1)), np.full(N_X, NEVER), np.zeros(3)
 
 
 @cached_njit
 def squared_distances(e: np.ndarray, CPCt: np.ndarray, V: np.ndarray, scale: float) -> tuple[float, float]:
-    """Return d^2 with V as it is, and with V scaled; inf or NaN, which no gate lets pass, where there is none."""
+    """Return d^2 with V and d^2 with scale * V; inf or NaN, which no gate passes, if d^2 does not exist."""
     if not (
         np.all(np.isfinite(CPCt)) and np.all(np.isfinite(V)) and np.all(np.isfinite(e))
-    ):  # an infinite S would make d^2 0
+    ):  # an infinite S would give d^2 = 0
         return np.inf, np.inf
     plain = squared_norm_in_place(CPCt + V, e.copy())
     if scale == 1.0:
@@ -121,7 +121,7 @@ def squared_distances(e: np.ndarray, CPCt: np.ndarray, V: np.ndarray, scale: flo
 
 @cached_njit
 def weight_of(squared: float, rows: int, huber: float, dof: float) -> float:
-    """Return w, the factor on a value's covariance, at least 1; huber or dof is inf."""
+    """Return w, the factor on a value's covariance, at least 1; pass inf for `huber` or for `dof`."""
     if huber < np.inf:
         return max(1.0, np.sqrt(squared) / huber)
     return max(1.0, (dof + squared) / (dof + rows))
@@ -139,11 +139,12 @@ def judge_sensors(
     t: float,
     weighing: Weighing,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:
-    """Return factors on the covariances, 0 for what is not used (s), the next state, seen and mean, and what is opened.
+    """Return the factors on the covariances (s), 0 for refused values, the next state, seen and mean, and what opens.
 
-    Judged are the values y (p) that arrived, delta (s), of covariances V2, each row by row (q), at time t [s], each
-    sensor's by its own belief [xhat, P row by row] (s, n + n^2). Kept are the state of each sensor (s, 3), when one was
-    used last that sees a state of the vehicle [s] (12), and the mean innovation of the watched sensor (3).
+    y (p), arrivals delta (s) and covariances V2, each row by row (q), are the measurements at time t [s]. `beliefs`
+    holds the belief [xhat, P row by row] for each sensor (s, n + n^2). `state` (s, 3) has the columns SINCE, AVERAGE,
+    LAST; `seen` is the time at which each vehicle state was last measured [s] (12); `mean` is the mean innovation of
+    the watched sensor (3). The last value returned is SHUT, OPEN_RATES or OPEN_ALL.
     """
     C, first, block, gates, sees, huber, dof, time, tolerates, most, reacquire_after, watched, drift = weighing
     s, N, n = delta.size, C.shape[1], C.shape[1] + 3
@@ -176,7 +177,7 @@ def judge_sensors(
     for j in range(s):
         if delta[j] == 0.0 or factors[j] > 0.0:
             continue
-        others = t  # since when all that it sees was seen by those that were used
+        others = t  # time since which used sensors have measured all states on which sensor j depends
         for i in range(N_X):
             if sees[j, i]:
                 others = min(others, seen[i])
@@ -189,7 +190,7 @@ def judge_sensors(
 
 @generic_twin_of(judge_sensors)
 def judge_values(*judged: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:
-    """Return the same of AutoDiffXd: what is refused and weighed is a constant."""
+    """Do judge_sensors with AutoDiffXd arguments: the decisions and factors are constants, without derivatives."""
     values = [values_of(one) if isinstance(one, np.ndarray) else one for one in judged]
     found: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int] = judge_sensors(*values)
     return found
@@ -199,9 +200,9 @@ def judge_values(*judged: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.n
 def weighed(
     y: np.ndarray, delta: np.ndarray, V2: np.ndarray, factors: np.ndarray, first: np.ndarray, block: np.ndarray
 ) -> np.ndarray:
-    """Return [y, delta, V2] of what is used, the covariances times their factors (p + s + q).
+    """Return [y, delta, V2] of the used values, with each covariance times its factor (p + s + q).
 
-    Rows that are not used hold 0, as those that did not arrive; their covariances stay.
+    A refused value has rows of 0 and delta 0, as one that did not arrive; its covariance stays unchanged.
     """
     p, s, q = y.size, delta.size, V2.size
     out = np.zeros(p + s + q, y.dtype)
@@ -215,7 +216,7 @@ def weighed(
 
 
 def opening_variances(opening: Opening, extra: tuple[str, ...]) -> np.ndarray:
-    """Return the variances added to P's diagonal of [x; e; i] when each part is opened (3, n); e has those names."""
+    """Return the variances added to P's diagonal for SHUT, OPEN_RATES, OPEN_ALL (3, n); `extra` has the names of e."""
     none = np.zeros(3)
     angle, gyroscope = np.full(3, opening.angle), [opening.gyroscope if name in GYROSCOPE else 0.0 for name in extra]
     others = np.repeat([opening.velocity, opening.rate], 3)
@@ -241,7 +242,7 @@ def gate_out(
     beliefs: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Output [y, delta, V2] as used, the addition to the diagonal of P, and the three states of the next tick."""
+    """Output [y, delta, V2] of the used values, the variances added to P, and the next state, seen and mean."""
     for j in range(delta.size):
         if delta[j] != 0.0:
             put(belief if late[j] < 0 else past[late[j] * belief.size :][: belief.size], beliefs[j])
@@ -257,7 +258,7 @@ def gate_out(
 
 
 def gate_step(refusals: np.ndarray, seen: np.ndarray, mean: np.ndarray, out: np.ndarray) -> None:
-    """Keep the states that were said."""
+    """Copy the next state, seen and mean from the output to the gate's states."""
     at = out.size - mean.size - seen.size - refusals.size
     for kept in (refusals.reshape(refusals.size), seen, mean):
         put(out[at : at + kept.size], kept)
@@ -268,10 +269,10 @@ GATE = Element("robust_gate", out=gate_out, step=gate_step, allocates=True)
 
 
 def gate_box(weighing: Weighing, opening: np.ndarray, late: list[int], h: float) -> Box:
-    """Return the gate: it reads y, delta, V2, the filter's whole `belief` and those of `past` ticks, one after another.
+    """Return the gate's box; it reads y, delta, V2, the filter's whole `belief` and the beliefs of `past` ticks.
 
-    The opening is what is added to the variances by what is opened of P (3, n); `late` has the number of the past
-    belief by which each sensor is judged, -1 for the present one.
+    `opening` comes from opening_variances (3, n); `late` holds, for each sensor, the index of the past belief that
+    judges it, -1 for the present belief.
     """
     n, s, p, q = opening.shape[1], len(late), int(weighing.first[-1]), int(weighing.block[-1])
     refusals, seen, mean = initial_gate_state(s)

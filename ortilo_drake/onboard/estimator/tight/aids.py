@@ -9,27 +9,27 @@ from ortilo_drake.onboard.landmarks.box_fix import BoxBelief
 
 
 class Aids(NamedTuple):
-    """The filter's model of the sensors beside the imu, as compiled functions take it."""
+    """The filter's model of the sensors beside the imu, in arrays for compiled functions."""
 
     anchors: np.ndarray
     """a_i in W (n, 3) [m]."""
     lever: np.ndarray
-    """where the antenna is in B (3) [m]."""
+    """position of the uwb antenna in B (3) [m]."""
     range_noise: np.ndarray
-    """s_0 [m] and s_1 of s_0 + s_1 r (2)."""
+    """s_0 [m] and s_1 [1] of the noise sd s_0 + s_1 r of a range r (2)."""
     differences: bool
-    """whether only differences of ranges count."""
+    """whether all ranges of a message share an unknown clock offset, so that only their differences count."""
     in_pairs: bool
-    """whether the uwb's messages are differences."""
+    """whether the uwb's messages hold differences of ranges."""
     boxes: BoxBelief
-    """landmarks and camera, and by what boxes are given to landmarks; its errors and gate are not read."""
+    """landmarks, camera and settings of the association of boxes to landmarks; the errors and the gate are not read."""
     pixel_noise: np.ndarray
-    """sd of a small box's centre [px], its growth [1/px], and the share of the variance that lasts (3)."""
+    """sd of a small box's centre [px], growth of this sd [1/px], share of the variance that lasts [1] (3)."""
     angle_sd: float
-    """noise of a sample of the imu's angles [rad]; 0 leaves them out."""
+    """noise sd of a sample of the imu's angles [rad]; 0 leaves the angles out."""
     gates: np.ndarray
-    """largest squared innovations of a single number and of a box, and of a box that may be a landmark's (3)."""
+    """largest squared distance of a scalar, of a box's centre, and of a box in the association to a landmark (3)."""
     huber: float
-    """see update."""
+    """constant c of Huber's weight, see update.py."""
     watch: Watch
-    """what the watch goes by, if there is one (Motion.watches)."""
+    """settings of the watch; read only if Motion.watches."""

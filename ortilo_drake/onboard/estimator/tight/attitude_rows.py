@@ -1,7 +1,8 @@
-"""Rows of a measurement of angles, and of values that are linear in the paper's twelve states.
+"""Measurement rows of the imu's angles, and of values that are linear in the paper's twelve states.
 
-The paper's states are [p_WB, rpy, v_WB, rpy rates]. A small turn theta of the body in B is d rpy = E(rpy)^-1 theta,
-with the E of model/equations.py, and to first order the Euler rates err by E^-1 of what the body rates do, -db_g.
+The paper's states are [p_WB, rpy, v_WB, rpy rates]. A small rotation theta of the body, in B, changes rpy by E(rpy)^-1
+theta, with the E of model/equations.py. The body rates have the error -db_g, so to first order the Euler rates have the
+error -E^-1 db_g.
 """
 
 import numpy as np
@@ -18,7 +19,7 @@ from ortilo_drake.onboard.estimator.tight.update import none_taken, settle, upda
 
 @register_jitable
 def inverse_rate_matrix(rpy: np.ndarray) -> np.ndarray:
-    """Return E(rpy)^-1 (3, 3): body rates to Euler rates; singular at theta = +-pi/2."""
+    """Return E(rpy)^-1 (3, 3), which turns body rates into Euler-angle rates; singular at theta = +-pi/2."""
     (s, c), (s_theta, c_theta) = sin_cos(rpy[0]), sin_cos(rpy[1])
     k = 1.0 / c_theta
     t = s_theta * k
@@ -27,7 +28,7 @@ def inverse_rate_matrix(rpy: np.ndarray) -> np.ndarray:
 
 @register_jitable
 def wrapped(angle: float) -> float:
-    """Return an angle in [-pi, pi)."""
+    """Return the angle [rad] wrapped to [-pi, pi)."""
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
@@ -42,11 +43,11 @@ def take_angles(
     huber: float,
     normalized: np.ndarray,
 ) -> int:
-    """Take the imu's roll, pitch and yaw; return how many were used.
+    """Update with the imu's roll, pitch and yaw; return how many of the three were used.
 
-    The residual is measured less predicted angles without their errors b, the mean over a tick's samples (3) [rad], of
-    noise of that variance [rad^2]. A gate is the largest e^2 / S; huber see update. e / sqrt(S) of each goes to
-    `normalized` (3), 0 where it was refused.
+    `residual` is measured less predicted angles, before the angles' own errors b are subtracted, as the mean over a
+    tick's samples (3) [rad], with noise of `variance` [rad^2]. gate and huber as in update.py. e / sqrt(S) of each
+    angle goes to `normalized` (3), 0 for a refused one.
     """
     where, row, PHt = np.zeros(4, np.int64), np.zeros(4), np.empty(C.shape[0])
     where[:3] = np.arange(THETA, THETA + 3)
@@ -78,10 +79,10 @@ def take_fix(
     gate: float,
     huber: float,
 ) -> bool:
-    """Take a value y = C x + v (m) of the paper's twelve states by rows C (m, 12); return whether any of it was used.
+    """Update with a value y = C x + v (m) of the paper's twelve states x; return whether any row was used.
 
-    Correlated values are turned into independent ones first: with the Cholesky factor L of the covariance V (m, m),
-    L^-1 y has noise I. The body rates are as measured (3) [rad/s]; gate and huber as take_angles.
+    `rows` is C (m, 12), `covariance` the V of v (m, m). With the Cholesky factor L of V, L^-1 y has independent rows of
+    noise 1, which are used one by one. `rates` are the measured body rates (3) [rad/s]; gate, huber as in update.py.
     """
     m = value.size
     inverse = np.eye(m)

@@ -1,6 +1,6 @@
-"""Drag in the place of an accelerometer's axis: along an axis i of B the specific force is -k v_B,i.
+"""Drag in place of an accelerometer's axis: along an axis i of B the specific force is -k v_B,i.
 
-To first order v_B errs by R^T dv + [v_B]x theta, so that over a step
+To first order the error of v_B is R^T dv + [v_B]x theta, so that over a step
 
     dv' = dv - dt k R e_i e_i^T (R^T dv + [v_B]x theta)
 
@@ -15,7 +15,7 @@ from ortilo_drake.onboard.estimator.tight.layout import THETA, V
 
 @register_jitable
 def along_body(R: np.ndarray, v: np.ndarray, i: int) -> float:
-    """Return v_B,i of a vector in W."""
+    """Return the component v_B,i along axis i of B of a vector v in W (3), R = R_WB."""
     return R[0, i] * v[0] + R[1, i] * v[1] + R[2, i] * v[2]
 
 
@@ -23,10 +23,10 @@ def along_body(R: np.ndarray, v: np.ndarray, i: int) -> float:
 def drag_step(
     A: np.ndarray, N: np.ndarray, R: np.ndarray, v: np.ndarray, i: int, k: float, dt: float, density: float
 ) -> None:
-    """Add what drag along axis i (0 or 1), of k [1/s], does over a step dt [s] to transition and noise, both changed.
+    """Add the effect of drag k [1/s] along axis i (0 or 1) over a step dt [s] to the transition A and the noise N.
 
-    A is the transition of (dp, dv, theta) since the tick's beginning (9, m), N the covariance of their noise (9, 9), R
-    is R_WB and v v_WB. The density is the variance of the drag's white error [m²/s³].
+    A is the transition of (dp, dv, theta) since the start of the tick (9, m), N the covariance of their noise (9, 9),
+    R = R_WB, v = v_WB. `density` is the spectral density of the drag's white error [m²/s³].
     """
     turned = np.zeros(3)  # row i of [v_B]x
     a, b = (i + 1) % 3, (i + 2) % 3

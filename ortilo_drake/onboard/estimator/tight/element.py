@@ -1,4 +1,4 @@
-"""The tight filter as elements of the loop: the filter, and what it hears in a tick."""
+"""The tight filter as elements of the loop: the filter, and the box of the measurements that it uses in a tick."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -21,7 +21,7 @@ from ortilo_drake.onboard.estimator.tight.watch import LAST
 
 @register_jitable
 def samples_of(imu: np.ndarray, n: int) -> np.ndarray:
-    """Return the samples in the imu's message (n, 11), n of them where it is faster than the tick."""
+    """Return the samples in the imu's message (n, 11); n is above 1 if the imu is faster than the tick."""
     if n == 1:
         return imu.reshape((1, IMU_SIZE))
     return imu[PAYLOAD:].reshape((n, IMU_SIZE))
@@ -29,7 +29,7 @@ def samples_of(imu: np.ndarray, n: int) -> np.ndarray:
 
 @register_jitable
 def fix_in(fixes: np.ndarray, own: np.ndarray, i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the fix of sensor i of one's own among those of all: the whole, the value (m), the covariance (m, m)."""
+    """Return the message of own sensor i in `fixes`: the whole message, the value (m) and the covariance (m, m)."""
     m, at = own[i + 1] - own[i], 0
     for j in range(i):
         at += fix_size(own[j + 1] - own[j])
@@ -39,13 +39,13 @@ def fix_in(fixes: np.ndarray, own: np.ndarray, i: int) -> tuple[np.ndarray, np.n
 
 @register_jitable
 def fix_size(m: int) -> int:
-    """Return the size of a fix of m rows."""
+    """Return the size of the message of a fix with m rows."""
     return PAYLOAD + m + m * m
 
 
 @register_jitable
 def put_ahead(ahead: np.ndarray, belief: np.ndarray) -> None:
-    """Write a prediction (156) to a belief of [x; i] (240), the integral left as it is: that is known."""
+    """Write a prediction of x (156) to a belief of [x; i] (240); the integral, which is known, does not change."""
     put(ahead[:N_X], belief)
     for row in range(N_X):
         put(ahead[N_X * (row + 1) : N_X * (row + 2)], belief, N_XBAR * (row + 1))
@@ -72,7 +72,7 @@ def tight_step(
     own: np.ndarray,
     rows: np.ndarray,
 ) -> None:
-    """Take what arrived in tick k, each message at its stamp, and predict tick k + 1."""
+    """Update with the messages that arrived in tick k, each at its stamp, and predict tick k + 1."""
     for i in range(3):
         belief[N_X + i] += reference[i] - belief[i]
     take_messages(x, C, kept, watched, samples_of(imu, n.samples), uwb, camera, k * motion.h, layout, motion, aids)
@@ -99,7 +99,7 @@ def tight_handler_out(
     number: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Output [y, delta, V2] of tick k: what can be used of the messages; y is NaN of ranges and boxes."""
+    """Output [y, delta, V2] of tick k: the messages that can be used; the y of ranges and boxes is NaN."""
     fill(out, 0.0)
     p, s = first[-1], first.size - 1
     for j, message in ((n.numbers[0], uwb), (n.numbers[2], camera)):
@@ -131,7 +131,7 @@ NO_ROWS: Mapping[str, np.ndarray] = {}
 
 
 def starts_of(own: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return the first row of each sensor among all rows, and the end of the last one's."""
+    """Return the index of each own sensor's first row among all their rows, and the number of rows at the end."""
     return np.cumsum([0, *map(len, own.values())], dtype=np.int64)
 
 
@@ -145,14 +145,14 @@ def tight_box(
     xbar_0: np.ndarray,
     own: Mapping[str, np.ndarray] = NO_ROWS,
 ) -> Box:
-    """Return the tight filter, `filter`: it reads the messages of imu, uwb and camera, `fixes`, control and reference.
+    """Return the tight filter's box `filter`; it reads the messages of imu, uwb, camera, `fixes`, control, reference.
 
-    It shows the belief of [x; i] (240) that was predicted for this tick. The message of a sensor that does not fly is
-    zeros: 11 of the imu, two of the others.
+    The box outputs the belief of [x; i] (240) predicted for this tick. A sensor that does not fly has a message of
+    zeros: 11 for the imu, two for uwb and camera.
 
-    The imu has so many samples in a message; the payloads are the size of those of uwb and camera together, of what
-    flies. It begins with the covariance C_0 (n, n) and the estimate xbar_0 (15). `own` has C over the twelve states (m,
-    12) of each sensor of one's own whose fix is among the fixes.
+    The imu's message has `samples` samples; `payloads` is the total payload size of uwb and camera, as far as they fly.
+    The filter starts with the covariance C_0 (n, n) and the estimate xbar_0 (15). `own` gives, for each own sensor in
+    `fixes`, C over the twelve states (m, 12).
     """
     x, kept, ahead = first_states(layout, motion, C_0, xbar_0)
     belief = np.zeros(N_XBAR + N_XBAR * N_XBAR)
@@ -172,11 +172,11 @@ def tight_handler_box(
     h: float,
     own: Mapping[str, np.ndarray] = NO_ROWS,
 ) -> Box:
-    """Return the box of y, delta and V2 of a tick, `handler`; it reads the messages of imu, uwb, camera, and `fixes`.
+    """Return the box `handler` of y, delta, V2 of a tick; it reads the messages of imu, uwb, camera and `fixes`.
 
-    The measurement is the layout of what it says, the numbers are those of uwb, imu and camera among its sensors, -1
-    where one does not fly. The imu has so many samples in a message, its angles noise of angle_sd [rad] in each; the
-    filter keeps clones of past poses; h is the tick [s], `own` as tight_box's.
+    `measurement` is the layout of the output; `numbers` are the indices of uwb, imu and camera among its sensors, -1 if
+    one does not fly. The imu's message has `samples` samples, each with angle noise of sd angle_sd [rad]; `clones` is
+    the number of past poses that the filter keeps; h is the tick [s]; `own` as in tight_box.
     """
     heard = {"numbers": np.array(numbers), "samples": samples, "clones": clones, "angle_sd": angle_sd, "h": h}
     number = np.array([measurement.sensors.index(name) for name in own], dtype=np.int64)

@@ -1,12 +1,12 @@
-"""Rows of what looks down: a range finder and an optical flow sensor, both along -z of the body.
+"""Measurement rows of two sensors that look down, along -z of the body: a range finder and an optical flow sensor.
 
     r   = (p_z + (R l)_z - floor) / R_33
     y_0 = -K (1 + s) (v_B,y R_33 / h + w_x),   y_1 = -K (1 + s) (v_B,x R_33 / h - w_y),   h = p_z - floor
 
-with the finder at l in B, K pixels for a rad/s, s the error of that scale, and w the body rates less their bias.
+with the finder at l in B, K the pixels per rad/s, s the relative error of K, and w the body rates less their bias.
 
-Source of the flow's: Greiff, "Modelling and control of the Crazyflie quadrotor", Lund, 2017, section 5.3, whose axes
-the sensor's driver keeps.
+Source of the flow rows: Greiff, "Modelling and control of the Crazyflie quadrotor", Lund, 2017, section 5.3; the axes
+are those of the source and of the sensor's driver.
 """
 
 import numpy as np
@@ -21,7 +21,7 @@ def finder_row(
 ) -> float:
     """Return the predicted distance [m] and write its gradient by (dp_z, theta) to the first four of where and row.
 
-    p is p_WB, R is R_WB with R_33 > 0, the lever l (3), the floor at that z [m].
+    p is p_WB, R is R_WB with R_33 > 0, `lever` is l (3) [m], `floor` is the floor's z [m].
     """
     down = R[2]
     height = p[2] - floor + down[0] * lever[0] + down[1] * lever[1] + down[2] * lever[2]
@@ -51,10 +51,10 @@ def flow_row(
 ) -> float:
     """Return the predicted flow y_axis [px] and write its gradient to the first nine of where and row.
 
-    Of p_WB, v_WB, R_WB and body rates w less their bias (3 each), over a floor at that z [m]; pixels is K, scale s,
-    which stands at scale_at in the error state.
+    p is p_WB, v is v_WB, R is R_WB, w are the body rates less their bias (3), `floor` is the floor's z [m], `pixels` is
+    K and `scale` is s, which has index scale_at in the error state.
     """
-    i, h, gain = 1 - axis, p[2] - floor, -pixels * (1.0 + scale)  # y_0 sees v_B,y, y_1 v_B,x
+    i, h, gain = 1 - axis, p[2] - floor, -pixels * (1.0 + scale)  # y_0 depends on v_B,y, y_1 on v_B,x
     down = R[2]
     v_B = np.array([R[0, k] * v[0] + R[1, k] * v[1] + R[2, k] * v[2] for k in range(3)])
     turns = w[0] if axis == 0 else -w[1]

@@ -1,8 +1,8 @@
-"""Inertial propagation: what one sample of gyroscope and accelerometer does to state and covariance.
+"""Inertial propagation of state and covariance by one sample of gyroscope and accelerometer.
 
-With w the body rates less their bias, averaged with those of the sample before, f the specific force less its bias, and
-R_m the attitude half way (Forster et al., "On-manifold preintegration for real-time visual-inertial odometry", IEEE
-Trans. Robotics 33, 2017; Sola, "Quaternion kinematics for the error-state Kalman filter", 2017):
+w are the body rates less their bias, averaged over this sample and the one before, f is the specific force less its
+bias, and R_m the attitude half way (Forster et al., "On-manifold preintegration for real-time visual-inertial
+odometry", IEEE Trans. Robotics 33, 2017; Sola, "Quaternion kinematics for the error-state Kalman filter", 2017):
 
     R' = R exp([w dt]x),  a = R_m f - g e_z,  v' = v + a dt,  p' = p + v dt + a dt^2 / 2
 
@@ -10,7 +10,7 @@ Trans. Robotics 33, 2017; Sola, "Quaternion kinematics for the error-state Kalma
     dv'    = dv - dt R_m [f]x theta_m - dt R_m db_a,   theta_m = exp([w dt / 2]x)^T theta - (dt / 2) db_g
     dp'    = dp + dt dv + (dt / 2) (dv' - dv)
 
-The noise of a sample enters theta by dt n_g and dv by dt n_a.
+A sample's noise adds dt n_g to theta and dt n_a to dv.
 """
 
 import numpy as np
@@ -25,7 +25,7 @@ from ortilo_drake.onboard.estimator.tight.layout import ACCEL, GYRO, N_INERTIAL,
 
 @register_jitable
 def turn(q: np.ndarray, x: float, y: float, z: float) -> None:
-    """Change a unit quaternion to that of R(q) exp([(x, y, z)]x), without an array of its own: it is called often."""
+    """Replace the unit quaternion q by the one of R(q) exp([(x, y, z)]x); allocates no array, as it is called often."""
     half = 0.5 * np.sqrt(x * x + y * y + z * z)
     s = 0.5 * (1.0 - half * half / 6.0) if half < 1e-4 else 0.5 * sin(half) / half
     b_0, b_1, b_2, b_3 = cos(half), s * x, s * y, s * z
@@ -47,7 +47,7 @@ def turned(q: np.ndarray, x: float, y: float, z: float) -> np.ndarray:
 
 @register_jitable
 def matrix_of(q: np.ndarray) -> np.ndarray:
-    """Return R_WB (3, 3) of a unit quaternion."""
+    """Return R_WB (3, 3) of the unit quaternion q_WB."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     return np.array(
         (
@@ -74,7 +74,7 @@ def quaternion_of(rpy: np.ndarray) -> np.ndarray:
 
 @register_jitable
 def angles_of(q: np.ndarray) -> np.ndarray:
-    """Return roll, pitch and yaw of a unit quaternion; at theta = +-pi/2 roll and yaw are not unique."""
+    """Return roll, pitch and yaw [rad] of a unit quaternion; at theta = +-pi/2 roll and yaw are not unique."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     sine = min(1.0, max(-1.0, 2.0 * (w * y - z * x)))
     return np.array(
@@ -90,11 +90,11 @@ def angles_of(q: np.ndarray) -> np.ndarray:
 def inertial_step(
     x: np.ndarray, A: np.ndarray, N: np.ndarray, w: np.ndarray, f: np.ndarray, dt: float, variances: np.ndarray
 ) -> None:
-    """Propagate x, and the transition and noise of what has passed of a tick, by one sample; all are changed.
+    """Propagate x, and the tick's transition A and noise covariance N so far, by one sample; all three are changed.
 
-    A is the transition of (dp, dv, theta) by the fifteen inertial errors since the tick's beginning (9, 15), N the
-    covariance of the noise that entered them since (9, 9). The body rates w are averaged over the step of dt [s], f is
-    the specific force as measured; a sample's variances are of [rad^2/s^2] and [m^2/s^4] (2).
+    A maps the fifteen inertial errors at the start of the tick to (dp, dv, theta) (9, 15); N is the covariance of the
+    noise added to these since then (9, 9). w are the measured body rates, averaged over the step of dt [s], f is the
+    measured specific force; `variances` are of one sample of both [rad^2/s^2], [m^2/s^4] (2).
     """
     wx, wy, wz = w[0] - x[Q + 4], w[1] - x[Q + 5], w[2] - x[Q + 6]
     fx, fy, fz = f[0] - x[Q + 7], f[1] - x[Q + 8], f[2] - x[Q + 9]
@@ -104,7 +104,7 @@ def inertial_step(
         a = R[i, 0] * fx + R[i, 1] * fy + R[i, 2] * fz - (GRAVITY if i == 2 else 0.0)
         x[P + i] += dt * x[V + i] + 0.5 * dt * dt * a
         x[V + i] += dt * a
-    # -dt R [f]x by theta, and exp([w dt]x)^T to second order.
+    # B = -dt R [f]x, the factor of theta, and D = exp([w dt]x)^T to second order.
     B = np.empty((3, 3))
     for i in range(3):
         B[i, 0] = -dt * (R[i, 1] * fz - R[i, 2] * fy)
@@ -121,7 +121,7 @@ def inertial_step(
     )
     half = np.array([0.5 * tx, 0.5 * ty, 0.5 * tz])
     _advance(A, B, D, R, half, dt, True)
-    _advance(N, B, D, R, half, dt, False)  # F N, then (F N) F^T by the columns
+    _advance(N, B, D, R, half, dt, False)  # first F N, then (F N) F^T on the columns
     _advance(N.T, B, D, R, half, dt, False)
     for i in range(3):
         N[V + i, V + i] += dt * dt * variances[1]
@@ -132,7 +132,7 @@ def inertial_step(
 def _advance(
     M: np.ndarray, B: np.ndarray, D: np.ndarray, R: np.ndarray, half: np.ndarray, dt: float, biased: bool
 ) -> None:
-    """Replace the rows (dp, dv, theta) of M by F M; biased adds what the biases' own columns (GYRO, ACCEL) do."""
+    """Replace the rows (dp, dv, theta) of M by F M; `biased` adds the effect of the biases to their columns of M."""
     for j in range(M.shape[1]):
         t0, t1, t2 = M[THETA, j], M[THETA + 1, j], M[THETA + 2, j]
         m0 = t0 - (half[1] * t2 - half[2] * t1)
@@ -160,9 +160,9 @@ def propagate_covariance(
 ) -> None:
     """Propagate the covariance over a tick: C <- F C F^T + noise, symmetric.
 
-    A is the transition of the first nine errors by the first fifteen (9, 15), N the covariance of their noise (9, 9).
-    Each further error, from GYRO to the clones (core - 9), goes on by a factor that it keeps, and gets the variance of
-    a step. It works in scratch (9, n).
+    A is the transition from the first fifteen errors to the first nine (9, 15), N the noise covariance of the nine (9,
+    9). Each further error from GYRO up to the clones (core - 9) is multiplied by its factor in `keeps` and gets its
+    variance in `steps`. `scratch` is work memory (9, n).
     """
     n, core = C.shape[0], keeps.size + GYRO
     for i in range(GYRO):
@@ -173,8 +173,8 @@ def propagate_covariance(
                 a, row = A[i, k], C[k]
                 for j in range(n):
                     product[j] += a * row[j]
-    # (A C)[:, :15] A^T in the corner; the other columns as they are.
-    for j in range(GYRO, n):  # row by row of C: down its columns every number would be a line of the cache
+    # (A C)[:, :15] A^T in the corner; A C in the other columns.
+    for j in range(GYRO, n):  # along the rows of C: along a column, each number would load a new cache line
         for i in range(GYRO):
             C[j, i] = scratch[i, j]
     for i in range(GYRO):
@@ -186,7 +186,7 @@ def propagate_covariance(
             C[i, j] = total
             C[j, i] = total
     end = GYRO
-    while end < core:  # those that fade, group by group: their columns, then their rows
+    while end < core:  # errors with keeps below 1, group by group: first their columns, then their rows
         first = end
         while end < core and keeps[end - GYRO] != 1.0:
             end += 1

@@ -1,4 +1,4 @@
-"""The tight filter's model, from the scenario: its states, their noise, their first covariance."""
+"""The tight filter's model, made from the scenario: states, noise and initial covariance."""
 
 from collections.abc import Container
 
@@ -34,7 +34,7 @@ from ortilo_drake.scenario.tight import TightFilter as Settings
 
 
 def layout_of(settings: Settings, room: Room, measured: Container[str | None], h: float) -> Layout:
-    """Return the layout of the states: those whose error is not 0, of what the sensors measure by (model/parts.py)."""
+    """Return the layout of the states whose error is not 0; `measured` names what the sensors use (model/parts.py)."""
     imu, ranges, pixels = settings.imu, settings.ranges, settings.pixels
     anchors = len(room.anchors) if "anchors" in measured else 0
     landmarks = len(room.landmarks) if "landmarks" in measured else 0
@@ -52,7 +52,7 @@ def layout_of(settings: Settings, room: Room, measured: Container[str | None], h
 
 
 def sample_sds(settings: Settings, samples: int, h: float) -> tuple[float, float]:
-    """Return the noise of a sample of body rates [rad/s] and specific force [m/s^2]."""
+    """Return the noise sds of one sample of the body rates [rad/s] and of the specific force [m/s^2]."""
     imu = settings.imu
     its = imu if imu.datasheet == "none" else DATASHEETS[imu.datasheet]
     return white_sd(its.rate_density, h / samples), white_sd(its.specific_force_density, h / samples)
@@ -88,7 +88,7 @@ def watch_of(settings: Settings, h: float) -> Watch:
     watch = settings.watch
     if watch is None:
         return Watch(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    attitude = watch.gyroscope_sd * watch.time  # what the step has turned it by until it is noticed
+    attitude = watch.gyroscope_sd * watch.time  # attitude error until the watch notices a step of the gyroscope's bias
     opened = watch.gyroscope_sd**2, attitude**2, watch.offset_sd**2
     return Watch(1.0 - np.exp(-h / watch.time), watch.leans, watch.sided, *opened)
 
@@ -127,10 +127,10 @@ def _counts(layout: Layout) -> tuple[int, int]:
 def initial_covariance(
     settings: Settings, layout: Layout, rest: Rest | None = None, noise: tuple[float, float] = (0.0, 0.0)
 ) -> np.ndarray:
-    """Return the first covariance (n, n); all clones are the first pose.
+    """Return the initial covariance (n, n); all clones equal the first pose.
 
-    After a rest before take-off the imu's biases follow from it and from the noise of a sample of body rates [rad/s]
-    and specific force [m/s^2].
+    With a rest before take-off, the covariance of the imu's biases follows from the rest and from `noise`, the sds of
+    one sample of the body rates [rad/s] and of the specific force [m/s^2].
     """
     imu, ranges, pixels = settings.imu, settings.ranges, settings.pixels
     sd = np.zeros(layout.core)
@@ -162,9 +162,9 @@ def initial_covariance(
 def first_states(
     layout: Layout, motion: Motion, C_0: np.ndarray, xbar_0: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the first nominal state, what is kept of imu and control, and the prediction for t_0.
+    """Return the initial nominal state, the initial `kept` of imu and control (tick.py), and the prediction for t_0.
 
-    C_0 is the first covariance (n, n), xbar_0 the first estimate of the paper's states, at rest in hover (15).
+    C_0 is the initial covariance (n, n), xbar_0 the initial estimate of the paper's states, at rest in hover (15).
     """
     x, kept, ahead = np.zeros(nominal_size(layout)), np.zeros(N_KEPT), np.zeros(N_AHEAD)
     x[P : P + 3], x[V : V + 3], x[Q : Q + 4] = xbar_0[0:3], xbar_0[6:9], quaternion_of(xbar_0[3:6])

@@ -1,11 +1,11 @@
-"""Landmark bearings as pixels: each box's centre is two measurements, of whatever landmarks are in view.
+"""Landmark bearings in pixels: the centre of each landmark's box gives two measurements.
 
     z_i = h(p_WB, R_WB, p_WL_i + c_i) + sd_i s_i - (dh/dt) tau + noise
 
-with h the centre of the landmark's box (model/pinhole.py), c_i from where it was surveyed to where it is, sd_i s_i the
-part of the box's error that lasts from picture to picture, and tau the time by which the message is older than its
-stamp: dh/dt is what velocity and body rates make of h. Boxes are given to landmarks by onboard/landmarks'
-association, the covariance being that of the pose at the stamp.
+with h the centre of the landmark's box (model/pinhole.py), c_i the landmark's true less its surveyed position, sd_i s_i
+the part of the box's error that lasts from picture to picture, and tau the message's age beyond its stamp. dh/dt is the
+rate of h due to velocity and body rates. The association of onboard/landmarks assigns boxes to landmarks, with the
+covariance of the pose at the stamp.
 """
 
 import numpy as np
@@ -24,7 +24,7 @@ from ortilo_drake.onboard.landmarks.landmark_association import center_sd
 
 @cached_njit
 def pose_belief(x: np.ndarray, C: np.ndarray, layout: Layout, clone: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return a pose as the association takes it: xhat (15), and P (225) of position and Euler angles in it."""
+    """Return a pose for the association: xhat (15) and P (225), both 0 but for position and Euler angles."""
     p_WB, q_WB = pose_of(x, layout, clone)
     xhat, rpy = np.zeros(15), angles_of(q_WB)
     put(p_WB, xhat)
@@ -63,12 +63,12 @@ def box_rows(
     e: np.ndarray,
     sd: np.ndarray,
 ) -> int:
-    """Write the two rows of a box at a state; return the number of entries, 0 if the landmark has no projection.
+    """Write the two rows of a box's centre; return their number of entries, 0 if the landmark has no projection.
 
-    The box of landmark i, believed to be at p_WL, of that outline (m, 3), is centred there (2) [px]; the noise is
-    Aids.pixel_noise. The body turned at those rates (3) [rad/s] at the stamp, and the clone's pose counts. `where` has
-    the indices of the rows' entries (2, 11 at least), rows the numbers, e the innovations (2) [px], and sd the errors
-    of the centre (2) [px], written to if they are 0.
+    Landmark i is estimated at `position`, p_WL (3) [m], and has the `outline` (m, 3); its box has the measured `center`
+    (2) [px]. `noise` is Aids.pixel_noise; `rates` are the body rates at the stamp (3) [rad/s]; `clone` is the pose.
+    `where` gets the indices of the rows' entries (2, 11 or more), `rows` their values, `e` the innovations (2) [px],
+    and `sd` the sds of the centre (2) [px], unless they are already set.
     """
     J, box = np.empty((2, 6)), np.empty(4)
     p_WB, q_WB = pose_of(x, layout, clone)
@@ -84,7 +84,7 @@ def box_rows(
         for k in range(3):
             rows[axis, k] = J[axis, k]
             rows[axis, 3 + k] = J[axis, 3] * E[0, k] + J[axis, 4] * E[1, k] + J[axis, 5] * E[2, k]
-        if layout.survey >= 0:  # a landmark moved is the vehicle moved the other way
+        if layout.survey >= 0:  # to move a landmark has the effect of moving the vehicle the other way
             for k in range(3):
                 where[axis, m], rows[axis, m] = layout.survey + 3 * i + k, -J[axis, k]
                 m += 1
@@ -116,9 +116,9 @@ def box_misfit(
     first: np.ndarray,
     second: np.ndarray,
 ) -> tuple[float, float]:
-    """Return e^T S^-1 e of a box's two rows and S_u, and write their C H^T to first and second (n).
+    """Return e^T S^-1 e of a box's two rows, and S_u; write C H^T of the two rows to `first` and `second` (n).
 
-    Of each row's m entries `where` has the indices and `rows` the numbers (2, m at least). The innovations e (2) have
+    `where` holds the indices and `rows` the values of each row's m entries (2, m or more). The innovations e (2) have
     noise of variance r_u and r_v.
     """
     S_u = innovation_variance(C, taken, where[0], rows[0], m, first) + r_u
@@ -141,10 +141,10 @@ def take_boxes(
     rates: np.ndarray,
     clone: int,
 ) -> tuple[int, int]:
-    """Take boxes that were given to landmarks; return how many were used and how many refused.
+    """Update with boxes that were assigned to landmarks; return the numbers of used and of refused boxes.
 
-    Arguments as take_ranges in ranges.py, with the landmarks (k), the centres of their boxes (k, 2) [px] and the body
-    rates at the stamp (3) [rad/s].
+    `chosen` are the landmarks' indices (k), `centers` the centres of their boxes (k, 2) [px], `rates` the body rates at
+    the stamp (3) [rad/s]; other arguments as in take_ranges of ranges.py.
     """
     camera, noise, outlines = aids.boxes.camera, aids.pixel_noise, aids.boxes.outlines
     PHt, first = np.empty(C.shape[0]), np.empty(C.shape[0])
@@ -170,7 +170,7 @@ def take_boxes(
         correct(x, taken, first, S_u + (weight - 1.0) * r_u, e[0], layout.core)
         m = box_rows(
             x, layout, i, centers[b], position, outlines[i], camera, noise, rates, clone, where, rows, e, sd
-        )  # once more: the first row has corrected the state
+        )  # computed again, because the first row has corrected the state
         if m > 0:
             update(x, C, taken, where[1], rows[1], m, e[1], weight * r_v, np.inf, np.inf, layout.core, PHt)
     settle(C, taken)

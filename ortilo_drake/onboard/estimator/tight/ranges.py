@@ -1,20 +1,19 @@
-"""Ranges and differences of ranges: each one is a measurement, also where it is the only one.
+"""Measurement rows of single ranges and of differences of ranges; one range or difference alone can be used.
 
     r_i = |p_WB + R_WB l_B - a_i| + b_i + s_i + c - (u . v) tau + noise
 
-with the antenna's lever arm l, constant and slow errors b_i and s_i of an anchor's ranges, an error c that all have in
-common (0 until watch.py opens it), u the direction from the anchor, and tau the time by which the message is older than
-its stamp. With differences the tick's clock offset is one more unknown, common to all ranges of a message: that is the
-same as differences to any one of them (TDoA).
+with the antenna's lever arm l, the constant and the slow error b_i and s_i of an anchor's ranges, a common error c of
+all ranges (0 until watch.py opens it), u the direction from the anchor, and tau the message's age beyond its stamp. If
+only differences of ranges count (TDoA), the clock offset of the tick is one more unknown, common to all ranges of a
+message; the result equals the one with differences to any one range.
 
-Differences come one packet after the other, each at its own time.
+A message of differences holds packets, each with its own time:
 
     r_ab = |q - a_b| + b_b + s_b - (|q - a_a| + b_a + s_a) + noise,   q = p_WB - (t + tau) v_WB + R_WB l_B
 
-with lever arm l, constant and slow errors b_i and s_i as of single ranges, t the packet's age at the
-message's stamp and tau the time by which the message is older than that. The noise of a row is that of two ranges; the
-noises of rows are taken to be independent. How far the lever turned since, and the velocity from a late message's stamp
-to now, are left out. No clock of the vehicle is in a difference.
+with l, b_i, s_i and tau as for single ranges, and t the packet's age at the message's stamp. A row has the noise of two
+ranges; rows count as independent. Neglected are the lever's rotation since the packet, and changes of the velocity
+between the stamp of a late message and now. The vehicle's clock does not enter a difference.
 """
 
 import numpy as np
@@ -35,8 +34,8 @@ from ortilo_drake.onboard.estimator.tight.update import (
     update,
 )
 
-MIN_SD = 1e-3  # no range is believed better than this [m]
-CLOCK_SD = 100.0  # of a clock that says nothing [m]
+MIN_SD = 1e-3  # smallest noise sd of a range [m]
+CLOCK_SD = 100.0  # sd of an unknown clock offset [m]
 
 
 @register_jitable
@@ -51,7 +50,7 @@ def predicted_range(p_WB: np.ndarray, R_WB: np.ndarray, lever: np.ndarray, ancho
 
 @register_jitable
 def range_row(p_WB: np.ndarray, R_WB: np.ndarray, lever: np.ndarray, anchor: np.ndarray, row: np.ndarray) -> float:
-    """Return the predicted range and write its gradient by (dp, theta) to row (6)."""
+    """Return the predicted range [m] and write its gradient by (dp, theta) to row (6)."""
     d = predicted_range(p_WB, R_WB, lever, anchor)
     for i in range(3):
         lever_W = R_WB[i, 0] * lever[0] + R_WB[i, 1] * lever[1] + R_WB[i, 2] * lever[2]
@@ -79,11 +78,11 @@ def signed_range(
     where: np.ndarray,
     row: np.ndarray,
 ) -> tuple[float, int]:
-    """Add sign (1, -1) times the row of anchor i's range; return the predicted range and how many entries there are.
+    """Add sign (1, -1) times the row of anchor i's range; return the predicted range and the new number of entries.
 
-    The range was taken at p_WB and R_WB with the lever l_B. The constant and the slow errors of the anchors, a_i in W
-    (n, 3), begin in the error state at `lasting` and `slow`, -1 where they have none. Of the m entries so far, indices
-    in `where` and numbers in `row`, the first six are those of (dp, theta).
+    p is p_WB and R is R_WB at the range's time, `lever` is l_B, `anchors` are a_i in W (n, 3) [m]. `lasting` and `slow`
+    are the first indices of the anchors' constant and slow errors in the error state, -1 for none. `where` holds the
+    indices and `row` the values of the m entries so far; the first six belong to (dp, theta).
     """
     gradient = np.empty(6)
     d = range_row(p, R, lever, anchors[i], gradient)
@@ -101,17 +100,17 @@ def signed_range(
 def take_ranges(
     x: np.ndarray, C: np.ndarray, layout: Layout, message: np.ndarray, aids: Aids, clone: int
 ) -> tuple[int, int, int]:
-    """Take a uwb message range by range.
+    """Update with the ranges of a uwb message, one by one.
 
-    Returns how many were used, how many refused, and how many more of the refused ones were too long than too short.
-    With aids.differences a clock offset is common to all ranges of a message. The clone belongs to the stamp, -1 is the
-    present.
+    Returns the numbers of used and of refused ranges, and the number of refused ranges that were too long less the
+    number of those too short. With aids.differences all ranges of a message share a clock offset. `clone` is the pose
+    at the message's stamp, -1 for the present pose.
     """
     n, core, gate = aids.anchors.shape[0], layout.core, aids.gates[0]
     where, row = np.zeros(12, np.int64), np.zeros(12)
     PHt, taken = np.empty(C.shape[0]), none_taken(n, C.shape[0])
     used = refused = longer = 0
-    # A common offset is a state of this message alone: its mean, variance and covariance with the error state.
+    # The common offset is a state of this message only: mean, variance, and covariance with the error state.
     offset, offset_variance = 0.0, CLOCK_SD**2 if aids.differences else 0.0
     with_offset = np.zeros(C.shape[0])
     put_places(layout, clone, where)
@@ -166,9 +165,9 @@ def take_ranges(
 def take_differences(
     x: np.ndarray, C: np.ndarray, layout: Layout, message: np.ndarray, aids: Aids, clone: int
 ) -> tuple[int, int]:
-    """Take a uwb message difference by difference; return how many were used and how many refused.
+    """Update with the differences of a uwb message, one by one; return the numbers of used and of refused ones.
 
-    Arguments as take_ranges in ranges.py; the message has rows as in model/range_pairs.py.
+    Arguments as in take_ranges; the message has the rows of model/range_pairs.py.
     """
     rows, anchors, lever, noise = (message.size - PAYLOAD) // ROW, aids.anchors, aids.lever, aids.range_noise
     where, row = np.zeros(14, np.int64), np.zeros(14)
@@ -180,7 +179,7 @@ def take_differences(
     for j in range(rows):
         its = message[PAYLOAD + ROW * j : PAYLOAD + ROW * (j + 1)]
         if its[THERE] == 0.0 or not (0.0 <= its[A] < anchors.shape[0] and 0.0 <= its[B] < anchors.shape[0]):
-            continue  # asked before they are made whole: of NaN each processor makes another number
+            continue  # checked before the conversion to int, because int(NaN) depends on the processor
         a, b = int(its[A]), int(its[B])
         age = its[AGE]
         if layout.clock >= 0:

@@ -1,4 +1,4 @@
-"""The tight filter's updates by the messages of a tick: imu, ranges, boxes, each at its stamp."""
+"""The tight filter's updates with the messages of a tick: imu, ranges and boxes, each at its stamp."""
 
 import numpy as np
 from numba.extending import register_jitable
@@ -14,14 +14,15 @@ from ortilo_drake.onboard.estimator.tight.tick import RATES, Motion, propagate_t
 from ortilo_drake.onboard.estimator.tight.watch import LAST, says_again, watch_angles, watch_ranges
 from ortilo_drake.onboard.landmarks.landmark_association import associate
 
-PRESENT, NOT_TAKEN = -1, -2  # in place of a clone's number
+PRESENT, NOT_TAKEN = -1, -2  # values in place of a clone's index
 
 
 @cached_njit
 def clone_of(message: np.ndarray, now: float, h: float, clones: int) -> int:
-    """Return the clone of a message's stamp, PRESENT for t_k, NOT_TAKEN if it did not arrive or is too old.
+    """Return the index of the clone at a message's stamp: PRESENT for t_k, NOT_TAKEN if the message cannot be used.
 
-    t_k is now [s], h the tick [s]; there are so many clones.
+    A message cannot be used if it did not arrive, is not finite, or is older than the `clones` past poses or newer than
+    t_k. t_k is `now` [s], h the tick [s].
     """
     if message[ARRIVED] == 0.0 or not np.isfinite(message).all():
         return NOT_TAKEN
@@ -48,10 +49,10 @@ def take_messages(
     motion: Motion,
     aids: Aids,
 ) -> None:
-    """Go through the imu's samples (m, 11) to t_k, now [s], and take the ranges and the boxes that arrived.
+    """Propagate through the imu's samples (m, 11) to t_k, `now` [s], and update with the ranges and boxes that arrived.
 
-    Changed besides x and C are what is kept of imu and control (tick.py) and by the watch (watch.py): its means, then
-    the last payloads of uwb and detections. The message of a sensor that does not fly is [0, 0].
+    Besides x and C this changes `kept` (imu and control, tick.py) and `watched` (watch.py), which holds the watch's
+    means and the last payloads of uwb and detections. A sensor that does not fly has the message [0, 0].
     """
     residual, normalized = np.empty(3), np.zeros(3)
     count = propagate_to_now(x, C, kept, samples, now, motion, residual)

@@ -1,10 +1,9 @@
-"""A tick of the tight filter: through the imu's samples to now, one tick ahead for the servo, poses that are kept.
+"""A tick of the tight filter: propagate through the imu's samples to now, predict one tick ahead, store the pose.
 
-Where an imu says nothing new, as samples stay away or one is repeated for ever, the last sample stands for those that
-are missing, changed as thrust and torque are. What it is wrong by
-grows, and it is wrong by the same for many ticks, as a bias is. So the states of the biases take it up: they walk as
-fast as thrust and torque leave rates and force unexplained, and ranges and boxes correct them. When samples come again,
-the biases are what they were before.
+If the imu is silent (samples are missing, or one sample repeats for ever), the last sample replaces the missing ones,
+changed by the changes of thrust and torque. Its error grows, and stays similar for many ticks, as the error of a bias
+does. So the bias states absorb it: their random walk is as fast as rates and force deviate from those of thrust and
+torque, and ranges and boxes correct them. When samples come again, the biases return to their values from before.
 """
 
 from typing import Final, NamedTuple
@@ -20,17 +19,17 @@ from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matr
 from ortilo_drake.onboard.estimator.tight.inertial import angles_of, inertial_step, propagate_covariance
 from ortilo_drake.onboard.estimator.tight.layout import ACCEL, ADDITIVE, GYRO, N_INERTIAL, THETA, Layout, P, Q, V
 
-AFTER: Final = 0.1  # ticks without a sample that are no silence yet [s]
-_N: Final = N_INERTIAL - GYRO  # biases of gyroscope and accelerometer
+AFTER: Final = 0.1  # longest time without a sample that does not yet count as silence [s]
+_N: Final = N_INERTIAL - GYRO  # number of biases of gyroscope and accelerometer
 
-# What is kept: the last sample, its stamp, whether the imu is silent, the biases and their variances of before.
+# Parts of `quiet`: last sample, its stamp, whether the imu is silent, biases and their variances before the silence.
 _SAMPLE, _STAMP, _SILENT, _BIAS, _VARIANCE = 0, _N, _N + 1, _N + 2, 2 * _N + 2
 N_QUIET: Final = 3 * _N + 2
 
 
 @register_jitable
 def is_repeated(sample: np.ndarray, quiet: np.ndarray) -> bool:
-    """Return whether body rates and specific force (6) are bit for bit those of the last sample: noise never is."""
+    """Return whether body rates and specific force (6) equal the last sample bit by bit; with noise they never do."""
     for i in range(_N):
         if sample[i] != quiet[_SAMPLE + i]:
             quiet[_SAMPLE : _SAMPLE + _N] = sample
@@ -40,9 +39,9 @@ def is_repeated(sample: np.ndarray, quiet: np.ndarray) -> bool:
 
 @register_jitable
 def in_silence(x: np.ndarray, C: np.ndarray, quiet: np.ndarray, now: float, h: float, silent: np.ndarray) -> None:
-    """Let the biases of a silent imu walk for a tick of h [s] until t_k, now [s]; changes C and what is kept (N_QUIET).
+    """Let the biases of a silent imu walk for a tick of h [s] until t_k, `now` [s]; changes C and `quiet` (N_QUIET).
 
-    `silent` is the variance per second of body rates and specific force (2).
+    `silent` is the variance per second of the walk of body rates and of specific force (2).
     """
     if now - quiet[_STAMP] <= AFTER:
         return
@@ -56,10 +55,10 @@ def in_silence(x: np.ndarray, C: np.ndarray, quiet: np.ndarray, now: float, h: f
 
 @register_jitable
 def end_silence(x: np.ndarray, C: np.ndarray, held: np.ndarray, quiet: np.ndarray, stamp: float) -> None:
-    """Note that a sample came, and when [s]; after a silence give the biases back what they were.
+    """Store the stamp [s] of a sample that came; after a silence, restore the biases from before the silence.
 
-    Arguments as in_silence; held, body rates and specific force that stood for samples (6), becomes what they were
-    believed to be.
+    `held` has the body rates and the specific force that replaced samples (6); the change of the biases is added to
+    them, so that `held` less the biases stays the same. Other arguments as in in_silence.
     """
     quiet[_STAMP] = stamp
     if quiet[_SILENT] == 0.0:
@@ -73,36 +72,36 @@ def end_silence(x: np.ndarray, C: np.ndarray, held: np.ndarray, quiet: np.ndarra
         C[GYRO + i, GYRO + i] = quiet[_VARIANCE + i]
 
 
-# What is kept of the imu and the control, beside state and covariance; QUIET is for tick.py.
+# Parts of `kept`, the memory of imu and control beside state and covariance; from QUIET on it is `quiet` above.
 RATES, FORCE, TIME, THRUST, TORQUE, QUIET = 0, 3, 6, 7, 8, 11
 N_KEPT = QUIET + N_QUIET
-ROUNDING = 1e-9  # of times [s]
-N_AHEAD = N_X + N_X * N_X  # the prediction for the next tick, estimate and covariance
+ROUNDING = 1e-9  # tolerance of times [s]
+N_AHEAD = N_X + N_X * N_X  # size of the prediction for the next tick, estimate and covariance
 
 
 class Motion(NamedTuple):
     """The tight filter's model of imu and vehicle."""
 
     variances: np.ndarray
-    """of a sample's body rates [rad^2/s^2] and specific force [m^2/s^4] (2)."""
+    """noise variances of a sample's body rates [rad^2/s^2] and specific force [m^2/s^4] (2)."""
     coasting: np.ndarray
-    """likewise of what stands for them in a tick without samples (2)."""
+    """same as `variances`, for the values that replace samples in a tick without any (2)."""
     keeps: np.ndarray
-    """factor by which each additive error goes on in a tick (core - 9)."""
+    """factor on each additive error per tick (core - 9)."""
     steps: np.ndarray
-    """variance that each of them gets (core - 9)."""
+    """variance added to each additive error per tick (core - 9)."""
     mass: float
-    """of the vehicle [kg]."""
+    """mass of the vehicle [kg]."""
     inertia: np.ndarray
-    """about its axes (3) [kg m^2]."""
+    """moments of inertia about the axes of B (3) [kg m^2]."""
     h: float
     """tick [s]."""
     silent: np.ndarray
-    """what a silent imu lets body rates [rad^2/s^3] and specific force [m^2/s^5] walk (2)."""
+    """variance per second of the biases' walk while the imu is silent: rates [rad^2/s^3], force [m^2/s^5] (2)."""
     watches: bool
-    """whether a sample that is the one before again is none."""
+    """whether the filter has a watch, and ignores samples and messages that repeat the one before."""
     yaw: float
-    """the heading that is held [rad]: yaw is told within half a turn of it."""
+    """heading that is held [rad]: the predicted yaw is within half a turn of it."""
 
 
 @cached_njit
@@ -115,11 +114,11 @@ def propagate_to_now(
     motion: Motion,
     residual: np.ndarray,
 ) -> int:
-    """Propagate x, C and what is kept (N_KEPT) to t_k, now [s]; return how many samples of the imu there were.
+    """Propagate x, C and `kept` (N_KEPT) to t_k, `now` [s]; return the number of imu samples that were used.
 
-    Where samples are missing the last one stands for them, the specific force changed as the thrust was; tick.py has
-    what becomes of the biases then. Samples are rows [arrived, stamp, rpy, body rates, specific force], oldest first
-    (m, 11). The mean of measured less predicted angles [rad] goes to the residual (3).
+    The last sample replaces missing ones, with its specific force changed as the thrust was; in_silence changes the
+    biases' variance then. `samples` are rows [arrived, stamp, rpy, body rates, specific force], oldest first (m, 11).
+    The mean of measured less predicted angles [rad] goes to `residual` (3).
     """
     A, N = np.zeros((9, N_INERTIAL)), np.zeros((9, 9))
     for i in range(9):
@@ -146,7 +145,7 @@ def propagate_to_now(
     if count > 0:
         residual /= count
     dt = now - kept[TIME]
-    if dt > ROUNDING:  # what is left without a sample
+    if dt > ROUNDING:  # the rest of the tick, without a sample
         w, f = kept[RATES:FORCE].copy(), kept[FORCE:TIME].copy()
         w += dt * kept[TORQUE : TORQUE + 3] / motion.inertia
         inertial_step(x, A, N, 0.5 * (kept[RATES:FORCE] + w), f, dt, motion.coasting)
@@ -163,7 +162,7 @@ def propagate_to_now(
 
 @cached_njit
 def keep_pose(x: np.ndarray, C: np.ndarray, layout: Layout) -> None:
-    """Make the present pose the first of the clones; the oldest is dropped."""
+    """Insert the present pose as the first clone and drop the oldest clone."""
     if layout.clones == 0:
         return
     core, n = layout.core, layout.n
@@ -188,11 +187,11 @@ def keep_pose(x: np.ndarray, C: np.ndarray, layout: Layout) -> None:
 def predict_next_tick(
     x: np.ndarray, C: np.ndarray, kept: np.ndarray, u: np.ndarray, motion: Motion, ahead: np.ndarray
 ) -> None:
-    """Write the prediction for the next tick, estimate (12) and covariance (144), to ahead.
+    """Write the prediction for the next tick, estimate (12) and covariance (144), to `ahead`.
 
-    The specific force is the last one, changed as the thrust is; the body rates change by the torque commanded.
+    The specific force is the last one, changed by the change of thrust; the commanded torque changes the body rates.
 
-    Arguments as propagate_to_now, with the control from now on u (4), whose thrust and torque are kept.
+    u is the control from now on (4), stored in `kept`. Other arguments as in propagate_to_now.
     """
     kept[FORCE + 2] += (u[0] - kept[THRUST]) / motion.mass
     put(u[:4], kept, THRUST)
@@ -208,7 +207,7 @@ def predict_next_tick(
     put(rpy, ahead, 3)
     put(y[V : V + 3], ahead, 6)
     put(times(E, w - y[ADDITIVE : ADDITIVE + 3]), ahead, 9)
-    # Errors of [dp, dv, theta, db_g] ahead, then as the paper's states.
+    # Covariance of [dp, dv, theta, db_g] one tick ahead, then of the paper's states.
     D, T = C[:N_INERTIAL, :N_INERTIAL].copy(), np.zeros((12, 12))
     walks = N_INERTIAL - GYRO
     propagate_covariance(D, A, N, np.ones(walks), np.zeros(walks), np.empty((9, N_INERTIAL)))

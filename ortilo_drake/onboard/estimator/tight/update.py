@@ -1,18 +1,18 @@
 """Scalar updates of the tight filter: gate, weight, correct, one row of H at a time.
 
-A row is given sparsely: where it is not 0, and what it is there. With S = H C H^T + r and the innovation e,
+A row is sparse: the indices and the values of its nonzero entries. With S = H C H^T + r and the innovation e,
 
     K = C H^T / S,  error <- K e,  C <- C - g g^T,  g = C H^T / sqrt(S),
 
-and the error goes into the nominal state at once, so that the next row is linearised there. Rows of one measurement
-whose noises are independent may be taken one after the other (Anderson and Moore, "Optimal Filtering", 1979).
+and the error is added to the nominal state at once, so that the next row is linearised at the corrected state. Rows
+with independent noise may be used one after the other (Anderson and Moore, "Optimal Filtering", 1979).
 
-To pass over the whole of C for each row would be most of a step's time. So the g of the rows that were taken are kept,
-the next row's C H^T is made of C and of them, and C is passed over once at the end: C - sum g g^T, to rounding what it
-was after the last row.
+To update the whole of C for each row would take most of a step's time. So the filter keeps the g of each used row,
+computes C H^T of the next row from C and these g, and updates C once at the end: C - sum g g^T, which equals the update
+row by row up to rounding.
 
-A gate refuses e^2 / S above a quantile of chi-square. Huber's weight leaves the noise r of an innovation e as it is
-within c standard deviations sqrt(S) and takes r |e| / (c sqrt(S)) beyond (Huber, "Robust Statistics", 1981).
+The gate refuses a row if e^2 / S exceeds a quantile of chi-square. Huber's weight keeps the noise variance r if |e| is
+within c sqrt(S), and replaces it by r |e| / (c sqrt(S)) beyond (Huber, "Robust Statistics", 1981).
 """
 
 from typing import NamedTuple
@@ -27,7 +27,7 @@ from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, THETA, Q
 
 @register_jitable
 def inject(x: np.ndarray, error: np.ndarray, core: int) -> None:
-    """Add an error state (n) to the nominal state, clones included."""
+    """Add an error state (n) to the nominal state and its clones."""
     for i in range(THETA):
         x[i] += error[i]
     turn(x[Q : Q + 4], error[THETA], error[THETA + 1], error[THETA + 2])
@@ -41,27 +41,27 @@ def inject(x: np.ndarray, error: np.ndarray, core: int) -> None:
 
 
 class Taken(NamedTuple):
-    """Rows that were taken and not yet settled: the covariance is C - sum g g^T."""
+    """The used rows that `settle` has not yet subtracted from C: the covariance is C - sum g g^T."""
 
     g: np.ndarray
-    """C H^T / sqrt(S) of each; 0 where there is none (m, n)."""
+    """C H^T / sqrt(S) of each row; 0 in unused places (m, n)."""
     number: np.ndarray
-    """how many there are (1)."""
+    """number of rows (1)."""
 
 
-_AT_ONCE = 4  # rows for which C is passed over once
-_ALIGNED = 16  # columns right of the diagonal begin at a multiple of it, so that no odd ones are left over
+_AT_ONCE = 4  # number of rows processed in one pass over C
+_ALIGNED = 16  # columns right of the diagonal start at a multiple of this, so that vector loops have no remainder
 
 
 @register_jitable
 def none_taken(rows: int, n: int) -> Taken:
-    """Return no rows, with room for so many of n numbers."""
+    """Return an empty Taken with room for `rows` rows of n numbers."""
     return Taken(np.zeros((rows + (-rows) % _AT_ONCE, n)), np.zeros(1, np.int64))
 
 
 @register_jitable
 def keep_row(taken: Taken, PHt: np.ndarray, S: float) -> None:
-    """Keep g of a row that was taken: of C H^T (n) and S."""
+    """Append g = C H^T / sqrt(S) of a used row to `taken`, given C H^T (n) and S."""
     g, s = taken.g[taken.number[0]], 1.0 / np.sqrt(S)
     for i in range(PHt.size):
         g[i] = PHt[i] * s
@@ -70,7 +70,7 @@ def keep_row(taken: Taken, PHt: np.ndarray, S: float) -> None:
 
 @cached_njit
 def settle(C: np.ndarray, taken: Taken) -> None:
-    """Take what is kept from the covariance: C <- C - sum g g^T, symmetric; nothing is kept then."""
+    """Subtract the rows in `taken` from the covariance, C <- C - sum g g^T, symmetric, and empty `taken`."""
     n, count = C.shape[0], taken.number[0]
     if count == 0:
         return
@@ -100,7 +100,7 @@ def settle(C: np.ndarray, taken: Taken) -> None:
 def innovation_variance(
     C: np.ndarray, taken: Taken, where: np.ndarray, row: np.ndarray, m: int, PHt: np.ndarray
 ) -> float:
-    """Return H C H^T of a row, and write C H^T to PHt (n), less what the rows taken make of it; arguments as update."""
+    """Return H C H^T of a row and write C H^T to PHt (n), both with C - sum g g^T for C; arguments as in update."""
     n = C.shape[0]
     PHt[:] = 0.0
     for k in range(m):
@@ -126,9 +126,9 @@ def innovation_variance(
 
 @cached_njit
 def correct(x: np.ndarray, taken: Taken, PHt: np.ndarray, S: float, e: float, core: int) -> None:
-    """Correct the nominal state by an innovation e of variance S, and keep what it takes from the covariance.
+    """Correct the nominal state by an innovation e of variance S = H C H^T + r, and append the row to `taken`.
 
-    Arguments as update; PHt is C H^T (n) and becomes the error that was found, S is H C H^T + r.
+    PHt is C H^T (n) and is replaced by the error C H^T e / S. Other arguments as in update.
     """
     keep_row(taken, PHt, S)
     for i in range(PHt.size):
@@ -151,10 +151,10 @@ def update(
     core: int,
     PHt: np.ndarray,
 ) -> float:
-    """Take one row; return e^2 / S, negative if the gate, the largest e^2 / S, refused it.
+    """Update with one row; return e^2 / S, or -e^2 / S if the row was refused because e^2 / S exceeds the gate.
 
-    Of its m entries `where` has the indices and `row` the numbers; e is its innovation, r the variance of its noise.
-    huber is c, inf weighs all innovations alike; core is the number of errors without clones. It works in PHt (n).
+    `where` holds the indices and `row` the values of the row's m entries; e is the innovation, r the noise variance.
+    `huber` is c, inf for no weighting; `core` is the size of the error state without clones; PHt is work memory (n).
     """
     own = innovation_variance(C, taken, where, row, m, PHt)
     S = own + r

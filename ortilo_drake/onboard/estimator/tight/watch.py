@@ -1,12 +1,12 @@
-"""The watch of the tight filter: it notices what contradicts its model for long, and opens the state to blame.
+"""The watch of the tight filter: it detects lasting contradictions to the model and adds variance to the cause's state.
 
-- A message whose payload is the last one's again says nothing: noise never repeats itself.
-- Roll, pitch and yaw whose innovations lean to one side contradict the body rates: their bias may have stepped.
-- Ranges that are refused all on one side have an error in common: the clock's.
+- A message with the same payload as the last one is not used: noise never repeats.
+- Innovations of roll, pitch and yaw that stay on one side contradict the body rates: the gyroscope's bias has stepped.
+- Ranges that are refused on one side only have a common error: the error of the clock.
 
-A mean over a time T of normalized innovations of a filter that is right has the standard deviation
-sqrt(a / (2 - a)), a = 1 - exp(-h / T): the threshold is many times that. What is opened is a variance, added to that of
-the state: the measurements decide what has become of it.
+If the filter's model is right, a mean of normalized innovations over a time T has the standard deviation
+sqrt(a / (2 - a)), a = 1 - exp(-h / T); the threshold is many times larger. To "open" a state adds variance to it, so
+that the next measurements correct it.
 """
 
 from typing import Final, NamedTuple
@@ -17,34 +17,34 @@ from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.onboard.estimator.tight.layout import GYRO, THETA, Layout
 
-# What is kept: means of the normalized angles (3) and of the share of ranges that is refused on one side, and then the
-# payloads that came last.
+# Parts of `watched`: means of the normalized innovations of the angles (3), mean of the share of ranges refused as too
+# long less the share refused as too short, and from LAST on the last payloads.
 LEANING: Final = 0
 SIDED: Final = 3
 LAST: Final = 4
-_FEWEST: Final = 3  # ranges that can have an error in common
+_FEWEST: Final = 3  # smallest number of ranges that can show a common error
 
 
 class Watch(NamedTuple):
     """The settings of the watch."""
 
     share: float
-    """of a new value in the means, a [1]."""
+    """weight a of a new value in the means [1]."""
     leans: float
-    """mean of normalized angles from which on the body rates are doubted [1]."""
+    """threshold on the mean normalized innovation of an angle, above which the gyroscope's bias opens [1]."""
     sided: float
-    """mean share of refused ranges on one side from which on their clock is doubted [1]."""
+    """threshold on the mean share of ranges refused on one side, above which the common error opens [1]."""
     gyroscope: float
-    """variance that the gyroscope's bias gets then [rad^2/s^2]."""
+    """variance added to the gyroscope's bias [rad^2/s^2]."""
     attitude: float
-    """variance that the attitude gets then [rad^2]."""
+    """variance added to the attitude with it [rad^2]."""
     offset: float
-    """variance that the error of all ranges gets [m^2]."""
+    """variance added to the common error of all ranges [m^2]."""
 
 
 @cached_njit
 def says_again(message: np.ndarray, last: np.ndarray) -> bool:
-    """Return whether a message's payload, not all of it 0 or less, is the last one's (m); that becomes this one's."""
+    """Return whether a message's payload equals `last` (m) and has a number above 0; copies the payload to `last`."""
     same, says = True, False
     for i in range(last.size):
         value = message[PAYLOAD + i]
@@ -56,9 +56,9 @@ def says_again(message: np.ndarray, last: np.ndarray) -> bool:
 
 @cached_njit
 def watch_angles(C: np.ndarray, watched: np.ndarray, normalized: np.ndarray, watch: Watch) -> bool:
-    """Open the gyroscope's bias if the angles lean to one side; return whether they did.
+    """Open the gyroscope's bias and the attitude if the angles' innovations stay on one side; return whether they do.
 
-    `normalized` is e / sqrt(S) of this tick's angles (3). C and what is kept, watched, are changed.
+    `normalized` is e / sqrt(S) of this tick's angles (3). C and `watched` are changed.
     """
     doubted = False
     for i in range(3):
@@ -76,9 +76,9 @@ def watch_angles(C: np.ndarray, watched: np.ndarray, normalized: np.ndarray, wat
 def watch_ranges(
     C: np.ndarray, watched: np.ndarray, layout: Layout, used: int, refused: int, longer: int, watch: Watch
 ) -> bool:
-    """Open the error that all ranges have in common if they are refused on one side; return whether they are.
+    """Open the common error of all ranges if they are refused on one side; return whether they are.
 
-    Arguments as watch_angles, with what take_ranges in ranges.py returned of a message.
+    `used`, `refused` and `longer` come from take_ranges in ranges.py. Other arguments as in watch_angles.
     """
     if used + refused < _FEWEST:
         return False
