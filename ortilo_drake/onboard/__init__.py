@@ -1,1 +1,1 @@
-"""The onboard half: perception, estimation, control and planning. It imports nothing of the world."""
+"""The onboard half: perception, estimation, control and planning. It imports nothing from the world half."""

@@ -1,4 +1,4 @@
-"""A solver that is a function of a message and the estimate: message in, value and covariance out."""
+"""A solver of fixes: a function of a message and the estimate that returns a value and its covariance."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -18,19 +18,19 @@ Solve = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndar
 
 
 class FixSolver(LeafSystem):
-    """A memoryless solver.
+    """A system that solves each message for a fix, without memory.
 
     Ports:
         <name> (2 + n): a message [arrived, stamp, payload].
-        estimate (15), covariance (225): of the filter, to solve about; of the message's own tick where the filter
-            replays late ones.
-        fix (2 + m + m^2, output): [arrived, stamp, value, covariance row by row]; zeros where nothing arrived or there
-            is no solution.
+        estimate (15), covariance (225): of the filter, where the solver starts; at the tick of the message's stamp if
+            the filter replays late messages.
+        fix (2 + m + m^2, output): [arrived, stamp, value, covariance row by row]; zeros if nothing arrived or there is
+            no solution.
 
     Args:
-        name: the message's.
-        payload: n.
-        rows: m.
+        name: name of the message.
+        payload: n, size of the payload.
+        rows: m, number of rows of the value.
         solve: (payload (n), xhat (15), P (15, 15)) -> value (m) and covariance (m, m), or None.
     """
 
@@ -60,15 +60,15 @@ class FixSolver(LeafSystem):
 
 @lru_cache(maxsize=64)
 def compiled_fix_out(solve: Callable[..., np.ndarray]) -> Callable[..., None]:
-    """Return a function that says the fix of what landed, as a share solves it."""
+    """Return the output function of an element that computes the fix of an arrived message with `solve`."""
 
     def say(numbers: Any, message: np.ndarray, belief: np.ndarray, out: np.ndarray) -> None:
-        """Output [1, stamp, value, covariance row by row], zeros if nothing landed or there is no solution."""
+        """Output [1, stamp, value, covariance row by row]; zeros if nothing arrived or there is no solution."""
         fill(out, 0.0)
         if message[ARRIVED] != 0.0:
             P = (
                 belief[N_XBAR:].copy().reshape((N_XBAR, N_XBAR))
-            )  # copies: a user's function may change what it is given
+            )  # copies, because a user's function may change its arguments
             fix = solve(numbers, message[PAYLOAD:].copy(), belief[:N_XBAR].copy(), P)
             if fix.size > 0:
                 out[ARRIVED], out[STAMP] = 1.0, message[STAMP]
@@ -78,9 +78,9 @@ def compiled_fix_out(solve: Callable[..., np.ndarray]) -> Callable[..., None]:
 
 
 def own_fix_box(name: str, share: Compiled, rows: int, scenario: Belief, room: Room) -> Box | None:
-    """Return the solver of a sensor by its share: it reads the message as it lands and a belief of [x; i] (240).
+    """Return the solver's box of an own sensor; it reads the arrived message and the belief of [x; i] (240).
 
-    It is None where the message itself begins with the value; rows is m.
+    The result is None if the share has no solver, that is, if the message itself begins with the value; rows is m.
     """
     if share.solve is None:
         return None
@@ -90,17 +90,17 @@ def own_fix_box(name: str, share: Compiled, rows: int, scenario: Belief, room: R
 
 
 def read_out(message: np.ndarray, V: np.ndarray, out: np.ndarray) -> None:
-    """Output [1, stamp, value, covariance row by row] of a message that begins with the value; zeros if none landed."""
+    """Output [1, stamp, value, covariance row by row] of a message that begins with the value; zeros if none came."""
     fill(out, 0.0)
     if message[ARRIVED] != 0.0:
-        put(message[: out.size - V.size], out)  # with the covariance where it comes with the message
+        put(message[: out.size - V.size], out)  # includes the covariance if the message holds it
         put(V, out, out.size - V.size)
 
 
 def fix_reader_box(name: str, rows: int, V: np.ndarray | None) -> Box:
-    """Return the box of the fix of a message that begins with the value of m rows.
+    """Return the box that reads the fix from a message that begins with the value (m numbers, `rows`).
 
-    V is the covariance of the value (m, m); None where it comes with the message.
+    V is the covariance of the value (m, m); None if the message holds it.
     """
     table = np.zeros(0) if V is None else np.ravel(V)
     return Box(name, Element("fix_reader", out=read_out), PAYLOAD + rows + rows * rows, Values(tables={"V": table}))

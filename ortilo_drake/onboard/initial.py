@@ -1,4 +1,4 @@
-"""The estimate with which a flight begins."""
+"""The initial estimate of a flight."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from ortilo_drake.scenario import Belief, LqServo
 
 
 def initial_estimate(scenario: Belief, r_0: np.ndarray) -> np.ndarray:
-    """Return xbar_0 (15): hovering at r_0, with the integral at rest."""
+    """Return the initial estimate xbar_0 (15): hover at r_0 (3) [m], with the integral at which the servo rests."""
     xbar_0 = np.zeros(N_XBAR)
     xbar_0[0:3] = r_0
     xbar_0[5] = scenario.yaw

@@ -1,4 +1,4 @@
-"""The mean of the samples that a sensor faster than the tick took within it."""
+"""The mean of the samples that a sensor faster than the tick takes in one tick."""
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
@@ -7,19 +7,19 @@ from ortilo_drake.model.signals import ARRIVED, PAYLOAD, STAMP, samples_in, size
 
 
 class SampleMean(LeafSystem):
-    """Turns a message of n samples into a message of one sample, their mean.
+    """A system that turns a message of n samples into a message of one sample, their mean.
 
-    The noise of the samples is white, so that of the mean has 1 / n of their covariance. Where a sample is missing
-    there is no mean: it would be of another age and covariance.
+    The samples' noise is white, so the mean's noise has 1 / n of their covariance. If a sample is missing, there is no
+    mean, because its age and covariance would differ.
 
     Ports:
         <name> (2 + n (2 + p)): n samples, see model/signals.py.
-        mean (2 + p, output): [arrived, stamp of the newest sample, mean payload]; zeros where there is none.
+        mean (2 + p, output): [arrived, stamp of the newest sample, mean payload]; zeros if there is no mean.
 
     Args:
-        name: the message's.
-        size: 2 + p.
-        n: samples in a message.
+        name: name of the message.
+        size: 2 + p, size of one sample.
+        n: number of samples in a message.
     """
 
     def __init__(self, name: str, size: int, n: int):

@@ -1,1 +1,1 @@
-"""The commands on their way to the rotors: which acted, which will, and what that makes of the state."""
+"""The commands on their way to the rotors: those that acted, those that will act, and the state predicted from them."""

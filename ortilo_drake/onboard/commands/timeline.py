@@ -1,16 +1,16 @@
-"""The commands that act on the rotors and from when, as the onboard half knows and expects them.
+"""The timeline of the commands that act on the rotors, as the onboard half knows and expects it.
 
-A command of tick j acts from t_j + tau. The world reports (model/signals.py, 'acted') which commands acted, and from
-when: until the report's stamp nothing else did, for each report holds the newest of them. Of the commands sent since,
-each is expected tau after its tick, but not before that stamp; one that should have acted so long before it that no
-command has lately been that late counts as lost. A command that a newer one overtook never acts.
+A command of tick j acts from t_j + tau on. The world reports (model/signals.py, 'acted') which commands acted and from
+when. A report holds the newest such commands, so no other command acted before the report's stamp. Each command sent
+later is expected to act tau after its tick, but not before that stamp. A command counts as lost if its delay would
+exceed the delays seen lately. A command that a newer one overtook never acts.
 
-A *timeline* is rows (since, u), ascending: u acts from `since` until the next row's.
+A *timeline* has rows (since, u) in ascending order: u acts from `since` until the `since` of the next row.
 
-The state at the time at which a command will act comes from the state of its tick and the commands on the way. For a
-constant delay tau that is the predictor of Z. Artstein, "Linear systems with delayed controls: a reduction", IEEE
+The state at the time at which a command will act follows from the state at its tick and the commands on the way. For a
+constant delay tau this is the predictor of Z. Artstein, "Linear systems with delayed controls: a reduction", IEEE
 Trans. Automatic Control 27 (1982): with z_k = x(t_k + tau), z_{k+1} = Phi z_k + Gamma u_k has no delay, so the servo
-that stabilises the plant without one stabilises z, with the same eigenvalues.
+that stabilises the plant without delay stabilises z, with the same eigenvalues.
 """
 
 from typing import Any, Final
@@ -27,15 +27,15 @@ from ortilo_drake.model.signals import ACT_SIZE, ACTED_SIZE, ACTS, ARRIVED, N_U,
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.scenario import Belief
 
-SINCE, SENT, U = 0, 1, 2  # of a row of acts
-ROW: Final = 1 + N_U  # a row of a timeline
-EVER: Final = -1e9  # since when the first row acts [s]
-NONE: Final = -1.0  # a stamp of no command, of an empty row
+SINCE, SENT, U = 0, 1, 2  # columns of `acts`: acts since [s], tick at which it was sent [s], control
+ROW: Final = 1 + N_U  # size of a row of a timeline
+EVER: Final = -1e9  # time since which the first row acts [s]
+NONE: Final = -1.0  # stamp of an empty row, without a command
 
 
 @cached_njit
 def with_report(acts: np.ndarray, message: np.ndarray) -> np.ndarray:
-    """Return the acts known (A, 6), ascending, with those of an 'acted' message that are newer; the oldest go."""
+    """Return the known acts (A, 6), ascending, with the newer ones of an 'acted' message in place of the oldest."""
     known = acts.copy()
     if message[ARRIVED] == 0.0:
         return known
@@ -50,7 +50,7 @@ def with_report(acts: np.ndarray, message: np.ndarray) -> np.ndarray:
 
 @cached_njit
 def delays_of(acts: np.ndarray) -> np.ndarray:
-    """Return from tick to act of the commands that acted [s]."""
+    """Return the delays from tick to act of the commands that acted [s]."""
     found = np.empty(len(acts))
     n = 0
     for i in range(len(acts)):
@@ -62,7 +62,7 @@ def delays_of(acts: np.ndarray) -> np.ndarray:
 
 @cached_njit
 def expected_delay(acts: np.ndarray, given: float) -> float:
-    """Return tau [s]: as it is given, or if that is negative the mean of those that acted; 0 before any did."""
+    """Return tau [s]: `given`, or if it is negative the mean delay of the commands that acted; 0 before the first."""
     if given >= 0.0:
         return given
     delays = delays_of(acts)
@@ -71,11 +71,11 @@ def expected_delay(acts: np.ndarray, given: float) -> float:
 
 @cached_njit
 def timeline_of(acts: np.ndarray, heard: float, sent: np.ndarray, tau: float, slack: float) -> np.ndarray:
-    """Return the commands that acted and those expected to (n, 5), ascending.
+    """Return the timeline (n, 5) of the commands that acted and of those expected to act, ascending.
 
-    Known is what acted (A, 6), ascending, until the time heard [s], negative if nothing was. The commands sent (S, 5)
-    are ascending too, empty rows before them with a negative time; each is expected tau [s] later, and for that slack
-    longer it counts as on its way, beside what was seen lately [s].
+    `acts` (A, 6), ascending, holds all commands that acted until the time `heard` [s], which is negative without any
+    report. `sent` (S, 5), ascending, holds the commands sent, after empty rows with a negative time. A command is
+    expected to act tau [s] after its tick. It counts as lost `slack` [s] after the largest delay seen lately.
     """
     rows = np.empty((len(acts) + len(sent), ROW))
     rows[: len(acts), 0] = acts[:, SINCE]
@@ -95,7 +95,7 @@ def timeline_of(acts: np.ndarray, heard: float, sent: np.ndarray, tau: float, sl
 
 @cached_njit
 def mean_control(rows: np.ndarray, begin: float, end: float) -> np.ndarray:
-    """Return the mean over time of what acts from begin to end [s] (4), of a timeline that reaches back that far."""
+    """Return the mean control (4) that acts from `begin` to `end` [s]; the timeline `rows` starts before `begin`."""
     total = np.zeros(N_U)
     for i in range(len(rows)):
         start = max(rows[i, 0], begin)
@@ -107,7 +107,7 @@ def mean_control(rows: np.ndarray, begin: float, end: float) -> np.ndarray:
 
 @cached_njit
 def with_command(rows: np.ndarray, since: float, u: np.ndarray) -> np.ndarray:
-    """Return a timeline with one more command, which acts from `since` [s], or once the last one does."""
+    """Return the timeline with one more command, which acts from `since` [s] on, but not before the last row."""
     after = np.empty((len(rows) + 1, ROW))
     after[:-1] = rows
     after[-1, 0] = max(since, rows[-1, 0])
@@ -131,38 +131,38 @@ def unpacked(vector: np.ndarray) -> np.ndarray:
 
 
 def first_acts(ticks: int, hover_thrust: float) -> np.ndarray:
-    """Return the commands that acted before anything was heard (ticks, 6): hover."""
+    """Return the acts before the first report (ticks, 6): hover."""
     return np.tile([EVER, NONE, hover_thrust, 0.0, 0.0, 0.0], (ticks, 1))
 
 
 def none_sent(ticks: int) -> np.ndarray:
-    """Return a list of commands sent that is empty (ticks, 5)."""
+    """Return an empty list of sent commands (ticks, 5)."""
     return np.tile([NONE, 0.0, 0.0, 0.0, 0.0], (ticks, 1))
 
 
-SLACK = 0.25  # ticks
-MARGIN = 0.5  # [s]
+SLACK = 0.25  # delay beyond the largest one seen lately, after which a command counts as lost [ticks]
+MARGIN = 0.5  # time that the log keeps beyond the longest need [s]
 
 
 def timeline_size(ticks: int) -> int:
-    """Return the size of the timeline of a log that keeps so many ticks."""
+    """Return the size of the packed timeline of a log that keeps `ticks` ticks."""
     return 2 + 2 * ticks * ROW
 
 
 def log_ticks(scenario: Belief) -> int:
-    """Return the number of ticks to keep: the filter's horizon, a command's longest way, and some more."""
+    """Return the number of ticks to keep: the longer of the filter's horizon and a command's delay, plus MARGIN."""
     longest = max(getattr(scenario.estimator, "horizon", 0.0), scenario.commands.delay or 0.0)
     return history_ticks(longest + MARGIN, scenario.h)
 
 
 @register_jitable
 def heard_until(heard: float, message: np.ndarray) -> float:
-    """Return until when it is known what acted [s], with a report."""
+    """Return the time until which all acts are known [s], after a report `message`, if it arrived."""
     return max(heard, message[STAMP] if message[ARRIVED] != 0.0 else NONE)
 
 
 def log_out(n: Any, acted: np.ndarray, sent: np.ndarray, acts: np.ndarray, heard: np.ndarray, out: np.ndarray) -> None:
-    """Output the timeline, by the report that landed in this tick and those before."""
+    """Output the packed timeline, given the report that arrived in this tick and those before."""
     known = with_report(acts, acted)
     tau = expected_delay(known, n.delay)
     rows = timeline_of(known, heard_until(heard[0], acted), sent, tau, n.slack)
@@ -172,7 +172,7 @@ def log_out(n: Any, acted: np.ndarray, sent: np.ndarray, acts: np.ndarray, heard
 def log_step(
     n: Any, k: int, control: np.ndarray, acted: np.ndarray, sent: np.ndarray, acts: np.ndarray, heard: np.ndarray
 ) -> None:
-    """Keep the command of tick k, the oldest goes, and what is known to have acted."""
+    """Store the command of tick k in place of the oldest one, and update the known acts."""
     last = sent.shape[0] - 1
     for i in range(last):
         put(sent[i + 1], sent[i])
@@ -188,11 +188,11 @@ LOG = Element("command_log", out=log_out, step=log_step, allocates=True)
 
 
 def command_log_box(scenario: Belief) -> Box:
-    """Return the record of commands: it reads the control (4) and, where it is heard, the report `acted` (50)."""
+    """Return the box of the commands' log; it reads the control (4) and, if reports exist, the report `acted` (50)."""
     commands, h, ticks = scenario.commands, scenario.h, log_ticks(scenario)
     numbers = {"delay": NONE if commands.delay is None else commands.delay, "slack": SLACK * h, "h": h}
     start = {"sent": none_sent(ticks), "acts": first_acts(ticks, scenario.vehicle.hover_thrust), "heard": [NONE]}
-    tables = {} if commands.are_reported else {"acted": np.zeros(ACTED_SIZE)}  # a report that never comes
+    tables = {} if commands.are_reported else {"acted": np.zeros(ACTED_SIZE)}  # a report that never arrives
     return Box("command_log", LOG, timeline_size(ticks), Values(numbers, start, tables))
 
 
@@ -212,7 +212,7 @@ def predicted_state(x: np.ndarray, b: np.ndarray, A: np.ndarray, s: float) -> np
 
 @cached_njit
 def reference_after(reference: np.ndarray, s: float) -> np.ndarray:
-    """Return r, r_dot, r_ddot (9) after s [s] of the present acceleration."""
+    """Return r, r_dot, r_ddot (9) after s [s] with the present acceleration."""
     later = reference.copy()
     later[:3] += s * reference[3:6] + 0.5 * s * s * reference[6:9]
     later[3:6] += s * reference[6:9]
@@ -231,11 +231,11 @@ def state_ahead(
     B: np.ndarray,
     b: np.ndarray,
 ) -> np.ndarray:
-    """Return [x; i] (15) at time t + tau [s], of that at the tick t and the timeline's rows (n, 5), see timeline.py.
+    """Return [x; i] (15) at time t + tau [s], given [x; i] at the tick t and the timeline's rows (n, 5).
 
-    The integral goes on as in the servo's model, i_{k+1} = i_k + r_k - p_k; of a tick that tau ends within, by the
-    share of it. The reference is r, r_dot, r_ddot at t (9). x_dot = A x + B u + b of the hover model, b -B times the
-    control at hover, and known disturbances (12).
+    The integral follows the servo's model, i_{k+1} = i_k + r_k - p_k; in a tick that tau ends, only the tick's share
+    counts. The reference is r, r_dot, r_ddot at t (9). The hover model is x_dot = A x + B u + b; b is -B times the
+    control at hover, plus known disturbances (12).
     """
     x, i = xbar[:12].copy(), xbar[12:].copy()
     done = 0.0
@@ -274,9 +274,9 @@ AHEAD = Element("state_ahead", out=ahead_out, allocates=True)
 
 
 def state_ahead_box(vehicle: Vehicle, h: float, yaw: float) -> Box:
-    """Return the box of the state that the servo acts on; it reads belief (15 or more), reference, timeline, force (3).
+    """Return the box that predicts the servo's state; it reads belief (15 or more), reference, timeline, force (3).
 
-    It says `belief` (15) and `reference` (9), both at the time at which the servo's command will act.
+    The box outputs `belief` (15) and `reference` (9), both at the time at which the servo's command will act.
     """
     B = hover_B(vehicle)
     tables = {"A": hover_A(yaw), "B": B, "lift": -B[:, 0] * vehicle.hover_thrust, "by_force": hover_B_d(vehicle)[:, :3]}

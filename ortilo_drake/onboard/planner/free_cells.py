@@ -1,12 +1,12 @@
 """The free space at one flying height and convex cells in it.
 
-Every obstacle is a rounded rectangle: all points within ``radius`` of an axis-aligned core (a wall's is the
-wall, a stand's a point). Its radius is inflated by the vehicle's, so that the vehicle becomes a point. The
-*room* at a point is its distance from the nearest inflated obstacle.
+Every obstacle is a rounded rectangle: all points within ``radius`` of an axis-aligned core. The core of a wall is the
+wall, the core of a stand is a point. The vehicle's radius is added to ``radius``, so that the vehicle becomes a point.
+The *room* at a point is the point's distance from the nearest inflated obstacle.
 
-A cell is grown from a seed as in IRIS (Deits and Tedrake, 2015) with a disc for the ellipse: obstacle by
-obstacle, the nearest first, a half-plane square to the shortest line from the seed. It keeps ``clearance``
-from the obstacle where there is room for it, and less where the place is narrow.
+A cell is grown from a seed as in IRIS (Deits and Tedrake, 2015) with a disc for the ellipse: one half-plane for each
+obstacle, the nearest first, perpendicular to the shortest line from the seed. The half-plane keeps ``clearance`` from
+the obstacle if there is room for it, and less where the place is narrow.
 """
 
 from collections.abc import Callable
@@ -19,27 +19,27 @@ from ortilo_drake.model.room import Room
 
 BORDER = 1.0e-9  # a point on a cell's border counts as inside [m]
 OUTSIDE = 10.0  # thickness of the outer walls as obstacles [m]
-LAP = 8  # steps of a route that a cell shares with the one before
-APART = 0.05  # between a cell and a place that it must not hold [m]
-ELBOW = 0.15  # space that a cell leaves around its seed before it keeps the clearance [m]
+LAP = 8  # number of route steps that a cell shares with the cell before
+APART = 0.05  # distance between a cell and a place that the cell must not contain [m]
+ELBOW = 0.15  # space around its seed that a cell needs before it keeps the clearance [m]
 
 
 @dataclass(frozen=True)
 class FreeSpace:
-    """The places that the vehicle's centre may take at its flying height."""
+    """The positions that the vehicle's centre may have at its flying height, given by the obstacles."""
 
     names: tuple[str, ...]
-    """what errors call the obstacles (n)."""
+    """names of the obstacles in error messages (n)."""
     low: np.ndarray
-    """lower corners of their cores (n, 2) [m]."""
+    """lower corners of the obstacles' cores (n, 2) [m]."""
     high: np.ndarray
-    """upper corners of their cores (n, 2) [m]."""
+    """upper corners of the obstacles' cores (n, 2) [m]."""
     radius: np.ndarray
-    """how far they reach beyond their cores, the vehicle's radius included (n) [m]."""
+    """distance by which each obstacle extends beyond its core, including the vehicle's radius (n) [m]."""
     top: np.ndarray
-    """below this height they are in the way (n) [m]."""
+    """flying height below which the obstacle is in the way (n) [m]."""
     clearance: float
-    """room to keep to them where there is so much [m]."""
+    """room to keep to the obstacles if there is enough [m]."""
     bounds: np.ndarray
     """lower and upper corner of the room's interior (2, 3) [m]."""
 
@@ -64,17 +64,17 @@ class Cell:
     b: np.ndarray
 
     def contains(self, points: np.ndarray) -> np.ndarray:
-        """Return for each point (n, 2) whether it lies in the cell (n)."""
+        """Return whether each point (n, 2) lies in the cell (n)."""
         return np.all(points @ self.A.T <= self.b + BORDER, axis=1)
 
 
 def free_space(
     room: Room, height: float, vehicle_radius: float, clearance: float, vertical_clearance: float
 ) -> FreeSpace:
-    """Return the free space between walls, outer walls and whatever ends above height - vertical_clearance [m].
+    """Return the free space between walls, outer walls and all obstacles with a top above height - vertical_clearance.
 
-    What ends lower is flown over. The vehicle's outline has that radius, and keeps the clearance to obstacles where
-    there is room [m].
+    The vehicle flies over lower obstacles. vehicle_radius is the radius of the vehicle's outline; the vehicle keeps
+    `clearance` to obstacles where there is room. All in [m].
     """
     names, low, high, radius, top = [], [], [], [], []
     for found in footprints(room):
@@ -101,10 +101,10 @@ def free_space(
 
 
 def grow_cell(seed: np.ndarray, space: FreeSpace) -> Cell:
-    """Return the cell around a seed (2) that has room on all sides.
+    """Return the cell around a seed (2) [m], which needs positive room.
 
-    With c the core's point nearest to the seed and n the direction to it, the half-plane is
-    n . p <= n . c - radius - kept. An obstacle that lies behind an earlier half-plane adds none.
+    With c the point of the core nearest to the seed, n the direction from the seed to c, and kept the clearance kept,
+    the half-plane is n . p <= n . c - radius - kept. An obstacle behind an earlier half-plane adds none.
     """
     towards = np.clip(seed, space.low, space.high) - seed
     distance = np.hypot(towards[:, 0], towards[:, 1])
@@ -118,7 +118,7 @@ def grow_cell(seed: np.ndarray, space: FreeSpace) -> Cell:
     for i in np.argsort(room - kept, kind="stable"):
         if waiting[i]:
             chosen.append(i)
-            # The least n . p over each inflated obstacle: is all of it beyond the new half-plane?
+            # Smallest n . p over each inflated obstacle: is the whole obstacle beyond the new half-plane?
             least = center @ normals[i] - half @ np.abs(normals[i]) - space.radius - kept
             waiting &= least < offsets[i] - BORDER
             waiting[i] = False
@@ -126,9 +126,9 @@ def grow_cell(seed: np.ndarray, space: FreeSpace) -> Cell:
 
 
 def without_places(cell: Cell, seed: np.ndarray, places: np.ndarray) -> Cell:
-    """Return the part of a cell around its seed (2) that holds none of the places (k, 2).
+    """Return the part of a cell around its seed (2) that contains none of the places (k, 2) [m].
 
-    Place by place, the nearest first, a half-plane square to the line from the seed, APART before the place.
+    Each place, the nearest first, adds a half-plane perpendicular to the line from the seed, APART before the place.
     """
     left = places[cell.contains(places)]
     A, b = [cell.A], [cell.b]
@@ -145,7 +145,7 @@ def without_places(cell: Cell, seed: np.ndarray, places: np.ndarray) -> Cell:
 
 
 def within(cell: Cell, seed: np.ndarray, half: float) -> Cell:
-    """Return the part of a cell in a square about its seed (2), of that half side [m]."""
+    """Return the part of a cell in a square with centre at its seed (2) and half side `half` [m]."""
     square = np.vstack([np.eye(2), -np.eye(2)])
     return Cell(np.vstack([cell.A, square]), np.concatenate([cell.b, square @ seed + half]))
 
@@ -153,11 +153,11 @@ def within(cell: Cell, seed: np.ndarray, half: float) -> Cell:
 def cells_along(
     route: np.ndarray, space: FreeSpace, grow: Callable[[np.ndarray, FreeSpace], Cell] = grow_cell
 ) -> list[Cell]:
-    """Return few cells, in the order of the route, that hold every step of it and so connect its ends.
+    """Return a few cells, in the order of the route, that contain every step of the route and so connect its ends.
 
-    Each is the one, among the cells grown from the route's points, that holds the route for longest from where the one
-    before lets go; it also holds the LAP steps before that where such a cell leads on at all. The route is of points
-    with positive room (n, 2), close together [m].
+    A cell is grown from each point of the route. The next chosen cell is the one that contains the longest part of the
+    route from where the cell before ends. It also contains the LAP steps before, if any such cell goes on. The route's
+    points (n, 2) [m] are close together and have positive room.
     """
     cells = [grow(p, space) for p in route]
     inside = np.array([cell.contains(route) for cell in cells])
@@ -167,12 +167,12 @@ def cells_along(
         reach = first_false(held[:, step:])
         lapped = np.where(held[:, max(0, step - LAP) : step].all(axis=1), reach, 0)
         best = int(np.argmax(lapped if lapped.max() > 0 else reach))
-        # A cell may fail to hold even the steps beside its seed in a very narrow place: leave the gap to GCS.
+        # In a very narrow place a cell may not even contain the steps next to its seed: leave the gap to GCS.
         step += max(1, int(reach[best]))
         chosen.append(cells[best])
     return chosen
 
 
 def first_false(rows: np.ndarray) -> np.ndarray:
-    """Return for each row of a boolean matrix how many entries at its beginning are true."""
+    """Return, for each row of a boolean matrix, the number of true entries before the first false one."""
     return np.where(rows.all(axis=1), rows.shape[1], np.argmin(rows, axis=1))

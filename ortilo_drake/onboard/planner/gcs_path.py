@@ -1,10 +1,9 @@
-"""A smooth path through free cells: a coarse route says which way round, convex optimisation gives the shape.
+"""A smooth path through free cells: a coarse route decides on which side to pass, convex optimisation gives the shape.
 
-The route is the shortest way over a fine grid, where steps with little room count for longer. Cells are grown
-along it, and Drake's GcsTrajectoryOptimization (Marcucci, Petersen, von Wrangel, Tedrake: Motion planning
-around obstacles with convex optimization, Science Robotics 2023) chooses among them and puts a Bezier curve
-into each. A curve lies in the convex hull of its control points, so the path keeps to the cells everywhere,
-not just at samples.
+The route is the shortest way over a fine grid, on which steps with little room cost more. Cells are grown along the
+route. Drake's GcsTrajectoryOptimization (Marcucci, Petersen, von Wrangel, Tedrake: Motion planning around obstacles
+with convex optimization, Science Robotics 2023) chooses among the cells and puts a Bezier curve into each. A curve lies
+in the convex hull of its control points, so the whole path stays in the cells, not only its samples.
 """
 
 import logging
@@ -29,12 +28,12 @@ from ortilo_drake.onboard.planner.free_cells import (
     without_places,
 )
 
-SPACING = 0.05  # of the grid for the route: narrower gaps are not found [m]
-ORDER = 5  # of the Bezier curves
-MAX_GRID = 4_000_000  # points of the grid, each takes about 420 bytes
-UNSEEN = 6.0  # steps of the route that one which is not seen counts for
-UNSEEN_REACH = 0.75  # of a cell about a point that is not seen [m]
-BENDING = 10.0  # cost of squared second differences of control points, against metres of length
+SPACING = 0.05  # spacing of the route's grid: narrower gaps are not found [m]
+ORDER = 5  # order of the Bezier curves
+MAX_GRID = 4_000_000  # largest number of grid points; each takes about 420 bytes
+UNSEEN = 6.0  # factor on the cost of a route step at a point without a fix
+UNSEEN_REACH = 0.75  # half side of the square that limits a cell about a point without a fix [m]
+BENDING = 10.0  # cost of the squared second differences of the control points, per metre of path length
 
 SeenOn = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
@@ -42,10 +41,10 @@ SeenOn = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 def shortest_route(
     room: np.ndarray, comfort: float, start: int, goal: int, seen: np.ndarray | None = None
 ) -> np.ndarray | None:
-    """Return the cheapest way over an 8-connected grid as flat indices (n), or None where there is none.
+    """Return the cheapest way over an 8-connected grid as flat indices (n), or None if there is no way.
 
-    A step needs positive room (n_x, n_y) [m] at both ends; one with less than `comfort` [m] counts for sqrt(comfort /
-    room) steps, and one that is not seen (n_x, n_y) for UNSEEN. Start and goal are flat indices.
+    A step needs positive `room` (n_x, n_y) [m] at both ends. A step with less than `comfort` [m] costs sqrt(comfort /
+    room) times as much, a step that is not `seen` (n_x, n_y) UNSEEN times as much. start and goal are flat indices.
     """
     n_x, n_y = room.shape
     index = np.arange(room.size).reshape(room.shape)
@@ -72,12 +71,11 @@ def shortest_route(
 
 
 def find_cells(space: FreeSpace, start: np.ndarray, goal: np.ndarray, seen: SeenOn | None = None) -> list[Cell] | None:
-    """Return cells along the way from start to goal, with positive room (2) [m], or None where no way leads there.
+    """Return cells along the way from start to goal (2) [m], both with positive room; None if there is no way.
 
-    Where it matters what is seen, a cell grown from a point that is seen holds no place that is not, and one from
-    another point reaches no farther than UNSEEN_REACH: the path leaves the route for no place that is not seen. `seen`
-    says of a grid's x and y where it is seen (n_x, n_y) and the places that are not (k, 2). InputError if the room is
-    too large.
+    With `seen`, the path does not leave the route for a place without a fix: a cell from a point with a fix contains no
+    place without one, and a cell from another point is limited to UNSEEN_REACH. `seen` maps a grid's x and y to a mask
+    of the points with a fix (n_x, n_y) and the places without one (k, 2). InputError if the room is too large.
     """
     sides = space.bounds[1, :2] - space.bounds[0, :2]
     if np.prod(np.ceil(sides / SPACING)) > MAX_GRID:
@@ -111,14 +109,14 @@ def find_cells(space: FreeSpace, start: np.ndarray, goal: np.ndarray, seen: Seen
 
 
 def smooth_path(cells: list[Cell], start: np.ndarray, goal: np.ndarray) -> CompositeTrajectory | None:
-    """Return a path r(s) in the plane with continuous r' and r'', or None where the cells do not connect.
+    """Return a path r(s) in the plane with continuous r' and r'', or None if the cells do not connect.
 
-    It goes from start to goal (2) [m] through convex cells in the order in which they may be passed, skipping some.
+    The path goes from start to goal (2) [m] through the convex cells in their order, and may skip some cells.
     """
     sets = [HPolyhedron(cell.A, cell.b) for cell in cells]
     forward = [(i, j) for i in range(len(sets)) for j in range(i + 1, len(sets)) if sets[i].IntersectsWith(sets[j])]
     gcs = GcsTrajectoryOptimization(2)
-    # Time plays no part here: each curve runs over one unit of s.
+    # The parameter s is not time here: each curve covers one unit of s.
     regions = gcs.AddRegions(sets, forward, ORDER, h_min=1.0, h_max=1.0)
     source = gcs.AddRegions([Point(start)], 0, h_min=0.0)
     target = gcs.AddRegions([Point(goal)], 0, h_min=0.0)
@@ -128,7 +126,7 @@ def smooth_path(cells: list[Cell], start: np.ndarray, goal: np.ndarray) -> Compo
     gcs.AddPathContinuityConstraints(2)
     gcs.AddPathLengthCost(1.0)
     D = np.diff(np.eye(ORDER + 1), n=2, axis=0)
-    # As a matrix: NumPy's products of symbols pick up floating-point flags that Drake's C++ leaves raised.
+    # Given as a matrix: NumPy's products of symbols would read floating-point flags that Drake's C++ leaves set.
     bending = QuadraticCost(2.0 * BENDING * np.kron(np.eye(2), D.T @ D), np.zeros(2 * (ORDER + 1)), 0.0)
     regions.AddVertexCost(Binding[Cost](bending, regions.vertex_control_points().flatten()))
     options = GraphOfConvexSetsOptions()

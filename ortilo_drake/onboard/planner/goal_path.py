@@ -1,16 +1,16 @@
-"""A new goal in flight: brake to rest along the present path, and go on from there along another.
+"""A new goal in flight: brake to rest along the present path, and continue from there along another path.
 
 Braking changes the pace, not the path: the vehicle flies r(tau(t)) with, for s = (t - t_0) / T from 0 to 1,
 
     tau = t_0 + T (s - s^3 + s^4 / 2),    tau' = 1 - 3 s^2 + 2 s^3,    tau'' = -6 s (1 - s) / T,
 
-so it keeps to the curve, whose obstacles were avoided, and stops T / 2 further along it. Of its acceleration
-r'' tau'^2 + r' tau'' the second part starts and ends with 0. With T = 2 v / a, where v is the path's largest speed from
-t_0 on, it is at most
+so it stays on the curve, which avoids all obstacles, and stops at tau = t_0 + T / 2. The acceleration is
+r'' tau'^2 + r' tau''; its second term starts and ends at 0. With T = 2 v / a, where v is the path's largest speed from
+t_0 on, the acceleration is at most
 
     |r''| tau'^2 + 3 a s (1 - s)  <=  1.29 a   where the path keeps |r''| <= a,
 
-and at most a where the path is flown at constant speed, since then the two parts are square to each other.
+and at most a where the path's speed is constant, because there the two terms are perpendicular.
 """
 
 from typing import Final
@@ -18,18 +18,18 @@ from typing import Final
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial, Trajectory
 
-LEAST: Final = 0.4  # that braking takes, also where there is nothing to brake [s]
-KNOTS: Final = 0.05  # the longest time between two knots of the braking [s]
-PIECES: Final = 16  # the fewest between its knots
-INSTANT: Final = 1e-6  # a shorter rest is none [s]
+LEAST: Final = 0.4  # shortest braking time, also from rest [s]
+KNOTS: Final = 0.05  # longest time between two knots of the braking [s]
+PIECES: Final = 16  # smallest number of pieces of the braking
+INSTANT: Final = 1e-6  # a shorter rest is left out [s]
 
 
 def brake(trajectory: Trajectory, t: float, acceleration: float) -> PiecewisePolynomial:
-    """Return the braking to rest on a flight's own path p_WB(t) (3 rows), at rest from its end on, from a time on [s].
+    """Return the braking to rest along a flight's path p_WB(t) (3 rows) from the time t [s]; the path ends at rest.
 
-    It is cubic between knots that lie on the path. With the limits of scenario.GcsPlanner it is within 1e-5 m of it
-    everywhere, and r_ddot goes on from t_0 to 1 % of its limit, the acceleration [m/s^2]; r and r_dot go on to
-    rounding.
+    The result is cubic between knots that lie on the path. Within the limits of scenario.GcsPlanner it stays within
+    1e-5 m of the path. At t, r and r_dot are continuous up to rounding, and r_ddot up to 1 % of its limit
+    `acceleration` [m/s^2].
     """
     end = trajectory.end_time()
     velocity = trajectory.MakeDerivative(1)
@@ -47,21 +47,21 @@ def brake(trajectory: Trajectory, t: float, acceleration: float) -> PiecewisePol
 
 
 def join_paths(first: PiecewisePolynomial, path: PiecewisePolynomial, t: float) -> PiecewisePolynomial:
-    """Return a flight that ends at rest, the rest until a time [s], and from then on a path, at rest where that ends.
+    """Return the flight `first`, which ends at rest, then a rest until the time t [s], then `path`, which ends at rest.
 
-    The path begins at that time, if the flight has ended by then; else when it ends.
+    If `first` ends later than t, the path begins at the end of `first`.
     """
     before, after = knots(first), knots(path)
     end = before[0, -1]
     begin = t if t > end + INSTANT else end
     after[0] += begin - after[0, 0]
-    # The path starts where first ends but for a solver's tolerance: its first knot is replaced, so nothing jumps.
+    # The path starts where `first` ends, up to a solver's tolerance. Its first knot is replaced to avoid a jump.
     after[1:, 0] = before[1:, -1]
     return through(np.hstack([before, after if begin > end else after[:, 1:]]))
 
 
 def knots(trajectory: PiecewisePolynomial) -> np.ndarray:
-    """Return t, r, r_dot (7, n) at the breaks of a piecewise cubic with continuous r_dot, which they determine."""
+    """Return t, r, r_dot (7, n) at the breaks of a piecewise cubic with continuous r_dot; they determine the cubic."""
     t = np.array(trajectory.get_segment_times())
     return np.vstack([t, trajectory.vector_values(t), trajectory.MakeDerivative(1).vector_values(t)])
 

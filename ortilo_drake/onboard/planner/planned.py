@@ -22,7 +22,7 @@ _READ_AT_FIRST = {"estimate": N_XBAR, "covariance": N_XBAR**2, "belief": N_XBAR 
 
 
 def planned(scenario: Belief, make: Callable[[Belief], Planned] | None = None) -> Planned:
-    """Return the plan of a scenario's planner, or the one given; a System is made anew, an element is a Box.
+    """Return the plan of the scenario's planner, or of `make`: a Trajectory, a new System, or a Box for an element.
 
     InputError if there is no path, or the planner returns neither a path nor a System with a reference.
     """
@@ -49,7 +49,7 @@ def planned(scenario: Belief, make: Callable[[Belief], Planned] | None = None) -
 
 
 def path_of(scenario: Belief) -> Trajectory:
-    """Return the path p_WB(t) (3 rows) [m] of a scenario's planner; InputError if it has none beforehand."""
+    """Return the path p_WB(t) (3 rows) [m] of the scenario's planner; InputError if it plans none before the flight."""
     path = planned(scenario)
     if not isinstance(path, Trajectory):
         what = "an element" if isinstance(path, Box) else "a System"
@@ -60,9 +60,9 @@ def path_of(scenario: Belief) -> Trajectory:
 
 
 def start_of(plan: Planned) -> np.ndarray:
-    """Return p_WB (3) at the start; a System's or a box's is its first reference, with zeros at its inputs.
+    """Return p_WB (3) [m] at the start; for a System or a Box, its first reference position, with inputs of zeros.
 
-    InputError if a box says its reference by what is not known before.
+    InputError if the reference of a Box depends on an input that is not known before the flight.
     """
     if isinstance(plan, Box):
         element = plan.element
@@ -83,8 +83,8 @@ def start_of(plan: Planned) -> np.ndarray:
 def duration_of(scenario: Belief, plan: Planned) -> float:
     """Return the time for which the flight follows its reference [s], before it settles.
 
-    A System or a box does not tell. It flies for the duration in its settings in the scenario, or where those are a
-    built-in planner's, for as long as that one's path. InputError if its settings have no duration.
+    A System or a Box has no end time. It uses the `duration` in its settings, or, if the scenario has a built-in
+    planner's settings, the duration of that planner's path. InputError if the settings have no duration.
     """
     if not isinstance(plan, Trajectory) and isinstance(scenario.planner, BUILT_IN):
         plan = path_of(scenario)

@@ -18,8 +18,8 @@ from ortilo_drake.onboard.planner.retime import retime
 from ortilo_drake.onboard.planner.seen import ALL_SOURCES, FixSources, seen_on_grid
 from ortilo_drake.scenario import GcsPlanner, HoverPlanner, WaypointPlanner, read_waypoints
 
-SHARES = (1.0, 0.9, 0.8, 0.6, 0.4, 0.2, 0.0)  # of the clearance, tried in turn until a smooth path fits
-CHECKS = 2000  # points of a waypoint path that are checked
+SHARES = (1.0, 0.9, 0.8, 0.6, 0.4, 0.2, 0.0)  # shares of the clearance, tried in turn until a smooth path is found
+CHECKS = 2000  # number of points of a waypoint path that are checked for contact
 
 
 @lru_cache(maxsize=16)
@@ -31,8 +31,9 @@ def plan(
 ) -> PiecewisePolynomial:
     """Return the planned p_WB(t) (3 rows) [m] from t = 0; the same settings give the same bits.
 
-    It avoids the room's obstacles by the vehicle's radius; sources are what fixes come from, for a path that prefers to
-    be seen. InputError if a point lies outside the room or too close to an obstacle, or no way leads to the goal.
+    The path keeps the vehicle's radius from the room's obstacles. `sources` are the sources of fixes, for a path that
+    prefers places with a fix. InputError if a point is outside the room or too close to an obstacle, or if no way leads
+    to the goal.
     """
     if isinstance(settings, HoverPlanner):
         point = np.array(settings.point)
@@ -51,7 +52,7 @@ def plan(
 
 
 def make_planner(trajectory: Trajectory) -> TrajectorySource:
-    """Return the system that plays a planned p_WB(t) (3 rows) [m] and then stays at its end.
+    """Return the system that plays a planned p_WB(t) (3 rows) [m] and then stays at the end of the path.
 
     Ports:
         y0 (9, output): r, r_dot and r_ddot in W, see model/signals.py.
@@ -62,7 +63,7 @@ def make_planner(trajectory: Trajectory) -> TrajectorySource:
 
 
 def gcs_path(settings: GcsPlanner, room: Room, vehicle: Vehicle, sources: FixSources) -> Trajectory:
-    """Return a collision-free path r(s) (3 rows) at constant height; InputError as in plan."""
+    """Return a collision-free path r(s) (3 rows) [m] at constant height; InputError as in plan."""
     low, high = room.interior.min[2], room.interior.max[2]
     if not low < settings.height < high:
         raise InputError(f"planner.height: {settings.height:g}: must lie between {low:g} and {high:g} m")
@@ -90,7 +91,7 @@ def gcs_path(settings: GcsPlanner, room: Room, vehicle: Vehicle, sources: FixSou
 
 
 def _first_path(space: FreeSpace, start: np.ndarray, goal: np.ndarray, seen: SeenOn | None = None) -> Trajectory | None:
-    """Return the path of the greatest share of the clearance that has one; None where none has."""
+    """Return the path with the largest share of the clearance for which a path exists; None if none exists."""
     for share in SHARES:
         cells = find_cells(dataclasses.replace(space, clearance=share * space.clearance), start, goal, seen)
         path = None if cells is None else smooth_path(cells, start, goal)
@@ -100,9 +101,9 @@ def _first_path(space: FreeSpace, start: np.ndarray, goal: np.ndarray, seen: See
 
 
 def waypoint_path(settings: WaypointPlanner) -> PiecewisePolynomial:
-    """Return a smooth curve r(u) (3 rows) through the waypoints; InputError as in plan.
+    """Return a smooth curve r(u) (3 rows) [m] through the waypoints; InputError as in plan.
 
-    A C2 cubic spline over u with du = sqrt(chord), the centripetal parameters of Lee (1989): few overshoots.
+    A C2 cubic spline over u with du = sqrt(chord), the centripetal parameters of Lee (1989), which overshoots little.
     """
     source = f"planner.file: {settings.file}" if settings.file is not None else "planner.points"
     p = read_waypoints(Path(settings.file)) if settings.file is not None else np.array(settings.points)
@@ -120,7 +121,7 @@ def waypoint_path(settings: WaypointPlanner) -> PiecewisePolynomial:
 
 
 def refuse_contact(field: str, points: np.ndarray, space: FreeSpace, vehicle: Vehicle) -> None:
-    """Raise InputError if the vehicle, centred at one of the points (n, 3), is outside or touches a thing."""
+    """Raise InputError if the vehicle, centred at one of the points (n, 3) [m], is outside or touches an obstacle."""
     low, high = space.bounds
     for p in points:
         where = f"{field}: ({p[0]:.6g}, {p[1]:.6g}, {p[2]:.6g})"
@@ -138,5 +139,5 @@ def refuse_contact(field: str, points: np.ndarray, space: FreeSpace, vehicle: Ve
 
 
 def _doubt(vehicle: Vehicle) -> str:
-    """What does not fit in the vehicle: its radius may be too large only because of its unit."""
+    """Return a hint for an error message if the vehicle's numbers, and so its radius, may be in a wrong unit."""
     return "".join(f"; {line}" for line in vehicle_units(vehicle)[:1])

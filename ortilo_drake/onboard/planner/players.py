@@ -1,4 +1,4 @@
-"""The players of a path: the reference as a row of a table at each tick, or of a path that is an input."""
+"""The players of a path: the reference from a table with a row for each tick, or from a path at an input port."""
 
 from typing import NamedTuple
 
@@ -14,12 +14,12 @@ from ortilo_drake.onboard.planner.planner import make_planner
 
 
 def reference_out(k: int, path: np.ndarray, out: np.ndarray) -> None:
-    """Output r, r_dot and r_ddot of tick k (9); those of the last after it."""
+    """Output r, r_dot and r_ddot (9) of tick k, or of the table's last tick if k is later."""
     put(path[min(k, path.shape[0] - 1)], out)
 
 
 def reference_box(path: Trajectory, ticks: int, h: float) -> Box:
-    """Return the box that plays a path: r, r_dot and r_ddot at every tick of h [s]."""
+    """Return the box that plays a path: it outputs r, r_dot and r_ddot (9) at every tick of h [s]."""
     planner = make_planner(path)
     context, table = planner.CreateDefaultContext(), np.empty((ticks + 1, REFERENCE_SIZE))
     for k in range(ticks + 1):
@@ -29,7 +29,7 @@ def reference_box(path: Trajectory, ticks: int, h: float) -> Box:
 
 
 class Path(NamedTuple):
-    """A path p_WB(t) (3 rows) [m] with its derivatives, as a value of the port."""
+    """A path p_WB(t) (3 rows) [m] with its two derivatives, the content of the player's input port."""
 
     position: Trajectory
     velocity: Trajectory
@@ -37,22 +37,22 @@ class Path(NamedTuple):
 
 
 def path_value(trajectory: Trajectory) -> Value:
-    """Return a trajectory p_WB(t) (3 rows) [m] as a value of the player's port."""
+    """Return a trajectory p_WB(t) (3 rows) [m] as a value for the player's input port."""
     return Value[object](Path(trajectory, trajectory.MakeDerivative(1), trajectory.MakeDerivative(2)))
 
 
 class PathPlayer(LeafSystem):
-    """Plays the path at its input and then stays at its end; Drake's TrajectorySource, bit for bit.
+    """A system that plays the path at its input, then stays at the path's end; bit for bit Drake's TrajectorySource.
 
     Ports:
-        path (object): of path_value.
+        path (object): a value made by path_value.
         y0 (9, output): r, r_dot and r_ddot in W, see model/signals.py.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.set_name("planner")
-        self._path = self.DeclareAbstractInputPort("path", Value[object]())  # of None, Drake 1.58 makes no Value
+        self._path = self.DeclareAbstractInputPort("path", Value[object]())  # Drake 1.58 makes no Value of None
         needs = {self._path.ticket(), self.time_ticket()}
         self.DeclareVectorOutputPort("y0", REFERENCE_SIZE, self._calc_reference, prerequisites_of_calc=needs)
 

@@ -1,10 +1,10 @@
-"""The places where the vehicle would have a fix, by the surveyed room alone.
+"""The places where the vehicle would have a position fix, predicted from the surveyed room alone.
 
-A place is seen if the ranges that walls leave make a fix of at most FIX_SD, as the multilateration believes in them
-(range_equations.py), or if the camera would see two landmarks, flying level at the heading that is held. Walls are
-taken to stop radio waves, whatever they really do. Losses and blackouts are not known beforehand.
+A place is "seen" if the ranges that no wall blocks make a fix with sd up to FIX_SD, with the multilateration's noise
+(range_equations.py), or if the camera sees two landmarks while the vehicle flies level at the heading that is held.
+Walls count as stopping radio waves, whatever they really do. Losses and blackouts are not known before the flight.
 
-The places of a grid are looked at, and a place counts only with its eight neighbours, so that a small deviation from
+The places form a grid. A place counts as seen only if its eight neighbours are seen too, so that a small deviation from
 the path loses no fix.
 """
 
@@ -20,40 +20,40 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.onboard.ranging.range_equations import inverse, normal_equations
 from ortilo_drake.scenario import Belief
 
-FIX_SD = 0.5  # sqrt(tr C) of a fix that is worth a detour [m]
-LANDMARKS = 2  # that a fix takes
-LEAST_BOX = 8.0  # width and height of a box that a detector finds [px]
-BLOCK = 4  # points of the planner's grid along each side of a place that is looked at
+FIX_SD = 0.5  # largest sqrt(tr C) of a fix that is worth a detour [m]
+LANDMARKS = 2  # number of landmarks that a fix needs
+LEAST_BOX = 8.0  # smallest width and height of a box that a detector finds [px]
+BLOCK = 4  # number of points of the planner's grid along each side of a place
 
 
 @dataclass(frozen=True)
 class FixSources:
-    """The things by which the onboard half finds its position."""
+    """The sources from which the onboard half gets position fixes."""
 
     ranges: bool = True
-    """whether ranges to anchors are measured."""
+    """whether the vehicle measures ranges to anchors."""
     boxes: bool = True
-    """whether landmarks are looked for."""
+    """whether the camera detects landmarks."""
     noise: tuple[float, float] = (0.0, 0.0075)
-    """s_0 [m] and s_1 of a range's believed standard deviation s_0 + s_1 d."""
+    """s_0 [m] and s_1 [1] of a range's standard deviation s_0 + s_1 d in the multilateration."""
     yaw: float = 0.0
     """heading that is held [rad]."""
     width: int = 320
-    """of the camera's image [px]."""
+    """width of the camera's image [px]."""
 
 
 ALL_SOURCES = FixSources()
 
 
 def fix_sources(belief: Belief) -> FixSources:
-    """Return the sources of position fixes that a vehicle with this belief has."""
+    """Return the sources of position fixes of a vehicle with this belief."""
     sds = belief.multilateration.noise.sds
     return FixSources(belief.measures_ranges, belief.sees_landmarks, sds, belief.yaw, belief.image_width)
 
 
 @cached_njit
 def ranges_fix(p: np.ndarray, anchors: np.ndarray, boxes: np.ndarray, noise: np.ndarray) -> bool:
-    """Return whether the ranges at p (3) to anchors (n, 3), past walls (m, 7), make a fix of at most FIX_SD."""
+    """Return whether ranges from p (3) to anchors (n, 3) that no wall (m, 7) blocks make a fix with sd up to FIX_SD."""
     n = anchors.shape[0]
     d, there = np.empty(n), np.zeros(n)
     for i in range(n):
@@ -77,10 +77,10 @@ def landmarks_fix(
     cylinders: np.ndarray,
     camera: Camera,
 ) -> bool:
-    """Return whether the camera of a body at p_WB (3), rpy (3) [rad] sees LANDMARKS landmarks whole.
+    """Return whether the camera of a body at p_WB (3), rpy (3) [rad] sees at least LANDMARKS whole landmarks.
 
-    They are at positions p_W (n, 3) with outlines (n, k, 3), and may be hidden by boxes, the walls (m, 7), and by
-    cylinders, the stands (l, 4).
+    The landmarks are at `positions` p_WL (n, 3) with `outlines` (n, k, 3). Walls, `boxes` (m, 7), and stands,
+    `cylinders` (l, 4), may hide them.
     """
     R_WB, box, count = rotation_matrix(rpy), np.empty(4), 0
     p_WC = p + R_WB @ camera.p_BC
@@ -95,7 +95,7 @@ def landmarks_fix(
 
 
 def seen_at(points: np.ndarray, room: Room, sources: FixSources) -> np.ndarray:
-    """Return at which points p_WB (n, 3) there is a fix (n)."""
+    """Return whether there is a fix at each point p_WB (n, 3) [m], as a mask (n)."""
     found = np.zeros(len(points), dtype=bool)
     if sources.ranges:
         noise = np.array(sources.noise)
@@ -110,9 +110,9 @@ def seen_at(points: np.ndarray, room: Room, sources: FixSources) -> np.ndarray:
 def seen_on_grid(
     x: np.ndarray, y: np.ndarray, height: float, room: Room, sources: FixSources
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a mask of the grid points (x_i, y_j) that are seen (n_x, n_y), and the places that are not (k, 2) [m].
+    """Return a mask of the grid points (x_i, y_j) that are seen (n_x, n_y), and the places not seen (k, 2) [m].
 
-    The grid's x (n_x) and y (n_y) are equally spaced [m]; the height is that of the flight [m].
+    The grid's x (n_x) and y (n_y) are equally spaced [m]; `height` is the flying height [m].
     """
     centers = [np.array([part.mean() for part in np.split(c, range(BLOCK, len(c), BLOCK))]) for c in (x, y)]
     places = np.stack(np.meshgrid(*centers, indexing="ij"), axis=-1).reshape(-1, 2)

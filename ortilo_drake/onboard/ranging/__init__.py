@@ -1,1 +1,1 @@
-"""The position from ranges to the anchors."""
+"""The position fix from ranges to the anchors."""

@@ -1,27 +1,27 @@
-"""What fixes tell of the anchors' survey and of the scale of the ranges' noise, as an element of the loop.
+"""The element that learns from fixes the share of the survey's error and the scale of the ranges' noise.
 
-The scale of the noise of ranges or boxes is learned together with the share of the survey's error that lasts. The noise
-is c times as large as it is told, and c^2 ~ IG(nu_0 / 2, nu_0 / 2) before the first fix (inverse gamma): what
-is told counts as nu_0 residuals. Beside Lambda and eta (survey_bank.py) fixes give the number of their residuals and
-what those come to, by the weights that are told,
+The scale c of the noise of ranges or boxes is learned together with the share of the survey's error that lasts. The
+noise is c times the noise in the settings. Before the first fix c^2 ~ IG(nu_0 / 2, nu_0 / 2) (inverse gamma), so the
+settings count as nu_0 residuals. Beside Lambda and eta (survey_bank.py) fixes give the number of their residuals and
+the residuals' weighted sum of squares, with the weights of the settings:
 
     nu = sum_k nu_k,   q = sum_k e_k^T M_k e_k
 
-An error that lasts, of sd sigma in units of the noise, is conjugate to that (Gelman et al., "Bayesian Data Analysis",
-2013, chapter 14): with
+A lasting error with sd sigma, in units of the noise, is conjugate to this prior (Gelman et al., "Bayesian Data
+Analysis", 2013, chapter 14): with
 
     Q = q - sigma^2 eta^T (I + sigma^2 Lambda)^-1 eta
 
-a model's likelihood is that of Student's t, and the scale's distribution is an inverse gamma again,
+the likelihood of a model is a Student's t, and the distribution of c^2 is an inverse gamma again:
 
     log L = -1/2 log det(I + sigma^2 Lambda) - 1/2 (nu_0 + nu) log(nu_0 + Q)
     c^2 ~ IG((nu_0 + nu) / 2, (nu_0 + Q) / 2)
 
-Models are of a survey's sd in metres: sigma_j = c_j s_2 / c by the scale c of the fix before. What is white goes into
-c, and what lasts into the share of s_2. The scale that is believed is the mean of 1 / E[c^-2] over the models.
+Each model stands for a survey's sd in metres: sigma_j = c_j s_2 / c with the scale c of the fix before. White errors
+change c, lasting errors change the share of s_2. The estimate of c^2 is the mean of 1 / E[c^-2] over the models.
 
-One fix counts at most as LIMIT times what was expected of it, c^2 nu_k + s^2 tr M_k: a range that a wall lengthens is
-no noise. A scale that is truly larger is still found, by a few fixes one after the other.
+The squares of one fix count at most as LIMIT times their expected value c^2 nu_k + s^2 tr M_k, because a range that a
+wall lengthens is not noise. A larger true scale is still found, after a few more fixes.
 """
 
 from typing import Any, Final
@@ -39,7 +39,7 @@ from ortilo_drake.onboard.ranging.multilateration import believed_noise
 from ortilo_drake.onboard.ranging.survey_bank import gather, kept_from, learned_first, log_likelihood, share_of, weigh
 from ortilo_drake.scenario import Multilateration as MultilaterationSettings
 
-SQUARES, RESIDUALS, SCALE = 0, 1, 2  # of what is gathered of the scale: q, nu and c^2
+SQUARES, RESIDUALS, SCALE = 0, 1, 2  # indices in `scale` of q, nu and c^2
 NOTHING_YET: Final = (0.0, 0.0, 1.0)
 LIMIT: Final = 4.0
 
@@ -56,10 +56,10 @@ def weigh_scales(
     S: np.ndarray,
     e: np.ndarray,
 ) -> float:
-    """Return the share of s_2 [m], as it is told, that is believed; write the models' weights (m), and c^2 to scale.
+    """Return the estimated share of the setting s_2 [m]; write the models' weights (m), and c^2 to `scale`.
 
-    [Lambda, eta] is of each part that errs by itself (k n, n + 1), of Lambda the lower half; scale has q, nu and c^2,
-    bank c_j (m), worth is nu_0. It works in Q (m), S (n, n) and e (n).
+    `gathered` has [Lambda, eta] (k n, n + 1) of each of the k groups with independent errors, and the lower half of
+    Lambda; `scale` has q, nu and c^2, `bank` c_j (m), `worth` is nu_0. Q (m), S (n, n) and e (n) are work memory.
     """
     c, n = np.sqrt(scale[SCALE]), e.size
     nu = worth + scale[RESIDUALS]
@@ -83,7 +83,7 @@ def weigh_scales(
 
 @register_jitable
 def counted(squares: float, expected: float) -> float:
-    """Return the share of a fix's residuals that counts: the root of what LIMIT leaves of e^T M e."""
+    """Return the factor on a fix's residuals that limits their squares e^T M e to LIMIT times the expected value."""
     if squares <= LIMIT * expected:
         return 1.0
     return float(np.sqrt(LIMIT * expected / squares))
@@ -91,12 +91,12 @@ def counted(squares: float, expected: float) -> float:
 
 @register_jitable
 def put_noise(noise: np.ndarray, told: np.ndarray, scale: np.ndarray, share: float) -> None:
-    """Write the ranges' noise (3) as it is believed, of that which is told."""
+    """Write the estimated noise of the ranges (3), given the noise `told` of the settings (3)."""
     c = np.sqrt(scale[SCALE])
     noise[0], noise[1], noise[2] = c * told[0], c * told[1], share * told[2]
 
 
-N_NOISE = 3  # s_0, s_1 and s_2 of range_equations.py
+N_NOISE = 3  # number of noise settings s_0, s_1, s_2 of range_equations.py
 
 
 def bank_step(
@@ -114,7 +114,7 @@ def bank_step(
     told: np.ndarray,
     Q: np.ndarray,
 ) -> None:
-    """Learn from the residuals of a fix that was made in this tick."""
+    """Update the learned numbers with the residuals of this tick's fix, if there is one."""
     its, uwb, scales = values_of(fix), values_of(message), n.worth > 0.0
     if its[ARRIVED] == 0.0:
         return
@@ -150,10 +150,10 @@ BANK = Element("survey_bank", step=bank_step, shows="learned")
 
 
 def bank_box(settings: MultilaterationSettings, anchors: np.ndarray, period: float) -> Box:
-    """Return the box that learns from the uwb message as it lands, every so often [s], and the fix made of it.
+    """Return the box that learns from the arrived uwb message, one every `period` [s], and from the fix made of it.
 
-    It says what is `learned` of the survey of the anchors (n, 3), see learned_first with 6 n sensitivities, and after
-    it the ranges' `noise` as it is believed (3). The settings have a bias_bank, a noise_scale, or both.
+    The box outputs what it has `learned` of the survey of the anchors (n, 3), see learned_first with 6 n sensitivities,
+    and then the estimated `noise` of the ranges (3). The settings have a bias_bank, a noise_scale, or both.
     """
     bank, n, noise = np.array(settings.bias_bank or (1.0,)), len(anchors), believed_noise(settings)
     survey = learned_first(bank, 6 * n)

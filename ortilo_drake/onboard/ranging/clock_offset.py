@@ -1,11 +1,11 @@
-"""Position and offset of the clock from ranges that are all longer by the same, r_i = |p - a_i| + b + v_i.
+"""Position and clock offset b from ranges that are all longer by b, r_i = |p - a_i| + b + v_i.
 
-Of b it may be known before that it is b_0, with variance P_b: one more measurement, so that
+A prior b_0 of b with variance P_b, if there is one, counts as one more measurement, so that
 
     cost = e^T R^-1 e + (b - b_0)^2 / P_b,   N = J^T R^-1 J + e_4 e_4^T / P_b,   J = [u_i, 1].
 
-C is the part of p in N^-1, of what is new in the ranges as in range_equations.py. The clock is taken to walk by WALK
-from one message to the next.
+C is the block of p in N^-1, for the new part of the ranges' errors as in range_equations.py. The model of the clock is
+a random walk with the sd WALK from one message to the next.
 """
 
 import numpy as np
@@ -16,21 +16,22 @@ from ortilo_drake.model.products import product, times
 from ortilo_drake.model.scalars import solve, values_of
 from ortilo_drake.onboard.ranging.range_equations import MAX_SD, MIN_SD, STEP
 
-REGULAR = 1e-9  # four unknowns whose scaled N has a smaller determinant are not told apart
-STEPS, HALVINGS = 20, 8  # of a fit, of a step; more are none that converges
-NO_RISE = 1.0 + 1e-12  # of the cost, up to rounding
-WALK = 2e-3  # of the offset, a standard deviation from message to message [m]
-NONE_SD = 0.1  # an offset known better than this [m] ...
-NONE = 2.0  # ... and within so many standard deviations of 0 is none
+REGULAR = 1e-9  # if the scaled N has a smaller determinant, the four unknowns cannot be separated
+STEPS, HALVINGS = 20, 8  # largest numbers of steps of a fit and of halvings of a step; a fit that needs more diverges
+NO_RISE = 1.0 + 1e-12  # largest ratio of the new cost to the old one, 1 up to rounding
+WALK = 2e-3  # sd of the change of the offset from message to message [m]
+NONE_SD = 0.1  # an offset with a smaller sd than this [m] ...
+NONE = 2.0  # ... and within this many sds of 0 counts as none
 
 
 @register_jitable
 def offset_equations(
     z: np.ndarray, ranges: np.ndarray, used: np.ndarray, anchors: np.ndarray, noise: np.ndarray, clock: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the cost at z = [p, b] (4), N (4, 4), minus half the cost's gradient (4), and N with R_v between (4, 4).
+    """Return the cost at z = [p, b] (4), N (4, 4), minus half the cost's gradient (4), and J^T R^-1 R_v R^-1 J (4, 4).
 
-    Arguments as range_equations.normal_equations; clock is [1 if b_0 is known, b_0, P_b].
+    Arguments as in range_equations.normal_equations; `clock` is [1 if b_0 is known, b_0, P_b]; the last matrix includes
+    the prior, as N does.
     """
     lasts = noise[2] if noise.size > 2 else 0.0
     cost, N, g, new = 0.0 * z[3], np.zeros((4, 4), z.dtype), np.zeros(4, z.dtype), np.zeros((4, 4), z.dtype)
@@ -62,10 +63,10 @@ def offset_equations(
 def fit_with_offset(
     ranges: np.ndarray, used: np.ndarray, anchors: np.ndarray, noise: np.ndarray, p_start: np.ndarray, clock: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the least cost, p_WB (3), its covariance (3, 3) and what is known of the clock afterwards (3).
+    """Return the least cost, p_WB (3) [m], its covariance (3, 3) [m^2] and the clock's new prior (3), see Consistent.
 
-    Gauss-Newton from p_start; a step that would raise the cost is halved. The cost is inf if that does not converge, if
-    the ranges do not tell four unknowns, or if the covariance is worse than MAX_SD.
+    Gauss-Newton from p_start; a step that would raise the cost is halved. The cost is inf if the fit does not converge,
+    if the ranges do not determine four unknowns, or if the position's sd exceeds MAX_SD.
     """
     z = np.append(p_start, clock[1])
     cost, N, g, new = offset_equations(z, ranges, used, anchors, noise, clock)
@@ -101,10 +102,10 @@ def fit_with_offset(
 def differentiable_offset_fix(
     p: np.ndarray, ranges: np.ndarray, used: np.ndarray, anchors: np.ndarray, noise: np.ndarray, clock: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return p (3) and C (3, 3) of a fit with their derivatives by ranges of AutoDiffXd.
+    """Return p (3) and C (3, 3) of a fit with their derivatives with respect to ranges of AutoDiffXd.
 
-    As in multilateration.py a step from the fit has the fit's derivative. The cost is quadratic in b, so that b follows
-    from p.
+    As in multilateration.py, one step from the fit has the derivative of the fit. The cost is quadratic in b, so b
+    follows from p.
     """
     z = np.append(p, 0.0) + 0.0 * ranges[0]
     _, N, g, _ = offset_equations(z, ranges, used, anchors, noise, clock)

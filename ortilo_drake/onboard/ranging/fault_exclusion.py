@@ -1,16 +1,16 @@
-"""Ranges that do not fit the others are left out before they make a fix.
+"""Exclusion of faulty ranges: ranges that do not agree with the others are left out of the fix.
 
-The residuals e_i of a fit of n ranges to three unknowns are Gaussian if the ranges are what they are believed to be;
-their cost e^T R^-1 e is then distributed as chi-square with n - 3 degrees of freedom. A cost beyond a quantile of it
-says that a range is wrong, and of the fits with one range less the one of least cost says which (receiver autonomous
-integrity monitoring; B. Parkinson and P. Axelrad, "Autonomous GPS integrity monitoring using the pseudorange residual",
-Navigation 35, 1988). Several wrong ranges are left out one after the other. Where what is left cannot be tested any
-more, or too much would have to go, there is no fix: a wrong one is worse.
+If the noise model is right, the residuals e_i of a fit of n ranges to three unknowns are Gaussian, and their cost
+e^T R^-1 e is chi-square with n - 3 degrees of freedom. A cost above a quantile of chi-square shows that a range is
+wrong. The wrong range is the one without which the fit has the least cost (receiver autonomous integrity monitoring; B.
+Parkinson and P. Axelrad, "Autonomous GPS integrity monitoring using the pseudorange residual", Navigation 35, 1988).
+Several wrong ranges are left out one after the other. If the remaining ranges can no longer be tested, or too many
+would be left out, there is no fix: a wrong fix is worse.
 
-A clock that is off lengthens all ranges alike, r_i = |p - a_i| + b + v_i, so that none of them is the odd one. Its
-offset b is a fourth unknown, as in satellite navigation, and costs one degree of freedom, as a range left out does:
-one more fit beside those with a range less (clock_offset.py). Once found it is kept: it is known before the next ranges
-come, up to its variance, until it is none again.
+A clock offset lengthens all ranges alike, r_i = |p - a_i| + b + v_i, so that no single range stands out. The offset b
+is then a fourth unknown, as in satellite navigation, and costs one degree of freedom, as a range left out does. So its
+fit competes with the fits without one range (clock_offset.py). Once found, b and its variance are the prior for the
+next ranges, until b is 0 again.
 """
 
 from typing import NamedTuple
@@ -25,41 +25,41 @@ from ortilo_drake.onboard.ranging.range_equations import least_squares, normal_e
 from ortilo_drake.scenario import Exclusion
 
 PLAIN, KNOWN, AFRESH = range(3)
-UNKNOWNS = 3  # of a fit; with an offset of the clock one more
+UNKNOWNS = 3  # number of unknowns of a fit without a clock offset
 
 
 class Consistency(NamedTuple):
-    """The conditions for ranges to make a fix, as compiled functions take them."""
+    """The settings of the consistency test of ranges, for compiled functions."""
 
     quantiles: np.ndarray
-    """largest cost by degrees of freedom; inf where there are none."""
+    """largest cost for each number of degrees of freedom; inf for 0 degrees of freedom."""
     least: int
-    """fewest ranges of which one may be left out."""
+    """smallest number of ranges of which one may be left out."""
     share: float
-    """of the ranges that may be left out at most [1]."""
+    """largest share of the ranges that may be left out [1]."""
     clock: bool
-    """whether an offset common to all ranges is looked for."""
+    """whether the test also tries an offset common to all ranges."""
 
 
 class Consistent(NamedTuple):
-    """Ranges that fit one position, and the position."""
+    """A position and the ranges that agree with it."""
 
     found: bool
-    """whether there is a fix; nothing else counts if not."""
+    """whether there is a fix; if not, the other fields are not valid."""
     used: np.ndarray
-    """1 for each range that made it (n)."""
+    """1 for each range in the fix, else 0 (n)."""
     p: np.ndarray
     """p_WB [m] (3)."""
     C: np.ndarray
-    """its covariance [m^2] (3, 3)."""
+    """covariance of p [m^2] (3, 3)."""
     clock: np.ndarray
-    """[1 if it is off, its offset b [m], b's variance [m^2]] (3), for the next ranges."""
+    """prior of the clock for the next ranges: [1 if there is an offset, offset b [m], variance of b [m^2]] (3)."""
     unknowns: int
-    """PLAIN, KNOWN or AFRESH: whether b was fitted too, about what was known of it or without."""
+    """PLAIN: without b; KNOWN: b fitted with its prior; AFRESH: b fitted without a prior."""
 
 
 def consistency_of(settings: Exclusion, anchors: int) -> Consistency:
-    """Return the consistency test of ranges to a number of anchors."""
+    """Return the settings of the consistency test for ranges to this number of anchors."""
     quantiles = [squared_gate(settings.probability, m) for m in range(1, anchors + 1)]
     return Consistency(np.array([np.inf, *quantiles]), settings.least_ranges, settings.share, settings.clock)
 
@@ -68,7 +68,7 @@ def consistency_of(settings: Exclusion, anchors: int) -> Consistency:
 def fit(
     ranges: np.ndarray, used: np.ndarray, anchors: np.ndarray, noise: np.ndarray, p_last: np.ndarray, clock: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-    """Return cost, p_WB (3), its covariance (3, 3) and the clock (3) of some ranges; a cost of inf without a fix."""
+    """Return cost, p_WB (3), its covariance (3, 3) and the clock (3) of the used ranges; cost inf without a fix."""
     if clock[0] != 0.0:
         return fit_with_offset(ranges, used, anchors, noise, p_last, clock)
     found, p, C = least_squares(ranges, used, anchors, noise, p_last)
@@ -86,10 +86,10 @@ def consistent_fix(
     clock: np.ndarray,
     consistency: Consistency,
 ) -> Consistent:
-    """Return the fix of those ranges that fit one position, and which those are; arguments as range_equations.py.
+    """Return the fix of the ranges that agree on one position, and these ranges; arguments as in range_equations.py.
 
-    Where all fit, and the clock is not known to be off, it is least_squares' fix of all of them, bit for bit.
-    Fits begin from the last estimate of p_WB; the clock is what is known of it, as Consistent has it (3).
+    If all ranges agree and no clock offset is known, the fix has the bits of least_squares for all ranges. Fits start
+    from the last estimate p_last of p_WB; `clock` is the prior of the clock (3), see Consistent.
     """
     quantiles, least, share, seeks_offset = consistency
     used = (there != 0.0).astype(np.float64)

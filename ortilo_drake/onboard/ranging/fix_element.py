@@ -1,4 +1,4 @@
-"""The fix of ranges as an element of the loop."""
+"""The position fix from ranges, as an element of the loop."""
 
 from typing import Any
 
@@ -25,7 +25,7 @@ def fix_out(
     used: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Output the fix message (14) of the ranges that landed, zeros if there is none."""
+    """Output the fix message (14) of the ranges that arrived; zeros if there is no fix."""
     fill(out, 0.0)
     if message[ARRIVED] != 0.0:
         put_fix_message(message, anchors, values_of(noise), belief, n.three, used, out)
@@ -41,9 +41,9 @@ def learning_out(
     used: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Output the fix message of the ranges that landed, its lasting error by the learned survey, its sensitivities.
+    """Output the fix message of the ranges that arrived, the fix's lasting error (6) and its sensitivities (6 n).
 
-    Without a fix all that lasts of the last one's error is kept.
+    Without a fix, the lasting error is the one of the last fix, kept in full.
     """
     fix_out(n, message, belief, noise, anchors, used, out)
     m = anchors.shape[0]
@@ -57,7 +57,7 @@ def learning_out(
 
 
 FIX = Element("multilateration", out=fix_out)
-SCALED = Element("scaled_multilateration", out=fix_out)  # of noise that is learned
+SCALED = Element("scaled_multilateration", out=fix_out)  # reads learned noise
 LEARNING = Element("learning_multilateration", out=learning_out)
 
 
@@ -70,7 +70,7 @@ def tested_out(
     clock: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Output the fix message (14) of those ranges that fit each other, else zeros, and the clock after it."""
+    """Output the fix message (14) of the ranges that agree, zeros if there is no fix, then the clock (3)."""
     fill(out, 0.0)
     put(clock, out, FIX_SIZE)
     if message[ARRIVED] != 0.0:
@@ -81,7 +81,7 @@ def tested_out(
 
 
 def tested_step(clock: np.ndarray, out: np.ndarray) -> None:
-    """Keep what is known of the clock."""
+    """Store the prior of the clock for the next tick."""
     put(out[FIX_SIZE:], clock)
 
 
@@ -89,10 +89,10 @@ TESTED = Element("tested_multilateration", allocates=True, out=tested_out, step=
 
 
 def fix_box(settings: MultilaterationSettings, anchors: np.ndarray) -> Box:
-    """Return the solver: it reads the uwb message as it lands and the belief about which it is solved (240).
+    """Return the solver's box; it reads the arrived uwb message and the belief (240), where the solver starts.
 
-    With a bank it reads what is `learned` of the survey too, see bank_element.py, and says what is `lasting` (6). With
-    a bank, and where the noise's scale is learned, it reads the `noise` (3) that is believed.
+    With a bank it also reads what is `learned` of the survey, see bank_element.py, and outputs the lasting error
+    `lasting` (6). With a bank, or if the noise's scale is learned, it reads the estimated `noise` (3).
     """
     noise, tables, n = believed_noise(settings), {"anchors": anchors}, len(anchors)
     if settings.exclude is not None:

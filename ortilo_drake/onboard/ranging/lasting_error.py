@@ -1,13 +1,14 @@
-"""The part of a fix's error that lasts, as the geometry makes it of errors of the anchors.
+"""The lasting part of a fix's error, which comes from the errors of the anchors' survey and from the geometry.
 
-A fix errs by G A a, with a the errors of the anchors' positions of sd s each (3 n), A = -diag(u_i^T) what of them lies
-along the ranges, and G = N^-1 J^T R^-1 as range_equations.py has it. Of an axis the sd here, and the correlation with
-the error of a fix elsewhere, are
+A fix has the error G A a, with a the errors of the anchors' positions, sd s each (3 n), A = -diag(u_i^T) their
+projection on the ranges, and G = N^-1 J^T R^-1 of range_equations.py. Along one axis, the sd of this error and its
+correlation with the error of a fix at another place are
 
     sigma = s |g|,   rho = g . g' / (|g| |g'|),   g . g' = sum_i G_i G'_i u_i . u'_i
 
-g is the fix's sensitivity. From fix to fix the error is kept by r, rho with a place that was kept over that of the fix
-before: a row of fixes so has the correlation of its ends, however short the steps.
+g is the fix's sensitivity. From fix to fix the share r of the error is kept. r is this fix's rho with a stored place,
+divided by the rho of the fix before with this place. So the product of r over a row of fixes gives the correlation of
+the first with the last, however short the steps.
 """
 
 from typing import Final
@@ -18,19 +19,19 @@ from numba.extending import register_jitable
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.onboard.ranging.range_equations import MIN_SD, inverse, product
 
-SHARE, LASTING, KEPT, KEY = 0, 1, 4, 7  # of what is learned, where each begins, see survey_bank.learned_first
-N_LASTING, N_KEPT = 6, 3  # of what a fix tells; where in it stands what is kept
-NEW_KEY: Final = 0.7  # a place is kept until less than this of an axis' error is
+SHARE, LASTING, KEPT, KEY = 0, 1, 4, 7  # first index of each part of `learned`, see survey_bank.learned_first
+N_LASTING, N_KEPT = 6, 3  # size of a fix's lasting error: sds (3), then from index N_KEPT the kept shares r (3)
+NEW_KEY: Final = 0.7  # a new place is stored when an axis' correlation with the stored one falls below this
 
 
 @register_jitable
 def put_sensitivities(
     out: np.ndarray, p: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray
 ) -> None:
-    """Write u_i and the columns of G at the believed p_WB to out (6 n), zeros of a range that is not there.
+    """Write u_i and the columns of G at the estimated p_WB to out (6 n); zeros for a missing range.
 
-    Which are there (n), the anchors a_i in W (n, 3) and the noise s_0 [m], s_1, s_2 [m] are as in range_equations.py.
-    The distances stand for the ranges, so that nothing depends on noise.
+    `there` (n), the anchors a_i in W (n, 3) and the noise s_0 [m], s_1, s_2 [m] are as in range_equations.py. The
+    predicted distances replace the ranges, so that the result does not depend on the ranges' noise.
     """
     n = anchors.shape[0]
     fill(out, 0.0)
@@ -52,7 +53,7 @@ def put_sensitivities(
 
 @register_jitable
 def products(one: np.ndarray, other: np.ndarray, axis: int) -> tuple[float, float, float]:
-    """Return g . g, g . g' and g' . g' of an axis of two fixes, of their sensitivities (6 n)."""
+    """Return g . g, g . g' and g' . g' along an axis, given the sensitivities of two fixes (6 n each)."""
     own = both = others = 0.0
     for i in range(0, one.size, 6):
         g, g_other = one[i + 3 + axis], other[i + 3 + axis]
@@ -72,10 +73,10 @@ def put_lasting(
     learned: np.ndarray,
     here: np.ndarray,
 ) -> None:
-    """Write the sds of what lasts of a fix's error [m] and how it is correlated with that of the fix before to out (6).
+    """Write a fix's lasting error to out (6): the sds [m] (3) and the shares r kept of the error of the fix before (3).
 
-    The vehicle is believed to be at p; what is learned is that of bank_element.bank_box; the fix's sensitivities go to
-    `here` (6 n). Other arguments as range_equations.py.
+    p is the estimated position (3); `learned` comes from bank_element.bank_box; the fix's sensitivities go to `here` (6
+    n). Other arguments as in range_equations.py.
     """
     put_sensitivities(here, p, there, anchors, noise)
     key = learned[KEY : KEY + here.size]
@@ -87,10 +88,10 @@ def put_lasting(
 def put_kept(
     out: np.ndarray, axis: int, s: float, its_products: tuple[float, float, float], learned: np.ndarray
 ) -> None:
-    """Write the sd of what lasts of a fix's error along an axis [m] and how it is correlated with the fix before's.
+    """Write the sd [m] of a fix's lasting error along an axis and the share r kept of the error of the fix before.
 
-    Arguments as put_lasting, with the survey's sd s as it is believed [m], and g . g, g . g' and g' . g' with g' of the
-    place that is kept.
+    s is the estimated sd of the survey [m]; its_products are g . g, g . g' and g' . g', with g' at the stored place.
+    Other arguments as in put_lasting.
     """
     now, both, before = its_products
     out[axis], out[N_KEPT + axis] = s * np.sqrt(now), 1.0
@@ -101,7 +102,7 @@ def put_kept(
 
 @register_jitable
 def keep(learned: np.ndarray, lasting: np.ndarray, here: np.ndarray) -> None:
-    """Keep what a fix says lasts (6), and its sensitivities, here, if it is far from where it was compared with."""
+    """Store a fix's lasting error (6), and its sensitivities `here` if it is far from the stored place."""
     put(lasting[:N_KEPT], learned, LASTING)
     least, is_first = 1.0, True
     for axis in range(3):

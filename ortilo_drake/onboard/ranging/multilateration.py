@@ -1,9 +1,9 @@
 """Position from ranges to surveyed anchors (paper, section III-B).
 
-Either the spheres of the three nearest anchors are met, as the authors do, or all ranges are fitted by weighted
-least squares; the covariance comes from the geometry (range_equations.py). There is *no fix* with fewer than three
-ranges, from anchors on one line, where the covariance is worse than MAX_SD, or if the fit does not converge. Ranges
-that do not fit the others may be left out before (fault_exclusion.py).
+The position is the intersection of the spheres of the three nearest anchors, as the authors do, or the weighted
+least-squares fit of all ranges. The covariance comes from the geometry (range_equations.py). There is *no fix* with
+fewer than three ranges, with anchors on one line, with an sd above MAX_SD, or if the fit does not converge. Ranges that
+do not agree with the others may be left out before (fault_exclusion.py).
 """
 
 import numpy as np
@@ -30,7 +30,7 @@ from ortilo_drake.scenario import Multilateration as MultilaterationSettings
 
 @register_jitable
 def put_fix(out: np.ndarray, stamp: float, p: Triple, C: Symmetric) -> None:
-    """Write the fix message (14) of a position and its covariance."""
+    """Write the fix message (14) with the stamp [s], the position p (3) and its covariance C."""
     out[0], out[1] = 1.0, stamp
     put(p, out, 2)
     xx, xy, xz, yy, yz, zz = C
@@ -49,8 +49,8 @@ def put_fix_message(
 ) -> None:
     """Write the fix message (14) of a uwb message (2 + 2 n) that arrived; zeros if there is no fix.
 
-    It is solved about xhat (3 or more), by the nearest three anchors if so, and works in used (n). Anchors and noise as
-    range_equations.py.
+    The solver starts from xhat (3 or more) and uses the nearest three anchors if `three`; `used` is work memory (n).
+    Anchors and noise as in range_equations.py.
     """
     n = anchors.shape[0]
     ranges, there, p_last = uwb[2 : 2 + n], uwb[2 + n :], triple(xhat)
@@ -72,7 +72,7 @@ def tested_fix_message(
     clock: np.ndarray,
     consistency: Consistency,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the fix message (14) of those ranges of a uwb message that fit each other, and the clock (3) after it."""
+    """Return the fix message (14) of the ranges of a uwb message that agree, and the clock's new prior (3)."""
     n = anchors.shape[0]
     fix = consistent_fix(uwb[2 : 2 + n], uwb[2 + n :], anchors, noise, xhat[:3], clock, consistency)
     message = np.zeros(14)
@@ -93,10 +93,10 @@ def put_differentiable_fix_message(
     used: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Write the message of a uwb message of AutoDiffXd, with the derivatives of position and covariance.
+    """Write the fix message of a uwb message of AutoDiffXd, with the derivatives of position and covariance.
 
-    The position p* minimises the cost, so g(p*, r) = 0; a step p* + N^-1 g(p*, r) has the derivative of p* by r, up to
-    what the curvature of the ranges times their residuals adds (Gauss-Newton), which is 0 without noise.
+    The position p* minimises the cost, so g(p*, r) = 0. The step p* + N^-1 g(p*, r) has the derivative dp*/dr, but for
+    the curvature of the ranges times their residuals (Gauss-Newton), which is 0 without noise.
     """
     n, values, sizes = len(anchors), values_of(uwb), np.asarray(values_of(noise), dtype=float)
     nearest, message = np.zeros(n), np.zeros(14)
@@ -124,7 +124,7 @@ def differentiable_tested_fix_message(
     clock: np.ndarray,
     consistency: Consistency,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return tested_fix_message of AutoDiffXd; which ranges fit, and what is known of the clock, are constants."""
+    """Do tested_fix_message with AutoDiffXd; the choice of ranges and the clock's prior are constants."""
     n, values, known = len(anchors), values_of(uwb), values_of(clock).astype(float)
     sizes = np.asarray(values_of(noise), dtype=float)
     fix = consistent_fix(values[2 : 2 + n], values[2 + n :], anchors, sizes, values_of(xhat)[:3], known, consistency)
@@ -138,14 +138,14 @@ def differentiable_tested_fix_message(
 
 
 def believed_noise(settings: MultilaterationSettings) -> np.ndarray:
-    """Return s_0 [m], s_1 and s_2 [m] (3) of range_equations.py, as the settings have it."""
+    """Return the settings' noise s_0 [m], s_1 and s_2 [m] (3) of range_equations.py."""
     return np.array([*settings.noise.sds, settings.bias_sd])
 
 
 def fix_message_at(
     settings: MultilaterationSettings, anchors: np.ndarray, uwb: np.ndarray, x: np.ndarray
 ) -> np.ndarray:
-    """Return the fix message (14) of a uwb message that arrived, where the filter believes x to be (12 or more)."""
+    """Return the fix message (14) of a uwb message that arrived, given the filter's estimate x (12 or more)."""
     noise = believed_noise(settings)
     if settings.exclude is None:
         message, n = np.zeros(14), len(anchors)

@@ -1,7 +1,7 @@
 """Position from the three nearest anchors, as the authors solve it: three spheres meet in two points.
 
-The point nearer to the last estimate is taken. Three spheres that do not meet give no fix: the position nearest to
-all three lies in the plane of their anchors, and across that plane J says nothing.
+The solver takes the point nearer to the last estimate. Three spheres that do not meet give no fix: the position nearest
+to all three lies in the plane of their anchors, where J has no information perpendicular to the plane.
 """
 
 import numpy as np
@@ -12,12 +12,12 @@ from ortilo_drake.model.placing import fill
 from ortilo_drake.model.triples import Triple, cross, dot, minus, plus, times, triple
 from ortilo_drake.onboard.ranging.range_equations import NONE, Symmetric, fix_with_covariance, matrix
 
-COLLINEAR = 1e-3  # sine of the angle between two anchors seen from a third, below which they are on one line
+COLLINEAR = 1e-3  # sine of the angle between two anchors seen from a third, below which the three are on one line
 
 
 @register_jitable
 def next_nearest(ranges: np.ndarray, there: np.ndarray, used: np.ndarray) -> int:
-    """Return the anchor of the smallest range that is there and not used yet, -1 for none; it is used then."""
+    """Return the index of the smallest range that is there and not used yet, -1 for none; marks it as used."""
     best = -1
     for i in range(ranges.size):
         if there[i] != 0.0 and used[i] == 0.0 and (best < 0 or ranges[i] < ranges[best]):
@@ -37,9 +37,9 @@ def three_spheres(
     x = (r_1^2 - r_2^2 + b^2) / 2b, y = (r_1^2 - r_3^2 + c^2 + e^2 - 2 c x) / 2e,
     z = +-sqrt(r_1^2 - x^2 - y^2).
 
-    Nearest means the smallest range; the last estimate of p_WB picks between the two points. Arguments as
-    range_equations.py; 1 is written to `used` (n) for the ranges that are used, else 0. Returns whether there is a fix,
-    p_WB, and its covariance C [m^2].
+    Nearest means the smallest range; the last estimate of p_WB selects one of the two points. Arguments as in
+    range_equations.py; `used` (n) becomes 1 for used ranges and 0 for the others. Returns whether there is a fix, p_WB,
+    and its covariance C [m^2].
     """
     fill(used, 0.0)
     no_fix = (False, p_last, NONE)
@@ -76,6 +76,6 @@ def three_spheres(
 def nearest_three(
     ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, p_last: np.ndarray
 ) -> tuple[bool, np.ndarray, np.ndarray]:
-    """Return three_spheres with position (3) and covariance (3, 3) as arrays."""
+    """Return the result of three_spheres with position (3) and covariance (3, 3) as arrays."""
     found, p, C = three_spheres(ranges, there, anchors, noise, triple(p_last), np.zeros(ranges.size))
     return found, np.array(p), matrix(C)

@@ -1,4 +1,4 @@
-"""The range equations that every method of multilateration shares, and the position from all ranges.
+"""The range equations shared by all methods of multilateration, and the position from all ranges.
 
 The range model is r_i = |p - a_i| + v_i, v_i of standard deviation s_0 + s_1 r_i. With the unit vectors
 u_i = (p - a_i) / |p - a_i| as the rows of J and R = diag(sd_i^2), the covariance of a position is
@@ -7,15 +7,15 @@ u_i = (p - a_i) / |p - a_i| as the rows of J and R = diag(sd_i^2), the covarianc
 
 which for three ranges is J^-1 R J^-T.
 
-What lasts of a range's error, its bias and its anchor's survey, is of standard deviation s_2 besides. The weights of a
-fit have both in R. Of the fit's error C is the part that is new in every fix, with R_v of v_i alone: it is
-N^-1 (J^T R^-1 R_v R^-1 J) N^-1, N = J^T R^-1 J. The part that lasts is for the filter (estimator.biases.uwb_sd).
+A range also has a lasting error of standard deviation s_2: the bias and the survey error of its anchor. The weights of
+a fit have both errors in R. C covers only the part of the fit's error that is new in every fix, with R_v of v_i alone:
+N^-1 (J^T R^-1 R_v R^-1 J) N^-1, N = J^T R^-1 J. The filter models the lasting part (estimator.biases.uwb_sd).
 
-In all functions of ranging `ranges` are r_i [m] (n), `there` (or `used`) is 1 where one is there and else 0 (n),
-`anchors` are a_i in W (n, 3), and `noise` is s_0 [m], s_1 and, where it is not 0, s_2 [m] (2 or 3).
+In all functions of ranging `ranges` are r_i [m] (n), `there` (or `used`) is 1 for a range that is there (or used), else
+0 (n), `anchors` are a_i in W (n, 3) [m], and `noise` is s_0 [m], s_1 and, if it is not 0, s_2 [m] (2 or 3).
 
-The position is that of weighted nonlinear least squares. Anchors in one plane cannot tell a position from its mirror
-image: the one nearer to the last estimate is taken.
+The position is the solution of weighted nonlinear least squares. With anchors in one plane, a position and its mirror
+image fit equally well: the solver takes the one nearer to the last estimate.
 """
 
 import numpy as np
@@ -24,9 +24,9 @@ from numba.extending import register_jitable
 from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.triples import Triple, dot, minus, plus, times, triple
 
-MAX_SD = 10.0  # a fix less certain than this, sqrt(tr C) [m], says nothing in a room
-REGULAR = 1e-15  # a symmetric matrix whose scaled determinant is smaller is singular to rounding
-MIN_SD = 1e-3  # no range is believed better than this [m]: r -> 0 would else get infinite weight
+MAX_SD = 10.0  # largest sqrt(tr C) of a fix [m]; a worse fix has no information in a room
+REGULAR = 1e-15  # a symmetric matrix with a smaller scaled determinant is singular to rounding
+MIN_SD = 1e-3  # smallest noise sd of a range [m]: otherwise r -> 0 would get infinite weight
 
 Symmetric = tuple[float, float, float, float, float, float]  # xx, xy, xz, yy, yz, zz
 NONE: Symmetric = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # the covariance of no fix
@@ -36,7 +36,7 @@ NONE: Symmetric = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # the covariance of no fix
 def normal_equations(
     p: Triple | np.ndarray, ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray
 ) -> tuple[float, Symmetric, Triple]:
-    """Return the cost e^T R^-1 e, N = J^T R^-1 J and g = J^T R^-1 e at p, with e_i = r_i - |p - a_i|."""
+    """Return the cost e^T R^-1 e, N = J^T R^-1 J (6) and g = J^T R^-1 e (3) at p, with e_i = r_i - |p - a_i|."""
     lasts = noise[2] if noise.size > 2 else 0.0
     cost = gx = gy = gz = xx = xy = xz = yy = yz = zz = 0.0
     for i in range(anchors.shape[0]):
@@ -68,7 +68,7 @@ def inverse(N: Symmetric) -> tuple[bool, Symmetric]:
 
 @cached_njit
 def product(C: Symmetric, g: Triple | np.ndarray) -> Triple:
-    """Return C g."""
+    """Return the product C g (3) of a symmetric 3x3 matrix C and a vector g (3)."""
     return (
         C[0] * g[0] + C[1] * g[1] + C[2] * g[2],
         C[1] * g[0] + C[3] * g[1] + C[4] * g[2],
@@ -80,7 +80,7 @@ def product(C: Symmetric, g: Triple | np.ndarray) -> Triple:
 def covariance_of_the_new(
     p: Triple | np.ndarray, ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, C: Symmetric
 ) -> Symmetric:
-    """Return N^-1 (J^T R^-1 R_v R^-1 J) N^-1 at p, C = N^-1."""
+    """Return the covariance of the new part of a fix's error, N^-1 (J^T R^-1 R_v R^-1 J) N^-1 at p, given C = N^-1."""
     xx = xy = xz = yy = yz = zz = 0.0
     for i in range(anchors.shape[0]):
         if there[i] == 0.0:
@@ -99,7 +99,7 @@ def covariance_of_the_new(
 def fix_with_covariance(
     p: Triple, ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray
 ) -> tuple[bool, Triple, Symmetric]:
-    """Return whether the ranges make p a fix, p and C."""
+    """Return whether p is a fix (N is definite and sqrt(tr C) is at most MAX_SD), p, and its covariance C."""
     definite, C = inverse(normal_equations(p, ranges, there, anchors, noise)[1])
     if definite and noise.size > 2 and noise[2] > 0.0:
         C = covariance_of_the_new(p, ranges, there, anchors, noise, C)
@@ -116,16 +116,16 @@ def matrix(C: Symmetric) -> np.ndarray:
 
 STEP = 1e-9  # a fit has converged when its last step is shorter [m]
 MAX_STEPS = 100
-POOR = 2.0  # a fit with a greater mean of (e_i / sd_i)^2 may sit in a wrong minimum
-FLAT = 0.01  # anchors within about this of one plane count as in one plane [m]
+POOR = 2.0  # a fit with a larger mean of (e_i / sd_i)^2 may be in a wrong minimum
+FLAT = 0.01  # anchors within about this distance of one plane count as in one plane [m]
 
 
 @cached_njit(_nrt=False)
 def linear_start(ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray) -> tuple[bool, Triple]:
-    """Return whether there is a first guess of p without an estimate (not with anchors in one plane), and it.
+    """Return whether a start value of p exists without an estimate (not with anchors in one plane), and this value.
 
-    The squared ranges are linear in p and |p|^2. Less their mean over the anchors, b_i for a_i, |p|^2 is
-    gone: 2 (a_i - a_mean)^T p = |a_i|^2 - r_i^2 - b_mean, solved by unweighted least squares.
+    The squared ranges are linear in p and |p|^2. Subtracting the mean over the anchors removes |p|^2:
+    2 (a_i - a_mean)^T p = b_i - b_mean with b_i = |a_i|^2 - r_i^2, solved by unweighted least squares.
     """
     count, a_mean, b_mean = 0, (0.0, 0.0, 0.0), 0.0
     for i in range(len(ranges)):
@@ -151,10 +151,10 @@ def linear_start(ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray) -> 
 def descend(
     ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, p: Triple
 ) -> tuple[float, Triple]:
-    """Return the least cost reached from p, and where; cost inf without convergence.
+    """Return the least cost reached from p, and the position with this cost; cost inf without convergence.
 
-    Gauss-Newton, damped (Levenberg) only where a step would raise the cost or N is singular; the cost never
-    rises, so the descent cannot run away.
+    Gauss-Newton, damped (Levenberg) only if a step would raise the cost or N is singular. The cost never rises, so the
+    descent cannot diverge.
     """
     cost, N, g = normal_equations(p, ranges, there, anchors, noise)
     damping = 0.0
@@ -180,12 +180,12 @@ def descend(
 def fit_all(
     ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, p_last: Triple
 ) -> tuple[bool, Triple, Symmetric]:
-    """Fit p to all ranges there are, minimising sum_i (r_i - |p - a_i|)^2 / sd_i^2, from the last estimate.
+    """Fit p to all ranges that are there: minimise sum_i (r_i - |p - a_i|)^2 / sd_i^2 from the last estimate.
 
-    The cost has other minima, near mirror images of p. A fit worse than POOR is tried again from
-    linear_start, and that second fit is taken if it has less than half the cost.
+    The cost has other minima, near mirror images of p. A fit worse than POOR is repeated from linear_start; the second
+    fit is used if its cost is less than half.
 
-    Arguments and returns as three_spheres, but for its room to work in.
+    Arguments and returned values as in three_spheres, but without `used`.
     """
     count = np.sum(there)
     if count < 3.0:
@@ -206,6 +206,6 @@ def fit_all(
 def least_squares(
     ranges: np.ndarray, there: np.ndarray, anchors: np.ndarray, noise: np.ndarray, p_last: np.ndarray
 ) -> tuple[bool, np.ndarray, np.ndarray]:
-    """Return fit_all with position (3) and covariance (3, 3) as arrays."""
+    """Return the result of fit_all with position (3) and covariance (3, 3) as arrays."""
     found, p, C = fit_all(ranges, there, anchors, noise, triple(p_last))
     return found, np.array(p), matrix(C)

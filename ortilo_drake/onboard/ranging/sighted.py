@@ -1,9 +1,9 @@
-"""Ranges as the solver takes them: of one instant, and of anchors in sight as far as the map and the estimate say.
+"""Ranges prepared for the solver: moved to one instant, without those that a wall of the map blocks.
 
-Range i of a round is s_i older than its message's stamp (uwb.round). The vehicle has come closer to the anchor or
-farther from it since, along the unit vector u_i from the anchor at the believed velocity: r_i + s_i u_i . v_WB is the
-range at the stamp, up to s_i^2 of the acceleration and s_i of the velocity's error. A range that passes a wall of the
-map is longer by nobody knows how much: it is left out.
+Range i of a round was measured s_i before its message's stamp (uwb.round). Since then the distance to the anchor has
+changed along the unit vector u_i from the anchor, with the estimated velocity: r_i + s_i u_i . v_WB is the range at the
+stamp. The remaining error is about s_i^2 times the acceleration plus s_i times the velocity's error. A range through a
+wall of the map has an unknown extra length, so it is left out.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ from ortilo_drake.scenario.sensors import UwbSetup
 def sighted_out(
     message: np.ndarray, belief: np.ndarray, anchors: np.ndarray, walls: np.ndarray, ages: np.ndarray, out: np.ndarray
 ) -> None:
-    """Output a uwb message with its ranges at the stamp and without those behind walls."""
+    """Output a uwb message with its ranges moved to the stamp and without those behind walls."""
     put(message, out)
     if message[ARRIVED] == 0.0:
         return
@@ -41,7 +41,7 @@ def sighted_out(
 
 
 def sighted_box(settings: UwbSetup, room: Room) -> Box | None:
-    """Return the box that takes ranges on to their stamp and leaves out those behind walls; None if it does neither."""
+    """Return the box that moves ranges to their stamp and leaves out those behind walls; None if neither is needed."""
     n = len(room.anchors)
     if settings.round == 0.0 and settings.behind_walls != "left_out":
         return None

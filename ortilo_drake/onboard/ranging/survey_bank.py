@@ -1,18 +1,20 @@
-"""The error of the anchors' survey, learned from the residuals of ranges to them.
+"""The error of the anchors' survey, learned from the residuals of the ranges to them.
 
 Twelve ranges for three unknowns leave nine residuals. With the unit vectors u_i as the rows of J and the weights
-W = diag(1 / v_i^2) of the ranges' noise alone, a fix p gives the information of its residuals e_i = r_i - |p - a_i| on
-what lasts of each range's error, beta (n), whatever the position:
+W = diag(1 / v_i^2) of the ranges' noise alone, the residuals e_i = r_i - |p - a_i| of a fix p have information on the
+lasting error beta (n) of the ranges, whatever the position:
 
     M = W - W J (J^T W J)^-1 J^T W,   Lambda = sum_k M_k,   eta = sum_k M_k e_k
 
-M J = 0, so that an error of p itself does not count. What the bank holds are shares c_j of the sd s_2 that lasts as it
-is believed (multilateration.bias_sd). Of beta ~ N(0, (c_j s_2)^2 I) the likelihood over that of beta = 0 is
+M J = 0, so that an error of p itself does not count. Each model j of the bank has the sd c_j s_2 of the lasting error,
+with c_j a share of the setting s_2 (multilateration.bias_sd). For beta ~ N(0, (c_j s_2)^2 I) the likelihood, divided by
+the likelihood of beta = 0, is
 
     log L_j = -1/2 log det(I + s^2 Lambda) + 1/2 s^2 eta^T (I + s^2 Lambda)^-1 eta,   s = c_j s_2
 
-The models are equally likely before the first fix, and the share that is believed is the root of the mean of c_j^2 over
-them. As the vehicle moves another part of a survey's error lies along each range: what fixes said fades with MEMORY.
+The models are equally likely before the first fix. The estimated share is the root of the mean of c_j^2 over the
+models. As the vehicle moves, other components of the survey's error lie along the ranges, so old fixes fade with
+MEMORY.
 """
 
 from typing import Final
@@ -26,17 +28,18 @@ from ortilo_drake.model.placing import fill
 from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.onboard.ranging.range_equations import MIN_SD, inverse, normal_equations, product
 
-MEMORY: Final = 10.0  # [s]
+MEMORY: Final = 10.0  # time constant with which old fixes fade [s]
 
 
 @register_jitable
 def gather(
     gathered: np.ndarray, p: np.ndarray, uwb: np.ndarray, anchors: np.ndarray, noise: np.ndarray, rows: np.ndarray
 ) -> tuple[float, float]:
-    """Add a fix's M and M e to [Lambda, eta] (n, n + 1), and return how many residuals it leaves and e^T M e.
+    """Add a fix's M and M e to [Lambda, eta] (n, n + 1); return the number of residuals that it leaves, and e^T M e.
 
-    Nothing and zeros where the ranges do not make a position. Of Lambda it is the lower half, p is the fix, the message
-    has 2 + 2 n numbers, anchors and noise are as range_equations.py. It works in rows (n, 3), those of W J.
+    If the ranges do not determine a position, nothing is added and zeros are returned. Only the lower half of Lambda is
+    written. p is the fix (3), the message uwb has 2 + 2 n numbers, anchors and noise are as in range_equations.py;
+    `rows` (n, 3) is work memory for W J.
     """
     n = anchors.shape[0]
     ranges, there = uwb[PAYLOAD : PAYLOAD + n], uwb[PAYLOAD + n :]
@@ -65,7 +68,7 @@ def gather(
 
 @register_jitable
 def log_likelihood(gathered: np.ndarray, s: float, S: np.ndarray, e: np.ndarray) -> float:
-    """Return log L of an sd s [m] by [Lambda, eta] (n, n + 1); S (n, n) and e (n) are to work in."""
+    """Return log L of the sd s [m], given [Lambda, eta] (n, n + 1); S (n, n) and e (n) are work memory."""
     n = e.size
     for i in range(n):
         for j in range(i + 1):
@@ -80,7 +83,7 @@ def log_likelihood(gathered: np.ndarray, s: float, S: np.ndarray, e: np.ndarray)
 
 @register_jitable
 def is_told(gathered: np.ndarray, n: int) -> bool:
-    """Return whether any fix has told of a part's errors (n)."""
+    """Return whether any fix has given information on a group's errors (n)."""
     told = False
     for i in range(n):
         told = told or gathered[i, i] != 0.0
@@ -91,22 +94,23 @@ def is_told(gathered: np.ndarray, n: int) -> bool:
 def weigh(
     weights: np.ndarray, gathered: np.ndarray, bank: np.ndarray, s_2: float, S: np.ndarray, e: np.ndarray
 ) -> float:
-    """Return the share of s_2 [m] that is believed; write the models' weights (m).
+    """Return the estimated share of s_2 [m]; write the models' weights (m).
 
-    Of [Lambda, eta] (k n, n + 1) each n rows are of a part that errs by itself; S and e as log_likelihood.
+    Each n rows of [Lambda, eta] (k n, n + 1) belong to a group with its own independent errors; S and e as in
+    log_likelihood.
     """
     n = e.size
     for j in range(bank.size):
         weights[j] = 0.0
         for i in range(0, gathered.shape[0], n):
-            if bank[j] > 0.0 and is_told(gathered[i : i + n], n):  # else log L is 0
+            if bank[j] > 0.0 and is_told(gathered[i : i + n], n):  # otherwise log L is 0
                 weights[j] += log_likelihood(gathered[i : i + n], bank[j] * s_2, S, e)
     return share_of(weights, bank)
 
 
 @register_jitable
 def share_of(weights: np.ndarray, bank: np.ndarray) -> float:
-    """Return the share that is believed, of log likelihoods of the models (m); they become the models' weights."""
+    """Return the estimated share; replace the models' log likelihoods in `weights` (m) by the models' weights."""
     best, total, mean = -np.inf, 0.0, 0.0
     for j in range(bank.size):
         best = max(best, weights[j])
@@ -120,15 +124,15 @@ def share_of(weights: np.ndarray, bank: np.ndarray) -> float:
 
 
 def learned_first(bank: np.ndarray, sensitivities: int) -> np.ndarray:
-    """Return what is learned before the first fix.
+    """Return the learned numbers before the first fix.
 
-    It is [share, sds of what lasts of a fix as it last was (3) [m], how much of it is kept of the place that
-    lasting_error.py keeps (3), the sensitivities there, weights of the models].
+    They are [share, sds of the last fix's lasting error (3) [m], correlation of this error with the one at the place
+    that lasting_error.py has stored (3), the sensitivities at this place, weights of the models].
     """
     weights = np.full(bank.size, 1.0 / bank.size)
     return np.concatenate(([np.sqrt(weights @ bank**2)], np.zeros(3), np.ones(3), np.zeros(sensitivities), weights))
 
 
 def kept_from(period: float) -> float:
-    """Return the factor (0 to 1) by which evidence fades in a period [s]."""
+    """Return the factor (0 to 1) by which information from old fixes fades in a period [s]."""
     return float(np.exp(-period / MEMORY))

@@ -24,15 +24,15 @@ def augmented_pair(vehicle: Vehicle, h: float, yaw: float = 0.0) -> tuple[np.nda
 
 
 def weight_matrices(weights: ServoWeights) -> tuple[np.ndarray, np.ndarray]:
-    """Return Qbar (15 x 15) and R (4 x 4) from their diagonals."""
+    """Return the diagonal matrices Qbar (15 x 15) and R (4 x 4) of the weights."""
     groups = (weights.position, weights.angle, weights.velocity, weights.rate, weights.integral)
     return np.diag(np.concatenate(groups)), np.diag(weights.control)
 
 
 def is_detectable(Phi: np.ndarray, C: np.ndarray) -> bool:
-    """Return whether C sees every mode of Phi on or outside the unit circle, in whatever coordinates they are given.
+    """Return whether every mode of Phi on or outside the unit circle is observable in C, in any coordinates.
 
-    InputError if a number in them is not finite.
+    InputError if Phi or C has a number that is not finite.
     """
     if not (np.isfinite(Phi).all() and np.isfinite(C).all()):
         raise InputError("servo: mass, inertia and control_rate are too far apart to be computed with")
@@ -40,12 +40,12 @@ def is_detectable(Phi: np.ndarray, C: np.ndarray) -> bool:
 
 
 def lq_gain(Phi: np.ndarray, Gamma: np.ndarray, Q: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return L and S of the infinite-horizon problem, S the stabilising solution of the DARE.
+    """Return the gain L and the stabilising solution S of the DARE for the infinite-horizon problem.
 
     L = (Gamma^T S Gamma + R)^-1 Gamma^T S Phi;  S = Q + Phi^T S Phi - Phi^T S Gamma L.
 
-    InputError if (Phi, Gamma) is not stabilisable or (Phi, Q^1/2) not detectable, where Drake's solver would end the
-    process and SciPy's return a solution that does not stabilise.
+    InputError if (Phi, Gamma) is not stabilisable or (Phi, Q^1/2) is not detectable. Without this check Drake's solver
+    would end the process, and SciPy's solver would return a solution that does not stabilise.
     """
     try:
         if not is_detectable(Phi.T, Gamma.T):
@@ -57,19 +57,19 @@ def lq_gain(Phi: np.ndarray, Gamma: np.ndarray, Q: np.ndarray, R: np.ndarray) ->
         L, S = DiscreteTimeLinearQuadraticRegulator(Phi, Gamma, Q, R)
     except np.linalg.LinAlgError:
         raise InputError("servo: mass, inertia and control_rate are too far apart to be computed with") from None
-    except (RuntimeError, SystemExit) as error:  # weights too far apart for Drake's own check
+    except (RuntimeError, SystemExit) as error:  # the weights differ too much for Drake's own check
         raise InputError(f"servo.weights: Drake finds no stabilising gain with them: {error}") from None
     return L, S
 
 
 def servo_gain(vehicle: Vehicle, weights: ServoWeights, h: float, yaw: float = 0.0) -> np.ndarray:
-    """Return L (4 x 15) of the augmented pair about hover under that yaw [rad]; raises as lq_gain."""
+    """Return L (4 x 15) of the augmented pair about hover at this yaw [rad]; raises as lq_gain."""
     L, _ = lq_gain(*augmented_pair(vehicle, h, yaw), *weight_matrices(weights))
     return L
 
 
 def why_no_servo_gain(scenario: Belief) -> str | None:
-    """Return the reason why a scenario's servo has no gain; None if it has one."""
+    """Return the reason why the scenario's servo has no gain; None if it has one."""
     kind = scenario.servo.kind
     part = None if isinstance(scenario.servo, LqServo) else find_part("servo", kind)
     if isinstance(scenario.servo, LqServo) or (part is not None and part.gain is not None):
@@ -78,9 +78,9 @@ def why_no_servo_gain(scenario: Belief) -> str | None:
 
 
 def gain_of(scenario: Belief) -> np.ndarray:
-    """Return L (4 x 15) of a scenario's servo about hover at the heading that it holds.
+    """Return L (4 x 15) of the scenario's servo about hover at the heading that the servo holds.
 
-    InputError as lq_gain; if a servo of one's own has none, or one that is no 4 x 15 finite numbers.
+    InputError as in lq_gain, and if an own servo has no gain or a gain that is not 4 x 15 finite numbers.
     """
     if isinstance(scenario.servo, LqServo):
         return servo_gain(scenario.vehicle, scenario.servo.weights, scenario.h, scenario.yaw)

@@ -1,13 +1,14 @@
-"""The LQ servo (paper, section IV-A), and its gain where commands act late.
+"""The LQ servo (paper, section IV-A), and its gain for commands that act with a delay tau.
 
-The commands on the way are then states. With tau = (d - theta) h, whole d and 0 <= theta < 1, and Gamma(s) = int_0^s
+The commands on the way are then states. With tau = (d - theta) h, integer d and 0 <= theta < 1, and Gamma(s) = int_0^s
 e^(A r) dr B,
 
     x_{k+1} = Phi x_k + (Gamma(h) - Gamma(theta h)) u_{k-d} + Gamma(theta h) u_{k-d+1}
 
 (K. J. Åström and B. Wittenmark, "Computer-Controlled Systems", on systems with time delay). The state
-[x; i; u_{k-1}; ...; u_{k-d}] has no delay. Its LQ gain with Q on [x; i] and R on u_k is, for a whole number of ticks,
-L [Phibar^d, Gammabar, Phibar Gammabar, ...]: the gain without a delay on the state predicted to the command's time.
+[x; i; u_{k-1}; ...; u_{k-d}] has no delay. With Q on [x; i] and R on u_k, and for an integer number of ticks, the LQ
+gain is L [Phibar^d, Gammabar, Phibar Gammabar, ...]: the gain without delay times the state predicted to the time at
+which the command acts.
 """
 
 import math
@@ -28,12 +29,12 @@ from ortilo_drake.onboard.servo.lq_gain import augmented_pair, lq_gain, weight_m
 from ortilo_drake.scenario import LqServo, ServoWeights
 from ortilo_drake.scenario import LqServo as ServoSettings
 
-Reference = tuple[float, float, float, float, float, float, float, float, float]  # x_ref but for its rates, which are 0
+Reference = tuple[float, float, float, float, float, float, float, float, float]  # x_ref without its rates, which are 0
 
 
 @register_jitable
 def minus_product(u_0: float, row: np.ndarray, xbar: np.ndarray, x_ref: Reference) -> float:
-    """Return u_0 - row [x - x_ref; i] (15), term by term; of any scalar."""
+    """Return u_0 - row [x - x_ref; i], given a row (15) of the gain and xbar (15), for any scalar type."""
     u = u_0
     for j in range(9):
         u = u - row[j] * (xbar[j] - x_ref[j])
@@ -54,9 +55,10 @@ def command(
 ) -> Four:
     """Return u = [m g, 0, 0, 0] + u_ff - L [xhat - x_ref; i], with an estimate of [x; i] (15) and a gain L (4, 15).
 
-    Paper form: x_ref = 0 and u_ff = 0, u = -L [xhat; i]. Error form: x_ref = [r, phi_r, theta_r, psi_r, r_dot, 0] with
-    the roll and pitch that make the planned acceleration at hover, and u_ff = [m z_ddot_r, 0, 0, 0]. In either form a
-    disturbance force d in W [N] that is known is countered: phi_r, theta_r and u_ff make the acceleration less d / m.
+    Paper form: x_ref = 0 and u_ff = 0, u = -L [xhat; i]. Error form: x_ref = [r, phi_r, theta_r, psi_r, r_dot, 0], with
+    the roll and pitch that give the planned acceleration at hover, and u_ff = [m z_ddot_r, 0, 0, 0]. Both forms
+    compensate a known disturbance force d, `force`, in W [N]: d / m is subtracted from the planned acceleration.
+
     The reference is r, r_dot, r_ddot (9), the mass m [kg], the yaw psi_r [rad].
     """
     a_x = a_y = a_z = psi_r = 0.0
@@ -87,14 +89,14 @@ def servo_control(
     mass: float,
     yaw: float,
     error_form: bool,
-    force: np.ndarray | None = None,  # an array by default is a new type to numba's cache in every process
+    force: np.ndarray | None = None,  # a default array would be a new type for numba's cache in every process
 ) -> np.ndarray:
-    """Return u of command (4); arguments as there."""
+    """Return the control u (4) of `command` as an array; arguments as in `command`."""
     return np.array(command(xbar, reference, L, mass, yaw, error_form, force))
 
 
 def resting_integral(L: np.ndarray, r: np.ndarray, form: str) -> np.ndarray:
-    """Return the i (3) with which the servo holds still at r: 0, in the paper form the one that balances L r."""
+    """Return the integral i (3) with which the servo rests at r: 0, or in the paper form the one that balances L r."""
     if form == "error":
         return np.zeros(N_I)
     return np.linalg.lstsq(L[:, N_X:], -L[:, :N_I] @ r, rcond=None)[0]
@@ -103,12 +105,12 @@ def resting_integral(L: np.ndarray, r: np.ndarray, form: str) -> np.ndarray:
 def servo_out(
     n: Any, belief: np.ndarray, force: np.ndarray, reference: np.ndarray, L: np.ndarray, out: np.ndarray
 ) -> None:
-    """Output u_k of command (4)."""
+    """Output the control u_k (4) of `command`."""
     put(command(belief, reference, L, n.mass, n.yaw, n.error_form, (force[0], force[1], force[2])), out)
 
 
 def true_velocity_out(belief: np.ndarray, velocity: np.ndarray, out: np.ndarray) -> None:
-    """Output the estimate (15) with the true velocities of a message in it."""
+    """Output the estimate (15) with its velocities replaced by the true velocities in a message."""
     put(belief[:N_XBAR], out)
     put(velocity[PAYLOAD:], out, 6)
 
@@ -118,19 +120,19 @@ TRUE_VELOCITY = Element("with_true_velocity", out=true_velocity_out)
 
 
 def servo_box(L: np.ndarray, mass: float, settings: ServoSettings) -> Box:
-    """Return the servo: it reads the belief (15 or more), the force that is believed to act (3) and the reference."""
+    """Return the servo's box; it reads the belief (15 or more), the estimated disturbance force (3), the reference."""
     numbers = {"mass": mass, "yaw": settings.yaw, "error_form": settings.form == "error"}
     return Box("servo", SERVO, N_U, Values(numbers, tables={"L": L}))
 
 
 def split_delay(delay: float, h: float) -> tuple[int, float]:
-    """Return d and theta of a delay [s] in ticks of h [s]; what is a whole tick up to rounding is one."""
+    """Return d and theta of a delay [s] in ticks of h [s]; a delay within rounding of a whole tick counts as whole."""
     d = math.ceil(delay / h - 1e-9)
     return d, max(0.0, d - delay / h)
 
 
 def delayed_pair(vehicle: Vehicle, h: float, delay: float, yaw: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Return Phi and Gamma of [x; i; u_{k-1}; ...; u_{k-d}], n = 15 + 4 d; delay [s], yaw held [rad]."""
+    """Return Phi (n, n) and Gamma (n, 4) of [x; i; u_{k-1}; ...; u_{k-d}], n = 15 + 4 d; delay [s], held yaw [rad]."""
     Phibar, Gammabar = augmented_pair(vehicle, h, yaw)
     d, theta = split_delay(delay, h)
     n = N_XBAR + N_U * d
@@ -151,7 +153,7 @@ def delayed_pair(vehicle: Vehicle, h: float, delay: float, yaw: float = 0.0) -> 
 
 
 def delayed_gain(vehicle: Vehicle, weights: ServoWeights, h: float, delay: float, yaw: float = 0.0) -> np.ndarray:
-    """Return L (4 x 15 + 4 d) of delayed_pair; raises as lq_gain."""
+    """Return the gain L (4 x (15 + 4 d)) of delayed_pair; raises as lq_gain."""
     Phi, Gamma = delayed_pair(vehicle, h, delay, yaw)
     Q, R = weight_matrices(weights)
     wide = np.zeros_like(Phi)
@@ -169,11 +171,11 @@ def augmented_out(
     L_u: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Output u_k (4) of the estimate, the reference and the commands on the way.
+    """Output u_k (4), given the estimate, the reference and the commands on the way.
 
-        u_k = command(xhat, r; L_x) - sum_j L_j (u_{k-j} - u_r),   u_r what holds the reference
+        u_k = command(xhat, r; L_x) - sum_j L_j (u_{k-j} - u_r),   u_r the feedforward control at the reference
 
-    before is [u_{k-1}; ...; u_{k-d}] (4 d).
+    `before` is [u_{k-1}; ...; u_{k-d}] (4 d).
     """
     known = n.mass, n.yaw, n.error_form, (force[0], force[1], force[2])
     u_r = command(np.zeros(N_XBAR), reference, np.zeros((N_U, N_XBAR)), *known)
@@ -186,7 +188,7 @@ def augmented_out(
 
 
 def augmented_step(control: np.ndarray, before: np.ndarray) -> None:
-    """Keep u_k, the oldest goes."""
+    """Store u_k in `before` and drop the oldest control."""
     for i in range(before.size - 1, N_U - 1, -1):
         before[i] = before[i - N_U]
     put(control[: min(N_U, before.size)], before)
@@ -196,7 +198,7 @@ AUGMENTED = Element("augmented_servo", out=augmented_out, step=augmented_step, a
 
 
 def augmented_servo_box(settings: LqServo, vehicle: Vehicle, h: float, delay: float) -> Box:
-    """Return the servo, `servo`: it reads what servo_box reads; its commands act `delay` [s] after their tick."""
+    """Return the box `servo` for commands that act `delay` [s] after their tick; inputs as in servo_box."""
     L = delayed_gain(vehicle, settings.weights, h, delay, settings.yaw)
     numbers = {"mass": vehicle.mass, "yaw": settings.yaw, "error_form": settings.form == "error"}
     hover = np.tile([vehicle.hover_thrust, 0.0, 0.0, 0.0], (L.shape[1] - N_XBAR) // N_U)
