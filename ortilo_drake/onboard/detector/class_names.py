@@ -1,4 +1,4 @@
-"""The words that a network and a room have for the same classes, and the 80 classes of MS COCO (Lin et al., 2014)."""
+"""The mapping from a network's class names to a room's, and the 80 classes of MS COCO (Lin et al., 2014)."""
 
 from pathlib import Path
 from typing import Final
@@ -23,7 +23,7 @@ COCO_CLASSES = (
     "teddy bear", "hair drier", "toothbrush",
 )  # fmt: skip
 
-# What Darknet's own data/coco.names calls six of them, after PASCAL VOC.
+# The other names of six of these classes in Darknet's own data/coco.names, after PASCAL VOC.
 COCO_NAME = {
     "motorbike": "motorcycle",
     "aeroplane": "airplane",
@@ -34,23 +34,23 @@ COCO_NAME = {
 }
 
 
-SHOWN: Final = 8  # names of a network that an error lists
+SHOWN: Final = 8  # number of a network's names that an error lists
 
 
 def names_in_file(file: Path) -> list[str]:
-    """Return the names in a file, one a line, a blank one too; blank lines at the end do not count."""
+    """Return the names in a file, one for each line, also for blank ones; blank lines at the end do not count."""
     names = [line.strip() for line in read_text(file).removeprefix("\ufeff").rstrip().split("\n")]
     return [] if names == [""] else names
 
 
 def room_labels(names: list[str], room: Room, source: str) -> np.ndarray:
-    """Return the room's label of each of the network's classes, -1 for one that is no landmark here.
+    """Return the room's label of each of the network's classes, -1 for a class without a landmark in the room.
 
-    A 'pottedplant' is a 'potted plant', whichever of the two calls it so. The source is the file that the names are
-    from. InputError if the network does not know a class of the room's landmarks.
+    'pottedplant' and 'potted plant' are the same class, whichever of the two files uses which name. `source` is the
+    file of the names, for errors. InputError if the network does not know a class of the room's landmarks.
     """
     label_of = {COCO_NAME.get(name, name): label for label, name in enumerate(room.classes)}
-    label_of |= {name: label for label, name in enumerate(room.classes)}  # a room may have both words
+    label_of |= {name: label for label, name in enumerate(room.classes)}  # a room may use both names
     labels = [label_of.get(name, label_of.get(COCO_NAME.get(name, name), -1)) for name in names]
     unknown = [name for label, name in enumerate(room.classes) if label not in labels]
     if unknown:
@@ -61,10 +61,10 @@ def room_labels(names: list[str], room: Room, source: str) -> np.ndarray:
 
 
 def in_room(found: Boxes, labels_of: np.ndarray, overlap: float, size: tuple[int, int]) -> Boxes:
-    """Return the boxes that are of the room's classes, each found once and cut at the image's border.
+    """Return the boxes of the room's classes, one for each object, cut at the image's border.
 
-    They are found as classes of the network (k), scores (k) and boxes (k, 4) [px]. Two boxes are one object above that
-    overlap, intersection over union. The picture has that width and height [px].
+    `found` has classes of the network (k), scores (k) and boxes (k, 4) [px]. Two boxes are one object if their
+    intersection over union exceeds `overlap`. `size` is the picture's width and height [px].
     """
     labels, scores, boxes = labels_of[found[0]], found[1], found[2]
     known = (labels >= 0) & (boxes[:, 2:] > boxes[:, :2]).all(axis=1)

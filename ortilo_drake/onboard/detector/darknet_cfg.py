@@ -1,9 +1,9 @@
-"""Darknet's .cfg, the text that describes a YOLOv3 or YOLOv4-tiny network, read into layers that fit together.
+"""Darknet's .cfg, the text that describes a YOLOv3 or YOLOv4-tiny network, read into consistent layers.
 
-A section [net] comes first, then one section a layer, numbered from 0; [route] and [shortcut] name earlier layers by
-number, or by a negative number counted back from their own. Keys have Darknet's defaults (parser.c of AlexeyAB's
-Darknet, which reads all that Redmon's does). Keys that only training knows, and keys that Darknet does not know, are
-passed over as Darknet does; a key that would change what the network computes, and that we do not compute, is refused.
+A section [net] comes first, then one section for each layer, numbered from 0. [route] and [shortcut] name earlier
+layers by number, or by a negative number counted back from their own. Keys have Darknet's defaults (parser.c of
+AlexeyAB's Darknet, which reads everything that Redmon's reads). Keys for training only, and keys that Darknet does not
+know, are ignored, as in Darknet. A key that would change the network's output in a way not computed here is refused.
 """
 
 from difflib import get_close_matches
@@ -27,11 +27,11 @@ from ortilo_drake.onboard.detector.darknet_layers import (
 )
 from ortilo_drake.onboard.detector.darknet_sections import Section, read_sections
 
-MAX_SIZE = 8192  # of an input image and of a layer [px], and of a layer's channels
-MAX_VALUES = 2**28  # of a layer, and of all weights: 1 GiB of float32, four times YOLOv3's weights
+MAX_SIZE = 8192  # largest side of an input image and of a layer [px], and largest number of channels
+MAX_VALUES = 2**28  # largest number of values of a layer, and of weights: 1 GiB of float32, four times YOLOv3's weights
 
 _STRIDES = {"stride", "stride_x", "stride_y"}
-# What we read of each kind of section; all else is training's, or nobody's.
+# The keys that we read in each kind of section; all others are for training or unknown.
 _KEYS = {
     "net": {"width", "height", "channels"},
     "convolutional": {"batch_normalize", "filters", "size", "pad", "padding", "groups", "activation", *_STRIDES},
@@ -43,7 +43,7 @@ _KEYS = {
     "empty": set(),
     "yolo": {"mask", "anchors", "classes", "num", "scale_x_y", "nms_kind"},
 }
-# Keys that change what is computed, with the one value that does not.
+# Keys that change the network's output, with the one value that does not.
 _DEFORMED = dict.fromkeys(("sway", "rotate", "stretch", "stretch_sway"), 0)
 _NEUTRAL: dict[str, dict[str, float]] = {
     "net": {"letter_box": 0},
@@ -58,7 +58,7 @@ _NEUTRAL: dict[str, dict[str, float]] = {
 
 
 def _check_keys(section: Section) -> None:
-    """Refuse keys that change what is computed in a way we do not know, and misspelt ones."""
+    """Refuse keys that change the network's output in a way not computed here, and misspelt keys."""
     neutral = _NEUTRAL.get(section.kind, {})
     for key, value in neutral.items():
         if section.number(key, value) != value:
@@ -94,7 +94,7 @@ def _stride(section: Section) -> int:
 
 
 def _strided(section: Section, size: int, padded: int) -> int:
-    """Return the number of windows of that size that fit into so many padded cells."""
+    """Return the number of windows of this size that fit into `padded` padded cells."""
     if size > padded:
         raise section.error("size", f"must not be more than the {padded} padded rows or columns before it")
     return (padded - size) // _stride(section) + 1
@@ -109,7 +109,7 @@ def _convolutional(section: Section, layers: list[Layer], shapes: list[Shape]) -
     groups = section.whole("groups", 1, MAX_SIZE, 1)
     if before.channels % groups or filters % groups:
         raise section.error("groups", f"must divide the {before.channels} channels before it and the {filters} filters")
-    normalize = section.whole("batch_normalize", 0, 2, 0) != 0  # 2: over several steps of a training
+    normalize = section.whole("batch_normalize", 0, 2, 0) != 0  # 2: normalised over several training steps
     activation = section.choice("activation", ACTIVATIONS, "logistic")
     height, width = (_strided(section, size, cells + 2 * padding) for cells in before[1:])
     stride = _stride(section)
@@ -153,7 +153,7 @@ def _route(section: Section, layers: list[Layer], shapes: list[Shape]) -> tuple[
 
 
 def _yolo(section: Section, layers: list[Layer], shapes: list[Shape]) -> tuple[Layer, Shape]:
-    """Return a head, checked against the layer before it."""
+    """Return a [yolo] head, checked against the layer before it."""
     before = shapes[-1]
     num, classes = section.whole("num", 1, 100, 1), section.whole("classes", 1, 10_000, 20)
     flat = section.numbers("anchors", whole=False, comment=True, most=2 * num)
@@ -182,7 +182,7 @@ _LAYERS = {
 
 
 def _layer(section: Section, layers: list[Layer], shapes: list[Shape]) -> tuple[Layer, Shape]:
-    """Return the next layer and its shape; shapes starts with the input's, so shapes[-1] is of the layer before."""
+    """Return the next layer and its shape; `shapes` starts with the input, so shapes[-1] is of the layer before."""
     if section.kind not in _KEYS or section.kind == "net":
         known = ", ".join(f"[{name}]" for name in _KEYS if name != "net")
         raise section.fault(f"not computed here, known are {known}")
@@ -194,9 +194,9 @@ def _layer(section: Section, layers: list[Layer], shapes: list[Shape]) -> tuple[
 
 
 def parse_cfg(text: str, source: str) -> DarknetCfg:
-    """Return the network that a .cfg's text describes; an error calls it by its source.
+    """Return the network that a .cfg's text describes; `source` is the text's name in errors.
 
-    InputError naming source, line, section, key, value and what is allowed.
+    InputError naming source, line, section, key, value and the allowed values.
     """
     first, *rest = read_sections(text, source)
     _check_keys(first)
@@ -221,5 +221,5 @@ def parse_cfg(text: str, source: str) -> DarknetCfg:
 
 
 def read_cfg(path: Path) -> DarknetCfg:
-    """Read a .cfg file, whatever its comments are encoded in; InputError if anything is wrong, see parse_cfg."""
+    """Return the network of a .cfg file, whose comments may have any encoding; InputError as in parse_cfg."""
     return parse_cfg(read_bytes(path, TEXT_LIMIT).decode("utf-8", errors="replace"), str(path))

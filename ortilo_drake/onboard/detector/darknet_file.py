@@ -1,8 +1,9 @@
-"""Our own file of a Darknet network: safetensors with its .cfg and its class names inside.
+"""Our own file format of a Darknet network: safetensors with the .cfg and the class names inside.
 
-Kernels are float16, a thousandth of error for half the size; biases and normalisation, a hundredth of the whole, stay
-float32, because a variance may leave float16's range. A safetensors file holds plain numbers and no code. Its .cfg does
-not say what batch normalisation adds to a variance: another number than OWN_EPSILON stands beside it.
+Kernels are float16, which halves the size for an error of a thousandth. Biases and normalisation, a hundredth of the
+whole, stay float32, because a variance may leave float16's range. A safetensors file holds plain numbers and no code.
+The .cfg has no key for the epsilon that batch normalisation adds to a variance: a value other than OWN_EPSILON is
+stored beside the .cfg.
 """
 
 import json
@@ -18,11 +19,11 @@ from ortilo_drake.onboard.detector.darknet_cfg import parse_cfg
 from ortilo_drake.onboard.detector.darknet_network import DarknetNetwork
 from ortilo_drake.onboard.detector.darknet_weights import check_values
 
-OWN_EPSILON = 1e-5  # torch's, with which our own network was trained
+OWN_EPSILON = 1e-5  # torch's epsilon, with which our own network was trained
 
 
 def _state(network: DarknetNetwork) -> dict[str, torch.Tensor]:
-    """Return the weights to be stored: all but torch's count of training batches."""
+    """Return the weights to store: all but torch's count of training batches."""
     return {key: value for key, value in network.state_dict().items() if not key.endswith("num_batches_tracked")}
 
 
@@ -39,7 +40,7 @@ def _check_classes(source: str, classes: object, network: DarknetNetwork) -> lis
 def network_bytes(network: DarknetNetwork, classes: list[str], source: str) -> bytes:
     """Return the bytes of a .safetensors file of a network, its .cfg and its class names.
 
-    The source is what an error calls it. InputError if the class names do not fit, or a weight is not finite or too
+    `source` is the network's name in errors. InputError if the class names do not fit, or a weight is not finite or too
     large for float16.
     """
     _check_classes(source, classes, network)
@@ -90,7 +91,7 @@ def read_network(path: Path) -> tuple[DarknetNetwork, list[str]]:
 
 
 def _json(text: str) -> object:
-    """Return a JSON text's value, or the text itself where it is none."""
+    """Return a JSON text's value, or the text itself if it is not JSON."""
     try:
         return json.loads(text)
     except (ValueError, RecursionError):

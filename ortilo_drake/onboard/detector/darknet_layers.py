@@ -1,12 +1,12 @@
 """The layers of a Darknet network of the YOLOv3 kind (Redmon and Farhadi, "YOLOv3", 2018), as frozen data.
 
-Layers are numbered from 0 as Darknet does; what a layer names is given by its absolute number.
+Layers are numbered from 0 as in Darknet; a layer refers to other layers by their absolute numbers.
 """
 
 from dataclasses import dataclass
 from typing import NamedTuple
 
-# Darknet's activations of single values (activations.c, activations.h); those of whole channels are not computed.
+# Darknet's activations of single values (activations.c, activations.h); activations over channels are not computed.
 ACTIVATIONS = (
     *("linear", "leaky", "logistic", "mish", "hard_mish", "swish", "relu", "relu6"),
     *("elu", "selu", "gelu", "tanh", "hardtan", "loggy", "relie", "ramp"),
@@ -31,7 +31,7 @@ class Net:
 
 @dataclass(frozen=True)
 class Convolutional:
-    """[convolutional]: from inputs to filters channels, each in its own of the groups, and its activation.
+    """[convolutional]: a convolution in groups from `inputs` to `filters` channels, and its activation.
 
     padding: rows and columns of zeros on every side.
     """
@@ -48,7 +48,7 @@ class Convolutional:
 
 @dataclass(frozen=True)
 class Shortcut:
-    """[shortcut]: the layer before plus the layer numbered source, and its activation."""
+    """[shortcut]: the sum of the layer before and layer number `source`, and its activation."""
 
     source: int
     activation: str
@@ -56,7 +56,7 @@ class Shortcut:
 
 @dataclass(frozen=True)
 class Route:
-    """[route]: the channels of the layers numbered sources, one after the other; of each only one of groups parts."""
+    """[route]: the channels of the layers `sources`, concatenated; of each layer, part number `group` of `groups`."""
 
     sources: tuple[int, ...]
     groups: int = 1
@@ -72,7 +72,7 @@ class Upsample:
 
 @dataclass(frozen=True)
 class Maxpool:
-    """[maxpool]: the largest of size x size cells, padded by padding // 2 before and by the rest behind."""
+    """[maxpool]: the maximum over size x size cells, padded by padding // 2 before and by the rest behind."""
 
     size: int
     stride: int
@@ -81,19 +81,19 @@ class Maxpool:
 
 @dataclass(frozen=True)
 class Dropout:
-    """[dropout] or [empty]: passes the layer before on; only training does anything in it."""
+    """[dropout] or [empty]: returns its input unchanged; it acts only in training."""
 
 
 @dataclass(frozen=True)
 class Yolo:
-    """[yolo]: a head."""
+    """[yolo]: a detection head."""
 
     anchors: tuple[tuple[float, float], ...]
-    """its own (width, height) [px of the network's input]."""
+    """(width, height) of the head's anchors [px of the network's input]."""
     classes: int
-    """their number."""
+    """number of classes."""
     scale_x_y: float = 1.0
-    """stretches the centre's place in its cell about the cell's middle."""
+    """factor that stretches a box centre's position in its cell about the cell's middle."""
 
 
 Layer = Convolutional | Shortcut | Route | Upsample | Maxpool | Dropout | Yolo
@@ -101,25 +101,25 @@ Layer = Convolutional | Shortcut | Route | Upsample | Maxpool | Dropout | Yolo
 
 @dataclass(frozen=True)
 class DarknetCfg:
-    """A network that fits together."""
+    """A network with consistent layers."""
 
     text: str
-    """the .cfg it was read from."""
+    """text of the .cfg."""
     net: Net
-    """its input."""
+    """input of the network."""
     layers: tuple[Layer, ...]
-    """its layers in Darknet's order and numbers."""
+    """layers in Darknet's order and numbering."""
     shapes: tuple[Shape, ...]
-    """of each layer's output."""
+    """shape of each layer's output."""
 
     @property
     def heads(self) -> tuple[Yolo, ...]:
-        """Its [yolo] layers, in their order."""
+        """The network's [yolo] layers, in their order."""
         return tuple(layer for layer in self.layers if isinstance(layer, Yolo))
 
     @property
     def weight_count(self) -> int:
-        """Floats in its .weights file behind the header: four vectors with batch normalisation, one without."""
+        """The floats after the .weights header: kernels, and four vectors with batch normalisation, one without."""
         convolutions = (layer for layer in self.layers if isinstance(layer, Convolutional))
         return sum(
             c.filters * (c.inputs // c.groups * c.size**2 + (4 if c.batch_normalize else 1)) for c in convolutions

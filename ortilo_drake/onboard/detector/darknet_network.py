@@ -17,12 +17,13 @@ from ortilo_drake.onboard.detector.darknet_layers import (
 )
 
 LEAK = 0.1  # slope of Darknet's leaky activation below 0
-# Added to a variance before its root, as OpenCV's importer does (darknet_io.cpp, setBatchNorm). Darknet itself adds
-# 1e-6 to the root (blas.c, normalize_cpu); its later code for graphics cards 1e-5 to the variance (blas_kernels.cu).
+# EPSILON is added to a variance before its root, as in OpenCV's importer (darknet_io.cpp, setBatchNorm). Darknet itself
+# adds 1e-6 to the root (blas.c, normalize_cpu); its later code for graphics cards adds 1e-5 to the variance
+# (blas_kernels.cu).
 EPSILON = 1e-6
 
 
-# Darknet's own constants where torch's have more digits (activations.h).
+# The constants are Darknet's (activations.h), also where torch's have more digits.
 ACTIVATION_OF: dict[str, Callable[[Tensor], Tensor]] = {
     "linear": lambda x: x,
     "leaky": lambda x: functional.leaky_relu(x, LEAK),
@@ -44,7 +45,7 @@ ACTIVATION_OF: dict[str, Callable[[Tensor], Tensor]] = {
 
 
 class Activation(nn.Module):
-    """Darknet's activation of that name, one of ACTIVATIONS."""
+    """Darknet's activation with this name, one of ACTIVATIONS."""
 
     def __init__(self, name: str):
         super().__init__()
@@ -56,7 +57,7 @@ class Activation(nn.Module):
 
 
 class Convolution(nn.Module):
-    """A convolution, batch normalisation where the .cfg has it, and the activation."""
+    """A convolution, batch normalisation if the .cfg has it, and the activation."""
 
     def __init__(self, layer: Convolutional, epsilon: float = EPSILON):
         super().__init__()
@@ -79,7 +80,7 @@ class Convolution(nn.Module):
 
 
 class Pool(nn.Module):
-    """The largest of size x size cells, padded as Darknet pads: a cell outside is never the largest."""
+    """The maximum over size x size cells, padded as in Darknet: a cell outside is never the maximum."""
 
     def __init__(self, layer: Maxpool):
         super().__init__()
@@ -98,7 +99,7 @@ class Pool(nn.Module):
 class DarknetNetwork(nn.Module):
     """A network of the YOLOv3 kind; its weights are random until read (darknet_weights.py) or trained.
 
-    The cfg is that of darknet_cfg.py, epsilon that of the batch normalisation.
+    `cfg` comes from darknet_cfg.py; `epsilon` is added to the variance in batch normalisation.
     """
 
     def __init__(self, cfg: DarknetCfg, epsilon: float = EPSILON):
@@ -128,7 +129,7 @@ class DarknetNetwork(nn.Module):
     def forward(self, images: Tensor) -> tuple[Tensor, ...]:
         """Return the raw heads, each (n, anchors (5 + classes), n_y, n_x), before any sigmoid.
 
-        The images are RGB in [0, 1] (n, 3, height, width), height and width those of [net].
+        The images are RGB in [0, 1] (n, 3, height, width), with the height and width of [net].
         """
         x, heads = images, []
         kept: dict[int, Tensor] = {}
@@ -137,7 +138,7 @@ class DarknetNetwork(nn.Module):
                 case Yolo():
                     heads.append(x)
                 case Route():
-                    parts = [kept[n].chunk(layer.groups, dim=1)[layer.group] for n in layer.sources]  # of the channels
+                    parts = [kept[n].chunk(layer.groups, dim=1)[layer.group] for n in layer.sources]  # splits channels
                     x = parts[0] if len(parts) == 1 else torch.cat(parts, dim=1)
                 case Shortcut():
                     x = module(x + kept[layer.source])

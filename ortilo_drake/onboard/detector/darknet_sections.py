@@ -1,8 +1,8 @@
 """The text of a Darknet .cfg as sections of keys and values, read as Darknet reads it (parser.c, option_list.c).
 
-Darknet drops every space and tab, takes a line that begins with '#' or ';' for a comment, and of a value the number it
-begins with: '21 #255' is 21. The first of two equal keys counts. A key without a value has its default. A word has no
-comment behind it: 'leaky #mish' is no activation.
+Darknet drops all spaces and tabs. A line that begins with '#' or ';' is a comment. Of a numeric value it reads the
+number at the beginning: '21 #255' is 21. The first of two equal keys counts. A key without a value has its default. A
+word cannot have a comment after it: 'leaky #mish' is not an activation.
 """
 
 import re
@@ -12,15 +12,15 @@ from ortilo_drake.model.typed_yaml import InputError
 
 MAX_SECTIONS = 1000
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # what C's atof reads
-_WHOLE = re.compile(r"[+-]?\d{1,9}", re.ASCII)  # what C's atoi reads
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # the numbers that C's atof reads
+_WHOLE = re.compile(r"[+-]?\d{1,9}", re.ASCII)  # the numbers that C's atoi reads
 _SPACES = str.maketrans("", "", " \t\r")
 _ALIASES = {"conv": "convolutional", "max": "maxpool", "network": "net", "silence": "empty"}
 
 
 @dataclass(frozen=True)
 class Section:
-    """A section as text; of each key its line and value, None where only the key stands."""
+    """A section as text; `values` has the line and the value of each key, None for a key without a value."""
 
     source: str
     line: int
@@ -29,15 +29,15 @@ class Section:
 
     @property
     def kind(self) -> str:
-        """The name that Darknet also calls it by: [conv] is a convolutional."""
+        """The full name of the section's kind: [conv] is short for convolutional."""
         return _ALIASES.get(self.name, self.name)
 
     def fault(self, text: str) -> InputError:
-        """Return the error of the whole section."""
+        """Return the InputError of the whole section."""
         return InputError(f"{self.source}: line {self.line}: [{self.name}]: {text}")
 
     def error(self, key: str, allowed: str) -> InputError:
-        """Return the error of a key's value, or of the whole section for a key that is not there."""
+        """Return the InputError of a key's value, with the section's line for a key that is not there."""
         line, value = self.values.get(key, (self.line, None))
         if value is None:
             return InputError(f"{self.source}: line {line}: [{self.name}] {key}: {allowed}")
@@ -45,13 +45,13 @@ class Section:
         return InputError(f"{self.source}: line {line}: [{self.name}] {key}: {shown}: {allowed}")
 
     def text(self, key: str) -> str | None:
-        """Return a value, None where there is none."""
+        """Return a key's value, None if it has none."""
         return self.values.get(key, (0, None))[1]
 
     def numbers(self, key: str, whole: bool, comment: bool = False, most: int | None = None) -> list[float]:
-        """Return a value's numbers, separated by commas, whole ones only if so; at most the first so many.
+        """Return a value's numbers, which are separated by commas; at most the first `most`, integers if `whole`.
 
-        Without `comment`, that '#' ends the list, Darknet goes on reading after each comma of a comment.
+        With `comment`, '#' ends the list. Without it, Darknet also reads the numbers after each comma of a comment.
         """
         value = self.text(key)
         if value is None:
@@ -63,7 +63,7 @@ class Section:
         return [float(match.group()) for match in found if match]
 
     def whole(self, key: str, low: int, high: int, default: int | None = None) -> int:
-        """Return a whole number between low and high; without a default it must be there."""
+        """Return a key's whole number from `low` to `high`; without a default the key must be there."""
         value = self.text(key)
         if value is None and default is not None:
             return default
@@ -75,7 +75,7 @@ class Section:
         return int(match.group())
 
     def number(self, key: str, default: float) -> float:
-        """Return a number."""
+        """Return a key's number, or the default."""
         value = self.text(key)
         if value is None:
             return default
@@ -85,7 +85,7 @@ class Section:
         return float(match.group())
 
     def choice(self, key: str, allowed: tuple[str, ...], default: str) -> str:
-        """Return one of the allowed words."""
+        """Return a key's word, which must be one of the allowed words, or the default."""
         value = self.text(key) or default
         if value not in allowed:
             note = "; Darknet reads a comment after a word as part of it" if "#" in value or ";" in value else ""
@@ -94,7 +94,7 @@ class Section:
 
 
 def read_sections(text: str, source: str) -> list[Section]:
-    """Return the sections of a .cfg's text, [net] first; InputError if it is not of that form."""
+    """Return the sections of a .cfg's text, [net] first; InputError if the text does not have this form."""
     sections: list[Section] = []
     for line, raw in enumerate(text.removeprefix("\ufeff").split("\n"), start=1):
         content = raw.translate(_SPACES)
@@ -108,7 +108,7 @@ def read_sections(text: str, source: str) -> list[Section]:
         if not sections:
             raise InputError(f"{source}: line {line}: {content[:60]!r}: must come after [net]")
         key, equals, value = content.partition("=")
-        if value or not equals:  # Darknet passes over 'key='
+        if value or not equals:  # Darknet ignores 'key='
             sections[-1].values.setdefault(key, (line, value or None))
     if not sections or sections[0].kind != "net":
         line = sections[0].line if sections else 1

@@ -1,8 +1,8 @@
 """Weights of a Darknet network: Darknet's own .weights files.
 
-A header of major, minor and revision (int32) and of the number of images seen in training (int64 from version 0.2 on,
-int32 before), little endian. Then float32 for each convolution in order: with batch normalisation beta, gamma, the
-mean and the variance, without it the bias; then the kernels (filters, inputs, size, size).
+The header, little endian, has major, minor and revision (int32) and the number of images seen in training (int64 from
+version 0.2 on, int32 before). Then follow float32 for each convolution in order: with batch normalisation beta, gamma,
+mean and variance, without it the bias; then the kernels (filters, inputs, size, size).
 """
 
 from pathlib import Path
@@ -24,14 +24,14 @@ def _tensors(network: DarknetNetwork) -> list[torch.Tensor]:
             [layer.convolution.bias] if norm is None else [norm.bias, norm.weight, norm.running_mean, norm.running_var]
         )
         tensors += [*ahead, layer.convolution.weight]
-    # None is only for torch's types: a convolution without norm has its bias, and norms track their statistics.
+    # None exists only in torch's types: a convolution without norm has a bias, and norms track their statistics.
     return [tensor for tensor in tensors if tensor is not None]
 
 
 def check_values(path: Path, network: DarknetNetwork) -> None:
     """Refuse a network with weights that are not finite or with a negative variance.
 
-    InputError naming the file the weights came from and the convolution, counted from 0.
+    InputError naming the file of the weights and the convolution, counted from 0.
     """
     for number, layer in enumerate(network.convolutions()):
         for name, tensor in layer.state_dict().items():
@@ -42,11 +42,11 @@ def check_values(path: Path, network: DarknetNetwork) -> None:
 
 
 def _header_size(path: Path) -> int:
-    """Return the bytes before the first weight."""
+    """Return the number of bytes before the first weight."""
     with open_file(path) as file:
         start = file.read(20)
     major, minor = (int.from_bytes(start[i : i + 4], "little", signed=True) for i in (0, 4))
-    if not (0 <= major < 1000 and 0 <= minor < 1000):  # Darknet marks transposed weights by 1000 and more
+    if not (0 <= major < 1000 and 0 <= minor < 1000):  # Darknet marks transposed weights by a version of 1000 or more
         raise InputError(f"{path}: version {major}.{minor}: must be from 0.0 to 999.999; is it a .weights file?")
     size = 20 if 10 * major + minor >= 2 else 16
     if len(start) < size:
@@ -55,10 +55,10 @@ def _header_size(path: Path) -> int:
 
 
 def read_weights(path: Path, network: DarknetNetwork) -> None:
-    """Fill a network from a .weights file, which is mapped, so that only the network's own copy takes memory.
+    """Fill a network from a .weights file; the file is memory-mapped, so that only the network's copy takes memory.
 
     InputError if the file cannot be read, is shorter or longer than the network, or holds NaN or inf; the network's
-    values are undefined then.
+    values are then undefined.
     """
     needed = network.cfg.weight_count
     try:

@@ -1,4 +1,4 @@
-"""The detector: a picture in, labelled boxes out, some ticks later."""
+"""The detector: it reads a picture and outputs labelled boxes some ticks later."""
 
 from collections.abc import Callable
 
@@ -22,9 +22,9 @@ Boxes = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def detections_message(stamp: float, labels: np.ndarray, scores: np.ndarray, boxes: np.ndarray) -> np.ndarray:
-    """Return the detections message of the boxes found, best first; of more than fit, the best.
+    """Return the detections message of the boxes found, best first; it holds the best MAX_DETECTIONS boxes.
 
-    The picture was taken at the stamp [s]; classes (k), scores in (0, 1] (k), (u_min, v_min, u_max, v_max) [px] (k, 4).
+    `stamp` is the picture's time [s]; labels (k), scores in (0, 1] (k), boxes (u_min, v_min, u_max, v_max) [px] (k, 4).
     """
     message = np.zeros(DETECTIONS_SIZE)
     message[ARRIVED], message[STAMP] = 1.0, stamp
@@ -36,10 +36,10 @@ def detections_message(stamp: float, labels: np.ndarray, scores: np.ndarray, box
 
 
 class Detector(LeafSystem):
-    """Finds the landmarks in a picture; the boxes come out a constant number of ticks later.
+    """A system that finds the landmarks in a picture and outputs the boxes a constant number of ticks later.
 
-    Works only in ticks in which a picture arrives. A picture may arrive while earlier ones are still being worked on:
-    the stages of a pipeline do not wait for each other.
+    It computes only in ticks in which a picture arrives. A picture may arrive while earlier ones are still in the
+    pipeline: the stages do not wait for each other.
 
     Ports:
         image (ImageRgba8U): the picture.
@@ -47,12 +47,12 @@ class Detector(LeafSystem):
         detections (DETECTIONS_SIZE, output): the message, see model/signals.py; its stamp is the picture's.
 
     State (discrete, updated each tick):
-        pipeline (latency x DETECTIONS_SIZE): messages on their way out, the next first.
+        pipeline (latency x DETECTIONS_SIZE): messages not yet output, the next one first.
 
     Args:
-        detect: from RGB (height, width, 3), uint8, to labels (k), scores (k) and boxes (k, 4) [px].
+        detect: function from RGB (height, width, 3), uint8, to labels (k), scores (k) and boxes (k, 4) [px].
         size: width and height of the picture [px].
-        latency: from picture to boxes [ticks], at least 1.
+        latency: delay from picture to boxes [ticks], at least 1.
         h: tick [s].
 
     Raises:

@@ -1,4 +1,4 @@
-"""The network behind the detector: a picture in, boxes of the room's classes out."""
+"""The network of the detector: from a picture to boxes of the room's classes."""
 
 import importlib.util
 from collections.abc import Callable
@@ -30,17 +30,17 @@ OWN_CLASSES = tuple(OWN_CFG.with_suffix(".names").read_text(encoding="utf-8").sp
 
 
 def own_backend(backend: str) -> str:
-    """Return the backend that 'auto' stands for: the fastest that is installed."""
+    """Return the given backend, or for 'auto' the fastest one that is installed."""
     if backend == "auto":
         return "onnxruntime" if importlib.util.find_spec("onnxruntime") else "opencv"
     return backend
 
 
 def class_names(settings: Detector, cfg: DarknetCfg) -> tuple[list[str], str]:
-    """Return the class names of a network of the user's, in the network's order, and which file they are from.
+    """Return the class names of the user's network, in the network's order, and the file that they come from.
 
-    As in Darknet a line is a class, a blank one too: a name's line is its number. Blank lines at the end do not count.
-    InputError if there are none or not as many as the network has classes.
+    As in Darknet each line is a class, also a blank one: the line number is the class number. Blank lines at the end do
+    not count. InputError if there are no names, or not as many as the network has classes.
     """
     count = cfg.heads[0].classes
     assert settings.cfg is not None
@@ -60,9 +60,9 @@ def class_names(settings: Detector, cfg: DarknetCfg) -> tuple[list[str], str]:
 def load_detector(settings: Frozen, room: Room, size: tuple[int, int]) -> Callable[[np.ndarray], Boxes]:
     """Return the function from a picture to labels (k), scores (k) and boxes (k, 4) [px].
 
-    A picture is RGB (height, width, 3), uint8, of that width and height. Labels count the room's classes. Boxes are cut
-    at the image's border. The settings say which network and what of its boxes to keep, or are those of a registered
-    detector. InputError if a file is wrong, or the network does not know a class of the room.
+    A picture is RGB (height, width, 3), uint8; `size` is its width and height [px]. A label is the index of a class of
+    the room. Boxes are cut at the image's border. The settings give the network and the thresholds of its boxes, or
+    belong to a registered detector. InputError if a file is wrong, or the network does not know a class of the room.
     """
     if not isinstance(settings, Detector):
         return load_own(settings, room, size)
@@ -102,10 +102,10 @@ def load_detector(settings: Frozen, room: Room, size: tuple[int, int]) -> Callab
 
 
 def load_own(settings: Any, room: Room, size: tuple[int, int]) -> Callable[[np.ndarray], Boxes]:
-    """Return the function from a picture to labels (k), scores (k) and boxes (k, 4) [px]; see load_detector.
+    """Return the function of a registered detector from a picture to labels, scores and boxes, see load_detector.
 
-    What it finds is checked in every picture, and cut at the image's border: InputError from the function, if it has
-    another shape or is of no class of the room.
+    The function checks each result and cuts the boxes at the image's border. It raises InputError if a result has a
+    wrong shape or a label that is no class of the room.
     """
     part = find_part("detector", settings.kind)
     assert part is not None
@@ -138,7 +138,7 @@ def load_own(settings: Any, room: Room, size: tuple[int, int]) -> Callable[[np.n
 
 
 def make_detector(scenario: Belief, room: Room) -> DetectorSystem:
-    """Return the detector of a rendered camera's pictures; InputError if its files are wrong."""
+    """Return the detector system for a rendered camera's pictures; InputError if its files are wrong."""
     camera = room.camera.scaled_to(scenario.camera.width)
     size = camera.width, camera.height
     detect = load_detector(scenario.detector, room, size)

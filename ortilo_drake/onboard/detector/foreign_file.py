@@ -1,4 +1,4 @@
-"""The kind of a file that was given as an ONNX network and is none, by its first bytes."""
+"""The kind of a file that was given as an ONNX network but is not one, found by its first bytes."""
 
 import re
 import zipfile
@@ -55,9 +55,9 @@ def _by_beginning(path: Path, start: bytes, size: int) -> tuple[str, str] | None
 
 
 def check_onnx_file(path: Path) -> None:
-    """Refuse a file of another kind that networks come in, before onnxruntime reads it.
+    """Refuse a file in another known format for networks, before onnxruntime reads it.
 
-    InputError saying what the file is and what to do; or if it cannot be read.
+    InputError saying what the file is and what to do, or that it cannot be read.
     """
     with open_file(path) as file:
         start = file.read(4096)

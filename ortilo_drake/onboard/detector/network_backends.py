@@ -1,7 +1,7 @@
-"""Backends that compute a network, from pixels to raw heads: onnxruntime, OpenCV or torch.
+"""The backends that compute a network, from pixels to raw heads: onnxruntime, OpenCV or torch.
 
-Each on one core: a vehicle has no more to spare, and the same bits come out in any worker, however many there are.
-OpenCV and torch know but one number of threads, that of the process.
+Each uses one core: a vehicle has no more to spare, and the result has the same bits whatever the number of workers.
+OpenCV and torch have one number of threads for the whole process.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,12 +16,12 @@ from ortilo_drake.onboard.detector.darknet_layers import DarknetCfg
 
 cv2 = later("cv2")
 
-# From RGB in [0, 1] (1, 3, height, width), float32, to the raw heads in the order of the .cfg.
+# A function from RGB in [0, 1] (1, 3, height, width), float32, to the raw heads in the order of the .cfg.
 Compute = Callable[[np.ndarray], Sequence[np.ndarray]]
 
 
 def onnxruntime_session(path: Path) -> Any:
-    """Return onnxruntime's session of a file; InputError if it is not installed or the file is damaged."""
+    """Return the onnxruntime session of a file; InputError if onnxruntime is missing or the file is damaged."""
     check_installed("onnxruntime", "onnx")
     import onnxruntime
 
@@ -35,7 +35,7 @@ def onnxruntime_session(path: Path) -> Any:
 
 
 def onnxruntime_network(path: Path) -> Compute:
-    """Return a network that onnxruntime computes; InputError as onnxruntime_session."""
+    """Return a network that onnxruntime computes; InputError as in onnxruntime_session."""
     session = onnxruntime_session(path)
     name = session.get_inputs()[0].name
     return lambda pixels: session.run(None, {name: pixels})
@@ -60,7 +60,7 @@ def opencv_network(path: Path) -> Compute:
 def torch_network(path: Path, cfg: DarknetCfg) -> Compute:
     """Return a network that torch computes, from Darknet's .weights or our .safetensors.
 
-    InputError if torch is not installed, or the file is damaged or not of this .cfg.
+    InputError if torch is not installed, or the file is damaged or does not fit this .cfg.
     """
     check_installed("torch", "torch")
     check_installed("safetensors", "torch")

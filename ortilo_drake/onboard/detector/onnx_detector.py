@@ -1,13 +1,13 @@
 """A detector of an ONNX file: YOLOv5, v8 or v11 as Ultralytics exports them, computed by onnxruntime on one core.
 
-Each place of the network's grids, of strides 8, 16 and 32 (or more), says a box by its centre and size in pixels of the
-input, and scores that are already between 0 and 1:
+The network has grids with strides 8, 16 and 32 (or more). Each place of a grid gives a box by its centre and size in
+pixels of the input, and scores between 0 and 1:
 
     YOLOv5        (1, 3 n, 5 + c)   x, y, w, h, object, class 1 ... c   score = object * class
     YOLOv8, v11   (1, 4 + c, n)     x, y, w, h, class 1 ... c           score = class
 
-with n the sum of the grids' cells. The two are told apart by these numbers. Either may lie the other way round, if the
-file has names, which say c.
+with n the number of cells of all grids. These numbers distinguish the two formats. Either format may be transposed if
+the file has class names, which give c.
 """
 
 import ast
@@ -28,7 +28,7 @@ from ortilo_drake.onboard.detector.network_backends import onnxruntime_session
 from ortilo_drake.scenario import Detector
 
 STRIDES = (4, 8, 16, 32, 64)
-ANCHORS = 3  # of a cell in YOLOv5
+ANCHORS = 3  # number of anchors in a cell of YOLOv5
 MOST_CLASSES = 10_000
 _TASKS = {"segment": "-seg", "pose": "-pose", "classify": "-cls", "obb": "-obb"}
 _WANTED = "must be a detection network of YOLOv5, v8 or v11"
@@ -38,17 +38,17 @@ class Head(NamedTuple):
     """The format of a network's boxes."""
 
     classes: int
-    """c."""
+    """number of classes c."""
     has_object: bool
-    """whether a place has the score of an object beside those of its classes, as in YOLOv5."""
+    """whether a place has an object score beside the scores of its classes, as in YOLOv5."""
     in_rows: bool
-    """whether a place is a row of the output, or a column."""
+    """whether a place is a row of the output; otherwise it is a column."""
 
 
 def names_in(metadata: Mapping[str, str], source: str) -> list[str] | None:
-    """Return the class names in a file's metadata, None where it has none.
+    """Return the class names in a file's metadata, None if it has none.
 
-    InputError if they are no list of names, nor names numbered from 0.
+    InputError if they are neither a list of names nor names numbered from 0.
     """
     text = metadata.get("names")
     if text is None:
@@ -81,10 +81,10 @@ def head_of(
     names: list[str] | None,
     source: str,
 ) -> Head:
-    """Return the format of a network's boxes, found by the shapes of all its outputs, for an input of that size [px].
+    """Return the format of a network's boxes, found by the shapes of its outputs, for an input of this size [px].
 
-    Names are its classes, None where they are not known; the source is the file, for errors. InputError if it is no
-    detection network of YOLOv5, v8 or v11, or has not as many classes as names.
+    `names` are the classes, None if unknown; `source` is the file, for errors. InputError if the network is not a
+    detection network of YOLOv5, v8 or v11, or does not have as many classes as names.
     """
     task = metadata.get("task", "detect")
     if task != "detect":
@@ -103,7 +103,7 @@ def head_of(
     rows, columns = first[1:]
     cells = _places(*size)
     triples, c = {ANCHORS * n for n in cells}, None if names is None else len(names)
-    # Corners, score and class of boxes that are left, as of YOLOv10 or with nms=True.
+    # Corners, score and class of boxes after suppression, as from YOLOv10 or with nms=True.
     if columns == 6 and (rows not in triples or c not in (None, 1)):
         raise InputError(f"{source}: gives boxes that it has suppressed itself: write it as ONNX with nms=False")
     if columns in cells and rows > 4:
@@ -131,9 +131,9 @@ def head_of(
 
 
 def boxes_in(output: np.ndarray, head: Head, threshold: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return classes (k), scores (k) and corners (k, 4) [px of the input] of the places with that score or more.
+    """Return classes (k), scores (k) and corners (k, 4) [px of the input] of the places with a score >= `threshold`.
 
-    A place says its best class alone. The output is the network's first, of one picture.
+    A place gives only its best class. `output` is the network's first output, for one picture.
     """
     rows = output[0] if head.in_rows else output[0].T
     first = 5 if head.has_object else 4
@@ -148,27 +148,27 @@ def boxes_in(output: np.ndarray, head: Head, threshold: float) -> tuple[np.ndarr
 
 cv2 = later("cv2")
 
-GREY = 114  # of the borders
+GREY = 114  # grey value of the borders
 
 
 class Letterbox(NamedTuple):
-    """The place of a picture in a network's input: in the middle, its shape kept, grey beside it.
+    """The place of a picture in a network's input: in the middle, with its aspect ratio kept, between grey borders.
 
-    As Ultralytics' YOLOv5, v8 and v11 see a picture (their LetterBox): scaled by r = min(W / w, H / h), rounded to
+    Same as the LetterBox of Ultralytics' YOLOv5, v8 and v11: the picture is scaled by r = min(W / w, H / h), rounded to
     whole pixels, and put in the middle of the input (W, H).
     """
 
     picture: tuple[int, int]
     """width and height of the picture [px]."""
     scaled: tuple[int, int]
-    """width and height of it in the input [px]."""
+    """width and height of the picture in the input [px]."""
     corner: tuple[int, int]
-    """left and top of it in the input [px]."""
+    """left and top of the picture in the input [px]."""
     whole: tuple[int, int]
     """width and height of the input [px]."""
 
     def put(self, image: np.ndarray) -> np.ndarray:
-        """Return the network's input (H, W, 3) with an image (h, w, 3) in it, uint8."""
+        """Return the network's input (H, W, 3), uint8, with an image (h, w, 3) in it."""
         if self.scaled != self.picture:
             image = cv2.resize(image, self.scaled, interpolation=cv2.INTER_LINEAR)
         (left, top), (width, height) = self.corner, self.scaled
@@ -177,10 +177,10 @@ class Letterbox(NamedTuple):
         return whole
 
     def back(self, corners: np.ndarray) -> np.ndarray:
-        """Return boxes (k, 4) of the input as they lie in the picture, u_min, v_min, u_max, v_max [px].
+        """Return boxes (k, 4) of the input in coordinates of the picture, u_min, v_min, u_max, v_max [px].
 
-        The input's coordinates count from its corner, the picture's from the centre of its first pixel. The picture is
-        rounded to whole pixels in each direction by itself, so each has its own scale.
+        The input's coordinates start at its corner, the picture's at the centre of its first pixel. Each direction is
+        rounded to whole pixels separately, so each has its own scale.
         """
         scale = np.array(self.picture, dtype=float) / self.scaled
         return (corners - np.tile(self.corner, 2)) * np.tile(scale, 2) - 0.5
@@ -190,20 +190,20 @@ def letterbox(picture: tuple[int, int], whole: tuple[int, int]) -> Letterbox:
     """Return the place of a picture in a network's input, both given by width and height [px]."""
     r = min(whole[0] / picture[0], whole[1] / picture[1])
     scaled = max(round(picture[0] * r), 1), max(round(picture[1] * r), 1)
-    # An odd rest goes to the right and below.
+    # If the border is odd, the extra pixel is on the right or below.
     corner = (whole[0] - scaled[0]) // 2, (whole[1] - scaled[1]) // 2
     return Letterbox(picture, scaled, corner, whole)
 
 
-_USUAL: Final = 640  # width and height of an input that leaves them open and does not say them
-_LARGEST: Final = 4096  # [px]
+_USUAL: Final = 640  # width and height of an input for which the file gives none
+_LARGEST: Final = 4096  # largest width and height of an input [px]
 _KINDS: Final = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
-_RELATIVE: Final = 2.0  # [px]; in pixels the largest of all boxes' coordinates is far above it
-_PROBABLE: Final = 1e-3  # a score may leave 0 to 1 by rounding
+_RELATIVE: Final = 2.0  # [px]; the largest coordinate of boxes in pixels is far above this number
+_PROBABLE: Final = 1e-3  # amount by which rounding may bring a score outside 0 to 1
 
 
 def _input_size(shape: list[Any], metadata: dict[str, str], source: str) -> tuple[int, int]:
-    """Return width and height of a network's input [px]; where the file leaves them open, its imgsz, or 640."""
+    """Return width and height of a network's input [px]; if the file leaves them open, its imgsz, or 640."""
     if len(shape) != 4:
         raise InputError(f"{source}: its input has {len(shape)} dimensions, must be (1, 3, height, width)")
     batch, channels, height, width = shape
@@ -223,7 +223,7 @@ def _input_size(shape: list[Any], metadata: dict[str, str], source: str) -> tupl
 
 
 def load_onnx(settings: Detector, room: Room, size: tuple[int, int]) -> Callable[[np.ndarray], Boxes]:
-    """Return the function from a picture to labels (k), scores (k) and boxes (k, 4) [px]; see load_detector.
+    """Return the function of an ONNX network from a picture to labels, scores and boxes, see load_detector.
 
     InputError if onnxruntime is not installed, the file is wrong, or a class of the room is not among its names.
     """
@@ -262,7 +262,7 @@ def load_onnx(settings: Detector, room: Room, size: tuple[int, int]) -> Callable
     if not np.isfinite(outputs[0]).all():
         raise InputError(f"{source}: gives NaN or infinity for a grey picture, where it must give numbers")
     _, scores, corners = boxes_in(outputs[0], head, -np.inf)
-    if corners.max() <= _RELATIVE:  # a place's box is near it, so those of an input reach across it
+    if corners.max() <= _RELATIVE:  # each place's box is near the place, so boxes in pixels extend over the whole input
         raise InputError(f"{source}: its boxes are shares of the picture, up to {corners.max():.3g}: must be in pixels")
     if not np.all((scores >= -_PROBABLE) & (scores <= 1.0 + _PROBABLE)):
         raise InputError(f"{source}: scores from {scores.min():.3g} to {scores.max():.3g}: must be between 0 and 1")

@@ -1,15 +1,15 @@
 """From a YOLOv3 network's raw heads to boxes in the image (Redmon and Farhadi, "YOLOv3", 2018, section 2.1).
 
-For an anchor (p_w, p_h) [px of the network's input] in the cell (c_x, c_y) of a grid (n_x, n_y), as shares of the
-image:
+For an anchor (p_w, p_h) [px of the network's input] in the cell (c_x, c_y) of a grid (n_x, n_y), a box is, in shares of
+the image:
 
     b_x = (s sigmoid(t_x) - (s - 1) / 2 + c_x) / n_x,  b_w = p_w exp(t_w) / input width,  the same in y and h
     score = sigmoid(t_obj) sigmoid(t_class) of the best class
 
 s = 1 in YOLOv3; YOLOv4's scale_x_y (Bochkovskiy et al., "YOLOv4", 2020) reaches a cell's edges with s > 1.
 
-The image fills the input: one of another shape is stretched, each axis by itself, as OpenCV's blobFromImage does. A
-pixel's centre has integer coordinates, so the share b_x lies at u = b_x width - 1/2.
+The image fills the input: an image of another shape is stretched along each axis separately, as in OpenCV's
+blobFromImage. A pixel's centre has integer coordinates, so the share b_x is at u = b_x width - 1/2.
 """
 
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ def _sigmoid(t: float) -> float:
 
 @register_jitable
 def _best_class(head: np.ndarray, first: int, classes: int, row: int, column: int) -> int:
-    """Return the class with the largest logit, the first of equals."""
+    """Return the class with the largest logit, the first one of equal logits."""
     best = 0
     for k in range(1, classes):
         if head[first + k, row, column] > head[first + best, row, column]:
@@ -44,12 +44,12 @@ def _decode(
     image_size: np.ndarray,
     threshold: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return labels, scores and boxes; heads (a (5 + c), n_y, n_x) and anchors (a, 2) as arrays."""
+    """Do `decode`, compiled, with heads (a (5 + c), n_y, n_x) and anchors (a, 2) as arrays."""
     n = 0
     for i in range(len(heads)):
         n += len(anchors[i]) * heads[i].shape[1] * heads[i].shape[2]
     labels, scores, boxes = np.empty(n, dtype=np.int64), np.empty(n), np.empty((n, 4))
-    # A score is at most sigmoid(t_obj): most cells fall out here, without an exp.
+    # A score is at most sigmoid(t_obj), so most cells are dropped without computing an exp.
     logit = np.log(threshold / (1.0 - threshold))
     k = 0
     for i in range(len(heads)):
@@ -74,7 +74,7 @@ def _decode(
                     boxes[k, 1] = (b_y - 0.5 * b_h) * image_size[1] - 0.5
                     boxes[k, 2] = (b_x + 0.5 * b_w) * image_size[0] - 0.5
                     boxes[k, 3] = (b_y + 0.5 * b_h) * image_size[1] - 0.5
-                    # An untrained network's exp may overflow.
+                    # The exp of an untrained network may overflow.
                     if np.isfinite(boxes[k]).all():
                         labels[k], scores[k] = best, score
                         k += 1
@@ -91,10 +91,10 @@ def decode(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return labels (k), scores (k) and boxes (k, 4) [px] of one image, in the order head, anchor, row, column.
 
-    A box is (u_min, v_min, u_max, v_max) and may reach over the image's border. Each anchor of a cell gives its best
-    class only, if its score is the threshold or more. Raw heads are float32, (a (5 + classes), n_y, n_x) or (1, a (5 +
-    classes), n_y, n_x), each with anchors (a, 2) [px of the network's input] and a scale_x_y, by default 1. Sizes are
-    width and height [px] (2).
+    A box is (u_min, v_min, u_max, v_max) and may extend beyond the image's border. Each anchor of a cell gives only its
+    best class, and only if the score is `threshold` or more. Raw heads are float32, (a (5 + classes), n_y, n_x) or (1,
+    a (5 + classes), n_y, n_x), each with anchors (a, 2) [px of the network's input] and a scale_x_y, by default 1.
+    Sizes are width and height (2) [px].
     """
     planes = tuple(np.ascontiguousarray(head.reshape(head.shape[-3:]), dtype=np.float32) for head in heads)
     p = tuple(np.ascontiguousarray(pairs, dtype=np.float64) for pairs in anchors)
@@ -113,10 +113,10 @@ def overlap(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
 
 @cached_njit
 def non_max_suppression(labels: np.ndarray, scores: np.ndarray, boxes: np.ndarray, iou: float) -> np.ndarray:
-    """Return the numbers (k) of the boxes to keep, the best first, of equal scores the first first.
+    """Return the indices (k) of the boxes to keep, best score first; boxes with equal scores keep their order.
 
-    A box (u_min, v_min, u_max, v_max) falls if it overlaps a better one of its class, itself kept, by more than iou:
-    intersection over union above which two boxes are one object.
+    A box (u_min, v_min, u_max, v_max) is dropped if its intersection over union with a better kept box of its class
+    exceeds `iou`.
     """
     order = np.argsort(-scores, kind="mergesort")
     kept = np.empty(len(order), dtype=np.int64)

@@ -1,1 +1,1 @@
-"""The position from detected landmarks."""
+"""The position fix from detected landmarks."""

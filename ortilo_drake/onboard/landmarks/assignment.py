@@ -1,8 +1,8 @@
-"""The assignment problem, compiled: each row gets a column of its own so that the sum of the costs is least.
+"""The assignment problem, compiled: each row gets its own column, and the sum of the costs is minimal.
 
-Shortest augmenting paths, D. F. Crouse, "On implementing 2D rectangular assignment algorithms", IEEE Trans. Aerospace
-and Electronic Systems 52 (2016), step by step as scipy.optimize.linear_sum_assignment takes them, so that of several
-best assignments the same one is found.
+The method is shortest augmenting paths, D. F. Crouse, "On implementing 2D rectangular assignment algorithms", IEEE
+Trans. Aerospace and Electronic Systems 52 (2016). Its steps are the ones of scipy.optimize.linear_sum_assignment, so
+that both find the same one of several best assignments.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ from ortilo_drake.compiled.cached import cached_njit
 
 @cached_njit
 def assign(costs: np.ndarray) -> np.ndarray:
-    """Return the column of each row (k) by costs (k, n), k at most n, all finite."""
+    """Return the column assigned to each row (k), given finite costs (k, n) with k <= n."""
     rows, columns = costs.shape
     u, v = np.zeros(rows), np.zeros(columns)
     shortest, path = np.empty(columns), np.full(columns, -1)
@@ -33,7 +33,7 @@ def assign(costs: np.ndarray) -> np.ndarray:
                 reduced = least + costs[i, j] - u[i] - v[j]
                 if reduced < shortest[j]:
                     path[j], shortest[j] = i, reduced
-                # Of several of the least cost one that no row has yet: it ends the path.
+                # Among several columns of least cost, prefer one that no row has yet: it ends the path.
                 if shortest[j] < lowest or (shortest[j] == lowest and row_of[j] < 0):
                     lowest, index = shortest[j], a
             least, j = lowest, remaining[index]

@@ -1,14 +1,14 @@
-"""From the boxes of an image to a fix, but for the method between: compiled functions.
+"""The compiled steps before and after the solver of a landmark fix: choice of the boxes, and check of the fix.
 
-All boxes together must agree with the estimate by which they were associated. Each pairing within its gate may be wrong
-though all of them pass, for the errors of the estimate are common to all boxes. With e the stacked differences from the
-predicted centres and J their Jacobian by the pose, of covariance P,
+All boxes together must agree with the estimate that associated them. Pairings may be wrong although each one passes its
+gate, because the errors of the estimate are common to all boxes. With e the stacked differences from the predicted
+centres, J their Jacobian with respect to the pose, and P the pose's covariance,
 
     d^2 = e^T (J P J^T + R)^-1 e,   R = diag(sd^2),
 
-is chi-square with 2 n degrees of freedom of n right pairings (J. Neira and J. D. Tardos, "Data association in
-stochastic mapping using the joint compatibility test", IEEE Trans. Robotics and Automation 17, 2001). While it is too
-large, the box goes whose absence makes it smallest.
+is chi-square with 2 n degrees of freedom for n correct pairings (J. Neira and J. D. Tardos, "Data association in
+stochastic mapping using the joint compatibility test", IEEE Trans. Robotics and Automation 17, 2001). While d^2 is too
+large, the test drops the box whose removal makes d^2 smallest.
 """
 
 from typing import NamedTuple
@@ -26,23 +26,23 @@ from ortilo_drake.scenario import LandmarkFix as LandmarkFixSettings
 
 
 def joint_limits(probability: float, most: int) -> np.ndarray:
-    """Return the largest d^2 of 0 to `most` boxes with which right pairings are compatible with a probability."""
+    """Return the largest d^2 of 0 to `most` boxes, which correct pairings keep with this probability."""
     return np.array([0.0, *(squared_gate(probability, 2 * n) for n in range(1, most + 1))])
 
 
 @cached_njit
 def joint_distance(e: np.ndarray, J: np.ndarray, P: np.ndarray, sd: np.ndarray) -> float:
-    """Return d^2 of the differences e (2 n), of Jacobian J (2 n, 6), P (6 x 6) and the boxes' errors sd (2 n).
+    """Return d^2 of the differences e (2 n) [px], given J (2 n, 6), P (6 x 6) and the sds of the centres (2 n) [px].
 
-    NaN where P is no covariance.
+    The result is NaN if P is not a covariance.
     """
     n, J_P, S = e.size, np.empty(6), np.empty((e.size, e.size))
-    for i in range(n):  # J P J^T + R, summed in order: BLAS takes another order on another processor
+    for i in range(n):  # J P J^T + R, summed in a fixed order: BLAS's order depends on the processor
         for a in range(6):
             J_P[a] = 0.0
             for b in range(6):
                 J_P[a] += J[i, b] * P[b, a]
-        for j in range(i + 1):  # the lower half is what is used
+        for j in range(i + 1):  # only the lower half is used
             S[i, j] = 0.0
             for a in range(6):
                 S[i, j] += J_P[a] * J[j, a]
@@ -52,15 +52,15 @@ def joint_distance(e: np.ndarray, J: np.ndarray, P: np.ndarray, sd: np.ndarray) 
 
 @cached_njit
 def jointly_compatible(e: np.ndarray, J: np.ndarray, P: np.ndarray, sd: np.ndarray, limits: np.ndarray) -> np.ndarray:
-    """Return the boxes that are compatible, as indices in rising order.
+    """Return the indices of the jointly compatible boxes, in rising order.
 
-    Their centres differ by e (n, 2) [px] from the predicted ones, of Jacobians J by position and attitude (n, 2, 6),
-    whose covariance is P (6 x 6); sd is the error of each centre (n, 2) [px]. The limits are joint_limits of n boxes or
-    more.
+    e is the difference of each box's centre from the predicted one (n, 2) [px], J its Jacobian with respect to position
+    and attitude (n, 2, 6), P their covariance (6 x 6), sd the error of each centre (n, 2) [px]. `limits` come from
+    joint_limits, for n boxes or more.
     """
     kept = np.arange(len(e))
     distance = distance_of(kept, e, J, P, sd)
-    while kept.size > 0 and not distance <= limits[kept.size]:  # nor where it is NaN
+    while kept.size > 0 and not distance <= limits[kept.size]:  # also for NaN
         best, distance = kept[:0], np.inf
         for a in range(kept.size):
             rest = np.concatenate((kept[:a], kept[a + 1 :]))
@@ -73,49 +73,49 @@ def jointly_compatible(e: np.ndarray, J: np.ndarray, P: np.ndarray, sd: np.ndarr
 
 @cached_njit
 def distance_of(kept: np.ndarray, e: np.ndarray, J: np.ndarray, P: np.ndarray, sd: np.ndarray) -> float:
-    """Return joint_distance of the boxes kept alone, of e (n, 2), J (n, 2, 6) and sd (n, 2) of all."""
+    """Return d^2 of the boxes in `kept` only, given e (n, 2), J (n, 2, 6) and sd (n, 2) of all boxes."""
     if kept.size == 0:
         return 0.0
     return joint_distance(e[kept].ravel(), J[kept].reshape((2 * kept.size, 6)), P, sd[kept].ravel())
 
 
-MAX_SD = 1.0  # a fix less certain than this is none: errors so large leave the linear range of its covariance [m]
-MAX_CORRECTION = 3.0  # nor is a fix farther than this from the estimate that its boxes were associated by [m]
-DOUBLINGS = 4  # of the believed error after refused images, at most
-LOST = 1.0e6  # an estimate as large as this associates nothing
+MAX_SD = 1.0  # largest sqrt(tr C) of a fix [m]: larger errors leave the linear range of the covariance
+MAX_CORRECTION = 3.0  # largest distance of a fix from the estimate that associated its boxes [m]
+DOUBLINGS = 4  # largest number of doublings of the estimate's error after refused images
+LOST = 1.0e6  # an estimate with a number this large associates nothing
 
 
 class BoxBelief(NamedTuple):
-    """The model of the boxes, as compiled functions take it."""
+    """The onboard model of the boxes, in arrays for compiled functions."""
 
     positions: np.ndarray
-    """p_W of the landmarks (n, 3)."""
+    """p_WL of the landmarks (n, 3) [m]."""
     outlines: np.ndarray
-    """their outlines (n, m, 3)."""
+    """outlines of the landmarks (n, m, 3) [m]."""
     labels: np.ndarray
-    """their classes (n)."""
+    """classes of the landmarks (n)."""
     camera: Camera
     """the camera."""
     sd: float
-    """error of a small box's centre [px]."""
+    """error sd of a small box's centre [px]."""
     gate: float
     """largest squared Mahalanobis distance of an association."""
     max_residual: float
     """largest disagreement of a box with the others [sd]."""
     growth: float
-    """of the error with the box's size [1/px]."""
+    """growth of the centre's error with the box's size [1/px]."""
     margin: float
-    """of the association, see landmark_association.py."""
+    """ambiguity margin of the association, see landmark_association.py."""
     limits: np.ndarray
-    """of the joint test, see box_fix.py; empty to leave it out."""
+    """largest d^2 of the joint test for each number of boxes; empty without the test."""
     inside: float
-    """how far from the border a landmark's predicted box must end [px]."""
+    """distance by which a landmark's predicted box must stay inside the image's border [px]."""
     survey_sd: float
-    """of the landmarks' positions [m]."""
+    """sd of the landmarks' surveyed positions [m]."""
 
 
 def box_belief(settings: LandmarkFixSettings, room: Room, width: int) -> BoxBelief:
-    """Return the settings' model of boxes, for images of that width [px]."""
+    """Return the model of boxes for these settings and images of this width [px]."""
     joint = settings.joint
     return BoxBelief(
         room.landmark_positions,
@@ -134,7 +134,7 @@ def box_belief(settings: LandmarkFixSettings, room: Room, width: int) -> BoxBeli
 
 
 def prior_covariance(settings: LandmarkFixSettings) -> np.ndarray | None:
-    """Return the covariance used instead of P, row by row (225), where the settings give a prior_sd."""
+    """Return the covariance used instead of P, row by row (225), if the settings give a prior_sd; else None."""
     if settings.prior_sd is None:
         return None
     position, angle = np.square(settings.prior_sd)
@@ -145,13 +145,13 @@ def prior_covariance(settings: LandmarkFixSettings) -> np.ndarray | None:
 def boxes_to_solve(
     detections: np.ndarray, xhat: np.ndarray, P: np.ndarray, believed: BoxBelief, widened: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the boxes whose landmarks are found: centres (k, 2), p_W (k, 3), outlines (k, m, 3), errors (k, 2), which.
+    """Return the associated boxes: centres (k, 2), p_WL (k, 3), outlines (k, m, 3), sds (k, 2), landmarks' indices (k).
 
-    They are associated by an estimate (15) and its covariance, row by row (225), whose error is taken to be `widened`
-    times as large. A detections message is there.
+    The association uses an estimate xhat (15) and its covariance P, row by row (225), with its sds times `widened`. The
+    detections message must have arrived.
     """
     positions, outlines = believed.positions, believed.outlines
-    if not (np.all(np.abs(xhat) < LOST) and np.all(np.isfinite(P))):  # nothing can be associated by it
+    if not (np.all(np.abs(xhat) < LOST) and np.all(np.isfinite(P))):  # such an estimate cannot associate boxes
         return np.empty((0, 2)), positions[:0].copy(), outlines[:0].copy(), np.empty((0, 2)), np.empty(0, np.int64)
     known = positions, outlines, believed.labels, believed.camera, believed.sd, believed.gate
     judged = believed.growth, believed.margin, believed.inside, believed.survey_sd
@@ -168,9 +168,9 @@ def boxes_to_solve(
 def box_fix_message(
     found: bool, value: np.ndarray, covariance: np.ndarray, xhat: np.ndarray, stamp: float, rows: int
 ) -> np.ndarray:
-    """Return the fix message of a method's value (m) and its covariance (m, m), or zeros where it found no fix.
+    """Return the fix message of a method's value (m) and covariance (m, m), or zeros if there is no fix.
 
-    xhat is the estimate that its boxes were associated by (15), the stamp that of the boxes [s].
+    xhat (15) is the estimate that associated the boxes, `stamp` the stamp of the boxes [s], `rows` is m.
     """
     message = np.zeros(PAYLOAD + rows + rows * rows)
     if not found or not covariance[0, 0] + covariance[1, 1] + covariance[2, 2] <= MAX_SD**2:
@@ -185,7 +185,7 @@ def box_fix_message(
 
 @cached_njit
 def refused_after(refused: float, is_fix: bool, detections: np.ndarray, believed: BoxBelief) -> float:
-    """Return the number of refused images after one more: it rises if that could have given a fix and gave none."""
+    """Return the number of refused images after one more image; it rises if this could have given a fix but did not."""
     if is_fix:
         return max(refused - 1.0, 0.0)
     labels, known = whole_boxes(detections, believed.camera.image)[0], 0

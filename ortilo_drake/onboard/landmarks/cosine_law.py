@@ -5,12 +5,12 @@ between the landmarks every pair gives an equation for the distances d_i from th
 
     b_i . b_j = (d_i^2 + d_j^2 - L_ij^2) / (2 d_i d_j),
 
-solved by Gauss-Newton from the distances that the filter predicts. Then p_WC is where |p_WC - p_WL_i| = d_i,
-again by Gauss-Newton. Angles and distances know nothing of the attitude; it is needed only for p_WB =
-p_WC - R_WB p_BC, and for the difference between a box's centre and the landmark's.
+solved by Gauss-Newton from the distances that the filter predicts. Then p_WC follows from |p_WC - p_WL_i| = d_i, again
+by Gauss-Newton. Angles and distances do not depend on the attitude. The attitude is needed only for p_WB =
+p_WC - R_WB p_BC, and for the difference between a box's centre and the landmark's projection.
 
-The distances tell little across the line of sight: landmarks at nearly one height leave the camera's height,
-and landmarks in nearly one direction everything but the distance, poorly known. The covariance says so.
+The distances have little information across the line of sight. With landmarks at nearly one height the camera's height
+is poorly known, and with landmarks in nearly one direction all but the distance is. The covariance shows this.
 """
 
 import numpy as np
@@ -27,9 +27,9 @@ _CONVERGED = 1e-9  # [m]
 
 @cached_njit
 def rays(pixels: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Return unit vectors towards pixels (n, 2) in B's axes (n, 3) and their derivatives (n, 3, 2) [1/px].
+    """Return unit vectors towards pixels (n, 2) in the axes of B (n, 3), and their derivatives (n, 3, 2) [1/px].
 
-    A pixel that the lens gives no ray has NaN.
+    The vector of a pixel without a ray through the lens is NaN.
     """
     n, f, c, lens = pixels.shape[0], camera.f, camera.c, camera.lens
     b, db = np.empty((n, 3)), np.empty((n, 3, 2))
@@ -44,7 +44,7 @@ def rays(pixels: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
                 unit = 1.0 if j == 1 + axis else 0.0
                 db[i, j, axis] = -(unit - b[i, j] * b[i, 1 + axis]) / (length * f)
         if lens.bend.size > 0 or lens.aspect != 1.0:
-            # Above for the straight pixel; the one that is seen moves it by the inverse of the lens' derivative.
+            # db so far is with respect to the straight pixel. Multiply by the inverse of the lens' derivative.
             d_xx, d_xy, d_yy = 1.0, 0.0, 1.0
             if lens.bend.size > 0:
                 _, _, d_xx, d_xy, d_yy = bent(-y, -z, lens.bend)
@@ -58,9 +58,9 @@ def rays(pixels: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
 
 @cached_njit
 def distances_from_cosines(b: np.ndarray, positions: np.ndarray, d: np.ndarray) -> tuple[bool, np.ndarray, np.ndarray]:
-    """Return whether it converged, the distances (n), and d(b_j . b_k) / d d_i (pairs, n) where the last step began.
+    """Return whether the solver converged, the distances (n) [m], and d(b_j . b_k) / d d_i (pairs, n) at its last step.
 
-    Given are unit vectors b to the landmarks (n, 3), p_W of these (n, 3), and the distances d to start from (n).
+    b are unit vectors to the landmarks (n, 3), `positions` the landmarks' p_WL (n, 3) [m], d the start distances (n).
     """
     n = b.shape[0]
     pairs = n * (n - 1) // 2
@@ -87,9 +87,9 @@ def distances_from_cosines(b: np.ndarray, positions: np.ndarray, d: np.ndarray) 
 
 @cached_njit
 def trilaterate(d: np.ndarray, positions: np.ndarray, p: np.ndarray) -> tuple[bool, np.ndarray, np.ndarray]:
-    """Return whether it converged, the point (3) at distances d (n) from positions (n, 3), and d point / d d.
+    """Return whether the solver converged, the point (3) at distances d (n) from positions (n, 3), and d point / d d.
 
-    Of a mirrored pair of points the one on the side of the start p (3) is found.
+    If two mirrored points solve the equations, the result is the one on the side of the start p (3).
     """
     n = d.size
     U, r, p = np.empty((n, 3)), np.empty(n), p.copy()
@@ -122,9 +122,9 @@ def cosine_law(
 ) -> tuple[bool, np.ndarray, np.ndarray]:
     """Return whether there is a fix, p_WB (3) and its covariance (3 x 3).
 
-    The covariance is M diag(sd^2) M^T, M = d p / d pixels by the chain pixels -> cosines -> distances -> position.
-    The attitude adds nothing that counts: its error turns p_BC, a few centimetres. Arguments as in
-    pose_from_boxes; P and max_residual are not used.
+    The covariance is M diag(sd^2) M^T, M = d p / d pixels by the chain pixels -> cosines -> distances -> position. The
+    attitude's error is neglected, because it only turns p_BC, a few centimetres. Arguments as in pose_from_boxes; P and
+    max_residual are not used.
     """
     n = centers.shape[0]
     R_WB, p_BC = rotation_matrix(xhat[3:6]), camera.p_BC
@@ -132,7 +132,7 @@ def cosine_law(
     if n < 3:
         return nothing
     for _ in range(_ITERATIONS):
-        # From box centres to points needs the position itself: again until it stays.
+        # The step from box centres to points needs the position itself: repeat until the position is constant.
         pixels = point_pixels(centers, positions, outlines, p_WB, R_WB, camera)
         if not np.all(np.isfinite(pixels)):
             return nothing

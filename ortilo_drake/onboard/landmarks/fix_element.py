@@ -35,7 +35,7 @@ from ortilo_drake.scenario import LandmarkFix as LandmarkFixSettings
 
 @register_jitable
 def covariance_of(belief: np.ndarray, prior: np.ndarray) -> np.ndarray:
-    """Return P row by row (225), or what stands in for it."""
+    """Return P row by row (225) of the belief, or the prior covariance if there is one."""
     if prior.size > 0:
         return prior
     return belief[N_XBAR:]
@@ -50,7 +50,7 @@ def boxes_out(
     refused: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Output the fix message of pose_from_boxes, of the boxes that landed; zeros if there is none."""
+    """Output the fix message of pose_from_boxes for the boxes that arrived; zeros if there is no fix."""
     fill(out, 0.0)
     if message[ARRIVED] != 1.0:
         return
@@ -69,7 +69,7 @@ def cosines_out(
     refused: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Output the fix message of cosine_law, of the boxes that landed; zeros if there is none."""
+    """Output the fix message of cosine_law for the boxes that arrived; zeros if there is no fix."""
     fill(out, 0.0)
     if message[ARRIVED] != 1.0:
         return
@@ -90,10 +90,11 @@ def learning_out(
     scale: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Output the fix message of boxes_out by what has been learned, what lasts of its error, and what it tells.
+    """Output the fix message with the learned noise, its lasting error (6), and its information for the bank.
 
-    The last two numbers are how many residuals there are and the sum of their squares. That and what the boxes tell are
-    by the noise that is told. Without a fix all that lasts of the last one's error is kept.
+    The information is [Lambda_i, eta_i] (12 n), the sensitivities (9 n), the number of residuals and the sum of their
+    squares; all are scaled to the noise of the settings. Without a fix, the lasting error is the one of the last fix,
+    kept in full.
     """
     fill(out, 0.0)
     size, n_told = PAYLOAD + 42, PER_LANDMARK * believed.positions.shape[0]
@@ -120,7 +121,7 @@ def learning_out(
 
 @register_jitable
 def with_share(believed: BoxBelief, share: float, scale: float) -> BoxBelief:
-    """Return the model of boxes with the survey's sd times `share`, and the noise times `scale`."""
+    """Return the model of boxes with the survey's sd times `share` and the noise sd times `scale`."""
     return BoxBelief(
         believed.positions,
         believed.outlines,
@@ -139,7 +140,7 @@ def with_share(believed: BoxBelief, share: float, scale: float) -> BoxBelief:
 
 @register_jitable
 def refused_step(message: np.ndarray, believed: BoxBelief, refused: np.ndarray, out: np.ndarray) -> None:
-    """Count the images that were refused in a row, where there is a joint test: see refused_after."""
+    """Update the number of refused images if there is a joint test, see refused_after."""
     if believed.limits.size > 0 and message[ARRIVED] == 1.0:
         refused[0] = refused_after(refused[0], out[ARRIVED] == 1.0, message, believed)
 
@@ -158,7 +159,7 @@ def learning_step(
     e: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Take refused_step, and learn what a fix that was made in this tick tells of the survey and the boxes' noise."""
+    """Do refused_step, and update survey and noise of the boxes with this tick's fix, if there is one."""
     refused_step(message, believed, refused, out)
     if message[ARRIVED] == 1.0 and out[ARRIVED] == 1.0:
         at, n_told, end = PAYLOAD + 42, PER_LANDMARK * believed.positions.shape[0], out.size - 2
@@ -174,11 +175,11 @@ ELEMENTS = dict.fromkeys(("known_attitude", "known_tilt", "pose"), FIX_OF_BOXES)
 
 
 def camera_fix_box(settings: LandmarkFixSettings, room: Room, width: int, period: float = 0.1) -> Box:
-    """Return the box that turns boxes into a fix: it reads the camera's message and a belief of [x; i] (240).
+    """Return the box that solves detections for a fix; it reads the camera's message and the belief of [x; i] (240).
 
-    With a bank, and where the noise's scale is learned, it says what is `lasting` (6) of a fix's error besides, see
-    landmark_bank.py. The boxes are in images of that width [px]; the period is from one message to the next [s].
-    ValueError if the method is OpenCV's, which is no element.
+    With a bank, or if the noise's scale is learned, the box also outputs the fix's lasting error `lasting` (6), see
+    landmark_bank.py. `width` is the width of the images [px], `period` the time between messages [s]. ValueError if the
+    method is OpenCV's, which has no element.
     """
     element, m = ELEMENTS.get(settings.method), len(settings.rows)
     if element is None:

@@ -1,8 +1,8 @@
-"""Position, position and yaw, or pose from two or more landmarks; what is not sought is taken from the filter.
+"""Position, position and yaw, or the whole pose from two or more landmarks; the filter gives the rest of the pose.
 
-Each box centre gives two equations for the part q of the pose that is sought, p_WB, [p_WB, psi] or [p_WB, rpy]; the
-part held, a, is rpy, [phi, theta] or nothing. Least squares on the pixels, weighted by their errors' covariance R_i,
-by Gauss-Newton,
+Each box centre gives two equations for the unknown part q of the pose, which is p_WB, [p_WB, psi] or [p_WB, rpy]. The
+held part a is rpy, [phi, theta] or empty. Gauss-Newton solves the least squares on the pixels, weighted by the
+covariance R_i of the pixels' errors,
 
     q <- q + N^-1 sum_i J_i^T R_i^-1 (z_i - h_i(q)),   N = sum_i J_i^T R_i^-1 J_i,   J_i = d h_i / d q,
 
@@ -15,14 +15,14 @@ A box's residual r_i has the covariance
     S_i = R_i - J_i N^-1 J_i^T + (A_i - J_i G) P_a (A_i - J_i G)^T = R_i + [J_i A_i] Q [J_i A_i]^T,
     Q = [G P_a G^T - N^-1, -G P_a; -P_a G^T, P_a].
 
-A fix with the attitude held carries the filter's attitude error into the filter as if it were new in every fix. The
-whole pose does not: what the boxes say of the attitude goes in as rows of their own, and the covariance of the six has
-that of position and attitude in it, so that the filter weighs them as if it had been given the pixels. Two landmarks
-do not tell six unknowns; the filter's angles of FREE_SD each stand in, so wide that they count for nothing beside the
-filter's own.
+A fix with held attitude feeds the filter's attitude error into the filter, as if the error were new in every fix. A fix
+of the whole pose does not: the attitude has its own rows, and the covariance of the six numbers includes the covariance
+of position and attitude, so that the filter weighs them as it would weigh the pixels. Two landmarks do not determine
+six unknowns. So the filter's angles, with the sd FREE_SD each, are added as measurements; FREE_SD is so large that they
+have no weight beside the filter's own angles.
 
-A box centre has kinks where another point of the outline becomes the outermost, and Gauss-Newton may step to
-and fro across one (by a millimetre, say); so steps shrink after the first few.
+A box centre has a kink where another point of the outline becomes the outermost one. Gauss-Newton may oscillate across
+a kink (by a millimetre, say), so the steps shrink after the first few.
 """
 
 import numpy as np
@@ -40,15 +40,15 @@ from ortilo_drake.onboard.landmarks.landmark_association import innovation_covar
 _ITERATIONS = 30
 _CONVERGED = 1e-7  # [m], [rad]
 _REGULAR = 1e-12  # a scaled determinant below this is singular
-FREE_SD = 0.05  # of the filter's angles where the whole pose is sought [rad]
-# The pose's entries in the order unknown, held.
+FREE_SD = 0.05  # sd of the filter's angles in a fix of the whole pose [rad]
+# Indices of the pose [p_WB, rpy], first the unknown and then the held ones.
 ATTITUDE_HELD = np.array([0, 1, 2, 3, 4, 5])
 TILT_HELD = np.array([0, 1, 2, 5, 3, 4])
 
 
 @cached_njit
 def inverse_3x3(N: np.ndarray) -> tuple[bool, np.ndarray]:
-    """Return whether a symmetric N >= 0 (3 x 3) is far enough from singular, and N^-1."""
+    """Return whether a symmetric N >= 0 (3 x 3) is far enough from singular, and N^-1 (3 x 3)."""
     a, b = N[1, 1] * N[2, 2] - N[1, 2] ** 2, N[0, 2] * N[1, 2] - N[0, 1] * N[2, 2]
     c = N[0, 1] * N[1, 2] - N[0, 2] * N[1, 1]
     determinant = N[0, 0] * a + N[0, 1] * b + N[0, 2] * c
@@ -81,10 +81,10 @@ def add_boxes(
     B: np.ndarray,
     b: np.ndarray,
 ) -> bool:
-    """Add the boxes kept to N (m, m), B = sum J^T R^-1 A (m, h) and b (m); False if one has no projection.
+    """Add the kept boxes to N (m, m), B = sum J^T R^-1 A (m, h) and b (m); False if a box has no projection.
 
-    By itself: here views of one box cost no counted references. [J_i A_i] go to J_of (n, 2, 6), residuals to r (n, 2).
-    The rest as pose_from_boxes has it.
+    This is a function of its own, because here views of a box cost no reference counting. [J_i A_i] go to J_of (n, 2,
+    6), residuals to r (n, 2) [px]. Other arguments as in pose_from_boxes.
     """
     m, h = B.shape
     for i in range(kept.size):
@@ -120,18 +120,18 @@ def pose_from_boxes(
     m: int,
     free_sd: float = FREE_SD,
 ) -> tuple[bool, np.ndarray, np.ndarray, np.ndarray]:
-    """Return whether there is a fix, the part of the pose sought (m), its covariance (m x m), and the boxes kept (n).
+    """Return whether there is a fix, the unknown part of the pose (m), its covariance (m x m), and the kept boxes (n).
 
-    Sought are p_WB (m = 3), [p_WB, psi] (4), so that a compass that is off does not turn the position about the
-    vehicle, or [p_WB, rpy] (6). Only of the whole pose the filter's angles count, with the error free_sd [rad]; inf
-    leaves them out. The box that disagrees most with the rest is dropped, and the rest solved again, as long as r_i^T
-    S_i^-1 r_i > max_residual^2.
+    The unknowns are p_WB (m = 3), [p_WB, psi] (4), so that a compass error does not turn the position about the
+    vehicle, or [p_WB, rpy] (6). With 6, the filter's angles are measurements with the sd free_sd [rad]; inf leaves them
+    out. While r_i^T S_i^-1 r_i > max_residual^2 for a box, the box with the largest value is dropped and the rest is
+    solved again.
 
-    The boxes have centres [px] (n, 2) with errors sd (n, 2), of landmarks at p_W (n, 3) with outlines as pinhole.py has
-    them (n, m, 3). Position and attitude come first in the estimate xhat; of the whole pose its covariance P (225) is
-    not used.
+    The boxes have centres (n, 2) [px] with sds sd (n, 2), and belong to landmarks at p_WL (n, 3) with outlines (n, m,
+    3), see pinhole.py. Position and attitude come first in the estimate xhat (15); its covariance P (225) is not used
+    with 6 unknowns.
     """
-    # In the sums R_i is in units of the least error's square, so that N there is N sd^2 of the equations.
+    # The sums use R_i divided by the smallest variance `least`^2, so that N here is least^2 times N of the equations.
     order = TILT_HELD if m == 4 else ATTITUDE_HELD
     n = centers.shape[0]
     pose, h = xhat[0:6].copy(), 6 - m
@@ -188,7 +188,7 @@ def pose_from_boxes(
         for i in range(n):
             if kept[i]:
                 S_uu, S_uv, S_vv = innovation_covariance(J_of[i], Q, sd[i])
-                # Two boxes leave a residual in one direction only; the last digits keep S regular.
+                # Two boxes leave a residual in one direction only; the small added variance keeps S regular.
                 d2 = squared_distance(r[i, 0], r[i, 1], S_uu + 1e-6 * least**2, S_uv, S_vv + 1e-6 * least**2)
                 if d2 > farthest:
                     worst, farthest = i, d2

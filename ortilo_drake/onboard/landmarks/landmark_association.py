@@ -1,16 +1,15 @@
-"""Association of detected boxes with landmarks: classes repeat in the room, so the predicted projection decides.
+"""Association of detected boxes with landmarks by the predicted projection, because classes repeat in the room.
 
-The filter predicts where each landmark's box centre appears, z_i = h_i(xhat), and how far that may be wrong,
+The filter predicts the centre of each landmark's box, z_i = h_i(xhat), and the covariance of the innovation,
 
     S_i = J_i P J_i^T + R_i,   J_i = d h_i / d(p_WB, rpy),   P of position and attitude (6 x 6).
 
-A box of the same class and of about the predicted size may be landmark i if d^2 = e^T S_i^-1 e, e = z - z_i, is
-within the gate; the boxes are given out so that the sum of d^2 is least, a landmark without a box counting as
-much as the gate (global nearest neighbour: Blackman, "Multiple-Target Tracking with Radar Applications", 1986,
-chapter 4).
+A box of the same class and of about the predicted size may be landmark i if d^2 = e^T S_i^-1 e, e = z - z_i, is within
+the gate. The assignment minimises the sum of d^2; a landmark without a box costs as much as the gate (global nearest
+neighbour: Blackman, "Multiple-Target Tracking with Radar Applications", 1986, chapter 4).
 
-The best of all ways may be hardly better than the next. A pairing is ambiguous where the best way with another one in
-its place, of the landmark or of the box, costs less than a margin more; such pairings are left out.
+The best assignment may be hardly better than the next one. A pairing is ambiguous if the best assignment that pairs its
+landmark or its box otherwise costs less than a margin more; ambiguous pairings are left out.
 """
 
 from typing import NamedTuple
@@ -24,27 +23,27 @@ from ortilo_drake.model.pinhole import NEAR, Camera, box_and_jacobian, in_body_f
 from ortilo_drake.model.signals import DETECTION_SIZE, MAX_DETECTIONS, PAYLOAD
 from ortilo_drake.onboard.landmarks.assignment import assign
 
-BORDER = 1.5  # a box that comes nearer to the image's border is taken for cut [px]
-MAX_SCALE = 1.6  # a box this much larger or smaller than predicted belongs to a landmark nearer or farther away
+BORDER = 1.5  # a box nearer to the image's border than this counts as cut by the border [px]
+MAX_SCALE = 1.6  # a box larger or smaller than predicted by this factor belongs to another landmark
 _FORBIDDEN = 1.0e6
 
 
 class Predicted(NamedTuple):
-    """The boxes of landmarks that the estimate predicts."""
+    """The predicted boxes of k landmarks."""
 
     centers: np.ndarray
-    """z_i [px] (k, 2)."""
+    """predicted centres z_i [px] (k, 2)."""
     J: np.ndarray
-    """J_i (k, 2, 6)."""
+    """Jacobians J_i with respect to (p_WB, rpy) (k, 2, 6)."""
     sd: np.ndarray
-    """errors of the centres of boxes of the predicted size, see center_sd [px] (k, 2)."""
+    """error sds of the centres of boxes of the predicted size, see center_sd [px] (k, 2)."""
 
 
 @cached_njit
 def whole_boxes(detections: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return class (k), centre (k, 2) and width + height (k) of the boxes that the image's border does not cut.
+    """Return class (k), centre (k, 2) and width + height (k) of the detected boxes that the border does not cut.
 
-    They are those of a detections message; the image has that width and height [px] (2).
+    `detections` is the message; `image` is the image's width and height (2) [px].
     """
     labels, centers, spans = np.empty(MAX_DETECTIONS), np.empty((MAX_DETECTIONS, 2)), np.empty(MAX_DETECTIONS)
     k = 0
@@ -67,7 +66,7 @@ def pose_covariance(P: np.ndarray) -> np.ndarray:
 
 @cached_njit
 def innovation_covariance(J: np.ndarray, P: np.ndarray, sd: np.ndarray) -> tuple[float, float, float]:
-    """Return S_uu, S_uv, S_vv of S = J P J^T + diag(sd^2)."""
+    """Return S_uu, S_uv, S_vv of S = J P J^T + diag(sd^2), with J (2, 6), P (6, 6) and sd (2) [px]."""
     S_uu, S_uv, S_vv = sd[0] ** 2, 0.0, sd[1] ** 2
     for a in range(6):
         for b in range(6):
@@ -79,24 +78,24 @@ def innovation_covariance(J: np.ndarray, P: np.ndarray, sd: np.ndarray) -> tuple
 
 @cached_njit
 def squared_distance(e_u: float, e_v: float, S_uu: float, S_uv: float, S_vv: float) -> float:
-    """Return e^T S^-1 e."""
+    """Return the squared Mahalanobis distance e^T S^-1 e of an innovation e = (e_u, e_v)."""
     return (S_vv * e_u**2 - 2.0 * S_uv * e_u * e_v + S_uu * e_v**2) / (S_uu * S_vv - S_uv**2)
 
 
 @cached_njit
 def center_sd(size: float, sd: float, growth: float) -> float:
-    """Return the error of a box's centre along an axis [px], by the box's size along it [px], the width for u.
+    """Return the error sd of a box's centre along an axis [px], given the box's size along this axis [px].
 
-    Of small boxes it is sd [px]; it grows by a share of the size, over sd [1/px].
+    It is `sd` [px] for small boxes, and sd * growth * size for large ones; growth is in [1/px].
     """
     return float(sd * np.sqrt(1.0 + (growth * size) ** 2))
 
 
 @register_jitable
 def with_survey(sd: float, J: np.ndarray, survey_sd: float) -> float:
-    """Return the error of a box's centre along an axis, its own sd [px] and what a landmark's survey makes of it.
+    """Return the error sd of a box's centre along an axis [px]: its own `sd` [px] and the landmark's survey error.
 
-    J is d z / d(p_WB, rpy) of that axis (6): a landmark that is moved moves its box as p_WB does, the other way.
+    J is d z / d(p_WB, rpy) of this axis (6): to move the landmark moves the box as to move p_WB the other way does.
     """
     if survey_sd == 0.0:
         return sd
@@ -105,7 +104,7 @@ def with_survey(sd: float, J: np.ndarray, survey_sd: float) -> float:
 
 @register_jitable(_nrt=False)
 def is_among(labels: np.ndarray, label: float) -> bool:
-    """Return whether a class is one of some (n)."""
+    """Return whether `label` is one of `labels` (n)."""
     found = False
     for i in range(labels.size):
         found = found or labels[i] == label
@@ -114,7 +113,7 @@ def is_among(labels: np.ndarray, label: float) -> bool:
 
 @register_jitable
 def without(costs: np.ndarray, row: int, column: int) -> np.ndarray:
-    """Return costs without a row and a column."""
+    """Return the costs without one row and one column."""
     rest = np.empty((costs.shape[0] - 1, costs.shape[1] - 1))
     for i in range(rest.shape[0]):
         for j in range(rest.shape[1]):
@@ -124,7 +123,7 @@ def without(costs: np.ndarray, row: int, column: int) -> np.ndarray:
 
 @register_jitable
 def cost_of(costs: np.ndarray, column: np.ndarray) -> float:
-    """Return the cost of an assignment, the column of each row."""
+    """Return the cost of an assignment, given the column of each row."""
     total = 0.0
     for i in range(column.size):
         total += costs[i, column[i]]
@@ -133,9 +132,9 @@ def cost_of(costs: np.ndarray, column: np.ndarray) -> float:
 
 @cached_njit
 def ambiguous(costs: np.ndarray, column: np.ndarray, n_boxes: int, margin: float) -> np.ndarray:
-    """Return a mask (k) of the landmarks whose pairing is ambiguous: another one costs less than a margin more.
+    """Return a mask (k) of the landmarks with an ambiguous pairing: another pairing costs less than `margin` more.
 
-    The costs are those of associate (k, m + k); the best assignment is the column for each landmark (k).
+    `costs` (k, m + k) are the ones of `associate`; `column` is the best assignment, the column of each landmark (k).
     """
     n = len(costs)
     best, doubtful = cost_of(costs, column), np.zeros(n, dtype=np.bool_)
@@ -171,18 +170,18 @@ def associate(
     inside: float = -np.inf,
     survey_sd: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray, Predicted]:
-    """Return the landmarks found, in rising order (k), their boxes' centres (k, 2) and what is predicted of these.
+    """Return the landmarks found, in rising order (k), their boxes' centres (k, 2) and the predicted boxes.
 
-    The order of the message's rows does not matter. Position and attitude come first in the estimate xhat, of
-    covariance P (225). Landmarks stand at p_W (n, 3), with outlines (n, m, 3) as pinhole.py has them and classes (n).
-    sd [px] and growth [1/px] are those of center_sd, survey_sd [m] that of with_survey; the gate is the largest
-    admissible d^2, the margin that of ambiguous, 0 leaves nothing out.
+    The order of the message's rows does not matter. Position and attitude come first in the estimate xhat (15) with the
+    covariance P (225). The landmarks are at p_WL (n, 3), with outlines (n, m, 3), see pinhole.py, and classes (n). sd
+    [px] and growth [1/px] as in center_sd, survey_sd [m] as in with_survey. `gate` is the largest d^2; `margin` is the
+    one of `ambiguous`, 0 keeps all pairings.
 
-    A landmark's predicted box must end that far inside the border [px]. A box that the border cuts seems whole where
-    the detector errs, by tens of pixels if it is large, and its centre is then half of that off.
+    A landmark's predicted box must end `inside` [px] from the border. A box that the border cuts may seem whole, as the
+    detector's edges have errors, tens of pixels for a large box; the error of the centre is then half of that.
     """
     width, height = camera.image[0], camera.image[1]
-    # Half an image beside the image, as slopes of the line of sight.
+    # Bounds of the image plus half an image on each side, as slopes of the line of sight.
     f_u, f_v, aside, above = camera.f, camera.f * camera.lens.aspect, width, height
     if camera.lens.bend.size > 0:
         f_u, f_v, aside, above = 1.0, 1.0, 2.0 * camera.lens.reach[0], 2.0 * camera.lens.reach[1]
@@ -194,7 +193,7 @@ def associate(
     candidates, k = np.empty(n, dtype=np.int64), 0
     d2 = np.full((n, m), _FORBIDDEN)
     for i in range(n):
-        # Cheap first: a class that was seen, and a place in front, within half an image of the image.
+        # Cheap tests first: a detected class, and a position in front of the camera, at most half an image outside.
         if not is_among(box_labels, labels[i]):
             continue
         q = in_body_frame(positions[i, 0], positions[i, 1], positions[i, 2], p_WB, R_WB)
@@ -218,7 +217,7 @@ def associate(
                     d2[k, j] = squared
         candidates[k] = i
         k += 1
-    costs = np.full((k, m + k), _FORBIDDEN)  # column m + i, at the cost of the gate, leaves landmark i without a box
+    costs = np.full((k, m + k), _FORBIDDEN)  # column m + i, with the gate's cost, leaves landmark i without a box
     for i in range(k):
         for j in range(m):
             costs[i, j] = d2[i, j]

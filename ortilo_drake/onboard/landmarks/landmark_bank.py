@@ -1,27 +1,27 @@
 """The error of the landmarks' survey, learned from the residuals of their boxes.
 
-A landmark that is moved by lambda_i moves its box by A_i lambda_i, A_i = -d z_i / d p_WB. With J the Jacobian of all
-boxes by the pose and the weights W of the boxes' own errors alone, a fix gives the information of its residuals e on
-the landmarks, whatever the pose:
+A survey error lambda_i of a landmark moves its box by A_i lambda_i, A_i = -d z_i / d p_WB. With J the Jacobian of all
+boxes with respect to the pose and W the weights of the boxes' own errors alone, the residuals e of a fix have this
+information on the landmarks, whatever the pose:
 
     M = W - W J (J^T W J)^-1 J^T W,   Lambda_i = sum_k A_i^T M_ii A_i,   eta_i = sum_k A_i^T (M e)_i
 
-Each landmark is judged by what all others say of it (a composite likelihood: Varin, Reid and Firth, "An overview of
-composite likelihood methods", Statistica Sinica 21, 2011), so that what is kept grows with their number and not with
-its square: of a share c_j of the sd s of a survey as it is believed (landmark_fix.survey_sd),
+Each landmark is judged by all other landmarks (a composite likelihood: Varin, Reid and Firth, "An overview of composite
+likelihood methods", Statistica Sinica 21, 2011). So the memory grows with the number of landmarks and not with its
+square. The likelihood of a share c_j of the survey's sd s in the settings (landmark_fix.survey_sd) is
 
     log L_j = sum_i -1/2 log det(I + c_j^2 s^2 Lambda_i) + 1/2 c_j^2 s^2 eta_i^T (I + c_j^2 s^2 Lambda_i)^-1 eta_i
 
-What is believed follows as in ranging/survey_bank.py. Boxes err alike for a while: 0.44 of their variance lasts for a
-second (world/sensors/camera_calibration.yaml), so that an image counts as 1 / REPEATS of one.
+The estimated share follows as in ranging/survey_bank.py. The errors of boxes are correlated over time: 0.44 of their
+variance lasts for a second (world/sensors/camera_calibration.yaml), so an image counts as 1 / REPEATS of an image.
 
-Where the scale of the boxes' noise is learned too (landmark_fix.noise_scale), nu and q of ranging/bank_element.py are
-of what each box is away from where all others have it, which M_ii^-1 (M e)_i is and of covariance M_ii^-1,
+If the scale of the boxes' noise is learned too (landmark_fix.noise_scale), nu and q of ranging/bank_element.py come
+from the difference of each box from its prediction by all others, M_ii^-1 (M e)_i, with the covariance M_ii^-1:
 
     nu = sum_k 2 k_k / REPEATS,   q = sum_k sum_i (M e)_i^T M_ii^-1 (M e)_i / REPEATS
 
-A fix errs by sum_i G_i A_i lambda_i, G = N^-1 J^T R^-1 with R of boxes and survey. What lasts of its position follows
-as in ranging/lasting_error.py, with g the rows of all G_i A_i.
+A fix has the error sum_i G_i A_i lambda_i, G = N^-1 J^T R^-1 with R of boxes and survey. The lasting error of its
+position follows as in ranging/lasting_error.py, with g the rows of all G_i A_i.
 """
 
 from typing import Final, NamedTuple
@@ -41,32 +41,32 @@ from ortilo_drake.onboard.ranging.bank_element import RESIDUALS, SQUARES, weigh_
 from ortilo_drake.onboard.ranging.lasting_error import KEY, SHARE, put_kept
 from ortilo_drake.onboard.ranging.survey_bank import weigh
 
-LEAST = 4  # boxes that leave residuals of six unknowns
+LEAST = 4  # smallest number of boxes that leaves residuals after six unknowns
 REPEATS: Final = 5.0
-REGULAR = 1e-6  # of M_ii: a box without which the others tell no pose says nothing of the boxes' errors
-PER_LANDMARK = 12  # of [Lambda_i, eta_i] (3 x 4); of sensitivities 9
+REGULAR = 1e-6  # smallest scaled determinant of M_ii; below it the other boxes alone do not determine the pose
+PER_LANDMARK = 12  # size of [Lambda_i, eta_i] (3 x 4); a landmark has 9 sensitivities
 
 
 class Solved(NamedTuple):
-    """The boxes of which a fix was made."""
+    """A fix and its boxes."""
 
     centers: np.ndarray
-    """of the boxes [px] (k, 2)."""
+    """centres of the boxes [px] (k, 2)."""
     chosen: np.ndarray
-    """which landmarks they are of (k)."""
+    """indices of the boxes' landmarks (k)."""
     pose: np.ndarray
-    """[p_WB, rpy] (6)."""
+    """solved pose [p_WB, rpy] (6)."""
 
 
 @register_jitable
 def put_information(
     out: np.ndarray, sensitivities: np.ndarray, solved: Solved, believed: BoxBelief
 ) -> tuple[float, float]:
-    """Write what the boxes of a fix tell of each landmark, and how the fix depends on it; zeros of one not seen.
+    """Write the information of a fix's boxes on each landmark, and the fix's sensitivities; zeros for unseen landmarks.
 
-    Returns how far each box is from where all others have it: how many residuals these are, and their sum of squares
-    sum_i (M e)_i^T M_ii^-1 (M e)_i. Written are [Lambda_i, eta_i], of Lambda_i the lower half (12 n), and the rows of
-    G_i A_i, x of all landmarks first, then y and z (9 n). The survey's sd is as it is believed now.
+    Returns the number of residuals of the boxes from their predictions by all others, and their sum of squares sum_i (M
+    e)_i^T M_ii^-1 (M e)_i. `out` gets [Lambda_i, eta_i] with the lower half of Lambda_i (12 n), `sensitivities` the
+    rows of G_i A_i, x of all landmarks first, then y and z (9 n). `believed` has the present survey sd.
     """
     fill(out, 0.0)
     fill(sensitivities, 0.0)
@@ -128,7 +128,7 @@ def put_information(
 
 @register_jitable
 def normal(J: np.ndarray, W: np.ndarray, free: float) -> np.ndarray:
-    """Return J^T W J (6 x 6) of J (k, 2, 6) and weights (k, 2), with `free` [1/rad^2] added to the angles' own."""
+    """Return J^T W J (6 x 6) of J (k, 2, 6) and weights W (k, 2); `free` [1/rad^2] is added on the angles' diagonal."""
     N = np.zeros((6, 6))
     for i in range(W.shape[0]):
         for axis in range(2):
@@ -142,7 +142,7 @@ def normal(J: np.ndarray, W: np.ndarray, free: float) -> np.ndarray:
 
 @register_jitable
 def dot(one: np.ndarray, other: np.ndarray) -> float:
-    """Return the sum of products, in order."""
+    """Return the scalar product of two vectors, summed in a fixed order."""
     total = 0.0
     for i in range(one.size):
         total += one[i] * other[i]
@@ -151,10 +151,10 @@ def dot(one: np.ndarray, other: np.ndarray) -> float:
 
 @register_jitable
 def put_lasting(out: np.ndarray, s: float, here: np.ndarray, learned: np.ndarray) -> None:
-    """Write the sds of what lasts of a fix's error [m] and how it is correlated with that of the fix before (6).
+    """Write a fix's lasting error to out (6): the sds [m] (3) and the shares kept of the error of the fix before (3).
 
-    s is the sd of a landmark's survey, as it is believed [m], `here` has the fix's sensitivities (9 n), and so has what
-    is learned (survey_bank.learned_first).
+    s is the estimated sd of the landmarks' survey [m]; `here` has the fix's sensitivities (9 n); `learned` has those of
+    the stored place (survey_bank.learned_first).
     """
     m = here.size // 3
     for axis in range(3):
@@ -177,12 +177,12 @@ def learn(
     S: np.ndarray,
     e: np.ndarray,
 ) -> None:
-    """Add what a fix told to what is gathered, and write the share and the weights of the models to what is learned.
+    """Add a fix's information to `gathered`, and write the share and the models' weights to `learned`.
 
-    Learned is as survey_bank.learned_first has it, with 9 n sensitivities; gathered is [Lambda_i, eta_i], of Lambda_i
-    the lower half (3 n, 4). The scale q, nu and c^2 of the boxes' noise (3) is changed where `worth`, nu_0, is not 0. A
-    fix told what put_information wrote (12 n) and returned (2); of what was told before a share is kept. The bank is
-    c_j (m), survey_sd s [m]. It works in Q (m), S (3, 3) and e (3).
+    `learned` is as in survey_bank.learned_first, with 9 n sensitivities; `gathered` is [Lambda_i, eta_i] with the lower
+    half of Lambda_i (3 n, 4). `told` (12 n) and `left` (2) are what put_information wrote and returned; `keeps` is the
+    share of older information that is kept. `scale` has q, nu and c^2 of the boxes' noise (3); it changes only if
+    `worth`, nu_0, is not 0. `bank` is c_j (m), survey_sd is s [m]. Q (m), S (3, 3) and e (3) are work memory.
     """
     for i in range(gathered.shape[0]):
         for j in range(4):

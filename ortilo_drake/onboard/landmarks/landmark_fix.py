@@ -1,4 +1,4 @@
-"""Position from the camera's landmark boxes, by one of five methods; two give the yaw, or the attitude, as well."""
+"""Position from the camera's landmark boxes, by one of five methods; one also gives the yaw, one the attitude."""
 
 from collections.abc import Callable
 from typing import Final
@@ -31,27 +31,27 @@ METHODS: Final[dict[str, Callable[..., Solution]]] = {
 
 
 class LandmarkFix(LeafSystem):
-    """Memoryless: boxes to a position, by the estimate of the same tick, xhat(k|k-1).
+    """A system that solves boxes for a fix, with the estimate of the same tick, xhat(k|k-1).
 
-    Where the settings give a prior_sd, it stands in for P throughout: in the association and as what is believed
-    of the attitude. Boxes that come late are judged by the present estimate or, with estimator.delay
-    'replay', by that of their stamp, which the fix keeps.
+    If the settings give a prior_sd, it replaces P in the association and as the covariance of the attitude. Late boxes
+    are associated with the present estimate or, with estimator.delay 'replay', with the estimate at their stamp. The
+    fix has the stamp of the boxes.
 
-    With the joint test (settings.joint) an estimate that is worse than P has it would refuse right boxes for ever. So
-    every image that could have given a fix and gave none doubles the error by which the next one's boxes are
-    associated, up to DOUBLINGS times, and every fix halves it again: their number is a discrete state.
+    With the joint test (settings.joint), an estimate worse than its P would refuse correct boxes for ever. So every
+    image that could have given a fix but did not doubles the estimate's sd in the association of the next image, up to
+    DOUBLINGS times, and every fix halves it again. The number of doublings is a discrete state.
 
     Ports:
         detections (DETECTIONS_SIZE): the detections message, see model/signals.py.
         estimate (15): xhat.
         covariance (225): P row by row.
-        fix (14, output): the fix message; longer where the method gives more: [p_WB, psi] and 4 x 4,
-            or [p_WB, rpy] and 6 x 6.
+        fix (14, output): the fix message; longer for methods that give [p_WB, psi] and a covariance 4 x 4, or [p_WB,
+            rpy] and 6 x 6.
 
     Args:
-        settings: method and what it believes of the boxes.
+        settings: method and model of the boxes.
         room: landmarks and the camera.
-        width: image width [px] that the detections are in.
+        width: width of the images in which the boxes are detected [px].
         h: tick [s].
     """
 
@@ -75,7 +75,7 @@ class LandmarkFix(LeafSystem):
 
     def _calc_fix(self, context: Context, output: BasicVector) -> None:
         detections = self._detections.Eval(context)
-        if detections[ARRIVED] != 1.0:  # most ticks: spare the other ports
+        if detections[ARRIVED] != 1.0:  # in most ticks: do not evaluate the other ports
             output.set_value(self._nothing)
             return
         widened = 1.0 if self._refused is None else float(2.0 ** context.get_discrete_state(self._refused).value()[0])
@@ -83,7 +83,7 @@ class LandmarkFix(LeafSystem):
         output.set_value(self.fix_at(detections, self._estimate.Eval(context), P, widened))
 
     def fix_at(self, detections: np.ndarray, xhat: np.ndarray, P: np.ndarray, widened: float = 1.0) -> np.ndarray:
-        """Return the fix message of a detections message by an estimate (15) and its covariance row by row (225)."""
+        """Return the fix message of a detections message, given xhat (15) and its covariance P row by row (225)."""
         believed, P = self._believed, P if self._prior is None else self._prior
         *boxes, sds, _ = boxes_to_solve(detections, xhat, P, believed, widened)
         solution = self._method(*boxes, xhat, P, believed.camera, sds, believed.max_residual)

@@ -1,7 +1,7 @@
 """Position and attitude from four or more landmarks: SQPNP in RANSAC, then least squares on the boxes.
 
 SQPNP: Terzakis and Lourakis, "A consistently fast and globally optimal solution to the perspective-n-point
-problem", ECCV 2020. The attitude found is used for p_WB and then forgotten: the fix is a position.
+problem", ECCV 2020. The attitude is used only to compute p_WB: the fix is a position.
 """
 
 import numpy as np
@@ -26,8 +26,8 @@ def pnp(
 ) -> tuple[bool, np.ndarray, np.ndarray]:
     """Return whether there is a fix, p_WB (3) and its covariance (3 x 3).
 
-    RANSAC counts a box in if it lies within max_residual times the median sd of its place. Arguments as in
-    pose_from_boxes; xhat serves only for the difference between a box's centre and the landmark's, P is not used.
+    A box is an inlier of RANSAC within max_residual times the median sd of its reprojection. Arguments as in
+    pose_from_boxes; xhat is used only for the difference between a box's centre and the landmark's; P is not used.
     """
     nothing = (False, xhat[0:3].copy(), np.zeros((3, 3)))
     if len(centers) < 4:
@@ -37,12 +37,12 @@ def pnp(
     if not np.all(np.isfinite(pixels)):
         return nothing
     K = np.array([[camera.f, 0.0, camera.c[0]], [0.0, camera.f, camera.c[1]], [0.0, 0.0, 1.0]])
-    cv2.setRNGSeed(0)  # OpenCV's generator is global: the same boxes shall give the same fix
+    cv2.setRNGSeed(0)  # OpenCV's generator is global; with a fixed seed the same boxes give the same fix
     try:
         found, rvec, t, inliers = cv2.solvePnPRansac(
             positions, pixels, K, None, flags=cv2.SOLVEPNP_SQPNP, reprojectionError=max_residual * float(np.median(sd))
         )
-    except cv2.error:  # raised where a minimal set is degenerate
+    except cv2.error:  # raised if a minimal set is degenerate
         return nothing
     if not found or inliers is None or len(inliers) < 4:
         return nothing
