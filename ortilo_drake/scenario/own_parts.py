@@ -9,10 +9,8 @@ from pydantic import BaseModel, Field, create_model
 from ortilo_drake.model.parts import KINDS, Part, Sensor, find_part, find_sensor, known_kinds, own_sensors
 from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import Frozen
-from ortilo_drake.scenario.faults import MAX_FAULTS, AnyFault
+from ortilo_drake.scenario.faults import MAX_FAULTS
 from ortilo_drake.scenario.link import Link
-
-_FAULT: Any = get_args(AnyFault)[0]  # the union
 
 
 class SensorSettings(Frozen):
@@ -38,7 +36,7 @@ def model_for(base: type[BaseModel], data: Any) -> type[BaseModel]:
         its = data.get("faults") if role == "fault" else [data.get(role)]
         groups = [group for group in its if isinstance(group, dict)] if isinstance(its, list | tuple) else []
         for kind in dict.fromkeys(kind for group in groups if isinstance(kind := group.get("kind"), str)):
-            if kind not in _built_in_kinds(base, role):
+            if kind not in _known_kinds(base, role):
                 kinds = (kind,) if find_part(role, kind) else known_kinds(role)
                 parts += [(role, part) for name in kinds if (part := find_part(role, name))]
     parts = list(dict.fromkeys(parts))
@@ -56,9 +54,16 @@ def _roles(base: type[BaseModel]) -> list[str]:
     return [role for role in KINDS if role != "fault" or "faults" in base.model_fields]
 
 
+def _settings_of(base: type[BaseModel], role: str) -> Any:
+    """Return the settings, or their union, of the parts of a role that a model knows."""
+    if role == "fault":
+        return get_args(get_args(base.model_fields["faults"].annotation)[0])[0]  # in tuple[Annotated[union, ...], ...]
+    return base.model_fields[role].annotation
+
+
 @lru_cache(maxsize=256)
-def _built_in_kinds(base: type[BaseModel], role: str) -> frozenset[str]:
-    annotation: Any = _FAULT if role == "fault" else base.model_fields[role].annotation
+def _known_kinds(base: type[BaseModel], role: str) -> frozenset[str]:
+    annotation = _settings_of(base, role)
     return frozenset(
         kind
         for model in getattr(annotation, "__args__", (annotation,))
@@ -75,7 +80,7 @@ def _model(base: type[BaseModel], sensors: tuple[Sensor, ...], parts: tuple[tupl
     names = (*SENSORS, *(sensor.name for sensor in sensors))
     fields["sensors"] = (tuple[Literal[names], ...], base.model_fields["sensors"].default)  # type: ignore[valid-type]
     for role in {role for role, _ in parts}:
-        field: Any = _FAULT if role == "fault" else base.model_fields[role].annotation
+        field = _settings_of(base, role)
         for its_role, part in parts:
             field = field | part.settings if its_role == role else field
         one: Any = Annotated[field, Field(discriminator="kind")]

@@ -344,3 +344,14 @@ def test_a_fault_that_does_not_fit_is_refused() -> None:
         od.register_fault("own", Own, lambda its, size, h: od.box(size, early_out))  # type: ignore[arg-type]
     with pytest.raises(od.InputError, match="servo: own: must be given as a System, make, or as an element, box"):
         od.register_servo("own", Own)
+
+
+def test_a_sensor_and_a_fault_of_ones_own_fly_in_one_scenario() -> None:
+    """The model of such a scenario is made once more of its own data: it kept the fault and forgot the sensor."""
+    for name in ("barometer", "longer_ranges"):
+        example(name)
+    faults = [{"kind": "longer_ranges", "start": 1.0}]
+    scenario = od.load_scenario("nominal_imu_uwb", sensors=["uwb", "imu", "barometer"], faults=faults, **SHORT)
+    for again in (scenario, od.Scenario.model_validate_json(scenario.model_dump_json())):
+        assert again.sensors == ("uwb", "imu", "barometer")
+        assert [fault.kind for fault in again.faults] == ["longer_ranges"]
