@@ -1,1 +1,1 @@
-"""Recorded motions: a filter on single ranges and IMU, calibrated on a first part, judged on the rest."""
+"""Recorded motions: a filter of single ranges and IMU is calibrated on a first part and judged on the rest."""

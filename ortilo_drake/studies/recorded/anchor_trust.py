@@ -1,7 +1,7 @@
-"""The recorded filter's memory of each anchor: whether it is refused, since when, and its errors then.
+"""The recorded filter's memory of each anchor: whether its ranges are refused, since when, and their innovations.
 
-An anchor that was left out for a second, by far, comes back when its innovations are small on average: an error that
-fades would pull the filter along as soon as it passed the gate. The same memory says whether the filter is lost.
+An anchor that was refused for a second by a large error is accepted again once its innovations are small on average:
+an error that fades would pull the filter along as soon as it passed the gate. The memory also tells a lost filter.
 """
 
 from typing import NamedTuple
@@ -11,21 +11,21 @@ from numba.extending import register_jitable
 
 from ortilo_drake.studies.recorded.reflected import share_after, weigh_range
 
-ASTRAY = 3.0  # deviation of a position at which ranges no longer correct it [m]
-REFUSED, SHARE = 1.0, 1.0 / 3.0  # so long [s], and of so many of the anchors, and of two
-RECENT = 5.0  # an anchor counts among those heard if its last range is not older [s]
-PATIENCE = 3.0  # so many times longer the filter is believed where all that it refuses is too long
-SETTLES = 0.5  # innovations of an anchor that was refused for long are averaged over this time [s]
-MOST = 8.0  # of these innovations, in standard deviations
-FAR = 1.0  # what is refused by less may be a bias that the filter does not know of [m]
-SETTLED = 1.0  # and it is heard again when their mean is below so many standard deviations
+ASTRAY = 3.0  # standard deviation of a position that ranges can no longer correct [m]
+REFUSED, SHARE = 1.0, 1.0 / 3.0  # a filter is lost if two anchors, and this share, are refused for so long [s]
+RECENT = 5.0  # an anchor counts as heard if its last range is at most this old [s]
+PATIENCE = 3.0  # times REFUSED: how long the filter is believed if all refused ranges are too long
+SETTLES = 0.5  # time constant of the mean of a refused anchor's innovations [s]
+MOST = 8.0  # bound of an innovation in that mean [standard deviations]
+FAR = 1.0  # a smaller innovation may be a bias that the filter does not know [m]
+SETTLED = 1.0  # a refused anchor is accepted again when that mean is smaller [standard deviations]
 
 
 class Trust(NamedTuple):
     """The record of each anchor (n).
 
-    Since when it is refused [s], inf if it is not; when it was last heard [s], -inf if never; the mean of its
-    innovations [standard deviations]; whether it was refused by far; and the probability that its last range was
+    Since when the anchor is refused [s], inf if it is not; when it was last heard [s], -inf if never; the mean of its
+    innovations [standard deviations]; whether one of them exceeded FAR; and the probability that its last range was
     reflected.
     """
 
@@ -44,7 +44,7 @@ def new_trust(n: int) -> Trust:
 
 @register_jitable
 def is_lost(t: float, trust: Trust) -> bool:
-    """Return whether the filter is lost: the refused ranges show that it is wrong, and not they.
+    """Return whether the filter is lost: the refused ranges are right, and the filter is wrong.
 
     A single range that is too long says little: it may be a reflection. Three anchors that agree support the filter.
     """
@@ -71,12 +71,12 @@ def accept_range(trust: Trust, i: int, t: float, e: float, S: float, passes: boo
     """Return whether a range to anchor i is accepted; update the anchor's record.
 
     Args:
-        trust: changed.
-        i: the anchor.
-        t: stamp [s].
+        trust: the record; changed.
+        i: the anchor's index.
+        t: stamp of the range [s].
         e: innovation [m].
-        S: its variance [m²].
-        passes: whether the gate lets it pass.
+        S: variance of the innovation [m²].
+        passes: whether the range passes the outlier gate.
         low: whether the antenna is so near to the floor that no refusal counts.
     """
     z = e / np.sqrt(S)
@@ -96,9 +96,9 @@ def accept_range(trust: Trust, i: int, t: float, e: float, S: float, passes: boo
 
 @register_jitable
 def weigh_by(trust: Trust, i: int, t: float, e: float, S: float, usual: float) -> tuple[float, float]:
-    """Return innovation and variance of the row that a range to anchor i is taken as; update the anchor's record.
+    """Return the innovation [m] and variance [m²] with which a range to anchor i is taken; update the anchor's record.
 
-    Arguments as accept_range, which is called afterwards; usual is the share of reflected ranges.
+    Arguments as in `accept_range`, which is called afterwards; usual: the share of reflected ranges.
     """
     share = share_after(trust.reflected[i], usual, t - trust.heard_at[i])
     weighed_e, weighed_S, trust.reflected[i] = weigh_range(e, S, share)

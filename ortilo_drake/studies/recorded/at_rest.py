@@ -1,13 +1,13 @@
-"""The IMU at rest before a recorded motion: the gyro's bias, and b + g x level error.
+"""The IMU at rest before a recorded motion: it tells the gyro's bias, and b_a + g x level error.
 
-On average over the samples of `imu.standstill` seconds it says, with R = R_0 exp([theta]x) and R_0 the believed level,
+With R = R_0 exp([theta]x) and R_0 the believed level, the mean samples over `imu.standstill` seconds are
 
     w_0 = b_g + nu_g,   f_0 - R_0^T g e_z = b_a + (R_0^T g e_z) x theta + nu_a
 
 to first order in theta. The first row is the gyro's bias. The second is the accelerometer's bias plus gravity turned by
 a wrong level. Only this sum is known, and only this sum moves a body without ranges.
-nu has the variance s^2 / M + q^2 T / 3: s is the spread of M means over half a second, which noise that lasts for less
-widens as it should, and q the random walk of the bias, which at the end is sd q sqrt(T / 3) away from its mean.
+nu has the variance s^2 / M + q^2 T / 3. Here s is the spread of M means over half a second; noise that is correlated
+for less time widens s as it should. q is the bias's random walk: its end deviates from its mean by q sqrt(T / 3) (sd).
 """
 
 from dataclasses import dataclass
@@ -22,19 +22,19 @@ from ortilo_drake.onboard.estimator.tight.inertial import matrix_of, turn
 from ortilo_drake.onboard.estimator.tight.layout import GYRO, THETA, Q
 
 BLOCK = 0.5  # means over this time are compared [s]
-TURNS, SHAKES = 0.02, 0.2  # a mean that is farther from all is no rest's, of rates [rad/s] and force [m/s²]
+TURNS, SHAKES = 0.02, 0.2  # a body moves if a block's mean is farther from the mean: of rates [rad/s], force [m/s²]
 TILT, BIAS = 0.05, 0.3  # standard deviations of a tilt [rad] and of the accelerometer's bias [m/s²]
-AT_REST = 1.0  # the first samples tell how the body is tilted [s]
-FAST = 0.2  # rates of a body that turns, as no gyro's bias is [rad/s]
+AT_REST = 1.0  # the samples of this first time tell the body's tilt [s]
+FAST = 0.2  # larger mean rates mean that the body turns: no gyro has such a bias [rad/s]
 
 
 @dataclass(frozen=True)
 class AtRest:
-    """The imu's means at rest.
+    """The imu's means at rest, body axes.
 
-    end: its end by the recording's clock [s]; samples: of the gyro; rates, force: means w_0 [rad/s] and f_0 [m/s²], and
-    their standard deviations (3 each); strays: the farthest that a mean over half a second is from these, of rates and
-    force.
+    end: the end of the rest by the recording's clock [s]; samples: number of gyro samples; rates, force: the means w_0
+    [rad/s] and f_0 [m/s²], and their standard deviations (3 each); strays: the largest distances of a mean over half a
+    second from w_0 and f_0.
     """
 
     end: float
@@ -47,10 +47,10 @@ class AtRest:
 
 
 def at_rest(recording: Recording, map_: Map) -> AtRest | None:
-    """Return the imu's means while it stands still; None if the map does not say that it does.
+    """Return the imu's means while it stands still; None if the map gives no standstill.
 
     Raises:
-        InputError: if there are no samples for some of that time.
+        InputError: if a part of that time has no samples.
     """
     imu = recording.imu
     if imu is None or map_.imu is None or map_.imu.standstill == 0.0:
@@ -66,7 +66,7 @@ def at_rest(recording: Recording, map_: Map) -> AtRest | None:
 def _mean(
     t: np.ndarray, its: np.ndarray, begin: float, lasts: float, walk: float
 ) -> tuple[tuple[float, ...], tuple[float, ...], float]:
-    """Return the mean of samples (n, 3), its standard deviation, and how far a mean over half a second is from it."""
+    """Return the mean (3) of samples (n, 3), its standard deviation (3), and the farthest block mean's distance."""
     blocks = int(lasts / BLOCK)
     block = np.floor((t - begin) / lasts * blocks)
     inside = [its[block == i] for i in range(blocks)]
@@ -81,9 +81,9 @@ def _mean(
 
 
 def first_tilt(imu: Imu, rest: AtRest | None = None) -> np.ndarray:
-    """Return the attitude with heading 0 (3, 3): the unit's own tilt if it computes one, else the specific force's.
+    """Return the attitude R_WB with heading 0 (3, 3), by the unit's own tilt if it has one, else by the specific force.
 
-    It is that of the first second, or of the time at rest.
+    Both are means over the first second, or over the time at rest.
     """
     early = imu.t <= (imu.t[0] + AT_REST if rest is None else rest.end)
     up_B = imu.force[early].mean(axis=0) if imu.attitude is None else imu.attitude[early][:, 2, :].mean(axis=0)
@@ -94,9 +94,9 @@ def first_tilt(imu: Imu, rest: AtRest | None = None) -> np.ndarray:
 
 
 def tilt_deviation(imu: Imu) -> float:
-    """Return the standard deviation of that tilt [rad]; acceleration makes it larger.
+    """Return the standard deviation of the tilt of `first_tilt` [rad]; acceleration makes it larger.
 
-    A horizontal acceleration a turns the specific force by a / G and makes it sqrt(G² + a²), which a bias may do too.
+    A horizontal acceleration a turns the specific force by a / G and makes its size sqrt(G² + a²); a bias may do both.
     """
     if imu.attitude is not None:
         return TILT
@@ -105,7 +105,7 @@ def tilt_deviation(imu: Imu) -> float:
 
 
 def tilt_disagreement(imu: Imu) -> float | None:
-    """Return the angle between the unit's own up and the specific force at the start [rad]; None if it has none."""
+    """Return the angle between the unit's own up and the specific force at the start [rad]; None without attitudes."""
     if imu.attitude is None:
         return None
     force = imu.force[imu.t <= imu.t[0] + AT_REST].mean(axis=0)
@@ -113,12 +113,12 @@ def tilt_disagreement(imu: Imu) -> float | None:
 
 
 def unlevel(rest: AtRest, R: np.ndarray) -> np.ndarray:
-    """Return b + g x level error [m/s²] (3), body axes, where the attitude (3, 3) was believed."""
+    """Return b_a + g x level error [m/s²] (3), body axes, for the believed attitude R_WB (3, 3)."""
     return np.asarray(rest.force) - GRAVITY * R[2]
 
 
 def correct_by_rest(rest: AtRest, x: np.ndarray, C: np.ndarray) -> None:
-    """Correct a filter's first nominal state and its covariance (both changed) by the samples at rest."""
+    """Correct a filter's first nominal state x and its covariance C (both changed) by the means at rest."""
     R = matrix_of(x[Q : Q + 4])
     states = np.array([[at, THETA, THETA + 1, THETA + 2] for at in range(GYRO, GYRO + 6)])  # ACCEL comes after GYRO
     weights = np.zeros((6, 4))
@@ -133,7 +133,7 @@ def correct_by_rest(rest: AtRest, x: np.ndarray, C: np.ndarray) -> None:
 
 
 def at_rest_text(rest: AtRest, imu: Imu, on_floor: bool) -> str:
-    """Return a sentence on the gyro's bias and the force at rest, beside the level that is believed."""
+    """Return a sentence on the gyro's bias and the force at rest, given the believed level."""
     R = np.eye(3) if on_floor else first_tilt(imu, rest)
     by = "the floor" if on_floor else "the force itself" if imu.attitude is None else "the unit's attitude"
     rates, off = (", ".join(f"{value:.5f}" for value in values) for values in (rest.rates, unlevel(rest, R)))

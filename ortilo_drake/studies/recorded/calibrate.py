@@ -1,12 +1,12 @@
 """Calibration by the truth of a first part: clock, frame, biases of the ranges, lever of the antenna, and anchors.
 
-With the truth p_k, R_k at the ranges' stamps, F and s the turn and shift between the frames, it minimises
+With the truth p_k, R_k at the ranges' stamps, and F and s the turn and shift between the frames, it minimises
 
     Σ rho((|F (p_k + R_k l) + s - a_i| + c_i - r_ki) / 0.06 m) + |l|² / (0.1 m)² + Σ c_i² / (0.2 m)²,   rho = soft L1
 
-over F, s, c, l, the clock's offset unless the body rates or the map tell it, and the anchors a_i if they are to be
-found. A known height of the antenna is one more square, (mean z - height)² / sd². Differences r_b - r_a do not tell the
-sum of the constants, which is held at 0.
+over F, s, the biases c and the lever l, over the clock's offset unless the body rates or the map tell it, and over the
+anchors a_i if they are to be found. A known antenna height adds the square (mean z - height)² / sd². Differences
+r_b - r_a do not tell the sum of the biases, which is held at 0.
 """
 
 from typing import NamedTuple
@@ -33,23 +33,23 @@ from ortilo_drake.studies.recorded.truth_path import (
     truth_path,
 )
 
-SPREAD, LEVER, BIAS = 0.06, 0.1, 0.2  # of a range, a lever and a bias [m]
-COARSE = 0.25  # offsets tried as starts where the ranges tell the clock [s]
-FEW = 400  # ranges that a start goes by
-MANY = 40_000  # that a fit goes by at most
-SURE = 1e-4  # of the sum of all constants, which differences do not tell: it is 0 [m]
-KEPT = 0.99  # share of the errors that counts in what is left
-FLAT = 0.5  # anchors whose heights differ by less do not tell what is above them from what is below [m]
+SPREAD, LEVER, BIAS = 0.06, 0.1, 0.2  # standard deviations of a range, a lever and a bias [m]
+COARSE = 0.25  # step between the offsets tried as starts where the ranges tell the clock [s]
+FEW = 400  # ranges used to judge a start
+MANY = 40_000  # ranges used in a fit, at most
+SURE = 1e-4  # standard deviation of the biases' sum, held at 0 because differences do not tell it [m]
+KEPT = 0.99  # share of the errors, smallest first, that counts in `left`
+FLAT = 0.5  # anchors whose heights differ by less do not tell above from below [m]
 
 
 class Calibration(NamedTuple):
-    """The relation between truth and sensors: clock, frame, lever, anchors and their constants.
+    """The relation between truth and sensors: clock, frame, lever, anchors and the biases of their ranges.
 
     offset: truth's clock less the sensors' [s], each from its own first stamp; told_by: `rates`, `ranges` or `map`;
-    F (3, 3), shift (3): p in the anchors' frame = F p_truth + shift; mount (3, 3): IMU's body axes to the truth's, None
-    if the body rates do not tell it;
-    lever (3): to the antenna, IMU's body axes; biases (n); anchors (n, 3); end: the last stamp of the first part by the
-    truth's clock [s]; left: RMS of the ranges' errors that are left, the largest 1 % aside [m].
+    F (3, 3), shift (3): p in the anchors' frame = F p_truth + shift; mount (3, 3): turn from the IMU's body axes to the
+    truth's, None if the body rates do not tell it;
+    lever (3): to the antenna, IMU's body axes [m]; biases (n) [m]; anchors (n, 3) [m]; end: the last stamp of the first
+    part by the truth's clock [s]; left: RMS of the ranges' errors after the fit, without the largest 1 % [m].
     """
 
     offset: float
@@ -64,12 +64,12 @@ class Calibration(NamedTuple):
     left: float
 
     def position(self, p: np.ndarray) -> np.ndarray:
-        """Return truth's positions (m, 3) in the anchors' frame."""
+        """Return the truth's positions (m, 3) in the anchors' frame."""
         return p @ self.F.T + self.shift
 
 
 class _Fit(NamedTuple):
-    """The free unknowns, and their places in the vector of unknowns; tags in the truth's axes."""
+    """The choice of the free unknowns, and their places in the vector of unknowns; tags in the truth's body axes."""
 
     kind: str
     offset: bool
@@ -80,13 +80,13 @@ class _Fit(NamedTuple):
     tags: np.ndarray = ONE_TAG
 
     def parts(self, x: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return offset, F, shift, biases, lever and found anchors of a vector of unknowns."""
+        """Return offset, F, shift, biases, lever and found anchors from a vector of unknowns."""
         turned = np.array([0.0, 0.0, x[3]]) if self.kind == "yaw" else x[1:4]
         found = x[10 + self.n :].reshape(-1, 3)
         return x[0], Rotation.from_rotvec(turned).as_matrix(), x[4:7], x[10 : 10 + self.n], x[7:10], found
 
     def free(self) -> np.ndarray:
-        """Return the unknowns that are estimated."""
+        """Return a mask of the unknowns that are estimated."""
         frame = {"yaw": [False, False, True], "se3": [True] * 3, "same": [False] * 3}[self.kind]
         shift = [self.kind != "same"] * 3
         found = [True] * 3 * self.n if self.find else []
@@ -100,7 +100,7 @@ def _solve(x: np.ndarray, fit: _Fit, ranges: Ranges, chosen: np.ndarray, path: T
     fixed = None if fit.offset else path.at(t + x[0])
 
     def parts(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the ranges' errors [m], and the residuals of what else is known."""
+        """Return the ranges' errors [m], and the residuals of the prior knowledge [standard deviations]."""
         full = x.copy()
         full[free] = y
         offset, F, shift, biases, lever, found = fit.parts(full)
@@ -123,7 +123,7 @@ def _solve(x: np.ndarray, fit: _Fit, ranges: Ranges, chosen: np.ndarray, path: T
 
 
 def found_roughly(p: np.ndarray, r: np.ndarray) -> OptimizeResult:
-    """Return an anchor's rough position x (3) from places p (m, 3) and ranges to it (m): the best of eight starts."""
+    """Return the best of eight fits of an anchor's position x (3) to its ranges r (m) from places p (m, 3)."""
     middle, far = p.mean(axis=0), np.median(r)
     signs = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-0.3, 0.3)])
     fits = [
@@ -136,9 +136,9 @@ def found_roughly(p: np.ndarray, r: np.ndarray) -> OptimizeResult:
 
 
 def offset_centres(recording: Recording, search: float) -> list[float]:
-    """Return the offsets that a search goes around [s]: the files begin together, and they have one clock.
+    """Return the clock offsets to search around [s]: 0 (both files begin together), and the offset of one common clock.
 
-    The second counts only where the first does not reach it and truth and ranges meet by it.
+    The second is left out if the search around 0 reaches it, or if truth and ranges do not overlap by it.
     """
     truth, ranges = recording.truth, recording.ranges
     assert truth is not None
@@ -148,9 +148,9 @@ def offset_centres(recording: Recording, search: float) -> list[float]:
 
 
 def clock_by_rates(recording: Recording, settings: Estimated, known: float | None) -> ByRates | None:
-    """Return the clock's offset, or only the mount if that is known [s], by the body rates; None if they tell neither.
+    """Return the clock's offset and the mount by the body rates, or only the mount if the offset is known [s].
 
-    That is without imu or attitudes, where the body hardly turned, and where the rates do not explain its turns.
+    None without imu or attitudes, where the body hardly turned, and where the rates do not explain its turns.
     """
     imu, truth = recording.imu, recording.truth
     if imu is None or truth is None or truth.R is None:
@@ -164,9 +164,9 @@ def clock_by_rates(recording: Recording, settings: Estimated, known: float | Non
 
 
 def _uncalibrated(recording: Recording, settings: Estimated, lever: bool, airborne: float | None) -> Calibration:
-    """Return what the map gives where nothing is calibrated: the truth only judges.
+    """Return the map's own values as a calibration: nothing is estimated, the truth only judges.
 
-    The errors left are those so far above the truth's first height [m]: on a floor ranges may be wrong.
+    `left` counts only ranges at least `airborne` [m] above the truth's first height: on a floor ranges may be wrong.
     """
     truth, ranges, anchors = recording.truth, recording.ranges, np.asarray(recording.anchors)
     assert truth is not None
@@ -192,19 +192,19 @@ def calibrate(
     level: Level = UNKNOWN_LEVEL,
     airborne: float | None = None,
 ) -> Calibration:
-    """Return the calibration of the first part; with a share of 0 the map's own.
+    """Return the calibration by the first part of a motion; with `settings.share` 0 the map's own values.
 
     Args:
-        recording: with truth.
+        recording: a motion with truth.
         settings: what to estimate.
-        lever: whether to look for the antenna's lever and to let the body rates tell the clock; not for a filter
+        lever: whether to look for the antenna's lever and to let the body rates tell the clock; False for a filter
             without IMU.
-        near: where to start the search for the clock's offset, if that is roughly known [s].
+        near: a rough clock offset to start from [s]; None searches.
         level: what is known of the antenna's height in the anchors' frame.
-        airborne: of a share of 0, only what is so far above the truth's first height tells the errors left [m].
+        airborne: with a share of 0, ranges count in `left` only at least so far above the truth's first height [m].
 
     Raises:
-        InputError: if too few ranges fall in the first part, or truth and ranges do not meet.
+        InputError: if too few ranges fall in the first part, or truth and ranges do not overlap in time.
     """
     if settings.share == 0.0:
         return _uncalibrated(recording, settings, lever, airborne)
@@ -244,7 +244,7 @@ def calibrate(
         if level.deviation < np.inf and kind != "same":
             shift[2] = level.height - turned[2]
         elif flat and kind != "same":
-            shift[2] = middle[2]  # of two mirror images the one whose frames have their floor in common
+            shift[2] = middle[2]  # of two mirror images, start at the one where both frames share their floor
         found = np.zeros(0)
         if find:
             few = [np.flatnonzero(ranges.anchor[chosen] == i) for i in range(n)]

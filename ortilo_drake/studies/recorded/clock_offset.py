@@ -1,8 +1,8 @@
-"""The truth's clock less the sensors', where both saw the body turn: by the body rates.
+"""The offset of the truth's clock from the sensors', by the turns that both truth and gyro saw.
 
-Over each interval of the truth its turn, as a rotation vector, is M times the integral of the body rates, with M the
-turn between the two bodies' axes; the offset is where the best M (Kabsch) leaves least. Intervals overlap: they are so
-long that a truth's turns over them stand out of its own noise, which the third differences of its attitude tell.
+Over each interval the truth's turn, as a rotation vector, is M times the integral of the body rates; M turns the IMU's
+body axes to the truth's. The offset is the one whose best M (Kabsch) leaves the smallest residual. Intervals overlap.
+They are so long that the truth's turns exceed its noise, which the third differences of its attitude tell.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,17 +13,17 @@ from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.recording import Imu, Truth
 
-COARSE, FINE, NEAR = 0.02, 0.001, 1.0  # steps of the search, and how far from an offset that is about known [s]
+COARSE, FINE, NEAR = 0.02, 0.001, 1.0  # two steps of the search, and its reach around a roughly known offset [s]
 SPANS = (0.05, 1.0)  # the shortest and about the longest interval [s]
-STANDS_OUT = 6.0  # of the turns' RMS beside the attitude's noise
-LONGEST = 3.0  # an interval of the truth longer than this many medians has no one turn
-TELLS = 0.1  # the body rates tell the clock if they leave less of the turns' mean square; transposed matrices leave 0.2
+STANDS_OUT = 6.0  # least ratio of the turns' RMS to the attitude's noise
+LONGEST = 3.0  # intervals of the truth longer than this many medians contain a gap and are left out
+TELLS = 0.1  # body rates tell the clock if they leave a smaller share of the turns' mean square; transposed R leave 0.2
 
 
 class ByRates(NamedTuple):
-    """Offset [s], M (3, 3) from the IMU's body axes to the truth's, and the share of the turns that is left.
+    """Offset [s], mount M (3, 3) from the IMU's body axes to the truth's, and the unexplained share of the turns.
 
-    `scale` is the factor by which the rates would leave least, `scaled` the share that they would leave then.
+    `scale` is the factor of the rates that would leave the smallest share, `scaled` the share left with it.
     """
 
     offset: float
@@ -34,9 +34,9 @@ class ByRates(NamedTuple):
 
 
 def intervals_apart(t: np.ndarray, R: Rotation) -> int:
-    """Return the number of stamps between two attitudes R (n) at t (n) [s] whose turn exceeds their noise."""
+    """Return how many stamps apart attitudes R (n) at t (n) [s] must be for their turn to exceed their noise."""
     step = float(np.median(np.diff(t)))
-    third = np.diff((R[:-1].inv() * R[1:]).as_rotvec(), 2, axis=0)  # of independent noise 20 times its variance
+    third = np.diff((R[:-1].inv() * R[1:]).as_rotvec(), 2, axis=0)  # multiplies the variance of white noise by 20
     noise = float(np.sqrt(np.mean(np.sum(third**2, axis=1)) / 20.0))
     apart = max(1, int(np.ceil(SPANS[0] / step - 1e-6)))
     while 2 * apart * step < SPANS[1] and 4 * apart < len(t):
@@ -56,16 +56,16 @@ def best_by_rates(
     centres: Sequence[float] = (0.0,),
     any_scale: bool = False,
 ) -> ByRates:
-    """Return the best offset, however much of the turns it leaves: it tells the clock if that is less than TELLS.
+    """Return the best offset and mount, even if they leave much: they tell the clock only if `left` is below TELLS.
 
     Args:
         imu: the body rates.
-        truth: its attitude.
-        part: the first and the last stamp of the truth that may be used with an offset [s].
+        truth: the attitudes.
+        part: maps an offset to the first and the last stamp of the truth that may be used [s].
         search: greatest distance from a centre that is tried [s].
         known: the offset, if only the mount is asked for [s].
         centres: offsets to search around [s].
-        any_scale: whether it is the one that leaves least once the rates are scaled.
+        any_scale: whether to minimise `scaled` instead of `left`.
     """
     assert truth.R is not None
     R = Rotation.from_matrix(truth.R)
@@ -108,7 +108,7 @@ def best_by_rates(
 
 
 def gains_by_rates(imu: Imu, truth: Truth, offset: float) -> float | None:
-    """Return by how much a second the truth's clock gains on the imu's, by its two halves; None if they do not tell."""
+    """Return the gain of the truth's clock on the imu's [s/s], by the truth's two halves; None if they do not tell."""
     middle = (truth.t[0] + truth.t[-1]) / 2.0
     first = best_by_rates(imu, truth, lambda _: (-np.inf, middle), NEAR, None, (offset,))
     second = best_by_rates(imu, truth, lambda _: (middle, np.inf), NEAR, None, (offset,))

@@ -1,4 +1,4 @@
-"""All doubts about one replayed motion, the likely cause first."""
+"""All doubts about one replayed motion, the likeliest cause first."""
 
 from collections.abc import Mapping, Sequence
 
@@ -39,12 +39,12 @@ def doubts_of(
 
     Args:
         recording: the motion.
-        map_: how it was read.
-        look: what the cheap fits said.
-        calibration: by the truth, if there is one.
-        rows: figures by row.
+        map_: the map by which it was read.
+        look: the result of the cheap fits.
+        calibration: by the truth, None without a truth.
+        rows: scores by the row's name.
         found: estimates in the anchors' frame (m, 3), and the truth at their stamps, if known.
-        heading: doubts about the heading, told where nothing else explains them.
+        heading: doubts about the heading, returned if there is no other doubt.
     """
     truth, imu, settings = recording.truth, recording.imu, map_.calibration
     if said := stamp_doubts(recording, map_):
@@ -69,7 +69,7 @@ def doubts_of(
         if calibration is None:
             said += rate_doubts(imu, map_)
         else:
-            # A frame that does not fit says nothing of up, a wrong clock nothing of turns.
+            # A frame that does not fit tells nothing about up; a wrong clock tells nothing about turns.
             up_T = calibration.F.T[:, 2] if look.fit is not None and not said else None
             if look.guess is None or "clock" not in look.guess.key:
                 told = [] if up_T is None else axes_doubts(moving, map_, calibration.offset)
@@ -98,7 +98,7 @@ def stamp_doubts(recording: Recording, map_: Map) -> list[str]:
 
 
 def _left(recording: Recording, map_: Map, calibration: Calibration) -> float | None:
-    """Return the residual of a cheap fit to a motion, by the clock that was found [m]."""
+    """Return the RMS residual of a cheap fit to a motion at the calibrated clock offset [m]; None without a fit."""
     if isinstance(recording.anchors, int):
         return None
     now = as_read(recording, map_)

@@ -1,6 +1,6 @@
-"""Doubts about a replay, in sentences: each says what is odd and, if possible, the map's key that mends it.
+"""Doubts about a replay, in sentences: each says what is odd and, if possible, which key of the map mends it.
 
-Pure functions of numbers; the other readings of the files are tried in readings.py and imu_doubts.py.
+These are pure functions of numbers; readings.py and imu_doubts.py try other readings of the files.
 """
 
 from collections.abc import Mapping
@@ -15,35 +15,35 @@ from ortilo_drake.interop.recorded.units import size_of
 from ortilo_drake.studies.recorded.readings import Guess
 from ortilo_drake.studies.recorded.scores import Scores
 
-TIMES = 3.0  # a residual of more than so many standard deviations of the ranges
-LARGE = 0.5  # a lever or a bias [m]
-EDGE = 0.3  # an offset so near the end of its search [s]
-REFUSED = 0.2  # share of the ranges
-WORSE, NIS = 1.5, 1.6  # times the error without the imu, and the mean NIS: an imu read rightly does better
-# Without a truth: an imu read wrongly predicts the ranges at least 12 % worse than none, one read rightly 1 %.
-PREDICTS, AGREES, OUT = 1.05, 1.2, 0.01  # times the innovations, mean NIS, share of the ranges, of the filter without
-CLAIMED = 6.0  # mean NEES of errors of 1.4 times what the filter claims
+TIMES = 3.0  # a larger residual is doubtful [standard deviations of a range]
+LARGE = 0.5  # a larger lever or bias is doubtful [m]
+EDGE = 0.3  # an offset so near to the end of its search is doubtful [s]
+REFUSED = 0.2  # a larger share of refused ranges is doubtful
+WORSE, NIS = 1.5, 1.6  # larger errors than so many times those without imu, or a larger mean NIS: the imu is misread
+# Without a truth: an imu read wrongly predicts the ranges at least 12 % worse than no imu, one read rightly 1 % worse.
+PREDICTS, AGREES, OUT = 1.05, 1.2, 0.01  # innovations against those without imu; mean NIS and refused share of that
+CLAIMED = 6.0  # mean NEES of errors 1.4 times as large as the filter claims
 TUNE = "`ortilo tune FOLDER --map MAP.yaml --out TUNED.yaml`"
-OFF_PLANE = 0.3  # of the anchors, root mean square [m]
-FROZEN = 0.5  # a position that stands still for longer [s]
-JUMP, STEPS = 0.05, 5.0  # and then goes on so far away [m], and so many usual steps
-OFTEN = (3e-4, 5.0)  # the time between two ranges of an anchor lies in between [s]
+OFF_PLANE = 0.3  # anchors nearer to one plane than this (RMS) leave a mirror image [m]
+FROZEN = 0.5  # a position that stands still for longer may be frozen [s]
+JUMP, STEPS = 0.05, 5.0  # it was frozen if it then jumps by more than so far [m] and so many usual steps
+OFTEN = (3e-4, 5.0)  # the time between two ranges of an anchor lies between these [s]
 UNIT_KEYS = {f"{{unit: {unit}}}": size for unit, size in UNITS.items()} | {"{unit: 86400} (days)": 86400.0}
-ALIKE, STUCK = 5, 0.05  # ranges that are alike are at least so many; told for this share of the time
-COVERED, MISSED = 0.9, 1.0  # share of the ranges for which there is an imu, but for so long at either end [s]
-MOVED = 0.3  # or ranges that change by so much meanwhile [m]
+ALIKE, STUCK = 5, 0.05  # steps of equal ranges that count as stuck, at least; share of the time from which it is told
+COVERED, MISSED = 0.9, 1.0  # least share of the ranges that imu samples cover; so much may miss at either end [s]
+MOVED = 0.3  # ranges that change by more show that the body moved [m]
 
 
 def range_noise(settings: FilterSettings, imu: bool) -> float:
-    """Return the standard deviation of a range that the filter counts on [m]."""
+    """Return the standard deviation of a range that the filter assumes [m]."""
     return float(np.hypot(settings.range_white, settings.range_correlated)) if imu else settings.baseline_range
 
 
 def of_calibration(left: float, noise: float, lever: np.ndarray | None, biases: np.ndarray) -> list[str]:
     """Return the doubts about a calibration, a sentence each.
 
-    By the RMS of the ranges' errors left after it and a range's standard deviation [m], the antenna's lever (3) [m] if
-    it was estimated, and the ranges' biases (n) [m].
+    left: RMS of the ranges' errors after the calibration [m]; noise: a range's standard deviation [m]; lever: the
+    antenna's (3) [m], None if it was not estimated; biases: of the ranges (n) [m].
     """
     found = []
     if left > TIMES * noise:
@@ -61,7 +61,7 @@ def of_calibration(left: float, noise: float, lever: np.ndarray | None, biases: 
 
 
 def of_agreement(left: float, noise: float) -> list[str]:
-    """Return a doubt if the ranges of one time fit no place, RMS error left [m]; noise: of a range [m]."""
+    """Return a doubt if ranges of the same time fit no place: RMS error left [m], beside the noise of a range [m]."""
     if left <= TIMES * noise:
         return []
     return [
@@ -71,7 +71,7 @@ def of_agreement(left: float, noise: float) -> list[str]:
 
 
 def of_stamps(ranges: Ranges, unit: str | float) -> list[str]:
-    """Return a doubt if an anchor is heard so seldom, or so often, that the unit of the stamps is wrong."""
+    """Return a doubt if the anchors are heard so seldom or so often that the unit of the stamps must be wrong."""
     steps = [np.diff(np.unique(ranges.t[ranges.anchor == i])) for i in np.unique(ranges.anchor)]
     step = float(np.median(np.concatenate(steps))) if any(map(len, steps)) else 1.0
     for key, size in UNIT_KEYS.items():
@@ -85,7 +85,7 @@ def of_stamps(ranges: Ranges, unit: str | float) -> list[str]:
 
 
 def of_stuck(ranges: Ranges) -> list[str]:
-    """Return a doubt if ranges to an anchor keep one value for long while those to others change, or then jump."""
+    """Return a doubt if an anchor's ranges keep one value for long while other ranges change, or if they then jump."""
     stuck: dict[int, float] = {}
     single = ranges.other < 0
     for i in np.unique(ranges.anchor[single]):
@@ -107,7 +107,7 @@ def of_stuck(ranges: Ranges) -> list[str]:
 
 
 def of_cover(ranges: Ranges, imu: Imu) -> list[str]:
-    """Return a doubt if the imu's stamps cover only a part of the ranges'."""
+    """Return a doubt if the imu's stamps cover only a part of the ranges' stamps."""
     covered = float(np.mean((ranges.t >= imu.t[0] - MISSED) & (ranges.t <= imu.t[-1] + MISSED)))
     if covered > COVERED:
         return []
@@ -118,7 +118,7 @@ def of_cover(ranges: Ranges, imu: Imu) -> list[str]:
 
 
 def of_failed(failed: tuple[float, ...], drag: tuple[float, float]) -> list[str]:
-    """Return sentences on unused axes of the accelerometer, since when [s], and on drag's k if it was estimated."""
+    """Return sentences on drag's k and its sd, and on the accelerometer's x and y, which failed at [s], inf if not."""
     k, sd = drag
     found = [f"drag: its k at the end is {k:.3f} 1/s, standard deviation {sd:.3f}"] if sd > 0.0 else []
     return found + [
@@ -129,14 +129,14 @@ def of_failed(failed: tuple[float, ...], drag: tuple[float, float]) -> list[str]
 
 
 def of_guess(guess: Guess | None) -> list[str]:
-    """Return the reading that fits better."""
+    """Return a sentence on the reading of the files that fits better, if there is one."""
     if guess is None:
         return []
     return [f"{guess.key} would fit better: {guess.of} errors {guess.before:.3g} m RMS -> {guess.after:.3f} m"]
 
 
 def of_offset(offset: float, centres: list[float], search: float, told_by: str) -> list[str]:
-    """Return a doubt if a clock offset lies at the end of its search [s]; each is from the files' own first stamps."""
+    """Return a doubt if a clock offset lies at the end of its search; both count from the files' first stamps [s]."""
     if told_by == "map":
         return []
     inside = search - min(abs(offset - centre) for centre in centres)
@@ -149,7 +149,7 @@ def of_offset(offset: float, centres: list[float], search: float, told_by: str) 
 
 
 def of_rows(rows: Mapping[str, Scores], main: tuple[str, ...]) -> list[str]:
-    """Return doubts about main rows that refuse many ranges or lost the filter."""
+    """Return doubts about the main rows: the filter was lost or refused many ranges."""
     found = []
     for name in main:
         if name in rows and not np.isfinite(rows[name].nis):
@@ -160,7 +160,7 @@ def of_rows(rows: Mapping[str, Scores], main: tuple[str, ...]) -> list[str]:
 
 
 def of_imu(rows: Mapping[str, Scores], name: str, bare: str) -> list[str]:
-    """Return a doubt if the filter with IMU does worse than it expects, or than the one without it (rows' names)."""
+    """Return a doubt if the filter with IMU (row `name`) does worse than it expects, or than the row `bare` without."""
     if name not in rows:
         return []
     said, s = "axes, signs, units or clock of the imu", rows[name]
@@ -180,7 +180,7 @@ def of_imu(rows: Mapping[str, Scores], name: str, bare: str) -> list[str]:
 def of_noise(rows: Mapping[str, Scores], name: str, bare: str) -> list[str]:
     """Return a sentence if only the filter's noise does not fit: the imu helps, and errors are about as claimed.
 
-    Without a truth: ranges and anchors agree by the filter without imu, and the imu predicts them as well.
+    Without a truth: the filter without imu agrees with ranges and anchors, and the imu predicts the ranges as well.
     """
     if name not in rows or bare not in rows or not rows[name].nis > NIS:
         return []
@@ -202,7 +202,7 @@ def of_plane(anchors: np.ndarray, p: np.ndarray, truth: np.ndarray | None, plana
         anchors: positions (n, 3).
         p: estimates in the anchors' frame (m, 3).
         truth: true positions at the same stamps, if known.
-        planar: whether the vehicle keeps one height: in the anchors' plane it is then its own mirror image.
+        planar: whether the vehicle keeps one height: a path in the anchors' plane is then its own mirror image.
     """
     middle = anchors.mean(axis=0)
     _, sizes, axes = np.linalg.svd(anchors - middle)
@@ -231,9 +231,9 @@ def _point(p: np.ndarray) -> str:
 
 
 def freezes(truth: Truth, ranges: Ranges, offset: float) -> list[tuple[float, float]]:
-    """Return the intervals in which the truth's position froze, (begin, end) by its own clock [s].
+    """Return the intervals in which the truth's position froze, (begin, end) by the truth's clock [s].
 
-    A body at rest may repeat its position too: it froze if it goes on elsewhere, or the ranges change meanwhile.
+    A body at rest repeats its position too: the truth froze only if it then jumps, or if the ranges change meanwhile.
     """
     rows = frozen_rows(truth.t, truth.p, FROZEN)
     edges = np.flatnonzero(np.diff(np.concatenate(([False], rows, [False])).astype(int)))
@@ -249,7 +249,7 @@ def freezes(truth: Truth, ranges: Ranges, offset: float) -> list[tuple[float, fl
 
 
 def _changed(ranges: Ranges, begin: float, end: float) -> bool:
-    """Return whether the ranges to two anchors change between two stamps [s]."""
+    """Return whether the ranges to at least two anchors change between two stamps [s]."""
     third = (end - begin) / 3.0
     changes = 0
     for i in np.unique(ranges.anchor):
@@ -261,7 +261,7 @@ def _changed(ranges: Ranges, begin: float, end: float) -> bool:
 
 
 def of_freezes(found: list[tuple[float, float]], before: float | None = None, after: float | None = None) -> list[str]:
-    """Return sentences on frozen rows: the key that drops them, the ranges' errors with and without them [m]."""
+    """Return a sentence on frozen rows, the key that drops them, and the range errors `before` and `after` that [m]."""
     if not found:
         return []
     begin, end = max(found, key=lambda one: one[1] - one[0])

@@ -1,19 +1,19 @@
 """The tight filter driven by recorded events: ranges, their differences, IMU samples and aids, each at its own stamp.
 
-States, propagation and scalar updates are those of onboard/estimator/tight: position p and velocity v of the point that
-is estimated, attitude R (body to world), biases b_g of the gyro and b_a of the accelerometer; for each anchor a bias
-c_i [m] that wanders slowly and an error g_i [m] that lasts for tau (first-order Gauss-Markov); the flow's error of
-scale s; and drag's k. The latest samples of gyro and accelerometer hold until the next ones.
+States, propagation and scalar updates come from onboard/estimator/tight. The states are position p and velocity v of
+the estimated point, attitude R (body to world), biases b_g of the gyro and b_a of the accelerometer; for each anchor a
+bias c_i [m] that wanders slowly and an error g_i [m] that lasts for tau (first-order Gauss-Markov); the flow's scale
+error s; and drag's k. The latest samples of gyro and accelerometer hold until the next ones.
 
-A range to anchor i, and a difference of the ranges to b and a, of a tag at the lever l from p in body axes:
+A range to anchor i, and the difference of the ranges to b and a, of a tag at the lever l from p in body axes, are
 
     r_i = |p + R l - a_i| + c_i + g_i + white,   r_ab = r_b - r_a
 
-taken one at a time, and left out if its innovation exceeds the gate times its standard deviation, or if its anchor has
-yet to come back (anchor_trust.py). Boxes are given to landmarks and taken as in tight/pixels.py. Where the height is
-known or constant, a row of z or v_z comes first at each epoch. Without an IMU, no samples and no variance of R, b_g and
-b_a, this is the constant-velocity filter, driven by white acceleration. A vehicle that rests, its take-off, and an
-accelerometer that fails, are in imu_watch.py.
+Ranges are taken one at a time. A range is left out if its innovation exceeds the gate times its standard deviation, or
+if its anchor is still refused (anchor_trust.py). Boxes are associated with landmarks and taken as in tight/pixels.py.
+Where the height is known or constant, a row of z or v_z comes first at each epoch. Without an IMU there are no samples
+and no variance of R, b_g and b_a: the filter is then the constant-velocity filter, driven by white acceleration.
+imu_watch.py handles a vehicle at rest, its take-off, and an accelerometer that fails.
 """
 
 from typing import NamedTuple
@@ -74,17 +74,17 @@ from ortilo_drake.studies.recorded.passing import (
 )
 from ortilo_drake.studies.recorded.run_tape import cut_to, room_for, write_query, write_range, write_step
 
-EPOCH, FORCE_AT, RATES_AT, GROWN, LOW, BEGUN = range(6)  # what stands where in `marks`
+EPOCH, FORCE_AT, RATES_AT, GROWN, LOW, BEGUN = range(6)  # indices into `marks`
 
 
 class Carried(NamedTuple):
     """The values carried from one event to the next beside the state.
 
-    These are the anchors' record, the time passed, rows that wait, a blank row, marks (6): stamps of the last epoch
-    and of the last samples of force and rates [s], the extra error of ranges near the floor, whether it is so large
-    that no range counts, and whether the first epoch is past; and usual (n, 2): of each anchor's range at rest the mean
-    of measured less expected [m], and of how many. A run that goes on with them gives the same numbers, bit
-    for bit, as one run over all events, if all events of one stamp are taken in by the same run.
+    These are the anchors' record, the time passed, rows that wait, a blank row, marks and usual. marks (6): stamps of
+    the last epoch and of the last samples of force and rates [s], the factor of range noise near the floor, whether it
+    is so large that no range counts, and whether the first epoch is past. usual (n, 2): the mean of measured less
+    expected range at rest [m] of each anchor, and the number of ranges in it. A run that goes on with these values
+    gives the same bits as one run over all events, if one run takes in all events of one stamp.
     """
 
     trust: Trust
@@ -114,7 +114,7 @@ def _take_force(
     h: float,
     aids: Aids,
 ) -> None:
-    """Watch a sample of the specific force (3), h after the last; what is doubted of it is replaced."""
+    """Watch a sample f of the specific force (3), h [s] after the last one; replace its doubted axes in place."""
     if watched[RESTS] > 0.0:
         watch_rest(x, C, watched, f[2], h)
     elif aids.drag >= 0.0:
@@ -135,17 +135,17 @@ def run_filter(
 ) -> tuple[Run, State, int]:
     """Run the filter over events, to their end or until it is lost.
 
-    Returns the run, the state behind it, and how many events it took in: fewer than there are if it was lost.
+    Returns the run, the state after it, and the number of events taken in: fewer than all if the filter was lost.
 
     Args:
-        events: in order of time, all of them later than those of a run that this one goes on with.
-        heard_all: the numbers that they point to.
+        events: in order of time; later than all events of the run that this one continues.
+        heard_all: the values that the events index.
         start: the state before the first event; the attitude's variance is 0 without an IMU.
-        carried: what the run before it left, or initial_carried; changed.
+        carried: the values left by the run before, or initial_carried; changed.
         anew: position and velocity to start anew from.
-        setup: what holds throughout.
-        wait: before this stamp it does not stop [s].
-        whole: whether to keep what a smoother needs.
+        setup: the settings that hold throughout.
+        wait: the filter does not stop as lost before this stamp [s].
+        whole: whether to write the tape that a smoother needs.
     """
     total, N, noise, aids = len(events.t), start.C.shape[0], setup.noise, setup.aids
     t, x, C, held, watched = start.t, start.x.copy(), start.C.copy(), start.held.copy(), start.watched.copy()
@@ -153,7 +153,7 @@ def run_filter(
     trust, passing, waiting, row, marks = carried.trust, carried.passing, carried.waiting, carried.row, carried.marks
     now = Now(x, C, waiting, row, run.tape, written, watched)
     epoch, force_at, rates_at, grown = marks[EPOCH], marks[FORCE_AT], marks[RATES_AT], marks[GROWN]
-    imu = C[THETA, THETA] > 0.0  # not by its rows: live, a run in which it is silent has none
+    imu = C[THETA, THETA] > 0.0  # not by the imu's events: a live run while the imu is silent has none
     low, begun, done = marks[LOW] > 0.0, marks[BEGUN] > 0.0, total
     for k in range(total):
         h, kind = events.t[k] - t, events.kind[k]
@@ -179,7 +179,7 @@ def run_filter(
             settle(C, waiting)
             astray = C[0, 0] + C[1, 1] + C[2, 2] > ASTRAY**2
             grown = grown_at(x, C[2, 2], setup.levers[0], noise, aids)
-            low = grown > 2.0  # all ranges are wrong there, and none says that the filter is lost
+            low = grown > 2.0  # all ranges are wrong there: none shows that the filter is lost
             lost = astray or (not low and is_lost(t, trust))
             if lost and kind == RANGE and t >= wait and watched[RESTS] == 0.0:
                 done = k

@@ -1,8 +1,8 @@
-"""Rows of the filter on recorded events: of its start, of what is known of the height, of boxes, of events.
+"""Measurement rows of the filter on recorded events: of its start, of a known height, of boxes, of events.
 
-A row is an innovation with its gradient. A function that makes one writes to a blank row and returns the innovation,
-and the number of entries where that is not always the same. x is the nominal state, R the body's attitude (3, 3),
-lever l the antenna in body axes (3).
+A row is an innovation with its gradient. A function that makes a row writes to a blank row and returns the innovation,
+and the number of entries where it varies. x is the nominal state, R the body's attitude R_WB (3, 3), lever l the
+antenna in body axes (3).
 """
 
 from typing import NamedTuple
@@ -38,11 +38,11 @@ from ortilo_drake.studies.recorded.filter_types import (
 from ortilo_drake.studies.recorded.imu_watch import AVERAGED, HELD, force_row
 from ortilo_drake.studies.recorded.run_tape import write_row
 
-ROOM = 16  # rows that wait until the covariance is passed over
-NEAREST, LARGEST = 0.02, 10.0  # no antenna is nearer to the floor than this [m], and no error grows by more
-NEAR, UPRIGHT = 0.1, 0.5  # looking down needs this height [m] and R_33
-LANDED_SD = (0.02, 0.03)  # standard deviations of velocity and height where it has landed [m/s], [m]
-MAY = 2.0  # standard deviations by which a height may be more than is believed
+ROOM = 16  # rows that wait before they are settled into the covariance
+NEAREST, LARGEST = 0.02, 10.0  # least height of an antenna [m]; largest factor of range noise near the floor
+NEAR, UPRIGHT = 0.1, 0.5  # range finder and flow need at least this height [m] and this R_33
+LANDED_SD = (0.02, 0.03)  # standard deviations of velocity and height after a landing [m/s], [m]
+MAY = 2.0  # standard deviations by which the true height may exceed the estimated one
 
 
 @register_jitable
@@ -53,7 +53,7 @@ def wipe(row: SparseRow) -> None:
 
 @register_jitable
 def state_row(at: int, row: SparseRow) -> None:
-    """Write the row of one error state."""
+    """Write the row that measures the error state of index `at`."""
     row.where[0], row.of[0] = at, 1.0
 
 
@@ -68,7 +68,7 @@ def distance_row(
     measured: float,
     row: SparseRow,
 ) -> tuple[float, int]:
-    """Write the row of a range to anchor b, or of its difference to that to a, and return innovation and entries."""
+    """Write the row of a range r_b, or of r_b - r_a if a >= 0; return the innovation [m] and the number of entries."""
     for i in range(3):
         row.where[i], row.where[3 + i] = P + i, THETA + i
     p, slow = x[P : P + 3], BIASES + len(anchors)
@@ -81,7 +81,7 @@ def distance_row(
 
 @register_jitable
 def height_row(x: np.ndarray, R: np.ndarray, lever: np.ndarray, height: float, row: SparseRow) -> float:
-    """Write the row of the antenna's height, of four entries, and return its innovation."""
+    """Write the row of the antenna's height (four entries), and return its innovation [m]."""
     state_row(P + 2, row)
     e = height - x[P + 2]
     for i in range(3):
@@ -93,19 +93,19 @@ def height_row(x: np.ndarray, R: np.ndarray, lever: np.ndarray, height: float, r
 
 @register_jitable
 def held_back(S: float, deviation: float) -> float:
-    """Return the noise of a row that brings its variance S down to deviation², and no further.
+    """Return the noise variance of a row that lowers its prior variance S to deviation², and no further.
 
-    What is known of a height is known once: taken at every epoch as if it were new, it would soon be believed to death.
+    A known height is one piece of knowledge: taken as new at each epoch, it would soon make the filter overconfident.
     """
     return 1.0 / (1.0 / deviation**2 - 1.0 / S)
 
 
 @register_jitable
 def grown_at(x: np.ndarray, variance: float, lever: np.ndarray, noise: Noise, aids: Aids) -> float:
-    """Return the extra error of ranges near the floor, at most LARGEST: a lost filter must still accept some.
+    """Return the factor of range noise near the floor, at most LARGEST: a lost filter must still accept some ranges.
 
-    It is that at the height that the antenna may have, given its variance: a filter that is too low by mistake would
-    else believe in no range that tells it so.
+    The factor is that at the largest height the antenna may have, given the height's variance [m²]. Otherwise a filter
+    that is too low by mistake would accept no range that corrects it.
     """
     if noise.near_floor == 0.0:
         return 1.0
@@ -116,7 +116,7 @@ def grown_at(x: np.ndarray, variance: float, lever: np.ndarray, noise: Noise, ai
 
 
 class Now(NamedTuple):
-    """The filter at an event: nominal state, covariance and rows that wait, all changed; a row; tape; and `watched`."""
+    """The filter at an event: nominal state, covariance and waiting rows (all changed), a row, tape and `watched`."""
 
     x: np.ndarray
     C: np.ndarray
@@ -137,7 +137,7 @@ def widen(C: np.ndarray, PHt: np.ndarray, S: float) -> None:
 
 @register_jitable
 def take(now: Now, row: SparseRow, e: float, S: float) -> None:
-    """Take a row of innovation e, whose variance is S, and write it down; one of negative S widens the covariance."""
+    """Correct the filter by a row of innovation e and variance S, and write it to the tape; S < 0 widens C."""
     write_row(now.tape, now.written, row, e, S)
     if S < 0.0:
         settle(now.C, now.waiting)
@@ -152,13 +152,13 @@ def take(now: Now, row: SparseRow, e: float, S: float) -> None:
 
 @register_jitable
 def variance_of(now: Now, row: SparseRow, m: int) -> float:
-    """Return H C H^T of a row with m entries."""
+    """Return H C H^T of a row H with m entries; H's C H^T is kept in the row."""
     return innovation_variance(now.C, now.waiting, row.where, row.of, m, row.PHt)
 
 
 @register_jitable
 def take_start(now: Now, anew: Restart) -> None:
-    """Take position and velocity to start anew from."""
+    """Take the position and velocity of a restart as measurements."""
     for i in range(6):
         wipe(now.row)
         state_row(i, now.row)
@@ -168,7 +168,7 @@ def take_start(now: Now, anew: Restart) -> None:
 
 @register_jitable
 def take_level(now: Now, lever: np.ndarray, level: Level) -> None:
-    """Take what is known of climb and height, as far as it says more than the filter knows."""
+    """Take the known climb rate and height as measurements, if they are more certain than the filter."""
     x, row = now.x, now.row
     if level.climb < np.inf:
         wipe(row)
@@ -188,11 +188,10 @@ def take_level(now: Now, lever: np.ndarray, level: Level) -> None:
 def own_row(
     k: int, axis: int, events: Events, heard_all: EventValues, now: Now, rates: np.ndarray, setup: Setup, grown: float
 ) -> tuple[float, float, int]:
-    """Write the row of event k; return innovation, noise and the number of entries, 0 without a row.
+    """Write the row of event k; return innovation, noise variance and the number of entries, 0 without a row.
 
-    Of flow and force that is the row along an axis, 0 or 1; of a landing those of the velocity, 0 to 2, and of the
-    height, 3.
-    What looks down says nothing near the floor or where the body is far from upright.
+    `axis` selects the row: of flow and force, axis 0 or 1; of a landing, the velocity's axes 0 to 2, or 3 for the
+    height. Range finder and flow give no row near the floor or where the body is far from upright.
     """
     x, row, aids = now.x, now.row, setup.aids
     wipe(row)
@@ -222,7 +221,7 @@ def own_row(
 
 @register_jitable
 def take_boxes(message: np.ndarray, now: Now, rates: np.ndarray, setup: Setup) -> None:
-    """Give the boxes of a detections message to landmarks, and take their centres."""
+    """Associate the boxes of a detections message with landmarks, and take the boxes' centres as measurements."""
     x, C, sight = now.x, now.C, setup.aids.sight
     N, sd = C.shape[0], sight.noise
     layout = Layout(-1, -1, -1, -1, -1, -1, -1, N, 0, N)

@@ -1,7 +1,7 @@
 """Inputs, state and outputs of the filter on recorded events.
 
-Shapes: n anchors, N = 17 + 2 n error states [dp, dv, theta, db_g, db_a, dc, dg, ds, dk] and a nominal state of N + 1
-numbers, as onboard/estimator/tight/layout.py has them; see event_filter.py.
+Shapes: n anchors, N = 17 + 2 n error states [dp, dv, theta, db_g, db_a, dc, dg, ds, dk], and a nominal state of N + 1
+numbers in the order of onboard/estimator/tight/layout.py; see event_filter.py.
 """
 
 from typing import NamedTuple
@@ -13,11 +13,11 @@ from ortilo_drake.interop.recorded.map_file import FilterSettings
 from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, N_INERTIAL
 
-# Kinds of events, in the order of those with one stamp.
+# Kinds of events; events of one stamp follow in this order.
 RATES, FORCE, LANDED, RANGE, FINDER, FLOW, BOXES, QUERY = range(8)
 BIASES = N_INERTIAL  # where the anchors' constant errors begin in the error state
-ENTRIES = 16  # of a row, at most
-TRANSITION = N_INERTIAL + 1  # columns of a step's transition: by the inertial errors and by that of drag's k
+ENTRIES = 16  # entries of a row, at most
+TRANSITION = N_INERTIAL + 1  # columns of a step's transition: the inertial errors, and the error of drag's k
 
 
 def states(anchors: int) -> int:
@@ -32,7 +32,7 @@ def nominal(i: int) -> int:
 
 
 class SparseRow(NamedTuple):
-    """A sparse row of H: the indices and values of its entries (16 each); and C H^T (N)."""
+    """A sparse row of H: indices and values of its entries (16 each), and C H^T (N)."""
 
     where: np.ndarray
     of: np.ndarray
@@ -42,8 +42,8 @@ class SparseRow(NamedTuple):
 class Events(NamedTuple):
     """The events of a recording, in order of time.
 
-    Stamp [s], kind, index (of sample, anchor, flow or picture), the other anchor of a difference or -1, the range,
-    difference, height or z of the place of landing [m], and the tag of a range (n each).
+    t: stamp [s]; kind; which: index of the sample, anchor, flow or picture; other: the other anchor of a difference, or
+    -1; r: range, difference, distance to the floor, or z of the landing place [m]; tag: of a range (n each).
     """
 
     t: np.ndarray
@@ -64,7 +64,7 @@ class EventValues(NamedTuple):
 
 
 class Noise(NamedTuple):
-    """Noise of the filter; units in interop/recorded/map_file.py, FilterSettings."""
+    """Noise of the filter; interop/recorded/map_file.py gives the units in FilterSettings."""
 
     acceleration: float
     rotation: float
@@ -82,7 +82,7 @@ class Noise(NamedTuple):
 
 
 def noise_of(s: FilterSettings, imu: bool) -> Noise:
-    """Return the filter's noise by the map's settings; without an IMU that of the constant-velocity filter."""
+    """Return the filter's noise by the map's settings; without an IMU, the constant-velocity filter's noise."""
     last = (np.inf if s.huber is None else s.huber, s.near_floor, s.range_tail, s.reflected)
     if imu:
         white = (s.acceleration, s.rotation, s.acceleration_bias, s.rotation_bias, s.range_white, s.range_correlated)
@@ -91,9 +91,9 @@ def noise_of(s: FilterSettings, imu: bool) -> Noise:
 
 
 class Level(NamedTuple):
-    """The known height: the antenna's z and its deviation [m], and the deviation of v_z [m/s].
+    """The known height: the antenna's z and its standard deviation [m], and the standard deviation of v_z = 0 [m/s].
 
-    An infinite deviation says that nothing is known.
+    An infinite deviation means that nothing is known.
     """
 
     height: float
@@ -105,10 +105,10 @@ UNKNOWN_LEVEL = Level(0.0, np.inf, np.inf)
 
 
 class Sight(NamedTuple):
-    """Landmarks and camera: positions (n, 3), outlines (n, m, 3) and classes (n) in W, and the camera.
+    """Landmarks and camera: positions (n, 3) and outlines (n, m, 3) in W, classes (n), and the camera.
 
-    Then the noise of take_boxes (3), and the largest squared innovations: of a box, and of one that may be a landmark's
-    (2).
+    noise: the noise of take_boxes (3); gates: the largest squared innovations at which a box is taken, and at which it
+    is associated with a landmark (2).
     """
 
     positions: np.ndarray
@@ -134,14 +134,13 @@ class Aids(NamedTuple):
 
     Attributes:
         floor: z of the floor [m].
-        finder: where the range finder is in B (3) [m].
-        finder_sd: its noise [m].
-        pixels: of the flow in an interval for one rad/s [px s/rad].
-        flow_sd: its noise [px].
-        drag: k of the specific force -k v_B along x and y, at first [1/s]; negative where the accelerometer is not
-            doubted.
-        drag_sd: white noise of that [m/s²/√Hz].
-        doubted: an accelerometer's sample farther from it is not used [m/s²].
+        finder: position of the range finder in B (3) [m].
+        finder_sd: noise of the range finder [m].
+        pixels: flow in one interval at 1 rad/s [px s/rad].
+        flow_sd: noise of the flow [px].
+        drag: first k of the specific force -k v_B along x and y [1/s]; negative where the accelerometer is not doubted.
+        drag_sd: white noise of that force [m/s²/√Hz].
+        doubted: an accelerometer's sample farther from drag's force is not used [m/s²].
         sight: landmarks and camera.
     """
 
@@ -164,9 +163,9 @@ class Setup(NamedTuple):
 
     Attributes:
         anchors: positions (n, 3).
-        levers: from the estimated point to the point that the tags count from, and to each tag, body axes (1 + m, 3).
-        level: what is known of the height.
-        noise: the noise.
+        levers: from the estimated point to the tags' origin, and to each tag, body axes (1 + m, 3) [m].
+        level: the known height.
+        noise: the filter's noise.
         aids: range finder, flow, drag and boxes.
     """
 
@@ -180,11 +179,11 @@ class Setup(NamedTuple):
 class State(NamedTuple):
     """The filter between two events.
 
-    t [s]; nominal x (N + 1); covariance C (N, N); the samples of the imu that hold (6); watched (17): whether it rests,
-    the speed upward that its force has added up to [m/s], share of doubted samples and the stamp since when the
-    accelerometer is not used, inf if it is (2 each, x and y), for how long that speed has been above 0 [s]; and (2
-    each) the force less drag added up [m/s], for how long [s], and how badly they agree; and how much ranges change at
-    rest; the last force upward there [m/s²], and how much it varied at first and lately [m²/s⁴]. See imu_watch.py.
+    t [s]; nominal x (N + 1); covariance C (N, N); held: the imu's samples that hold (6); watched (17), see imu_watch:
+    whether the vehicle rests; the upward speed by its summed force [m/s]; the share of doubted samples, and the stamp
+    since when the accelerometer is not used, inf if it is (2 each, x and y); how long that speed has been above 0 [s];
+    the sum of force less drag [m/s], its duration [s], and the mean misfit of both (2 each); how much ranges change at
+    rest; the last upward force at rest [m/s²], and its variance at first and lately [m²/s⁴].
     """
 
     t: float
@@ -197,7 +196,7 @@ class State(NamedTuple):
 class Restart(NamedTuple):
     """Position and velocity (6) with variances (6) for a filter to start anew; `opening` is added to C's diagonal (N).
 
-    They enter as measurements of the first epoch. An infinite variance says that there are none.
+    They enter as measurements at the first epoch. An infinite variance means that there is no restart.
     """
 
     x: np.ndarray
@@ -209,15 +208,15 @@ class Tape(NamedTuple):
     """The record that a smoother goes back through: steps in time, rows and queries, in order.
 
     Attributes:
-        what: of each 0, 1 or 2 (k).
-        A: transition of the first nine errors by the first fifteen and by dk, of each step (s, 9, 16).
-        keeps: factor by which each further error went on (s, N - 9).
+        what: kind of each entry: 0 a step, 1 a row, 2 a query (k).
+        A: transition of each step, from the first fifteen errors and dk to the first nine errors (s, 9, 16).
+        keeps: factor of each further error over the step (s, N - 9).
         where: indices of a row's entries (r, 16).
-        row: the entries, 0 where there is none (r, 16).
+        row: values of the entries, 0 where there is none (r, 16).
         gain: K (r, N).
         e: innovation (r).
-        S: its variance (r).
-        C: first nine rows of the covariance at each query (q, 9, N); kept as far as they are needed.
+        S: variance of the innovation (r).
+        C: first nine rows of the covariance at each query (q, 9, N).
     """
 
     what: np.ndarray
@@ -234,8 +233,8 @@ class Tape(NamedTuple):
 class Run(NamedTuple):
     """The result of a run of the filter.
 
-    At each query the nominal state x (q, N + 1) and the position's covariance P (q, 3, 3); of each range its
-    innovation, the innovation's variance and whether it was taken; and the tape, empty if it is not to be smoothed.
+    x, P: nominal state (q, N + 1) and position's covariance (q, 3, 3) at each query; innovation, variance, taken: of
+    each range, the innovation, its variance and whether the range was taken; tape: empty if nothing is to be smoothed.
     """
 
     x: np.ndarray

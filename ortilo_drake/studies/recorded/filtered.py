@@ -49,15 +49,15 @@ from ortilo_drake.studies.recorded.reacquired import (
 )
 from ortilo_drake.studies.recorded.run_tape import smooth
 
-LEVEL, STANDS = 0.03, 0.1  # of a tilt on the floor [rad], and of a velocity where the vehicle is known to be [m/s]
-ANY_TILT = 1.0  # of a tilt of which nothing is known but by the force at rest [rad]
-HEADINGS = 8  # tried, where none is known
-AGREES = 0.35  # headings carried back from the trials' ends are one that differ by less [rad]
-TRIAL = 30.0  # how long each is tried [s]
+LEVEL, STANDS = 0.03, 0.1  # standard deviations of a tilt on the floor [rad] and of the velocity at a known start [m/s]
+ANY_TILT = 1.0  # standard deviation of a tilt that only the force at rest tells [rad]
+HEADINGS = 8  # headings tried where none is known
+AGREES = 0.35  # two trials agree if their headings, carried back to the start, differ by less [rad]
+TRIAL = 30.0  # duration of each trial [s]
 
 
 class Begin(NamedTuple):
-    """The start: heading [rad], and the antenna's position and velocity if found by the ranges alone."""
+    """The filter's start: heading [rad], and the fix of the antenna if the ranges alone give one."""
 
     heading: float
     fix: Fix | None
@@ -67,18 +67,18 @@ class FilterSetup(NamedTuple):
     """The filter's settings for one motion.
 
     Attributes:
-        anchors: their positions (n, 3).
+        anchors: positions (n, 3) [m].
         biases: of the ranges by anchor (n) [m]; None estimates them online.
-        lever: from the body's point to the antenna (3) [m].
+        lever: from the body's point to the antenna, body axes (3) [m].
         heading: at the start [rad], None if unknown.
         level: the known height.
         start: the vehicle's start, None if unknown.
         looks: rows of range finder, flow and camera.
-        aids: their numbers, and those of drag.
-        scale_sd: deviation of the flow's scale.
-        k_sd: deviation of drag's k.
+        aids: parameters of these sensors and of drag.
+        scale_sd: standard deviation of the flow's scale.
+        k_sd: standard deviation of drag's k [1/s].
         rest: the imu's means at rest, after which the filter begins.
-        tags: their places (m, 3) [m]; without an imu all are at the lever's end.
+        tags: positions from the lever's end, body axes (m, 3) [m]; taken as 0 without an imu.
     """
 
     anchors: np.ndarray
@@ -96,10 +96,11 @@ class FilterSetup(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """At the stamps asked for: position (m, 3), covariance (m, 3, 3), attitude (m, 3, 3).
+    """The filter's position p (m, 3), its covariance P (m, 3, 3) and attitude R (m, 3, 3) at the stamps t (m) [s].
 
-    Then the innovations of the ranges, and their stamps; when the filter was lost; since when the accelerometer's x and
-    y are not used [s], inf if they are; drag's k at the end, and its deviation [1/s]; and where it began.
+    run, range_stamps: the ranges' innovations and stamps; lost: when the filter was lost; failed: since when the
+    accelerometer's x and y are not used [s], inf if they are; drag: k at the end and its standard deviation [1/s];
+    begin: the filter's start.
     """
 
     t: np.ndarray
@@ -117,7 +118,7 @@ class Estimate(NamedTuple):
 def events_of(
     ranges: Ranges, imu: Imu | None, known: FilterSetup, landed: Sequence[Landing], queries: np.ndarray, begin: float
 ) -> tuple[Events, EventValues]:
-    """Return the events from `begin` on, in order; the imu's last sample before `begin` is held at it."""
+    """Return the events from `begin` [s] on, in order; the imu's last sample before `begin` is stamped `begin`."""
     looks, start = known.looks, known.start
     rates = force = np.zeros((0, 3))
     parts = [
@@ -144,7 +145,7 @@ def events_of(
 
 
 def _events(kind: int, t: np.ndarray, *columns: np.ndarray, r: np.ndarray | float = 0.0) -> list[np.ndarray]:
-    """Return kind, stamp, index, other anchor, number and tag of some events (n each)."""
+    """Return kind, stamp, index, other anchor, number r and tag of the events of one kind (n each)."""
     whole = columns if len(columns) == 4 else (*(columns or (0,)), -1, r, 0)
     return [np.broadcast_to(column, len(t)) for column in (kind, t, *whole)]
 
@@ -152,10 +153,10 @@ def _events(kind: int, t: np.ndarray, *columns: np.ndarray, r: np.ndarray | floa
 def start_of(
     ranges: Ranges, imu: Imu | None, known: FilterSetup, settings: FilterSettings, begin: Begin, sure: bool
 ) -> State:
-    """Return the state at the first range, whose heading is `sure` where it was given and not tried.
+    """Return the state at the first range; `sure` says that the heading was given and not tried.
 
     Raises:
-        InputError: if no start is known, and fewer than three anchors are heard.
+        InputError: if no start is known and fewer than three anchors are heard.
     """
     n = len(known.anchors)
     variances = np.zeros(states(n))
@@ -195,16 +196,16 @@ def start_of(
 
 
 def _fix_of(ranges: Ranges, known: FilterSetup, R: np.ndarray) -> Fix:
-    """Return position and velocity at the first range; R turns the tags' places into W, where the attitude is known."""
+    """Return position and velocity at the first range; R turns the tags' positions into W, 0 if it is unknown."""
     window = ranges_for_a_fix(ranges)
     c = np.zeros(len(known.anchors)) if known.biases is None else known.biases
     return solve_first_fix(window, known.anchors, c, known.level, arms=known.tags[window.tag] @ R.T)
 
 
 def levers_of(known: FilterSetup, imu: Imu | None) -> np.ndarray:
-    """Return the places in the body of the tags' origin and of each tag (1 + m, 3) [m].
+    """Return the positions of the tags' origin and of each tag, body axes (1 + m, 3) [m].
 
-    Without an imu the attitude is not known, and all are that point.
+    Without an imu the attitude is not known, and all tags are taken to be at their origin.
     """
     return known.lever + np.vstack([np.zeros(3), known.tags * (imu is not None)])
 
@@ -218,11 +219,11 @@ def begin_of(
     events: Events,
     heard: EventValues,
 ) -> Begin:
-    """Return where the filter begins; without an IMU with a heading of 0, else the known one or one by eight trials.
+    """Return the filter's start: its heading is 0 without an IMU, else the known one, else found by eight trials.
 
-    Each trial lasts the first TRIAL seconds. Most end with the right heading, whatever they began with: it is the one
-    that more than half of them agree on, carried back by the body rates; else that of the likeliest innovations.
-    Arguments as estimate; events from the first range on.
+    A trial runs over the first TRIAL seconds. Most trials end with the right heading, whatever heading they began with.
+    So the final headings are carried back by the body rates, and the one that more than half of the trials agree on is
+    taken; else the heading of the likeliest innovations. Arguments as in `estimate`; events from the first range on.
     """
     by_ranges = known.start is None and not known.tags.any()  # else the fix depends on the heading, or none is needed
     fix = _fix_of(ranges, known, np.eye(3)) if by_ranges else None
@@ -231,9 +232,9 @@ def begin_of(
     events = Events(*(part[events.t <= ranges.t[0] + TRIAL] for part in events))
 
     def tried(heading: float) -> tuple[float, float]:
-        """Return the score of a heading, and the heading that the filter ends with, carried back by the body rates."""
+        """Return the score of a heading, and the trial's final heading carried back to the start by the body rates."""
         start = start_of(ranges, imu, known, settings, Begin(heading, fix), False)
-        runs, _, end = run_on(events, heard, start, setup, np.inf, False)  # a wrong one must not be mended
+        runs, _, end = run_on(events, heard, start, setup, np.inf, False)  # a restart would mend a wrong heading
         score = innovation_score(joined(runs), setup.noise.gate)
         if not np.isfinite(end.x).all() or not end.x[Q:ADDITIVE].any():
             return -np.inf, heading
@@ -250,7 +251,7 @@ def begin_of(
 
 
 def turned_by(events: Events, heard: EventValues, bias: np.ndarray) -> np.ndarray:
-    """Return the turn from the last body axes to the first that the body rates add up to, less their bias (3, 3)."""
+    """Return the rotation from the last body axes to the first (3, 3), integrated from the rates less their bias."""
     at = np.flatnonzero(events.kind == RATES)
     steps = (heard.rates[events.which[at]] - bias) * np.diff(events.t[at], append=events.t[-1])[:, None]
     return reduce(np.matmul, Rotation.from_rotvec(steps).as_matrix(), np.eye(3))
@@ -265,10 +266,10 @@ def estimate(
     smoothed: bool = False,
     begin: Begin | None = None,
 ) -> Estimate:
-    """Run the filter and return its estimates at the stamps asked for, those at or after the first range.
+    """Run the filter and return its estimates at the stamps `queries` [s], which increase, from the first range on.
 
-    With an IMU that stood still it begins with the first range after that; without one it is the constant-velocity
-    filter. The stamps rise [s]. `begin` is where it began before, which is then not searched again.
+    With an IMU that stood still, the filter begins with the first range after the standstill. Without an IMU it is the
+    constant-velocity filter. `begin`, if given, is the start of an earlier run, which is then not searched again.
 
     Raises:
         InputError: if fewer than three anchors are heard at the start, or the filter diverges.
@@ -280,10 +281,10 @@ def estimate(
     first = float(ranges.t[0])
     queries = queries[queries >= first]
     landed = landings(imu) if imu is not None and known.start is not None and known.start.lands else []
-    for one in landed if smoothed else []:  # the filter cannot know yet that it is on the floor
+    for one in landed if smoothed else []:  # between touching and rest the filter does not know that it has landed
         ranges = ranges.only((ranges.t <= one.touched) | (ranges.t > one.rests))
     noise = noise_of(settings, imu is not None)
-    if known.biases is not None:  # calibrated ones are held: what wanders is the correlated error
+    if known.biases is not None:  # calibrated biases are held; only the correlated error wanders
         noise = noise._replace(bias_walk=0.0)
     aids = known.aids if imu is not None else NO_AIDS
     setup = Setup(known.anchors, levers_of(known, imu), known.level, noise, aids)

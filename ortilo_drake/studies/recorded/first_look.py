@@ -1,9 +1,9 @@
 """A look at a recording before its calibration: does the map's reading fit at all, and does another fit better?
 
-Without a truth the constant-velocity filter over the whole recording tells of an anchor elsewhere. The cheap fit of
-short times (lone_fit.py) takes most of a misplaced anchor up as another place of the body, and what it leaves looks
-small. A filter's path is one: with the anchor's right place, and a constant for each anchor in both, all its
-innovations shrink. In real rooms errors that depend on the place shrink too, by some 4 %, so less is not told.
+Without a truth, the constant-velocity filter over the whole recording tells whether an anchor is elsewhere. The cheap
+fit of short times (lone_fit.py) absorbs most of a misplaced anchor as another place of the body, so its residual looks
+small. A filter has one path: with the anchor's right place, and a bias for each anchor in both runs, all innovations
+shrink. In real rooms errors that depend on the place shrink too, by some 4 %: a smaller gain is not told.
 """
 
 from typing import NamedTuple
@@ -40,18 +40,18 @@ from ortilo_drake.studies.recorded.readings import (
 from ortilo_drake.studies.recorded.setups import given_level
 from ortilo_drake.studies.recorded.truth_path import LEAST
 
-SHRINKS = 0.92  # to this share, in the squares
+SHRINKS = 0.92  # largest ratio of the mean NIS after to before at which a move is told
 BEST = 2  # moves tried, those that gain most
-SETTLED = 3.0  # the start tells nothing [s]
+SETTLED = 3.0  # the first seconds do not count: they judge the start [s]
 
 
 def moved_by_filter(recording: Recording, trial: Trial, map_: Map) -> Guess | None:
-    """Return the anchor's place by which the constant-velocity filter predicts all ranges clearly better.
+    """Return the anchor's place with which the constant-velocity filter predicts all ranges clearly better.
 
     Args:
-        recording: without a truth.
-        trial: what the cheap fits go by.
-        map_: what it says.
+        recording: a recording without a truth.
+        trial: the setup of the cheap fits.
+        map_: the map of the recording.
     """
     tried = [(one.key, *_innovations(recording, map_, one)) for one in moves_of(trial, map_, BEST)]
     good = [(key, left) for key, after, left in tried[1:] if after <= min(SHRINKS * tried[0][1], NIS)]
@@ -62,7 +62,7 @@ def moved_by_filter(recording: Recording, trial: Trial, map_: Map) -> Guess | No
 
 
 def _innovations(recording: Recording, map_: Map, by: Move) -> tuple[float, float]:
-    """Return mean NIS, no range above the gate's, and the RMS [m] of the innovations."""
+    """Return the mean NIS, each range bounded by the gate's, and the RMS of the innovations [m]."""
     ranges, settings = recording.ranges, map_.filter
     known = FilterSetup(by.anchors, by.biases, np.zeros(3), None, given_level(map_), tags=recording.tags)
     found = estimate(ranges, None, known, settings, ranges.t[-1:])
@@ -73,13 +73,13 @@ def _innovations(recording: Recording, map_: Map, by: Move) -> tuple[float, floa
     return float(np.mean(np.minimum(e**2 / variance, noise_of(settings, False).gate ** 2))), left_of(e)
 
 
-SUSPECT = 1.5  # other readings are tried where more than so many standard deviations of a range are left
-COARSE = 1.0  # clock offsets tried where nothing tells them [s]
+SUSPECT = 1.5  # other readings are tried if the residual exceeds so many standard deviations of a range
+COARSE = 1.0  # step between clock offsets tried where nothing tells the offset [s]
 LEAST_MISFIT = 1.0  # errors larger than this and than the motion itself leave nothing to calibrate [m]
-ROOM = 1.0  # anchors are farther apart [m]
+ROOM = 1.0  # least size of the anchors' room [m]
 STILL = 0.1  # a truth smaller than this stands still [m]
-OUTDOORS = 100.0  # a range that no room has [m]
-FITS = 0.05  # share of the ranges that may be left: what is made small fits well in metres
+OUTDOORS = 100.0  # a range larger than any room [m]
+FITS = 0.05  # largest residual as a share of the ranges: scaled down, any reading has a small residual in metres
 SCALED = ("ranges", "differences", "truth")
 FAR = 10.0  # ranges are in metres if their median is less than so many sizes of the anchors' room
 
@@ -87,7 +87,7 @@ FAR = 10.0  # ranges are in metres if their median is less than so many sizes of
 class CheapFit(NamedTuple):
     """The cheap fit of the map's reading, and a reading that is clearly better; None without anchors or enough ranges.
 
-    Without a truth it is that of the ranges to one another.
+    Without a truth the ranges are fitted to one another.
     """
 
     fit: PlainFit | None
@@ -98,7 +98,7 @@ def first_look(recording: Recording, map_: Map) -> CheapFit:
     """Fit clock and frame of the truth cheaply, or the ranges to one another, before the filter runs.
 
     Raises:
-        InputError: if ranges, anchors and truth are not of one size, so that nothing can be made of them.
+        InputError: if ranges, anchors and truth differ in size so much that no fit is possible.
     """
     anchors, ranges = recording.anchors, recording.ranges
     if isinstance(anchors, int):
@@ -148,14 +148,14 @@ def first_look(recording: Recording, map_: Map) -> CheapFit:
 
 
 def _gained(recording: Recording, offsets: np.ndarray) -> float | None:
-    """Return by how much a second the truth's clock gains on the imu's; None if it is not known."""
+    """Return the gain of the truth's clock on the imu's [s/s]; None if it is not known."""
     imu, truth = recording.imu, recording.truth
     known = imu is not None and truth is not None and truth.R is not None and len(offsets) == 1
     return gains_by_rates(imu, truth, float(offsets[0])) if known else None  # type: ignore[arg-type]
 
 
 def _airborne(truth: Truth | None, map_: Map) -> Truth | None:
-    """Return the truth from its first to its last stamp in the air: on a floor ranges may mean nothing."""
+    """Return the truth from its first to its last stamp in the air: on a floor ranges may be wrong."""
     if truth is None or map_.airborne is None:
         return truth
     up = np.flatnonzero(truth.p[:, 2] > truth.p[0, 2] + map_.airborne)
@@ -163,7 +163,7 @@ def _airborne(truth: Truth | None, map_: Map) -> Truth | None:
 
 
 def _all_small(trial: Trial, map_: Map) -> Guess | None:
-    """Return the unit of all lengths, where ranges have a hundred metres and more, and it makes them fit."""
+    """Return the guess of one smaller unit (mm or cm) for all lengths, if ranges exceed 100 m and the unit fits."""
     now, middle = trial.now, float(np.median(np.abs(trial.now.ranges.r)))
     for unit in ("mm", "cm"):
         by = UNITS[unit]
@@ -182,13 +182,13 @@ def _all_small(trial: Trial, map_: Map) -> Guess | None:
 
 
 def _unit(middle: float, room: float, map_: Map) -> str:
-    """Return the unit that brings the ranges nearest to the room's size."""
+    """Return the question whether the ranges have the unit that brings them nearest to the room's size."""
     unit = min(UNITS, key=lambda one: abs(np.log(middle * UNITS[one] / (0.6 * room))))
     return f"in {unit}? {scale_key(map_, UNITS[unit])} makes them metres"
 
 
 def _offsets(recording: Recording, map_: Map) -> tuple[np.ndarray, bool]:
-    """Return the clock offsets to start from [s], and whether they may move."""
+    """Return the clock offsets to start from [s], and whether a fit may change them."""
     settings = map_.calibration
     if settings.clock != "estimate":
         return np.array([float(settings.clock) - recording.truth_origin + recording.origin]), False

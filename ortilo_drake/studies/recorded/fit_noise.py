@@ -1,10 +1,10 @@
 """The filter's noise fitted to the first parts of recorded motions: one set for all of them.
 
-By innovations alone: the maximum of their likelihood, Σ -1/2 (log S + min(e²/S, gate²)), each range counted at most as
-if it lay on the gate. With truth: the maximum of the errors' likelihood, Σ -1/2 (log |P| + e' P^-1 e), at the truth's
+By innovations, the fit maximises their log-likelihood Σ -1/2 (log S + min(e²/S, gate²)): each range counts at most as
+if it lay on the gate. By truth, it maximises the errors' log-likelihood Σ -1/2 (log |P| + e' P^-1 e) at the truth's
 stamps.
-The logarithms of the numbers are searched by Nelder and Mead's simplex, begun anew where it stopped until that gains
-nothing. Whether the noise found is better, the rest of the motions judges (held_out.py), and lines of text say it.
+The Nelder-Mead simplex searches the logarithms of the numbers. It begins anew where it stopped until that gains
+nothing. The rest of the motions judges whether the noise found is better (held_out.py); lines of text say so.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,19 +24,19 @@ from ortilo_drake.studies.recorded.scores import nees_of
 from ortilo_drake.studies.recorded.truth_path import truth_path
 
 FITTED = ("acceleration", "range_white", "range_correlated", "correlation_time")
-LIMITS = {  # beyond these a number is no such noise, unless the map has it; degenerate corners are kept out
+LIMITS = {  # bounds of the search, widened to the map's own value; they keep out degenerate corners
     "acceleration": (5e-4, 10.0),
     "range_white": (5e-4, 1.0),
     "range_correlated": (5e-4, 1.0),
     "correlation_time": (0.1, 30.0),
 }
-STEP = 0.4  # of the simplex that each search begins with, in the numbers' logarithms
-MOST = 800  # likelihoods; a fit takes some 100 to 500
+STEP = 0.4  # edge of each search's first simplex, in the numbers' logarithms
+MOST = 800  # likelihoods computed, at most; a fit takes some 100 to 500
 GAINED = 1.0  # a search that raises the log-likelihood by less is the last
-AT_EDGE = 0.05  # a number whose logarithm is so near the end of its search is at its edge
+AT_EDGE = 0.05  # a number whose logarithm is this near to a bound is at the edge of its search
 SETTLED = 3.0  # the first seconds are left out: they judge the start, not the noise [s]
-SILENT, HALF = 1.0, 0.25  # a gap between two ranges [s]; more than so large a share of the fitted time is told
-CONSISTENT, RISEN = 3.0, 1.3  # mean NEES of honest deviations; a rise by less is not told
+SILENT, HALF = 1.0, 0.25  # a longer time between two ranges is silent [s]; a larger share of silent time is told
+CONSISTENT, RISEN = 3.0, 1.3  # mean NEES of a consistent filter; a rise by a smaller factor is not told
 
 NAMES = {
     "innovations": "likelihood of the ranges",
@@ -48,9 +48,9 @@ NAMES = {
 class Fitted(NamedTuple):
     """The settings found, the log-likelihood before and after, its number of evaluations, and the criterion.
 
-    at_limit: of each number that ended at the edge of its search the least and the largest value tried; ranges: how
-    many were fitted; fitted_time, silent: of the fitted parts, and how much of it has no ranges [s]; judged: how the
-    noise does on the rest; doubts: those of a replay by the map before.
+    at_limit: the bounds of each number that ended at the edge of its search; ranges: number of ranges fitted;
+    fitted_time, silent: duration of the fitted parts, and how much of it has no ranges [s]; judged: the noise's
+    judgement on the rest; doubts: about a replay by the map before.
     """
 
     settings: FilterSettings
@@ -68,15 +68,15 @@ class Fitted(NamedTuple):
 
     @property
     def chance(self) -> float | None:
-        """Return the gain that noise that was right before exceeds in one fit of twenty (Wilks: half a chi-squared).
+        """Return the gain that a fit exceeds by chance once in twenty if the noise was right before (Wilks: chi²/2).
 
-        None if it was fitted by truth: the errors at the truth's stamps last, so that their gain by chance is larger.
+        None for a fit by truth: the errors at the truth's stamps are correlated, so the gain by chance is larger.
         """
         return float(0.5 * chi2.ppf(0.95, len(FITTED))) if self.by == "innovations" else None
 
     @property
     def notes(self) -> list[str]:
-        """Return what makes the fit doubtful, in sentences."""
+        """Return sentences on what makes the fit doubtful."""
         notes = [
             f"{name}: {getattr(self.settings, name):.3g} is at the edge of its search, {least:g} to {largest:g}: the "
             "recording hardly tells it"
@@ -94,14 +94,14 @@ class Fitted(NamedTuple):
 
     @property
     def is_chance(self) -> bool:
-        """Whether the fitted part gains no more than it does by chance where the noise was right before."""
+        """Whether the fitted part gains no more than by chance, if the noise was right before."""
         return self.chance is not None and self.after - self.before <= self.chance
 
     @property
     def verdict(self) -> Verdict:
-        """Return what the rest says, but no better where the fitted part gains nothing, nor where the map is doubted.
+        """Return the verdict by the rest; "better" needs a gain on the fitted part too, and any needs an undoubted map.
 
-        Noise that is fitted to a mistake hides it: NIS is then 1.
+        Noise that is fitted to a mistake in the map hides the mistake: NIS is then 1.
         """
         if self.doubts:
             return "mend first"
@@ -109,7 +109,7 @@ class Fitted(NamedTuple):
 
 
 def _heard(motion: Parts) -> tuple[int, float, float]:
-    """Return how many ranges a motion's fitted part has, how long it is and how much of it has none [s]."""
+    """Return the number of ranges in a motion's fitted part, its duration [s] and its time without ranges [s]."""
     t = motion.recording.ranges.t
     t = t[t <= motion.end]
     gaps = np.diff(np.append(t, motion.end))
@@ -119,7 +119,7 @@ def _heard(motion: Parts) -> tuple[int, float, float]:
 def _likelihood_of(motion: Parts, by: By) -> Callable[[FilterSettings, bool], float]:
     """Return the log-likelihood of a motion's first part as a function of the settings.
 
-    Its second argument says whether to search anew where the filter begins, which takes nine tenths of the time.
+    The function's second argument says whether to search the filter's start anew, which takes nine tenths of the time.
     """
     recording, known, calibration, _, end, _ = motion
     truth, imu, queries = recording.truth, recording.imu, np.zeros(0)
@@ -148,9 +148,9 @@ def _likelihood_of(motion: Parts, by: By) -> Callable[[FilterSettings, bool], fl
 def fit_noise(
     recordings: Sequence[Recording], map_: Map, by: By, count: Callable[[int], None], most: int = MOST
 ) -> Fitted:
-    """Return the noise that fits the first parts of all motions best, starting from the map's.
+    """Return the noise that fits the first parts of all motions best, starting from the map's noise.
 
-    `count` is called with how many likelihoods were computed, of which there are at most so many.
+    `count` is called with the number of likelihoods computed so far, which is at most `most`.
 
     Raises:
         InputError: if there is no IMU, or no truth to fit by.
@@ -184,7 +184,7 @@ def fit_noise(
     least, largest = np.array([LIMITS[name] for name in FITTED]).T
     least, largest, x = np.minimum(least, own), np.maximum(largest, own), np.log(own)
     best = cost(x)
-    while computed < most:  # the gate makes the cost jump, on which one simplex may get stuck
+    while computed < most:  # the gate makes the cost jump, and one simplex may get stuck there
         simplex = np.vstack([x, x + STEP * np.eye(len(x))])
         options = {"maxfev": most - computed, "xatol": 0.01, "fatol": 0.2, "initial_simplex": simplex, "adaptive": True}
         found = minimize(cost, x, method="Nelder-Mead", options=options)
@@ -213,7 +213,7 @@ def fit_noise(
 
 
 def fitted_lines(fitted: Fitted) -> list[str]:
-    """Return the figures of the fitted and of the held-out part, before and after, and the verdict, line by line."""
+    """Return lines with the figures of the fitted and the held-out part, before and after, and the verdict."""
     held = fitted.judged
     chance = "" if fitted.chance is None else f"; {len(FITTED)} numbers gain {fitted.chance:.1f} by chance"
     lines = [
@@ -236,7 +236,7 @@ def fitted_lines(fitted: Fitted) -> list[str]:
 
 
 def verdict_line(fitted: Fitted) -> str:
-    """Return in a sentence whether the tuned noise is better where it was not fitted, and what to do."""
+    """Return a sentence: whether the tuned noise is better where it was not fitted, and what to do."""
     held = fitted.judged
     if fitted.verdict == "mend first":
         return "mend these first; the noise may only have been fitted to them:" + "".join(
@@ -260,7 +260,7 @@ def verdict_line(fitted: Fitted) -> str:
 
 
 def _claims(held: HeldOut) -> str:
-    """Return a warning where NEES rises above 3: the likelihood of the ranges does not see the calibration's errors."""
+    """Return a warning if NEES rises above 3: the likelihood of the ranges cannot see the calibration's errors."""
     if held.nees is None or held.nees[1] <= RISEN * max(CONSISTENT, held.nees[0]):
         return ""
     times = (held.nees[1] / CONSISTENT) ** 0.5
@@ -272,5 +272,5 @@ def _gain(gain: Gain) -> str:
 
 
 def _mean_square(gain: Gain) -> str:
-    """Return a gain whose sums are negative mean squares [m²], as the mean squares that they are."""
+    """Return the text of a gain in mean squares [m²], which the gain holds with a negative sign."""
     return f"{-gain.before:.5f} -> {-gain.after:.5f} m²: {gain.before - gain.after:+.5f} ± {gain.half:.5f}"

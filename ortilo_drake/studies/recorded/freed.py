@@ -1,12 +1,12 @@
-"""What one more unknown explains: an anchor's place, the ranges' scale, how late or fast the truth's clock runs.
+"""Whether one more unknown explains the errors: an anchor's place, the ranges' scale, the truth's late or fast clock.
 
-A cheap fit leaves errors e at known places; its unknowns y, and a constant c_i of each anchor, may still move:
+A cheap fit leaves errors e at known places; its unknowns y, and a bias c_i of each anchor, may still move:
 
     minimise  Σ rho((e + J y + c_i [- c_j] + X z) / 0.06 m) + |c|² / (0.2 m)² + what is known of y,   rho = soft L1
 
-over y, c and z, once without z and once for each z that may be wrong. The one that gains most is told if it explains a
-good part of the errors and is far more likely than what the map has. Errors that last, as those of ranges
-do, count as one sample for as long as they last, twice the filter's `correlation_time`.
+over y, c and z, once without z and once for each z that may be wrong. The z that gains most is told if it explains a
+good part of the errors and is far more likely than the map's value. The errors of ranges last: all errors within their
+duration, twice the filter's `correlation_time`, count as one sample.
 """
 
 from collections.abc import Callable
@@ -23,22 +23,22 @@ from ortilo_drake.studies.recorded.plain_fit import CLOCK, SPREAD, PlainFit, Rea
 from ortilo_drake.studies.recorded.readings import NEAR, OF_RANGES, UNITS, Guess, Trial, cheap_fit, path_of, scale_key
 from ortilo_drake.studies.recorded.truth_path import LEAST, modelled
 
-RANGES, WINDOWS = 1500, 24  # that it goes by, at most; times of a fit without a truth
-BIAS, STEPS = 0.2, 6  # of an anchor's constant [m]; steps of a solution
-EXPLAINS, SURE = 1.35, 4.5  # an anchor's own errors shrink by this factor, by a move of so many standard deviations
-MOVED = 0.3  # at least [m]
-ONE_AXIS, OTHERS = 0.7, 0.8  # share of the gain by one axis alone, if no other has so much of that
-TOLD_APART = 3.0  # standard deviations between two readings
-CERTAIN = 8.0  # standard deviations of a scale or a clock
-LEVERLESS = 1.6  # without attitude the lever's errors remain: all shrink by this factor
-JUMPS = 15  # times at which a clock may have jumped
-SCALE, DRIFT, LATE = 0.01, 0.001, 0.05  # the least that is told, LATE in [s]
+RANGES, WINDOWS = 1500, 24  # ranges used, at most; windows of a fit without a truth
+BIAS, STEPS = 0.2, 6  # standard deviation of an anchor's bias [m]; Gauss-Newton steps of a solution
+EXPLAINS, SURE = 1.35, 4.5  # a move must shrink the anchor's errors by this factor, and be so many deviations large
+MOVED = 0.3  # least distance of a move that is told [m]
+ONE_AXIS, OTHERS = 0.7, 0.8  # one axis is told if it has this share of the gain, and no other this share of its gain
+TOLD_APART = 3.0  # standard deviations between two readings that can be told apart
+CERTAIN = 8.0  # standard deviations by which a scale or a clock must be wrong
+LEVERLESS = 1.6  # without attitude the lever's errors remain: then all errors must shrink by this factor
+JUMPS = 15  # times at which a clock's jump is tried
+SCALE, DRIFT, LATE = 0.01, 0.001, 0.05  # least scale error, drift [s/s] and delay [s] that are told
 
-Extra = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # z: places of the anchors (n, 3), and X (m, d) [m]
+Extra = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # z (d) -> places of the anchors (n, 3), X (m, d) [m]
 
 
 class _Solved(NamedTuple):
-    """Cost, the errors left (m) [m], z with its standard deviations before anything lasts (d), the biases (n) [m]."""
+    """Cost, errors left (m) [m], z and its standard deviations (d) as if no error lasted, and biases (n) [m]."""
 
     cost: float
     errors: np.ndarray
@@ -48,9 +48,9 @@ class _Solved(NamedTuple):
 
 
 def freed_guess(trial: Trial, map_: Map, imu_gains: float | None) -> Guess | None:
-    """Return the anchor's place, the scale or the clock's rate that clearly explains what the fit leaves.
+    """Return the anchor's place, the scale or the clock error that clearly explains the fit's residual.
 
-    `imu_gains`: by how much a second the truth's clock gains on the imu's, if the body rates tell it.
+    `imu_gains`: the gain of the truth's clock on the imu's [s/s], None if the body rates do not tell it.
     """
     anchors, fit = trial.now.anchors, _by_more(trial, trial.now)
     if fit is None or fit.left > NEAR * trial.noise:
@@ -67,9 +67,9 @@ def freed_guess(trial: Trial, map_: Map, imu_gains: float | None) -> Guess | Non
 
 
 def feet_or_nanoseconds(trial: Trial, map_: Map, guess: Guess) -> Guess:
-    """Return a guess that says feet or nanoseconds of flight with the one that is likelier; both if neither is.
+    """Return a guess of feet or nanoseconds of flight as the likelier one, or as both if neither is clearly likelier.
 
-    They differ by 1.6 %, which constants of the anchors and more ranges tell apart.
+    The two units differ by 1.6 %; a bias for each anchor and more ranges tell them apart.
     """
     units = {"ft": UNITS["ft"], "ns of flight": OF_RANGES["ns of flight"]}
     if not any(guess.key == scale_key(map_, by, unit) for unit, by in units.items()):
@@ -89,7 +89,7 @@ def feet_or_nanoseconds(trial: Trial, map_: Map, guess: Guess) -> Guess:
 
 
 def _by_more(trial: Trial, now: Reading) -> PlainFit | None:
-    """Return the cheap fit of a reading by more of the ranges; with a truth near where the clock is."""
+    """Return the cheap fit of a reading by more of the ranges, starting at the clock offset of the trial's fit."""
     near = trial.fit if now.ranges is trial.now.ranges and now.frame != "same" else None
     at = np.array([trial.fit.offset])
     return cheap_fit(now, path_of(now), at, moves=trial.moves, near=near, few=RANGES, windows=WINDOWS)
@@ -100,7 +100,7 @@ def _as_it_is(fit: PlainFit, anchors: np.ndarray) -> _Solved:
 
 
 def _solved(fit: PlainFit, anchors: np.ndarray, extra: Extra, d: int) -> _Solved:
-    """Return the solution with d more unknowns."""
+    """Return the solution with d more unknowns z."""
     heard, n, k = fit.heard, len(anchors), fit.slopes.shape[1]
     m, two = len(heard.r), heard.other >= 0
     own = np.zeros((m, n))
@@ -124,7 +124,7 @@ def _solved(fit: PlainFit, anchors: np.ndarray, extra: Extra, d: int) -> _Solved
 
 
 def _lasting(heard: Ranges, its: np.ndarray, map_: Map, apart: bool) -> float:
-    """Return the factor of a standard deviation as the errors last; `apart`: each anchor has its own."""
+    """Return the factor by which lasting errors widen a standard deviation; `apart`: each anchor errs by itself."""
     then = np.floor(heard.t[its] / (2.0 * map_.filter.correlation_time))
     samples = len(np.unique(then)) * (len(np.unique(heard.anchor[its])) if apart else 1)
     return float(np.sqrt(max(1.0, its.sum() / samples)))
@@ -133,7 +133,7 @@ def _lasting(heard: Ranges, its: np.ndarray, map_: Map, apart: bool) -> float:
 def _moved(
     fit: PlainFit, trial: Trial, map_: Map, i: int, its: np.ndarray, before: _Solved
 ) -> tuple[float, Guess | None]:
-    """Return the gain by another place of an anchor, and that place if it is clearly better."""
+    """Return the gain of moving anchor i, and the guess of its new place if that is clearly better."""
     anchors = trial.now.anchors
     now = _along(fit, anchors, i, np.eye(3))
     was, left, gain = left_of(before.errors[its]), left_of(now.errors[its]), before.cost - now.cost
@@ -149,7 +149,7 @@ def _moved(
 
 
 def _along(fit: PlainFit, anchors: np.ndarray, i: int, axes: np.ndarray) -> _Solved:
-    """Return the solution with another place of an anchor, along the columns of `axes`."""
+    """Return the solution with anchor i moved along the columns of `axes` (3, d)."""
     heard = fit.heard
 
     def extra(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -163,7 +163,7 @@ def _along(fit: PlainFit, anchors: np.ndarray, i: int, axes: np.ndarray) -> _Sol
 
 
 def _moved_key(map_: Map, fit: PlainFit, anchors: np.ndarray, i: int, before: _Solved, now: _Solved) -> str:
-    """Return the key with another place of an anchor: moved along one axis if that explains it."""
+    """Return the key with the new place of anchor i: moved along one axis only if that axis explains the gain."""
     single = [_along(fit, anchors, i, np.eye(3)[:, [axis]]) for axis in range(3)]
     gains = np.array([before.cost - one.cost for one in single])
     axis, second = np.argsort(gains)[::-1][:2]
@@ -175,7 +175,7 @@ def _moved_key(map_: Map, fit: PlainFit, anchors: np.ndarray, i: int, before: _S
 
 
 class Move(NamedTuple):
-    """The key of one anchor elsewhere ("" as the map has it), all anchors then (n, 3), and their ranges' biases (n)."""
+    """The key of one moved anchor ("" for the map's places), all anchors then (n, 3), and their ranges' biases (n)."""
 
     key: str
     anchors: np.ndarray
@@ -183,9 +183,9 @@ class Move(NamedTuple):
 
 
 def moves_of(trial: Trial, map_: Map, most: int) -> list[Move]:
-    """Return the anchors as they are, then with one of them at its best place, at most so many, the most gain first.
+    """Return the map's anchors, then at most `most` moves of one anchor to its best place, the largest gain first.
 
-    Empty if too few ranges can be fitted, or so badly that more is wrong; moves of less than 0.3 m are left out.
+    Empty if too few ranges can be fitted, or if they fit so badly that more is wrong. Moves below 0.3 m are left out.
     """
     anchors, fit = trial.now.anchors, _by_more(trial, trial.now)
     if fit is None or fit.left > NEAR * trial.noise:
@@ -204,7 +204,7 @@ def moves_of(trial: Trial, map_: Map, most: int) -> list[Move]:
 def _of_scale_and_clock(
     fit: PlainFit, trial: Trial, map_: Map, before: _Solved, imu_gains: float | None
 ) -> list[tuple[float, Guess | None]]:
-    """Return the gains by a scale of the ranges and by the truth's clock, and the keys that mend them."""
+    """Return the gains of a scale of the ranges and of the truth's clock, each with its guess if that is clear."""
     heard, m = fit.heard, len(fit.heard.r)
     by_lever = 1.0 if trial.now.truth is None or trial.now.truth.R is not None else LEVERLESS
     widens = _lasting(heard, np.ones(m, dtype=bool), map_, True)
@@ -223,14 +223,14 @@ def _of_scale_and_clock(
         jumped = np.hstack([clock, clock * (heard.t > then)[:, None]])
         clocks.append(by(jumped, LATE, partial(_jump_key, float(then))))
     clear = [one for one in clocks if one[1] is not None]
-    if not clear and not trial.moves:  # the fit holds what the body rates, or the map, say of the clock
+    if not clear and not trial.moves:  # the fit held the clock offset of the body rates or of the map
         clear = [by(clock, LATE, lambda z: _late_key(map_, z))]
     scale = by(-heard.r[:, None], SCALE, lambda z: scale_key(map_, round(1.0 + z, 4)))
     return [scale, max(clear or clocks[:1], key=lambda one: one[0])]
 
 
 def _jump_key(then: float, gained: float) -> str:
-    """Return what a truth's clock says that gains so much at once [s]: the ranges' may be the one that jumped."""
+    """Return the key for a truth's clock that gains `gained` [s] at once; the ranges' clock may have jumped instead."""
     return (
         f"ranges: a clock that jumps by {-gained:+.2f} s about {then:.0f} s after the first, or the truth's the other "
         "way,"
@@ -238,14 +238,14 @@ def _jump_key(then: float, gained: float) -> str:
 
 
 def _late_key(map_: Map, late: float) -> str:
-    """Return the key that mends a clock that is so late by the ranges [s]."""
+    """Return the key that mends a clock offset that is wrong by `late` [s], by the ranges."""
     if isinstance(map_.calibration.clock, float | int):
         return f"calibration: {{clock: {map_.calibration.clock + late:.3f}}}"
     return f"imu: {{late: {(map_.imu.late if map_.imu else 0.0) + late:.3f}}}"
 
 
 def _clock_key(map_: Map, gains: float, imu_gains: float | None) -> str:
-    """Return the key that mends a truth's clock that gains so much a second on the ranges'."""
-    if imu_gains is not None and abs(imu_gains) < abs(gains) / 2.0:  # truth and imu agree: the ranges' clock it is
+    """Return the key that mends a truth's clock that gains `gains` on the ranges' clock [s/s]."""
+    if imu_gains is not None and abs(imu_gains) < abs(gains) / 2.0:  # truth and imu agree: the ranges' clock is wrong
         return " and ".join(unit_key(map_, 1.0 + gains, key) for key in ("ranges", "differences") if getattr(map_, key))
     return unit_key(map_, 1.0 / (1.0 + gains), "truth")

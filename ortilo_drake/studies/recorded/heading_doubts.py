@@ -1,14 +1,13 @@
 """Doubts about heading and handedness, live and in replay: the accelerations do not point where the ranges say.
 
-They are judged by the filter of turn_filter.py.
+The filter of turn_filter.py judges two turns. One is the error of the start's heading; its standard deviation includes
+the start's own, and the drift that the gyro's bias may have caused since. The other is the error of the main filter's
+present heading, with the filter's own deviation. The turn filter begins anew after imu or ranges were silent or the
+main filter was lost; then only the present heading is judged.
 
-Two turns are judged: that from the start, whose deviation counts the start's own, and how far the gyro's bias may have
-turned it since; and that of the main filter's heading now, with the filter's own deviation. It begins anew where imu or
-ranges were silent or the main filter was lost; then only the heading now is judged.
-
-Anchors whose x and y are exchanged, or of which one axis has the wrong sign, are a mirror image of the room. The ranges
-fit it, but no turn takes the accelerations to a mirrored path. So the filter runs once more, with anchors and start
-mirrored back in y: there a turn of length 1 fits, and among the map's anchors none does.
+Anchors whose x and y are exchanged, or with one axis of the wrong sign, are a mirror image of the room. The ranges fit
+the mirror image, but no turn takes the accelerations to a mirrored path. So a second filter runs with anchors and start
+mirrored in y: if the map is mirrored, a turn of length 1 fits there, and none fits among the map's anchors.
 """
 
 from typing import Final, NamedTuple
@@ -27,31 +26,31 @@ from ortilo_drake.studies.recorded.landing import landings
 from ortilo_drake.studies.recorded.reacquired import no_restart
 from ortilo_drake.studies.recorded.turn_filter import SQUARE, Ranging, TurnFilter, follow, turn_filter, turn_found
 
-OFF: Final = 3.0  # standard deviations that are told
-LEAST: Final = np.radians(15.0)  # and no less: the anchors' errors turn the ranges' path a little
-SURE: Final = np.radians(15.0)  # the turn's own deviation, at most
-LENGTH: Final = (0.5, 1.5)  # of (c, s): else more than the heading is wrong
-ASTRAY: Final = 0.5  # with a larger deviation the main filter's position is nothing to begin with [m]
-MIRRORED: Final = (0.7, 1.3)  # length of (c, s) among mirrored anchors, and the map's OTHERWISE at most
-OTHERWISE: Final = 0.75
-APART: Final = 4.0  # deviations between both lengths
-TIMES: Final = (1.1, 2.0)  # the map's mean squared innovation beside the other: no heading is told, and a mirror is
+OFF: Final = 3.0  # a turn is told from so many standard deviations
+LEAST: Final = np.radians(15.0)  # and from this angle: the anchors' errors turn the ranges' path a little
+SURE: Final = np.radians(15.0)  # largest standard deviation of a turn that is told
+LENGTH: Final = (0.5, 1.5)  # bounds of the length of (c, s): outside them more than the heading is wrong
+ASTRAY: Final = 0.5  # no turn filter begins while the main filter's position deviates by more [m]
+MIRRORED: Final = (0.7, 1.3)  # bounds of the length of (c, s) among mirrored anchors that tell a mirror image
+OTHERWISE: Final = 0.75  # largest length among the map's anchors then
+APART: Final = 4.0  # least distance of the two lengths [standard deviations]
+TIMES: Final = (1.1, 2.0)  # ratio of mean e²/S, map's anchors to mirrored: above 1.1 tell no heading, above 2 a mirror
 Y: Final = np.array([1.0, -1.0, 1.0])
-MIRRORS: Final = (  # by the turn among anchors mirrored in y, if the start's heading is that of the room [rad]
+MIRRORS: Final = (  # the turn among anchors mirrored in y [rad] and its cause, if the start's heading is right
     (0.0, "the sign of y wrong"),
     (-0.5 * np.pi, "x and y exchanged"),
     (np.pi, "the sign of x wrong"),
     (0.5 * np.pi, "x and y exchanged, and both signs wrong"),
 )
-HOLDS: Final = 2.0  # it must last so long [s]
-EVERY: Final = 0.5  # it is judged in a replay [s]
-RANGE_SD: Final = 0.1  # of a range, at least: the anchors' biases are none of its states [m]
+HOLDS: Final = 2.0  # a doubt must last so long [s]
+EVERY: Final = 0.5  # time between two judgements in a replay [s]
+RANGE_SD: Final = 0.1  # least standard deviation of a range: the anchors' biases are not states of the turn filter [m]
 
 
 class HeadingDoubt(NamedTuple):
-    """When it was found [s], by how much the heading is wrong and its deviation [rad], and the right one at the start.
+    """The time of the doubt [s], the error of the heading and its deviation [rad], and the right heading at the start.
 
-    The last is None if it is the heading now that is wrong, not that of the start.
+    `start` is None if the present heading is wrong, not the start's.
     """
 
     t: float
@@ -60,7 +59,7 @@ class HeadingDoubt(NamedTuple):
     start: float | None
 
     def text(self) -> str:
-        """Return it as part of a sentence."""
+        """Return the doubt as part of a sentence."""
         of = f"{np.degrees(self.off):+.0f}° (sd {np.degrees(self.sd):.0f}°)"
         if self.start is None:
             return f"the heading now is off by {of}: ranges and accelerations disagree on the direction"
@@ -71,14 +70,14 @@ class HeadingDoubt(NamedTuple):
 
 
 class MirrorDoubt(NamedTuple):
-    """When it was found [s], the turn among the anchors mirrored in y [rad], and whether it counts from the start."""
+    """The time of the doubt [s], the turn among anchors mirrored in y [rad], and whether it counts from the start."""
 
     t: float
     turn: float
     started: bool
 
     def text(self) -> str:
-        """Return it as part of a sentence."""
+        """Return the doubt as part of a sentence."""
         near = [of for turn, of in MIRRORS if self.started and abs(_wrapped(self.turn - turn)) < np.radians(30.0)]
         which = "".join(near) or "x and y exchanged, or one axis's sign wrong"
         return (
@@ -88,11 +87,11 @@ class MirrorDoubt(NamedTuple):
 
 
 class HeadingWatch:
-    """The filters of the turn beside the main one, among the map's anchors and among mirrored ones.
+    """The two turn filters beside the main filter, among the map's anchors and among mirrored ones.
 
     Attributes:
-        doubt: the first one, None if there is none.
-        mirror: that the anchors are a mirror image of the room; None if nothing says so.
+        doubt: the first doubt about the heading, None if there is none.
+        mirror: the doubt that the anchors are a mirror image of the room, None if there is none.
     """
 
     def __init__(self, setup: Setup):
@@ -105,9 +104,9 @@ class HeadingWatch:
         self.mirror: MirrorDoubt | None = None
 
     def advance(self, events: Events, heard: EventValues, state: State, excused: bool = False) -> None:
-        """Take events in, and the main filter's state behind them; `excused`: anchors explain what is wrong better."""
+        """Take events in, and the main filter's state after them; `excused`: wrong anchors explain the error better."""
         if self.doubt is not None or self.mirror is not None or np.isfinite(state.watched[SINCE : SINCE + 2]).any():
-            return  # of an accelerometer that fails nothing follows
+            return  # an accelerometer that failed tells nothing
         resting, beside = state.watched[RESTS] > 0.0, self._beside
         astray = np.trace(state.C[:3, :3]) > ASTRAY**2
         ranging = ranging_of(self._setup, state)
@@ -131,7 +130,7 @@ class HeadingWatch:
             self.doubt = found if state.t - self._wrong_since >= HOLDS else None
 
     def _is_mirrored(self) -> bool:
-        """Return whether a turn fits among the mirrored anchors, and among the map's none, or much worse."""
+        """Return whether a turn fits among the mirrored anchors, and no turn, or a much worse one, among the map's."""
         assert self._beside is not None
         assert self._mirrored is not None
         own, other = turn_found(self._beside), turn_found(self._mirrored)
@@ -140,7 +139,7 @@ class HeadingWatch:
         return fits and ((own.length < OTHERWISE and other.length - own.length > apart) or self._is_worse(TIMES[1]))
 
     def _is_worse(self, times: float) -> bool:
-        """Return whether the innovations among the map's anchors are so many times as large as among mirrored ones."""
+        """Return whether the mean e²/S among the map's anchors exceeds `times` that among the mirrored ones."""
         assert self._beside is not None
         assert self._mirrored is not None
         return bool(self._beside.marks[SQUARE] > times * self._mirrored.marks[SQUARE])
@@ -163,7 +162,7 @@ class HeadingWatch:
 def heading_doubts(
     recording: Recording, known: FilterSetup, settings: FilterSettings, begin: Begin
 ) -> list[HeadingDoubt | MirrorDoubt]:
-    """Return the doubt about heading or handedness of a filter with imu that begins there, if there is one."""
+    """Return the doubt about heading or handedness of a filter with imu and this start, if there is one."""
     ranges, imu = recording.ranges, recording.imu
     assert imu is not None
     if known.rest is not None:
@@ -186,14 +185,14 @@ def heading_doubts(
 
 
 def ranging_of(setup: Setup, state: State) -> Ranging:
-    """Return what a filter of the turn knows of the ranges, with the main filter's biases of the anchors."""
+    """Return the anchors, biases, levers and range noise for a turn filter; the main filter's state has the biases."""
     n, noise = len(setup.anchors), setup.noise
     sd = max(RANGE_SD, float(np.hypot(noise.range_white, noise.range_correlated)))
     return Ranging(setup.anchors, state.x[nominal(BIASES) : nominal(BIASES) + n].copy(), setup.levers, sd)
 
 
 def _mirrored(one: TurnFilter) -> TurnFilter:
-    """Return a filter that begins at the mirror image in y of its position and velocity; it is changed."""
+    """Return the turn filter with its position and velocity mirrored in y, in place."""
     one.z[:3] *= Y
     one.z[V : V + 3] *= Y
     return one

@@ -1,9 +1,9 @@
 """Tuned noise judged on the parts of recorded motions that it was not fitted to, beside the noise before.
 
-Both noises run over all ranges. What follows the fitted part is cut into batches of at least 2 s, at most 20 for each
-motion. A gain is the sum of the batches' differences; its interval is by their spread (Student's t), which counts what
-lasts no longer than a batch (batch means: Law, Simulation Modeling and Analysis, section 9.5.3). All intervals hold
-together at least as often as LEVEL says: each of n misses in (1 - LEVEL) / n (Bonferroni).
+Filters with either noise run over all ranges. The part after the fitted one is cut into batches of at least 2 s, at
+most 20 for each motion. A gain is the sum of the batches' differences. Its interval follows from their spread
+(Student's t), which covers correlation within a batch (batch means: Law, Simulation Modeling and Analysis, section
+9.5.3). All n intervals hold together with probability LEVEL at least: each misses with (1 - LEVEL) / n (Bonferroni).
 """
 
 from collections.abc import Callable, Sequence
@@ -29,14 +29,14 @@ from ortilo_drake.studies.recorded.setups import (
 )
 from ortilo_drake.studies.recorded.truth_path import truth_path
 
-BATCH, BATCHES = 2.0, 20  # the least duration of a batch [s], and how many at most
-LEVEL = 0.95  # confidence of the gains' intervals together
+BATCH, BATCHES = 2.0, 20  # least duration of a batch [s], and largest number of batches
+LEVEL = 0.95  # joint confidence of the gains' intervals
 By = Literal["innovations", "truth"]
 Verdict = Literal["better", "the same", "worse", "mixed", "mend first"]
 
 
 class Gain(NamedTuple):
-    """A sum that is better if it is larger: before, after, and half the interval of its gain."""
+    """A sum, larger is better: before, after, and half the width of its gain's interval."""
 
     before: float
     after: float
@@ -44,20 +44,20 @@ class Gain(NamedTuple):
 
     @property
     def sign(self) -> int:
-        """Return 1 if the gain is above 0 beyond its interval, -1 if it is below, else 0."""
+        """Return 1 if the gain's interval lies above 0, -1 if below, else 0."""
         gain = self.after - self.before
         return int(np.sign(gain)) if abs(gain) > self.half else 0
 
 
 class HeldOut(NamedTuple):
-    """What the part that was not fitted says of the noise before and after.
+    """The judgement of the noise before and after, by the part that was not fitted.
 
     Attributes:
         duration: of this part, all motions together [s].
-        gains: by what is judged: `innovations` (log-likelihood of the ranges' innovations) and, with a truth, `errors`
-            (log-likelihood of the position's errors by the filter's covariance) and `accuracy` (mean square error of
-            the position, negative [m²]).
-        nis: mean NIS before and after, each motion counting alike.
+        gains: by criterion: `innovations` (log-likelihood of the ranges' innovations) and, with a truth, `errors`
+            (log-likelihood of the position's errors by the filter's covariance) and `accuracy` (negative mean square
+            error of the position [m²]).
+        nis: mean NIS before and after, each motion with the same weight.
         nees: mean NEES before and after, None without a truth.
         rmse: RMS error by axis before and after [m], None without a truth.
     """
@@ -70,7 +70,7 @@ class HeldOut(NamedTuple):
 
     @property
     def verdict(self) -> Verdict:
-        """Return what the gains together say; mixed if one is surely above 0 and another surely below."""
+        """Return the verdict of all gains; mixed if one is surely above 0 and another surely below."""
         signs = {gain.sign for gain in self.gains.values()}
         if -1 in signs:
             return "mixed" if 1 in signs else "worse"
@@ -83,10 +83,10 @@ class Parts(NamedTuple):
     Attributes:
         recording: the motion.
         known: the settings of the replay's main row with IMU.
-        calibration: by the truth, None without one.
-        t: stamps of the estimates, of both parts [s].
-        end: where the fitted part ends [s].
-        judged: which stamps are of the rest (n) -> (n).
+        calibration: by the truth, None without a truth.
+        t: stamps of the estimates of both parts [s].
+        end: end of the fitted part [s].
+        judged: maps stamps to a mask of those in the rest (n) -> (n).
     """
 
     recording: Recording
@@ -98,7 +98,7 @@ class Parts(NamedTuple):
 
 
 def parts_of(recording: Recording, map_: Map) -> Parts:
-    """Return a motion's parts; InputError if hardly anything is left to judge."""
+    """Return a motion's parts; raise InputError if hardly anything is left to judge."""
     calibration = None
     if recording.truth is None:
         known = with_lever(uncalibrated_setup(recording, map_, at_rest(recording, map_)), recording, map_, [])
@@ -110,7 +110,7 @@ def parts_of(recording: Recording, map_: Map) -> Parts:
 
 
 class _Judged(NamedTuple):
-    """One motion by one noise: by batch the innovations' score and the errors', and what the means are taken of."""
+    """One motion with one noise: by batch, the log-likelihoods and squared errors; NIS, and NEES and error by stamp."""
 
     innovations: np.ndarray
     errors: np.ndarray
@@ -121,7 +121,7 @@ class _Judged(NamedTuple):
 
 
 def judge(motions: Sequence[Parts], before: FilterSettings, after: FilterSettings) -> HeldOut:
-    """Return how the noise `after` does on the parts that were not fitted, beside the noise `before`."""
+    """Return the judgement of the noise `after` beside `before`, on the parts that were not fitted."""
     befores: list[_Judged] = []
     afters: list[_Judged] = []
     duration = 0.0
@@ -150,7 +150,7 @@ def judge(motions: Sequence[Parts], before: FilterSettings, after: FilterSetting
 
 
 def _errors(run: Estimate, of: Parts) -> np.ndarray:
-    """Return the position's errors at the estimates' stamps (m, 3) [m]; none without a truth (0, 3)."""
+    """Return the position's errors at the estimates' stamps (m, 3) [m]; empty (0, 3) without a truth."""
     truth, by = of.recording.truth, of.calibration
     if truth is None or by is None:
         return np.zeros((0, 3))
@@ -175,7 +175,7 @@ def _in_batches(run: Estimate, e: np.ndarray, edges: np.ndarray, gate: float) ->
 
 
 def gain_of(before: list[np.ndarray], after: list[np.ndarray], level: float) -> Gain:
-    """Return the sums over all batches before and after, and half the interval of their difference by this level."""
+    """Return the sums over all batches before and after, and half the interval of their difference at this level."""
     befores, afters = np.concatenate(before), np.concatenate(after)
     n, differences = len(befores), afters - befores
     spread = float(np.std(differences, ddof=1) * np.sqrt(n))

@@ -1,10 +1,10 @@
-"""Doubts about an IMU: its force beside gravity, its rates beside the force, the truth's turns and its motion.
+"""Doubts about an IMU: its force against gravity, its rates against the force, both against the truth's motion.
 
-Over a short span the body rates give the attitude but for its start R_0, and the specific force turned by it is the
-acceleration and gravity's reaction, R_0 Q(t) f(t) = a(t) + g. Both sides are averaged by the same triangle, which of
-the truth is its second difference over its half width. R_0 and a factor of f are those that fit a span best (Kabsch),
-so how the unit is mounted does not count, nor that some are 6 % wrong. What is left is the RMS of a span, the median of
-all. Then each exchange of axes and signs of the rates is tried, and of the force each that mirrors.
+Over a short span the body rates give the attitude R_0 Q(t), except for its start R_0. The specific force turned by it
+is acceleration plus gravity's reaction, R_0 Q(t) f(t) = a(t) + g. Both sides are averaged by the same triangle; for the
+truth this is a second difference over the triangle's half width. The best R_0 and factor of f are fitted to each span
+(Kabsch), so neither the unit's mounting nor a force 6 % wrong counts. The misfit is the RMS residual of a span, and the
+median over all spans. Each exchange of axes and signs of the rates is tried, and of the force each that mirrors.
 """
 
 from itertools import permutations, product
@@ -20,24 +20,24 @@ from ortilo_drake.studies.recorded.clock_offset import TELLS, ByRates, best_by_r
 from ortilo_drake.studies.recorded.freed import DRIFT
 from ortilo_drake.studies.recorded.truth_path import TruthPath, truth_path
 
-OFF = 1.5  # of the force at rest from gravity; some units are 6 % wrong [m/s²]
+OFF = 1.5  # largest difference of the force at rest from gravity; some units are 6 % wrong [m/s²]
 TELLING = 0.1  # a unit is told if it brings the force this near to gravity, as a share
-VARIES = 0.7  # a force whose size varies by more, in its median, from its 10 % to its 90 % has lost gravity
+VARIES = 0.7  # gravity is missing if the force's 10 % and 90 % quantiles differ by a larger share of the median
 FAST = 10.0  # body rates of this RMS look like degrees [rad/s]
-SPAN = 1.0  # over this time the force keeps its direction, but for the turn [s]
-LOSES = 0.05  # share of the force that its mean over a span loses, if it is turned wrongly
-SPANS = 40  # tried
-AROUND = 0.3  # clock offsets tried around the one found [s]
-SURE = 0.02  # and no more than this share: right readings leave 0.3 % of real motions
-BETTER = 4.0  # another reading of the attitude leaves less of the turns by this factor
-STANDS = 1e-6  # an attitude that never was measured turns by no more [rad]
-TURNED = np.radians(20.0)  # a body that turned by less tells nothing of its attitude
-OTHER = 1.2  # rates that are larger or smaller by this factor are of another unit
-NAMED = 0.03  # a unit of rates is named that is so near, as a share
-WINDOWS, LASTS, FINE = 40, 4.0, 0.02  # how many, how long, and the steps in them [s]
+SPAN = 1.0  # over this time the force keeps its direction in the world [s]
+LOSES = 0.05  # share of the force that its mean over a span loses if it is turned wrongly
+SPANS = 40  # spans tried
+AROUND = 0.3  # clock offsets are tried this far around the one found [s]
+SURE = 0.02  # largest share of the turns that a reading may leave: right readings of real motions leave 0.3 %
+BETTER = 4.0  # another reading of the attitude must leave less of the turns by this factor
+STANDS = 1e-6  # an attitude that turns by no more was never measured [rad]
+TURNED = np.radians(20.0)  # a body that turned by less tells nothing about its attitude
+OTHER = 1.2  # rates that are larger or smaller by this factor have another unit
+NAMED = 0.03  # a unit of rates is called by its name if it is this near, as a share
+WINDOWS, LASTS, FINE = 40, 4.0, 0.02  # number of spans of `misfits`, their duration and their step [s]
 HALF = 25  # half width of the triangle, in steps
-CLEARER, CARRIES = 2.0, 0.5  # other axes are told that leave less by this factor, and no more than this [m/s²]
-ALIKE = 1.25  # of those that leave about the least, the ones that change least are told
+CLEARER, CARRIES = 2.0, 0.5  # other axes must leave less by this factor, and at most this [m/s²]
+ALIKE = 1.25  # of the axes that leave at most this factor of the least, those that change least are told
 AXES = [
     np.eye(3)[list(order)] * np.array(s)[:, None]
     for order in permutations(range(3))
@@ -73,14 +73,14 @@ def force_doubts(imu: Imu, map_: Map) -> list[str]:
 
 
 def is_gravity(imu: Imu) -> bool:
-    """Return whether the median size of the force may be gravity of a vehicle that already flies."""
+    """Return whether the force's median size may be gravity, also for a vehicle that already flies."""
     return 0.5 < float(np.median(np.linalg.norm(imu.force, axis=1))) / GRAVITY < 2.0
 
 
 def rate_doubts(imu: Imu, map_: Map) -> list[str]:
-    """Return a doubt if body rates look like those of a smaller unit, by the force alone.
+    """Return a doubt if the body rates look like rates of a smaller unit, by the force alone.
 
-    That is for a truth without attitude; the largest unit is named with which the force keeps its direction.
+    This is for a truth without attitude. The doubt names the largest unit with which the force keeps its direction.
     """
     assert map_.imu is not None
     now = size_of(map_.imu.rate_unit, RATE_UNITS)
@@ -99,9 +99,9 @@ def rate_doubts(imu: Imu, map_: Map) -> list[str]:
 
 
 def force_kept(imu: Imu, by: float) -> float:
-    """Return the size of the force's mean beside the mean of its size, turned back by the rates times `by`.
+    """Return |mean force| / mean |force|, with the force turned back by the rates times `by`: a mean over spans.
 
-    It is a mean over spans of a second: 1 for a body that the rates turn rightly and that hardly accelerates.
+    A span lasts a second. The ratio is 1 if the rates turn the body rightly and it hardly accelerates.
     """
     h = float(np.median(np.diff(imu.t)))
     n = max(2, round(SPAN / h))
@@ -116,10 +116,10 @@ def force_kept(imu: Imu, by: float) -> float:
 
 
 def attitude_doubts(recording: Recording, map_: Map, offset: float, up: np.ndarray | None) -> list[str]:
-    """Return a doubt if the truth's attitude does not turn as the body rates do; it names keys with which it would.
+    """Return a doubt if the truth's attitude does not turn as the body rates do, with the keys that would mend it.
 
-    The offset is the truth's clock less the sensors', each from its own first stamp [s]; up is the anchors' z in the
-    truth's frame (3), if the ranges tell it.
+    offset: the truth's clock less the sensors', each from its own first stamp [s]; up: the anchors' z in the truth's
+    frame (3), None if the ranges do not tell it.
     """
     truth, imu = recording.truth, recording.imu
     assert imu is not None
@@ -164,7 +164,7 @@ def attitude_doubts(recording: Recording, map_: Map, offset: float, up: np.ndarr
 
 
 def drift_doubts(recording: Recording, map_: Map, offset: float) -> list[str]:
-    """Return a doubt if the clock of the imu drifts against that of the truth, by their turns."""
+    """Return a doubt if the imu's clock drifts against the truth's clock, by the turns of both."""
     assert recording.imu is not None
     known = recording.truth is not None and recording.truth.R is not None
     gains = gains_by_rates(recording.imu, recording.truth, offset) if known else None  # type: ignore[arg-type]
@@ -174,7 +174,7 @@ def drift_doubts(recording: Recording, map_: Map, offset: float) -> list[str]:
 
 
 def _unit_of(unit: str | float, by: float) -> str:
-    """Return the unit of body rates that is `by` of another, by its name if it has one."""
+    """Return the unit of body rates `by` times as large as `unit`: its name if it has one, else its size [rad/s]."""
     size = size_of(unit, RATE_UNITS) * by
     named = min(RATE_UNITS, key=lambda one: abs(size / RATE_UNITS[one] - 1.0))
     return named if abs(size / RATE_UNITS[named] - 1.0) < NAMED else f"{size:.4g}"
@@ -186,7 +186,7 @@ def _says(left: float) -> str:
 
 
 def _read_as(R: np.ndarray, map_: Map, of: str, order: str | None) -> np.ndarray:
-    """Return the attitude as the same numbers of the file give it, read otherwise."""
+    """Return the attitudes (n, 3, 3) that the file's numbers give with another `of` and order."""
     assert map_.truth is not None
     rotation = map_.truth.rotation
     assert rotation is not None
@@ -201,7 +201,7 @@ def _read_as(R: np.ndarray, map_: Map, of: str, order: str | None) -> np.ndarray
 
 
 def _off_up(imu: Imu, truth: Truth, turning: ByRates, up: np.ndarray | None) -> float:
-    """Return how far the force is from up (3), if that is known: 0 alike, 1 opposite."""
+    """Return how far the mean force points away from up (3): 0 along it, 1 opposite; 0 if up is not known."""
     if up is None or not np.isfinite(turning.left):
         return 0.0
     assert truth.R is not None
@@ -213,14 +213,14 @@ def _off_up(imu: Imu, truth: Truth, turning: ByRates, up: np.ndarray | None) -> 
 
 
 def misfits(imu: Imu, path: TruthPath, offset: float, of_rates: np.ndarray, of_force: np.ndarray) -> np.ndarray:
-    """Return what readings of the axes leave of the truth's acceleration (c) [m/s²]: NaN if they hardly meet.
+    """Return the misfit of each reading of the axes to the truth's acceleration (c) [m/s²]; NaN if they hardly overlap.
 
     Args:
         imu: body rates and force.
         path: the truth, its z up.
         offset: truth's clock less the sensors' [s].
-        of_rates: axes tried of the rates (c, 3, 3).
-        of_force: and of the force with them (c, 3, 3).
+        of_rates: axes tried for the rates (c, 3, 3).
+        of_force: axes tried for the force, with those of the rates (c, 3, 3).
     """
     t, f = imu.accelerometer or (imu.t, imu.force)
     wide = HALF * FINE
@@ -249,7 +249,7 @@ def misfits(imu: Imu, path: TruthPath, offset: float, of_rates: np.ndarray, of_f
 
 
 def axes_doubts(recording: Recording, map_: Map, offset: float) -> list[str]:
-    """Return a doubt if other axes of the rates, or a mirrored force, carry the truth's motion clearly better."""
+    """Return a doubt if other axes of the rates, or a mirrored force, fit the truth's motion clearly better."""
     imu, truth, source = recording.imu, recording.truth, map_.imu
     if imu is None or truth is None or source is None or map_.command is not None:
         return []

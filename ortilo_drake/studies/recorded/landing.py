@@ -1,9 +1,9 @@
 """A vehicle's landing, found afterwards by its IMU alone.
 
-It rests where over a window body rates and force upward deviate by no more than STILL and the force is gravity's, if
-it was jolted in the second before: a hover may be as still, but nothing jolts it. The force upward, less its mean at
-rest, integrated from there back is the speed downward, and that again the height: the vehicle touched the floor when it
-was last above TOUCHES.
+The vehicle rests if, over a window, body rates and upward force deviate by at most STILL, the force is gravity's, and
+a jolt came in the second before: a hover may be as still, but has no jolt. The upward force less its mean at rest,
+integrated backwards from there, is the downward speed, and integrated again the height. The vehicle touched the floor
+when that height was last above TOUCHES.
 """
 
 from typing import NamedTuple
@@ -12,16 +12,16 @@ import numpy as np
 
 from ortilo_drake.interop.recorded.recording import GRAVITY, Imu
 
-WINDOW = 0.2  # [s]
-STILL = (0.075, 0.15)  # standard deviations over it: of the body rates [rad/s], of the force upward [m/s²]
-OFF = 0.5  # of the force's mean from gravity: an accelerometer's bias [m/s²]
-JOLT, SUDDEN, BEFORE = 4.0, 0.02, 1.0  # of the force [m/s²], within so short a time [s], so long before the window [s]
+WINDOW = 0.2  # duration of the window [s]
+STILL = (0.075, 0.15)  # largest standard deviations in a window: body rates [rad/s], upward force [m/s²]
+OFF = 0.5  # largest difference of the mean force from gravity, for an accelerometer's bias [m/s²]
+JOLT, SUDDEN, BEFORE = 4.0, 0.02, 1.0  # change of force [m/s²] within this time [s], so long before a window [s]
 TOUCHES = 0.1  # height above the place of rest [m]
-LONGEST = 5.0  # before the rest that the height is looked for [s]: it drifts
+LONGEST = 5.0  # the height is followed back so long: it drifts [s]
 
 
 class Landing(NamedTuple):
-    """The times at which the vehicle touched the floor, and at which its rest there is known [s]."""
+    """The time at which the vehicle touched the floor, and the time from which its rest there is known [s]."""
 
     touched: float
     rests: float
@@ -40,7 +40,7 @@ def landings(imu: Imu) -> list[Landing]:
     rates_sd, up_sd = np.sqrt(variance[:, :3].sum(axis=1)), np.sqrt(variance[:, 3])
     still = (rates_sd < STILL[0]) & (up_sd < STILL[1]) & (np.abs(mean[:, 3]) < OFF)
     found: list[Landing] = []
-    for first in np.flatnonzero(still[1:] & ~still[:-1]) + 1:  # windows that begin with it
+    for first in np.flatnonzero(still[1:] & ~still[:-1]) + 1:  # the first window of each rest
         rest = float(up[first : first + n].mean())
         touched = _touched(t[: first + 1], up[: first + 1] - rest)
         late = up[max(0, first - before) : first + 1]
@@ -51,13 +51,13 @@ def landings(imu: Imu) -> list[Landing]:
 
 
 def _means(values: np.ndarray, n: int) -> np.ndarray:
-    """Return the means over each n values in a row (m - n + 1, k) of m rows (m, k)."""
+    """Return the moving means over n rows (m - n + 1, k) of values (m, k)."""
     sums = np.cumsum(np.vstack([np.zeros((1, values.shape[1])), values]), axis=0)
     return np.asarray((sums[n:] - sums[:-n]) / n)
 
 
 def _touched(t: np.ndarray, force: np.ndarray) -> float | None:
-    """Return the last time at which the height exceeded TOUCHES; None if it did not, as long as it can be followed."""
+    """Return the last time at which the height exceeded TOUCHES [s]; None if it did not in the last LONGEST seconds."""
     late = t >= t[-1] - LONGEST
     back, force = t[late][::-1], force[late][::-1]
     steps = -np.diff(back)

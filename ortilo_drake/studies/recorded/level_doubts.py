@@ -1,7 +1,7 @@
 """Doubts about how the body lies, by the specific force: upside down, or tilted where it begins at rest.
 
-At rest the force is gravity's reaction, along the body's z if that is level. A quadrotor's thrust is along z too,
-so the rule also holds for one that is in the air already.
+At rest the force is gravity's reaction, along the body's z if the body is level. A quadrotor's thrust is along z too,
+so the rule also holds for a quadrotor that is already in the air.
 """
 
 from typing import Final
@@ -14,14 +14,14 @@ from ortilo_drake.interop.recorded.units import FORCE_UNITS, axes_matrix, axes_n
 from ortilo_drake.studies.recorded.at_rest import AT_REST
 from ortilo_drake.studies.recorded.imu_doubts import AXES
 
-DOWN: Final = 0.5  # share of a mean force along -z that looks upside down
-TILTED: Final = np.radians(30.0)  # no floor is so steep
-LEANS: Final = np.radians(12.0)  # few are
+DOWN: Final = 0.5  # the body looks upside down if so large a share of the mean force is along -z
+TILTED: Final = np.radians(30.0)  # no floor is so steep [rad]
+LEANS: Final = np.radians(12.0)  # few floors are so steep [rad]
 TURNS: Final = sorted((D for D in AXES if np.linalg.det(D) > 0.0), key=lambda D: -np.trace(D))  # the least turn first
 
 
 def level_doubts(imu: Imu, map_: Map) -> list[str]:
-    """A doubt if the body is upside down, or begins tilted though the map gives its `start` or `standstill`."""
+    """Return a doubt if the body is upside down, or begins tilted though the map gives its `start` or `standstill`."""
     size = float(np.linalg.norm(imu.force, axis=1).mean())
     if map_.imu is None or map_.command is not None or size == 0.0:
         return []
@@ -41,7 +41,7 @@ def level_doubts(imu: Imu, map_: Map) -> list[str]:
 
 
 def lean_warning(imu: Imu, map_: Map) -> str:
-    """Return a warning if the body begins at its `start` or `standstill` as few floors are; empty if it does not."""
+    """Return a warning if the body begins at its `start` or `standstill` tilted as few floors are; else empty."""
     f = _first_force(imu, map_)
     if f is None or f[2] >= np.cos(LEANS):
         return ""
@@ -52,7 +52,7 @@ def lean_warning(imu: Imu, map_: Map) -> str:
 
 
 def _first_force(imu: Imu, map_: Map) -> np.ndarray | None:
-    """Return the direction of the first force (3) of a body that begins level, by its map; None if it may not."""
+    """Return the direction of the first force (3) if the map says that the body begins level, else None."""
     if map_.imu is None or map_.command is not None or (map_.start is not None and map_.start.tilted):
         return None
     if map_.start is None and map_.imu.standstill == 0.0:
@@ -71,7 +71,7 @@ def _upside_down(map_: Map, up: float) -> str:
     assert map_.imu is not None
     if isinstance(map_.imu.axes, str):
         key = {"flu": "frd", "frd": "flu"}[map_.imu.axes]
-    else:  # half a turn about x: the other sign of z alone would mirror
+    else:  # half a turn about x: changing only z's sign would mirror
         x, *others = map_.imu.axes
         key = f"[{', '.join([x, *(axis[1:] if axis[0] == '-' else f'-{axis}' for axis in others)])}]"
     turned = f"imu: {{force_unit: {-size_of(map_.imu.force_unit, FORCE_UNITS):.6g}}} if it reports gravity itself"

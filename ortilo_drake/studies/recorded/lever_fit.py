@@ -1,15 +1,15 @@
 """The lever from the imu to the antenna by the ranges' innovations alone, where neither map nor truth tells it.
 
-The imu feels the acceleration of its own place, the ranges see the antenna's: where the body turns, a wrong lever makes
-the innovations e of variance S larger. Gauss-Newton steps minimise, over the first TRIAL seconds,
+The imu feels the acceleration of its own place; the ranges measure the antenna's place. Where the body turns, a wrong
+lever makes the innovations e of variance S larger. Gauss-Newton steps minimise, over the first TRIAL seconds,
 
     sum e(lever)² / S + |lever|² / PRIOR²
 
-with the derivative by differences between runs of the filter. What else errs, such as the ranges' biases and lasting
-errors and the imu's biases, are the filter's states, and weighed as such.
+with derivatives by differences between runs of the filter. The other errors (biases and lasting errors of the ranges,
+the imu's biases) are states of the filter, so S includes them.
 
-The runs take no range as one that may be reflected: its weight, and with it all that follows, depends so steeply on its
-innovation that the derivatives hold over millimetres only.
+In these runs no range counts as possibly reflected. The weight of such a range, and with it all that follows, depends
+so steeply on its innovation that the derivatives would hold over millimetres only.
 """
 
 from collections.abc import Sequence
@@ -22,11 +22,11 @@ from ortilo_drake.interop.recorded.recording import Imu, Ranges, between
 from ortilo_drake.studies.recorded.filtered import TRIAL, Begin, FilterSetup, estimate, noise_of
 from ortilo_drake.studies.recorded.reacquired import Innovations, innovation_score
 
-PRIOR = 0.1  # deviation of each component before a range is heard [m]
-TOLD = 0.05  # a component that the ranges leave less sure than this stays 0, as where the body does not turn [m]
-STEP = 0.001  # between the runs whose difference is the derivative [m]
-SMOOTH = 1.0  # a derivative that is larger is a jump: a gate let the range into one run and not into the other
-ROUNDS = 2  # of Gauss-Newton
+PRIOR = 0.1  # standard deviation of each component a priori [m]
+TOLD = 0.05  # a component with a larger standard deviation stays 0, as where the body does not turn [m]
+STEP = 0.001  # difference of the lever between the runs of a derivative [m]
+SMOOTH = 1.0  # a larger derivative is a jump: the gate took the range in one run and not in the other
+ROUNDS = 2  # Gauss-Newton steps
 
 
 class Lever(NamedTuple):
@@ -37,10 +37,10 @@ class Lever(NamedTuple):
 
 
 def fit_lever(ranges: Ranges, imu: Imu, known: FilterSetup, settings: FilterSettings) -> Lever | None:
-    """Return the likeliest lever by the first TRIAL seconds; None if they tell none that is likelier than 0.
+    """Return the likeliest lever by the first TRIAL seconds; None if no lever is likelier than 0.
 
     Raises:
-        InputError: as estimate.
+        InputError: as in `estimate`.
     """
     first = -np.inf if known.rest is None else known.rest.end
     ranges = ranges.only(np.flatnonzero(ranges.t >= first))
@@ -70,7 +70,7 @@ def fit_lever(ranges: Ranges, imu: Imu, known: FilterSetup, settings: FilterSett
 
 
 def _stepped(arm: np.ndarray, now: Innovations, beside: Sequence[Innovations]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lever after a step of Gauss-Newton, and its standard deviations, by the innovations a STEP beside."""
+    """Return the lever (3) after a Gauss-Newton step, and its deviations (3); `beside`: innovations one STEP away."""
     J = np.column_stack([(one.innovation - now.innovation) / STEP for one in beside])
     taken = now.taken & (np.abs(J) < SMOOTH).all(axis=1)
     S = np.sqrt(now.variance[taken])

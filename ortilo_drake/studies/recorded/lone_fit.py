@@ -1,10 +1,10 @@
 """A cheap fit of ranges to one another, where no truth is known: do they agree on places at all?
 
-In each of some short times it minimises, over a position p and a velocity v,
+In each of some short windows it minimises, over a position p and a velocity v,
 
     Σ rho((|p + v (t_k - t_0) - a_i| - r_ki) / 0.06 m) + |v|² / (2 m/s)²,   rho = soft L1
 
-and of a difference r_b - r_a the distance to a is taken off. What is left compares one reading of the files with
+For a difference r_b - r_a the distance to a is subtracted. The residual compares one reading of the files with
 another. The mirror image of a room fits as well as the room.
 """
 
@@ -17,14 +17,14 @@ from ortilo_drake.studies.recorded.plain_fit import SPREAD, PlainFit, Reading, c
 from ortilo_drake.studies.recorded.reacquired import LEAST, SPEED
 from ortilo_drake.studies.recorded.truth_path import modelled, random_sample
 
-WINDOWS, MOST = 8, 60  # times, and ranges in each at most
-SPAN, LONGEST = 0.5, 3.0  # how long each lasts, of slow ranges until there are enough [s]
-ENOUGH = 12  # ranges
-STEPS = 40
+WINDOWS, MOST = 8, 60  # number of windows, and ranges in each, at most
+SPAN, LONGEST = 0.5, 3.0  # duration of a window, and of one with slow ranges until there are enough [s]
+ENOUGH = 12  # ranges that are enough
+STEPS = 40  # evaluations in a window's fit, at most
 
 
 def lone_fit(now: Reading, windows: int = WINDOWS) -> PlainFit | None:
-    """Return the fit of so many windows, or None if hardly one has ranges enough; offset and frame are none."""
+    """Return the fit of all windows, or None if fewer than half have enough anchors; offset 0, frame unchanged."""
     anchors, found = now.anchors, []
     for heard in _windows(now.ranges, windows):
         counts = counted(heard, now.without)
@@ -43,7 +43,7 @@ def lone_fit(now: Reading, windows: int = WINDOWS) -> PlainFit | None:
 
 
 def _windows(ranges: Ranges, windows: int) -> list[Ranges]:
-    """Return the ranges of some short times, evenly spread."""
+    """Return the ranges of `windows` short times, evenly spread."""
     found = []
     for t in np.linspace(ranges.t[0], ranges.t[-1], windows + 2)[1:-1]:
         first = int(np.searchsorted(ranges.t, t))
@@ -55,7 +55,7 @@ def _windows(ranges: Ranges, windows: int) -> list[Ranges]:
 
 
 def _fit(heard: Ranges, anchors: np.ndarray, counts: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return cost, places (m, 3) and slopes (m + 3, 6) of the better start, above the anchors' middle or below it."""
+    """Return cost, places (m, 3) and slopes (m + 3, 6) of the better fit, begun above or below the anchors' middle."""
     after, two, none = (heard.t - heard.t[0])[:, None], heard.other >= 0, np.zeros(len(anchors))
 
     def residuals(x: np.ndarray) -> np.ndarray:
