@@ -1,8 +1,8 @@
 """Anchors that are not where the map has them: some change places, or one was surveyed or typed wrongly.
 
-With a truth each anchor's ranges tell where it is in the truth's frame, and the places so found are matched with the
-map's. Else, and for differences, the places are exchanged two at a time, going on from the exchanges that fit best. One
-anchor alone is wrong where the others fit without it; where it is, its ranges then tell.
+With a truth, each anchor's ranges tell its place in the truth's frame, and these places are matched with the map's.
+Without a truth, and for differences, the places are exchanged two at a time, going on from the exchanges that fit best.
+A single anchor is wrong if the others fit without it; its ranges then tell its place.
 """
 
 from itertools import combinations, permutations
@@ -17,20 +17,20 @@ from ortilo_drake.studies.recorded.readings import ALIKE, BETTER, Guess, Trial, 
 from ortilo_drake.studies.recorded.truth_path import LEAST, TruthPath, covered_ranges, modelled
 
 BEST = 3  # orders that go on to the next exchange of two places
-CLEARLY = 1.4  # of a pair, where the whole fits well: on real recordings no wrong one leaves less at all
-SAME = 1.2  # of orders whose distances add up to so many times the least, or less, the map's is the likeliest
-HEADINGS, SOME = 36, 60  # of the places found beside the map's; ranges that an anchor's place goes by
-ALL_HEADINGS = 8  # with more anchors, pairs are tried from the frame found only
-ALONE = 1.5  # one anchor is wrong if leaving out any other leaves more by this factor
-TYPED = 0.5  # a slip of the pen is told if it costs a range no more than this more: errors of 0.07 m
-BIAS = 0.15  # of that anchor's ranges [m]
-FEWEST = 6  # anchors of which one may be left out without a truth
+CLEARLY = 1.4  # factor of a pair's gain where all fits well: on real recordings no wrong pair gains anything
+SAME = 1.2  # orders whose summed distances are within this factor of the least count as equal: the map's is preferred
+HEADINGS, SOME = 36, 60  # headings tried between found places and map; ranges used for an anchor's place
+ALL_HEADINGS = 8  # with more anchors, pairs are tried only from the frame already found
+ALONE = 1.5  # one anchor is wrong if leaving out any other leaves a residual larger by this factor
+TYPED = 0.5  # a slip of the pen is told if it adds at most this cost for each range: errors of 0.07 m
+BIAS = 0.15  # standard deviation of the bias of that anchor's ranges [m]
+FEWEST = 6  # without a truth, one of at least so many anchors may be left out
 
-Order = tuple[int, ...]  # which of the map's places each anchor has
+Order = tuple[int, ...]  # for each anchor, the index of its place in the map
 
 
 def worst_anchor(fit: PlainFit, anchors: np.ndarray) -> float:
-    """Return the RMS error of the ranges that fit worst, those of one anchor, with a constant of its own [m]."""
+    """Return the RMS error of the ranges of the anchor that fits worst, each anchor with a bias of its own [m]."""
     heard, worst = fit.heard, 0.0
     errors = modelled(fit.places, anchors, np.full(len(anchors), fit.bias), heard) - heard.r
     for i in range(len(anchors)):
@@ -40,21 +40,21 @@ def worst_anchor(fit: PlainFit, anchors: np.ndarray) -> float:
 
 
 def names_of(map_: Map, n: int) -> list[str]:
-    """Return what the map calls its anchors, or their topics, or their places in the list, from 1."""
+    """Return the anchors' names in the map, or else their topics, or else their numbers in the list, from 1."""
     named = map_.names or (tuple(map_.anchors) if isinstance(map_.anchors, dict) else ())
     named = named or (() if map_.ranges is None else tuple(map_.ranges.topics))
     return [f"'{name}'" for name in named] if len(named) == n else [str(i + 1) for i in range(n)]
 
 
 def matched_order(trial: Trial, map_: Map) -> Guess | None:
-    """Return the order of the anchors by where the truth's ranges have them, if it fits clearly better."""
+    """Return the order of the anchors by their places in the truth's frame, if it fits clearly better."""
     path = path_of(trial.now)
     order = tuple(range(len(trial.now.anchors))) if path is None else _matched(trial, path)
     return _best_of(trial, map_, _fits(trial, [order], path, None))
 
 
 def exchanged_order(trial: Trial, map_: Map, exchanges: int = 2, by: float = BETTER) -> Guess | None:
-    """Return the order that leaves less by a factor, with so many exchanges of two anchors, if there is one."""
+    """Return the order after some exchanges of two anchors whose residual is smaller by the factor `by`, if any."""
     n, path = len(trial.now.anchors), path_of(trial.now)
     near = trial.fit if path is not None and n > ALL_HEADINGS else None
     own = tuple(range(n))
@@ -73,14 +73,14 @@ def exchanged_order(trial: Trial, map_: Map, exchanges: int = 2, by: float = BET
 def _fits(
     trial: Trial, orders: list[Order], path: TruthPath | None, near: PlainFit | None
 ) -> list[tuple[Order, PlainFit]]:
-    """Return orders and their fits, the best first."""
+    """Return orders with their fits, the best first."""
     read = [trial.now._replace(anchors=trial.now.anchors[list(order)]) for order in orders]
     fits = [(order, trial.fit_of(one, path, near)) for order, one in zip(orders, read, strict=True)]
     return sorted(((order, fit) for order, fit in fits if fit is not None), key=lambda one: one[1].cost)
 
 
 def _best_of(trial: Trial, map_: Map, fits: list[tuple[Order, PlainFit]], by: float = BETTER) -> Guess | None:
-    """Return the best order; without a truth all that fit as well, as a room's mirror image does."""
+    """Return the best order, if clearly better; without a truth all that fit as well, as a room's mirror image does."""
     good = [(order, fit.left) for order, fit in fits if trial.is_better(fit, trial.now, by)]
     if not good:
         return None
@@ -92,7 +92,7 @@ def _best_of(trial: Trial, map_: Map, fits: list[tuple[Order, PlainFit]], by: fl
 
 
 def _matched(trial: Trial, path: TruthPath) -> Order:
-    """Return which of the map's places is nearest to where each anchor's ranges have it; the map's order if unknown."""
+    """Return the map's place nearest to each anchor's place by its ranges; the map's order if unknown."""
     now, n = trial.now, len(trial.now.anchors)
     own, best = tuple(range(n)), (np.inf, tuple(range(n)))
     ranges = now.ranges.only(np.flatnonzero(now.ranges.other < 0))
@@ -110,7 +110,7 @@ def _matched(trial: Trial, path: TruthPath) -> Order:
 
 
 def _alike(found: np.ndarray, anchors: np.ndarray, same: bool) -> Order:
-    """Return for each place found (n, 3) which of the anchors (n, 3) it is, however turned and shifted the frame."""
+    """Return the anchor (n, 3) of each found place (n, 3); the frame is turned about z and shifted unless `same`."""
     tried: list[tuple[float, Order]] = []
     for yaw in (0.0,) if same else np.linspace(0.0, 2.0 * np.pi, HEADINGS, endpoint=False):
         c, s = np.cos(yaw), np.sin(yaw)
@@ -144,7 +144,7 @@ def _said(order: Order, names: list[str]) -> str:
 
 
 def moved_anchor(trial: Trial, map_: Map) -> Guess | None:
-    """Return where the one anchor is whose entry is wrong, if the others fit clearly better without it."""
+    """Return the place of the one anchor whose entry is wrong, if the others fit clearly better without it."""
     now, n, path = trial.now, len(trial.now.anchors), path_of(trial.now)
     if path is None and n < FEWEST:
         return None
@@ -163,21 +163,21 @@ def moved_anchor(trial: Trial, map_: Map) -> Guess | None:
     moved[i] = place
     whole = trial.fit_of(now._replace(anchors=moved), path)
     if whole is None or not trial.is_better(whole, now):
-        return None  # its ranges are wrong, as behind metal
+        return None  # the anchor's ranges are wrong, as behind metal, not its place
     return Guess(f"anchors: entry {name} at {point_text(place)}, not {point_text(own)},", trial.fit.left, whole.left)
 
 
 def _place(fit: PlainFit, now: Reading, i: int) -> np.ndarray:
-    """Return an anchor's place (3) by its ranges, from the antenna's places: what was typed wrongly, the least first.
+    """Return an anchor's place (3) by its ranges from the antenna's places: the smallest slip of the pen that fits.
 
-    That is its axes exchanged or a sign turned, one coordinate, or all three; of mirror images the nearer one.
+    Tried in order: axes exchanged or a sign turned, one coordinate, all three; of mirror images the nearer one.
     """
     rows = np.flatnonzero((fit.heard.anchor == i) | (fit.heard.other == i))
     heard, p, anchors, c = fit.heard.only(rows), fit.places[rows], now.anchors.copy(), np.zeros(len(now.anchors))
     own, none = now.anchors[i], np.zeros((3, 0))
 
     def fitted(start: np.ndarray, free: np.ndarray) -> tuple[float, np.ndarray]:
-        """Return cost and place: the start, moved along free axes (3, k), with a bias of this anchor's own."""
+        """Return cost and place of a fit from `start`, moved along the axes `free` (3, k), with a bias of its own."""
 
         def residuals(y: np.ndarray) -> np.ndarray:
             anchors[i] = start + free @ y[1:]
@@ -202,5 +202,5 @@ def _place(fit: PlainFit, now: Reading, i: int) -> np.ndarray:
 
 
 def point_text(p: np.ndarray) -> str:
-    """Return a place as a list of YAML."""
+    """Return a place (3) as a YAML list."""
     return f"[{', '.join(f'{v:g}' for v in p)}]"

@@ -1,4 +1,4 @@
-"""Time that passes between two events: the nominal state at once, the covariance when a row needs it."""
+"""Propagation between two events: the nominal state at once, the covariance when a row needs it."""
 
 from typing import NamedTuple
 
@@ -13,19 +13,19 @@ from ortilo_drake.studies.recorded.filter_types import BIASES, TRANSITION, Aids,
 from ortilo_drake.studies.recorded.imu_watch import RESTS, SINCE
 
 STEP = 0.01  # longest step of the propagation [s]
-STALE, HOVERS = 0.1, (0.3, 2.0)  # age of a sample that no longer holds [s], and the noise then [rad/s/√Hz, m/s²/√Hz]
+STALE, HOVERS = 0.1, (0.3, 2.0)  # age after which a sample no longer holds [s]; noise then [rad/s/√Hz, m/s²/√Hz]
 
 
 class Passing(NamedTuple):
-    """The motion accumulated since the covariance was propagated, with N error states.
+    """The motion accumulated since the covariance was last propagated, with N error states.
 
     Attributes:
-        A: transition of the first nine errors by the first fifteen, and by that of drag's k (9, 16).
-        W: covariance of the noise that entered them (9, 9).
-        keeps: factor by which each further error went on (N - 9).
-        walks: variance that each of them got (N - 9).
-        scratch: room (9, N).
-        time: [s] (1).
+        A: transition from the first fifteen errors and drag's dk to the first nine errors (9, 16).
+        W: covariance of the noise that entered the first nine errors (9, 9).
+        keeps: factor of each further error over the time (N - 9).
+        walks: variance added to each further error (N - 9).
+        scratch: room for products (9, N).
+        time: time passed [s] (1).
     """
 
     A: np.ndarray
@@ -57,17 +57,17 @@ def accumulate(
     aids: Aids,
     stale: bool,
 ) -> None:
-    """Propagate the nominal state, transition and noise by h, in steps; the errors that fade wait for propagate_over.
+    """Propagate nominal state, transition and noise by h, in steps; propagate_over does the errors that fade.
 
     Args:
         x: nominal state; changed.
-        passing: changed.
-        h: [s].
-        held: the samples of the imu (6).
+        passing: the accumulated motion; changed.
+        h: time [s].
+        held: the imu's samples that hold (6).
         watched: see State.
-        t: stamp before it [s].
-        noise: the noise.
-        aids: drag, which may take the accelerometer's place; its k is the last state.
+        t: stamp at the start of the time [s].
+        noise: the filter's noise.
+        aids: drag, which may replace the accelerometer; its k is the last state.
         stale: whether the samples are too old to hold: then the body is taken to hover.
     """
     A, W = passing.A, passing.W
@@ -88,7 +88,7 @@ def accumulate(
                 f[i] = x[Q + 7 + i] - x[-1] * along_body(R, v, i)
         place = x[:THETA].copy()
         inertial_step(x, A, W, w, f, dt, variances if watched[RESTS] == 0.0 else np.array([variances[0], 0.0]))
-        if watched[RESTS] > 0.0:  # position and velocity are as they were, whatever tilt and biases are
+        if watched[RESTS] > 0.0:  # position and velocity stay, whatever tilt and biases are
             x[:THETA] = place
             A[:THETA], W[:THETA], W[:, :THETA] = 0.0, 0.0, 0.0
             for i in range(THETA):
@@ -104,8 +104,8 @@ def accumulate(
 def propagate_over(C: np.ndarray, x: np.ndarray, passing: Passing, grown: float, n: int, noise: Noise) -> None:
     """Propagate the covariance, and the errors of n anchors, over the time passed; call reset_passing afterwards.
 
-    By range_tail a lasting error that is large is expected to stay so: behind metal an anchor errs by many standard
-    deviations, and a filter that expects no more of it believes a wrong place instead.
+    With range_tail, a large lasting error is expected to stay large. Behind metal an anchor errs by many standard
+    deviations; a filter that expects only the usual error would move to a wrong place instead.
     """
     keeps, walks, passed = passing.keeps, passing.walks, passing.time[0]
     for i in range(n):
@@ -127,7 +127,7 @@ def propagate_over(C: np.ndarray, x: np.ndarray, passing: Passing, grown: float,
 
 @register_jitable
 def reset_passing(passing: Passing) -> None:
-    """Reset: no time has passed."""
+    """Reset the accumulated motion to no time passed."""
     passing.A[:], passing.W[:], passing.time[0] = 0.0, 0.0, 0.0
     for i in range(9):
         passing.A[i, i] = 1.0

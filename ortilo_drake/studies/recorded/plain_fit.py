@@ -6,7 +6,7 @@ minimises
     Σ rho((|F (p(t_k + d) + R l) + s - a_i| + c - r_ki) / 0.06 m) + |l|² / (0.1 m)²,   rho = soft L1
 
 over the heading or the whole turn F, the shift s, one bias c, the lever l where the truth has an attitude, and the
-clock's offset d where it is not held. Of a difference r_b - r_a the distance to a is taken off, and c is in none. The
+clock's offset d where it is not held. For a difference r_b - r_a the distance to a is subtracted, and c cancels. The
 residual compares one reading of the files with another.
 """
 
@@ -27,19 +27,20 @@ from ortilo_drake.studies.recorded.truth_path import (
     random_sample,
 )
 
-SPREAD, LEVER, CLOCK = 0.06, 0.1, 7  # of a range and of the lever [m]; the clock's column in `slopes`
-FEW = 160  # ranges that a fit goes by
-KEPT = 0.95  # share of the errors that counts: the rest may be outliers
+SPREAD, LEVER, CLOCK = 0.06, 0.1, 7  # deviations of a range and of the lever [m]; the clock's column in `slopes`
+FEW = 160  # ranges used in a fit
+KEPT = 0.95  # share of the errors that counts, smallest first: the rest may be outliers
 YAWS = (0.0, np.pi / 2, np.pi, -np.pi / 2)
-TURNED = {"same": 0, "yaw": 1, "se3": 3}  # components of the turn that are free, the last ones
-MOST, SCREEN, BEST = 40, 6, 2  # steps of a fit; of each start, and how many of the starts go on
-FLAT, NUDGE = 0.3, 0.7  # anchors less than this off a plane [m]: the fit starts so far above it, not on it [m]
+TURNED = {"same": 0, "yaw": 1, "se3": 3}  # number of free components of the turn vector, the last ones
+MOST, SCREEN, BEST = 40, 6, 2  # evaluations of a fit, of a start's first trial, and number of starts that go on
+FLAT, NUDGE = 0.3, 0.7  # if anchors are less than this off a plane [m], a fit starts so far above the plane [m]
 
 
 class Reading(NamedTuple):
-    """A key of the map and its value, the files so read, and the offsets to start from [s], None as found.
+    """One reading of the files, and the map's key and value that set it.
 
-    `near` says that the frame found may serve as the start; `without` is an anchor whose ranges do not count.
+    offsets: clock offsets to start from [s], None for the trial's; near: whether the frame already found may serve as
+    the start; without: index of an anchor whose ranges do not count, -1 if all count.
     """
 
     key: str
@@ -54,10 +55,10 @@ class Reading(NamedTuple):
 
 
 class PlainFit(NamedTuple):
-    """Offset [s], turn F (3, 3) and shift s (3), RMS of the range errors left, the largest 5 % aside [m], and cost.
+    """The fitted offset [s], turn F (3, 3) and shift s (3), RMS range error without the largest 5 % [m], and cost.
 
-    Then the ranges that it goes by, the antenna's place at each, in the anchors' frame (m, 3), the bias [m], and the
-    slopes (m + q, k) by k unknowns: of the m errors, over SPREAD, and of q more residuals that say what else is known.
+    heard: the ranges used (m); places: the antenna's place at each range, in the anchors' frame (m, 3); bias [m];
+    slopes (m + q, k): derivatives by k unknowns of the m errors over SPREAD, and of q residuals of prior knowledge.
     """
 
     offset: float
@@ -72,7 +73,7 @@ class PlainFit(NamedTuple):
 
 
 class _Seen(NamedTuple):
-    """At an offset, for each range: place, velocity and attitude of the truth, the range, and whether it counts."""
+    """For each range at a clock offset: place, velocity and attitude of the truth, the range, and whether it counts."""
 
     offset: float
     p: np.ndarray
@@ -91,15 +92,15 @@ def plain_fit(
     near: PlainFit | None = None,
     few: int = FEW,
 ) -> PlainFit | None:
-    """Return the best fit from several starts, or None if truth and ranges hardly meet.
+    """Return the best fit from several starts, or None if truth and ranges hardly overlap in time.
 
     Args:
-        now: what is fitted.
+        now: the reading to fit.
         path: its truth.
-        offsets: of the clocks, to start from [s].
-        moves: whether the offset is fitted, too.
-        near: a fit whose frame to start from, in place of four headings.
-        few: ranges that it goes by, at most.
+        offsets: clock offsets to start from [s].
+        moves: whether the offset is fitted too.
+        near: a fit whose frame is the start, in place of four headings.
+        few: ranges used, at most.
     """
     ranges, anchors, starts = now.ranges, now.anchors, []
     flat = float(np.linalg.svd(anchors - anchors.mean(axis=0))[1][-1]) < FLAT * np.sqrt(len(anchors))
@@ -128,19 +129,19 @@ def plain_fit(
 
 
 def counted(heard: Ranges, without: int) -> np.ndarray:
-    """Return which ranges are not to an anchor that is left out, as 1 and 0 (n)."""
+    """Return 0 for each range to the anchor `without`, which is left out, else 1 (n)."""
     return ((heard.anchor != without) & ((heard.other != without) | (heard.other < 0))).astype(float)
 
 
 def left_of(errors: np.ndarray, kept: float = KEPT) -> float:
-    """Return the RMS of errors [m], but for the largest: a share of them is kept."""
+    """Return the RMS of a share `kept` of the errors [m]: the largest ones are left out."""
     return float(np.sqrt(np.mean(np.sort(np.abs(errors))[: max(1, int(kept * len(errors)))] ** 2)))
 
 
 def _fit(seen: _Seen, F0: np.ndarray, shift: np.ndarray, now: Reading, moves: bool, most: int) -> PlainFit:
-    """Return the fit from one start; unknowns: shift (3), bias, lever (3), offset, and the free turn.
+    """Return the fit from one start; its unknowns are shift (3), bias, lever (3), offset, and the free turn.
 
-    Places count from their middle, which may be far away, as in UTM.
+    Places far from 0, as in UTM, count from their middle.
     """
     anchors, frame = now.anchors, now.frame
     middle = seen.p.mean(axis=0) if far_away(seen.p) and frame != "same" else np.zeros(3)
@@ -151,7 +152,7 @@ def _fit(seen: _Seen, F0: np.ndarray, shift: np.ndarray, now: Reading, moves: bo
     stiff = np.array([1.0 / LEVER] * 3 + [1.0 if moves else 1e6])
 
     def placed(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return F, and the antenna's places in the truth's frame."""
+        """Return F, and the antenna's places in the truth's frame (m, 3)."""
         F = _turn(_of_last(x[8:])) @ F0 if free else F0
         q = seen.p + x[7] * seen.v
         return F, q if seen.R is None else q + seen.R @ x[4:7]
@@ -192,12 +193,12 @@ def _fit(seen: _Seen, F0: np.ndarray, shift: np.ndarray, now: Reading, moves: bo
 
 
 def toward(d: np.ndarray) -> np.ndarray:
-    """Return the directions of vectors (n, 3)."""
+    """Return the unit vectors along vectors (n, 3)."""
     return np.asarray(d / np.maximum(np.linalg.norm(d, axis=1), 1e-9)[:, None])
 
 
 def _of_last(a: np.ndarray) -> np.ndarray:
-    """Return a vector (3) of its last components."""
+    """Return the vector (3) whose last components are `a`; the others are 0."""
     whole = np.zeros(3)
     whole[3 - len(a) :] = a
     return whole
@@ -209,7 +210,7 @@ def _cross(a: np.ndarray) -> np.ndarray:
 
 
 def _turn(a: np.ndarray) -> np.ndarray:
-    """Return exp(a), by Rodrigues' formula; SciPy's takes five times as long for one vector."""
+    """Return exp([a]x) (3, 3) by Rodrigues' formula; SciPy takes five times as long for one vector."""
     angle, K = float(np.linalg.norm(a)), _cross(a)
     half = np.sinc(angle / 2.0 / np.pi)  # 2 sin(angle / 2) / angle
     return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * half**2 * (K @ K))

@@ -1,19 +1,19 @@
-"""Where the filter starts, and starts anew where it is lost: by the ranges of a short time alone.
+"""The filter's start, and its restart where it is lost, by the ranges of a short time alone.
 
-After an outage the position's deviation is metres and more, so that a range's row, taken where the filter believes to
-be, points the wrong way: the filter then believes a wrong place firmly and refuses every range for ever. So before the
-first range that finds it so far astray, and where most anchors were refused for a second, position and velocity are
-found anew. That fix enters as a measurement; what of P contradicts it is opened first. It is left out if fewer ranges
-agree with it than with the filter: then the ranges are wrong, not the filter.
+After an outage the position's deviation is metres and more. A range's row, linearised at the filter's position, then
+points the wrong way: the filter becomes certain of a wrong place and refuses every range for ever. So position and
+velocity are found anew before the first range after such an outage, and where most anchors were refused for a second.
+This fix enters as a measurement; variances in P that contradict it are widened first. The fix is not used if fewer
+ranges agree with it than with the filter: then the ranges are wrong, not the filter.
 
 A fix is the antenna's p and v at the first stamp t_0, robust against single ranges that are far too long:
 
     minimise  Σ rho((|p + v (t_k - t_0) - a_i| + c_i - r_k) / 0.1 m) + |v|² / (2 m/s)²,   rho = soft L1, then Cauchy
 
-and, where the height is known or constant, (z - height)² / sd² and v_z² / sd². A vehicle that moves at the first stamp
-is found moving. Three anchors, or all in one plane, leave a mirror image: the one near the last estimate is taken, or
-at the start the one near z = 0.5 m, as no vehicle is under the floor and few are above the ceiling. Anchors almost in
-one plane leave a local minimum on its wrong side: the search starts near their plane and far from it, on both sides.
+and, where the height is known or constant, (z - height)² / sd² and v_z² / sd². A vehicle may move at the first stamp.
+Three anchors, or anchors in one plane, leave a mirror image. Then the place near the last estimate is taken, or at the
+start the place near z = 0.5 m: no vehicle is under the floor, and few are above the ceiling. Anchors almost in one
+plane leave a local minimum on its wrong side: the search starts near the plane and far from it, on both sides.
 """
 
 from typing import NamedTuple
@@ -42,26 +42,26 @@ from ortilo_drake.studies.recorded.filter_types import (
 )
 from ortilo_drake.studies.recorded.truth_path import modelled
 
-AGAIN = 1.0  # before the next trial [s]
+AGAIN = 1.0  # time before the next trial [s]
 SURPRISE = 3.0  # standard deviations beyond which a fix contradicts the filter
-TILT, HEADING, GYRO, ACCELEROMETER = 0.1, 0.3, 0.01, 0.1  # opened then [rad, rad, rad/s, m/s²]
-FIRST_RANGES = 1.0  # the ranges that a position goes by [s]
-LONGEST = 3.0  # of slow ranges, until enough anchors are heard [s]
-ENOUGH, LEAST = 4, 3  # anchors
-SPREAD, SPEED = 0.1, 2.0  # of a range's error [m], and of a velocity [m/s]
-CHANGE = 1.0  # of the velocity within a second [m/s]
-SURE = 0.3  # no fix is better than this, as its ranges are filtered once more [m], [m/s]
-UNSEEN = 1.0  # nor is it worse: it is in the room, even where no range tells its height [m], [m/s]
-FITS = 0.3  # a range agrees that is this near [m]
-FLOOR = 0.5  # of two mirror images the one near this height is taken at the start [m]
-STARTS = (-1.5, -0.5, 0.5, 1.5)  # of the search, from the anchors' mean along the normal of their plane [m]
-MIRROR = 3.0  # costs that differ by less do not tell one position from another
+TILT, HEADING, GYRO, ACCELEROMETER = 0.1, 0.3, 0.01, 0.1  # deviations added then [rad, rad, rad/s, m/s²]
+FIRST_RANGES = 1.0  # duration of the ranges in a fix [s]
+LONGEST = 3.0  # duration with slow ranges, until enough anchors are heard, at most [s]
+ENOUGH, LEAST = 4, 3  # anchors that are enough, and that a fix needs
+SPREAD, SPEED = 0.1, 2.0  # standard deviations of a range's error [m] and of a velocity [m/s]
+CHANGE = 1.0  # change of the velocity within a second [m/s]
+SURE = 0.3  # least standard deviation of a fix: its ranges are also filtered afterwards [m], [m/s]
+UNSEEN = 1.0  # largest deviation by the fit: the vehicle is in the room, even if no range tells its height [m], [m/s]
+FITS = 0.3  # a range agrees if its error is smaller [m]
+FLOOR = 0.5  # of two mirror images, the one near this height is taken at the start [m]
+STARTS = (-1.5, -0.5, 0.5, 1.5)  # starts of the search, from the anchors' mean along the normal of their plane [m]
+MIRROR = 3.0  # two positions whose costs differ by less cannot be told apart
 
 Arms = np.ndarray | float
 
 
 class Innovations(NamedTuple):
-    """Of each range the innovation, its variance, and whether it was taken (n each)."""
+    """The innovation of each range [m], its variance [m²], and whether the range was taken (n each)."""
 
     innovation: np.ndarray
     variance: np.ndarray
@@ -69,14 +69,14 @@ class Innovations(NamedTuple):
 
 
 class Lost(NamedTuple):
-    """The times at which the filter was lost and found again [s]; `found` is None if it was not."""
+    """The times at which the filter was lost and found again [s]; `found` is None if it stayed lost."""
 
     since: float
     found: float | None
 
 
 def opening_of(state: State, x: np.ndarray, variances: np.ndarray) -> np.ndarray:
-    """Return the addition to P's diagonal after which position and velocity x (6) do not contradict the state."""
+    """Return the addition to P's diagonal (N) with which position and velocity x (6) do not contradict the state."""
     off = np.square(x - state.x[:6])
     P = np.diag(state.C)
     beyond = off > SURPRISE**2 * (P[:6] + variances)
@@ -94,16 +94,16 @@ def no_restart(N: int) -> Restart:
 
 
 def is_astray(state: State) -> bool:
-    """Return whether the position's deviation is so large that ranges no longer correct it."""
+    """Return whether the position's deviation is so large that ranges can no longer correct it."""
     return bool(np.trace(state.C[:3, :3]) > ASTRAY**2)
 
 
 def run_on(
     events: Events, heard_all: EventValues, start: State, setup: Setup, wait: float, whole: bool
 ) -> tuple[list[Run], list[Lost], State]:
-    """Run the filter over all events, and return the runs between its starts, when it was lost, and how it ended.
+    """Run the filter over all events; return the runs between its starts, the times it was lost, and its last state.
 
-    Arguments as run_filter; an infinite wait keeps it from starting anew.
+    Arguments as in `run_filter`; an infinite wait prevents restarts.
     """
     heard = events.kind == RANGE
     ranges = Ranges(*(part[heard] for part in (events.t, events.which, events.r, events.other, events.tag)))
@@ -112,7 +112,7 @@ def run_on(
     parts: list[Run] = []
     lost: list[Lost] = []
     state, anew, done, since = start, nothing, 0, None
-    last = float(events.t[0])  # range that was taken
+    last = float(events.t[0])  # stamp of the last range that was taken
     while True:
         rest = Events(*(part[done:] for part in events))
         first = before[done]
@@ -121,7 +121,7 @@ def run_on(
         parts.append(run)
         done += taken_in
         if since is not None and run.taken[-n:].mean() > 0.5:
-            since = None  # what was refused has passed, and the filter was right
+            since = None  # wrong ranges have passed, and the filter was right
         if run.taken.any():
             last = float(ranges.t[first + np.flatnonzero(run.taken)[-1]])
         if done == len(events.t):
@@ -147,15 +147,15 @@ def joined(runs: list[Run]) -> Innovations:
 
 def innovation_score(run: Innovations, gate: float) -> float:
     """Return the log-likelihood of the innovations, each counted at most as if it lay on the gate."""
-    if not (run.variance > 0.0).all():  # it diverged
+    if not (run.variance > 0.0).all():  # the filter diverged
         return -np.inf
     return float(-0.5 * np.sum(np.log(run.variance) + np.minimum(run.innovation**2 / run.variance, gate**2)))
 
 
 def restart_from(ranges: Ranges, setup: Setup, state: State, astray: bool) -> Restart | None:
-    """Return a restart by the ranges from now on; None if none suits them better than the filter's state.
+    """Return a restart by the ranges from now on; None if no restart fits them better than the filter's state does.
 
-    The opinion of one that is `astray` does not count.
+    An `astray` state is not compared.
     """
     anchors, levers, level = setup.anchors, setup.levers, setup.level
     R, c = matrix_of(state.x[Q : Q + 4]), state.x[nominal(BIASES) : nominal(BIASES) + len(anchors)]
@@ -174,7 +174,7 @@ def restart_from(ranges: Ranges, setup: Setup, state: State, astray: bool) -> Re
 
 
 class Fix(NamedTuple):
-    """Position and velocity of the antenna (6), variances (6), and the share of ranges that agree."""
+    """Position and velocity of the antenna (6), their variances (6), and the share of ranges that agree."""
 
     x: np.ndarray
     variances: np.ndarray
@@ -182,10 +182,10 @@ class Fix(NamedTuple):
 
 
 def ranges_for_a_fix(ranges: Ranges) -> Ranges:
-    """Return the first ranges, those that a fix goes by: of one second, or of up to three if they are slow.
+    """Return the first ranges, which a fix uses: one second of them, or up to three seconds if they are slow.
 
     Raises:
-        InputError: if fewer than three anchors are heard in it.
+        InputError: if fewer than three anchors are heard in that time.
     """
     t = ranges.t[: np.searchsorted(ranges.t, ranges.t[0] + LONGEST, side="right")]
     _, at = np.unique(ranges.anchor[: len(t)], return_index=True)
@@ -197,7 +197,7 @@ def ranges_for_a_fix(ranges: Ranges) -> Ranges:
 
 
 def fix_known_at(ranges: Ranges) -> float:
-    """Return the stamp [s] after which no range belongs to ranges_for_a_fix, by the ranges received so far."""
+    """Return the end of ranges_for_a_fix [s], by the ranges received so far."""
     first = float(ranges.t[0])
     near = ranges.t <= first + LONGEST
     _, at = np.unique(ranges.anchor[near], return_index=True)
@@ -226,12 +226,12 @@ def solve_first_fix(
     """Return position and velocity of the antenna at the first stamp.
 
     Args:
-        ranges: of a short time.
+        ranges: of a short time (m).
         anchors: positions (n, 3).
         c: biases of the ranges (n) [m].
-        level: what is known of the height.
-        near: the last position that was known (3); none at the start.
-        arms: from there to the tag of each range, in W (n, 3); 0 where there is one.
+        level: the known height.
+        near: the last known position (3); None at the start.
+        arms: from the antenna to the tag of each range, in W (m, 3); 0 with a single tag.
     """
 
     def residuals(x: np.ndarray) -> np.ndarray:

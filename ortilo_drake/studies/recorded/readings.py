@@ -1,7 +1,7 @@
 """Other readings of the same files (units, axes, frames, clocks, anchors), each named by the key that sets it.
 
-Each is tried by a cheap fit: to the truth (plain_fit.py), or of the ranges to one another where there is none
-(lone_fit.py). One is reported only where it fits at least twice as well, and about as well as the ranges' noise allows.
+A cheap fit tries each reading: to the truth (plain_fit.py), or of the ranges to one another without a truth
+(lone_fit.py). A reading is told only if it fits at least twice as well, and about as well as the ranges' noise allows.
 """
 
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ from ortilo_drake.studies.recorded.truth_path import TruthPath, truth_path
 UNITS = {"mm": 0.001, "cm": 0.01, "in": 0.0254, "ft": 0.3048, "km": 1000.0}
 OF_RANGES = {"there and back": 0.5, "ns of flight": 0.299792458, "ticks of 15.65 ps": 0.299792458 / 63.8976}
 BACK = {"m, not mm": 1000.0, "m, not cm": 100.0, "m, not ft": 1 / 0.3048}
-UPS = {  # which of the axes so far are ours
+UPS = {  # our x, y and z, each as an axis of the truth as it is read now
     "y is up": ("x", "-z", "y"),
     "z is down": ("x", "-y", "-z"),
     "y is down": ("x", "z", "-y"),
@@ -29,17 +29,17 @@ UPS = {  # which of the axes so far are ours
     "left-handed, y is up": ("x", "z", "y"),
     "left-handed, z is down": ("x", "y", "-z"),
 }
-BETTER = 2.0  # a reading is told where it leaves less by this factor
-NEAR = 3.0  # and at most this many standard deviations of the ranges
-SMALL = 0.2  # and this share of the ranges: what is made small fits well
-ALIKE = 1.2  # of readings that leave this much more than the best, the first, which is the simplest, is told
-FAR = 100.0  # clock offsets tried, at most [s]
-LEAST_TIME, MEET = 5.0, 0.4  # truth and ranges meet for so long [s], and for this share of the shorter one
-SPREADS = (0.05, 1.2)  # of an anchor's ranges, in the sizes of the path: what may be
+BETTER = 2.0  # a reading is told if its residual is smaller by this factor
+NEAR = 3.0  # and at most so many standard deviations of the ranges
+SMALL = 0.2  # and at most this share of the ranges: scaled down, any reading has a small residual
+ALIKE = 1.2  # of readings within this factor of the least residual, the first and simplest one is told
+FAR = 100.0  # largest clock offset tried [s]
+LEAST_TIME, MEET = 5.0, 0.4  # least overlap of truth and ranges [s], and as a share of the shorter one
+SPREADS = (0.05, 1.2)  # plausible spread of an anchor's ranges, in sizes of the path
 
 
 class Guess(NamedTuple):
-    """The key that mends it, and the RMS of the ranges' errors, before and after [m], and of which ranges."""
+    """The key that mends the map, the RMS of the ranges' errors before and after [m], and the name of these errors."""
 
     key: str
     before: float
@@ -48,7 +48,7 @@ class Guess(NamedTuple):
 
 
 def as_read(recording: Recording, map_: Map) -> Reading:
-    """Return the reading that the map gives."""
+    """Return the map's own reading."""
     frame = map_.calibration.frame
     anchors = np.asarray(recording.anchors)
     return Reading("", recording.ranges, anchors, recording.truth, frame, tags=recording.tags)
@@ -65,7 +65,7 @@ def readings(now: Reading, map_: Map) -> Iterator[Reading]:
 
 
 def _lengths(now: Reading, map_: Map) -> Iterator[Reading]:
-    """Yield other units of length."""
+    """Yield readings with other units of length."""
 
     def heard(by: float) -> tuple[str, Ranges]:
         return scale_key(map_, by), now.ranges._replace(r=now.ranges.r * by)
@@ -96,13 +96,13 @@ def scale_key(map_: Map, by: float, unit: str = "") -> str:
 
 
 def _frames(now: Reading, truth: Truth, map_: Map) -> Iterator[Reading]:
-    """Yield other frames of the truth, and of the anchors."""
+    """Yield readings with other frames of the truth and of the anchors."""
     assert map_.truth is not None
     own = axes_matrix(map_.truth.axes, "truth.axes", mirrors=True)
     for order in ((1, 0, 2), (0, 2, 1), (2, 1, 0)):
         first, second = ("xyz"[i] for i, j in enumerate(order) if i != j)
         key = f"anchors: {first} and {second} of each change places"
-        if order[2] == 2 and now.frame != "same":  # no fit can tell one from the other
+        if order[2] == 2 and now.frame != "same":  # no fit can tell the two readings apart
             left = axes_matrix(UPS["left-handed"], "truth.axes", mirrors=True)
             key += f", or truth: {{axes: {axes_names(left @ own)}}} (left-handed)"
         yield now._replace(key=key, anchors=now.anchors[:, order])
@@ -114,7 +114,7 @@ def _frames(now: Reading, truth: Truth, map_: Map) -> Iterator[Reading]:
         turned = truth._replace(p=truth.p @ A.T, R=None if truth.R is None else in_axes(truth.R, A))
         names = axes_names(A @ own)
         key = f"truth: {{axes: {names}}}"
-        other = "anchors: z of each with the other sign, or " if axes == ("x", "y", "-z") else ""  # as well mirrored
+        other = "anchors: z of each with the other sign, or " if axes == ("x", "y", "-z") else ""  # the same mirror
         yield now._replace(key=f"{other}{key} ({what})", truth=turned)
         for unit, by in UNITS.items():
             small = turned._replace(p=turned.p * by)
@@ -125,9 +125,9 @@ def _frames(now: Reading, truth: Truth, map_: Map) -> Iterator[Reading]:
 
 
 def clocks(trial: "Trial", map_: Map) -> Iterator[Reading]:
-    """Yield the clock estimated, where the map gives it, and a wider search for it.
+    """Yield readings with an estimated clock where the map gives the clock, and with a wider search.
 
-    Where the body rates told it, the ranges may have another clock than the imu.
+    Where the body rates told the clock, the ranges may have another clock than the imu.
     """
     now, truth, ranges = trial.now, trial.now.truth, trial.now.ranges
     if truth is None:
@@ -156,17 +156,17 @@ def cheap_fit(
     few: int = FEW,
     windows: int = WINDOWS,
 ) -> PlainFit | None:
-    """Return the fit of a reading to its truth, see plain_fit; without one of its ranges to one another."""
+    """Return the fit of a reading to its truth, see plain_fit; without a truth, the fit of its ranges (lone_fit)."""
     if path is None:
         return lone_fit(reading, windows)
     return plain_fit(reading, path, offsets, moves=moves, near=near, few=few)
 
 
 class Trial(NamedTuple):
-    """What the cheap fits of readings go by.
+    """The setup of the cheap fits of readings.
 
-    The map's reading and its fit; offsets of the clocks to start from [s]; whether the ranges tell the clock; the
-    standard deviation of a range [m]; and the truth's clock less the ranges', if they have one, from first stamps [s].
+    now, fit: the map's reading and its fit; offsets: clock offsets to start from [s]; moves: whether the ranges tell
+    the clock; noise: standard deviation of a range [m]; one_clock: the offset if the files share one clock [s].
     """
 
     now: Reading
@@ -177,15 +177,15 @@ class Trial(NamedTuple):
     one_clock: float
 
     def fit_of(self, reading: Reading, path: TruthPath | None, near: PlainFit | None = None) -> PlainFit | None:
-        """Return the cheap fit of a reading; near a frame if it is given."""
+        """Return the cheap fit of a reading; started at the frame of `near` if given."""
         at = self.offsets if reading.offsets is None else reading.offsets
         return cheap_fit(reading, path, at, moves=self.moves or reading.offsets is not None, near=near)
 
     def is_better(self, fit: PlainFit, reading: Reading, by: float = BETTER) -> bool:
-        """Return whether a fit leaves clearly less, in metres, and beside ranges that it may have made small."""
+        """Return whether a fit's residual is clearly smaller, in metres and relative to its possibly scaled ranges."""
         size, read = (float(np.median(np.abs(one.ranges.r))) for one in (self.now, reading))
         before, after = self.fit.left / size, fit.left / read
-        # a sign or an order of the anchors makes nothing small
+        # a changed sign or order of the anchors scales nothing down
         kept = reading.truth is self.now.truth and read == size and _size(reading.anchors) == _size(self.now.anchors)
         return bool(fit.left <= NEAR * self.noise and (kept or after < SMALL) and by * after <= before)
 
@@ -208,7 +208,7 @@ def better_reading(trial: Trial, map_: Map) -> Guess | None:
                     key = key.replace("LATE", f"{map_.imu.late + fit.offset - trial.fit.offset:.3f}")
                 good.append(Guess(key, trial.fit.left, fit.left))
                 if fit.left <= trial.noise:
-                    break  # none can be told from it
+                    break  # no reading can fit clearly better
         if good:
             least = min(one.after for one in good)
             return next(one for one in good if one.after <= ALIKE * least)
@@ -216,14 +216,14 @@ def better_reading(trial: Trial, map_: Map) -> Guess | None:
 
 
 def path_of(reading: Reading) -> TruthPath | None:
-    """Return the truth between its stamps, if there is one."""
+    """Return the path of a reading's truth, if there is a truth."""
     return None if reading.truth is None else truth_path(reading.truth)
 
 
 def is_plausible(reading: Reading) -> bool:
     """Return whether a reading is plausible: an anchor's ranges change about as much as the body moves.
 
-    Ranges of one time also differ by no more than the anchors lie apart, and do not add up to far less.
+    Also, the anchors' median ranges differ by no more than the anchors lie apart, and the longest range is long enough.
     """
     single = reading.ranges.other < 0
     r, anchor, room = reading.ranges.r[single], reading.ranges.anchor[single], _size(reading.anchors)

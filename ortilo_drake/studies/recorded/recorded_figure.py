@@ -1,4 +1,4 @@
-"""The figure of a recorded motion: its path, errors with three standard deviations, NIS and availability."""
+"""The figure of a recorded motion: path, errors with three standard deviations, NIS and availability."""
 
 from pathlib import Path
 from typing import Any
@@ -16,13 +16,13 @@ from ortilo_drake.views.pictures import figure_to
 from ortilo_drake.views.themes import add_title, for_slides
 
 RED, GREY = ORANGE, "#999999"
-WIDEST, FARTHEST = 0.8, 0.99  # shares of the bands and errors, while available, that an axis shows whole
+WIDEST, FARTHEST = 0.8, 0.99  # shares of the bands, and of the errors, that an axis shows whole while available
 TIME = "time since the first range [s]"
 BIN = 1.0  # NIS is a mean over this time [s]
 
 
 def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Path:
-    """Draw a motion and return the file's path; it is available where its deviation is `below` that [m]."""
+    """Draw a motion and return the file's path; the filter is available while its deviation is below `below` [m]."""
     name = main_row(drawn)
     estimate, truth = drawn[name]
     anchors = np.array(found.anchors)
@@ -86,9 +86,9 @@ def motion_figure(found: Replayed, drawn: Drawn, below: float, path: Path) -> Pa
 
 
 def _places(figure: Figure, errors: int) -> tuple[list[Axes], list[Axes], Axes | None, Axes]:
-    """Return the axes of the path from above and from the side, of so many errors, of NIS and of deviations.
+    """Return the axes of the path from above and from the side, of `errors` error plots, of NIS and of deviations.
 
-    A slide with errors has neither the path from the side nor NIS.
+    A slide with errors shows neither the path from the side nor NIS.
     """
     if for_slides() and errors:
         grid = figure.add_gridspec(6, 2, width_ratios=[1.0, 1.1])
@@ -105,7 +105,7 @@ def _places(figure: Figure, errors: int) -> tuple[list[Axes], list[Axes], Axes |
 
 
 def _draw_nis(axes: Axes, estimate: Estimate) -> None:
-    """Draw the mean NIS of the ranges in each second, and the 1 that a consistent filter has."""
+    """Draw the mean NIS of the ranges in each second, and the value 1 of a consistent filter."""
     taken = estimate.run.taken
     bins = np.arange(estimate.range_stamps[0], estimate.range_stamps[-1] + BIN, BIN)
     squares = estimate.run.innovation[taken] ** 2 / estimate.run.variance[taken]
@@ -118,10 +118,10 @@ def _draw_nis(axes: Axes, estimate: Estimate) -> None:
 
 
 def error_limit(usable: np.ndarray, band: np.ndarray, error: np.ndarray) -> float:
-    """Return where an axis of errors ends, so that they can be read although an outage's band is far wider.
+    """Return the limit of an axis of errors [m], at which they stay readable although an outage's band is far wider.
 
     Args:
-        usable: where the filter is available (m); if nowhere, all of them count.
+        usable: mask of the stamps at which the filter is available (m); if it is nowhere, all stamps count.
         band: three standard deviations (m) [m].
         error: the errors (m) [m].
     """
@@ -130,7 +130,7 @@ def error_limit(usable: np.ndarray, band: np.ndarray, error: np.ndarray) -> floa
 
 
 def _cut(axes: Axes, t: np.ndarray, usable: np.ndarray, band: np.ndarray, error: np.ndarray) -> None:
-    """Limit an axis by error_limit; say above it how far what lies beyond reaches, and mark where the error does."""
+    """Limit an axis by error_limit; write above it how far band and error reach beyond, and mark such errors."""
     limit = error_limit(usable, band, error)
     farthest = np.abs(error)
     beyond = farthest > limit
@@ -145,7 +145,7 @@ def _cut(axes: Axes, t: np.ndarray, usable: np.ndarray, band: np.ndarray, error:
 
 
 def _calibrates(found: Replayed) -> bool:
-    """Whether a first part of the motion calibrated it: with a truth, and the map's `share` above 0."""
+    """Return whether the motion's first part calibrated it: with a truth, and the map's `share` above 0."""
     return found.offset is not None and bool(found.judged_from > 0.0)
 
 

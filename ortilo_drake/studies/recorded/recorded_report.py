@@ -1,8 +1,8 @@
-"""What is written of recorded motions: the report, and trajectories as TUM and CSV.
+"""The files written about recorded motions: the report, and trajectories as TUM and CSV.
 
-The report has all in short, a table of rows for each motion, what was calibrated and what was rejected. Trajectories
-are in the anchors' frame and by the sensors' clock, stamps as the recording's files have them. TUM is what evo and
-others read: `timestamp tx ty tz qx qy qz qw`; without an attitude the quaternion is 0 0 0 1, and CSV leaves it out.
+The report has a summary and, for each motion, a table of rows, the calibration and the rejected data. Trajectories
+are in the anchors' frame and by the sensors' clock, with the stamps of the recording's files. evo and others read TUM,
+`timestamp tx ty tz qx qy qz qw`; without an attitude the quaternion is 0 0 0 1, and CSV leaves it out.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,7 +20,7 @@ from ortilo_drake.studies.recorded.replayed import CV, CV_RAW, RAW, WITH_IMU, Dr
 from ortilo_drake.studies.recorded.scores import Scores
 from ortilo_drake.views.numbers import table
 
-COLUMNS = {  # of Scores what a column shows: its head and form
+COLUMNS = {  # for each field of Scores that is a column: its head and format
     "ate": ("ATE", ".4f"),
     "ate_aligned": ("ATE, aligned", ".4f"),
     "rpe": ("RPE in 1 s", ".4f"),
@@ -38,8 +38,8 @@ LEGEND = (
     "filter's own standard deviation is below the map's `available` (0.3 m if it gives none)."
 )
 CLAIMS = 12.0  # NEES of errors twice as large as claimed
-MOST_LOST = 6  # times that are listed
-LONG = 1.0  # a time without ranges that is told [s]
+MOST_LOST = 6  # losses listed, at most
+LONG = 1.0  # a longer time without ranges is told [s]
 
 
 def _calibrated(found: Replayed) -> list[str]:
@@ -62,13 +62,13 @@ def _calibrated(found: Replayed) -> list[str]:
 
 
 def lost_line(s: Scores) -> str:
-    """Return a line on a filter's losses, and on its errors at other times if they differ from those at all."""
+    """Return a line on a filter's losses, and on its errors at other times if they differ from those at all times."""
     found = _other_times(s)
     return _lost_times(s) + (f"; RMS error in x, y, z at other times {found} m" if found else "")
 
 
 def _other_times(s: Scores) -> str:
-    """Return the RMS errors by axis while a filter was not lost [m]; "" if unknown or the same as at all times."""
+    """Return the RMS errors by axis while the filter was not lost [m]; "" if unknown or the same as at all times."""
     found, whole = (
         "" if rmse is None else ", ".join(f"{axis:.3f}" for axis in rmse) for rmse in (s.rmse_found, s.rmse)
     )
@@ -76,7 +76,7 @@ def _other_times(s: Scores) -> str:
 
 
 def _lost_times(s: Scores) -> str:
-    """Return when a filter was lost, how often and for how long in all."""
+    """Return a text: when the filter was lost, how often, and for how long in all."""
     times = [
         f"lost from {since:.1f} s, "
         + ("not found again" if found is None else f"found again at {found:.1f} s")
@@ -92,10 +92,10 @@ def _lost_times(s: Scores) -> str:
 
 
 def _losses(rows: Mapping[str, Scores]) -> list[str]:
-    """Return lines on the losses of all rows, those that were lost at the same times in one."""
+    """Return lines on the losses of all rows; rows that were lost at the same times share a line."""
     alike: dict[str, list[str]] = {}
     for name, s in rows.items():
-        if s.lost and "lost" not in name:  # losses that were imposed are no news
+        if s.lost and "lost" not in name:  # imposed losses are no news
             found = _other_times(s)
             alike.setdefault(_lost_times(s), []).append(name + (f" (at other times {found} m)" if found else ""))
     if not alike:
@@ -117,7 +117,7 @@ def _table(rows: Mapping[str, Scores]) -> list[str]:
 
 
 def _unheard(silent: float, lasted: float | None) -> str:
-    """Return what a loss that lasted so long owes to the time without any range in it [s]."""
+    """Return the time without ranges within a loss, in words; silent, lasted: longest such time, and the loss [s]."""
     if silent < LONG:
         return ""
     all_of_it = lasted is not None and silent > 0.95 * lasted
@@ -125,12 +125,12 @@ def _unheard(silent: float, lasted: float | None) -> str:
 
 
 def _largest(error: float, t: float, silent: float) -> str:
-    """Return the largest error [m], when it was and how long after the last range [s], in words."""
+    """Return the largest error [m], its time and the time since the last range [s], in words."""
     return f"largest error {error:.2f} m at {t:.1f} s" + f", {silent:.1f} s after the last range" * (silent > LONG)
 
 
 def _with_losses(ate: float, before: float) -> str:
-    """Return how much more error losses make than there was before [m], in words."""
+    """Return how much larger the ATE with losses is than the ATE before [m], in words."""
     more = ate / before - 1.0
     if more >= 0.0:
         return f"{more:.0%} more error"
@@ -144,7 +144,7 @@ def _axes(found: Replayed, name: str) -> str:
 
 
 def overconfident(rows: Mapping[str, Scores]) -> list[str]:
-    """Return a line for each row that claims far too small an error."""
+    """Return a line for each row whose covariance claims far too small an error."""
     return [
         f"{name}: NEES is {s.nees:.0f}, not 3: its errors are {np.sqrt(s.nees / 3.0):.1f} times what it claims, which "
         + _lacking(name)
@@ -154,7 +154,7 @@ def overconfident(rows: Mapping[str, Scores]) -> list[str]:
 
 
 def _lacking(name: str) -> str:
-    """Return what the standard deviations of a row lack."""
+    """Return which errors the standard deviations of a row do not include, in words."""
     if "not calibrated" in name:
         return "lacks what nobody calibrated (lever, biases): `filter` has too small a noise for that"
     if name.startswith(CV):
@@ -206,7 +206,7 @@ def replay_summary(motions: Sequence[Replayed], share: float) -> list[str]:
 
 
 def report_text(motions: Sequence[Replayed], share: float) -> str:
-    """Return the report in Markdown; so large a share of each motion's time calibrated it."""
+    """Return the report in Markdown; `share` is the part of each motion's time that calibrated it."""
     lines = ["# Recorded motions", "", *replay_summary(motions, share)]
     for found in motions:
         lines += [f"## {found.name}", "", *_table(found.rows), *_calibrated(found), *_losses(found.rows)]
@@ -216,12 +216,12 @@ def report_text(motions: Sequence[Replayed], share: float) -> str:
 
 
 def main_row(drawn: Drawn) -> str:
-    """Return the row to draw: the best filter that there is."""
+    """Return the name of the row to draw: the best filter of those that ran."""
     return next(name for name in (WITH_IMU, CV, RAW, CV_RAW) if name in drawn)
 
 
 def _true_attitude(found: Replayed, recording: Recording, t: np.ndarray, frame: str) -> np.ndarray | None:
-    """Return the attitude (m, 3, 3) of the truth's body; None if it is not known or more than a heading turns it."""
+    """Return the attitude (m, 3, 3) of the truth's body; None if unknown, or if F is more than a heading (se3)."""
     truth = recording.truth
     if truth is None or truth.R is None or found.offset is None or found.heading is None or frame == "se3":
         return None
@@ -240,9 +240,9 @@ def _text(table: np.ndarray, mark: str, head: str, stamps: np.ndarray) -> str:
 
 
 def write_trajectories(folder: Path, found: Replayed, drawn: Drawn, recording: Recording, frame: str) -> list[Path]:
-    """Write NAME_estimate, NAME_smoother and NAME_truth, each .tum and .csv, and return the files' paths.
+    """Write NAME_estimate, NAME_smoother and NAME_truth, each as .tum and .csv, and return the files' paths.
 
-    `frame` says how the truth's frame was turned: yaw, se3 or same.
+    `frame` says how the truth's frame was turned: `yaw`, `se3` or `same`.
 
     Raises:
         InputError: if a file cannot be written.

@@ -29,7 +29,7 @@ from ortilo_drake.studies.recorded.setups import (
 )
 from ortilo_drake.studies.recorded.truth_path import truth_path
 
-TILTED = np.radians(5.0)  # the unit's attitude and its specific force should agree better than this at rest
+TILTED = np.radians(5.0)  # largest angle between the unit's own up and its specific force at rest [rad]
 CV, CV_SMOOTH, CV_RAW = "constant velocity", "constant velocity, smoothed", "constant velocity, not calibrated"
 AIDED, BOXED = "with IMU, range finder and flow", "with IMU and boxes"
 WITH_IMU, SMOOTH, RAW = "with IMU", "with IMU, smoothed", "with IMU, not calibrated (biases online)"
@@ -39,9 +39,9 @@ WITH_IMU, SMOOTH, RAW = "with IMU", "with IMU, smoothed", "with IMU, not calibra
 class Replayed:
     """The result of a replay.
 
-    rows: scores by row; told_by ... biases: the calibration's, None without one; residual: RMS of the ranges' errors
-    that it leaves [m]; plain_residual: with one bias for all ranges; range_noise: what the filter counts on [m];
-    doubts: what makes it doubtful, in sentences; rest: what the imu said while it stood still.
+    rows: scores by row; offset ... biases: the calibration's, None without one; residual, plain_residual: RMS of the
+    ranges' errors after the calibration, and after the cheap fit with one bias for all ranges [m]; range_noise: the
+    standard deviation of a range that the filter assumes [m]; doubts: in sentences; rest: the imu's means at rest.
     """
 
     name: str
@@ -63,7 +63,7 @@ class Replayed:
     rest: AtRest | None = None
 
 
-# Of each row the estimate, and the truth at its stamps.
+# By row, the estimate and the true positions at its stamps (m, 3).
 Drawn = dict[str, tuple[Estimate, np.ndarray | None]]
 
 
@@ -92,7 +92,7 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
     """Replay a motion in every way that the map allows; `say` is called with the name of each row before it runs.
 
     Raises:
-        InputError: if calibration or filter have too little to go by.
+        InputError: if calibration or filter have too little data.
     """
     rest = at_rest(recording, map_)
     notes, drawn, rows = _notes(recording, map_, rest), {}, {}
@@ -213,13 +213,13 @@ def replay(recording: Recording, map_: Map, say: Callable[[str], None]) -> tuple
 
 
 def with_lever(known: FilterSetup, recording: Recording, map_: Map, notes: list[str]) -> FilterSetup:
-    """Return the settings with the map's lever, else with the one that the innovations tell, and note it."""
+    """Return the settings with the map's lever, or else with the lever by the innovations, which is noted."""
     given, imu = map_.calibration.lever, recording.imu
     if given != "estimate":
         return known._replace(lever=np.array(given))
     try:
         found = None if imu is None else fit_lever(recording.ranges, imu, known, map_.filter)
-    except InputError:  # the row that needs it says why
+    except InputError:  # the row that needs the lever says why
         found = None
     if found is None:
         if imu is not None:
@@ -233,7 +233,7 @@ def with_lever(known: FilterSetup, recording: Recording, map_: Map, notes: list[
 
 
 def _calibrated(by: Calibration, recording: Recording) -> dict[str, Any]:
-    """Return what a report says of a calibration; the offset as the files count."""
+    """Return the calibration's fields of Replayed; the offset is between the files' own stamps."""
     return {
         "offset": by.offset + (recording.truth_origin - recording.origin),
         "told_by": by.told_by,
@@ -252,13 +252,13 @@ def lose_some(ranges: Ranges, share: float, seed: int) -> Ranges:
 
 
 def gap_ends(ranges: Ranges, gaps: Gaps, first: float) -> np.ndarray:
-    """Return the times at which the gaps end [s]: the first begins at `first`, the last ends before the ranges do."""
+    """Return the ends of the gaps [s]: the first gap begins at `first`, and the last one ends before the ranges do."""
     starts = np.arange(first, ranges.t[-1] - gaps.last, gaps.every)
     return starts + gaps.last
 
 
 def lose_gaps(ranges: Ranges, gaps: Gaps, ends: np.ndarray) -> Ranges:
-    """Return the ranges outside the gaps that end then."""
+    """Return the ranges outside the gaps with these ends [s]."""
     lost = np.zeros(len(ranges.t), dtype=bool)
     for end in ends:
         lost |= (ranges.t >= end - gaps.last) & (ranges.t < end)

@@ -1,14 +1,14 @@
 """The record of a run of the filter, and the smoother that goes back through it (modified Bryson-Frazier).
 
-The arrays that a run writes are allocated in full first, and cut to the written rows at the end. The smoother makes
-each estimate of all measurements, later ones included. Backwards, with lambda and Lambda from 0 on: at a row H with
-gain K, innovation e of variance S, over a step F, and at what is asked for
+The arrays that a run writes are allocated in full first, and cut to the written rows at the end. The smoother bases
+each estimate on all measurements, later ones included. It goes backwards, from lambda = 0 and Lambda = 0: at a row H
+with gain K and innovation e of variance S, over a step F, and at a query,
 
     lambda <- H' (-e / S) + (I - K H)' lambda,   Lambda <- H' H / S + (I - K H)' Lambda (I - K H)
     lambda <- F' lambda,                         Lambda <- F' Lambda F
     error = -P lambda,                           P_smoothed = P - P Lambda P
 
-No covariance is inverted, so that a state may be known exactly.
+No covariance is inverted, so a state may be known exactly.
 
 Source: G. J. Bierman, "Fixed interval smoothing with discrete measurements", Int. J. Control 18, 1973.
 """
@@ -40,13 +40,13 @@ from ortilo_drake.studies.recorded.filter_types import (
 from ortilo_drake.studies.recorded.imu_watch import AVERAGED
 from ortilo_drake.studies.recorded.passing import Passing
 
-STEP, ROW, ASKED = 0, 1, 2  # what stands on the tape
-HEARD, ON_TAPE = 3, 4  # of the numbers written so far: steps, rows, queries, ranges, and all on the tape
+STEP, ROW, ASKED = 0, 1, 2  # kinds of entries on the tape
+HEARD, ON_TAPE = 3, 4  # `written` counts steps, rows, queries, ranges, and all entries on the tape
 
 
 @register_jitable
 def room_for(events: Events, N: int, whole: bool) -> tuple[Run, np.ndarray]:
-    """Return a run with arrays for all events and N states, with a tape if `whole`, and what is written so far (5)."""
+    """Return a run with arrays for all events and N states, with a tape if `whole`, and the counts `written` (5)."""
     ranges = queries = epochs = rows = 0
     last = -np.inf
     for k in range(len(events.t)):
@@ -60,7 +60,7 @@ def room_for(events: Events, N: int, whole: bool) -> tuple[Run, np.ndarray]:
     averages = 0 if len(events.t) == 0 else int((events.t[-1] - events.t[0]) / AVERAGED) + 2  # of force, two rows each
     epochs, rows = epochs + averages, rows + 2 * averages
     steps = epochs if whole else 0
-    rows = rows + 6 + 2 * epochs if whole else 0  # a new start's rows, and two of the height at each epoch
+    rows = rows + 6 + 2 * epochs if whole else 0  # six rows of a restart, and two of the height at each epoch
     asked = queries if whole else 0
     tape = Tape(
         np.empty(steps + rows + asked, np.int8),
@@ -79,7 +79,7 @@ def room_for(events: Events, N: int, whole: bool) -> tuple[Run, np.ndarray]:
 
 @register_jitable
 def cut_to(run: Run, written: np.ndarray) -> Run:
-    """Return a run's arrays, cut to the rows that were written."""
+    """Return the run with its arrays cut to the rows that were written."""
     steps, rows, asked, heard, all_ = written[0], written[1], written[2], written[3], written[4]
     tape = run.tape
     tape = Tape(
@@ -91,7 +91,7 @@ def cut_to(run: Run, written: np.ndarray) -> Run:
 
 @register_jitable
 def _next(tape: Tape, written: np.ndarray, what: int) -> int:
-    """Return the index of the next entry of a kind, and count it."""
+    """Return the index of the next entry of the kind `what`, and count the entry."""
     at = written[what]
     tape.what[written[ON_TAPE]] = what
     written[what], written[ON_TAPE] = at + 1, written[ON_TAPE] + 1
@@ -117,7 +117,7 @@ def write_row(tape: Tape, written: np.ndarray, row: SparseRow, e: float, S: floa
 
 @register_jitable
 def write_range(run: Run, written: np.ndarray, e: float, S: float, taken: bool) -> None:
-    """Write the innovation of a range, its variance and whether it was taken."""
+    """Write the innovation e of a range, its variance S, and whether the range was taken."""
     at = written[HEARD]
     run.innovation[at], run.variance[at], run.taken[at] = e, S, taken
     written[HEARD] = at + 1
@@ -136,7 +136,7 @@ def write_query(run: Run, written: np.ndarray, x: np.ndarray, C: np.ndarray) -> 
 
 @register_jitable
 def _through(M: np.ndarray, A: np.ndarray, keeps: np.ndarray) -> None:
-    """Replace M by F' M; on M and then on its transpose this is F' M F."""
+    """Replace M by F' M; applied to M and then to M's transpose, this gives F' M F."""
     N = len(M)
     top = np.zeros((TRANSITION, N))
     for i in range(GYRO):
@@ -152,7 +152,7 @@ def _through(M: np.ndarray, A: np.ndarray, keeps: np.ndarray) -> None:
 
 @cached_njit
 def _back(tape: Tape, x: np.ndarray, P: np.ndarray, adjoint: np.ndarray, information: np.ndarray) -> None:
-    """Go back through a tape; x (q, N + 1) and P (q, 3, 3) become the smoothed ones, adjoint and information go on."""
+    """Go back through a tape: smooth x (q, N + 1) and P (q, 3, 3), update adjoint lambda and information Lambda."""
     step, number, asked, N = len(tape.A), len(tape.e), len(x), len(adjoint)
     for k in range(len(tape.what) - 1, -1, -1):
         if tape.what[k] == 2:
@@ -195,7 +195,7 @@ def _back(tape: Tape, x: np.ndarray, P: np.ndarray, adjoint: np.ndarray, informa
 
 
 def smooth(runs: Sequence[Run]) -> tuple[np.ndarray, np.ndarray]:
-    """Return smoothed nominal states (q, N + 1) and covariances of position (q, 3, 3) of runs with tapes, in order."""
+    """Return the smoothed nominal states (q, N + 1) and position covariances (q, 3, 3) of runs with tapes, in order."""
     N = runs[0].tape.gain.shape[1]
     adjoint, information = np.zeros(N), np.zeros((N, N))
     x, P = [run.x.copy() for run in runs], [run.P.copy() for run in runs]

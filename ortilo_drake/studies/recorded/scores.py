@@ -1,4 +1,4 @@
-"""The scores of an estimate: errors by the truth, by evo and by axis, consistency, availability."""
+"""The scores of an estimate: errors against the truth, by evo and by axis, consistency, availability."""
 
 from dataclasses import dataclass, replace
 
@@ -9,20 +9,20 @@ from ortilo_drake.studies.recorded.filtered import Estimate
 from ortilo_drake.studies.recorded.plain_fit import left_of
 from ortilo_drake.studies.recorded.reacquired import Lost
 
-RPE_OVER = 1.0  # the relative error is over this time [s]
+RPE_OVER = 1.0  # duration of the relative position error [s]
 
 
 @dataclass(frozen=True)
 class Scores:
-    """Scores of one row; None without a truth.
+    """Scores of one row; scores that need a truth are None without one.
 
     rmse: by axis [m]; ate, ate_aligned: RMSE of the absolute position error, as it is and after the best SE(3) [m];
     rpe: RMSE of the relative position error over 1 s [m]; nees: mean of e' P^-1 e (3 if consistent); nis: mean over the
-    ranges taken (about 1); rejected: share of the ranges that the gate left out; available: share of the judged stamps
-    at which the filter's own deviation is below the map's limit; gap_end: RMS of the position error at the gaps' ends
-    [m]; lost: when the filter was lost; silent: the longest time without a range in each [s]; rmse_found: by axis, at
-    other times [m]; largest: the largest position error [m], when it was, and how long after the last range [s];
-    innovation: RMS of the ranges' innovations, the largest 5 % aside [m].
+    ranges taken (about 1); rejected: share of the ranges left out; available: share of the judged stamps at which the
+    filter's own deviation is below the map's limit; gap_end, gap_end_largest: RMS and largest position error at the
+    ends of the gaps [m]; lost: when the filter was lost; silent: the longest time without a range in each loss [s];
+    rmse_found: RMS error by axis at other times [m]; largest: the largest position error [m], its time [s], and the
+    time since the last range [s]; innovation: RMS of the ranges' innovations without the largest 5 % [m].
     """
 
     rmse: tuple[float, float, float] | None
@@ -46,7 +46,7 @@ class Scores:
 def by_evo(t: np.ndarray, p: np.ndarray, truth: np.ndarray) -> tuple[float, float | None, float]:
     """Return ATE, ATE after the best SE(3), and RPE over a second [m], all RMSE, by the package evo.
 
-    The second is None where no one SE(3) is the best, as for a body that stands still.
+    The aligned ATE is None where the best SE(3) is not unique, as for a body that stands still.
 
     Args:
         t: stamps [s] (m).
@@ -69,7 +69,7 @@ def by_evo(t: np.ndarray, p: np.ndarray, truth: np.ndarray) -> tuple[float, floa
     before, over_a_second = (float(np.sqrt(np.mean(m.error**2))) for m in (ape, rpe))
     try:
         both[1].align(both[0])
-    except GeometryException:  # points on a line, or one point, have no one turn
+    except GeometryException:  # points on a line, or one point, fit more than one turn
         return before, None, over_a_second
     aligned = APE(kind)
     aligned.process_data(both)
@@ -82,7 +82,7 @@ def nees_of(e: np.ndarray, P: np.ndarray) -> np.ndarray:
 
 
 def nis_of(found: Estimate, begin: float, end: float) -> tuple[float, float]:
-    """Return the mean NIS of the ranges taken between two stamps [s], NaN if there is none, and the share refused."""
+    """Return the mean NIS of the ranges taken between two stamps [s] (NaN without any), and the share refused."""
     counted = (found.range_stamps >= begin) & (found.range_stamps <= end)
     taken = found.run.taken & counted
     squares = found.run.innovation[taken] ** 2 / found.run.variance[taken]
@@ -91,7 +91,7 @@ def nis_of(found: Estimate, begin: float, end: float) -> tuple[float, float]:
 
 
 def score(found: Estimate, judged: np.ndarray, truth: np.ndarray | None, available_below: float) -> Scores:
-    """Return the figures of an estimate at the judged (mask) of its stamps; truth (m, 3), deviation's limit [m]."""
+    """Return the scores of an estimate at its `judged` stamps (mask (m)); truth (m, 3), limit of the deviation [m]."""
     deviation = np.sqrt(np.trace(found.P, axis1=1, axis2=2))[judged]
     nis, rejected = nis_of(found, found.t[judged][0], found.t[judged][-1])
     available = float(np.mean(deviation < available_below))
@@ -124,13 +124,13 @@ def score(found: Estimate, judged: np.ndarray, truth: np.ndarray | None, availab
 
 
 def _silent(stamps: np.ndarray, since: float, until: float | None) -> float:
-    """Return the longest time between two of the ranges from one stamp to another, or to the last [s]."""
+    """Return the longest time between two ranges' stamps from `since` until `until` [s]; None: until the last one."""
     inside = stamps[(stamps >= since) & (stamps <= (np.inf if until is None else until))]
     return float(np.diff(inside).max(initial=0.0))
 
 
 def not_lost_at(t: np.ndarray, lost: tuple[Lost, ...]) -> np.ndarray:
-    """Return at which stamps the filter was not lost (m)."""
+    """Return the mask of the stamps t (m) [s] at which the filter was not lost (m)."""
     there = np.ones(len(t), dtype=bool)
     for since, until in lost:
         there &= (t <= since) | (t >= (np.inf if until is None else until))

@@ -1,4 +1,4 @@
-"""The filter's settings for one motion, as its map and its calibration have them, and the part that is judged."""
+"""The filter's settings for one motion, by its map and its calibration, and the part that is judged."""
 
 from collections.abc import Callable
 
@@ -14,17 +14,17 @@ from ortilo_drake.studies.recorded.filter_types import NO_AIDS, Level, Sight
 from ortilo_drake.studies.recorded.filtered import FilterSetup
 from ortilo_drake.studies.recorded.truth_path import truth_path
 
-CLIMB = 0.02  # deviation of v_z where the height is constant [m/s]
-HEIGHT = 0.05  # deviation of a known height unless the map has another [m]
-LEVEL = 0.02  # a floor is no more level than this [m]
+CLIMB = 0.02  # standard deviation of v_z where the height is constant [m/s]
+HEIGHT = 0.05  # standard deviation of a known height unless the map gives another [m]
+LEVEL = 0.02  # least standard deviation of a calibrated height: floors are not level [m]
 UNEVEN = 0.1  # a truth whose height deviates by more is not planar [m]
-FIRST = 20  # positions that tell the first height
-QUERY_RATE = 10.0  # of the estimates where there is no truth [Hz]
-SHORTEST = 3.0  # a recording is judged on no less [s]
+FIRST = 20  # number of positions that tell the first height
+QUERY_RATE = 10.0  # rate of the estimates without a truth [Hz]
+SHORTEST = 3.0  # least duration on which a recording is judged [s]
 
 
 def given_level(map_: Map) -> Level:
-    """Return the antenna's height as the map alone gives it."""
+    """Return the antenna's height by the map alone."""
     climb = CLIMB if map_.planar else np.inf
     if map_.height is None:
         return Level(0.0, np.inf, climb)
@@ -32,7 +32,7 @@ def given_level(map_: Map) -> Level:
 
 
 def calibrated_level(map_: Map, calibration: Calibration, recording: Recording) -> Level:
-    """Return the same after calibration: a constant height that the map does not give is that of the first part."""
+    """Return the antenna's height after calibration: the first part tells a constant height that the map lacks."""
     level, truth = given_level(map_), recording.truth
     if not map_.planar or map_.height is not None or truth is None:
         return level
@@ -41,7 +41,7 @@ def calibrated_level(map_: Map, calibration: Calibration, recording: Recording) 
 
 
 def height_doubts(map_: Map, calibration: Calibration, recording: Recording) -> list[str]:
-    """Return doubts about the map's height, where the truth contradicts it."""
+    """Return doubts about the map's height if the truth contradicts it."""
     z, deviation = _heights(calibration, recording)
     found = []
     if map_.planar and deviation > UNEVEN:
@@ -53,7 +53,7 @@ def height_doubts(map_: Map, calibration: Calibration, recording: Recording) -> 
 
 
 def _heights(calibration: Calibration, recording: Recording) -> tuple[float, float]:
-    """Return mean and deviation of the antenna's height in the first part [m]."""
+    """Return mean and standard deviation of the antenna's height in the first part [m]."""
     truth = recording.truth
     assert truth is not None
     first = truth.t <= calibration.end
@@ -65,7 +65,7 @@ def _heights(calibration: Calibration, recording: Recording) -> tuple[float, flo
 
 
 def uncalibrated_setup(recording: Recording, map_: Map, rest: AtRest | None) -> FilterSetup:
-    """Return the filter's settings where there is no truth: the map's values, biases estimated online."""
+    """Return the filter's settings without a truth: the map's values, biases estimated online."""
     given = map_.calibration.lever
     lever = np.zeros(3) if given == "estimate" else np.array(given)
     anchors, level = np.asarray(recording.anchors), given_level(map_)
@@ -88,7 +88,7 @@ def calibrated_setup(calibration: Calibration, recording: Recording, map_: Map) 
 
 
 def with_aids(known: FilterSetup, recording: Recording, map_: Map, looks: bool) -> FilterSetup:
-    """Return the filter's settings with the map's start and drag; with range finder, flow and camera if `looks`."""
+    """Return the filter's settings with the map's start and drag, and with range finder, flow and camera if `looks`."""
     aids, start, scale_sd, k_sd = NO_AIDS._replace(floor=map_.floor), map_.start, 0.0, 0.0
     if map_.drag is not None:
         drag = map_.drag
@@ -97,7 +97,7 @@ def with_aids(known: FilterSetup, recording: Recording, map_: Map, looks: bool) 
         aids = aids._replace(finder=np.array(map_.range_finder.at), finder_sd=map_.range_finder.sd)
     if map_.boxes is not None and recording.scene is not None:
         noise, inside = np.array([map_.boxes.sd, map_.boxes.growth, 0.0]), scipy.stats.chi2.cdf(map_.filter.gate**2, 1)
-        gates = np.full(2, scipy.stats.chi2.ppf(inside, 2))  # of two numbers what the gate is of one
+        gates = np.full(2, scipy.stats.chi2.ppf(inside, 2))  # the gate's probability, for two numbers instead of one
         aids = aids._replace(sight=Sight(*recording.scene, noise, gates))
     if map_.flow is not None:
         aids = aids._replace(pixels=map_.flow.per_rad, flow_sd=map_.flow.sd)
@@ -108,7 +108,7 @@ def with_aids(known: FilterSetup, recording: Recording, map_: Map, looks: bool) 
 
 
 def airborne(truth: Truth | None, calibration: Calibration | None, map_: Map) -> Callable[[np.ndarray], np.ndarray]:
-    """Return a function of stamps, by the sensors' clock [s], that selects all, or only those while airborne."""
+    """Return a function from stamps by the sensors' clock [s] to a mask: all, or only the airborne ones by the map."""
     first, last = -np.inf, np.inf
     if truth is not None and calibration is not None and map_.airborne is not None:
         z = calibration.position(truth.p)[:, 2]
@@ -122,7 +122,7 @@ def judged_part(
 ) -> tuple[np.ndarray, float, Callable[[np.ndarray], np.ndarray]]:
     """Return stamps for estimates, the end of the part that calibrates, and a function that selects judged stamps.
 
-    Stamps [s] are the sensors': the truth's where there are ranges, or QUERY_RATE a second without one.
+    Stamps [s] are by the sensors' clock: the truth's stamps while there are ranges, or QUERY_RATE without a truth.
 
     Raises:
         InputError: if hardly anything is left to judge.

@@ -1,4 +1,4 @@
-"""The truth between its stamps, the ranges that it covers and predicts, and the part of it that calibrates."""
+"""The truth between its stamps, the ranges that the truth covers and predicts, and the part that calibrates."""
 
 from typing import NamedTuple
 
@@ -9,13 +9,13 @@ from scipy.spatial.transform import Rotation, Slerp
 from ortilo_drake.interop.recorded.recording import Ranges, Truth
 
 GAP = 5.0  # an interval of the truth longer than this many medians is a gap
-FAR = 1e3  # [m]
+FAR = 1e3  # places beyond this count from their middle [m]
 LEAST = 50  # ranges that a calibration needs
-WAITS = 5.0  # a truth that is this much longer than the ranges at either end counts only while there are ranges [s]
+WAITS = 5.0  # at an end where the truth is this much longer than the ranges, only the time with ranges counts [s]
 
 
 class TruthPath(NamedTuple):
-    """The truth between its stamps; queries beyond its ends are taken at the ends."""
+    """The truth between its stamps; queries beyond an end are answered at that end."""
 
     p: CubicSpline
     R: Slerp | None
@@ -29,28 +29,28 @@ class TruthPath(NamedTuple):
 
 
 def far_away(p: np.ndarray) -> bool:
-    """Return whether places (n, 3) are so far from 0 that they are better counted from their middle."""
+    """Return whether places (n, 3) are so far from 0 that they should count from their middle."""
     return bool(np.abs(p).max() > FAR)
 
 
 def truth_path(truth: Truth) -> TruthPath:
-    """Return the truth between its stamps: cubic in position, the shortest turn in attitude."""
+    """Return the truth between its stamps: a cubic spline of positions, the shortest turn between attitudes."""
     R = None if truth.R is None else Slerp(truth.t, Rotation.from_matrix(truth.R))
     return TruthPath(CubicSpline(truth.t, truth.p), R, float(truth.t[0]), float(truth.t[-1]))
 
 
 def covered_ranges(ranges: Ranges, offset: float, path: TruthPath, end: float = np.inf) -> np.ndarray:
-    """Return the indices of ranges between stamps of the truth, up to an end by its clock [s], not in its gaps."""
+    """Return the indices of ranges within the truth, up to `end` by the truth's clock [s], and not in its gaps."""
     then = ranges.t + offset
     stamps = path.p.x
     steps = np.diff(stamps)
     around = steps[np.clip(np.searchsorted(stamps, then) - 1, 0, len(steps) - 1)]
-    near = around <= GAP * np.median(steps)  # between stamps farther apart the truth is a guess
+    near = around <= GAP * np.median(steps)  # in a longer interval the interpolated truth is a guess
     return np.flatnonzero((then >= path.first) & (then <= min(end, path.last)) & near)
 
 
 def random_sample(chosen: np.ndarray, most: int) -> np.ndarray:
-    """Return a random sample of at most so many; every k-th would be of some anchors only."""
+    """Return a random sample of at most `most` indices; every k-th range would be of some anchors only."""
     if len(chosen) <= most:
         return chosen
     drawn = np.random.Generator(np.random.Philox(0)).choice(chosen, most, replace=False)
@@ -60,8 +60,8 @@ def random_sample(chosen: np.ndarray, most: int) -> np.ndarray:
 def first_part(truth: Truth, ranges: Ranges, share: float, offset: float) -> tuple[float, float]:
     """Return the first and the last stamp of the part that calibrates, by the truth's clock [s].
 
-    It is a share of the truth's time. Where the truth began, or ended, more than 5 s before, or after, the ranges, only
-    the time of both counts.
+    The part is the first `share` of the truth's time. At an end where the truth exceeds the ranges by more than 5 s,
+    only the time with ranges counts.
     """
     first, last = float(truth.t[0]), float(truth.t[-1])
     heard_first, heard_last = float(ranges.t[0]) + offset, float(ranges.t[-1]) + offset
@@ -73,13 +73,13 @@ def first_part(truth: Truth, ranges: Ranges, share: float, offset: float) -> tup
 
 
 def modelled(p: np.ndarray, anchors: np.ndarray, c: np.ndarray, ranges: Ranges) -> np.ndarray:
-    """Return |p - a_b| + c_b, of a difference less |p - a_a| + c_a (n) [m].
+    """Return the modelled ranges |p - a_b| + c_b, less |p - a_a| + c_a for differences (n) [m].
 
     Args:
-        p: the antenna's place at each of them (n, 3).
+        p: the antenna's place at each range (n, 3).
         anchors: positions (m, 3).
-        c: constants of the anchors (m).
-        ranges: which anchors they are of.
+        c: biases of the anchors (m) [m].
+        ranges: the ranges, for their anchors (n).
     """
     found = np.linalg.norm(p - anchors[ranges.anchor], axis=1) + c[ranges.anchor]
     two = ranges.other >= 0
@@ -90,13 +90,13 @@ def modelled(p: np.ndarray, anchors: np.ndarray, c: np.ndarray, ranges: Ranges) 
 
 
 def antennas(p: np.ndarray, R: np.ndarray | None, lever: np.ndarray, tags: np.ndarray, tag: np.ndarray) -> np.ndarray:
-    """Return the tags' positions p + R (l + t) (n, 3); p where no attitude is known.
+    """Return the tags' positions p + R (l + t) (n, 3); p if no attitude is known.
 
     Args:
-        p: of the body's point (n, 3).
-        R: attitudes (n, 3, 3).
-        lever: l, from there to the point that the tags count from, body axes (3).
-        tags: t of each tag (m, 3).
-        tag: which one (n).
+        p: positions of the body's point (n, 3).
+        R: attitudes (n, 3, 3), None if unknown.
+        lever: l, from the body's point to the tags' origin, body axes (3).
+        tags: t, from the tags' origin to each tag, body axes (m, 3).
+        tag: index of the tag (n).
     """
     return p if R is None else p + R @ lever + np.einsum("kij,kj->ki", R, tags[tag])

@@ -1,15 +1,15 @@
-"""By how much the heading is wrong: whether the imu accelerates in the direction that the ranges say.
+"""The error of the heading, by whether the imu accelerates in the direction that the ranges tell.
 
-A Kalman filter beside the main one, which no wrong heading misleads: it is linear in the turn psi between both. R_0 is
-the attitude by the body rates alone, from the main filter's start on, levelled slowly by the force; J is a quarter turn
-about z. With a_0 = R_0 f - g e_z, (c, s) = (cos psi, sin psi), h the horizontal part of a vector,
+This Kalman filter runs beside the main one. No wrong heading misleads it, because it is linear in cos and sin of the
+heading error psi. R_0 is the attitude by the body rates alone, from the main filter's start on, levelled slowly by the
+force; J is a quarter turn about z. With a_0 = R_0 f - g e_z, (c, s) = (cos psi, sin psi), h the horizontal part,
 
     p' = v,   v' = c a_0h + s J a_0h + b,   b' = r,   v_z' = a_0z + b_z
     range to anchor i = |p + c (R_0 l)_h + s J (R_0 l)_h + (R_0 l)_z e_z - a_i| + white
 
-b is what a wrong level and the accelerometer's bias make, and r its rate, which the gyro's bias makes and which turns
-with the body. (c, s) is free and begins as (0, 0): its length, 1 if all else is right, is a check of its own. Its
-direction is known only where the vehicle accelerates sideways or, by the lever, turns.
+b is the acceleration error of a wrong level and of the accelerometer's bias; its rate r comes from the gyro's bias and
+turns with the body. (c, s) is free and begins at (0, 0). Its length is a check of its own: 1 if all else is right. Its
+direction is known only if the vehicle accelerates sideways or, by the lever, turns.
 """
 
 from typing import Final, NamedTuple
@@ -23,23 +23,23 @@ from ortilo_drake.onboard.estimator.tight.inertial import matrix_of, turn
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Q, V
 from ortilo_drake.studies.recorded.filter_types import FORCE, RANGE, RATES, Events, EventValues, State
 
-CS, B, R = 6, 8, 11  # where (c, s), b and r begin in the state, behind p and v
+CS, B, R = 6, 8, 11  # indices of (c, s), b and r in the state, after p and v
 SIZE: Final = 13
-LEVELS: Final = 20.0  # time constant of R_0's level by the force: in a room nothing accelerates one way for so long [s]
-GAP: Final = 0.5  # without the imu for longer, R_0 is not known any more [s]
-SILENT: Final = 1.5  # without ranges for longer, the position is not [s]
-# Standard deviations at the start, and random walks [1/√s].
+LEVELS: Final = 20.0  # time constant of levelling R_0 by the force: no room is long enough to accelerate so long [s]
+GAP: Final = 0.5  # after a longer time without the imu, R_0 is unknown [s]
+SILENT: Final = 1.5  # after a longer time without ranges, the position is unknown [s]
+# Standard deviations at the start, and random walks [their units / √s].
 FIRST: Final = np.array([0.5, 0.5, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.3, 0.05, 0.05])
 WALKS: Final = np.array([0.0, 0.0, 0.0, 0.1, 0.1, 0.1, 0.01, 0.01, 0.03, 0.03, 0.03, 0.003, 0.003])
 EYE: Final = np.eye(3)
-HUBER: Final = 2.0  # innovations beyond so many deviations count less
-MOST: Final = 9.0  # a squared innovation counts at most so much in their mean
-MEMORY: Final = 300.0  # ranges over which the mean square is taken
-T, FORCE_AT, RATES_AT, SQUARE, SEEN, RANGE_AT, LIKELY = range(7)  # what stands where in `marks`
+HUBER: Final = 2.0  # innovations beyond so many standard deviations have less weight
+MOST: Final = 9.0  # bound of an e²/S in its mean
+MEMORY: Final = 300.0  # ranges over which the mean of e²/S is taken
+T, FORCE_AT, RATES_AT, SQUARE, SEEN, RANGE_AT, LIKELY = range(7)  # indices into `marks`
 
 
 class Ranging(NamedTuple):
-    """Anchors (n, 3), biases of their ranges (n), the tags' levers (1 + m, 3) [m], a range's deviation [m]."""
+    """Anchors (n, 3), biases of their ranges (n), the tags' levers (1 + m, 3), a range's standard deviation [m]."""
 
     anchors: np.ndarray
     biases: np.ndarray
@@ -48,11 +48,11 @@ class Ranging(NamedTuple):
 
 
 class TurnFilter(NamedTuple):
-    """The filter: all of it changes.
+    """The turn filter; its arrays change.
 
-    State z (13) and covariance C (13, 13); R_0 as a quaternion (4); the samples that hold (6); the gyro's bias (3);
-    marks (7): the stamp, those of the last force and rates [s], the mean squared innovation, the number of ranges, the
-    stamp of the last one [s], and the logarithm of the ranges' likelihood; axes (3, 3) in which the rates are read.
+    State z (13) and covariance C (13, 13); R_0 as a quaternion q (4); held: the imu's samples that hold (6); the gyro's
+    bias (3); marks (7): the stamp, the stamps of the last force and rates [s], the mean of e²/S, the number of ranges,
+    the last range's stamp [s], and the ranges' log-likelihood; axes (3, 3) by which the rates are turned.
     """
 
     z: np.ndarray
@@ -65,7 +65,7 @@ class TurnFilter(NamedTuple):
 
 
 class Turn(NamedTuple):
-    """By how much R_0 is turned about z [rad], its standard deviation, and the length of (c, s)."""
+    """The turn of R_0 about z [rad], its standard deviation [rad], and the length of (c, s)."""
 
     angle: float
     sd: float
@@ -73,7 +73,7 @@ class Turn(NamedTuple):
 
 
 def turn_filter(start: State, axes: np.ndarray = EYE) -> TurnFilter:
-    """Return the filter at a state of the main one; the body rates are read in axes (3, 3), of whatever unit."""
+    """Return a turn filter that begins at a main filter's state; `axes` (3, 3) turns, and may scale, the body rates."""
     z = np.concatenate((start.x[: V + 3], np.zeros(SIZE - V - 3)))
     marks = np.array([start.t, start.t, start.t, 1.0, 0.0, start.t, 0.0])
     held, bias = start.held.copy(), start.x[ADDITIVE : ADDITIVE + 3].copy()
@@ -81,7 +81,7 @@ def turn_filter(start: State, axes: np.ndarray = EYE) -> TurnFilter:
 
 
 def turn_found(one: TurnFilter) -> Turn:
-    """Return the turn that a filter has found; a mean squared innovation above 1 widens its deviation."""
+    """Return the turn that the filter has found; a mean of e²/S above 1 widens its deviation."""
     c, s = one.z[CS : CS + 2]
     length = max(float(np.hypot(c, s)), 1e-9)
     across = np.array([-s, c]) / length
@@ -91,7 +91,7 @@ def turn_found(one: TurnFilter) -> Turn:
 
 @register_jitable
 def _propagate(one: TurnFilter, F: np.ndarray, h: float) -> None:
-    """Propagate by h [s]; F is the unit matrix, or of an earlier step."""
+    """Propagate by h [s]; F (13, 13) is the unit matrix or an earlier step's transition; changed."""
     z, held = one.z, one.held
     R_0 = matrix_of(one.q)
     a = R_0 @ held[3:]
@@ -118,7 +118,7 @@ def _propagate(one: TurnFilter, F: np.ndarray, h: float) -> None:
 
 @register_jitable
 def _take_range(one: TurnFilter, ranging: Ranging, r: float, b: int, a: int, tag: int) -> None:
-    """Take a range to anchor b, or if a is no less than 0 its difference to that to a."""
+    """Take a range r_b to anchor b, or the difference r_b - r_a if a >= 0 [m]."""
     z, C, marks = one.z, one.C, one.marks
     arm = matrix_of(one.q) @ ranging.levers[1 + tag]
     c, s = z[CS], z[CS + 1]
@@ -145,7 +145,7 @@ def _take_range(one: TurnFilter, ranging: Ranging, r: float, b: int, a: int, tag
 
 @cached_njit
 def follow(one: TurnFilter, events: Events, heard: EventValues, ranging: Ranging) -> bool:
-    """Take events in, in order; return False, with no more taken in, where imu or ranges were silent for too long."""
+    """Take events in, in order; stop and return False if imu or ranges were silent for too long."""
     marks, F = one.marks, np.eye(SIZE)
     for k in range(len(events.t)):
         kind, t = events.kind[k], events.t[k]
