@@ -1,1 +1,1 @@
-"""Real sensors' messages through the filter of `ortilo replay`, while they come."""
+"""The filter of `ortilo replay`, fed live with real sensors' messages."""

@@ -6,17 +6,17 @@ import numpy as np
 
 from ortilo_drake.studies.recorded.filter_types import Run
 
-WINDOW: Final = 5.0  # [s]
-FEWEST: Final = 30  # ranges in it, fewer tell nothing
-REJECTED, CONSISTENT = 0.1, 3.0  # share of ranges that the gate rejects, and mean NIS of the others, that are told
-MOSTLY: Final = 0.6  # share of the rejected ranges that are one anchor's where it alone is to blame
-UNFIT: Final = (0.3, 0.15)  # share of rejected ranges from which, and down to which, nobody should fly
+WINDOW: Final = 5.0  # duration that is judged [s]
+FEWEST: Final = 30  # fewer ranges in the window tell nothing
+REJECTED, CONSISTENT = 0.1, 3.0  # a larger share of rejected ranges, or mean NIS of the others, is told
+MOSTLY: Final = 0.6  # an anchor alone is to blame if at least this share of the rejected ranges is its own
+UNFIT: Final = (0.3, 0.15)  # nobody should fly from the first share of rejected ranges until below the second
 
 
 class Agreement:
-    """Whether the ranges of the last seconds agree with the estimate, by their NIS, squared innovation over variance.
+    """The agreement of the last seconds' ranges with the estimate, by their NIS (e²/S).
 
-    A wrong heading, anchor or axis shows here live.
+    A wrong heading, anchor or axis shows here in flight.
     """
 
     def __init__(self) -> None:
@@ -24,9 +24,9 @@ class Agreement:
         self._anchor = np.zeros(0, np.int64)
 
     def add(self, t: np.ndarray, anchor: np.ndarray, run: Run) -> None:
-        """Add the ranges of a run, stamped t (n) [s], to these anchors (n).
+        """Add the ranges of a run, with stamps t (n) [s] and anchors (n).
 
-        Those at rest on the floor, which it ignores, do not count.
+        Ranges at rest on the floor, which the filter ignores, do not count.
         """
         used = run.taken | (run.innovation != 0.0)
         nis = run.innovation[used] ** 2 / run.variance[used]
@@ -37,7 +37,7 @@ class Agreement:
         self._anchor = np.concatenate((self._anchor[recent], anchor[used]))
 
     def alone(self) -> int | None:
-        """Return the anchor whose ranges alone are rejected, of the others no more than usual; None without one."""
+        """Return the anchor that alone is to blame, or None: other anchors' ranges are rejected no more than usual."""
         out, counts = self._anchor[~self._taken], np.bincount(self._anchor)
         if not len(out):
             return None
@@ -47,19 +47,19 @@ class Agreement:
         return worst if of_it >= MOSTLY and others <= REJECTED else None
 
     def is_unfit(self, before: bool, gate: float = 0.0) -> bool:
-        """Return whether the gate rejects too many to fly by the estimate; fewer are too many if it was so before.
+        """Return whether the gate rejects too many ranges to fly by the estimate; the limit is lower if so `before`.
 
-        Squared innovations over their variance up to `gate` do not count as rejected.
+        Ranges whose e²/S is at most `gate` do not count as rejected.
         """
         taken = self._taken | (self._nis <= gate)
         return len(taken) >= FEWEST and 1.0 - float(np.mean(taken)) > UNFIT[before]
 
     def doubt(self, gate: float = 0.0, widened: float = 1.0) -> str:
-        """Return how ranges and estimate disagree; empty if they agree or are too few to tell.
+        """Return how ranges and estimate disagree, in words; empty if they agree or are too few to tell.
 
         Args:
-            gate: as is_unfit.
-            widened: by what the variances of innovations are too small.
+            gate: as in `is_unfit`.
+            widened: factor by which the variances of the innovations are too small.
         """
         taken = self._taken | (self._nis <= gate)
         n = len(taken)

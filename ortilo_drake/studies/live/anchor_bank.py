@@ -1,15 +1,15 @@
-"""The anchor that is not where the map has it, or the two that changed places, by constant-velocity filters.
+"""A bank of constant-velocity filters that finds an anchor in another place than the map's, or two exchanged anchors.
 
-The filter that flies estimates a bias for each anchor, and that takes most of a wrong place up. These filters have the
-biases too, and each goes by another map: the user's; with one anchor's place free; with two anchors exchanged; the
-user's with larger errors of the ranges. If such a map is the right one, it predicts all ranges better. They need no
-imu, so a wrong heading does not disturb them.
+The filter that flies estimates a bias for each anchor, and this bias absorbs most of a wrong place. The filters of the
+bank have the biases too, but each uses another map: the user's map; the map with one anchor's place free; with two
+anchors exchanged; the user's map with larger errors of the ranges. The right map predicts all ranges better. The bank
+needs no imu, so a wrong heading does not disturb it.
 
-State of each: p and v of the antenna, the biases c (n), the free anchor's shift d (3), which stays 0 without one:
+Each filter's state is p and v of the antenna, the biases c (n), and the free anchor's shift d (3), 0 without one:
 
     p' = v,   v' = white,   range to anchor i = |p - a_i - d (if i is free)| + c_i + white
 
-and a difference is one such range less another.
+A difference is one such range less another.
 """
 
 from itertools import combinations
@@ -22,30 +22,30 @@ from ortilo_drake.interop.recorded.map_file import FilterSettings
 from ortilo_drake.studies.recorded.filter_types import RANGE, Events, Noise
 from ortilo_drake.studies.recorded.moved_anchors import point_text
 
-SETTLED: Final = (30.0, 5.0)  # before that no place, no exchange is told: errors that last fit any place a while [s]
-GAINS: Final = (15.0, 100.0)  # of the log-likelihood over the map's: of a place, of an exchange, which moves more
-SHRINKS: Final = 0.92  # to this share, in the squares: in real rooms errors that depend on the place give 4 % less
-FAR: Final = 0.2  # a shift that is told [m]
-LASTS: Final = (3.0, 1.0)  # for so long: a place, an exchange [s]
+SETTLED: Final = (30.0, 5.0)  # time before a place, an exchange is told: lasting errors fit any place for a while [s]
+GAINS: Final = (15.0, 100.0)  # least gain of log-likelihood over the map: of a place; of an exchange, which moves more
+SHRINKS: Final = 0.92  # largest ratio of the mean e²/S to the map's: in real rooms a wrong place gains some 4 % of RMS
+FAR: Final = 0.2  # least shift that is told [m]
+LASTS: Final = (3.0, 1.0)  # a place, an exchange must be the best for so long [s]
 PLACE: Final = 0.5  # standard deviation of a shift [m]
-FIRST: Final = (0.5, 1.0)  # of position and velocity at the start [m], [m/s]
-SILENT: Final = 1.5  # without ranges for longer, position and velocity begin anew [s]
-NEARLY: Final = (3.0, 0.1)  # what maps may lack, or of an exchange's gain the share, and fit as well: mirror images
-LOUDER: Final = (2.0, 4.0, 8.0)  # times the map's deviation of a range, which may be too small
-NOISY: Final = 2.0  # times the map's deviation from which it is told
-MOST_SCATTER: Final = 0.5  # a larger deviation is none of ranges, but something wrong [m]
-MEMORY: Final = 10.0  # over which noise is judged, as ranges of a vehicle at rest scatter less [s]
-FITS: Final = 2.0  # mean squared innovation over its variance, at most, of a map that is told
-HOPELESS: Final = 200.0  # log-likelihood below the map's from which a filter is left out for good
+FIRST: Final = (0.5, 1.0)  # standard deviations of position and velocity at the start [m], [m/s]
+SILENT: Final = 1.5  # after a longer time without ranges, position and velocity begin anew [s]
+NEARLY: Final = (3.0, 0.1)  # maps fit equally well (mirror images) within this log-likelihood, or share of a pair's
+LOUDER: Final = (2.0, 4.0, 8.0)  # factors tried for the map's deviation of a range, which may be too small
+NOISY: Final = 2.0  # a deviation from so many times the map's is told
+MOST_SCATTER: Final = 0.5  # a larger deviation is not range noise: something is wrong [m]
+MEMORY: Final = 10.0  # time over which noise is judged: ranges of a vehicle at rest scatter less [s]
+FITS: Final = 2.0  # largest mean e²/S of a map that is told
+HOPELESS: Final = 200.0  # a filter whose log-likelihood is so far below the map's is left out for good
 
 
 class AnchorBank(NamedTuple):
     """The filters of m maps: the user's, those with a free anchor, those with two exchanged, and the user's, louder.
 
-    States (m, 9 + n) and covariances, log-likelihoods and sums of squared innovations over their variances, none above
-    the gate's (m each), both again of the last MEMORY (m, 2), and the stamp, the numbers of ranges and of differences,
-    and of ranges of the last MEMORY (4) change; anchors (m, n, 3), the
-    free anchor, -1 for none (m), and how many times as large as the map's the ranges' deviation is (m), do not.
+    These change: states x (m, 9 + n), covariances C, log-likelihoods `score` and sums `squares` of e²/S, each bounded
+    by the gate (m each), both again over the last MEMORY (m, 2), and marks (4): the stamp, the numbers of ranges and
+    of differences, and of ranges over the last MEMORY. These do not: anchors (m, n, 3), index of the free anchor, -1
+    for none (m), and the factor of the map's deviation of ranges (m).
     """
 
     x: np.ndarray
@@ -60,7 +60,7 @@ class AnchorBank(NamedTuple):
 
 
 def anchor_bank(anchors: np.ndarray, p: np.ndarray, t: float, bias: float) -> AnchorBank:
-    """Return the filters of anchors (n, 3) that begin with the antenna at p (3) at t [s]; biases have a deviation."""
+    """Return the bank for anchors (n, 3), the antenna at p (3) at t [s]; bias: standard deviation of a bias [m]."""
     n = len(anchors)
     pairs = list(combinations(range(n), 2))
     m, N = 1 + n + len(pairs) + len(LOUDER), 9 + n
@@ -79,15 +79,15 @@ def anchor_bank(anchors: np.ndarray, p: np.ndarray, t: float, bias: float) -> An
 
 
 def stated_sd(noise: Noise) -> float:
-    """Return the deviation of a range, white and lasting [m]."""
+    """Return the standard deviation of a range's white and lasting errors together [m]."""
     return float(np.hypot(noise.range_white, noise.range_correlated))
 
 
 class WrongAnchors(NamedTuple):
     """Anchors whose entries are wrong: one, with its place by the ranges (3) [m], or pairs that changed places.
 
-    Of several pairs each explains the ranges as well. `left` is the share of the squared innovations that is left,
-    `gain` that of the log-likelihood.
+    If there are several pairs, each explains the ranges equally well. left: ratio of the summed e²/S to the map's;
+    gain: of the log-likelihood.
     """
 
     anchors: list[tuple[int, ...]]
@@ -97,7 +97,7 @@ class WrongAnchors(NamedTuple):
 
 
 def wrong_anchors_text(wrong: WrongAnchors, names: list[str]) -> str:
-    """Return what is wrong of the anchors, which a map calls so, as a sentence."""
+    """Return a sentence on the wrong anchors; names: of the map's anchors (n)."""
     better = f"the ranges better, by {1.0 - wrong.left:.0%} of the squares"
     if wrong.place is not None:
         place = point_text(np.round(wrong.place, 1) + 0.0)
@@ -112,11 +112,11 @@ def follow_ranges(bank: AnchorBank, events: Events, acceleration: float, sd: flo
 
     Args:
         bank: the filters; changed.
-        events: in order.
-        acceleration: white [m/s²/√Hz].
-        sd: of a range [m].
-        gate: innovations beyond so many deviations count less; were they left out, a filter that began elsewhere would
-            stay there.
+        events: in order of time.
+        acceleration: white process noise [m/s²/√Hz].
+        sd: standard deviation of a range [m].
+        gate: innovations beyond so many deviations have less weight; if they were left out, a filter that began in a
+            wrong place would stay there.
     """
     m, n = bank.anchors.shape[:2]
     N, at = 9 + n, 6 + n
@@ -184,13 +184,13 @@ def follow_ranges(bank: AnchorBank, events: Events, acceleration: float, sd: flo
 
 
 class AnchorWatch:
-    """The filters of anchors (n, 3) by a map's settings, fed with the ranges of a live filter.
+    """The bank for anchors (n, 3) by a map's settings, fed with the ranges of a live filter.
 
     Attributes:
-        stated: the deviation of a range that the live filter goes by [m].
-        wrong: the first anchors whose entries were wrong for LASTS, None if none were.
-        suspected: whether another map explains the ranges better now, be it too early to say so, or did once.
-        scatter: the deviation of a range that explains them best where the map's is much too small, else None [m].
+        stated: the standard deviation of a range that the live filter assumes [m].
+        wrong: the first anchors whose entries were wrong for LASTS, None if there are none.
+        suspected: whether another map explains the ranges better now, even if it is too early to tell, or did before.
+        scatter: the deviation of a range that explains the ranges best, if the map's is much too small, else None [m].
     """
 
     def __init__(self, anchors: np.ndarray, settings: FilterSettings, stated: float):
@@ -203,9 +203,9 @@ class AnchorWatch:
         self.scatter: float | None = None
 
     def advance(self, events: Events, antenna: np.ndarray, t: float, sd: float) -> None:
-        """Take the ranges among events in; the antenna is at (3) behind them, at t [s], with a deviation [m].
+        """Take the ranges among events in; after them, at t [s], the antenna's place (3) has a deviation sd [m].
 
-        There the filters begin, and begin anew if no ranges came for SILENT, once that is known to FIRST.
+        The filters begin at this place, once sd is at most FIRST, and begin anew there if no ranges came for SILENT.
         """
         s, bank = self._settings, self._bank
         if bank is None or ((events.kind == RANGE).any() and t - bank.marks[0] > SILENT):
@@ -234,28 +234,28 @@ class AnchorWatch:
 
     @property
     def widened(self) -> float:
-        """How many times as large as the live filter's the ranges' variance is; 1 where nothing says so."""
+        """The ratio of the ranges' variance to the live filter's; 1 if the noise is not too small."""
         return 1.0 if self.scatter is None else (self.scatter / self.stated) ** 2
 
     @property
     def judges(self) -> bool:
-        """Whether the filters have heard enough to name an exchange or larger noise, if that were it."""
+        """Whether the filters have heard enough to tell an exchange or larger noise, if there were one."""
         return self._bank is not None and self._bank.marks[0] - self._began > SETTLED[1] + MEMORY
 
 
 def _begin_anew(bank: AnchorBank, antenna: np.ndarray, t: float) -> None:
-    """Put all filters to the antenna at (3), at t [s]; what they know of biases and places stays."""
+    """Set position and velocity of all filters anew, at the antenna's place (3), at t [s]; biases and shifts stay."""
     bank.x[:, :3], bank.x[:, 3:6], bank.marks[0] = antenna, 0.0, t
     bank.C[:, :6], bank.C[:, :, :6] = 0.0, 0.0
     bank.C[:, range(6), range(6)] = np.square([FIRST[0]] * 3 + [FIRST[1]] * 3)
 
 
 def judged(bank: AnchorBank) -> WrongAnchors | None:
-    """Return which anchors are wrong by filters that have taken ranges in, if one map explains them clearly best.
+    """Return the wrong anchors by filters that have taken ranges in, if one map explains the ranges clearly best.
 
-    Of differences no place is told: their errors depend on where the vehicle is, as a wrong place's would. The larger
-    the best one's innovations are beside their variances, the more must be gained; beyond FITS it does not fit, either,
-    and larger errors must not explain the ranges as well.
+    Differences tell no place: their errors depend on the vehicle's place, as those of a wrong anchor do. The larger the
+    best map's mean e²/S is, the more it must gain; beyond FITS it does not fit either. Larger errors of the ranges must
+    not explain them as well.
     """
     n, best, loud = bank.anchors.shape[1], int(np.argmax(bank.score)), len(bank.score) - len(LOUDER)
     nis = float(bank.squares[best] / max(bank.marks[1], 1.0))
@@ -268,7 +268,7 @@ def judged(bank: AnchorBank) -> WrongAnchors | None:
     if gains[best] <= GAINS[0] or left > SHRINKS:
         return None
     if best > n and near[0] <= n:
-        return None  # a place explains them as well
+        return None  # a wrong place explains the ranges as well as the exchange
     if best > n:
         pairs = list(combinations(range(n), 2))
         return WrongAnchors([pairs[k - 1 - n] for k in near if k > n], None, left, float(gains[best]))
@@ -279,10 +279,9 @@ def judged(bank: AnchorBank) -> WrongAnchors | None:
 
 
 def noise_found(bank: AnchorBank) -> float:
-    """Return how many times as large as the map's the ranges' deviation is, if that explains them clearly best; else 1.
+    """Return the ratio of the ranges' deviation to the map's, if a louder filter explains them clearly best; else 1.
 
-    It follows from the last squared innovations of the best of the louder filters, in which the position's share is
-    small.
+    The ratio follows from the recent e²/S of the best louder filter, in which the position's share is small.
     """
     score, squares = bank.lately.T
     best = int(np.argmax(score))

@@ -1,7 +1,7 @@
-"""Figures by anchor of a live filter.
+"""Figures of a live filter by anchor.
 
-The biases of the ranges are states of the filter, so an anchor in the wrong place hardly shows in them: over a minute
-an error of 0.5 m left the mean of its innovations within 3 mm and NIS as it was. anchor_bank.py looks for such ones.
+The biases of the ranges are states of the filter, so an anchor in a wrong place hardly shows in these figures: over a
+minute, an error of 0.5 m left the mean innovation within 3 mm and NIS unchanged. anchor_bank.py finds such anchors.
 """
 
 from dataclasses import dataclass
@@ -17,13 +17,13 @@ class AnchorFigures:
     """The figures of one anchor.
 
     Attributes:
-        ranges: how many came.
-        rejected: share of them that the gate rejected.
-        nis: mean squared innovation over its variance, of the others.
-        mean: of their innovations [m].
+        ranges: number of ranges received.
+        rejected: share of these that the gate rejected.
+        nis: mean e²/S of the ranges taken.
+        mean: mean innovation of the ranges taken [m].
         mean_sd: standard deviation that this mean should have [m].
-        bias: of its ranges, now [m].
-        bias_sd: its standard deviation [m].
+        bias: the present estimate of the ranges' bias [m].
+        bias_sd: standard deviation of this estimate [m].
     """
 
     ranges: int
@@ -35,14 +35,14 @@ class AnchorFigures:
     bias_sd: float
 
     def text(self) -> str:
-        """Return them in words."""
+        """Return the figures in words."""
         innovations = f"innovations {self.mean:+.3f} m (sd {self.mean_sd:.3f})"
         bias = f"bias {self.bias:+.2f} m (sd {self.bias_sd:.2f})"
         return f"{self.ranges} ranges, {self.rejected:.1%} rejected, NIS {self.nis:.2f}, {innovations}, {bias}"
 
 
 class AnchorRecord:
-    """What n anchors' ranges were like so far."""
+    """The record of n anchors' ranges so far."""
 
     def __init__(self, n: int):
         self._heard, self._taken = np.zeros(n, np.int64), np.zeros(n, np.int64)
@@ -50,9 +50,9 @@ class AnchorRecord:
         self._biases, self._C = np.zeros(n), np.eye(n)
 
     def add(self, anchor: np.ndarray, run: Run, state: State) -> None:
-        """Add the ranges of a run, to these anchors (k), and the state behind it.
+        """Add the ranges of a run, with their anchors (k), and the state after the run.
 
-        Those at rest on the floor, which it ignores, do not count.
+        Ranges at rest on the floor, which the filter ignores, do not count.
         """
         used, n = run.taken | (run.innovation != 0.0), len(self._heard)
         self._heard += np.bincount(anchor[used], minlength=n)
@@ -66,11 +66,11 @@ class AnchorRecord:
 
     @property
     def nis(self) -> float | None:
-        """NIS of all ranges that were taken; None before the first."""
+        """The mean NIS of all ranges taken; None before the first."""
         return float(self._squares.sum() / self._taken.sum()) if self._taken.any() else None
 
     def figures(self) -> list[AnchorFigures | None]:
-        """Return the figures of each anchor (n); None for one of which no range was taken."""
+        """Return the figures of each anchor (n); None for an anchor without a range taken."""
         sd = np.sqrt(np.diag(self._C))
         return [
             AnchorFigures(

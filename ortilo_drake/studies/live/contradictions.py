@@ -1,4 +1,4 @@
-"""Why nobody should fly by the estimates of a live filter, whatever variance they claim."""
+"""Errors of the map that make a live filter's estimates unfit for flight, whatever variance they claim."""
 
 from ortilo_drake.studies.live.anchor_bank import AnchorWatch
 from ortilo_drake.studies.live.rates_watch import RatesWatch
@@ -6,7 +6,7 @@ from ortilo_drake.studies.recorded.heading_doubts import HeadingWatch
 
 
 def lasting_cause(rates: RatesWatch | None, heading: HeadingWatch | None, places: AnchorWatch) -> str:
-    """Return what is wrong of the map, said for good; empty if nothing is."""
+    """Return the lasting error that was found in the map, in words; empty if there is none."""
     if rates is not None and rates.doubt:
         return "the body rates are not those that the map says"
     if heading is not None and heading.doubt is not None:

@@ -1,4 +1,4 @@
-"""The filter's settings, and whether the first samples of the imu are those of a body by the map."""
+"""The live filter's settings, and the check of the imu's first samples against the map."""
 
 import numpy as np
 
@@ -15,21 +15,21 @@ from ortilo_drake.studies.recorded.setups import uncalibrated_setup
 
 
 def settings_of(map_: Map, anchors: np.ndarray) -> FilterSetup:
-    """Return the filter's settings by a map with anchors (n, 3), before anything is received."""
+    """Return the filter's settings by a map with anchors (n, 3), before any message has come."""
     return uncalibrated_setup(Recording("live", NO_RANGES, None, None, anchors, 0.0, 0.0, [], {}), map_, None)
 
 
 def setup_of(known: FilterSetup, map_: Map) -> Setup:
-    """Return what holds throughout a run of a filter of one tag, by a map."""
+    """Return the settings that hold throughout a run of a filter with one tag, by a map."""
     aids = known.aids if map_.imu is not None else NO_AIDS
     noise = noise_of(map_.filter, map_.imu is not None)
     return Setup(known.anchors, levers_of(known, None), known.level, noise, aids)
 
 
 def checked_force(imu: Imu, map_: Map) -> str:
-    """Return what is odd of the force at the start, by a map; empty if nothing is.
+    """Return a doubt about the force at the start, by a map; empty if there is none.
 
-    InputError if the body begins upside down or turns at rest, or the force is not even that of a vehicle that flies.
+    InputError if the body begins upside down or turns at rest, or if the force is not even a flying vehicle's.
     """
     doubt = next(iter(force_doubts(imu, map_)), "")
     wrong = [doubt] if doubt and not is_gravity(imu) else []

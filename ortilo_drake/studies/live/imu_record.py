@@ -1,4 +1,4 @@
-"""What a live filter has received of the imu: when it spoke last."""
+"""The imu's stamps that a live filter has received: whether the imu is silent."""
 
 from typing import Final
 
@@ -6,27 +6,27 @@ import numpy as np
 
 from ortilo_drake.interop.recorded.recording import Imu
 
-SILENT: Final = 0.5  # a filter that has propagated by the last sample for longer is not to be flown by [s]
-LOST: Final = 5.0  # nobody knows how far the body turned in a silence that is longer [s]
+SILENT: Final = 0.5  # if the last sample is older, nobody should fly by the filter [s]
+LOST: Final = 5.0  # after a longer silence the attitude is unknown [s]
 
 
 class ImuRecord:
-    """The stamps of the imu's rows up to the filter's."""
+    """The stamps of the imu's rows: the last one that the filter has taken, and the newest received."""
 
     def __init__(self) -> None:
         self._last, self._newest = np.inf, np.inf
 
     def resume(self, t: float) -> None:
-        """Take its last row for received at a stamp [s]."""
+        """Continue as if the imu's last row had the stamp t [s]."""
         self._last = self._newest = t
 
     def add(self, imu: Imu) -> None:
-        """Add rows, in order."""
+        """Add rows that the filter has taken, in order."""
         if len(imu.t):
             self._last = float(imu.t[-1])
 
     def heard_again(self, imu: Imu) -> float | None:
-        """Return the stamp of the last of newly received rows that follows a silence of LOST [s]; None if none does."""
+        """Return the stamp of the last new row that follows a silence longer than LOST [s]; None if there is none."""
         if not len(imu.t):
             return None
         follows = np.diff(imu.t, prepend=min(self._newest, imu.t[0])) > LOST
@@ -34,5 +34,5 @@ class ImuRecord:
         return float(imu.t[follows][-1]) if follows.any() else None
 
     def is_silent(self, t: float) -> bool:
-        """Return whether no row is younger than SILENT at a stamp [s]."""
+        """Return whether the last row is older than SILENT at the stamp t [s]."""
         return t - self._last > SILENT

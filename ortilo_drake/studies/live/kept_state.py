@@ -1,13 +1,13 @@
 """The last state of a live filter in a file: a bridge that died in flight goes on from it when it is started again.
 
-Kept is a state whose estimate went to the autopilot. Until the first messages of the new process the filter is
-propagated as in any silence of all sensors (passing.py): 0.1 s after its last sample the body is taken to hover, but
-for white noise of its rates and forces. In T seconds that adds to each axis the variances
+The state kept is one whose estimate went to the autopilot. Until the first messages of the new process, the filter is
+propagated as in any silence of all sensors (passing.py): 0.1 s after the last sample the body is taken to hover, with
+white noise of rates and forces. In T seconds this adds to each axis the variances
 
     attitude  (0.3 rad/s/√Hz)² T,   velocity  (2 m/s²/√Hz)² T + (0.3 rad/s/√Hz · g)² T³ / 3 (of x and y, by the tilt)
 
-so the ranges must tell the position anew, and beyond LOST nobody knows the heading either. Whether the state is of this
-flight is judged by both clocks.
+So the ranges must tell the position anew, and beyond LOST nobody knows the heading either. Both clocks, the stamps and
+the wall clock, tell whether the state is of this flight.
 """
 
 import hashlib
@@ -27,20 +27,20 @@ from ortilo_drake.studies.live.imu_record import LOST
 from ortilo_drake.studies.recorded.filter_types import State
 from ortilo_drake.studies.recorded.imu_watch import RESTS
 
-EVERY: Final = 0.2  # a state is kept [s]
-OTHER_CLOCK: Final = 1.0  # by which stamps and wall clock may move against each other [s]
-_OF: Final = "state of a live filter"  # what the file is called in its last line
+EVERY: Final = 0.2  # least time between two states that are kept [s]
+OTHER_CLOCK: Final = 1.0  # stamps and wall clock may move against each other by so much [s]
+_OF: Final = "state of a live filter"  # the file's kind, in its last line
 
 
 class Kept(NamedTuple):
-    """A filter's state, and what is needed to go on from it.
+    """A filter's state, with the data needed to go on from it.
 
     Attributes:
-        origin: stamp that the state's time counts from [s].
-        newest: stamp of a sensor then [s].
-        received: when the last message was, by the wall clock [ns].
+        origin: stamp from which the state's time counts [s].
+        newest: newest stamp of a sensor then [s].
+        received: time of the last message by the wall clock [ns].
         resets: how often the filter had started anew, in all processes.
-        state: the filter's.
+        state: the filter's state.
     """
 
     origin: float
@@ -51,16 +51,16 @@ class Kept(NamedTuple):
 
 
 class StateKeeper:
-    """Writes states to a file, at most one in EVERY, by a map; say takes a line if it cannot be written any more."""
+    """Writes states by a map to a file, at most one in EVERY; `say` takes a line if the file cannot be written."""
 
     def __init__(self, path: Path, map_: Map, say: Callable[[str], None]):
         self._path, self._digest, self._say = path, digest_of(map_), say
         self._last = -np.inf
 
     def keep(self, t: float, one: Kept | None) -> None:
-        """Write the state of an estimate stamped t [s] unless the last is recent; None deletes what was written.
+        """Write the state of an estimate stamped t [s], unless the last one written is recent; None deletes the file.
 
-        Nor is one kept that is already further than that estimate, or that rests: it may take off in the meantime.
+        A state later than the estimate is not written, nor a state at rest: the vehicle may take off in the meantime.
         """
         if one is None:
             self._path.unlink(missing_ok=True)
@@ -80,15 +80,15 @@ class StateKeeper:
 
 
 def digest_of(map_: Map) -> str:
-    """Return a digest of this program's version and a map, but its start and standstill, which are past in the air."""
+    """Return a digest of this program's version and a map, without start and standstill, which are past in the air."""
     return hashlib.sha256((__version__ + map_.in_the_air().model_dump_json()).encode()).hexdigest()
 
 
 def load_state(path: Path, map_: Map) -> Kept | None:
-    """Return the state in a file, None if there is none.
+    """Return the state in a file, None if there is no file.
 
     Raises:
-        ValueError: if it is damaged, or that of another map.
+        ValueError: if the file is damaged, or of another map.
     """
     if not exists(path):
         return None
@@ -106,7 +106,7 @@ def load_state(path: Path, map_: Map) -> Kept | None:
 
 
 def why_not(kept: Kept, newest: float, received: int) -> str:
-    """Return why a state is not gone on from, when the newest stamp [s] was received [ns]; empty if it can be."""
+    """Return why the filter cannot go on from a kept state, given the newest stamp [s] and its receipt [ns]; or ""."""
     by_stamps, by_wall = newest - kept.newest, 1e-9 * (received - kept.received)
     age = newest - kept.origin - kept.state.t
     if by_wall <= LOST and (abs(by_stamps - by_wall) > OTHER_CLOCK or age <= 0.0):

@@ -1,6 +1,6 @@
 """The bridge between live sensors and their users: messages in, estimates and setpoints out.
 
-It knows neither ROS nor MAVLink. A source of messages feeds it, and targets take its estimates.
+The bridge knows neither ROS nor MAVLink. A source of messages feeds it, and targets take its estimates.
 """
 
 import time
@@ -23,14 +23,14 @@ from ortilo_drake.studies.live.uncertainty import AGAIN, ALL, Limits
 from ortilo_drake.studies.live.warm_up import warm_up
 from ortilo_drake.studies.recorded.moved_anchors import names_of
 
-WINDOW: Final = 30.0  # the least delay of the last one to two windows counts, so that clocks may drift [s]
+WINDOW: Final = 30.0  # the least delay within the last one to two windows counts, so clocks may drift [s]
 
 
 class SensorClock:
-    """The sensors' clock, extrapolated by the wall clock [s], which never goes back, between and after their messages.
+    """The sensors' clock, extrapolated between and after messages by a wall clock [s] that never goes back.
 
-    The least delay of a message seen lately gives the offset of the two clocks, as in D. L. Mills, RFC 5905, clock
-    filter. A bridge that cannot keep up, or stands still, sees by it that its messages are old.
+    The least delay of the recent messages gives the offset of the two clocks, as in the clock filter of D. L. Mills,
+    RFC 5905. It shows a bridge that cannot keep up, or stands still, that its messages are old.
     """
 
     def __init__(self, wall: Callable[[], float]):
@@ -38,7 +38,7 @@ class SensorClock:
         self._since, self._least, self._before = -np.inf, np.inf, np.inf
 
     def now(self, newest: float) -> float:
-        """Return the sensors' time [s], at least `newest`, the stamp just received."""
+        """Return the sensors' time [s]; it is at least `newest`, the newest stamp received."""
         wall = self._wall()
         if wall - self._since > WINDOW:
             self._since, self._before, self._least = wall, self._least, np.inf
@@ -48,7 +48,7 @@ class SensorClock:
 
 # Called with the estimate, the setpoint if there is one, and how often the filter has started anew.
 Target = Callable[[StampedEstimate, Setpoint | None, int], None]
-QUIET = 5.0  # without any message, that is said [s]
+QUIET = 5.0  # after so long without any message, a line says so [s]
 LONG: Final = 3.0  # if the filter has not begun by then, a line says why [s]
 
 
@@ -57,20 +57,20 @@ class LiveReport:
     """The messages that a bridge received and sent.
 
     Attributes:
-        messages: how many came of each topic.
-        ranges: how many the filter saw.
-        taken: how many of them passed its gate.
-        nis: mean squared innovation of those over its variance, 1 if the noise is right; None before the first.
+        messages: number of messages by topic.
+        ranges: number of ranges that the filter saw.
+        taken: number of ranges that passed the filter's gate.
+        nis: mean e²/S of the ranges taken, 1 if the noise is right; None before the first.
         anchors: figures by anchor.
-        estimates: how many were made.
+        estimates: number of estimates made.
         lost: how often the filter was lost and started anew.
         late_ms: median and largest age of an estimate against the newest stamp of a sensor [ms].
-        old: how many estimates were too old for a target that asks for fresh ones.
-        uncertain: how many were too uncertain for a target that has limits.
-        refused: estimates for which the failsafe let no setpoint through; None where no place is held.
-        rejected: rows that were not used, by topic and reason.
-        failed: why targets failed.
-        not_begun: why there is no estimate; empty if there is.
+        old: number of estimates that were too old for a target.
+        uncertain: number of estimates that were too uncertain for a target.
+        refused: number of estimates for which the failsafe let no setpoint through; None if no place is held.
+        rejected: number of rows that were not used, by topic and reason.
+        failed: why targets failed, by target.
+        not_begun: why there is no estimate; empty if there is one.
     """
 
     messages: dict[str, int]
@@ -91,7 +91,7 @@ class LiveReport:
 
 @dataclass
 class _Output:
-    """A target, the oldest estimate that it takes [s], its limits, and which of them keeps estimates back now."""
+    """A target, the largest age of its estimates [s], its limits, and which limit keeps estimates back now."""
 
     send: Target
     oldest: float
@@ -100,11 +100,11 @@ class _Output:
 
 
 class LiveBridge:
-    """The filter between topics and targets, by a map that says what is what.
+    """The filter between topics and targets, by a map that describes the topics.
 
-    Say takes a line about what is wrong, note one about a change for the better (say, unless given). Estimates come at
-    a rate [Hz], a silent topic holds the others back for the lag [s], and what is holding asks for setpoints; `wall`
-    [s] passes as the sensors' clock. InputError if the map cannot be heard live, or the place to hold is far away.
+    say: takes a line about an error; note: takes a line about a change for the better, `say` by default; rate: of the
+    estimates [Hz]; lag: longest time for which a silent topic holds the others back [s]; holding: makes setpoints;
+    wall: clock that passes as the sensors' [s]. InputError if the map cannot be used live, or the place to hold is far.
     """
 
     def __init__(
@@ -131,8 +131,8 @@ class LiveBridge:
         self._old, self._uncertain, self._refused = 0, 0, 0
         self._received = self._resets = 0
         self._resumes: tuple[Kept, str] | None = None
-        self._from = -np.inf  # estimates before that stamp are of a silence that is past [s]
-        self._why: str | None = None  # why the last setpoint was refused, empty if it was not; None before the first
+        self._from = -np.inf  # estimates before this stamp are of a silence that is past [s]
+        self._why: str | None = None  # why the last setpoint was refused, empty if it was sent; None before the first
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -145,33 +145,33 @@ class LiveBridge:
         return self._rows.newest
 
     def warm_up(self) -> None:
-        """Compile or load all that the filter needs, which takes seconds, before messages come."""
+        """Compile or load all code that the filter needs, before messages come: this takes seconds."""
         warm_up(self._map, self._rows.anchors)
 
     @property
     def kept(self) -> Kept | None:
-        """What another process needs to go on from the last estimate; None once the map is wrong for good."""
+        """The state from which another process can go on after the last estimate; None once the map is found wrong."""
         resets = self._resets + self._filter.lost
         kept = Kept(self._rows.origin or 0.0, self._rows.newest, self._received, resets, self._filter.state)
         return None if self._filter.wrong else kept
 
     def resume(self, kept: Kept, name: str) -> None:
-        """Go on from a state that another process kept under a name, if the first messages fit it; else say why not."""
+        """Go on from a state that another process kept under `name`, if the first messages fit it; else say why not."""
         self._resumes, self._resets = (kept, name), kept.resets + 1
 
     def add_target(self, name: str, target: Target, oldest: float = np.inf, limits: Limits = ALL) -> None:
-        """Give a target the estimates from now on that are no older than `oldest` [s], by the sensors' clock.
+        """Give a target all estimates from now on that are at most `oldest` [s] old, by the sensors' clock.
 
-        Those beyond limits of uncertainty are left out, with a warning when that begins, and a line when it ends. The
-        heading's limit does not count without an imu. A target that raises is dropped, with a warning.
+        Estimates beyond the limits of uncertainty are left out; a warning tells when this begins, a line when it ends.
+        The heading's limit does not count without an imu. A target that raises is dropped, with a warning.
         """
         self._outputs[name] = _Output(target, oldest, limits if self._imu else limits._replace(yaw=np.inf))
 
     def receive(self, topic: str, received: int, message: Any) -> list[StampedEstimate]:
-        """Take a message, received at so many ns, and return the estimates that it made due.
+        """Take a message received at `received` [ns], and return the estimates that are now due.
 
         Raises:
-            InputError: if the first ranges contradict the map's start, or by the force the body begins upside down.
+            InputError: if the first ranges contradict the map's start, or if by the force the body is upside down.
         """
         self._received = received
         for line in self._rows.add(topic, received, message):
@@ -240,7 +240,7 @@ class LiveBridge:
                 self._say(f"{name}: failed and gets no more: {self._failed[name]}")
 
     def _is_sure(self, name: str, output: _Output, one: StampedEstimate) -> bool:
-        """Return whether an estimate is within an output's limits; say so when that changes."""
+        """Return whether an estimate is within an output's limits; say when this changes."""
         before, limits = output.unsure, output.limits
         output.unsure = limits.why_not(one) or (limits.why_not(one, AGAIN) if before else "")
         if limits.deviation < np.inf and not output.unsure:
@@ -277,9 +277,9 @@ class LiveBridge:
 def run_live(
     bridge: LiveBridge, messages: Iterable[tuple[str, int, Any] | None], say: Say, seconds: float | None = None
 ) -> LiveReport:
-    """Feed a bridge until its messages end, so many seconds have passed by the wall clock, or Ctrl-C.
+    """Feed a bridge until its messages end, `seconds` have passed by the wall clock, or Ctrl-C is pressed.
 
-    A message is its topic, when it was received [ns], and itself; None comes from time to time where there is none.
+    A message is a tuple of topic, time of receipt [ns] and the message itself; None comes now and then without one.
     """
     began = heard = time.monotonic()
     quiet = False

@@ -1,17 +1,17 @@
 """The filter of `ortilo replay`, fed live.
 
-It is the row that is not calibrated: no truth is used, the anchors' biases are states, the lever is the map's, else 0.
-An estimate is made at each multiple of its period, counted from the first range, once nothing before that stamp can
-come any more. The events are
-those of the replay in the same order, so the estimates are, too, bit for bit, if replay is asked at the same stamps and
-all rows came in time. Where replay looks ahead, this waits:
+It is replay's uncalibrated row: no truth is used, the anchors' biases are states, and the lever is the map's, else 0.
+An estimate is made at each multiple of the period, counted from the first range, once no message before that stamp can
+come any more. The events are replay's, in the same order. So the estimates equal replay's bit for bit, if replay is
+asked at the same stamps and all rows came in time. Where replay looks ahead, the live filter waits:
 
-    the start       the ranges of one to three seconds unless the map gives a `start`; the first second of the imu, or
-                    its time at rest; and TRIAL seconds where no heading is given, as eight are tried
-    a lost filter   the ranges of one to three seconds that it starts anew from
+    the start       for the ranges of one to three seconds unless the map gives a `start`; for the imu's first second,
+                    or its time at rest; and for TRIAL seconds where no heading is given, as eight are tried
+    a lost filter   for the ranges of one to three seconds from which it starts anew
 
-Meanwhile no estimate is made; those left out follow at once when it resumes. Where the imu was silent for LOST, replay
-goes on; this begins anew, as in the air, for the heading that it would claim may be any; a BLACKOUT starts that over.
+Meanwhile no estimate is made; the estimates left out follow at once when the filter resumes. After the imu was silent
+for LOST, replay goes on; the live filter begins anew in the air, since its heading may be wrong by any angle. A
+BLACKOUT of the imu starts that wait over.
 """
 
 from typing import NamedTuple
@@ -44,37 +44,37 @@ from ortilo_drake.studies.recorded.imu_watch import RESTS
 from ortilo_drake.studies.recorded.reacquired import AGAIN, LONGEST, fix_known_at, is_astray, no_restart, restart_from
 from ortilo_drake.studies.recorded.setups import uncalibrated_setup
 
-BLACKOUT = 1.0  # headings that are tried over one that is longer do not come back together [s]
-RATE = 10.0  # of the estimates by default, as replay's without a truth [Hz]
+BLACKOUT = 1.0  # trials of headings across a longer silence of the imu do not agree [s]
+RATE = 10.0  # default rate of the estimates, as in a replay without a truth [Hz]
 
 
 class LiveEstimate(NamedTuple):
-    """An estimate: its stamp [s] from the first range, and the filter's state there."""
+    """An estimate: its stamp [s] from the first range, and the filter's state at that stamp."""
 
     t: float
     state: State
 
 
 class LiveFilter:
-    """The filter, and the events that wait for it, by replay's map, of which the truth is not heard.
+    """The filter by replay's map, without its truth, and the events that wait for the filter.
 
-    The anchors have positions (n, 3), estimates are made at a rate [Hz]. InputError if the map asks for what only a
-    whole recording tells.
+    The anchors have positions (n, 3); estimates are made at `rate` [Hz]. InputError if the map asks for a quantity that
+    only a whole recording tells.
 
     Attributes:
-        ranges: how many ranges the filter has seen.
-        taken: how many of them passed its gate.
-        lost: how often it was lost and started anew.
-        begins_at: stamp of the range that it begins with [s].
-        why_not_begun: what it waits for.
+        ranges: number of ranges that the filter has seen.
+        taken: number of ranges that passed the gate.
+        lost: how often the filter was lost and started anew.
+        begins_at: stamp of the filter's first range [s].
+        why_not_begun: what the filter waits for.
         agreement: whether the last ranges agree with the estimate.
         anchors: figures by anchor.
         places: whether an anchor is elsewhere, or two are exchanged.
-        force_doubt: what is odd of the imu's force at the start; empty if nothing is.
-        imu: what the filter has received of the imu; None without one.
+        force_doubt: doubt about the imu's force at the start; empty if there is none.
+        imu: the stamps of the imu received; None without an imu.
         mirror: why ranges and start leave a mirror image of the path; empty if they do not.
         rates: whether the body rates fit the ranges; None without an imu.
-        heading: whether its heading does, by ranges and accelerations; None without an imu, and before it begins.
+        heading: whether the heading fits ranges and accelerations; None without an imu, and before the filter begins.
         start_doubt: how the first ranges contradict the map's `start`; empty if they do not.
     """
 
@@ -89,8 +89,8 @@ class LiveFilter:
         self._kept: Block | None = None  # rows that the filter has not taken in
         self._known: FilterSetup | None = None
         self._next = 0  # number of the next estimate
-        self._events: tuple[Events, EventValues] | None = None  # those that a lost filter left
-        self._waits = self._again = False  # for the ranges to start anew from; has begun anew behind a silent imu
+        self._events: tuple[Events, EventValues] | None = None  # events that a lost filter has not taken in
+        self._waits = self._again = False  # waits for ranges to start anew; has begun anew after a silent imu
         self.ranges = self.taken = self.lost = 0
         self.begins_at, self.why_not_begun = 0.0, "no range was heard"
         self.agreement = Agreement()
@@ -103,7 +103,7 @@ class LiveFilter:
 
     @property
     def due(self) -> float:
-        """The stamp beyond which there is something to do [s]."""
+        """The stamp of the next estimate [s], before which there is nothing to do."""
         return self._next * self._period
 
     @property
@@ -113,13 +113,13 @@ class LiveFilter:
 
     @property
     def begun(self) -> bool:
-        """True once the filter has started."""
+        """Whether the filter has started."""
         return self._known is not None
 
     def why_unfit(self, before: bool) -> str:
-        """Return why nobody should fly by its estimates now, whatever variance they claim; empty if nothing is known.
+        """Return why nobody should fly by the estimates now, whatever variance they claim; empty without a reason.
 
-        Where that was so before, the ranges must agree better, so that it does not come and go.
+        If there was a reason `before`, the ranges must agree better, so that the reason does not come and go.
         """
         if self.imu is not None and self.imu.is_silent(self._state.t):
             return f"the imu has been silent for {SILENT:g} s"
@@ -127,20 +127,20 @@ class LiveFilter:
 
     @property
     def wrong(self) -> str:
-        """What is wrong of the map, said for good; empty if nothing is."""
+        """The lasting error that was found in the map, in words; empty if there is none."""
         return lasting_cause(self.rates, self.heading, self.places)
 
     @property
     def gate(self) -> float:
-        """Squared innovations over their variance up to which ranges that scatter more are no outliers; else 0."""
+        """The e²/S up to which ranges are no outliers if they scatter more than the map says; else 0."""
         return 0.0 if self.places.scatter is None else self._setup.noise.gate**2 * self.places.widened
 
     def advance(self, horizon: float, block: Block, ended: bool = False) -> list[LiveEstimate]:
         """Take in the rows since the last call, and return the estimates that are due.
 
-        Before the horizon [s] nothing is still to come; with `ended` nothing at all. InputError if the imu is silent
-        while it should say how it stands still, if by its force the body begins upside down, or in another unit, and if
-        the first ranges contradict the start.
+        No row before the horizon [s] is still to come; with `ended` no row at all. InputError if the imu is silent
+        during its standstill, if its force shows a body upside down or another unit, or if the first ranges contradict
+        the start.
         """
         self._kept = block if self._kept is None else joined(self._kept, block)
         again = None if self.imu is None or block.imu is None else self.imu.heard_again(block.imu)
@@ -158,14 +158,14 @@ class LiveFilter:
         return found
 
     def _begin_anew(self, kept: Block) -> None:
-        """Forget all but these rows, and the start and the standstill, which are past."""
+        """Forget all rows but these, and the map's start and standstill, which are past."""
         self._kept, self._map = kept, self._map.in_the_air()
         self.imu, self.agreement = ImuRecord(), Agreement()
         self.lost, self._waits, self._again = self.lost + self.begun, False, True
         self._known = self._events = self.heading = None
 
     def _begin(self, horizon: float, ended: bool) -> bool:
-        """Start the filter if what it starts by is here; return whether it was."""
+        """Start the filter if all that it needs has come; return whether it started."""
         assert self._kept is not None
         self._kept = behind_gap(self._kept, BLACKOUT) if self._again else self._kept
         map_, (ranges, imu, looks) = self._map, self._kept
@@ -214,7 +214,7 @@ class LiveFilter:
         return True
 
     def _set_out(self, known: FilterSetup, begin: float, first: int) -> None:
-        """Start at the state, with the events from a stamp [s] on, and the estimate of that number."""
+        """Start at the state, with the events from the stamp `begin` [s] on, and the estimate of number `first`."""
         self._known = known._replace(looks=NO_AID_ROWS)
         self.heading = None if self.imu is None else HeadingWatch(self._setup)
         self._begin_at, self._next, self.begins_at = begin, first, begin
@@ -223,8 +223,8 @@ class LiveFilter:
         self._wait = -np.inf
 
     def resume(self, state: State) -> None:
-        """Go on from a state that another process had, as after a silence of all sensors since its stamp."""
-        state.C[:3, :3] += ASTRAY**2 * np.eye(3)  # so a second's ranges tell it: one that is too long would be believed
+        """Go on from another process's state, as after a silence of all sensors since its stamp."""
+        state.C[:3, :3] += ASTRAY**2 * np.eye(3)  # so a second of ranges finds the position, not one that may be wrong
         self._map, self._state = self._map.in_the_air(), state
         self._set_out(settings_of(self._map, self._anchors), state.t, int(state.t / self._period) + 1)
         if self.imu is not None:
@@ -235,7 +235,7 @@ class LiveFilter:
         return place
 
     def _reach(self, t: float, horizon: float, ended: bool) -> bool:
-        """Bring the filter to a stamp [s], and return whether it got there: one that is lost may have to wait."""
+        """Bring the filter to a stamp [s], and return whether it got there: a lost filter may have to wait."""
         events, heard = self._events_until(t) if self._events is None else self._events
         while True:
             if self._waits:
@@ -267,7 +267,7 @@ class LiveFilter:
             events, self._waits = Events(*(part[done:] for part in events)), True
 
     def _events_until(self, t: float) -> tuple[Events, EventValues]:
-        """Return the events up to a stamp [s], with a query there last; keep the later ones."""
+        """Return the events up to a stamp [s], with a query there at the end; keep the later rows."""
         assert self._kept is not None
         assert self._known is not None
         now, self._kept = parted(self._kept, t)
@@ -277,7 +277,7 @@ class LiveFilter:
         return events_of(now.ranges, now.imu, self._known._replace(looks=now.looks), (), np.array([t]), begin)
 
     def _ranges_from(self, events: Events) -> Ranges:
-        """Return the ranges among events, and those that follow."""
+        """Return the ranges among events, and the ranges kept for later."""
         assert self._kept is not None
         of = events.kind == RANGE
         left = Ranges(*(part[of] for part in (events.t, events.which, events.r, events.other, events.tag)))

@@ -1,4 +1,4 @@
-"""What a live bridge says of its filter, a line each: that it began or was lost, and what contradicts the map."""
+"""The lines of a live bridge about its filter: that the filter began or was lost, and what contradicts the map."""
 
 from collections.abc import Callable
 from typing import Final
@@ -12,18 +12,18 @@ from ortilo_drake.studies.live.live_filter import LiveFilter
 from ortilo_drake.studies.recorded.moved_anchors import names_of
 
 Say = Callable[[str], None]
-PUZZLED: Final = (  # by all that is tried
+PUZZLED: Final = (  # if no cause that is tried explains the disagreement
     "no one cause explains them: no two anchors exchanged, no heading, mirrored room or larger noise. Are several "
     "anchors wrong, or stamps, scale or axes? `ortilo replay` of a recording tries more"
 )
-LASTS: Final = 3.0  # ranges must contradict the estimate for so long: on the floor after a landing all do [s]
-SELDOM: Final = 30.0  # a filter that is lost again and again is told of so often [s]
+LASTS: Final = 3.0  # ranges must contradict the estimate for so long: after a landing all ranges do for a while [s]
+SELDOM: Final = 30.0  # least time between two lines about a lost filter [s]
 
 
 class LiveWarnings:
-    """The lines about a filter by a map, each once for as long as it holds; note takes those of no trouble.
+    """The lines about a filter by a map, each said once while it holds; `note` takes the lines about no trouble.
 
-    What a cause that is named for good explains is not said any more: wrong rates turn the heading too.
+    Once a lasting cause is named, its consequences are not said: wrong rates turn the heading too.
     """
 
     def __init__(self, map_: Map, say: Say, note: Say | None = None):
@@ -33,7 +33,7 @@ class LiveWarnings:
         self._lost, self._told, self._fit_at = 0, -np.inf, np.inf
 
     def look_at(self, filter_: LiveFilter) -> None:
-        """Say what has changed."""
+        """Say what has changed since the last call."""
         if filter_.begun and not self._begun:
             self._begun = True
             self._note(f"the filter has begun, by the ranges from {filter_.begins_at:.1f} s after the first on")
@@ -75,7 +75,7 @@ class LiveWarnings:
             self._say(f"warning  {wrong_anchors_text(wrong, names_of(self._map, len(filter_.anchors.figures())))}")
 
     def _say_noise(self, filter_: LiveFilter) -> None:
-        """Say once that the map's ranges scatter less than those that come, and which key of the map mends that."""
+        """Say once that ranges scatter more than the map says, and which key of the map mends this."""
         places = filter_.places
         if places.scatter is None or self._noisy:
             return

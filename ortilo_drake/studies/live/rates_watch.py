@@ -1,10 +1,10 @@
 """Whether the body rates are in another unit, or have other signs, than the map says.
 
-Force and rates alone hardly tell: a rotor's force keeps its direction in the body however that turns. So a bank of
-filters of the turn (turn_filter.py) follows the same ranges and forces. One takes the rates as the map says, each other
-one in another unit or with other signs, and one leaves the heading free. That a wrong one's likelihood exceeds the
-right one's by BEATS, in logarithms, has a probability below exp(-BEATS) if the noise is right (A. Wald, Sequential
-Analysis, 1947). Once the map's exceeds another's by as much, that one is refuted for good.
+Force and rates alone hardly tell: a rotor's force keeps its direction in the body however the body turns. So a bank of
+turn filters (turn_filter.py) follows the same ranges and forces. One filter takes the rates as the map says, one leaves
+the heading free, and the others take another unit or other signs. A wrong filter's log-likelihood exceeds the right
+one's by BEATS with a probability below exp(-BEATS) if the noise is right (A. Wald, Sequential Analysis, 1947). A filter
+whose log-likelihood falls below the map's by BEATS is refuted for good.
 """
 
 from itertools import product
@@ -20,23 +20,23 @@ from ortilo_drake.studies.recorded.filter_types import Events, EventValues, Stat
 from ortilo_drake.studies.recorded.imu_watch import RESTS, SINCE
 from ortilo_drake.studies.recorded.turn_filter import CS, LIKELY, SEEN, SQUARE, Ranging, TurnFilter, follow, turn_filter
 
-BEATS: Final = 15.0
-CLEARLY: Final = 5.0  # and by so much the likelihood with a free heading
-FITS, FEWEST = 2.0, 30  # mean squared innovation, at most, of a reading that is told, after so many ranges
-ANEW: Final = 20.0  # the bank begins anew after so long, with the main filter's state [s]
-HEADING: Final = 0.2  # standard deviation of the heading, at least [rad]
-AT_REST: Final = 0.2  # rates that no gyro's bias is [rad/s]
-FREE, UNIT, SIGNS = 1, 2, 3  # where they begin in the bank; 0 is the map's reading
+BEATS: Final = 15.0  # least difference of log-likelihood to the map's
+CLEARLY: Final = 5.0  # least difference of log-likelihood to the filter with a free heading
+FITS, FEWEST = 2.0, 30  # largest mean e²/S of a reading that is told; ranges before it counts
+ANEW: Final = 20.0  # the bank begins anew after this time, with the main filter's state [s]
+HEADING: Final = 0.2  # least standard deviation of the heading [rad]
+AT_REST: Final = 0.2  # no gyro has a larger bias [rad/s]
+FREE, UNIT, SIGNS = 1, 2, 3  # first indices in the bank; 0 is the map's reading
 REVERSED: Final = [np.diag(signs) for signs in product((1.0, -1.0), repeat=3)][1:]
 ABOUT_Z: Final = np.diag([-1.0, -1.0, 1.0])
 
 
 class RatesWatch:
-    """The bank, by a map.
+    """The bank of turn filters for a map.
 
     Attributes:
-        doubt: which other reading of the rates fits the ranges better; empty if none does.
-        mirrors: whether it says that mirrored anchors would look alike.
+        doubt: the sentence on another reading of the rates that fits the ranges better; empty if there is none.
+        mirrors: whether mirrored anchors would explain the ranges as well as the doubt's reading.
     """
 
     def __init__(self, map_: Map):
@@ -48,8 +48,8 @@ class RatesWatch:
         self._begun, self.doubt, self.mirrors = -np.inf, "", False
 
     def advance(self, events: Events, heard: EventValues, state: State, ranging: Ranging, excused: bool) -> None:
-        """Take events in, and the main filter's state behind them; `excused`: anchors explain what is wrong better."""
-        fails = np.isfinite(state.watched[SINCE : SINCE + 2]).any()  # of such an accelerometer nothing follows
+        """Take events in, and the main filter's state after them; `excused`: wrong anchors explain the error better."""
+        fails = np.isfinite(state.watched[SINCE : SINCE + 2]).any()  # a failed accelerometer tells nothing
         if self.doubt or self._refuted[UNIT:].all() or fails or state.watched[RESTS] > 0.0:
             return
         for one in self._bank:
@@ -65,7 +65,7 @@ class RatesWatch:
         likely = np.where(self._refuted, -np.inf, marks[:, LIKELY] - marks[0, LIKELY])
         self._refuted[UNIT:] |= likely[UNIT:] < -BEATS
         best = UNIT + int(np.argmax(likely[UNIT:]))
-        turns = np.array_equal(self._axes[best], ABOUT_Z)  # with a force along z the same as another heading
+        turns = np.array_equal(self._axes[best], ABOUT_Z)  # with a force along z this equals another heading
         clearly = likely[best] > max(BEATS, likely[FREE] + (0.0 if turns else CLEARLY))
         if clearly and self._worst[best] < FITS and not excused:
             self.mirrors = best > UNIT and self._axes[best][0, 0] * self._axes[best][1, 1] < 0.0
@@ -80,7 +80,7 @@ class RatesWatch:
                 one.z[CS], one.C[CS, CS], one.C[CS + 1, CS + 1] = 1.0, sd**2, sd**2
 
     def _key(self, best: int) -> str:
-        """Return the map's key of a reading, and what would look alike."""
+        """Return the map's key of the reading `best`, and other causes that would look alike."""
         if best == UNIT:
             return f"{{rate_unit: {self._other}}}"
         D = self._axes[best]
@@ -91,14 +91,14 @@ class RatesWatch:
 
 
 def _units(map_: Map) -> tuple[float, str]:
-    """Return the usual other unit of the rates in the map's, and its name."""
+    """Return the size of the other usual unit of rates in the map's unit, and its name."""
     assert map_.imu is not None
     other = "rad/s" if map_.imu.rate_unit == "deg/s" else "deg/s"
     return RATE_UNITS[other] / abs(size_of(map_.imu.rate_unit, RATE_UNITS)), other
 
 
 def rest_doubts(imu: Imu, map_: Map) -> list[str]:
-    """Return a doubt if a body that waits at its start turns by its rates, but not by its force."""
+    """Return a doubt if, at the map's start, the body turns by its rates but not by its force."""
     assert map_.imu is not None
     if map_.start is None or map_.imu.standstill > 0.0:
         return []

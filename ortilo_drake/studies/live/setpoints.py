@@ -1,7 +1,7 @@
 """Attitude and thrust setpoints to hold a place, by the scenario's servo, and the failsafe that stops them.
 
-The failsafe lets no setpoint through while the estimate is too old or too uncertain, and none before the vehicle is
-near the place. It does not fly: an autopilot whose setpoints stop does what it is set to do then, and the pilot has it.
+The failsafe lets no setpoint through while the estimate is too old or too uncertain, or before the vehicle is near the
+place. The failsafe does not fly: an autopilot whose setpoints stop does what it is set to do, and the pilot takes over.
 """
 
 from collections.abc import Sequence
@@ -15,17 +15,17 @@ from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.live.stamped_estimate import StampedEstimate
 from ortilo_drake.studies.live.uncertainty import Limits
 
-# Standard deviations of what is flown by: thrust that leans the wrong way, by its heading, drives the vehicle off.
+# Largest standard deviations to fly by: with a wrong heading the thrust leans the wrong way and drives the vehicle off.
 FLOWN_BY = Limits(deviation=0.5, yaw=0.2)
-BEYOND = 2.0  # a place to hold may be outside the anchors by [m]
-BELOW = 10.0  # and below them by so much: all may hang from a ceiling [m]
-WINDUP = 1.0  # of the integral of the position's error, at most [m s]
-NEAR, AWAY = 0.5, 2.0  # setpoints begin within the first of the place, and stop beyond the second [m]
-TURN = 0.3  # at which the yaw asked for goes from the present one to the one to hold [rad/s]
+BEYOND = 2.0  # a place to hold may be so far outside the anchors [m]
+BELOW = 10.0  # and so far below them, which may all hang from a ceiling [m]
+WINDUP = 1.0  # bound of the integral of the position's error [m s]
+NEAR, AWAY = 0.5, 2.0  # distances from the place within which setpoints begin, and beyond which they stop [m]
+TURN = 0.3  # rate of the commanded yaw, from the present yaw to the yaw to hold [rad/s]
 
 
 class Setpoint(NamedTuple):
-    """Stamp [s], roll, pitch and yaw wanted (3) [rad], thrust over the mass [m/s²], and why it may not be flown."""
+    """Stamp [s], wanted roll, pitch and yaw (3) [rad], thrust over mass [m/s²], and why it must not be flown, or ""."""
 
     t: float
     rpy: np.ndarray
@@ -34,9 +34,9 @@ class Setpoint(NamedTuple):
 
 
 class Holding:
-    """Holds a place r (3) in the anchors' frame [m], by a scenario's servo, mass and failsafe's limits.
+    """Holds a place r (3) in the anchors' frame [m], by a scenario's servo, mass and failsafe limits.
 
-    The yaw to hold [rad] is by default the estimated one when setpoints first begin. InputError if the servo has no
+    The yaw to hold [rad] is by default the estimated yaw when setpoints first begin. InputError if the servo has no
     gain.
     """
 
@@ -45,14 +45,14 @@ class Holding:
 
         self._L, self._mass, self._of_gain = gain_of(scenario), scenario.vehicle.mass, scenario.yaw
         self._h, self._place, self._yaw = scenario.h, np.array(place), yaw
-        self._asked: float | None = None  # yaw of the last setpoint that was let through [rad]
+        self._asked: float | None = None  # yaw of the last setpoint; None if the last one was refused [rad]
         self._timeout, self._max_tilt = scenario.failsafe.timeout, scenario.failsafe.max_tilt
         self._i, self._last = np.zeros(3), -np.inf
 
     def check_within(self, anchors: np.ndarray) -> None:
-        """Refuse a place that lies farther outside the box around the anchors (n, 3) [m] than BEYOND; InputError.
+        """Raise InputError if the place lies outside the box around the anchors (n, 3) [m] by more than BEYOND.
 
-        Below them it may be by BELOW.
+        Below the anchors it may be by BELOW.
         """
         low, high = anchors.min(axis=0), anchors.max(axis=0)
         if np.any(self._place < low - [BEYOND, BEYOND, BELOW]) or np.any(self._place > high + BEYOND):
@@ -68,7 +68,7 @@ class Holding:
         return f"({place}) m, {yaw}"
 
     def setpoint(self, stamped: StampedEstimate, now: float) -> Setpoint:
-        """Return the setpoint that follows from an estimate, whose age is by the sensors' clock now [s]."""
+        """Return the setpoint for an estimate; now: time by the sensors' clock [s], for the estimate's age."""
         x, age = stamped.estimate, now - stamped.t
         old = f"the estimate is older than {self._timeout:g} s" if age > self._timeout else ""
         refused = old or FLOWN_BY.why_not(stamped)
@@ -78,7 +78,7 @@ class Holding:
         if refused:
             self._i[:], self._asked = 0.0, None
             yaw = x[5]
-        else:  # the servo's integral goes on by r - p in each of its ticks
+        else:  # the servo's integral adds r - p in each of its ticks
             passed = 0.0 if self._asked is None else min(stamped.t - self._last, self._timeout)
             bound = WINDUP / self._h
             self._i = np.clip(self._i - e * passed / self._h, -bound, bound)
@@ -89,11 +89,11 @@ class Holding:
         return Setpoint(stamped.t, rpy, thrust, refused)
 
     def _turned(self, yaw: float, passed: float) -> float:
-        """Return the yaw to ask for [rad], turned from the last one asked for, else from the estimated one.
+        """Return the yaw to command [rad], turned on from the last commanded yaw, else from the estimated one.
 
         Args:
-            yaw: estimated [rad].
-            passed: since the last one [s].
+            yaw: estimated yaw [rad].
+            passed: time since the last setpoint [s].
         """
         self._yaw = yaw if self._yaw is None else self._yaw
         begin = yaw if self._asked is None else self._asked

@@ -1,4 +1,4 @@
-"""An estimate of the live filter as the rest of the package has it: the paper's state and its covariance."""
+"""A live filter's estimate in the form of the rest of the package: the paper's state and its covariance."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ from ortilo_drake.onboard.estimator.tight.inertial import angles_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, THETA, P, Q, V
 from ortilo_drake.studies.recorded.filter_types import State
 
-NOT_ESTIMATED = np.pi**2, 100.0  # variances of angles and of their rates without an imu [rad²], [rad²/s²]
+NOT_ESTIMATED = np.pi**2, 100.0  # variances of the angles and of their rates without an imu [rad²], [rad²/s²]
 
 
 class StampedEstimate(NamedTuple):
@@ -22,20 +22,20 @@ class StampedEstimate(NamedTuple):
 
     @property
     def deviation(self) -> float:
-        """The position's standard deviation, all three axes together [m]."""
+        """The standard deviation of the position, the three axes together [m]."""
         return float(np.sqrt(np.trace(self.covariance[:3, :3])))
 
     @property
     def yaw_deviation(self) -> float:
-        """The yaw's standard deviation [rad]."""
+        """The standard deviation of the yaw [rad]."""
         return float(np.sqrt(self.covariance[5, 5]))
 
 
 def estimate_at(t: float, state: State, imu: bool) -> StampedEstimate:
     """Return the pose and velocities, with covariances, of a filter state at a stamp [s].
 
-    A small turn theta of the body is d rpy = E^-1 theta, and the rates err by what the gyro's bias does; noise of the
-    latest sample is not in their covariance. Without an imu attitude and rates are not estimated, and 0.
+    A small turn theta of the body changes the angles by d rpy = E^-1 theta. The error of the rates is the gyro bias's;
+    their covariance leaves out the noise of the latest sample. Without an imu, attitude and rates are not estimated: 0.
     """
     x, estimate, J = state.x, np.zeros(N_XBAR), np.zeros((N_X, GYRO + 3))
     estimate[0:3], estimate[6:9] = x[P : P + 3], x[V : V + 3]

@@ -1,8 +1,9 @@
 """Whether the first ranges contradict the map's start.
 
-The median of each anchor's first ranges, r_i, gives a least-squares place of the antenna beside that of the start. Its
-errors are the anchors' biases and the ranges' own, as the map has them. Places farther apart than both claim, by the
-chi-square of three, are doubted, and those as far apart as FAR told, unless the ranges do not fit that place either.
+The medians of each anchor's first ranges, r_i, give a least-squares place of the antenna, which is compared with the
+start's. The errors of this place are the anchors' biases and the ranges' own errors, by the map. The start is doubted
+if the places are farther apart than both errors allow, by a chi-square of three, or farther than FAR; but not if the
+ranges fit no place.
 """
 
 from typing import Final
@@ -18,22 +19,22 @@ from ortilo_drake.studies.recorded.reacquired import FIRST_RANGES
 from ortilo_drake.studies.recorded.readings import UNITS
 from ortilo_drake.studies.recorded.truth_path import modelled
 
-FAR: Final = 0.3  # the first ranges may be so far from those of the map's start [m]
+FAR: Final = 0.3  # the first ranges may differ by so much from the ranges at the map's start [m]
 RARE: Final = 5e-3  # share of right starts that are doubted
-KNOWN: Final = 0.5  # a place that the ranges know less well is not told [m]
+KNOWN: Final = 0.5  # a place by the ranges with a larger standard deviation is not told [m]
 
 
 def check_start(ranges: Ranges, antenna: np.ndarray, anchors: np.ndarray, map_: Map) -> str:
     """Return a doubt about the start, empty if there is none.
 
     Raises:
-        InputError: if half of the anchors' first ranges are far from those of the start; it names the unit that fits.
+        InputError: if half of the anchors' first ranges are far from those at the start; it names a unit that fits.
 
     Args:
         ranges: from the start on.
-        antenna: its place at the start (3).
+        antenna: the antenna's place at the start (3).
         anchors: positions (n, 3).
-        map_: what is known of start and noise.
+        map_: the map, with start and noise.
     """
     assert map_.start is not None
     near, none = ranges.only(np.flatnonzero(ranges.t <= ranges.t[0] + FIRST_RANGES)), np.zeros(len(anchors))
@@ -53,7 +54,7 @@ def check_start(ranges: Ranges, antenna: np.ndarray, anchors: np.ndarray, map_: 
             f"and is each anchor where the map has it? Mend them or its position_sd, or leave it out{unit}"
         )
     heard = np.unique(single.anchor)
-    if len(heard) < 5:  # four leave too little to check the place by
+    if len(heard) < 5:  # four anchors are too few to check the place
         return ""
     r, settings = np.array([np.median(single.r[single.anchor == i]) for i in heard]), map_.filter
     variance = settings.bias_start**2 + settings.range_white**2 + settings.range_correlated**2

@@ -1,7 +1,7 @@
 """The limits of uncertainty beyond which an estimate is not sent to an autopilot.
 
-MAVLink's ODOMETRY could say so by its `quality`, but EKF2 ignores that unless EKF2_EV_QMIN is set. An estimate that
-does not come is what every autopilot handles: it goes on by its own sensors, and then does what it is set to do.
+MAVLink's ODOMETRY has a `quality` for this, but EKF2 ignores it unless EKF2_EV_QMIN is set. Every autopilot handles a
+missing estimate: it goes on by its own sensors, and then does what it is set to do.
 """
 
 import math
@@ -9,18 +9,18 @@ from typing import Final, NamedTuple
 
 from ortilo_drake.studies.live.stamped_estimate import StampedEstimate
 
-MOST_YAW: Final = 0.5  # of a heading that is sent [rad]
-AGAIN: Final = 0.8  # of a limit: an estimate is sent again below that, so that noise does not switch it
+MOST_YAW: Final = 0.5  # largest standard deviation of a heading that is sent [rad]
+AGAIN: Final = 0.8  # estimates are sent again below this share of a limit, so that noise does not switch them
 
 
 class Limits(NamedTuple):
-    """The largest standard deviations: of the position, all three axes together [m], and of the heading [rad]."""
+    """The largest standard deviations: of the position, the three axes together [m], and of the heading [rad]."""
 
     deviation: float
     yaw: float
 
     def why_not(self, stamped: StampedEstimate, share: float = 1.0) -> str:
-        """Return which of the limits, times a share, an estimate is above; empty if none. NaN is above all."""
+        """Return which limit times `share` an estimate exceeds, in words; empty if none. NaN exceeds all limits."""
         if not stamped.deviation <= share * self.deviation:
             return f"its standard deviation is above {self.deviation:g} m"
         if not stamped.yaw_deviation <= share * self.yaw:
@@ -28,4 +28,4 @@ class Limits(NamedTuple):
         return ""
 
 
-ALL: Final = Limits(math.inf, math.inf)  # every estimate that is a number
+ALL: Final = Limits(math.inf, math.inf)  # lets every estimate through that is not NaN

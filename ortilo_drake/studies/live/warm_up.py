@@ -1,4 +1,4 @@
-"""Compiling, or loading, all that a live filter needs, before messages come."""
+"""Compiling, or loading, all code that a live filter needs, before messages come."""
 
 from contextlib import suppress
 from typing import Final
@@ -13,11 +13,11 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.live.live_filter import LiveFilter
 from ortilo_drake.studies.live.stamped_estimate import estimate_at
 
-LASTS: Final = 3.0  # of a made-up rest among the anchors [s]
+LASTS: Final = 3.0  # duration of a made-up rest among the anchors [s]
 
 
 def warm_up(map_: Map, anchors: np.ndarray) -> None:
-    """Filter a made-up rest of LASTS seconds by a map, to anchors (n, 3), and forget it."""
+    """Run a live filter over a made-up rest of LASTS seconds, by a map with anchors (n, 3), and discard the result."""
     t_r, t = np.arange(0.0, LASTS, 0.1), np.arange(0.0, LASTS, 0.02)
     n, place = len(anchors), anchors.mean(axis=0) + [0.3, 0.2, 0.1]
     r = np.linalg.norm(anchors - place, axis=1)
