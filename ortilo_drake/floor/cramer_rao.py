@@ -12,8 +12,8 @@ for the one-step prediction of x_k from the measurements before tick k. It is in
 J_k is the information of the measurements that were taken in tick k and reached the vehicle. W is the covariance of the
 world's disturbance, not the filter's. P_0 is 0 unless ``truth.start`` differs: flights start at the filter's first
 estimate. The part of a camera's errors that persists from picture to picture is estimated as well
-(information_filter.py), so it is not counted as new in every picture. So is what the scenario's ``truth`` leaves
-unknown (unknown_errors.py): such a floor is what physics allows to one who knows how large the errors may be.
+(information_filter.py), so it is not counted as new in every picture. So are the errors that the scenario's ``truth``
+leaves unknown (unknown_errors.py): this floor is for an estimator that knows how large the errors may be.
 
 Kind of bound. J_k is taken at each flight's true trajectory and arrivals, and the bounds are averaged over ticks and
 flights. This is the covariance of an estimator that knows all Jacobians. With linear measurements it is the posterior
@@ -74,7 +74,7 @@ def messages_sent(
 def arrived(scenario: Scenario, sensor: str, truth: np.ndarray) -> np.ndarray:
     """Return whether a sensor's measurement of each tick reached the vehicle, in that tick or later (n).
 
-    The flight's seed is the scenario's, the truth its true states x_k (n, 12).
+    The scenario holds the flight's seed; `truth` (n, 12) holds its true states x_k.
     """
     if sensor not in scenario.sensors:
         return np.zeros(len(truth), dtype=bool)
@@ -96,17 +96,17 @@ VELOCITY = slice(6, 9)  # in x
 
 
 def position_floor(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
-    """Return the least mean squared error of x_{k|k-1}'s position per axis at every tick of a flight [m^2] (n, 3).
+    """Return the least mean squared position error of x_{k|k-1} per axis at every tick of a flight [m^2] (n, 3).
 
-    None where the errors of the camera's detector have not been measured. The flight's seed is the scenario's, the
-    truth its true states x_k (n, 12).
+    None where the errors of the camera's detector have not been measured. The scenario holds the flight's seed; `truth`
+    (n, 12) holds its true states x_k.
     """
     bounds = state_bound(scenario, truth)
     return None if bounds is None else np.maximum(np.diagonal(bounds, axis1=1, axis2=2)[:, :3], 0.0)
 
 
 def measured_share(scenario: Scenario) -> float:
-    """Return k of unknown_errors.py: the share of the specific force in what is known of a step's white force."""
+    """Return k of unknown_errors.py: the weight of the measured specific force in a tick's estimated white force."""
     sigma = scenario.world.disturbance.sds(scenario.h)[0]
     if not reads(scenario, "force") or sigma == 0.0:
         return 0.0
@@ -116,10 +116,10 @@ def measured_share(scenario: Scenario) -> float:
 def rows_by_kind(
     scenario: Scenario, truth: np.ndarray, room: Room, with_errors: bool
 ) -> tuple[dict[str, np.ndarray], int] | None:
-    """Return a flight's information as rows (l, 17) by what gave it, and the spacing of slow errors' nodes.
+    """Return a flight's rows of information (l, 17) by kind (the sensor's name), and the slow errors' node spacing.
 
-    None where the errors of the camera's detector have not been measured. The room may be another than the scenario's;
-    with_errors the rows stand beside those of unknown errors, see Information. Arguments else as position_floor.
+    None where the errors of the camera's detector have not been measured. The room may differ from the scenario's. With
+    with_errors, the rows of Information.with_errors are included. Other arguments as for position_floor.
     """
     rows: dict[str, np.ndarray] = {}
     spacing = 1
@@ -136,13 +136,13 @@ def rows_by_kind(
 
 
 def information_rows(scenario: Scenario, truth: np.ndarray, room: Room) -> tuple[np.ndarray, int] | None:
-    """Return the rows of rows_by_kind by tick (l, 17) without those of errors, and the spacing; arguments likewise."""
+    """Return rows_by_kind's rows without errors, in the order of ticks (l, 17), and the spacing; same arguments."""
     found = rows_by_kind(scenario, truth, room, with_errors=False)
     return None if found is None else (by_tick(*found[0].values()), found[1])
 
 
 def dynamics(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
-    """Return Phi and W (12 x 12) of a tick: of what is not measured of the world's disturbance and of the drag."""
+    """Return Phi and W (12 x 12) of a tick, with the part of the world's disturbance and drag that is not measured."""
     Phi, Gamma_d = discretize(hover_A(scenario.yaw), hover_B_d(scenario.vehicle), scenario.h)
     unmeasured = 1.0 - measured_share(scenario)
     Phi[:, VELOCITY] -= unmeasured * Gamma_d[:, :3] @ drag_D(scenario.world.drag, scenario.yaw)

@@ -23,7 +23,7 @@ from ortilo_drake.sensors.information_rows import AMPLITUDE, GRADIENT, SLOW, TIC
 
 @register_jitable
 def _update(P: np.ndarray, n: int, row: np.ndarray, before: int, a: float, b: float, k: np.ndarray) -> None:
-    """Update the leading n x n of P by a row, whose slow error is a n_j + b n_{j+1}, nodes at before and before + 1."""
+    """Update the leading n x n of P by a row; its slow error is a P_before + b P_before+1, or none if before < 0."""
     k[:n] = 0.0
     gradient = row[GRADIENT]
     for j in range(gradient.size):
@@ -50,7 +50,7 @@ def _update(P: np.ndarray, n: int, row: np.ndarray, before: int, a: float, b: fl
 
 @register_jitable
 def _predict(P: np.ndarray, n: int, structure: Structure, W: np.ndarray, work: np.ndarray) -> None:
-    """Overwrite P by Phi P Phi^T + W, the nodes of slow errors staying as they are; structure is of Phi (m, m)."""
+    """Overwrite P by Phi P Phi^T + W, with constant nodes of slow errors; structure describes Phi (m, m)."""
     columns, values, counts, _, _ = structure
     m = W.shape[0]
     work[:m, :n] = 0.0
@@ -100,11 +100,11 @@ def _new_nodes(P: np.ndarray, m: int, number: np.ndarray, used: np.ndarray, coun
 def predicted_bound(
     rows: np.ndarray, ticks: int, Phi: np.ndarray, W: np.ndarray, P_0: np.ndarray, spacing: int
 ) -> np.ndarray:
-    """Return P_k of the vehicle's twelve states at each tick, the bound on the covariance of x_{k|k-1} (ticks, 12, 12).
+    """Return the bound P_k on the covariance of x_{k|k-1}, of the vehicle's states, at each tick (ticks, 12, 12).
 
-    The rows are measurements (l, 5 + m), in the order of ticks, see information_rows.py. Of m states, the vehicle's the
-    first twelve, are the dynamics Phi, the covariance W of a tick's noise, and P_0. Nodes of slow errors are that
-    spacing apart.
+    rows (l, 5 + m) are measurements in the order of ticks (information_rows.py). The first twelve of the m states are
+    the vehicle's; Phi is their dynamics, W the noise covariance per tick, P_0 the start (all m x m). The nodes of slow
+    errors are `spacing` ticks apart.
     """
     m, most = Phi.shape[0], 0
     for row in rows:
@@ -114,7 +114,7 @@ def predicted_bound(
     P[:m, :m] = P_0
     bounds, structure = np.empty((ticks, N_X, N_X)), structure_of(Phi)
     number, used, count = np.empty(most, dtype=np.int64), np.zeros(most, dtype=np.bool_), 0
-    place = np.full(most, -1)  # where each slow error is among those in the state
+    place = np.full(most, -1)  # index of each slow error among those in the state, else -1
     at = 0
     for tick in range(ticks):
         bounds[tick] = P[:N_X, :N_X]

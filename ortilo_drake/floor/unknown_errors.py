@@ -1,23 +1,24 @@
 """The unknown errors of a scenario's truth, as states of the Cramer-Rao bound beside the vehicle's twelve.
 
-Each error of ``truth`` (scenario/truth.py) is an unknown of mean zero, whose variance is its value's square plus its
-spread's: a team knows how large its errors may be, and neither their sign nor their size. Those that change are
+Each error of ``truth`` (scenario/truth.py) is an unknown of mean zero, whose variance is its value squared plus its
+spread squared: a team knows how large its errors may be, but neither their sign nor their size. Errors that change are
 random walks or first-order Gauss-Markov noise, as the world draws them.
 
     x_{k+1} = Phi x_k + G e_k + ...,   e_{k+1} = F e_k + B_x^T x_k + w_e,   y = g^T x + c^T e + v
 
-A wrong mass or lift is an unknown vertical force, a centre of gravity that is off an unknown torque, as at hover.
+At hover, a wrong mass or lift acts as an unknown vertical force, an offset centre of gravity as an unknown torque.
 
-**Force and accelerometer.** The specific force y_a = (d + w) / m + b + v of a step, d all that lasts of the force, w
-its white part of variance s_w^2 and v of s_v^2 / m^2 in force, says two independent things: with k = s_w^2 / (s_w^2 +
-s_v^2) the force of the step is k m (y_a - b) + (1 - k) d up to a variance k s_v^2, and m y_a = d + m b up to a variance
-s_w^2 + s_v^2. The first goes into the dynamics, the second is a row. Rotor drag -D v is part of d.
+**Force and accelerometer.** The specific force of a step is y_a = (d + w) / m + b + v, where d is the lasting part of
+the force, w its white part of variance s_w^2, b the bias, and v noise of variance s_v^2 / m^2. With k = s_w^2 / (s_w^2
++ s_v^2) this gives two independent equations: the force of the step is k m (y_a - b) + (1 - k) d up to a variance k
+s_v^2, and m y_a = d + m b up to a variance s_w^2 + s_v^2. The first enters the dynamics, the second is a row. Rotor
+drag -D v is part of d.
 
-A bias that was zeroed while the vehicle stood still is what that leaves of it: world/sensors/standstill.py.
+If a bias was zeroed at standstill, only the rest that zeroing leaves counts: world/sensors/standstill.py.
 
-Taken as known, which lowers the bound: what an unlevel imu turns of gravity while it is zeroed, factors of angles,
-rates, specific force, ranges and focal length, clocks, the landmarks' shapes, moments of inertia. Of a registered
-sensor with an entry in ``truth.sensors`` the errors are as large and as slow as the scenario's filter believes
+Taken as known, which lowers the bound: the part of gravity that a tilted imu includes when it is zeroed; scale factors
+of angles, rates, specific force, ranges and focal length; clocks, the landmarks' shapes, moments of inertia. A
+registered sensor with an entry in ``truth.sensors`` has errors as large and as slow as the scenario's filter assumes
 (estimator.biases.row_sd).
 """
 
@@ -34,7 +35,7 @@ from ortilo_drake.sensors.unknown_error import Error, Seen, gauss_markov, one_pe
 
 
 def force_errors(scenario: Scenario, k: float) -> list[Error]:
-    """Return the unknown errors of the force, the accelerometer and the torque; k as unknown_errors."""
+    """Return the unknown errors of the force, the accelerometer and the torque; k as in unknown_errors."""
     vehicle, force, imu = scenario.truth.vehicle, scenario.truth.force, scenario.truth.imu
     m, h = scenario.vehicle.mass, scenario.h
     _, Gamma_d = discretize(hover_A(scenario.yaw), hover_B_d(scenario.vehicle), h)
@@ -52,7 +53,7 @@ def force_errors(scenario: Scenario, k: float) -> list[Error]:
 
 
 def unknown_of(scenario: Scenario, room: Room, name: str) -> list[Error]:
-    """Return the errors of a sensor that the filter does not know: its description's, or the filter's biases."""
+    """Return a sensor's errors that the filter does not know: those of its description, else the filter's biases."""
     unknown = described(name).unknown
     if unknown is not None:
         return list(unknown(scenario, room))
@@ -65,9 +66,9 @@ def unknown_of(scenario: Scenario, room: Room, name: str) -> list[Error]:
 
 
 def unknown_errors(scenario: Scenario, room: Room, k: float) -> Error:
-    """Return all that a scenario's truth leaves unknown, as one error; none of its components is certain.
+    """Return all errors that a scenario's truth leaves unknown, stacked as one, without components that are certain.
 
-    k is the share of the specific force in what is known of a step's force, see above; 0 where it is not read.
+    k is the weight of the specific force in the estimate of a tick's white force (see above); 0 where it is not read.
     """
     sensors = dict.fromkeys((*SENSORS, *scenario.sensors, *dict(scenario.truth.sensors)))
     every = [*force_errors(scenario, k), *(error for name in sensors for error in unknown_of(scenario, room, name))]
@@ -95,7 +96,7 @@ def unknown_errors(scenario: Scenario, room: Room, k: float) -> Error:
 
 
 def start_covariance(scenario: Scenario) -> np.ndarray:
-    """Return P_0 (12 x 12): how far from the first estimate a flight starts."""
+    """Return P_0 (12 x 12), the covariance of a flight's true start about the filter's first estimate."""
     start, sd = scenario.truth.start, np.zeros(N_X)
     sd[:3], sd[5] = spread(start.position, start.position_sd), np.hypot(start.yaw, start.yaw_sd)
     return np.diag(sd**2)

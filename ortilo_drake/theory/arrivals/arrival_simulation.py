@@ -17,17 +17,17 @@ class MeanCovariance(NamedTuple):
 
 
 def draw_independent(probabilities: np.ndarray, runs: int, ticks: int, seed: int) -> np.ndarray:
-    """Return the pattern of each run and tick (runs, ticks), drawn independently by the patterns' probabilities (P)."""
+    """Draw the pattern of each run and tick (runs, ticks) independently, with the patterns' probabilities (P)."""
     return draw_markov(np.ones((1, 1)), np.atleast_2d(probabilities), np.ones(1), runs, ticks, seed)
 
 
 def draw_markov(
     T: np.ndarray, probabilities: np.ndarray, initial: np.ndarray, runs: int, ticks: int, seed: int
 ) -> np.ndarray:
-    """Return the pattern of each run and tick (runs, ticks), drawn by the mode of a Markov chain.
+    """Draw the arrival pattern of each run and tick (runs, ticks), with the probabilities of a Markov chain's mode.
 
-    T is Pr(mode j next | mode i now) (M, M), with the patterns' probabilities in each mode (M, P) and those of the
-    modes at tick 0, `initial` (M).
+    T is Pr(mode j next | mode i now) (M, M), `probabilities` (M, P) are those of the patterns in each mode, and
+    `initial` (M) those of the modes at tick 0.
     """
     rng = np.random.default_rng(seed)
 
@@ -53,7 +53,7 @@ def _last_covariances(
     rows: np.ndarray,
     patterns: np.ndarray,
 ) -> np.ndarray:
-    """Return P after the last tick of each sequence of patterns (runs, ticks): (runs, n, n)."""
+    """Return P (runs, n, n) after the last tick of each sequence of patterns (runs, ticks)."""
     runs, ticks = patterns.shape
     last = np.empty((runs, A.shape[0], A.shape[0]))
     certain = np.ones(1)
@@ -67,7 +67,7 @@ def _last_covariances(
 
 
 def simulate(model: Model, P_0: np.ndarray, patterns: np.ndarray) -> MeanCovariance:
-    """Return mean and standard error of P_k after patterns (runs, ticks), P_{k+1} = g_p(P_k) from P_0 (n, n)."""
+    """Return mean and standard error of the last P over sequences of patterns (runs, ticks), from P_0 (n, n)."""
     last = _last_covariances(np.ascontiguousarray(P_0, dtype=float), *model, patterns)
     diagonals = np.diagonal(last, axis1=1, axis2=2)
     return MeanCovariance(last.mean(axis=0), diagonals.std(axis=0, ddof=1) / np.sqrt(len(patterns)))

@@ -1,7 +1,7 @@
-"""Patterns of the sensors that arrive in a tick: rows of C with probabilities.
+"""Arrival patterns: which rows of C arrive in a tick, and with which probability.
 
 Pattern p keeps the rows `rows[p]` of (C, V): C_p = C[rows], V_p = V[rows, rows]. For the vehicle the rows are uwb,
-camera, imu and whatever else flies; the imu and what follows it arrive in every tick.
+camera, imu, then further sensors; the imu and the further sensors arrive in every tick.
 """
 
 from typing import NamedTuple
@@ -12,14 +12,14 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.theory.modes.modes import Mode, unseen_modes
 from ortilo_drake.theory.riccati.riccati_problem import real_matrices
 
-# Rows of y by pattern: none, uwb, camera, both, each with the imu (4 x 9).
+# Rows of y that arrive in each pattern (4 x 9): none, uwb, camera, both, each with the imu.
 PATTERN_ROWS = np.array([[u] * 3 + [c] * 3 + [True] * 3 for c in (False, True) for u in (False, True)])
 
 
 class Model(NamedTuple):
-    """A filter's model x_{k+1} = A x_k + w_k, y_k = C x_k + v_k, of which pattern p sees rows[p] (P, m), bool.
+    """A filter's model x_{k+1} = A x_k + w_k, y_k = C x_k + v_k; in pattern p rows[p] of y arrive (P, m), bool.
 
-    A (n, n) are the dynamics, C (m, n) the output, W (n, n) the covariance of w, V (m, m) that of v, positive definite.
+    A (n, n) is the dynamics, C (m, n) the output matrix, W (n, n) the covariance of w, and V > 0 (m, m) that of v.
     """
 
     A: np.ndarray
@@ -46,7 +46,7 @@ def pattern_probabilities(uwb: float, camera: float) -> np.ndarray:
 
 
 def check_model(model: Model) -> Model:
-    """Return the model as contiguous floats; InputError if it is complex or shapes, W or V are wrong."""
+    """Return the model as contiguous floats; InputError if a matrix is complex, or if a shape, W or V is wrong."""
     A, C, W, V = map(np.ascontiguousarray, real_matrices(A=model.A, C=model.C, W=model.W, V=model.V))
     rows = np.ascontiguousarray(model.rows, dtype=bool)
     n, m = A.shape[0], C.shape[0]
@@ -78,7 +78,7 @@ def never_seen(model: Model, probabilities: np.ndarray, names: tuple[str, ...] |
 
 
 def check_arrivals(model: Model, probabilities: np.ndarray, what: str) -> None:
-    """Raise InputError, beginning with `what`, unless the probabilities sum to one and the rows that arrive detect A.
+    """Raise InputError, beginning with `what`, unless probabilities sum to 1 and the arriving rows detect A.
 
     The probabilities are (P) or, for each of several modes of a chain, (M, P).
     """

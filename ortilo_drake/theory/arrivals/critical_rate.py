@@ -1,8 +1,8 @@
 """The critical arrival probability: the lowest at which the expected error covariance stays bounded.
 
 x_{k+1} = A x_k + w_k, and all of y_k = C x_k + v_k arrives with probability l, independently in each tick. There is a
-critical l_c: above it E[P_k] is bounded from every start, below it E[P_k] grows without bound from some
-(B. Sinopoli et al., "Kalman filtering with intermittent observations", IEEE TAC 49(9), 2004, theorem 2), and
+critical l_c: above it E[P_k] is bounded from every start; below it E[P_k] grows without bound from some start (B.
+Sinopoli et al., "Kalman filtering with intermittent observations", IEEE TAC 49(9), 2004, theorem 2), and
 
     1 - 1 / max|s|^2  <=  l_c  <=  l_mare  <=  1 - 1 / prod |s_u|^2,
 
@@ -20,11 +20,11 @@ arrivals lie in one of the d classes of ticks: by |s|^(2 d) every d ticks, for w
 
     l_c = 1 - |s|^(-2 d / (d - 1)),
 
-which is 1 - |s|^-4 for s_2 = -s_1. It falls to 1 - |s|^-2 as d grows, and is that where no power of s_1 / s_2 is 1 and
-for a Jordan block, of which no two arrivals show the same combination. In a channel with memory the same holds with the
-chance of d - 1 losses of each d ticks, which growth_in_bursts gives (Y. Mo, B. Sinopoli, "Towards finding the critical
-value for Kalman filtering with intermittent observations", 2010; K. You, M. Fu, L. Xie, "Mean square stability for
-Kalman filtering with Markovian packet losses", Automatica 47(12), 2011).
+which is 1 - |s|^-4 for s_2 = -s_1. It falls to 1 - |s|^-2 as d grows. It equals this limit where no power of s_1 / s_2
+is 1, and for a Jordan block: there no two arrivals show the same combination. In a channel with memory the same holds
+with the chance of d - 1 losses of each d ticks, which growth_in_bursts gives (Y. Mo, B. Sinopoli, "Towards finding the
+critical value for Kalman filtering with intermittent observations", 2010; K. You, M. Fu, L. Xie, "Mean square stability
+for Kalman filtering with Markovian packet losses", Automatica 47(12), 2011).
 """
 
 from dataclasses import dataclass
@@ -38,16 +38,16 @@ from ortilo_drake.theory.modes.modes import unseen_modes
 from ortilo_drake.theory.riccati.riccati_problem import real_matrices
 
 ON_THE_CIRCLE = 1e-6  # |s| up to 1 + this counts as on the unit circle
-_WIDTH = 1e-6  # of the last bracket of l_mare
-_POWER_STEPS = 400  # where they do not decide, l counts as too low, so that l_mare errs upwards
+_WIDTH = 1e-6  # width of the last bracket of l_mare
+_POWER_STEPS = 400  # if the power method has not decided by then, l counts as too low, so l_mare errs upwards
 
 
 @dataclass(frozen=True)
 class CriticalRate:
-    """The critical rate l_c of a pair (A, C), None where only its bounds are known, in a sentence as well.
+    """The critical rate l_c of a pair (A, C), or None where only its bounds are known; the sentence says so in words.
 
-    The lower bound is 1 - 1 / max|s|^2, 0 if no |s| exceeds 1, the upper one l_mare. Each hypothesis was checked, with
-    what came out.
+    The lower bound is 1 - 1 / max|s|^2, or 0 if no |s| exceeds 1. The upper bound is l_mare. `hypotheses` says for each
+    hypothesis of the theorems whether it holds.
     """
 
     rate: float | None
@@ -76,15 +76,15 @@ def is_nondegenerate(A_u: np.ndarray, C_u: np.ndarray) -> bool:
 
 
 def mare_growth(A: np.ndarray, C: np.ndarray, rate: float) -> tuple[float, float]:
-    """Return bounds on r, the growth rate of h(X) = A X A* - l A X C* (C X C*)^-1 C X A*, from below and above.
+    """Return a lower and an upper bound on r, the growth rate of h(X) = A X A* - l A X C* (C X C*)^-1 C X A*.
 
-    h is what is left of g where X is large; it is monotone and homogeneous, so g has a fixed point where r < 1 and none
-    where r > 1. For any X > 0, the least and largest eigenvalue of X^-1 h(X) enclose r (Collatz and Wielandt); X comes
-    from the power method. That X > h(X) for some X is the matrix inequality of Sinopoli et al., theorem 5. A (n, n) is
+    For large X, g becomes h. h is monotone and homogeneous, so g has a fixed point where r < 1 and none where r > 1.
+    For any X > 0, the least and largest eigenvalue of X^-1 h(X) enclose r (Collatz and Wielandt); X comes from the
+    power method. That X > h(X) for some X is the matrix inequality of Sinopoli et al., theorem 5. A (n, n) is
     invertible, C is (m, n), and the rate l lies in [0, 1).
     """
     U, s, _ = np.linalg.svd(C, full_matrices=False)
-    C = (U.conj().T @ C)[s > 1e-12 * s[0]]  # rows that say nothing new are left out
+    C = (U.conj().T @ C)[s > 1e-12 * s[0]]  # linearly dependent rows are left out
     X = np.eye(len(A), dtype=complex)
     low, high = 0.0, np.inf
     for _ in range(_POWER_STEPS):
@@ -96,12 +96,12 @@ def mare_growth(A: np.ndarray, C: np.ndarray, rate: float) -> tuple[float, float
         low, high = max(low, float(spread[0])), min(high, float(spread[-1]))
         if low > 1.0 or high < 1.0 or high - low < 1e-9:
             break
-        X = hX / np.trace(hX).real + X / np.trace(X).real  # the shift keeps X away from the border and from turning
+        X = hX / np.trace(hX).real + X / np.trace(X).real  # the shift keeps X from becoming singular and from turning
     return low, high
 
 
 def mare_critical_rate(A: np.ndarray, C: np.ndarray) -> float:
-    """Return l_mare to 1e-6, from above: the least l at which g has a fixed point; A has only unstable eigenvalues."""
+    """Return l_mare, at most 1e-6 too high: the least l at which g has a fixed point; no eigenvalue of A is stable."""
     moduli = np.abs(np.linalg.eigvals(A))
     below, above = (float(1.0 - 1.0 / size**2) for size in (np.max(moduli), np.prod(moduli)))
     while above - below > _WIDTH:
@@ -114,9 +114,9 @@ def mare_critical_rate(A: np.ndarray, C: np.ndarray) -> float:
 
 
 def critical_rate(A: np.ndarray, C: np.ndarray) -> CriticalRate:
-    """Return the bounds on the critical arrival probability of A (n, n) and C (m, n), with their hypotheses checked.
+    """Return the critical arrival probability of A (n, n) and C (m, n), its bounds, and the hypotheses checked.
 
-    InputError if (A, C) is not detectable; its eigenvalues and states are named.
+    InputError if (A, C) is not detectable; it names the eigenvalues and states concerned.
     """
     A, C = (np.atleast_2d(M) for M in real_matrices(A=A, C=C))
     unseen = unseen_modes(A, C)
@@ -170,13 +170,13 @@ def critical_recovery(A: np.ndarray) -> float:
     return max(0.0, 1.0 - 1.0 / float(np.max(np.abs(np.linalg.eigvals(np.atleast_2d(A))))) ** 2)
 
 
-LONGEST = 1000  # ticks after which modes may look alike again; l_c is then less than 0.002 ln|s| above its limit
-SAME = 1e-6  # eigenvalues closer than this, relative, are one
-SAME_ANGLE = 1e-9  # of a turn
+LONGEST = 1000  # the most ticks d considered; with more, l_c is less than 0.002 ln|s| above its limit
+SAME = 1e-6  # relative distance below which two eigenvalues count as equal
+SAME_ANGLE = 1e-9  # tolerance of an angle, as a fraction of a turn
 
 
 def ticks_to_repeat(s_1: complex, s_2: complex) -> int | None:
-    """Return the least d with (s_1 / s_2)^d = 1, or None: none up to LONGEST, or the two are one (a Jordan block)."""
+    """Return the least d with (s_1 / s_2)^d = 1; None if no d up to LONGEST fits, or if s_1 = s_2 (a Jordan block)."""
     if abs(s_1 - s_2) <= SAME * abs(s_1):
         return None
     turns = float(np.angle(s_1 / s_2)) / (2.0 * np.pi)
@@ -185,18 +185,18 @@ def ticks_to_repeat(s_1: complex, s_2: complex) -> int | None:
 
 
 def second_order_rate(modulus: float, d: int | None) -> float:
-    """Return l_c of two modes of that modulus that look alike to C every d ticks, never if None."""
+    """Return l_c of two modes with |s| = modulus, which look alike to C every d ticks (None: never)."""
     return 1.0 - modulus ** (-2.0 if d is None else -2.0 * d / (d - 1.0))
 
 
 def growth_in_bursts(modulus: float, d: int | None, failure: float, recovery: float) -> float:
-    """Return the growth factor of E[P_k] a tick through a Gilbert-Elliott channel; E[P_k] is bounded if it is below 1.
+    """Return the growth factor of E[P_k] per tick through a Gilbert-Elliott channel; below 1, E[P_k] is bounded.
 
-    Packets of good ticks arrive, those of bad ones are lost. A bad tick follows a good one with the chance p (failure),
-    a good one a bad one with q (recovery). Of d ticks (as ticks_to_repeat has it) the first may be either and d - 1 are
-    bad: the chance of that, from one first tick to the next, is the radius of a matrix of rank 1, p q (1 - q)^(d-2) +
-    (1 - q)^d (You, Fu and Xie, 2011). With p = 1 - l and q = l the losses are independent. The modulus of both modes is
-    above 1. InputError if p or q lies outside [0, 1].
+    Packets of good ticks arrive, packets of bad ticks are lost. A good tick is followed by a bad one with probability p
+    (failure), a bad tick by a good one with q (recovery). Of d ticks (see ticks_to_repeat) the first may be either and
+    the other d - 1 are bad: the probability of this, from one first tick to the next, is the spectral radius of a
+    matrix of rank 1, p q (1 - q)^(d-2) + (1 - q)^d (You, Fu and Xie, 2011). With p = 1 - l and q = l the losses are
+    independent. Both modes have the given modulus, above 1. InputError if p or q lies outside [0, 1].
     """
     for name, chance in (("failure", failure), ("recovery", recovery)):
         if not 0.0 <= chance <= 1.0:

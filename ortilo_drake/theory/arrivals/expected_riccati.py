@@ -20,34 +20,34 @@ from ortilo_drake.theory.arrivals.arrivals import PATTERN_ROWS, Model, check_arr
 from ortilo_drake.theory.arrivals.expected_riccati_kernel import DIVERGED, SETTLED, coupled_fixed_point
 from ortilo_drake.theory.modes.modes import unseen_modes
 
-TOLERANCE = 1e-9  # relative to the variances, of the fixed point itself and not of the last step
+TOLERANCE = 1e-9  # error of the fixed point (not of the last step), relative to the variances
 MOST_ITERATIONS = 200_000
 
 TRANSLATION = np.array([0, 1, 2, 6, 7, 8])  # position and velocity among the twelve states
-ROTATION = np.array([3, 4, 5, 9, 10, 11])  # angles and their rates; a filter may estimate more behind the twelve
+ROTATION = np.array([3, 4, 5, 9, 10, 11])  # angles and their rates; a filter's further states follow the twelve
 
 
 def vehicle_model(W: np.ndarray, V: np.ndarray, h: float, C: np.ndarray | None = None) -> Model:
-    """Return the vehicle's filter model at hover, of ticks h [s]; patterns as arrivals.PATTERN_ROWS.
+    """Return the vehicle's filter model at hover for ticks of h [s], with the patterns of arrivals.PATTERN_ROWS.
 
-    W is the process noise per tick (12 x 12), V the noise of uwb, camera, imu and what else flies (p x p), which
-    arrives in every tick. The rows C of y over the states (p x 12) have uwb and camera first; by default they are those
-    of the paper's three sensors. InputError if a matrix has a wrong shape or sign.
+    W is the process noise per tick (12 x 12), V the noise of uwb, camera, imu and further sensors (p x p); further
+    sensors arrive in every tick. C (p x 12) holds the rows of y over the states, uwb and camera first; by default the
+    rows of the paper's three sensors. InputError if a matrix has a wrong shape or sign.
     """
     C = output_C() if C is None else C
     Phi, _ = discretize(hover_A(), hover_B(M100), h)  # Phi is the same for every vehicle
-    beside = np.ones((len(PATTERN_ROWS), len(C) - PATTERN_ROWS.shape[1]), dtype=bool)  # the sensors behind the three
+    beside = np.ones((len(PATTERN_ROWS), len(C) - PATTERN_ROWS.shape[1]), dtype=bool)  # further sensors
     return check_model(Model(Phi, C, W, V, np.hstack([PATTERN_ROWS, beside])))
 
 
 def solve_coupled(
     model: Model, probabilities: np.ndarray, backward: np.ndarray, start: np.ndarray | None, what: str
 ) -> np.ndarray:
-    """Return the fixed point X (M, n, n) of X_j = sum_i backward[j, i] g_i(X_i), from a start (M, n, n) or W.
+    """Return the fixed point X (M, n, n) of X_j = sum_i backward[j, i] g_i(X_i), iterated from start (M, n, n) or W.
 
-    The model is checked, the probabilities are those of the patterns in each mode (M, P), and backward is Pr(mode
-    before = i | mode now = j) (M, M). InputError beginning with `what`, if some mode of A is never seen or too seldom,
-    or X is not reached.
+    The caller has checked the model. The probabilities (M, P) are those of the patterns in each mode, and backward (M,
+    M) is Pr(mode before = i | mode now = j). InputError, beginning with `what`, if a mode of A is never or too seldom
+    seen, or if the iteration does not reach X.
     """
     check_arrivals(model, probabilities, what)
     X = np.repeat(model.W[None], len(probabilities), axis=0) if start is None else np.ascontiguousarray(start)
@@ -67,7 +67,7 @@ def solve_coupled(
 def upper_bound(model: Model, probabilities: np.ndarray) -> np.ndarray:
     """Return X = g(X) (n, n), which bounds the limit of E[P_k] from above, to 1e-9 relative.
 
-    InputError if the patterns' probabilities (P) are none, or X does not exist; the modes concerned are named.
+    InputError if `probabilities` (P) are no distribution, or X does not exist; it names the modes concerned.
     """
     return solve_coupled(model, np.atleast_2d(probabilities), np.ones((1, 1)), None, "expected Riccati equation")[0]
 
@@ -75,7 +75,7 @@ def upper_bound(model: Model, probabilities: np.ndarray) -> np.ndarray:
 def lower_bound(A: np.ndarray, W: np.ndarray, arrival_rate: float) -> np.ndarray:
     """Return X = (1 - l) A X A^T + W (n, n), which bounds the limit of E[P_k] from below; inf where there is none.
 
-    Sinopoli et al. (2004), theorem 4: an arrival, of probability l, can at best bring the error back to W. It exists
+    Sinopoli et al. (2004), theorem 4: an arrival, of probability l, can at best bring the error back to W. X exists
     while (1 - l) max|eigenvalue of A|^2 < 1. InputError if the rate lies outside [0, 1].
     """
     missed = np.array([1.0 - check_rate(arrival_rate, "arrival rate")])
@@ -85,7 +85,8 @@ def lower_bound(A: np.ndarray, W: np.ndarray, arrival_rate: float) -> np.ndarray
 def coupled_lower_bound(A: np.ndarray, W: np.ndarray, missed: np.ndarray, backward: np.ndarray) -> np.ndarray:
     """Return X (M, n, n) with X_j = sum_i backward[j, i] (missed_i A X_i A^T + W); inf where there is none.
 
-    Nothing arrives in mode i with the probability missed_i (M); backward is Pr(mode before = i | mode now = j) (M, M).
+    missed_i (M) is the probability that nothing arrives in mode i; backward (M, M) is Pr(mode before = i | mode now =
+    j).
     """
     n, modes = A.shape[0], len(missed)
     missing = backward * missed
@@ -98,10 +99,10 @@ def coupled_lower_bound(A: np.ndarray, W: np.ndarray, missed: np.ndarray, backwa
 
 
 def translation_noise(W: np.ndarray) -> np.ndarray:
-    """Return W_t = W_tt - W_tr W_rr^+ W_rt (6 x 6): the noise of position and velocity once that of the rest is known.
+    """Return W_t = W_tt - W_tr W_rr^+ W_rt (6 x 6): the noise of position and velocity, given the noise of the rest.
 
-    The rest is attitude, rates and what else a filter estimates. Who knows it exactly knows its noise, and by it what
-    of the position's comes with it. Where W has no such cross terms this is W_tt.
+    The rest is attitude, rates and any further states. An estimator that knows the rest exactly knows its noise, and so
+    the correlated part of the noise of position and velocity. If W has no such cross terms, W_t is W_tt.
     """
     rest = np.setdiff1d(np.arange(len(W)), TRANSLATION)
     W_tr, W_rr = W[np.ix_(TRANSLATION, rest)], W[np.ix_(rest, rest)]

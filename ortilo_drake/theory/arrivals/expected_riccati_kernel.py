@@ -17,10 +17,7 @@ from ortilo_drake.model.cholesky import forward_in_place
 def averaged_update(
     X: np.ndarray, C: np.ndarray, V: np.ndarray, rows: np.ndarray, probabilities: np.ndarray
 ) -> np.ndarray:
-    """Return X - sum_p Pr(p) X C_p^T (C_p X C_p^T + V_p)^-1 C_p X; the lower half is left as in X (n, n), symmetric.
-
-    C (m, n), V (m, m) and rows (P, m) are those of arrivals.Model, with the patterns' probabilities (P).
-    """
+    """Return X - sum_p Pr(p) X C_p^T (C_p X C_p^T + V_p)^-1 C_p X in the upper half, with X's (n, n) lower half."""
     m, n = C.shape
     CX = np.zeros((m, n))
     CXC = V.copy()
@@ -60,7 +57,7 @@ def averaged_update(
 
 @register_jitable
 def predicted(M: np.ndarray, A: np.ndarray, W: np.ndarray) -> np.ndarray:
-    """Return A M A^T + W, exactly symmetric, of a symmetric M of which the upper half is read."""
+    """Return A M A^T + W, exactly symmetric; only the upper half of the symmetric M is read."""
     n = A.shape[0]
     for i in range(n):
         for j in range(i):
@@ -82,7 +79,7 @@ def predicted(M: np.ndarray, A: np.ndarray, W: np.ndarray) -> np.ndarray:
     return X
 
 
-CHECK_EVERY = 30  # iterations between checks; a multiple of the phases of sensors that send every 2nd or 3rd tick
+CHECK_EVERY = 30  # iterations between checks; a multiple of the periods of sensors that send every 2nd or 3rd tick
 SETTLED, STILL_MOVING, DIVERGED = 0, 1, 2
 
 
@@ -118,12 +115,12 @@ def coupled_fixed_point(
     g is monotone: where it has a fixed point the iteration converges to it from every start. The slowest part of the
     error shrinks by a factor rho per iteration (0.93 with all sensors, 0.985 at a rate of 0.05), so a small last step
     alone does not mean that the fixed point is near. With d_k the largest change of iteration k relative to the
-    variances, and rho = (d_k / d_{k-30})^(1/30), what is still to come is d_k rho / (1 - rho); it has settled when that
-    is below the tolerance.
+    variances, and rho = (d_k / d_{k-30})^(1/30), the change still to come is d_k rho / (1 - rho). The iteration has
+    settled when this is below the tolerance, or when rounding ends the progress of d_k.
 
     A, C, W, V and rows are those of arrivals.Model. The start X (M, n, n) is symmetric positive semidefinite; warm
-    starts are welcome. The probabilities are those of the patterns in each mode (M, P), backward is Pr(mode before = i
-    | mode now = j) (M, M), [[1]] for independent arrivals. There are `most` iterations at most.
+    starts are welcome. The probabilities (M, P) are those of the patterns in each mode; backward (M, M) is Pr(mode
+    before = i | mode now = j), [[1]] for independent arrivals. The iteration ends after `most` steps.
 
     Returns:
         X (M, n, n), iterations, SETTLED or STILL_MOVING or DIVERGED, and the estimate of what was still to come.

@@ -18,7 +18,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.theory.arrivals.arrivals import Model
 from ortilo_drake.theory.arrivals.expected_riccati import ROTATION, TRANSLATION, coupled_lower_bound, translation_noise
 
-_RARE = 1e-14  # a mode visited less often is not visited
+_RARE = 1e-14  # a mode with a smaller share of time counts as never visited
 
 
 class ArrivalChain(NamedTuple):
@@ -35,7 +35,7 @@ class ArrivalChain(NamedTuple):
 
 
 def arrival_chain(T: np.ndarray, probabilities: np.ndarray) -> ArrivalChain:
-    """Return the chain restricted to the modes in which it stays for ever, coming from the first.
+    """Return the chain restricted to the recurrent modes that it reaches from the first mode.
 
     T is Pr(mode j next | mode i now) (M, M), with the probabilities of the patterns in each mode (M, P). InputError if
     a row of T is no probability distribution.
@@ -43,7 +43,7 @@ def arrival_chain(T: np.ndarray, probabilities: np.ndarray) -> ArrivalChain:
     T = np.array(T, dtype=float)
     if not np.all(T >= 0.0) or not np.allclose(T.sum(axis=1), 1.0, rtol=0.0, atol=1e-9):
         raise InputError("Markov chain: the rows of T must be at least 0 and sum to 1")
-    # The mean of T^k over time, row 0; (I + T) / 2 has the same and is never periodic.
+    # Row 0 of the mean of T^k over time. (I + T) / 2 has the same mean and is never periodic.
     limit = (np.eye(len(T)) + T) / 2.0
     for _ in range(60):
         limit = limit @ limit
@@ -61,10 +61,10 @@ def average_over_modes(chain: ArrivalChain, X: np.ndarray) -> np.ndarray:
 
 
 def markov_translation_lower_bound(model: Model, chain: ArrivalChain) -> np.ndarray:
-    """Return each mode's bound from below on the mean of P of position and velocity (M, 6, 6).
+    """Return each mode's lower bound on the mean of P's block of position and velocity (M, 6, 6).
 
-    An arrival can at best bring the error of a filter that knows attitude and rates as well back to W_t. The model is
-    the vehicle's, the chain over arrivals.PATTERN_ROWS.
+    For a filter that knows attitude and rates as well, an arrival can at best bring the error back to W_t. The model is
+    the vehicle's, the chain is over arrivals.PATTERN_ROWS.
     """
     Phi_t = model.A[np.ix_(TRANSLATION, TRANSLATION)]
     if np.any(model.A[np.ix_(ROTATION, TRANSLATION)]):

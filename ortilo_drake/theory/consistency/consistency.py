@@ -1,11 +1,11 @@
 """NEES and NIS of a filter over an ensemble of flights, with their bands: tests of its consistency.
 
 A consistent filter's error e and covariance P make e^T P^-1 e chi-square with as many degrees of freedom as e has
-components; the same holds for an innovation and its S = H P H^T + V. Averaged over N independent flights at one tick,
-N times the mean is chi-square with N n degrees (Y. Bar-Shalom, X. R. Li, T. Kirubarajan, Estimation with Applications
-to Tracking and Navigation, Wiley 2001, section 5.4). The ticks of one flight are not independent, since an error made
-in a blackout lasts for seconds, so an average over time has no such band. For it the flights' own means are the
-independent samples, and the interval of their mean is Student's.
+components; the same holds for an innovation and its S = H P H^T + V. Averaged over N independent flights at one tick, N
+times the mean is chi-square with N n degrees (Y. Bar-Shalom, X. R. Li, T. Kirubarajan, Estimation with Applications to
+Tracking and Navigation, Wiley 2001, section 5.4). The ticks of one flight are not independent, since an error made in a
+blackout lasts for seconds, so an average over time has no such band. There the means of the flights are the independent
+samples, and their mean has Student's interval.
 """
 
 from collections.abc import Sequence
@@ -22,11 +22,11 @@ PROBABILITY = 0.95  # of bands and intervals
 
 @dataclass(frozen=True)
 class Average:
-    """A normalised square of n degrees of freedom, expected, averaged over the ticks of a mask.
+    """The average of a normalised square (NEES or NIS) of n = `expected` degrees of freedom over the ticks of a mask.
 
-    The mean is that of the means of so many flights with a number in the mask, the ratio mean / expected; its interval,
-    and whether that contains n, consistent, are None for one flight. in_band is the share of ticks at which the
-    ensemble's average lies in its chi-square band; None without a tick.
+    mean is the mean of the flights' means, over the `flights` that have a value in the mask; ratio is mean / expected.
+    The interval of the mean, and consistent, whether it contains n, are None for one flight. in_band is the share of
+    ticks at which the ensemble's average lies in its chi-square band; None without a tick.
     """
 
     expected: int
@@ -39,10 +39,10 @@ class Average:
 
 
 def normalized_square(e: np.ndarray, S: np.ndarray) -> np.ndarray:
-    """Return e_k^T S_k^-1 e_k (n); NaN where S_k is not regular or anything is not finite.
+    """Return e_k^T S_k^-1 e_k (n); NaN where S_k is not regular or a value is not finite.
 
-    Errors or innovations e (n, m) have the covariances S (n, m, m) by the filter. Each component is scaled by its own
-    standard deviation first, so that metres and radians weigh alike.
+    e (n, m) holds errors or innovations, S (n, m, m) the filter's covariances of them. Each component is first scaled
+    by its own standard deviation, so that metres and radians weigh alike.
     """
     out = np.full(len(e), np.nan)
     sd = np.sqrt(np.maximum(np.diagonal(S, axis1=1, axis2=2), 0.0))
@@ -56,7 +56,7 @@ def normalized_square(e: np.ndarray, S: np.ndarray) -> np.ndarray:
 
 
 def average_band(dof: int, flights: int | np.ndarray) -> tuple[Any, Any]:
-    """Return the 95 % band of a tick's average over N flights, chi2_{N n} / N, of dof n; arrays for an array of N."""
+    """Return the 95 % band of a tick's average over N flights, chi2_{N n} / N with n = dof; arrays if N is an array."""
     tail = (1.0 - PROBABILITY) / 2.0
     return chi2.ppf(tail, dof * flights) / flights, chi2.ppf(1.0 - tail, dof * flights) / flights
 
@@ -64,7 +64,7 @@ def average_band(dof: int, flights: int | np.ndarray) -> tuple[Any, Any]:
 def ensemble_average(flights: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Return the average over the flights at each tick, and the number of flights that have a value there.
 
-    Each flight is a series, NaN where there is nothing; a shorter one (a lost flight) has nothing from its end on.
+    Each flight is a series, NaN where it has no value; the series of a lost flight is shorter.
     """
     length = max(len(series) for series in flights)
     total, count = np.zeros(length), np.zeros(length, dtype=int)
@@ -89,7 +89,7 @@ def share_in_band(flights: Sequence[np.ndarray], dof: int) -> float | None:
 
 
 def mean_interval(samples: np.ndarray) -> tuple[float, float] | None:
-    """Return Student's 95 % interval of the mean of independent samples; None of fewer than two."""
+    """Return Student's 95 % interval of the mean of independent samples; None for fewer than two."""
     if len(samples) < 2:
         return None
     half = t.ppf(0.5 + PROBABILITY / 2.0, len(samples) - 1) * sem(samples)
@@ -97,15 +97,15 @@ def mean_interval(samples: np.ndarray) -> tuple[float, float] | None:
 
 
 def nees_interval(samples: np.ndarray) -> tuple[float, float] | None:
-    """Return mean_interval of NEES or NIS: as none of them is below 0, neither is an end of it."""
+    """Return mean_interval of NEES or NIS, with ends of at least 0, because neither statistic is negative."""
     interval = mean_interval(samples)
     return interval and (max(interval[0], 0.0), interval[1])
 
 
 def time_average(flights: Sequence[np.ndarray], masks: Sequence[np.ndarray], dof: int) -> Average | None:
-    """Judge normalised squares, a series a flight, over the ticks of its mask; None if none has a number there.
+    """Return the Average of normalised squares, one series per flight, over each flight's mask; None without a value.
 
-    They are chi-square with dof degrees of freedom if the filter is consistent.
+    A consistent filter's squares are chi-square with dof degrees of freedom.
     """
     masked = [np.where(mask, series, np.nan) for series, mask in zip(flights, masks, strict=True)]
     means = np.array([np.nanmean(series) for series in masked if np.isfinite(series).any()])

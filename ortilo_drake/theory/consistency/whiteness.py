@@ -21,11 +21,11 @@ from scipy.stats import chi2, norm
 
 @dataclass(frozen=True)
 class LagReport:
-    """Autocorrelation of the ensemble over one way to count lags; r and band are None where no pair has a lag.
+    """Autocorrelation of the ensemble for one way to count lags; r and band are None at lags without a pair.
 
-    r_l has the components in a row for each of the lags 1 .. L, the band is half its two-sided 95 % band. Q is the
-    portmanteau statistic of all components together, with its degrees of freedom and the probability of a larger one
-    from white innovations.
+    r has one row per lag 1 .. L, with a value per component; band is half the width of the two-sided 95 % band. Q is
+    the portmanteau statistic of all components together, dof its degrees of freedom, and p_value the probability that
+    white innovations give a larger Q.
     """
 
     r: list[list[float] | None]
@@ -37,7 +37,7 @@ class LagReport:
 
 @dataclass(frozen=True)
 class WhitenessReport:
-    """Whiteness of a sensor's normalised innovations z: mean and variance are 0 and 1 if consistent."""
+    """Whiteness of a sensor's normalised innovations z; a consistent filter's z have mean 0 and variance 1."""
 
     samples: int
     mean: list[float]
@@ -47,7 +47,7 @@ class WhitenessReport:
 
 
 def normalized_innovations(e: np.ndarray, S: np.ndarray) -> np.ndarray:
-    """Return z_k = L_k^-1 e_k (n, m) of innovations e, NaN where nothing arrived (n, m), and their S (n, m, m)."""
+    """Return z_k = L_k^-1 e_k (n, m), given the innovations e (n, m), NaN where nothing arrived, and S (n, m, m)."""
     z = np.full(e.shape, np.nan)
     there = np.isfinite(e).all(axis=1)
     L = np.linalg.cholesky(S[there])
@@ -63,7 +63,7 @@ def only_arrivals(z: np.ndarray) -> np.ndarray:
 def autocorrelation(flights: Sequence[np.ndarray], lags: int) -> LagReport | None:
     """Return the autocorrelation of normalised innovations; None if there are none.
 
-    They are those of each flight, NaN where nothing arrived (n, m). The mean is not removed: it is 0 in a consistent
+    Each flight has a series of them (n, m), NaN where nothing arrived. The mean is not removed: it is 0 in a consistent
     filter, and a bias shows at all lags.
     """
     m = flights[0].shape[1]
@@ -89,7 +89,7 @@ def autocorrelation(flights: Sequence[np.ndarray], lags: int) -> LagReport | Non
 
 
 def whiteness_report(flights: Sequence[np.ndarray], lags: int) -> WhitenessReport | None:
-    """Return the whiteness figures of one sensor; None if it never arrived; arguments as autocorrelation."""
+    """Return the whiteness figures of one sensor, None if it never arrived. Arguments as for autocorrelation."""
     arrived = [only_arrivals(z) for z in flights]
     z = np.concatenate(arrived)
     by_arrival, by_tick = autocorrelation(arrived, lags), autocorrelation(flights, lags)

@@ -24,9 +24,9 @@ from ortilo_drake.model.typed_yaml import InputError
 DENSE = 100  # up to this many unknowns the operator's matrix is made and all its eigenvalues found
 NEAR = 4  # eigenvalues asked of ARPACK: slow modes of several axes lie close together
 POWER = 8  # periods in one step of ARPACK
-NCV = 40  # vectors that it keeps
+NCV = 40  # Arnoldi vectors that ARPACK keeps
 MARGIN = 1e-7  # a radius closer to 1 than this counts as not stable; clustered eigenvalues are found to about 1e-8
-ACCURACY = 1e-9  # of a second moment
+ACCURACY = 1e-9  # relative accuracy of a second moment
 
 
 class JumpLinear(NamedTuple):
@@ -51,7 +51,7 @@ def stationary(transition: np.ndarray) -> np.ndarray:
 
 @cached_njit
 def over_a_tick(A: np.ndarray, chance: np.ndarray, transition: np.ndarray, S: np.ndarray) -> np.ndarray:
-    """Return the linear part of (*) with a tick's A (P, n, n) applied to S (M, n, n)."""
+    """Apply the linear part of (*) for one tick, with that tick's A (P, n, n), to S (M, n, n)."""
     after = np.zeros(S.shape)
     for i in range(S.shape[0]):
         within = np.zeros(S.shape[1:])
@@ -65,7 +65,7 @@ def over_a_tick(A: np.ndarray, chance: np.ndarray, transition: np.ndarray, S: np
 
 @cached_njit
 def over_periods(periods: int, A: np.ndarray, chance: np.ndarray, transition: np.ndarray, S: np.ndarray) -> np.ndarray:
-    """Return the linear part of (*) over some periods, A (T, P, n, n), applied to S (M, n, n)."""
+    """Apply the linear part of (*) for a number of periods, with A (T, P, n, n), to S (M, n, n)."""
     for k in range(periods * A.shape[0]):
         S = over_a_tick(A[k % A.shape[0]], chance, transition, S)
     return S
@@ -74,10 +74,10 @@ def over_periods(periods: int, A: np.ndarray, chance: np.ndarray, transition: np
 def mean_square_radius(system: JumpLinear, largest_dense: int = DENSE) -> float:
     """Return the spectral radius of the second moment's operator, as growth per tick (the T-th root).
 
-    By Perron and Frobenius on the cone of positive semidefinite matrices it is itself an eigenvalue, with a symmetric
-    eigenvector, so the operator is taken on symmetric S alone. The eigenvalues of its power, which lie farther apart,
-    come from ARPACK (Arnoldi iteration); where they lie too close together for it, or are no more than largest_dense,
-    those of the operator come from its matrix.
+    By Perron and Frobenius on the cone of positive semidefinite matrices the radius is itself an eigenvalue, with a
+    symmetric eigenvector, so the operator is restricted to symmetric S. ARPACK (Arnoldi iteration) finds the
+    eigenvalues of a power of the operator, which lie farther apart. If ARPACK fails, or there are at most largest_dense
+    unknowns, the eigenvalues come from the operator's matrix.
     """
     M, n, T = len(system.transition), system.A.shape[-1], len(system.A)
     upper = np.triu_indices(n)
@@ -102,8 +102,8 @@ def mean_square_radius(system: JumpLinear, largest_dense: int = DENSE) -> float:
 def steady_second_moment(system: JumpLinear) -> np.ndarray:
     """Return E[z z^T] in the steady state at each tick of the period (T, n, n).
 
-    It is the fixed point of (*), reached by going through it until what is left to come, judged by the spectral radius,
-    is below ACCURACY relative to the trace. InputError if the system is not mean-square stable.
+    It is the fixed point of (*), iterated until the change still to come, estimated from the spectral radius, is below
+    ACCURACY relative to the diagonal. InputError if the system is not mean-square stable.
     """
     radius = mean_square_radius(system)
     if not radius < 1.0 - MARGIN:
@@ -118,10 +118,10 @@ def steady_second_moment(system: JumpLinear) -> np.ndarray:
 def _settle(
     A: np.ndarray, chance: np.ndarray, transition: np.ndarray, noise: np.ndarray, accuracy: float
 ) -> np.ndarray:
-    """Return S, summed over the modes, at each tick of a period (T, n, n) once its diagonal changes no more over one.
+    """Return S, summed over the modes, at each tick of a period (T, n, n), once S repeats from period to period.
 
-    A (T, P, n, n), chance (M, P) and transition (M, M) are the system's, the noise is what enters the modes in each
-    tick (T, M, n, n), and the accuracy is that of the change, relative to the trace.
+    A (T, P, n, n), chance (M, P) and transition (M, M) are the system's; noise (T, M, n, n) enters the modes in each
+    tick. The accuracy is the largest change of a diagonal entry over a period, relative to the entry.
     """
     S, phases = np.zeros_like(noise[0]), np.zeros_like(noise[:, 0])
     while True:

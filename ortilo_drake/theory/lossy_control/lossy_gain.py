@@ -13,8 +13,8 @@ no mean of random matrices, unlike E[P_k]: a gain exists for every nu above the 
 to have a solution, and for none below.
 
 Unacknowledged ("UDP-like"), where the state is measured: with the probability gamma the whole of x_k arrives, without
-noise; otherwise xhat_{k+1} = A xhat_k + nu B u_k, and the error of it grows by nu (1 - nu) B u u^T B^T: a control that
-may be lost costs knowledge. In this case the optimum is still linear, with alpha = (1 - gamma)(1 - nu) and
+noise; otherwise xhat_{k+1} = A xhat_k + nu B u_k, and the covariance of its error grows by nu (1 - nu) B u u^T B^T: a
+control that may be lost costs knowledge. In this case the optimum is still linear, with alpha = (1 - gamma)(1 - nu) and
 
     L = (B^T (S + alpha T) B + U)^-1 B^T S A,
     S = A^T S A + W - nu A^T S B L,      T = (1 - gamma) A^T T A + nu A^T S B L,
@@ -43,10 +43,10 @@ def check_reached(A: np.ndarray, B: np.ndarray) -> None:
 
 
 def critical_command_rate(A: np.ndarray, B: np.ndarray) -> float:
-    """Return the probability of arrival, to 1e-6, below which no gain keeps E[x x^T] bounded and above which one does.
+    """Return the arrival probability, to 1e-6, below which no gain keeps E[x x^T] bounded and above which one does.
 
-    0 without an eigenvalue outside the unit circle; for one control, 1 - 1 / prod |s_u|^2 over those outside.
-    InputError if (A, B) is not stabilisable; its modes are named.
+    It is 0 if no eigenvalue lies outside the unit circle; for one control it is 1 - 1 / prod |s_u|^2 over those
+    outside. InputError if (A, B) is not stabilisable; it names the modes.
     """
     check_reached(A, B)
     A_u, B_u = unstable_part(A.T, B.T)
@@ -59,7 +59,7 @@ def acknowledged_gain(
     """Return L (m, n) and S (n, n) for A (n, n) and B (n, m), where commands arrive with the probability nu.
 
     The weights are W >= 0 of the state (n, n) and U > 0 of the control (m, m). InputError if (A, B) is not stabilisable
-    or (A, W^1/2) not detectable, or if nu is no more than critical.
+    or (A, W^1/2) not detectable, or if nu is not above the critical rate.
     """
     nothing_or_all = np.repeat([[False], [True]], B.shape[1], axis=1)
     dual = check_model(Model(A.T, B.T, W, U, nothing_or_all))
@@ -73,16 +73,16 @@ def acknowledged_gain(
 
 
 SETTLED = 1e-9  # relative change of a step at which S and T count as steady
-DIVERGED = 1e12  # of their size, over that of W
+DIVERGED = 1e12  # size of S and T, relative to W, that counts as unbounded
 MOST_STEPS = 20_000
 
 
 def critical_unacknowledged_rate(A: np.ndarray, gamma: float) -> float | None:
     """Return the least nu for which the cost stays bounded, None if no nu suffices.
 
-    The state arrives with the probability gamma. With a > 1 the largest |eigenvalue| of A (n, n) it solves a^2 (nu +
-    gamma - 2 nu gamma) = nu + gamma - nu gamma. It is necessary for every B, and sufficient where B is square and
-    invertible. For a <= 1 it is 0.
+    The state arrives with probability gamma. Let a be the largest |eigenvalue| of A (n, n). If a <= 1, the least nu is
+    0. If a > 1, it solves a^2 (nu + gamma - 2 nu gamma) = nu + gamma - nu gamma, which is necessary for every B, and
+    sufficient where B is square and invertible.
     """
     gamma, a2 = check_rate(gamma, "gamma"), float(np.max(np.abs(np.linalg.eigvals(A)))) ** 2
     if a2 <= 1.0:
@@ -95,9 +95,9 @@ def critical_unacknowledged_rate(A: np.ndarray, gamma: float) -> float | None:
 def unacknowledged_gain(
     A: np.ndarray, B: np.ndarray, W: np.ndarray, U: np.ndarray, nu: float, gamma: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return L (m, n), S and T (n, n), the limit of the recursion from S = T = 0, arguments as acknowledged_gain's.
+    """Return L (m, n), S and T (n, n), the limits of the recursion from S = T = 0. Arguments as for acknowledged_gain.
 
-    Commands arrive with the probability nu, the state with gamma. InputError if (A, B) is not stabilisable, or the cost
+    Commands arrive with probability nu, the state with gamma. InputError if (A, B) is not stabilisable, or if the cost
     grows without bound.
     """
     A, B, W, U = real_matrices(A=A, B=B, W=W, U=U)

@@ -35,7 +35,7 @@ LOWEST = 1e-4  # rad a tick; below it |L| only rises, by the double integrators 
 
 
 class OpenLoop(NamedTuple):
-    """s_{k+1} = A s_k + B a_k, v_k = C s_k; the loop is closed by a = -v."""
+    """An open loop s_{k+1} = A s_k + B a_k, v_k = C s_k, which is closed by a = -v."""
 
     A: np.ndarray
     B: np.ndarray
@@ -59,12 +59,12 @@ def one_channel(loop: OpenLoop, channel: int) -> OpenLoop:
 
 
 def closed(loop: OpenLoop, factor: complex | np.ndarray = 1.0) -> np.ndarray:
-    """Return A - B diag(factor) C, the closed loop with each channel's gain multiplied."""
+    """Return A - B diag(factor) C, the closed loop with each channel's gain multiplied by its factor."""
     return loop.A - loop.B @ (np.broadcast_to(factor, loop.B.shape[1])[:, None] * loop.C)
 
 
 def spectral_radius(A: np.ndarray) -> float:
-    """Return the largest modulus of an eigenvalue."""
+    """Return the largest modulus of an eigenvalue of A."""
     return float(abs(np.linalg.eigvals(A)).max())
 
 
@@ -95,7 +95,7 @@ def crossings(loop: OpenLoop, omega: np.ndarray, values: np.ndarray, kind: str) 
 
 
 def peak(function: Callable[[float], float], omega: np.ndarray, values: np.ndarray) -> tuple[float, float]:
-    """Return the largest value of a function over frequency, refined about its best on a grid, and its frequency."""
+    """Return the largest value of a function of frequency, refined about its best grid point, and its frequency."""
     k = int(values.argmax())
     low, high = omega[max(k - 1, 0)], omega[min(k + 1, len(omega) - 1)]
     best = minimize_scalar(lambda w: -function(w), bounds=(low, high), method="bounded", options={"xatol": 1e-10})
@@ -109,7 +109,7 @@ SILENT = 1e-12  # |L| below this at every frequency: nothing is fed back
 
 @dataclass(frozen=True)
 class DiskMargin:
-    """Alpha, and the gain factors and the phase [rad] that it allows by themselves; inf for a gain without limit."""
+    """Disk margin alpha, with the gain factors and phase [rad] that it allows separately; inf: a gain without limit."""
 
     alpha: float
     gain_low: float
@@ -181,7 +181,7 @@ def gain_crossings(loop: OpenLoop, omega: np.ndarray, L: np.ndarray) -> list[tup
 
 
 def channel_margins(loop: OpenLoop, h: float) -> ChannelMargins:
-    """Return the margins of a stable loop of one channel, of ticks h [s]."""
+    """Return the margins of a stable loop of one channel with ticks of h [s]."""
     omega = frequency_grid()
     L = response(loop, omega)[:, 0, 0]
     at_real_axis = gain_crossings(loop, omega, L)
@@ -227,7 +227,7 @@ def peaks(loop: OpenLoop, omega: np.ndarray) -> list[tuple[float, float]]:
 
 
 def joint_margins(loop: OpenLoop, h: float, R: np.ndarray) -> JointMargins:
-    """Return the margins of all controls of a loop at once, h its tick [s] and R the diagonal of their weights."""
+    """Return the margins for all controls at once; h is the tick [s], R (m) the diagonal of the control weights."""
     loop = loop._replace(B=loop.B / np.sqrt(R), C=np.sqrt(R)[:, np.newaxis] * loop.C)
     S, T, difference = peaks(loop, frequency_grid())
     return JointMargins(

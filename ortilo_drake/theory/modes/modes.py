@@ -23,9 +23,9 @@ from ortilo_drake.model.signals import INTEGRAL_NAMES, N_X, N_XBAR, STATE_NAMES,
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import GRAVITY
 
-CLUSTERS = (2e-3, 1e-6, 0.0)  # distances within which eigenvalues may be one, split by rounding; the first that fits
+CLUSTERS = (2e-3, 1e-6, 0.0)  # distances within which rounding may have split one eigenvalue; the first that fits
 STATE_SHARE = 1e-6  # a unit vector's component above this counts
-ON_THE_CIRCLE = 1e-6  # |z| above 1 less this counts as not decaying
+ON_THE_CIRCLE = 1e-6  # |z| >= 1 - this counts as not decaying
 DIGITS = 10  # decimals of an eigenvalue, the rest being rounding
 
 
@@ -33,9 +33,9 @@ DIGITS = 10  # decimals of an eigenvalue, the rest being rounding
 class Mode:
     """An eigenvalue of a matrix, or of its part that is unobservable or uncontrollable.
 
-    The multiplicity is the dimension of the part's generalised eigenspace, in which these states have a component; the
-    deficiency is the rank that [A - z I; C] lacks, the number of eigenvectors in the kernel of C, one a Jordan block.
-    The blocks have these sizes, the largest first.
+    The multiplicity is the dimension of the part's generalised eigenspace; `states` have a component in this space. The
+    deficiency is the rank that [A - z I; C] lacks: the number of eigenvectors in the kernel of C, one per Jordan block.
+    `blocks` holds the sizes of the Jordan blocks, the largest first.
     """
 
     eigenvalue: complex
@@ -61,7 +61,7 @@ def names_of(n: int) -> tuple[str, ...]:
 
 
 def jordan_blocks(N: np.ndarray) -> tuple[int, ...]:
-    """Return the sizes of the Jordan blocks of N at eigenvalue 0: of size k or more, rank N^(k-1) - rank N^k."""
+    """Return the sizes of the Jordan blocks of N at eigenvalue 0; rank N^(k-1) - rank N^k have size k or more."""
     ranks = [rank(np.linalg.matrix_power(N, k)) for k in range(len(N) + 1)]
     at_least = -np.diff(ranks)
     return tuple(int(np.sum(at_least > j)) for j in range(at_least[0]))
@@ -76,8 +76,8 @@ def unseen_modes(
 ) -> list[Mode]:
     """Return the modes of A (n x n), C (p x n) with |z| >= radius that no output sees, the largest |z| first.
 
-    An empty list means that (A, C) is detectable, and with a radius of 0 that it is observable. p may be 0. The states'
-    names are by default names_of(n), their units (n) a scale such as tick_scaling(h).
+    An empty list means that (A, C) is detectable, and with a radius of 0 that it is observable. p may be 0. `names` are
+    the states' names, names_of(n) by default; `scale` (n) holds their units, such as tick_scaling(h).
     """
     A, C = rescale(A, C, scale)
     names = names or names_of(len(A))
@@ -137,7 +137,7 @@ def listed(modes: list[Mode]) -> str:
 
 
 RANK = 1e-10  # singular values below this, of matrices of norm about 1, count as 0
-NOTHING = 1e-12  # rows of C shorter than this, against the longest, count as 0: rounding, not a sensor
+NOTHING = 1e-12  # rows of C shorter than this, relative to the longest, count as 0: rounding, not a sensor
 
 
 def tick_scaling(h: float) -> np.ndarray:

@@ -5,10 +5,10 @@ With L = (R + B^T X B)^-1 (B^T X A + N^T) and A_c = A - B L stable, Newton's ste
     dX - A_c^T dX A_c = A_c^T X A_c - X + Q - N L - L^T N^T + L^T R L - D^T (R + B^T X B)^-1 D,
     D = B^T X A + N^T - (R + B^T X B) L
 
-(G. A. Hewer, IEEE TAC 16, 1971). D is what rounding leaves of 0; with it, the right side is the equation's own residual
-whatever the rounding of L. The steps converge quadratically, and the first is the error of X. Near the solution the
-right side cancels to rounding, so it is computed exactly, in integers: every double is an integer times a power of two.
-So the step is right to some digits also where the equation is badly conditioned. A solver's X is then refined to full
+(G. A. Hewer, IEEE TAC 16, 1971). D is 0 up to rounding; with D, the right side is the residual of the equation whatever
+the rounding of L. The steps converge quadratically, and the first is the error of X. Near the solution the right side
+cancels to rounding, so it is computed exactly, in integers: every double is an integer times a power of two. So the
+step is right to some digits also where the equation is badly conditioned. A solver's X is then refined to full
 precision, or Newton's method does not converge and X is refused.
 """
 
@@ -18,12 +18,12 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.theory.riccati.riccati_condition import stein, stein_powers
 from ortilo_drake.theory.riccati.riccati_problem import ON_THE_CIRCLE, Balanced, is_positive_definite, symmetrise
 
-RIGHT = 1e-11  # an X whose Newton step is less, as share measures it, is returned as the solver found it
+RIGHT = 1e-11  # an X whose Newton step has a smaller share is returned as the solver found it
 STEPS = 30
 
 
 def as_integers(*matrices: np.ndarray) -> tuple[int, list[np.ndarray]]:
-    """Return s and matrices of Python's integers, exactly the given ones times 2^s."""
+    """Return s and matrices of Python integers that are exactly 2^s times the given ones."""
     ratios = [[x.as_integer_ratio() for x in M.ravel().tolist()] for M in matrices]
     s = max(d.bit_length() - 1 for ratio in ratios for _, d in ratio)
     whole = [np.array([n * (2**s // d) for n, d in ratio], dtype=object) for ratio in ratios]
@@ -44,7 +44,7 @@ def exact_residuals(problem: Balanced, X: np.ndarray, L: np.ndarray) -> tuple[np
 def share(dX: np.ndarray, X: np.ndarray) -> float:
     """Return the largest |dX_ij| / sqrt(X_ii X_jj), which units do not change.
 
-    Where X_ii is less than 1e-16 times the largest, that counts in its place.
+    An X_ii below 1e-16 times the largest diagonal entry is replaced by this value.
     """
     diagonal = abs(X.diagonal())
     d = np.sqrt(np.maximum(diagonal, max(1e-16 * diagonal.max(), 1e-300)))
@@ -52,7 +52,7 @@ def share(dX: np.ndarray, X: np.ndarray) -> float:
 
 
 def newton_step(problem: Balanced, X: np.ndarray) -> np.ndarray:
-    """Return dX; InputError if R + B^T X B is numerically singular or the closed loop of X is not stable."""
+    """Return Newton's dX; InputError if R + B^T X B is numerically singular or the closed loop of X is not stable."""
     A, B, _, R, N, _ = problem
     M = symmetrise(R + B.T @ X @ B)
     if not (np.isfinite(M).all() and is_positive_definite(M)):
@@ -69,7 +69,7 @@ def newton_step(problem: Balanced, X: np.ndarray) -> np.ndarray:
 
 
 def refine(problem: Balanced, X: np.ndarray) -> np.ndarray:
-    """Return X, in balanced units, as it is if it is right to RIGHT, or else refined by Newton's method until it is.
+    """Return X (balanced units), refined by Newton's method until its error is at most RIGHT, or unchanged if it is.
 
     InputError as newton_step, or if Newton's method does not converge.
     """

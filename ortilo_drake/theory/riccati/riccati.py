@@ -7,15 +7,15 @@ The filter's equation is the same by duality: A = Phi^T, B = C^T, Q = W, R = V.
 - drake: Schur method (DiscreteAlgebraicRiccatiEquation); it ends the process (SystemExit) on a problem it refuses, and
   gives up digits of small weights: with A = diag(0.5, 0.9), Q = diag(1, 1e-11) its X_22 is 0.1 % off.
 - scipy: QZ of the extended pencil (solve_discrete_are); may return a solution that does not stabilise. The default.
-- doubling: structured doubling; it has no pencil to order, and is the witness of the other two.
+- doubling: structured doubling; it has no pencil to order, and checks the other two independently.
 - recursion: the paper's own, S <- Q + Phi^T S Phi - Phi^T S Gamma (Gamma^T S Gamma + R)^-1 Gamma^T S Phi.
 
-RAW holds the bare solvers. SOLVERS holds them between require_well_posed, which decides the same for all whether there
-is a solution, and refine, which measures the error of X: with one signature and the same errors. All refuse complex
+RAW holds the bare solvers. SOLVERS wraps them, with one signature and the same errors: before the solver,
+require_well_posed decides whether there is a solution; after it, refine measures the error of X. All refuse complex
 matrices (InputError): the equation is that of real matrices.
 
-tests/theory/test_riccati.py holds each to 120 digits, over weights and units far apart: right to 1e-8, or
-refused.
+tests/theory/test_riccati.py compares each with solutions of 120 digits, over weights and units far apart: X is right to
+1e-8, or refused.
 """
 
 import warnings
@@ -63,10 +63,10 @@ def by_recursion(
     tolerance: float = 1e-14,
     limit: int = 100_000,
 ) -> np.ndarray:
-    """Return X by the paper's recursion from 0, whose error shrinks by the closed loop's radius squared a step.
+    """Return X by the paper's recursion from 0; the closed loop's radius squared is the error's factor per step.
 
     It stops when a step changes X by less than the tolerance, relatively, or when rounding ends its progress. The limit
-    is enough for closed loops of a radius up to about 1 - 1.5e-4. InputError if it has not converged after that many
+    is enough for closed loops of a radius up to about 1 - 1.5e-4. InputError if it has not converged after `limit`
     steps, or overflows.
     """
     A, B, Q, R, N = real_matrices(A=A, B=B, Q=Q, R=R, N=np.zeros(np.shape(B)) if N is None else N)
@@ -150,11 +150,11 @@ def solve(
 ) -> np.ndarray:
     """Return the stabilising solution X >= 0 (n x n) by one solver, right to 1e-8 of sqrt(X_ii X_jj) and better.
 
-    The solver gets the equation in balanced units, and its X is returned as it is where its error is at most 1e-11, or
-    refined (refinement.py). Matrices and solvers are those of api/riccati.py; errors call the states by their names,
-    and speak of Phi, C, W and V where it is a filter's equation, dual. Filter and servo take only an X that is the
-    recursion's limit, least_cost. InputError if the problem is ill-posed, before solving and the same for every solver,
-    naming the modes; or if the solver fails on a well-posed one, its X does not stabilise, or cannot be refined.
+    The solver gets the equation in balanced units. If the error of its X is above 1e-11, X is refined (refinement.py).
+    Matrices and solvers are those of api/riccati.py. Errors call the states by their names, and the matrices of a
+    filter's equation (dual) Phi, C, W and V. Filter and servo take only an X that is the recursion's limit
+    (least_cost). InputError before solving, the same for every solver, if the problem is ill-posed, naming the modes;
+    or if the solver fails on a well-posed problem, or its X does not stabilise or cannot be refined.
     """
     if solver not in RAW:
         raise InputError(f"solver: {solver!r}: must be one of {', '.join(RAW)}")

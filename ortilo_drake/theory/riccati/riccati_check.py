@@ -16,13 +16,13 @@ class RiccatiCheck:
     """Quality of a solution X of the DARE."""
 
     residual: float
-    """Frobenius norm of the equation's left side over that of X."""
+    """Frobenius norm of the equation's left side over the norm of X."""
     asymmetry: float
-    """of X - X^T over that of X."""
+    """Frobenius norm of X - X^T over the norm of X."""
     least_eigenvalue: float
-    """of X over the largest; negative beyond rounding where X is not >= 0."""
+    """least eigenvalue of X over the largest; negative beyond rounding where X is not >= 0."""
     spectral_radius: float
-    """of A - B L; below 1 where X stabilises."""
+    """spectral radius of A - B L; below 1 where X stabilises."""
     distance_to_instability: float
     """the least norm of a complex perturbation of A - B L that makes it unstable."""
     condition: float | None
@@ -33,7 +33,7 @@ class RiccatiCheck:
 def residual(
     A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, X: np.ndarray, N: np.ndarray | None = None
 ) -> float:
-    """Return the Frobenius norm of the equation's left side over that of X (over 1 where X = 0)."""
+    """Return the Frobenius norm of the equation's left side over the norm of X (over 1 where X = 0)."""
     F = B.T @ X @ A + (0.0 if N is None else N.T)
     left = A.T @ X @ A - X - F.T @ np.linalg.solve(R + B.T @ X @ B, F) + Q
     return float(np.linalg.norm(left) / (np.linalg.norm(X) or 1.0))
@@ -69,7 +69,7 @@ def least_singular_value(A: np.ndarray, omega: np.ndarray) -> np.ndarray:
 def level_angles(A: np.ndarray, sigma: float) -> np.ndarray:
     """Return the angles [rad] in (-pi, pi] at which sigma is a singular value of e^{j omega} I - A, ascending.
 
-    sigma is one with singular vectors u, v where  z v - A v = sigma u  and  conj(z) u - A^H u = sigma v;  with
+    sigma is a singular value with vectors u, v where  z v - A v = sigma u  and  conj(z) u - A^H u = sigma v;  with
     conj(z) = 1 / z on the circle they make the pencil  [[A, sigma I], [0, I]] - z [[I, 0], [sigma I, A^H]],  whose
     eigenvalues of modulus 1 are those e^{j omega} (Byers, SIAM J. Sci. Stat. Comput. 9, 1988, in discrete time).
     """
@@ -84,10 +84,10 @@ def stability_radius(A: np.ndarray) -> float:
     """Return min over omega of sigma_min(e^{j omega} I - A), the complex stability radius of a stable A, to 1e-10.
 
     It is the least 2-norm of a complex E that puts an eigenvalue of A + E on the unit circle; A is square, real or
-    complex. The search starts at the least value on a grid that has the angles of A's eigenvalues. level_angles then
-    finds the arcs on which sigma_min is less still, and the least value at their midpoints is taken, until no such arc
-    is left. It converges quadratically and misses no narrow dip (Boyd and Balakrishnan, Systems and Control Letters 15,
-    1990, in discrete time). InputError if A has an eigenvalue on or outside the unit circle.
+    complex. The search starts at the least value on a grid that includes the angles of A's eigenvalues. level_angles
+    then finds the arcs on which sigma_min is even less, and the search goes on from the least value at their midpoints,
+    until no such arc is left. It converges quadratically and misses no narrow dip (Boyd and Balakrishnan, Systems and
+    Control Letters 15, 1990, in discrete time). InputError if A has an eigenvalue on or outside the unit circle.
     """
     z = np.linalg.eigvals(A)
     if not abs(z).max() < 1.0:

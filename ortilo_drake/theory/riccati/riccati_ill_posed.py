@@ -36,7 +36,7 @@ ILL_POSED: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = {
 class Outcome:
     """The behaviour of a raw solver on a problem, and the message of its error.
 
-    It is 'ends the process', 'raises', 'returns a solution: ...', 'returns what is no solution' or 'returns NaN'.
+    outcome is 'ends the process', 'raises', 'returns a solution: ...', 'returns what is no solution' or 'returns NaN'.
     """
 
     outcome: str
@@ -83,7 +83,7 @@ def _try(solver: str, A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray
 
 
 def solver_outcomes(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> SolverOutcomes:
-    """Return the outcome of each raw solver on a problem, and the error of solve."""
+    """Return the outcome of each raw solver on a problem, and the error that solve raises."""
     try:
         require_well_posed(A, B, Q, R)
         error = None

@@ -6,12 +6,13 @@ has a unique stabilising solution X >= 0, the limit of the recursion from X = 0,
 stabilisable and (A_1, Q_1) is detectable (Lancaster and Rodman, Algebraic Riccati Equations, 1995, chapters 12 to 16),
 where A_1 = A - B R^-1 N^T and Q_1 = Q - N R^-1 N^T. Undetectable modes on the unit circle are eigenvalues of the
 symplectic pencil there, so no stabilising solution exists. With undetectable modes outside the circle there is one, but
-it is not the least cost and the recursion does not reach it: SciPy's solver does, where that is asked for.
+it is not the least cost and the recursion does not reach it. SciPy's solver finds it if asked to.
 
-All of this is decided numerically, in balanced units: what is 0, or on the circle, but for rounding counts as such, and
-the decision is the same for every solver. With x = T x', u = S u', T and S diagonal, the DARE of A, B, Q, R, N and X
-becomes that of T^-1 A T, T^-1 B S, T Q T, S R S, T N S and X' = T X T. T and S are powers of two, so neither this nor
-the way back rounds anything. Thresholds of ranks and eigenvalues then mean the same whatever units it was posed in.
+All of this is decided numerically, in balanced units, and the same for every solver: a value that is 0, or on the
+circle, up to rounding counts as such. With x = T x', u = S u', T and S diagonal, the DARE of A, B, Q, R, N and X
+becomes that of T^-1 A T, T^-1 B S, T Q T, S R S, T N S and X' = T X T. T and S are powers of two, so neither the
+scaling nor its inverse rounds anything. Thresholds of ranks and eigenvalues then mean the same whatever the units of
+the given problem.
 
 A singular R >= 0 is made regular by a shift: for every symmetric X_0, Y = X - X_0 solves the DARE of
 R + B^T X_0 B, N + A^T X_0 B and Q + A^T X_0 A - X_0. A few steps of the recursion from 0 give an X_0 for which the
@@ -50,18 +51,18 @@ def powers_of_two(x: np.ndarray) -> np.ndarray:
 
 
 def unit_diagonal(M: np.ndarray) -> np.ndarray:
-    """Return D M D, D diagonal, whose diagonal is 1, -1 or 0; M's definiteness does not change."""
+    """Return D M D with a diagonal D > 0, so that its diagonal is 1, -1 or 0; M's definiteness does not change."""
     d = np.sqrt(abs(M.diagonal()))
     d = np.where(d > 0.0, d, 1.0)
     return M / d / d[:, None]
 
 
 def balancing_units(A: np.ndarray, G: np.ndarray, Q: np.ndarray) -> np.ndarray:
-    """Return T that balances each state's couplings: those that grow with its unit and those that shrink.
+    """Return T (n), which balances each state's couplings: those that grow with its unit and those that shrink.
 
-    Of state j, column j of A without its diagonal and row j of Q grow; row j of A and of G shrink. Where one kind is
-    missing the other becomes 1: SciPy's matrix_balance, otherwise the same, would leave such a state as it was given,
-    and a bias that nothing drives is one.
+    For state j, column j of A without its diagonal and row j of Q grow; row j of A and of G shrink. If one kind is
+    missing, the other becomes 1. SciPy's matrix_balance, otherwise the same, would leave such a state unscaled; a bias
+    that nothing drives is one.
     """
     A, G, Q = abs(A), abs(G), abs(Q)
     np.fill_diagonal(A, 0.0)
@@ -96,10 +97,10 @@ def balance(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, N: np.nd
 
 
 EPS = float(np.finfo(float).eps)
-NEARLY_SINGULAR = 1e-8  # least eigenvalue of R over the largest below which the problem is posed anew
+NEARLY_SINGULAR = 1e-8  # R's least eigenvalue over the largest below which R is made regular first
 SINGULAR = 1e-10  # relative eigenvalue of R + B^T X B that counts as 0 in its pseudoinverse
-ROUNDING = 2e-14  # what counts as 0 in a weight, relatively
-ON_THE_CIRCLE = 1e-8  # an eigenvalue of the pencil as near counts as on the circle: the root of the rounding error
+ROUNDING = 2e-14  # relative size that counts as 0 in a weight
+ON_THE_CIRCLE = 1e-8  # distance from the circle at which an eigenvalue counts as on it: the root of the rounding error
 
 
 class RegularProblem(NamedTuple):
@@ -113,9 +114,9 @@ class RegularProblem(NamedTuple):
 
 
 def real_matrices(**matrices: Any) -> list[np.ndarray]:
-    """Return matrices as floats; InputError, by name, for one that is complex or holds no numbers.
+    """Return the matrices as floats; InputError naming a matrix that is complex or holds no numbers.
 
-    A complex one is refused also where its imaginary part is 0: the equations here are those of real matrices.
+    A complex matrix is refused even if its imaginary part is 0: the equations here are those of real matrices.
     """
     found = []
     for name, M in matrices.items():
@@ -151,9 +152,9 @@ def riccati_step(
 
 
 def regularise(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, N: np.ndarray) -> RegularProblem:
-    """Return the equivalent problem with R > 0, far from singular if it can be, and N = 0; X_0 = 0 where R is so.
+    """Return the equivalent problem with N = 0 and R > 0, far from singular if possible; X_0 = 0 where R already is.
 
-    InputError if R + B^T X B is singular after n steps of the recursion: some control has neither cost nor effect.
+    InputError if R + B^T X B is still singular after n + 1 steps of the recursion: a control has no cost and no effect.
     """
     X_0 = np.zeros_like(Q)
     for _ in range(len(A) + 2):
@@ -173,9 +174,9 @@ def regularise(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, N: np
 
 
 def output_of(regular: RegularProblem, Q: np.ndarray) -> np.ndarray:
-    """Return C with as many rows as the rank of the regular problem's Q, and the kernel of that: its eigenvectors.
+    """Return C, eigenvectors of the regular problem's Q: it has the kernel of Q, and as many rows as the rank of Q.
 
-    Where X_0 is not 0, that Q is a difference of matrices of the size of X_0 and of the given Q.
+    Where X_0 is not 0, this Q is a difference of matrices of the size of X_0 and of the given Q.
     """
     size = np.linalg.norm(Q, 2) + np.linalg.norm(regular.X_0, 2) * (1.0 + np.linalg.norm(regular.A, 2) ** 2)
     values, vectors = np.linalg.eigh(regular.Q)
@@ -230,7 +231,7 @@ def _is_semidefinite(M: np.ndarray) -> bool:
 
 
 def _lasting(modes: list[Mode]) -> list[Mode]:
-    """Return hidden modes if one is numerically on or outside the unit circle; rounding may have split it into all."""
+    """Return all modes if one is numerically on or outside the unit circle; rounding may have split one into all."""
     return modes if any(abs(mode.eigenvalue) >= 1.0 - ON_THE_CIRCLE for mode in modes) else []
 
 
@@ -244,12 +245,12 @@ def require_well_posed(
     dual: bool = False,
     least_cost: bool = True,
 ) -> Balanced:
-    """Return a DARE that has a stabilising solution X >= 0, in balanced units; see the module.
+    """Return a DARE in balanced units, once checked to have a stabilising solution X >= 0; see the module.
 
-    That is to be the least cost, the limit of the recursion, as well; or need not be so (least_cost: False).
+    With least_cost, X must also be the least cost, the recursion's limit.
 
-    The matrices and states' names are as riccati.solve. Where it is a filter's equation (dual: A = Phi^T, B = C^T, Q =
-    W, R = V), errors speak of those. InputError naming the matrix, or the modes that are not reached or not seen.
+    Matrices and the states' names are as for riccati.solve. For a filter's equation (dual: A = Phi^T, B = C^T, Q = W, R
+    = V) errors speak of Phi, C, W and V. InputError naming the matrix, or the modes that are not reached or not seen.
     """
     N = np.zeros(np.shape(B)) if N is None else N
     A, B, Q, R, N = real_matrices(A=A, B=B, Q=Q, R=R, N=N)
