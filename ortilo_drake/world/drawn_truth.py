@@ -1,4 +1,4 @@
-"""The differences of one world from the belief: the numbers of one seed."""
+"""The true values of one simulated world: the scenario's `truth` with its spreads drawn by one seed."""
 
 from collections.abc import Callable, Iterator, Mapping
 
@@ -10,24 +10,25 @@ from ortilo_drake.scenario.truth import Each, SensorTruth, Truth
 from ortilo_drake.world.noise import normals, stream_id
 
 Drawn = dict[str, np.ndarray]  # by dotted key within `truth`, such as 'vehicle.mass_factor'
-AtStart = Callable[[str, int], np.ndarray]  # a stream's first so many standard normal numbers, by the stream's name
+AtStart = Callable[[str, int], np.ndarray]  # (stream's name, n) -> the stream's first n standard normal numbers
 
-LEAST_FACTOR = 0.1  # what is drawn is no smaller
+LEAST_FACTOR = 0.1  # smallest drawn value of a factor
 
 
 def of_seed(seed: int) -> AtStart:
-    """Return the numbers that belong to a seed."""
+    """Return the function that gives the numbers of a seed's streams."""
     return lambda name, n: normals(seed, stream_id(name), 0, n)
 
 
 def draw_truth(truth: Truth, seed: int | AtStart, room: Room, payloads: Mapping[str, int]) -> Drawn:
-    """Return value + sd n of every entry that has a spread, n standard normal, a function of seed and key.
+    """Return value + sd n for every entry that has a spread, n standard normal, as a function of seed and key.
 
-    Each entry has a noise stream of its own: a draw does not move when another entry changes. What is drawn for each
-    anchor, landmark or number of a payload has a row for each. Of a clock each sensor has its own, 'clock.offset.uwb'.
+    Each entry has its own noise stream, so a draw does not change when another entry does. An entry for each anchor,
+    landmark or payload number has a row for each. A clock's entries are drawn for each sensor: 'clock.offset.uwb'.
 
-    The seed is that of all noise, or the normal numbers themselves; payloads has the size of each, of the sensors that
-    fly. InputError if a registered sensor's entries are not as many as its payload has numbers.
+    `seed` is the seed of all noise, or the function that gives the normal numbers; `payloads` maps each sensor that
+    flies to the size of its payload. InputError if a registered sensor's entries are not as many as its payload has
+    numbers.
     """
     draw = seed if callable(seed) else of_seed(seed)
     drawn = {}

@@ -1,11 +1,11 @@
 """Noise that is given instead of drawn: standard normals of each tick, for studies that perturb them.
 
-Where a seed is negative, minus the seed is the address of a tick's record, of whole numbers of eight bytes:
+If a seed is negative, minus the seed is the address of a tick's record of three integers of eight bytes:
 
-    the address of a directory, that of the tick's row of float32 (0 for none), a seed for what the row does not have
+    address of a directory, address of the tick's row of float32 (0 for none), seed for numbers that the row lacks
 
-A directory says where a stream's numbers stand in a row. It is learned: flights whose rows are at 0 write down what
-they draw. What a later flight draws beyond that comes from its record's seed, as any noise does.
+The directory says where a stream's numbers stand in a row. Flights whose row address is 0 write it: they record what
+they draw. Numbers that a later flight draws beyond the directory come from its record's seed, as any noise does.
 """
 
 from collections.abc import Callable
@@ -18,9 +18,9 @@ from numba.extending import intrinsic, register_jitable
 
 from ortilo_drake.loop.addresses import array_at
 
-MOST = 4096  # streams of a directory
+MOST = 4096  # most streams in a directory
 _RECORD = 3
-_STREAM, _FIRST, _NUMBERS, _TICKS, _RECORD_SEEN, _LEAST_TICK = range(6)  # an entry; the last two are for learning
+_STREAM, _FIRST, _NUMBERS, _TICKS, _RECORD_SEEN, _LEAST_TICK = range(6)  # entry's fields; last two: for learning
 _ENTRY = 6
 
 
@@ -40,7 +40,7 @@ _wholes, _floats = _pointer_to(types.int64), _pointer_to(types.float32)
 
 @register_jitable
 def seed_beside(seed: int) -> int:
-    """Return the seed for the numbers that a record's row does not have."""
+    """Return the seed for the numbers that a record's row lacks."""
     return array_at(_wholes(-seed), (_RECORD,))[2]
 
 
@@ -48,8 +48,8 @@ def seed_beside(seed: int) -> int:
 def given_numbers(seed: int, stream: np.uint64, tick: int, n: int) -> tuple[int, int]:
     """Return the address of a stream's numbers in a tick's row, and how many of the first n are there.
 
-    The seed is minus the address of the tick's record. The tick is what the stream counts: several of them may belong
-    to one record, as of a sensor faster than the tick.
+    The seed is minus the address of the tick's record. `tick` is the stream's own count: for a sensor faster than the
+    tick, several counts belong to one record.
     """
     record = array_at(_wholes(-seed), (_RECORD,))
     size = array_at(_wholes(record[0]), (1,))
@@ -73,7 +73,7 @@ def number_at(address: int, i: int) -> float:
 
 @register_jitable
 def _note(size: np.ndarray, entries: np.ndarray, i: int, stream: int, n: int, seed: int, tick: int) -> None:
-    """Write down that n numbers of a stream belong to a tick, in entry i, which is new if it is the size."""
+    """Record in entry i that n numbers of a stream belong to a tick; i equal to the size makes a new entry."""
     if i == MOST:
         return
     entry = entries[i]
@@ -87,11 +87,11 @@ def _note(size: np.ndarray, entries: np.ndarray, i: int, stream: int, n: int, se
 
 
 class GivenNoise:
-    """The place of each stream's numbers in the row of a tick, and the seeds that stand for rows.
+    """The places of each stream's numbers in a tick's row, and the seeds that stand for rows.
 
-    `fly` flies once, of seeds for each of a flight's ticks (ticks); the place is learned by so many flights, of the
-    seeds from 0 on. A row has `width` numbers. `streams` says where each begins, how many numbers it has, and in how
-    many ticks of its own: (number of the stream, first, numbers, ticks), one after the other.
+    `fly` flies once, given a seed for each tick (ticks); `flights` flights, with the seeds 0, 1, ..., find the places.
+    A row has `width` numbers. `streams` is a list of (number of the stream, first place in a row, numbers, own ticks in
+    a row).
     """
 
     def __init__(self, ticks: int, fly: Callable[[np.ndarray], object], flights: int):
@@ -109,13 +109,13 @@ class GivenNoise:
         self.width = max(int(sizes.sum()), 2)
 
     def seeds(self, rows: np.ndarray) -> np.ndarray:
-        """Return seeds that stand for rows of standard normal numbers (ticks, width), until they are asked for others.
+        """Return seeds that stand for rows of standard normal numbers (ticks, width), until the next call.
 
-        The seed for the numbers that a row does not have is made of its first two numbers.
+        A row's first two numbers make the seed for the numbers that the row lacks.
         """
         if rows.shape != (len(self._records), self.width) or rows.dtype != np.float32 or not rows.flags.c_contiguous:
             raise ValueError(f"rows: {rows.shape} of {rows.dtype}: must be rows of {self.width} float32 a tick")
-        self._rows = rows  # so that it lives as long
+        self._rows = rows  # keeps the memory alive
         self._records[:, 1] = rows.ctypes.data + rows.strides[0] * np.arange(len(rows))
         self._records[:, 2] = np.ascontiguousarray(rows[:, :2]).view(np.int64)[:, 0] & (2**62 - 1)
         return self._handles

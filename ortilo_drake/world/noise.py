@@ -5,10 +5,9 @@ numpy.random.Philox, compiled by numba: a block cipher turns the counter (block,
 (seed, stream) into four 64-bit words. No state, so a noise source is a memoryless function of time, and adding
 a sensor or changing a rate leaves every other stream as it was.
 
-A negative seed stands for numbers that are given, see given_noise.py: normal numbers are those, and a uniform one is
-Phi of a normal one.
+A negative seed stands for given normal numbers, see given_noise.py; a uniform number is then Phi of a normal one.
 
-Errors that last are constants, and noise that changes slowly, sampled exactly at the ticks.
+A lasting error is a constant plus slowly changing noise, sampled exactly at the ticks.
 
     e_k = b + x_k,   x_{k+1} = a x_k + q w_k,   w standard normal.
 
@@ -75,13 +74,13 @@ def philox_words(key0: int, key1: np.uint64, counter0: int, counter1: int) -> Wo
 
 @register_jitable
 def _uniform(word: np.uint64) -> float:
-    """Return a number uniform on [0, 1) of a word."""
+    """Return the number uniform on [0, 1) that a word gives."""
     return (word >> _11) * 2.0**-53
 
 
 @register_jitable
 def _normal_pair(word0: np.uint64, word1: np.uint64) -> tuple[float, float]:
-    """Return two standard normal numbers of two words (Box-Muller)."""
+    """Return the two standard normal numbers that two words give (Box-Muller)."""
     radius = np.sqrt(-2.0 * np.log(1.0 - _uniform(word0)))  # 1 - u is never 0
     angle = 2.0 * np.pi * _uniform(word1)
     return radius * np.cos(angle), radius * np.sin(angle)
@@ -174,47 +173,47 @@ def normals(seed: int, stream: np.uint64, tick: int, n: int) -> np.ndarray:
 
 @generic_twin_of(put_normals)
 def put_numbers(values: np.ndarray, seed: int, stream: np.uint64, tick: int) -> None:
-    """Write the same to values of any scalar: noise is a constant."""
+    """Same as `put_normals`, for values of any scalar type: noise is a constant."""
     put(normals(seed, stream, tick, values.size), values)
 
 
 @generic_twin_of(four_normals)
 def four_numbers(seed: int, stream: np.uint64, tick: int) -> Four:
-    """Return the same, drawn by compiled code."""
+    """Same as `four_normals`, drawn by compiled code."""
     first, second, third, fourth = normals(seed, stream, tick, 4).tolist()
     return first, second, third, fourth
 
 
 @generic_twin_of(four_uniforms)
 def four_uniform_numbers(seed: int, stream: np.uint64, tick: int) -> Four:
-    """Return the same, drawn by compiled code."""
+    """Same as `four_uniforms`, drawn by compiled code."""
     first, second, third, fourth = uniforms(seed, stream, tick, 4).tolist()
     return first, second, third, fourth
 
 
 for _drawn in (normals, uniforms):
-    generic_twin_of(_drawn)(_drawn)  # compiled for every scalar
+    generic_twin_of(_drawn)(_drawn)  # the compiled functions serve every scalar type
 
 
 class SlowNoise(NamedTuple):
-    """The process of x_k, for each of its n components."""
+    """The parameters of the process x_k, for each of its n components."""
 
     a: np.ndarray
     """decay over a tick (n)."""
     q: np.ndarray
-    """standard deviation of what is new in a tick (n)."""
+    """standard deviation of the noise that a tick adds (n)."""
     start: np.ndarray
     """standard deviation of x_0 (n)."""
 
 
 def gauss_markov(sd: np.ndarray, time: float, h: float) -> SlowNoise:
-    """Return first-order Gauss-Markov noise of standard deviations (n), correlation time and tick [s]."""
+    """Return first-order Gauss-Markov noise of standard deviations sd (n), correlation time [s] and tick h [s]."""
     a = np.exp(-h / time)
     return SlowNoise(np.full(len(sd), a), sd * np.sqrt(1.0 - a * a), sd)
 
 
 def random_walk(after_1_s: np.ndarray, h: float) -> SlowNoise:
-    """Return a random walk of standard deviations after 1 s (n), and tick [s]."""
+    """Return random walks that have these standard deviations after 1 s (n), with ticks of h [s]."""
     return SlowNoise(np.ones(len(after_1_s)), after_1_s * np.sqrt(h), np.zeros(len(after_1_s)))
 
 
@@ -227,5 +226,5 @@ def slow_noise_after(
 
 
 def slow_step(n: Any, k: int, seed: int, x: np.ndarray, a: np.ndarray, q: np.ndarray) -> None:
-    """Go on to the slow part of the next tick, of an element with a stream and the tick h [s]."""
+    """Advance the slow errors x to the next tick; the element has a noise stream and the tick h [s]."""
     put(slow_noise_after(x, a, q, seed, n.stream, k * n.h, n.h), x)

@@ -16,7 +16,7 @@ from ortilo_drake.world.noise import four_normals
 
 @register_jitable
 def _mixed(new: float, before: float, after: float, share: float, a: float) -> float:
-    """Return a number whose slow part is a of the way from one node to the next."""
+    """Return a number whose slow part lies at the fraction a of the way from one node to the next."""
     scale = np.sqrt(share / ((1.0 - a) ** 2 + a**2))
     return np.sqrt(1.0 - share) * new + scale * ((1.0 - a) * before + a * after)
 
@@ -25,11 +25,12 @@ def _mixed(new: float, before: float, after: float, share: float, a: float) -> f
 def persistent_normals(
     seed: int, of_nodes: np.ndarray, white: np.uint64, nodes: np.uint64, tick: int, share: float, spacing: int
 ) -> Four:
-    """Return four standard normal numbers that belong to a tick, a share of their variance changing slowly.
+    """Return a tick's four standard normal numbers, of whose variance a share changes slowly.
 
-    It is put in where it is called, so that numbers nobody takes are not drawn. The seed is that of the tick's noise;
-    those of the node before and of the one after (2) are the same, but for flights whose ticks have seeds of their own.
-    `white` and `nodes` are streams: of what is new every tick, and of the nodes, that spacing apart [ticks].
+    The function is inlined where it is called, so that unused numbers are not drawn. `seed` is that of the tick's
+    noise; of_nodes (2) are the seeds of the nodes before and after, the same unless each tick of the flight has its own
+    seed. `white` is the stream of the part that is new in every tick, `nodes` that of the nodes, which are `spacing`
+    ticks apart.
     """
     z = four_normals(seed, white, tick)
     if share <= 0.0:
@@ -47,10 +48,10 @@ def persistent_normals(
 
 @register_jitable
 def seeds_of_nodes(slow: np.ndarray, seeds: np.ndarray, k: int) -> np.ndarray:
-    """Return the seeds of the nodes about tick k of numbers that change slowly (n, 2): a node's is that of its tick.
+    """Return the seeds of the nodes before and after tick k, for each slowly changing number: the nodes' ticks' seeds.
 
-    `slow` has of each number the share that changes slowly, and the ticks between its nodes (n, 2). The seeds are those
-    of all ticks; the nodes after them have the last one's.
+    `slow` (n, 2) holds for each number the share that changes slowly, and the ticks between its nodes. `seeds` holds
+    the seed of each tick; a node after the last tick has the last seed. The result is (n, 2).
     """
     found = np.empty((slow.shape[0], 2), dtype=np.int64)
     for i in range(slow.shape[0]):

@@ -100,7 +100,7 @@ def longer(faults: FaultTable, i: int, moment: Moment) -> np.ndarray:
 
 @register_jitable
 def silent(faults: FaultTable, i: int, moment: Moment) -> np.ndarray:
-    """Return a mask (n) of the anchors that fault i takes away."""
+    """Return a mask (n) of the anchors that fault i silences."""
     kind, values = faults.kinds[i], settings_of(faults, i)
     gone = np.zeros(moment.anchors.shape[0], dtype=np.bool_)
     if kind == ANCHORS_DYING:
@@ -114,7 +114,7 @@ def silent(faults: FaultTable, i: int, moment: Moment) -> np.ndarray:
 
 @register_jitable
 def with_range_fault(message: np.ndarray, faults: FaultTable, i: int, moment: Moment) -> np.ndarray:
-    """Return a uwb message as it is under fault i; a range that is not there stays away, none is below 0."""
+    """Return a uwb message under fault i; a missing range stays missing, and no range falls below 0."""
     said, n = message.copy(), moment.anchors.shape[0]
     gone, added = silent(faults, i, moment), longer(faults, i, moment)
     for j in range(n):
@@ -130,7 +130,7 @@ _YAW, _RATES = PAYLOAD + 2, PAYLOAD + 3  # in an imu message
 
 @cached_njit
 def with_fault(message: np.ndarray, faults: FaultTable, i: int, moment: Moment) -> np.ndarray:
-    """Return a sensor's message under fault i, which is none of a stuck sensor."""
+    """Return a sensor's message under fault i, which may be of any kind but `stuck`."""
     if message[ARRIVED] == 0.0 or not is_active(faults, i, moment.t):
         return message.copy()
     kind, values = faults.kinds[i], settings_of(faults, i)
@@ -149,7 +149,7 @@ def with_fault(message: np.ndarray, faults: FaultTable, i: int, moment: Moment) 
 
 @register_jitable
 def stuck_says(message: np.ndarray, held: np.ndarray, active: bool) -> np.ndarray:
-    """Return the message of a sensor that may be stuck: while it is, its payload is the held one."""
+    """Return the message of a sensor that may be stuck; while it is stuck (active), the payload is the held one."""
     said = message.copy()
     if active:
         said[PAYLOAD:] = held
@@ -158,14 +158,14 @@ def stuck_says(message: np.ndarray, held: np.ndarray, active: bool) -> np.ndarra
 
 @register_jitable
 def held_after(message: np.ndarray, held: np.ndarray, active: bool) -> np.ndarray:
-    """Return the payload that is held after a message: the last one that was there while it was not stuck."""
+    """Return the payload to hold after a message: the last one that arrived while the sensor was not stuck."""
     return message[PAYLOAD:] if message[ARRIVED] != 0.0 and not active else held
 
 
 def fault_out(
     n: Any, seed: int, message: np.ndarray, state: np.ndarray, anchors: np.ndarray, faults: FaultTable, out: np.ndarray
 ) -> None:
-    """Output a message under a fault, see with_fault; of several samples each of them."""
+    """Output a message under a fault (with_fault), applied to each of its samples."""
     put(message, out)
     for i in range(n.samples):
         sample = sample_of(out, i, n.samples)
@@ -175,7 +175,7 @@ def fault_out(
 def stuck_out(
     n: Any, message: np.ndarray, held: np.ndarray, holds: np.ndarray, faults: FaultTable, out: np.ndarray
 ) -> None:
-    """Output a message of a sensor that may be stuck, see stuck_says; of several samples each of them."""
+    """Output the message of a sensor that may be stuck (stuck_says), applied to each of its samples."""
     put(message, out)
     put(held, holds)
     for i in range(n.samples):
@@ -202,9 +202,10 @@ def lasts_out(message: np.ndarray, changed: np.ndarray, faults: FaultTable, out:
 
 
 def asked_out(n: Any, k: int, delay: np.ndarray, faults: FaultTable, out: np.ndarray) -> None:
-    """Output a number (1) that is not negative where a sensor is to measure.
+    """Output a number (1) that is not negative in a tick in which a sensor must measure.
 
-    That is where its message is sent, and in every tick before it is stuck, as it will repeat its last message.
+    It must measure where its message is sent, and in every tick before it is stuck, since it will repeat its last
+    message.
     """
     fill(out, delay[0])
     for i in range(faults.kinds.size):
@@ -221,10 +222,11 @@ ASKED = Element("asked", out=asked_out)
 def fault_boxes(
     sensor: str, message: Box, faults: list[Numbered], anchors: np.ndarray, samples: int, h: float
 ) -> list[Box]:
-    """Return the faults of a sensor's messages, the last of which says them; they read the state as the sensor sees it.
+    """Return the boxes of a sensor's faults, the last of which outputs the messages; they read the state that it sees.
 
-    A box says the messages, of so many samples, h [s] apart. The faults are the sensor's own, in the scenario's order;
-    the anchors stand there (n, 3), unless that is drawn. InputError if a fault of one's own does not fit the message.
+    `message` is the box that outputs the messages, of `samples` samples, h [s] apart. The faults are the sensor's, in
+    the scenario's order. anchors (n, 3) holds p_WA of each anchor, unless a seed draws them. InputError if a registered
+    fault does not fit the message.
     """
     boxes: list[Box] = []
     for its in faults:
@@ -248,11 +250,11 @@ def fault_boxes(
 
 
 def own_fault_box(part: Part, its: Numbered, message: Box, samples: int, h: float) -> Box:
-    """Return the box by which a registered fault changes a message; arguments and errors as fault_boxes'."""
+    """Return the box by which a registered fault changes a message; arguments and errors as in fault_boxes."""
     where = f"faults.{its.i}: {part.kind}"
     if samples > 1:
         raise InputError(f"{where}: {message.name}: sends {samples} samples in a tick, must send one for such a fault")
-    assert part.box is not None  # register_part sees to it
+    assert part.box is not None  # register_part ensures it
     box: Box = part.box(its.fault, message.size, h)
     if box.size != message.size:
         raise InputError(f"{where}: says {box.size} numbers, must be {message.size}, the message's")
@@ -263,10 +265,10 @@ def own_fault_box(part: Part, its: Numbered, message: Box, samples: int, h: floa
 
 
 def asked_box(sensor: str, faults: list[Numbered], samples: int, h: float) -> Box | None:
-    """Return the box that says when a sensor that will be stuck is to measure; None where none will be.
+    """Return the box that tells a sensor with `stuck` faults when to measure (asked_out); None without such a fault.
 
-    It reads the delay of the sensor's link. Samples inside the tick before are held too, so a sensor of several in a
-    message is asked a tick longer.
+    It reads the delay of the sensor's link. Samples inside the tick before are held too, so a sensor with several
+    samples per message measures for one tick longer.
     """
     stuck = [its for its in faults if isinstance(its.fault, Stuck)]
     if not stuck:

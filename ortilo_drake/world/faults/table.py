@@ -1,8 +1,8 @@
 """Faults as compiled functions take them: settings as plain numbers, when they last, and people on their walks.
 
-In a projected camera's scene landmarks are moved or gone, and people in the way. A box tells no landmark's identity, so
-these are not faults of the message but of the scene. Each landmark's noise is its own, so what the others give stays as
-it was.
+Moved or missing landmarks and people in the way change the scene of a projected camera, not its message, since a box
+does not tell which landmark it shows. Each landmark has its own noise, so the boxes of the other landmarks do not
+change.
 """
 
 from collections.abc import Iterator, Sequence
@@ -45,29 +45,29 @@ OWN: Final = -1
 
 
 class FaultTable(NamedTuple):
-    """Some faults, one after the other."""
+    """Several faults as arrays."""
 
     kinds: np.ndarray
-    """of each, an index in KINDS, OWN of one's own (n)."""
+    """index of each fault's kind in KINDS, OWN for a registered fault (n)."""
     starts: np.ndarray
     """when each begins [s] (n)."""
     ends: np.ndarray
     """when each ends [s], inf if it does not (n)."""
     streams: np.ndarray
-    """number of each one's noise stream (n)."""
+    """number of each fault's noise stream (n)."""
     first: np.ndarray
-    """where each one's settings begin in values, and where the last one's end (n + 1)."""
+    """index in `values` at which each fault's settings begin, and at which the last one's end (n + 1)."""
     values: np.ndarray
-    """the settings of all, see values_of_fault."""
+    """settings of all faults, one after the other, see values_of_fault."""
 
 
 class Numbered(NamedTuple):
     """A fault among those of a scenario."""
 
     i: int
-    """which of all it is."""
+    """its index among all faults."""
     number: int
-    """which of its kind; its noise stream is 'fault/<kind>/<number>'."""
+    """its index among the faults of its kind; its noise stream is 'fault/<kind>/<number>'."""
     fault: AnyFault
     """the fault."""
 
@@ -79,7 +79,7 @@ def numbered(faults: Sequence[AnyFault]) -> Iterator[Numbered]:
 
 
 def values_of_fault(fault: AnyFault) -> list[float]:
-    """Return a fault's settings beside its times as numbers; a rotor's are the wrench's, see vehicle_faults.py."""
+    """Return a fault's settings without its times, as numbers; a rotor's are in wrench_table, see vehicle_faults.py."""
     match fault:
         case NlosStorm():
             return [fault.share, fault.mean]
@@ -108,7 +108,7 @@ def values_of_fault(fault: AnyFault) -> list[float]:
 
 
 def table_of(faults: Sequence[Numbered], values: Sequence[Sequence[float]] | None = None) -> FaultTable:
-    """Return some of a scenario's faults as a table, with values in place of those of values_of_fault, if given."""
+    """Return some of a scenario's faults as a table; `values`, if given, replace the settings of values_of_fault."""
     settings = [values_of_fault(its.fault) for its in faults] if values is None else values
     ends = [getattr(its.fault, "end", None) for its in faults]
     return FaultTable(
@@ -127,7 +127,7 @@ def settings_of(faults: FaultTable, i: int) -> np.ndarray:
     return faults.values[faults.first[i] : faults.first[i + 1]]
 
 
-EARLY: Final = 1e-6  # of a tick's time, which is a sum of floats [s]
+EARLY: Final = 1e-6  # tolerance of a tick's time, which is a sum of floats [s]
 
 
 @register_jitable
@@ -168,7 +168,7 @@ class Scene(NamedTuple):
     room: Surroundings
     """landmarks that are there, and what may hide them."""
     there: np.ndarray
-    """which of the room's landmarks these are (n)."""
+    """mask of the room's landmarks that are there (n)."""
 
 
 def is_of_scene(fault: AnyFault) -> bool:
@@ -177,19 +177,19 @@ def is_of_scene(fault: AnyFault) -> bool:
 
 
 def message_faults(faults: tuple[AnyFault, ...], sensor: str) -> list[Numbered]:
-    """Return those of a scenario's faults that change a sensor's messages, in their order."""
+    """Return a scenario's faults that change a sensor's messages, in their order."""
     concern = [its for its in numbered(faults) if sensor in sensors_of(its.fault)]
     return [its for its in concern if not (sensor == "camera" and is_of_scene(its.fault))]
 
 
 def scene_table(faults: tuple[AnyFault, ...]) -> FaultTable:
-    """Return those of a scenario's faults that change the scene."""
+    """Return a scenario's faults that change the scene."""
     return table_of([its for its in numbered(faults) if is_of_scene(its.fault)])
 
 
 @cached_njit
 def scene_at(room: Surroundings, faults: FaultTable, t: float) -> Scene:
-    """Return the scene at t [s] of a room without faults."""
+    """Return the scene at t [s], given the room without faults."""
     there = np.ones(room.positions.shape[0], dtype=np.bool_)
     if faults.kinds.size == 0:
         return Scene(room, there)

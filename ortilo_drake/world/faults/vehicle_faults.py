@@ -1,7 +1,8 @@
 """Faults of the vehicle: a gust, a load dropped in flight, a weak rotor.
 
-A body of c times the mass moves under thrust f and force d as the one of the old mass does under f / c and d / c,
-torques unchanged; so does its accelerometer. So a dropped load is a change of the forces on the body.
+A body of c times the mass moves under thrust f and force d as a body of the old mass does under f / c and d / c with
+the same torques, and its accelerometer reads the same. So a dropped load is simulated as a change of the forces on the
+body.
 """
 
 from typing import Any
@@ -19,7 +20,7 @@ from ortilo_drake.world.vehicle.rotors import times
 
 
 def wrench_matrix(fault: AnyFault, vehicle: Vehicle) -> np.ndarray:
-    """Return T (4 x 4): u = T u_c as it acts on a body of the old mass, of the commanded u_c.
+    """Return T (4 x 4): the control u = T u_c acts on a body of the old mass when u_c is commanded.
 
     A weak rotor i makes s times the thrust and drag: T = M diag(1, ..., s, ..., 1) M^+, M the mixing matrix.
     """
@@ -45,7 +46,7 @@ def force_table(faults: tuple[AnyFault, ...]) -> FaultTable:
 
 @cached_njit
 def wrench_at(u: np.ndarray, faults: FaultTable, t: float) -> np.ndarray:
-    """Return u = T_1 ... T_n u_c (4) of a commanded u_c at t [s], as it acts on a body of the old mass."""
+    """Return the control u = T_n ... T_1 u_c (4) that acts at t [s] on a body of the old mass when u_c is commanded."""
     acting = u.copy()
     for i in range(faults.kinds.size):
         if is_active(faults, i, t):
@@ -55,7 +56,7 @@ def wrench_at(u: np.ndarray, faults: FaultTable, t: float) -> np.ndarray:
 
 @cached_njit
 def force_at(d: np.ndarray, faults: FaultTable, t: float) -> np.ndarray:
-    """Return a disturbance d (6) with the faults at t [s], as it acts on a body of the old mass."""
+    """Return the disturbance (6) that acts at t [s] on a body of the old mass: d with gusts and dropped loads."""
     acting = d.copy()
     for i in range(faults.kinds.size):
         if faults.kinds[i] == GUST and is_active(faults, i, t):

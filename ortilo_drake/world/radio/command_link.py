@@ -1,13 +1,12 @@
 """The radio link that carries the control packets to the rotors: loss and delay.
 
 One packet a tick. It is lost as a sensor's message is (world/radio/link.py): at the rate of the state of a two-state
-Markov chain, at sending. A packet sent at tick k with a delay of d ticks acts at tick k + d; what is in flight arrives.
-In a tick in which nothing arrives the rotors either hold the last command that did or fall back to hover.
+Markov chain, at sending. A packet sent at tick k with a delay of d ticks acts at tick k + d; a packet in flight
+arrives. In a tick in which nothing arrives the rotors either hold the last command that arrived or fall back to hover.
 
 There is no acknowledgement, as over UDP: filter and servo take every command for applied at once, unless the world
-reports which acted (world/vehicle/acted_report.py). L. Schenato,
-"To zero or to hold control inputs with lossy links?", IEEE Trans. Automatic Control 54 (2009), compares the two
-strategies.
+reports which commands acted (world/vehicle/acted_report.py). L. Schenato, "To zero or to hold control inputs with lossy
+links?", IEEE Trans. Automatic Control 54 (2009), compares the two strategies.
 """
 
 from dataclasses import replace
@@ -47,10 +46,10 @@ def applied_command(
     seed: int,
     stream: np.uint64,
 ) -> np.ndarray:
-    """Return the control that acts over tick k (4): what arrives; else, by `holds`, the last one or `fallback` (4).
+    """Return the control that acts over tick k (4): the arriving one, else the last (`holds`) or `fallback` (4).
 
-    u (4) is the command sent at tick k, which is not read where the link delays; the state is laid out above (_BAD);
-    loss (4) is as loss_parameters returns it; seed and stream are of the noise.
+    u (4) is the command sent at tick k; it is not read if the link delays. The state's layout is above (_BAD). loss (4)
+    is what loss_parameters returns; seed and stream are the noise's.
     """
     d = (state.shape[0] - _FLYING) // _PACKET
     if d == 0:
@@ -76,7 +75,7 @@ def arriving(k: int, state: np.ndarray, loss: np.ndarray, seed: int, stream: np.
 def link_after(
     k: int, state: np.ndarray, u: np.ndarray, applied: np.ndarray, loss: np.ndarray, seed: int, stream: np.uint64
 ) -> np.ndarray:
-    """Return the link's state at tick k + 1. Arguments as applied_command; applied is what that returned."""
+    """Return the link's state at tick k + 1. Arguments as for applied_command; `applied` is what it returned."""
     after = state.copy()
     bad = state[_BAD] == 1.0
     after[_BAD] = 1.0 if chain_after(k, bad, loss, seed, stream) else 0.0
@@ -92,21 +91,21 @@ def link_after(
 def link_out(
     n: Any, k: int, seed: int, control: np.ndarray, link: np.ndarray, hover: np.ndarray, out: np.ndarray
 ) -> None:
-    """Output the control that acts over tick k (4), and when the command arriving in it was sent [s], -1 for none."""
+    """Output the control that acts over tick k (4), and the sending time of the command arriving in it [s], else -1."""
     put(applied_command(k, link, control, n.loss, hover, n.holds, seed, n.stream), out)
     sent = arriving(k, link, n.loss, seed, n.stream)
     out[N_U] = sent * n.h if sent >= 0 else -1.0
 
 
 def delayed_out(n: Any, k: int, seed: int, link: np.ndarray, hover: np.ndarray, out: np.ndarray) -> None:
-    """Output what link_out does, for a link that delays: no command acts in the tick in which it is sent."""
+    """Same as `link_out`, for a link that delays: no command acts in the tick in which it is sent."""
     put(applied_command(k, link, hover, n.loss, hover, n.holds, seed, n.stream), out)
     sent = arriving(k, link, n.loss, seed, n.stream)
     out[N_U] = sent * n.h if sent >= 0 else -1.0
 
 
 def link_step(n: Any, k: int, seed: int, control: np.ndarray, applied: np.ndarray, link: np.ndarray) -> None:
-    """Go on to tick k + 1, see link_after."""
+    """Advance the link's state to tick k + 1, see link_after."""
     put(link_after(k, link, control, applied, n.loss, seed, n.stream), link)
 
 
@@ -115,14 +114,14 @@ DELAYED = replace(LINK, name="delayed_command_link", out=delayed_out)
 
 
 def initial_link_state(settings: CommandLinkSettings, hover_thrust: float) -> np.ndarray:
-    """Return the link's state at first: the chain is good, hover acts, nothing is in flight."""
+    """Return the link's initial state: the chain is good, hover acts, nothing is in flight."""
     start = np.zeros(_FLYING + settings.delay * _PACKET)
     start[_HELD] = [hover_thrust, 0.0, 0.0, 0.0]
     return start
 
 
 def command_link_box(settings: CommandLinkSettings, hover_thrust: float, h: float) -> Box:
-    """Return the box that carries the commands to the rotors; it reads them as they are sent, `control` (4).
+    """Return the box that carries the commands to the rotors; it reads the sent command `control` (4).
 
     It outputs the control that acts, `applied` (4), and the time the command arriving now was sent, `stamp` (1).
     """

@@ -10,13 +10,13 @@ from ortilo_drake.model.input_files import MIB
 from ortilo_drake.model.signals import SHUTTER_SIZE, STAMP
 from ortilo_drake.model.typed_yaml import InputError
 
-MOST_KEPT = 1024 * MIB  # of pictures on the way
+MOST_KEPT = 1024 * MIB  # most memory for pictures on the way [bytes]
 
 
 def check_kept(every: int, longest: int, width: int, height: int) -> None:
-    """Refuse to keep pictures (width x height), one every so many ticks for so many ticks, if they are too large.
+    """Check the memory for pictures (width x height), one every `every` ticks, each kept for `longest` ticks.
 
-    InputError naming the setting and what is allowed.
+    InputError if they are too large; it names the setting and what is allowed.
     """
     kept = (longest // every + 1) * width * height * 4
     if kept > MOST_KEPT:
@@ -32,12 +32,12 @@ class ImageDelay(LeafSystem):
     Ports:
         color_image (ImageRgba8U): what the camera sees now.
         shutter (2): [arrived, stamp] as the link delivers it.
-        image (ImageRgba8U, output): the picture taken at the stamp; where nothing arrived, any.
+        image (ImageRgba8U, output): the picture taken at the stamp; any picture if nothing arrived.
 
     State (abstract, updated each tick): the newest pictures by their tick, as arrays (height, width, 4), uint8.
 
     Args:
-        every: a picture is taken on every so many ticks.
+        every: ticks from one picture to the next.
         longest: longest delay [ticks].
         h: tick [s].
     """

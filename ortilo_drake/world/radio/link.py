@@ -39,8 +39,9 @@ def delay_of_message(
 ) -> int:
     """Return the delay d [ticks] of the message due at tick k, or NOT_SENT.
 
-    p_WB is the vehicle's true position, at least (3), `bad` the state of the chain, loss that of loss_parameters (4),
-    the blackouts those of blackout_rows (n, 3), delays the fixed one and the greatest additional one [ticks].
+    p_WB holds the vehicle's true position in its first three entries; `bad` is the state of the chain; loss (4) is what
+    loss_parameters returns, blackouts (n, 3) what blackout_rows returns; delays are the fixed and the largest
+    additional delay [ticks].
     """
     for i in range(blackouts.shape[0]):
         axis = int(blackouts[i, 0])
@@ -68,7 +69,7 @@ def delay_of_tick(
     seed: int,
     stream: np.uint64,
 ) -> int:
-    """Return delay_of_message of tick k, NOT_SENT where none is due: one is every so many ticks."""
+    """Return delay_of_message at tick k; NOT_SENT if no message is due, since k is no multiple of `every`."""
     if k % every != 0:
         return NOT_SENT
     return delay_of_message(k, p_WB, bad, loss, blackouts, delays, seed, stream)
@@ -83,10 +84,10 @@ def chain_after(k: int, bad: bool, loss: np.ndarray, seed: int, stream: np.uint6
 
 @cached_njit
 def put_in_flight(flying: np.ndarray, arrival: int, message: np.ndarray) -> None:
-    """Put a message (n) among those in flight, rows (tick of arrival, message) (D, 1 + n).
+    """Put a message (n) into the ring of messages in flight, rows (tick of arrival, message) (D, 1 + n).
 
-    The ring has a row for each of the next D ticks, D the greatest delay. Two messages that arrive in one
-    tick: the newer stamp stays, the other is dropped, for the port carries one.
+    The ring has a row for each of the next D ticks, D the largest delay. If two messages arrive in one tick, the one
+    with the newer stamp stays, because the port carries one.
     """
     row = flying[arrival % flying.shape[0]]
     if row[0] == arrival and row[2] > message[1]:
@@ -97,7 +98,7 @@ def put_in_flight(flying: np.ndarray, arrival: int, message: np.ndarray) -> None
 
 @register_jitable
 def landing_row(flying: np.ndarray, k: int, newest: float) -> int:
-    """Return the row of the message that lands at tick k and whose stamp is newer than that [s]; NOT_SENT for none."""
+    """Return the row of the message that lands at tick k with a stamp newer than `newest` [s]; NOT_SENT for none."""
     if flying.shape[0] > 0:
         row = k % flying.shape[0]
         if flying[row, 0] == k and flying[row, 1 + STAMP] > newest:
@@ -121,19 +122,19 @@ def blackout_rows(settings: Link, h: float) -> np.ndarray:
 
 
 def link_out(n: Any, k: int, seed: int, state: np.ndarray, blackouts: np.ndarray, out: np.ndarray) -> None:
-    """Output the delay of delay_of_tick [ticks] (1), NOT_SENT where no message is sent, of a link without a chain."""
+    """Output delay_of_tick's delay [ticks] (1), NOT_SENT where no message is sent, for a link without a chain."""
     out[0] = delay_of_tick(k, n.every, state, False, n.loss, blackouts, (n.delay, n.random), seed, n.stream)
 
 
 def bursty_out(
     n: Any, k: int, seed: int, state: np.ndarray, blackouts: np.ndarray, bad: np.ndarray, out: np.ndarray
 ) -> None:
-    """Output what link_out does, for a link whose chain is bad or good."""
+    """Same as `link_out`, for a link whose chain is bad or good."""
     out[0] = delay_of_tick(k, n.every, state, bad[0] != 0.0, n.loss, blackouts, (n.delay, n.random), seed, n.stream)
 
 
 def bursty_step(n: Any, k: int, seed: int, bad: np.ndarray) -> None:
-    """Have the chain step."""
+    """Advance the chain by a tick."""
     bad[0] = 1.0 if chain_after(k, bad[0] != 0.0, n.loss, seed, n.stream) else 0.0
 
 
@@ -153,7 +154,7 @@ def late_out(k: int, message: np.ndarray, delay: np.ndarray, flying: np.ndarray,
 
 
 def delayed_out(k: int, flying: np.ndarray, out: np.ndarray) -> None:
-    """Output the message that lands in tick k, zeros if none does, where none lands in the tick in which it is sent."""
+    """Same as `late_out`, for a link that delays every message: none lands in the tick in which it is sent."""
     fill(out, 0.0)
     landed = landing_row(flying, k, -np.inf)
     if landed != NOT_SENT:

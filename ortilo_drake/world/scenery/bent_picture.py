@@ -1,4 +1,4 @@
-"""Pictures through a lens that bends straight lines: drawn straight and larger, then bent."""
+"""Pictures through a lens that bends straight lines: rendered larger with straight lines, then bent."""
 
 from typing import Any
 
@@ -13,13 +13,13 @@ from ortilo_drake.model.typed_yaml import InputError
 
 cv2 = later("cv2")
 
-LARGEST = 4096  # sides of a straight picture [px]
+LARGEST = 4096  # longest side of a straight picture [px]
 
 
 def straight_model(camera: CameraModel) -> CameraModel:
-    """Return a straight camera with square pixels that sees all that a bent one sees, as fine in its middle.
+    """Return a camera without distortion and with square pixels that sees all a bent one sees, as fine in its middle.
 
-    InputError if the lens looks so far aside that no straight picture holds it.
+    InputError if the lens sees so far aside that no straight picture can hold it.
     """
     reach = camera.constants.lens.reach
     if not np.all(2.0 * camera.focal_length * reach + 3.0 <= LARGEST):
@@ -36,7 +36,7 @@ def straight_model(camera: CameraModel) -> CameraModel:
 def straight_places(camera: CameraModel) -> tuple[np.ndarray, np.ndarray]:
     """Return each distorted pixel's place in the undistorted picture, u and v (height, width), float32 [px].
 
-    A pixel without a ray, in the corners of a fisheye's picture, is outside.
+    A pixel without a ray, in the corners of a fisheye's picture, gets a place outside.
     """
     its, straight = camera.constants, straight_model(camera)
     places = np.empty((camera.height, camera.width, 2))
@@ -58,7 +58,7 @@ class BentPicture(LeafSystem):
     Args:
         camera: the camera.
         kind: class of the image.
-        outside: value where the lens gives a pixel no ray.
+        outside: value of a pixel for which the lens has no ray.
     """
 
     def __init__(self, camera: CameraModel, kind: Any, outside: float):

@@ -21,14 +21,14 @@ class MeshcatFlight(LeafSystem):
         estimate (15): xhat.
         covariance (225): P row by row.
 
-    State: the last CHUNK displayed rows [p_WB, estimate of p_WB] (CHUNK x 6). A trail is drawn in chunks, of
-    which only the newest is sent again, so a long flight costs as much per frame as a short one.
+    State: the last CHUNK displayed rows [p_WB, estimate of p_WB] (CHUNK x 6). A trail is drawn in chunks. Only the
+        newest chunk is sent again, so a frame of a long flight costs no more than one of a short flight.
 
     Args:
-        meshcat: where to draw; draw_room is the caller's.
+        meshcat: where to draw; the caller calls draw_room.
         h: tick [s].
-        ticks: ticks between two displayed frames.
-        vehicle: drawn with its own arms.
+        ticks: ticks from one displayed frame to the next.
+        vehicle: the vehicle to draw, with its own arms.
     """
 
     def __init__(self, meshcat: Meshcat, h: float, ticks: int = 2, vehicle: Vehicle = M100):

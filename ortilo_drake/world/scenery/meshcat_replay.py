@@ -1,4 +1,4 @@
-"""A flight drawn in Meshcat, and a logged one as one self-contained page that plays it."""
+"""A flight drawn in Meshcat, and a logged flight as a self-contained page that plays it."""
 
 import itertools
 from html import escape
@@ -32,7 +32,7 @@ GHOST = Rgba(0.95, 0.05, 0.60, 0.25)
 UNCERTAINTY = Rgba(0.60, 0.10, 0.95, 0.22)
 
 SIGMAS = 3.0
-SMALLEST_AXIS = 1e-3  # [m]; the viewer cannot show a body of no extent
+SMALLEST_AXIS = 1e-3  # [m]; the viewer cannot show a body of size 0
 
 
 def pose(x: np.ndarray) -> RigidTransform:
@@ -56,9 +56,9 @@ _AXES = _axis_rotations()
 def sigma_ellipsoid(P: np.ndarray, R_near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the 3-sigma ellipsoid of a covariance P = R diag(s / 3)^2 R^T of p_W [m^2] as (R, s).
 
-    Principal axes, the columns of R in W, come in any order and sign. Of the 24 rotations that describe the same
-    ellipsoid this is the one nearest to R_near, so that a viewer that turns from one to the next does not tumble. The
-    semi-axes are s (3) [m].
+    The principal axes, the columns of R in W, come in any order and sign. 24 rotations describe the same ellipsoid; R
+    is the one nearest to R_near, so that an animation from one ellipsoid to the next does not tumble. s (3) are the
+    semi-axes [m].
     """
     variances, R = np.linalg.eigh((P + P.T) / 2)
     R[:, 2] *= np.sign(np.linalg.det(R))
@@ -71,8 +71,8 @@ def sigma_ellipsoid(P: np.ndarray, R_near: np.ndarray) -> tuple[np.ndarray, np.n
 def tube(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
     """Return m square prisms along the m segments of a path, as vertices (3, 8 m) and triangles (3, 8 m).
 
-    Browsers draw every line one pixel wide, whatever width is asked for; a tube is seen from afar. Segments of no
-    length are left out. The path goes through p_W (n, 3), the edges are at that radius from it [m].
+    Browsers draw every line one pixel wide, whatever width is asked for; a tube is visible from afar. Segments of
+    length 0 are left out. The path goes through p_W (n, 3); the prisms' edges are `radius` from it [m].
     """
     d = np.diff(points, axis=0)
     length = np.linalg.norm(d, axis=1)
@@ -89,7 +89,7 @@ def tube(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def draw_path(meshcat: Meshcat, path: str, points: np.ndarray, radius: float, rgba: Rgba) -> None:
-    """Draw the path through points p_W (n, 3); nothing where they are all the same."""
+    """Draw the path through points p_W (n, 3); draw nothing if they are all the same."""
     vertices, faces = tube(points, radius)
     if faces.size:
         meshcat.SetTriangleMesh(path, vertices, faces, rgba)
@@ -113,7 +113,7 @@ def draw_vehicle(meshcat: Meshcat, vehicle: Vehicle = M100) -> None:
     meshcat.SetObject(
         VEHICLE, Mesh(InMemoryMesh(mesh_file=MemoryFile(text, ".obj", "vehicle.obj"), supporting_files=library))
     )
-    # Without its materials: Meshcat's property "color" leaves those of a mesh file as they are.
+    # The ghost has no materials, because Meshcat's property "color" does not change a mesh file's materials.
     vertices, faces = triangles_of(text)
     meshcat.SetTriangleMesh(ESTIMATE, vertices.T, faces.T, GHOST)
     meshcat.SetObject(ELLIPSOID, Sphere(1.0), UNCERTAINTY)
@@ -122,12 +122,12 @@ def draw_vehicle(meshcat: Meshcat, vehicle: Vehicle = M100) -> None:
 def show_pose(
     meshcat: Meshcat, x: np.ndarray, xhat: np.ndarray, P: np.ndarray, R_near: np.ndarray, time: float
 ) -> np.ndarray:
-    """Move vehicle, estimate and ellipsoid where draw_vehicle has been, and return the ellipsoid's R.
+    """Move the vehicle, estimate and ellipsoid that draw_vehicle made, and return the ellipsoid's R.
 
-    The ellipsoid is a unit ball under a pose and the property ``scale``: a RigidTransform has none, and of
-    SetTransform's two forms only that one is recorded. x is the state (12), xhat the estimate, at least [p_WB, rpy], P
-    its position's covariance (3, 3) [m^2], R_near that of sigma_ellipsoid, and the time that in the recording [s], if
-    one is being made.
+    The ellipsoid is a unit ball with a pose and the property ``scale``: a RigidTransform has no scale, and only that
+    form of SetTransform is recorded. x is the state (12), xhat the estimate, at least [p_WB, rpy], and P the position's
+    covariance (3, 3) [m^2]. R_near is as for sigma_ellipsoid. The time [s] is that of the recording, if one is being
+    made.
     """
     R, s = sigma_ellipsoid(P, R_near)
     meshcat.SetTransform(VEHICLE, pose(x), time)
@@ -143,13 +143,13 @@ def draw_flown(meshcat: Meshcat, points: np.ndarray, chunk: str = "") -> None:
     draw_path(meshcat, ESTIMATED_PATH + chunk, points[:, 3:6], 0.02, ESTIMATED)
 
 
-FRAME_RATE = 15.0  # of a replay [Hz]
+FRAME_RATE = 15.0  # frame rate of a replay [Hz]
 LEGEND_STYLE = """
 #legend { position: fixed; left: 0; top: 0; right: 250px; padding: 6px 10px; display: flex; flex-wrap: wrap;
   gap: 0 14px; background: rgba(255, 255, 255, 0.8); font: 13px/1.5 sans-serif }
 #legend span { display: inline-block; width: 12px; height: 12px; margin-right: 6px }
 """
-AROUND = np.array([1.5, 3.5, 1.5])  # [m] of the room to show around a replayed flight
+AROUND = np.array([1.5, 3.5, 1.5])  # margin of the room to show around a replayed flight [m]
 
 
 def legend(room: Room) -> str:
@@ -189,9 +189,9 @@ def html_replay(
 ) -> str:
     """Return a logged flight as one HTML page that plays without a network.
 
-    The planned path has p_W as its first three values. The log has equally spaced times (n) [s], states x (n, 12),
-    estimates (n, 15) and covariances (n, 15, 15). It is drawn in a new Meshcat if none is given, the vehicle with its
-    own arms, zones on the floor. InputError naming the array that does not fit.
+    The trajectory, the planned path, has p_W as its first three values. The log has equally spaced times (n) [s],
+    states x (n, 12), estimates (n, 15) and covariances (n, 15, 15). It is drawn in a new Meshcat if none is given, with
+    the vehicle's own arms, and with zones on the floor. InputError naming an array that does not fit.
     """
     _check_log(times, states=states, estimates=estimates, covariances=covariances)
     meshcat = make_meshcat() if meshcat is None else meshcat

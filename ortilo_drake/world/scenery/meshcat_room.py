@@ -31,14 +31,14 @@ CLASS_COLORS = (
 )
 
 ANCHOR_RADIUS = 0.14
-_SHOWN_AS_SEEN = ("stands", "furniture", "landmarks", "posts")  # as the renderer shows them
+_SHOWN_AS_SEEN = ("stands", "furniture", "landmarks", "posts")  # drawn with the same shapes as in the renderer
 FIELD_OF_VIEW = 40.0  # vertical [deg]; narrow, so that a long room is not distorted
 
 
 def make_meshcat(port: int | None = None, host: str = "localhost") -> Meshcat:
     """Return a Meshcat that listens on the loopback interface only, on a free port unless one is given.
 
-    Drake would print its address, also where it only makes a page.
+    Drake's message with its address is suppressed, because it would also appear when only a page is made.
     """
     drake = logging.getLogger("drake")
     level = drake.level
@@ -103,7 +103,7 @@ def _draw_walls(meshcat: Meshcat, room: Room) -> None:
 
 
 def _draw_items(meshcat: Meshcat, room: Room) -> None:
-    """Draw what stands in the room, each landmark in a frame of its class's colour."""
+    """Draw the things in the room, each landmark in a frame of its class's colour."""
     numbers = {group: itertools.count() for group in _SHOWN_AS_SEEN}
     for item in scene_items(room):
         if item.group not in _SHOWN_AS_SEEN:
@@ -130,7 +130,7 @@ def _frame(half: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _draw_anchors(meshcat: Meshcat, room: Room) -> None:
-    """Draw the anchors with plumb lines to the floor, which show where they hang."""
+    """Draw the anchors with plumb lines to the floor, which show their places."""
     p_W = room.anchor_positions
     for i, p in enumerate(p_W):
         _put(meshcat, f"/room/anchors/{i:02d}", Sphere(ANCHOR_RADIUS), ANCHOR, p)
@@ -139,11 +139,11 @@ def _draw_anchors(meshcat: Meshcat, room: Room) -> None:
 
 
 def draw_room(meshcat: Meshcat, room: Room) -> None:
-    """Draw a room and turn the camera to the whole of it.
+    """Draw a room and aim the viewer's camera at the whole of it.
 
-    Paths: /room/floor, /room/grid, /room/walls/{outer,inner}/NN, /room/anchors/NN; and, as the renderer shows them,
-    /room/stands/NN, /room/posts/NN, /room/furniture/KIND/NN, /room/landmarks/LABEL/NN with its box in its class's
-    colour, /frame, below. All are numbered as in the room file; furniture that is a landmark is not counted.
+    Paths: /room/floor, /room/grid, /room/walls/{outer,inner}/NN, /room/anchors/NN; and, with the renderer's shapes,
+    /room/stands/NN, /room/posts/NN, /room/furniture/KIND/NN, /room/landmarks/LABEL/NN. Below each landmark, /frame is
+    its box in its class's colour. Numbers are those of the room file; furniture that is a landmark is not counted.
     """
     low, high = np.array(room.interior.min), np.array(room.interior.max)
     meshcat.Delete("/room")

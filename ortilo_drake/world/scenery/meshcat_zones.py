@@ -1,4 +1,4 @@
-"""Zones of the floor in Meshcat, such as where a sensor is blacked out."""
+"""Zones on the floor in Meshcat, such as those where a sensor is blacked out."""
 
 from typing import NamedTuple
 
@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform
 
 from ortilo_drake.model.room import Room
 
-ABOVE_FLOOR = 0.012  # [m]; clear of the floor's grid
+ABOVE_FLOOR = 0.012  # [m]; above the grid of the floor
 OPACITY = 0.22
 
 

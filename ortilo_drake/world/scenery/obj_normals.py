@@ -1,4 +1,4 @@
-"""OBJ meshes with and without their normals: the renderer insists on them, a page is smaller without them."""
+"""OBJ meshes with and without their normals: the renderer needs them, a page is smaller without them."""
 
 import re
 from pathlib import Path
@@ -9,7 +9,7 @@ from pydrake.geometry import InMemoryMesh
 
 
 def _mesh(text: str, path: Path) -> InMemoryMesh:
-    """Return the mesh of an OBJ text with the library and pictures that the file at path has beside it."""
+    """Return the mesh of an OBJ text, with the material library and pictures that lie beside the file at path."""
     library = path.with_suffix(".mtl")
     pictures = re.findall(r"^map_Kd (\S+)$", library.read_text(encoding="utf-8"), re.M)
     return InMemoryMesh(
@@ -19,14 +19,14 @@ def _mesh(text: str, path: Path) -> InMemoryMesh:
 
 
 def without_normals(path: Path) -> InMemoryMesh:
-    """Return an OBJ mesh without its normals, half the size; a viewer then shades each face alike."""
+    """Return an OBJ mesh without its normals, half the size; a viewer then shades each face evenly."""
     text = path.read_text(encoding="utf-8")
     text = re.sub(r"^vn .*\n", "", text, flags=re.M)
     return _mesh(re.sub(r"(\d+/\d*)/\d+", r"\1", text), path)
 
 
 def triangles_of(text: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices (n, 3) and triangles (m, 3), counted from 0, of an OBJ mesh without normals and texture."""
+    """Return vertices (n, 3) and triangles (m, 3), counted from 0, of an OBJ mesh without normals or texture."""
     lines = text.splitlines()
     vertices = np.array([line.split()[1:] for line in lines if line.startswith("v ")], dtype=float)
     faces = np.array([line.split()[1:] for line in lines if line.startswith("f ")], dtype=np.int32)
@@ -34,9 +34,9 @@ def triangles_of(text: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def with_face_normals(text: str, path: Path) -> InMemoryMesh:
-    """Return an OBJ mesh that has neither normals nor texture, each face with its own normal.
+    """Return an OBJ mesh, which has neither normals nor texture, with a normal for each face.
 
-    Its faces are triangles of positive vertex numbers; it uses the library of the file at path.
+    Its faces are triangles of positive vertex numbers; it uses the material library of the file at path.
     """
     lines = text.splitlines()
     vertices, faces = triangles_of(text)

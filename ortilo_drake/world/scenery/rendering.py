@@ -1,4 +1,4 @@
-"""Drake's VTK renderer on a room, without a screen."""
+"""Drake's VTK renderer for a room, without a screen."""
 
 import ctypes
 from collections.abc import Callable, Iterable, Sequence
@@ -33,27 +33,27 @@ from ortilo_drake.world.scenery.scene import SceneItem
 
 _EGL_PLATFORM_DEVICE = 0x313F  # EGL_PLATFORM_DEVICE_EXT
 RENDERER = "vtk"
-NEAREST, FARTHEST = 0.05, 40.0  # what the camera draws [m]
-BACKGROUND = (0.78, 0.80, 0.82)  # where there is nothing: above the walls
+NEAREST, FARTHEST = 0.05, 40.0  # distances between which the camera draws [m]
+BACKGROUND = (0.78, 0.80, 0.82)  # colour where there is nothing: above the walls
 
 # Three weak lamps far away, so that no side of a wall is black; every lamp costs time.
 LAMPS = ((0.85, (1.0, 0.55, -0.9)), (0.65, (-1.0, 0.35, -0.5)), (0.70, (0.2, -1.0, -0.6)))
 
 
 def lamp(intensity: float, direction: Sequence[float], color: Sequence[float] = (1.0, 1.0, 1.0)) -> LightParameter:
-    """Return a lamp far away that shines in a direction in W."""
+    """Return a lamp far away that shines in the given direction (3, in W)."""
     return LightParameter(
         type="directional", frame="world", direction=np.array(direction), intensity=intensity, color=Rgba(*color)
     )
 
 
 def room_lamps() -> list[LightParameter]:
-    """Return the lamps of every flight."""
+    """Return the lamps that light the room in every flight."""
     return [lamp(intensity, direction) for intensity, direction in LAMPS]
 
 
 def check_egl() -> None:
-    """Check that a picture can be drawn without a screen; the renderer itself would crash.
+    """Check that a picture can be drawn without a screen; without this check the renderer would crash.
 
     InputError saying what to install.
     """
@@ -95,8 +95,8 @@ def make_scene_graph(
 ) -> SceneGraph:
     """Return a SceneGraph with a renderer in which the items stand; a landmark's label is its number.
 
-    The lamps are by default room_lamps(), the background is the colour where there is nothing. InputError if there is
-    no EGL.
+    The lamps are room_lamps() by default; the background is the colour where there is nothing. InputError if EGL is
+    missing.
     """
     check_egl()
     scene_graph = SceneGraph()
@@ -110,7 +110,7 @@ def make_scene_graph(
         properties = PerceptionProperties()
         label = RenderLabel(item.landmark) if item.landmark >= 0 else RenderLabel.kDontCare
         properties.AddProperty("label", "id", label)
-        if not isinstance(item.shape, Mesh):  # a mesh brings its own
+        if not isinstance(item.shape, Mesh):  # a mesh has its own colours
             properties.AddProperty("phong", "diffuse", item.rgba)
         instance.set_perception_properties(properties)
         scene_graph.RegisterAnchoredGeometry(source, instance)
@@ -118,14 +118,14 @@ def make_scene_graph(
 
 
 def move_landmarks(scene_graph: SceneGraph, context: Context, positions: np.ndarray) -> None:
-    """Move the landmarks of a scene to p_W (n, 3) [m], turned as they are, in a context of the SceneGraph."""
+    """Move the landmarks of a scene to p_W (n, 3) [m] without turning them, in a context of the SceneGraph."""
     inspector = scene_graph.model_inspector()
     for geometry in inspector.GetAllGeometryIds():
         landmark = int(inspector.GetPerceptionProperties(geometry).GetProperty("label", "id"))
         if landmark < len(positions):
             source = next(s for s in inspector.GetAllSourceIds() if inspector.BelongsToSource(geometry, s))
             X_WG = RigidTransform(inspector.GetPoseInFrame(geometry).rotation(), positions[landmark])
-            # SceneGraph.ChangeShape moves it for queries but not in the picture.
+            # SceneGraph.ChangeShape moves a geometry for queries but not in the picture.
             instance = GeometryInstance(X_WG, inspector.GetShape(geometry), f"landmark/{landmark}")
             instance.set_perception_properties(PerceptionProperties(inspector.GetPerceptionProperties(geometry)))
             scene_graph.RemoveGeometry(context, source, geometry)
@@ -133,8 +133,8 @@ def move_landmarks(scene_graph: SceneGraph, context: Context, positions: np.ndar
 
 
 def render_cameras(camera: CameraModel) -> tuple[ColorRenderCamera, DepthRenderCamera]:
-    """Return Drake's colour (and label) and depth cameras of a camera model; pixels count alike in both."""
-    # VTK counts from the pixel's edge, we from its centre: half a pixel, as a test against OpenCV shows.
+    """Return Drake's colour (and label) and depth cameras of a camera model, with the same pixels in both."""
+    # VTK counts from a pixel's edge, we from its centre: half a pixel, as a test against OpenCV shows.
     center = [c + 0.5 for c in camera.center]
     f_u, f_v = camera.focal_length, camera.focal_length * camera.aspect
     info = CameraInfo(camera.width, camera.height, f_u, f_v, *center)
@@ -143,17 +143,17 @@ def render_cameras(camera: CameraModel) -> tuple[ColorRenderCamera, DepthRenderC
 
 
 def camera_in_body(camera: CameraModel) -> RigidTransform:
-    """Return X_BC, the camera on the vehicle."""
+    """Return X_BC, the camera's pose on the vehicle."""
     return RigidTransform(RotationMatrix(R_BC), camera.position)
 
 
 def mount_camera(
     sensor: RgbdSensor, context: Context, p_BC: np.ndarray, rpy: np.ndarray, focal_factor: float = 1.0
 ) -> None:
-    """Set how a camera is mounted and its lens, in a context of its RgbdSensor.
+    """Set a camera's mounting and lens, in a context of its RgbdSensor.
 
-    It is at p_BC on the vehicle (3) [m], turned from looking ahead by rpy (3) [rad]; its default focal length is
-    multiplied by that factor [1].
+    The camera is at p_BC on the vehicle (3) [m], turned from looking ahead by rpy (3) [rad]; focal_factor [1]
+    multiplies its default focal length.
     """
     turned = RotationMatrix(RollPitchYaw(rpy)) @ RotationMatrix(R_BC) if np.any(rpy) else RotationMatrix(R_BC)
     sensor.SetX_PB(context, RigidTransform(turned, p_BC))

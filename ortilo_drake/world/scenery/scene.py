@@ -1,7 +1,7 @@
-"""The scene of a room: each thing with its shape and pose, for Drake's renderer and for Meshcat alike.
+"""The scene of a room: each thing with its shape and pose, for Drake's renderer and for Meshcat.
 
-The meshes are our own (scripts/make_room_meshes.py). A landmark fills its surveyed size about its surveyed centre;
-one that nothing carries is put on a post. A class or kind without a mesh is shown as a plain block.
+The meshes are our own (scripts/make_room_meshes.py). A landmark fills its surveyed size about its surveyed centre; a
+landmark without a support stands on a post. A class or kind without a mesh is shown as a plain block.
 """
 
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ MESHES = Path(__file__).with_name("meshes")
 SAME_OBJECT = 0.4  # [m] furniture this near to a landmark, seen from above, is that landmark
 NO_LANDMARK = -1
 
-# Furniture whose origin is its middle; that of all other kinds is on the floor below it.
+# Furniture whose origin is its middle; the origin of all other kinds is on the floor below.
 _CENTERED = ("cardboard_box", "euro_pallet", "ball", "tennis_racket", "baseball_bat")
 _BLOCK = Rgba(0.74, 0.62, 0.46, 1.0)
 _POST = Rgba(0.45, 0.46, 0.48, 1.0)
@@ -31,13 +31,13 @@ class SceneItem:
     """One thing in the room."""
 
     group: str
-    """what it is: floor, walls, stands, furniture, landmarks or posts."""
+    """its group: floor, walls, stands, furniture, landmarks or posts."""
     kind: str
-    """which of these: a landmark's class, a piece of furniture's kind."""
+    """its kind in the group: a landmark's class, a piece of furniture's kind."""
     shape: Shape
     """its shape in its own frame G."""
     X_WG: RigidTransform
-    """its pose."""
+    """the pose of G in the world."""
     landmark: int = NO_LANDMARK
     """its number among the room's landmarks, or NO_LANDMARK."""
     rgba: Rgba = field(default_factory=lambda: _BLOCK)
@@ -45,7 +45,7 @@ class SceneItem:
 
 
 def mesh_file(kind: str) -> Path:
-    """Return the mesh file of a landmark class or kind of furniture, if there is one."""
+    """Return the path of the mesh file of a landmark class or kind of furniture; the file need not exist."""
     return MESHES / f"{kind.lower().replace(' ', '_')}.obj"
 
 
@@ -94,7 +94,7 @@ def _furniture(room: Room) -> list[SceneItem]:
 
 
 def _support(room: Room, x: float, y: float, bottom: float) -> float:
-    """Return the height of what carries a landmark: floor, a stand, or bottom itself where it hangs on a wall."""
+    """Return the height of a landmark's support: the floor, a stand, or bottom itself where it hangs on a wall."""
     for wall_x, wall_y, wall_z, yaw, half_x, half_y, half_z in room.wall_boxes:
         c, s = np.cos(yaw), np.sin(yaw)
         along, across = c * (x - wall_x) + s * (y - wall_y), -s * (x - wall_x) + c * (y - wall_y)

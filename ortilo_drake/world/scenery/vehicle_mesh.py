@@ -1,8 +1,8 @@
-"""The mesh of a multirotor: a body, and at the end of every arm a motor, a propeller and a leg.
+"""The mesh of a multirotor: a body, and a motor, a propeller and a leg at the end of every arm.
 
-Our own shapes, in the body frame B (x forward, y left, z up) about the centre of mass [m]. Every part is a closed solid
-with outward faces and a plain colour. The M100's is shipped as meshes/m100.obj (scripts/make_vehicle_mesh.py); others
-are made of their arms.
+The shapes are our own, in the body frame B (x forward, y left, z up) about the centre of mass [m]. Every part is a
+closed solid with outward faces and a plain colour. The M100's mesh is shipped as meshes/m100.obj
+(scripts/make_vehicle_mesh.py); other vehicles' meshes are made from their arms.
 """
 
 import math
@@ -19,7 +19,7 @@ Solid = tuple[np.ndarray, np.ndarray]  # vertices (n, 3) [m], triangles (m, 3), 
 
 
 def revolve(profile: list[tuple[float, float]], sides: int) -> Solid:
-    """Return the solid of revolution about z of a profile (r, z) from axis to axis, z rising."""
+    """Return the solid of revolution about z of a profile (r, z), which goes from axis to axis with z rising."""
     angles = 2 * math.pi * np.arange(sides) / sides
     circle = np.stack([np.cos(angles), np.sin(angles), np.zeros(sides)], axis=1)
     rings = [r * circle + np.array([0.0, 0.0, z]) for r, z in profile[1:-1]]
@@ -56,7 +56,7 @@ def box(size: tuple[float, float, float]) -> Solid:
 
 
 def placed(solid: Solid, x: float, y: float, z: float, R: np.ndarray | None = None) -> Solid:
-    """Return the solid rotated by R, then moved."""
+    """Return the solid rotated by R, then moved by (x, y, z) [m]."""
     vertices = solid[0] if R is None else solid[0] @ R.T
     return vertices + np.array([x, y, z]), solid[1]
 
@@ -64,7 +64,7 @@ def placed(solid: Solid, x: float, y: float, z: float, R: np.ndarray | None = No
 M100_MESH: Final = Path(__file__).with_name("meshes") / "m100.obj"
 M100_ARM: Final = 0.65 / 2  # half the diagonal wheelbase
 M100_PROPELLER: Final = 13 * 0.0254 / 2
-CLEAR: Final = 0.48  # largest radius of a propeller over the distance of two axes
+CLEAR: Final = 0.48  # largest radius of a propeller over the distance of two rotor axes
 
 # Diffuse colour and opacity.
 MATERIALS = {
@@ -72,7 +72,7 @@ MATERIALS = {
     "shell": ((0.80, 0.81, 0.83), 1.0),
     "battery": ((0.30, 0.32, 0.36), 1.0),
     "motor": ((0.45, 0.47, 0.50), 1.0),
-    "nose": ((0.90, 0.25, 0.10), 1.0),  # what points forward
+    "nose": ((0.90, 0.25, 0.10), 1.0),  # parts that show which way is forward
     "lens": ((0.05, 0.10, 0.25), 1.0),
     "propeller": ((0.35, 0.40, 0.48), 0.45),
 }
@@ -93,7 +93,7 @@ M100_ARMS: Final = tuple(
 
 
 def propeller_radius(vehicle: Vehicle) -> float:
-    """Return the propellers' radius [m]: within the vehicle's radius, without touching their neighbours."""
+    """Return the propellers' radius [m]: within the vehicle's radius, and clear of their neighbours."""
     arms = vehicle.arms or ()
     axes = np.array([[arm.length * math.cos(arm.angle), arm.length * math.sin(arm.angle)] for arm in arms])
     room = CLEAR * min(float(np.linalg.norm(a - b)) for a, b in combinations(axes, 2))
@@ -102,9 +102,9 @@ def propeller_radius(vehicle: Vehicle) -> float:
 
 
 def parts(arms: tuple[ArmPlace, ...], propeller: float) -> Iterator[tuple[str, str, Solid]]:
-    """Yield (name, material, solid) of every part; all but the propellers is as large as the arms beside the M100's.
+    """Yield (name, material, solid) of every part; all but the propellers scale with the arms, relative to the M100's.
 
-    There is at least one arm; the propellers have that radius [m].
+    There is at least one arm; `propeller` is the propellers' radius [m].
     """
     k = max(arm.length for arm in arms) / M100_ARM
     z_to_x = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
@@ -137,7 +137,7 @@ def mtl_text() -> str:
 
 
 def obj_text(arms: tuple[ArmPlace, ...], propeller: float, made_by: str) -> str:
-    """Return the mesh of parts(arms, propeller), with a first line that tells what made it."""
+    """Return the mesh of parts(arms, propeller), with a first line that names what made it."""
     lines, count = [f"# Made by {made_by}; x forward, y left, z up, metres.", "mtllib m100.mtl"], 1
     for name, material, (vertices, faces) in parts(arms, propeller):
         lines += [f"o {name}", f"usemtl {material}"]
@@ -148,7 +148,7 @@ def obj_text(arms: tuple[ArmPlace, ...], propeller: float, made_by: str) -> str:
 
 
 def vehicle_obj(vehicle: Vehicle) -> str:
-    """Return a vehicle's mesh: that of its arms, the M100's where it has none of its own."""
+    """Return a vehicle's OBJ mesh: made from its arms, or the M100's if it has none."""
     if vehicle.arms is None:
         return M100_MESH.read_text(encoding="utf-8")
     arms = tuple(ArmPlace(str(i), arm.angle, arm.length) for i, arm in enumerate(vehicle.arms))

@@ -9,14 +9,14 @@ from ortilo_drake.model.signals import N_X
 
 
 class VehiclePose(LeafSystem):
-    """Memoryless: X_WB of the state.
+    """The pose X_WB of the state; memoryless.
 
     Ports:
         state (12): x of the vehicle.
         geometry_pose (FramePoseVector, output): X_WB of the vehicle's frame.
 
     Args:
-        frame: the frame's number in the SceneGraph.
+        frame: id of the vehicle's frame in the SceneGraph.
     """
 
     def __init__(self, frame: FrameId):

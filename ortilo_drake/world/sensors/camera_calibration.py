@@ -1,18 +1,17 @@
 """The calibration file: measurements of the rendered camera and its detector.
 
-All tables are linear between their knots and constant beyond; farther than the last distance nothing is found. A
-landmark at distance d, of which the share a is in the
-image and the share s is hidden by nothing, is found with the probability
+All tables are linear between their knots and constant beyond. Beyond the last distance nothing is found. Let a landmark
+at distance d have the share a in the image and the share s not hidden. It is found with the probability
 
     P = found(class, d) inside(a) visible(s)
 
-and its box, cut at the image's border and b px wide (high), errs along u (v) by
+and its box, cut at the image's border and b px wide (high), has errors along u (v)
 
     center  e = m_c(b) g(s) g'(a) q_c(z),    width (height)  e = m_s(b) g(s) g'(a) q_s(z),
 
-m the mean size of the error, g its growth on hidden and g' on cut landmarks, q the error's quantile (in units of m)
-that belongs to that of a standard normal number z. Successive pictures are alike, and so are their errors:
-z = sqrt(w) z_slow + sqrt(1 - w) z_white, see projected_camera.py.
+where m is the mean size of the error, g and g' its growth on hidden and on cut landmarks, and q maps a standard normal
+number z to the error's quantile (in units of m). Successive pictures are alike, and so are their errors: z = sqrt(w)
+z_slow + sqrt(1 - w) z_white, see projected_camera.py.
 """
 
 from itertools import pairwise
@@ -46,7 +45,7 @@ class Source(Frozen):
 
 
 class Found(Frozen):
-    """Detection rates: by distance [m] for each class; factors by the share inside the image and by that not hidden."""
+    """Detection rates by distance [m] for each class; factors by the shares inside the image and not hidden."""
 
     distance: Values
     rate: dict[str, Rates]
@@ -59,9 +58,10 @@ class Found(Frozen):
 class BoxErrors(Frozen):
     """Errors of found boxes.
 
-    Mean sizes [px] by the box's width or height [px]; growth by the shares not hidden and inside the image, and by the
-    latter the factor of an edge at the image's border; and quantiles of the centre's u and v and of width and height,
-    in mean sizes, at those of a standard normal number.
+    size, center, extent: mean errors [px] by the box's width or height [px]. visible_growth, inside_growth: growth by
+    the shares not hidden and inside the image. border_factor: factor for an edge at the image's border, by the share
+    inside. quantiles: those of the centre's u and v and of width and height, in mean sizes, at the standard normal
+    quantiles `normal`.
     """
 
     size: Values
@@ -82,7 +82,7 @@ class Slow(Frozen):
 
 
 class FalseBoxes(Frozen):
-    """False boxes: mean number a picture, share of each class, widths and heights [px] at equal steps of chance."""
+    """False boxes: mean number per picture, share of each class, and quantiles of width and height [px]."""
 
     mean: Annotated[float, Field(ge=0.0, le=5.0)]
     classes: dict[str, Probability]

@@ -54,7 +54,7 @@ def look_up(table: np.ndarray, row: int, at: float) -> float:
 def measured_tables(calibration: CameraCalibration, classes: tuple[str, ...], width: int, h: float) -> Tables:
     """Return the tables of a calibration for a room's classes, an image width [px] and a tick [s].
 
-    Errors in px grow with the image: the detector looks at it in one size.
+    Errors in px grow with the image width, because the detector scales every image to one size.
     """
     found, errors, false = calibration.found, calibration.errors, calibration.false_boxes
     scale = width / calibration.source.width
@@ -78,10 +78,10 @@ def measured_tables(calibration: CameraCalibration, classes: tuple[str, ...], wi
 
 
 def parametric_tables(settings: ParametricErrors, classes: tuple[str, ...], image: np.ndarray) -> Tables:
-    """Return the tables of a few numbers, for a room's classes and an image's width and height [px] (2).
+    """Return the tables of ParametricErrors, for a room's classes and an image's width and height [px] (2).
 
-    Every edge of a box has its own noise: a centre's is 1 / sqrt(2) of it, an extent's sqrt(2). It is normal, so its
-    mean size is sqrt(2 / pi) times its standard deviation.
+    Each edge of a box has its own noise, so the centre's standard deviation is 1 / sqrt(2) and the extent's sqrt(2)
+    times the edge's. The noise is normal, so its mean size is sqrt(2 / pi) times its standard deviation.
     """
     far = settings.max_distance
     sure = (1.0 - settings.miss_base) / settings.miss_per_metre if settings.miss_per_metre > 0.0 else np.inf
@@ -107,11 +107,11 @@ def parametric_tables(settings: ParametricErrors, classes: tuple[str, ...], imag
 
 @cache
 def _own_calibration() -> CameraCalibration:
-    return load_calibration(MeasuredErrors())  # reading it takes as long as the bound of a flight
+    return load_calibration(MeasuredErrors())  # reading it takes as long as a flight's bound
 
 
 def tables_of(settings: Camera, room: Room, h: float) -> Tables:
-    """Return a camera's rates and errors; InputError if the file of measured ones is missing or wrong."""
+    """Return a camera's rates and errors; InputError if the file of measured errors is missing or wrong."""
     errors = settings.errors
     if isinstance(errors, ParametricErrors):
         return parametric_tables(errors, room.classes, room.camera.scaled_to(settings.width).constants.image)

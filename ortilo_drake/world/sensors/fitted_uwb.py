@@ -1,20 +1,17 @@
-"""UWB ranging with errors fitted to recordings: their equations, and the element.
+"""UWB ranging with fitted errors: their equations, and the element.
 
-g_i goes on in every tick. In a tick in which a message is sent, each range is missing with the same probability, and
-the outliers' chain of its anchor goes on if it is not.
-
-The errors are those that a NOISE.yaml describes, of simulated flights and of recorded paths that are flown again.
-
-A range from p, at the height z above the floor, to anchor i errs by
+The errors are those of a NOISE.yaml, in simulated flights and in recorded paths that are flown again. A range from p,
+at the height z above the floor, to anchor i has the error
 
     e_i = c_i + s (g_i + f_i(p) + d v_i),   s = min(1 + (z_0 / z)^4, 10),   d = sqrt(w^2 + o^2) in an outlier, else w
 
-c_i is a constant, g_i first-order Gauss-Markov noise (noise.py), f_i a field in space and v_i
-standard normal. Outliers are a two-state chain along the rows of an anchor: they begin with probability q / ((1 - q) b)
-and end with 1 / b, so that a share q of all rows are some, b in a row on average (E. N. Gilbert, "Capacity of a
-burst-noise channel", 1960). Constants and fields are the same in all flights of a day.
+c_i is a constant, g_i first-order Gauss-Markov noise (noise.py), f_i a field in space and v_i standard normal. g_i
+advances in every tick. In a tick in which a message is sent, each range is missing with the same probability; if it is
+not, its anchor's outlier chain advances. Outliers are a two-state chain along the rows of an anchor: they begin with
+probability q / ((1 - q) b) and end with 1 / b, so that a share q of all rows are outliers, b in a row on average (E. N.
+Gilbert, "Capacity of a burst-noise channel", 1960). Constants and fields are the same in all flights of a day.
 
-With a heavy tail w is that times one of six factors, drawn for each row that is no outlier (white_scales).
+With a heavy tail, w is multiplied by one of six factors, drawn for each row that is no outlier (white_scales).
 
 A field is Matérn, drawn by random features (Rahimi and Recht, NIPS 2007).
 
@@ -42,12 +39,12 @@ from ortilo_drake.world.noise import SlowNoise, gauss_markov, put_normals, slow_
 from ortilo_drake.world.sensors.uwb import put_uwb_message, ranging_settings, walls_between
 
 FEATURES = 200
-NUMBERS = 8  # that a feature is drawn by: three of z, three of chi², its phase, n
+NUMBERS = 8  # that draw a feature: three of z, three of chi², its phase, n
 
 
 @cached_njit
 def field_at(w: np.ndarray, u: np.ndarray, amplitude: np.ndarray, p: np.ndarray) -> float:
-    """Return a field at a place p (3), of its features (M, 3), (M) and (M)."""
+    """Return the value at p (3) of a field with frequencies w (M, 3), phases u (M) and amplitudes (M)."""
     total = 0.0 * p[0]
     for m in range(u.size):
         total += amplitude[m] * np.cos(w[m, 0] * p[0] + w[m, 1] * p[1] + w[m, 2] * p[2] + u[m])
@@ -55,7 +52,7 @@ def field_at(w: np.ndarray, u: np.ndarray, amplitude: np.ndarray, p: np.ndarray)
 
 
 class MaternField(NamedTuple):
-    """Frequencies (M, 3) [rad/m], phases (M) [rad], and the amplitude of each feature (M) [m]."""
+    """A field's frequencies (M, 3) [rad/m], phases (M) [rad] and amplitudes (M) [m], one for each feature."""
 
     w: np.ndarray
     u: np.ndarray
@@ -67,14 +64,14 @@ class MaternField(NamedTuple):
 
 
 def field_of(normals: np.ndarray, length: float, sd: float) -> MaternField:
-    """Return the field of a length and a deviation [m] that belongs to standard normal numbers (8 M)."""
+    """Return the field of this length and standard deviation [m] that standard normal numbers (8 M) give."""
     z, chi, phase, n = np.split(normals.reshape(-1, NUMBERS).T, (3, 6, 7))
     w = z / length * np.sqrt(3.0 / np.sum(chi**2, axis=0))
     amplitude = sd * np.sqrt(2.0 / n.size) * n[0]
     return MaternField(np.ascontiguousarray(w.T), 2.0 * np.pi * ndtr(phase[0]), amplitude)
 
 
-NEAREST, LARGEST = 0.02, 10.0  # no antenna is nearer to the floor than this [m], and no error grows by more
+NEAREST, LARGEST = 0.02, 10.0  # least height of an antenna above the floor [m], and largest growth of an error
 
 
 class Day(NamedTuple):
@@ -85,7 +82,7 @@ class Day(NamedTuple):
 
 
 def draw_day(noise: UwbNoise, n: int, draw: AtStart) -> Day:
-    """Return a day drawn; constants that the noise has, n then, are these."""
+    """Draw a day's errors for n anchors; the noise's own constants, if it has any, replace the drawn ones."""
     drawn, field, size = noise.constants_sd * draw("fitted/constants", n), noise.field, NUMBERS * FEATURES
     constants = drawn if noise.constants is None else np.array(noise.constants)
     if field is None:
@@ -95,30 +92,30 @@ def draw_day(noise: UwbNoise, n: int, draw: AtStart) -> Day:
 
 
 def share_of_pairs(share: float) -> float:
-    """Return the share of differences of two ranges that are outliers, of that of ranges."""
+    """Return the share of outliers among differences of two ranges, given the share among ranges."""
     return 1.0 - (1.0 - share) ** 2
 
 
 def outlier_chain(share: float, burst: float) -> tuple[float, float]:
-    """Return with which probability outliers begin and end from a row of an anchor to its next."""
+    """Return the probabilities with which outliers begin and end from one row of an anchor to the next."""
     return share / ((1.0 - share) * burst), 1.0 / burst
 
 
 @register_jitable
 def odd_after(odd: bool, u: float, begins: float, ends: float) -> bool:
-    """Return whether an anchor's next row is an outlier, u uniform on [0, 1)."""
+    """Return whether an anchor's next row is an outlier, given u uniform on [0, 1)."""
     return u >= ends if odd else u < begins
 
 
 @register_jitable
 def growth(height: float, near_floor: float) -> float:
-    """Return s, of the height z [m] and z_0 [m]."""
+    """Return s for the height z [m] and z_0 [m] (near_floor)."""
     return min(1.0 + (near_floor / max(height, NEAREST)) ** 4, LARGEST)
 
 
 @register_jitable
 def drawn_scales(scales: np.ndarray, seed: int, stream: np.uint64, tick: int, rows: int) -> np.ndarray:
-    """Return the factor of each row's white deviation, drawn of some as likely (rows)."""
+    """Return the factor of each row's white deviation (rows), drawn from equally likely scales."""
     found = np.ones(rows)
     if scales.size > 1:
         chance = uniforms(seed, stream, tick, rows)
@@ -129,12 +126,12 @@ def drawn_scales(scales: np.ndarray, seed: int, stream: np.uint64, tick: int, ro
 
 @register_jitable
 def row_error(constant: float, own: float, s: float, white: float, far: float, v: float) -> float:
-    """Return c + s (g + f + d v) of a row, far the deviation of what an outlier adds, 0 in another row [m]."""
+    """Return c + s (g + f + d v) of a row [m]; far is the deviation that an outlier adds, 0 in any other row."""
     return constant + s * (own + np.sqrt(white * white + far * far) * v)
 
 
 def largest_sd(noise: UwbNoise) -> float:
-    """Return the root mean square of a row's error at worst: an outlier, beside the floor if that counts [m]."""
+    """Return the largest root mean square of a row's error [m]: an outlier, next to the floor if the height matters."""
     lasts = [part.sd for part in (noise.lasting, noise.field) if part is not None]
     s = LARGEST if noise.near_floor > 0.0 else 1.0
     white = noise.white * white_scales(noise.freedom).max()
@@ -144,10 +141,10 @@ def largest_sd(noise: UwbNoise) -> float:
 
 @cached_njit
 def outlier_rows(anchor: np.ndarray, odd: np.ndarray, u: np.ndarray, begins: float, ends: float) -> np.ndarray:
-    """Return a mask (m) of the outlier rows, of the anchor of each row and of uniform numbers u on [0, 1) (m).
+    """Return a mask (m) of the outlier rows, given each row's anchor (m) and uniform numbers u on [0, 1) (m).
 
-    `odd` is whether the row before the first of each anchor was one (n), and changed; begins and ends are those of
-    outlier_chain.
+    `odd` (n) says whether each anchor's row before its first one was an outlier; it is updated. begins and ends are
+    those of outlier_chain.
     """
     found = np.empty(anchor.size, dtype=np.bool_)
     for k in range(anchor.size):
@@ -180,7 +177,7 @@ def fitted_out(
     v: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Output the uwb message in a tick in which it is sent, else zeros; none of its ranges is below 0."""
+    """Output the uwb message in a tick in which it is sent, else zeros; no range is below 0."""
     fill(out, 0.0)
     if sent[0] < 0.0:
         return
@@ -222,7 +219,7 @@ FITTED = Element("fitted_uwb", out=fitted_out, step=fitted_step, allocates=True)
 def fitted_box(settings: Uwb, room: Room, h: float) -> Box:
     """Return the receiver; as uwb_box, it reads `sent` (1) and the true state (12).
 
-    What a seed draws (constants, fields, the first slow errors) is zero until it is drawn.
+    The values that a seed draws (constants, fields, the first slow errors) are zero until they are drawn.
     """
     noise, n = noise_of(settings), len(room.anchors)
     given = given_of(noise, settings, room, lasting_of(noise, n, h), h, noise.outliers.share, (CHANCES, LASTING))
@@ -233,10 +230,10 @@ def fitted_box(settings: Uwb, room: Room, h: float) -> Box:
 def given_of(
     noise: UwbNoise, settings: Uwb, room: Room, lasting: SlowNoise, h: float, share: float, streams: tuple[str, str]
 ) -> Values:
-    """Return the numbers, tables and states that fitted ranges and differences share; what a seed draws is zero.
+    """Return the numbers, tables and states that fitted ranges and differences share; drawn values are zero at first.
 
-    The noise is that of single ranges, `lasting` the process of the slow errors g, the share that of the rows that are
-    outliers; the two streams are of the rows' chances and of the slow errors.
+    The noise is that of single ranges, `lasting` the process of the slow errors g, `share` the share of outlier rows.
+    The two streams are those of the rows' chances and of the slow errors.
     """
     begins, ends = outlier_chain(share, noise.outliers.burst)
     numbers = {"settings": ranging_settings(settings), "far": noise.outliers.sd, "begins": begins, "ends": ends}
@@ -253,7 +250,7 @@ def given_of(
 
 
 def fitted_drawn(settings: Uwb, n: int, h: float, draw: AtStart) -> Values:
-    """Return the values given to the box of n anchors in a flight of these draws."""
+    """Return the values that these draws give to the box of n anchors in a flight."""
     noise = noise_of(settings)
     day = draw_day(noise, n, draw)
     start = {"g": lasting_of(noise, n, h).start * draw(LASTING, n)}
@@ -262,7 +259,7 @@ def fitted_drawn(settings: Uwb, n: int, h: float, draw: AtStart) -> Values:
 
 
 def noise_of(settings: Uwb) -> UwbNoise:
-    """Return the errors of single ranges that a scenario's uwb has, of those that were fitted."""
+    """Return the fitted errors of single ranges that a scenario's uwb has."""
     assert settings.fitted is not None
     return settings.fitted.of_single_ranges
 

@@ -24,7 +24,7 @@ def put_imu_message(
 ) -> None:
     """Write the imu message (11): [rpy, w_WB_B, f_B] + b + sd v, with f_B = R_WB^T (v_dot + g e_z).
 
-    Whatever makes the body accelerate is in v_dot: rotors, wind and the floor. At rest f_B is gravity's reaction. v are
+    v_dot includes all that accelerates the body: rotors, wind and the floor. At rest f_B is gravity's reaction. v are
     standard normal numbers, bias is b (9 each), v_dot the acceleration of B's origin in W [m/s^2], sd the standard
     deviations of angles, rates and specific force (3), the time t_k [s].
     """
@@ -41,7 +41,7 @@ def put_imu_message(
 
 @register_jitable
 def put_angles(message: np.ndarray, v: Four, x: np.ndarray, bias: np.ndarray, sd: np.ndarray, time: float) -> None:
-    """Write the imu message but for its rates and specific force; v are the first of its noise's numbers."""
+    """Write the angles of the imu message, without rates and specific force; v are the first numbers of its noise."""
     message[0], message[1] = 1.0, time
     for i in range(3):
         message[2 + i] = x[3 + i] + (bias[i] + sd[0] * v[i])
@@ -88,8 +88,8 @@ def samples_out(
 ) -> None:
     """Output the samples of an imu faster than the tick in a tick in which they are sent, else zeros.
 
-    Samples inside the last tick, oldest first, are of the states passed then and of that tick's seed; at t_0 there is
-    only the last sample.
+    Samples inside the last tick come first, the oldest first, made of the states `passed` then and of that tick's seed.
+    At t_0 there is only the last sample.
     """
     fill(out, 0.0)
     if sent[0] < 0.0:
@@ -114,11 +114,11 @@ SAMPLES = Element("imu_samples", out=samples_out, allocates=True)
 
 
 def imu_box(settings: ImuSettings, h: float, whole: bool, samples: int = 1, stream: str = "imu") -> Box:
-    """Return the imu, with noise of a stream.
+    """Return the imu, with the noise of a stream.
 
-    It reads `sent` (1), not negative where its message is sent, and the true state (12).
-    Where more than its angles is read it also reads the acceleration of B's origin in W (3) up to this tick; where it
-    is faster than the tick also what was `passed` inside the tick before, see vehicle/continuous.py.
+    It reads `sent` (1), not negative where its message is sent, and the true state (12). If `whole`, it has rates and
+    specific force too, and also reads the acceleration of B's origin in W (3) up to this tick. If it is faster than the
+    tick, it also reads what was `passed` inside the tick before, see vehicle/continuous.py.
     """
     sd = np.array(settings.sds(h / samples))
     given = Values({"sd": sd, "stream": stream_id(stream), "h": h}, tables={"bias": np.zeros(9)})

@@ -1,7 +1,7 @@
 """Views of the landmarks: distance, box, the share inside the image and the visible share.
 
-The very numbers that a detector's rates and errors are measured by (training/calibration/calibrate.py) and drawn by
-(projected_camera.py), so they hold no chance.
+Both the measuring of a detector's rates and errors (training/calibration/calibrate.py) and the drawing from them
+(projected_camera.py) use these numbers, so they hold no chance.
 """
 
 from typing import NamedTuple
@@ -19,7 +19,7 @@ from ortilo_drake.model.room import Room
 LANDMARK, DISTANCE, BOX, INSIDE, VISIBLE = 0, 1, slice(2, 6), 6, 7
 VIEW_SIZE = 8
 
-# Where an extent is looked at, as shares of its half sizes: its centre and points towards its corners.
+# Sample points of an extent, as shares of its half sizes: its centre and points towards its corners.
 _SAMPLES = np.array([[0.0, 0.0, 0.0], *[[x, y, z] for x in (-0.7, 0.7) for y in (-0.7, 0.7) for z in (-0.7, 0.7)]])
 
 
@@ -29,19 +29,19 @@ class Surroundings(NamedTuple):
     positions: np.ndarray
     """p_W of the landmarks [m] (n, 3)."""
     outlines: np.ndarray
-    """their outlines, see pinhole.py (n, m, 3)."""
+    """outlines of the landmarks, see pinhole.py (n, m, 3)."""
     sizes: np.ndarray
-    """their extents along W's axes [m] (n, 3)."""
+    """extents of the landmarks along W's axes [m] (n, 3)."""
     boxes: np.ndarray
-    """what hides, turned boxes, see line_of_sight.py, and their radius in plan [m] (k, 8)."""
+    """hiding obstacles as turned boxes, see line_of_sight.py, and their radius in plan [m] (k, 8)."""
     cylinders: np.ndarray
-    """what hides, cylinders on the floor (l, 4)."""
+    """hiding obstacles as cylinders on the floor (l, 4)."""
 
 
 def surroundings(room: Room) -> Surroundings:
     """Return a room's landmarks, walls and stands.
 
-    Furniture is left out: the boxes that are known of it hide more than the things themselves do.
+    Furniture is left out: its known boxes hide more than the furniture itself does.
     """
     return Surroundings(
         room.landmark_positions,
@@ -62,12 +62,13 @@ def hide(
     cylinders: np.ndarray,
     hidden: np.ndarray,
 ) -> int:
-    """Return how many points (n, 3) of a landmark at p_WL, of some size (3), the camera at p_WC does not see.
+    """Return how many points (n, 3) of a landmark at p_WL with extent size (3) the camera at p_WC does not see.
 
-    It marks them in hidden (n). By itself: here views of one obstacle cost no counted references.
+    It marks them in hidden (n). It is a function of its own because views of an obstacle cost no counted references
+    here.
     """
     n_hidden = 0
-    # Few obstacles stand near the line of sight, seen in plan: those alone are looked at closely.
+    # Only the few obstacles near the line of sight, in plan, are tested closely.
     aside = 0.5 * np.sqrt(size[0] ** 2 + size[1] ** 2)
     dx, dy = p_WL[0] - p_WC[0], p_WL[1] - p_WC[1]
     length = max(np.sqrt(dx**2 + dy**2), 1e-9)
@@ -81,7 +82,7 @@ def hide(
                     n_hidden += 1
     lowest = min(p_WC[2], p_WL[2] - 0.5 * size[2])
     for j in range(cylinders.shape[0]):
-        if cylinders[j, 3] <= lowest:  # it ends below every line of sight
+        if cylinders[j, 3] <= lowest:  # the cylinder ends below every line of sight
             continue
         ox, oy, reach = cylinders[j, 0] - p_WC[0], cylinders[j, 1] - p_WC[1], cylinders[j, 2] + aside
         if abs(ox * dy - oy * dx) <= reach and -reach <= ox * dx + oy * dy <= length + reach:
@@ -115,15 +116,15 @@ def view_box(
 ) -> tuple[float, float]:
     """Write landmark i's whole box to box (4); return its distance [m] and its share inside the image.
 
-    The share is 0, and the box is not written, if no part of the landmark is in the image of a camera on the body at
-    p_WB and R_WB. The limits are the largest distance [m] and the least width and height of that part [px], above 0.
+    The camera is on the body at p_WB and R_WB. If no part of the landmark is in its image, the share is 0 and the box
+    is not written. The limits are the largest distance [m] and the least width and height of that part [px], above 0.
     """
     p_BL = in_body_frame(room.positions[i, 0], room.positions[i, 1], room.positions[i, 2], p_WB, R_WB)
     q_x, q_y, q_z = p_BL[0] - camera.p_BC[0], p_BL[1] - camera.p_BC[1], p_BL[2] - camera.p_BC[2]
     distance = np.sqrt(q_x**2 + q_y**2 + q_z**2)
     if q_x < NEAR or distance > limits[0]:
         return distance, 0.0
-    # Cheap first: the ball around its extent, as seen in plan, is aside of the image.
+    # A cheap test first: in plan, the ball around the landmark's extent lies outside the image.
     radius = 0.5 * np.sqrt(room.sizes[i, 0] ** 2 + room.sizes[i, 1] ** 2 + room.sizes[i, 2] ** 2)
     f, aside = camera.f, 0.5 * camera.image[0] + 2.0
     if camera.lens.bend.size > 0:

@@ -1,4 +1,4 @@
-"""A sensor by its compiled share (model/parts.py, Compiled), as an element: a function of the true state and noise."""
+"""A sensor of one's own given by its compiled share (model/parts.py, Compiled): a function of true state and noise."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -17,7 +17,7 @@ from ortilo_drake.world.noise import put_normals, stream_id
 
 @lru_cache(maxsize=64)
 def compiled_sensor_out(measure: Callable[..., np.ndarray]) -> Callable[..., None]:
-    """Return a function that makes a sensor's message from its compiled measurement."""
+    """Return the element function that makes a sensor's message from its compiled measurement."""
 
     def say(
         numbers: Any, n: Any, k: int, seed: int, sent: np.ndarray, state: np.ndarray, v: np.ndarray, out: np.ndarray
@@ -35,7 +35,7 @@ def compiled_sensor_out(measure: Callable[..., np.ndarray]) -> Callable[..., Non
 
 
 def own_sensor_box(name: str, share: Compiled, scenario: Scenario, room: Room) -> Box:
-    """Return a sensor by its share: it reads `sent` (1), not negative where its message is sent, and the state (12)."""
+    """Return a compiled sensor's box: it reads `sent` (1), not negative where it is sent, and the state (12)."""
     element = Element("own_sensor", out=compiled_sensor_out(share.measure), allocates=True)
     given = Values({"stream": stream_id(name), "h": scenario.h})
     box = Box(name, element, PAYLOAD + share.payload, given, {"v": (share.noises,)})

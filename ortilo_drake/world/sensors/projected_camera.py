@@ -1,6 +1,6 @@
 """A landmark camera without an image: boxes as a detector would return them for the rendered picture.
 
-It draws from what was measured of them (camera_calibration.py) or from a few given numbers.
+It draws them from the measured rates and errors (camera_calibration.py) or from a few given numbers.
 """
 
 import math
@@ -25,7 +25,7 @@ from ortilo_drake.world.persistent_noise import persistent_normals, seeds_of_nod
 from ortilo_drake.world.sensors.camera_tables import Tables, look_up, tables_of
 from ortilo_drake.world.sensors.landmark_view import Surroundings, cut, surroundings, view_box, visible_share
 
-_MAX_FALSE = 16  # a Poisson number of mean 5, the largest allowed, exceeds it once in 70,000 images
+_MAX_FALSE = 16  # a Poisson number of mean 5, the largest mean allowed, exceeds it once in 70,000 images
 STREAMS = ("camera misses", "camera misses, slow", "camera errors", "camera errors, slow")
 
 
@@ -38,7 +38,7 @@ def _write_row(message: np.ndarray, row: int, label: float, score: float, box: n
 
 @cached_njit
 def poisson(u: float, mean: float, largest: int) -> int:
-    """Return the Poisson number of a mean that belongs to u in [0, 1), by inversion; at most largest."""
+    """Return the Poisson number of this mean for u in [0, 1), by inversion; at most `largest`."""
     term = np.exp(-mean)
     total, k = term, 0
     while u >= total and k < largest:
@@ -64,9 +64,9 @@ def detections_message(
 ) -> np.ndarray:
     """Return the detections message at state x: the landmarks found, in the map's order, then false boxes.
 
-    Landmarks and what may hide them are the room, `labels` the landmarks' classes (n). The seed is that of the tick's
-    noise, of_nodes has those of the nodes before and after of errors and of misses, see persistent_normals (2, 2). The
-    streams of each landmark are STREAMS (n, 4): its noise is the same whatever else is seen. The time is t_k [s].
+    room holds the landmarks and the obstacles, `labels` (n) the landmarks' classes. `seed` is that of the tick's noise;
+    of_nodes (2, 2) holds the seeds of the nodes before and after, of errors and of misses, see persistent_normals.
+    streams (n, 4) are each landmark's STREAMS, so its noise is the same whatever else is seen. The time is t_k [s].
     """
     message = np.zeros(DETECTIONS_SIZE)
     message[0], message[1] = 1.0, time
@@ -122,9 +122,9 @@ def detections_message(
 
 @cached_njit
 def body_that_looks_ahead(x: np.ndarray, p_BC: np.ndarray, rpy: np.ndarray) -> np.ndarray:
-    """Return the state (12) of a body whose camera, at the same p_BC, looks ahead as a turned one does on this body.
+    """Return the state (12) of a body whose camera, at the same p_BC, looks ahead as this body's turned camera does.
 
-    It is turned from looking ahead about its own centre by rpy (3) [rad].
+    The turned camera is rotated from looking ahead by rpy (3) [rad] about its own centre.
     """
     R_WB = rotation_matrix(x[3:6])
     R_WA = R_WB @ rotation_matrix(rpy)
@@ -139,7 +139,7 @@ def body_that_looks_ahead(x: np.ndarray, p_BC: np.ndarray, rpy: np.ndarray) -> n
 
 
 def noise_streams(room: Room) -> tuple[np.ndarray, np.uint64]:
-    """Return the numbers of the noise streams of each landmark, see STREAMS (n, 4), and of the one of false boxes."""
+    """Return the noise stream numbers of each landmark, in the order of STREAMS (n, 4), and the one of false boxes."""
     streams = [[stream_id(f"{name} {i}") for name in STREAMS] for i in range(len(room.landmarks))]
     return np.array(streams, dtype=np.uint64).reshape(-1, len(STREAMS)), stream_id("camera false boxes")
 
@@ -159,7 +159,7 @@ def camera_out(
     streams: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Output the detections message of the landmarks that are there, in a tick in which it is sent, else zeros."""
+    """Output the detections message of the present landmarks, in a tick in which it is sent, else zeros."""
     fill(out, 0.0)
     if sent[0] < 0.0:
         return
@@ -179,7 +179,8 @@ PROJECTED_CAMERA = Element("projected_camera", out=camera_out, allocates=True)
 def camera_box(settings: CameraSettings, room: Room, faults: tuple[AnyFault, ...], h: float) -> Box:
     """Return the camera with its detector: it reads `sent` (1), not negative where it is sent, and the true state (12).
 
-    Of the scenario's faults those of the scene act here. InputError if the file of measured errors is missing or wrong.
+    Of the scenario's faults it applies those of the scene. InputError if the file of measured errors is missing or
+    wrong.
     """
     streams, false_stream = noise_streams(room)
     numbers = {"turned": np.zeros(3), "false_stream": false_stream, "h": h}

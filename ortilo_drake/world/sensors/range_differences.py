@@ -1,17 +1,17 @@
 """Differences of UWB ranges (TDoA): packets in turn, each a row of model/range_pairs.py.
 
-The packets of a message are evenly spaced, the last one at its stamp. Packet q is of the pair (a, b) that is next in
-turn. With s its age, p = p_WB - s v_WB and d_i = |p - p_WA_i| it is
+The packets of a message are evenly spaced, the last one at its stamp. Each packet is of the next pair (a, b) in turn.
+With its age s, p = p_WB - s v_WB and d_i = |p - p_WA_i|, its value is
 
     r_ab = f (d_b + e_b - (d_a + e_a) + sqrt(n_a^2 + n_b^2) v),   e_i = b_i + z g_i + z h_i(p)
 
 with a constant b_i, first-order Gauss-Markov noise g_i and a field h_i of each anchor, a factor f, and v standard
-normal. White errors have n_i = s_0 + s_1 d_i, z = 1 and no field; fitted ones those of fitted_uwb.py, where z grows
-n_i too, and a row is an outlier where one of its two ranges is, along the rows of anchor b. A row is missing where an
-anchor is out of reach or behind a wall that blocks, and at random with the fitted probability.
+normal. White errors have n_i = s_0 + s_1 d_i, z = 1 and no field. Fitted errors are those of fitted_uwb.py: z
+multiplies n_i too, and a row is an outlier if one of its two ranges is, along the rows of anchor b. A row is missing if
+an anchor is out of reach or behind a wall that blocks, and at random with the fitted probability.
 
-v is drawn anew for each row. Rows in turn share an anchor: their correlation would be -1/2 if all noise were that of
-its reception. In recorded flights of the `util_2021` kind it is -0.15, and it is left out.
+v is drawn anew for each row. Successive rows share an anchor: their correlation would be -1/2 if all noise came from
+the shared anchor's reception. In recorded flights of the `util_2021` kind it is -0.15, and it is left out here.
 """
 
 from typing import Any
@@ -57,7 +57,7 @@ def in_turn(n: Any, k: int, j: int, pairs: np.ndarray) -> np.ndarray:
 
 @register_jitable
 def row_is_odd(n: Any, odd: np.ndarray, b: int, chance: np.ndarray, j: int) -> bool:
-    """Return whether row j, of anchor b, is an outlier, and go on to the anchor's next row unless this one misses."""
+    """Return whether row j, of anchor b, is an outlier; unless the row is missing, advance the anchor's chain."""
     was = odd[b] != 0.0
     if chance[j] >= n.missing:
         odd[b] = 1.0 if odd_after(was, chance[n.rows + j], n.begins, n.ends) else 0.0
@@ -144,7 +144,7 @@ DIFFERENCES = Element("uwb_differences", out=differences_out, step=differences_s
 def differences_box(scenario: Scenario, room: Room) -> Box:
     """Return the receiver: it reads `sent` (1), not negative where its message is sent, and the true state (12).
 
-    What a seed draws is zero until it is drawn.
+    The values that a seed draws are zero until they are drawn.
     """
     uwb, n, h, every = scenario.uwb, len(room.anchors), scenario.h, scenario.every("uwb")
     noise = noise_of(uwb) if uwb.errors == "fitted" else UwbNoise(white=0.0)
@@ -156,7 +156,7 @@ def differences_box(scenario: Scenario, room: Room) -> Box:
 
 
 def differences_drawn(scenario: Scenario, room: Room, draw: AtStart) -> Values:
-    """Return the values of slow and constant errors given to the box in a flight of these draws."""
+    """Return the values of slow and constant errors that these draws give to the box in a flight."""
     n = len(room.anchors)
     start = {"g": _lasting(scenario, n).start * draw(LASTING, n), "odd": np.zeros(n)}
     if scenario.uwb.errors != "fitted":
@@ -168,7 +168,7 @@ def differences_drawn(scenario: Scenario, room: Room, draw: AtStart) -> Values:
 
 
 def _lasting(scenario: Scenario, n: int) -> SlowNoise:
-    """Return the process of g_i: the fitted one, or the truth's slow error."""
+    """Return the process of g_i: the fitted one, or the one of the truth's slow error."""
     truth, uwb = scenario.truth.uwb, scenario.uwb
     if uwb.errors != "fitted":
         return gauss_markov(np.full(n, truth.slow_sd), truth.slow_time, scenario.h)

@@ -1,16 +1,16 @@
-"""The excess of a range over the distance at its message's stamp: its own stamp, and the walls on its way.
+"""The excess of a range over the distance at its message's stamp: its own earlier time, and the walls on its path.
 
-In a round of ranging of length T range i of 0 to n - 1 is taken s_i = T (1 - (i + 1) / n) before the stamp, at the
+In a round of ranging of length T, range i of 0 to n - 1 is taken s_i = T (1 - (i + 1) / n) before the stamp, at the
 distance
 
     d_i = |p_WB - s_i v_WB - p_WA_i|.
 
-A wall in the line of sight delays the signal and may leave only a reflection to be heard: the range is longer, never
+A wall in the line of sight delays the signal and may leave only a reflection to be received: the range is longer, never
 shorter. The excess of each wall is w_i = m (y_i^2 + z_i^2) / 2 with y_i, z_i standard normal, which is exponential of
-mean m. They are first-order Gauss-Markov noise of correlation time t, so E[w_j w_k] - m^2 = m^2 exp(-2 |t_j - t_k| /
-t): a range is off for as long as the wall is there, and by how much changes slowly. (I. Guvenc and C.-C. Chong, "A
-survey on TOA based wireless localization and NLOS mitigation techniques", IEEE Communications Surveys and Tutorials
-11(3), 2009: exponential excess.)
+mean m. y_i and z_i are first-order Gauss-Markov noise of correlation time t, so E[w_j w_k] - m^2 = m^2 exp(-2 |t_j -
+t_k| / t): the excess lasts as long as the wall is in the way, and changes slowly. (I. Guvenc and C.-C. Chong, "A survey
+on TOA based wireless localization and NLOS mitigation techniques", IEEE Communications Surveys and Tutorials 11(3),
+2009: exponential excess.)
 """
 
 from typing import Any
@@ -41,7 +41,7 @@ def paths_out(
     x: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Output a uwb message with its ranges as long as their signals' paths; of one that is not there zeros."""
+    """Output a uwb message with ranges as long as their signals' paths; zeros for a missing range."""
     put(message, out)
     if message[ARRIVED] == 0.0:
         return
@@ -60,7 +60,7 @@ PATHS = Element("range_paths", out=paths_out, step=slow_step, allocates=True)
 
 
 def paths_box(settings: Uwb, room: Room, h: float) -> Box | None:
-    """Return the box that lengthens a uwb message's ranges to their signals' paths; None where none does.
+    """Return the box that lengthens a uwb message's ranges to their signals' paths; None if no range is lengthened.
 
     It reads `message` and the true state (12); its noise starts at 0 unless it is drawn.
     """

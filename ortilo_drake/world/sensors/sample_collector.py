@@ -1,4 +1,4 @@
-"""The samples of a sensor faster than the tick, collected into one message a tick."""
+"""The samples of a sensor faster than the tick, collected into one message per tick."""
 
 from functools import partial
 
@@ -11,7 +11,7 @@ from ortilo_drake.model.signals import ARRIVED, PAYLOAD, STAMP, samples_in, size
 
 @register_jitable
 def sample_of(message: np.ndarray, i: int, n: int) -> np.ndarray:
-    """Return sample i of the n in a message, [arrived, stamp, payload]; of one sample the message itself."""
+    """Return sample i of the n in a message, [arrived, stamp, payload]; with one sample, the message itself."""
     if n == 1:
         return message
     size = (message.size - PAYLOAD) // n
@@ -21,10 +21,10 @@ def sample_of(message: np.ndarray, i: int, n: int) -> np.ndarray:
 class Kept(LeafSystem):
     """Keeps a signal's values at the instants that divide a tick evenly, h i / n after it for i = 1 .. n - 1.
 
-    They are a discrete state ((n - 1) m), oldest first. Each has an event of period h at its own offset h (i / n): no
-    event falls between two ticks that is meant for one of them, as with a period of h / n, which splits coincident
-    events by an ulp; and what samples at one instant does so in one event. A signal of size m has n samples in a tick
-    of h [s], 2 or more.
+    The kept values are a discrete state ((n - 1) m), oldest first. Each instant has an event of period h at its own
+    offset h (i / n): so no event meant for a tick falls between two ticks, as with a period of h / n, which splits
+    coincident events by an ulp. All that is sampled at one instant is sampled in one event. A signal of size m has n
+    samples in a tick of h [s], 2 or more.
     """
 
     def __init__(self, name: str, port: str, size: int, n: int, h: float):
@@ -43,12 +43,12 @@ class Kept(LeafSystem):
 class SampleCollector(Kept):
     """Samples a memoryless sensor n times a tick, at t_k - h + h / n, ..., t_k, and sends the n samples at t_k.
 
-    The last sample is the sensor's output at t_k itself, the others are kept. Arguments as Kept's, of a name the
-    message's and of a size 2 + p.
+    The last sample is the sensor's output at t_k itself, the others are kept. Arguments as for Kept; `name` is the
+    message's, `size` is 2 + p.
 
     Ports:
-        sample (2 + p): the sensor's message [arrived, stamp, payload] of any instant.
-        <name> (2 + n (2 + p), output): see model/signals.py; at t_0 only the last sample is there.
+        sample (2 + p): the sensor's message [arrived, stamp, payload] at any instant. <name> (2 + n (2 + p), output):
+            see model/signals.py; at t_0 only the last sample is there.
     """
 
     def __init__(self, name: str, size: int, n: int, h: float):
@@ -67,7 +67,7 @@ class SampleCollector(Kept):
 
 
 class Passed(Kept):
-    """Shows what it keeps of `signal` (m) at `passed` ((n - 1) m, output); arguments as Kept's."""
+    """Outputs what it keeps of `signal` (m) at `passed` ((n - 1) m, output); arguments as for Kept."""
 
     def __init__(self, size: int, n: int, h: float):
         super().__init__("passed", "signal", size, n, h)

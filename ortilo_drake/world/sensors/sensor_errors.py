@@ -1,4 +1,4 @@
-"""The errors that a scenario's `truth` gives each sensor's payload: a bias, a slow part, and a factor of the whole."""
+"""The errors that a scenario's `truth` gives each sensor's payload: a bias, a slow part, and a factor on the sum."""
 
 from typing import Any, NamedTuple
 
@@ -19,15 +19,15 @@ class SensorErrors(NamedTuple):
     """Errors of the first n numbers of a payload."""
 
     noise: SlowNoise
-    """what changes slowly (n)."""
+    """the slowly changing part (n)."""
     flagged: bool
-    """whether n flags follow them."""
+    """whether n flags follow these numbers."""
 
 
 def errors_of(scenario: Scenario, sensor: str, payload: int) -> SensorErrors | None:
-    """Return a sensor's errors; None if it has none, or, as camera and differences of ranges, none of its messages.
+    """Return the lasting errors of a sensor's payload of this size, or None.
 
-    Its payload has so many numbers.
+    None is for a sensor without errors, and for camera and range differences, whose errors are applied elsewhere.
     """
     truth, h = scenario.truth, scenario.h
     its: ImuTruth | UwbTruth | SensorTruth
@@ -52,15 +52,15 @@ def factor_of(drawn: Drawn, sensor: str, n: int) -> np.ndarray:
 
 
 def bias_of(drawn: Drawn, sensor: str, n: int) -> np.ndarray:
-    """Return the drawn biases (n) of a registered sensor's numbers; imu and uwb have theirs themselves, so zeros."""
+    """Return the drawn biases (n) of a registered sensor's numbers; zeros for imu and uwb, which add their own."""
     return drawn.get(f"sensors.{sensor}.bias", np.zeros(n))
 
 
 @cached_njit
 def message_with_error(message: np.ndarray, factor: np.ndarray, error: np.ndarray, flagged: bool) -> np.ndarray:
-    """Return a message with c_i (y_i + e_i) in place of its payload's first n numbers y_i, if it is there.
+    """Return a message with c_i (y_i + e_i) in place of its payload's first n numbers y_i, if it has arrived.
 
-    If it is flagged, n flags follow these numbers, as in the uwb message: a number that is not there stays, and the
+    If it is flagged, n flags follow these numbers, as in the uwb message: a missing number is left as it is, and the
     others, which are distances, are at least 0.
     """
     found = message.copy()
@@ -79,7 +79,7 @@ def message_with_error(message: np.ndarray, factor: np.ndarray, error: np.ndarra
 def errors_out(
     n: Any, message: np.ndarray, x: np.ndarray, bias: np.ndarray, factor: np.ndarray, out: np.ndarray
 ) -> None:
-    """Output a message with its slow errors, see message_with_error; of several samples each of them."""
+    """Output a message with its lasting errors (message_with_error), applied to each of its samples."""
     put(message, out)
     for i in range(n.samples):
         sample = sample_of(out, i, n.samples)
@@ -90,7 +90,7 @@ ERRORS = Element("message_errors", out=errors_out, step=slow_step, allocates=Tru
 
 
 def errors_box(sensor: str, message: Box, errors: SensorErrors, samples: int, h: float) -> Box:
-    """Return the box that adds lasting errors to a sensor's messages of so many samples; zero unless drawn."""
+    """Return the box that adds lasting errors to a sensor's messages of `samples` samples; zero unless drawn."""
     noise, nothing = errors.noise, np.zeros(len(errors.noise.a))
     numbers = {
         "samples": samples,

@@ -12,12 +12,12 @@ from ortilo_drake.world.noise import normals, stream_id
 
 
 class SeededSystem(LeafSystem):
-    """A system of floats whose noise is a function of the seed in its Context.
+    """A system of scalar type float whose noise is a function of the seed in its Context.
 
     Parameters of the Context:
-        seed (abstract, int): any that a scenario allows; a number would hold no more than 2^53.
+        seed (abstract, int): any seed that a scenario allows; a numeric parameter could hold no more than 2^53.
 
-    The seed given is that of a default Context.
+    The constructor's seed is the one of a default Context.
     """
 
     def __init__(self, seed: int):
@@ -45,9 +45,9 @@ class StateSensor(SeededSystem):
         <name> (2 + n, output): [1, t_k, payload]; zeros where the sensor gives nothing.
 
     Args:
-        name: the sensor's; its noise stream has that name too.
+        name: the sensor's name; its noise stream has that name too.
         payload: n.
-        noises: how many standard normal numbers a message takes.
+        noises: number of standard normal numbers that a message takes.
         measure: (true x (12), standard normal numbers, t_k [s]) -> payload (n), or None where the sensor gives nothing.
         seed: seed of all noise.
         h: tick [s].

@@ -1,4 +1,4 @@
-"""Messages without a measurement: the true velocities, as the authors gave them to the servo, and a picture's."""
+"""Messages without a measurement: true velocities, as the authors gave them to the servo, and a picture's shutter."""
 
 from typing import Any
 

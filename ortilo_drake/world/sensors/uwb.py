@@ -28,14 +28,14 @@ def put_uwb_message(
     settings: np.ndarray,
     time: float,
 ) -> None:
-    """Write the uwb message (2 + 2 n): ranges d_i + b_i + b w_i + (s_0 + s_1 d_i) v_i, then which of them are there.
+    """Write the uwb message (2 + 2 n): ranges d_i + b_i + b w_i + (s_0 + s_1 d_i) v_i, then their presence flags.
 
-    d_i = |p_WB - p_WA_i|, w_i the number of walls between, v_i standard normal, one of each anchor, also where no range
-    is there. A range is there if d_i is within the greatest distance and w_i within the greatest number of walls; else
-    it is 0. None is below 0.
+    d_i = |p_WB - p_WA_i|, w_i is the number of walls between, and v_i (n) are standard normal, drawn for absent ranges
+    too. A range is present if d_i is within the greatest distance and w_i within the greatest number of walls; else it
+    is 0. No range is below 0.
 
-    The message is zeros; the antenna is the origin of B in the state x (12); bias is b_i of each anchor [m], boxes are
-    the walls that act on a range (m, 7), and settings s_0 [m], s_1, b of each wall [m], greatest number of walls,
+    `message` must hold zeros; the antenna is the origin of B in the state x (12); bias is b_i of each anchor [m]; boxes
+    (m, 7) are the walls that act on a range; settings are s_0 [m], s_1, b of each wall [m], greatest number of walls,
     greatest distance [m]. The time is t_k [s].
     """
     n = anchors.shape[0]
@@ -68,7 +68,7 @@ def uwb_message(
 ) -> np.ndarray:
     """Return the uwb message (2 + 2 n), see put_uwb_message.
 
-    Arguments as there, and seed, stream and tick h [s] of the noise.
+    Arguments as there, with seed, stream and tick h [s] of the noise.
     """
     n = anchors.shape[0]
     message = np.zeros(2 + 2 * n, x.dtype)
@@ -77,7 +77,7 @@ def uwb_message(
 
 
 def ranging_settings(settings: Uwb) -> np.ndarray:
-    """Return the settings as uwb_message takes them (5)."""
+    """Return the settings (5) in the form that uwb_message takes."""
     walls = settings.walls
     bias = walls.per_wall if walls.kind == "bias" else 0.0
     most_walls = 0.0 if walls.kind == "block" else np.inf
@@ -85,7 +85,7 @@ def ranging_settings(settings: Uwb) -> np.ndarray:
 
 
 def walls_between(settings: Uwb, room: Room) -> np.ndarray:
-    """Return the walls that act on a range (m, 7): the room's, or none."""
+    """Return the walls that act on a range (m, 7): the room's, none unless the walls' kind is bias or block."""
     return room.wall_boxes if settings.walls.kind in ("bias", "block") else np.empty((0, 7))
 
 
@@ -109,7 +109,7 @@ def uwb_out(
 
 
 def uwb_box(settings: Uwb, room: Room, h: float, stream: str = "uwb") -> Box:
-    """Return the receiver, with noise of a stream.
+    """Return the receiver, with the noise of a stream.
 
     It reads `sent` (1), not negative where its message is sent, and the true state (12).
     """

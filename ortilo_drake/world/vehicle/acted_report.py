@@ -1,6 +1,6 @@
 """The world's report of the commands that acted, and from when.
 
-A message holds the newest ACTS of them, so that the content of a lost message is in the next.
+A message holds the newest ACTS commands, so that the content of a lost message is in the next.
 """
 
 from typing import Any
@@ -22,9 +22,9 @@ _SINCE, _STAMP, _U = 0, 1, 2
 def acts_after(acts: np.ndarray, t: float, stamp: float, u: np.ndarray, h: float) -> np.ndarray:
     """Return the newest commands that acted (ACTS, 6), newest first, once u (4) acts at time t [s].
 
-    Those before are rows (since, stamp, u). The stamp is the time of the tick that sent the command u [s], NO_COMMAND
-    if none did. A held command is that command still. A control that no command gave, such as the failsafe's, is told
-    once a tick, of h [s], at most.
+    acts holds the previous rows (since, stamp, u). The stamp is the time of the tick that sent the command u [s],
+    NO_COMMAND if no command gave u. A held command adds no row. A control without a command, such as the failsafe's,
+    adds at most one row per tick of h [s].
     """
     newest = acts[0]
     if stamp >= 0.0:
@@ -82,20 +82,19 @@ class ActedReport(LeafSystem):
     """Outputs the commands that acted, and from when.
 
     Ports:
-        control (4): what acts from now on.
-        stamp (1): when the command was sent that begins to act now [s], NO_COMMAND if none does; only where it is not
-            that of this very tick.
-        mode (1): index in failsafe.MODES; only where there is a failsafe. What it flies is no command.
-        acted (50, output): [arrived, stamp, ACTS rows of (since, stamp, u)], what acted before now.
+        control (4): the control that acts from now on.
+        stamp (1): time when the command that begins to act now was sent [s], NO_COMMAND if none does; only if is_late.
+        mode (1): index in failsafe.MODES; only if has_failsafe. A control of the failsafe is no command.
+        acted (50, output): [arrived, stamp, ACTS rows of (since, stamp, u)], the commands that acted before now.
 
     State (discrete, updated every period): those rows.
 
     Args:
-        vehicle: whose hover thrust acts before the first command.
+        vehicle: its hover thrust acts before the first command.
         h: tick [s].
         period: how often a command may begin to act [s].
-        is_late: whether the stamp comes by a port.
-        has_failsafe: whether the mode does.
+        is_late: whether the stamp comes by a port, else a command acts in the tick that sent it.
+        has_failsafe: whether there is a failsafe, whose mode comes by a port.
     """
 
     def __init__(self, vehicle: Vehicle, h: float, period: float, is_late: bool, has_failsafe: bool):

@@ -1,6 +1,6 @@
-"""The vehicle where its state is continuous: a rigid body, with rotors that take time, between two ticks.
+"""The vehicle as a continuous system, integrated from tick to tick: a rigid body, and rotors with a lag.
 
-It goes by the steps and the arithmetic of Drake's RungeKutta3Integrator, as flight/flight.py has Drake take them.
+The integration has the steps and the arithmetic of Drake's RungeKutta3Integrator, as flight/flight.py sets it up.
 """
 
 import math
@@ -19,7 +19,7 @@ from ortilo_drake.world.faults.table import FaultTable
 from ortilo_drake.world.faults.vehicle_faults import wrench_at, wrench_table
 from ortilo_drake.world.vehicle.rotors import commanded_speeds, put_acceleration, put_times
 
-PASSED: Final = N_X + 3  # of an instant inside the tick: the state and v_dot
+PASSED: Final = N_X + 3  # size of what is kept of an instant inside the tick: the state and v_dot
 _STRETCH = 1.01  # by which Drake lengthens a step that would end just before an event [1]
 
 
@@ -33,21 +33,21 @@ class Physics(NamedTuple):
     kinematics: int
     """index in KINEMATICS."""
     longest_step: float
-    """of the integration [s]."""
+    """longest step of the integration [s]."""
     time_constant: np.ndarray
-    """of a rotor speeding up and slowing down [s] (2)."""
+    """time constants of a rotor speeding up and slowing down [s] (2)."""
     wrench: np.ndarray
     """T of rotors.wrench_matrix (4, 4)."""
     mixing: np.ndarray
     """M of the rotors' squared speeds (4, n); (4, 0) of rotors without dynamics."""
     faults: FaultTable
-    """of wrench_table, where the rotors have dynamics."""
+    """faults of wrench_table, where the rotors have dynamics."""
 
 
 def steps_a_tick(scenario: Scenario) -> int:
-    """Return into how many steps a tick of a continuous plant is divided: rotors' lag is shorter than a tick.
+    """Return the number of steps into which a continuous plant's tick is divided, since rotors' lag is below a tick.
 
-    Of a lag tau the method is stable for steps up to 2.51 tau; here they are at most 2 tau.
+    For a lag tau the method is stable up to steps of 2.51 tau; here a step is at most 2 tau.
     """
     if scenario.world.rotors.kind != "first_order":
         return 1
@@ -64,10 +64,10 @@ def put_felt(
     t: float,
     room: np.ndarray,
 ) -> None:
-    """Write u as it acts on the body (4) at t [s], as the rotors make it at these speeds (n) [rad/s].
+    """Write the control u (4) that acts on the body at t [s], made by rotors at these speeds (n) [rad/s].
 
-    The wrench is T of rotors.wrench_matrix (4, 4), the mixing M of the rotors' squared speeds (4, n), the faults are
-    those of wrench_table. It works in room (n + 4).
+    wrench (4, 4) is T of rotors.wrench_matrix, mixing (4, n) is M of the rotors' squared speeds, and faults are those
+    of wrench_table. room (n + 4) is work space.
     """
     squared, made = room[: speeds.size], room[speeds.size :]
     for i in range(speeds.size):
@@ -82,7 +82,7 @@ def put_felt(
 def put_control(
     physics: Physics, body: np.ndarray, held: np.ndarray, t: float, u: np.ndarray, room: np.ndarray
 ) -> None:
-    """Write u as it acts on the body (4) at t [s]: the held control, or the rotors' wrench."""
+    """Write the control u (4) that acts on the body at t [s]: the held control, or the lagging rotors' wrench."""
     if body.size == N_X:
         put(held, u)
     else:
@@ -121,10 +121,10 @@ def integrate(
     u: np.ndarray,
     room: np.ndarray,
 ) -> None:
-    """Go on from one time to another [s]; changes the body, x and the speeds of rotors with dynamics [rad/s] (12 + n).
+    """Integrate the body from start to end [s] in place: x, and the speeds of rotors with dynamics [rad/s] (12 + n).
 
-    Those are to have the speeds commanded (n); u is held of rotors without dynamics (4); d is the disturbance (6). It
-    works in rates (4, 12 + n), u (4) and room (n + 4).
+    commanded (n) are the commanded speeds of rotors with dynamics; held (4) is the control of rotors without; d (6) is
+    the disturbance. rates (4, 12 + n), u (4) and room (n + 4) are work space.
     """
     a, b, c, between, t = rates[0], rates[1], rates[2], rates[3], start
     while t < end:
@@ -188,7 +188,7 @@ def felt_out(
     room: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Output u as it acts on the body (4), as the rotors make it."""
+    """Output the control u (4) that acts on the body, as the rotors make it."""
     put_felt(out, speeds, wrench, mixing, faults, k * n.h, room)
 
 
@@ -200,9 +200,10 @@ ROTORS_FELT = Element("rotors_felt", out=felt_out, allocates=True)
 def continuous_boxes(scenario: Scenario, x_0: np.ndarray, samples: int, needs_forces: bool) -> list[Box]:
     """Return the continuous plant: it reads the control (4) and the disturbance (6), and outputs x (12), `plant`.
 
-    The control acts on the body. With rotors' dynamics it is the command, and `rotors_felt`, if asked for, is the
-    control that acts. `vehicle.passed` has rows of PASSED, what was passed inside the last tick, oldest first, as many
-    as the fastest sensor has samples, less 1. It starts at x_0 (12).
+    Without rotor dynamics the control is the one that acts on the body. With them it is the command, and `rotors_felt`,
+    present if needs_forces, outputs the control that acts. `vehicle.passed` holds samples - 1 rows of PASSED, the
+    instants inside the last tick, oldest first; `samples` are those of the fastest sensor. The plant starts at x_0
+    (12).
     """
     vehicle, h = scenario.vehicle, scenario.h
     has_rotors = scenario.world.rotors.kind == "first_order"

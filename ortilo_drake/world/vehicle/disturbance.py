@@ -30,7 +30,7 @@ def disturbance_out(n: Any, k: int, seed: int, out: np.ndarray) -> None:
 
 
 def disturbance_box(settings: Disturbance, h: float, stream: str = "disturbance") -> Box:
-    """Return the source of white disturbance of a stream: force in W [N], torque in B [N m] (6)."""
+    """Return the source of white disturbance, force in W [N] and torque in B [N m] (6), with the noise of a stream."""
     numbers = {"force_sd": settings.sds(h)[0], "torque_sd": settings.sds(h)[1], "stream": stream_id(stream), "h": h}
     return Box("disturbance", Element("disturbance", out=disturbance_out), 6, Values(numbers))
 

@@ -12,8 +12,8 @@ Gains follow from poles of the model linearised at hover (model/hover.py), each 
     yaw         psi_ddot = w_psi^2 (psi_r - psi) - 2 w_psi psi_dot:  (s + w_psi)^2
 
 It is a P loop of velocity around a PD loop of attitude, with theta_r limited in size. A flight controller has sensors
-of its own for this (attitude, velocity, height); they are taken as perfect, it reads the true state. There is no hold
-of the horizontal position. The plant knows no floor: for standing on it the vehicle is kept at the landing height.
+of its own for this (attitude, velocity, height); they are taken as perfect: it reads the true state. It does not hold
+the horizontal position. The plant has no floor: keeping the landing height stands for standing on it.
 """
 
 import numpy as np
@@ -37,10 +37,10 @@ _STATE_SIZE = 4
 def failsafe_state(
     t: float, s: np.ndarray, command: np.ndarray, x: np.ndarray, timeout: float, hold_for: float
 ) -> np.ndarray:
-    """Return the failsafe's state (4) for time t [s], from its last one s, see Failsafe.
+    """Return the failsafe's state (4) at time t [s], from its last state s, see Failsafe.
 
-    The command is u and the time at which it was received [s], -inf if there was none yet (5), and counts up to the
-    timeout; the descent begins after holding for so long [s]. x is the true state.
+    command (5) is u and the time at which it was received [s], -inf if there was none yet. It counts as long as it is
+    not older than the timeout [s]. The descent begins after a hold of hold_for [s]. x is the true state.
     """
     if t - command[N_U] <= timeout:
         return np.zeros(_STATE_SIZE)
@@ -62,7 +62,7 @@ def hold_control(
     inertia: np.ndarray,
     max_thrust: float,
 ) -> np.ndarray:
-    """Return the u (4) that brings the vehicle to rest, level, at z_r [m] and psi_r [rad]; the loops are the module's.
+    """Return the u (4) that brings the vehicle to rest, level, at z_r [m] and psi_r [rad], by the module's loops.
 
     x is the true state, the sink rate the largest vertical speed asked for [m/s], max_tilt the largest size of roll and
     pitch [rad], the frequencies p, w_z, w_psi [rad/s], the inertia I_x, I_y, I_z [kg m^2], max_thrust the largest f_T
@@ -78,7 +78,7 @@ def hold_control(
 
     v_r = min(max(w_z / 2.0 * (z_r - x[2]), -sink_rate), sink_rate)
     a_z = 2.0 * w_z * (v_r - x[8])
-    uprightness = max(np.cos(phi) * np.cos(theta), 0.5)  # the thrust's share that lifts; beyond 60 degrees no more
+    uprightness = max(np.cos(phi) * np.cos(theta), 0.5)  # share of the thrust that lifts, at least that of 60 degrees
     f_T = min(max(mass * (GRAVITY + a_z) / uprightness, 0.0), max_thrust)
 
     return np.array(
@@ -106,8 +106,8 @@ def failsafe_control(
 ) -> np.ndarray:
     """Return the control (4) of the failsafe in state s: the command, or the one that holds or descends.
 
-    The descent aims at the landing height, or at where the hold took over if that is lower: it never asks to climb but
-    back to there. Arguments as failsafe_state and hold_control; rates in m/s, heights in m.
+    The descent aims at the landing height, or at the hold's altitude if that is lower, so it never climbs above the
+    latter. Arguments as failsafe_state and hold_control; rates in m/s, heights in m.
     """
     if s[_MODE] == _COMMAND:
         return command[0:N_U].copy()

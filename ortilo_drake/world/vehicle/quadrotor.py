@@ -20,7 +20,7 @@ def _body_of(vehicle: Vehicle) -> list[float]:
 
 
 def sampled_step(n: Any, x: np.ndarray, control: np.ndarray, disturbance: np.ndarray) -> None:
-    """Go on by a tick under held u and d, see model.equations.step."""
+    """Advance x by a tick under held u and d, see model.equations.step."""
     put(stepped(x, control, disturbance, n.mass, n.inertia, n.kinematics, n.h), x)
 
 
@@ -77,10 +77,10 @@ def QuadrotorPlant_(T: type) -> type:
         The equations are those of model/equations.py: ``kinematics`` picks 'small_angle' (the paper's),
         'rigid_body' or 'linear'. Floats run through numba, other scalars through the same source in Python.
 
-        As with Drake's MultibodyPlant, ``time_step`` 0 makes x a continuous state that the simulator integrates.
-        A positive time_step [s] makes it a discrete state that is updated every time_step with the inputs of that
-        instant, held over the step, by one step of the classical Runge-Kutta method; of the linearised model, whose A
-        is nilpotent, that is the exact x_{k+1} = Phi x_k + Gamma u_k.
+        As with Drake's MultibodyPlant, ``time_step`` 0 makes x a continuous state that the simulator integrates. A
+        positive time_step [s] makes it a discrete state that is updated every time_step with the inputs of that
+        instant, held over the step, by one step of the classical Runge-Kutta method; for the linearised model, whose A
+        is nilpotent, this is the exact x_{k+1} = Phi x_k + Gamma u_k.
 
         Its default state is ``x_0``, by default zeros.
 

@@ -23,7 +23,7 @@ from ortilo_drake.model.vehicle import M100, Vehicle, mixing_inverse, mixing_mat
 
 @register_jitable
 def times(M: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Return M v, each row summed from the left; of any scalar."""
+    """Return M v, each row summed from the left, for any scalar type."""
     product = M[:, 0] * v[0]
     for j in range(1, M.shape[1]):
         product = product + M[:, j] * v[j]
@@ -32,7 +32,7 @@ def times(M: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 @register_jitable
 def put_times(product: np.ndarray, M: np.ndarray, v: np.ndarray) -> None:
-    """Write M v, each row summed from the left as by times, without an array of its own."""
+    """Write M v to product, each row summed from the left as in `times`, without a new array."""
     for i in range(product.size):
         total = M[i, 0] * v[0]
         for j in range(1, v.size):
@@ -52,7 +52,7 @@ def commanded_speeds(u: np.ndarray, M_inverse: np.ndarray, max_speed: float) -> 
 def put_acceleration(
     acceleration: np.ndarray, speeds: np.ndarray, commanded: np.ndarray, time_constant: np.ndarray
 ) -> None:
-    """Write the first-order lag (commanded - speed) / tau, tau by whether the rotor speeds up or slows down."""
+    """Write the first-order lag (commanded - speed) / tau; tau depends on whether the rotor speeds up or slows down."""
     for i in range(speeds.size):
         error = commanded[i] - speeds[i]
         acceleration[i] = error / (time_constant[0] if error >= 0.0 else time_constant[1])
@@ -138,11 +138,11 @@ def Rotors_(T: type) -> type:
 
 
 def wrench_matrix(thrust_factor: float, center_of_gravity: np.ndarray) -> np.ndarray:
-    """Return T (4 x 4), u = T u_c of a commanded u_c = [f_T, tau_x, tau_y, tau_z].
+    """Return T (4 x 4), which gives the true control u = T u_c from the command u_c = [f_T, tau_x, tau_y, tau_z].
 
-    Lift that is s times the believed, the thrust factor, makes thrust and the torques of roll and pitch s times as
-    large; yaw comes from drag. A centre of gravity at r (r_x, r_y in B [m]; along z it changes nothing) from where it
-    is believed to be feels the thrust f e_z turn it by -r x f e_z.
+    If the lift is s (thrust_factor) times the assumed lift, thrust and the torques of roll and pitch grow by s; yaw
+    comes from drag. If the centre of gravity is off by r (r_x, r_y in B [m]; an offset along z changes nothing), the
+    thrust f e_z adds the torque -r x f e_z.
     """
     r_x, r_y = center_of_gravity
     T = np.diag([thrust_factor, thrust_factor, thrust_factor, 1.0])
