@@ -28,10 +28,10 @@ from ortilo_drake.theory.riccati.riccati import solve
 
 
 class ArrivalMap(NamedTuple):
-    """Bounds on the limit of E[P_k]'s diagonal over a grid, the values of the rows (n) and of the columns (m).
+    """Bounds on the diagonal of the limit of E[P_k] over a grid of row values (n) and column values (m).
 
-    They are the variances of the twelve states from above and from below (n, m, 12), NaN where there is no such arrival
-    process, inf where a state is never seen.
+    upper and lower (n, m, 12) bound the variances of the twelve states; NaN where no such arrival process exists, inf
+    where a state is never seen.
     """
 
     rows: np.ndarray
@@ -41,7 +41,7 @@ class ArrivalMap(NamedTuple):
 
 
 class _Point(NamedTuple):
-    """The two diagonals (12) at a grid point, and every mode's covariance, from which a neighbour starts."""
+    """The two bounds' diagonals (12) at a grid point, and X of each mode, from which a neighbour's iteration starts."""
 
     upper: np.ndarray
     lower: np.ndarray
@@ -54,22 +54,22 @@ _NO_POINT = _Point(np.full(N_X, np.nan), np.full(N_X, np.nan), None)
 def diagonals(model: Model, chain: ArrivalChain, start: np.ndarray | None = None) -> _Point:
     """Return the bounds' diagonals for one arrival process, a chain over arrivals.PATTERN_ROWS.
 
-    Upper: the fixed point of the (coupled) expected Riccati equation. Lower: for position and velocity the larger of
-    THEORY's bound and that of the rest; for the rest the covariance if whatever can arrive always arrived. Where
-    position is never seen its variances and those of velocity are inf, and attitude stands by itself; inf too where the
-    imu's own biases are states and nothing else sees it. The start is X of a neighbour, if it has as many modes.
+    Upper: the fixed point of the (coupled) expected Riccati equation. Lower: the covariance if all that can arrive
+    always arrived; for position and velocity the larger of this and markov_translation_lower_bound. If position is
+    never seen, the variances of position and velocity are inf, and attitude is solved alone; all are inf if the imu's
+    own biases are states and nothing else sees attitude. The start is X of a neighbour, used if it has as many modes.
     """
     everywhere = np.full(N_X, np.inf)
     if never_seen(model, chain.probabilities):
         kept = _about_attitude(model)
         A, W, C = model.A[np.ix_(kept, kept)], model.W[np.ix_(kept, kept)], np.ascontiguousarray(model.C[:, kept])
         variances = np.full(len(model.A), np.inf)
-        with suppress(InputError):  # told from the imu's biases by their slow decay alone: as good as never seen
+        with suppress(InputError):  # only slow decay tells attitude from the imu's biases: as good as never seen
             variances[kept] = np.diag(_always(Model(A, C, W, model.V, model.rows), chain))
         return _Point(variances[:N_X], variances[:N_X].copy(), None)
     try:
         always = _always(model, chain)
-    except InputError:  # likewise
+    except InputError:  # as above
         return _Point(everywhere, everywhere.copy(), None)
     warm = start if start is not None and len(start) == len(chain.T) else np.repeat(always[None], len(chain.T), axis=0)
     X = solve_coupled(model, chain.probabilities, chain.backward, warm, "expected Riccati equation")
@@ -80,7 +80,7 @@ def diagonals(model: Model, chain: ArrivalChain, start: np.ndarray | None = None
 
 
 def _about_attitude(model: Model) -> np.ndarray:
-    """Return the numbers of attitude, rates, what drives them and what their rows see: torque and the imu's biases."""
+    """Return the indices of attitude, rates, the states that drive them and those in their rows (biases)."""
     about = np.isin(np.arange(len(model.A)), ROTATION)
     about |= model.A[about].any(axis=0)
     seeing = model.C[:, about].any(axis=1) & ~model.C[:, TRANSLATION].any(axis=1)
@@ -88,7 +88,7 @@ def _about_attitude(model: Model) -> np.ndarray:
 
 
 def _always(model: Model, chain: ArrivalChain) -> np.ndarray:
-    """Return the covariance (n, n) if every row that can arrive arrived in every tick."""
+    """Return the covariance (n, n) for the case that every row that can arrive arrives in every tick."""
     seen = model.rows[chain.probabilities.max(axis=0) > 0.0].any(axis=0)
     return solve(model.A.T, model.C[seen].T, model.W, model.V[np.ix_(seen, seen)], dual=True)
 
@@ -146,9 +146,9 @@ def burst_map(
 
     The sensor's link is a Gilbert-Elliott channel that loses everything while bad and nothing while good; the other
     position sensor arrives independently, at other_rate. NaN where no such channel exists (loss_chain.loss_of); a rate
-    of 0 is no burst but no sensor. W, V and h are those of vehicle_model, the rates per tick in [0, 1] (n), the bursts
-    in s, at least a tick (m). InputError if a rate lies outside [0, 1], a burst is shorter than a tick, or the sensor
-    is neither uwb nor camera.
+    of 0 means no sensor, not a burst. W, V and h are those of vehicle_model, the rates per tick in [0, 1] (n), the
+    bursts in s, at least a tick (m). InputError if a rate lies outside [0, 1], a burst is shorter than a tick, or the
+    sensor is neither uwb nor camera.
     """
     if sensor not in SENSORS[:2]:
         raise InputError(f"sensor: {sensor}: must be uwb or camera")
@@ -170,10 +170,10 @@ def burst_map(
 
 
 def link_chain(uwb: Link | None, camera: Link | None, h: float) -> ArrivalChain:
-    """Return the chain of uwb and camera as their links have it, None where one does not fly; patterns as PATTERN_ROWS.
+    """Return the arrival chain of uwb and camera over PATTERN_ROWS, from their links; None if a sensor does not fly.
 
-    Modes: tick of h [s] within the senders' common period, times the loss chains of both, which step once a tick.
-    Blackouts and delays are left out.
+    A mode is a tick of h [s] within the sensors' common period, times a state of each loss chain; the chains step once
+    a tick. Blackouts and delays are left out.
     """
     never = np.ones((1, 1)), np.ones(1)
     chains = [never if link is None else loss_chain(link.loss, h) for link in (uwb, camera)]
@@ -196,8 +196,8 @@ PATTERNS = ((False, False), (True, False), (False, True), (True, True))  # of uw
 class ArrivalReport:
     """Bounds of the expected Riccati equation on each state's variance over arrival rates of uwb (n) and camera (m).
 
-    Upper and lower (n, m, 12) are inf where a variance is unbounded. Without position sensors these modes are unseen,
-    in words, and the critical rate is the classical one.
+    upper and lower (n, m, 12) are inf where a variance is unbounded. without_position_sensors names the modes that are
+    unseen without uwb and camera. critical_rate is the classical one.
     """
 
     states: tuple[str, ...]
@@ -210,10 +210,7 @@ class ArrivalReport:
 
 
 def filter_model(loop: HoverLoop, V: np.ndarray) -> Model:
-    """Return the model of a scenario's filter for the bounds: none, uwb, camera and both arrive, with all else.
-
-    V is the covariance of all measurements that the filter gets (p x p), see hover_loop.filter_V.
-    """
+    """Return the model of a scenario's filter for the bounds; its patterns: none, uwb, camera, both, with all else."""
     sensors, mapped = loop.measurement.sensors, loop.measurement.positions[:2]
     patterns = [[arrive[mapped.index(s)] if s in mapped else True for s in sensors] for arrive in PATTERNS]
     return check_model(Model(loop.Phi, loop.C, loop.W, V, loop.measurement.by_row(np.array(patterns))))

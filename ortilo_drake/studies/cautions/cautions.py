@@ -1,9 +1,9 @@
-"""Warnings about a flight before it is flown: it is allowed, but hardly what the user meant.
+"""Warnings about a flight before it is flown: settings that are allowed, but hardly what the user meant.
 
-Among them are disturbance, filter and servo, tuned for the M100, that do not fit another vehicle. Under the servo's
-gain L the state [x; i] about hover obeys x_{k+1} = (Phibar - Gammabar L) x_k + Gamma_d d_k, whose stationary covariance
-is that of a discrete Lyapunov equation. The estimate's error comes on top. The M100 is tilted by 0.004 rad, standard
-deviation; of vehicles that are tilted by more than MOST_TILT by their own disturbance none was seen to fly on.
+Some warn that disturbance, filter and servo, tuned for the M100, do not fit another vehicle. Under the servo's gain L
+the state [x; i] about hover obeys x_{k+1} = (Phibar - Gammabar L) x_k + Gamma_d d_k, whose stationary covariance is
+that of a discrete Lyapunov equation. The estimate's error comes on top. The M100's tilt has a standard deviation of
+0.004 rad; no vehicle that its own disturbance tilts by more than MOST_TILT was seen to fly on.
 """
 
 from collections.abc import Sequence
@@ -26,13 +26,13 @@ from ortilo_drake.studies.cautions.lagging import digits, lagging
 
 
 def cautions(scenario: Scenario, name_or_file: str | Path | None = None, settings: Sequence[Setting] = ()) -> list[str]:
-    """Return a line for each thing, beginning with the setting; none for a scenario as one would expect it.
+    """Return a line for each warning, beginning with the setting; none for a usual scenario.
 
-    Settings that are given and not read are those of the name or file that it was made of, None to leave these out, and
-    those laid over it.
+    Settings that are given but not read are among them: those of name_or_file, of which the scenario was made (None
+    leaves this check out), and `settings` laid over it.
     """
     unread = [] if name_or_file is None else unread_settings(scenario, name_or_file, settings)
-    vehicle = vehicle_units(scenario.vehicle) or vehicle_fit(scenario)  # of a wrong vehicle nothing else is known
+    vehicle = vehicle_units(scenario.vehicle) or vehicle_fit(scenario)  # for a wrong vehicle other checks say nothing
     return unread + believed_noise(scenario) + late_messages(scenario) + vehicle
 
 
@@ -51,13 +51,13 @@ def vehicle_fit(scenario: Scenario) -> list[str]:
         believed = Disturbance(force_density=W.force_density, torque_density=W.torque_density)
         found = found + _disturbed(scenario, "estimator.W", believed)
     if scenario.world.rotors.kind == "first_order":
-        lag = [] if found else lagging(scenario)  # of a wrong W it would say little
+        lag = [] if found else lagging(scenario)  # with a wrong W the lag check would say little
         found = found + lag + ([] if shaken else _saturated(scenario))
     return found
 
 
 def stationary(scenario: Scenario, disturbance: Disturbance) -> tuple[np.ndarray, np.ndarray]:
-    """Return the covariances of [x; i] (15 x 15) and of the control (4 x 4) under a disturbance, the state known."""
+    """Return the covariances of [x; i] (15 x 15) and of the control (4 x 4) under a disturbance, for a known state."""
     vehicle, h, yaw = scenario.vehicle, scenario.h, scenario.yaw
     Phibar, Gammabar = augmented_pair(vehicle, h, yaw)
     L = servo_gain(vehicle, scenario.servo.weights, h, yaw)

@@ -1,8 +1,8 @@
-"""Warn of rotors that lag, which neither servo nor filter knows, and name the settings that fit them.
+"""Warn of a rotor lag that neither servo nor filter models, and name the settings that fit it.
 
-The loop is the linear one that flies: hover model, rotors of one lag, servo, and the filter with the gains to which it
-settles. The filter matters: where it takes no gyroscope, a larger W that covers the lag leaves the loop less of a
-margin. Rotors lag by the mean of rotor_time_constant, since about hover each speeds up half of the time.
+The loop is the linear one that flies: hover model, rotors with one lag, servo, and the filter with its steady gains.
+The filter matters: without the gyroscope, a larger W that covers the lag leaves the loop less margin. The lag is the
+mean of rotor_time_constant, since about hover each rotor speeds up half of the time.
 """
 
 import math
@@ -24,28 +24,28 @@ from ortilo_drake.studies.loop.hover_loop import filter_V, hover_loop, open_loop
 from ortilo_drake.theory.margins.loop_margins import spectral_radius
 
 W_MARGIN = 1.5  # the lag's torque is no white noise
-MORE_LAG = 1.25  # times the lag must leave the loop stable
+MORE_LAG = 1.25  # the loop must be stable with this multiple of the lag
 _ON_CIRCLE = 1e-6
-_SETTLED = 20.0  # of flight, after which the filter's gains stand [s]
+_SETTLED = 20.0  # flight time after which the filter's gains are steady [s]
 _NO_LAG = 1e-4  # [s]
-_STEPS = (3.0, 10.0, 30.0, 100.0, 1e3, 1e4, 1e5)  # factors on weights that are tried against a lag
+_STEPS = (3.0, 10.0, 30.0, 100.0, 1e3, 1e4, 1e5)  # factors on servo weights that are tried against a lag
 
-_AS_TIGHT = IntermittentFilter(force="measured", rates="measured", integrator="estimate")  # takes the gyroscope too
+_AS_TIGHT = IntermittentFilter(force="measured", rates="measured", integrator="estimate")  # with gyroscope, too
 
 Gains = list[tuple[np.ndarray, np.ndarray]]  # predictor gain K (N x p) and arrivals delta (s), tick by tick
 
 
 def lagging(scenario: Scenario) -> list[str]:
-    """Return a line if the rotors' lag makes the loop unstable, or a quarter more of it would.
+    """Return a line if the rotors' lag makes the loop unstable, or if a quarter more lag would.
 
-    For the tight filter, which has no linear form, stands the linear filter that takes the gyroscope too.
+    The linear filter that uses the gyroscope stands for the tight filter, which has no linear form.
     """
     is_tight = scenario.estimator.kind == "tight"
     if is_tight:
         scenario = scenario.model_copy(update={"estimator": _AS_TIGHT})
     tau, gains = _lag(scenario), settled_gains(scenario)
     if _bears(scenario, gains, MORE_LAG * tau) or not _bears(scenario, gains, _NO_LAG):
-        return []  # without lag: then the lag is not to blame
+        return []  # also unstable without lag, which is then not the cause
     whose = "servo and rotors" if gains is None else "servo, filter and rotors"
     radius, mend = loop_radius(scenario, gains, tau), _mend(scenario, gains, not is_tight)
     if radius < 1.0 + _ON_CIRCLE:
@@ -62,8 +62,8 @@ def lagging(scenario: Scenario) -> list[str]:
 def filter_for_lag(scenario: Scenario) -> str | None:
     """Return a line with an estimator.W.torque_density that covers the rotors' lag, if there is one to cover.
 
-    It is W_MARGIN times the root sum square of the disturbance's torque and the lag's; measured in
-    docs/how_to/own_vehicle.md. If the loop does not bear it, the line names the servo's weights with which it does.
+    It is W_MARGIN times the root sum square of the disturbance's and the lag's torque; docs/how_to/own_vehicle.md has
+    measurements. If the loop is not stable with it, the line names servo weights that make it stable.
     """
     named = _named_W(scenario)
     W = getattr(scenario.estimator, "W", None)
@@ -76,11 +76,11 @@ def filter_for_lag(scenario: Scenario) -> str | None:
 
 
 def lag_torque_sd(scenario: Scenario) -> float:
-    """Return the sd of the torque about x or y, the larger, that lagging rotors leave out in a tick, on average [N m].
+    """Return the larger sd, about x or y, of a tick's mean torque that lagging rotors are short of the command [N m].
 
-    In the servo's linear loop under the world's disturbance, the state known. After a command u the wrench y follows as
-    u - y falls by e^(-t / tau), so its mean over a tick is short of u by (u - y) (1 - e^(-h / tau)) tau / h. It is
-    infinite where that loop is unstable.
+    The loop is the servo's linear one under the world's disturbance, with the state known. After a command u, u - y
+    decays with e^(-t / tau), where y is the wrench, so the mean of y over a tick is short of u by (u - y) (1 - e^(-h /
+    tau)) tau / h. The sd is infinite if the loop is unstable.
     """
     tau, h = _lag(scenario), scenario.h
     Phi, K = _servo_loop(scenario, tau)
@@ -97,9 +97,9 @@ def lag_torque_sd(scenario: Scenario) -> float:
 
 
 def settled_gains(scenario: Scenario) -> Gains | None:
-    """Return the filter's gains after _SETTLED in the ticks of one period of the sensors, every due message arriving.
+    """Return the filter's gains after _SETTLED, for each tick of a period of the sensors, if every due message arrives.
 
-    None for an estimator that is no linear filter, or whose noise is not known in the room's middle.
+    None for an estimator that is no linear filter, or whose noise in the middle of the room is unknown.
     """
     try:
         if why_no_loop(scenario):
@@ -118,10 +118,10 @@ def settled_gains(scenario: Scenario) -> Gains | None:
 
 
 def loop_radius(scenario: Scenario, gains: Gains | None, tau: float) -> float:
-    """Return the spectral radius, a tick, of the loop with rotors that lag by tau [s].
+    """Return the loop's spectral radius per tick with rotors that lag by tau [s].
 
-    Of servo and rotors alone, the state known, if gains is None. Else the state is [x; xhat; i; y], y the wrench that
-    lags the control; a tick's matrices follow from hover_loop.open_loop, and a period's is their product.
+    If gains is None, the loop is of servo and rotors alone, with the state known. Else its state is [x; xhat; i; y],
+    where the wrench y lags the control. hover_loop.open_loop gives a tick's matrices; their product is the period's.
     """
     if gains is None:
         return spectral_radius(_servo_loop(scenario, tau)[0])
@@ -130,7 +130,7 @@ def loop_radius(scenario: Scenario, gains: Gains | None, tau: float) -> float:
     product = None
     for K, delta in gains:
         A, B, C = open_loop(loop, K, delta)
-        by_y, by_u = left * B, (1.0 - left) * B  # a state besides x, the force just flown, takes the tick's mean
+        by_y, by_u = left * B, (1.0 - left) * B  # the force just flown, a state besides x, takes the tick's mean
         by_y[:N_X], by_u[:N_X] = held[:N_X, y], held[:N_X, y.stop :]
         tick = np.block([[A - by_u @ C, by_y], [-held[y, y.stop :] @ C, held[y, y]]])
         product = tick if product is None else tick @ product
@@ -139,7 +139,7 @@ def loop_radius(scenario: Scenario, gains: Gains | None, tau: float) -> float:
 
 
 def digits(value: float) -> str:
-    """Return a number of two digits as YAML takes it: with a point where it has an exponent."""
+    """Return a number with two digits as YAML reads it: with a decimal point if it has an exponent."""
     text = f"{value:.2g}"
     return text.replace("e", ".0e") if "e" in text and "." not in text else text
 
@@ -149,7 +149,7 @@ def _lag(scenario: Scenario) -> float:
 
 
 def _share(tau: float, h: float) -> float:
-    """Return by how much of u - y at a tick's start the mean wrench over it is short of u."""
+    """Return the fraction of u - y at a tick's start by which the tick's mean wrench is short of u."""
     return float(tau / h * -np.expm1(-h / tau))
 
 
@@ -158,9 +158,9 @@ def _bears(scenario: Scenario, gains: Gains | None, tau: float) -> bool:
 
 
 def _mend(scenario: Scenario, gains: Gains | None, names_W: bool = True) -> str | None:
-    """Return settings with which the loop bears MORE_LAG times the lag: the servo's weights that change least, and W.
+    """Return settings that keep the loop stable with MORE_LAG times the lag: the least change of servo weights, and W.
 
-    Where the filter's W follows from the lag it is named too, as filter_for_lag does under those weights.
+    W is named if it follows from the lag, as in filter_for_lag, under those weights.
     """
     tau = _lag(scenario)
     for changed in _calmer(scenario.servo.weights):
@@ -192,7 +192,7 @@ def _listed(values: Sequence[float]) -> str:
 
 
 def _named_W(scenario: Scenario) -> str | None:
-    """Return the torque_density that covers the disturbance and the rotors' lag; None if the filter takes none."""
+    """Return the torque_density that covers the disturbance and the rotors' lag; None if the filter uses none."""
     settings, world = scenario.linear_filter, scenario.world
     if settings is not scenario.estimator or not isinstance(settings.W, DisturbanceW):
         return None
@@ -203,7 +203,7 @@ def _named_W(scenario: Scenario) -> str | None:
 
 
 def _with_W(scenario: Scenario, torque_density: str) -> tuple[Scenario, Gains | None]:
-    """Return the scenario whose filter assumes a torque density, and its gains."""
+    """Return the scenario with a filter that assumes this torque density, and the filter's gains."""
     estimator = scenario.estimator
     W = estimator.W.model_copy(update={"torque_density": float(torque_density)})
     other = scenario.model_copy(update={"estimator": estimator.model_copy(update={"W": W})})
@@ -211,7 +211,7 @@ def _with_W(scenario: Scenario, torque_density: str) -> tuple[Scenario, Gains | 
 
 
 def _held(scenario: Scenario, tau: float) -> np.ndarray:
-    """Return how [x; y; u] goes over a tick (20 x 20): the wrench y lags the control u by tau [s], u is held."""
+    """Return the matrix of [x; y; u] over a tick (20 x 20): the wrench y lags the control u by tau [s], u is held."""
     n = N_X + N_U
     A = np.zeros((n + N_U, n + N_U))
     A[:N_X, :N_X], A[:N_X, N_X:n] = hover_A(scenario.yaw), hover_B(scenario.vehicle)
@@ -220,7 +220,7 @@ def _held(scenario: Scenario, tau: float) -> np.ndarray:
 
 
 def _servo_loop(scenario: Scenario, tau: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the servo's loop where the wrench y lags the control by tau [s], first order, the state known.
+    """Return the servo's loop with a first-order lag tau [s] of the wrench y behind the control, with the state known.
 
     The loop is [x; y; i]_{k+1} = Phi [x; y; i]_k, and the control u_k = -K [x; y; i]_k.
     """

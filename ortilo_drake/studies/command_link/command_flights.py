@@ -25,18 +25,19 @@ from ortilo_drake.studies.loop.hover_loop import why_no_loop
 from ortilo_drake.theory.jump_linear.jump_linear import MARGIN, JumpLinear, mean_square_radius, steady_second_moment
 
 POINT = (8.0, 1.0, 1.5)  # in the authors' room, out of their blackouts and far from walls
-PLACES = 41  # of a path that are tried in another room
+PLACES = 41  # places of the path that are tried in another room
 WARM_UP = 10.0  # a flight starts without error; from here on it counts as steady [s]
 
 
 @dataclass(frozen=True)
 class CommandCase:
-    """A link, predicted and flown: the growth of the second moment per tick, stable if below 1.
+    """A link, predicted and flown; growth is the second moment's per tick, and the link is stable if it is below 1.
 
-    The predicted rms distance from r [m], None if not stable, is with what is wrong in the world, as behind a perfect
-    link, see loop/error_moments.py. Of so many flights so many were lost, after a mean time [s], with the causes; the
-    flown rms is over those that were not, None if all were. It agrees if a stable link loses no flight, an unstable one
-    all. A flight of finite length behind an unstable link may well survive, so that is what may disagree.
+    predicted_rms is the predicted rms distance from r [m], None if not stable; it includes the world's errors as behind
+    a perfect link, see loop/error_moments.py. `lost` of the flights were lost, after a mean time lost_after [s].
+    flown_rms is over the flights that were not lost, None if all were. agrees says whether a stable link lost no
+    flight, or an unstable one all. A flight of finite length may survive behind an unstable link, so agrees may be
+    False.
     """
 
     link: CommandLink
@@ -53,7 +54,7 @@ class CommandCase:
 
 @dataclass(frozen=True)
 class CommandFlights:
-    """Hovering behind command links: the conditions, the cases, and in how many flown and predicted agree."""
+    """Hovering behind command links: the conditions, the cases, and the number of cases in which both agree."""
 
     scenario: str
     point: tuple[float, float, float]
@@ -70,7 +71,7 @@ def hovering(p_WB: tuple[float, float, float]) -> np.ndarray:
 
 
 def hover_V(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> np.ndarray:
-    """Return V (p x p) as the filter has it at a point, hovering.
+    """Return the covariance V (p x p) of the measurements that the filter assumes when hovering at a point.
 
     InputError if a sensor that flies would give no measurement there.
     """
@@ -82,10 +83,10 @@ def hover_V(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> np.
 
 
 def hover_point(scenario: Scenario) -> tuple[float, float, float]:
-    """Return the place to hover at: POINT, or where a vehicle cannot be there, a place of the scenario's path.
+    """Return the place to hover at: POINT, or if the vehicle cannot be there, a place of the scenario's path.
 
-    That is the place nearest the middle of the path's duration at which every sensor that flies gives a measurement.
-    InputError if there is none, or the scenario has no linear loop.
+    That place is the one nearest the middle of the path's duration at which every sensor that flies gives a
+    measurement. InputError if there is none, or if the scenario has no linear loop.
     """
     if why := why_no_loop(scenario):
         raise InputError(why)
@@ -111,7 +112,7 @@ def hover_point(scenario: Scenario) -> tuple[float, float, float]:
 
 
 def learned_at(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> Scenario:
-    """Return the scenario whose filter has what its banks learn at a point, hovering.
+    """Return the scenario whose filter has the values that its banks learn when hovering at a point.
 
     InputError as hover_V, or if the scenario has no linear loop.
     """
@@ -131,7 +132,7 @@ def errors_moment(scenario: Scenario, point: tuple[float, float, float], duratio
 def command_cases(losses: Sequence[float], strategies: Sequence[str], delays: Sequence[int]) -> list[CommandLink]:
     """Return command links to fly: every loss with every strategy without delay, then every delay without loss.
 
-    InputError naming the share, strategy or delay that cannot be, and what can.
+    InputError naming the share, strategy or delay that is not possible, and what is allowed.
     """
     lossy = [{"loss": loss_of(p).model_dump(), "when_lost": s} for s in strategies for p in losses]
     return [validate(CommandLink, data, "command_link") for data in lossy + [{"delay": d} for d in delays]]
@@ -147,10 +148,11 @@ def command_flights(
     workers: int = 1,
     progress: Callable[[CommandCase], None] | None = None,
 ) -> CommandFlights:
-    """Hover behind each link at a point, on the same seeds, and return flown beside predicted, each case as it is done.
+    """Hover behind each link at a point, with the same seeds, and return predicted and flown figures.
 
-    The scenario's planner and command link are replaced. The hovering that counts has a duration [s], after WARM_UP.
-    Flights are in the folder `out`, as fly_many has them. InputError as hover_V.
+    The scenario's planner and command link are replaced. The hovering that counts lasts `duration` [s], after WARM_UP.
+    Flights are kept in the folder `out`, as fly_many does; `progress` gets each case as it is done. InputError as
+    hover_V.
     """
     seeds = list(seeds)
     told = learned_at(scenario, point)

@@ -9,8 +9,8 @@ Behind a link of delay d the state grows to
 a_k is u_{k-d} if that arrives, else a_{k-1} ('hold') or 0 ('zero'). The delay is constant, so a packet lost at sending
 and one lost at arrival have the same statistics.
 
-With commands.filter 'acted' xhat is the estimate once the filter knows a_k, by a report without loss or delay:
-its response to a_k is then in G. A servo that accounts for late commands answers u_k = -L z_k - sum_j L_j u_{k-j}, see
+With commands.filter 'acted' xhat is the estimate once the filter knows a_k, by a report without loss or delay: its
+response to a_k is then in G. A servo that accounts for late commands has u_k = -L z_k - sum_j L_j u_{k-j}, see
 late_servo.py.
 """
 
@@ -45,10 +45,10 @@ STRATEGIES: tuple[Literal["hold", "zero"], ...] = ("hold", "zero")
 class CommandedLoop(NamedTuple):
     """The loop of a scenario, open at the rotors, over a period of T ticks; F (T, n, n) and G (n, m), n = 27 in flight.
 
-    The command is -L z (m, n), less L_u (D, m, m) of u_{k-1}, u_{k-2}, ...; (0, 0, 0) where the servo takes its
-    commands to act at once. N is the covariance of n_k (T, n, n). G_hat is how u_k enters through a filter that takes
-    it to act at once (n, m); read where there is L_u. by_v is how the measurements' noise and errors enter in each tick
-    (T, n, p); empty where it is not asked for.
+    The command is u_k = -L z_k - sum_j L_u[j] u_{k-1-j} with L (m, n) and L_u (D, m, m); L_u is (0, 0, 0) if the servo
+    assumes that commands act at once. N (T, n, n) is the covariance of n_k. G_hat (n, m) is the effect of u_k through a
+    filter that assumes it to act at once; it is read only with L_u. by_v (T, n, p) is the effect of the measurements'
+    noise and errors in each tick; empty where it is not needed.
     """
 
     F: np.ndarray
@@ -61,7 +61,7 @@ class CommandedLoop(NamedTuple):
 
 
 def schedule(scenario: Scenario) -> np.ndarray:
-    """Return delta of each tick of a period (T, s): the sensors that are due by their rates, nothing lost."""
+    """Return delta of each tick of a period (T, s): 1 for the sensors that are due by their rates, nothing lost."""
     measurement = filter_measurement(scenario)
     sensors = [message_of(s, measurement) for s in measurement.sensors]
     every = [scenario.every(s) if s in scenario.sensors else 1 for s in sensors]
@@ -75,7 +75,7 @@ def over_arrivals(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return K_k (T, n, p) and P_k (T, n, n) of the one-step predictor over arrivals (T, p) from P, and P after them.
 
-    Of Phi, W (n, n), C (p, n) and V (p, p); the columns of what does not arrive in a tick are 0.
+    Phi and W are (n, n), C is (p, n), V is (p, p). Columns of K_k for rows that do not arrive are 0.
     """
     Ks, Ps = np.zeros((len(there), *C.T.shape)), np.zeros((len(there), *Phi.shape))
     for k, seen in enumerate(map(np.flatnonzero, there)):
@@ -91,9 +91,9 @@ def periodic_predictor(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return K_k (T, n, p) and P_k (T, n, n) of the steady one-step predictor over a period of arrivals.
 
-    The Riccati recursion of over_arrivals, gone through until it repeats; S. Bittanti and P. Colaneri, "Periodic
-    Systems" (Springer, 2009), for its convergence where (Phi, C) is detectable over the period. InputError if it does
-    not settle; so it is where an unstable state stays unseen.
+    The Riccati recursion of over_arrivals is iterated until it repeats; S. Bittanti and P. Colaneri, "Periodic Systems"
+    (Springer, 2009), show that it converges where (Phi, C) is detectable over the period. InputError if it does not
+    settle, as where an unstable state stays unseen.
     """
     P = np.trace(W) * np.eye(len(Phi))
     for _ in range(20_000):
@@ -112,14 +112,14 @@ def commanded_loop(
     """Return a scenario's loop, open at the rotors; its sensors' losses, delays and blackouts do not enter.
 
     V is the covariance of the measurements (p x p), deltas are arrivals of the sensors at each tick of a period (T, s),
-    by default what is due. The delay after which commands act [ticks] is read where the servo accounts for it.
-    InputError naming the modes of the vehicle that the sensors leave unseen.
+    by default the sensors that are due. `delay` [ticks], after which commands act, is read if the servo accounts for
+    it. InputError naming the modes of the vehicle that the sensors leave unseen.
     """
     return delay_aware_loop(loop_at_once(scenario, V, deltas), scenario, delay)
 
 
 def delay_aware_loop(loop: CommandedLoop, scenario: Scenario, delay: float) -> CommandedLoop:
-    """Return the loop of loop_at_once with the scenario's filter and servo accounting for commands so late [ticks]."""
+    """Return the loop of loop_at_once with the filter and servo that account for commands `delay` ticks late."""
     filter_acts, servo = scenario.commands.filter, scenario.commands.servo
     if filter_acts == "sent" and servo == "present":
         return loop
@@ -127,7 +127,7 @@ def delay_aware_loop(loop: CommandedLoop, scenario: Scenario, delay: float) -> C
     n, m = loop.G.shape
     G_hat = np.zeros((n, m))
     G_hat[hover.hats] = hover.Gamma
-    F = loop.F + G_hat @ loop.L  # with a filter that takes no command to act
+    F = loop.F + G_hat @ loop.L  # with a filter that assumes no command
     of_xbar, of_force, L_u = late_gains(scenario, delay)
     L = np.zeros((m, n))
     L[:, hover.hats.start : hover.hats.start + N_X] = of_xbar[:, :N_X]
@@ -140,7 +140,7 @@ def delay_aware_loop(loop: CommandedLoop, scenario: Scenario, delay: float) -> C
 
 
 def loop_at_once(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None = None) -> CommandedLoop:
-    """Return the loop whose filter and servo take commands to act at once; arguments and errors as commanded_loop."""
+    """Return the loop whose filter and servo assume that commands act at once; arguments, errors: commanded_loop's."""
     loop, V = hover_loop(scenario), filter_V(scenario, V)
     deltas = schedule(scenario) if deltas is None else deltas
     unseen = unseen_modes(loop.Phi, loop.C[loop.measurement.by_row(np.any(deltas, axis=0))], loop.names)
@@ -158,7 +158,7 @@ def loop_at_once(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None = 
 
 
 def _by_v(loop: HoverLoop, K: np.ndarray, delta: np.ndarray) -> np.ndarray:
-    """Return v's input matrix on z (27 x p): [0; K Delta; -E], without the last with the integrator 'estimate'."""
+    """Return v's input matrix on z (27 x p): [0; K Delta; -E], with 0 for -E if the integrator is 'estimate'."""
     hats = loop.hats
     from_v = np.zeros((hats.stop + N_I, len(loop.C)))
     from_v[hats] = K @ loop.measurement.arrival_matrix(delta)
@@ -168,10 +168,10 @@ def _by_v(loop: HoverLoop, K: np.ndarray, delta: np.ndarray) -> np.ndarray:
 
 
 def delay_line(loop: CommandedLoop, delay: int, holds: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return the loop behind a link while nothing acts on the rotors, and the rows that hold the commands.
+    """Return the loop behind a link while nothing acts on the rotors, and the rows that pick the commands.
 
     Returns:
-        A (T, size, size): dynamics of [z; a; u_{k-1}; ...; u_{k-d}] with a_k = 0, of as many more as the servo reads.
+        A (T, size, size): dynamics of [z; a; u_{k-1}; ...; u_{k-d}] with a_k = 0, and all u_{k-j} that the servo reads.
         U (d + 1 or more, m, size): U[j] picks u_{k-j}.
     """
     n, m = loop.G.shape
@@ -216,7 +216,7 @@ def behind_a_link(loop: CommandedLoop, when_lost: str, delay: int = 0) -> tuple[
 
 
 def last_stable(is_stable: Callable[[float], bool], stable: float, unstable: float, tolerance: float) -> float:
-    """Return where between two numbers stability ends, on the stable side, by bisection."""
+    """Return the number at which stability ends between two numbers, on the stable side, by bisection."""
     while abs(unstable - stable) > tolerance:
         middle = (stable + unstable) / 2.0
         stable, unstable = (middle, unstable) if is_stable(middle) else (stable, middle)

@@ -92,9 +92,9 @@ def acknowledged_loop(scenario: Scenario, V: np.ndarray, share: float) -> JumpLi
     """Return the jump-linear system of a scenario's loop with a share, in [0, 1), of its commands lost independently.
 
     A lost command is a control of zero. The filter predicts with what acted, and the gain is that of
-    theory/lossy_control/lossy_gain.py on the servo's own weights. It is not flown: the scenario's servo has the gain
-    of a link without losses. The scenario's own command link, and what it makes of late commands, are not used; V is
-    the covariance of the measurements (p x p).
+    theory/lossy_control/lossy_gain.py on the servo's own weights. It is not flown: the scenario's servo has the gain of
+    a link without losses. The scenario's own command link and its settings for late commands are not used; V is the
+    covariance of the measurements (p x p).
     """
     hover, loop = hover_loop(scenario), loop_at_once(scenario, V)
     pair = augmented_pair(scenario.vehicle, scenario.h, scenario.yaw)
@@ -107,15 +107,15 @@ def acknowledged_loop(scenario: Scenario, V: np.ndarray, share: float) -> JumpLi
     return lossy_loop(acted, CommandLink(loss=loss_of(share), when_lost="zero"), scenario.h)
 
 
-LONGEST = 100  # ticks of delay to look at
+LONGEST = 100  # most ticks of delay that are tried
 
 
 @dataclass(frozen=True)
 class CriticalDelay:
-    """The delay that destabilises a loop: where growth first reaches 1, to 1e-6 ticks [s], and the same in ticks.
+    """The delay [s] at which a loop's growth first reaches 1, to 1e-6 ticks, and the same delay in ticks.
 
-    whole_ticks is the least whole number with which the loop is unstable, growth is by whole ticks from 0 to one beyond
-    that, and the modes are what grows with whole_ticks.
+    whole_ticks is the least whole number of ticks with which the loop is unstable. growth is by whole ticks from 0 to
+    whole_ticks + 1. `modes` names the modes that grow with whole_ticks.
     """
 
     delay: float
@@ -132,9 +132,9 @@ def _ticks_above(delay: float) -> int:
 
 
 def delayed_matrices(loop: CommandedLoop, delay: float, G_late: np.ndarray | None = None) -> np.ndarray:
-    """Return the augmented dynamics over a period (T, size, size), every command late by so many ticks (tau / h).
+    """Return the augmented dynamics over a period (T, size, size), with every command `delay` ticks late (tau / h).
 
-    G_late (n, m) has Gamma(theta h) in the place of Gamma in G; it is read for a delay that is no whole number.
+    G_late (n, m) is G with Gamma(theta h) in place of Gamma; it is read if the delay is no whole number.
     """
     d = _ticks_above(delay)
     A, U = delay_line(loop, d, holds=False)
@@ -154,24 +154,24 @@ def delay_growth(scenario: Scenario, V: np.ndarray, delay: float, deltas: np.nda
     """Return the loop's growth per tick with a delay [ticks, whole or not]; below 1 it is stable.
 
     The scenario's own command link is not used. V is the covariance of the measurements (p x p), for the filter's gain;
-    the arrivals over a period (T, s) are by default what is due.
+    deltas (T, s) are the arrivals over a period, by default of the sensors that are due.
     """
     return growth_with(loop_at_once(scenario, V, deltas), scenario, delay)
 
 
 def growth_with(at_once: CommandedLoop, scenario: Scenario, delay: float) -> float:
-    """Return delay_growth of the loop that loop_at_once returned."""
+    """Return delay_growth for a loop that loop_at_once returned."""
     loop = delay_aware_loop(at_once, scenario, delay)
     G_late = np.zeros_like(loop.G)
     theta = _ticks_above(delay) - delay
     if theta > 0.0:
-        G_late += theta * loop.G  # of a force held for that share of the tick
+        G_late += theta * loop.G  # the force state is held for that share of the tick
         _, G_late[:N_X] = discretize(hover_A(scenario.yaw), hover_B(scenario.vehicle), theta * scenario.h)
     return growth(delayed_matrices(loop, delay, G_late))
 
 
 def critical_delay(scenario: Scenario, V: np.ndarray, deltas: np.ndarray | None = None) -> CriticalDelay | None:
-    """Return the delay that destabilises the loop, None if it is stable with LONGEST ticks of it.
+    """Return the delay that destabilises the loop, None if the loop is stable with LONGEST ticks of delay.
 
     InputError if the loop is unstable without a delay.
     """
@@ -212,13 +212,13 @@ class LinkFigures:
 
 @dataclass(frozen=True)
 class CommandReport:
-    """The loss and the delay of commands that a loop bears at hover, with a period of the sensors [ticks].
+    """The loss and the delay of commands that a loop tolerates at hover; `period` is that of the sensors [ticks].
 
-    Growth is that of the second moment per tick with a perfect link. The largest loss is by strategy, of independent
-    losses and in bursts of a mean length [ticks], rms the distance from r [m] by strategy and independent loss, None
-    where it diverges. Acknowledged are those with the best gain for the loss, where arrivals are acknowledged and a
-    lost command is zero; without weights, of a servo of one's own, there is no such rms. The delay is the one that
-    destabilises, None if it was stable with every one looked at; own_link is behind the scenario's own command link.
+    growth is that of the second moment per tick with a perfect link. largest_loss is by strategy, for independent
+    losses and for bursts of a mean length [ticks]. rms is the distance from r [m] by strategy and independent loss,
+    None where it diverges. acknowledged_loss and acknowledged_rms are with the best gain for the loss, if arrivals are
+    acknowledged and a lost command is zero; a servo without weights has no acknowledged_rms. delay destabilises the
+    loop; None if none up to LONGEST does. own_link is behind the scenario's own command link.
     """
 
     scenario: str
@@ -241,7 +241,7 @@ def _rms(system: JumpLinear) -> float | None:
 
 
 def command_report(scenario: Scenario, V: np.ndarray) -> CommandReport:
-    """Return the effect of lost and late commands on a scenario's loop at hover; V covers the measurements (p x p).
+    """Return the effect of lost and late commands on a scenario's loop at hover; V is as in commanded_loop.
 
     The scenario's own command link enters under `own_link` alone. InputError if the loop is unstable with a perfect
     link, naming the modes.

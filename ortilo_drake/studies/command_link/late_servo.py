@@ -26,11 +26,11 @@ from ortilo_drake.onboard.servo.lq_servo import delayed_gain, servo_control, spl
 from ortilo_drake.scenario import LqServo, Scenario
 
 Law = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]  # xbar (15), force (3), u_{k-1} ... (D, 4) -> u_k (4)
-EARLY = 10  # ticks after the start that the present one is
+EARLY = 10  # tick at which the oldest command is sent
 
 
 def known_timeline(us: np.ndarray, now: int, scenario: Scenario, delay: float) -> tuple[np.ndarray, float]:
-    """Return the timeline at tick `now`, and tau [s], of commands us (D, 4), newest first, `delay` ticks late."""
+    """Return the timeline at tick `now`, and tau [s], for commands us (D, 4), newest first, `delay` ticks late."""
     h, commands = scenario.h, scenario.commands
     given = NONE if commands.delay is None else commands.delay
     sent, acts = none_sent(len(us)), first_acts(len(us) + 1, scenario.vehicle.hover_thrust)
@@ -68,7 +68,7 @@ def control_misprediction(us: np.ndarray, scenario: Scenario, delay: float) -> n
 
 
 def flown_law(scenario: Scenario, delay: float) -> Law:
-    """Return u_k of the scenario's servo where every command acts after so many ticks."""
+    """Return the scenario's servo as a function that gives u_k, if every command acts `delay` ticks late."""
     vehicle, h, kind = scenario.vehicle, scenario.h, scenario.commands.servo
     nothing, tail = np.zeros(REFERENCE_SIZE), (vehicle.mass, 0.0, True)
     A, B, B_d = hover_A(scenario.yaw), hover_B(vehicle), hover_B_d(vehicle)
@@ -99,7 +99,7 @@ def flown_law(scenario: Scenario, delay: float) -> Law:
 def late_gains(scenario: Scenario, delay: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the servo's gains on [x; i] (4 x 15), on the force (4 x 3) and on its commands (D, 4, 4), at yaw 0.
 
-    The true delay [ticks] is read where the onboard half hears what acted.
+    `delay` is the true one [ticks]; it matters where the onboard half is told which commands acted.
     """
     believed = delay if scenario.commands.delay is None else scenario.commands.delay / scenario.h
     D = max(split_delay(believed, 1.0)[0], split_delay(delay, 1.0)[0]) + 2

@@ -26,7 +26,7 @@ _SMALLEST_P = 1e-16  # what double precision tells from 0
 
 
 def _draw_nees(axes: Axes, flights: Sequence[xr.Dataset]) -> None:
-    """Draw the flights' average NEES of position at each tick, its 95 % band and how many are in a blackout."""
+    """Draw the flights' average NEES of position at each tick, its 95 % band and the share of flights in a blackout."""
     whole = [finite_part(flight) for flight in flights]
     average, count = ensemble_average([position_nees(flight) for flight in whole])
     time = np.arange(len(average)) * scenario_of(flights[0]).h

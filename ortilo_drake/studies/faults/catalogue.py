@@ -1,4 +1,4 @@
-"""The faults that the study flies, one at a time, laid where the flight is when they begin."""
+"""The faults that the study flies, one at a time, placed where the flight is at that time."""
 
 from math import radians
 from typing import Any, Final, NamedTuple
@@ -12,15 +12,15 @@ from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.faults import sensors_of_kind
 
 START: Final = 22.0  # in the stretch of the ready-made flights where UWB comes without a gap, 19 s to 43 s [s]
-LENGTH: Final = 5.0  # of the faults that end [s]
-AHEAD: Final = (2.0, 8.0)  # where a landmark is looked for that is moved or taken away [m]
-_NEAR, _ASIDE = 0.8, 2.0  # where people cross a line of sight, and from how far aside they come [m]
+LENGTH: Final = 5.0  # duration of the faults that end [s]
+AHEAD: Final = (2.0, 8.0)  # distances ahead at which the landmark to move or remove is chosen [m]
+_NEAR, _ASIDE = 0.8, 2.0  # how far away people cross a line of sight, and how far aside they start [m]
 
 
 class Case(NamedTuple):
-    """One fault of the catalogue: what tables and --faults call it, and what the list `faults` of a scenario has of it.
+    """One fault of the catalogue: its name in tables and --faults, and its entry in a scenario's list `faults`.
 
-    It begins at the start and ends at the end [s], None if it does not.
+    It begins at `start` [s] and ends at `end` [s], None if it does not end.
     """
 
     name: str
@@ -30,11 +30,11 @@ class Case(NamedTuple):
 
 
 class Place(NamedTuple):
-    """The flight's place in the middle of a fault.
+    """The flight's place in the middle of a fault, and what is around it.
 
-    It has the position p_WB (3), the indices of the anchors, the nearest first, that of the landmark which is nearest
-    ahead, or else nearest, and walks of people who cross the lines to the three nearest anchors and the one ahead: x,
-    y, x, y [m].
+    p_WB (3) is the position. anchors are the indices of the anchors, the nearest first. landmark is the index of the
+    nearest landmark ahead, or else of the nearest. walks (x, y, x, y) [m] are of people who cross the lines to the
+    three nearest anchors and the line ahead.
     """
 
     p_WB: np.ndarray
@@ -44,7 +44,7 @@ class Place(NamedTuple):
 
 
 def place_at(scenario: Scenario, t: float) -> Place:
-    """Return the planned place at t [s]; InputError if its planner is a System."""
+    """Return the planned place at t [s]; InputError if the planner is a System."""
     path, room = path_of(scenario), scenario.load_room()
     p_WB = np.array(path.value(min(t, path.end_time()))[:, 0])
     anchors = [int(i) for i in np.argsort(np.linalg.norm(room.anchor_positions - p_WB, axis=1))]
@@ -63,7 +63,7 @@ def place_at(scenario: Scenario, t: float) -> Place:
 
 
 def catalogue(scenario: Scenario, start: float = START, length: float = LENGTH) -> tuple[Case, ...]:
-    """Return the faults that apply to a scenario's sensors and parts, from a start on, of a length if they end [s]."""
+    """Return the faults that apply to a scenario's sensors and parts, from start [s] on, for length [s] if they end."""
     place = place_at(scenario, start + 0.5 * length)
     passing: dict[str, dict[str, Any]] = {
         "nlos_storm": {"kind": "nlos_storm", "share": 0.5, "mean": 1.0},
@@ -100,7 +100,7 @@ NAMES: Final = (
 
 
 def chosen_names(text: str | None) -> tuple[str, ...]:
-    """Return the names that a list with commas chooses, all without one; InputError if one is none."""
+    """Return the fault names in a comma-separated list, all names for None; InputError if a name is unknown."""
     if text is None:
         return NAMES
     names = tuple(name.strip() for name in text.split(","))

@@ -23,16 +23,16 @@ from ortilo_drake.studies.faults.catalogue import LENGTH, START, Case, catalogue
 from ortilo_drake.studies.maps.chunks import traced
 from ortilo_drake.theory.consistency.consistency import nees_interval
 
-BIN: Final = 0.5  # [s]
+BIN: Final = 0.5  # length of a bin of time [s]
 COMPILED_AT_ONCE: Final = 50  # flights in one job of a worker
 
 
 @dataclass(frozen=True)
 class Course:
-    """The errors over time that are kept of a flight, by the seed of all its noise; lost at [s], None if it was not.
+    """A flight's errors over time, with its noise's seed, and the time at which it was lost [s], None if it was not.
 
-    In each BIN, up to a loss, there are the mean squared distance of estimated and true position [m^2] and the mean of
-    the position's NEES, 3 if the filter is consistent.
+    Each BIN up to a loss has the mean squared distance of estimated and true position [m^2] and the mean NEES of
+    position, 3 if the filter is consistent.
     """
 
     seed: Count
@@ -63,22 +63,23 @@ def fly_courses_of(scenario_json: str, seeds: list[int], folder: str) -> list[Co
 fly_courses = partial(fly_kept, Course, fly_courses_of, at_once=COMPILED_AT_ONCE)
 
 
-PASSES: Final = 1.5  # at most so many times the error without the fault
-WITHIN_3_SIGMA: Final = float(chi2(3).ppf(chi2(1).cdf(3.0**2)))  # NEES of a position as far off as 3 sigma is, 14.16
-SETTLES: Final = 2.0  # from a fault's end to where 'after' begins [s]
-KNOWN: Final = 10.0  # from the start of a fault that does not end to where 'after' begins [s]
-WINDOW: Final = 5.0  # for which an estimator must be good to have recovered [s]
+PASSES: Final = 1.5  # most that the error may be, as a multiple of the error without the fault
+WITHIN_3_SIGMA: Final = float(chi2(3).ppf(chi2(1).cdf(3.0**2)))  # NEES of a position at the edge of 3 sigma, 14.16
+SETTLES: Final = 2.0  # from a fault's end to the beginning of 'after' [s]
+KNOWN: Final = 10.0  # from the start of a fault that does not end to the beginning of 'after' [s]
+WINDOW: Final = 5.0  # time for which the error must be small to count as recovered [s]
 Settings = tuple[tuple[str, Any], ...]
 
 
 @dataclass(frozen=True)
 class Phase:
-    """The estimate in one part of the flights, those that were not lost all together.
+    """The estimate in one part of the flights: figures of all flights that were not lost together, and medians.
 
-    The error is the root mean square of the distance of estimated and true position [m], the ratio that over the error
-    of the same seeds without the fault in the same ticks [1]. NEES is the mean of the position's, 3 if the filter is
-    consistent, with its 95 % interval over flights by Student's t, cut at 0; None of fewer than two. Errors [m] and
-    ratios are medians of those of each flight, with the lost ones as worst and without them.
+    error is the root mean square of the distance of estimated and true position [m]; ratio is error over the error of
+    the same seeds without the fault in the same ticks [1]. nees is the position's mean NEES, 3 if the filter is
+    consistent, and nees_interval its 95 % interval over flights by Student's t, cut at 0; None for fewer than two
+    flights. errors [m] and ratios are medians over the single flights, with lost flights counted as worst and without
+    them.
     """
 
     error: float
@@ -96,39 +97,39 @@ class FaultRow:
     fault: str
     """its name in the catalogue."""
     scenario: str
-    """its name."""
+    """the scenario's name."""
     flights: int
-    """how many."""
+    """number of flights."""
     lost: int
-    """how many of them."""
+    """number of lost flights."""
     lost_share: Interval
     """Wilson's 95 % interval of the share lost [1]."""
     before: Phase | None
-    """until the fault; None if all flights were lost, as the two below."""
+    """part before the fault; None if all flights were lost, as are `during` and `after`."""
     during: Phase | None
-    """from its start to its end; to 10 s after the start if it does not end."""
+    """part from the fault's start to its end; to 10 s after the start if it does not end."""
     after: Phase | None
-    """from 2 s after its end, or from there on, to the flight's end."""
+    """part from 2 s after the fault's end, or 10 s after the start if it does not end, to the flight's end."""
     recovery: float | None
-    """from the fault's end, or its start if it does not end, to the first 5 s in which the error of all flights
-    together is at most 1.5 times the one without the fault [s]; None if there are none."""
+    """time from the fault's end, or its start if it does not end, to the first 5 s in which the error of all flights
+    together is at most 1.5 times the one without the fault [s]; None if there is no such time."""
     passed_during: bool
-    """during the fault the error is at most 1.5 times the one without it, or the filter knows that it is not: the mean
-    NEES is at most WITHIN_3_SIGMA."""
+    """whether during the fault the error is at most 1.5 times the one without, or the filter knows of it: the mean NEES
+    is at most WITHIN_3_SIGMA."""
     passed_after: bool
-    """afterwards the error is at most 1.5 times the one without the fault."""
+    """whether afterwards the error is at most 1.5 times the one without the fault."""
     passed: bool
-    """no flight lost, and both."""
+    """whether no flight was lost, and passed_during and passed_after."""
     settings: dict[str, Any] = field(default_factory=dict)
-    """the fault as the list `faults` of the scenario has it."""
+    """the fault's entry in the scenario's list `faults`."""
 
 
 @dataclass(frozen=True)
 class FaultStudy:
-    """The result of the study of faults, as `ortilo faults --json` writes it, a row by fault, then by scenario.
+    """The result of the study of faults, as `ortilo faults --json` writes it; rows by fault, then by scenario.
 
-    Each row has so many flights. Faults begin at the start, those that end have the length [s]. Without a fault so many
-    flights of each scenario were lost.
+    Each row has `flights` flights. Faults begin at `start` [s]; those that end last `length` [s]. lost_without is the
+    number of flights lost without a fault, for each scenario.
     """
 
     scenarios: list[str]
@@ -149,11 +150,11 @@ def fault_study(
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
 ) -> FaultStudy:
-    """Fly scenarios without a fault and with each fault, by name, that applies to them, on so many seeds from 0.
+    """Fly scenarios without a fault, and with each named fault that applies to them, on `flights` seeds from 0.
 
-    Each scenario is one that `vary` returns with settings laid over it. The faults begin at the start, those that end
-    have the length [s]. The folder of the courses, workers and progress are as fly_kept has them. InputError if a
-    flight ends too early for anything to be seen after the fault.
+    Each function of `vary` returns a scenario with settings laid over it. Faults begin at `start` [s]; those that end
+    last `length` [s]. `out`, workers and progress are as in fly_kept. InputError if a flight ends too early to show
+    anything after the fault.
     """
     wanted: list[tuple[Scenario, Case | None]] = []
     scenarios = []
@@ -177,7 +178,7 @@ def fault_study(
 
 
 def check_length(scenario: Scenario, start: float, length: float) -> None:
-    """Refuse a flight that ends too soon after its faults, and faults between half seconds."""
+    """Raise InputError if a flight ends too soon after its faults, or if a fault's times are no multiples of BIN."""
     for name, value in (("--start", start), ("--length", length)):
         if value % BIN != 0.0:
             raise InputError(f"{name} {value:g}: must be a multiple of {BIN:g} s")
@@ -194,7 +195,7 @@ def _lost(courses: Sequence[Course]) -> int:
 
 
 def row_of(scenario: str, case: Case, courses: Sequence[Course], without: Sequence[Course]) -> FaultRow:
-    """Return the row of a fault of a scenario, by name, from the courses with it and of the same seeds without it."""
+    """Return the row of a fault and the named scenario, from courses of the same seeds with and without the fault."""
     pairs = [(a, b) for a, b in zip(courses, without, strict=True) if a.lost is None and b.lost is None]
     lost = _lost(courses)
     share = share_interval(lost, len(courses))
@@ -219,7 +220,7 @@ def row_of(scenario: str, case: Case, courses: Sequence[Course], without: Sequen
 
 
 def _phase(square: np.ndarray, calm: np.ndarray, nees: np.ndarray, lost: int) -> Phase:
-    """Return a phase of flights that were not lost (flights, bins), and of so many that were."""
+    """Return a phase of the flights that were not lost (flights, bins); `lost` is the number of those that were."""
     each, its_calm = square.mean(axis=1), calm.mean(axis=1)
     return Phase(
         error=float(np.sqrt(square.mean())),
@@ -232,7 +233,7 @@ def _phase(square: np.ndarray, calm: np.ndarray, nees: np.ndarray, lost: int) ->
 
 
 def recovery_time(square: np.ndarray, calm: np.ndarray, origin: int) -> float | None:
-    """Return the time from a bin, origin, to the first WINDOW in which the error is at most PASSES times the calm one.
+    """Return the time from the bin `origin` to the first WINDOW with an error of at most PASSES times the calm one.
 
     Both are mean squared errors (flights, bins) [m^2], of the same seeds with the fault and without it.
     """

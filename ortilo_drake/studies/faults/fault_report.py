@@ -15,7 +15,7 @@ from ortilo_drake.views.themes import SLIDE_SIZE, add_title, broken_name, for_sl
 
 
 def fault_summary(found: FaultStudy) -> list[str]:
-    """Return a summary of a study, as Markdown's list: at most five lines."""
+    """Return a summary of a study as a Markdown list of at most five lines."""
     lines = []
     for scenario, without in list(zip(found.scenarios, found.lost_without, strict=True))[:3]:
         its = [row for row in found.rows if row.scenario == scenario]
@@ -35,9 +35,9 @@ _HEADER = [
     *("recovers in [s]", "NEES during", "NEES after", "passes"),
 ]
 _MEDIANS = ["fault", "scenario", "during [mm]", "after [mm]", "during, times", "after, times"]
-_WORST = 10.0  # times; more is drawn in the same colour
+_WORST = 10.0  # a larger ratio is drawn in the same colour
 _TICKS = (1.0, 2.0, 3.0, 5.0, 10.0)  # of the colour bar
-_WIDEST = 13  # letters of a column's label in a line
+_WIDEST = 13  # most letters in a line of a column's label
 _MOST_DIGITS = 9  # of a ratio close to the limit
 _LARGEST = 14.0  # size of the figures on a slide [pt]
 _LOST = "#404040"  # where all flights are lost
@@ -91,7 +91,7 @@ def _strengths(found: FaultStudy) -> list[str]:
 
 
 def _times(ratio: float, text: str) -> str:
-    """Return a ratio as in a text, but with the digits that tell it from the limit."""
+    """Return a ratio's text, with as many digits as tell the ratio from the limit PASSES."""
     digits = len(text)
     while float(text) == PASSES != ratio and digits < _MOST_DIGITS:
         text, digits = f"{ratio:.{digits}g}", digits + 1
@@ -129,7 +129,7 @@ def _cells(row: FaultRow) -> list[str]:
 
 
 def _verdict(row: FaultRow) -> str:
-    """Return whether a fault is passed, and where not, what it fails by."""
+    """Return 'yes' if a fault is passed, else 'no' and the criteria that fail."""
     if row.during is None:
         return "no: lost"
     good = {"lost": row.lost == 0, "during": row.passed_during, "after": row.passed_after}
@@ -138,7 +138,7 @@ def _verdict(row: FaultRow) -> str:
 
 
 def _size(found: FaultStudy, faults: int) -> float:
-    """Return the size of the figures on a slide, as large as its cells let them be [pt]."""
+    """Return the font size of the numbers on a slide [pt], as large as their cells allow."""
     letters = 15 if any(row.lost for row in found.rows) else 6
     width, height = 0.75 * SLIDE_SIZE[0] / (2 * len(found.scenarios)), 0.72 * SLIDE_SIZE[1] / faults
     return min(max(72.0 * min(width / (0.6 * letters), 0.5 * height), 8.0), _LARGEST)

@@ -1,7 +1,7 @@
-"""All that is fitted to recordings with a truth, as NOISE.yaml has it.
+"""The fit of all sensor errors to recordings with a truth, in the form of NOISE.yaml.
 
-Errors that belong to places are fitted beside those that last: a Gaussian process over places and times. The error of
-an anchor i at place p and time t of a flight is
+Errors that belong to places are fitted together with lasting errors, as a Gaussian process over places and times. The
+error of an anchor i at place p and time t of a flight is
 
     e_i = c_i + f_i(p) + g_i(t),   f_i Matérn 3/2 in space, the same in all recordings;   g_i Gauss-Markov in time
 
@@ -31,8 +31,8 @@ from ortilo_drake.studies.fit.sensor_errors import (
     range_errors,
 )
 
-ROWS = 800  # of the exact likelihood
-SIZES = (0.4, 0.1)  # of the searches, in logarithms
+ROWS = 800  # rows in the exact likelihood
+SIZES = (0.4, 0.1)  # step sizes of the searches, in logarithms
 LIMITS = ((0.05, 20.0), (1e-3, 5.0), (0.02, 60.0), (1e-3, 5.0), (1e-3, 5.0))
 
 
@@ -59,10 +59,10 @@ def fit_fields(
     start: tuple[float, float, float],
     rows: int = ROWS,
 ) -> Fields:
-    """Return the fit of the errors of each recording, of n anchors.
+    """Return the fit to the errors of all recordings, for n anchors.
 
-    By recording, `outlier` has each row's probability to be one. The start has the time constant [s] and deviation of
-    what lasts, and the white deviation [m], without a field. The fit goes by so many rows.
+    `outlier` has for each recording the rows' probabilities of being outliers. `start` is a fit without a field: time
+    constant [s] and deviation of the lasting error, and the white deviation [m]. The fit uses at most `rows` rows.
     """
     flight = np.concatenate([np.full(len(one.t), k) for k, one in enumerate(errors)])
     t, anchor, other, e, place = (np.concatenate(part) for part in zip(*errors, strict=True))
@@ -71,7 +71,7 @@ def fit_fields(
         good = np.sort(np.random.Generator(np.random.Philox(0)).choice(good, rows, replace=False))
     flight, t, anchor, other, e, place = (part[good] for part in (flight, t, anchor, other, e, place))
     B = np.eye(n)[anchor] - np.where((other >= 0)[:, None], np.eye(n)[np.maximum(other, 0)], 0.0)
-    same = B @ B.T  # how two rows share their anchors: what is of one anchor enters by it
+    same = B @ B.T  # anchors that two rows share, which correlate the rows
     d = np.linalg.norm(place[:, None] - place[None], axis=2)
     h = np.where(flight[:, None] == flight[None], np.abs(t[:, None] - t[None]), np.inf)
 
@@ -97,7 +97,7 @@ def fit_recordings(
 ) -> NoiseFile:
     """Fit the sensors' errors to recordings, in the form that a simulation takes.
 
-    With `places`, errors that belong to places are told from errors that last. `say` is called with what is done.
+    With `places`, errors that belong to places are separated from lasting errors. `say` gets the name of each step.
     InputError if a recording has no truth, too few ranges, or other anchors than the first.
     """
     for one in recordings:
@@ -155,7 +155,7 @@ def _short(value: float) -> float:
 
 
 def _rate(stamps: Sequence[np.ndarray]) -> tuple[float, float]:
-    """Return the number a second, and the missing share of the number that the usual interval makes."""
+    """Return the rate [1/s], and the share of measurements that are missing if the median interval is the usual one."""
     time = sum(float(t[-1] - t[0]) for t in stamps)
     steps = np.concatenate([np.diff(t)[np.diff(t) > 0.0] for t in stamps])
     came = sum(len(np.unique(t)) for t in stamps)
@@ -164,7 +164,7 @@ def _rate(stamps: Sequence[np.ndarray]) -> tuple[float, float]:
 
 
 def _outliers(errors: Sequence[RangeErrors], lasting: Lasting, figures: Figures) -> Outliers:
-    """Return the outliers, and how many of an anchor come in a row."""
+    """Return the outliers with the mean number of an anchor's outliers in a row; add their intervals to figures."""
     bursts = odds = 0
     for one, p in zip(errors, lasting.outlier, strict=True):
         for i in np.unique(one.anchor):
@@ -177,9 +177,9 @@ def _outliers(errors: Sequence[RangeErrors], lasting: Lasting, figures: Figures)
 
 
 def _of_recordings(values: np.ndarray, sds: np.ndarray) -> Interval:
-    """Return the interval of a density about the recordings' median (k), of whose logarithms the deviations are known.
+    """Return a density's interval about the median of the recordings (k); sds (k) are those of the values' logarithms.
 
-    By Student's t over the recordings, but no narrower than these deviations make it.
+    It is Student's over the recordings, but no narrower than sds make it.
     """
     if values.min() == 0.0:  # samples that never change
         return Interval(float(np.median(values)), 0.0, float(values.max()))
@@ -194,7 +194,7 @@ def _of_recordings(values: np.ndarray, sds: np.ndarray) -> Interval:
 def _imu(
     named: Sequence[tuple[str, ImuErrors]], recordings: Sequence[Recording], notes: list[str], figures: Figures
 ) -> ImuNoise | None:
-    """Return the IMU's noise: the median of the recordings, by axis."""
+    """Return the IMU's noise: the median of the recordings, by axis; None without an IMU. It adds notes and figures."""
     if not named:
         return None
     found = [one for _, one in named]

@@ -1,4 +1,4 @@
-"""The report of a fit in lines of text, and a scenario whose ranges and IMU err as a NOISE.yaml describes them."""
+"""The report of a fit in lines of text, and a scenario whose ranges and IMU have the errors of a NOISE.yaml."""
 
 import os
 from pathlib import Path
@@ -31,7 +31,7 @@ def fit_lines(found: NoiseFile) -> list[str]:
         value: Any = found.model_dump()
         for key in name.split("."):
             value = value["xyz".index(key)] if key in ("x", "y", "z") else value[int(key) if key.isdigit() else key]
-            if value is None:  # constants of anchors some of which were not heard
+            if value is None:  # the constants, if some anchors were not heard
                 break
         shown = "-" if value is None else f"{value:.3g}"
         unit = next((UNITS[part] for part in reversed(name.split(".")) if part in UNITS), "")
@@ -45,7 +45,7 @@ def fit_lines(found: NoiseFile) -> list[str]:
 
 
 def base_seen_from(file: Path, base: str) -> str:
-    """Return a base, a ready-made scenario's name or a file, as the scenario in `file` must name it."""
+    """Return the name by which the scenario in `file` must call a base: a ready-made scenario's name, or a file."""
     at = resolve(base, "--base")
     return base if at.stem == base else seen_from(file, at)
 
@@ -56,8 +56,8 @@ def seen_from(file: Path, other: Path) -> str:
 
 
 def scenario_text(noise: NoiseFile, noise_file: str, base: str, below: Scenario) -> str:
-    """Return a scenario's text, laid over `base`, what is `below`, whose own errors of ranges and IMU it replaces.
+    """Return the text of a scenario with the errors of a noise file, laid over `base`, which is `below`.
 
-    Files are named as the scenario must name them.
+    It replaces the base's own errors of ranges and IMU. Files are named as the scenario must name them.
     """
     return yaml.safe_dump({"base": base} | settings_of(noise, noise_file, below.truth), sort_keys=False)

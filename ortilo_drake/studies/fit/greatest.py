@@ -10,9 +10,9 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.stats import t as student
 
-SIZES, MOST = (0.5, 0.5, 0.1), 300  # of the searches, in logarithms, and likelihoods of one
-FALL = 0.5  # of the log-likelihood over a step: a standard deviation's
-WIDEST = 1.0  # step, in logarithms
+SIZES, MOST = (0.5, 0.5, 0.1), 300  # steps of the searches, in logarithms, and most likelihoods of one search
+FALL = 0.5  # fall of the log-likelihood over a step: that of a standard deviation
+WIDEST = 1.0  # widest step, in logarithms
 TIMES = 1.959964  # standard deviations of a normal number to either side
 
 
@@ -29,7 +29,7 @@ class Interval(NamedTuple):
 
 
 def normal_interval(value: float, sd: float) -> Interval:
-    """Return the interval of a number whose error is normal."""
+    """Return the 95 % interval of a number whose error is normal with this sd."""
     return Interval(float(value), float(value - TIMES * sd), float(value + TIMES * sd))
 
 
@@ -40,7 +40,7 @@ def half_width(values: np.ndarray) -> np.ndarray:
 
 
 def log_interval(log_value: float, sd: float) -> Interval:
-    """Return the interval of a positive number whose logarithm's error is normal."""
+    """Return the 95 % interval of a positive number whose logarithm has a normal error of this sd."""
     return Interval(*(float(np.exp(end)) for end in normal_interval(log_value, sd)))
 
 
@@ -50,7 +50,7 @@ def greatest(
     limits: Sequence[tuple[float, float]],
     sizes: Sequence[float] = SIZES,
 ) -> np.ndarray:
-    """Return the logarithms of the numbers, from some on and within limits, by searches of these sizes."""
+    """Return the logarithms of the numbers, within the limits, by searches of these step sizes from `start`."""
     low, high = np.log(np.array(limits)).T
 
     def cost(logs: np.ndarray) -> float:
@@ -66,7 +66,7 @@ def greatest(
 
 
 def deviations(likelihood: Callable[[np.ndarray], float], x: np.ndarray) -> np.ndarray:
-    """Return standard deviations by second derivatives (k), taken over about one."""
+    """Return standard deviations (k) from second derivatives, taken over about one standard deviation."""
 
     def cost(at: np.ndarray) -> float:
         return -likelihood(at)

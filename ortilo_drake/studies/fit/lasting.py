@@ -5,13 +5,13 @@ Gauss-Markov process of its own. An error of a range to b, or of a difference of
 
     e = c_b + g_b (- c_a - g_a) + white,   an outlier with probability q, whose error has a further deviation o
 
-The white part may have a heavy tail: it is Student's t by six normals (scenario/noise_file.py).
-A row's density is the mixture of all. What is known behind it has the mixture's mean and covariance (Bar-Shalom, Li
-and Kirubarajan, Estimation with Applications, 2001, section 11.6.4: the first generalised pseudo-Bayesian estimator).
+The white part may have a heavy tail: it is Student's t by six normals (scenario/noise_file.py). A row's density is the
+mixture of all. The estimate after a row has the mixture's mean and covariance (Bar-Shalom, Li and Kirubarajan,
+Estimation with Applications, 2001, section 11.6.4: the first generalised pseudo-Bayesian estimator).
 
 The likelihood is maximised. The intervals come from fits to blocks of time: their spread holds also where the errors
 are not quite of this kind. Where several recordings differ by more than their blocks, Student's t over the recordings
-counts. Those of the constants are no narrower than the filter's covariance makes them.
+counts. The intervals of the constants are no narrower than the filter's covariance makes them.
 """
 
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ from ortilo_drake.studies.fit.sensor_errors import RangeErrors
 PRIOR = 1.0  # deviation of a constant [m]
 START = (0.5, 0.1, 0.1, 0.03, 1.0, 3.0)  # time [s], deviations [m], share, deviation [m], degrees of freedom
 LIMITS = ((0.02, 60.0), (1e-3, 5.0), (1e-3, 5.0), (1e-5, 0.4), (0.05, 30.0), (0.5, 100.0))
-BLOCKS, NEAR = 10, (0.3,)  # of time, and the size of the search in each, in logarithms
+BLOCKS, NEAR = 10, (0.3,)  # blocks of time, and the step of the search in each, in logarithms
 
 
 @cached_njit
@@ -50,10 +50,10 @@ def lasting_filter(
         other: a, or -1 (m).
         e: errors [m] (m).
         x: the constants' means (n); changed.
-        C: their covariance (n, n); changed.
+        C: the constants' covariance (n, n); changed.
         numbers: time constant [s], deviation of the lasting error, of the white one [m], q, and o [m].
-        scales: of the white deviation, as likely as each other (k).
-        outlier: gets each row's probability to be one (m).
+        scales: equally likely factors of the white deviation (k).
+        outlier: receives each row's probability of being an outlier (m).
     """
     n, (tau, sd, white, share, far) = len(x), numbers
     z, S = np.zeros(2 * n), np.zeros((2 * n, 2 * n))
@@ -104,11 +104,12 @@ def lasting_filter(
 
 
 class Lasting(NamedTuple):
-    """The fitted lasting error.
+    """The fitted errors.
 
-    Time constant [s] and deviation of the lasting error [m], deviation of the white one [m], share of outliers and
-    their deviation [m]; degrees of freedom of the white one, None if it is normal; constants by anchor [m], None of
-    one that was not heard; and of each recording's rows the probability to be outliers.
+    time [s] and sd [m] are of the lasting error, white [m] is the deviation of the white one, outliers and outlier_sd
+    [m] are the outliers' share and deviation. freedom is the white error's degrees of freedom, None if it is normal.
+    constants [m] are by anchor, None for an anchor that was not heard. outlier has for each recording the rows'
+    probabilities of being outliers.
     """
 
     time: Interval
@@ -135,7 +136,7 @@ def _run(
 
 
 def fit_lasting(errors: Sequence[RangeErrors], n: int, tail: bool = True) -> Lasting:
-    """Return the fit to the errors of each recording, for n anchors; the white one normal without a tail."""
+    """Return the fit to the errors of all recordings, for n anchors; without `tail`, the white error is normal."""
     start, limits = (START, LIMITS) if tail else (START[:-1], LIMITS[:-1])
     logs = greatest(lambda at: _run(errors, n, at)[0], np.log(start), limits)
     _, x, C, outlier = _run(errors, n, logs)
@@ -150,15 +151,15 @@ def fit_lasting(errors: Sequence[RangeErrors], n: int, tail: bool = True) -> Las
     freedom = found[5] if tail else None
     each = [np.array([_constants([block], *_run([block], n, logs)[1:3])[0] for block in blocks]) for blocks in parts]
     values, sds = _constants(errors, x, C)
-    sds = np.fmax(sds, widest(each) / TIMES)  # of an anchor that a block has not heard, this is not a number
+    sds = np.fmax(sds, widest(each) / TIMES)  # NaN for an anchor that a block has not heard; fmax skips it
     constants = tuple(None if np.isnan(c) else normal_interval(c, s) for c, s in zip(values, sds, strict=True))
     return Lasting(time, sd, white, share, far, freedom, constants, outlier)
 
 
 def widest(each: Sequence[np.ndarray]) -> np.ndarray:
-    """Return half the intervals of numbers fitted to blocks of each recording (blocks, k), by what differs more.
+    """Return half the widths of the intervals of numbers fitted to blocks of each recording (blocks, k).
 
-    That is the blocks, or the recordings where there are several.
+    The larger half width counts: that over the blocks, or that over the recordings if there are several.
     """
     halves = [half_width(np.concatenate(each))]
     if len(each) > 1:
@@ -167,7 +168,7 @@ def widest(each: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _blocks(errors: Sequence[RangeErrors]) -> list[list[RangeErrors]]:
-    """Return each recording cut into blocks of time, about alike in rows."""
+    """Return each recording cut into blocks of time with about as many rows each."""
     rows, found = sum(len(one.t) for one in errors), []
     for one in errors:
         count = max(2, round(BLOCKS * len(one.t) / rows))
@@ -176,9 +177,9 @@ def _blocks(errors: Sequence[RangeErrors]) -> list[list[RangeErrors]]:
 
 
 def _constants(errors: Sequence[RangeErrors], x: np.ndarray, C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the constants and their deviations (n each), not a number of an anchor that was not heard.
+    """Return the constants, NaN for an anchor that was not heard, and their deviations (n each).
 
-    Where there are differences alone, it is less their mean, which these do not tell.
+    If all rows are differences, the constants' mean, which differences do not determine, is subtracted.
     """
     n = len(x)
     heard = np.zeros(n, dtype=bool)

@@ -1,4 +1,4 @@
-"""Errors of recorded ranges while airborne, and of an IMU's samples in flight and at rest, by the truth.
+"""Errors of recorded ranges while airborne, and of an IMU's samples in flight and at rest, relative to the truth.
 
 The truth is a smooth path with an ideal IMU on it: positions and quaternions are resampled evenly, passed forwards and
 backwards through a Butterworth filter, and joined by cubic splines. The second derivative of a truth that is rounded to
@@ -22,16 +22,16 @@ from ortilo_drake.studies.recorded.truth_path import antennas, covered_ranges, m
 RATE, CUT = 200.0, 8.0  # of the even stamps, and of the filter [Hz]
 TURNS = 1e-3  # body rates are differences over this time to either side [s]
 OVER, REST_OVER, TURNS_OVER = 0.25, 0.05, 0.1  # means over this time in flight, at rest, and for the mount [s]
-FULL = 0.6  # a block counts with so large a share of the most samples
+FULL = 0.6  # a block counts if it has this share of the fullest block's samples
 FAULTY, BEYOND = 0.05, 3.0  # an axis with more than this share of samples off by more than this [m/s²] is faulty
-LEAVES = 0.05  # the vehicle rests until a second before it is so far above its first height [m]
-LEAST = 8  # blocks that tell a spread
-SPREAD = 1.3605  # variance of the logarithm of a median absolute deviation, times how many normal numbers it is of
+LEAVES = 0.05  # the vehicle rests until a second before it is this far above its first height [m]
+LEAST = 8  # least number of blocks for a spread
+SPREAD = 1.3605  # variance of the logarithm of the median absolute deviation of n normal numbers, times n
 FEWEST = 200  # ranges that a fit needs
 
 
 class BodyPath(NamedTuple):
-    """Position and quaternion by the sensors' clock; beyond first and last [s] it stands still."""
+    """The body's position and quaternion over the sensors' clock; before first and after last [s] it stands still."""
 
     p: CubicSpline
     q: CubicSpline
@@ -39,7 +39,7 @@ class BodyPath(NamedTuple):
     last: float
 
     def within(self, t: np.ndarray) -> np.ndarray:
-        """Return stamps, those outside at the ends."""
+        """Return the stamps, clipped to the path's times."""
         return np.clip(t, self.first + TURNS, self.last - TURNS)
 
     def position(self, t: np.ndarray) -> np.ndarray:
@@ -67,7 +67,7 @@ class BodyPath(NamedTuple):
 
 
 def body_path(name: str, truth: Truth, by: Calibration) -> BodyPath:
-    """Return the path of a truth in the anchors' frame, B as the truth has it; InputError if it has no attitude."""
+    """Return the truth's path in the anchors' frame, with the truth's own B; InputError if it has no attitude."""
     if truth.R is None:
         raise InputError(f"{name}: truth.rotation: the map has none, and an IMU is flown along an attitude")
     t = np.arange(truth.t[0], truth.t[-1], 1.0 / RATE)
@@ -81,9 +81,10 @@ def body_path(name: str, truth: Truth, by: Calibration) -> BodyPath:
 
 
 class ImuErrors(NamedTuple):
-    """By axis (3 each): densities in flight, at rest (NaN if unknown), and biases; NaN where an axis is faulty.
+    """An IMU's errors by axis (3 each): densities in flight, at rest (NaN if unknown), biases; NaN for a faulty axis.
 
-    Then the standard deviations of the logarithms of the densities, in flight and at rest, if the noise is white.
+    sd and sd_rest are the standard deviations of the densities' logarithms, in flight and at rest, if the noise is
+    white.
     """
 
     rotation: np.ndarray
@@ -110,7 +111,7 @@ def block_means(t: np.ndarray, values: np.ndarray, over: float) -> np.ndarray:
 def _density(t: np.ndarray, e: np.ndarray, over: float) -> tuple[np.ndarray, float]:
     """Return robust densities by axis (3) and the standard deviation of their logarithms; NaN if there are few samples.
 
-    A density is the spread of means over a time, times its root.
+    A density is the spread of means over `over` [s], times the root of `over`.
     """
     means = block_means(t, e, over)
     if len(means) < LEAST:
@@ -120,7 +121,7 @@ def _density(t: np.ndarray, e: np.ndarray, over: float) -> tuple[np.ndarray, flo
 
 
 def mount_of(recording: Recording, path: BodyPath, by: Calibration, map_: Map) -> Rotation:
-    """Return the turn from the IMU's axes to the truth's body that fits the body rates best (Kabsch)."""
+    """Return the rotation from the IMU's axes to the truth's body that fits the body rates best (Kabsch)."""
     imu = recording.imu
     if imu is None:
         return Rotation.identity()
@@ -133,7 +134,7 @@ def mount_of(recording: Recording, path: BodyPath, by: Calibration, map_: Map) -
 
 
 def imu_errors(recording: Recording, path: BodyPath, mount: Rotation, by: Calibration, map_: Map) -> ImuErrors | None:
-    """Return the IMU's errors; None without one."""
+    """Return the IMU's errors; None without an IMU or a truth."""
     imu, truth = recording.imu, recording.truth
     if imu is None or truth is None:
         return None
@@ -157,9 +158,9 @@ def imu_errors(recording: Recording, path: BodyPath, mount: Rotation, by: Calibr
 
 
 class RangeErrors(NamedTuple):
-    """Errors in the order of their stamps (n each).
+    """Errors of ranges in the order of their stamps (n each).
 
-    Stamp [s], anchor b, the other anchor a of a difference or -1, error [m], and where the antenna was (n, 3).
+    Stamp [s], anchor b, the other anchor a of a difference or -1, error [m], and the antenna's place (n, 3) [m].
     """
 
     t: np.ndarray
@@ -169,12 +170,12 @@ class RangeErrors(NamedTuple):
     place: np.ndarray
 
     def only(self, which: np.ndarray) -> "RangeErrors":
-        """Return some of them."""
+        """Return the errors that a mask or indices select."""
         return RangeErrors(*(part[which] for part in self))
 
 
 def calibration_of(recording: Recording, map_: Map) -> Calibration:
-    """Return the calibration between truth and sensors, with no anchor's constant taken off.
+    """Return the calibration between truth and sensors, which leaves the anchors' constants in the errors.
 
     InputError if the recording has no truth.
     """
@@ -188,7 +189,7 @@ def calibration_of(recording: Recording, map_: Map) -> Calibration:
 def range_errors(recording: Recording, map_: Map, by: Calibration) -> RangeErrors:
     """Return the errors of a recording's ranges while it is airborne.
 
-    InputError if fewer than 200 ranges fall within it.
+    InputError if fewer than 200 ranges fall within that time.
     """
     truth, ranges = recording.truth, recording.ranges
     assert truth is not None

@@ -62,10 +62,10 @@ class Pairs:
 
 @dataclass(frozen=True)
 class LateReport:
-    """The three modes on the same seeds, those flown in each mode, of a scenario at a control rate [Hz].
+    """The three modes, each flown on the same seeds, of a scenario at a control rate [Hz].
 
-    The links are loss and delay, or what stood between the halves. 'replay' is compared with each other mode, by
-    ERRORS.
+    links holds loss and delay, or names what stood between the halves. `against` compares 'replay' with each other
+    mode, by ERRORS.
     """
 
     scenario: str
@@ -86,9 +86,9 @@ BOTH_WAYS_AT_100_HZ: Final = replace(AT_100_HZ, command_loss=0.2, command_delay=
 
 
 def late_scenario(scenario: Scenario, links: LateLinks, mode: str) -> Scenario:
-    """Return a scenario behind such links, with estimator.delay as given; rates and blackouts stay.
+    """Return a scenario behind these links, with the mode as estimator.delay; rates and blackouts stay.
 
-    InputError if a link or the mode cannot be.
+    InputError if a link or the mode is not allowed.
     """
     data = scenario.model_dump(mode="json")
     for link in (*(data[sensor]["link"] for sensor in SENSORS), data["report_link"]):
@@ -110,9 +110,9 @@ def late_flights(
 ) -> LateReport:
     """Fly the same seeds in each of the modes and return how they compare.
 
-    The scenario's links' loss and delay, its seed and its estimator.delay are not used, but those of `links`. Flights
-    are in the folder `out`, 1 worker flies in this process, and each mode's entry of the report is told. InputError if
-    a flight cannot be flown, or a link cannot be.
+    `links` replaces the loss and delay of the scenario's links; its seed and estimator.delay are not used. Flights are
+    kept in the folder `out`; 1 worker flies in this process; `progress` gets each mode's report. InputError if a flight
+    cannot be flown, or if a link is not allowed.
     """
     seeds = list(seeds)
     flown = {}

@@ -1,6 +1,6 @@
 """The closed forms of every part's matrices at hover and yaw 0, and their distance from Drake's.
 
-The matrix of one tick of the flying diagram, by Drake's AutoDiffXd, is compared with the closed form likewise.
+The matrix of one tick of the flying diagram, by Drake's AutoDiffXd, is compared with its closed form in the same way.
 """
 
 from typing import Any, NamedTuple
@@ -22,11 +22,11 @@ from ortilo_drake.studies.linearization.linearize import PARTS, linearize
 from ortilo_drake.studies.linearization.operating_point import LAGS, frozen_gain, heading_ahead, with_one_lag
 from ortilo_drake.studies.loop.hover_loop import closed_loop_matrix, filter_V, hover_loop, loop_gain
 
-DIFFERENTIATED = tuple(part for part in PARTS if part != "estimator")  # that one's matrices are written down
+DIFFERENTIATED = tuple(part for part in PARTS if part != "estimator")  # the estimator's matrices are written down
 
 
 def rotors_and_plant_matrices(vehicle: Vehicle, lag: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return A (12 + n square) and B (12 + n x 4) of [x; W] at hover in closed form, of n rotors with lag up or down.
+    """Return A (12 + n square) and B (12 + n x 4) of [x; W] at hover in closed form, n rotors of lag 'up' or 'down'.
 
     The wrench is M [W^2], the commanded speed sqrt(M^+ u), W_0 the speeds at hover. With 2 W_0 dW = M^+ du:
         x_dot = A x + B (M 2 W_0) W,   W_dot = (M^+ u / (2 W_0) - W) / tau
@@ -44,8 +44,8 @@ def servo_matrix(scenario: Scenario) -> np.ndarray:
     """Return D (4 x 24, or more) of the servo at yaw 0 in closed form.
 
     u = -L [xhat - x_ref; i] + u_ff with x_ref = [r, -r_ddot_y / g, r_ddot_x / g, 0, r_dot, 0], u_ff = m r_ddot_z; in
-    the paper's form without x_ref and u_ff. A force (3) that it is told, and true velocities (6) that it is given, have
-    their columns behind those of estimate and reference.
+    the paper's form without x_ref and u_ff. If the servo gets a force (3) or true velocities (6), their columns follow
+    those of estimate and reference.
     """
     loop = hover_loop(scenario)
     by_reference = np.zeros((N_X, REFERENCE_SIZE))
@@ -63,7 +63,7 @@ def servo_matrix(scenario: Scenario) -> np.ndarray:
 
 
 def closed_loop_input(scenario: Scenario, delta: np.ndarray) -> np.ndarray:
-    """Return B (27 x 9), from the reference to [x; xhat; i], beside hover_loop.closed_loop_matrix, at yaw 0."""
+    """Return B (27 x 9), from the reference to [x; xhat; i], for hover_loop.closed_loop_matrix, at yaw 0."""
     loop = hover_loop(scenario)
     by_control = np.vstack([loop.Gamma[list(loop.world)], loop.Gamma, np.zeros((N_I, N_U))])
     B = by_control @ servo_matrix(scenario)[:, N_XBAR : N_XBAR + REFERENCE_SIZE]
@@ -110,8 +110,8 @@ class FlownTick(NamedTuple):
     """The matrix of one tick of the flying diagram, and the closed form.
 
     A takes [x; xhat; i]_k to [x; xhat; i]_{k+1} (27 x 27, or more with a filter that has more states), expected is
-    closed_loop_matrix with the filter's gain K (N x p) and the arrivals delta (s) of that tick, and gain_change that of
-    P over a period of the sensors, relative to its largest entry.
+    closed_loop_matrix with the filter's gain K (N x p) and the arrivals delta (s) of that tick, and gain_change is the
+    largest change of P over a period of the sensors, relative to P's largest entry.
     """
 
     A: np.ndarray
@@ -133,13 +133,13 @@ def sensors_without_noise(scenario: Scenario) -> tuple[str, str]:
 
 
 def without_noise(scenario: Scenario) -> Scenario:
-    """Return the scenario hovering on the linear vehicle as believed, with exact uwb and imu, no other sensor, no loss.
+    """Return the scenario at hover with the linear vehicle, no errors, exact uwb and imu, no other sensor, no loss.
 
     The rotors' drag stays.
 
     No message is late, so 'ignore' does what any estimator.delay would. A faster imu sends one sample a tick here: the
-    mean of a tick's samples follows the closed form to first order only. No sensor counts as stuck: without noise
-    all say the same again and again. Nothing is learned of survey and noise, which would change P within the tick.
+    mean of a tick's samples follows the closed form to first order only. No sensor counts as stuck, because without
+    noise all sensors repeat their values. Nothing is learned of survey and noise, which would change P within the tick.
     """
     robust = scenario.estimator.robust
     imu_rate = None if scenario.imu_samples > 1 else scenario.imu.link.rate
@@ -170,7 +170,7 @@ def differentiate_closed_loop(scenario: Scenario, tick: int = 900) -> FlownTick:
 
     Until that tick the loop hovers without noise (see without_noise), with ranging, multilateration, imu, handler and
     filter in place. Then the whole diagram is converted to AutoDiffXd, and the tick's update differentiated by the
-    states of vehicle and estimate. The tick is to be late enough for a steady gain (gain_change says how steady it is);
+    states of vehicle and estimate. The tick must be late enough for a steady gain (gain_change says how steady it is);
     the arrivals in it decide which matrix it is. InputError if the tick is within the first period of the sensors.
     """
     ideal = without_noise(scenario)
@@ -207,7 +207,7 @@ def differentiate_closed_loop(scenario: Scenario, tick: int = 900) -> FlownTick:
 
 
 def _systems(diagram: Any) -> tuple[Any, Any, Any]:
-    """Return plant, Kalman filter and what the body felt last, of a closed loop of any scalar type."""
+    """Return the plant, the Kalman filter and the last control and disturbance, of a closed loop of any scalar type."""
     onboard, world = diagram.GetSubsystemByName("onboard"), diagram.GetSubsystemByName("world")
     return world.GetSubsystemByName("plant"), onboard.GetSubsystemByName("filter"), world.GetSubsystemByName("felt")
 
@@ -215,7 +215,7 @@ def _systems(diagram: Any) -> tuple[Any, Any, Any]:
 def _matrix_of_tick(diagram: Any, context: Any, world: int, n: int) -> np.ndarray:
     """Return [x; xhat; i]_k -> [x; xhat; i]_{k+1} of a closed loop at a context's tick, x of 12 or 15 numbers.
 
-    The force f of the step just flown, where x is [x; f], is what the body felt: thrust less hover lift, and gust.
+    The force f of the step just flown, where x is [x; f], is the force on the body: thrust less hover lift, and gust.
     """
     diagram_ad = diagram.ToAutoDiffXd()
     context_ad = diagram_ad.CreateDefaultContext()

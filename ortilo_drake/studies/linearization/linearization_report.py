@@ -47,21 +47,21 @@ def unobservable_states(scenario: Scenario) -> dict[str, list[str]]:
     return table
 
 
-# Units in which the Gramians are given: 1 m, 0.1 rad, 1 m/s, 0.1 rad/s; 1 N, 0.1 N m; outputs as what they see.
+# Units of the Gramians: 1 m, 0.1 rad, 1 m/s, 0.1 rad/s; 1 N, 0.1 N m; an output has the units of its states.
 STATE_UNITS = np.repeat([1.0, 0.1, 1.0, 0.1], 3)
 CONTROL_UNITS = np.array([1.0, 0.1, 0.1, 0.1])
 
 
 @dataclass(frozen=True)
 class Gramian:
-    """Singular values (12), the largest first, of a Gramian in STATE_UNITS; its condition, inf of a hidden state."""
+    """Singular values (12), the largest first, of a Gramian in STATE_UNITS; its condition, inf if a state is hidden."""
 
     singular_values: np.ndarray
     condition: float
 
 
 def gramian(A: np.ndarray, C: np.ndarray, ticks: int) -> np.ndarray:
-    """Return sum_{k < ticks} (C A^k)^T C A^k, the observability Gramian; with A^T, B^T that of controllability.
+    """Return sum_{k < ticks} (C A^k)^T C A^k, the observability Gramian; given A^T, B^T, the controllability Gramian.
 
     The infinite Gramian does not exist here. Every eigenvalue is 1, so the sum diverges, as k^7 where a position is
     seen and as k^3 where an angle is, and X = Phi^T X Phi + C^T C has no solution. The numbers depend on the horizon.
@@ -80,7 +80,7 @@ def _summary(A: np.ndarray, C: np.ndarray, ticks: int, scale: np.ndarray) -> Gra
 
 
 def observability_gramian(scenario: Scenario, sensors: tuple[str, ...], horizon: float) -> Gramian:
-    """Return that of sum (C Phi^k)^T C Phi^k over a horizon [s] of a tick or more, the sensors named in every tick."""
+    """Return the Gramian sum (C Phi^k)^T C Phi^k over a horizon [s], at least a tick, the sensors in every tick."""
     Phi, _, ticks = _in_units(scenario, horizon)
     C = rows_of(sensors) * STATE_UNITS
     C /= np.abs(C).sum(axis=1, keepdims=True)
@@ -88,13 +88,13 @@ def observability_gramian(scenario: Scenario, sensors: tuple[str, ...], horizon:
 
 
 def controllability_gramian(scenario: Scenario, horizon: float) -> Gramian:
-    """Return that of sum Phi^k Gamma Gamma^T (Phi^k)^T over a horizon [s]."""
+    """Return the Gramian sum Phi^k Gamma Gamma^T (Phi^k)^T over a horizon [s]."""
     Phi, Gamma, ticks = _in_units(scenario, horizon)
     return _summary(Phi.T, Gamma.T, ticks, STATE_UNITS / tick_scaling(scenario.h))
 
 
 def _in_units(scenario: Scenario, horizon: float) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return Phi and Gamma in STATE_UNITS and CONTROL_UNITS, and the horizon's ticks; InputError below one."""
+    """Return Phi and Gamma in STATE_UNITS and CONTROL_UNITS, and the horizon's ticks; InputError for less than one."""
     if not 0.999 * scenario.h <= horizon < np.inf:
         raise InputError(f"horizon: {horizon:g}: must be at least a tick, {scenario.h:g} s")
     Phi, Gamma = discretize(hover_A(scenario.yaw), hover_B(scenario.vehicle), scenario.h)
@@ -102,12 +102,12 @@ def _in_units(scenario: Scenario, horizon: float) -> tuple[np.ndarray, np.ndarra
     return Phi * STATE_UNITS / units, Gamma * CONTROL_UNITS / units, round(horizon / scenario.h)
 
 
-HORIZON = 2.0  # of the Gramians [s]
+HORIZON = 2.0  # horizon of the Gramians [s]
 
 
 @dataclass(frozen=True)
 class Gramians:
-    """Gramians over a horizon [s]; that of observability by subset of the sensors."""
+    """Gramians over a horizon [s]; the ones of observability by subset of the sensors."""
 
     horizon: float
     controllability: Gramian
@@ -119,28 +119,28 @@ class LinearizationReport:
     """Figures of Drake's matrices at hover and yaw 0."""
 
     scenario: str
-    """its name."""
+    """the scenario's name."""
     h: float
     """tick [s]."""
     sensors: tuple[str, ...]
-    """of the scenario."""
+    """the scenario's sensors."""
     agreement: dict[str, dict[str, float]]
     """largest differences from the closed forms by part and matrix."""
     flown: dict[str, float]
     """largest difference of a tick of the flying diagram, by what arrives in it."""
     eigenvalues: dict[str, list[complex]]
-    """the largest modulus first, of plant (continuous), sampled_plant, servo_loop (15), filter (12, or as many as it
-    has states) and closed_loop (27, or more), filter and loop with every sensor in every tick."""
+    """eigenvalues, the largest modulus first, of plant (continuous), sampled_plant, servo_loop (15), filter (12, or as
+    many as it has states) and closed_loop (27, or more), filter and loop with every sensor in every tick."""
     jordan_blocks: list[tuple[float, tuple[int, ...]]]
     """eigenvalue and block sizes of the sampled plant."""
     uncontrollable_modes: list[Mode]
-    """that no control reaches."""
+    """modes that no control reaches."""
     unobservable_states: dict[str, list[str]]
-    """by subset of the sensors."""
+    """states that each subset of the sensors leaves unknown."""
     unobservable_modes: dict[str, list[Mode]]
-    """by subset of the sensors."""
+    """modes that each subset of the sensors does not see."""
     gramians: Gramians
-    """over the horizon."""
+    """Gramians over HORIZON."""
 
 
 def _sorted(z: np.ndarray) -> list[complex]:
@@ -151,8 +151,8 @@ def _sorted(z: np.ndarray) -> list[complex]:
 def linearization_report(scenario: Scenario, V: np.ndarray | None = None) -> LinearizationReport:
     """Return the figures of Drake's matrices, eigenvalues, controllability and observability.
 
-    The filter's gain is by V, the covariance of the measurements (p x p), such as fix_noise gives; see frozen_gain.
-    InputError naming the modes, if the sensors leave some unseen that do not decay.
+    The filter's gain follows from V, the covariance of the measurements (p x p), such as fix_noise gives; see
+    frozen_gain. InputError naming the modes, if the sensors leave some unseen that do not decay.
     """
     check_sensors(scenario)
     loop, scale = hover_loop(scenario), tick_scaling(scenario.h)

@@ -1,8 +1,9 @@
 """Linearisation of the flying diagram's parts by Drake's automatic differentiation; by hand in closed_forms.py.
 
 At rest Drake's Linearize is used, which refuses a point that is no equilibrium; in motion FirstOrderTaylorApproximation
-is. Both take systems with one group of discrete states and end Python on others. The closed loop has two (vehicle and
-filter), so one tick of the whole diagram is differentiated here in the same way, with AutoDiffXd. The estimator needs
+is. Both take systems with one group of discrete states and end the Python process on others. The closed loop has two
+(vehicle and filter), so one tick of the whole diagram is differentiated here in the same way, with AutoDiffXd. The
+estimator needs
 none: with its gain frozen it is affine.
 """
 
@@ -54,7 +55,7 @@ class Linearization(NamedTuple):
     outputs: tuple[str, ...]
     """names of the outputs."""
     units: dict[str, str]
-    """of everything that is named."""
+    """units of all states, inputs and outputs."""
 
     def __repr__(self) -> str:
         steps = "x_dot" if self.h is None else f"x after a tick of {self.h:.4g} s"

@@ -30,7 +30,7 @@ def reference_at(trajectory: Trajectory, t: float) -> np.ndarray:
 def operating_point(
     vehicle: Vehicle, kinematics: str, reference: np.ndarray, yaw: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return x (12) and u (4) with which the vehicle accelerates by a reference r, r_dot, r_ddot (9), its rates 0.
+    """Return x (12) and u (4) of a vehicle that follows a reference r, r_dot, r_ddot (9), with its body rates 0.
 
     The thrust carries a + g z: f_T = m |a + g z_W|, and the body's z axis points along it; at heading yaw [rad],
     R_z(-yaw) z_B = [cos phi sin theta, -sin phi, cos phi cos theta]. The model linearised at hover (kinematics
@@ -66,7 +66,7 @@ def rows_of(sensors: tuple[str, ...]) -> np.ndarray:
 
 
 def check_sensors(scenario: Scenario) -> None:
-    """Raise InputError naming the modes that the scenario's sensors leave unseen, all of them where it has none."""
+    """Raise InputError naming the modes that the scenario's sensors leave unseen: all modes if it has no sensor."""
     Phi, _ = discretize(hover_A(scenario.yaw), hover_B(scenario.vehicle), scenario.h)
     what = f"sensors: [{', '.join(scenario.sensors)}]"
     check_detectable(Phi, rows_of(scenario.sensors), what, scale=tick_scaling(scenario.h))
@@ -75,8 +75,8 @@ def check_sensors(scenario: Scenario) -> None:
 def believed_V(scenario: Scenario) -> np.ndarray:
     """Return the covariance of the measurements (p x p) as the scenario gives it.
 
-    A sensor whose covariance comes with each fix has its own stated one, else that of its noise in the middle of the
-    room; InputError if it gives nothing there.
+    For a sensor whose covariance comes with each fix it is the stated one, else the one of its noise in the middle of
+    the room; InputError if the sensor gives nothing there.
     """
     room, blocks = scenario.load_room(), []
     middle = np.zeros(N_X)
