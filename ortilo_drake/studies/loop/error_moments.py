@@ -4,16 +4,16 @@ Errors e of the world drive the loop z = [x; f; xhat; ehat; i] of command_loop.p
 
     z_{k+1} = A_k z_k + B_k e_k,   e_{k+1} = a e_k + w_k,   B_k = [G; K_k Delta_k C_e; -E_k C_e]
 
-G is how they push the vehicle, C_e what they add to the rows of y. E[z z^T] goes from a flight's start, z = 0, tick by
-tick, since errors that last have no steady state to come from. The integral takes the fix of the first sensor that
-gives the position: in the long run the vehicle stands where that fix says r, whatever other sensors say.
+G is their effect on the vehicle, C_e their effect on the rows of y. E[z z^T] is followed tick by tick from a flight's
+start, z = 0, since lasting errors have no steady state to start from. The integral takes the fix of the first sensor
+that gives the position: in the long run the vehicle stands where that fix says r, whatever other sensors say.
 
-A fix errs by D e where what it is made of errs by e: ranges, or the boxes' centres in the image. Its sensor says D, the
-derivative of the very solver that flies, by differences (`made` of model/parts.py).
+If the data of a fix, ranges or the boxes' centres in the image, have errors e, the fix has the error D e. Its sensor
+gives D, the derivative of the very solver that flies, by differences (`made` of model/parts.py).
 
-Margins, arrival rates and lost commands are of the world that the filter believes, once it has learned what its banks
-learn of the survey (sensors/learned_survey.py), with the rotors' drag. The predicted rms at hover has what is wrong
-besides, as here.
+Margins, arrival rates and lost commands are for the world that the filter assumes once its banks have learned the
+survey (sensors/learned_survey.py), with the rotors' drag. The predicted rms at hover includes the world's further
+errors, as here.
 """
 
 from typing import Any, NamedTuple
@@ -36,13 +36,13 @@ from ortilo_drake.studies.loop.hover_loop import HoverLoop, hover_loop, message_
 def errors_of_rows(scenario: Scenario, measurement: Measurement, x: np.ndarray) -> list[tuple[Error, np.ndarray]]:
     """Return the unknown errors of a scenario's world, and their coefficients in the rows of y at state x (p, e).
 
-    They are those of floor/unknown_errors.py, of mean zero and a variance that is the square of the value plus that of
-    the spread. Not among them is how an attitude filter leans. The rows are those that its filter gets
-    (hover_loop.filter_measurement), x is the true state, hovering (12).
+    They are those of floor/unknown_errors.py, of mean zero and a variance that is the square of the value plus the
+    square of the spread. An attitude filter's error is not among them. The rows are those that the scenario's filter
+    gets (hover_loop.filter_measurement); x is the true state, hovering (12).
     """
     room, p = scenario.load_room(), measurement.sizes["y"]
     found = [(error, np.zeros((p, len(error.sd)))) for error in force_errors(scenario, 0.0)]
-    for error, C in found:  # one that drives the vehicle is in the force f already, the others are the imu's
+    for error, C in found:  # an error that drives the vehicle is in the force f already; the others are the imu's
         if "accelerometer" in measurement.sensors and "force" in error.sees and not error.G.any():
             C[measurement.rows_of("accelerometer")] = error.sees["force"](numbered(3)) / scenario.vehicle.mass
     for name in scenario.sensors:
@@ -66,7 +66,7 @@ def numbered(number: int) -> np.ndarray:
 def _rows_and_what_makes_them(
     scenario: Scenario, room: Room, measurement: Measurement, name: str, x: np.ndarray
 ) -> dict[str, tuple[str, np.ndarray, np.ndarray]]:
-    """Return by the kind of rows that a sensor's errors are seen in: whose rows of y they make, D, and the rows."""
+    """Return, by the kind of rows that see a sensor's errors: the sensor whose rows of y they make, D, the rows."""
     sensor = described(name)
     if sensor.made is not None:
         made = sensor.made(scenario, room, x)
@@ -78,14 +78,14 @@ def _rows_and_what_makes_them(
     return found
 
 
-SMALL = 1e-12  # variance over the largest at which a combination of errors counts as none
+SMALL = 1e-12  # variance, relative to the largest, below which a combination of errors counts as none
 
 
 class Drive(NamedTuple):
     """Independent errors (e) that drive the loop.
 
-    They have standard deviations sd at first, step_sd of what is added in a tick, and keep a share of their value from
-    one tick to the next; G is how they push the world's states (M, e), C what they add to the rows of y (p, e).
+    sd are their standard deviations at first, step_sd those of what a tick adds, and keeps the share of the value that
+    lasts from one tick to the next. G (M, e) is their effect on the world's states, C (p, e) that on the rows of y.
     """
 
     sd: np.ndarray
@@ -96,7 +96,7 @@ class Drive(NamedTuple):
 
 
 def drive_of(error: Error, C: np.ndarray, loop: HoverLoop) -> Drive:
-    """Return an error with its coefficients in the rows of y (p, e), in as few components as do the same."""
+    """Return an error with its coefficients in the rows of y (p, e), merged into as few components as possible."""
     G = np.zeros((len(loop.world), len(error.sd)))
     G[:N_X] = error.G
     names = [loop.names[k] for k in loop.world]
@@ -109,9 +109,9 @@ def drive_of(error: Error, C: np.ndarray, loop: HoverLoop) -> Drive:
 
 
 def merged_components(drive: Drive) -> Drive:
-    """Return errors that vary alike in as few components as act differently: those of the covariance of their sum.
+    """Return errors that vary alike, merged into as few components as act differently, by the covariance of their sum.
 
-    Some sd is not 0.
+    At least one sd must not be 0.
     """
     first = int(np.argmax(drive.sd))
     U, s, _ = np.linalg.svd(np.vstack([drive.G, drive.C]) * drive.sd, full_matrices=False)
@@ -129,9 +129,9 @@ def error_inputs(scenario: Scenario, x: np.ndarray) -> list[Drive]:
 
 
 def position_moments(scenario: Scenario, V: np.ndarray, some: list[Drive], ticks: int) -> np.ndarray:
-    """Return E[(p - r) (p - r)^T] that `some` errors make, in each tick from the start of a flight (ticks, 3, 3).
+    """Return E[(p - r) (p - r)^T] caused by `some` errors, in each tick from the start of a flight (ticks, 3, 3).
 
-    V is the covariance of the measurements (p x p). The sensors' losses, delays and blackouts do not enter.
+    V is the covariance of the measurements (p x p). The sensors' losses, delays and blackouts are left out.
     """
     if not some:
         return np.zeros((ticks, 3, 3))
@@ -154,7 +154,7 @@ def position_moments(scenario: Scenario, V: np.ndarray, some: list[Drive], ticks
     return found
 
 
-# Entries of truth that no linear error stands for: they scale what changes little at hover, or pass before it counts.
+# Entries of truth without a linear error: they scale what changes little at hover, or pass before it counts.
 FACTORS = {
     "truth.vehicle": ("inertia_factor",),
     "truth.imu": ("angles_factor", "rates_factor", "specific_force_factor"),
@@ -165,7 +165,7 @@ OTHERS = ("clock", "start")
 
 
 def left_out(scenario: Scenario) -> list[str]:
-    """Return the settings by which a scenario's world differs at hover from what the predicted rms has of it."""
+    """Return the settings by which a scenario's world differs at hover from the model of the predicted rms."""
     found = _of_sensors(scenario, 0) | {
         "world.rotors": scenario.world.rotors.kind == "first_order",
         "faults": bool(scenario.faults),
@@ -178,7 +178,7 @@ def left_out(scenario: Scenario) -> list[str]:
 
 
 def in_the_rms_alone(scenario: Scenario) -> list[str]:
-    """Return the settings that the predicted rms has, and the other figures have not."""
+    """Return the settings that enter the predicted rms but not the other figures."""
     found = _of_sensors(scenario, 1)
     groups = {f"truth.{name}": FACTORS.get(f"truth.{name}", ()) for name in Truth.model_fields if name not in OTHERS}
     for group, factors in _flown(scenario, groups).items():

@@ -1,7 +1,7 @@
 """Covariance of each sensor's measurement at a place, as the filter would receive it there.
 
-Nothing is derived here anew: each sensor says it itself (model/parts.py, `covariance` and `sd`). Noiseless
-ranges and boxes of the place go through the very solvers that fly.
+Each sensor gives it (model/parts.py, `covariance` and `sd`); nothing is derived here. Noiseless ranges and boxes of the
+place go through the very solvers that fly.
 """
 
 from typing import NamedTuple
@@ -13,14 +13,14 @@ from ortilo_drake.sensors.described import covariance_at, described_per_tick
 
 
 class FixNoise(NamedTuple):
-    """By sensor the covariance of its value [m^2], [rad^2], and whether it gives one; the identity where it doesn't."""
+    """Covariance of each sensor's value [m^2], [rad^2], and whether the sensor gives a value; else the identity."""
 
     V: dict[str, np.ndarray]
     there: dict[str, bool]
 
 
 def value_noise(scenario: Scenario, name: str, x: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Return the covariance (m, m) of the value of a sensor that flies at state x (12), and whether it gives one."""
+    """Return the covariance (m, m) of a flying sensor's value at state x (12), and whether the sensor gives a value."""
     found = covariance_at(name, scenario, scenario.load_room(), x)
     believed = described_per_tick(name, scenario).V(scenario)
     if believed is None:
@@ -29,7 +29,7 @@ def value_noise(scenario: Scenario, name: str, x: np.ndarray) -> tuple[np.ndarra
 
 
 def fix_noise(scenario: Scenario, x: np.ndarray) -> FixNoise:
-    """Return V_2 and the sensors that measure at state x (12). Links and blackouts are left out."""
+    """Return V_2 and which sensors measure at state x (12). Links and blackouts are left out."""
     V, there = {}, {}
     for name in scenario.measurement.sensors:
         V[name], there[name] = np.eye(len(scenario.measurement.C_of(name))), name in scenario.sensors

@@ -1,10 +1,10 @@
 """The flying loop at hover as matrices. All linear studies use these.
 
 All values are per tick of h, as deviations from hover. The state of the whole loop is [x; xhat; i] (27): the vehicle,
-the filter's prediction of it, and the integral of the position error. A filter that estimates more, [x; e] (N), makes
-it [x; f; xhat; ehat; i]: of the states e the world has those that control and gusts drive, which is the force f of the
-step just flown. The others, lasting force and biases, are zero in it: the filter allows for errors that are absent. The
-world alone has the rotors' drag.
+the filter's prediction of it, and the integral of the position error. With a filter that estimates more, [x; e] (N), it
+is [x; f; xhat; ehat; i]: the world has those states of e that control and gusts drive, namely the force f of the step
+just flown. The others, lasting force and biases, are zero in the world: the filter allows for errors that are absent.
+Only the world has the rotors' drag.
 """
 
 from collections.abc import Sequence
@@ -28,37 +28,37 @@ from ortilo_drake.scenario.belief import measurement_of
 from ortilo_drake.theory.margins.loop_margins import OpenLoop, closed
 from ortilo_drake.theory.modes.modes import tick_scaling
 
-VELOCITIES = tuple(range(N_X // 2, N_X))  # numbers of the states that are velocities or Euler rates
+VELOCITIES = tuple(range(N_X // 2, N_X))  # indices of the states that are velocities or Euler rates
 
 
 class HoverLoop(NamedTuple):
     """The matrices of a scenario's vehicle, filter and servo at hover; N is 12 for the paper's filter."""
 
     Phi: np.ndarray
-    """what the filter believes, [x; e]_{k+1} = Phi [x; e]_k + Gamma u_k + w_k (N x N)."""
+    """the filter's model, [x; e]_{k+1} = Phi [x; e]_k + Gamma u_k + w_k (N x N)."""
     Gamma: np.ndarray
     """(N x 4)."""
     C: np.ndarray
     """y = C [x; e] + v (p x N)."""
     W: np.ndarray
-    """covariance of w as the filter believes it (N x N), of rank 6 where it follows from the disturbance."""
+    """covariance of w that the filter assumes (N x N), of rank 6 where it follows from the disturbance."""
     L: np.ndarray
-    """servo gain, u = -L [xhat; ehat; i], or as loop_gain has it (4 x N + 3)."""
+    """servo gain, u = -L [xhat; ehat; i], or as in loop_gain (4 x N + 3)."""
     h: float
     """tick [s]."""
     integrator: str
     """'literal', 'hold' or 'estimate'."""
     true_states: tuple[int, ...]
-    """numbers of the states that the servo gets from the truth in place of the estimate; VELOCITIES in the paper's
+    """indices of the states that the servo gets from the truth in place of the estimate; VELOCITIES in the paper's
     scenarios."""
     measurement: Measurement
     """the sensors and their rows of C."""
     names: tuple[str, ...]
-    """of the filter's states (N)."""
+    """names of the filter's states (N)."""
     world: tuple[int, ...]
-    """numbers of those that the world has (M)."""
+    """indices of the filter's states that the world has (M)."""
     Phi_world: np.ndarray
-    """how the world moves them (M x M): as Phi, and by drag."""
+    """the world's transition matrix of these states (M x M): Phi, with drag."""
 
     @property
     def state_names(self) -> tuple[str, ...]:
@@ -77,22 +77,21 @@ class HoverLoop(NamedTuple):
                 units[j] = units[self.names.index(D[F.index(name)])]
             elif name in B:
                 units[j] = 1.0 / self.h**2
-            else:  # a bias is in the unit of what its row measures
+            else:  # a bias has the unit of its row's measurement
                 seen = self.C[np.flatnonzero(self.C[:, j])[0], :N_X]
                 units[j] = units[np.argmax(np.abs(seen))]
         return units
 
     @property
     def hats(self) -> slice:
-        """The place of the filter's states in the whole loop's."""
+        """The slice of the filter's states in the whole loop's state."""
         return slice(len(self.world), len(self.world) + len(self.names))
 
 
 def why_no_gain(loop: HoverLoop) -> str | None:
     """Return the reason why a loop's filter settles to no gain; None if it does.
 
-    The covariance of a state that keeps its value, without noise, falls towards 0 for ever: there is no stabilising
-    solution.
+    The covariance of a constant state without noise falls towards 0 for ever, so there is no stabilising solution.
     """
     constant = [
         name
@@ -105,25 +104,22 @@ def why_no_gain(loop: HoverLoop) -> str | None:
 
 
 def filter_measurement(scenario: Scenario) -> Measurement:
-    """Return the rows that the filter of a scenario gets, over its states, with those of imu_rows.py.
+    """Return the rows that a scenario's filter gets, over its states, with those of imu_rows.py.
 
-    They are over the vehicle's twelve states alone where it has no others.
+    If the filter has no further states, they are over the vehicle's twelve alone.
     """
     extras = extra_states(filter_of(scenario), scenario.vehicle, scenario.h, scenario.flown_rows, scenario.yaw)
     return augmented_rows(scenario.measurement.rows, extras) if extras else scenario.measurement
 
 
 def filter_V(scenario: Scenario, V: np.ndarray) -> np.ndarray:
-    """Return V of filter_measurement from that of the scenario's own measurement (p x p)."""
+    """Return the noise covariance V of filter_measurement, given that of the scenario's own measurement (p x p)."""
     variances = imu_variances(scenario)
     return V if variances is None else np.asarray(block_diag(V, np.diag(variances)))
 
 
 def force_gain(L: np.ndarray, vehicle: Vehicle, yaw: float = 0.0) -> np.ndarray:
-    """Return the columns (4 x 3) by which the servo counters a disturbance force, u = -L_d d, under a yaw [rad].
-
-    At yaw 0 the servo aims at the roll d_y / (m g) and the pitch -d_x / (m g); it feeds -d_z forward (lq_servo.py).
-    """
+    """Return L_d (4 x 3) by which the servo counters a disturbance force d, u = -L_d d, under a yaw [rad]."""
     L_d, weight, c, s = np.zeros((N_U, 3)), vehicle.mass * GRAVITY, np.cos(yaw), np.sin(yaw)
     L_d[:, 0], L_d[:, 1] = (c * L[:, 4] + s * L[:, 3]) / weight, (s * L[:, 4] - c * L[:, 3]) / weight
     L_d[0, 2] = 1.0
@@ -131,9 +127,9 @@ def force_gain(L: np.ndarray, vehicle: Vehicle, yaw: float = 0.0) -> np.ndarray:
 
 
 def over_names(L: np.ndarray, names: tuple[str, ...], vehicle: Vehicle, yaw: float, counters: bool) -> np.ndarray:
-    """Return the servo's gain L on [x; i] (4 x 15) as one on the states of those names, with D among them, and i.
+    """Return the servo's gain L on [x; i] (4 x 15) as a gain on the states of these names, which include D, and i.
 
-    Under the heading yaw [rad] it may counter the force D, as the LQ servo does.
+    Under the heading yaw [rad] the servo counters the force D if `counters`, as the LQ servo does.
     """
     L_e = np.zeros((N_U, len(names) - N_X))
     if counters:
@@ -142,10 +138,10 @@ def over_names(L: np.ndarray, names: tuple[str, ...], vehicle: Vehicle, yaw: flo
 
 
 def why_no_loop(scenario: Scenario) -> str | None:
-    """Return the reason why a scenario's loop is no HoverLoop; None if it is one.
+    """Return the reason why a scenario has no HoverLoop; None if it has one.
 
-    It is one with an estimator that is a linear filter, whatever that estimates beside the vehicle's states, and a
-    servo that has a gain.
+    It has one if its estimator is a linear filter, whatever that estimates beside the vehicle's states, and its servo
+    has a gain.
     """
     return why_no_filter(scenario) or why_no_servo_gain(scenario)
 
@@ -172,7 +168,7 @@ def hover_loop(scenario: Scenario) -> HoverLoop:
 
 
 def with_drag(Phi: np.ndarray, names: Sequence[str], scenario: Scenario) -> np.ndarray:
-    """Return Phi (M x M) of the states of those names with the drag of a scenario's rotors, held over the tick."""
+    """Return Phi (M x M) of the states of these names with a scenario's rotor drag, held over the tick."""
     _, Gamma_d = discretize(hover_A(scenario.yaw), hover_B_d(scenario.vehicle), scenario.h)
     drives = np.zeros((len(names), 3))
     drives[:N_X] = Gamma_d[:, :3]
@@ -185,12 +181,12 @@ def with_drag(Phi: np.ndarray, names: Sequence[str], scenario: Scenario) -> np.n
 
 
 def message_of(sensor: str, measurement: Measurement) -> str:
-    """Return the sensor whose message brings the rows of a sensor: the imu's brings those of imu_rows.py."""
+    """Return the sensor whose message brings a sensor's rows: the imu's message brings those of imu_rows.py."""
     return measurement.sensors[measurement.inertial] if sensor in IMU_ROWS else sensor
 
 
 def arrivals_of(sensors: tuple[str, ...], measurement: Measurement | None = None) -> np.ndarray:
-    """Return delta (s), 1 for each named sensor of a measurement; by default the measurement of those alone."""
+    """Return delta (s), 1 for each named sensor of a measurement; by default the measurement of these sensors alone."""
     measurement = measurement or measurement_of(sensors)
     unknown = set(sensors) - set(measurement.sensors)
     if unknown:
@@ -225,16 +221,16 @@ def loop_gain(loop: HoverLoop) -> np.ndarray:
 def open_loop(loop: HoverLoop, K: np.ndarray, delta: np.ndarray) -> OpenLoop:
     """Return the loop opened at the plant's input, in a tick with arrivals delta (s), reference 0 and no noise.
 
-    The state is z = [x; xhat; i] (27), the input is a, the control that reaches the plant, and the output is v = L z, L
-    of loop_gain. The filter knows the command -v alone:
+    The state is z = [x; xhat; i] (27), the input is a, the control that reaches the plant, and the output is v = L z,
+    with loop_gain's L. The filter knows only the command -v:
 
         x_{k+1}    = Phi x + Gamma a
         xhat_{k+1} = Phi xhat - Gamma v + K Delta C (x - xhat)
         i_{k+1}    = i - E C x, or i - p_hat with the integrator 'estimate'  (paper, equations of servo and filter)
 
-    Where all states are true the integral takes the true position. Where L takes no integral, i is left at 0. With a
-    filter that estimates more, x stands for the states that the world has, and their rows and columns of Phi, Gamma and
-    C. The predictor gain K (N x p) has its full size; columns of sensors that did not arrive are ignored.
+    If all states are true, the integral takes the true position. If L uses no integral, i stays 0. With a filter that
+    estimates more, x stands for the states that the world has, with their rows and columns of Phi, Gamma and C. The
+    predictor gain K (N x p) has its full size; columns of sensors that did not arrive are ignored.
     """
     Phi, Gamma, L, world = loop.Phi, loop.Gamma, loop_gain(loop), list(loop.world)
     N, M = len(loop.names), len(world)
@@ -257,7 +253,7 @@ def open_loop(loop: HoverLoop, K: np.ndarray, delta: np.ndarray) -> OpenLoop:
 
 
 def closed_loop_matrix(loop: HoverLoop, K: np.ndarray, delta: np.ndarray) -> np.ndarray:
-    """Return A_cl (27 x 27) of [x; xhat; i] in a tick with those arrivals; arguments as open_loop, closed by a = -v."""
+    """Return A_cl (27 x 27) of [x; xhat; i] in a tick with these arrivals; arguments as open_loop, closed by a = -v."""
     return closed(open_loop(loop, K, delta))
 
 
@@ -270,10 +266,10 @@ def sensor_subsets(sensors: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
 def arrived_rows(
     sensors: tuple[str, ...], V: np.ndarray, measurement: Measurement | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a mask of the rows of y that some sensors fill (p), and the covariance of those from that of all (p x p).
+    """Return a mask (p) of the rows of y that these sensors fill, and the part of V (p x p) for those rows.
 
-    The measurement is by default that of the paper's three sensors and those named. InputError if no sensor is named or
-    a name is unknown, or V is not positive definite where it is used.
+    The measurement is by default that of the paper's three sensors and of those named. InputError if no sensor is
+    named, a name is unknown, or V is not positive definite on these rows.
     """
     V = np.asarray(V, dtype=float)
     measurement = measurement or measurement_of(sensors)

@@ -42,10 +42,10 @@ from ortilo_drake.theory.riccati.riccati import solve
 
 
 class InputLoop(NamedTuple):
-    """A loop opened at the plant's input, from the control that reaches the plant, a, to v = L [xhat; i].
+    """A loop opened at the plant's input, from the control a that reaches the plant to v = L [xhat; i].
 
-    It is closed by a = -v. The vehicle's states that no sensor sees are `lost`: they feed nothing back and are left
-    out. The names of the loop's states are the vehicle's, the filter's with a hat, the integrals.
+    It is closed by a = -v. `lost` are the vehicle's states that no sensor sees: they feed nothing back and are left
+    out. `names` are those of the loop's states: the vehicle's, the filter's with a hat, the integrals.
     """
 
     loop: OpenLoop
@@ -54,7 +54,7 @@ class InputLoop(NamedTuple):
 
 
 def steady_gain(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarray, units: np.ndarray) -> np.ndarray:
-    """Return the steady predictor's gain K (N x p) of the rows of C (p x N), V (p x p) their covariance.
+    """Return the steady predictor's gain K (N x p) for the rows of C (p x N) with covariance V (p x p).
 
     The covariance of unseen modes may grow without bound, yet the gain has a limit. Let T = [T_s, T_l] be orthogonal,
     T_l a basis of the unobservable subspace: x = T [s; l], s seen and l lost, T^T Phi T = [[Phi_s, 0], [Phi_ls, Phi_l]]
@@ -63,15 +63,15 @@ def steady_gain(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarray, un
         P_ls = Phi_l P_ls F^T + Phi_ls P_s F^T + W_ls,   F = Phi_s - K_s C_s,
 
     because the radius of Phi_l times that of F is below 1. Then K_l = (Phi_ls P_s + Phi_l P_ls) C_s^T (C_s P_s C_s^T +
-    V)^-1. What is seen is told in units of the states (N). InputError if nothing is seen, or the seen part's equation
-    is ill-posed.
+    V)^-1. Whether a state is seen is judged in these units of the states (N). InputError if nothing is seen, or the
+    seen part's equation is ill-posed.
     """
     hidden = np.linalg.qr(units[:, None] * unobservable_subspace(*rescale(Phi, C, units)))[0]
     seen, lost = len(Phi) - hidden.shape[1], hidden.shape[1]
     if not seen:
         raise InputError("margins: no sensor sees any state")
     is_hidden = np.linalg.norm(hidden, axis=1) > STATE_SHARE
-    if is_hidden.sum() == lost:  # whole states: then by their order alone, which keeps zeros what they are
+    if is_hidden.sum() == lost:  # whole states: only their order changes, which keeps zeros exact
         T = np.eye(len(Phi))[:, np.argsort(is_hidden, kind="stable")]
     else:
         T = np.roll(np.linalg.svd(hidden)[0], -lost, axis=1)
@@ -91,13 +91,13 @@ def steady_gain(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarray, un
 def input_loop(
     hover: HoverLoop, V: np.ndarray, sensors: tuple[str, ...], true_states: tuple[int, ...] = ()
 ) -> InputLoop:
-    """Return the loop at the plant's input with the steady predictor of those sensors, each in every tick.
+    """Return the loop at the plant's input with the steady predictor of these sensors, each in every tick.
 
     It is hover_loop.open_loop without the states that no sensor sees, and without those that nothing drives, such as
     the integral where there is no fix. V is the covariance of all measurements that the filter gets (p x p), see
-    hover_loop.filter_V. The servo has the states of these numbers from the truth, in place of hover's own: VELOCITIES
-    for the paper's scenarios, all twelve for full state feedback, whose integral then follows the true position.
-    InputError if the unseen modes are not whole states, or the filter's equation is ill-posed.
+    hover_loop.filter_V. true_states are the indices of the states that the servo gets from the truth, in place of
+    hover's own: VELOCITIES for the paper's scenarios, all twelve for full state feedback, whose integral then follows
+    the true position. InputError if the unseen modes are not whole states, or the filter's equation is ill-posed.
     """
     hover = hover._replace(true_states=true_states)
     delta = arrivals_of(sensors, hover.measurement)
@@ -110,7 +110,7 @@ def input_loop(
     whole = open_loop(hover, K, delta)
     holds_still = (np.eye(len(names)) == whole.A).all(axis=1) & ~whole.B.any(axis=1)  # nothing drives it
     keep = [k for k, name in enumerate(names) if name not in lost and not holds_still[k]]
-    if len(true_states) == N_X:  # the servo then uses nothing of the filter
+    if len(true_states) == N_X:  # the servo then uses nothing from the filter
         keep = [*range(N_X), *range(hover.hats.stop, len(names))]
     kept = OpenLoop(whole.A[np.ix_(keep, keep)], whole.B[keep], whole.C[:, keep])
     return InputLoop(kept, lost, tuple(names[k] for k in keep))
@@ -125,16 +125,16 @@ def _lost_states(Phi: np.ndarray, C: np.ndarray, names: tuple[str, ...]) -> tupl
     return tuple(name for name in names if name in hidden)
 
 
-STILL = 1e-9  # a closed loop's radius this near 1 is 1: what drifts drifts on
+STILL = 1e-9  # a closed loop's radius this near 1 counts as 1: what drifts keeps drifting
 
 
 @dataclass(frozen=True)
 class LoopMargins:
     """One loop's margins, with the spectral radius of the closed loop, None where the filter has no steady gain.
 
-    The states that no sensor sees are lost. The channels' margins are by control, None where nothing is fed back; they
-    and the joint ones of all controls at once are None for a loop that is not stable. A note says what is lost or not
-    stable.
+    `lost` are the states that no sensor sees. channels holds the margins by control, None where nothing is fed back;
+    joint holds those of all controls at once; both are None for a loop that is not stable. note says what is lost or
+    not stable.
     """
 
     spectral_radius: float | None
@@ -156,7 +156,7 @@ def _explain(inner: InputLoop, silent: list[str]) -> str | None:
 
 
 def loop_margins(inner: InputLoop, h: float, R: np.ndarray) -> LoopMargins:
-    """Return one loop's margins, h its tick [s], R the diagonal of the controls' weight that the joint ones are in."""
+    """Return one loop's margins; h is its tick [s], R the diagonal of the controls' weights for the joint ones."""
     loop = inner.loop
     radius = spectral_radius(closed(loop))
     lost = tuple(inner.lost)
@@ -175,7 +175,7 @@ def loop_margins(inner: InputLoop, h: float, R: np.ndarray) -> LoopMargins:
 def loops_by_case(hover: HoverLoop, V: np.ndarray, sensors: tuple[str, ...]) -> dict[str, InputLoop | LoopMargins]:
     """Return the loops of a scenario: nominal, each sensor lost, all position sensors lost, and with true states.
 
-    A loop with a sensor lost whose filter has no steady gain is LoopMargins that say why.
+    If a sensor is lost and the filter has no steady gain without it, the entry is LoopMargins that say so.
     """
     known = [s for s in hover.measurement.sensors if message_of(s, hover.measurement) == s]
     present = tuple(s for s in known if s in sensors)
@@ -204,8 +204,8 @@ def margins_report(scenario: Scenario, V: np.ndarray) -> dict[str, LoopMargins]:
     """Return loop_margins of every case of a scenario, by name; V is the covariance of all measurements (p x p).
 
     The cases are 'nominal', 'without uwb', ..., 'true velocities' (the paper's: velocities and rates from the truth)
-    and 'full state' (the LQ loop by itself). The joint margins of a servo of one's own are in the weights that an LQ
-    servo has by default.
+    and 'full state' (the LQ loop by itself). For a servo of one's own, the joint margins are scaled by the default
+    weights of an LQ servo.
     """
     hover = hover_loop(scenario)
     weights = scenario.servo.weights if isinstance(scenario.servo, LqServo) else ServoWeights()

@@ -14,7 +14,7 @@ from ortilo_drake.theory.riccati.riccati_check import RiccatiCheck, assess
 from ortilo_drake.theory.riccati.riccati_ill_posed import ILL_POSED, SolverOutcomes, solver_outcomes
 from ortilo_drake.theory.riccati.riccati_problem import require_well_posed
 
-DRAKE_LIFT = 1e-10  # times I, added to W: Drake wants it positive definite
+DRAKE_LIFT = 1e-10  # multiple of I added to W for Drake, which wants it positive definite
 
 Dare = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
@@ -48,7 +48,7 @@ class IllPosed:
 class RiccatiReport:
     """Solutions of the servo's equation and of the filter's, by subset of sensors, and solvers on ill-posed problems.
 
-    A registered servo has no equation, and no solutions.
+    A registered servo has no equation, so its solutions are empty.
     """
 
     servo: Solutions
@@ -62,9 +62,9 @@ def servo_dare(scenario: Scenario) -> Dare:
 
 
 def filter_dare(scenario: Scenario, sensors: tuple[str, ...], V: np.ndarray) -> Dare:
-    """Return Phi^T, C^T, W, V of the filter's equation (12 states, or all that it has) with some of the sensors.
+    """Return Phi^T, C^T, W, V of the filter's equation (12 states, or all of the filter's) with some of the sensors.
 
-    Their measurement arrives in every tick; V is the covariance of all (p x p). InputError as arrived_rows.
+    These sensors arrive in every tick; V is the covariance of all measurements (p x p). InputError as arrived_rows.
     """
     loop = hover_loop(scenario)
     rows, V = arrived_rows(sensors, filter_V(scenario, V), loop.measurement)
@@ -74,9 +74,9 @@ def filter_dare(scenario: Scenario, sensors: tuple[str, ...], V: np.ndarray) -> 
 def four_solutions(dare: Dare, names: tuple[str, ...], dual: bool) -> Solutions:
     """Return the quality of each solver's X.
 
-    Drake may refuse a W that is only semidefinite. For Drake alone DRAKE_LIFT I is then added, and the note says so, or
-    that it refuses that too. Its residual is that of the equation as posed, so the residual shows the effect.
-    InputError naming the modes, if the equation is ill-posed.
+    Drake may refuse a W that is only semidefinite. For Drake alone DRAKE_LIFT I is then added; the note says so, or
+    that Drake refuses this too. The residual is that of the equation as posed, so it shows the effect. InputError
+    naming the modes, if the equation is ill-posed.
     """
     A, B, Q, R = dare
     require_well_posed(A, B, Q, R, names=names, dual=dual)
@@ -106,7 +106,7 @@ def four_solutions(dare: Dare, names: tuple[str, ...], dual: bool) -> Solutions:
 
 
 def servo_and_filter_dares(scenario: Scenario, sensors: tuple[str, ...], V: np.ndarray) -> dict[str, Solutions]:
-    """Return four_solutions of the 'servo' and the 'filter'; arguments and errors as filter_dare."""
+    """Return four_solutions of the 'servo' and the 'filter'; arguments and errors as in filter_dare."""
     return {
         "servo": four_solutions(servo_dare(scenario), XBAR_NAMES, dual=False),
         "filter": four_solutions(filter_dare(scenario, sensors, V), hover_loop(scenario).names, dual=True),

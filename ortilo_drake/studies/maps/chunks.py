@@ -1,7 +1,7 @@
-"""The figures of flights, by the compiled engine where it can, by Drake where it cannot, and the files that keep them.
+"""The figures of flights, by the compiled engine if it can fly them, else by Drake, and the files that keep them.
 
-A file is Parquet, of CHUNK flights, named by their seeds. It is written to a temporary name and renamed, so that it is
-whole or not there: whatever is killed, no flight counts twice or half.
+A file is Parquet, of CHUNK flights, named by their seeds. It is written to a temporary name and renamed, so it is
+complete or absent: whatever is killed, no flight counts twice or half.
 """
 
 import io
@@ -31,7 +31,7 @@ SEED: Final = "seed"
 
 
 def chunks_of(seed: int, flights: int) -> list[range]:
-    """Return the seeds of each chunk."""
+    """Return the seeds of each chunk of `flights` flights from `seed` on."""
     return [range(at, min(at + CHUNK, seed + flights)) for at in range(seed, seed + flights, CHUNK)]
 
 
@@ -50,13 +50,13 @@ def write_chunk(folder: Path, seeds: range, columns: tuple[str, ...], figures: n
 
 
 def read_chunk(folder: Path, seeds: range, columns: tuple[str, ...]) -> np.ndarray | None:
-    """Return a chunk's figures (n, columns); None where it is not there, and a warning where it is damaged."""
+    """Return a chunk's figures (n, columns); None if it is absent or damaged, with a warning if damaged."""
     file = chunk_file(folder, seeds)
     return kept(file, in_folder(file), partial(_figures, seeds, columns))
 
 
 def _figures(seeds: range, columns: tuple[str, ...], data: bytes) -> np.ndarray:
-    """Return the figures in a Parquet file's bytes; ValueError naming what cannot be a flight's."""
+    """Return the figures in a Parquet file's bytes; ValueError naming a value that no flight can have."""
     table = pq.read_table(io.BytesIO(data), page_checksum_verification=True)
     if table.schema.names != [SEED, *columns] or table.schema.types != [pa.int64(), *[pa.float64()] * len(columns)]:
         raise ValueError(f"{', '.join(table.schema.names)}: must be {SEED}, {', '.join(columns)}, all numbers")
@@ -71,17 +71,17 @@ def _figures(seeds: range, columns: tuple[str, ...], data: bytes) -> np.ndarray:
 
 
 def _may_be(name: str, values: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """Return a mask of the values (n) that a figure may have, see flight/figures.py, of flights kept or lost (n)."""
+    """Return a mask of the values (n) that a figure may have (flight/figures.py), given which flights were kept (n)."""
     if name == "cause":
         return np.isin(values, range(NOT_LOST, len(CAUSES)))
     if name == "ticks" or name.startswith(("arrived_", "due_")):
         return (values >= 0.0) & (values == np.floor(values)) & np.isfinite(values)
-    # An error is not known of a flight that diverged at once, path_mse of a path that turns back in x, NEES of a bad P.
+    # An error may be NaN if the flight diverged at once, path_mse if the path turns back in x, NEES if P is bad.
     return (values >= 0.0) | (np.isnan(values) & (~kept | (name == "path_mse"))) | (name == "nees")
 
 
 def columns_of(scenario: Scenario) -> tuple[str, ...]:
-    """Return the names of the figures of a flight: those of the engine, see flight/engine.py."""
+    """Return the names of a flight's figures, which are the engine's, see flight/engine.py."""
     flying = [name for name in scenario.measurement.sensors if name in scenario.sensors]
     return (*FIGURES, *(f"{what}_{sensor}" for sensor in flying for what in ("arrived", "due")))
 
@@ -95,7 +95,7 @@ def fly_figures(scenario_json: str, seeds: Sequence[int], folder: str) -> np.nda
 
 
 def trace_of(flight: xr.Dataset) -> np.ndarray:
-    """Return what the engine leaves behind of each tick of a flight (n, TRACE_SIZE), see flight/figures.py."""
+    """Return a flight's trace as the engine has it, a row for each tick (n, TRACE_SIZE), see flight/figures.py."""
     x, xhat, reference = (np.ascontiguousarray(flight[name].values) for name in ("truth", "estimate", "reference"))
     nees = nees_of_ticks(x, xhat, flight["covariance"].values.reshape(len(x), -1))
     return np.column_stack([x[:, :3], xhat[:, :3], nees, reference[:, :3]])
@@ -110,7 +110,7 @@ def traced(player: Engine | FlightSimulator, seed: int) -> tuple[np.ndarray, Los
 
 
 def drake_figures(flight: xr.Dataset) -> list[float]:
-    """Return the figures of a flight of Drake's, as the engine has them."""
+    """Return the figures of a flight that Drake flew, in the engine's form."""
     scenario, trace = scenario_of(flight), trace_of(flight)
     out = np.empty(len(FIGURES))
     figures_of(trace, np.ascontiguousarray(flight["reference"].values[:, :3]), out)

@@ -1,4 +1,4 @@
-"""The picture of a map: heat maps over two axes, curves over one."""
+"""The picture of a map: heat maps over two axes, or curves over one."""
 
 import math
 from pathlib import Path as File
@@ -32,18 +32,18 @@ LINK_NAMES = {
 }
 LOST = "flights lost [%]"
 THEORY = "magenta"  # stands out of both maps' colours
-_REDDEST = 0.5  # least share of lost flights that has the darkest colour
-_SHORTEST = 2.0  # a line that crosses fewer cells is not drawn, on a small map fewer than this share of its side
+_REDDEST = 0.5  # the colour scale of lost flights ends at this share at least
+_SHORTEST = 2.0  # shorter lines are not drawn [cells]; on a small map, shorter than this share of its side
 _SHARE = 0.75
-_ROUND = (1.0, 2.0, 5.0)  # times powers of ten
+_ROUND = (1.0, 2.0, 5.0)  # first digits of round levels
 _LESS_ROUND = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
-_FEWEST = 2  # round levels that flights and theory share
+_FEWEST = 2  # with fewer round levels shared by flights and theory, less round ones are used
 
 
 def map_figure(found: Map, path: File, theory: MapTheory | None = None) -> File | None:
-    """Draw the share of lost flights and the kept ones' median RMS error, and theory's lines over them, if any.
+    """Draw the share of lost flights and the kept flights' median RMS error, with theory's lines over them, if any.
 
-    None unless the map is a grid of one or two axes; InputError if the picture cannot be written.
+    Return None unless the map is a grid of one or two axes. InputError if the picture cannot be written.
     """
     axes = found.sweep.axes
     if not isinstance(found.sweep.design, Grid) or len(axes) > 2:
@@ -64,7 +64,7 @@ def _values(found: Map, key: str) -> list[Any]:
 
 
 def _title(key: str, numbers: bool) -> str:
-    """Return a setting's plain name, with the unit of its numbers, as on an axis."""
+    """Return a setting's plain name for an axis, with the unit if its values are numbers."""
     unit = next((its.unit for its in scenario_keys(key) if its.key == key), "")
     group, _, of_link = key.partition(".link.")
     if of_link in LINK_NAMES:
@@ -174,7 +174,7 @@ def _heat(figure: Figure, panels: Any, found: Map, theory: MapTheory | None) -> 
 
 
 def _levels(flown: np.ndarray, theory: np.ndarray) -> dict[float, str]:
-    """Return round errors for the lines of both [m], and their names; less round ones where they share few."""
+    """Return round errors [m] for the lines of both, with their names; less round ones if both share few."""
     known = [values[np.isfinite(values)] for values in (flown, theory)]
     if not known[0].size:
         return {}
@@ -187,7 +187,7 @@ def _levels(flown: np.ndarray, theory: np.ndarray) -> dict[float, str]:
 
 
 def _contours(panel: Any, values: np.ndarray, names: dict[float, str], said: str, color: str = "k") -> None:
-    """Draw the lines of those levels, with a halo that sets them off from the map; nothing where there are none."""
+    """Draw the lines of these levels, with a halo that sets them off from the map; nothing if there are none."""
     shown = np.ma.masked_invalid(values)
     levels = sorted(level for level in names if shown.count() and shown.min() < level < shown.max())
     if not levels or min(values.shape) < 2:
@@ -209,7 +209,7 @@ def _contours(panel: Any, values: np.ndarray, names: dict[float, str], said: str
 
 
 def _along(paths: list[Path], share: float) -> tuple[float, float]:
-    """Return the point at a share of the length of the longest of some lines, x and y."""
+    """Return the point (x, y) at a share of the length of the longest of these lines."""
     lines = [np.asarray(path.vertices) for path in paths]
     ways = [np.r_[0.0, np.hypot(*np.diff(line, axis=0).T).cumsum()] for line in lines]
     line, way = max(zip(lines, ways, strict=True), key=lambda both: both[1][-1])
@@ -226,13 +226,13 @@ def _are_numbers(values: list[Any]) -> bool:
 
 
 def _rising(values: list[Any]) -> tuple[list[Any], list[int]]:
-    """Return numbers from the least to the greatest and where each stood; other values as they are."""
+    """Return numbers in ascending order, with the place of each before; other values as they are."""
     order = sorted(range(len(values)), key=values.__getitem__) if _are_numbers(values) else list(range(len(values)))
     return [values[k] for k in order], order
 
 
 def _round_levels(low: float, high: float, digits: tuple[float, ...]) -> list[float]:
-    """Return the numbers between two that have one of these first digits and no other."""
+    """Return the numbers between low and high that consist of one of these digits and a power of ten."""
     powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     return [float(f"{d:g}e{k}") for k in powers for d in digits if low < float(f"{d:g}e{k}") < high]
 

@@ -25,41 +25,41 @@ class MapPoint:
     point: dict[str, Value]
     """its settings."""
     flights: int
-    """how many flew."""
+    """number of flights."""
     lost: int
-    """how many were lost."""
+    """number of lost flights."""
     lost_low: float
     """lower end of Wilson's 95 % interval of the share of lost flights [1]."""
     lost_high: float
-    """its upper end [1]."""
+    """upper end of that interval [1]."""
     rms: float | None
-    """median root mean squared error of the estimated position [m]; infinite (null in JSON) where a lost flight stands,
-    as each is worse than any that was kept."""
+    """median root mean squared error of the estimated position [m]; infinite (null in JSON) if the median is a lost
+    flight, as each lost flight is worse than any that was kept."""
     rms_interval: Interval | None
-    """its 95 % interval; None of too few flights."""
+    """95 % interval of rms; None for too few flights."""
     kept_rms: float | None
-    """median of the flights that were not lost, as all that follow; None where all were."""
+    """median of the flights that were not lost, as all that follow; None if all were lost."""
     kept_interval: Interval | None
-    """its 95 % interval; None of too few."""
+    """95 % interval of kept_rms; None for too few flights."""
     rms_low: float | None
-    """their lower quartile [m]."""
+    """lower quartile of the kept flights' errors [m]."""
     rms_high: float | None
-    """their upper quartile [m]."""
+    """upper quartile of the kept flights' errors [m]."""
     farthest: float | None
     """median of the largest distance from the path [m]."""
     farthest_interval: Interval | None
-    """its 95 % interval; None of too few."""
+    """95 % interval of farthest; None for too few flights."""
     nees: float | None
     """mean of the position's NEES, 3 if the filter is consistent."""
     nees_interval: Interval | None
-    """its 95 % interval by Student's t; None of fewer than two."""
+    """95 % interval of nees by Student's t; None for fewer than two flights."""
     arrived: dict[str, float]
-    """measurements used over those due, by sensor [1], of all flights."""
+    """measurements used over those due, by sensor [1], over all flights."""
 
 
 @dataclass(frozen=True)
 class Map:
-    """A map: what was asked for, a row for each point, and why Drake flew some points and not the engine, if it did."""
+    """A map: its sweep, a row for each point, and why Drake instead of the engine flew some points, if it did."""
 
     sweep: Sweep
     rows: list[MapPoint]
@@ -67,7 +67,7 @@ class Map:
 
 
 def is_enough(sweep: Sweep, lost: int, flights: int) -> bool:
-    """Return whether so many flights at a point are precise enough."""
+    """Return whether these numbers of flights and lost flights at a point are precise enough."""
     if not isinstance(sweep.flights, Until):
         return flights >= sweep.flights
     low, high = share_interval(lost, flights)
@@ -77,11 +77,11 @@ def is_enough(sweep: Sweep, lost: int, flights: int) -> bool:
 def fly_map(
     sweep: Sweep, source: str, out: Path, workers: int, progress: Callable[[int], None] = lambda flown: None
 ) -> Map:
-    """Fly a map, whose source an error begins with, and tell how many flights came in.
+    """Fly a map; `source` begins its errors, and progress gets the number of flights that came in.
 
-    Chunks that are already in the folder `out` are not flown again; 1 worker flies in this process. Where the number of
-    flights is open, the points that need more get a chunk each, round by round: how many fly depends on what flew
-    alone, not on who was first. InputError if a point's scenario is wrong, a flight cannot be flown or what is kept
+    Chunks that are already in the folder `out` are not flown again; 1 worker flies in this process. If the number of
+    flights is open, the points that need more get a chunk each, round by round: so their number depends on the flights
+    alone, not on which worker was first. InputError if a point's scenario is wrong, a flight cannot be flown, or a file
     cannot be written.
     """
     points = points_of(sweep)
@@ -113,9 +113,9 @@ def fly_map(
 
 
 def figures_of_points(scenarios: list[Scenario], out: Path, seed: int, flights: int, workers: int) -> list[np.ndarray]:
-    """Fly scenarios, each on so many seeds from `seed` on, and return each one's figures (n, columns).
+    """Fly scenarios, each on `flights` seeds from `seed` on, and return each one's figures (n, columns).
 
-    What is kept in the folder `out` is not flown again; 1 worker flies in this process.
+    Flights kept in the folder `out` are not flown again; 1 worker flies in this process.
     """
     folders, chunks = [flight_folder(out, scenario) for scenario in scenarios], chunks_of(seed, flights)
     pairs = list(zip(scenarios, folders, strict=True))
@@ -124,7 +124,7 @@ def figures_of_points(scenarios: list[Scenario], out: Path, seed: int, flights: 
 
 
 def _fly(wanted: Sequence[tuple[Scenario, Path, range]], workers: int, progress: Callable[[int], None]) -> None:
-    """Fly the chunks that are missing, and keep them."""
+    """Fly the chunks that are missing, and keep their figures."""
     missing = []
     for scenario, folder, chunk in wanted:
         if read_chunk(folder, chunk, columns_of(scenario)) is not None:
@@ -150,7 +150,7 @@ def _kept(scenario: Scenario, folder: Path, chunk: range) -> np.ndarray:
 
 
 def _row(point: dict[str, Value], scenario: Scenario, folder: Path, chunks: list[range], flights: int) -> MapPoint:
-    """Return the figures of a point from its first flights; a point's figures alone are in memory at a time."""
+    """Return the figures of a point from its first flights; only one point's figures are in memory at a time."""
     columns = columns_of(scenario)
     used = [chunk for chunk in chunks if chunk.start - chunks[0].start < flights]
     figures = np.concatenate([_kept(scenario, folder, chunk) for chunk in used])

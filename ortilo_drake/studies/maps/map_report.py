@@ -1,10 +1,10 @@
-"""The report of a map: a summary, Sobol's indices, and a table with a row for each point; and its theory.
+"""The report of a map: a summary, Sobol's indices, and a table with a row for each point; and the map's theory.
 
-Where a map's axes are a link's rates and losses, theory gives lines over the flights. The filter's error: the fixed
-point of the expected Riccati equation bounds the mean of P_k from above, for rates and for losses one by one or in
-bursts (studies/arrivals). The loss of vehicles: a flight of the duration D in which a share p of all messages is lost
-in bursts of the mean length L has about p D / L of them, and each is longer than T with the chance exp(-T / L). If a
-flight were lost when one is longer than T, and only then,
+If a map's axes are a link's rates and losses, theory gives lines over the flights. The filter's error: the fixed point
+of the expected Riccati equation bounds the mean of P_k from above, for rates, independent losses and bursts
+(studies/arrivals). Lost vehicles: let a share p of all messages be lost in bursts of the mean length L in a flight of
+the duration D. It has about p D / L bursts, and each is longer than T with the probability exp(-T / L). If a flight
+were lost if and only if one is longer than T,
 
     P(lost) = 1 - exp(-p D / L exp(-T / L)).
 """
@@ -30,16 +30,16 @@ from ortilo_drake.views.numbers import count, in_its_digits, of_all_and_kept, sh
 
 _KNOWN = re.compile(r"(uwb|camera)\.link\.(rate|loss(\..+)?)")
 _TWO_MODES = ("bursts", "gilbert_elliott")
-MOST_MODES = 128  # of a chain of arrivals; with more, as of rates that have no short common period, a point is left out
+MOST_MODES = 128  # most modes of a chain of arrivals; points with more are left out: rates with a long common period
 _SHORTEST, _LONGEST = 0.1, 1000.0  # T [s]
 
 
 class MapTheory(NamedTuple):
-    """The theory at each of n points of a map, or in a line why it says nothing, silence.
+    """The theory at each of n points of a map; silence is None, or a line on why there is none.
 
-    rms is the root of the bound on the mean squared error of the position [m] (n), NaN where it says nothing. The share
-    of flights lost [1] (n) is of bursts alone, with the longest that a flight stands, T that fits the map's own flights
-    best [s]; both are None for other axes, and where none was lost, or all were.
+    rms (n) is the root of the bound on the mean squared error of the position [m], NaN where there is none. lost (n) is
+    the share of flights lost [1] for bursts, and longest the burst T that a flight survives [s], fitted to the map's
+    own flights; both are None for other axes, or if no flight was lost, or all were.
     """
 
     rms: np.ndarray
@@ -49,9 +49,9 @@ class MapTheory(NamedTuple):
 
 
 def lost_in_bursts(share: np.ndarray, length: np.ndarray, duration: np.ndarray | float, longest: float) -> np.ndarray:
-    """Return the chance of a burst longer than T, `longest` [s], in a flight of D [s].
+    """Return the probability of a burst longer than T, `longest` [s], in a flight of D [s].
 
-    Its messages are lost in a share p [1], in bursts of the mean length L [s].
+    A share p [1] of its messages is lost, in bursts of the mean length L [s].
     """
     return np.asarray(1.0 - np.exp(-share * duration / length * np.exp(-longest / length)))
 
@@ -77,7 +77,7 @@ def theory_of(found: Map) -> MapTheory:
 def expected_rms(scenario: Scenario) -> float:
     """Return the root of the bound on the trace of E[P_k] of the position, hovering [m].
 
-    Infinity where position is never seen; NaN where the arrivals have more than MOST_MODES modes. InputError if the
+    Infinity if position is never seen; NaN if the arrivals have more than MOST_MODES modes. InputError if the
     scenario's filter has no such bound.
     """
     h = scenario.h
@@ -96,7 +96,7 @@ def expected_rms(scenario: Scenario) -> float:
 def _fitted(found: Map, scenarios: list[Scenario]) -> tuple[np.ndarray, float] | None:
     """Return lost_in_bursts at each point and the T of the greatest likelihood.
 
-    None where a point has no bursts, and where no flight was lost, or each: any T beyond some bound is as likely then.
+    None if a point has no bursts, or if no flight was lost, or all were: then any T beyond some bound is as likely.
     """
     sensors = {key.split(".")[0] for key in found.sweep.axes}
     losses = [scenario.link_of(next(iter(sensors))).loss for scenario in scenarios]
@@ -117,9 +117,9 @@ def _fitted(found: Map, scenarios: list[Scenario]) -> tuple[np.ndarray, float] |
 
 
 class Index(NamedTuple):
-    """A figure, a setting, and the setting's indices for it [1].
+    """A figure, a setting, and the setting's Sobol indices for the figure [1].
 
-    It makes the share `first` of the variance alone; the share `total` would be left if all others were held.
+    The setting alone causes the share `first` of the variance; the share `total` would remain if all others were fixed.
     """
 
     figure: str
@@ -131,8 +131,8 @@ class Index(NamedTuple):
 def indices_of(found: Map) -> list[Index]:
     """Return the indices of the share of lost flights and of the RMS error's logarithm; none for other designs.
 
-    By Saltelli's estimators, SciPy's. A figure that is the same everywhere has none, nor has the error where at a point
-    all flights were lost.
+    They come from Saltelli's estimators (SciPy). A figure that is the same everywhere has none, nor has the error if
+    all flights of a point were lost.
     """
     design = found.sweep.design
     if not isinstance(design, Sensitivity):
@@ -154,7 +154,7 @@ def indices_of(found: Map) -> list[Index]:
     return rows
 
 
-MOST_ROWS = 60  # of the report; the table of all points is a file of its own
+MOST_ROWS = 60  # most rows in the report; the table of all points is a file of its own
 SAID = (
     "RMS: median over flights, a lost one worse than any that was kept; all else is of the flights that were kept. In "
     "brackets 95 % intervals: Wilson's of the share lost, of medians between order statistics; [?]: too few flights."
@@ -238,7 +238,7 @@ def _number(value: Any) -> str:
 def map_csv(found: Map) -> str:
     """Return the map as CSV, a row for each point: its settings, then its figures.
 
-    A figure is empty where there is none, and inf where a lost flight stands.
+    A figure is empty where there is none, and inf where it is that of a lost flight.
     """
     singles = ["flights", "lost", "lost_low", "lost_high", "rms", "kept_rms", "rms_low", "rms_high", "farthest", "nees"]
     rows = []

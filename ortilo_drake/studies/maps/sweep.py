@@ -32,13 +32,13 @@ class Range(Frozen):
     start: Annotated[float, Field(allow_inf_nan=False)]
     """the first value, in the setting's unit."""
     stop: Annotated[float, Field(allow_inf_nan=False)]
-    """the last one, above the start."""
+    """the last value, above the start."""
     count: Annotated[int, Field(ge=2, le=1000)] = 11
-    """how many a grid has."""
+    """number of values in a grid."""
     scale: Literal["linear", "log"] = "linear"
-    """evenly spaced, or by their logarithm."""
+    """spacing of the values: even, or even in their logarithm."""
     whole: bool = False
-    """whether the setting takes whole numbers alone."""
+    """whether the setting takes whole numbers only."""
 
     @model_validator(mode="after")
     def _goes_up(self) -> "Range":
@@ -49,7 +49,7 @@ class Range(Frozen):
         return self
 
     def at(self, share: np.ndarray) -> list[float]:
-        """Return the values at shares of the way (n), 0 to 1."""
+        """Return the values at shares (n) of the way from start to stop, 0 to 1."""
         low, high = np.log([self.start, self.stop]) if self.scale == "log" else (self.start, self.stop)
         values = low + np.asarray(share) * (high - low)
         values = np.clip(np.exp(values) if self.scale == "log" else values, self.start, self.stop)
@@ -63,7 +63,7 @@ def _group_or_not(value: Any) -> str:
     return TAGS[isinstance(value, dict | Frozen)]
 
 
-# Told apart before they are checked, so that an error is that of the form which was meant.
+# The form is told from the value before the check, so that an error is about the form that was meant.
 Axis = Annotated[Annotated[Values, Tag(TAGS[0])] | Annotated[Range, Tag(TAGS[1])], Discriminator(_group_or_not)]
 
 
@@ -74,14 +74,14 @@ class Grid(Frozen):
 
 
 class Scattered(Frozen):
-    """Points scattered over the ranges, evenly however few axes one looks at."""
+    """Points scattered over the ranges, evenly also over any few of the axes."""
 
     kind: Literal["latin_hypercube", "sobol"]
     """'latin_hypercube', or 'sobol' (Sobol's sequence, scrambled)."""
     points: Annotated[int, Field(ge=2, le=MOST_POINTS)]
-    """how many; a power of 2 with 'sobol'."""
+    """number of points; a power of 2 with 'sobol'."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
-    """of their places."""
+    """seed of their places."""
 
 
 class Sensitivity(Frozen):
@@ -90,18 +90,18 @@ class Sensitivity(Frozen):
     kind: Literal["sensitivity"]
     """'sensitivity'."""
     points: Annotated[int, Field(ge=2, le=2**14)]
-    """of each of the samples, a power of 2."""
+    """points in each of the samples, a power of 2."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
-    """of their places."""
+    """seed of their places."""
 
 
 class Until(Frozen):
-    """Flights until it is known how many are lost."""
+    """Flights until the share of lost flights is known well enough."""
 
     half_width: Annotated[float, Field(gt=0.0, lt=0.5)]
     """half the width of the 95 % interval of the share of lost flights that is narrow enough [1]."""
     at_most: Annotated[int, Field(ge=1, le=10_000_000)]
-    """flights at a point."""
+    """most flights at a point."""
 
 
 _Fixed = Annotated[int, Field(ge=1, le=10_000_000)]
@@ -112,9 +112,9 @@ class OverScenario(Frozen):
     """The scenario that a file of a study is about."""
 
     scenario: str = "imu_uwb"
-    """a ready-made scenario's name, or a .yaml file, meant from where this file lies."""
+    """a ready-made scenario's name, or a .yaml file, relative to this file."""
     settings: dict[Name, Any] = Field(default={})
-    """laid over it in all flights, such as {camera.kind: projected}."""
+    """settings laid over the scenario in all flights, such as {camera.kind: projected}."""
 
 
 Over = TypeVar("Over", bound=OverScenario)
@@ -124,15 +124,15 @@ class Sweep(OverScenario):
     """A sweep file."""
 
     axes: Annotated[dict[Name, Axis], Field(min_length=1, max_length=20)]
-    """by setting the values, in a list, or a range of them."""
+    """values of each setting: a list, or a range."""
     design: Annotated[Grid | Scattered | Sensitivity, Field(discriminator="kind")] = Grid()
-    """which points."""
+    """choice of the points."""
     flights: Flights = 100
-    """at each point, seeds from `seed` on; or until it is known how many are lost."""
+    """number of flights at each point, with seeds from `seed` on; or how precise the share lost must be."""
     seed: Annotated[int, Field(ge=0, lt=2**40)] = 0
-    """the first."""
+    """the first seed."""
     whole: Annotated[int, Field(ge=0, le=10_000)] = 0
-    """of each point's flights, how many are kept whole, as netCDF; Drake flies these."""
+    """number of each point's flights that are kept whole, as netCDF; Drake flies these."""
 
     @model_validator(mode="after")
     def _has_points(self) -> "Sweep":
@@ -161,7 +161,7 @@ class Sweep(OverScenario):
 
 
 def points_of(sweep: Sweep) -> list[dict[str, Value]]:
-    """Return the settings of each point, in their order; of Saltelli's points A, B, then A with each column of B."""
+    """Return the settings of each point, in order; for Saltelli's points: A, B, then A with each column from B."""
     axes, design = sweep.axes, sweep.design
     if isinstance(design, Grid):
         values = [list(a) if isinstance(a, tuple) else a.at(np.linspace(0.0, 1.0, a.count)) for a in axes.values()]
@@ -188,7 +188,7 @@ def load_sweep(path: Path) -> Sweep:
 
 
 def load_over(kind: type[Over], path: Path) -> Over:
-    """Read a study's file, a relative scenario's file taken from where it lies; InputError as load_sweep."""
+    """Read a study's file; a relative path of its scenario starts at the file's folder. InputError as load_sweep."""
     read = load_yaml(kind, path)
     if read.scenario.endswith((".yaml", ".yml")):
         read = read.model_copy(update={"scenario": str(path.parent / read.scenario)})

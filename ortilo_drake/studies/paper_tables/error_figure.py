@@ -1,4 +1,4 @@
-"""A figure: the errors of many flights beside the paper's."""
+"""Figure of the errors of many flights beside the paper's."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from ortilo_drake.views.figures import COLOR, OTHER, TITLE
 from ortilo_drake.views.pictures import figure_to
 from ortilo_drake.views.themes import broken_name
 
-BOXED = 5  # flights from which on they have a box: quartiles of fewer are the flights themselves
+BOXED = 5  # fewest flights with a box: quartiles of fewer are the flights themselves
 
 
 def _label(name: str, rows: list[Summary]) -> str:
@@ -21,7 +21,7 @@ def _label(name: str, rows: list[Summary]) -> str:
 
 
 def error_figure(summaries: dict[str, list[Summary]], path: Path) -> Path:
-    """Draw each table column's distribution over the flights that were kept, with the paper's median and quartiles.
+    """Draw each table column's distribution over the kept flights, with the paper's median and quartiles.
 
     Few flights are drawn as points about their median, BOXED or more with a box.
     """

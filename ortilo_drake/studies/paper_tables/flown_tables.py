@@ -19,10 +19,10 @@ def scenarios_of_tables(
     beside: Iterable[str | Path] = (),
     only: str | None = None,
 ) -> dict[str, Scenario]:
-    """Return the scenarios of the tables by their name there: the paper's two of a preset, and those beside them.
+    """Return the scenarios of the tables by their name there: the paper's two in a preset, and those named by `beside`.
 
-    Settings are laid over all of them, then those of cameras over those that fly one. With `only` the other one of
-    SCENARIOS is left out. InputError if a scenario is wrong, or is there twice.
+    `settings` are laid over all of them, then `of_cameras` over those that fly a camera. `only` names one of SCENARIOS
+    and leaves out the other. InputError if a scenario is wrong, or appears twice.
     """
     if preset not in PRESETS:
         raise InputError(f"preset: {preset!r}: must be one of {', '.join(PRESETS)}")
@@ -51,10 +51,10 @@ def fly_tables(
     progress: Callable[[str], None],
     player: str = "fastest",
 ) -> dict[str, list[Summary]]:
-    """Fly each scenario on the same seeds, from 0, and return the summaries; what is kept is not flown again.
+    """Fly each scenario on the same seeds, from 0, and return the summaries; flights that are kept are not flown again.
 
-    The flights are in the folder `out`, 1 worker flies in this process, progress is told the scenario of each flight,
-    and the player is as players.choose has it. InputError as fly_many.
+    Flights are kept in the folder `out`; 1 worker flies in this process; progress gets the scenario's name after each
+    flight; the player is as in players.choose. InputError as fly_many.
     """
     found = {}
     with kept_workers():

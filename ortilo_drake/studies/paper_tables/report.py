@@ -21,7 +21,7 @@ TITLES = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}
 
 
 def tables_summary(tables: Tables) -> list[str]:
-    """Return a summary of the tables, as Markdown's list: at most five lines, whatever stands beside the paper's."""
+    """Return a summary of the tables as a Markdown list of at most five lines, however many scenarios are beside."""
     lost = [f"{_title(name)} {count(n, tables.flights)}" for name, n in tables.lost.items()]
     lines = [f"Flights lost: {', '.join(lost)}."]
     for name in filter(tables.estimation.__contains__, SCENARIOS):
@@ -70,7 +70,7 @@ def _of_the_kept(tables: Tables, scenario: str) -> str:
 
 
 def _rows(tables: Tables, scenario: str, columns: dict[str, tuple[Statistics, dict[str, float] | None]]) -> list[str]:
-    """Return the rows of a table: its columns as ours and the paper's, None where the paper has no such scenario."""
+    """Return the rows of a table, whose columns are ours and the paper's, None where the paper lacks the scenario."""
     heads = [head for name, (_, paper) in columns.items() for head in ([name, "paper"] if paper else [name])]
     kept, lost = _kept(tables, scenario), tables.lost[scenario]
     its, every = tables.intervals[scenario], tables.with_lost_intervals[scenario]
@@ -96,7 +96,7 @@ def _rows(tables: Tables, scenario: str, columns: dict[str, tuple[Statistics, di
 
 
 def _efficiency_rows(tables: Tables, scenario: str) -> list[str]:
-    """Return the rows of a scenario's efficiencies, by axis."""
+    """Return the rows of a scenario's efficiencies, with a column for each axis."""
     axes, kept, lost = tables.efficiency[scenario], _kept(tables, scenario), tables.lost[scenario]
     columns, of_the_kept = list(axes.values()), _of_the_kept(tables, scenario)
 
@@ -121,7 +121,7 @@ def _efficiency_rows(tables: Tables, scenario: str) -> list[str]:
 
 
 def _drop(drop: Drop) -> list[str]:
-    """Return the line on what the camera does to the median in x."""
+    """Return the line on the camera's effect on the median in x."""
     if drop.kept is None:
         return []
     ways = [(drop.median, drop.interval), (drop.kept, drop.kept_interval)]
@@ -192,7 +192,7 @@ def table_text(tables: Tables) -> str:
     return "\n".join(lines) + "\n"
 
 
-# docs/results.md has the settings that showed it, with figures.
+# docs/results.md has the settings that showed this, with figures.
 _NEAREST: Final = (
     "before a blackout the three nearest anchors have a poor geometry, and with W = I the filter follows the noise of "
     "their fixes; the paper says nothing about a disturbance"
@@ -213,9 +213,9 @@ _OF_PRESET: Final = {
 
 
 def verdict(tables: Tables) -> list[str]:
-    """Return the verdict on the paper as Markdown's list, a line for each column of both tables.
+    """Return the verdict on the paper as a Markdown list, a line for each column of both tables.
 
-    A column is reproduced where the 95 % intervals of both medians meet. The paper prints quartiles of 20 flights. The
+    A column is reproduced if the 95 % intervals of both medians overlap. The paper prints quartiles of 20 flights. The
     interval of the median of 20 goes from the 6th to the 15th, which lie within these quartiles: they stand for it.
     """
     flown = [scenario for scenario in SCENARIOS if scenario in tables.estimation]

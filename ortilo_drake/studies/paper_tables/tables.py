@@ -1,4 +1,4 @@
-"""The paper's tables I and II, ours beside its own."""
+"""The paper's tables I and II, with ours beside them."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -19,13 +19,13 @@ STATISTICS = ("mean", "median", "p75", "p25")
 QUANTILES = {"median": 0.5, "p75": 0.75, "p25": 0.25}
 
 T = TypeVar("T")
-Statistics = dict[str, float | None]  # by name of STATISTICS; None each of no values
-Intervals = dict[str, Interval | None]  # likewise; None of too few values
+Statistics = dict[str, float | None]  # by name of STATISTICS; each None if there are no values
+Intervals = dict[str, Interval | None]  # by name of STATISTICS; None for too few values
 
 
 @dataclass(frozen=True)
 class PaperTables:
-    """The paper's figures by scenario: of the estimation by axis, and of the path following [m^2]."""
+    """The paper's figures by scenario: estimation error by axis, and path-following error [m^2]."""
 
     estimation: dict[str, dict[str, dict[str, float]]]
     path: dict[str, dict[str, float]]
@@ -33,10 +33,10 @@ class PaperTables:
 
 @dataclass(frozen=True)
 class Drop:
-    """The share by which the camera lowers the median MSE in x, with lost flights as worst, and of the kept ones.
+    """The share by which the camera lowers the median MSE in x, with lost flights as worst, and for the kept flights.
 
-    The median is None where the one without the camera is lost, or both are. The 95 % intervals cover at least that;
-    None of too few flights.
+    median is None if the median without the camera is that of a lost flight, or both are. The intervals hold with a
+    probability of at least 95 %; None for too few flights.
     """
 
     median: float | None
@@ -47,11 +47,11 @@ class Drop:
 
 @dataclass(frozen=True)
 class AxisEfficiency:
-    """An axis's efficiency over flights that were not lost, or with lost ones where a field says so.
+    """An axis's efficiency over flights that were not lost; fields named with_lost include the lost ones.
 
-    Mean, median and quartiles, with their intervals, are over single flights, a lost one worst; `all` is the error of
-    all flights over their floor, `ticks` the mean tick by tick, a lost flight's up to its loss; the mean floor is in
-    m^2.
+    Mean, median and quartiles, with their intervals, are over single flights, with a lost one as worst. `all` is the
+    error of all flights over their floor, `ticks` the mean over ticks, up to its loss for a lost flight. floor is the
+    mean floor [m^2].
     """
 
     mean: float | None
@@ -70,18 +70,18 @@ class AxisEfficiency:
 
 @dataclass(frozen=True)
 class Tables:
-    """The tables of an ensemble, as `ortilo tables --json` writes them; each field by scenario, but for a few."""
+    """The tables of an ensemble, as `ortilo tables --json` writes them; most fields are by scenario."""
 
     preset: str
     """one of PRESETS."""
     flights: int
-    """of each scenario."""
+    """number of flights of each scenario."""
     lost: dict[str, int]
-    """how many were lost; they are not averaged."""
+    """number of lost flights; they are not averaged."""
     lost_share: dict[str, Interval]
     """Wilson's 95 % interval of the share of lost flights [1]."""
     touched: dict[str, int]
-    """how many of the others touched furniture."""
+    """number of the other flights that touched furniture."""
     estimation: dict[str, dict[str, Statistics]]
     """statistics of the mean squared error by axis [m^2]."""
     path: dict[str, Statistics]
@@ -89,23 +89,23 @@ class Tables:
     path_distance: dict[str, Statistics]
     """statistics of the mean squared distance to the path [m^2]."""
     intervals: dict[str, dict[str, Intervals]]
-    """95 % intervals by column, the axes, 'path' and 'path_distance', and statistic."""
+    """95 % intervals by column (the axes, 'path' and 'path_distance') and statistic."""
     with_lost: dict[str, dict[str, Statistics]]
-    """median and quartiles of these columns with each lost flight as worst: null where one stands."""
+    """median and quartiles of these columns with each lost flight as worst: null where the value is a lost flight's."""
     with_lost_intervals: dict[str, dict[str, Intervals]]
-    """their 95 % intervals: null at an end where a lost flight stands."""
+    """95 % intervals of with_lost: null at an end that is a lost flight's."""
     efficiency: dict[str, dict[str, AxisEfficiency]]
-    """by axis."""
+    """efficiency by axis."""
     drop_in_x: Drop
-    """of both scenarios together; None each where only one flew."""
+    """drop of the median in x between both scenarios; each part None if only one flew."""
     nees: dict[str, Ratio]
     """mean NEES of the position."""
     nees_with_lost: dict[str, Ratio]
-    """the same with the lost flights up to their losses."""
+    """mean NEES of the position, with the lost flights up to their losses."""
     arrivals: dict[str, dict[str, float | None]]
     """mean rate of arrivals by sensor."""
     players: dict[str, str]
-    """who flew."""
+    """the players that flew."""
     paper: PaperTables
     """the paper's own tables."""
 
@@ -138,17 +138,17 @@ ENOUGH_FOR_A_MEAN = 60
 
 
 def statistics(values: Sequence[float]) -> Statistics:
-    """Return mean, median and quartiles; None each if there is no value."""
+    """Return mean, median and quartiles; each None if there is no value."""
     return {"mean": float(np.mean(values)) if len(values) else None} | _ranked(values, quantile)
 
 
 def _ranked(values: Sequence[float], of: Callable[[Sequence[float], float], T]) -> dict[str, T]:
-    """Return a quantile or its interval for median and quartiles."""
+    """Return `of` (a quantile or its interval) for median and quartiles."""
     return {name: of(values, q) for name, q in QUANTILES.items()}
 
 
 def mean_interval(values: Sequence[float]) -> Interval | None:
-    """Return the bootstrap 95 % interval (percentile method) of a mean; None below two values."""
+    """Return the bootstrap 95 % interval (percentile method) of a mean; None for fewer than two values."""
     if len(values) < 2:
         return None
     rng = np.random.default_rng(0)
@@ -157,20 +157,20 @@ def mean_interval(values: Sequence[float]) -> Interval | None:
 
 
 def mean_of(values: Sequence[float]) -> Ratio:
-    """Return a mean and its interval."""
+    """Return a mean and its 95 % interval."""
     return Ratio(statistics(values)["mean"], mean_interval(values))
 
 
 def with_lost(kept: Sequence[float], lost: int) -> list[float]:
-    """Return a figure of all flights: infinite of those that were lost."""
+    """Return a figure for all flights, with infinity for each lost one."""
     return [*kept, *[math.inf] * lost]
 
 
 class Spread(NamedTuple):
     """A figure over flights: statistics of the kept ones, quantiles with each lost one as worst, and intervals of both.
 
-    The intervals are by the bootstrap of the mean, by ranks of the others; the quantiles are infinite where a lost
-    flight stands.
+    The mean's interval is by bootstrap, those of quantiles are by ranks. A quantile is infinite if it is a lost
+    flight's.
     """
 
     statistics: Statistics
@@ -180,7 +180,7 @@ class Spread(NamedTuple):
 
 
 def spread(kept: Sequence[float], lost: int) -> Spread:
-    """Return the spread of a figure of the flights that were kept, beside so many that were lost."""
+    """Return the spread of a figure, given its values for the kept flights and the number of lost ones."""
     every, intervals = with_lost(kept, lost), {"mean": mean_interval(kept)} | _ranked(kept, quantile_interval)
     return Spread(statistics(kept), intervals, _ranked(every, quantile), _ranked(every, quantile_interval))
 
@@ -188,7 +188,8 @@ def spread(kept: Sequence[float], lost: int) -> Spread:
 def _drop(without: Sequence[float], with_camera: Sequence[float]) -> tuple[float | None, Interval | None]:
     """Return the drop of a median and its interval.
 
-    The interval joins those of both medians, each of half the error (Bonferroni): flights of a seed may be alike.
+    The interval combines those of both medians, each with half the error probability (Bonferroni), since flights of one
+    seed may be correlated.
     """
     a, b = quantile(without), quantile(with_camera)
     low, high = (quantile_interval(values, 0.5, 0.5 * (1.0 + LEVEL)) for values in (without, with_camera))
@@ -201,8 +202,8 @@ def _drop(without: Sequence[float], with_camera: Sequence[float]) -> tuple[float
 def drop_in_x(without: Sequence[float], with_camera: Sequence[float], flights: tuple[int, ...]) -> Drop:
     """Return the share by which the camera lowers the median MSE in x.
 
-    The values are of the flights that were not lost, of so many without and with the camera. The paper's own 93.35 % is
-    1 - 0.0066 / 0.0993.
+    The values are those of the kept flights; `flights` are the numbers flown without and with the camera. The paper's
+    own 93.35 % is 1 - 0.0066 / 0.0993.
     """
     every = (with_lost(kept, n - len(kept)) for kept, n in zip((without, with_camera), flights, strict=True))
     return Drop(*_drop(*every), *_drop(without, with_camera))
@@ -234,7 +235,7 @@ def efficiency_of(axis: str, rows: list[Summary]) -> AxisEfficiency:
 
 
 def _spreads(kept: list[Summary], lost: int) -> dict[str, Spread]:
-    """Return the spread of each column over flights; the path-following error where it is defined."""
+    """Return the spread of each column over flights; of the path-following error where it is defined."""
     path = [s.path_mse for s in kept if s.path_mse is not None]
     columns = {axis: spread([s.mse[axis] for s in kept], lost) for axis in AXES}
     columns["path"] = spread(path, lost if path or not kept else 0)
@@ -242,10 +243,10 @@ def _spreads(kept: list[Summary], lost: int) -> dict[str, Spread]:
 
 
 def make_tables(preset: str, summaries: dict[str, list[Summary]]) -> Tables:
-    """Return the tables of an ensemble, as `ortilo tables --json` writes them, of a preset.
+    """Return the tables of an ensemble for a preset, as `ortilo tables --json` writes them.
 
     The flights' summaries are by scenario: 'imu_uwb', 'imu_uwb_yolo' or both, and any others beside them. Lost flights
-    are counted, are worst in the quantiles that say so, and are left out of all means but those that do.
+    are counted. They are worst in the fields named with_lost, and left out of all other figures.
     """
     kept = {name: [s for s in rows if s.lost is None] for name, rows in summaries.items()}
     lost = {name: len(rows) - len(kept[name]) for name, rows in summaries.items()}

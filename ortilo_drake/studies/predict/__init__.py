@@ -1,1 +1,1 @@
-"""Predict a recorded flight by simulations of it."""
+"""Predict a recorded flight by simulating it."""

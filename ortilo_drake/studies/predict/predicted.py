@@ -1,11 +1,11 @@
-"""A recorded flight and simulations of it: the same path, stamps, anchors and filter, errors drawn by a NOISE.yaml.
+"""A recorded flight and simulations of it: the same path, stamps, anchors and filter, with errors of a NOISE.yaml.
 
-The IMU says what an ideal one would on the smoothed truth, as it is mounted, with bias and white noise. An axis of the
-accelerometer that the recorded flight's filter gave up says nothing from then on.
+The simulated IMU measures what an ideal one would on the smoothed truth, as it is mounted, with bias and white noise.
+An accelerometer axis that the recorded flight's filter gave up is missing from then on.
 
-Errors of ranges are drawn as world/sensors/fitted_uwb.py has them. A difference of the ranges to b and a errs by
-e_b - e_a. Its row has the white noise of two ranges, drawn once, and is an outlier where one of them is: with
-probability 1 - (1 - q)².
+Errors of ranges are drawn as in world/sensors/fitted_uwb.py. A difference of the ranges to b and a has the error e_b -
+e_a. Its row has the white noise of two ranges, drawn once, and is an outlier if one of them is: with probability 1 - (1
+- q)².
 """
 
 from collections.abc import Callable, Sequence
@@ -38,9 +38,9 @@ from ortilo_drake.world.sensors.fitted_uwb import (
     share_of_pairs,
 )
 
-QUERY_RATE = 30.0  # of the judged stamps, at most [Hz]
-SHARES = (2.5, 97.5)  # of the simulations, between which the interval lies [%]
-OF_ERROR, OF_NEES = 0.3, 1.5  # a group is predicted within this share of its error, and within this much of its NEES
+QUERY_RATE = 30.0  # largest rate of the stamps that are judged [Hz]
+SHARES = (2.5, 97.5)  # percentiles of the simulations that bound the interval [%]
+OF_ERROR, OF_NEES = 0.3, 1.5  # largest differences, relative of the error and absolute of NEES, of a predicted group
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Figures:
 
 @dataclass(frozen=True)
 class Predicted:
-    """A flight's figures, those of its simulations, and those of its simulations with white noise alone."""
+    """A flight's figures as recorded, from its simulations, and from its simulations with white noise alone."""
 
     name: str
     real: Figures
@@ -64,13 +64,13 @@ class Predicted:
 
 
 def interval(runs: Sequence[Figures], of: str) -> tuple[float, float]:
-    """Return the ends between which 95 % of the simulations lie."""
+    """Return the interval in which 95 % of the simulations lie."""
     low, high = np.percentile([getattr(run, of) for run in runs], SHARES)
     return float(low), float(high)
 
 
 def mean_of(runs: Sequence[Figures], of: str) -> float:
-    """Return the mean of the simulations; the root of the mean square of errors."""
+    """Return the mean over the simulations; for errors, the root of the mean square."""
     values = np.array([getattr(run, of) for run in runs])
     return float(np.sqrt(np.mean(values**2)) if of == "error" else np.mean(values))
 
@@ -87,8 +87,8 @@ def predict(
 ) -> Predicted:
     """Return a flight's figures beside those of simulations along its path, each on a day of its own.
 
-    The days are drawn by the seed, the same for all recordings; `say` is called before each flight. InputError if it
-    has no truth, or too little of it, or the noise is that of another number of anchors.
+    The seed draws the days, the same for all recordings; `say` gets a line before each flight. InputError if the flight
+    has no truth, or too little of it, or if the noise is for another number of anchors.
     """
     truth, imu = recording.truth, recording.imu
     if truth is None:
@@ -113,10 +113,10 @@ def predict(
         of_day = np.random.Generator(np.random.Philox(np.random.SeedSequence([seed, run])))
         of_flight = np.random.Generator(np.random.Philox(np.random.SeedSequence([seed, run, *recording.name.encode()])))
         day = draw_day(kind.uwb, n, numbers_of(of_day))
-        if known.biases is not None:  # calibrated ones are what the simulated anchors have, too
+        if known.biases is not None:  # the simulated anchors have the calibrated constants, too
             day = Day(known.biases, day.fields)
         made = simulated(recording, by, path, mount, map_.floor, kind, day, failed, of_flight)
-        told = known._replace(rest=at_rest(made, map_))  # by its own imu
+        told = known._replace(rest=at_rest(made, map_))  # from the simulated imu
         then = estimate(made.ranges, made.imu, told, map_.filter, stamps)
         return figures_of(then, path.position(then.t))
 
@@ -132,7 +132,7 @@ def predict(
 
 @dataclass(frozen=True)
 class Group:
-    """All flights together: error RMS [m] and NEES as recorded, and of the simulations of either kind."""
+    """All flights together: RMS error [m] and NEES as recorded, and those of the fitted and the white simulations."""
 
     real_error: float
     real_nees: float
@@ -148,7 +148,7 @@ class Group:
 
 
 def group_of(flights: Sequence[Predicted]) -> Group:
-    """Return the figures of several flights, each counted alike."""
+    """Return the figures of several flights together, all with the same weight."""
 
     def both(runs: Sequence[Sequence[Figures]]) -> tuple[float, float]:
         errors, nees = ([mean_of(one, of) for one in runs] for of in ("error", "nees"))
@@ -159,7 +159,7 @@ def group_of(flights: Sequence[Predicted]) -> Group:
 
 
 def low_passed(t: np.ndarray, density: np.ndarray, bandwidth: float, rng: np.random.Generator) -> np.ndarray:
-    """Return noise (m, 3) that is white up to a bandwidth [Hz], of densities (3) there."""
+    """Return noise (m, 3) that is white up to a bandwidth [Hz], with densities (3) there."""
     h = float(np.median(np.diff(t)))
     share = 1.0 - np.exp(-2.0 * np.pi * bandwidth * h)
     white = density / np.sqrt(h) * rng.standard_normal((len(t), 3))
@@ -169,7 +169,7 @@ def low_passed(t: np.ndarray, density: np.ndarray, bandwidth: float, rng: np.ran
 def simulated_imu(
     imu: Imu, path: BodyPath, mount: Rotation, noise: ImuNoise, failed: tuple[float, float], rng: np.random.Generator
 ) -> Imu:
-    """Return the samples of an IMU on the path, by the stamps of another; arguments as simulated."""
+    """Return the samples of a simulated IMU on the path, at the stamps of `imu`; other arguments as for simulated."""
     back = mount.inv()
     rates = back.apply(path.rates(imu.t)) + np.array(noise.rotation_bias) * rng.standard_normal(3)
     rates += low_passed(imu.t, np.array(noise.rotation), noise.bandwidth, rng)
@@ -186,12 +186,12 @@ def simulated_imu(
 
 
 def numbers_of(rng: np.random.Generator) -> AtStart:
-    """Return the standard normal numbers that a generator draws, whatever the name of their stream."""
+    """Return a function that draws standard normal numbers from a generator, whatever the stream's name."""
     return lambda name, n: rng.standard_normal(n)
 
 
 def lasting_errors(t: np.ndarray, n: int, time: float, sd: float, rng: np.random.Generator) -> np.ndarray:
-    """Return Gauss-Markov errors of n anchors at rising stamps (m, n)."""
+    """Return the Gauss-Markov errors of n anchors at ascending stamps (m, n)."""
     g = sd * rng.standard_normal((len(t), n))
     keep = np.exp(-np.diff(t) / time)
     for k, a in enumerate(keep):
@@ -200,7 +200,7 @@ def lasting_errors(t: np.ndarray, n: int, time: float, sd: float, rng: np.random
 
 
 def draw_outliers(ranges: Ranges, noise: UwbNoise, rng: np.random.Generator) -> np.ndarray:
-    """Draw a mask (m) of the rows that are outliers, by the noise of single ranges."""
+    """Draw a mask (m) of the outlier rows; the noise is that of single ranges."""
     share, found = noise.outliers.share, np.zeros(len(ranges.t), dtype=bool)
     for are, its in ((ranges.other < 0, share), (ranges.other >= 0, share_of_pairs(share))):
         if its == 0.0 or not are.any():
@@ -214,7 +214,7 @@ def draw_outliers(ranges: Ranges, noise: UwbNoise, rng: np.random.Generator) -> 
 def draw_errors(
     ranges: Ranges, place: np.ndarray, floor: float, noise: UwbNoise, day: Day, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return the errors of ranges and differences (m) [m]; the antenna's place (m, 3), the floor's z [m]; any noise."""
+    """Return the errors of ranges and differences (m) [m]; place (m, 3) is the antenna's, floor its z [m]."""
     noise, n, rows = noise.of_single_ranges, len(day.constants), np.arange(len(ranges.t))
     own = np.zeros((len(rows), n))
     if noise.lasting is not None:
@@ -246,9 +246,9 @@ def simulated(
 ) -> Recording:
     """Return a simulated recording along a recorded path, without range finder, flow and camera.
 
-    It has the recording's stamps and pairs. `by` is how its truth and sensors go together, the path where the body
-    goes, the mount the IMU's axes in the truth's body, `floor` its z [m]. The noise is the sensors', `day` what is the
-    same all day. The accelerometer's x and y are not to be used from `failed` on [s].
+    It has the recording's stamps and pairs. `by` is the calibration between truth and sensors, path the body's path,
+    mount the rotation from the IMU's axes to the truth's body, floor the floor's z [m]. noise are the sensors' errors,
+    day those that are the same all day. The accelerometer's x and y are missing from `failed` on [s].
     """
     ranges = recording.ranges
     place = path.position(ranges.t) + (path.attitude(ranges.t) * mount).apply(by.lever + recording.tags[ranges.tag])

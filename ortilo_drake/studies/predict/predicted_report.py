@@ -31,7 +31,7 @@ def _cell(real: Figures, runs: Sequence[Figures], of: str) -> str:
 
 
 def prediction_summary(group: Group) -> str:
-    """Return in a sentence whether the simulation predicts the group."""
+    """Return a sentence that says whether the simulation predicts the group."""
     ratio, of_white = group.error / group.real_error, group.white_error / group.real_error
     return (
         f"The simulation {'predicts' if group.holds else 'does not predict'} these flights: {ratio:.2f} of their error "
@@ -60,11 +60,11 @@ def predicted_text(flights: Sequence[Predicted], noise: str) -> str:
     return "\n".join([*lines, *table(heads, rows), LEGEND, ""])
 
 
-APART, WIDE = 0.18, 0.06  # of the two kinds, and of the points of one
+APART, WIDE = 0.18, 0.06  # distance of the two kinds from the middle, and half the width of one kind's points
 
 
 def predicted_figure(flights: Sequence[Predicted], path: Path) -> Path:
-    """Draw the flights and return the file's path."""
+    """Draw errors and NEES of the flights and return the file's path."""
     with figure_to(path, (2.0 + 1.3 * len(flights), 6.0)) as figure:
         for k, (of, label) in enumerate((("error", "RMS error [m]"), ("nees", "NEES (3 if consistent)"))):
             axes = figure.add_subplot(2, 1, k + 1)

@@ -181,7 +181,7 @@ def honesty_text(found: Honesty) -> list[str]:
 
 
 def least_rates(found: TubeReport) -> str:
-    """Return from which arrival rates on the tube stays in the corridor; empty if it never does."""
+    """Return a sentence with the least arrival rates that keep the tube in the corridor; empty if none do."""
     (first, a), (second, b), (_, margin) = found.rates.items()
     enough = [
         (rate, next((c for c, m in zip(b, row, strict=True) if m >= 0.0), None))
@@ -223,7 +223,7 @@ def tube_text(found: TubeReport) -> list[str]:
 
 
 def _world_text(found: Analysis) -> str:
-    """Return in a line what of the world is in the theory."""
+    """Return a line that says which of the world's settings the theory includes."""
     text = "The theory is of the world that the filter believes"
     if found.in_rms_alone:
         text += f"; the rms predicted at hover has besides: {', '.join(found.in_rms_alone)}"

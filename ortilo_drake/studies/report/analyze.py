@@ -36,8 +36,8 @@ from ortilo_drake.studies.tube.tube_map import without_blackouts
 from ortilo_drake.studies.tube.tube_report import Step, TubeReport, tube_report, why_no_tube
 from ortilo_drake.views.pictures import figure_file
 
-RATES = np.linspace(0.0, 1.0, 21)  # of the bounds' map
-LOSSES, DELAYS = (0.2, 0.5, 0.8), (1, 2, 3, 4, 5)  # of commands, flown
+RATES = np.linspace(0.0, 1.0, 21)  # rates of the bounds' map
+LOSSES, DELAYS = (0.2, 0.5, 0.8), (1, 2, 3, 4, 5)  # losses and delays [ticks] of commands that are flown
 COMMAND_SEEDS = range(4)
 
 
@@ -45,8 +45,8 @@ COMMAND_SEEDS = range(4)
 class Theory:
     """The analyses that need no flight: linearisation, Riccati equations, margins, arrival rates, commands.
 
-    The linearisation holds Drake's derivatives to closed forms; it is None with a servo or an estimator of one's own,
-    which has none.
+    The linearisation compares Drake's derivatives with closed forms. It is None for a servo or an estimator of one's
+    own, which has no closed forms.
     """
 
     linearization: LinearizationReport | None
@@ -67,10 +67,10 @@ class Honesty(ConsistencyReport):
 class Analysis:
     """The theory of a scenario, which needs no flight, or why there is none; and the flights that check it.
 
-    Left out are settings of the world that are not in the theory; the rms predicted at hover alone has those in
-    in_rms_alone; None each without a theory. So many flights are of the scenario, which are judged in honesty, and of
-    each pair of arrival rates; others are behind command links; None each if none was flown. The tube is along the
-    path, or no_tube says why there is none.
+    left_out are the world's settings that the theory lacks; in_rms_alone are those that only the rms predicted at hover
+    includes; both are None without a theory. `flights` is the number of flights of the scenario, judged in honesty, and
+    of each pair of arrival rates. command_flights are behind command links. honesty and command_flights are None if
+    none was flown. tube is the one along the path, or no_tube says why there is none.
     """
 
     scenario: str
@@ -86,26 +86,26 @@ class Analysis:
 
 
 def analysis_data(analysis: Analysis) -> dict[str, Any]:
-    """Return an analysis as plain data for JSON, the theory's parts beside the others, without missing parts."""
+    """Return an analysis as plain data for JSON: the theory's parts beside the others, and no missing parts."""
     data: dict[str, Any] = as_data(analysis)
     data |= data.pop("theory") or {}
     return {key: value for key, value in data.items() if value is not None or key.startswith("no_")}
 
 
 def theory(scenario: Scenario, step: Step = lambda what, done, total: None) -> Theory:
-    """Return all that needs no flight, of the filter with what its banks learn at hover, see sensors/learned_survey.py.
+    """Return all that needs no flight, for the filter with what its banks learn at hover (sensors/learned_survey.py).
 
-    The linearisation alone is of the filter as it is. InputError naming the modes, if the sensors leave some
-    undetected, or naming what else is wrong.
+    Only the linearisation is of the filter as it is. InputError naming the modes that the sensors leave undetected, or
+    naming what else is wrong.
     """
     check_sensors(scenario)
     point = hover_point(scenario)
     told = learned_at(scenario, point)
     V, loop = hover_V(told, point), hover_loop(told)
-    rates = RATES if len(loop.names) == N_X else RATES[::4]  # a filter of twice the states takes eight times as long
+    rates = RATES if len(loop.names) == N_X else RATES[::4]  # twice the states take eight times as long
     uwb, camera = (rates.tolist() if sensor in scenario.sensors else [0.0] for sensor in loop.measurement.positions[:2])
     step("linearization", 0, 5)
-    # Drake differentiates the paper's servo and filter alone.
+    # Drake differentiates only the paper's servo and filter.
     built_in = isinstance(scenario.servo, LqServo) and scenario.linear_filter is scenario.estimator
     linearization = linearization_report(scenario, V=hover_V(scenario, point)) if built_in else None
     step("riccati", 1, 5)
@@ -122,7 +122,7 @@ def theory(scenario: Scenario, step: Step = lambda what, done, total: None) -> T
 def honesty_section(
     scenario: Scenario, flights: int, out: Path, workers: int, step: Step
 ) -> tuple[Honesty, list[Path]]:
-    """Return consistency of the scenario's own flights and their efficiency, and the figures drawn."""
+    """Return the consistency and efficiency of the scenario's own flights, and the files of the figures."""
     done = 0
 
     def count(_: Summary) -> None:
@@ -142,12 +142,12 @@ def honesty_section(
 def analyze(
     scenario: Scenario, flights: int, out: Path, workers: int = 1, step: Step = lambda what, done, total: None
 ) -> tuple[Analysis, list[Path]]:
-    """Return the whole analysis, and the figures drawn in the folder `out`, beside the flights.
+    """Return the whole analysis, and the files of the figures, which are in the folder `out` beside the flights.
 
-    So many flights, 0 for none, are of the scenario and of each pair of arrival rates, seeds as in the flights'
-    sections; those of a scenario without theory (why_no_loop) are judged all the same, and those that are there already
-    are not flown again. A step is told as what is being done, how far and of how much. InputError as theory; or if
-    there is neither theory nor flights.
+    `flights` flights, 0 for none, are of the scenario and of each pair of arrival rates, with seeds as in the flights'
+    sections. The flights of a scenario without theory (why_no_loop) are judged too. Flights that are already there are
+    not flown again. `step` gets what is being done, how much is done, and the total. InputError as theory; or if there
+    is neither theory nor flights.
     """
     why = why_no_loop(scenario) or why_no_gain(hover_loop(scenario))
     if why and not flights:
