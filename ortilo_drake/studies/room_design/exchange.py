@@ -3,7 +3,7 @@
 The exchange is Fedorov's (V. V. Fedorov, "Theory of Optimal Experiments", Academic Press, 1972, section 3.3; Cook and
 Nachtsheim, "A comparison of algorithms for constructing exact D-optimal designs", Technometrics 22, 1980), in its
 modified form: each chosen candidate in turn gives way to the one that lowers the cost most, until none does. The cost
-is evaluated, not linearised. A local minimum is found; nothing is drawn, so it is always the same.
+is evaluated, not linearised. The result is a local minimum, always the same one, since nothing is random.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,10 +17,11 @@ Cost = Callable[[np.ndarray, np.ndarray], float]
 
 
 def greedy(information: np.ndarray, there: np.ndarray, n: int, cost: Cost, tick: Callable[[], None]) -> list[int]:
-    """Return n candidates, each the one that lowers the cost most beside those before.
+    """Return n candidates, each chosen because it lowers the cost most, given those chosen before.
 
-    The c candidates have information in each step (c, steps, 3, 3) and are heard there or not (c, steps); the cost is
-    of the information (steps, 3, 3) and the number heard (steps) of a design. A tick tells of each choice.
+    information (c, steps, 3, 3) is that of each of the c candidates in each step, and there (c, steps) says whether it
+    is heard. cost takes the information (steps, 3, 3) and the number heard (steps) of a design. tick is called after
+    each choice.
     """
     chosen: list[int] = []
     for _ in range(n):
@@ -32,7 +33,7 @@ def greedy(information: np.ndarray, there: np.ndarray, n: int, cost: Cost, tick:
 def exchange(
     information: np.ndarray, there: np.ndarray, chosen: Sequence[int], cost: Cost, tick: Callable[[], None]
 ) -> list[int]:
-    """Return the design after exchanges that each lower the cost, until no single one does; arguments as greedy."""
+    """Return the design after exchanges that each lower the cost, until no single one does; arguments as for greedy."""
     found = list(chosen)
     value = cost(information[found].sum(axis=0), there[found].sum(axis=0))
     unchanged = 0
@@ -49,7 +50,7 @@ def exchange(
 
 
 def _best(information: np.ndarray, there: np.ndarray, beside: Sequence[int], cost: Cost) -> tuple[int, float]:
-    """Return the candidate that lowers the cost most beside others, and the cost with it."""
+    """Return the candidate that, added to `beside`, lowers the cost most, and the cost with it."""
     J, heard = information[list(beside)].sum(axis=0), there[list(beside)].sum(axis=0)
     costs = [np.inf if c in beside else cost(J + information[c], heard + there[c]) for c in range(len(information))]
     best = int(np.argmin(costs))

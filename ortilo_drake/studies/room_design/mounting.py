@@ -12,17 +12,17 @@ from ortilo_drake.model.footprints import footprints
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.room import Room
 
-STAND_OFF = 0.05  # from a wall or the ceiling [m]
-LOWEST = 0.3  # above the floor [m]
+STAND_OFF = 0.05  # distance from a wall or the ceiling [m]
+LOWEST = 0.3  # least height above the floor [m]
 MAX_PLACES = 1500  # a search takes about 2 ms for each anchor and place
-AWAY = 0.5  # from the vehicle's outline on its path [m]
+AWAY = 0.5  # distance from the vehicle's outline on its path [m]
 
 
 def mounting_places(room: Room, spacing: float, path: np.ndarray, vehicle_radius: float) -> np.ndarray:
     """Return p_W of mounting places (n, 3) on a grid of a spacing [m], always in the same order.
 
-    A place lies in the interior, outside walls and whatever stands there, and keeps AWAY from the vehicle on its path,
-    p_WB (k, 3), of an outline's radius [m]. InputError if there are more than MAX_PLACES.
+    A place lies in the interior, outside walls and whatever stands there, and keeps AWAY from the vehicle's outline, of
+    vehicle_radius [m], on its path p_WB (k, 3). InputError if there are more than MAX_PLACES.
     """
     length, width, height = np.subtract(room.interior.max, room.interior.min)
     about = (length * width + 2.0 * (length + width) * height) / spacing**2
@@ -86,7 +86,7 @@ def _is_free(places: np.ndarray, room: Room) -> np.ndarray:
 
 
 def _apart(places: np.ndarray, least: float) -> np.ndarray:
-    """Return the places (n, 3) without those nearer than this [m] to an earlier one."""
+    """Return the places (n, 3) without those nearer than `least` [m] to an earlier one."""
     kept: list[np.ndarray] = []
     for p in places:
         if not kept or np.linalg.norm(np.array(kept) - p, axis=1).min() >= least:

@@ -1,7 +1,7 @@
-"""A network of ranges: its weighted residuals, their Jacobian, its anchors' covariance, and the side they are on.
+"""A network of ranges: weighted residuals, their Jacobian, the anchors' covariance, and mirror images of anchors.
 
-It starts from distances between all anchors by classical multidimensional scaling. With D the matrix of squared
-distances and C = I - 1 1^T / n, B = -C D C / 2 holds the inner products about the centroid; its three largest
+Distances between all anchors give their first positions, by classical multidimensional scaling. With D the matrix of
+squared distances and C = I - 1 1^T / n, B = -C D C / 2 holds the inner products about the centroid; its three largest
 eigenvalues and their eigenvectors give the positions up to a motion and a reflection (Torgerson, "Multidimensional
 scaling: I. Theory and method", Psychometrika 17, 1952). Three known points then give both mirror images (Kabsch, Acta
 Crystallographica A32, 1976). A distance that was not measured is taken along the shortest way over those that were
@@ -21,9 +21,9 @@ from ortilo_drake.model.input_error import InputError
 
 
 def all_distances(pairs: np.ndarray, distance: np.ndarray, n: int) -> np.ndarray:
-    """Return the distances between n points (n, n) [m], inf where no way of pairs leads.
+    """Return the distances between n points (n, n) [m], inf if no chain of pairs connects them.
 
-    Between two points, pairs (l, 2), there are distances (l) [m]; a pair may come more than once, and is averaged.
+    distance (l) [m] belongs to the pairs (l, 2) of points; the distances of a repeated pair are averaged.
     """
     low, high = np.sort(pairs.reshape(-1, 2), axis=1).T
     key, which = np.unique(low * n + high, return_inverse=True)
@@ -33,7 +33,7 @@ def all_distances(pairs: np.ndarray, distance: np.ndarray, n: int) -> np.ndarray
 
 
 def scaled(distances: np.ndarray) -> np.ndarray:
-    """Return points (n, 3) about their centroid that have these distances (n, n), as well as three axes can."""
+    """Return points (n, 3) about their centroid whose distances fit these (n, n) as well as three axes allow."""
     n = len(distances)
     C = np.eye(n) - 1.0 / n
     values, vectors = np.linalg.eigh(-0.5 * C @ distances**2 @ C)
@@ -41,7 +41,7 @@ def scaled(distances: np.ndarray) -> np.ndarray:
 
 
 def aligned(points: np.ndarray, known: np.ndarray, sign: float) -> np.ndarray:
-    """Return points (n, 3) moved so that the first of them lie best on the known ones (m, 3), mirrored for sign -1."""
+    """Return points (n, 3), mirrored for sign -1, moved so that the first m lie best on the known ones (m, 3)."""
     moved = points * [1.0, 1.0, sign]
     at, to = moved[: len(known)].mean(axis=0), known.mean(axis=0)
     turn, _ = Rotation.align_vectors(known - to, moved[: len(known)] - at)
@@ -51,10 +51,10 @@ def aligned(points: np.ndarray, known: np.ndarray, sign: float) -> np.ndarray:
 def mirror_images(
     pairs: np.ndarray, distance: np.ndarray, believed: np.ndarray, known: Sequence[int]
 ) -> list[np.ndarray]:
-    """Return both mirror images of the points (n, 3), the known ones at their place; none where pairs do not connect.
+    """Return both mirror images of the points (n, 3), with the known ones in place; none if pairs do not connect them.
 
-    Between two points, pairs (l, 2), there are distances (l) [m]; the known points, by number, are taken of those
-    believed (n, 3) [m].
+    distance (l) [m] belongs to the pairs (l, 2) of points; `known` are the indices of the points that are where
+    `believed` (n, 3) [m] has them.
     """
     n = len(believed)
     if not len(pairs):
@@ -75,16 +75,16 @@ def mirror_images(
     return images
 
 
-_LEAST_INFORMATION = 1e-4  # of an anchor in any direction [1/m^2]: it is lost by a hundred metres
-_DAMPING = 1e-9  # of a place whose ranges leave a direction open, relative
+_LEAST_INFORMATION = 1e-4  # least information on an anchor in any direction [1/m^2]: an sd of a hundred metres
+_DAMPING = 1e-9  # relative damping for a place whose ranges leave a direction open
 
 
 class Ranges(NamedTuple):
     """Measured ranges from places to anchors, and between anchors.
 
-    Each range (m) has the number of the vehicle's place and of its anchor, and a distance [m]; those between two
-    anchors (l, 2) have another (l) [m]. The vehicle was believed to be at p, NaN where nothing is known (k, 3), with
-    the standard deviation p_sd per axis, inf where p only starts the search (k) [m].
+    Each range (m) has the indices of the vehicle's place and of the anchor, and a distance [m]. between (l, 2) are
+    pairs of anchors, between_distance (l) [m] their distances. p (k, 3) [m] are the assumed places, NaN if unknown;
+    p_sd (k) [m] is their standard deviation per axis, inf if p only starts the search.
     """
 
     place: np.ndarray
@@ -97,9 +97,9 @@ class Ranges(NamedTuple):
 
 
 class Network:
-    """The unknowns x = [free anchors; places], row by row, of ranges with standard deviations.
+    """The least-squares problem of ranges with the unknowns x = [free anchors; places], row by row.
 
-    Of the anchors p_W (n, 3) [m] those that are not free, by number, stay.
+    `free` are the indices of the free anchors; the others stay at p_W (n, 3) [m].
     """
 
     def __init__(self, ranges: Ranges, anchors: np.ndarray, free: Sequence[int]):
@@ -110,26 +110,26 @@ class Network:
         self._trusted = np.flatnonzero(np.isfinite(ranges.p_sd))
 
     def unpacked(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return anchors (n, 3) and places (k, 3)."""
+        """Return anchors (n, 3) and places (k, 3) of x [m]."""
         anchors = self._anchors.copy()
         anchors[self.free] = x[: self._first].reshape(-1, 3)
         return anchors, x[self._first :].reshape(-1, 3)
 
     def lines(self, x: np.ndarray) -> np.ndarray:
-        """Return the vectors that the ranges are the lengths of, those between anchors last (m + l, 3)."""
+        """Return the vectors along the ranges, those between anchors last (m + l, 3) [m]."""
         anchors, places = self.unpacked(x)
         i, j = self.ranges.between.T
         return np.concatenate([places[self.ranges.place] - anchors[self.ranges.anchor], anchors[i] - anchors[j]])
 
     def residuals(self, x: np.ndarray, sd: np.ndarray) -> np.ndarray:
-        """Return the weighted residuals, the ranges' (m + l), of standard deviations sd, then the trusted places'."""
+        """Return the weighted residuals: of the ranges (m + l) with deviations sd, then of the trusted places."""
         trusted = self._trusted
         measured = np.concatenate([self.ranges.distance, self.ranges.between_distance])
         moved = (self.unpacked(x)[1][trusted] - self.ranges.p[trusted]) / self.ranges.p_sd[trusted, None]
         return np.concatenate([(np.linalg.norm(self.lines(x), axis=1) - measured) / sd, moved.ravel()])
 
     def jacobian(self, x: np.ndarray, sd: np.ndarray) -> csr_array:
-        """Return the derivatives of the residuals by x."""
+        """Return the derivatives of the residuals by x (rows, x)."""
         ranges, lines = self.ranges, self.lines(x)
         g = lines / np.maximum(np.linalg.norm(lines, axis=1), 1e-9)[:, None] / sd[:, None]
         total = len(lines)
@@ -166,8 +166,8 @@ class Network:
         return np.asarray((vectors / values) @ vectors.T)
 
 
-FLAT = 0.3  # places as near as this to a plane, RMS, hardly tell its sides [m]
-GAIN = 1e-6  # by which the cost must fall, relative
+FLAT = 0.3  # places this near to a plane (RMS) hardly tell its two sides apart [m]
+GAIN = 1e-6  # least relative fall of the cost that counts
 
 
 def plane_of(places: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
@@ -184,9 +184,9 @@ def _misses(a: np.ndarray, ends: np.ndarray, measured: np.ndarray, sd: np.ndarra
 def better_sides(network: Network, x: np.ndarray, sd: np.ndarray, loss: str) -> tuple[np.ndarray, bool]:
     """Return the unknowns x, as fitted, with every anchor on the side where it fits better, and whether any changed.
 
-    Where the vehicle flew at one height, the places tell an anchor from its mirror image in their plane by little, and
-    a descent does not cross from one to the other. So each anchor alone is fitted again from its image, the rest
-    staying. The ranges have standard deviations sd (m + l) [m]; the loss is that of scipy.optimize.least_squares.
+    If the vehicle flew at one height, the places hardly tell an anchor from its mirror image in their plane, and a
+    descent does not cross from one to the other. So each anchor is fitted again alone from its image, with the rest
+    fixed. sd (m + l) [m] are the ranges' standard deviations; loss is as in scipy.optimize.least_squares.
     """
     anchors, places = network.unpacked(x)
     if len(places) < 3:

@@ -4,8 +4,8 @@ It is the recursion of floor/cramer_rao.py,
 
     P_{j+1} = Phi^m (P_j^-1 + J_j)^-1 Phi^mT + W_m,   W_m = sum_{i<m} Phi^i W Phi^iT,   P_0 = 0,
 
-over steps of m ticks, with the information of a step's ticks together at its start. It serves to compare rooms: what is
-reported of a room is the bound of every tick.
+over steps of m ticks, with all information of a step's ticks at its start. It serves to compare rooms: the reported
+bound of a room is that of every tick.
 """
 
 from typing import NamedTuple
@@ -15,14 +15,14 @@ import numpy as np
 from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.sensors.information_rows import AMPLITUDE, GRADIENT, SLOW, TICK, VARIANCE
 
-STEPS = 200  # of a path, about
+STEPS = 200  # approximate number of steps in a path
 
 
 class PathModel(NamedTuple):
     """The part of the bound that all rooms with the same path share: dynamics and noise of a step (12, 12 each).
 
-    The rows are information that does not come from ranges, g / sqrt(r) (l, 12), a step's one after the other, with the
-    first row of each step, and their number at the end (steps + 1).
+    rows (l, 12) are the information that does not come from ranges, g / sqrt(r), ordered by steps; first (steps + 1)
+    holds the index of each step's first row, then the number of rows.
     """
 
     Phi: np.ndarray
@@ -32,9 +32,9 @@ class PathModel(NamedTuple):
 
 
 def path_model(Phi: np.ndarray, W: np.ndarray, rows: np.ndarray, ticks: int, m: int) -> PathModel:
-    """Return the model of a path of so many ticks in steps of m, with dynamics and noise of a tick (12, 12 each).
+    """Return the model of a path of `ticks` ticks in steps of m; Phi and W (12, 12 each) are those of a tick.
 
-    The rows are the information beside the ranges (sensors/information_rows.py) (l, 16).
+    The rows (l, 17) are the information beside the ranges (sensors/information_rows.py).
     """
     steps, W_m = -(-ticks // m), np.zeros_like(W)
     for _ in range(m):
@@ -49,9 +49,9 @@ def path_model(Phi: np.ndarray, W: np.ndarray, rows: np.ndarray, ticks: int, m: 
 
 
 def step_information(rows: np.ndarray, steps: int, m: int) -> np.ndarray:
-    """Return J of every step (steps, 12, 12) of rows of information (l, 16).
+    """Return J of every step (steps, 12, 12) from rows of information (l, 17).
 
-    A slowly changing error of standard deviation a in n rows of a step does not average out: each counts with the
+    A slowly changing error of standard deviation a in n rows of a step does not average out: each row counts with the
     variance r + n a^2.
     """
     J = np.zeros((steps, 12, 12))
@@ -76,8 +76,8 @@ def _updated(P: np.ndarray, g: np.ndarray) -> np.ndarray:
 def position_variance(model: PathModel, J: np.ndarray, there: np.ndarray, least: int) -> np.ndarray:
     """Return the trace of the position's bound at the start of every step [m^2] (steps).
 
-    The ranges inform about p_WB by J (steps, 3, 3), which may be singular, where at least so many anchors are heard,
-    `there` (steps).
+    J (steps, 3, 3) is the ranges' information on p_WB, which may be singular. It counts in steps with at least `least`
+    anchors heard; there (steps) is the number heard.
     """
     P, g, Phi_T = np.zeros((12, 12)), np.zeros(12), np.ascontiguousarray(model.Phi.T)
     out = np.empty(J.shape[0])

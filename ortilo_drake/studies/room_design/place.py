@@ -3,9 +3,9 @@
     minimise over n mounting places   max_k sqrt(tr P_k)
 
 P_k is the Cramer-Rao bound on the position at tick k of the path as it is planned (floor/cramer_rao.py). The search
-goes by the same recursion in long steps (path_bound.py): first greedily and then by Fedorov's exchange (exchange.py) on
-a mean over the path of the power POWER, which every exchange changes, and then on the maximum itself. Since a
-fix takes three ranges, the exchange counts those of fewer anchors as nothing.
+uses the same recursion in long steps (path_bound.py): first greedily and then by Fedorov's exchange (exchange.py) on
+the power mean over the path with exponent POWER, which every exchange changes, and then on the maximum itself. Since a
+fix takes three ranges, the exchange ignores the ranges of fewer anchors.
 
 Landmarks are placed so that the camera helps where the ranges help least. They stand on the floor on a grid of free
 spots, away from the path, of the room's own classes in turn, so that neighbours differ. The search is the same, with
@@ -14,7 +14,7 @@ known to a covariance Q from the imu alone, it informs p_WB by
 
     J = J_pp - J_pt (J_tt + Q^-1)^-1 J_tp,
 
-as if the angles erred anew for each landmark. What is reported of the room is the bound with all of it.
+as if each landmark had new errors of the angles. The reported bound of the room includes all of this.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -49,16 +49,16 @@ from ortilo_drake.studies.room_design.path_bound import (
 from ortilo_drake.studies.rooms.planned_floor import planned_truth
 
 POWER = 16.0
-FIX = 3  # ranges
-FINER = 3  # by which the grid of free spots of the floor is finer than that of mounting places
+FIX = 3  # ranges that a fix takes
+FINER = 3  # the grid of floor spots is finer than that of mounting places by this factor
 
 
-AWAY = 0.5  # from the vehicle's outline on its path [m]
-ON_FLOOR = 0.1  # a class stands on the floor if one of the room's does, by so much [m]
+AWAY = 0.5  # distance from the vehicle's outline on its path [m]
+ON_FLOOR = 0.1  # a landmark whose bottom is lower than this stands on the floor [m]
 
 
 def standing_classes(room: Room) -> list[str]:
-    """Return the landmark classes that stand on the floor of a room, or all it has sizes of where it has no landmark.
+    """Return the landmark classes that stand on the floor of a room; if none does, all that the room has sizes of.
 
     InputError if there is none.
     """
@@ -76,9 +76,10 @@ def standing_classes(room: Room) -> list[str]:
 def floor_spots(
     room: Room, classes: Sequence[str], spacing: float, path: np.ndarray, vehicle_radius: float
 ) -> list[Landmark]:
-    """Return landmarks that could stand on the floor, one on each free spot of a grid [m], their classes in turn.
+    """Return landmarks that could stand on the floor, one on each free spot of a grid, with the classes in turn.
 
-    Spots keep off the room's obstacles, and off the vehicle's outline on its path, p_WB (k, 3), of a radius [m].
+    The grid has the spacing [m]. Spots keep away from the room's obstacles and from the vehicle's outline, of
+    vehicle_radius [m], on its path p_WB (k, 3).
     """
     things, near = footprints(room), path[:: max(1, len(path) // 400), :2]
     low, high = np.array(room.interior.min), np.array(room.interior.max)
@@ -98,7 +99,7 @@ def floor_spots(
 
 
 def angle_information(scenario: Scenario, imu_rows: np.ndarray, ticks: int) -> np.ndarray:
-    """Return Q^-1 (3, 3) of the angles that rows of the imu alone leave at the end of a flight."""
+    """Return Q^-1 (3, 3), Q the covariance of the angles at the end of a flight with the imu's rows alone."""
     Phi, W = dynamics(scenario)
     P = predicted_bound(imu_rows, ticks, Phi, W, np.zeros((N_X, N_X)), 1)
     return np.asarray(np.linalg.inv(P[-1, 3:6, 3:6] + 1e-12 * np.eye(3)))
@@ -109,8 +110,8 @@ def landmark_information(
 ) -> np.ndarray:
     """Return each landmark's information on p_WB in each step of m ticks [1/m^2] (c, steps, 3, 3).
 
-    Each of the spots (c) is looked at alone, along states x_k (n, 12), by the scenario's camera; the room hides them,
-    and the angles are known by Q^-1 (3, 3).
+    The scenario's camera sees each of the spots (c) alone, along states x_k (n, 12); the room may hide them. Q_inverse
+    (3, 3) is the information on the angles.
     """
     steps, seen = -(-len(truth) // m), arrived(scenario, measuring("landmarks"), truth)
     J = np.zeros((len(spots), steps, 3, 3))
@@ -128,9 +129,10 @@ def landmark_information(
 
 @dataclass(frozen=True)
 class Worst:
-    """The worst point of a path: least RMS error of the position there that any estimator can have, its floor [m].
+    """The worst point of a path: its floor is the least RMS position error that any estimator can have there [m].
 
-    It is at a time [s] and a place p_WB [m]; no_fix is the longest time without as many ranges as a fix takes [s].
+    time [s] and place p_WB [m] are those of the point; no_fix is the longest time without as many ranges as a fix takes
+    [s].
     """
 
     floor: float
@@ -141,9 +143,9 @@ class Worst:
 
 @dataclass(frozen=True)
 class Placement:
-    """A room before and after its anchors were placed, and its worst points with those it had and with those placed.
+    """The result of placing anchors: the path's worst points before and after, and the room with the placed anchors.
 
-    So many candidates were there to choose from; the room is that with the anchors placed.
+    candidates is the number of mounting places to choose from.
     """
 
     candidates: int
@@ -153,13 +155,13 @@ class Placement:
 
 
 def with_anchors(room: Room, anchors: np.ndarray) -> Room:
-    """Return the room with other anchors, p_W (n, 3) [m]."""
+    """Return the room with these anchors, p_W (n, 3) [m], in place of its own."""
     return room.model_copy(update={"anchors": tuple(tuple(p) for p in np.asarray(anchors, dtype=float).tolist())})
 
 
 @contextmanager
 def flown_in(scenario: Scenario, room: Room) -> Iterator[Scenario]:
-    """Lend the scenario with another room, kept in a file for that long."""
+    """Yield the scenario with another room, whose file exists as long as the context does."""
     with TemporaryDirectory() as folder:
         file = Path(folder) / "room.yaml"
         file.write_text(room_text(room, room.name), encoding="utf-8")
@@ -167,9 +169,9 @@ def flown_in(scenario: Scenario, room: Room) -> Iterator[Scenario]:
 
 
 def worst_floor(scenario: Scenario) -> Worst:
-    """Return the worst point of a flight as it is planned.
+    """Return the worst point of a scenario's planned flight.
 
-    InputError if there is no path, or no floor, as the errors of the camera's detector have not been measured.
+    InputError if there is no path, or no floor because the errors of the camera's detector have not been measured.
     """
     _, truth = planned_truth(scenario)
     floor = position_floor(scenario, truth)
@@ -182,7 +184,7 @@ def worst_floor(scenario: Scenario) -> Worst:
 
 
 def longest_gap(scenario: Scenario, truth: np.ndarray) -> float:
-    """Return the longest time along a flight of states (n, 12) between ticks with as many ranges as a fix takes [s]."""
+    """Return the longest time between ticks with as many ranges as a fix takes [s], for a flight of states (n, 12)."""
     rows = range_rows(scenario.uwb, scenario.load_room(), truth, arrived(scenario, measuring("anchors"), truth))
     fixes = np.flatnonzero(np.bincount(rows[:, TICK].astype(int), minlength=len(truth)) >= FIX)
     return float(np.diff(np.concatenate([[0], fixes, [len(truth) - 1]])).max() * scenario.h)
@@ -191,10 +193,10 @@ def longest_gap(scenario: Scenario, truth: np.ndarray) -> float:
 def range_information(
     scenario: Scenario, truth: np.ndarray, room: Room, places: np.ndarray, m: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the information on p_WB of an anchor at each place in each step of m ticks, and whether it is heard there.
+    """Return an anchor's information on p_WB from each place in each step of m ticks, and whether it is heard then.
 
-    They are J [1/m^2] (c, steps, 3, 3) and there (c, steps), for places p_W (c, 3) [m] in a room's walls along states
-    x_k (n, 12), with noise, walls and link of the scenario's ranges.
+    These are J [1/m^2] (c, steps, 3, 3) and there (c, steps), for places p_W (c, 3) [m] in a room along states x_k (n,
+    12), with noise, walls and link of the scenario's ranges.
     """
     steps, seen = -(-len(truth) // m), arrived(scenario, measuring("anchors"), truth)
     J, there = np.zeros((len(places), steps, 3, 3)), np.zeros((len(places), steps), dtype=bool)
@@ -214,11 +216,11 @@ def place_anchors(
     start: Callable[[str], None] = lambda part: None,
     tick: Callable[[], None] = lambda: None,
 ) -> Placement:
-    """Return the room of a scenario with n anchors placed for its path, and maybe landmarks after them.
+    """Return the room of a scenario with n anchors placed for its path, and then landmarks, if any are wanted.
 
-    The mounting places have a spacing [m]. So many landmarks are placed in place of those that the room has; 0 leaves
-    those. `start` is told each part of the search before it, and `tick` called after each step. InputError if there is
-    no path or no floor, uwb (or the camera, with landmarks) does not fly or gives differences, or there are fewer
+    The mounting places have a spacing [m]. `landmarks` landmarks replace those of the room; 0 keeps those. `start` gets
+    the name of each part of the search before it begins, and `tick` is called after each step. InputError if there is
+    no path or no floor, if uwb (or the camera, with landmarks) does not fly or gives differences, or if there are fewer
     places than anchors or landmarks.
     """
     placing = {measuring(things): things for things in ("anchors", *(("landmarks",) if landmarks else ()))}
@@ -228,7 +230,7 @@ def place_anchors(
     if scenario.uwb.kind == "differences":
         raise InputError(f"{measuring('anchors')}.kind: differences: must be ranges: these place anchors")
     room, before = scenario.load_room(), worst_floor(scenario)
-    if landmarks:  # those that the room has go, and are in nobody's way
+    if landmarks:  # the room's own landmarks go, and obstruct nothing
         room = room.model_copy(update={"landmarks": ()})
     with flown_in(scenario, room) as emptied:
         _, truth = planned_truth(emptied)
@@ -268,9 +270,9 @@ def place_anchors(
 def _cost(
     model: PathModel, power: float, least: int, beside: np.ndarray | float = 0.0
 ) -> Callable[[np.ndarray, np.ndarray], float]:
-    """Return the cost of a design: the mean of that power over the path of the position's bound [m].
+    """Return the cost of a design: the power mean over the path of the position's bound [m]; the maximum for inf.
 
-    Beside it is what is known otherwise of p_WB in each step (steps, 3, 3).
+    `beside` is the other information on p_WB in each step (steps, 3, 3).
     """
 
     def cost(J: np.ndarray, there: np.ndarray) -> float:
@@ -284,6 +286,6 @@ def _cost(
 
 
 def room_text(room: Room, about: str) -> str:
-    """Return a room as the text of a file, with a line about it at the top."""
+    """Return a room as the text of a file, with the line `about` at the top."""
     data = room.model_dump(mode="json")
     return f"# {about}\n" + yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=120)

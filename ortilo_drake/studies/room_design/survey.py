@@ -7,17 +7,16 @@ anchors, and perhaps the places. With independent normal errors the likelihood i
 
 is least (a bundle adjustment: Triggs, McLauchlan, Hartley and Fitzgibbon, "Bundle adjustment - a modern synthesis",
 2000; of ultra-wideband anchors: Hamer and D'Andrea, "Self-calibrating ultra-wideband network supporting multi-robot
-localization", IEEE Access 6, 2018). It is fitted twice: a range's standard deviation is s_0 + s_1 d, d as the first fit
-has it. A robust loss replaces the square (scipy.optimize.least_squares). With N = J^T J, J the Jacobian of the weighted
-residuals,
+localization", IEEE Access 6, 2018). The fit is repeated at least once: a range's standard deviation is s_0 + s_1 d,
+with d from the fit before. A robust loss replaces the square (scipy.optimize.least_squares). With N = J^T J, J the
+Jacobian of the weighted residuals,
 
     cov(a) = (N^-1)_aa = (N_aa - N_ap N_pp^-1 N_pa)^-1.
 
 Distances cannot tell the network from its mirror image in the plane of three known anchors: of the best fit and its
-image that nearer to where the anchors were believed to be is taken. The search starts from where those were believed to
-be, and where ranges between anchors connect them all, from both images that these give; the best fit counts.
-Places in one plane, as of a flight at constant height, cannot tell on which side of it each anchor stands: that takes
-ranges between anchors (better_sides).
+image, the one nearer to the assumed anchors is taken. The search starts from the assumed anchors and, if ranges between
+anchors connect them all, from both images that these give; the best fit counts. Places in one plane, as of a flight at
+constant height, cannot tell on which side of it each anchor stands: that takes ranges between anchors (better_sides).
 """
 
 from collections.abc import Sequence
@@ -30,20 +29,20 @@ from scipy.special import chdtri
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.studies.room_design.network import FLAT, Network, Ranges, better_sides, mirror_images, plane_of
 
-FEWEST = 4  # ranges of a place that says anything of the anchors, where it is not known itself
-SAME = 1e-3  # costs that differ by less, relative, are of mirror images
-DENSE = 60  # places, up to which the Jacobian is dense
+FEWEST = 4  # least ranges of a place whose position is unknown; with fewer it tells nothing about the anchors
+SAME = 1e-3  # relative difference of costs up to which two fits count as mirror images
+DENSE = 60  # most places with which the Jacobian is dense
 START_STEPS = 30
 MOST_FITS = 6
 
 
 @dataclass(frozen=True)
 class Survey:
-    """The anchors as they were found, p_W (n, 3) [m], by so many ranges.
+    """The surveyed anchors p_W (n, 3) [m], and how they were found.
 
-    The covariance is that of their coordinates, row by row; 0 for those that were known (3 n, 3 n) [m^2]. The vehicle's
-    places are p_W (k, 3) [m]. The cost was minimised; chi2 is the sum of the squares of the weighted residuals, on
-    average the freedom, their number less that of unknowns.
+    covariance (3 n, 3 n) [m^2] is that of their coordinates, row by row, 0 for known anchors. places (k, 3) [m] are the
+    vehicle's p_W. `ranges` is the number of ranges, cost the least cost. chi2 is the sum of the squared weighted
+    residuals; its mean is freedom, the number of residuals less that of unknowns.
     """
 
     anchors: np.ndarray
@@ -65,9 +64,9 @@ def survey(
 ) -> Survey:
     """Return the anchors that fit the ranges best, by a loss of scipy.optimize.least_squares.
 
-    The anchors were believed to be at p_W (n, 3) [m], those known by number are there: three or more, not on one line.
-    The noise is s_0 [m] and s_1 of a range's standard deviation s_0 + s_1 d. InputError if the known anchors are too
-    few or on one line, or an anchor cannot be found.
+    `believed` (n, 3) [m] are the assumed p_W of the anchors; `known` are the indices of those that are exactly there:
+    three or more, not on one line. noise is s_0 [m] and s_1 of a range's standard deviation s_0 + s_1 d. InputError if
+    the known anchors are too few or on one line, or if an anchor cannot be found.
     """
     refuse_known(believed, known)
     ranges = _useful(ranges)
@@ -82,7 +81,7 @@ def survey(
 
 
 def mirrored(found: Survey, plane: np.ndarray) -> Survey:
-    """Return a survey's mirror image in the plane of three points; itself where there are more points (n, 3)."""
+    """Return a survey's mirror image in the plane of three points; the survey itself for more points (n, 3)."""
     if len(plane) > 3:
         return found
     normal = np.cross(plane[1] - plane[0], plane[2] - plane[0])
@@ -117,7 +116,7 @@ def doubts(found: Survey, ranges: Ranges) -> list[str]:
 
 
 def refuse_known(believed: np.ndarray, known: Sequence[int]) -> None:
-    """Raise InputError if the known anchors are not three at least, not of the room's (n, 3), or on one line."""
+    """Raise InputError if the known anchors are fewer than three, not among the room's (n, 3), or on one line."""
     shown = ", ".join(map(str, known))
     if len(set(known)) < 3 or len(set(known)) != len(known):
         raise InputError(f"known: {shown}: must be three different anchors or more")
@@ -129,7 +128,7 @@ def refuse_known(believed: np.ndarray, known: Sequence[int]) -> None:
 
 
 def _useful(ranges: Ranges) -> Ranges:
-    """Return the ranges without the places that say nothing."""
+    """Return the ranges without the places whose ranges tell nothing about the anchors."""
     enough = (np.bincount(ranges.place, minlength=len(ranges.p)) >= FEWEST) | np.isfinite(ranges.p_sd)
     number, use = np.cumsum(enough) - 1, enough[ranges.place]
     return ranges._replace(
@@ -149,9 +148,9 @@ def _refuse_unheard(ranges: Ranges, n: int, known: Sequence[int]) -> None:
 
 
 def start_places(ranges: Ranges, anchors: np.ndarray) -> np.ndarray:
-    """Return a place for each (k, 3) [m]: where it was believed to be, or else where its ranges to the anchors meet.
+    """Return the first places (k, 3) [m]: the assumed ones, or else where the ranges to the anchors meet.
 
-    The latter by damped Gauss-Newton steps from below the mean of its anchors, all places together.
+    The latter come from damped Gauss-Newton steps from below the mean of the anchors heard, for all places together.
     """
     k, known = len(ranges.p), np.isfinite(ranges.p).all(axis=1)
     count = np.maximum(np.bincount(ranges.place, minlength=k), 1)
@@ -170,7 +169,7 @@ def start_places(ranges: Ranges, anchors: np.ndarray) -> np.ndarray:
 
 
 def _descent(network: Network, x: np.ndarray, sd: np.ndarray, loss: str) -> OptimizeResult:
-    """Return the fit that is reached from x."""
+    """Return the fit that a descent from x reaches."""
     dense = len(network.ranges.p) <= DENSE
     jacobian = (lambda x, sd: network.jacobian(x, sd).toarray()) if dense else network.jacobian
     solver, tolerance = "exact" if dense else "lsmr", {"xtol": 1e-10, "ftol": 1e-10, "max_nfev": 200}

@@ -1,11 +1,11 @@
-"""Ranges to survey anchors by: of flights, of logs, and of tables.
+"""Ranges for the survey of anchors: from flights, logs and tables.
 
-A table is CSV whose first line names its columns: from, to and range [m], and if it is known where the vehicle was, x,
-y, z and sd [m]. An anchor is called a and its number, a0 the room's first; any other name in `from` is a place of the
-vehicle, the same name the same place. Empty x, y, z are not known; with an empty sd they only start the search.
+A table is CSV whose first line names its columns: from, to and range [m], and, if the vehicle's place is known, x, y, z
+and sd [m]. Anchors are named a0, a1, ... in the room's order; any other name in `from` is a place of the vehicle, and
+the same name is the same place. Empty x, y, z are unknown; with an empty sd they only start the search.
 
-A saved flight keeps no ranges. As its noise is a function of seed and tick, the world's own function repeats those that
-reached the vehicle. A log holds the messages themselves.
+A saved flight keeps no ranges. As its noise is a function of seed and tick, the world's own function repeats the ranges
+that reached the vehicle. A log holds the messages themselves.
 """
 
 import csv
@@ -59,7 +59,7 @@ def logged_messages(path: Path) -> np.ndarray:
 
 
 def ranges_of_flight(flight: xr.Dataset, scenario: Scenario, messages: np.ndarray, most: int) -> Ranges:
-    """Return the ranges of a flight's messages (m, 2 + 2 a), of at most that many, evenly taken.
+    """Return the ranges of a flight's messages (m, 2 + 2 a), of at most `most` messages, evenly spaced.
 
     The estimated positions start the search.
     """
@@ -150,7 +150,7 @@ def _anchor(text: str, n: int, where: str) -> int | None:
 
 
 def _place(row: dict[str, str], where: str) -> list[float]:
-    """Return x, y, z (NaN where they are empty) and sd (inf where it is)."""
+    """Return x, y, z (NaN if empty) and sd (inf if empty)."""
     texts = [row.get(axis, "").strip() for axis in "xyz"]
     if any(texts) and not all(texts):
         raise InputError(f"{where}: x, y, z: must be three numbers or all empty")

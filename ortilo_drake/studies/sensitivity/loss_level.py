@@ -1,18 +1,19 @@
 """The level of a mismatch at which a share of the flights is lost, from flights at several levels.
 
-The chance of losing a flight is taken to rise with the level v > 0 by a curve in its logarithm,
+The probability of losing a flight is assumed to rise with the level v > 0 along a curve in its logarithm,
 
     P(v) = p_0 + (1 - p_0) F(a + b ln v),   b > 0,
 
-p_0 the chance without any mismatch, F either the logistic 1 / (1 + exp(-z)) or Weibull's 1 - exp(-exp(z)), for which of
-the two holds is not known. The level v* with P(v*) = share is found by maximum likelihood, its 95 % interval by the
-profile likelihood: where twice the log-likelihood is within 3.84 of its greatest, the best F, p_0 and b at each v*. The
-likelihood is the same whether levels were chosen beforehand or by what was lost before, as here.
+where p_0 is the probability without any mismatch, and F is either the logistic 1 / (1 + exp(-z)) or Weibull's 1 -
+exp(-exp(z)), since which of them holds is not known. The level v* with P(v*) = share is found by maximum likelihood,
+its 95 % interval by the profile likelihood: where twice the log-likelihood is within 3.84 of its maximum, with the best
+F, p_0 and b at each v*. The likelihood is the same whether levels were chosen beforehand or by what was lost before, as
+here.
 
 **The search.** The flights so far leave a posterior over the curves, all v* within the range and all slopes equally
 likely at first on logarithmic axes. A batch is flown at the level of a ladder from which the variance of ln v* is
 expected to fall the furthest (one step ahead, each number of losses weighed by its chance). With no flights that is a
-bisection; with some it settles about v*. The posterior chooses levels alone: value and interval are those above.
+bisection; with some it settles about v*. The posterior only chooses levels: value and interval are those above.
 """
 
 from math import log
@@ -22,11 +23,11 @@ import numpy as np
 from scipy.special import comb
 
 WITHIN: Final = 3.84  # 95 % quantile of chi-square with one degree of freedom
-SLOPES: Final = np.geomspace(1.0, 40.0, 60)  # b; at 40 half a percent of the flights become all within 30 % of v
+SLOPES: Final = np.geomspace(1.0, 40.0, 60)  # b; at 40 the share lost rises from half a percent to all within 30 % of v
 BEYOND: Final = 3.0  # how far beyond the levels flown v* is looked for, as a factor
 POINTS: Final = 400  # values of v* that are tried
 FRACTIONS: Final = np.array([0.0, 0.3, 0.6, 0.9])  # of the share: values of p_0 that are tried
-_LARGE: Final = 500.0  # of an exponent
+_LARGE: Final = 500.0  # largest exponent
 
 
 class Flown(NamedTuple):
@@ -40,7 +41,8 @@ class Flown(NamedTuple):
 class LossLevel(NamedTuple):
     """The level at which a share is lost, and its 95 % interval.
 
-    It is None if beyond all levels flown, 0 if below them, or more is lost without any mismatch; so is an end.
+    The level is None if it is beyond all levels flown, and 0 if it is below them or if more is lost without any
+    mismatch; the same holds for the interval's ends.
     """
 
     value: float | None
@@ -65,9 +67,10 @@ def loss_level(without: Flown, flown: list[Flown], share: float = 0.05) -> LossL
 
 
 def log_likelihood(without: Flown, flown: list[Flown], at: np.ndarray, slopes: np.ndarray, share: float) -> np.ndarray:
-    """Return the log-likelihood of the flights, but for a constant, at all v* (n), F and p_0, b (m): (n, 8, m).
+    """Return the log-likelihood, up to a constant, at all v* (n), pairs of F and p_0 (8), and b (m): (n, 8, m).
 
-    They are those without the mismatch and those flown at levels above 0, at v* `at`, slopes b and P(v*) the share.
+    The flights are `without` the mismatch and `flown` at levels above 0. `at` are the v*, slopes the b, and P(v*) is
+    the share.
     """
     level, flights, lost = (np.array(column, dtype=float) for column in zip(*flown, strict=True))
     total = binomial(loss_chance(level, at, slopes, share), flights, lost).sum(axis=-1)
@@ -76,7 +79,7 @@ def log_likelihood(without: Flown, flown: list[Flown], at: np.ndarray, slopes: n
 
 
 def loss_chance(level: np.ndarray, at: np.ndarray, slopes: np.ndarray, share: float) -> np.ndarray:
-    """Return P at the levels (k) of the curves with all v* (n), F and p_0, b (m): (n, 8, m, k)."""
+    """Return P at the levels (k) for the curves of all v* (n), pairs of F and p_0 (8), and b (m): (n, 8, m, k)."""
     p_0 = share * FRACTIONS
     excess = (share - p_0) / (1.0 - p_0)  # F at v*
     above = slopes[:, None] * np.log(level / at[:, None, None, None])
@@ -88,15 +91,15 @@ def loss_chance(level: np.ndarray, at: np.ndarray, slopes: np.ndarray, share: fl
 
 
 def binomial(P: np.ndarray, flights: np.ndarray | int, lost: np.ndarray | int) -> np.ndarray:
-    """Return the binomial log-likelihood, but for a constant; 0 ln 0 is 0."""
+    """Return the binomial log-likelihood up to a constant; 0 ln 0 is 0."""
     tiny = 1e-12
     P = np.clip(P, tiny, 1.0 - tiny)
     return np.asarray(lost * np.log(P) + (flights - lost) * np.log1p(-P))
 
 
-BATCH: Final = 5  # flights
-WIDE: Final = 2.0  # of an interval: the factor from its low to its high end at which the search ends
-LEAST: Final = 1.0 / 32.0  # of the careful value: below it none is flown
+BATCH: Final = 5  # flights in a batch
+WIDE: Final = 2.0  # ratio of an interval's ends at which the search stops
+LEAST: Final = 1.0 / 32.0  # lowest level that is flown, as a multiple of the careful value
 STEP: Final = 2.0**0.25  # from one level of the ladder to the next, as a factor
 _SLOPES: Final = np.geomspace(1.0, 40.0, 6)
 _POINTS: Final = 64  # values of v*
@@ -116,9 +119,9 @@ def is_settled(found: LossLevel, levels: np.ndarray) -> bool:
 
 
 def next_level(without: Flown, flown: list[Flown], levels: np.ndarray, share: float) -> float:
-    """Return the level of a ladder at which the next batch is flown, in search of the one that loses the share.
+    """Return the level of a ladder for the next batch, in the search for the level at which the share is lost.
 
-    So far there are the flights without the mismatch, and those flown at levels above 0, none at first.
+    `without` are the flights without the mismatch, `flown` those at levels above 0, none at first.
     """
     at = np.geomspace(levels.min() / 2.0, 2.0 * levels.max(), _POINTS)
     known = flown or [Flown(1.0, 0, 0)]
@@ -142,16 +145,16 @@ ABOVE: Final = 2.0  # p_1 = share ABOVE
 
 
 def loses_more(flights: int, lost: int, share: float) -> bool | None:
-    """Return whether more than a share of all flights is lost, from so many flown and lost; None if undecided.
+    """Return whether more than a share of all flights is lost, given the flights flown and lost; None if undecided.
 
     It is Wald's sequential probability ratio test, which ends as soon as the flights decide (Sequential tests of
     statistical hypotheses, Annals of Mathematical Statistics 16, 1945, 117-186). With n flights of which l are lost,
-    and p_0 = share / APART < p_1 = share ABOVE, between which no decision is asked for,
+    and p_0 = share / APART < p_1 = share ABOVE, between which no decision is needed,
 
         L = l ln(p_1 / p_0) + (n - l) ln((1 - p_1) / (1 - p_0)),
 
-    the share is decided to be the larger where L >= ln((1 - e) / e) and the smaller where L <= -ln((1 - e) / e). Each
-    decision is wrong with a chance of at most e / (1 - e): of p_1 or more, and of p_0 or less.
+    the share is decided to be the larger where L >= ln((1 - e) / e) and the smaller where L <= -ln((1 - e) / e). For a
+    true share of p_1 or more, or of p_0 or less, the decision is wrong with a probability of at most e / (1 - e).
     """
     p_0, p_1 = share / APART, share * ABOVE
     ratio = lost * log(p_1 / p_0) + (flights - lost) * log((1.0 - p_1) / (1.0 - p_0))

@@ -1,7 +1,7 @@
-"""The ways in which a world may differ from what the onboard half believes, each by one number.
+"""The ways in which a world may differ from what the onboard half assumes, each described by one number.
 
-'careful' is what a careful team leaves: a weighed vehicle, a levelled IMU, a tape-measured room (realistic.yaml has
-about the same, all at once).
+'careful' is the size that a careful team leaves: a weighed vehicle, a levelled IMU, a tape-measured room
+(realistic.yaml has about the same, all at once).
 """
 
 from typing import Final
@@ -30,12 +30,12 @@ TOGETHER: Final = "all together, times a careful team's"
 
 
 def known_mismatches() -> tuple[Mismatch, ...]:
-    """Return all mismatches, those of all sensors among them."""
+    """Return all mismatches, including those of all sensors."""
     return (*OF_ALL, *(m for name in known_sensors() for m in described(name).mismatches))
 
 
 def mismatches_of(scenario: Scenario) -> tuple[Mismatch, ...]:
-    """Return the mismatches that change anything with the sensors of a scenario."""
+    """Return the mismatches that change anything for the sensors of a scenario."""
     flown = (m for name in scenario.sensors for m in described(name).mismatches)
     return (*OF_ALL, *(m for m in flown if not m.of_rates or reads(scenario, "rates")))
 

@@ -1,4 +1,4 @@
-"""Flights under each mismatch: at given values, and at levels in search of the one that loses 5 %."""
+"""Flights under each mismatch: at given values, and at levels that search for the one at which 5 % are lost."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -37,8 +37,8 @@ COMPILED_AT_ONCE = 16  # flights in one job of a worker
 class Outcome:
     """The outcome of a flight in a study of mismatches: the seed of all noise, and whether it was lost.
 
-    Up to a loss there are the mean squared error of the estimate per axis [m^2], see metrics.estimation_mse, and the
-    mean of metrics.position_nees, 3 if the filter is consistent.
+    mse is the mean squared error of the estimate per axis [m^2] up to a loss, see metrics.estimation_mse; nees is the
+    mean of metrics.position_nees up to a loss, 3 if the filter is consistent.
     """
 
     seed: Count
@@ -48,7 +48,7 @@ class Outcome:
 
 
 def outcome(seed: int, figures: Sequence[float]) -> Outcome:
-    """Return the figures that are kept of a flight, of all that flight/figures.py has; up to where it diverged."""
+    """Return a flight's outcome from its figures of flight/figures.py, which end where it diverged."""
     found = dict(zip(FIGURES, map(float, figures), strict=False))
     return Outcome(seed, found["cause"] != NOT_LOST, {axis: found[f"mse_{axis}"] for axis in AXES}, found["nees"])
 
@@ -63,18 +63,19 @@ fly_outcomes = partial(fly_kept, Outcome, fly_outcomes_of, at_once=COMPILED_AT_O
 
 LOST_SHARE: Final = 0.05
 NONE: Final = "none"
-WITHOUT: Final = 7  # times the flights of a row fly without mismatch, unless too much is lost then
-SEARCH: Final = 3  # at most so many times the flights of a row search for a limit
+WITHOUT: Final = 7  # multiple of a row's flights that fly without mismatch, unless too many are lost
+SEARCH: Final = 3  # largest multiple of a row's flights in the search for a limit
 
 
 @dataclass(frozen=True)
 class MismatchRow:
-    """Flights under one mismatch, its name with the value's unit, 'none' without one, at one value.
+    """Flights under one mismatch at one value; its name has the value's unit, and is 'none' without a mismatch.
 
-    So many of them were lost, with Wilson's 95 % interval of the share [1]. The mse is the median of the estimate's
-    mean squared error per axis [m^2], with the lost flights as worst and without; nees the mean of the position's over
-    the flights that were not lost, 3 if the filter is consistent, None if all were lost, with its 95 % interval by
-    Student's t, None of fewer than two; and of all flights, lost ones up to their losses, infinite if one diverged.
+    lost_share is Wilson's 95 % interval of the share lost [1]. mse is the median of the estimate's mean squared error
+    per axis [m^2], with the lost flights as worst and without them. nees is the position's mean over the flights that
+    were not lost, 3 if the filter is consistent, None if all were lost; nees_interval is its 95 % interval by Student's
+    t, None for fewer than two flights. nees_with_lost is over all flights, lost ones up to their losses; infinite if
+    one diverged.
     """
 
     mismatch: str
@@ -90,7 +91,7 @@ class MismatchRow:
 
 @dataclass(frozen=True)
 class Limit:
-    """The value of a mismatch, its name with the unit, at which 5 % of the flights are lost, and its 95 % interval.
+    """The value of a mismatch, whose name has the unit, at which 5 % of the flights are lost, and its 95 % interval.
 
     See loss_level.py for None and 0.
     """
@@ -104,8 +105,8 @@ class Limit:
 class Sensitivity:
     """The result of the study of sensitivity of a scenario, as `ortilo sensitivity --json` writes it.
 
-    The rows are without mismatch, and each mismatch alone at its given values, the limits of each alone and all
-    together.
+    rows are without mismatch, then with each mismatch alone at its given values. limits are for each mismatch alone,
+    then for all together.
     """
 
     scenario: str
@@ -124,11 +125,11 @@ def sensitivity(
     say: Callable[[str], None] = lambda part: None,
     progress: Callable[[int], None] | None = None,
 ) -> Sensitivity:
-    """Fly a scenario under each mismatch that changes anything for it, and say what is flown as it begins.
+    """Fly a scenario under each mismatch that changes anything for it; `say` gets what is flown as it begins.
 
-    Rows fly the same seeds, so many from 0. A search flies each further seed at one level, so that its flights are
-    independent, at most SEARCH times as many. `vary` returns the scenario with settings laid over it; its cameras are
-    flown projected. The folder of the outcomes, workers and progress are as fly_kept has them.
+    All rows fly the same seeds, 0 to flights - 1. A search flies each further seed at one level, so that its flights
+    are independent, and at most SEARCH times as many. `vary` returns the scenario with settings laid over it; its
+    cameras are flown projected. out, workers and progress are as in fly_kept.
     """
 
     def fly(wanted: Sequence[Want]) -> list[list[Outcome]]:
@@ -155,7 +156,7 @@ def sensitivity(
 
 
 def _without(fly: Callable[[Sequence[Want]], list[list[Outcome]]], flights: int, calm: list[Outcome]) -> Flown | None:
-    """Fly without mismatch, as all searches want to know what is lost then; None if that is more than LOST_SHARE."""
+    """Fly without mismatch and return what is lost, which all searches need; None if that is more than LOST_SHARE."""
     most, decided = WITHOUT * flights, loses_more(len(calm), _lost(calm), LOST_SHARE)
     while decided is None and len(calm) < most:
         (calm,) = fly([((), range(min(len(calm) + 2 * BATCH, most)))])
@@ -174,11 +175,11 @@ def search(
     seeds: Sequence[int],
     say: Callable[[str], None],
 ) -> dict[str, LossLevel]:
-    """Return the level at which LOST_SHARE is lost for each mismatch, of those that have a largest value.
+    """Return, for each mismatch with a largest value, the level at which LOST_SHARE is lost.
 
-    All searches go on together: a round flies a batch of each that is not settled, with the same seeds; each seed is
-    flown at one level of each mismatch. So the workers share the flights of a round, and what is flown does not depend
-    on how many there are. Known are the flights without mismatch and, by mismatch, those at given values.
+    All searches run together: a round flies a batch for each search that is not settled, with the same seeds; each seed
+    is flown at one level of each mismatch. So the workers share the flights of a round, and what is flown does not
+    depend on their number. `without` are the flights without mismatch, `given` those at given values, by mismatch.
     """
     flown = {m.name: {row.level: row for row in given[m.name] if row.level > 0.0} for m in mismatches}
     levels = {m.name: ladder(m.careful, m.largest or m.careful) for m in mismatches}

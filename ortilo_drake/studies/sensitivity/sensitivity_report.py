@@ -53,7 +53,7 @@ def sensitivity_text(found: Sensitivity) -> str:
 
 
 def of_careful_team() -> dict[str, float]:
-    """Return the value that a careful team leaves of each mismatch, by name."""
+    """Return the value of each mismatch that a careful team leaves, by name."""
     return {m.name: m.careful for m in known_mismatches()} | {TOGETHER: 1.0}
 
 
@@ -119,10 +119,10 @@ def sensitivity_figure(found: Sensitivity, path: Path) -> Path:
 
 
 def sensitivity_summary(found: Sensitivity, careful: Mapping[str, float], together: str) -> list[str]:
-    """Return a summary of a study in which a limit was searched, as Markdown's list: at most five lines.
+    """Return a summary of a study that searched limits, as a Markdown list of at most five lines.
 
-    By name a careful team leaves so much of each mismatch; `together` names all of them at once, which is left out
-    where single ones are compared.
+    careful has the value of each mismatch that a careful team leaves, by name; `together` names all of them at once,
+    which is left out where single ones are compared.
     """
     calm = next(row for row in found.rows if row.mismatch == NONE)
     lines = [f"Without any mismatch {count(calm.lost, calm.flights)} flights are lost."]

@@ -14,12 +14,12 @@ Errors of boxes persist from picture to picture, and the likelihood would take t
 camera's fixes are used but not counted (noise_likelihood.py): the camera's noise is judged by how well the other
 sensors are predicted.
 
-W describes the disturbance, not the error of the hover model. Tilted by phi and theta the vehicle loses
-1 - cos phi cos theta of its lift. The model does not know that, and the likelihood would take it for a large
-disturbance. So ticks with a loss above LIFT_LOST are filtered but not counted, and neither are the ticks in which the
-filter still remembers one. The tilt is that of the prediction xhat_k|k-1 with the scenario's own W and V. Whether y_k
-counts thus depends only on earlier data; the score stays a martingale, and the choice of ticks makes no bias
-(D. R. Cox, "Partial likelihood", Biometrika 62, 1975).
+W describes the disturbance, not the error of the hover model. Tilted by phi and theta the vehicle loses 1 - cos phi cos
+theta of its lift. The model ignores this, and the likelihood would take it for a large disturbance. So ticks with a
+loss above LIFT_LOST are filtered but not counted, and neither are the ticks in which the filter still remembers one.
+The tilt is that of the prediction xhat_k|k-1 with the scenario's own W and V. Whether y_k counts thus depends only on
+earlier data; the score stays a martingale, and the choice of ticks makes no bias (D. R. Cox, "Partial likelihood",
+Biometrika 62, 1975).
 
 A number keeps its value if the record says nothing about it: its sensor never arrived, its likelihood is flat, or the
 fit would change it by more than LARGEST_CHANGE (such as a disturbance hidden by the noise).
@@ -47,10 +47,10 @@ _STEP = 0.02  # step of the central differences, in logarithms
 
 @dataclass(frozen=True)
 class Number:
-    """A number before and after, its standard errors and, for one that stays, why.
+    """A number before and after a fit, its standard errors and, if it stays, why.
 
-    The first error is by the likelihood's curvature, the robust one by the spread of the flights' scores: None with
-    fewer flights than numbers. Both are None of a number that stays.
+    standard_error comes from the likelihood's curvature, robust_error from the spread of the flights' scores; the
+    latter is None unless there are more flights than numbers. Both are None for a number that stays.
     """
 
     before: float
@@ -62,7 +62,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Likelihood:
-    """The logarithm of the likelihood before and after."""
+    """The logarithm of the likelihood before and after a fit."""
 
     before: float
     after: float
@@ -71,8 +71,8 @@ class Likelihood:
 class NoiseFit(NamedTuple):
     """The result of a fit: the numbers by their place in the scenario, and the likelihood's logarithm before and after.
 
-    The likelihood counted the innovations of these sensors; of the ticks a share did not count for tilt. The scenario
-    has the fitted numbers.
+    counted are the sensors whose innovations the likelihood counted; tilted is the share of ticks left out for tilt.
+    The scenario has the fitted numbers.
     """
 
     numbers: dict[str, Number]
@@ -99,7 +99,7 @@ def _differences(f: Callable[[np.ndarray], np.ndarray], theta: np.ndarray) -> tu
 
 
 def _maximise(f: Callable[[np.ndarray], np.ndarray], theta: np.ndarray, ticks: int) -> np.ndarray:
-    """Return the theta that maximises the sum of f, none of it farther than LARGEST_CHANGE from where it starts."""
+    """Return the theta that maximises the sum of f, each entry within a factor of LARGEST_CHANGE of its start."""
 
     def cost(change: np.ndarray) -> tuple[float, np.ndarray]:
         at = theta + change
@@ -113,9 +113,9 @@ def _maximise(f: Callable[[np.ndarray], np.ndarray], theta: np.ndarray, ticks: i
 
 
 def near_hover(xhat: np.ndarray, settle: int) -> np.ndarray:
-    """Return in which ticks (n) the hover model has held for `settle` ticks, in which the filter forgets a tilt.
+    """Return a mask (n) of the ticks up to which the hover model held for `settle` ticks: the filter forgot any tilt.
 
-    It did not hold before the first of the predictions xhat (n, 12).
+    The model counts as not valid before the first of the predictions xhat (n, 12).
     """
     ticks = np.arange(len(xhat))
     tilted = np.cos(xhat[:, 3]) * np.cos(xhat[:, 4]) < 1.0 - LIFT_LOST
@@ -128,10 +128,10 @@ def fit_noise(
     settle: int,
     progress: Callable[[int], None] = lambda evaluations: None,
 ) -> NoiseFit:
-    """Fit W and V of a scenario's filter to flights of it, one record of the filter's inputs a flight.
+    """Fit W and V of a scenario's filter to flights of it, with one record of the filter's inputs per flight.
 
-    The first `settle` ticks, where a flight has less error than P_0 says, and as many after a tilt do not count. The
-    progress is told as the number of likelihoods computed so far. InputError if nothing arrived near hover, or the
+    The first `settle` ticks, in which a flight has less error than P_0 says, do not count, nor do as many after a tilt.
+    `progress` gets the number of likelihoods computed so far. InputError if nothing arrived near hover, or if the
     arrivals determine no number.
     """
     before = noise_numbers(scenario)

@@ -4,10 +4,11 @@ The one-step predictor of the 12 states turns the measurements into independent 
 
     log L = -1/2 sum_k (m_k log 2 pi + log det S_k + e_k^T S_k^-1 e_k)
 
-over the ticks k in which anything arrived, m_k the rows that did (F. C. Schweppe, "Evaluation of likelihood functions
-for Gaussian signals", IEEE Trans. Information Theory 11, 1965; R. H. Shumway and D. S. Stoffer, Time Series Analysis
-and Its Applications, section 6.3, missing observations in 6.4). The predictor is the flying filter by the same kernel,
-without its integrator, which does not act on the first 12 states. The record may come from a filter with other W and V.
+over the ticks k in which anything arrived, m_k the number of rows that did (F. C. Schweppe, "Evaluation of likelihood
+functions for Gaussian signals", IEEE Trans. Information Theory 11, 1965; R. H. Shumway and D. S. Stoffer, Time Series
+Analysis and Its Applications, section 6.3, missing observations in 6.4). The predictor is the flying filter by the same
+kernel, without its integrator, which does not act on the first 12 states. The record may come from a filter with other
+W and V.
 
 A sensor whose errors are not white spoils this: errors of boxes persist from picture to picture, and log L takes that
 for precision. Such a sensor may be used without being counted. Then sum_k log p(counted y_k | all y before) still
@@ -45,8 +46,8 @@ class Record(NamedTuple):
 class NoiseModel(NamedTuple):
     """The noise that a filter assumes: W of the process (12, 12), and V, constant covariances of the sensors (s, M, M).
 
-    The record's covariances are taken times the scale (s), where that is 0 V in their place. Counted is 1 for each
-    sensor that log L counts, else 0 (s).
+    The record's covariances are multiplied by scale (s); where it is 0, V replaces them. counted (s) is 1 for each
+    sensor that log L counts, else 0.
     """
 
     W: np.ndarray
@@ -56,7 +57,7 @@ class NoiseModel(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Arrays to work in, for p rows of y and at most M a sensor: S (p, p), G^T (p or more, 13), V (M^2) and x (12)."""
+    """Work arrays for p rows of y and at most M per sensor: S (p, p), G^T (p or more, 13), V (M^2) and x (12)."""
 
     S: np.ndarray
     GT: np.ndarray
@@ -66,7 +67,7 @@ class Work(NamedTuple):
 
 @register_jitable
 def work_for(record: Record) -> Work:
-    """Return the arrays that the steps of a record work in."""
+    """Return the work arrays for the steps of a record."""
     p, most = record.y.shape[1], record.V2.shape[2]
     return Work(np.empty((p, p)), np.empty((max(12, p), 13)), np.empty(most * most), np.empty(12))
 
@@ -82,11 +83,11 @@ def predictor_step(
     noise: NoiseModel,
     work: Work,
 ) -> float:
-    """Take xhat_{k|k-1} (12) and P_k (12, 12), symmetric, in place to the next tick; return its share of log L."""
+    """Advance xhat_{k|k-1} (12) and the symmetric P_k (12, 12) in place by a tick; return the tick's part of log L."""
     y, delta, V2 = record.y[k], record.delta[k], record.V2[k]
     states, weights, first = record.layout.states, record.layout.weights, record.layout.first
     total = 0.0
-    for turn in range(2 * delta.size):  # counted sensors come first: their density is then their own
+    for turn in range(2 * delta.size):  # counted sensors first: others do not enter their density
         s = turn % delta.size
         counted = turn < delta.size
         if delta[s] == 0.0 or (noise.counted[s] != 0.0) != counted:

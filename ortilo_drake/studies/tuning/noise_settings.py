@@ -1,13 +1,4 @@
-"""The numbers by which a scenario states the filter's W and V, and back.
-
-Each number is named by its place in the scenario. A position sensor whose V is null takes its covariance from each fix.
-Then the number that scales all these covariances is fitted in place of V: the ranges' noise, whose square scales the
-covariance of multilateration, or the box centre's sd.
-
-Two things are not exact. With 'known_attitude' the attitude error adds a part to a camera fix's covariance that does
-not depend on center_sd; the fit scales it all the same. And center_sd enters the making of the fixes: a flight with the
-fitted number gets other fixes than those it was fitted to.
-"""
+"""The numbers by which a scenario states the filter's W and V: read from it, and put back."""
 
 from typing import Any
 
@@ -28,7 +19,7 @@ _ALONE = (
 
 
 def noise_numbers(scenario: Scenario) -> dict[str, float]:
-    """Return the numbers that state W and V, by their place in the scenario; of V only the sensors that fly.
+    """Return the numbers that state W and V, by their place in the scenario; for V only of the sensors that fly.
 
     An entry of a triple is place.0 to place.2. A variance of 0 in a diagonal W is left out: it has no logarithm.
     InputError if the estimator is not the paper's filter.
@@ -70,10 +61,10 @@ def with_numbers(scenario: Scenario, numbers: dict[str, float]) -> Scenario:
 
 
 def noise_model(scenario: Scenario, recorded: Scenario, counted: tuple[str, ...] | None = None) -> NoiseModel:
-    """Return W and V of a scenario's filter for a record that another one, `recorded`, flew.
+    """Return W and V of a scenario's filter for a record that another scenario, `recorded`, flew.
 
-    Its sensors and the sources of its V are those of the recorded one. The likelihood counts the sensors `counted`, by
-    default all. InputError if the filter estimates a force.
+    Both have the same sensors and sources of V. The likelihood counts the sensors `counted`, by default all. InputError
+    if the filter estimates a force.
     """
     if scenario.estimator.force != "none":
         force = scenario.estimator.force

@@ -1,10 +1,10 @@
 """Settings found by flying: CMA-ES over the mean distance from the path, judged on flights that it never saw.
 
-The cost of a flight is the root mean square of its true distance from the planned path [m], and LOST where it was
-lost. A candidate's is the mean over its flights; all candidates fly the same seeds, so that they are compared under
-the same noise (common random numbers). CMA-ES (N. Hansen, "The CMA evolution strategy: a tutorial", 2016) is pycma's;
-it searches the unit cube that the ranges span. What it found was chosen among many on these seeds and flatters itself
-there: start and result are therefore compared on other seeds, flight by flight.
+The cost of a flight is the root mean square of its true distance from the planned path [m], and LOST if it was lost. A
+candidate's cost is the mean over its flights; all candidates fly the same seeds, so that they are compared under the
+same noise (common random numbers). CMA-ES (N. Hansen, "The CMA evolution strategy: a tutorial", 2016) is pycma's; it
+searches the unit cube that the ranges span. Its result was chosen among many on these seeds, so its cost there is
+biased downwards: start and result are compared on other seeds, flight by flight.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,8 +27,8 @@ from ortilo_drake.studies.maps.chunks import columns_of
 from ortilo_drake.studies.maps.map_flights import figures_of_points
 from ortilo_drake.studies.maps.sweep import Name, OverScenario, Range, scenario_at
 
-LOST: Final = 10.0  # cost of a lost flight [m]: no flight that is not lost is so far from its path on average
-FIRST_STEP: Final = 0.25  # of CMA-ES, over a range [1]
+LOST: Final = 10.0  # cost of a lost flight [m]: no kept flight is that far from its path on average
+FIRST_STEP: Final = 0.25  # first step of CMA-ES, as a share of a range [1]
 LEVEL: Final = 0.95
 FEWEST: Final = 2  # settings that CMA-ES can search
 
@@ -37,16 +37,16 @@ class Search(OverScenario):
     """A search file."""
 
     axes: Annotated[dict[Name, Range], Field(min_length=FEWEST, max_length=20)]
-    """by setting the range to search. A setting that is several numbers, such as servo.weights.position, is multiplied
-    by what lies in its range."""
+    """range to search for each setting. A setting of several numbers, such as servo.weights.position, is multiplied by
+    a factor from its range."""
     flights: Annotated[int, Field(ge=2, le=100_000)] = 50
-    """by which each candidate is weighed, seeds from `seed` on."""
+    """number of flights for each candidate, with seeds from `seed` on."""
     judge: Annotated[int, Field(ge=2, le=100_000)] = 400
-    """flights by which start and result are compared, seeds after those."""
+    """number of flights that compare start and result, with the seeds after those."""
     evaluations: Annotated[int, Field(ge=1, le=100_000)] = 200
-    """candidates at most."""
+    """largest number of candidates."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
-    """of the first flight, and of the search."""
+    """seed of the first flight, and of the search."""
 
     @model_validator(mode="after")
     def _searches_numbers(self) -> "Search":
@@ -57,33 +57,33 @@ class Search(OverScenario):
 
 
 def base_of(search: Search) -> Scenario:
-    """Return the scenario as it is without the search."""
+    """Return the scenario without the searched settings."""
     return load_scenario(search.scenario, tuple(search.settings.items()))
 
 
 def setting_in(data: Any, key: str) -> Any:
-    """Return a scenario's setting by its dotted key, None where it has none."""
+    """Return a scenario's setting by its dotted key, None if it has none."""
     for word in key.split("."):
         data = data.get(word) if isinstance(data, dict) else None
     return data
 
 
 def settings_at(search: Search, values: tuple[float, ...], source: str) -> dict[str, Any]:
-    """Return the settings that a candidate's values stand for; InputError if one is neither a number nor several."""
+    """Return the settings that a candidate's values mean; InputError if one is neither a number nor several numbers."""
     data, found = base_of(search).model_dump(mode="json"), {}
     for key, value in zip(search.axes, values, strict=True):
         now = setting_in(data, key)
         several = isinstance(now, list) and len(now) > 0
         if not all(n is None or type(n) in (float, int) for n in (now if several else [now])):
             raise InputError(f"{source}: axes.{key}: is {now!r} in the scenario: must be a number, or several")
-        # Where there is none yet, the scenario says whether there may be one.
+        # If the setting has no value, the scenario decides later whether it may have one.
         found[key] = [number * value for number in now] if several else value
     return found
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """Settings that were flown (nothing of the start), their mean cost [m], and how many of their flights were lost."""
+    """Settings that were flown (none for the start), their mean cost [m], and how many of their flights were lost."""
 
     settings: dict[str, Any]
     cost: float
@@ -92,10 +92,11 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Judged:
-    """Start and result on so many flights with seeds of their own, the mean costs of both [m].
+    """Start and result on `flights` flights with other seeds; start and found are their mean costs [m].
 
-    The difference is the mean of the result's less the start's, flight by flight, with the ends of its 95 % interval by
-    the bootstrap [m]. Of each so many flights were lost, with Wilson's 95 % interval of their share.
+    difference is the mean of the result's cost less the start's, flight by flight; low and high are the ends of its 95
+    % bootstrap interval [m]. start_lost and found_lost are the numbers of lost flights, with Wilson's 95 % interval of
+    the share.
     """
 
     flights: int
@@ -110,9 +111,9 @@ class Judged:
 
 @dataclass(frozen=True)
 class Found:
-    """The result of a search: what was asked for, the scenario as it is, the best candidate, and all in their order.
+    """The result of a search: its file, the start, the best candidate, and all candidates in order.
 
-    Start and best are compared, judged. Why Drake flew and not the engine is said; None where the engine did.
+    judged compares start and best. by_drake says why Drake flew instead of the engine; None if the engine flew.
     """
 
     search: Search
@@ -130,7 +131,7 @@ def costs_of(figures: np.ndarray, columns: Sequence[str]) -> np.ndarray:
 
 
 def compare_costs(start: np.ndarray, found: np.ndarray) -> Judged:
-    """Return the comparison of the costs of the same seeds' flights (n) by two settings."""
+    """Return the comparison of two settings by the costs of flights of the same seeds (n each)."""
     difference = found - start
     low, high = float(difference[0]), float(difference[0])
     if np.ptp(difference) > 0.0:
@@ -144,13 +145,13 @@ def compare_costs(start: np.ndarray, found: np.ndarray) -> Judged:
 def search_by_flights(
     search: Search, source: str, out: Path, workers: int, say: Callable[[int, float], None] = lambda flown, least: None
 ) -> Found:
-    """Search settings by flying them, and say after each generation how many candidates flew, and the least cost [m].
+    """Search settings by flying them; `say` gets the number of candidates and the least cost [m] so far.
 
-    Figures of all flights are kept in the folder `out` and not flown again: a search that was stopped goes on where it
-    was, and finds the same on any number of workers. An error begins with the source. InputError if a setting cannot be
-    what its range says, or a flight cannot be flown or kept.
+    Figures of all flights are kept in the folder `out` and not flown again: a stopped search continues where it was,
+    and finds the same with any number of workers. `source` begins the errors. InputError if a setting does not allow
+    its range, or a flight cannot be flown or kept.
     """
-    import cma  # an extra, which a search file is read without
+    import cma  # an extra that reading a search file does not need
 
     axes, own = list(search.axes.values()), base_of(search)
 
@@ -166,7 +167,7 @@ def search_by_flights(
         flown = fly([scenario_at(search, its, source) for its in settings], search.seed, search.flights)
         return [_candidate(its, costs) for its, costs in zip(settings, flown, strict=True)]
 
-    for corner in (np.zeros(len(axes)), np.ones(len(axes))):  # refused before anything flies
+    for corner in (np.zeros(len(axes)), np.ones(len(axes))):  # wrong ranges are refused before anything flies
         scenario_at(search, settings_at(search, values_of(corner), source), source)
     options = {"bounds": [0.0, 1.0], "seed": search.seed + 1, "verbose": -9}
     strategy = cma.CMAEvolutionStrategy(place_of(search), FIRST_STEP, options)
@@ -190,9 +191,9 @@ def _candidate(settings: dict[str, Any], costs: np.ndarray) -> Candidate:
 
 
 def place_of(search: Search) -> np.ndarray:
-    """Return the scenario's own point in the unit cube (d), moved to the nearest end of a range that leaves it out.
+    """Return the scenario's own point in the unit cube (d), clipped to the ranges.
 
-    A setting that is several numbers lies at the factor 1; one that the scenario has not, in the middle.
+    A setting of several numbers lies at the factor 1; a setting that the scenario lacks lies in the middle.
     """
     data, shares = base_of(search).model_dump(mode="json"), []
     for key, axis in search.axes.items():
@@ -213,7 +214,7 @@ def _millimetres(metres: float) -> str:
 
 
 def search_lines(found: Found) -> list[str]:
-    """Return the result in short."""
+    """Return the result in a few lines."""
     judged, search = found.judged, found.search
     low, high = _millimetres(judged.low), _millimetres(judged.high)
     said = "no difference is shown" if judged.low <= 0.0 <= judged.high else "better" if judged.high < 0.0 else "worse"

@@ -38,7 +38,7 @@ class FilterFigures:
 
 @dataclass(frozen=True)
 class FlownFigures:
-    """New flights: how many were lost; of the seeds not lost before or after, mse (x, y, z) [m^2] and NEES."""
+    """New flights: the number lost; mse (x, y, z) [m^2] and NEES over the seeds lost neither before nor after."""
 
     lost: int
     mse: list[float] | None
@@ -56,7 +56,7 @@ class Check:
 
 @dataclass(frozen=True)
 class UsedFlight:
-    """A flight that was fitted to."""
+    """A flight that the fit used."""
 
     file: str
     seed: int
@@ -66,9 +66,9 @@ class UsedFlight:
 class Tuning:
     """The result of `ortilo tune`; --json writes all but `fitted`, the scenario with the fitted numbers.
 
-    The scenario is the name of that. The notes say of flights that were left out or shortened; numbers, counted, tilted
-    and log_likelihood are as NoiseFit has them. Before and after are NEES and NIS of the filter as it flew, see
-    filter_figures, and of the fitted one on the same measurements.
+    scenario is the name of `fitted`. notes tell which flights were left out or shortened; numbers, counted, tilted and
+    log_likelihood are those of NoiseFit. before and after are the figures of the filter as it flew (filter_figures),
+    and of the fitted filter on the same measurements.
     """
 
     scenario: str
@@ -129,7 +129,7 @@ def usable_part(flight: xr.Dataset, name: str, h: float) -> tuple[xr.Dataset | N
 
 
 def filter_figures(scenario: Scenario, recorded: Scenario, flights: Sequence[xr.Dataset]) -> FilterFigures:
-    """Return position's NEES by region, NIS by sensor and MSE of a scenario's filter, run over what was recorded."""
+    """Return position's NEES by region, NIS by sensor and MSE of a scenario's filter, run over the recorded inputs."""
     noise = noise_model(scenario, recorded)
     Phi, Gamma = discretize(hover_A(scenario.yaw), hover_B(scenario.vehicle), scenario.h)
     measurement, nees = scenario.measurement, list[np.ndarray]()
@@ -155,7 +155,7 @@ def filter_figures(scenario: Scenario, recorded: Scenario, flights: Sequence[xr.
 
 
 def tune(files: Sequence[Path], progress: Callable[[int], None] = lambda evaluations: None) -> Tuning:
-    """Fit W and V to flights of one scenario, saying how many likelihoods have been computed.
+    """Fit W and V to flights of one scenario; progress gets the number of likelihoods computed so far.
 
     InputError if a file is no flight, they are of different scenarios, or there is nothing to fit to.
     """
