@@ -10,8 +10,8 @@
     >>> print(od.compare("imu_uwb", "nominal_imu_uwb", seeds=range(2), planner=short, settle=0.0)["lost"].to_list())
     [0, 0]
 
-Settings are those of a scenario file, by keyword: two underscores stand for the dot of `--set uwb.link.loss=0.3`. The
-command line's own form does as well: `od.fly("imu_uwb", "servo.yaw=0.3")`.
+Keywords are the settings of a scenario file; two underscores stand for the dot of `--set uwb.link.loss=0.3`. The form
+of the command line works as well: `od.fly("imu_uwb", "servo.yaw=0.3")`.
 """
 
 from ortilo_drake.api.flight import Flight, fly

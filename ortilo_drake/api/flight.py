@@ -1,4 +1,4 @@
-"""One flight: flown, looked at, and written in other people's formats."""
+"""One flight: how to fly it, look at it, and write it in other people's formats."""
 
 from __future__ import annotations  # help() shows types by their names
 
@@ -38,12 +38,12 @@ class Flight:
     """One flight.
 
     Args:
-        data: its Dataset.
+        data: the Dataset of the flight.
 
     Attributes:
         data: an xarray Dataset with a row for each tick: truth (12), estimate (15), covariance (15, 15), control (4),
-            reference (3), its velocity and acceleration; measurement and innovation (a column for each row of y, NaN
-            where nothing arrived); due and arrival (a column for each sensor). Names and units as in to_pandas.
+            reference (3) with its velocity and acceleration; measurement and innovation (a column for each row of y,
+            NaN where nothing arrived); due and arrival (a column for each sensor). Names and units as in to_pandas.
     """
 
     def __init__(self, data: xr.Dataset):
@@ -51,12 +51,12 @@ class Flight:
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Read what to_netcdf or `ortilo fly --out` wrote; InputError if it is damaged or no flight."""
+        """Read a file of to_netcdf or `ortilo fly --out`; InputError if the file is damaged or holds no flight."""
         return cls(saved_flight.load_flight(Path(path)))
 
     @property
     def scenario(self) -> Scenario:
-        """The scenario flown, its seed included."""
+        """The scenario that was flown, with its seed."""
         return flight.scenario_of(self.data)
 
     @property
@@ -66,7 +66,7 @@ class Flight:
 
     @property
     def player(self) -> str | None:
-        """The player that flew it: 'engine', 'drake' or 'drake-elements'; None if unknown, as for a log."""
+        """The player of the flight: 'engine', 'drake' or 'drake-elements'; None if unknown, as for a log."""
         found: str | None = self.data.attrs.get("player")
         return found
 
@@ -78,7 +78,7 @@ class Flight:
 
     @property
     def error(self) -> xr.DataArray:
-        """The estimate of the position minus the truth at every tick (tick, axis) [m]."""
+        """The estimated minus the true position p_WB at every tick (tick, axis) [m]."""
         axes = list(flight.AXES)
         estimate = self.data["estimate"].sel(xbar=axes).rename(xbar="axis")
         error = (estimate - self.data["truth"].sel(state=axes).rename(state="axis")).rename("error")
@@ -86,7 +86,7 @@ class Flight:
 
     @property
     def errors(self) -> xr.DataArray:
-        """The estimated state minus the true one (tick, state), angles in [-pi, pi); `unit` is each state's."""
+        """The estimated minus the true state (tick, state), angles in [-pi, pi); coordinate `unit` has the units."""
         estimate = self.data["estimate"].sel(xbar=list(STATE_NAMES)).rename(xbar="state")
         errors = (estimate - self.data["truth"]).rename("errors")
         angles = {"state": list(STATE_NAMES[3:6])}
@@ -95,26 +95,26 @@ class Flight:
 
     @property
     def sigma(self) -> xr.DataArray:
-        """The standard deviations of errors by the filter's own covariance (tick, state); `unit` is each state's."""
+        """The errors' standard deviations by the filter's covariance (tick, state); coordinate `unit` has the units."""
         variances = np.diagonal(self.data["covariance"].values, axis1=1, axis2=2)[:, : len(STATE_NAMES)]
         sigma = xr.zeros_like(self.data["truth"]).copy(data=np.sqrt(variances)).rename("sigma")
         return _with_units(sigma, "standard deviation")
 
     def summary(self) -> dict[str, Any]:
-        """Return the figures of the flight, as `ortilo fly --json` writes them; those of a lost flight end at its loss.
+        """Return the figures of the flight, as `ortilo fly --json` writes them; for a lost flight, up to its loss.
 
         lost                        time [s] and cause, or None
         contacts                    furniture that the vehicle touched
         mse                         mean squared error of the estimated position, by axis [m^2]
-        floor                       the Cramer-Rao floor of that [m^2]
+        floor                       Cramer-Rao floor of mse, by axis [m^2]
         efficiency                  mse / floor; tick_efficiency: the mean over ticks of squared error / floor
         path_mse                    mean squared distance from the path [m^2], sideways as in the paper
-        path_distance_mse           the same to the nearest point of the path
-        max_path_distance           farthest from the path [m]
-        max_reference_distance      farthest from where it should have been at that time [m]
+        path_distance_mse           mean squared distance from the nearest point of the path [m^2]
+        max_path_distance           largest distance from the path [m]
+        max_reference_distance      largest distance from the reference at the same time [m]
         arrivals                    by sensor, the share of the expected messages that the filter used
-        fix_errors                  by sensor, median and 95th percentile of its position fixes' error [m]
-        nees, nis                   3 if the filter is consistent; the NIS by sensor, its number of rows
+        fix_errors                  by sensor, median and 95th percentile of the error of its position fixes [m]
+        nees, nis                   means; of a consistent filter 3, and by sensor the number of its rows
         real_time_factor            seconds of flight computed in a second
         """
         return asdict(metrics.summary(self.data))
@@ -128,12 +128,12 @@ class Flight:
         return in_theme(lambda: draw_flight(self.data), theme)
 
     def plot_blackouts(self, axis: str = "x", theme: str = "light") -> Figure:
-        """Return a figure of the error along an axis and the filter's own sd over time, UWB blackouts shaded."""
+        """Return a figure of the error along an axis and the filter's sd [m] over time, with UWB blackouts shaded."""
         flights = {f"{self.scenario.name}, seed {self.seed}": self.data}
         return in_theme(lambda: draw_blackout_errors(flights, axis), theme)
 
     def plot_availability(self, theme: str = "light") -> Figure:
-        """Return a figure along x of the camera fixes' errors and of the share of due fixes that were used."""
+        """Return a figure of the camera fixes' errors [m] and the used share of due fixes, both over x."""
         return in_theme(lambda: draw_availability(self.data), theme)
 
     def to_netcdf(self, path: str | Path) -> Path:
@@ -147,39 +147,39 @@ class Flight:
         return Path(path)
 
     def to_pandas(self) -> pd.DataFrame:
-        """Return a row for each tick, over time [s]; all at t_k, before the measurements of the tick correct it.
+        """Return a table with a row for each tick t_k [s]; estimates are those before the measurements of the tick.
 
         A column is named signal.component; the table's `attrs["units"]` has each column's unit.
 
             truth.x ... truth.psi_dot             the state x_k [m, rad, m/s, rad/s]
-            estimate.x ... estimate.i_z           the prediction of it; the servo's integrals, sums over ticks [m]
+            estimate.x ... estimate.i_z           the predicted state; the servo's integrals, sums over ticks [m]
             control.f_T, control.tau_x ...        commanded thrust [N] and torques [N m]
             reference.x ...                       the planned position [m]
-            reference_velocity.x ...              its velocity [m/s]
-            reference_acceleration.x ...          its acceleration [m/s^2]
-            due.uwb ...                           True where the sensor sends in this tick, by its rate
-            arrival.uwb ...                       True where the filter used what arrived, delta_k
+            reference_velocity.x ...              the planned velocity [m/s]
+            reference_acceleration.x ...          the planned acceleration [m/s^2]
+            due.uwb ...                           True where the sensor's rate has it send in this tick
+            arrival.uwb ...                       delta_k, True where a message arrived and the filter used it
             measurement.x_uwb ...                 y_k, NaN where nothing arrived [m, rad, ...]
-            innovation.x_uwb ...                  y_k less the filter's prediction, NaN where nothing arrived
+            innovation.x_uwb ...                  y_k minus the filter's prediction, NaN where nothing arrived
             covariance.x.x, covariance.x.y ...    upper triangle of P_k, the estimate's covariance [m^2, m rad, ...]
         """
         return flight_table(self.data)
 
     def to_csv(self, path: str | Path) -> Path:
-        """Write the table of to_pandas as CSV, True as 1 and False as 0, every digit of a number; return the path."""
+        """Write the table of to_pandas as CSV, booleans as 1 and 0, numbers with every digit; return the path."""
         table = self.to_pandas()
         numbers = table.astype(dict.fromkeys(table.select_dtypes(bool), int))
         write_text(Path(path), numbers.to_csv(na_rep="nan", lineterminator="\n"))
         return Path(path)
 
     def to_tum(self, path: str | Path, of: str = "estimate") -> Path:
-        """Write a trajectory in the format of TUM's RGB-D benchmark, which evo reads; return the path.
+        """Write a trajectory in the format of the TUM RGB-D benchmark, which evo reads; return the path.
 
-        A line a tick: t x y z qx qy qz qw, p_WB [m] and the attitude R_WB.
+        Each tick has a line `t x y z qx qy qz qw`: the time [s], p_WB [m] and the attitude R_WB as a quaternion.
 
         Args:
             path: the file.
-            of: 'estimate' or 'truth'.
+            of: the trajectory, 'estimate' or 'truth'.
         """
         if of not in ("estimate", "truth"):
             raise InputError(f"of: {of!r}: must be 'estimate' or 'truth'")
@@ -191,9 +191,9 @@ class Flight:
         return Path(path)
 
     def to_mcap(self, folder: str | Path) -> Path:
-        """Write truth, estimates, control and reference as a log for ROS 2 and Foxglove to a new folder; return it.
+        """Write truth, estimates, control and reference to a new folder, a log for ROS 2 and Foxglove; return its path.
 
-        A flight does not keep the sensors' messages: `ortilo fly --log` writes those too.
+        A flight does not keep the messages of sensors: `ortilo fly --log` writes a log with them.
         """
         with LogWriter(Path(folder), self.scenario) as log:
             for k, row in enumerate(flight.logged_rows(self.data)):
@@ -201,9 +201,10 @@ class Flight:
         return Path(folder)
 
     def to_rerun(self, path: str | Path) -> Path:
-        """Write the flight as a recording for the Rerun viewer, .rrd; return the path.
+        """Write the flight as a recording for the Rerun viewer (.rrd); return the path.
 
-        A rendered camera's pictures are drawn again. Ranges are not kept: `ortilo fly --rerun` writes those too.
+        The pictures of a rendered camera are drawn again. A flight does not keep ranges: `ortilo fly --rerun` writes a
+        recording with them.
         """
         check_recording(Path(path))
         save_recording(self.data, drawn_again(self.data, make_camera_view), Path(path))
@@ -215,7 +216,7 @@ class Flight:
         return f"<Flight {self.scenario.name}, seed {self.seed}: {how}, RMS error {error:.3f} m>"
 
 
-_UNIT_OF = [unit for unit in ("m", "rad", "m/s", "rad/s") for _ in range(3)]  # of STATE_NAMES
+_UNIT_OF = [unit for unit in ("m", "rad", "m/s", "rad/s") for _ in range(3)]  # units in the order of STATE_NAMES
 
 
 def _with_units(values: xr.DataArray, long_name: str) -> xr.DataArray:
@@ -237,7 +238,7 @@ def fly(
     player: str = "fastest",
     **changes: Any,
 ) -> Flight:
-    """Fly a scenario once, also with parts of your own.
+    """Fly a scenario once, if you like with your own parts.
 
         >>> import ortilo_drake as od
         >>> hover = {"kind": "hover", "duration": 0.5}
@@ -248,17 +249,17 @@ def fly(
         16
 
     Args:
-        scenario: name of a scenario that comes with the package, a file, or a Scenario.
-        settings: changes as the command line takes them: "vehicle.mass=1.2", several of these, or a mapping.
-        seed: seed of all noise; by default the scenario's own.
+        scenario: the name of a scenario that comes with the package, a .yaml file, or a Scenario.
+        settings: changes in the form of the command line, "vehicle.mass=1.2", a list of them, or a mapping.
+        seed: the seed of all noise; by default the scenario's own.
         progress: called with the number of ticks flown.
-        estimator: makes, of what onboard may know (Belief) and the state at the start, a System in place of the
-            scenario's estimator; or its settings, as {"kind": "intermittent"}.
-        servo: makes a System in place of the scenario's servo, of the Belief; or its settings.
-        planner: makes the path, or the System that gives the reference, of the Belief; or its settings.
-        player: 'engine' flies compiled code, 'drake' a Drake Diagram whose halves are compiled, 'drake-elements' one
-            with a system for each element; 'fastest' takes the engine where it can. The flight is the same.
-        changes: settings by keyword, two underscores for the dot: `uwb__link__loss=0.3`.
+        estimator: a function (Belief, first estimate xbar_0 (15)) -> System that replaces the scenario's estimator; or
+            settings of an estimator, such as {"kind": "intermittent"}. The Belief is what onboard may know.
+        servo: a function Belief -> System that replaces the scenario's servo; or settings of a servo.
+        planner: a function Belief -> path p_WB(t), or System whose output is the reference; or settings of a planner.
+        player: 'engine' flies compiled code, 'drake' a Drake Diagram whose halves are compiled, 'drake-elements' a
+            Diagram with a system for each element; 'fastest' takes the engine where it can. The flight is the same.
+        changes: settings by keyword, with two underscores for the dot: `uwb__link__loss=0.3`.
 
     Raises:
         InputError: if the scenario is wrong, or the player cannot fly it.

@@ -1,4 +1,4 @@
-"""Many flights of a scenario, and scenarios compared by their flights."""
+"""Many flights of a scenario, and comparisons of scenarios by their flights."""
 
 from __future__ import annotations  # help() shows types by their names
 
@@ -25,11 +25,11 @@ from ortilo_drake.views.numbers import count, of_all_and_kept
 
 
 class Flights(Sequence[Flight]):
-    """Flights of one scenario, read from their files one at a time.
+    """The flights of one scenario, read from their files one at a time.
 
     Attributes:
-        scenario: the scenario, with any seed.
-        summaries: a summary of each, as Flight.summary gives it.
+        scenario: the scenario; its seed means nothing.
+        summaries: a summary of each flight, as Flight.summary returns it.
     """
 
     def __init__(self, scenario: Scenario, seeds: list[int], out: Path, summaries: list[dict[str, Any]]):
@@ -49,7 +49,7 @@ class Flights(Sequence[Flight]):
         return Flight.load(ensemble.flight_file(self._out, self.scenario, self._seeds[index]))
 
     def table(self) -> pd.DataFrame:
-        """Return a row for each flight: whether it was lost, mean squared errors [m^2], NEES of the position."""
+        """Return a row for each flight, by seed: lost or not, mean squared errors [m^2], path errors, position NEES."""
         return pd.DataFrame([_row(summary) for summary in self.summaries]).set_index("seed")
 
     def __repr__(self) -> str:
@@ -79,12 +79,12 @@ def fly_many(
     Args:
         scenario: a ready-made scenario's name, a .yaml file, or a Scenario.
         seeds: the seeds.
-        settings: 'vehicle.mass=3.0' with the value in YAML, several of these, or values by key in a dict.
-        out: folder for the flights; by default one that goes with the object returned.
-        workers: worker processes; 1 flies in this process. The flights do not depend on it.
-        progress: called with each summary as it comes in.
-        player: as fly; each summary says who flew.
-        changes: the same by keyword, two underscores for a dot: `vehicle__mass=3.0`.
+        settings: 'vehicle.mass=3.0' with the value in YAML, a list of such texts, or a dict of values by key.
+        out: folder for the flights; by default a temporary folder, deleted together with the returned object.
+        workers: number of worker processes; with 1 this process flies. The flights do not depend on it.
+        progress: called with the summary of each flight as it ends.
+        player: as in fly; each summary names its player.
+        changes: settings by keyword, with two underscores for a dot: `vehicle__mass=3.0`.
 
     Raises:
         InputError: if the scenario is wrong, the player cannot fly it, or a flight cannot be flown or written.
@@ -119,14 +119,14 @@ def _listed(seeds: Iterable[int]) -> list[int]:
 
 
 class Comparison(pd.DataFrame):
-    """A table that prints whole, each median with its interval, however narrow the screen; otherwise a DataFrame."""
+    """A DataFrame that prints all its columns on any screen, each median with its interval in brackets."""
 
     @property
     def _constructor(self) -> type[Comparison]:
         return Comparison
 
     def __repr__(self) -> str:
-        if not set(_FIGURES) <= set(self.columns):  # a part of it
+        if not set(_FIGURES) <= set(self.columns):  # a selection of columns
             return self.to_string(float_format=lambda value: f"{value:.4g}")
         rows = [_shown(row) for row in self.to_dict("records")]
         text = pd.DataFrame(rows, index=self.index).to_string()
@@ -140,7 +140,7 @@ _ENDS = ("", " low", " high", " kept", " kept low", " kept high")
 
 
 def _shown(row: dict[Hashable, Any]) -> dict[str, str]:
-    """Return a row of a Comparison as text."""
+    """Return the cells of a row of a Comparison as text."""
     shown = {"lost": count(row["lost"], row["flights"])}
     for name in _FIGURES:
         median, low, high, kept, kept_low, kept_high = (float(row[name + end]) for end in _ENDS)
@@ -158,7 +158,7 @@ def _known(value: float) -> float | None:
 
 
 def _medians(table: pd.DataFrame) -> dict[str, float | None]:
-    """Return the columns of a Comparison that are medians or ends of their intervals."""
+    """Return the columns of a Comparison that are medians or interval ends, from the table of flights."""
     found: dict[str, float | None] = {}
     for name in _FIGURES:
         kept, lost = table[~table["lost"]][name].dropna().astype(float).tolist(), int(table["lost"].sum())
@@ -178,24 +178,24 @@ def compare(
     player: str = "fastest",
     **changes: Any,
 ) -> Comparison:
-    """Fly scenarios with the same seeds and the same settings; return a row for each, named after it.
+    """Fly scenarios with the same seeds and settings; return a table with a row for each scenario, named after it.
 
-    The rows stand in the order of the scenarios; two of one name have a row each.
-    Columns: flights, lost, 'lost low' and 'lost high', Wilson's 95 % interval of the share; player, who flew. Of the
-    mean squared errors in x, y, z and of the path error [m^2], of the farthest from the path [m] and of the NEES of the
-    position (3 if consistent): the median, a lost flight being worse than any that was kept, so that it is infinite
-    where half or more are lost; its 95 % interval, ' low' and ' high', NaN of fewer than six flights; and ' kept',
-    ' kept low', ' kept high', of the flights that were not lost, NaN where all were. It prints as medians with their
-    intervals in brackets, [?] where there are too few flights for one.
+    The rows stand in the order of the scenarios; two scenarios of one name have a row each. The columns are the numbers
+    `flights` and `lost`; 'lost low' and 'lost high', the Wilson 95 % interval of the lost share; `player`; and six
+    columns for each figure: the mean squared errors in x, y, z and the path error [m^2], the largest distance from the
+    path [m] and the NEES of the position (3 if consistent). The first is the median over all flights. A lost flight
+    counts as infinite, so the median is infinite where half or more are lost. ' low' and ' high' are its 95 % interval,
+    NaN for fewer than six flights. ' kept', ' kept low' and ' kept high' are the same over the flights that were not
+    lost, NaN where all were lost. The table prints medians with their intervals in brackets, [?] for too few flights.
 
     Args:
         scenarios: each a ready-made scenario's name, a .yaml file, or a Scenario.
         seeds: the seeds.
-        out: folder for the flights, which are not flown again; by default none is kept.
-        workers: worker processes; 1 flies in this process. The flights do not depend on it.
-        settings: laid over all of them: 'vehicle.mass=3.0', several of these, or values by key in a dict.
-        player: as fly.
-        changes: the same by keyword, two underscores for a dot: `vehicle__mass=3.0`.
+        out: folder for the flights; flights already there are not flown again. By default no flight is kept.
+        workers: number of worker processes; with 1 this process flies. The flights do not depend on it.
+        settings: changes to all scenarios: 'vehicle.mass=3.0', a list of such texts, or a dict of values by key.
+        player: as in fly.
+        changes: settings by keyword, with two underscores for a dot: `vehicle__mass=3.0`.
 
     Raises:
         InputError: if no scenario is given, one is wrong, the player cannot fly it, or a flight cannot be written.
@@ -203,7 +203,7 @@ def compare(
     if not scenarios:
         raise InputError("scenarios: none given: must be one or more")
     seeds, rows, names = _listed(seeds), [], []
-    laid_over = as_settings(settings, changes)  # once: an iterator has no second turn
+    laid_over = as_settings(settings, changes)  # once: an iterator can be read only once
     with kept_workers():
         for scenario in scenarios:
             flights = fly_many(scenario, seeds, laid_over, out=out, workers=workers, player=player)

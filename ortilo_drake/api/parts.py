@@ -1,4 +1,4 @@
-"""Parts of one's own, registered so that scenarios may name them."""
+"""Functions that register your own parts, so that scenarios may name them."""
 
 from __future__ import annotations  # help() shows types by their names
 
@@ -27,12 +27,13 @@ def register_estimator(
     """Let scenarios name an estimator: `estimator: {kind: mine, ...}`.
 
     Args:
-        kind: its name there.
-        settings: its group of a scenario, a frozen model with the field `kind: Literal[...]`.
-        make: (scenario, first estimate xbar_0 (15)) -> System, see diagrams/onboard.py.
-        box: the same as an element, see diagrams/wiring/own_part.py.
-        linear: Belief -> the paper's filter that it is about hover: W, V, and what it reads of the imu. With it the
-            linear theory (`ortilo analyze`, tube, maps, margins, floor) covers it; without it they refuse it.
+        kind: the estimator's name in a scenario.
+        settings: the estimator's group in a scenario, a frozen model with the field `kind: Literal[...]`.
+        make: (Belief, first estimate xbar_0 (15)) -> System, see diagrams/onboard.py.
+        box: (Belief, first estimate xbar_0 (15)) -> Box of an element, see diagrams/wiring/own_part.py.
+        linear: Belief -> the paper's filter that the estimator equals about hover: W, V, and the signals that it reads
+            of the imu. With `linear` the linear theory (`ortilo analyze`, tube, maps, margins, floor) covers the
+            estimator; without `linear` the theory refuses it.
 
     Raises:
         InputError: if the settings have no kind, or neither make nor box is given.
@@ -47,16 +48,16 @@ def register_servo(
     box: Callable[[Belief], Box] | None = None,
     gain: Callable[[Belief], np.ndarray] | None = None,
 ) -> None:
-    """Let scenarios name a servo: `servo: {kind: mine, ...}`; other arguments and errors as register_estimator.
+    """Let scenarios name a servo: `servo: {kind: mine, ...}`; errors as in register_estimator.
 
     Args:
-        kind: as register_estimator.
-        settings: as register_estimator.
+        kind: as in register_estimator.
+        settings: as in register_estimator.
         make: Belief -> System.
         box: Belief -> Box.
-        gain: Belief -> L (4, 15) about hover at the heading that is held, u = -L [x - x_ref; i] + u_ff, of a servo
-            that does not read `force`. With it the linear theory (`ortilo analyze`, tube, maps, margins) knows the
-            servo; without it they say that it does not.
+        gain: Belief -> L (4, 15) about hover at the heading that is held, u = -L [x - x_ref; i] + u_ff, for a servo
+            that does not read `force`. With `gain` the linear theory (`ortilo analyze`, tube, maps, margins) covers
+            the servo; without `gain` the theory refuses it.
     """
     register_part("servo", Part(kind, settings, make, box, gain))
 
@@ -67,10 +68,10 @@ def register_planner(
     make: Callable[[Belief], Planned] | None = None,
     box: Callable[[Belief], Box] | None = None,
 ) -> None:
-    """Let scenarios name a planner: `planner: {kind: mine, ...}`; arguments and errors as register_estimator.
+    """Let scenarios name a planner: `planner: {kind: mine, ...}`; `kind`, `settings`, errors as in register_estimator.
 
-    It returns a Trajectory p_WB(t) (3 rows) [m], or a System or a Box whose output is the reference (9): its
-    settings then have a field `duration` [s].
+    `make` returns a Trajectory p_WB(t) (3 rows) [m], or a System whose output is the reference (9); `box` returns a Box
+    whose output is the reference. With a System or a Box the settings must have a field `duration` [s].
     """
     register_part("planner", Part(kind, settings, make, box))
 
@@ -80,15 +81,15 @@ def register_detector(
     settings: type[Frozen],
     make: Callable[[Any, tuple[str, ...], tuple[int, int]], Callable[[np.ndarray], Boxes]],
 ) -> None:
-    """Let scenarios name a detector: `detector: {kind: mine, ...}`. It looks at the pictures of a rendered camera.
+    """Let scenarios name a detector: `detector: {kind: mine, ...}`. It reads the pictures of a rendered camera.
 
     Args:
-        kind: its name there.
-        settings: its group of a scenario, a frozen model with the field `kind: Literal[...]`.
-        make: (its settings, the room's classes, width and height of the picture [px]) -> function from a picture (RGB,
-            (height, width, 3), uint8) to what it finds: labels (k), each the place of its class among the room's;
-            scores (k), above 0 and at most 1; and boxes (k, 4), u_min, v_min, u_max, v_max [px], where the centre of
-            the first pixel is (0, 0). Nothing else is done with them: it suppresses doubles itself.
+        kind: the detector's name in a scenario.
+        settings: the detector's group in a scenario, a frozen model with the field `kind: Literal[...]`.
+        make: (settings, classes of the room, (width, height) of the picture [px]) -> function from a picture (RGB,
+            (height, width, 3), uint8) to detections: labels (k), each an index into the classes; scores (k), above 0
+            and at most 1; and boxes (k, 4), u_min, v_min, u_max, v_max [px], where the centre of the first pixel is
+            (0, 0). The detections are used as they are: the detector itself must suppress duplicates.
 
     Raises:
         InputError: if the settings have no kind.
@@ -100,13 +101,13 @@ def register_fault(kind: str, settings: type[Fault], box: Callable[[Any, int, fl
     """Let scenarios name a fault of a sensor's messages: `faults: [{kind: mine, start: 5.0, ...}]`.
 
     Args:
-        kind: its name there.
-        settings: its group of a scenario, a Fault with the fields `kind: Literal[...]` and `sensor`, whose messages
-            change.
-        box: (its settings, size of the message, tick h [s]) -> Box that says the message as it is while the fault
-            lasts; it may read `message`, as it was, and `state` (12), the true one.
+        kind: the fault's name in a scenario.
+        settings: the fault's group in a scenario, a Fault with the fields `kind: Literal[...]` and `sensor`; the fault
+            changes the messages of this sensor.
+        box: (settings, size of the message, length h of a tick [s]) -> Box whose output is the changed message while
+            the fault lasts; the Box may read `message`, the unchanged one, and the true `state` (12).
 
     Raises:
-        InputError: if the settings have no such fields.
+        InputError: if the settings lack one of these fields.
     """
     register_part("fault", Part(kind, settings, box=box))

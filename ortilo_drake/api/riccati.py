@@ -1,4 +1,4 @@
-"""The discrete algebraic Riccati equation of matrices of one's own."""
+"""The discrete algebraic Riccati equation for your own matrices."""
 
 from __future__ import annotations  # help() shows types by their names
 
@@ -32,29 +32,30 @@ def solve_dare(
 ) -> Dare:
     """Solve A^T X A - X - (A^T X B + N) (R + B^T X B)^-1 (B^T X A + N^T) + Q = 0.
 
-    X is right to 1e-8 of sqrt(X_ii X_jj) and better with each solver. A Kalman filter's equation is the same with
-    A = Phi^T, B = C^T, Q = W and R = V: X is its covariance before a measurement, L^T its predictor gain.
+    With each solver the error of X_ij is at most 1e-8 sqrt(X_ii X_jj). The equation of a Kalman filter is the same with
+    A = Phi^T, B = C^T, Q = W and R = V: then X is the filter's covariance before a measurement, L^T its predictor gain.
 
-    The stabilising solution exists if (A, B) is stabilisable and Q sees all modes on the unit circle. Modes outside it
-    may be unseen, as with Q = 0 (minimum energy): 'scipy' finds the solution then. Of the others, doubling and the
-    recursion go to the least cost, which does not stabilise, and Drake refuses what is not detectable.
+    The stabilising solution exists if (A, B) is stabilisable and all modes on the unit circle are observable from Q.
+    Modes outside the unit circle may be unobservable, as with Q = 0 (minimum energy). Then only 'scipy' finds the
+    stabilising solution: 'doubling' and 'recursion' converge to the least cost, which does not stabilise, and 'drake'
+    refuses a pair that is not detectable.
 
     Args:
         A: dynamics (n, n).
         B: inputs (n, m).
         Q: weight of the states (n, n), symmetric, positive semidefinite.
-        R: weight of the inputs (m, m), likewise; positive definite for 'drake'.
+        R: weight of the inputs (m, m), symmetric, positive semidefinite; positive definite for 'drake'.
         N: cross weight (n, m).
         solver: 'scipy', 'drake', 'doubling' (structured doubling) or 'recursion'.
 
     Raises:
-        InputError: if there is no stabilising solution, or the solver does not reach it, naming the modes in the way;
-            or if a matrix is wrong.
+        InputError: if there is no stabilising solution, or the solver does not reach it (the error names the modes that
+            prevent it); or if a matrix is wrong.
 
     Example:
         >>> import ortilo_drake as od
         >>> found = od.solve_dare([[1.0]], [[1.0]], [[1.0]], [[1.0]])
-        >>> round(float(found.X[0, 0]), 6), round(float(found.L[0, 0]), 6)  # the golden ratio, and less 1
+        >>> round(float(found.X[0, 0]), 6), round(float(found.L[0, 0]), 6)  # the golden ratio, and 1 less
         (1.618034, 0.618034)
     """
     given = {"A": A, "B": B, "Q": Q, "R": R} | ({} if N is None else {"N": N})

@@ -1,4 +1,4 @@
-"""Studies of the command line from Python: `ortilo map` and `ortilo tables`; and the matrices of a scenario's parts."""
+"""Studies of the command line in Python, `ortilo map` and `ortilo tables`, and the matrices of a scenario's parts."""
 
 from __future__ import annotations  # help() shows types by their names
 
@@ -31,12 +31,12 @@ from ortilo_drake.studies.paper_tables.tables import STATISTICS, Tables, make_ta
 
 @dataclass(frozen=True, repr=False)
 class Study:
-    """The result of a study. print and notebooks show its report.
+    """The result of a study; print and notebooks show the report.
 
     Attributes:
         text: the report, as the command prints it, in Markdown.
-        table: its figures.
-        data: everything, as the command's --json writes it.
+        table: the figures of the study.
+        data: the whole result, as the command's --json writes it.
     """
 
     text: str
@@ -68,28 +68,28 @@ def linearize(
         >>> plant.units["x_dot"], plant.units["f_T"]
         ('m/s', 'N')
 
-    Drake's own Linearize refuses the closed loop that flies (make_closed_loop): it has several groups of discrete
-    states, which are updated at several rates. So the closed loop here is that of one tick in which every sensor
-    arrives.
+    Drake's own Linearize refuses the closed loop that flies (make_closed_loop): the loop has several groups of discrete
+    states, which are updated at several rates. So the closed loop here is the loop of one tick in which every sensor's
+    message arrives.
 
     Args:
         scenario: a ready-made scenario's name, a .yaml file, or a Scenario.
-        part: 'plant' and 'rotors_and_plant' are continuous, 'sampled_plant', 'estimator' and 'closed_loop' step by a
-            tick, 'servo' has no state. The estimator is the filter with its gain frozen where it settles, from
-            [y; u; reference] to [xhat; i]; the closed loop joins sampled plant, servo and estimator, from the reference
+        part: 'plant' and 'rotors_and_plant' are continuous; 'sampled_plant', 'estimator' and 'closed_loop' advance by a
+            tick; 'servo' has no state. The estimator is the filter with its gain frozen at the steady state, from
+            [y; u; reference] to [xhat; i]. The closed loop joins sampled plant, servo and estimator, from the reference
             to x.
-        settings: 'vehicle.mass=3.0' with the value in YAML, several of these, or values by key in a dict.
-        reference: r, r_dot, r_ddot (9) [m, m/s, m/s^2] of the point; by default hover at the origin.
-        lag: 'up' or 'down': which of the rotors' two time constants 'rotors_and_plant' takes.
-        changes: the same by keyword, two underscores for a dot: `vehicle__mass=3.0`.
+        settings: 'vehicle.mass=3.0' with the value in YAML, a list of such texts, or a dict of values by key.
+        reference: r, r_dot, r_ddot (9) [m, m/s, m/s^2] at the operating point; by default hover at the origin.
+        lag: 'up' or 'down', the one of the rotors' two time constants that 'rotors_and_plant' uses.
+        changes: settings by keyword, with two underscores for a dot: `vehicle__mass=3.0`.
 
     Returns:
-        A, B, C, D in deviations from the point; tick h [s], None of a continuous part or one without a state; names
-        `states`, `inputs`, `outputs`, and `units` by name. `frame("A")` has the names on its rows and columns.
+        A, B, C, D in deviations from the operating point; tick h [s], None for a part that is continuous or has no
+        state; names `states`, `inputs`, `outputs`, and `units` by name. `frame("A")` is A with named rows and columns.
 
     Raises:
-        InputError: if the scenario or the part is wrong; or if there are no matrices: servo, estimator and closed loop
-            have some with the LQ servo and the Kalman filter.
+        InputError: if the scenario or the part is wrong; or if the part has no matrices: servo, estimator and closed
+            loop have matrices only with the LQ servo and the Kalman filter.
     """
     if isinstance(scenario, System):
         raise InputError(
@@ -116,14 +116,14 @@ def map(
         [0, 0]
 
     Args:
-        sweep: a sweep file, or what stands in one: docs/how_to/maps.md.
-        out: folder of the flights' figures; those that are there are not flown again. By default nothing is kept.
-        workers: worker processes; 1 flies in this one. The flights do not depend on it.
+        sweep: a sweep file, or the content of one as a dict, see docs/how_to/maps.md.
+        out: folder for the figures of flights; flights already there are not flown again. By default nothing is kept.
+        workers: number of worker processes; with 1 this process flies. The flights do not depend on it.
         progress: called with the number of flights that came in.
 
     Returns:
-        Report and data; the table has a row for each point: its settings, flights, lost and the interval of their
-        share, median error and quartiles [m], farthest from the path [m], NEES of the position, arrivals.
+        Report and data; the table has a row for each point: settings, flights, lost flights, interval of the lost
+        share, median error and quartiles [m], largest distance from the path [m], NEES of the position, arrivals.
 
     Raises:
         InputError: if the sweep or a point's scenario is wrong, or a flight cannot be flown or kept.
@@ -147,26 +147,27 @@ def tables(
     player: str = "fastest",
     **changes: Any,
 ) -> Study:
-    """Fly the paper's two scenarios, or one, as `ortilo tables` does, and compare its tables I and II with ours.
+    """Fly the paper's two scenarios, or one of them, as `ortilo tables` does; compare the paper's tables with ours.
 
-    The camera is rendered as scenarios have it: `camera__kind="projected"` flies a hundred times as fast.
+    The tables are I and II of the paper. The camera is rendered unless `camera__kind="projected"`, which flies a
+    hundred times as fast.
 
     Args:
-        beside: further scenarios for the same tables: names of ready-made ones, or .yaml files.
-        flights: of each scenario, seeds from 0.
+        beside: further scenarios for the same tables: names of ready-made scenarios, or .yaml files.
+        flights: number of flights of each scenario, with the seeds from 0.
         preset: 'tuned', 'nominal', 'paper' or 'printed', see docs/concepts.md.
         only: 'imu_uwb' or 'imu_uwb_yolo', to leave the other out.
-        settings: laid over all of them: 'vehicle.mass=3.0', several of these, or values by key in a dict.
-        out: folder of the flights; those that are there are not flown again. By default nothing is kept.
-        workers: worker processes; 1 flies in this one. The flights do not depend on it.
-        progress: called with the name of a scenario for each flight that came in.
-        player: as fly; the report says who flew.
-        changes: the same by keyword, two underscores for a dot: `vehicle__mass=3.0`.
+        settings: changes to all scenarios: 'vehicle.mass=3.0', a list of such texts, or a dict of values by key.
+        out: folder for the flights; flights already there are not flown again. By default nothing is kept.
+        workers: number of worker processes; with 1 this process flies. The flights do not depend on it.
+        progress: called with the name of the scenario of each flight that came in.
+        player: as in fly; the report names the player.
+        changes: settings by keyword, with two underscores for a dot: `vehicle__mass=3.0`.
 
     Returns:
-        Report and data; the table has a row for each scenario and statistic, and as columns the mean squared errors
-        [m^2] in x, y, z and of the path of the flights that were not lost, then those with each lost flight as worst
-        (infinite where one stands, NaN in the row of the mean), then the paper's.
+        Report and data. The table has a row for each scenario and statistic. Its columns are mean squared errors in x,
+        y, z and of the path [m^2]: first of the flights that were not lost; then of all flights, with lost ones as
+        worst (infinite where the statistic is a lost flight, NaN in the row of the mean); then those of the paper.
 
     Raises:
         InputError: if a scenario or the preset is wrong, or a flight cannot be flown or kept.
@@ -195,7 +196,7 @@ def _statistics(found: Tables) -> pd.DataFrame:
 
 @contextmanager
 def _folder(out: str | Path | None) -> Iterator[Path]:
-    """Lend the folder given, or one that goes afterwards."""
+    """Yield the given folder, or a temporary folder that is deleted afterwards."""
     if out is not None:
         yield Path(out)
         return

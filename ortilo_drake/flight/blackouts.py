@@ -8,7 +8,7 @@ from ortilo_drake.world.radio.link import blackout_rows
 
 
 def in_blackout(truth: np.ndarray, scenario: Scenario, sensor: str = SENSORS[0]) -> np.ndarray:
-    """Return in which ticks (n) a sensor is blacked out, by the true states (n, 12); see world/radio/link.py."""
+    """Return a mask of the ticks (n) in which a sensor is blacked out, given the true states x (n, 12); see link.py."""
     black = np.zeros(len(truth), dtype=bool)
     for axis, start, end in blackout_rows(scenario.link_of(sensor), scenario.h):
         where = np.arange(len(truth)) if axis == 3 else truth[:, int(axis)]

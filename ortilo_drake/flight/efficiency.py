@@ -1,4 +1,4 @@
-"""Efficiency: the filter's error over the Cramer-Rao floor (floor/cramer_rao.py)."""
+"""Efficiency: the filter's squared error over the Cramer-Rao floor (floor/cramer_rao.py)."""
 
 from dataclasses import dataclass
 
@@ -9,12 +9,12 @@ import xarray as xr
 from ortilo_drake.flight.flight import AXES, scenario_of
 from ortilo_drake.floor.cramer_rao import position_floor
 
-START = 2.0  # [s]
+START = 2.0  # the start of a flight, which tick_efficiency leaves out [s]
 
 
 @dataclass(frozen=True)
 class Ratio:
-    """A ratio over flights and its 95 % interval, None where there are too few."""
+    """A ratio over flights [1] and its 95 % interval; each is None where there are too few flights for it."""
 
     value: float | None
     interval: tuple[float, float] | None
@@ -26,25 +26,25 @@ def floor_at_ticks(flight: xr.Dataset) -> np.ndarray | None:
 
 
 def mean_floor(floor: np.ndarray | None) -> dict[str, float] | None:
-    """Return the floor's mean over ticks per axis [m^2], as estimation_mse is a mean; None where there is no floor."""
+    """Return the mean of the floor over all ticks, per axis [m^2]; None where there is no floor."""
     return None if floor is None else dict(zip(AXES, np.mean(floor, axis=0).tolist(), strict=True))
 
 
 def efficiency(mse: dict[str, float], floor: dict[str, float] | None) -> dict[str, float | None]:
-    """Return the mean squared error over the floor per axis; None where there is no floor above 0.
+    """Return the ratio of the mean squared error to the mean floor, per axis [1]; None where no floor is above 0.
 
-    Averaged over many flights it is at least 1. A single flight is often below, as its errors are correlated in time.
+    Its average over many flights is at least 1. A single flight is often below 1: its errors are correlated in time.
     """
     floor = floor or {}
     return {axis: value / floor[axis] if floor.get(axis, 0.0) > 0.0 else None for axis, value in mse.items()}
 
 
 def tick_efficiency(flight: xr.Dataset, floor: np.ndarray | None) -> dict[str, float | None]:
-    """Return the mean over ticks of squared error over floor per axis; None where there is no floor above 0.
+    """Return the mean over ticks of the ratio squared error / floor, per axis [1]; None where no floor is above 0.
 
     Almost all of the mean squared error comes from the blackouts, in which a flight drifts to one side. Here every tick
     has the same weight, so fewer flights are needed to tell a filter from the floor. The first START seconds are left
-    out: there the floor rises from 0, and the filter's error depends on the start that it assumes.
+    out: there the floor rises from 0, and the filter's error depends on the initial belief that the filter assumes.
     """
     if floor is None:
         return dict.fromkeys(AXES)
@@ -60,7 +60,8 @@ def tick_efficiency(flight: xr.Dataset, floor: np.ndarray | None) -> dict[str, f
 def ratio_of_means(errors: list[float], floors: list[float]) -> Ratio:
     """Return sum(errors) / sum(floors) over flights, with a bootstrap 95 % interval over whole flights.
 
-    This is the flights' mean squared error over their mean floor: at least 1 on average, by the Cramer-Rao bound.
+    The ratio is the mean squared error of the flights over their mean floor. By the Cramer-Rao bound it is at least 1
+    on average. Errors and floors have one value for each flight.
     """
     if not floors or sum(floors) <= 0.0:
         return Ratio(None, None)

@@ -1,4 +1,4 @@
-"""The engine: a scenario's flights, compiled, any number of them on any number of threads."""
+"""The engine: compiled code that flies a scenario any number of times, on any number of threads."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -29,25 +29,25 @@ from ortilo_drake.scenario import Scenario, with_seed
 from ortilo_drake.world.drawn_truth import AtStart, of_seed
 from ortilo_drake.world.given_noise import GivenNoise
 
-_LOGGED = ("state", "control", "y", "delta", "V2", "belief", "reference")  # as Measurement.logged_sizes has them
-_LEARNED_BY = 4  # flights by which it is learned what noise a flight draws
+_LOGGED = ("state", "control", "y", "delta", "V2", "belief", "reference")  # in the order of Measurement.logged_sizes
+_LEARNED_BY = 4  # number of flights that show which noise streams a flight draws from
 
 
 class Engine:
-    """Compiled code that flies the wiring of a scenario.
+    """The compiled code that flies the wiring of a scenario.
 
-    A flight is that of flight.flight.FlightSimulator: the same functions on the same noise, in the same order. It
-    depends on its scenario and seed alone, not on what flies beside it or on which thread. InputError if a part of the
-    scenario is no element, see why_not, or if it cannot be flown.
+    A flight equals the one of flight.flight.FlightSimulator: the same functions run on the same noise, in the same
+    order. A flight depends on its scenario and seed alone, not on its thread or on other flights. InputError if a part
+    of the scenario is no element (see why_not), or if the scenario cannot be flown.
 
     Args:
         scenario: the scenario; its own seed is not used.
 
     Attributes:
-        columns: names of the figures of a flight, those of figures.py and, for each sensor that flies, how many of its
-            values reached the filter and how many were due.
-        ticks: of a flight that is not lost, the first and the last included.
-        h: tick [s].
+        columns: names of the figures of a flight: FIGURES of figures.py, then two for each sensor that flies, the
+            number of its values that reached the filter and the number that were due.
+        ticks: number of ticks of a flight that is not lost, the first and the last included.
+        h: length of a tick [s].
     """
 
     def __init__(self, scenario: Scenario):
@@ -69,13 +69,13 @@ class Engine:
 
     @property
     def text(self) -> str:
-        """The generated source of a flight without a log."""
+        """The generated source code of a flight that writes no log."""
         return self._player.text
 
     def fly(self, seed: int, progress: Callable[[int], None] | None = None) -> xr.Dataset:
-        """Fly one seed, of all noise; return its Dataset over ticks, see flight.flight.FlightSimulator.fly.
+        """Fly with one seed of all noise; return the Dataset over ticks, see flight.flight.FlightSimulator.fly.
 
-        `progress` is called with the number of ticks once they are flown. InputError if a scenario allows no such seed.
+        `progress` is called once, at the end, with the number of ticks flown. InputError if the seed is not allowed.
         """
         scenario = with_seed(self._scenario, seed)
         _ = self._logger  # compiling does not count as flying time
@@ -90,16 +90,16 @@ class Engine:
         return flight
 
     def trace(self, seed: int) -> tuple[np.ndarray, Lost | None]:
-        """Fly one seed; return rows that begin with the figures of figures.py, one for each tick flown, and its loss.
+        """Fly one seed; return a row for each tick flown, which begins as in figures.py, and the loss of the flight.
 
-        InputError if a scenario allows no such seed.
+        InputError if the seed is not allowed.
         """
         with_seed(self._scenario, seed)
         rows = self._fly_seed(seed, self._player.rows(self.ticks))
         return rows, self._loss(rows)
 
     def figures(self, seeds: Sequence[int], threads: int = 1) -> np.ndarray:
-        """Fly seeds, on so many threads, and return the figures of each (n, columns)."""
+        """Fly n seeds on `threads` threads, and return the figures of each flight (n, columns)."""
         found = np.empty((len(seeds), len(self.columns)))
         to_fly = iter(range(len(seeds)))
 
@@ -124,38 +124,38 @@ class Engine:
         out[n + 1 :: 2] = last // self._periods + 1
 
     def simulated_time(self, figures: np.ndarray) -> float:
-        """Return the total time of flights of these figures [s]."""
+        """Return the total simulated time [s] of the flights whose figures (n, columns) are given."""
         return float(np.sum(figures[:, FIGURES.index("ticks")])) * self.h
 
     @cached_property
     def drawn(self) -> dict[str, int]:
-        """The number of standard normals that each stream gives to the draws at the start, by its name."""
+        """The number of standard normals that the draws at the start take from each noise stream, by stream name."""
         return normals_at_start(self._wiring, self._scenario, self._room)
 
     @cached_property
     def noise(self) -> GivenNoise:
-        """The place of each stream's numbers in the noise that a flight is given."""
+        """The layout of given noise: the place of each stream's numbers in it."""
         return GivenNoise(self.ticks, partial(self._fly_away, draw=of_seed(0)), _LEARNED_BY)
 
     @property
     def numbers(self) -> int:
-        """The number of standard normals that decide a flight."""
+        """The number of standard normals that determine a flight."""
         return self.ticks * self.noise.width + sum(self.drawn.values())
 
     def distances(self, seeds: np.ndarray, from_path: bool = False) -> np.ndarray:
         """Fly, and return each flight's distance from its reference at each tick [m] (n, ticks); infinity once lost.
 
-        What is drawn at the start is of each flight's first seed. The seeds (n, ticks) are those of all noise, of each
-        flight at each tick. With `from_path` the distance is the one to the nearest of all points of the reference, not
-        to the one of the same tick.
+        The seeds (n, ticks) give the seed of all noise of each flight at each tick. The draws at the start take the
+        first seed of the flight. With `from_path` the distance is the one to the nearest point of the whole reference,
+        else to the reference of the same tick.
         """
         return np.array([self._fly_away(its, of_seed(int(its[0])), from_path) for its in seeds.astype(np.int64)])
 
     def distances_given(self, numbers: np.ndarray, from_path: bool = False) -> np.ndarray:
-        """Fly with given numbers, and return the same distances.
+        """Fly with given noise, and return the same distances as `distances` (n, ticks) [m].
 
-        The standard normal numbers (n, numbers) are the rows of `noise` for one tick after the other, then what is
-        drawn at the start, stream after stream as `drawn` has them.
+        The standard normal numbers (n, numbers) of a flight are its rows of `noise`, tick after tick, then the numbers
+        of the draws at the start, stream after stream in the order of `drawn`.
         """
         names, ends = list(self.drawn), np.cumsum(list(self.drawn.values()))
         found, at = np.empty((len(numbers), self.ticks)), self.ticks * self.noise.width
@@ -165,7 +165,7 @@ class Engine:
         return found
 
     def _fly_away(self, seeds: np.ndarray, draw: AtStart, from_path: bool = False) -> np.ndarray:
-        """Return the distance of one flight to its reference or path at each tick [m], infinity once lost."""
+        """Return the distance of one flight from its reference or path at each tick [m] (ticks); infinity once lost."""
         rows, found = self._fly(seeds, draw, self._player.rows(self.ticks)), np.full(self.ticks, np.inf)
         rows = rows if self._loss(rows) is None else rows[:-1]
         if from_path and len(rows):
@@ -188,11 +188,11 @@ class Engine:
         return self._fly(np.full(self.ticks, seed), of_seed(seed), rows, player)
 
     def _fly(self, seeds: np.ndarray, draw: AtStart, rows: np.ndarray, player: Player | None = None) -> np.ndarray:
-        """Fly once; return a row of each tick flown: figures.py, the cause, the arrivals and, if there is one, the log.
+        """Fly once; return a row for each tick flown: the trace of figures.py, cause of loss, arrivals and any log.
 
-        The seeds are those of all noise at each tick: one and the same for a flight of a seed, another from some tick
-        on for one that branches off it. `draw` gives what is drawn at the start. The rows (ticks, width) are written
-        to. The player flies, by default the one without a log.
+        The seeds (ticks) give the seed of all noise at each tick: the same at all ticks for an ordinary flight, another
+        from some tick on for a flight that branches off. `draw` gives the draws at the start. The function writes to
+        `rows` (ticks, width). The default player is the one without a log.
         """
         given = drawn_values(self._wiring, self._scenario, self._room, draw)
         return rows[: (player or self._player).fly(seeds, rows, given) + 1]
@@ -203,5 +203,5 @@ class Engine:
 
 
 def _among(parts: dict[str, np.ndarray]) -> AtStart:
-    """Return the draws at the start, from given numbers where there are some."""
+    """Return a function that gives the draws at the start from the given numbers of each stream."""
     return lambda name, n: parts[name]

@@ -1,7 +1,7 @@
-"""Many flights on worker processes, resumable.
+"""Many flights on worker processes; an interrupted run can be resumed.
 
-A study keeps a few figures of each flight, in a file for each scenario: a flight takes megabytes and its whole summary,
-with its Cramer-Rao floor, 50 times as long as what a study looks at.
+A study keeps only a few figures of each flight, in one file for each scenario. A whole flight would take megabytes, and
+its whole summary, with the Cramer-Rao floor, takes 50 times as long as the figures that a study needs.
 """
 
 import gc
@@ -30,10 +30,10 @@ from ortilo_drake.scenario import Detector, Scenario
 
 
 def flight_folder(out: Path, scenario: Scenario) -> Path:
-    """Return the folder of a scenario's flights: its name and a digest of all that decides them but the seed.
+    """Return the folder of a scenario's flights. Its name has a digest of all that determines them but the seed.
 
-    The digest covers the scenario, the room, the camera's files and the program itself. So a resumed run never mixes
-    flights of different programs or settings.
+    The digest covers the scenario, the room, the camera's files, the user's plugins and the program itself. So a
+    resumed run never mixes flights of different programs or settings.
     """
     text = json.dumps(scenario.model_dump(mode="json", exclude={"seed"}), sort_keys=True)
     everything = "\n".join(
@@ -43,7 +43,7 @@ def flight_folder(out: Path, scenario: Scenario) -> Path:
 
 
 def _plugins() -> str:
-    """Return a digest of the files that registered parts of one's own."""
+    """Return a digest of the user's files that registered parts."""
     digest = hashlib.sha256()
     for file in plugin_files():
         digest.update(Path(file).read_bytes())
@@ -54,7 +54,7 @@ def _camera(scenario: Scenario) -> str:
     """Return a digest of the user's detector and calibration files, and of the backend that computes our network."""
     chosen, errors = scenario.detector, scenario.camera.errors
     files, backend = {"errors": errors.file} if errors.kind == "measured" else {}, ""
-    if isinstance(chosen, Detector):  # one of one's own is a plugin's
+    if isinstance(chosen, Detector):  # _plugins covers a detector that a plugin registered
         beside = {"names": str(Path(chosen.cfg).with_suffix(".names"))} if chosen.cfg else {}
         files, backend = beside | chosen.files | files, own_backend(chosen.backend)
     digest = hashlib.sha256(backend.encode() if scenario.is_rendered else b"")
@@ -65,12 +65,12 @@ def _camera(scenario: Scenario) -> str:
 
 
 def flight_file(out: Path, scenario: Scenario, seed: int) -> Path:
-    """Return the file of the flight with a seed."""
+    """Return the path of the file of the flight with a seed."""
     return flight_folder(out, scenario) / f"seed_{seed:06d}.nc"
 
 
 def fly_and_save(scenario_json: str, seed: int, file: str, player: str = "fastest") -> Summary:
-    """Fly one seed, save it and return its summary. Runs in a worker: the arguments are plain data."""
+    """Fly one seed, save the flight and return its summary. A worker runs this, so the arguments are plain data."""
     flight = kept_player(scenario_json, Path(file).parent.name, player).fly(seed)
     found = summary(flight)
     flight.attrs["summary"] = summary_text(found)
@@ -79,7 +79,7 @@ def fly_and_save(scenario_json: str, seed: int, file: str, player: str = "fastes
 
 
 def _finished(out: Path, scenario: Scenario, seed: int) -> Summary | None:
-    """Return the summary of a flight that is already there; None, and a warning, if it is damaged or another's."""
+    """Return the summary of a saved flight; None if there is none; None and a warning if it is damaged or another's."""
 
     def read(data: bytes) -> Summary:
         found = summary_in(data)
@@ -100,10 +100,10 @@ def fly_many(
 ) -> list[Summary]:
     """Fly a scenario once for each seed and return the summaries in the order of the seeds.
 
-    Flights already in the folder are not flown again, so an interrupted run goes on where it stopped; a damaged one is
-    flown again, with a warning. Each flight is written as it ends. A flight depends on its scenario and seed alone, not
-    on the number of workers; a worker that dies is replaced and its flight flown again. InputError if the player cannot
-    fly the scenario, or a flight cannot be flown or written.
+    Flights already in the folder are not flown again, so an interrupted run continues where it stopped. A damaged
+    flight is flown again, with a warning. Each flight is written as it ends. A flight depends on its scenario and seed
+    alone, not on the number of workers. A worker that dies is replaced and its flight flown again. InputError if the
+    player cannot fly the scenario, or a flight cannot be flown or written.
 
     Args:
         scenario: the scenario; its own seed is not used.
@@ -111,7 +111,7 @@ def fly_many(
         out: folder for the flights.
         workers: worker processes; 1 flies in this process.
         progress: called with each summary as it comes in.
-        player: as players.choose; what is already in the folder stays, whoever flew it.
+        player: see players.choose; flights already in the folder stay, whichever player flew them.
     """
     seeds, player = list(seeds), choose(scenario, player)
     summaries: dict[int, Summary] = {}
@@ -139,19 +139,19 @@ def fly_many(
 
 
 def flights_of(scenario: Scenario, seeds: Iterable[int], out: Path) -> list[xr.Dataset]:
-    """Return the saved flights of those seeds; InputError if one is missing."""
+    """Return the saved flights with the given seeds; InputError if one is missing or no seed is given."""
     flights = [load_flight(flight_file(out, scenario, seed)) for seed in seeds]
     if not flights:
         raise InputError("flights: none asked for")
     return flights
 
 
-AT_ONCE: Final = 2  # flights in one job of a worker, so that none waits long for the other's last
+AT_ONCE: Final = 2  # flights in one job of a worker: few, so that no worker waits long for another's last job
 T = TypeVar("T")
 
 
 def kept_file(out: Path, scenario: Scenario) -> Path:
-    """Return the file that keeps the figures of a scenario's flights; it is named like their folder."""
+    """Return the path of the file that keeps the figures of a scenario's flights; it is named like flight_folder."""
     folder = flight_folder(out, scenario)
     return folder.with_name(f"{folder.name}.kept")
 
@@ -165,14 +165,16 @@ def fly_kept(
     progress: Callable[[int], None] | None = None,
     at_once: int = AT_ONCE,
 ) -> list[list[T]]:
-    """Fly scenarios, each once for each of its seeds, and return the figures of each in the order of the seeds.
+    """Fly each scenario once for each of its seeds, and return the figures of each scenario in the order of its seeds.
 
-    All flights go to the workers together. Flights of which it is already there are not flown again, so an interrupted
-    run goes on where it stopped. What is kept of a flight is a dataclass with its seed, `kind`. `fly` is importable and
-    returns, of a scenario's JSON, seeds and a folder's name, what is kept of these flights. The scenarios are wanted
-    with their seeds; a scenario's own is not used. One worker flies in this process. `progress` is called with the
-    number of flights that came in. A worker's job has `at_once` flights where the engine flies all of them; Drake's are
-    AT_ONCE. InputError if a flight cannot be flown or what is kept cannot be written.
+    All flights go to the workers together. Flights whose figures are already kept are not flown again, so an
+    interrupted run continues where it stopped. InputError if a flight cannot be flown or its figures cannot be written.
+
+    `kind` is the dataclass of a flight's figures; it has a field `seed`. `fly` is an importable function that takes a
+    scenario's JSON, seeds and the name of the kept file, and returns the figures of these flights. `wanted` pairs each
+    scenario with its seeds; the scenario's own seed is not used. With 1 worker this process flies. `progress` is called
+    with the number of flights that came in. A worker's job has `at_once` flights where the engine flies all scenarios,
+    else AT_ONCE.
     """
     at_once = at_once if all(why_not(scenario) is None for scenario, _ in wanted) else AT_ONCE
     asked = [(scenario, list(seeds), kept_file(out, scenario)) for scenario, seeds in wanted]

@@ -1,4 +1,4 @@
-"""The scalars of a compiled flight: those of flight/metrics.py, from the few numbers a tick that they need."""
+"""The scalar figures of a compiled flight, as in flight/metrics.py, computed from a trace of a few numbers a tick."""
 
 import math
 
@@ -12,11 +12,11 @@ from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import N_XBAR
 from ortilo_drake.onboard.ranging.range_equations import inverse, product
 
-# What a flight leaves behind in every tick: p_WB, its estimate, e^T P_pp^-1 e, and r.
+# A trace row, one for each tick: the position p_WB, its estimate, e^T P_pp^-1 e, and the reference r.
 TRUE, ESTIMATED, NEES, REFERENCE = slice(0, 3), slice(3, 6), 6, slice(7, 10)
 TRACE_SIZE = 10
-WINDOW = 32  # points of the path on either side that a position is compared with first
-# As in flight.summary.Summary, but of the ticks flown and the index of the loss's cause in lost.CAUSES, -1 for none.
+WINDOW = 32  # number of path points on either side of the last nearest one that are searched first
+# As in flight.summary.Summary, but for `ticks`, the last tick flown, and `cause`, an index in lost.CAUSES, -1 for none.
 FIGURES = (
     "ticks",
     "cause",
@@ -33,7 +33,7 @@ FIGURES = (
 
 @register_jitable(forceinline=True, error_model="numpy")
 def position_nees(x: np.ndarray, xhat: np.ndarray, P: np.ndarray) -> float:
-    """Return e^T P_pp^-1 e of the position; NaN where P_pp (of P row by row, 225) is not positive definite."""
+    """Return e^T P_pp^-1 e of the position, given P row by row (225); NaN where P_pp is not positive definite."""
     e, n = (xhat[0] - x[0], xhat[1] - x[1], xhat[2] - x[2]), N_XBAR
     definite, C = inverse((P[0], P[1], P[2], P[n + 1], P[n + 2], P[2 * n + 2]))
     if not definite:
@@ -44,7 +44,7 @@ def position_nees(x: np.ndarray, xhat: np.ndarray, P: np.ndarray) -> float:
 
 @cached_njit
 def nees_of_ticks(x: np.ndarray, xhat: np.ndarray, P: np.ndarray) -> np.ndarray:
-    """Return position_nees at each tick (n) of a log: x (n, 12), xhat (n, 15), P row by row (n, 225)."""
+    """Return position_nees at each tick (n) of a log, given x (n, 12), xhat (n, 15), P row by row (n, 225)."""
     found = np.empty(x.shape[0])
     for k in range(x.shape[0]):
         found[k] = position_nees(x[k], xhat[k], P[k])
@@ -53,7 +53,7 @@ def nees_of_ticks(x: np.ndarray, xhat: np.ndarray, P: np.ndarray) -> np.ndarray:
 
 @register_jitable
 def squared_distance_to(path: np.ndarray, i: int, p: np.ndarray) -> float:
-    """Return the squared distance of p (3) from the i-th point of a path (n, 3)."""
+    """Return the squared distance of p (3) from the i-th point of a path (n, 3) [m^2]."""
     return (path[i, 0] - p[0]) ** 2 + (path[i, 1] - p[1]) ** 2 + (path[i, 2] - p[2]) ** 2
 
 
@@ -61,12 +61,12 @@ def squared_distance_to(path: np.ndarray, i: int, p: np.ndarray) -> float:
 def nearest_beside(
     path: np.ndarray, longest: float, p: np.ndarray, start: int, direction: int, nearest: int, least: float
 ) -> tuple[int, float]:
-    """Return the point on one side of a path (n, 3) that is nearest to p (3), and its squared distance [m^2].
+    """Return the index of the point on one side of a path (n, 3) nearest to p (3), and its squared distance [m^2].
 
-    From a point at the distance D a nearer one than the best is at least (D - best) / longest points away: the search
-    goes that far at once, and so looks at few points and misses none. `longest` is the distance between two neighbours
-    on the path [m]. The search begins at the point `start`, with it and those after it in the direction 1, with it and
-    those before it in -1. Where none is nearer, it returns the point `nearest` with its squared distance `least`.
+    At a point at distance D from p, any point nearer than the best is at least (D - best) / longest points away. So the
+    search skips that many points at once and misses none. `longest` is the largest distance between two neighbours on
+    the path [m]. The search begins with the point `start` and goes forward (direction 1) or backward (-1). Where no
+    point is nearer than the squared distance `least`, the function returns `nearest` and `least`.
     """
     i, best = start, np.sqrt(least)
     while 0 <= i < path.shape[0]:
@@ -80,12 +80,12 @@ def nearest_beside(
 
 @cached_njit(nogil=True)
 def squared_path_distances(trace: np.ndarray, path: np.ndarray, longest: float) -> np.ndarray:
-    """Return the squared distances (n) of a trace (n, 3 or more) from the nearest point of a path (m, 3) [m^2].
+    """Return the squared distance of each trace row (n, 3 or more) from the nearest point of a path (m, 3) [m^2] (n).
 
-    Positions follow each other closely. So the points near the last one are looked at, a window of them; all others
-    were at least `clear` away when the window was laid, less what the vehicle has moved since. As long as that is more
-    than the least in the window, none of them is nearer. `longest` is the distance between two neighbours on the path
-    [m].
+    Consecutive positions are close to each other. So the search looks first at a window of points about the last
+    nearest one. All other points are at least `clear` away: their least distance when the window was set, less the way
+    moved since. While `clear` exceeds the least distance in the window, none of them is nearer. `longest` is the
+    largest distance between two neighbours on the path [m].
     """
     found = np.empty(trace.shape[0])
     low, high, near, clear = 0, 1, 0, 0.0
@@ -110,7 +110,7 @@ def squared_path_distances(trace: np.ndarray, path: np.ndarray, longest: float) 
 
 @register_jitable
 def distinct(path: np.ndarray) -> np.ndarray:
-    """Return the points of a path (n, 3) that differ from the one before."""
+    """Return the points of a path (n, 3) that differ from the point before them."""
     points, m = path.copy(), 1
     for k in range(1, len(path)):
         if path[k, 0] != path[k - 1, 0] or path[k, 1] != path[k - 1, 1] or path[k, 2] != path[k - 1, 2]:
@@ -121,16 +121,16 @@ def distinct(path: np.ndarray) -> np.ndarray:
 
 @cached_njit(nogil=True)
 def squared_distances_from(path: np.ndarray, trace: np.ndarray) -> np.ndarray:
-    """Return squared_path_distances of a trace (n, 3 or more) from a path that may wait at a point (m, 3) [m^2]."""
+    """Return squared_path_distances of a trace (n, 3 or more) and a path that may repeat points (m, 3) [m^2] (n)."""
     longest = 1e-12
     for k in range(1, len(path)):
         longest = max(longest, np.sqrt(squared_distance_to(path, k, path[k - 1])))
-    return squared_path_distances(trace, distinct(path), longest)  # one that waits at its goal has many the same
+    return squared_path_distances(trace, distinct(path), longest)  # a path that waits at its goal repeats the point
 
 
 @cached_njit
 def path_mse(trace: np.ndarray, path: np.ndarray) -> float:
-    """Return metrics.path_mse [m^2] of a flight along a path (n, 3): NaN where that does not run forward in x."""
+    """Return metrics.path_mse [m^2] of a trace and its path (n, 3); NaN where the path does not run forward in x."""
     n, m = trace.shape[0], 1
     x, y = np.empty(n), np.empty(n)
     x[0], y[0] = path[0, 0], path[0, 1]
@@ -142,7 +142,7 @@ def path_mse(trace: np.ndarray, path: np.ndarray) -> float:
             m += 1
     if m < 2:
         return np.nan
-    total, i = 0.0, 0  # the piece of the path, found from that of the tick before
+    total, i = 0.0, 0  # i is the segment of the path; the search starts from the segment of the tick before
     for k in range(n):
         p = trace[k, 0]
         while i < m - 2 and x[i + 1] <= p:
@@ -156,7 +156,7 @@ def path_mse(trace: np.ndarray, path: np.ndarray) -> float:
 
 @register_jitable
 def is_finite(row: np.ndarray, size: int) -> bool:
-    """Return whether the first numbers of a row are finite."""
+    """Return whether the first `size` numbers of a row are finite."""
     total = 0.0
     for i in range(size):
         total += row[i]
@@ -165,10 +165,10 @@ def is_finite(row: np.ndarray, size: int) -> bool:
 
 @cached_njit(nogil=True)
 def figures_of(trace: np.ndarray, path: np.ndarray, out: np.ndarray) -> None:
-    """Write the errors of a flight, FIGURES but the first two, to out.
+    """Write the errors of a flight, all FIGURES but the first two, to `out` (10).
 
-    The trace has a row for each tick flown that begins as above, whose r is not read (n, TRACE_SIZE or more); the path
-    is r at those ticks (n, 3).
+    The trace (n, TRACE_SIZE or more) has a row for each tick flown, which begins as described above; its r is not read.
+    The path (n, 3) is r at those ticks. Ticks from the first one that is not finite on are left out.
     """
     n = 0
     while n < trace.shape[0] and is_finite(trace[n], 6):
@@ -200,7 +200,7 @@ def figures_out(
     bounds: Bounds,
     out: np.ndarray,
 ) -> None:
-    """Output a row of flight/figures.py, and the cause of the flight's loss, see lost.CAUSES (11)."""
+    """Write a trace row and the cause of the flight's loss, an index in lost.CAUSES, to `out` (11)."""
     for i in range(3):
         out[i], out[3 + i], out[_R + i] = state[i], belief[i], reference[i]
     out[NEES] = position_nees(state, belief, belief[N_XBAR:])
@@ -211,5 +211,5 @@ OF_A_TICK = Element("figures", out=figures_out)
 
 
 def figures_box(bounds: Bounds) -> Box:
-    """Return the box of a flight's figures; it reads the true state (12), the belief (240) and the reference."""
+    """Return the box of a flight's figures; the box reads the true state (12), the belief (240) and the reference."""
     return Box("figures", OF_A_TICK, TRACE_SIZE + 1).with_groups(bounds=bounds)

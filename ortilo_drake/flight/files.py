@@ -1,9 +1,9 @@
-"""Writing files: whole or not at all, through links, with the mode they had, and straight into pipes.
+"""Writing files: whole or not at all, through links, with the mode they had, and directly into pipes.
 
-Whatever is written is made in memory first, so nothing else in the package opens a file to write, and no library sees a
-full disk. The bytes go to a temporary file beside the target, reach the disk and are then renamed: a reader, also one
-after a loss of power, sees the old file or the new one. A killed process leaves its temporary file behind; whoever
-writes to the folder a day later removes it.
+All content is made in memory first, so nothing else in the package opens a file to write, and no library meets a full
+disk. The bytes go to a temporary file beside the target, reach the disk, and the file is then renamed. So a reader sees
+the old file or the new one, also after a loss of power. A killed process leaves its temporary file behind; the next
+process that writes to the folder a day later or more removes it.
 """
 
 import contextlib
@@ -33,11 +33,11 @@ def write_text(path: Path, text: str) -> None:
 def write_bytes(path: Path, data: bytes, sync: bool = True) -> None:
     """Write a file.
 
-    A link stays one: what it points to is written, whether it is there yet or not. A file that is there keeps its mode;
-    a new one gets the usual one, as do folders that are missing. Pipes and character devices are written to; a pipe
-    that nobody reads is waited for until somebody does, as by the shell's `> PIPE`. With `sync` the disk is waited for,
-    so that a loss of power leaves the old file or the new one. InputError if it cannot be written; what was there
-    before stays.
+    A link stays a link: its target is written, whether the target exists yet or not. An existing file keeps its mode; a
+    new file and missing folders get the default mode. Pipes and character devices are written to directly; a pipe
+    without a reader blocks until one comes, as the shell's `> PIPE` does. With `sync` the function waits for the disk,
+    so that a loss of power leaves the old file or the new one. InputError if the file cannot be written; its old
+    content then stays.
     """
     try:
         there = _status(path)
@@ -54,9 +54,9 @@ def write_bytes(path: Path, data: bytes, sync: bool = True) -> None:
 
 
 def check_output(path: Path) -> None:
-    """Refuse a file that cannot be written, before any work is done; remove what killed processes left beside it.
+    """Refuse a file that cannot be written, before any work is done; remove stale temporary files beside it.
 
-    InputError naming the file and why.
+    The InputError names the file and the reason.
     """
     try:
         there = _status(path)
@@ -73,7 +73,7 @@ def check_output(path: Path) -> None:
 
 
 def remove_stale(folder: Path) -> None:
-    """Remove the temporary files of killed processes from a folder."""
+    """Remove the temporary files that killed processes left in a folder more than a day ago."""
     for file in folder.glob(f"{_PREFIX}*{_SUFFIX}"):
         with contextlib.suppress(OSError):
             found = file.lstat()
@@ -86,7 +86,7 @@ def _not_written(path: Path, error: OSError | ValueError) -> InputError:
 
 
 def _status(path: Path) -> os.stat_result | None:
-    """Return the status of what a path leads to, None if nothing is there; OSError if that cannot be written."""
+    """Return the status of a path's target, None if there is none; OSError if the target cannot be written."""
     try:
         there = os.stat(path)
     except FileNotFoundError:
@@ -100,7 +100,7 @@ def _status(path: Path) -> os.stat_result | None:
 
 
 def _stream_of(there: os.stat_result) -> int | None:
-    """Return stdout or stderr if that goes to this very file, as with `--json /dev/stdout > FILE`."""
+    """Return the number of the stream, 1 or 2, that writes to this very file, as with `--json /dev/stdout > FILE`."""
     for stream in (1, 2):
         with contextlib.suppress(OSError):
             if os.path.samestat(there, os.fstat(stream)):
@@ -110,7 +110,7 @@ def _stream_of(there: os.stat_result) -> int | None:
 
 def _replace(target: Path, data: bytes, there: os.stat_result | None, sync: bool) -> None:
     target.parent.mkdir(parents=True, exist_ok=True)
-    partial = target.parent / f"{_PREFIX}{secrets.token_hex(8)}{_SUFFIX}"  # short, whatever the target's name is
+    partial = target.parent / f"{_PREFIX}{secrets.token_hex(8)}{_SUFFIX}"  # a short name, however long the target's is
     try:
         with open(partial, "xb") as file:
             if there is not None:

@@ -1,4 +1,4 @@
-"""Flights: a scenario in, an xarray Dataset for each seed out."""
+"""Flights by Drake's Simulator: each seed of a scenario gives an xarray Dataset."""
 
 import gc
 import json
@@ -27,15 +27,15 @@ from ortilo_drake.scenario.scenario import FORMAT, scenario_from_json
 from ortilo_drake.sensors.imu import standstill_of
 from ortilo_drake.world.vehicle.continuous import steps_a_tick
 
-CHECK_EVERY = 30  # ticks between two checks for a loss
+CHECK_EVERY = 30  # number of ticks between two checks for a loss
 
 
 def make_simulator(diagram: ClosedLoop, scenario: Scenario) -> Simulator:
-    """Return a simulator of a closed loop that hovers at the start, with a Context of its own and the scenario's seed.
+    """Return a simulator of a closed loop, with its own Context, the scenario's seed and a vehicle that hovers.
 
-    A sampled plant leaves Drake nothing to integrate. A continuous one gets one third-order Runge-Kutta step a tick,
-    whose error is far below any noise here; rotors, whose lag is shorter than a tick, get four. The diagram is the
-    closed loop of the scenario, whatever seed it was built with.
+    A sampled plant leaves Drake nothing to integrate. A continuous plant gets one third-order Runge-Kutta step a tick,
+    whose error is far below any noise here; a plant with rotors, whose lag is shorter than a tick, gets four. The
+    diagram is the closed loop of the scenario; the seed that it was built with does not matter.
     """
     simulator = Simulator(diagram)
     fix_steps(simulator, scenario)
@@ -44,7 +44,7 @@ def make_simulator(diagram: ClosedLoop, scenario: Scenario) -> Simulator:
 
 
 def fix_steps(simulator: Simulator, scenario: Scenario) -> None:
-    """Give a simulator its integrator; see make_simulator."""
+    """Set the integrator and step of a simulator; see make_simulator."""
     step = scenario.h / steps_a_tick(scenario)
     config = SimulatorConfig(integration_scheme="runge_kutta3", max_step_size=step, use_error_control=False)
     ApplySimulatorConfig(config, simulator)
@@ -53,7 +53,7 @@ def fix_steps(simulator: Simulator, scenario: Scenario) -> None:
 def advance(
     simulator: Simulator, scenario: Scenario, ticks: int, progress: Callable[[int], None] | None
 ) -> tuple[Lost | None, float]:
-    """Fly that many ticks, or until the flight is lost; return the loss and the seconds spent in AdvanceTo."""
+    """Fly `ticks` ticks, or until the flight is lost; return the loss and the wall time spent in AdvanceTo [s]."""
     room, diagram, context = scenario.load_room(), simulator.get_system(), simulator.get_context()
     state = diagram.GetOutputPort("state")
     simulator.Initialize()
@@ -77,14 +77,14 @@ _UNITS = "x, y, z in m; phi, theta, psi in rad; their rates per s"
 
 
 class FlightSimulator:
-    """A scenario's closed loop, built once, that flies one seed after the other.
+    """The closed loop of a scenario, built once; it flies one seed after the other.
 
-    A Diagram takes a tenth of a second to build and 4 MiB, with a renderer twenty times that, which Drake 1.51 never
-    gives back. Each flight gets a Context of its own, which holds its seed, its start and all that evolves: so earlier
-    flights change nothing. The scenario's own seed is not used. A Meshcat shows each flight live; it is then paced by
-    the wall clock. The parts are estimator, servo and planner in place of the scenario's, see diagrams/onboard.py. With
-    `fused` all elements of a half are one system, which is faster, else a system each. InputError if the scenario
-    cannot be flown, see check_flyable.
+    A Diagram takes a tenth of a second to build and 4 MiB, with a renderer twenty times as much, which Drake 1.51 never
+    frees. Each flight gets its own Context, which holds its seed, its start and every evolving value, so earlier
+    flights change nothing. The scenario's own seed is not used. A Meshcat shows each flight live; the flight is then
+    paced by the wall clock. `parts` are an estimator, servo and planner in place of the scenario's, see
+    diagrams/onboard.py. With `fused` all elements of a half are one system, which is faster, else each element is a
+    system. InputError if the scenario cannot be flown, see check_flyable.
     """
 
     def __init__(self, scenario: Scenario, meshcat: Meshcat | None = None, parts: Parts = NO_PARTS, fused: bool = True):
@@ -94,14 +94,14 @@ class FlightSimulator:
         self._ticks = check_flyable(scenario, plan)
         path = plan if isinstance(plan, Trajectory) else None
         self._diagram = ClosedLoop(scenario, path, meshcat, parts, fused)
-        # A throwaway start: numba's compilation is not to be taken for flying time, and VTK's very first picture of a
-        # scene differs from the later ones in the last bits of a few pixels.
+        # A throwaway start: numba's compilation must not count as flying time, and VTK's very first picture of a scene
+        # differs from the later ones in the last bits of a few pixels.
         make_simulator(self._diagram, scenario).AdvanceTo(3.5 * scenario.h)
 
     def fly(self, seed: int, progress: Callable[[int], None] | None = None) -> xr.Dataset:
         """Fly one seed.
 
-        InputError if a scenario allows no such seed.
+        InputError if the seed is not allowed.
 
         Args:
             seed: the seed of all noise.
@@ -135,14 +135,14 @@ def fly(
     meshcat: Meshcat | None = None,
     parts: Parts = NO_PARTS,
 ) -> xr.Dataset:
-    """Fly one scenario by Drake, its seed included; for many seeds of it make one FlightSimulator.
+    """Fly one scenario with its own seed in Drake's Simulator; for many seeds make one FlightSimulator instead.
 
     InputError if the scenario cannot be flown, see check_flyable.
 
     Args:
         scenario: the scenario.
         progress: called with the number of ticks flown.
-        meshcat: shows the flight live; it is then paced by the wall clock.
+        meshcat: shows the flight live; the flight is then paced by the wall clock.
         parts: estimator, servo and planner in place of the scenario's.
 
     Returns:
@@ -152,10 +152,10 @@ def fly(
 
 
 def flight_dataset(scenario: Scenario, times: np.ndarray, logged: np.ndarray, lost: Lost | None) -> xr.Dataset:
-    """Return the log of a closed loop as a Dataset over ticks.
+    """Return the log of a closed loop as a Dataset over ticks; `logged_rows` is the inverse.
 
-    The log's rows at the times t_k (n) have signals in the order of the scenario's measurement.logged_sizes(). `lost`
-    says when and why the flight ended early, if it did.
+    The log has a row for each time t_k (n) [s]; the signals of a row stand in the order of the scenario's
+    measurement.logged_sizes(). `lost` says when and why the flight ended early, if it did.
     """
     measurement = scenario.measurement
     sizes, sensors = measurement.logged_sizes(), measurement.sensors
@@ -221,13 +221,13 @@ def flight_dataset(scenario: Scenario, times: np.ndarray, logged: np.ndarray, lo
 
 
 def standstill_attrs(scenario: Scenario) -> dict[str, str]:
-    """Return the attribute `standstill` of a flight: seconds, samples, and the rates and specific force taken off."""
+    """Return a flight's attribute `standstill`: seconds, samples, the rates and specific force subtracted; or {}."""
     found = standstill_of(scenario, scenario.load_room()) if scenario.samples_at_rest else {}
     return {"standstill": json.dumps(found)} if found else {}
 
 
 def padded_covariances(measurement: Measurement, V2: np.ndarray) -> np.ndarray:
-    """Return each sensor's covariance at every tick (n, s, m, m), m the most rows of any sensor, NaN beyond its own."""
+    """Return each sensor's covariance at each tick (n, s, m, m); m is the most rows of a sensor, NaN beyond its own."""
     rows = [measurement.rows_of(sensor) for sensor in measurement.sensors]
     most = max(r.stop - r.start for r in rows)
     padded = np.full((len(V2), len(rows), most, most), np.nan)
@@ -238,7 +238,7 @@ def padded_covariances(measurement: Measurement, V2: np.ndarray) -> np.ndarray:
 
 
 def logged_rows(flight: xr.Dataset) -> Iterator[dict[str, np.ndarray]]:
-    """Yield the signals of measurement.logged_sizes() in each tick of a flight: the inverse of flight_dataset."""
+    """Yield the signals of measurement.logged_sizes() at each tick of a flight: the inverse of flight_dataset."""
     measurement, n = scenario_of(flight).measurement, flight.sizes["tick"]
     V2 = flight["measurement_covariance"].values
     m = [V2[:, j] for j in range(V2.shape[1])]
@@ -258,14 +258,14 @@ def logged_rows(flight: xr.Dataset) -> Iterator[dict[str, np.ndarray]]:
 
 
 def scenario_of(flight: xr.Dataset) -> Scenario:
-    """Return the scenario that a flight carries; InputError if it is none.
+    """Return the scenario that a flight carries; InputError if its text is no valid scenario.
 
-    The last few are kept, for a summary asks nine times.
+    The last few scenarios are cached: a summary asks nine times.
     """
     return _read_scenario(flight.attrs["scenario"], flight.attrs.get("format"), registered())
 
 
 @lru_cache(maxsize=4)
 def _read_scenario(text: str, version: Any, parts: Hashable) -> Scenario:
-    """Return a flight's scenario; parts are those registered, which may say otherwise of the same text."""
+    """Return a flight's scenario. `parts` are the registered parts, on which the meaning of the text depends."""
     return scenario_from_json(text, version, "scenario")

@@ -1,4 +1,4 @@
-"""A flight as one flat table: a row for each tick, a column for each number, and the columns' units."""
+"""A flight as one flat table: a row for each tick, a column for each number, and the units of the columns."""
 
 import numpy as np
 import pandas as pd
@@ -22,11 +22,11 @@ _SIGNALS = (  # name in the Dataset, its dimension
 
 
 def flight_table(data: xr.Dataset) -> pd.DataFrame:
-    """Return a flight, a Dataset of flight.flight_dataset, as a table over time [s], its index.
+    """Return a flight, a Dataset of flight.flight_dataset, as a table whose index is the time [s].
 
-    A column is named after its signal and what it is of, `truth.x`, `estimate.phi`, `innovation.x_uwb`, `arrival.uwb`,
-    `control.f_T`; of the symmetric covariance there is the upper triangle, `covariance.x.x`, `covariance.x.y`, ...
-    The attribute `units` of the table, `table.attrs["units"]`, has the unit of every column, "1" of one without any.
+    A column's name joins the signal and the component: `truth.x`, `estimate.phi`, `innovation.x_uwb`, `arrival.uwb`,
+    `control.f_T`. The symmetric covariance gives its upper triangle: `covariance.x.x`, `covariance.x.y`, ...
+    The attribute `table.attrs["units"]` has the unit of every column, "1" for a column without one.
     """
     of_signals = _units(data)
     columns: dict[str, np.ndarray] = {}
@@ -45,7 +45,7 @@ def flight_table(data: xr.Dataset) -> pd.DataFrame:
 
 
 def _units(data: xr.Dataset) -> dict[str, list[str]]:
-    """Return the units of each signal's parts."""
+    """Return the units of each signal's components."""
     rows = scenario_of(data).measurement.rows
     measured = [unit_of(name, rows) for name in data["output"].values]
     flags = ["1"] * data.sizes["sensor"]

@@ -1,4 +1,4 @@
-"""Checks of whether a scenario can be flown, the same for `ortilo scenario check` and `ortilo fly`."""
+"""Checks that a scenario can be flown, the same for `ortilo scenario check` and `ortilo fly`."""
 
 from ortilo_drake.model.input_files import MIB
 from ortilo_drake.model.signals import PAYLOAD
@@ -11,13 +11,14 @@ from ortilo_drake.sensors.messages import message_size
 from ortilo_drake.world.drawn_truth import check_size
 from ortilo_drake.world.faults.table import check_room
 
-LARGEST_LOG = 2048 * MIB  # of one flight: 8 hours at 30 Hz; a flight takes about four times that in memory
+LARGEST_LOG = 2048 * MIB  # size of one flight's log, 8 hours at 30 Hz; the flight takes about four times that in memory
 
 
 def flight_ticks(scenario: Scenario, plan: Planned | None = None) -> int:
-    """Return the length of a flight in ticks: its plan, or the one given, and the time to settle, or its `seconds`.
+    """Return the length of a flight in ticks: the duration of its plan plus the time to settle, or its `seconds`.
 
-    InputError if there is no path, its `seconds` are more than that, or the flight is too long to be logged.
+    `plan` is by default the scenario's. InputError if there is no path, if `seconds` exceeds the duration of the plan
+    plus the time to settle, or if the flight is too long to be logged.
     """
     seconds = duration_of(scenario, plan or planned(scenario)) + scenario.settle
     if scenario.seconds is not None:
@@ -35,11 +36,11 @@ def flight_ticks(scenario: Scenario, plan: Planned | None = None) -> int:
 
 
 def check_flyable(scenario: Scenario, plan: Planned | None = None) -> int:
-    """Return the length of a flight in ticks, after a check that all it needs is there.
+    """Return the length of a flight in ticks, after a check that everything the flight needs is there.
 
-    InputError if there is no path or no servo gain, the flight needs too much memory, a registered sensor has not as
-    many errors as its payload numbers, a fault names what is not there, a file of detector or calibration is wrong, or
-    nothing can be rendered here.
+    InputError if there is no path or no servo gain, if the flight needs too much memory, if a registered sensor's
+    errors and payload differ in number, if a fault names something that does not exist, if a detector or calibration
+    file is wrong, or if this machine cannot render pictures.
     """
     room = scenario.load_room()
     check_room(scenario, room)

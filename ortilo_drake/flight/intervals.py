@@ -1,7 +1,8 @@
-"""Intervals over flights that hold whatever the distribution: of a share by counting, of a median by ranks.
+"""Intervals over flights that hold for any distribution: of a share by counting, of a median by ranks.
 
-The errors of a lost flight are those up to its loss and compare with no other's; it is worse than any that was kept.
-So it counts as infinite. A median goes by ranks alone: it is known while fewer than half of the flights are lost.
+The errors of a lost flight cover only the time up to its loss, so they cannot be compared with those of other flights.
+A lost flight is worse than any that was not lost, so its error counts as infinite. A median depends on ranks alone, so
+it is finite while fewer than half of the flights are lost.
 """
 
 import math
@@ -10,19 +11,19 @@ from dataclasses import dataclass
 
 import scipy  # not scipy.stats: that takes a second to import, and loads by itself when it is used
 
-LEVEL = 0.95
+LEVEL = 0.95  # confidence level
 
 Interval = tuple[float, float]
 
 
 def share_interval(events: int, trials: int) -> Interval:
-    """Return Wilson's interval of a share [1]."""
+    """Return the Wilson interval of a share, `events` out of `trials` [1]."""
     found = scipy.stats.binomtest(events, trials).proportion_ci(LEVEL, method="wilson")
     return float(found.low), float(found.high)
 
 
 def quantile(values: Sequence[float], q: float = 0.5) -> float | None:
-    """Return a quantile, linear between order statistics; infinite if it reaches a value that is, None of no values."""
+    """Return a quantile, linear between order statistics; inf if it touches an infinite value, None without values."""
     if not len(values):
         return None
     ordered = sorted(values)
@@ -36,12 +37,12 @@ def quantile(values: Sequence[float], q: float = 0.5) -> float | None:
 
 
 def quantile_interval(values: Sequence[float], q: float = 0.5, level: float = LEVEL) -> Interval | None:
-    """Return the interval of a quantile between two order statistics; None of too few values to have one.
+    """Return the interval of a quantile between two order statistics; None if there are too few values.
 
-    Of n values B ~ Bin(n, q) lie below the quantile. It is below the r-th with P(B < r) and above the s-th with
-    P(B >= s): each is at most (1 - level) / 2, so the interval holds the quantile of any continuous distribution in at
-    least that share of all cases (H. A. David and H. N. Nagaraja, Order Statistics, 2003, section 7.1). An end is
-    infinite where a lost flight stands. A median takes 6 values, a quartile 13.
+    B ~ Bin(n, q) of n values lie below the quantile. The quantile is below the r-th value with probability P(B < r),
+    above the s-th with P(B >= s). Each is at most (1 - level) / 2, so the interval holds the quantile of any continuous
+    distribution with probability `level` or more (H. A. David and H. N. Nagaraja, Order Statistics, 2003, section 7.1).
+    An end is infinite where the value is the one of a lost flight. A median needs 6 values, a quartile 13.
     """
     n, tail = len(values), 0.5 * (1.0 - level)
     r = int(scipy.stats.binom.ppf(tail, n, q))
@@ -54,7 +55,7 @@ def quantile_interval(values: Sequence[float], q: float = 0.5, level: float = LE
 
 @dataclass(frozen=True)
 class Middle:
-    """The median of a figure over flights, with the lost ones as worst and without them."""
+    """The median of a figure over flights: with lost flights counted as worst, and without them."""
 
     median: float | None
     """of all flights; infinite (null in JSON) if a lost flight stands there, None of no flights."""
@@ -67,6 +68,6 @@ class Middle:
 
 
 def middle_of(kept: Sequence[float], lost: int) -> Middle:
-    """Return the median of a figure, given for each flight that was not lost, and how many flights were lost."""
+    """Return the median of a figure, given its values of the flights not lost and the number of lost flights."""
     every = [*kept, *[math.inf] * lost]
     return Middle(quantile(every), quantile_interval(every), quantile(kept), quantile_interval(kept))

@@ -1,4 +1,4 @@
-"""Messages older than the estimator's history: they are dropped, and a flight warns of them beforehand."""
+"""Messages older than the estimator's history. The estimator drops them, and a flight warns of them at its start."""
 
 import math
 from typing import Any
@@ -9,7 +9,7 @@ from ortilo_drake.sensors.described import described
 
 
 def late_messages(scenario: Scenario) -> list[str]:
-    """Return a line for each sensor whose messages come too late to be used; each begins with the setting."""
+    """Return a line for each sensor some of whose messages come too late to be used; it begins with the setting."""
     found = []
     for sensor in scenario.sensors:
         oldest = _oldest(scenario, sensor)
@@ -19,7 +19,7 @@ def late_messages(scenario: Scenario) -> list[str]:
         least, most = link.delay + latency, link.delay + latency + link.random_delay
         if most <= oldest[0]:
             continue
-        if scenario.estimator.kind == "tight" and described(sensor).samples_itself:  # the newest before still counts
+        if scenario.estimator.kind == "tight" and described(sensor).samples_itself:  # the newest earlier sample is used
             found.append(
                 f"{sensor}.link.delay: samples come up to {_ticks(most)} late; "
                 "the tight filter integrates none of those"
@@ -37,7 +37,7 @@ def late_messages(scenario: Scenario) -> list[str]:
 
 
 def _oldest(scenario: Scenario, sensor: str) -> tuple[int, str] | None:
-    """Return the greatest usable age of a sensor's messages [ticks] and the setting behind it; None if any."""
+    """Return the greatest usable age of a sensor's messages [ticks] and the reason; None if every age is usable."""
     settings: Any = scenario.estimator
     if settings.kind == "tight":
         if not _is_aid(sensor):
@@ -51,7 +51,7 @@ def _oldest(scenario: Scenario, sensor: str) -> tuple[int, str] | None:
 
 
 def _is_aid(sensor: str) -> bool:
-    """Return whether the tight filter takes a sensor's own messages, whatever their age, in place of fixes."""
+    """Return whether the tight filter uses a sensor's raw messages, also late ones, in place of its fixes."""
     return described(sensor).solver is not None
 
 
@@ -60,7 +60,7 @@ def _ticks(n: int) -> str:
 
 
 def _mend(scenario: Scenario, sensor: str, most: int) -> str:
-    """Return the setting that makes all of them used, if there is one."""
+    """Return a clause with the settings under which all messages are used; empty if there are none."""
     settings: Any = scenario.estimator
     horizon = math.ceil(1e3 * most * scenario.h) / 1e3
     if settings.kind == "tight" and not _is_aid(sensor):

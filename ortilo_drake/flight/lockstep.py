@@ -1,7 +1,7 @@
-"""A flight of the two halves in lockstep: the world waits for each answer, so wall time decides nothing.
+"""A flight of the two halves in lockstep: the world waits for each answer, so wall time has no influence.
 
-The onboard half may be in this process or behind a link: the world only sees a function from a tick's messages to its
-outputs. The flight is that of flight/flight.py, bit for bit.
+The onboard half may be in this process or behind a link: the world only sees a function from a tick's messages to the
+onboard half's outputs. The flight equals the one of flight/flight.py, bit for bit.
 """
 
 from collections.abc import Callable
@@ -17,11 +17,11 @@ from ortilo_drake.flight.stepped_halves import OnboardHalf, Signals, WorldHalf
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.scenario import Scenario
 
-Ask = Callable[[int, Signals], Signals]  # a tick and its messages -> the onboard half's outputs
+Ask = Callable[[int, Signals], Signals]  # a tick and its messages -> the onboard half's outputs at that tick
 
 
 def in_this_process(scenario: Scenario) -> Ask:
-    """Return a function that asks an onboard half in this process; its ticks must come in order, from 0."""
+    """Return a function that asks an onboard half in this process; call it for each tick in order, from 0."""
     onboard = OnboardHalf(scenario)
 
     def ask(tick: int, messages: Signals) -> Signals:
@@ -40,16 +40,16 @@ def fly_lockstep(
     record: Record | None = None,
     world: WorldHalf | None = None,
 ) -> xr.Dataset:
-    """Fly the world of a scenario on the commands of an onboard half.
+    """Fly the world of a scenario with the commands of an onboard half.
 
     InputError as in fly.
 
     Args:
         scenario: the scenario.
-        ask: gives the onboard half's outputs of a tick.
+        ask: gives the onboard half's outputs at a tick.
         progress: called with the number of ticks flown.
-        record: called with everything of a tick once it is known.
-        world: the scenario's world, at its start; by default it is built here, while the other half waits.
+        record: called with the state, messages and outputs of each tick.
+        world: the scenario's world, at its start; by default the function builds it, while the other half waits.
 
     Returns:
         The Dataset of flight.fly, without its real_time_factor.

@@ -1,4 +1,4 @@
-"""Losses of flights, when and why, and contacts with furniture."""
+"""Losses of flights, with time and cause, and contacts with furniture."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -11,15 +11,15 @@ from ortilo_drake.model.footprints import footprints
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.vehicle import MAX_TILT, Vehicle
 
-LEAST_UPRIGHT = np.cos(MAX_TILT)
+LEAST_UPRIGHT = np.cos(MAX_TILT)  # least cosine of the tilt of a vehicle that has not tumbled
 CAUSES = ("diverged", "tumbled", "left the room", "hit a wall")
 NOT_LOST, DIVERGED, TUMBLED, LEFT_THE_ROOM, HIT_A_WALL = range(-1, len(CAUSES))
-BODY_HALF_HEIGHT = 0.15  # of the airframe about the centre of mass [m]; ours, for the M100
+BODY_HALF_HEIGHT = 0.15  # half height of the airframe about the centre of mass [m]; our estimate for the M100
 
 
 @dataclass(frozen=True)
 class Lost:
-    """A lost flight: the tick and time at which it ended, and why."""
+    """The loss of a flight: the tick and time [s] at which the flight ended, and the cause."""
 
     tick: int
     time: float
@@ -28,7 +28,7 @@ class Lost:
 
 @lru_cache(maxsize=8)
 def _obstacles(room: Room) -> dict[bool, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """Return low and high corners of cores (n, 2), radii, tops and names (n): of walls (True), of the rest (False)."""
+    """Return footprints of walls (True) and others (False): low, high corners of cores (n, 2), radii, tops, names."""
 
     def arrays(walls: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         found = [f for f in footprints(room) if (f.name == "wall") == walls]
@@ -40,9 +40,9 @@ def _obstacles(room: Room) -> dict[bool, tuple[np.ndarray, np.ndarray, np.ndarra
 
 
 def touched(p_WB: np.ndarray, room: Room, vehicle: Vehicle) -> tuple[np.ndarray, np.ndarray]:
-    """Return a mask of the obstacles, walls aside, that the outline touches (n, obstacles), and their names.
+    """Return a mask (n, obstacles) of the obstacles other than walls that the outline touches, and their names.
 
-    The outline is a disc of vehicle.radius that reaches BODY_HALF_HEIGHT up and down.
+    The outline is a disc of radius vehicle.radius about p_WB (n, 3) that reaches BODY_HALF_HEIGHT up and down.
     """
     low, high, radius, top, names = _obstacles(room)[False]
     nearest = np.clip(p_WB[:, np.newaxis, 0:2], low, high)
@@ -51,7 +51,7 @@ def touched(p_WB: np.ndarray, room: Room, vehicle: Vehicle) -> tuple[np.ndarray,
 
 
 class Bounds(NamedTuple):
-    """The bounds within which a flight is not lost, as compiled functions take them."""
+    """The bounds within which a flight is not lost, in a form for compiled functions."""
 
     low: np.ndarray
     """lower corner of the room's inside [m] (3)."""
@@ -72,7 +72,7 @@ def bounds_of(room: Room, vehicle: Vehicle) -> Bounds:
 
 @cached_njit(_nrt=False)
 def cause_of_loss(x: np.ndarray, bounds: Bounds) -> int:
-    """Return the cause that ends a flight at the state x (12), an index in CAUSES; NOT_LOST if none does."""
+    """Return the cause, an index in CAUSES, that ends a flight at the state x (12); NOT_LOST if there is none."""
     low, high, walls = bounds
     for i in range(x.size):
         if not np.isfinite(x[i]):
@@ -92,7 +92,7 @@ def cause_of_loss(x: np.ndarray, bounds: Bounds) -> int:
 
 @cached_njit
 def first_loss(states: np.ndarray, bounds: Bounds) -> tuple[int, int]:
-    """Return the first tick at which a flight is lost, and its cause; its length and NOT_LOST if it is not."""
+    """Return the first tick at which the states (n, 12) mean a loss, and its cause; n and NOT_LOST if there is none."""
     for k in range(states.shape[0]):
         cause = cause_of_loss(states[k], bounds)
         if cause != NOT_LOST:
@@ -104,8 +104,8 @@ def find_loss(states: np.ndarray, h: float, room: Room, vehicle: Vehicle, first:
     """Return the first loss in a series of true states, if any.
 
     A flight is lost when its state is no longer finite, when the vehicle tilts by more than 60 degrees, when its centre
-    leaves the room, or when its outline touches a wall. Touching furniture does not end it, see contacts. States x (n,
-    12) are those of every tick from `first` on; h is the tick [s].
+    leaves the room, or when its outline touches a wall. Touching furniture does not end a flight, see contacts. The
+    states x (n, 12) are those of every tick from `first` on; h is the length of a tick [s].
     """
     k, cause = first_loss(np.ascontiguousarray(states), bounds_of(room, vehicle))
     return None if cause == NOT_LOST else Lost(first + k, (first + k) * h, CAUSES[cause])
@@ -114,8 +114,8 @@ def find_loss(states: np.ndarray, h: float, room: Room, vehicle: Vehicle, first:
 def contacts(states: np.ndarray, room: Room, vehicle: Vehicle) -> list[str]:
     """Return the names of the furniture, stands and landmarks that the vehicle's outline touched.
 
-    Their extents are our estimates, the walls' are surveyed: so a contact is reported beside a flight's errors, but
-    does not end it.
+    Their extents are our estimates, while walls are surveyed. So a contact is reported beside a flight's errors, but
+    does not end the flight.
     """
     touches, names = touched(states[:, 0:3], room, vehicle)
     return sorted(set(names[np.any(touches, axis=0)].tolist()))

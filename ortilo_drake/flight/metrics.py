@@ -22,10 +22,10 @@ def estimation_mse(flight: xr.Dataset) -> dict[str, float]:
 
 
 def path_mse(flight: xr.Dataset) -> float:
-    """Return the path-following error of the authors' code [m^2] (paper, table II).
+    """Return the path-following error as the authors' code defines it [m^2] (paper, table II).
 
-    It is the mean square of the deviation in y from the planned path at the actual x. NaN where the planned path
-    does not run forward in x, so that no one y belongs to an x.
+    The error is the mean square of the deviation in y from the planned path at the actual x. It is NaN where the
+    planned path does not run forward in x: then an x may have several y.
     """
     planned = flight["reference"].values
     forward = np.concatenate(([True], np.diff(planned[:, 0]) > 0.0))
@@ -37,7 +37,7 @@ def path_mse(flight: xr.Dataset) -> float:
 
 
 def path_distance(flight: xr.Dataset) -> np.ndarray:
-    """Return the distance [m] of the true position from the planned path at every tick, in three dimensions."""
+    """Return the distance [m] (n) of the true position from the planned path at every tick, in three dimensions."""
     distance, _ = cKDTree(flight["reference"].values).query(flight["truth"].values[:, :3])
     return np.asarray(distance)
 
@@ -48,21 +48,21 @@ def path_distance_mse(flight: xr.Dataset) -> float:
 
 
 def reference_distance(flight: xr.Dataset) -> np.ndarray:
-    """Return the distance [m] of the true position from r_k at every tick."""
+    """Return the distance [m] (n) of the true position from the reference r_k at every tick."""
     return np.linalg.norm(flight["truth"].values[:, :3] - flight["reference"].values, axis=1)
 
 
 def position_nees(flight: xr.Dataset) -> np.ndarray:
-    """Return e^T P_pp^-1 e at every tick; chi-square with 3 degrees of freedom if the filter is consistent."""
+    """Return e^T P_pp^-1 e at every tick (n); chi-square with 3 degrees of freedom if the filter is consistent."""
     e = flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]
     P = flight["covariance"].values[:, :3, :3]
     return np.einsum("ki,ki->k", e, np.linalg.solve(P, e[:, :, np.newaxis])[:, :, 0])
 
 
 def nis(flight: xr.Dataset, sensor: str) -> np.ndarray:
-    """Return the normalised innovations squared of one sensor, where it arrived; chi-square with its m degrees.
+    """Return the normalised innovations squared of one sensor at its arrivals; chi-square with m degrees of freedom.
 
-    Only the position of a position fix counts, m = 3, so that methods can be compared.
+    m is the number of the sensor's rows. Of a position fix only the position counts, m = 3, to compare methods.
     """
     there, measurement = flight["arrival"].sel(sensor=sensor).values, scenario_of(flight).measurement
     is_position = measurement.layout.is_position[measurement.sensors.index(sensor)]
@@ -73,7 +73,7 @@ def nis(flight: xr.Dataset, sensor: str) -> np.ndarray:
 
 
 def innovations(flight: xr.Dataset, sensor: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return a sensor's innovations (n, m), NaN where it did not arrive, and their S = C P C^T + V (n, m, m)."""
+    """Return a sensor's innovations (n, m), NaN without arrival, and their covariance S = C P C^T + V (n, m, m)."""
     measurement = scenario_of(flight).measurement
     C, m = measurement.C_of(sensor), len(measurement.C_of(sensor))
     V = flight["measurement_covariance"].sel(sensor=sensor).values[:, :m, :m]
@@ -82,7 +82,7 @@ def innovations(flight: xr.Dataset, sensor: str) -> tuple[np.ndarray, np.ndarray
 
 
 def arrival_rates(flight: xr.Dataset) -> dict[str, float | None]:
-    """Return values used over ticks due, of all sensors that send by radio; None for a sensor that is never due."""
+    """Return used values / due values of each sensor that sends by radio [1]; None for a sensor that is never due."""
     rates: dict[str, float | None] = {}
     for sensor in unwired(scenario_of(flight).measurement.sensors):
         due = int(flight["due"].sel(sensor=sensor).sum())
@@ -91,9 +91,9 @@ def arrival_rates(flight: xr.Dataset) -> dict[str, float | None]:
 
 
 def fix_errors(flight: xr.Dataset) -> dict[str, FixError]:
-    """Return median and 95th percentile of a position fix's distance from the truth when it is used [m].
+    """Return the median and 95th percentile of the distance of a sensor's position fixes from the truth at use [m].
 
-    A sensor without a fix is left out. The way flown since a late fix was measured is part of its error.
+    A sensor without a fix is left out. The way flown since a late fix was measured is part of the error of that fix.
     """
     errors = {}
     measurement = scenario_of(flight).measurement
@@ -108,7 +108,7 @@ def fix_errors(flight: xr.Dataset) -> dict[str, FixError]:
 
 
 def _made_fixes(flight: xr.Dataset, sensor: str, measurement: Measurement) -> np.ndarray:
-    """Return in which ticks a sensor's message arrived as a value of y (n): a tight filter makes none of ranges."""
+    """Return a mask (n) of ticks in which a sensor's message gave a value of y; a tight filter makes none of ranges."""
     values = flight["measurement"].values[:, measurement.rows_of(sensor)]
     return np.asarray(flight["arrival"].sel(sensor=sensor).values & np.isfinite(values).all(axis=1))
 
@@ -123,7 +123,7 @@ def summary(flight: xr.Dataset) -> Summary:
     """Return the figures of a flight."""
     scenario = scenario_of(flight)
     whole = np.isfinite(flight["truth"].values).all(axis=1) & np.isfinite(flight["estimate"].values).all(axis=1)
-    flight = flight.isel(tick=whole)  # all but the end of a flight that diverged
+    flight = flight.isel(tick=whole)  # leaves out the end of a flight that diverged
     used = [str(s) for s in flight["sensor"].values if _made_fixes(flight, str(s), scenario.measurement).any()]
     mse, floor = estimation_mse(flight), floor_at_ticks(flight)
     return Summary(

@@ -1,4 +1,4 @@
-"""The players of a scenario: compiled code, or Drake's simulator. The flight is the same to the last bit."""
+"""The players of a scenario: compiled code, or Drake's simulator. Both give the same flight to the last bit."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -17,13 +17,14 @@ CHOICES: Final = ("fastest", "engine", "drake", "drake-elements")
 
 
 def choose(scenario: Scenario, player: str = "fastest", parts: Parts = NO_PARTS) -> str:
-    """Return the player of a scenario: 'engine', 'drake' or 'drake-elements'.
+    """Return the name of the player of a scenario: 'engine', 'drake' or 'drake-elements'.
 
-    Of a single flight of a scenario never flown before, engine and 'drake' take about as long: both compile the same
-    elements, which takes longer than the flight. 'engine' is compiled code, which needs all parts to be elements.
-    'drake' is a Diagram in which the elements of each half are one system, 'drake-elements' one in which each is its
-    own. 'fastest' takes the engine where it can, else 'drake'. The parts are estimator, servo and planner in place of
-    the scenario's, which only Drake takes. InputError if there is no such player, or it cannot fly this.
+    'engine' is compiled code, which needs all parts to be elements. 'drake' is a Diagram in which the elements of each
+    half are one system, 'drake-elements' a Diagram in which each element is a system. 'fastest' means the engine where
+    it can fly the scenario, else 'drake'. For the first flight of a new scenario 'engine' and 'drake' take about as
+    long: both compile the same elements, which takes longer than the flight. `parts` are an estimator, servo and
+    planner in place of the scenario's; only Drake takes them. InputError if there is no such player, or the player
+    cannot fly the scenario.
     """
     if player not in CHOICES:
         raise InputError(f"player: {player!r}: must be one of {', '.join(CHOICES)}")
@@ -36,7 +37,7 @@ def choose(scenario: Scenario, player: str = "fastest", parts: Parts = NO_PARTS)
 
 
 def why_not_engine(scenario: Scenario, parts: Parts = NO_PARTS) -> str | None:
-    """Return the reason why the engine cannot fly this, in a line that names the field; None if it can."""
+    """Return why the engine cannot fly a scenario with parts, in a line that names the field; None if it can."""
     for role, make in parts._asdict().items():
         if make is not None:
             return f"{role}: is given as a System"
@@ -44,7 +45,7 @@ def why_not_engine(scenario: Scenario, parts: Parts = NO_PARTS) -> str | None:
 
 
 def player_of(scenario: Scenario, player: str = "fastest", parts: Parts = NO_PARTS) -> Engine | FlightSimulator:
-    """Return the player of a scenario; its seed is not used. Arguments and errors as choose's, and as the player's."""
+    """Return a scenario's player; the seed is not used. Arguments as in choose, InputError also of the player."""
     chosen = choose(scenario, player, parts)
     if chosen == "engine":
         return Engine(scenario)
@@ -53,7 +54,7 @@ def player_of(scenario: Scenario, player: str = "fastest", parts: Parts = NO_PAR
 
 @lru_cache(maxsize=1)
 def kept_player(scenario_json: str, folder: str, player: str = "fastest") -> Engine | FlightSimulator:
-    """Return the player of a scenario. The last one is reused while the folder is the same: its name has the digest."""
+    """Return a scenario's player; the last one is reused while the folder, whose name has a digest, is the same."""
     return player_of(Scenario.model_validate_json(scenario_json), player)
 
 
@@ -63,15 +64,15 @@ def fly(
     player: str = "fastest",
     parts: Parts = NO_PARTS,
 ) -> xr.Dataset:
-    """Fly one scenario, its seed included.
+    """Fly one scenario with its own seed.
 
-    InputError as player_of.
+    InputError as in player_of.
 
     Args:
         scenario: the scenario.
         progress: called with the number of ticks flown.
-        player: as choose.
-        parts: as choose.
+        player: as in choose.
+        parts: as in choose.
 
     Returns:
         A Dataset over ticks; see flight.flight_dataset.

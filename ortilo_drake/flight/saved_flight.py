@@ -1,10 +1,10 @@
-"""Flights on disk: netCDF-4 with a digest behind it.
+"""Flights on disk: netCDF-4 followed by a digest.
 
-HDF5's library may end the process on a damaged file or a full disk. So a file is made in memory, and the digest of
-flight/store.py is checked before HDF5 sees any of its bytes. HDF5 reads a file as far as its own header says and takes
-no notice of what follows, so h5py, netCDF-C and xarray open the file as it is. (A digest in front, in HDF5's user
-block, would keep xarray from knowing the file's kind; one in an attribute is read by HDF5; one in a file beside is lost
-when the flight is copied.)
+The HDF5 library may end the process on a damaged file or a full disk. So a file is made in memory, and the digest of
+flight/store.py is checked before HDF5 sees any bytes. HDF5 reads a file up to the length in its header and ignores the
+rest, so h5py, netCDF-C and xarray open the file as it is. (With a digest in front, in HDF5's user block, xarray would
+not recognise the format. A digest in an attribute would be read by HDF5. A digest in a second file would be lost when
+the flight is copied.)
 """
 
 import io
@@ -28,7 +28,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.scenario import scenario_from_json
 
-FLIGHT: Final = "flight"  # as flight/store.py has it, whatever the file is called
+FLIGHT: Final = "flight"  # the origin `of` of flight/store.py, the same for every file name
 
 
 def save_flight(flight: xr.Dataset, path: Path) -> None:
@@ -40,7 +40,7 @@ def save_flight(flight: xr.Dataset, path: Path) -> None:
 
 
 def _no_lock_of_dask() -> AbstractContextManager[Any]:
-    """Keep xarray, in a worker of Dask, from asking the scheduler for a lock on the memory that it writes to."""
+    """Keep xarray in a Dask worker from asking the scheduler for a lock on the memory that xarray writes to."""
     dask = sys.modules.get("dask")
     return nullcontext() if dask is None else dask.config.set(scheduler="synchronous")
 
@@ -55,19 +55,19 @@ def load_flight(path: Path) -> xr.Dataset:
     try:
         _require_plain_arrays(data)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a foreign file may be odd in many ways; it is refused below
+            warnings.simplefilter("ignore")  # a foreign file may cause any warning; it is refused below
             with xr.open_dataset(io.BytesIO(data), engine="h5netcdf") as dataset:
                 flight = dataset.load()
-        if "xbar" in flight and "xbar_column" not in flight:  # written before the columns of P had names
+        if "xbar" in flight and "xbar_column" not in flight:  # a file from before the columns of P had names
             flight = flight.assign_coords(xbar_column=flight["xbar"].values)
         _require_flight(flight)
-    except Exception as error:  # xarray, h5netcdf and h5py raise a dozen kinds for foreign files
+    except Exception as error:  # xarray, h5netcdf and h5py raise a dozen kinds of errors for foreign files
         raise InputError(f"{path}: not a flight: {reason_of(error)}") from None
     return flight
 
 
 def summary_in(data: bytes) -> Summary:
-    """Return the summary in the netCDF bytes of a flight of fly_many, without reading its arrays."""
+    """Return the summary in the netCDF bytes of a flight of fly_many, without its arrays; ValueError if none."""
     with h5py.File(io.BytesIO(data), "r") as file:
         if "summary" not in file.attrs:
             raise ValueError("has no summary")
@@ -75,7 +75,7 @@ def summary_in(data: bytes) -> Summary:
 
 
 def _require_plain_arrays(data: bytes) -> None:
-    """Refuse an HDF5 file that leads to other files, holds more than numbers and words, or is too large to load."""
+    """Refuse an HDF5 file that links to other files, holds more than arrays of numbers and words, or is too large."""
     size = 0
     with h5py.File(io.BytesIO(data), "r") as file:
         for name in file:
@@ -97,12 +97,12 @@ def _require_plain_arrays(data: bytes) -> None:
 
 @lru_cache(maxsize=16)
 def _pattern(scenario: Scenario) -> xr.Dataset:
-    """Return a flight of one tick: what variables, dimensions and attributes a flight has."""
+    """Return a flight of one tick, as the pattern of a flight's variables, dimensions and attributes."""
     return flight_dataset(scenario, np.zeros(1), np.zeros((1, sum(scenario.measurement.logged_sizes().values()))), None)
 
 
 def _require_flight(flight: xr.Dataset) -> None:
-    """Refuse a Dataset that is not laid out as flight_dataset has it; it may hold more variables and attributes."""
+    """Refuse a Dataset without the layout of flight_dataset; further variables and attributes are allowed."""
     scenario = _scenario_in(flight.attrs)
     for name, wanted in _pattern(scenario).variables.items():
         if name not in flight.variables:
@@ -122,7 +122,7 @@ def _require_flight(flight: xr.Dataset) -> None:
 
 
 def _scenario_in(attributes: dict[Any, Any]) -> Scenario:
-    """Return the scenario that the attributes of a flight hold, after a look at the others."""
+    """Return the scenario in the attributes of a flight; check the other attributes as well."""
     for name, kind, called in (
         ("scenario", str, "text"),
         ("seed", int | np.integer, "an integer"),

@@ -1,12 +1,13 @@
-"""The world and the onboard half as two objects, stepped tick by tick.
+"""The world and the onboard half as two objects that are stepped tick by tick.
 
-At t_k the world shows its messages (sample), the onboard half answers with the control (take, answer), and only then
-do both go on to t_{k+1} (advance): Drake's AdvanceTo stops at t_k before the updates of t_k, so each half updates from
-the very values it would have had over a wire, and the flight is that of diagrams/closed_loop.py bit for bit.
+At t_k the world gives its messages (sample), the onboard half takes them and gives the control (receive, answer), and
+only then do both go on to t_{k+1} (advance). Drake's AdvanceTo stops at t_k before the updates of t_k. So each half
+updates from the values that it would have over a wire, and the flight equals the one of diagrams/closed_loop.py bit for
+bit.
 
-A tick's *messages* are a dict from the name of an onboard input port to its value: message vectors (model/signals.py),
-those without any non-zero entry left out, and 'image' (height, width, 4), uint8, if its shutter message is there. A
-tick's *outputs* are a dict of the onboard half's logged signals, see flight/signals.py.
+A tick's *messages* are a dict from the name of an onboard input port to its value. The values are message vectors
+(model/signals.py), those that are all zero left out, and 'image' (height, width, 4), uint8, if the shutter message
+arrived. A tick's *outputs* are a dict of the onboard half's logged signals, see flight/signals.py.
 """
 
 import numpy as np
@@ -31,10 +32,10 @@ from ortilo_drake.world.vehicle.failsafe import MODES
 
 
 class WorldHalf:
-    """The world of a scenario, hovering at the start of the planned path.
+    """The world of a scenario; its vehicle hovers at the start of the planned path.
 
-    It looks for a command every `command_period` [s], see diagrams/world.py, by default every tick. `draws` says
-    whether a rendered camera draws its pictures here.
+    The world reads its command input every `command_period` [s], see diagrams/world.py, by default every tick. `draws`
+    says whether this object draws the pictures of a rendered camera.
     """
 
     def __init__(self, scenario: Scenario, command_period: float | None = None, draws: bool = True):
@@ -48,8 +49,8 @@ class WorldHalf:
         is_told = self._diagram.HasInputPort("command_stamp")
         self._stamp = self._diagram.GetInputPort("command_stamp") if is_told else None
         self._hover = np.array([scenario.vehicle.hover_thrust, 0.0, 0.0, 0.0, 0.0])[: self._control.size()]
-        # A short flight that is thrown away, as in flight/flight.py: numba compiles, and VTK, whose very first picture
-        # of a scene differs from the later ones in the last bits of a few pixels, has drawn one.
+        # A throwaway start, as in flight/flight.py: numba compiles, and VTK draws its very first picture of a scene,
+        # which differs from the later ones in the last bits of a few pixels.
         self._start(scenario)
         self.sample()
         self.advance_to(self._h, self._hover)
@@ -59,26 +60,26 @@ class WorldHalf:
         self._simulator, self._k = Simulator(self._diagram), 0
         fix_steps(self._simulator, scenario)
         self._diagram.SetSeed(self._simulator.get_mutable_context(), scenario.seed)
-        self._control.FixValue(self._simulator.get_mutable_context(), self._hover)  # until another comes
+        self._control.FixValue(self._simulator.get_mutable_context(), self._hover)  # until a command comes
         if self._stamp is not None:
             self._stamp.FixValue(self._simulator.get_mutable_context(), np.array([NO_COMMAND]))
         self._simulator.Initialize()
 
     @property
     def state(self) -> np.ndarray:
-        """The true x now (12)."""
+        """The true state x at this time (12)."""
         return np.array(self._state.Eval(self._simulator.get_context()))
 
     @property
     def failsafe_mode(self) -> str | None:
-        """The mode of the failsafe, one of its MODES; None where there is no failsafe, without a command_period."""
+        """The mode of the failsafe, one of MODES; None without a command_period, for then there is no failsafe."""
         if not self._diagram.HasOutputPort("failsafe_mode"):
             return None
         mode = self._diagram.GetOutputPort("failsafe_mode").Eval(self._simulator.get_context())
         return MODES[int(mode[0])]
 
     def change_body(self, heavier: float, push: np.ndarray) -> None:
-        """Have the vehicle be heavier and pushed from now on, see World.ChangeBody."""
+        """Multiply the vehicle's mass by 1 + heavier and push it by `push` in W (3) [N] from now on, see ChangeBody."""
         self._diagram.ChangeBody(self._simulator.get_mutable_context(), heavier, push)
 
     def sample(self) -> Signals:
@@ -91,12 +92,12 @@ class WorldHalf:
         return messages
 
     def advance(self, control: np.ndarray) -> None:
-        """Go on to the next tick under a control (4); with a command_period a command (5)."""
+        """Go on to the next tick with a control u (4); with a command_period with a command (5)."""
         self._k += 1
         self.advance_to(self._k * self._h, control)
 
     def advance_to(self, time: float, control: np.ndarray, stamp: float = NO_COMMAND) -> None:
-        """Go on to a time [s], otherwise as advance; the stamp is the time of the tick that sent the command [s]."""
+        """Same as advance, up to a time [s]; `stamp` is the time of the tick that sent the command [s]."""
         if self._stamp is not None:
             self._stamp.FixValue(self._simulator.get_mutable_context(), np.array([stamp]))
         self._control.FixValue(self._simulator.get_mutable_context(), control)
@@ -106,8 +107,9 @@ class WorldHalf:
 class OnboardHalf:
     """The onboard half of a scenario.
 
-    Of the scenario the belief is all that is taken. `detects` says whether it looks at a rendered camera's pictures; if
-    not, it takes detections. With `fused` all its elements are one system, which is faster, else a system each.
+    It takes only the belief of the scenario. `detects` says whether it detects landmarks in a rendered camera's
+    pictures; if not, it receives detections. With `fused` all elements are one system, which is faster, else each
+    element is a system.
     """
 
     def __init__(self, scenario: Belief, detects: bool = True, fused: bool = True):
@@ -127,7 +129,7 @@ class OnboardHalf:
         self.restart()
 
     def restart(self) -> None:
-        """Begin anew, at tick 0."""
+        """Start again, at tick 0."""
         self._simulator, self._k = Simulator(self._diagram), 0
         self.receive({})
         if self._path is not None:
@@ -143,18 +145,18 @@ class OnboardHalf:
 
     @property
     def context(self) -> Context:
-        """The Context of that Diagram now."""
+        """The Context of `diagram` at this time."""
         return self._simulator.get_context()
 
     @property
     def path(self) -> Trajectory | None:
-        """The path that it flies, p_WB(t) (3 rows) [m]; None where its planner is a System."""
+        """The path that is flown, p_WB(t) (3 rows) [m]; None where the planner is a System."""
         return self._path
 
     def fly_path(self, path: Trajectory) -> None:
-        """Fly another path, p_WB(t) (3 rows) [m], from this tick on; call it before this tick's take.
+        """Fly another path, p_WB(t) (3 rows) [m], from this tick on; call this before the tick's receive.
 
-        InputError if its planner is a System.
+        InputError if the planner is a System.
         """
         if "path" not in self._ports:
             raise InputError("planner: is a System: it takes no other path in flight")
@@ -174,17 +176,17 @@ class OnboardHalf:
         return np.array(self._outputs["control"].Eval(self._simulator.get_context()))
 
     def outputs(self) -> Signals:
-        """Return every logged signal of this tick, as the filter takes it."""
+        """Return every logged signal of this tick, with the values that the filter uses."""
         context = self._simulator.get_context()
         return {name: np.array(port.Eval(context)) for name, port in self._outputs.items()}
 
     def state(self) -> np.ndarray:
-        """Return the whole discrete state now, group after group."""
+        """Return the whole discrete state at this time, group after group."""
         groups = self._simulator.get_context().get_discrete_state()
         return np.concatenate([groups.value(i) for i in range(groups.num_groups())])
 
     def resume(self, tick: int, state: np.ndarray | None, gap: float) -> None:
-        """Join a flight at a tick; state() returned the state, None if there is none, `gap` [s] ago, see resume.py."""
+        """Join a flight at a tick, with the state() of `gap` [s] ago, or None if there is none; see resume.py."""
         context = self._simulator.get_mutable_context()
         context.SetTime(tick * self._h)
         groups = context.get_mutable_discrete_state()

@@ -1,8 +1,8 @@
-"""Kept files: read back byte for byte and within their ranges, or else made again with a notice.
+"""Kept files: they are read back unchanged and with values in their ranges, or else made again with a warning.
 
-A kept file ends in a line with its origin and the SHA-256 of all bytes before it. Libraries read netCDF,
-HDF5 and ZIP as if the line were not there. Parquet is read from its end, so there the line stands between the data and
-the footer, to which nothing in the file points; it covers both. The digest detects damage, not forgery: it has no key.
+A kept file ends in a line with its origin and the SHA-256 of all bytes before the line. Libraries that read netCDF,
+HDF5 and ZIP ignore the line. Parquet is read from its end, so in Parquet the line stands between data and footer, where
+nothing in the file points to it, and its digest covers both. The digest detects damage, not forgery: it has no key.
 """
 
 import hashlib
@@ -20,8 +20,8 @@ from ortilo_drake.flight.files import write_bytes
 from ortilo_drake.model.input_files import exists, read_bytes
 
 _LOG = logging.getLogger(__name__)
-LARGEST: Final = 2**31  # bytes of a file
-_HEX = 64  # digits of a SHA-256
+LARGEST: Final = 2**31  # largest size of a file [bytes]
+_HEX = 64  # number of digits of a SHA-256
 _PARQUET = b"PAR1"
 T = TypeVar("T")
 
@@ -35,17 +35,17 @@ def _not_below_zero(value: float) -> float:
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Count = Annotated[int, Field(ge=0)]
 Amount = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
-Error = Annotated[float, AfterValidator(_not_below_zero)]  # of an estimate that diverged it is infinite or not known
+Error = Annotated[float, AfterValidator(_not_below_zero)]  # infinite or NaN for an estimate that diverged
 
 
 def sealed(data: bytes, of: str) -> bytes:
-    """Return bytes followed by the line that names their origin `of` and their digest."""
+    """Return the data with the line that names their origin `of` and their digest; `unsealed` is the inverse."""
     at = len(data) - _footer(data)
     return data[:at] + _mark(of) + hashlib.sha256(data).hexdigest().encode() + b"\n" + data[at:]
 
 
 def unsealed(data: bytes, of: str) -> bytes:
-    """Return the bytes that sealed was given; ValueError if these are not what it returned for the same `of`."""
+    """Return the bytes that `sealed` was given; ValueError if `data` is not a result of `sealed` for the same `of`."""
     mark, footer = _mark(of), _footer(data)
     end = len(data) - footer
     at = max(end - len(mark) - _HEX - 1, 0)
@@ -62,36 +62,36 @@ def _mark(of: str) -> bytes:
 
 
 def _footer(data: bytes) -> int:
-    """Return the length of a Parquet file's footer; 0 of other files."""
+    """Return the length of a Parquet file's footer [bytes]; 0 for other files."""
     length = int.from_bytes(data[-8:-4], "little") + 8 if data.endswith(_PARQUET) else 0
     return length if length <= len(data) else 0
 
 
 def in_folder(path: Path) -> str:
-    """Return a kept file's origin: its name with its folder's, which has the digest of a scenario."""
+    """Return a kept file's origin: its name with its folder's name, which has the digest of a scenario."""
     return f"{path.parent.name}/{path.name}"
 
 
 def keep(path: Path, data: bytes, of: str, sync: bool = True) -> None:
     """Write bytes with their digest, whole or not at all.
 
-    `of` says what they are of, so that a file under another's name is not taken for it. `sync` is write_bytes'.
-    InputError if it cannot be written.
+    `of` is the origin of the bytes, so that a file renamed to another's name is noticed. `sync` is as in write_bytes.
+    InputError if the file cannot be written.
     """
     write_bytes(path, sealed(data, of), sync)
 
 
 def kept(path: Path, of: str, read: Callable[[bytes], T], then: str = "flown again") -> T | None:
-    """Return the content of a file; None if there is none, and a warning of one line if it is damaged.
+    """Return the content of a kept file; None if there is no file; None and a warning of one line if it is damaged.
 
-    `of` is what keep was told. `read` makes the content of the bytes that keep was given; whatever it raises is damage.
-    `then` says in words what is done about damage.
+    `of` is the origin given to keep. `read` makes the content from the bytes that keep was given; any exception that it
+    raises counts as damage. `then` ends the warning and says in words what is done about damage.
     """
     if not exists(path):
         return None
     try:
         return read(unsealed(read_bytes(path, LARGEST), of))
-    except Exception as error:  # pyarrow, h5py, zipfile and pydantic raise a dozen kinds
+    except Exception as error:  # pyarrow, h5py, zipfile and pydantic raise a dozen kinds of errors
         _LOG.warning("%s: %s: %s", path, reason_of(error).removeprefix(f"{path}: "), then)
         return None
 
@@ -102,7 +102,7 @@ def keep_json(path: Path, value: Any, of: str) -> None:
 
 
 def kept_json(path: Path, kind: Any, of: str) -> Any:
-    """Return a value read from a kept file, checked against its type's annotated ranges; None as for kept."""
+    """Return a value of type `kind` from a kept file, checked against the type's annotated ranges; None as in kept."""
     return kept(path, of, partial(TypeAdapter(kind).validate_json, strict=True))
 
 

@@ -18,7 +18,7 @@ def _known(cause: str) -> str:
 
 @dataclass(frozen=True)
 class Loss:
-    """The end of a lost flight: when [s] and why, one of lost.CAUSES."""
+    """The end of a lost flight: its time [s], and its cause, one of lost.CAUSES."""
 
     time: Amount
     cause: Annotated[str, AfterValidator(_known)]
@@ -26,7 +26,7 @@ class Loss:
 
 @dataclass(frozen=True)
 class FixError:
-    """Median and 95th percentile of a position fix's distance from the truth [m]."""
+    """Median and 95th percentile of the distance of a sensor's position fixes from the truth [m]."""
 
     median: Error
     p95: Error
@@ -34,7 +34,7 @@ class FixError:
 
 @dataclass(frozen=True)
 class Summary:
-    """Figures of a flight, as `ortilo fly --json` writes them; a lost flight's errors are those up to its loss."""
+    """Figures of a flight, as `ortilo fly --json` writes them; a lost flight's errors cover the time up to its loss."""
 
     scenario: str
     """its name."""
@@ -78,10 +78,10 @@ _SUMMARY: Final = TypeAdapter(Summary)
 
 
 def summary_text(summary: Summary) -> str:
-    """Return a summary as read_summary reads it."""
+    """Return a summary as JSON, which read_summary reads."""
     return json.dumps(asdict(summary))
 
 
 def read_summary(text: str | bytes) -> Summary:
-    """Return the summary that summary_text wrote; ValueError if it is none."""
+    """Return the summary that summary_text wrote; ValueError if the text is no such summary."""
     return _SUMMARY.validate_json(text, strict=True)

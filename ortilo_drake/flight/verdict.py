@@ -6,14 +6,14 @@ import numpy as np
 import xarray as xr
 
 WITHIN = 3.0  # standard deviations
-DOUBTFUL = 0.8  # a smaller share of angles or rates within 3 sigma is told; the ready-made `rotors` has 0.91
+DOUBTFUL = 0.8  # a smaller share of angles or rates within 3 sigma is reported; the ready-made `rotors` has 0.91
 
 
 def share_within(flight: xr.Dataset, first: int = 0) -> float:
-    """Return the share of ticks in which three estimated states are within 3 sigma of the truth, each of them [1].
+    """Return the share of ticks in which each of three estimated states is within 3 sigma of the truth [1].
 
-    They are the position, or the states from number `first` on. The first tick is left out, whose estimate is given. A
-    Gaussian error has 0.992.
+    The states are those from index `first` on, by default the position. The first tick is left out: its estimate is
+    given. A Gaussian error has the share 0.992.
     """
     states = slice(first, first + 3)
     error = np.abs(flight["estimate"].values[1:, states] - flight["truth"].values[1:, states])
@@ -24,7 +24,7 @@ def share_within(flight: xr.Dataset, first: int = 0) -> float:
 
 
 def lag_advice(flight: xr.Dataset) -> str | None:
-    """Return the shares of angles and rates within 3 sigma where one is small, and what to read; for lagging rotors."""
+    """Return the shares of angles and rates within 3 sigma and what to read, for lagging rotors; None if not small."""
     angles, rates = share_within(flight, 3), share_within(flight, 9)
     if not min(angles, rates) < DOUBTFUL:
         return None
@@ -35,13 +35,13 @@ def lag_advice(flight: xr.Dataset) -> str | None:
 
 
 def rms_error(flight: xr.Dataset) -> float:
-    """Return the root of the mean squared distance of the estimated from the true position [m]."""
+    """Return the root mean square distance between the estimated and the true position [m]."""
     error = flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]
     return float(np.sqrt(np.nanmean(np.sum(error**2, axis=1))))
 
 
 def ending(flight: xr.Dataset) -> str:
-    """Return how a flight ended: lost, at its end, or after the `seconds` that its scenario asks for."""
+    """Return how a flight ended: lost, at its end, or cut short by the scenario's `seconds`."""
     if lost := json.loads(flight.attrs["lost"]):
         return f"lost at {lost['time']:.1f} s: {lost['cause']}"
     seconds = json.loads(flight.attrs.get("scenario", "{}")).get("seconds")
@@ -49,7 +49,7 @@ def ending(flight: xr.Dataset) -> str:
 
 
 def verdict(flight: xr.Dataset) -> str:
-    """Return a verdict on a flight, for a reader who has seen nothing of it yet."""
+    """Return a verdict on a flight, in a sentence for a reader who knows nothing of the flight yet."""
     end, error, share = ending(flight), 100.0 * rms_error(flight), share_within(flight)
     seconds = float(flight["time"].values[-1])
     at = "in" if end.startswith("reached") else "at"

@@ -1,8 +1,8 @@
-"""Worker processes on this machine, which nobody but the process that started them can reach.
+"""Worker processes on this machine; only the process that started them can reach them.
 
-Dask runs whatever is sent to it, and any user of the machine can connect to a port on loopback. So every connection
-of a cluster is TLS in both directions, under a certificate that is made for it and known to its own processes alone,
-and no process serves HTTP. It needs Dask: import it where processes are started.
+Dask runs any code that is sent to it, and any user of the machine can connect to a port on loopback. So every
+connection of a cluster uses TLS with authentication on both sides. The certificate is made for this cluster, and only
+its own processes know it. No process serves HTTP. This module imports Dask: import it only where processes start.
 """
 
 import logging
@@ -20,9 +20,9 @@ LOOPBACK = "127.0.0.1"
 
 
 def start_cluster(workers: int) -> SpecCluster:
-    """Return a cluster of that many processes on this machine; its context manager ends them.
+    """Return a cluster of `workers` processes on this machine; its context manager ends them.
 
-    InputError if a process ends while it starts, and one does so at a second try, too.
+    InputError if a process ends while it starts, at the first and at a second try.
     """
     try:
         return _start_cluster(workers)
@@ -50,14 +50,14 @@ def _start_cluster(workers: int) -> SpecCluster:
         )
 
 
-_SILENT = logging.CRITICAL  # a worker that dies is replaced, and the error of a job that fails for good is raised here
+_SILENT = logging.CRITICAL  # a dead worker is replaced; the error of a job that fails for good is raised here
 
 
 @contextmanager
 def _without_ctrl_c() -> Iterator[None]:
-    """Block Ctrl-C while processes and threads start; they inherit that, so that none prints a traceback on Ctrl-C.
+    """Block Ctrl-C while processes and threads start; they inherit the block, so none prints a traceback on Ctrl-C.
 
-    This thread alone handles Ctrl-C and ends them. One that comes meanwhile is handled at the end.
+    This thread alone handles Ctrl-C and ends them. It handles a Ctrl-C that comes meanwhile at the end.
     """
     resource_tracker.ensure_running()  # started later, it would unblock Ctrl-C
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -68,7 +68,7 @@ def _without_ctrl_c() -> Iterator[None]:
 
 
 class _WithoutHttp:
-    """Keeps a process of Dask's from serving HTTP: it would, even without a dashboard, and without TLS."""
+    """A mixin that keeps a Dask process from serving HTTP, which Dask does without TLS, even without a dashboard."""
 
     def start_http_server(self, *_: Any, **__: Any) -> None:
         """Start nothing."""
@@ -83,7 +83,7 @@ class _Worker(_WithoutHttp, Worker):
 
 
 class _Nanny(Nanny):
-    """Starts a worker process and replaces it when it dies."""
+    """A process that starts a worker process and replaces it when it dies."""
 
     def __init__(self, *arguments: Any, **options: Any):
         super().__init__(*arguments, worker_class=_Worker, **options)

@@ -1,4 +1,4 @@
-"""The program's identity: a digest of its sources, by which flights are told apart and workers are checked."""
+"""The program's identity: a digest of its sources, which tells flights apart and checks workers."""
 
 import hashlib
 from functools import cache

@@ -1,7 +1,7 @@
-"""Workers of a Dask scheduler that runs already, on this machine or on others: `ortilo --scheduler ADDRESS ...`.
+"""Workers of a Dask scheduler that already runs, on this machine or another: `ortilo --scheduler ADDRESS ...`.
 
-Dask runs whatever its client sends. So beyond loopback only TLS will do, with the certificates of Dask's own
-configuration (distributed.comm.tls), and the workers must have this very program: other sources fly other flights.
+Dask runs any code that its client sends. So addresses beyond loopback must use TLS, with the certificates of Dask's own
+configuration (distributed.comm.tls). The workers must have this very program: other sources fly other flights.
 """
 
 import asyncio
@@ -20,26 +20,27 @@ from ortilo_drake.model.optional import check_installed, later
 
 distributed = later("distributed")
 
-ANSWERS_WITHIN: Final = 10.0  # of a scheduler, and of its first worker [s]
+ANSWERS_WITHIN: Final = 10.0  # longest wait for a scheduler's answer, and for its first worker [s]
 
 _remote: ContextVar[tuple[str, Any] | None] = ContextVar("scheduler", default=None)
 
 
 def remote_client() -> Any:
-    """Return the client of the scheduler that this context is in; None outside of on_scheduler."""
+    """Return the client of the scheduler that the enclosing on_scheduler connected to; None outside of on_scheduler."""
     found = _remote.get()
     return None if found is None else found[1]
 
 
 @contextmanager
 def on_scheduler(address: str) -> Iterator[None]:
-    """In this context, run_all runs its tasks on a scheduler's workers, at tcp://127.0.0.1:8786 or tls://10.0.0.5:8786.
+    """Have run_all, within this context, run its jobs on the workers of the scheduler at an address.
 
-    InputError if it is no such address, nobody answers, there is no worker, or one has another program.
+    Addresses look like tcp://127.0.0.1:8786 or tls://10.0.0.5:8786. InputError if the address is invalid, the scheduler
+    does not answer or has no worker, or a worker has another program.
     """
     check_address(address)
     check_installed("distributed", "workers")
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it logs of a lost scheduler is told in a line
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # a lost scheduler gets one line, from `gone`
     try:
         client = distributed.Client(address, timeout=ANSWERS_WITHIN)
     except (OSError, ValueError, TypeError, RuntimeError) as error:
@@ -58,7 +59,7 @@ def on_scheduler(address: str) -> Iterator[None]:
 
 @contextmanager
 def gone() -> Iterator[None]:
-    """Say in a line that the scheduler went away, where it does."""
+    """Turn the errors of a scheduler that went away into an InputError of one line."""
     try:
         yield
     except (CancelledError, asyncio.CancelledError, distributed.comm.core.CommClosedError, TimeoutError) as error:
@@ -69,7 +70,7 @@ def gone() -> Iterator[None]:
 
 
 def check_address(address: str) -> None:
-    """Refuse an invalid address of a scheduler, and one beyond loopback without TLS; see on_scheduler."""
+    """Refuse an invalid scheduler address, and an address beyond loopback without TLS; see on_scheduler."""
     scheme, _, rest = address.partition("://")
     host, _, port = rest.rpartition(":")
     if scheme not in ("tcp", "tls") or not host or not is_port(port):

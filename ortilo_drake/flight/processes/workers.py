@@ -1,4 +1,4 @@
-"""Work for worker processes on this machine; how they are started: cluster.py."""
+"""Jobs for worker processes on this machine or on a scheduler's; cluster.py starts the processes."""
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -17,7 +17,7 @@ distributed = later("distributed")
 
 
 class _Shared:
-    """The worker processes that all calls of run_all within kept_workers use."""
+    """The worker processes that all calls of run_all within kept_workers share."""
 
     def __init__(self, stack: ExitStack):
         self.stack = stack
@@ -29,7 +29,7 @@ _shared: ContextVar[_Shared | None] = ContextVar("shared workers", default=None)
 
 @contextmanager
 def kept_workers() -> Iterator[None]:
-    """Keep the processes that the first call of run_all starts for all calls in this context: a start takes seconds."""
+    """Keep the processes that the first run_all in this context starts, for all later calls: a start takes seconds."""
     with ExitStack() as stack:
         token = _shared.set(_Shared(stack))
         try:
@@ -44,13 +44,13 @@ def run_all(
     workers: int,
     take: Callable[[int, Any], None] = lambda number, result: None,
 ) -> None:
-    """Call a function once for each job, on that many processes; a worker that dies is replaced and its job done again.
+    """Call a function once for each job, on `workers` processes; a dead worker is replaced and its job done again.
 
-    Within scheduler.on_scheduler its workers do it, however many there are. The function is importable; its arguments,
-    the jobs, and its result are plain data. One worker works in this process, as any number does where Dask, the extra
-    `workers`, is not installed. `take` is called here with each job's number and result as it comes in, in any order.
-    InputError if the script that runs would start processes again in each of them, a scheduler goes away, or processes
-    are killed while they start or whenever they do a job.
+    Within scheduler.on_scheduler all workers of that scheduler do the jobs. The function is importable; each job, a
+    tuple of its arguments, and the result are plain data. With `workers` = 1, or without Dask (the extra `workers`),
+    the jobs run in this process. `take` is called in this process with the number and result of each job as it ends, in
+    any order. InputError if each process would run the calling script again, if a scheduler goes away, or if processes
+    are killed while they start or at every try of a job.
     """
     if workers < 1:
         raise InputError(f"workers: {workers}: must be 1 or more")
@@ -88,9 +88,10 @@ def _submit(
 
 
 def _refuse_unguarded_script(workers: int) -> None:
-    """Refuse to start processes from a script that each of them, importing it, would run again.
+    """Refuse to start processes from a script that each process would run again when it imports the script.
 
-    A guard is looked for in its text; a call outside of it is met in the process that imports the script.
+    A guard `__main__` is searched in the text of the script. A call outside the guard is noticed in the process that
+    imports the script.
     """
     script = getattr(sys.modules["__main__"], "__file__", None)
     imported_again = getattr(current_process(), "_inheriting", False)
@@ -102,7 +103,7 @@ def _refuse_unguarded_script(workers: int) -> None:
 
 
 def _text(script: str) -> str:
-    """Return the text of a script; that of a guard if there is none to read, as of a notebook's or of <stdin>."""
+    """Return the text of a script; the text of a guard if no file can be read, as for a notebook or <stdin>."""
     try:
         return Path(script).read_text(encoding="utf-8", errors="replace")
     except OSError:
@@ -110,15 +111,15 @@ def _text(script: str) -> str:
 
 
 def _with_plugins(files: tuple[str, ...], function: Callable[..., Any], *job: Any) -> Any:
-    """Call a function in a worker that knows the parts which those files register."""
+    """Load the plugin files, which register parts, in this worker; then call the function."""
     for file in files:
         load_plugin(file)
     return function(*job)
 
 
 def _connect(workers: int, needed: int, stack: ExitStack) -> Any:
-    """Return a client of the workers kept, started here if there are none; else of new ones, ended with the stack."""
-    from ortilo_drake.flight.processes import cluster  # it imports Dask
+    """Return a client of the kept workers, started if there are none; outside kept_workers of workers of the stack."""
+    from ortilo_drake.flight.processes import cluster  # imported here, for it imports Dask
 
     shared = _shared.get()
     if shared is None:
