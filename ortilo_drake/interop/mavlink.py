@@ -1,19 +1,19 @@
-"""The onboard estimate as MAVLink 2 messages, so that a PX4 could fly on it.
+"""The onboard estimate as MAVLink 2 messages, so that a PX4 could fly with it.
 
-MAVLink's frames are N (north, east, down) for the earth and F (forward, right, down) for the body, ours W (east, north,
-up) and B (forward, left, up):
+MAVLink's frames are N (north, east, down) for the earth and F (forward, right, down) for the body. Our frames are W
+(east, north, up) and B (forward, left, up):
 
     p_N = T p_W,  R_NF = T R_WB F,  T = [0 1 0; 1 0 0; 0 0 -1],  F = diag(1, -1, -1),
     roll, pitch, yaw of R_NF = phi, -theta, pi/2 - psi.
 
 ODOMETRY (#331) carries the pose in MAV_FRAME_LOCAL_NED and the twist in MAV_FRAME_BODY_FRD. PX4 (mavlink_receiver.cpp,
-VehicleOdometry.msg) takes that for external vision if the estimator's type is VISION or VIO; it uses the variances and
-not the correlations, the orientation's as those of a rotation vector in the body. VISION_POSITION_ESTIMATE (#102)
-carries the pose with Euler angles and their covariance. Covariances are propagated to first order.
-SET_ATTITUDE_TARGET (#82) asks for an attitude of F in N and a thrust, 0 to 1 of the largest; PX4 follows it in its
-offboard mode, and does what it is set to do (COM_OBL_RC_ACT) when the messages stop.
+VehicleOdometry.msg) treats the message as external vision if the estimator's type is VISION or VIO. PX4 uses the
+variances, not the correlations; it takes the variances of the orientation for those of a rotation vector in the body.
+VISION_POSITION_ESTIMATE (#102) carries the pose with Euler angles and their covariance. Covariances are propagated to
+first order. SET_ATTITUDE_TARGET (#82) demands an attitude of F in N and a thrust, 0 to 1 of the largest. PX4 follows
+the demand in its offboard mode; when the messages stop, it does what its parameter COM_OBL_RC_ACT says.
 
-The functions return the messages' fields by MAVLink's names and need no package.
+The functions return the fields of messages by their MAVLink names and need no package.
 """
 
 import math
@@ -31,16 +31,16 @@ from ortilo_drake.model.signals import N_X, N_XBAR
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.tight.inertial import quaternion_of
 
-DEFAULT_URL = "udpout:127.0.0.1:14580"  # a simulated PX4 listens there for a companion computer
+DEFAULT_URL = "udpout:127.0.0.1:14580"  # the port on which a simulated PX4 listens for a companion computer
 MAV_FRAME_LOCAL_NED = 1
 MAV_FRAME_BODY_FRD = 12
 MAV_ESTIMATOR_TYPE_VIO = 3
-ATTITUDE_ALONE = 7  # type_mask: body rates are to be ignored
-MOST_THRUST = 0.9  # of the largest that is ever asked for
+ATTITUDE_ALONE = 7  # type_mask: PX4 must ignore the body rates
+MOST_THRUST = 0.9  # upper limit of the thrust demanded, as a share of the largest thrust
 COMPONENT = 197  # MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
-TEXT = 50  # bytes of a STATUSTEXT
-CRITICAL, WARNING, NOTICE = 2, 4, 5  # of MAV_SEVERITY
-WAIT = 0.2  # for a packet [s]
+TEXT = 50  # length of a STATUSTEXT [bytes]
+CRITICAL, WARNING, NOTICE = 2, 4, 5  # values of MAV_SEVERITY
+WAIT = 0.2  # longest wait for a packet [s]
 
 T = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 F = np.diag([1.0, -1.0, -1.0])
@@ -48,19 +48,19 @@ _UPPER = np.triu_indices(6)
 
 
 def euler_ned(rpy: np.ndarray) -> np.ndarray:
-    """Return roll, pitch, yaw of F in N, yaw in (-pi, pi], from those of B in W (3)."""
+    """Return roll, pitch, yaw of F in N (3) [rad], yaw in (-pi, pi], from roll, pitch, yaw of B in W (3) [rad]."""
     yaw = math.pi / 2.0 - rpy[2]
     return np.array([rpy[0], -rpy[1], math.pi - (math.pi - yaw) % (2.0 * math.pi)])
 
 
 def quaternion_ned(rpy: np.ndarray) -> np.ndarray:
-    """Return q_NF = (w, x, y, z), w >= 0, from roll, pitch, yaw of F in N."""
+    """Return q_NF = (w, x, y, z), w >= 0, from roll, pitch, yaw of F in N (3) [rad]."""
     q = quaternion_of(rpy)
     return q if q[0] >= 0.0 else -q
 
 
 def odometry_jacobian(x: np.ndarray) -> np.ndarray:
-    """Return d[p_N, r, v_F, w_F] / dx (12 x 12) at x (12), r the rotation vector in F of a small turn of the body.
+    """Return d[p_N, r, v_F, w_F] / dx (12 x 12) at x (12); r is the rotation vector in F of a small turn of the body.
 
     With v_B = R_WB^T v_W and r_B = E drpy:  dv_B = R_WB^T dv_W + [v_B]x r_B,  dw_B = E drpy_dot + dE rpy_dot.
     """
@@ -81,7 +81,7 @@ def odometry_jacobian(x: np.ndarray) -> np.ndarray:
 
 
 def upper_triangle(C: np.ndarray) -> list[float]:
-    """Return a symmetric C (6 x 6) as MAVLink has it: the 21 entries of its upper right triangle, row by row."""
+    """Return a symmetric C (6 x 6) in MAVLink's form: the 21 entries of the upper right triangle, row by row."""
     return [float(value) for value in C[_UPPER]]
 
 
@@ -92,10 +92,10 @@ def odometry_fields(
 
     Args:
         t: time of the estimate [s].
-        estimate: xhat (15), of which the integrals are not sent.
+        estimate: xhat (15); its integrals are not sent.
         covariance: P (15 x 15, or flat, 225).
-        reset_counter: how often the estimate was started anew; sent modulo 256.
-        quality: in percent, 0 if not known, -1 if the estimate failed.
+        reset_counter: how often the estimate was restarted; sent modulo 256.
+        quality: quality of the estimate [%]; 0 if not known, -1 if the estimate failed.
     """
     x, P = estimate[:N_X], covariance.reshape(N_XBAR, N_XBAR)[:N_X, :N_X]
     p_N, q = T @ x[0:3], quaternion_ned(euler_ned(x[3:6]))
@@ -119,7 +119,7 @@ def odometry_fields(
 
 
 def vision_fields(t: float, estimate: np.ndarray, covariance: np.ndarray, reset_counter: int = 0) -> dict[str, Any]:
-    """Return the fields of VISION_POSITION_ESTIMATE. Arguments as odometry_fields."""
+    """Return the fields of VISION_POSITION_ESTIMATE. Arguments as in odometry_fields."""
     P = covariance.reshape(N_XBAR, N_XBAR)[0:6, 0:6]
     J = np.zeros((6, 6))
     J[0:3, 0:3], J[3:6, 3:6] = T, F
@@ -136,8 +136,11 @@ def vision_fields(t: float, estimate: np.ndarray, covariance: np.ndarray, reset_
 def attitude_target_fields(t: float, rpy: np.ndarray, thrust: float, target: int = 1) -> dict[str, Any]:
     """Return the fields of SET_ATTITUDE_TARGET.
 
-    It is t after the start [s]. Roll, pitch and yaw of B in W are asked for (3) [rad], and a thrust as share of the
-    largest, sent within 0 and MOST_THRUST. The target is the autopilot's system id.
+    Args:
+        t: time since the start [s].
+        rpy: demanded roll, pitch, yaw of B in W (3) [rad].
+        thrust: demanded share of the largest thrust; sent limited to 0 ... MOST_THRUST.
+        target: the autopilot's system id.
     """
     return {
         "time_boot_ms": round(t * 1e3) % 2**32,
@@ -153,7 +156,7 @@ def attitude_target_fields(t: float, rpy: np.ndarray, thrust: float, target: int
 
 
 def udp_address(url: str) -> tuple[str, int]:
-    """Return host and port of 'udpout:HOST:PORT'; InputError if it is anything else."""
+    """Return the IPv4 address and port of 'udpout:HOST:PORT'; InputError if the url has another form or no host."""
     kind, _, rest = url.partition(":")
     host, _, port = rest.rpartition(":")
     if kind != "udpout" or not host or not is_port(port):
@@ -166,13 +169,13 @@ def udp_address(url: str) -> tuple[str, int]:
 
 
 class MavlinkBridge:
-    """Sends estimates to a flight controller over UDP.
+    """A sender of estimates to a flight controller over UDP.
 
     InputError if the url is wrong or pymavlink is not installed.
 
     Args:
-        url: where to, 'udpout:HOST:PORT'; this machine by default.
-        system: the vehicle's MAVLink system id, MAV_SYS_ID of a PX4: of the sender, and whom setpoints are for.
+        url: the destination, 'udpout:HOST:PORT'; this machine by default.
+        system: the vehicle's MAVLink system id, MAV_SYS_ID of a PX4: both of the sender and of setpoints' target.
         component: the sender's MAVLink component id.
     """
 
@@ -186,44 +189,44 @@ class MavlinkBridge:
         )
         self._socket, self._sending = socket.socket(socket.AF_INET, socket.SOCK_DGRAM), threading.Lock()
         self._socket.settimeout(WAIT)
-        self._texts = 0  # of several parts, so far
+        self._texts = 0  # id of the last text sent in several parts
 
     def send(self, t: float, estimate: np.ndarray, covariance: np.ndarray, reset_counter: int = 0) -> None:
-        """Send ODOMETRY. Arguments as odometry_fields."""
+        """Send ODOMETRY. Arguments as in odometry_fields."""
         self._send(self._mavlink.odometry_encode(**odometry_fields(t, estimate, covariance, reset_counter)))
 
     def send_vision(self, t: float, estimate: np.ndarray, covariance: np.ndarray, reset_counter: int = 0) -> None:
-        """Send VISION_POSITION_ESTIMATE, for a controller that takes no ODOMETRY. Arguments as odometry_fields."""
+        """Send VISION_POSITION_ESTIMATE, for a controller that reads no ODOMETRY. Arguments as in odometry_fields."""
         fields = vision_fields(t, estimate, covariance, reset_counter)
         self._send(self._mavlink.vision_position_estimate_encode(**fields))
 
     def send_attitude(self, t: float, rpy: np.ndarray, thrust: float) -> None:
-        """Send SET_ATTITUDE_TARGET. Arguments as attitude_target_fields."""
+        """Send SET_ATTITUDE_TARGET. Arguments as in attitude_target_fields."""
         self._send(self._mavlink.set_attitude_target_encode(**attitude_target_fields(t, rpy, thrust, self._system)))
 
     def send_heartbeat(self) -> None:
-        """Send HEARTBEAT, as every MAVLink component does once a second."""
+        """Send one HEARTBEAT; every MAVLink component sends one each second."""
         self._send(self._heartbeat)
 
     def send_text(self, line: str, severity: int = WARNING) -> None:
-        """Send a line as STATUSTEXT of a severity, which ground stations show, in parts of 50 bytes."""
+        """Send a line as STATUSTEXT, which ground stations show, with a severity, in parts of 50 bytes."""
         text = (
             line.replace("°", " deg").replace("²", "2").encode("ascii", "replace")
-        )  # a part may end within a character
-        parts = [text[i : i + TEXT] for i in range(0, len(text) + (len(text) > TEXT), TEXT)]  # one of 50 goes on
+        )  # ASCII: a part may end within a character of several bytes
+        parts = [text[i : i + TEXT] for i in range(0, len(text) + (len(text) > TEXT), TEXT)]  # a part below 50 is last
         self._texts = self._texts % 65535 + 1 if len(parts) > 1 else self._texts
         for i, part in enumerate(parts):
             self._send(self._mavlink.statustext_encode(severity, part, self._texts if len(parts) > 1 else 0, i))
 
     def send_timesync(self, now: int, asked: int) -> None:
-        """Send the answer to a TIMESYNC: the own clock [ns], and the asker's as it came."""
+        """Send the answer to a TIMESYNC: `now` of the own clock [ns], and `asked`, the unchanged ts1 of the request."""
         self._send(self._mavlink.timesync_encode(now, asked))
 
     def receive(self) -> bytes | None:
-        """Return a packet that came from where this sends to; None if there is none within WAIT."""
+        """Return a packet from the address that this sends to; None if none comes within WAIT."""
         try:
             packet, sender = self._socket.recvfrom(2048)
-        except OSError:  # none came, or nobody listens there
+        except OSError:  # no packet came, or nobody listens at the address
             return None
         return packet if sender == self._address else None
 
@@ -232,7 +235,7 @@ class MavlinkBridge:
         self._socket.close()
 
     def _send(self, message: Any) -> None:
-        with self._sending:  # TIMESYNC is answered by another thread
+        with self._sending:  # another thread answers TIMESYNC
             packet = message.pack(self._mavlink)
             self._mavlink.seq = (self._mavlink.seq + 1) % 256
             self._socket.sendto(packet, self._address)

@@ -1,9 +1,9 @@
-"""The companion's clock for an autopilot: answers to TIMESYNC, so that a PX4 maps the stamps of estimates to its own.
+"""The companion's clock for an autopilot: with the answers to TIMESYNC a PX4 maps stamps of estimates to its own clock.
 
-A request has tc1 = 0 and in ts1 the asker's clock [ns]. The answer gives ts1 back, with the own clock in tc1 (MAVLink,
-time synchronisation protocol). PX4 (Timesync.cpp) asks 10 times a second on a link of mode Onboard, ignores answers
-that took 10 ms or longer, and trusts its offset after 500. Until then, and without answers, it stamps each estimate
-when it comes. So answers need a thread that waits for requests: the bridge's loop sleeps longer than that.
+A request has tc1 = 0 and the asker's clock in ts1 [ns]. The answer returns ts1, with the companion's clock in tc1
+(MAVLink, time synchronisation protocol). PX4 (Timesync.cpp) asks 10 times a second on a link of mode Onboard, ignores
+answers that took 10 ms or longer, and trusts its offset after 500 answers. Until then, and without answers, PX4 stamps
+each estimate on arrival. The bridge's loop sleeps longer than 10 ms, so a thread of its own waits for requests.
 """
 
 import math
@@ -17,18 +17,18 @@ from typing import Final
 
 from ortilo_drake.interop.mavlink import MavlinkBridge
 
-ID: Final = bytes([111, 0, 0])  # TIMESYNC's number as each of its MAVLink 2 packets contains it
-OTHER_CLOCK: Final = 1.0  # stamps that are so far from the companion's clock are of another [s]
-GRACE: Final = 10.0  # so long all stamps must be off: a process that catches up takes in old ones for a while [s]
-BEAT: Final = 1.0  # between two heartbeats [s]; a router learns by them where requests have to go
+ID: Final = bytes([111, 0, 0])  # the message number of TIMESYNC, as in every MAVLink 2 packet of it
+OTHER_CLOCK: Final = 1.0  # a stamp farther than this from the companion's clock comes from another clock [s]
+GRACE: Final = 10.0  # time for which all stamps must be off: a process that catches up reads old ones for a while [s]
+BEAT: Final = 1.0  # period of heartbeats [s]; a router learns from them where to send requests
 
 
 class TimesyncThread:
-    """Sends heartbeats and answers TIMESYNC in a thread of its own, from entering to leaving; clock returns ns.
+    """A thread that sends heartbeats and answers TIMESYNC from entering to leaving; `clock` returns ns.
 
-    An autopilot that maps stamps of another clock by these answers would fuse estimates of years ago: `check_stamp`
-    ends the answers for good when all stamps of GRACE are such ones, and says so. PX4 trusts its offset no earlier than
-    50 s after the first answer.
+    If the stamps come from another clock, an autopilot that maps them with these answers would fuse estimates as if
+    they were years old. So when all stamps within GRACE come from another clock, `check_stamp` ends the answers for
+    good and says so. PX4 trusts its offset no earlier than 50 s after the first answer.
     """
 
     def __init__(self, bridge: MavlinkBridge, say: Callable[[str], None], clock: Callable[[], int] = time.time_ns):
@@ -38,17 +38,17 @@ class TimesyncThread:
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def __enter__(self) -> "TimesyncThread":
-        """Begin."""
+        """Start the thread."""
         self._thread.start()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        """End the thread; the socket is its owner's to close."""
+        """End the thread; the owner of the bridge closes the socket."""
         self._ended.set()
         self._thread.join()
 
     def check_stamp(self, stamp: float) -> None:
-        """Compare a stamp that has just come [s], -inf for none, with the clock that is answered with."""
+        """Compare a stamp that has just come [s], -inf for none, with the clock of the answers."""
         now = 1e-9 * self._clock()
         off = stamp - now
         if not stamp > 0.0:
@@ -65,7 +65,7 @@ class TimesyncThread:
             )
 
     def answer(self, packet: bytes) -> None:
-        """Answer the requests in a packet; whatever else it contains is ignored."""
+        """Answer the TIMESYNC requests in a packet; other messages are ignored."""
         now = self._clock()
         if not self._answers or ID not in packet:
             return

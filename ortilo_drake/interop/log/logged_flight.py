@@ -1,4 +1,4 @@
-"""A flight in this process whose ticks are recorded: in a log, or by a function of the caller's."""
+"""A flight in this process whose ticks are recorded, in a log or by a function of the caller."""
 
 import time
 from collections.abc import Callable
@@ -18,11 +18,11 @@ from ortilo_drake.scenario import Scenario
 def fly_logged(
     scenario: Scenario, log: Path | None, progress: Callable[[int], None] | None = None, also: Record | None = None
 ) -> xr.Dataset:
-    """Fly a scenario as flight.fly does, bit for bit, and write all that crosses between its halves.
+    """Fly a scenario with the same result as flight.fly, bit for bit, and write all signals between the halves.
 
-    The log is a folder, see interop/log/writer.py, of which all that was written before an interruption is readable;
-    None writes none. The progress is told as ticks flown; `also` is called with everything of a tick, as the log's
-    writer is. InputError if the log is there already or cannot be written, or as fly.
+    `log` is a folder, see interop/log/writer.py; None writes no log. After an interruption the ticks written so far are
+    readable. `progress` is called with the number of ticks flown. `also` is called with the same arguments as
+    LogWriter.write_tick. InputError if the log already exists or cannot be written, and as in fly.
     """
     ask, world = in_this_process(scenario), WorldHalf(scenario)
     with LogWriter(log, scenario) if log else nullcontext() as writer:

@@ -1,7 +1,7 @@
-"""The map.yaml beside a log of ours, by which `ortilo replay --map` reads it like anybody's recording.
+"""The map.yaml beside a log of ours, with which `ortilo replay --map` reads the log like any other recording.
 
-It says what the simulator knows: where the anchors are, that sensors and truth have one clock, one frame and one point,
-and the noise that the scenario gave the sensors. A comment beside each number names the setting that it comes from.
+The map says what the simulator knows: the positions of the anchors; that sensors and truth share one clock, one frame
+and one point; and the noise that the scenario gave the sensors. A comment beside each number names its setting.
 """
 
 from collections.abc import Collection
@@ -14,15 +14,15 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.truth import ClockTruth
 
-LEAST = {"range_white": 1e-3, "range_correlated": 1e-3, "acceleration": 1e-3, "rotation": 1e-4}  # a filter needs some
-RANGES = "/uwb/anchor_"  # topics of ranges begin so
+LEAST = {"range_white": 1e-3, "range_correlated": 1e-3, "acceleration": 1e-3, "rotation": 1e-4}  # no noise may be zero
+RANGES = "/uwb/anchor_"  # prefix of the topics of ranges
 
 
 def logged_noise(scenario: Scenario, ranges: np.ndarray) -> dict[str, tuple[float, str]]:
-    """Return the filter's noise that a flown scenario sets, each number with its origin, by FilterSettings' names.
+    """Return the filter noise that follows from a flown scenario, as (number, origin) by the names of FilterSettings.
 
-    Its white noise is that of all ranges of the log (n) [m]. What makes ranges err for a while without a number for it,
-    walls and fields, leaves the filter's own defaults.
+    The white noise is the RMS over all ranges of the log (n) [m]. Where walls or fields cause errors that last, the
+    scenario has no number for them, and the filter keeps its defaults of correlated noise.
     """
     uwb, imu, truth = scenario.uwb, scenario.imu, scenario.truth.uwb
     offset, growth = uwb.sds
@@ -48,10 +48,10 @@ def logged_noise(scenario: Scenario, ranges: np.ndarray) -> dict[str, tuple[floa
 def logged_map(
     scenario: Scenario, room: Room, topics: Collection[str], ranges: np.ndarray, start: tuple[list[float], float] | None
 ) -> str:
-    """Return the map of a log as YAML: empty without ranges or imu.
+    """Return the map of a log as YAML; an empty text for a log without ranges or imu.
 
-    The log has a scenario, its room, all its topics and all its ranges (n) [m]; it starts at a position (3) [m] and
-    heading [rad], None if they are not known.
+    The arguments describe the log: scenario, room, all topics, all ranges (n) [m], and as `start` the first estimate of
+    the position p_WB (3) [m] and heading [rad], None if they are not known.
     """
     heard = [i for i in range(len(room.anchors)) if f"{RANGES}{i}" in topics]
     if not heard or "/imu/data" not in topics:

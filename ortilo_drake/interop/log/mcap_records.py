@@ -1,4 +1,4 @@
-"""The messages of an MCAP file, complete or cut short by a kill."""
+"""The messages of an MCAP file that is complete or that a kill cut short."""
 
 import os
 import struct
@@ -19,12 +19,12 @@ from ortilo_drake.model.typed_yaml import InputError
 
 MAGIC = b"\x89MCAP0\r\n"
 HEAD: Final = struct.Struct("<BQ")  # opcode and length of a record
-DEFINITIONS: Final = 64 * MIB  # of all schemas and channels, which are kept; a hundred types take 1 MiB
+DEFINITIONS: Final = 64 * MIB  # limit of all schemas and channels, which are kept; a hundred types take 1 MiB
 _READ: Final = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.DATA_END)
 
 
 class LoggedMessage(NamedTuple):
-    """One message as it stands in the file."""
+    """One message of the file, with its log time [ns] and its encoded data."""
 
     topic: str
     type_name: str
@@ -33,7 +33,7 @@ class LoggedMessage(NamedTuple):
 
 
 def _unpacked(content: bytes, unpacker: Unpacker) -> bytes:
-    """Return the records of a chunk."""
+    """Return the bytes of a chunk's records, unpacked and checked."""
     chunk = Chunk.read(ReadDataStream(BytesIO(content)))
     packed = chunk.compression != ""
     raw = unpacker.unpack(chunk.compression, chunk.data, "a chunk") if packed else chunk.data
@@ -45,7 +45,7 @@ def _unpacked(content: bytes, unpacker: Unpacker) -> bytes:
 
 
 def _records(path: Path, file: IO[bytes], left: int, in_chunk: bool) -> Iterator[tuple[int, bytes]]:
-    """Yield (opcode, content) of the records in so many bytes, up to DataEnd or to where a file was cut short."""
+    """Yield (opcode, content) of the records in the next `left` bytes; it ends early where a file was cut short."""
     while left > 0:
         head = file.read(HEAD.size)
         opcode, length = HEAD.unpack(head) if len(head) == HEAD.size else (-1, left)
@@ -65,7 +65,7 @@ def _records(path: Path, file: IO[bytes], left: int, in_chunk: bool) -> Iterator
 
 
 def _all_records(path: Path, cut: Callable[[], None]) -> Iterator[tuple[int, bytes]]:
-    """Yield (opcode, content) of schemas, channels and messages, those in chunks included."""
+    """Yield (opcode, content) of schemas, channels and messages, inside and outside of chunks; see read_records."""
     unpacker = Unpacker(path)
     with open_file(path) as file:
         if file.read(len(MAGIC)) != MAGIC:
@@ -82,10 +82,10 @@ def _all_records(path: Path, cut: Callable[[], None]) -> Iterator[tuple[int, byt
 
 
 def read_records(path: Path, cut: Callable[[], None] = lambda: None) -> Iterator[Schema | Channel | Message]:
-    """Yield schemas, channels and messages of an MCAP file in the order they were written.
+    """Yield the schemas, channels and messages of an MCAP file in the order in which they were written.
 
-    It may end anywhere; `cut` is called behind the last record of one that was cut short. InputError if the file cannot
-    be read, is no MCAP, is damaged before its end, or holds or unpacks to more than the limits of interop/unpack.py.
+    The file may end anywhere: `cut` is called after the last record of a file that was cut short. InputError if the
+    file cannot be read, is no MCAP file, is damaged before its end, or exceeds a limit of interop/unpack.py.
     """
     definitions = 0
     try:
@@ -107,7 +107,7 @@ def read_records(path: Path, cut: Callable[[], None] = lambda: None) -> Iterator
 
 
 def read_logged(path: Path, wanted: Callable[[str], bool]) -> Iterator[LoggedMessage]:
-    """Yield the messages of wanted topics of an MCAP file, in the order they were written; errors as read_records."""
+    """Yield the messages of the wanted topics of an MCAP file in the order of the file; errors as in read_records."""
     schemas: dict[int, str] = {}
     channels: dict[int, tuple[str, str]] = {}
     for record in read_records(path):

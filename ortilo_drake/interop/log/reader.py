@@ -1,4 +1,4 @@
-"""Reading a log back: as the Dataset of the flight, and tick by tick for a replay."""
+"""Reading a log back: as the Dataset of its flight, or tick by tick for a replay."""
 
 import json
 from collections.abc import Iterable, Iterator
@@ -23,12 +23,12 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.scenario import scenario_from_json
 
-TICK_LIMIT: Final = 64 * MIB  # of the messages of a tick: a picture of 4K takes 33
-MISSING_LIMIT: Final = 256 * MIB  # of ticks that a log leaves out: 50 minutes at 30 Hz
+TICK_LIMIT: Final = 64 * MIB  # limit of the messages of a tick; a 4K picture takes 33 MiB
+MISSING_LIMIT: Final = 256 * MIB  # limit of the rows of ticks missing in a log, 50 minutes at 30 Hz
 
 
 class LoggedTick(NamedTuple):
-    """One tick of a log: k, the true state (12) if it was known, the messages, and the outputs that were recorded."""
+    """One tick of a log: k, the true state x (12) or None if unknown, the messages, and the recorded outputs."""
 
     k: int
     state: np.ndarray | None
@@ -52,7 +52,7 @@ def log_file(path: Path) -> Path:
 
 
 def _description(path: Path) -> dict[str, Any]:
-    """Return the content of /ortilo/scenario: format, software, scenario; InputError if it is not the first message."""
+    """Return the content of /ortilo/scenario: format, software, scenario; InputError if the log begins otherwise."""
     first = next(read_logged(path, lambda topic: True), None)
     if first is None:
         raise InputError(f"{path}: empty or cut off before its scenario")
@@ -62,7 +62,7 @@ def _description(path: Path) -> dict[str, Any]:
         description = json.loads(from_cdr(STRING_TYPE, first.data).data)
         found = description["format"]
         _ = json.loads(description["scenario"]), str(description["software"])
-    except Exception:  # whatever is wrong with a foreign message
+    except Exception:  # a foreign message may be wrong in any way
         raise InputError(f"{path}: not a log of ortilo-drake: does not begin with {SCENARIO_TOPIC}") from None
     if found != FORMAT:
         raise InputError(f"{path}: a log of format {found}, this version reads format {FORMAT}")
@@ -70,16 +70,16 @@ def _description(path: Path) -> dict[str, Any]:
 
 
 def log_scenario(path: Path) -> Scenario:
-    """Return the scenario that a log was flown with; InputError if it is no such log."""
+    """Return the scenario that a log was flown with; InputError if the file is no log of ours."""
     file = log_file(path)
     description = _description(file)
     return scenario_from_json(description["scenario"], description.get("scenario_format"), str(file))
 
 
 def holds_what_was_sent(path: Path) -> bool:
-    """Return whether a log's messages are what a world sent in real time; InputError if it is no log.
+    """Return whether a log holds the messages that a world sent in real time; InputError if it is no log of ours.
 
-    When and whether the onboard half took them is then not known.
+    Such a log does not say whether and when the onboard half received them.
     """
     return _description(log_file(path)).get("messages") == SENT
 
@@ -99,7 +99,7 @@ def _decode(file: Path, message: LoggedMessage) -> tuple[str, np.ndarray]:
 
 
 def _bounded(file: Path, k: int, messages: Iterable[LoggedMessage]) -> Iterator[LoggedMessage]:
-    """Yield a tick's messages; InputError if they are more than a tick can have, as where all have one log time."""
+    """Yield a tick's messages; InputError if they exceed TICK_LIMIT, as where all messages have the same log time."""
     size = 0
     for message in messages:
         size += len(message.data)
@@ -111,7 +111,8 @@ def _bounded(file: Path, k: int, messages: Iterable[LoggedMessage]) -> Iterator[
 def read_ticks(path: Path, images: bool = True) -> Iterator[LoggedTick]:
     """Yield the ticks of a log in order; a log that a kill cut short ends at the cut.
 
-    InputError if there is no such log, or it is not one, or it is damaged, or its log times do not rise.
+    With `images` False the pictures are left out. InputError if there is no such log, if the file is no log of ours or
+    is damaged, or if the log times do not rise.
     """
     file, scenario = log_file(path), log_scenario(path)
     sizes = output_sizes(scenario.measurement)
@@ -130,22 +131,22 @@ def read_ticks(path: Path, images: bool = True) -> Iterator[LoggedTick]:
         signals = dict(_decode(file, message) for message in _bounded(file, k, group))
         state = signals.pop("state", None)
         outputs = {name: signals.pop(name) for name in sizes if name in signals}
-        outputs = {name: value for name, value in outputs.items() if not np.isnan(value).all()}  # NaN: it never came
+        outputs = {name: value for name, value in outputs.items() if not np.isnan(value).all()}  # NaN: never received
         yield LoggedTick(k, state, signals, outputs)
 
 
 def read_messages(path: Path) -> Iterator[tuple[int, Signals, Signals]]:
-    """Yield (k, messages, outputs) of every tick: what the onboard half took and what it answered; see read_ticks."""
+    """Yield (k, messages to the onboard half, its outputs) of every tick; see read_ticks."""
     for tick in read_ticks(path):
         yield tick.k, tick.messages, tick.outputs
 
 
 def read_log(path: Path) -> xr.Dataset:
-    """Return a log as the Dataset that flight.fly returns of the same flight, but for `player` and `real_time_factor`.
+    """Return a log as the Dataset of flight.fly for the same flight, without `player` and `real_time_factor`.
 
-    A log that a kill cut short gives the ticks before the cut. Ticks that are not in the log are NaN; so is the truth
-    in the log of an onboard half, which does not know it. A loss is found from the true states that are there.
-    InputError as read_ticks; also if there is no tick, or its flight would fill the memory.
+    A log that a kill cut short gives the ticks before the cut. Ticks that the log lacks are NaN. The truth is NaN in
+    the log of an onboard half, which does not know it. A loss is found from the true states in the log. InputError as
+    in read_ticks; also if the log has no tick, or its flight would fill the memory.
     """
     file = log_file(path)
     description, scenario = _description(file), log_scenario(file)
@@ -157,7 +158,7 @@ def read_log(path: Path) -> xr.Dataset:
             if value.shape != (sizes[name],):
                 raise InputError(f"{file}: {SIGNAL_PREFIX}{name}: has {value.size} numbers, not {sizes[name]}")
         ticks.append((tick.k, signals))
-        # A flight may fill the memory, with its own ticks or with those that its log times leave out.
+        # A flight may fill the memory, with its ticks or with ticks missing between its log times.
         row, missing = 8 * sum(sizes.values()), tick.k + 1 - len(ticks)
         if (tick.k + 1) * row > LARGEST or missing * row > MISSING_LIMIT:
             most = f"{LARGEST / MIB:g} MiB, {MISSING_LIMIT / MIB:g} of them of missing ticks"

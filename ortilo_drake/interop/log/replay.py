@@ -1,8 +1,8 @@
-"""Replay: the onboard half flies again on a recorded world.
+"""Replay: the onboard half flies again with the messages of a recorded world.
 
-The log must hold what the half took in each tick. So it is the half's own log of any flight, or the world's log of a
-flight in lockstep. A half that joined a flight from a checkpoint starts from the estimate and covariance in the log.
-A filter that replays late measurements has more state than that; such a log is refused.
+The log must hold the messages that the onboard half received in each tick. Such a log is the half's own log of any
+flight, or the world's log of a flight in lockstep. If the half joined a flight from a checkpoint, the replay starts
+from the estimate and covariance in the log. A filter that replays late measurements has more state; its log is refused.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from ortilo_drake.model.typed_yaml import InputError
 
 @dataclass(frozen=True)
 class ReplayReport:
-    """A replay beside its log."""
+    """A comparison of a replay with its log."""
 
     ticks: int
     """how many."""
@@ -38,18 +38,18 @@ class ReplayReport:
 
 
 def path_through(t: float, reference: np.ndarray) -> PiecewisePolynomial:
-    """Return a path that at t [s] has exactly the values of a reference [r, r_dot, r_ddot] (9)."""
+    """Return a path p_WB that has exactly the values of a reference [r, r_dot, r_ddot] (9) at the time t [s]."""
     coefficients = np.column_stack((reference[0:3], reference[3:6], reference[6:9] / 2.0))
     return PiecewisePolynomial([np.array([[Polynomial(c)] for c in coefficients])], [t, t + 1.0])
 
 
 def replay_log(log: Path) -> ReplayReport:
-    """Drive an onboard half from a log's messages; compare its outputs with those in the log.
+    """Drive an onboard half with the messages of a log; compare its outputs with the logged outputs.
 
-    When the path to a goal was ready depended on wall time. So from the first goal on the reference is taken from the
-    log, and from the first tick on if the half joined a flight on another path than the scenario's. An output that was
-    not recorded is not compared. InputError if the log cannot be read, is empty, or its scenario does not fly; if it is
-    a world's log of a flight in real time, or the log of a half whose state at its first tick is not in it.
+    The time at which the path to a goal was ready depended on wall time. So the reference comes from the log from the
+    first goal on, or from the first tick on if the half joined a flight on another path than the scenario's. Outputs
+    that were not recorded are not compared. InputError if the log cannot be read or is empty, if its scenario does not
+    fly, if it is a world's log of a flight in real time, or if it lacks the state of the half at its first tick.
     """
     if holds_what_was_sent(log):
         raise InputError(
@@ -60,7 +60,7 @@ def replay_log(log: Path) -> ReplayReport:
     start = next(known, None)
     if start is None:
         raise InputError(f"{log}: cut off before its first tick")
-    # In real time the detector runs beside the logged half, which takes its boxes and not the pictures.
+    # In real time the detector runs in another process: the logged half received boxes, not pictures.
     scenario = log_scenario(log)
     beside = scenario.is_rendered and (
         start.k > 0 or any("detections" in tick.messages for tick in chain([start], known))
@@ -92,7 +92,7 @@ def replay_log(log: Path) -> ReplayReport:
 
 
 def _join(onboard: OnboardHalf, start: LoggedTick, log: Path) -> bool:
-    """Have a half join a flight at a tick; return whether its state there had to be taken from the log."""
+    """Have an onboard half join a flight at a tick; return whether the half's state had to come from the log."""
     onboard.resume(start.k, None, np.inf)
     found = onboard.outputs()
     state = [name for name in ("estimate", "covariance") if name in start.outputs]
@@ -110,6 +110,6 @@ def _join(onboard: OnboardHalf, start: LoggedTick, log: Path) -> bool:
 
 
 def _is_elsewhere(onboard: OnboardHalf, start: LoggedTick) -> bool:
-    """Return whether the recorded reference is off the scenario's path."""
+    """Return whether the recorded reference differs from the scenario's path."""
     planned = onboard.outputs()["reference"]
     return not np.array_equal(start.outputs.get("reference", planned), planned)

@@ -1,4 +1,4 @@
-"""Writing a flight, tick by tick, as a rosbag2 folder of one MCAP file."""
+"""Writing a flight tick by tick, as a rosbag2 folder with one MCAP file."""
 
 import json
 from pathlib import Path
@@ -23,7 +23,7 @@ _NO_TIME = {"sec": 0, "nsec": 0}
 
 
 def quality_of_service(topic: str) -> list[dict[str, Any]]:
-    """Return the quality of service a topic is offered with: reliable, and kept for latecomers if it is sent once."""
+    """Return a topic's quality of service: reliable, and transient local (kept for later readers) if sent only once."""
     return [
         {
             "history": "keep_last",
@@ -40,7 +40,7 @@ def quality_of_service(topic: str) -> list[dict[str, Any]]:
 
 
 def bag_metadata(file: str, topics: dict[str, str], counts: dict[str, int], end: int) -> str:
-    """Return metadata.yaml of a rosbag2 folder, version 9 (ROS 2 Jazzy), of messages from 0 to the time `end` [ns]."""
+    """Return the metadata.yaml of a rosbag2 folder, version 9 (ROS 2 Jazzy); its messages span 0 to `end` [ns]."""
     times = {"duration": {"nanoseconds": end}, "starting_time": {"nanoseconds_since_epoch": 0}}
     total = sum(counts.values())
     information = {
@@ -68,25 +68,25 @@ def bag_metadata(file: str, topics: dict[str, str], counts: dict[str, int], end:
         "custom_data": None,
         "ros_distro": "jazzy",
     }
-    plain = json.loads(json.dumps({"rosbag2_bagfile_information": information}))  # YAML would write one object once
+    plain = json.loads(json.dumps({"rosbag2_bagfile_information": information}))  # copies: YAML would write aliases
     return yaml.safe_dump(plain, sort_keys=False)
 
 
 mcap = later("mcap.writer")
 
-KEEP_EVERY = 0.5  # what is older than this survives a kill [s of flight]
-_ONE_CHUNK = 2**40  # chunks end where write_tick ends them, at whole ticks, not by size
+KEEP_EVERY = 0.5  # a kill loses at most the last ticks of this time [s of flight]
+_ONE_CHUNK = 2**40  # so large that only write_tick ends chunks, at whole ticks
 
 
 class LogWriter:
-    """A log being written: `with LogWriter(path, scenario) as log: log.write_tick(...)`.
+    """A log that is being written: `with LogWriter(path, scenario) as log: log.write_tick(...)`.
 
-    Path NAME becomes the folder NAME, which must not exist, with NAME.mcap and, once the log is closed, metadata.yaml:
-    what rosbags, ros2 bag and Foxglove open; with ranges and imu also map.yaml, for `ortilo replay --map`. Every half
-    second of flight goes to the file as one whole chunk, so that a killed process loses at most that much and read_log
-    reads the rest; a machine without power may lose more, nothing is synced to disk. Log times are t_k in ns from the
-    flight's start, not the date. The messages that write_tick is given are ros_messages.TAKEN, or SENT by a world in
-    real time.
+    A path NAME gives the folder NAME, which must not exist, with NAME.mcap and, once the log is closed, metadata.yaml.
+    rosbags, ros2 bag and Foxglove open such a folder. A log with ranges and imu also gets a map.yaml for `ortilo replay
+    --map`. Every half second of flight goes to the file as one chunk, so a killed process loses at most half a second,
+    and read_log reads the rest. A loss of power may lose more: nothing is synced to disk. Log times are t_k from the
+    start of the flight [ns], not dates. `messages` says what write_tick is given: ros_messages.TAKEN, messages that the
+    onboard half received, or SENT, messages that a world sent in real time.
 
     InputError on entering or writing, if the folder exists or cannot be written, or the scenario has no path.
     """
@@ -107,7 +107,7 @@ class LogWriter:
 
     @property
     def file(self) -> Path:
-        """The MCAP file."""
+        """The path of the MCAP file."""
         return self.path / f"{self.path.name}.mcap"
 
     def __enter__(self) -> "LogWriter":
@@ -138,12 +138,12 @@ class LogWriter:
         return self
 
     def write_tick(self, k: int, state: np.ndarray | None, messages: Signals, outputs: Signals) -> None:
-        """Write one tick k; ticks come in ascending order.
+        """Write tick k; ticks must come in ascending order.
 
-        The state is the true x (12), if it is known. The messages crossed to the onboard half: message vectors by port,
-        'image' (height, width, 4), and 'goal' (2), where it flies to from now on [m]. The outputs are the onboard
-        half's signals: control, y, delta, V2, estimate, covariance, reference. InputError if the file cannot be
-        written, ValueError if k does not follow.
+        `state` is the true x (12), None if unknown. `messages` went to the onboard half: message vectors by port,
+        'image' (height, width, 4), and 'goal' (2), the target in W of the flight from now on [m]. `outputs` are the
+        onboard half's signals: control, y, delta, V2, estimate, covariance, reference. InputError if the file cannot be
+        written, ValueError if k does not ascend.
         """
         if k <= self._last:
             raise ValueError(f"tick {k} after tick {self._last}")
@@ -181,7 +181,7 @@ class LogWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close the log, also after an error: the ticks written stay; if there are none, the log is removed."""
+        """Close the log, also after an error: written ticks stay; a log without ticks is removed after an error."""
         if error is not None and self._last < 0:
             self._file.close()
             self.file.unlink()

@@ -1,6 +1,6 @@
-"""Surveyed anchors in the forms that people keep them in: lists, cfclient's YAML, JSON, CSV, and a DWM1001's console.
+"""Surveyed anchors in their usual formats: lists, cfclient's YAML, JSON, CSV, and the console output of a DWM1001.
 
-A list has them in the order of the ranges; the others have them by name, which is text.
+A list has the anchors in the order of the ranges. The other formats have anchors by name; a name is text.
 """
 
 import json
@@ -21,14 +21,14 @@ from ortilo_drake.model.input_files import MIB
 from ortilo_drake.model.typed_yaml import InputError, parse_yaml
 
 Vector = tuple[float, float, float]
-NAMED_BY = ("id", "name", "anchor", "address", "addr")  # what files call the column or key with an anchor's name
-FARTHEST = 1e6  # [m]; farther is no room
-CONSOLE_LIMIT = 64 * MIB  # of a file with anchors: what a console prints in ten hours
-FEWEST = 3
+NAMED_BY = ("id", "name", "anchor", "address", "addr")  # column or key of an anchor's name in files
+FARTHEST = 1e6  # limit of a coordinate [m]; no room is larger
+CONSOLE_LIMIT = 64 * MIB  # largest file with anchors; a console prints as much in ten hours
+FEWEST = 3  # smallest number of anchors
 
 
 def _position(value: Any, of: str) -> Vector:
-    """Return a position [m]; ValueError if it is none."""
+    """Return a position (3) [m]; ValueError if the value, the entry `of` of a map, is no position."""
     found = value.get("position", value) if isinstance(value, dict) else value
     if isinstance(found, dict) and {"x", "y", "z"} <= set(found):
         found = [found["x"], found["y"], found["z"]]
@@ -43,9 +43,9 @@ def _is_length(value: Any) -> bool:
 
 
 def as_anchors(value: Any) -> Any:
-    """Return a map's anchors as a tuple of positions or as positions by name; anything else is left as it is.
+    """Return a map's anchors as a tuple of positions [m] or as positions by name; any other value unchanged.
 
-    ValueError if a position is none, a name stands twice, or there are fewer than 3 or more than 256.
+    ValueError if a position is invalid, a name stands twice, or there are fewer than 3 or more than 256 anchors.
     """
     found: Any = value
     if isinstance(value, dict) and "find" in value:
@@ -71,7 +71,7 @@ def as_anchors(value: Any) -> Any:
 
 
 def _keys(node: yaml.Node) -> Iterator[yaml.Node]:
-    """Yield the names of anchors in a node: its keys, or what its entries call themselves."""
+    """Yield the names of anchors in a node: the keys of a mapping, or the name fields of a list's entries."""
     if isinstance(node, yaml.MappingNode):
         for key, _ in node.value:
             yield key
@@ -83,7 +83,7 @@ def _keys(node: yaml.Node) -> Iterator[yaml.Node]:
 
 
 def names_in_map(document: yaml.Node) -> Iterator[yaml.Node]:
-    """Yield the scalars of MAP.yaml that name anchors or tags: they are text as they stand there."""
+    """Yield the scalars of MAP.yaml that name anchors or tags; they are read as text, unchanged."""
     for key, value in document.value if isinstance(document, yaml.MappingNode) else ():
         if key.value in ("anchors", "tags"):
             yield from _keys(value)
@@ -129,7 +129,7 @@ def _of_yaml(path: Path, text: str) -> dict[str, Vector]:
 
 
 def _of_table(path: Path, told: Rejections) -> dict[str, Vector]:
-    """Return the anchors of rows `id, x, y, z` or `x, y, z`, with names above the columns or without."""
+    """Return the anchors of rows `id, x, y, z` or `x, y, z` [m], with or without a header, by name."""
     lines = list(lines_of(path, told, CONSOLE_LIMIT))
     rows = [(k, text) for k, text in lines if text.lstrip()[0] not in SIGNS] or lines
     mark = mark_of(rows[-1][1])
@@ -160,10 +160,10 @@ def _of_table(path: Path, told: Rejections) -> dict[str, Vector]:
 
 
 def read_anchors(path: Path) -> dict[str, Vector]:
-    """Return the positions [m] of a file's anchors by name.
+    """Return the positions p_W [m] of a file's anchors by name.
 
-    It is cfclient's YAML, a table `id, x, y, z`, or what a DWM1001's console printed (medians of what it says).
-    InputError if it cannot be read, or has fewer than three anchors.
+    The file is YAML of cfclient, JSON, a table `id, x, y, z`, or the console output of a DWM1001, from which the
+    medians are taken. InputError if the file cannot be read, or has fewer than 3 or more than 256 anchors.
     """
     told = Rejections(named(path, "anchors"))
     text = "\n".join(line for _, line in lines_of(path, told, CONSOLE_LIMIT))
@@ -180,9 +180,9 @@ def read_anchors(path: Path) -> dict[str, Vector]:
 
 
 def in_order(anchors: dict[str, Vector], names: tuple[str, ...], what: str) -> tuple[tuple[str, ...], np.ndarray]:
-    """Return names and positions (n, 3) of anchors: of those named, in that order, or of all.
+    """Return the names and positions (n, 3) [m] of the anchors in `names`, in that order, or of all if it is empty.
 
-    InputError if one that is named is none of them.
+    InputError if a name belongs to no anchor.
     """
     known = tuple(anchors)
     if not names:
@@ -195,9 +195,9 @@ def in_order(anchors: dict[str, Vector], names: tuple[str, ...], what: str) -> t
 
 
 def key_of(name: str) -> str:
-    """Return the form in which anchors' names are compared: lower case, no 0x, no leading zeros, 3 for 3.0.
+    """Return the form in which names of anchors are compared: lower case, no 0x, no leading zeros, 3 for 3.0.
 
-    An address 00:1A:2B:3C is 1a2b3c, whatever is between its bytes.
+    The addresses 00:1A:2B:3C and 00-1A-2B-3C become 1a2b3c.
     """
     text = name.strip().casefold().removeprefix("0x")
     text = re.sub(r"[:-]", "", text) if re.fullmatch(r"[0-9a-f]{2}([:-][0-9a-f]{2})+", text) else text
@@ -218,10 +218,10 @@ def _as_hex(name: str) -> int | None:
 
 
 def anchors_of(rows: Sequence[str], names: Sequence[str]) -> np.ndarray:
-    """Return the index of each row's name among the names (n), -1 for none of them.
+    """Return the index (n) of each row's name in `names`, -1 for an unknown name.
 
-    Names are compared as text. Where a map has an address in hex and the rows have its number, or the other way round,
-    they are compared as numbers: of the three readings the one that knows the most rows counts, the first of equals.
+    Names are compared as text; as numbers; or as numbers where the rows have hex digits without 0x, for a map and a
+    recording may differ in the form of an address. The comparison that finds the most rows counts, the first of equals.
     """
     said, of_row = np.unique(np.asarray(rows, dtype=str), return_inverse=True)
     readings: tuple[tuple[Callable[[str], str | int | None], Callable[[str], str | int | None]], ...] = (

@@ -1,7 +1,7 @@
-"""Messages of a ROS 1 bag, a ROS 2 bag or an MCAP file: a topic field by field, or several played.
+"""Messages of a ROS 1 bag, a ROS 2 bag or an MCAP file: fields of one topic as a table, or several topics played.
 
-Those of an MCAP file are decoded by their encoding: ROS 2's CDR, ROS 1's, or JSON. Messages that are played come in the
-order in which they were received, as fast as they came or faster.
+Messages of an MCAP file are decoded by their encoding: CDR of ROS 2, that of ROS 1, or JSON. Messages are played in the
+order in which they were received, at the original speed or another one.
 """
 
 import json
@@ -29,16 +29,16 @@ from ortilo_drake.interop.unpack import Unpacker
 from ortilo_drake.model.input_files import check_file, exists
 from ortilo_drake.model.typed_yaml import InputError, nearest
 
-ZSTD: Final = b"\x28\xb5\x2f\xfd"  # begins what is packed so: no message of another encoding begins so
+ZSTD: Final = b"\x28\xb5\x2f\xfd"  # first bytes of zstd data; no message of another encoding begins with them
 
 
 def messages_of(
     path: Path, topic: str, topics: set[str], cut: Callable[[], None] = lambda: None
 ) -> Iterator[tuple[str, int, Callable[[], Any]]]:
-    """Yield type, time of receipt [ns] and decoder of each message of a topic; `topics` gets the names of all topics.
+    """Yield (type, time of receipt [ns], decoder) of each message of a topic; add the names of all topics to `topics`.
 
-    An MCAP file that was cut short is read as far as it goes, and `cut` is called. InputError if it is no bag or one of
-    another kind that was cut short, has no such topic, or holds or unpacks to more than the limits.
+    An MCAP file that was cut short is read up to the cut, and `cut` is called. InputError if the file is no bag, is cut
+    short and not MCAP, has no such topic, or exceeds a limit when read or unpacked.
     """
     short: list[Path] = []
     if not exists(path):
@@ -54,7 +54,7 @@ def messages_of(
                     yield from _of_file(file, topic, topics)
     except InputError:
         raise
-    except Exception as error:  # rosbags and mcap raise errors of many kinds for files that are cut short or not theirs
+    except Exception as error:  # rosbags and mcap raise errors of many kinds for foreign files and files cut short
         line = " ".join(str(error).split()) or type(error).__name__
         mends = " `rosbag reindex` may mend it" if path.suffix in (".bag", ".active") else ""
         raise InputError(f"{path}: cannot be read as a bag (cut short?{mends}): {line}") from None
@@ -86,10 +86,11 @@ def read_bag(
     rejected: Rejections,
     names: tuple[Column, ...] = (),
 ) -> Table:
-    """Return the messages of a topic, stamps in s, or the field `time` as it is; a field that is a list gives many.
+    """Return the fields `columns` of a topic's messages as a table; a field that is a list gives several values.
 
-    Messages that cannot be decoded, or have another number of values than the first, are counted and left out.
-    InputError as messages_of, or if there is no such field, or hardly a message can be read.
+    Stamps are in s, or the field `source.time` as it is. Messages that cannot be decoded, or that have another number
+    of values than the first one, are counted and left out. InputError as in messages_of; also if there is no such
+    field, or fewer than half of the messages can be read.
     """
     rejected.word = "message"
     rows, k, empty = Rows(path), 0, 0
@@ -98,14 +99,14 @@ def read_bag(
         k += 1
         try:
             message = decode()
-        except Exception:  # whatever a decoder raises of spoilt bytes
+        except Exception:  # a decoder may raise any error for damaged bytes
             rejected.add("messages that cannot be decoded", f"in message {k}")
             continue
         try:
             numbers, stamp = numbers_of(message, columns), stamp_of(message, received, source.time)
             called = [field_of(message, str(name)) for name in names]
         except LookupError as error:
-            if not rows.width:  # of the first message: a wrong map, not a wrong message
+            if not rows.width:  # already the first message: the map is wrong, not the message
                 fields = ", ".join(name for name in getattr(message, "__dict__", {}) if not name.startswith("__"))
                 raise InputError(f"{path}: {topic}: {type_name} has no field '{error.args[0]}'; has {fields}") from None
             rejected.add("messages without a field asked for", f"in message {k}")
@@ -116,7 +117,7 @@ def read_bag(
         except (TypeError, ValueError):
             raise InputError(f"{path}: {topic}: a field of {list(columns)} is no number") from None
         each, its = [tuple(map(str, called))], [numbers]
-        if called and isinstance(called[0], list | np.ndarray):  # a list of anchors beside one of ranges
+        if called and isinstance(called[0], list | np.ndarray):  # a list of anchors beside a list of ranges
             n = len(called[0])
             lists = [one if isinstance(one, list | np.ndarray) else [one] * n for one in called]
             fits = len(numbers) == n * len(columns) and all(len(one) == n for one in lists)
@@ -137,27 +138,27 @@ def read_bag(
     return rows.table()
 
 
-Message = tuple[str, int, Any]  # topic, when it was received [ns], the message
+Message = tuple[str, int, Any]  # topic, time of receipt [ns], message
 
 
 def bag_messages(path: Path, topics: tuple[str, ...]) -> Iterator[Message]:
-    """Yield the messages of some topics of a bag; those that cannot be decoded come as None.
+    """Yield the messages of some topics of a bag by time of receipt; None for a message that cannot be decoded.
 
-    InputError if there is no such bag, it cannot be read, or a topic is not in it.
+    InputError if there is no such bag, if the bag cannot be read, or if it lacks a topic.
     """
 
     def of(topic: str) -> Iterator[Message]:
         for _, received, decode in messages_of(path, topic, set()):
             try:
                 yield topic, received, decode()
-            except Exception:  # whatever a decoder raises of spoilt bytes
+            except Exception:  # a decoder may raise any error for damaged bytes
                 yield topic, received, None
 
     yield from merge(*(of(topic) for topic in topics), key=lambda message: message[1])
 
 
 def at_pace(messages: Iterator[Message], speed: float) -> Iterator[Message]:
-    """Yield messages when they are due by the wall clock, `speed` times as fast as they were received."""
+    """Yield each message at its due time by the wall clock, `speed` times as fast as they were received."""
     began = first = None
     for message in messages:
         if began is None or first is None:
@@ -175,7 +176,7 @@ def _of_json(data: bytes) -> Any:
 
 
 def _decoder(path: Path, channel: Channel, schema: Schema | None) -> Decode:
-    """Return the decoder of a channel's messages; InputError if their type or encoding is not supported."""
+    """Return the decoder of a channel's messages; InputError if the type or encoding is not supported."""
     encoding, kind = channel.message_encoding, "" if schema is None else schema.encoding
     if encoding == "json":
         return _of_json
@@ -199,11 +200,11 @@ def _decoder(path: Path, channel: Channel, schema: Schema | None) -> Decode:
 def mcap_messages(
     path: Path, topic: str, topics: set[str], cut: Callable[[], None] = lambda: None
 ) -> Iterator[tuple[str, int, Callable[[], Any]]]:
-    """Yield type, time of logging [ns] and decoder of each of a topic's messages, in the file's order.
+    """Yield (type, log time [ns], decoder) of each message of a topic, in the order of the file.
 
-    `topics` gets the names of all topics; a message may be packed with zstd of its own. InputError if the file is
-    damaged or too large, or its messages are of an encoding that is not read; the library raises errors of many kinds
-    for a wrong schema.
+    The names of all topics are added to `topics`. A single message may be packed with zstd. InputError if the file is
+    damaged or too large, or if its messages have an unsupported encoding. For a wrong schema the library raises errors
+    of many kinds.
     """
     schemas: dict[int, Schema] = {}
     channels: dict[int, tuple[str, Decode]] = {}

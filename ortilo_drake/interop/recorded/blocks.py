@@ -1,4 +1,4 @@
-"""Rows that came live in the order of their stamps: joined with those before, and parted at a stamp."""
+"""Blocks of live rows in the order of their stamps: joined to earlier blocks, and split at a stamp."""
 
 from typing import Any, NamedTuple
 
@@ -9,9 +9,9 @@ from ortilo_drake.interop.recorded.recording import AidRows, Imu, between
 
 
 class Block(NamedTuple):
-    """Rows in the order of their stamps [s], which count from the first range; imu is None where the map has none.
+    """Rows in the order of their stamps, which count from the first range [s]; imu is None if the map has no imu.
 
-    With an accelerometer of its own, the imu's `force` is not filled in.
+    If the map has a separate accelerometer, the imu's `force` is not filled in.
     """
 
     ranges: Ranges
@@ -20,7 +20,7 @@ class Block(NamedTuple):
 
 
 def joined(a: Any, b: Any) -> Any:
-    """Return the rows of a, then those of b, which follows it: arrays, or tuples of what is joined likewise."""
+    """Return the rows of a followed by the later rows of b; both are arrays, or tuples whose parts are joined."""
     if a is None or b is None:
         return None
     if isinstance(a, np.ndarray):
@@ -30,7 +30,7 @@ def joined(a: Any, b: Any) -> Any:
 
 
 def parted(block: Block, t: float) -> tuple[Block, Block]:
-    """Return the rows up to a stamp [s], that one included, and those behind it."""
+    """Return the rows up to and including the stamp t [s], and the rows after it."""
     ranges, imu, looks = block
 
     def part(after: float, until: float) -> Block:
@@ -43,6 +43,6 @@ def parted(block: Block, t: float) -> tuple[Block, Block]:
 
 
 def behind_gap(block: Block, longest: float) -> Block:
-    """Return the rows from the first range behind the last gap of the ranges that is longer [s]; all without one."""
+    """Return the rows from the first range after the last gap of ranges longer than `longest` [s]; else all rows."""
     gaps = np.flatnonzero(np.diff(block.ranges.t) > longest)
     return parted(block, float(np.nextafter(block.ranges.t[gaps[-1] + 1], -np.inf)))[1] if len(gaps) else block

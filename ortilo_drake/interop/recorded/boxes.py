@@ -1,7 +1,7 @@
-"""Recorded detections: boxes with a label, one a row, and the landmarks and the camera that they are seen by.
+"""Recorded detections: one labelled box in each row, with the landmarks and the camera of the pictures.
 
-A pixel's centre has integer coordinates, the first one's (0, 0). The camera looks along the body's x axis, see
-model/pinhole.py.
+The centre of a pixel has integer coordinates; the centre of the first pixel is (0, 0). The camera looks along the x
+axis of the body, see model/pinhole.py.
 """
 
 from pathlib import Path
@@ -21,7 +21,7 @@ from ortilo_drake.scenario.camera import Calibration
 
 
 class Scene(NamedTuple):
-    """Landmarks: p_WL (n, 3), outlines (n, m, 3), classes (n), see model/room.py; and the camera."""
+    """The landmarks: p_WL (n, 3) [m], outlines (n, m, 3), classes (n), see model/room.py; and the camera."""
 
     positions: np.ndarray
     outlines: np.ndarray
@@ -43,10 +43,10 @@ def _scene(folder: Path, source: BoxSource) -> tuple[Room, Scene]:
 
 
 def read_boxes(folder: Path, source: BoxSource, told: list[Rejections]) -> tuple[np.ndarray, np.ndarray, Scene]:
-    """Return the pictures' stamps [s] (k), a detections message of each (k, DETECTIONS_SIZE), and what they show.
+    """Return the stamps of pictures (k) [s], their detections messages (k, DETECTIONS_SIZE), and the scene.
 
-    Rows with one stamp are of one picture. InputError if a file cannot be read, or no box is of a class that the room
-    has.
+    Rows with the same stamp belong to one picture. InputError if a file cannot be read, or if no box has a class of the
+    room.
     """
     room, scene = _scene(folder, source)
     stream = read_stream(files_of(folder, source.file), source, source.box, "boxes", source.topic, (source.label,))

@@ -1,4 +1,4 @@
-"""A recorded stream: stamps and a table of numbers, from one file or several of whatever kind."""
+"""A recorded stream: stamps and a table of numbers, from one file or several files of any kind."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,9 +19,10 @@ UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
 class Stream(NamedTuple):
-    """Rising stamps [s] (n), numbers (n, columns), names of anchors and tag (n, k) if rows have any, what was rejected.
+    """Rising stamps (n) [s], numbers (n, columns), names of anchors and tag (n, k) or None, and the rejected rows.
 
-    `rows` (n) are lines or messages of their file; `told` holds what was rejected of each file, `rejected` last.
+    `rows` (n) are the numbers of the rows' lines or messages in their file; `told` holds the rejections of each file,
+    `rejected` last.
     """
 
     t: np.ndarray
@@ -32,20 +33,20 @@ class Stream(NamedTuple):
     told: tuple[Rejections, ...]
 
     def without(self, which: np.ndarray, reason: str) -> "Stream":
-        """Count the rows of a kind, and return the others."""
+        """Count the rows in the mask `which` (n) as rejected for a reason, and return the other rows."""
         self.rejected.add_rows(reason, which, self.rows)
         return self.only(~which)
 
     def only(self, which: np.ndarray) -> "Stream":
-        """Return some of the rows."""
+        """Return the rows in the mask `which` (n)."""
         names = None if self.names is None else self.names[which]
         return self._replace(t=self.t[which], values=self.values[which], names=names, rows=self.rows[which])
 
 
 def files_of(folder: Path, names: str | Sequence[str | OfOne]) -> list[Path]:
-    """Return the files that a map names; those of a pattern in order, anchor2 before anchor10.
+    """Return the files that a map names; files of a pattern stand in natural order, anchor2 before anchor10.
 
-    InputError if nothing fits a pattern.
+    InputError if no file fits a pattern, or there are too many files.
     """
     base, found = folder if folder.is_dir() else folder.parent, []
     for entry in [names] if isinstance(names, str) else names:
@@ -73,10 +74,10 @@ def read_stream(
     topic: str | None,
     names: tuple[Column, ...] = (),
 ) -> Stream:
-    """Read the columns of a source's files, merged by their stamps; NaN where a row has none.
+    """Read the columns of a source's files, merged by their stamps; NaN where a row has no value.
 
-    `what` it is called in a line, `topic` if they are bags, `names` the columns that name each row's anchors and tag.
-    InputError if a file cannot be read or hardly anything in it.
+    `what` is the name of the stream in messages, `topic` its topic if the files are bags, else None, `names` the
+    columns that name each row's anchors and tag. InputError if a file cannot be read, or too little of it.
     """
     parts = [_read_file(path, source, columns, what, topic, names) for path in paths]
     if len(parts) == 1:
@@ -121,7 +122,7 @@ def _read_file(
         table = read_bag(path, topic, source, columns, rejected, names)
     in_unit = source.time is not None or topic is None
     t = table.t * size_of(source.unit, UNITS) if in_unit else table.t
-    tagged = getattr(source, "tag", None) is not None  # the rows of one tag may come after those of another
+    tagged = getattr(source, "tag", None) is not None  # the rows of one tag may come after the rows of another tag
     named_by = None if table.names is None else table.names[:, 0]
     if not tagged and (back := began_anew(t, named_by)) is not None:
         row = f"{rejected.word} {table.rows[back]}"

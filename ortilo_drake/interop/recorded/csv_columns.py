@@ -1,4 +1,4 @@
-"""Tables of text: a header or none, any delimiter, comments, empty lines and broken rows."""
+"""Tables of text: with or without header, with any delimiter, comments, empty lines and broken rows."""
 
 import csv
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE, getincrementaldecoder
@@ -19,21 +19,21 @@ from ortilo_drake.model.input_files import DATA_LIMIT, MIB, open_file
 from ortilo_drake.model.typed_yaml import InputError, nearest
 
 BLOCK: Final = MIB
-LINE: Final = MIB  # characters; a row of 10,000 columns takes a quarter of it
-HEAD: Final = 10_000  # lines above the rows
+LINE: Final = MIB  # longest line [characters]; a row of 10,000 columns takes a quarter of it
+HEAD: Final = 10_000  # largest number of lines above the rows
 DELIMITERS = {"tab": "\t", "space": " "}
-SIGNS = "#%"  # of comments, and of heads that numpy, ROS and others write as comments
-LOOKED_AT = 20  # the rows that tell the delimiter
+SIGNS = "#%"  # first signs of comments, and of headers that numpy, ROS and others write as comments
+LOOKED_AT = 20  # number of rows from which the delimiter is found
 
 Line = tuple[int, str]
 
 
 def _encoding(file: BinaryIO, path: Path, rejected: Rejections) -> str:
-    """Return a table's encoding: Latin-1, with a note, where it is no UTF-8 (a degree sign in a head)."""
+    """Return a table's encoding; Latin-1, with a note, for text that is not UTF-8 (as by a degree sign in a header)."""
     begin = file.read(64)
     file.seek(0)
     if begin[:2] in (BOM_UTF16_LE, BOM_UTF16_BE) and begin.count(0) > max(3, len(begin) // 2 - 2):
-        return "utf-16"  # as Excel saves text
+        return "utf-16"  # the encoding of Excel's text files
     decoder, line, nul, bad = getincrementaldecoder("utf-8")(), 1, False, False
     while block := file.read(BLOCK):
         nul |= b"\0" in block
@@ -54,9 +54,9 @@ def _encoding(file: BinaryIO, path: Path, rejected: Rejections) -> str:
 
 
 def lines_of(path: Path, rejected: Rejections, limit: int = DATA_LIMIT) -> Iterator[Line]:
-    """Yield number and text of the lines that are not empty, one after the other, so that a file may be large.
+    """Yield (number, text) of the lines that are not empty; the file may be large, for only one line is held.
 
-    InputError if it cannot be read, is no text, has no lines or one of more than LINE characters.
+    InputError if the file cannot be read, is no text, is empty, or has a line of more than LINE characters.
     """
     with open_file(path, limit) as file, TextIOWrapper(file, _encoding(file, path, rejected), "replace") as text:
         empty = True
@@ -86,7 +86,7 @@ def _index(column: Column, names: list[str] | None, path: Path) -> int:
 
 
 def _head_of(lines: Iterator[Line], path: Path) -> list[Line]:
-    """Return the first lines: what tells the layout, LOOKED_AT rows and what is above them."""
+    """Return the first lines, from which the layout is found: a few rows (LOOKED_AT) and the lines above them."""
     found, rows = [], 0
     for line in lines:
         found.append(line)
@@ -101,11 +101,10 @@ def _head_of(lines: Iterator[Line], path: Path) -> list[Line]:
 def read_csv(
     path: Path, source: Source, columns: tuple[Column, ...], rejected: Rejections, names: tuple[Column, ...] = ()
 ) -> Table:
-    """Return the rows of a table, stamps in the file's unit.
+    """Return the rows of a table, with stamps in the file's unit.
 
-    Rows with fewer cells than asked for, or with a cell that is no number, are counted and left out, and so are rows
-    that are commented out with `#` or `%`. InputError if the file cannot be read, a column is missing, or most rows are
-    no numbers.
+    Rows with too few cells or with a cell that is no number, and rows commented out with `#` or `%`, are counted and
+    left out. InputError if the file cannot be read, a column is missing, or fewer than half of the rows can be read.
     """
     times = source.time if isinstance(source.time, tuple) else (source.time or 1,)
     wanted = (*times, *columns, *names)
@@ -163,7 +162,7 @@ def read_csv(
 
 
 class Layout(NamedTuple):
-    """Names of the columns, if there are any, the lines with rows, and the comments that are neither."""
+    """The layout of a table: column names or None, delimiter, lines with rows, and comments other than the header."""
 
     names: list[str] | None
     mark: str
@@ -172,26 +171,26 @@ class Layout(NamedTuple):
 
 
 def plain(name: str) -> str:
-    """Return a column's name without the sign before it."""
+    """Return a column's name without a sign of comments before it."""
     return name.strip().lstrip(SIGNS).strip()
 
 
 def is_comment(line: Line) -> bool:
-    """Return whether a line, which is not empty, begins with a sign of comments."""
+    """Return whether a line that is not empty begins with a sign of comments."""
     return line[1].lstrip()[0] in SIGNS
 
 
 def cells_of(line: str, mark: str) -> list[str]:
-    """Return the cells of a line; CSV's quotes are understood."""
+    """Return the cells of a line; quotes as in CSV are allowed."""
     if '"' in line:
         return [cell.strip() for cell in next(csv.reader([line], delimiter=mark, skipinitialspace=True))]
     return line.split() if mark == " " else [cell.strip() for cell in line.split(mark)]
 
 
 def mark_of(line: str) -> str:
-    """Return the delimiter of a line: tab, comma, semicolon or bar, whichever it has most, else space.
+    """Return the delimiter of a line: the one of tab, comma, semicolon or bar that it has most, else space.
 
-    In numbers such as 3,62 between other delimiters the comma is none.
+    The comma of numbers such as 3,62 between other delimiters is no delimiter.
     """
     for mark in "\t;| " if "," in line else "":
         cells = cells_of(line, mark)
@@ -201,9 +200,9 @@ def mark_of(line: str) -> str:
 
 
 def _readings(line: Line, mark: str) -> list[tuple[Line, list[str]]]:
-    """Return the names that a head may hold, by the rows' delimiter or by its own, first without a sign before them.
+    """Return possible lists of column names in a header line, split by the rows' delimiter or by its own.
 
-    A sign that stands alone may be a name: a column of numbers is often called #.
+    First come the names without a leading sign of comments. A sign alone may be a name: a counter is often called #.
     """
     found = []
     for own in dict.fromkeys((mark, mark_of(line[1]), " ")):
@@ -221,12 +220,12 @@ def _all_numbers(cells: list[str]) -> bool:
 def layout_of(
     lines: list[Line], delimiter: str, header: str, columns: Sequence[str | int], is_row: Callable[[list[str]], bool]
 ) -> Layout:
-    """Find the head of a table: the line that has the columns asked for, and as many as the rows have.
+    """Return the layout of a table. Its header is the line with the wanted columns and as many cells as the rows.
 
-    Candidates are the lines above the first one with numbers, and the comments above them, from below; then the first
-    lines that follow, if one has all columns: Vicon's tables have a rate above their head. The lines that are not empty
-    come with their numbers, the delimiter as the map's word for it; the header is auto, yes or no. The columns are
-    asked for by name or number; `is_row` says whether cells have numbers in the latter.
+    Candidates are the lines above the first row of numbers; then the comments above them, from below; then the first
+    lines that follow, if one has all columns: Vicon's tables have a rate above their header. `lines` are the lines that
+    are not empty, with their numbers. `delimiter` is the map's word for it; `header` is auto, yes or no. `columns` are
+    the wanted columns by name or number; `is_row` says whether cells have numbers in the columns given by number.
     """
     comments = [line for line in lines if is_comment(line)]
     rows = [line for line in lines if not is_comment(line)]

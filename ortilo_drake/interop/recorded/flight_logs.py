@@ -1,18 +1,17 @@
-"""Logs of flight controllers, topic by topic: PX4's ULog (`.ulg`), read by pyulog, and the Crazyflie's on its uSD card.
+"""Logs of flight controllers, topic by topic: PX4's ULog (`.ulg`), read by pyulog, and the Crazyflie's uSD card log.
 
-A topic of a ULog is a message's name, of several instances with its number behind: `sensor_accel[1]`; a column is a
-field, of an array with its place: `gyro_rad[0]`. Stamps are the messages' `timestamp` [us].
+A topic of a ULog is the name of a message, with a number for further instances: `sensor_accel[1]`. A column is the name
+of a field, with an index for an array: `gyro_rad[0]`. Stamps are the field `timestamp` of the messages [us].
 
 A log of a uSD card, version 1 or 2, little endian, is
 
     0xBC, version (H), number of kinds (H)
-    each kind: its number (H), its name and a zero, number of fields (H), `name(T)` and a zero of each field
+    each kind: its number (H), its name and a zero, number of fields (H), `name(T)` and a zero for each field
     each event: number of its kind (H), stamp since the start (I in ms in version 1, Q in us in version 2), the fields
-    CRC-32 of all before (I)
+    CRC-32 of all bytes before (I)
 
-with T a code of Python's struct. It has no units of its own: the firmware's gyroscope is in deg/s, its accelerometer in
-g, its range finder in mm. A log that ends within an event, or behind one, lost its end with the power and never had a
-CRC: it is read up to there.
+with T a code of Python's struct. The log names no units: the firmware's gyroscope is in deg/s, its accelerometer in g,
+its range finder in mm. A log without CRC lost its end in a loss of power: it is read up to its last whole event.
 
 Source: crazyflie-firmware, tools/usdlog/cfusdlog.py.
 """
@@ -37,18 +36,18 @@ from ortilo_drake.model.optional import check_installed
 from ortilo_drake.model.typed_yaml import InputError, nearest
 
 LIMIT: Final = 1024 * MIB
-FEWEST: Final = 2  # rows
-ULOG, USD = b"ULog\x01\x12\x35", b"\xbc"  # what they begin with
+FEWEST: Final = 2  # smallest number of rows of a topic
+ULOG, USD = b"ULog\x01\x12\x35", b"\xbc"  # first bytes of both kinds of logs
 ULOG_HEAD: Final = 16  # bytes before the first message
-CRC: Final = 4  # bytes
-PADS, PADDED = (b"\0", b"\xff"), 32  # what the last block may be filled with, so many bytes at least
-HEADS: Final = {1: (struct.Struct("<HI"), 1e-3), 2: (struct.Struct("<HQ"), 1e-6)}  # of an event; seconds in its stamp
+CRC: Final = 4  # length of the CRC [bytes]
+PADS, PADDED = (b"\0", b"\xff"), 32  # padding of the last block: its byte, and its least length [bytes]
+HEADS: Final = {1: (struct.Struct("<HI"), 1e-3), 2: (struct.Struct("<HQ"), 1e-6)}  # head of an event, unit of stamp [s]
 CODES: Final = "?bBhHiIlLqQefd"
-STANDARD: Final = {"l": "i", "L": "I"}  # of struct's codes those that NumPy makes longer
+STANDARD: Final = {"l": "i", "L": "I"}  # codes of struct that are longer in NumPy, and NumPy's codes of the same length
 
 
 class Topic(NamedTuple):
-    """A topic: how many rows it has, the names of its fields, and what gives stamps [s] (n) and values (n each)."""
+    """A topic: number of rows n, names of fields, and a function that returns stamps (n) [s] and values (n each)."""
 
     rows: int
     fields: tuple[str, ...]
@@ -56,7 +55,7 @@ class Topic(NamedTuple):
 
 
 class Log(NamedTuple):
-    """A log: what its rows are called, its topics, and what of it could not be read: how much, and why."""
+    """A log: the word for its rows, its topics, the amount that could not be read, the reason, and a note."""
 
     word: str
     topics: dict[str, Topic]
@@ -66,7 +65,7 @@ class Log(NamedTuple):
 
 
 def is_flight_log(path: Path) -> bool:
-    """Return whether a file begins as such a log, or is called so."""
+    """Return whether a file has the first bytes of a flight log, or the suffix .ulg."""
     if not path.is_file():
         return False
     with open_file(path) as file:
@@ -74,7 +73,7 @@ def is_flight_log(path: Path) -> bool:
     return begin == ULOG or begin[:1] == USD or path.suffix == ".ulg"
 
 
-@lru_cache(maxsize=1)  # each stream of a map asks for the same file
+@lru_cache(maxsize=1)  # all streams of a map read the same file
 def _log(path: Path, changed: int) -> Log:
     with open_file(path, LIMIT) as file:
         data = file.read()
@@ -88,10 +87,10 @@ def _ulog(path: Path, data: bytes) -> Log:
     try:
         with redirect_stdout(io.StringIO()):
             log = ULog(io.BytesIO(data))
-    except Exception as error:  # of many kinds, where the definitions are spoilt
+    except Exception as error:  # errors of many kinds, where the definitions are damaged
         raise InputError(f"{path}: no ULog that can be read: {type(error).__name__}: {error}") from None
     at = ULOG_HEAD
-    while at + 3 <= len(data):  # each message begins with its size (H) and kind (B)
+    while at + 3 <= len(data):  # each message begins with its size (H) and its kind (B)
         at += 3 + data[at] + 256 * data[at + 1]
 
     def topic_from(of: dict[str, np.ndarray]) -> Topic:
@@ -104,7 +103,7 @@ def _ulog(path: Path, data: bytes) -> Log:
 
 
 class _Kind(NamedTuple):
-    """A kind of event: its name, its fields and their layout, and where in the file its events are."""
+    """A kind of event: its name, its fields and their layout, and the places of its events in the file."""
 
     name: str
     fields: tuple[str, ...]
@@ -181,12 +180,12 @@ def _usd(path: Path, data: bytes) -> Log:
 
 
 def _written(data: bytes) -> int:
-    """Return where the last block's padding begins, a run of bytes 0 or 255; else where the file ends."""
+    """Return where the padding of the last block begins, a run of bytes 0 or 255; without padding, the file's end."""
     return min((n for pad in PADS if len(data) - (n := len(data.rstrip(pad))) >= PADDED), default=len(data))
 
 
 def _events(data: bytes, at: int, end: int, sizes: dict[int, int]) -> tuple[list[int], int]:
-    """Return where the events begin, and where the first one does that is unknown or not whole."""
+    """Return the places of the events, and the place of the first event that is unknown or not whole."""
     places = []
     while at + 2 <= end and (size := sizes.get(data[at] + 256 * data[at + 1], LIMIT)) <= end - at:
         places.append(at)
@@ -202,12 +201,12 @@ def read_flight_log(
     rejected: Rejections,
     names: tuple[Column, ...] = (),
 ) -> Table:
-    """Return the rows of a topic: of a ULog with its stamps [s], or the field `time` as it is.
+    """Return the rows of a topic, with stamps in s; for a ULog with `time`, the stamps are that field as it is.
 
-    InputError if the file is no such log, is spoilt, or there is no such topic, field or hardly a row.
+    InputError if the file is no flight log or is damaged, or if it lacks the topic or a field, or has too few rows.
     """
     log = _log(path, path.stat().st_mtime_ns)
-    time = None if log.word == "event" else time  # it has no other stamp
+    time = None if log.word == "event" else time  # an event has no second stamp
     if isinstance(time, tuple):
         raise InputError(f"{path}: {topic}: time: {list(time)}: a log's stamp is one field")
     rejected.word = log.word
@@ -224,7 +223,7 @@ def read_flight_log(
     stamps, values = its.read()
 
     def field(wanted: Column) -> np.ndarray:
-        """Return a field's values, by its name or counted from 1."""
+        """Return the values of a field, given by its name or its number from 1."""
         at = wanted - 1 if isinstance(wanted, int) else its.fields.index(wanted) if wanted in its.fields else -1
         if not 0 <= at < len(its.fields):
             raise InputError(f"{path}: {topic} has no field '{wanted}'; has {', '.join(its.fields)}")

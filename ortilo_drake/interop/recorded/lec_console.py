@@ -1,9 +1,9 @@
-"""Lines of the DWM1001's console, as its commands `lec` and `les` print them, each with the host's stamp before it.
+"""Lines of a DWM1001 console, as the commands `lec` and `les` print them, with the host's stamp before each line.
 
     100.2,DIST,2,AN0,0E15,3.40,0.90,0.30,3.62,AN1,1516,3.10,-3.20,2.60,4.58,POS,0.02,0.01,1.29,87
     100.2 0E15[3.40,0.90,0.30]=3.62 1516[3.10,-3.20,2.60]=4.58 est[0.02,0.01,1.29,87]
 
-Numbers are metres: the anchor's position, and the range to it.
+Numbers are in metres: the position of an anchor, and the range to the anchor.
 """
 
 import re
@@ -24,7 +24,7 @@ _DIST = re.compile(r"\bDIST,(\d+)\b")
 
 
 class LecRange(NamedTuple):
-    """One range of a line: its number, the text before it, the anchor's address and position, the range [m]."""
+    """One range of a line: number of the line, text before its ranges, anchor's address and position, range [m]."""
 
     line: int
     before: str
@@ -34,14 +34,14 @@ class LecRange(NamedTuple):
 
 
 def is_console(text: str) -> bool:
-    """Return whether a text holds lines of `lec` or `les`."""
+    """Return whether a text holds ranges as `lec` or `les` prints them."""
     return _LEC.search(text) is not None or _LES.search(text) is not None
 
 
 def ranges_in(line: str) -> tuple[str, list[tuple[str, tuple[float, float, float], float]]]:
-    """Return the text before a line's ranges, and of each the anchor's address, its position (3) and the range [m].
+    """Return the text before the ranges of a line, and for each range the anchor's address, position (3) and range [m].
 
-    ValueError if the line holds fewer or more ranges than it announces, as one that is cut short.
+    ValueError if the line holds fewer or more ranges than it announces, as where it was cut short.
     """
     said = _DIST.search(line)
     groups = list((_LES if said is None else _LEC).finditer(line))
@@ -55,7 +55,7 @@ def ranges_in(line: str) -> tuple[str, list[tuple[str, tuple[float, float, float
 
 
 def lec_ranges(path: Path, rejected: Rejections) -> Iterator[LecRange]:
-    """Yield the ranges of a console's log; other lines, and those that were cut short, are counted."""
+    """Yield the ranges of a console's log; other lines and lines that were cut short are counted as rejected."""
     for k, line in lines_of(path, rejected):
         try:
             before, found = ranges_in(line)
@@ -70,9 +70,9 @@ def lec_ranges(path: Path, rejected: Rejections) -> Iterator[LecRange]:
 
 
 def read_lec(path: Path, rejected: Rejections) -> Table:
-    """Return the ranges of a console's log, each with its anchor's address.
+    """Return the ranges of a console's log [m], each named by the address of its anchor.
 
-    InputError if hardly a line has a stamp and ranges.
+    InputError if fewer than half of the ranges have a stamp before their line.
     """
     rows, count, first_stamp = Rows(path), 0, ""
     for heard in lec_ranges(path, rejected):

@@ -1,6 +1,6 @@
-"""ROS 1 bags and ROS 2 databases by rosbags, within limits.
+"""ROS 1 bags and ROS 2 databases, read by rosbags within limits.
 
-Definitions that are no UTF-8 are accepted, and definitions of topics that are not used need not be readable.
+Definitions that are not UTF-8 are accepted. Definitions of topics that are not used may be unreadable.
 """
 
 import struct
@@ -22,12 +22,12 @@ from ortilo_drake.interop.unpack import CHUNK_LIMIT, Unpacker
 from ortilo_drake.model.input_files import MIB, open_file
 from ortilo_drake.model.typed_yaml import InputError
 
-INDEXED: Final = 2**22  # messages of a topic: at 1 kHz more than an hour; an entry of the index takes 150 bytes
-_HEAD, _SIZE = 55, struct.Struct("<L")  # of a bag's index: so many bytes, the last four of them its size
+INDEXED: Final = 2**22  # most messages of a topic, an hour at 1 kHz; an entry of the index takes 150 bytes
+_HEAD, _SIZE = 55, struct.Struct("<L")  # head of a bag's index [bytes], whose last four are the size of the index
 
 
 class BoundedFile:
-    """A regular file that reads at most CHUNK_LIMIT at once, since a bag's lengths need not be true."""
+    """A regular file that reads at most CHUNK_LIMIT at once, because the lengths in a bag may be wrong."""
 
     def __init__(self, path: Path) -> None:
         self.file: BinaryIO = open_file(path)
@@ -35,7 +35,7 @@ class BoundedFile:
         self.tell, self.seek, self.close = self.file.tell, self.file.seek, self.file.close
 
     def read(self, size: int) -> bytes:
-        """Return at most so many bytes."""
+        """Return the next bytes, at most `size`; InputError if `size` exceeds CHUNK_LIMIT."""
         if size > CHUNK_LIMIT:
             raise InputError(
                 f"{self.path}: a record of {size / MIB:.4g} MiB; at most {CHUNK_LIMIT / MIB:g} MiB are read"
@@ -43,12 +43,12 @@ class BoundedFile:
         return self.file.read(size)
 
     def readline(self) -> bytes:
-        """Return the first line, or its begin."""
+        """Return the next line, or its first 80 bytes."""
         return self.file.readline(80)
 
 
 class _Place:
-    """A bag's path, as far as rosbags uses it."""
+    """A bag's path, with the methods that rosbags uses."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -61,7 +61,7 @@ class _Place:
 
 
 def _record(header: Header) -> bytes:
-    """Return a header as a bag has it, its text as UTF-8 with ? for bytes that are none."""
+    """Return a header in a bag's format, with its text as UTF-8 and ? for invalid bytes."""
     fields = []
     for name, value in header.items():
         text = value.decode(errors="replace").replace("\ufffd", "?").encode()
@@ -72,16 +72,16 @@ def _record(header: Header) -> bytes:
 
 
 class LenientReader(Reader):
-    """A reader that takes comments in any encoding, as old bags have them, and only the topic that is asked for."""
+    """A reader of one topic that accepts comments in any encoding, as in old bags."""
 
     def __init__(self, path: Path, topic: str) -> None:
-        super().__init__(_Place(path))  # type: ignore[arg-type]  # it needs no more of a path
+        super().__init__(_Place(path))  # type: ignore[arg-type]  # the reader uses no other methods of a path
         self.topic = topic
         self.topics_of_bag: set[str] = set()
         self.unpacker = Unpacker(path)
 
     def read_connection(self) -> Connection:
-        """Read a connection's record; invalid UTF-8 in it is replaced (rosbags refuses the bag)."""
+        """Read a connection's record; replace invalid UTF-8 in it, for which rosbags would refuse the bag."""
         assert self.bio
         begin = self.bio.tell()
         try:
@@ -98,7 +98,7 @@ class LenientReader(Reader):
             self.bio.seek(end)
 
     def read_chunk(self) -> Chunk:
-        """Read a chunk's header; it will be unpacked within the limits."""
+        """Read a chunk's header; the chunk will be unpacked within the limits of interop/unpack.py."""
         assert self.bio
         begin = self.bio.tell()
         kind = Header.read(self.bio, RecordType.CHUNK).get_string("compression")
@@ -108,7 +108,7 @@ class LenientReader(Reader):
         return chunk if kind == "none" else chunk._replace(decompressor=unpack)
 
     def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
-        """Read a chunk's index, of the topic's messages only, and no more than INDEXED of them."""
+        """Read the part of a chunk's index for the topic; InputError for more than INDEXED messages."""
         assert self.bio
         begin = self.bio.tell()
         entries = _SIZE.unpack_from(self.bio.read(_HEAD), _HEAD - _SIZE.size)[0] // 12
@@ -123,17 +123,17 @@ class LenientReader(Reader):
             raise InputError(f"{self.unpacker.path}: more than {INDEXED:,} messages of a topic")
 
     def open(self) -> None:
-        """Open the bag and keep the connections of the topic, so that no other type can spoil the reading."""
+        """Open the bag and keep only the connections of the topic, so that no other type can prevent the reading."""
         super().open()
         self.topics_of_bag = {connection.topic for connection in self.connections}
         self.connections = [connection for connection in self.connections if connection.topic == self.topic]
 
 
 def raw_messages(path: Path, topic: str, topics: set[str]) -> Iterator[tuple[AnyReader, str, int, bytes]]:
-    """Yield reader, type, time of receipt [ns] and bytes of a topic's messages in a ROS 1 bag or a ROS 2 database.
+    """Yield (reader, type, time of receipt [ns], bytes) of a topic's messages in a ROS 1 bag or a ROS 2 database.
 
-    The database is to be checked before, see check_database; `topics` gets the names of all topics. InputError if it
-    holds or unpacks to more than the limits; rosbags raises errors of many kinds besides.
+    Check a database before, see check_database. The names of all topics are added to `topics`. InputError if the file
+    exceeds a limit when read or unpacked; rosbags also raises errors of many kinds.
     """
     reader = AnyReader([path], default_typestore=typestore())
     lenient = None

@@ -1,9 +1,9 @@
 """Live messages of a map's topics as rows of ranges, imu, range finder and flow, in the order of their stamps.
 
 This is `read_recording` message by message: the same numbers, and the same reasons for rows that cannot be used. No
-wall clock is read: a row is given out once every topic has shown a later stamp, or once the newest stamp of all is
-`lag` ahead of it. So a topic that falls silent holds the others back by `lag` and no more; a row that comes later than
-that is counted, and lost.
+wall clock is read. A row is released once every topic has shown a later stamp, or once the newest stamp of all topics
+is `lag` ahead of the row. So a silent topic delays the others by `lag` at most. A row that comes after later rows were
+released is counted and not used.
 """
 
 from collections.abc import Callable
@@ -31,16 +31,16 @@ from ortilo_drake.interop.recorded.rejected import Rejections
 from ortilo_drake.interop.recorded.sources import Column, Source
 from ortilo_drake.model.typed_yaml import InputError
 
-LAG: Final = 0.1  # by default [s]
-SILENT: Final = 2.0  # a topic so far behind the others is called silent [s]
+LAG: Final = 0.1  # default of `lag` [s]
+SILENT: Final = 2.0  # a topic this far behind the others is called silent [s]
 AGAIN: Final = ": heard again"
-LATE_ROWS: Final = 10  # of a topic that came too late, that is said
-OTHER_CLOCK: Final = 1.0  # rows that are late by more are by another clock, or not in their order [s]
+LATE_ROWS: Final = 10  # number of late rows of a topic that causes a warning
+OTHER_CLOCK: Final = 1.0  # a row late by more than this has a stamp of another clock, or is out of order [s]
 SOURCES: Final = ("ranges", "differences", "imu", "accelerometer", "range_finder", "flow")
 
 
 def why_not_live(map_: Map) -> str | None:
-    """Return the reason why a map's topics cannot be read live; None if they can."""
+    """Return the reason why a map's topics cannot be read live; None if they can be."""
     for name in SOURCES:
         source = getattr(map_, name)
         if source is None:
@@ -61,8 +61,8 @@ def why_not_live(map_: Map) -> str | None:
 class LiveRows:
     """The rows of a map's topics; `origin` is the stamp of the first range [s], None before it is known.
 
-    The anchors are at positions (n, 3). A row is given out although a topic is silent once the newest stamp is `lag`
-    [s] ahead of it. InputError if the map cannot be heard live.
+    `anchors` are the positions of the anchors (n, 3) [m]. Although a topic is silent, a row is released once the newest
+    stamp is `lag` [s] ahead of the row. InputError if the map cannot be read live.
     """
 
     def __init__(self, map_: Map, lag: float = LAG):
@@ -76,7 +76,7 @@ class LiveRows:
         self._said: set[str] = set()
         self._silent: set[str] = set()
         self._late: set[str] = set()
-        self._since: dict[str, float] = {}  # from when on a silence counts [s]
+        self._since: dict[str, float] = {}  # the stamp from which on a silence counts, by name [s]
         self._strangers = 0
         self._of_ranges = self._range_streams()
         self._others = {
@@ -88,17 +88,17 @@ class LiveRows:
 
     @property
     def topics(self) -> tuple[str, ...]:
-        """The topics to listen to."""
+        """The topics to subscribe to."""
         return tuple(dict.fromkeys(stream.topic for stream in self._streams))
 
     @property
     def newest(self) -> float:
-        """The newest stamp of all topics whose stamps are believed [s], -inf before that."""
+        """The newest stamp of all settled topics [s]; -inf while no topic is settled."""
         believed = [stream.newest - stream.source.late for stream in self._streams if stream.settled]
         return max(believed, default=-np.inf)
 
     def add(self, topic: str, received: int, message: Any) -> list[str]:
-        """Take a message, received at so many ns; return lines about its problems, each once."""
+        """Take a message and its time of receipt [ns]; return lines about its problems, each line only once."""
         mine = [stream for stream in self._streams if stream.topic == topic]
         self._strangers += not mine
         wrong = [stream.add(received, message, self._given) for stream in mine]
@@ -111,10 +111,10 @@ class LiveRows:
         return new + self._silences()
 
     def before(self, wanted: float = -np.inf, ended: bool = False) -> tuple[float, Block] | None:
-        """Return the stamp before which nothing more will come [s], and the rows before it.
+        """Return the horizon [s], the stamp before which no more rows are accepted, and the waiting rows before it.
 
-        None until the first range is due, and until that stamp is beyond the one wanted. The stamp wanted is by the
-        clock of the block [s]. Where the topics have ended, all that waits is due.
+        None until the first range is due, and until the horizon is beyond `wanted`. Horizon and `wanted` [s] count from
+        `origin`, as the stamps of the Block do. With `ended` the topics have ended, and all waiting rows are due.
         """
         horizon = np.inf if ended else self._horizon()
         if self.origin is not None and horizon - self.origin <= wanted:
@@ -136,7 +136,7 @@ class LiveRows:
         return horizon - origin, block
 
     def counts(self) -> dict[str, int]:
-        """Return the number of rows not used, by topic and reason."""
+        """Return the number of unused rows, by topic and reason."""
         all_ = [stream.rejected for stream in self._streams]
         found = {f"{one.source}: {reason}": n for one in all_ for reason, n in one.counts.items()}
         return found | ({"messages of topics that are not in the map": self._strangers} if self._strangers else {})
@@ -150,7 +150,7 @@ class LiveRows:
         return max(shown, self.newest - self._lag)
 
     def _lateness(self, stream: LiveStream) -> str:
-        """Return a warning when so many of a topic's messages were not used because they came later than the lag."""
+        """Return a warning, once for a topic, when LATE_ROWS of its messages came too late; else an empty text."""
         n = stream.rejected.counts.get(TOO_LATE, 0)
         if n < LATE_ROWS or stream.topic in self._late:
             return ""
@@ -170,7 +170,7 @@ class LiveRows:
         return f"{said} up to {needed:.2f} s after others with later stamps: --lag {lag:g} takes them"
 
     def _silences(self) -> list[str]:
-        """Return a line for each source, and each of a source's several topics, that fell silent or speaks again."""
+        """Return a line for each source and each topic of a source with several that fell silent or is heard again."""
         newest, lines = self.newest, list[str]()
         for streams in self._sources:
             heard, beside = [stream.newest - stream.source.late for stream in streams], newest
@@ -178,14 +178,14 @@ class LiveRows:
                 beside = max(heard)
                 of_all = self._silence("all topics of ranges", beside, newest, streams)
                 if of_all == ["all topics of ranges" + AGAIN]:
-                    self._since |= {stream.rejected.source: beside for stream in streams}  # each speaks in its turn
+                    self._since |= {stream.rejected.source: beside for stream in streams}  # topics resume one by one
                 lines += of_all
             for stream, stamp in zip(streams, heard, strict=True):
                 lines += self._silence(stream.rejected.source, stamp, beside, [stream])
         return lines
 
     def _silence(self, name: str, stamp: float, newest: float, streams: list[LiveStream]) -> list[str]:
-        """Return a line if a name fell silent, heard at a stamp [s] when others are at the newest, or speaks again."""
+        """Return a line if a name fell silent or is heard again; its stamp is `stamp`, that of others `newest` [s]."""
         if newest == -np.inf:
             return []
         behind = newest - max(stamp, self._since.setdefault(name, newest))
@@ -206,7 +206,7 @@ class LiveRows:
         return LiveStream(topic, source, columns, width or len(columns), names, rejected)
 
     def _range_streams(self) -> list[tuple[LiveStream, Callable[[Stream], Ranges]]]:
-        """Return the topics of ranges and differences, each with what makes ranges of its rows."""
+        """Return the streams of ranges and differences, each with the function that makes ranges of its rows."""
         single, pairs, found = self._map.ranges, self._map.differences, list[tuple[LiveStream, Callable]]()
         if single is not None:
             scale = single.scale

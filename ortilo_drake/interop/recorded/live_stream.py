@@ -1,4 +1,4 @@
-"""One use of a live topic: which fields of its messages are read, and the rows that wait for their turn."""
+"""One use of a live topic: the fields of its messages that are read, and the rows that wait for release."""
 
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
@@ -11,10 +11,10 @@ from ortilo_drake.interop.recorded.rejected import HOUR, Rejections
 from ortilo_drake.interop.recorded.sources import Column, Source
 from ortilo_drake.interop.recorded.units import size_of
 
-MOST: Final = 1_000_000  # rows that wait; the oldest go
-YOUNG, BELIEVED = 10, 3  # a stream's clock may still be set, and its stamps are believed, after so many rows
-PIECE, PIECES = 1.0, (5, 200)  # the least delay of so long [s]; a drift is told by so many of them, the last so many
-DRIFTS, LINEAR = 3e-4, 0.1  # a slope of the delay that is told, and how far it is from a line, as a share of its change
+MOST: Final = 1_000_000  # most rows that wait; beyond it the oldest half is dropped
+YOUNG, BELIEVED = 10, 3  # rows within which a stream's clock may still be set, and after which its stamps are believed
+PIECE, PIECES = 1.0, (5, 200)  # a piece of time, with its least delay [s]; least and most pieces that tell a drift
+DRIFTS, LINEAR = 3e-4, 0.1  # least slope of the delay that is a drift; largest deviation from a line, over the change
 TOO_LATE: Final = "rows that came too late"
 FAR: Final = "rows with a stamp more than an hour from the others"
 
@@ -28,7 +28,7 @@ class _Waiting(NamedTuple):
 
 @dataclass
 class LiveStream:
-    """A use of a topic."""
+    """One use of a topic."""
 
     topic: str
     """its name."""
@@ -59,18 +59,18 @@ class LiveStream:
 
     @property
     def settled(self) -> bool:
-        """True once enough has arrived for its stamps to be believed where other topics' differ."""
+        """True once enough rows have arrived to believe their stamps, even where the stamps of other topics differ."""
         return self.used >= BELIEVED
 
     def drop(self, reason: str) -> None:
-        """Count a row that is not used."""
+        """Count a row that is not used, with the reason."""
         self.rejected.add(reason, f"in message {self.messages}")
         self.dropped += 1
 
     def add(self, received: int, message: Any, given: float) -> str:
-        """Take a message, received at so many ns; return the problem that all such messages have, empty without one.
+        """Take a message and its time of receipt [ns]; return a problem that all such messages have, else empty text.
 
-        Rows before the stamp `given` [s] have been given out.
+        Rows before the stamp `given` [s] have been released.
         """
         self.messages += 1
         try:
@@ -104,7 +104,7 @@ class LiveStream:
 
     @property
     def drift(self) -> float:
-        """By how much of the time its clock gains on that of the receipts; 0 where the delays are on no line."""
+        """The rate at which the stamps' clock gains on the clock of receipts [1]; 0 where delays follow no line."""
         if len(self.delays) < PIECES[0]:
             return 0.0
         t, delay = np.transpose(self.delays)
@@ -120,13 +120,13 @@ class LiveStream:
         self.delays[-1][1] = min(self.delays[-1][1], delay)
 
     def _why_not(self, t: float, given: float) -> str:
-        """Return the reason why a stamp [s] cannot be used, in the words of the file readers; empty if it can."""
+        """Return the reason why a stamp [s] cannot be used, in the words of the file readers; empty if it can be."""
         if not np.isfinite(t):
             return "rows without a stamp"
         if np.isfinite(self.newest) and abs(t - self.newest) > HOUR:
             if self.used >= YOUNG:
                 return FAR
-            self.rejected.add(FAR, "in message 1", self.used)  # a clock that was not set yet: the new stamp counts
+            self.rejected.add(FAR, "in message 1", self.used)  # the clock was not set before: the new stamp counts
             self.rows, self.newest, self.used = [], -np.inf, 0
         if not self.names and t == self.newest:
             return "duplicate stamps"
@@ -139,7 +139,7 @@ class LiveStream:
         return TOO_LATE
 
     def until(self, stamp: float) -> Stream:
-        """Return the waiting rows before a stamp [s] in its order, names (n, their number); they wait no more."""
+        """Return the waiting rows before a stamp [s] in the order of stamps, and remove them from the waiting rows."""
         early = [row for row in self.rows if row.t < stamp]
         if early:
             self.rows = [row for row in self.rows if row.t >= stamp]

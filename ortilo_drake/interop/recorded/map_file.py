@@ -1,6 +1,6 @@
 """MAP.yaml: the meaning of each column or field of recorded files, and the settings of their filter.
 
-Names of files are relative to the folder that the command is given, so one map serves every motion recorded alike.
+File names are relative to the folder given to the command, so one map serves every motion recorded in the same way.
 """
 
 from pathlib import Path
@@ -31,13 +31,13 @@ Share = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
 class Find(Frozen):
-    """Anchors that nobody surveyed: found from the truth of the calibration part."""
+    """Anchors that nobody surveyed: they are found from the truth of the calibration part."""
 
     find: int = Field(ge=3, le=256, description="How many.")
 
 
 class Estimated(Frozen):
-    """The quantities that are calibrated by the truth, on the first part of the recording."""
+    """The quantities that are calibrated with the truth on the first part of the recording."""
 
     share: Share = Field(
         default=0.3,
@@ -69,7 +69,7 @@ class Estimated(Frozen):
 
 
 class FilterSettings(Frozen):
-    """The noise that the filter counts on; one set for every motion, see `ortilo tune FOLDERS --map MAP.yaml`."""
+    """The noise that the filter assumes, the same for every motion; see `ortilo tune FOLDERS --map MAP.yaml`."""
 
     acceleration: Positive = Field(default=0.1, description="White noise of the specific force [m/s²/√Hz].")
     rotation: Positive = Field(default=0.001, description="White noise of the body rates [rad/s/√Hz].")
@@ -135,7 +135,7 @@ class Start(Frozen):
 
 
 class Drag(Frozen):
-    """Rotor drag along x and y of the body, -k v; it detects a failing accelerometer, and replaces it."""
+    """Rotor drag -k v along x and y of the body; with it the filter detects and replaces a failing accelerometer."""
 
     k: float = Field(default=0.38, ge=0.0, le=10.0, description="[1/s].")
     k_sd: float = Field(
@@ -149,7 +149,7 @@ class Drag(Frozen):
 
 
 class Gaps(Frozen):
-    """Blackouts of all ranges, evenly repeated."""
+    """Blackouts of all ranges, repeated at equal intervals."""
 
     last: Positive = Field(default=2.0, description="[s].")
     every: Positive = Field(default=6.0, description="From one's start to the next's [s].")
@@ -162,7 +162,7 @@ class Gaps(Frozen):
 
 
 class Imposed(Frozen):
-    """Losses imposed on the recorded ranges in rows of their own."""
+    """Losses imposed on the recorded ranges; the results have rows of their own in the report."""
 
     lost: Share = Field(default=0.5, description="Share of single ranges lost, at random.")
     seed: int = Field(default=0, ge=0, le=2**63 - 1)
@@ -170,7 +170,7 @@ class Imposed(Frozen):
 
 
 class Map(Frozen):
-    """The map of a folder of recorded files: which column is what; see docs/how_to/recorded.md."""
+    """The map of a folder of recorded files: the meaning of each column; see docs/how_to/recorded.md."""
 
     ranges: RangeSource | None = None
     differences: DifferenceSource | None = None
@@ -222,18 +222,18 @@ class Map(Frozen):
         return of_ranges or (() if self.differences is None else self.differences.names)
 
     def in_the_air(self) -> "Map":
-        """Return the map of a vehicle that has left its start."""
+        """Return the map for a vehicle that has left its start: without `start` and standstill."""
         return self.without_standstill().model_copy(update={"start": None})
 
     def without_standstill(self) -> "Map":
-        """Return the map of a flight of which nothing is known to stand still; one without an imu as it is."""
+        """Return the map for a flight without a known standstill; a map without an imu is returned unchanged."""
         if self.imu is None:
             return self
         return self.model_copy(update={"imu": self.imu.model_copy(update={"standstill": 0.0})})
 
     @model_validator(mode="after")
     def _anchors_are_those_of_the_ranges(self) -> Self:
-        by_name = isinstance(self.anchors, dict | str)  # counted, or chosen by their names, when the files are read
+        by_name = isinstance(self.anchors, dict | str)  # counted or chosen by name only when the files are read
         if self.ranges is None and self.differences is None:
             raise ValueError("ranges: are missing, and `differences`, too; give one or both")
         heard = None if self.ranges is None else self.ranges.anchor_count
@@ -281,7 +281,7 @@ class Map(Frozen):
 
 
 def load_map(path: Path) -> Map:
-    """Read MAP.yaml, and the files of anchors, room and camera beside it; InputError if anything is wrong."""
+    """Read MAP.yaml and the file of anchors beside it, and find room and camera there; InputError if one is wrong."""
     map_ = validate(Map, parse_yaml(read_text(path), str(path), names_in_map), str(path))
     if map_.boxes is not None:
         files = {key: path.parent / name for key in ("room", "camera") if (name := getattr(map_.boxes, key))}
@@ -298,5 +298,5 @@ def map_text(map_: Map) -> str:
 
 
 def unit_key(map_: Map, by: float, key: str = "imu") -> str:
-    """Return the key that makes a source's stamps `by` times as large, as its clock drifts."""
+    """Return the entry of a map that scales a source's stamps by the factor `by`, against the drift of its clock."""
     return f"{key}: {{unit: {size_of(getattr(map_, key).unit, UNITS) * by:.6g}}} (its clock drifts)"

@@ -1,6 +1,6 @@
-"""Fields of a message as a map names them, whoever decoded it: rosbags, mcap or ROS itself.
+"""Fields of a message by the names in a map. The message may be decoded by rosbags, mcap or ROS itself.
 
-Types that a recording defines itself are refused where a short message would take for ever to decode.
+A recording may define its own types. Such types are refused where decoding a short message would never end.
 """
 
 import re
@@ -15,9 +15,9 @@ _PART = re.compile(r"([^\[\].]+)|\[(\d+)\]")
 
 
 def field_of(message: Any, path: str) -> Any:
-    """Return a field by its path, such as `pose.position.x` or `ranges[2]`; LookupError if there is none.
+    """Return a field by its path, such as `pose.position.x` or `ranges[2]`; LookupError if there is no such field.
 
-    Behind a list of messages it is the list of their fields: `measurements.distance`.
+    A name after a list of messages gives the list of their fields: `measurements.distance`.
     """
     value = message
     for name, index in _PART.findall(path):
@@ -32,12 +32,12 @@ def field_of(message: Any, path: str) -> Any:
 
 
 def _seconds(stamp: Any) -> float:
-    """Return a stamp's seconds; its nanoseconds are called nanosec in ROS 2, nsec elsewhere."""
+    """Return a stamp [s]; its nanoseconds are called nanosec in ROS 2, nsec elsewhere."""
     return float(stamp.sec + 1e-9 * getattr(stamp, "nanosec", getattr(stamp, "nsec", 0)))
 
 
 def stamp_of(message: Any, received: int, time: Column | tuple[Column, Column] | None) -> float:
-    """Return a message's stamp: the field `time`, else its header's [s], else when it was received [s, of ns]."""
+    """Return a message's stamp: the field `time`, else the header's stamp [s], else its time of receipt (ns) in s."""
     if isinstance(time, tuple):
         whole, nanoseconds = (float(field_of(message, str(one))) for one in time)
         return whole + 1e-9 * nanoseconds
@@ -50,7 +50,7 @@ def stamp_of(message: Any, received: int, time: Column | tuple[Column, Column] |
 
 
 def numbers_of(message: Any, columns: tuple[Column, ...]) -> list[float]:
-    """Return the numbers of a message's fields, all of a field that is a list; LookupError if there is none."""
+    """Return the numbers in fields of a message, all entries of a field that is a list; LookupError if one lacks."""
     found: list[float] = []
     for column in columns:
         value = np.asarray(field_of(message, str(column)), dtype=float)
@@ -58,15 +58,15 @@ def numbers_of(message: Any, columns: tuple[Column, ...]) -> list[float]:
     return found
 
 
-LONGEST: Final = 1000  # texts or messages in an array of fixed length: rosbags writes lines of code for each of them
+LONGEST: Final = 1000  # longest fixed-length array of texts or messages: rosbags writes lines of code for each entry
 
 
 def check_types(types: Any, name: str) -> None:
-    """Refuse messages without fields inside others, and long arrays of fixed length whose entries are no numbers.
+    """Refuse a type with an inner message without fields, or with a long fixed-length array of anything but numbers.
 
-    `types` are as rosbags' get_types_from_msg returns them; those that `name` uses are checked with it. A message
-    without fields takes no bytes, so one of 8 bytes may announce an array of 4 billion of them. ValueError naming type
-    and field.
+    `types` are a result of rosbags' get_types_from_msg; `name` and all types that it uses are checked. A message
+    without fields takes no bytes, so 8 bytes may announce an array of 4 billion such messages. The ValueError names
+    type and field.
     """
     checked, left = set(), {name}
     while left:

@@ -1,4 +1,4 @@
-"""Recorded ranges, one a row: of tables with a column for each anchor, of rows, files or topics of one anchor."""
+"""Recorded ranges as rows of one range, from tables with a column for each anchor or rows, files, topics of one."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,11 +14,11 @@ from ortilo_drake.interop.recorded.rejected import Rejections
 from ortilo_drake.interop.recorded.sources import OfOne
 from ortilo_drake.model.typed_yaml import InputError
 
-CODED = (5, 3.0)  # a code for no range comes so often, and is so many times the largest range
-FARTHEST = 1e5  # [m]; what a ranging radio reports beyond is no range, and its square overflows
-FEWEST = 10  # ranges that make a recording
-LONGER = 1.0  # a difference is no longer than its anchors lie apart, but for its error [m]
-SHOWN = 8  # names of anchors in an error
+CODED = (5, 3.0)  # a code for no range: its least count, and its least ratio to the largest true range
+FARTHEST = 1e5  # largest range [m]; a larger report of a radio is no range, and its square overflows
+FEWEST = 10  # least number of ranges of a recording
+LONGER = 1.0  # largest error by which a difference may exceed the distance between its anchors [m]
+SHOWN = 8  # number of names shown in an error
 
 Names = tuple[str, ...]
 
@@ -26,8 +26,8 @@ Names = tuple[str, ...]
 class Ranges(NamedTuple):
     """Ranges and differences in the order of their stamps (n each).
 
-    Stamp [s], anchor b, range r_b or difference r_b - r_a [m], the other anchor a, -1 of a single range, and the tag
-    that heard them, 0 where there is one.
+    t: stamp [s]; anchor: index of the anchor b; r: range r_b or difference r_b - r_a [m]; other: index of the anchor a,
+    -1 for a single range; tag: index of the tag that heard them, 0 where there is only one.
     """
 
     t: np.ndarray
@@ -37,12 +37,12 @@ class Ranges(NamedTuple):
     tag: np.ndarray
 
     def only(self, which: np.ndarray) -> "Ranges":
-        """Return some of them."""
+        """Return the rows that `which` selects."""
         return Ranges(*(part[which] for part in self))
 
 
 def single_ranges(t: np.ndarray, anchor: np.ndarray, r: np.ndarray) -> Ranges:
-    """Return the single ranges of one tag, without differences."""
+    """Return single ranges r [m] of one tag at stamps t [s] (n each), without differences."""
     return Ranges(t, anchor, r, np.full(len(t), -1), np.zeros(len(t), np.int64))
 
 
@@ -50,9 +50,9 @@ NO_RANGES = single_ranges(np.zeros(0), np.zeros(0, np.int64), np.zeros(0))
 
 
 def surveyed(folder: Path, map_: Map) -> tuple[Names, np.ndarray | int]:
-    """Return the anchors' names in the rows, () if not known, and positions (n, 3) or the number to be found.
+    """Return the anchors' names in the rows, () if unknown, and positions (n, 3) [m] or the number to be found.
 
-    They are in the order of the map's ranges; InputError if their file is wrong or one is not in it.
+    The anchors stand in the order of the map's ranges. InputError if their file is wrong or lacks an anchor.
     """
     anchors, names = map_.anchors, map_.names
     if isinstance(anchors, Find):
@@ -65,14 +65,14 @@ def surveyed(folder: Path, map_: Map) -> tuple[Names, np.ndarray | int]:
 
 
 def _check_known(stream: Stream, called: Names | np.ndarray, found: np.ndarray, what: str, has: Names) -> None:
-    """Refuse a stream where no row names what the map has."""
+    """Refuse a stream in which no row names an anchor or tag (`what`) of the map."""
     if (found < 0).all():
         shown = ", ".join(np.unique(called)[:SHOWN])
         raise InputError(f"{stream.rejected.source}: no row names {what} of the map: {shown}, not {', '.join(has)}")
 
 
 def _tags_of(source: RangeSource | DifferenceSource, stream: Stream, tags: Names) -> np.ndarray:
-    """Return each row's tag (n): an index into the map's tags, -1 for none of them; 0 where rows name no tag."""
+    """Return each row's tag (n), an index into the map's tags; -1 for an unknown tag, 0 where rows name no tag."""
     if stream.names is None or source.tag is None:
         return np.zeros(len(stream.t), np.int64)
     called = np.array([".".join(row) for row in stream.names[:, -len(source.tag_columns) :]])
@@ -83,7 +83,7 @@ def _tags_of(source: RangeSource | DifferenceSource, stream: Stream, tags: Names
 
 
 def ranges_by_name(stream: Stream, anchor: np.ndarray, tag: np.ndarray, scale: float) -> Ranges:
-    """Return the ranges [m] of rows that name their anchor (n), -1 for an unknown one; repetitions are counted."""
+    """Return the ranges [m] of rows that name an anchor: index (n), -1 if unknown; repeated rows count as rejected."""
     ranges, unknown = single_ranges(stream.t, anchor, stream.values[:, 0])._replace(tag=tag), anchor < 0
     assert stream.names is not None
     named = stream.names[:, 0]
@@ -97,14 +97,14 @@ def ranges_by_name(stream: Stream, anchor: np.ndarray, tag: np.ndarray, scale: f
 
 
 def ranges_by_column(stream: Stream, tag: np.ndarray, scale: float) -> Ranges:
-    """Return the ranges [m] of rows that have one to each anchor."""
+    """Return the ranges [m] of rows that have one range to each anchor."""
     n, count = stream.values.shape
     ranges = single_ranges(np.repeat(stream.t, count), np.tile(np.arange(count), n), stream.values.ravel())
     return _usable(stream, ranges._replace(tag=np.repeat(tag, count)), scale, " (the others of their row are kept)")
 
 
 def ranges_of_anchor(stream: Stream, i: int, scale: float) -> Ranges:
-    """Return the ranges [m] of rows of one anchor."""
+    """Return the ranges [m] of rows that all belong to the anchor i."""
     width = stream.values.shape[1]
     if width != 1:
         raise InputError(f"{stream.rejected.source}: {width} values in a row or message, one anchor")
@@ -112,7 +112,7 @@ def ranges_of_anchor(stream: Stream, i: int, scale: float) -> Ranges:
 
 
 def _usable(stream: Stream, ranges: Ranges, scale: float, others: str = "") -> Ranges:
-    """Return the ranges [m] that are some; the others are counted."""
+    """Return the valid ranges, scaled to m; the others are counted as rejected."""
     r, rows = ranges.r, np.repeat(stream.rows, stream.values.shape[1])
     none, low = ~np.isfinite(r), np.isfinite(r) & (r <= 0.0)
     far = np.isfinite(r) & (r > FARTHEST / scale)
@@ -130,7 +130,7 @@ def _usable(stream: Stream, ranges: Ranges, scale: float, others: str = "") -> R
 
 
 def code_of_none(r: np.ndarray) -> float:
-    """Return the value that stands for no range, as 65535 or 9999 do: one value, often, far above all; NaN if none."""
+    """Return a value that codes no range, such as 65535: one frequent value far above all others; NaN if none."""
     most = float(r.max(initial=0.0))
     less = r[r < most]
     often = len(less) and len(r) - len(less) >= CODED[0]
@@ -138,7 +138,7 @@ def code_of_none(r: np.ndarray) -> float:
 
 
 def _each_of_one_anchor(folder: Path, source: RangeSource, count: int, names: Names) -> Iterator[tuple[int, Stream]]:
-    """Yield anchor and stream of each file or topic that has the ranges to one anchor; none if the map has no such."""
+    """Yield (anchor, stream) of each file or topic with the ranges to one anchor; nothing if the map has none such."""
     of_files = source.anchors_of_files
     paths = files_of(folder, source.file)
     for i, topic in enumerate(source.topics):
@@ -157,7 +157,7 @@ def _each_of_one_anchor(folder: Path, source: RangeSource, count: int, names: Na
 
 
 def _each_tag(source: RangeSource, tags: Names) -> Iterator[tuple[int, RangeSource]]:
-    """Yield each tag that has files of its own, and the source with these alone; 0 and all of it if none has."""
+    """Yield (tag, source with its files only) for each tag with its own files; else (0, the whole source)."""
     of_files = source.tags_of_files
     if not of_files:
         yield 0, source
@@ -224,10 +224,10 @@ def _of_differences(
 def differences_of(
     stream: Stream, b: np.ndarray, a: np.ndarray, tag: np.ndarray, anchors: np.ndarray, source: DifferenceSource
 ) -> Ranges:
-    """Return the differences r_b - r_a [m]; what is no difference is counted.
+    """Return the valid differences r_b - r_a [m]; the others are counted as rejected.
 
-    The anchors b and a and the tag that heard it are given by their places (n), -1 for an unknown one, the anchors'
-    positions as (n, 3). The source is the map's entry.
+    `b`, `a` and `tag` are indices of the two anchors and of the tag that heard the difference (n), -1 if unknown.
+    `anchors` are the positions of all anchors (m, 3) [m]; `source` is the map's entry.
     """
     value, unknown = stream.values[:, 0], (a < 0) | (b < 0)
     none, same = ~unknown & ~np.isfinite(value), ~unknown & (a == b)
@@ -247,9 +247,9 @@ def differences_of(
 
 
 def read_range_rows(folder: Path, map_: Map, told: list[Rejections]) -> tuple[Ranges, np.ndarray | int]:
-    """Return ranges and differences [m] by their stamps [s], and the anchors' positions (n, 3), or their number.
+    """Return ranges and differences in the order of stamps, and the anchors' positions (n, 3) [m] or their number.
 
-    InputError if a file cannot be read, or its ranges are not those to the map's anchors.
+    InputError if a file cannot be read, or its ranges do not belong to the map's anchors.
     """
     (names, anchors), tags = surveyed(folder, map_), tuple(map_.tags or ())
     count = anchors if isinstance(anchors, int) else len(anchors)
